@@ -1,0 +1,1 @@
+"""The simulated accumulator: physics, virtual master, ports that look like the real thing."""
