@@ -73,11 +73,16 @@ _I16 = 0x7FFF
 _LAST_BYTE = 2983
 
 # fmt: off
-_TX_IDS = (0x1806E5F4 | CAN_ID_EXTENDED, 0x100, 0, 0, 0, 0, 0, 0)
+_TX_IDS = (0x1806E5F4 | CAN_ID_EXTENDED, 0x100, 0x101, 0, 0, 0, 0, 0)
 _RX_IDS = (0x18FF50E5 | CAN_ID_EXTENDED, 0, 0, 0, 0, 0, 0, 0)
 _UNUSED_ROW = (BYTE_UNUSED,) * CAN_DATA_BYTES
-# charger command, big endian on the bus: v_set, i_set, control; ECU summary: soc, v_tot, i_fs (low 16 bits), t_max, flags
-_TX_DATA = (429, 428, 431, 430, 436, _U16, _U16, _U16, 2982, 2983, 2288, 2289, 1884, 1885, 2387, 420) + _UNUSED_ROW * 6
+# charger command, big endian on the bus: v_set, i_set, control
+_TX_CHARGER = (429, 428, 431, 430, 436, _U16, _U16, _U16)
+# ECU summary: soc, v_tot, i_fs
+_TX_ECU = (2982, 2983, 2288, 2289, 1884, 1885, 1886, 1887)
+# cell extremes: v_min, v_max, v_min_id, v_max_id, t_max, the first eight status flags
+_TX_EXTREMES = (2280, 2281, 2282, 2283, 2286, 2287, 2387, 420)
+_TX_DATA = _TX_CHARGER + _TX_ECU + _TX_EXTREMES + _UNUSED_ROW * 5
 # charger status: v_out, i_out, flags
 _RX_DATA = (433, 432, 435, 434, 437, _U16, _U16, _U16) + _UNUSED_ROW * 7
 
@@ -107,8 +112,8 @@ CONFIG_FIELDS = (
     Field("can_brp", 38, "B", (), "", 1, 3, 255, 7, "can", "CAN prescaler: bit rate = 32 MHz / ((can_brp + 1) 8)"),
     Field("can_tx_msg_en_startup", 39, "B", (), "mask", 1, 0, 255, 2, "can", "messages sent from start-up on, one bit each"),
     Field("can_tx_msg_id", 40, "I", (8,), "", 1, 0, 0xFFFFFFFF, _TX_IDS, "can", "CAN id; bit 31 marks a 29-bit id"),
-    Field("can_tx_msg_timing", 72, "H", (8,), "ms", 1, 0, 60000, (1000, 100, 0, 0, 0, 0, 0, 0), "can", "time between two messages; 0 sends on demand only"),
-    Field("can_tx_msg_len", 88, "B", (8,), "byte", 1, 0, 8, (8, 8, 0, 0, 0, 0, 0, 0), "can", "data bytes in the message"),
+    Field("can_tx_msg_timing", 72, "H", (8,), "ms", 1, 0, 60000, (1000, 100, 100, 0, 0, 0, 0, 0), "can", "time between two messages; 0 sends on demand only"),
+    Field("can_tx_msg_len", 88, "B", (8,), "byte", 1, 0, 8, (8, 8, 8, 0, 0, 0, 0, 0), "can", "data bytes in the message"),
     Field("can_tx_msg_data", 96, "H", (8, 8), "", 1, 0, _U16, _TX_DATA, "can", "offset in this struct of each byte sent; 65535 sends 0"),
     Field("can_rx_msg_en_startup", 224, "B", (), "mask", 1, 0, 255, 1, "can", "messages received from start-up on, one bit each"),
     Field("can_rx_msg_id", 228, "I", (8,), "", 1, 0, 0xFFFFFFFF, _RX_IDS, "can", "CAN id; bit 31 marks a 29-bit id"),
