@@ -1,0 +1,232 @@
+"""The eight tx and eight rx messages that the configuration describes, typed, and what their bytes mean.
+
+The tables are read out of a 420-byte configuration image and put back into one. A table entry is the offset of a byte
+in the master struct. No bus here: `data` is what a CAN frame carried.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from firmware_protocol.config_image import Image, with_raw
+from firmware_protocol.errors import EncodeError
+from firmware_protocol.memory_map import (
+    BYTE_UNUSED,
+    CAN_DATA_BYTES,
+    CAN_ID_EXTENDED,
+    CONFIG,
+    FIELDS,
+    MASTER_SIZE,
+    N_CAN_MESSAGES,
+    NO_RESPONSE,
+)
+from firmware_protocol.messages import Window
+
+CAN_CLOCK_HZ = 32_000_000
+TIME_QUANTA = 8  # of one bit
+INTERFRAME_BITS = 3
+_SIGNED = {  # start and size of each signed number of several bytes
+    field.offset + element * field.item_size: field.item_size
+    for field in FIELDS.values()
+    if field.fmt in "hi"
+    for element in range(field.count)
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TxMessage:
+    """One message that the master sends; `data_offsets` always has eight entries, of which `length` are sent."""
+
+    index: int
+    enabled: bool  # sent from start-up on
+    can_id: int
+    is_extended: bool
+    period_ms: int  # 0 sends on demand only
+    length: int
+    data_offsets: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RxMessage:
+    """One message that the master listens for; `response` is the tx message it activates."""
+
+    index: int
+    enabled: bool
+    can_id: int
+    is_extended: bool
+    timeout_ms: int  # 0 never times out
+    length: int
+    data_offsets: tuple[int, ...]
+    response: int | None
+
+
+def tx_messages(config: Image) -> tuple[TxMessage, ...]:
+    """Return the eight messages that the master sends, out of a configuration image."""
+    mask = CONFIG["can_tx_msg_en_startup"].unpack(config)[0]
+    ids = CONFIG["can_tx_msg_id"].unpack(config)
+    periods = CONFIG["can_tx_msg_timing"].unpack(config)
+    lengths = CONFIG["can_tx_msg_len"].unpack(config)
+    rows = _rows(CONFIG["can_tx_msg_data"].unpack(config))
+    return tuple(
+        TxMessage(i, bool(mask >> i & 1), *_split_id(ids[i]), periods[i], min(lengths[i], CAN_DATA_BYTES), rows[i])
+        for i in range(N_CAN_MESSAGES)
+    )
+
+
+def rx_messages(config: Image) -> tuple[RxMessage, ...]:
+    """Return the eight messages that the master listens for, out of a configuration image."""
+    mask = CONFIG["can_rx_msg_en_startup"].unpack(config)[0]
+    ids = CONFIG["can_rx_msg_id"].unpack(config)
+    timeouts = CONFIG["can_rx_msg_timeout"].unpack(config)
+    lengths = CONFIG["can_rx_msg_len"].unpack(config)
+    responses = CONFIG["can_rx_msg_response"].unpack(config)
+    rows = _rows(CONFIG["can_rx_msg_data"].unpack(config))
+    return tuple(
+        RxMessage(
+            i,
+            bool(mask >> i & 1),
+            *_split_id(ids[i]),
+            timeouts[i],
+            min(lengths[i], CAN_DATA_BYTES),
+            rows[i],
+            responses[i] if responses[i] < N_CAN_MESSAGES else None,
+        )
+        for i in range(N_CAN_MESSAGES)
+    )
+
+
+def with_tx_messages(config: Image, messages: Iterable[TxMessage]) -> bytes:
+    """Return the image with these messages in the places that their `index` names; the others stay.
+
+    Raises:
+        EncodeError: an index outside 0..7, or a value that does not fit its field.
+    """
+    table = list(tx_messages(config))
+    for message in messages:
+        _check_message(message)
+        table[message.index] = message
+    out = with_raw(config, "can_tx_msg_en_startup", _mask(table))
+    out = with_raw(out, "can_tx_msg_id", [_join_id(m.can_id, m.is_extended) for m in table])
+    out = with_raw(out, "can_tx_msg_timing", [m.period_ms for m in table])
+    out = with_raw(out, "can_tx_msg_len", [m.length for m in table])
+    return with_raw(out, "can_tx_msg_data", [list(m.data_offsets) for m in table])
+
+
+def with_rx_messages(config: Image, messages: Iterable[RxMessage]) -> bytes:
+    """Return the image with these messages in the places that their `index` names; the others stay.
+
+    Raises:
+        EncodeError: an index outside 0..7, or a value that does not fit its field.
+    """
+    table = list(rx_messages(config))
+    for message in messages:
+        _check_message(message)
+        table[message.index] = message
+    out = with_raw(config, "can_rx_msg_en_startup", _mask(table))
+    out = with_raw(out, "can_rx_msg_id", [_join_id(m.can_id, m.is_extended) for m in table])
+    out = with_raw(out, "can_rx_msg_timeout", [m.timeout_ms for m in table])
+    out = with_raw(out, "can_rx_msg_len", [m.length for m in table])
+    out = with_raw(out, "can_rx_msg_response", [NO_RESPONSE if m.response is None else m.response for m in table])
+    return with_raw(out, "can_rx_msg_data", [list(m.data_offsets) for m in table])
+
+
+def message_bytes(tx: TxMessage, image: Image) -> bytes:
+    """Return the data that the master sends, out of its 2984-byte struct; an unused entry sends 0."""
+    return bytes(image[offset] if offset < MASTER_SIZE else 0 for offset in tx.data_offsets[: tx.length])
+
+
+def apply_received(rx: RxMessage, data: bytes, image: bytearray) -> tuple[Window, ...]:
+    """Copy a received message's bytes into the master's struct and return what was written (the master's side).
+
+    A message shorter than its table says writes only the bytes it has; unused entries and bytes beyond `length` are
+    ignored.
+    """
+    windows = _windows(_placed(rx, data))
+    for window in windows:
+        image[window.offset : window.offset + len(window.data)] = window.data
+    return windows
+
+
+def windows_of_tx(tx: TxMessage, data: bytes) -> tuple[Window, ...]:
+    """Return what a message that the master sent tells about its struct (the host's side), in order of offset.
+
+    A message that carries only the low bytes of a signed number means one that fits them: the missing high bytes are
+    its sign, and are in the windows. Unsigned numbers are not completed.
+    """
+    placed = _placed(tx, data)
+    for start in [offset for offset in placed if offset in _SIGNED]:
+        end = start + _SIGNED[start]
+        missing = [offset for offset in range(start, end) if offset not in placed]
+        if missing and missing[-1] - missing[0] == len(missing) - 1 and missing[-1] == end - 1:
+            placed.update(dict.fromkeys(missing, 0xFF if placed[missing[0] - 1] & 0x80 else 0))
+    return _windows(placed)
+
+
+def bit_rate(can_brp: int) -> int:
+    """Return the bus speed that a prescaler gives [bit/s], rounded: 7 gives 500 000."""
+    return round(CAN_CLOCK_HZ / ((can_brp + 1) * TIME_QUANTA))
+
+
+def worst_case_bits(length: int, is_extended: bool) -> int:
+    """Return the longest that a data frame can be on the bus [bit], stuffing and the gap after it included.
+
+    Bits under stuffing: 34 + 8 n (standard) or 54 + 8 n (extended); at worst one is added after every four.
+    """
+    stuffed = (54 if is_extended else 34) + 8 * length
+    unstuffed = 10  # CRC delimiter, acknowledge slot and its delimiter, end of frame
+    return stuffed + (stuffed - 1) // 4 + unstuffed + INTERFRAME_BITS
+
+
+def bus_load(config: Image) -> float:
+    """Return the share of the bus that the master's own cyclic messages take at worst, 1 = all of it.
+
+    Counted are the messages enabled from start-up and those that an enabled rx message activates.
+    """
+    activated = {rx.response for rx in rx_messages(config) if rx.enabled}
+    bits_per_s = sum(
+        worst_case_bits(tx.length, tx.is_extended) * 1000 / tx.period_ms
+        for tx in tx_messages(config)
+        if tx.period_ms and (tx.enabled or tx.index in activated)
+    )
+    return bits_per_s / bit_rate(CONFIG["can_brp"].unpack(config)[0])
+
+
+def _rows(flat: tuple[int, ...]) -> list[tuple[int, ...]]:
+    return [flat[i : i + CAN_DATA_BYTES] for i in range(0, len(flat), CAN_DATA_BYTES)]
+
+
+def _split_id(raw: int) -> tuple[int, bool]:
+    return raw & ~CAN_ID_EXTENDED, bool(raw & CAN_ID_EXTENDED)
+
+
+def _join_id(can_id: int, is_extended: bool) -> int:
+    return can_id | CAN_ID_EXTENDED if is_extended else can_id
+
+
+def _mask(table: Iterable[TxMessage | RxMessage]) -> int:
+    return sum(1 << message.index for message in table if message.enabled)
+
+
+def _check_message(message: TxMessage | RxMessage) -> None:
+    if not 0 <= message.index < N_CAN_MESSAGES:
+        raise EncodeError("index", message.index, f"0..{N_CAN_MESSAGES - 1}")
+    if not 0 <= message.can_id < CAN_ID_EXTENDED:
+        raise EncodeError("can_id", message.can_id, "0..0x1fffffff")
+    if not 0 <= message.length <= CAN_DATA_BYTES:
+        raise EncodeError("length", message.length, f"0..{CAN_DATA_BYTES}")
+
+
+def _placed(message: TxMessage | RxMessage, data: bytes) -> dict[int, int]:
+    """Return {offset in the struct: byte} of the used entries; where an offset appears twice the later byte counts."""
+    used = zip(message.data_offsets[: message.length], data, strict=False)
+    return {offset: byte for offset, byte in used if offset != BYTE_UNUSED and offset < MASTER_SIZE}
+
+
+def _windows(placed: dict[int, int]) -> tuple[Window, ...]:
+    """Join neighbouring bytes into windows."""
+    runs: list[tuple[int, bytearray]] = []
+    for offset in sorted(placed):
+        if runs and runs[-1][0] + len(runs[-1][1]) == offset:
+            runs[-1][1].append(placed[offset])
+        else:
+            runs.append((offset, bytearray((placed[offset],))))
+    return tuple(Window(offset, bytes(data)) for offset, data in runs)

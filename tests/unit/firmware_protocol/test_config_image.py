@@ -1,0 +1,191 @@
+import pytest
+
+from firmware_protocol import config_image
+from firmware_protocol.errors import DecodeError, EncodeError
+from firmware_protocol.memory_map import BYTE_UNUSED, CAN_ID_EXTENDED, CONFIG, CONFIG_FIELDS, CONFIG_SIZE
+
+DEFAULT = config_image.default_image()
+
+
+def errors_of(name, value):
+    return [
+        (error.field, error.element, error.offset)
+        for error in config_image.check(config_image.with_raw(DEFAULT, name, value))
+    ]
+
+
+def row_with(name, element, raw):
+    flat = list(CONFIG[name].unpack(DEFAULT))
+    flat[element] = raw
+    shape = CONFIG[name].shape
+    return flat if len(shape) == 1 else [flat[i * shape[1] : (i + 1) * shape[1]] for i in range(shape[0])]
+
+
+def test_default_image_is_what_the_master_was_documented_with():
+    assert len(DEFAULT) == 420
+    assert DEFAULT[0:8].hex(" ", 2) == "6400 a861 10a4 1ca2"  # ts 100 ms, 2.5 V, 4.2 V, 4.15 V
+    assert (DEFAULT[8], DEFAULT[9]) == (256 - 15, 45)
+    assert DEFAULT[38:40] == bytes([7, 2])
+    assert DEFAULT[40:44] == bytes([0xF4, 0xE5, 0x06, 0x98])  # 0x1806E5F4 as 29 bit
+
+
+def test_default_image_is_accepted():
+    assert config_image.check(DEFAULT) == []
+
+
+@pytest.mark.parametrize("field", [f for f in CONFIG_FIELDS if f.minimum is not None], ids=lambda f: f.name)
+def test_every_field_is_refused_just_outside_its_range(field):
+    low, high = -(1 << 8 * field.item_size - 1), (1 << 8 * field.item_size) - 1
+    for raw in (field.minimum - 1, field.maximum + 1):
+        image = bytearray(DEFAULT)
+        signed = field.fmt.islower()
+        if not (low if signed else 0) <= raw <= (high >> 1 if signed else high):
+            continue
+        image[field.offset : field.offset + field.item_size] = raw.to_bytes(field.item_size, "little", signed=signed)
+        assert (field.name, field.offset) in {(e.field, e.offset) for e in config_image.check(image)}
+
+
+@pytest.mark.parametrize(
+    ("name", "element", "raw"),
+    [
+        ("can_tx_msg_id", 1, 0x800),
+        ("can_tx_msg_id", 2, CAN_ID_EXTENDED | 0x20000000),
+        ("can_rx_msg_id", 7, 0x7FFFFFFF),
+        ("can_tx_msg_data", 63, 2984),
+        ("can_tx_msg_data", 0, BYTE_UNUSED - 1),
+        ("can_rx_msg_data", 8, 2984),
+        ("can_rx_msg_response", 3, 8),
+        ("can_tx_msg_len", 4, 9),
+    ],
+)
+def test_can_tables_are_refused_where_they_mean_nothing(name, element, raw):
+    field = CONFIG[name]
+    assert errors_of(name, row_with(name, element, raw)) == [(name, element, field.offset + element * field.item_size)]
+
+
+@pytest.mark.parametrize("offset", [0, 4, 419])
+def test_a_received_message_may_not_write_the_configuration(offset):
+    assert errors_of("can_rx_msg_data", row_with("can_rx_msg_data", 0, offset)) == [("can_rx_msg_data", 0, 292)]
+
+
+@pytest.mark.parametrize(
+    ("name", "raw"),
+    [
+        ("v_cell_min", 42000 - 2000),
+        ("v_cell_chrg", 42001),
+        ("t_cell_min", 40),
+        ("i_chrg_min", 1201),
+        ("fan_ramp_start", 50),
+        ("fan_ramp_min", 225),
+    ],
+)
+def test_limits_the_wrong_way_round_are_refused(name, raw):
+    image = config_image.with_raw(DEFAULT, name, raw)
+    image = config_image.with_raw(image, "v_cell_max", min(42000, 40000) if name == "v_cell_min" else 42000)
+    image = config_image.with_raw(image, "t_cell_max", 40)
+    if name == "v_cell_min":
+        image = config_image.with_raw(image, "v_cell_chrg", 40000)
+    assert [error.field for error in config_image.check(image)] == [name]
+
+
+def test_error_speaks_the_fields_unit():
+    [error] = config_image.check(config_image.with_raw(DEFAULT, "ts", 10))
+    assert (error.value, error.limit) == (10, "20..10000 ms")
+    assert error.message == "ts = 10 ms, allowed: 20..10000 ms"
+    error = config_image.check(config_image.with_raw(DEFAULT, "v_cell_max", 46000))[0]
+    assert (error.value, error.limit) == (4.6, "3..4.5 V")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "raw"),
+    [
+        ("v_cell_max", 4.15, 41500),
+        ("v_cell_max", 4.15004, 41500),
+        ("v_cell_max", 4.15006, 41501),
+        ("t_cell_min", -7.4, -7),
+        ("i_disc_min", -100, -10000),
+        ("i_gain", 0.2424, 12120),
+        ("fan_ramp_max", 224 / 255, 224),
+    ],
+)
+def test_value_in_unit_rounds_to_the_nearest_count(name, value, raw):
+    assert config_image.raw_value(config_image.with_value(DEFAULT, name, value), name) == raw
+
+
+@pytest.mark.parametrize("value", [4.50006, 0, float("nan"), float("inf"), 1e300])
+def test_value_outside_its_range_names_the_limit(value):
+    with pytest.raises(EncodeError) as caught:
+        config_image.with_value(DEFAULT, "v_cell_max", value)
+    assert (caught.value.field, caught.value.limit) == ("v_cell_max", "3..4.5 V")
+
+
+@pytest.mark.parametrize("field", CONFIG_FIELDS, ids=lambda f: f.name)
+def test_what_is_read_in_units_can_be_written_back(field):
+    value = config_image.unit_value(DEFAULT, field.name)
+    assert config_image.with_value(bytes(DEFAULT), field.name, value) == DEFAULT
+    assert config_image.with_raw(DEFAULT, field.name, config_image.raw_value(DEFAULT, field.name)) == DEFAULT
+
+
+@pytest.mark.parametrize("value", [[1] * 8, [[1] * 8] * 7, 3, [[1] * 7 + ["1"]] * 8, [[True] * 8] * 8])
+def test_wrong_shape_or_type_is_refused(value):
+    with pytest.raises(EncodeError):
+        config_image.with_raw(DEFAULT, "can_tx_msg_data", value)
+
+
+def test_arrays_are_nested_as_their_shape():
+    rows = config_image.raw_value(DEFAULT, "can_tx_msg_data")
+    assert [len(row) for row in rows] == [8] * 8
+    assert rows[1][:2] == [2982, 2983]
+
+
+def test_unknown_field_is_refused():
+    with pytest.raises(EncodeError, match="no_such"):
+        config_image.unit_value(DEFAULT, "no_such")
+
+
+def test_difference_names_the_element_its_byte_and_both_values():
+    after = config_image.with_value(DEFAULT, "v_cell_max", 4.15)
+    after = config_image.with_raw(after, "can_tx_msg_data", row_with("can_tx_msg_data", 9, 7))
+    first, second = config_image.difference(DEFAULT, after)
+    assert (first.field, first.element, first.offset, first.before, first.after, first.unit) == (
+        "v_cell_max",
+        None,
+        4,
+        4.2,
+        4.15,
+        "V",
+    )
+    assert (second.field, second.element, second.offset, second.before, second.after) == (
+        "can_tx_msg_data",
+        9,
+        96 + 18,
+        2983,
+        7,
+    )
+
+
+def test_padding_neither_differs_nor_changes_the_name_of_an_image():
+    noisy = bytearray(DEFAULT)
+    noisy[225:228] = b"\xaa\xbb\xcc"
+    assert config_image.difference(DEFAULT, noisy) == []
+    assert config_image.image_hash(noisy) == config_image.image_hash(DEFAULT)
+    assert config_image.canonical(noisy) == DEFAULT
+
+
+def test_hash_changes_with_any_byte_of_a_field():
+    names = {config_image.image_hash(DEFAULT)}
+    for position in set(range(CONFIG_SIZE)) - {225, 226, 227}:
+        changed = bytearray(DEFAULT)
+        changed[position] ^= 1
+        names.add(config_image.image_hash(changed))
+    assert len(names) == CONFIG_SIZE - 3 + 1
+    assert all(len(name) == 16 for name in names)
+
+
+@pytest.mark.parametrize("size", [0, 419, 421])
+def test_image_of_the_wrong_size_is_refused(size):
+    for function in (config_image.check, config_image.image_hash, config_image.canonical):
+        with pytest.raises(DecodeError):
+            function(bytes(size))
+    with pytest.raises(DecodeError):
+        config_image.difference(DEFAULT, bytes(size))
