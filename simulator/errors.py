@@ -1,10 +1,15 @@
-"""The simulator's errors: one root, one leaf per thing a caller handles differently."""
+"""Everything the simulator refuses to do.
 
-from __future__ import annotations
+SimulatorError
+  ParameterError   a physical parameter or input is outside what the model means
+  ScenarioError    a scenario that cannot be read or makes no sense
+  FaultError       a fault that does not exist or cannot take this value
+  PortError        a port that cannot be opened
+"""
 
 
 class SimulatorError(Exception):
-    """Root of everything the simulator raises on purpose."""
+    """Root of all errors that the simulator raises."""
 
 
 class ParameterError(SimulatorError):
@@ -15,3 +20,30 @@ class ParameterError(SimulatorError):
         self.value = value
         self.rule = rule
         super().__init__(f"{name} = {value!r}: {rule}")
+
+
+class ScenarioError(SimulatorError):
+    """A scenario that cannot be read or makes no sense; `where` names the file and the key."""
+
+    def __init__(self, where: str, reason: str) -> None:
+        self.where = where
+        self.reason = reason
+        super().__init__(f"{where}: {reason}")
+
+
+class FaultError(SimulatorError):
+    """A fault that does not exist, or that cannot take what it was given."""
+
+    def __init__(self, fault: str, reason: str) -> None:
+        self.fault = fault
+        self.reason = reason
+        super().__init__(f"fault {fault!r}: {reason}")
+
+
+class PortError(SimulatorError):
+    """A port that cannot be opened."""
+
+    def __init__(self, port: str, reason: str) -> None:
+        self.port = port
+        self.reason = reason
+        super().__init__(f"{port}: {reason}")
