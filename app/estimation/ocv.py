@@ -1,0 +1,286 @@
+"""Open-circuit voltage over state of charge: three ways to draw a curve through the same points.
+
+A curve is built once from points; afterwards it answers value, slope and inverse for whole arrays.
+Outside the range that was measured it continues as a straight line, so that a filter that strays there
+is pulled back; `soc_at` never leaves -0.05..1.05.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final, Literal, cast, get_args
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike, NDArray
+
+from app.estimation.errors import ModelError
+
+FloatArray = NDArray[np.float64]
+OcvMethod = Literal["interpolation", "polynomial", "smoothed"]
+
+OCV_METHODS: Final = get_args(OcvMethod)
+POLYNOMIAL_DEGREE: Final = 10
+SLOPE_MIN_V: Final = 0.02  # V per unit of SOC: the least slope beyond the ends, so that the inverse exists
+SLOPE_MAX_V: Final = 5.0  # the steepest continuation beyond the ends
+OVERSHOOT: Final = 0.05  # how far past 0 and 1 the inverse may answer
+SMOOTHING_CUTOFF: Final = 0.06  # of the Nyquist rate of a grid of 501 points: features narrower than 3 % SOC go
+_SMOOTHING_POINTS: Final = 501
+
+
+@dataclass(frozen=True, eq=False)
+class OcvCurve:
+    """OCV(SOC) through measured points.
+
+    Attributes:
+        soc: (n,) SOC of the points, rising strictly, inside -0.05..1.05.
+        voltage_v: (n,) rested voltage of the points [V], never falling.
+        method: "interpolation" is monotone cubic (Fritsch-Carlson), "polynomial" a weighted fit of degree 10,
+            "smoothed" straight lines for the value and a zero-phase low-passed derivative for the slope.
+
+    Raises:
+        ModelError: fewer than two points, points not rising, a value not finite, an unknown method.
+    """
+
+    soc: FloatArray
+    voltage_v: FloatArray
+    method: OcvMethod = "interpolation"
+    _knots: FloatArray = field(init=False, repr=False)  # knot slopes, polynomial or smoothed slope
+    _inverse: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        soc = np.array(self.soc, dtype=np.float64)
+        voltage = np.array(self.voltage_v, dtype=np.float64)
+        _check_points(soc, voltage, self.method)
+        object.__setattr__(self, "soc", soc)
+        object.__setattr__(self, "voltage_v", voltage)
+        if self.method == "interpolation":
+            knots = monotone_slopes(soc, voltage)
+        elif self.method == "polynomial":
+            knots = _polynomial(soc, voltage)
+        else:
+            knots = _smoothed_slope(soc, voltage)
+        object.__setattr__(self, "_knots", knots)
+        fine = np.linspace(-OVERSHOOT, 1.0 + OVERSHOOT, 1101)
+        values = np.maximum.accumulate(self.voltage(fine)) + 1e-9 * np.arange(fine.size)
+        object.__setattr__(self, "_inverse", (values, fine))
+
+    @property
+    def soc_range(self) -> tuple[float, float]:
+        """Lowest and highest SOC that was measured; outside, the curve is a straight line."""
+        return float(self.soc[0]), float(self.soc[-1])
+
+    def voltage(self, soc: ArrayLike) -> FloatArray:
+        """Return the OCV [V] at each SOC, any shape."""
+        return self._evaluate(np.asarray(soc, dtype=np.float64))[0]
+
+    def slope(self, soc: ArrayLike) -> FloatArray:
+        """Return dOCV/dSOC [V] at each SOC, any shape."""
+        return self._evaluate(np.asarray(soc, dtype=np.float64))[1]
+
+    def soc_at(self, voltage_v: ArrayLike) -> FloatArray:
+        """Return the SOC whose OCV is the given voltage [V]; held at -0.05 and 1.05 beyond the curve, NaN for NaN."""
+        v = np.asarray(voltage_v, dtype=np.float64)
+        values, fine = self._inverse
+        return np.where(np.isnan(v), np.nan, np.interp(v, values, fine))
+
+    def _evaluate(self, soc: FloatArray) -> tuple[FloatArray, FloatArray]:
+        low, high = self.soc_range
+        inside = np.clip(soc, low, high)
+        value, slope = self._inside(inside)
+        edge_value, edge_slope = self._inside(np.array([low, high]))
+        edge_slope = np.clip(edge_slope, SLOPE_MIN_V, SLOPE_MAX_V)
+        below, above = soc < low, soc > high
+        value = np.where(below, edge_value[0] + edge_slope[0] * (soc - low), value)
+        value = np.where(above, edge_value[1] + edge_slope[1] * (soc - high), value)
+        slope = np.where(below, edge_slope[0], np.where(above, edge_slope[1], slope))
+        return value, slope
+
+    def _inside(self, soc: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if self.method == "polynomial":
+            low, high = self.soc_range
+            fit = Polynomial(self._knots, domain=[low, high])
+            return fit(soc), fit.deriv()(soc)
+        if self.method == "smoothed":
+            grid = np.linspace(*self.soc_range, _SMOOTHING_POINTS)
+            return np.interp(soc, self.soc, self.voltage_v), np.interp(soc, grid, self._knots)
+        return _hermite(soc, self.soc, self.voltage_v, self._knots)
+
+
+def from_slow(
+    discharge_soc: ArrayLike,
+    discharge_v: ArrayLike,
+    charge_soc: ArrayLike,
+    charge_v: ArrayLike,
+    points: int = 101,
+    method: OcvMethod = "interpolation",
+) -> OcvCurve:
+    """Return the mean of a slow discharge and a slow charge, over the SOC that both of them cover.
+
+    Args:
+        discharge_soc: (n,) SOC of the discharge samples, in any order.
+        discharge_v: (n,) their terminal voltage [V].
+        charge_soc: (m,) SOC of the charge samples, in any order.
+        charge_v: (m,) their terminal voltage [V].
+        points: number of points of the curve.
+        method: how the curve is drawn through them.
+
+    Raises:
+        ModelError: the branches do not overlap, or either has fewer than two samples.
+    """
+    branches = [_branch(discharge_soc, discharge_v, "discharge"), _branch(charge_soc, charge_v, "charge")]
+    low = max(b[0][0] for b in branches)
+    high = min(b[0][-1] for b in branches)
+    if not low < high:
+        raise ModelError("ocv", "the slow charge and the slow discharge share no range of SOC")
+    grid = np.linspace(low, high, points)
+    mean = 0.5 * sum(np.interp(grid, *b) for b in branches)
+    return OcvCurve(grid, np.maximum.accumulate(mean), method)
+
+
+def from_rests(soc: ArrayLike, voltage_v: ArrayLike, method: OcvMethod = "interpolation") -> OcvCurve:
+    """Return the curve through rested points (n,) of a pulse test; points closer than 0.1 % SOC are averaged.
+
+    Raises:
+        ModelError: fewer than two distinct points.
+    """
+    s, v = _branch(soc, voltage_v, "rests")
+    bins = np.round(s * 1000.0).astype(np.int64)
+    kept = np.unique(bins)
+    mean_soc = np.array([s[bins == b].mean() for b in kept])
+    mean_v = np.array([v[bins == b].mean() for b in kept])
+    return OcvCurve(mean_soc, np.maximum.accumulate(mean_v), method)
+
+
+def from_two_currents(
+    soc: ArrayLike,
+    low_current_v: ArrayLike,
+    high_current_v: ArrayLike,
+    low_current_a: float,
+    high_current_a: float,
+    method: OcvMethod = "interpolation",
+) -> OcvCurve:
+    """Return the curve at no current, extrapolated linearly from two discharge curves.
+
+    OCV = v_low + (v_low - v_high) i_low / (i_high - i_low): the drop is taken as proportional to the current,
+    which holds at equal SOC and temperature only.
+
+    Args:
+        soc: (n,) SOC of both curves.
+        low_current_v: (n,) terminal voltage at the lower current [V].
+        high_current_v: (n,) terminal voltage at the higher current [V].
+        low_current_a: the lower current, positive on discharge [A].
+        high_current_a: the higher current [A].
+        method: how the curve is drawn.
+
+    Raises:
+        ModelError: equal currents or fewer than two points.
+    """
+    if high_current_a == low_current_a:
+        raise ModelError("ocv", "two discharge curves at the same current say nothing about the curve at none")
+    low_v = np.asarray(low_current_v, dtype=np.float64)
+    drop = (low_v - np.asarray(high_current_v, dtype=np.float64)) / (high_current_a - low_current_a)
+    s, v = _branch(soc, low_v + drop * low_current_a, "curves")
+    return OcvCurve(s, np.maximum.accumulate(v), method)
+
+
+def monotone_slopes(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the (n,) knot slopes of the monotone cubic through (x, y).
+
+    Source: Fritsch and Carlson 1980; inside, the weighted harmonic mean of Fritsch and Butland 1984.
+    """
+    h = np.diff(x)
+    d = np.diff(y) / h
+    if d.size == 1:
+        return np.repeat(d, 2)
+    w1, w2 = 2 * h[1:] + h[:-1], h[1:] + 2 * h[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inner = np.where(d[:-1] * d[1:] > 0, (w1 + w2) / (w1 / d[:-1] + w2 / d[1:]), 0.0)
+    first = _end_slope(h[0], h[1], d[0], d[1])
+    last = _end_slope(h[-1], h[-2], d[-1], d[-2])
+    return np.concatenate(([first], inner, [last]))
+
+
+def _end_slope(h0: float, h1: float, d0: float, d1: float) -> float:
+    slope = ((2 * h0 + h1) * d0 - h0 * d1) / (h0 + h1)
+    if slope * d0 <= 0:
+        return 0.0
+    return 3 * d0 if d0 * d1 < 0 and abs(slope) > abs(3 * d0) else slope
+
+
+def _hermite(x: FloatArray, knots: FloatArray, y: FloatArray, m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    j = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, knots.size - 2)
+    h = knots[j + 1] - knots[j]
+    t = (x - knots[j]) / h
+    y0, y1, m0, m1 = y[j], y[j + 1], m[j] * h, m[j + 1] * h
+    c2, c3 = 3 * (y1 - y0) - 2 * m0 - m1, 2 * (y0 - y1) + m0 + m1
+    return y0 + t * (m0 + t * (c2 + t * c3)), (m0 + t * (2 * c2 + 3 * t * c3)) / h
+
+
+def _polynomial(soc: FloatArray, voltage: FloatArray) -> FloatArray:
+    """Fit with a fivefold weight in the middle of the range, where the cell is used and the ends would rule."""
+    weight = np.where((soc > 0.1) & (soc < 0.9), 5.0, 1.0)
+    degree = min(POLYNOMIAL_DEGREE, soc.size - 1)
+    fit = Polynomial.fit(soc, voltage, degree, domain=[soc[0], soc[-1]], w=weight)
+    return cast(FloatArray, fit.coef)
+
+
+def _smoothed_slope(soc: FloatArray, voltage: FloatArray) -> FloatArray:
+    grid = np.linspace(soc[0], soc[-1], _SMOOTHING_POINTS)
+    return zero_phase_lowpass(np.gradient(np.interp(grid, soc, voltage), grid), SMOOTHING_CUTOFF)
+
+
+def zero_phase_lowpass(signal: FloatArray, cutoff: float) -> FloatArray:
+    """Return the (n,) signal after a second-order Butterworth low-pass run forward and backward: no phase shift.
+
+    Args:
+        signal: (n,) evenly spaced samples.
+        cutoff: corner as a fraction of the Nyquist rate, 0..1; after two passes the gain there is one half.
+
+    The ends are extended by odd reflection, so that a straight line passes unchanged.
+    """
+    k = np.tan(0.5 * np.pi * cutoff)
+    norm = 1.0 / (1.0 + np.sqrt(2.0) * k + k * k)
+    b = np.array([k * k, 2 * k * k, k * k]) * norm
+    a1, a2 = 2.0 * (k * k - 1.0) * norm, (1.0 - np.sqrt(2.0) * k + k * k) * norm
+    pad = min(signal.size - 1, int(6.0 / cutoff))
+    head, tail = 2 * signal[0] - signal[pad:0:-1], 2 * signal[-1] - signal[-2 : -pad - 2 : -1]
+    x = np.concatenate((head, signal, tail))
+    for _ in range(2):
+        x = _biquad(x, b, a1, a2)[::-1]
+    return x[pad : pad + signal.size].copy()
+
+
+def _biquad(x: FloatArray, b: FloatArray, a1: float, a2: float) -> FloatArray:
+    """Direct form II transposed, started in the steady state of the first sample."""
+    y = np.empty_like(x)
+    s1, s2 = (1.0 - b[0]) * x[0], (b[2] - a2) * x[0]
+    for n, value in enumerate(x):
+        y[n] = b[0] * value + s1
+        s1 = b[1] * value - a1 * y[n] + s2
+        s2 = b[2] * value - a2 * y[n]
+    return y
+
+
+def _branch(soc: ArrayLike, voltage_v: ArrayLike, name: str) -> tuple[FloatArray, FloatArray]:
+    s = np.asarray(soc, dtype=np.float64)
+    v = np.asarray(voltage_v, dtype=np.float64)
+    if s.shape != v.shape or s.ndim != 1 or s.size < 2:
+        raise ModelError("ocv", f"{name}: needs at least two samples, got shapes {s.shape} and {v.shape}")
+    order = np.argsort(s, kind="stable")
+    return s[order], v[order]
+
+
+def _check_points(soc: FloatArray, voltage: FloatArray, method: str) -> None:
+    if method not in OCV_METHODS:
+        raise ModelError("ocv.method", f"{method!r} is none of {', '.join(OCV_METHODS)}")
+    if soc.ndim != 1 or soc.shape != voltage.shape or soc.size < 2:
+        raise ModelError(
+            "ocv.voltage_v", f"needs as many voltages as SOC points, at least 2: {voltage.shape}, {soc.shape}"
+        )
+    if not (np.isfinite(soc).all() and np.isfinite(voltage).all()):
+        raise ModelError("ocv.voltage_v", "holds a value that is not finite")
+    if not (np.diff(soc) > 0).all() or soc[0] < -OVERSHOOT or soc[-1] > 1.0 + OVERSHOOT:
+        raise ModelError("ocv.soc", "has to rise strictly inside -0.05..1.05")
+    if not (np.diff(voltage) >= 0).all() or voltage[-1] <= voltage[0]:
+        raise ModelError("ocv.voltage_v", "has to rise with SOC")
