@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
+from numpy import add, multiply, subtract
 
 from simulator.cell import SECONDS_PER_HOUR, CellArray
 from simulator.cell_data import SAMSUNG_25R_10P, ZERO_DEGC_IN_K, BoolArray, CellModel, FloatArray
@@ -99,6 +100,9 @@ class Accumulator:
         self._leak_j = np.zeros(n)
         self._work = np.empty(n)
         self._slow_soc = np.empty(n)
+        self._joint_now_ohm = np.empty(n)
+        self._bleed_s = np.full(n, 1.0 / p.bleed_ohm)
+        self._pack = np.arange(n) // p.cells_per_pack
         self._is_bleeding = False
         self._is_leaking = False
         self._current2_s = 0.0
@@ -132,7 +136,8 @@ class Accumulator:
     @property
     def resistance_ohm(self) -> FloatArray:
         """(n_cells,) instantaneous resistance as a tester would find it across cell and joint [ohm]."""
-        return self._cells.ohmic_ohm + self._cells.charge_transfer_ohm + self._joint_ohm + self.extra_joint_ohm
+        total: FloatArray = self._cells.ohmic_ohm + self._cells.charge_transfer_ohm + self._joint_now_ohm
+        return total
 
     def step(
         self,
@@ -158,30 +163,29 @@ class Accumulator:
         if not 0.0 <= dt_s < np.inf:
             raise ParameterError("dt_s", dt_s, "a step is finite and not negative")
         cells, measured = self._cells, self._measured_v
-        np.add(self._leak_now_a, current_a, out=self._cell_a)
+        add(self._leak_now_a, current_a, self._cell_a)
         if bleeding is not None:
-            np.multiply(measured, 1.0 / self.parameters.bleed_ohm, out=self._bleed_a)
-            np.multiply(self._bleed_a, bleeding, out=self._bleed_a)
-            np.add(self._cell_a, self._bleed_a, out=self._cell_a)
+            multiply(self._bleed_s, bleeding, self._bleed_a)
+            multiply(self._bleed_a, measured, self._bleed_a)
+            add(self._cell_a, self._bleed_a, self._cell_a)
             self._is_bleeding = True
         elif self._is_bleeding:
             self._bleed_a[:] = 0.0
             self._is_bleeding = False
         if cell_current_a is not None:
-            np.add(self._cell_a, cell_current_a, out=self._cell_a)
+            add(self._cell_a, cell_current_a, self._cell_a)
 
         cells.step(dt_s, self._cell_a, is_charging=current_a < 0.0)
         if self._is_bleeding:
-            np.multiply(self._bleed_a, cells.voltage_v, out=self._work)
-            np.multiply(self._work, dt_s, out=self._work)
-            np.add(self._bleed_j, self._work, out=self._bleed_j)
+            multiply(self._bleed_a, cells.voltage_v, self._work)
+            self._work *= dt_s
+            add(self._bleed_j, self._work, self._bleed_j)
         if self._is_leaking:
-            np.multiply(self._leak_now_a, cells.voltage_v, out=self._work)
-            np.multiply(self._work, dt_s, out=self._work)
-            np.add(self._leak_j, self._work, out=self._leak_j)
-        np.add(self._joint_ohm, self.extra_joint_ohm, out=self._work)
-        np.multiply(self._work, current_a, out=self._work)
-        np.subtract(cells.voltage_v, self._work, out=measured)
+            multiply(self._leak_now_a, cells.voltage_v, self._work)
+            multiply(self._work, dt_s, self._work)
+            add(self._leak_j, self._work, self._leak_j)
+        multiply(self._joint_now_ohm, current_a, self._work)
+        subtract(cells.voltage_v, self._work, measured)
         self.current_a = current_a
         self._current2_s += current_a * current_a * dt_s
         self._elapsed_s += dt_s
@@ -206,13 +210,12 @@ class Accumulator:
         self_discharged_coulomb = self._self_discharge_a * elapsed_s
         cells.soc -= self_discharged_coulomb / capacity_coulomb
         loss_j = cells.take_heat_j() + self._leak_j + self_discharged_coulomb * cells.ocv_v
-        loss_j += self._current2_s * (self._joint_ohm + self.extra_joint_ohm)
+        loss_j += self._current2_s * self._joint_now_ohm
 
         # A step a little longer than the period keeps the period, so that the matrix of the network is found again.
         period_s = self.parameters.slow_period_s
         thermal_s = period_s if elapsed_s < 2.0 * period_s else elapsed_s
-        packs = np.arange(n) // self.parameters.cells_per_pack
-        node_j = np.concatenate((loss_j + reversible_j, np.bincount(packs, self._bleed_j, thermal.n_packs)))
+        node_j = np.concatenate((loss_j + reversible_j, np.bincount(self._pack, self._bleed_j, thermal.n_packs)))
         node_w = node_j / thermal_s
         node_w[:n] += self.heat_w + self.sun_w / n
         thermal.step(thermal_s, node_w, self.ambient_degc, fan_duty * (1.0 - self.fan_blocked))
@@ -229,6 +232,7 @@ class Accumulator:
     def _refresh(self) -> None:
         self._capacity_ah[:] = self._built_capacity_ah * self.capacity_factor
         self._cells.refresh(self.temperature_degc, self._capacity_ah, self._built_resistance * self.resistance_factor)
+        add(self._joint_ohm, self.extra_joint_ohm, self._joint_now_ohm)
         self._leak_now_a[:] = self.leak_a
         self._is_leaking = bool(self.leak_a.any())
         self._slow_soc[:] = self._cells.soc

@@ -7,6 +7,8 @@ a current that is constant over the step (exponentials, not differences), so no 
 from __future__ import annotations
 
 import numpy as np
+from numpy import abs as absolute
+from numpy import add, arcsinh, copysign, expm1, multiply, subtract
 
 from simulator.cell_data import (
     FARADAY_C_PER_MOL,
@@ -42,16 +44,21 @@ class CellArray:
         self.rc_v = np.zeros((self.n_pairs, n))
         self.voltage_v = np.empty(n)
         self.ocv_v = np.empty(n)
-        self.ohmic_ohm = np.empty(n)
-        self.charge_transfer_ohm = np.empty(n)
-        self.rc_ohm = np.empty((self.n_pairs, n))
+        self._resistances_ohm = np.empty((2 + self.n_pairs, n))
+        self.ohmic_ohm = self._resistances_ohm[0]
+        self.charge_transfer_ohm = self._resistances_ohm[1]
+        self.rc_ohm = self._resistances_ohm[2:]
         self.entropy_v_per_k = np.empty(n)
         self._rc_f = np.repeat(np.asarray(model.rc_f)[:, None], n, axis=1)
         self._capacity_coulomb = np.full(n, model.capacity_ah * SECONDS_PER_HOUR)
         self._soc_grid = model.soc_grid
         self._ocv_table = model.ocv_v.at(self._soc_grid)
-        tables = (model.ohmic_ohm, model.charge_transfer_ohm, model.entropy_v_per_k, *model.rc_ohm)
+        tables = (model.ohmic_ohm, model.charge_transfer_ohm, *model.rc_ohm, model.entropy_v_per_k)
         self._tables = np.stack([table.at(self._soc_grid) for table in tables])
+        self._activation_j_per_mol = np.array(
+            [[model.ohmic_j_per_mol], [model.charge_transfer_j_per_mol], *[[model.rc_j_per_mol]] * self.n_pairs]
+        )
+        self._has_charge_transfer = any(model.charge_transfer_ohm.value)
         self._wasted_per_amp = 1.0 - model.coulombic_efficiency
         self._dt_s = -1.0
         self._n_steps = 0
@@ -98,25 +105,22 @@ class CellArray:
             capacity_ah: (n,) present capacities [Ah].
             resistance_scale: (n,) factor on every resistance, 1 for a new mean cell.
         """
-        position = np.clip((self.soc - SOC_GRID_START) / _SOC_STEP, 0, OCV_GRID_POINTS - 1)
+        position = (self.soc - SOC_GRID_START) / _SOC_STEP
+        np.clip(position, 0.0, OCV_GRID_POINTS - 1.0, out=position)
         looked_up = self._tables[:, position.astype(np.intp)]
+        self.entropy_v_per_k[:] = looked_up[-1]
         kelvin = temperature_degc + ZERO_DEGC_IN_K
         inverse_rt = (1.0 / kelvin - 1.0 / _REFERENCE_K) / GAS_CONSTANT_J_PER_MOL_K
-        model = self.model
-        np.multiply(looked_up[0], resistance_scale * np.exp(model.ohmic_j_per_mol * inverse_rt), out=self.ohmic_ohm)
-        np.multiply(
-            looked_up[1],
-            resistance_scale * np.exp(model.charge_transfer_j_per_mol * inverse_rt),
-            out=self.charge_transfer_ohm,
-        )
-        self.entropy_v_per_k[:] = looked_up[2]
-        np.multiply(looked_up[3:], resistance_scale * np.exp(model.rc_j_per_mol * inverse_rt), out=self.rc_ohm)
+        np.multiply(self._activation_j_per_mol, inverse_rt, out=self._resistances_ohm)
+        np.exp(self._resistances_ohm, out=self._resistances_ohm)
+        np.multiply(self._resistances_ohm, looked_up[:-1], out=self._resistances_ohm)
+        np.multiply(self._resistances_ohm, resistance_scale, out=self._resistances_ohm)
         # 2RT/F asinh(i R F / 2RT)
-        self._asinh_v[:] = 2.0 * GAS_CONSTANT_J_PER_MOL_K / FARADAY_C_PER_MOL * kelvin
+        np.multiply(kelvin, 2.0 * GAS_CONSTANT_J_PER_MOL_K / FARADAY_C_PER_MOL, out=self._asinh_v)
         np.divide(self.charge_transfer_ohm, self._asinh_v, out=self._asinh_per_amp)
         self._settle()
         np.multiply(capacity_ah, SECONDS_PER_HOUR, out=self._capacity_coulomb)
-        np.multiply(self._capacity_coulomb, model.hysteresis_soc, out=self._turning_coulomb)
+        np.multiply(self._capacity_coulomb, self.model.hysteresis_soc, out=self._turning_coulomb)
         if self._dt_s >= 0.0:
             self._prepare(self._dt_s)
 
@@ -151,50 +155,51 @@ class CellArray:
             self._prepare(dt_s)
         work, loss_v, pair, rc_sum = self._work, self._loss_v, self._rc_pair, self._rc_sum
 
-        np.multiply(current_a, self._soc_per_amp_charging if is_charging else self._soc_per_amp, out=work)
-        np.subtract(self.soc, work, out=self.soc)
+        multiply(current_a, self._soc_per_amp_charging if is_charging else self._soc_per_amp, work)
+        subtract(self.soc, work, self.soc)
         self.ocv_v[:] = np.interp(self.soc, self._soc_grid, self._ocv_table)
         if is_charging and self._wasted_per_amp > 0.0:
-            np.multiply(self.ocv_v, current_a, out=work)
-            np.multiply(work, self._wasted_per_amp, out=work)
-            np.subtract(self._heat_w, work, out=self._heat_w)
+            multiply(self.ocv_v, current_a, work)
+            multiply(work, self._wasted_per_amp, work)
+            subtract(self._heat_w, work, self._heat_w)
 
-        np.multiply(self._decay, self.rc_v, out=pair)
-        np.multiply(self._gain, current_a, out=self._rc_drive)
-        np.add(pair, self._rc_drive, out=pair)
+        multiply(self._decay, self.rc_v, pair)
+        multiply(self._gain, current_a, self._rc_drive)
+        add(pair, self._rc_drive, pair)
         self.rc_v[:] = pair[_END]
-        np.add.reduce(pair, axis=1, out=rc_sum)
+        add.reduce(pair, 1, out=rc_sum)
 
-        np.multiply(current_a, self._asinh_per_amp, out=loss_v)
-        np.arcsinh(loss_v, out=loss_v)
-        np.multiply(loss_v, self._asinh_v, out=loss_v)
-        np.multiply(current_a, self.ohmic_ohm, out=work)
-        np.add(loss_v, work, out=loss_v)
-        np.subtract(self.ocv_v, loss_v, out=self.voltage_v)
-        np.subtract(self.voltage_v, rc_sum[_END], out=self.voltage_v)
+        multiply(current_a, self.ohmic_ohm, loss_v)
+        if self._has_charge_transfer:
+            multiply(current_a, self._asinh_per_amp, work)
+            arcsinh(work, work)
+            multiply(work, self._asinh_v, work)
+            add(loss_v, work, loss_v)
+        subtract(self.ocv_v, loss_v, self.voltage_v)
+        subtract(self.voltage_v, rc_sum[_END], self.voltage_v)
 
-        np.add(loss_v, rc_sum[_MEAN], out=loss_v)
+        add(loss_v, rc_sum[_MEAN], loss_v)
         if self.model.hysteresis_v > 0.0:
             self._turn_hysteresis(current_a)
-        np.multiply(loss_v, current_a, out=loss_v)
-        np.add(self._heat_w, loss_v, out=self._heat_w)
+        multiply(loss_v, current_a, loss_v)
+        add(self._heat_w, loss_v, self._heat_w)
         self._n_steps += 1
 
     def _turn_hysteresis(self, current_a: FloatArray) -> None:
         work, turn, sign_v = self._work, self._turn, self._sign_v
-        np.copysign(self.model.hysteresis_v, current_a, out=sign_v)
+        copysign(self.model.hysteresis_v, current_a, sign_v)
         # dh = (h + h_max sign i) (exp(-|i| dt / kQ) - 1)
-        np.abs(current_a, out=turn)
-        np.multiply(turn, self._turn_per_amp, out=turn)
-        np.expm1(turn, out=turn)
-        np.add(self.hysteresis_v, sign_v, out=work)
-        np.multiply(turn, work, out=turn)
-        np.add(self.hysteresis_v, turn, out=self.hysteresis_v)
-        np.add(self.voltage_v, self.hysteresis_v, out=self.voltage_v)
+        absolute(current_a, turn)
+        multiply(turn, self._turn_per_amp, turn)
+        expm1(turn, turn)
+        add(self.hysteresis_v, sign_v, work)
+        multiply(turn, work, turn)
+        add(self.hysteresis_v, turn, self.hysteresis_v)
+        add(self.voltage_v, self.hysteresis_v, self.voltage_v)
         # -i h dt = |i| h_max dt + sign(i) k Q dh
-        np.add(self._loss_v, sign_v, out=self._loss_v)
-        np.multiply(turn, sign_v, out=turn)
-        np.add(self._turned_v2, turn, out=self._turned_v2)
+        add(self._loss_v, sign_v, self._loss_v)
+        multiply(turn, sign_v, turn)
+        add(self._turned_v2, turn, self._turned_v2)
 
     def stored_energy_j(self) -> FloatArray:
         """Return (n,) energy held by the capacitances and by hysteresis [J]."""
