@@ -1,0 +1,132 @@
+import pytest
+
+from firmware_protocol.errors import EncodeError
+from firmware_protocol.exchange import (
+    STORE_TIMEOUT_S,
+    TIMEOUT_S,
+    Exchange,
+    ExchangeBusyError,
+    GaveUp,
+    RepeatFilter,
+)
+from firmware_protocol.framing import Frame, decode_chunk
+from firmware_protocol.messages import Command, CommandId, IdentRequest, MessageType, Read, Reply, Result, Store, Write
+
+
+def frame_of(raw):
+    return decode_chunk(raw.strip(b"\0"))
+
+
+def reply_to(raw, result=Result.DONE):
+    frame = frame_of(raw)
+    return Reply(frame.type, frame.sequence, result)
+
+
+def test_reply_ends_the_request_and_the_next_has_the_next_sequence():
+    exchange = Exchange(first_sequence=255)
+    first = exchange.start(IdentRequest(), 0.0)
+    assert exchange.on_reply(reply_to(first))
+    assert not exchange.is_busy
+    second = exchange.start(Read(0, 4), 0.1)
+    assert [frame_of(raw).sequence for raw in (first, second)] == [255, 0]
+
+
+def test_a_refusal_ends_the_request_too():
+    exchange = Exchange()
+    assert exchange.on_reply(reply_to(exchange.start(Store(), 0.0), Result.NOT_NOW))
+    assert exchange.poll(100) is None
+
+
+def test_one_request_at_a_time():
+    exchange = Exchange()
+    exchange.start(Store(), 0.0)
+    with pytest.raises(ExchangeBusyError):
+        exchange.start(Store(), 0.0)
+
+
+def test_request_that_does_not_fit_leaves_the_line_free():
+    exchange = Exchange()
+    with pytest.raises(EncodeError):
+        exchange.start(Write(419, b"ab"), 0.0)
+    assert not exchange.is_busy
+
+
+@pytest.mark.parametrize(
+    "stray",
+    [
+        Reply(MessageType.READ, 8, Result.DONE),
+        Reply(MessageType.WRITE, 7, Result.DONE),
+    ],
+)
+def test_reply_to_something_else_is_dropped(stray):
+    exchange = Exchange(first_sequence=7)
+    exchange.start(Read(0, 1), 0.0)
+    assert not exchange.on_reply(stray)
+    assert exchange.is_busy
+    assert exchange.stray_replies == 1
+
+
+def test_late_reply_after_the_end_is_dropped():
+    exchange = Exchange()
+    raw = exchange.start(Read(0, 1), 0.0)
+    exchange.on_reply(reply_to(raw))
+    assert not exchange.on_reply(reply_to(raw))
+
+
+def test_silence_sends_the_same_bytes_again_then_gives_up():
+    exchange = Exchange()
+    raw = exchange.start(Read(0, 1), 10.0)
+    assert exchange.deadline_s == pytest.approx(10.0 + TIMEOUT_S)
+    assert exchange.poll(10.0 + TIMEOUT_S - 1e-3) is None
+    assert exchange.poll(10.0 + TIMEOUT_S) == raw
+    assert exchange.poll(10.0 + TIMEOUT_S) is None
+    assert exchange.poll(10.0 + 2 * TIMEOUT_S) == raw
+    assert exchange.poll(10.0 + 3 * TIMEOUT_S) == GaveUp(Read(0, 1), 3)
+    assert exchange.deadline_s is None
+    assert exchange.start(Read(0, 1), 20.0) != raw
+
+
+def test_a_store_is_given_more_time():
+    exchange = Exchange()
+    exchange.start(Store(), 0.0)
+    assert exchange.poll(TIMEOUT_S) is None
+    assert exchange.deadline_s == STORE_TIMEOUT_S
+
+
+def test_master_does_a_repeated_command_once():
+    repeats = RepeatFilter()
+    frame = frame_of(Exchange().start(Command(CommandId.CAN_SEND, 1), 0.0))
+    assert repeats.known_reply(frame, 0.0) is None
+    reply = Reply(frame.type, frame.sequence, Result.DONE)
+    repeats.remember(frame, reply, 0.0)
+    assert repeats.known_reply(frame, 1.0) == reply
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        Frame(MessageType.COMMAND, 4, 0, b"abcde"),
+        Frame(MessageType.COMMAND, 3, 0, b"abcdf"),
+        Frame(MessageType.WRITE, 3, 0, b"abcde"),
+    ],
+)
+def test_master_does_a_different_request(other):
+    repeats = RepeatFilter()
+    first = Frame(MessageType.COMMAND, 3, 0, b"abcde")
+    repeats.remember(first, Reply(first.type, first.sequence, Result.DONE), 0.0)
+    assert repeats.known_reply(other, 0.1) is None
+
+
+def test_the_same_bytes_long_afterwards_are_a_new_request():
+    repeats = RepeatFilter()
+    frame = Frame(MessageType.STORE, 3, 0, b"")
+    repeats.remember(frame, Reply(frame.type, frame.sequence, Result.DONE), 0.0)
+    assert repeats.known_reply(frame, 3 * STORE_TIMEOUT_S) is not None
+    assert repeats.known_reply(frame, 30.0) is None
+
+
+def test_a_repeated_read_is_read_again():
+    repeats = RepeatFilter()
+    frame = Frame(MessageType.READ, 3, 0, b"\0\0\1\0")
+    repeats.remember(frame, Reply(frame.type, frame.sequence, Result.DONE, data=b"x"), 0.0)
+    assert repeats.known_reply(frame, 0.1) is None
