@@ -177,15 +177,16 @@ class FrameDecoder:
 class CommandDecoder:
     """The master's side: frames, and between them a bare `x` or `y`. Never raises on input.
 
-    Outside a frame `x` and `y` count at once and a delimiter opens a frame. A chunk that is no frame leaves the
-    decoder inside, because the delimiter that ended it may have been the next frame's first; one that is nothing
-    but `x` and `y` is taken for those commands. `idle()` after 100 ms of silence ends a frame that never closed.
+    Outside a frame `x` and `y` count at once; any other byte opens a frame, a delimiter because it should, another
+    because the delimiter before it was lost. A chunk that is no frame leaves the decoder inside, because the delimiter
+    that ended it may have been the next frame's first; one that is nothing but `x` and `y` is taken for those commands.
+    `idle()` after 100 ms of silence ends a frame that never closed.
     """
 
     def __init__(self) -> None:
         self._buffer = bytearray()
+        self._length = 0  # of the chunk so far; the buffer keeps the first MAX_ENCODED bytes of it
         self._inside = False
-        self._overflowed = False
         self.noise_bytes = 0
 
     def feed(self, data: bytes | bytearray | memoryview) -> list[Frame | BadFrame | StreamCommand]:
@@ -193,36 +194,44 @@ class CommandDecoder:
         out: list[Frame | BadFrame | StreamCommand] = []
         for byte in bytes(data):
             if byte == DELIMITER:
-                if self._inside and self._buffer:
+                if self._buffer:
                     out += self._close()
                 else:
                     self._inside = True
-            elif self._inside:
+            elif self._inside or byte not in (START_STREAM, STOP_STREAM):
+                self._inside = True
                 self._append(byte)
-            elif byte in (START_STREAM, STOP_STREAM):
-                out.append(StreamCommand(byte == START_STREAM))
             else:
-                self.noise_bytes += 1
+                out.append(StreamCommand(byte == START_STREAM))
         return out
 
     def idle(self) -> list[BadFrame | StreamCommand]:
         """Tell the decoder that the line has been silent: what is open is closed and the next `x` counts at once."""
-        out = [item for item in self._close() if not isinstance(item, Frame)] if self._buffer else []
+        length = self._length
+        out: list[BadFrame | StreamCommand] = []
+        for item in self._close() if self._buffer else []:
+            if isinstance(item, Frame):
+                self.noise_bytes += length  # it never closed
+            else:
+                out.append(item)
         self._inside = False
         return out
 
     def _append(self, byte: int) -> None:
-        if len(self._buffer) < MAX_ENCODED:
+        self._length += 1
+        if self._length <= MAX_ENCODED:
             self._buffer.append(byte)
-        else:
-            self._overflowed = True
 
     def _close(self) -> list[Frame | BadFrame | StreamCommand]:
-        raw, overflowed = bytes(self._buffer), self._overflowed
+        raw, length = bytes(self._buffer), self._length
         self._buffer.clear()
-        self._overflowed = False
-        if not raw.strip(b"xy"):
+        self._length = 0
+        self._inside = True
+        if length <= MAX_ENCODED and not raw.strip(b"xy"):
             return [StreamCommand(byte == START_STREAM) for byte in raw]
-        result = BadFrame(BadReason.LONG, raw) if overflowed else decode_chunk(raw)
-        self._inside = isinstance(result, BadFrame)
+        result = BadFrame(BadReason.LONG, raw) if length > MAX_ENCODED else decode_chunk(raw)
+        if isinstance(result, Frame):
+            self._inside = False
+        else:
+            self.noise_bytes += length
         return [result]
