@@ -1,0 +1,83 @@
+"""The one tuning of the filters: what they assume about models, sensors and starts. Same for every cell.
+
+Chosen on training runs only (see docs/estimation.md); the shapes have reasons, the numbers were measured.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Assumptions of the filters.
+
+    The voltage error of an equivalent circuit is not white: it stays for `correlation_s`. A filter that takes it
+    for white locks in, so its variance is multiplied by 1 + 2 correlation_s / dt, which leaves the information
+    per second what it really is at any sampling rate.
+
+    Attributes:
+        model_error_v: standard deviation of the model's voltage at rest [V].
+        model_error_per_c_v: growth of it with current, in V for each C of current [V].
+        correlation_s: time over which the model's error stays [s].
+        sensor_v: white noise of a voltage sample [V].
+        bias_v: error that no averaging removes; enters the sigma that is reported, not the gain [V].
+        cold_factor: growth of the model error for every 10 K outside the temperatures of the cell file.
+        empty_soc: below this SOC the model error grows ...
+        empty_factor: ... up to this many times at SOC 0.
+        soc_walk: random walk of the SOC, per square root of a second.
+        branch_rel: standard deviation of an RC current, relative to the current.
+        branch_c: the same at no current, in C.
+        start_soc_sigma: sigma of a SOC that was given without one, for the plain filters.
+        start_branch_c: sigma of the RC currents at the start, in C.
+        gate: innovations beyond this many sigma of model and state together are refused ...
+        gate_hold_s: ... for at most this long; then they are believed [s].
+        gate_recovery: and the SOC sigma grows by this much per square root of a second.
+        counter_soc_sigma: sigma of a SOC given without one, for the charge count.
+        counter_gain: relative error of charge over capacity.
+        counter_offset_c: offset of the current sensor, in C.
+        start_unknown: probability that a start SOC is simply wrong.
+        anchor_s: the count is thrown away when it has been less likely than the filter for this long [s].
+        check_s: time constant of the self-check [s].
+        check_rms_v: RMS innovation above which the model is not valid for the cell [V].
+        check_bias_v: mean innovation above which it is not [V].
+    """
+
+    model_error_v: float = 0.010
+    model_error_per_c_v: float = 0.030
+    correlation_s: float = 12.0
+    sensor_v: float = 0.0015
+    bias_v: float = 0.006
+    cold_factor: float = 1.0
+    empty_soc: float = 0.1
+    empty_factor: float = 3.0
+    soc_walk: float = 1e-4
+    branch_rel: float = 0.1
+    branch_c: float = 0.02
+    start_soc_sigma: float = 0.25
+    start_branch_c: float = 0.5
+    gate: float = 5.0
+    gate_hold_s: float = 2.0
+    gate_recovery: float = 0.02
+    counter_soc_sigma: float = 0.015
+    counter_gain: float = 0.01
+    counter_offset_c: float = 0.005
+    start_unknown: float = 0.02
+    anchor_s: float = 60.0
+    check_s: float = 120.0
+    check_rms_v: float = 0.04
+    check_bias_v: float = 0.025
+
+    def voltage_variance(self, current_c: float) -> float:
+        """Return the variance of the model's voltage [V^2] at a current in C, without its correlation."""
+        return self.model_error_v**2 + (self.model_error_per_c_v * current_c) ** 2
+
+    def correlation_factor(self, dt_s: float) -> float:
+        """Return the growth of one sample's variance that keeps the information per second honest."""
+        return 1.0 + 2.0 * self.correlation_s / max(dt_s, 1e-3)
+
+    def charge_decay(self, dt_s: float, tau_s: float) -> float:
+        """Return the weight the old average keeps over a step."""
+        return float(np.exp(-dt_s / tau_s))
