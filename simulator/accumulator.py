@@ -34,9 +34,9 @@ class AccumulatorParameters:
     resistance_spread: float = 0.03
     start_soc_spread: float = 0.004  # absolute
     self_discharge_spread: float = 0.5
-    joint_resistance_ohm: float = 4.0e-4  # fuses, welds and the busbar inside one cell's measuring span
+    joint_resistance_ohm: float = 3.5e-4  # fuses, welds and the busbar inside one cell's measuring span
     joint_spread: float = 0.08
-    path_resistance_ohm: float = 0.03  # relays, main fuse, cables between packs: outside every cell's span
+    path_resistance_ohm: float = 0.025  # relays, main fuse, cables between packs: outside every cell's span
     bleed_ohm: float = 23.5  # two 47 ohm resistors in parallel
     capacity_ageing: float = 1.0  # present over new capacity
     resistance_ageing: float = 1.0

@@ -137,8 +137,8 @@ def _per_module(milliohm_per_can: tuple[float, ...], cans: int = 10) -> tuple[fl
 
 _DIFFUSION_SOC = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _DIFFUSION_OHM, _DIFFUSION_F = warburg_ladder(
-    Table(_DIFFUSION_SOC, _per_module((70.0, 52.0, 40.0, 28.0, 21.0, 18.0, 16.0, 16.0, 17.0, 18.5, 22.0, 30.0))),
-    diffusion_s=120.0,
+    Table(_DIFFUSION_SOC, _per_module((58.0, 42.0, 32.0, 22.5, 17.0, 14.5, 12.8, 12.8, 13.6, 14.8, 17.6, 24.0))),
+    diffusion_s=80.0,
     pairs=4,
 )
 

@@ -32,8 +32,8 @@ class ThermalParameters:
     along_row_w_per_k: float = 0.30
     across_rows_w_per_k: float = 0.20
     natural_w_per_k: float = 0.10  # still air and container walls, per cell
-    forced_w_per_k: float = 0.75  # per cell at full fan
-    duct_flow_w_per_k: float = 33.0  # heat capacity rate of one duct's air at full fan
+    forced_w_per_k: float = 1.3  # per cell at full fan
+    duct_flow_w_per_k: float = 60.0  # heat capacity rate of one duct's air at full fan
     board_j_per_k: float = 40.0
     board_to_air_w_per_k: float = 0.25
     board_to_cell_w_per_k: float = 0.02
