@@ -1,0 +1,52 @@
+"""Writes the files that are derived from code, or with `--check` says which of them are not current.
+
+Each generator is a function without arguments that returns the whole text of one file.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / ".ci")]
+
+from reference import cli_reference, dependency_reference, settings_reference  # noqa: E402
+
+GENERATED: dict[str, Callable[[], str]] = {
+    "docs/reference/cli.md": cli_reference,
+    "docs/reference/settings.md": settings_reference,
+    "docs/reference/dependencies.md": dependency_reference,
+}
+
+
+def stale_files() -> list[str]:
+    """Return the generated files whose text on disk is not what the code gives now."""
+    return [name for name, text in GENERATED.items() if not _is_current(ROOT / name, text())]
+
+
+def write_all() -> None:
+    """Write every generated file."""
+    for name, text in GENERATED.items():
+        (ROOT / name).parent.mkdir(parents=True, exist_ok=True)
+        (ROOT / name).write_text(text(), encoding="utf-8")
+
+
+def _is_current(file: Path, text: str) -> bool:
+    return file.is_file() and file.read_text(encoding="utf-8") == text
+
+
+def main(arguments: list[str]) -> int:
+    """Check or write; 1 when something is not current."""
+    if "--check" not in arguments:
+        write_all()
+        return 0
+    stale = stale_files()
+    for name in stale:
+        print(f"{name} is not current: run make generated")
+    return 1 if stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

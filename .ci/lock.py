@@ -1,0 +1,39 @@
+"""Resolves pyproject.toml into the three lock files: exact versions with hashes, for every platform, no index address.
+
+`run` is the program with what its pages offer, `build` makes the wheel, `dev` holds both and all tools.
+Versions already locked stay; `--upgrade` takes the newest that pyproject.toml allows.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+LOCKS = {
+    "run": ["pyproject.toml", "--extra", "fast", "--extra", "parquet"],
+    "build": ["--group", "build", "--constraint", "requirements/run.lock"],
+    "dev": [
+        *("pyproject.toml", "--all-extras", "--group", "dev", "--group", "bench"),
+        *("--constraint", "requirements/run.lock", "--constraint", "requirements/build.lock"),
+    ],
+}
+OPTIONS = [
+    *("--universal", "--python-version", "3.11", "--fork-strategy", "fewest"),
+    *("--generate-hashes", "--no-header", "--no-annotate", "--no-emit-index-url", "--quiet"),
+]
+
+
+def main(arguments: list[str]) -> int:
+    """Write `requirements/*.lock` and return 0, or the resolver's exit status."""
+    for name, source in LOCKS.items():
+        command = ["uv", "pip", "compile", *source, *OPTIONS, *arguments, "--output-file", f"requirements/{name}.lock"]
+        status = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, check=False).returncode
+        if status != 0:
+            return status
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

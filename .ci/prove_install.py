@@ -1,0 +1,99 @@
+"""Proves that `pip install .` gives the whole program: isolated build, fresh environment, the page served.
+
+Works on a copy of what git tracks, so nothing that lies about in the checkout can help.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+START_UP_LIMIT_S = 30.0
+
+
+def main() -> int:
+    """Build, install, start, ask for the page; return 0 when all of it worked."""
+    with tempfile.TemporaryDirectory(prefix="voltwall-install-") as name:
+        folder = Path(name)
+        source = copy_tracked(folder / "source")
+        python = folder / "venv" / "bin" / "python"
+        run(sys.executable, "-m", "venv", str(folder / "venv"))
+        run(str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", str(source))
+        shutil.rmtree(source)
+        voltwall = folder / "venv" / "bin" / "voltwall"
+        version = run(str(voltwall), "--version", cwd=folder).strip()
+        page = first_page(voltwall, folder)
+    print(f"pip install . in a fresh environment: {version}, page of {len(page)} bytes served")
+    return 0
+
+
+def copy_tracked(target: Path) -> Path:
+    """Copy the files that git tracks into `target` and return it."""
+    for name in run("git", "ls-files", "-z", cwd=ROOT).split("\0"):
+        if name and (ROOT / name).is_file():
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, target / name)
+    return target
+
+
+def first_page(voltwall: Path, folder: Path) -> str:
+    """Start the service on a free port, return the page at `/`, and end the service.
+
+    Raises:
+        TimeoutError: no page within the limit.
+    """
+    port = free_port()
+    service = subprocess.Popen(
+        [str(voltwall), "serve", "--port", str(port), "--data", str(folder / "data")],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+    )
+    try:
+        deadline_s = time.monotonic() + START_UP_LIMIT_S
+        while service.poll() is None and time.monotonic() < deadline_s:
+            try:
+                with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=2) as answer:
+                    page = str(answer.read().decode())
+            except (urllib.error.URLError, ConnectionError):
+                time.sleep(0.1)
+                continue
+            if "<script" not in page:
+                raise ValueError(f"no application in the page: {page[:200]}")
+            return page
+        raise TimeoutError(f"no page within {START_UP_LIMIT_S:.0f} s")
+    finally:
+        service.terminate()
+        service.wait(timeout=15)
+
+
+def free_port() -> int:
+    """Return a port that nobody listens on at this moment."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def run(*command: str, cwd: Path | None = None) -> str:
+    """Return what the command prints.
+
+    Raises:
+        subprocess.CalledProcessError: it failed; its messages went to standard error.
+    """
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    answer = subprocess.run(
+        command, cwd=cwd, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, check=True
+    )
+    return answer.stdout
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,76 @@
+# Everything a contributor types. Needs Python 3.11 and make; the rest is fetched from PyPI and npm into this folder.
+# Variables: PYTHON=python3.11, ARGS="--serial /dev/ttyUSB0" for `make run`, TESTS=tests/unit for `make test`.
+
+PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(if $(shell command -v $p),$p)))
+ARGS ?=
+TESTS ?=
+
+VENV := .venv
+PY := $(VENV)/bin/python
+PIP := $(PY) -m pip --disable-pip-version-check install --quiet
+export PYTHONDONTWRITEBYTECODE :=
+export MPLBACKEND := Agg
+
+SOURCES := app firmware_protocol simulator tests benchmarks hatch_build.py
+
+.DEFAULT_GOAL := help
+.PHONY: help run test check bench generated lock clean frontend browser
+
+help: ## say what there is
+	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+run: $(VENV)/.run-installed frontend ## set up what is missing, then serve the simulated accumulator on http://127.0.0.1:8000
+	@exec $(VENV)/bin/voltwall serve $(ARGS)
+
+test: $(VENV)/.dev-installed frontend browser ## set up what is missing, then run every test, in the browser too
+	@$(PY) hatch_build.py npm run --silent test
+	@$(PY) -m pytest $(TESTS)
+
+check: $(VENV)/.dev-installed ## formatting, lint, types, import rules, generated files; changes nothing
+	$(PY) -m ruff format --check
+	$(PY) -m ruff check
+	$(PY) -m mypy
+	$(VENV)/bin/lint-imports
+	$(PY) .ci/generated.py --check
+	$(PY) hatch_build.py npm run --silent format:check
+	$(PY) hatch_build.py npm run --silent lint
+	$(PY) hatch_build.py npm run --silent check
+
+bench: $(VENV)/.dev-installed frontend ## measure and print the figures, with their method
+	@$(VENV)/bin/voltwall bench $(ARGS)
+
+generated: $(VENV)/.dev-installed ## write the generated files anew: C header, command line reference, ...
+	$(PY) .ci/generated.py
+
+lock: | $(PY) ## resolve pyproject.toml anew into requirements/*.lock
+	@$(PIP) uv==0.13.8
+	$(PY) .ci/lock.py $(ARGS)
+
+clean: ## remove everything that was fetched or built
+	rm -rf $(VENV) frontend/node_modules app/static .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+
+frontend: | $(VENV)/.build-installed
+	@$(PY) hatch_build.py
+
+browser: | $(VENV)/.dev-installed
+	@$(PY) .ci/ensure_browser.py
+
+$(PY):
+	@test -n "$(PYTHON)" || { echo "Python 3.11 or newer is missing: install it or say PYTHON=/path/to/python3.11"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(f"$(PYTHON) is {sys.version.split()[0]}, Voltwall needs 3.11 or newer" if sys.version_info < (3, 11) else 0)'
+	@echo "setting up $(VENV) (about a minute, once)"
+	@$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.run-installed: requirements/run.lock requirements/build.lock pyproject.toml | $(PY)
+	@$(PIP) --require-hashes -r requirements/run.lock -r requirements/build.lock
+	@$(PIP) --no-deps --no-build-isolation --editable .
+	@touch $@ $(VENV)/.build-installed
+
+$(VENV)/.build-installed: requirements/build.lock | $(PY)
+	@$(PIP) --require-hashes -r requirements/build.lock
+	@touch $@
+
+$(VENV)/.dev-installed: requirements/dev.lock pyproject.toml | $(PY)
+	@$(PIP) --require-hashes -r requirements/dev.lock
+	@$(PIP) --no-deps --no-build-isolation --editable .
+	@touch $@ $(VENV)/.build-installed
