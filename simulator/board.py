@@ -1,0 +1,36 @@
+"""The hardware around the master that outlives its resets: sensors, slaves, EEPROM, the count of boots."""
+
+import numpy as np
+
+from firmware_protocol.memory_map import N_CELLS, N_PACKS
+from firmware_protocol.temperature_sensor import FIRST_DEGC, POINTS_V, STEP_DEGC
+from simulator.accumulator import Accumulator
+from simulator.eeprom import Eeprom
+from simulator.sensors import TEMPERATURE_NOISE_V, CellInputs, CurrentSensor, NoisePool
+from simulator.slave import SlaveChain
+
+_CURVE_DEGC = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V), dtype=np.float64)
+_CURVE_V = np.array(POINTS_V)
+
+
+class Board:
+    """What the firmware measures with and stores in."""
+
+    def __init__(self, eeprom: Eeprom, rng: np.random.Generator) -> None:
+        self.rng = rng
+        self.noise = NoisePool(rng)
+        self.eeprom = eeprom
+        self.chain = SlaveChain(N_PACKS, rng)
+        self.current_sensor = CurrentSensor(rng, self.noise)
+        self.cell_inputs = CellInputs(N_CELLS, rng, self.noise)
+        self.boots = 0
+
+    def sense_voltages(self, accumulator: Accumulator) -> None:
+        """Put the accumulator's voltages at the slaves' inputs."""
+        self.chain.cell_v = self.cell_inputs.read(accumulator.terminal_voltage_v)
+
+    def sense_temperatures(self, accumulator: Accumulator) -> None:
+        """Put the sensors' voltages beside them."""
+        degc = self.cell_inputs.read_temperature(accumulator.temperature_degc)
+        self.chain.sensor_v = np.interp(degc, _CURVE_DEGC, _CURVE_V) + self.noise.draw(N_CELLS) * TEMPERATURE_NOISE_V
+        self.chain.board_degc = float(accumulator.board_temperature_degc.mean())

@@ -1,0 +1,156 @@
+"""The master's charging: constant current, a pause in which the cells are balanced, constant voltage, done.
+
+The charger holds a voltage of the whole string, the master knows the cells: in constant voltage it trims the current
+once a second so that the highest cell, not the string, stands at `v_cell_chrg`.
+"""
+
+import enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_protocol.elcon import ChargerFlags
+from firmware_protocol.memory_map import CHARGER_STATES, N_CELLS
+from firmware_protocol.messages import NO_OFFSET, Event, EventCode
+from simulator.memory import Config, MasterMemory
+
+BoolArray = NDArray[np.bool_]
+
+CONTROL_PERIOD_S = 1.0
+DONE_CURRENT = 10  # 1 A [0.1 A]
+DONE_PERSISTENCE_S = 20.0
+SETTLE_S = 30.0  # of rest before balancing is judged, so that polarisation does not count as imbalance
+RISE_PER_PERIOD = 3.0  # [0.1 A]
+FALL_PER_PERIOD = 20.0
+# [0.1 A per 100 uV and period]: half of what brings a cell of 3 mohm back within one period
+INTEGRAL_GAIN = 0.15
+APPROACH_COUNTS = 20  # 2 mV below the limit the current stops rising at full rate
+BALANCE_HYSTERESIS = 0.8  # of the threshold: a cell is bled until it is this near the lowest
+_FATAL = ChargerFlags.HARDWARE | ChargerFlags.OVER_TEMPERATURE | ChargerFlags.INPUT_VOLTAGE | ChargerFlags.BATTERY
+
+
+class ChargingState(enum.IntEnum):
+    """The `charger.state` byte."""
+
+    OFF = CHARGER_STATES.index("off")
+    WAITING = CHARGER_STATES.index("waiting")
+    CONSTANT_CURRENT = CHARGER_STATES.index("constant_current")
+    BALANCING = CHARGER_STATES.index("balancing")
+    CONSTANT_VOLTAGE = CHARGER_STATES.index("constant_voltage")
+    DONE = CHARGER_STATES.index("done")
+    FAULT = CHARGER_STATES.index("fault")
+
+
+class Balancer:
+    """Chooses the cells to bleed: those further above the lowest than `balance_threshold`, until all are near it."""
+
+    def __init__(self) -> None:
+        self.cells: BoolArray = np.zeros(N_CELLS, dtype=bool)
+
+    def choose(self, config: Config, v: NDArray[np.uint16]) -> bool:
+        """Update `cells` from voltages at rest [100 uV], 0 = missing; return whether any cell is bled."""
+        known = v > 0
+        lowest = int(v[known].min()) if known.any() else 0
+        excess = v.astype(np.int32) - lowest
+        start = excess > config.balance_threshold
+        keep = self.cells & (excess > BALANCE_HYSTERESIS * config.balance_threshold)
+        self.cells = (start | keep) & known
+        return bool(self.cells.any())
+
+    def stop(self) -> None:
+        """Bleed nothing."""
+        self.cells = np.zeros(N_CELLS, dtype=bool)
+
+
+class Charging:
+    """The state machine; it writes the charger struct, which the CAN tables carry to the charger."""
+
+    def __init__(self, memory: MasterMemory, balancer: Balancer) -> None:
+        self._memory = memory
+        self._balancer = balancer
+        self.state = ChargingState.OFF
+        self._since_s = 0.0
+        self._next_control_s = 0.0
+        self._current = 0.0  # asked, [0.1 A]
+        self._below_since_s: float | None = None
+        self._write(0, 0, stop=True)
+
+    @property
+    def is_active(self) -> bool:
+        """The master is in charging mode: the charge relays are closed."""
+        return self.state in (
+            ChargingState.WAITING,
+            ChargingState.CONSTANT_CURRENT,
+            ChargingState.BALANCING,
+            ChargingState.CONSTANT_VOLTAGE,
+        )
+
+    def start(self, now_s: float) -> list[Event]:
+        """Begin; the charger has to show itself first."""
+        return [] if self.is_active else self._enter(ChargingState.WAITING, now_s)
+
+    def stop(self, now_s: float, *, fault: bool = False) -> list[Event]:
+        """End, because somebody asked or because something is wrong."""
+        if self.state == ChargingState.OFF or (fault and not self.is_active):
+            return []
+        return self._enter(ChargingState.FAULT if fault else ChargingState.OFF, now_s)
+
+    def step(self, config: Config, now_s: float, *, charger_alive: bool, v_max: int) -> list[Event]:
+        """Advance one pass."""
+        if not self.is_active:
+            return []
+        if self.state != ChargingState.WAITING and (not charger_alive or self._memory.charger("flags") & _FATAL):
+            return self.stop(now_s, fault=True)
+        match self.state:
+            case ChargingState.WAITING:
+                if charger_alive and not self._memory.charger("flags") & _FATAL:
+                    return self._enter(ChargingState.CONSTANT_CURRENT, now_s)
+            case ChargingState.CONSTANT_CURRENT:
+                if v_max >= config.v_cell_chrg:
+                    return self._enter(ChargingState.BALANCING, now_s)
+                self._control(config, now_s, v_max)
+            case ChargingState.BALANCING:
+                if now_s - self._since_s >= SETTLE_S and not self._balancer.choose(config, self._memory.v):
+                    return self._enter(ChargingState.CONSTANT_VOLTAGE, now_s)
+            case ChargingState.CONSTANT_VOLTAGE:
+                return self._hold(config, now_s, v_max)
+        return []
+
+    def _hold(self, config: Config, now_s: float, v_max: int) -> list[Event]:
+        self._control(config, now_s, v_max)
+        is_full = v_max >= config.v_cell_chrg - APPROACH_COUNTS and self._memory.charger("i_out") < DONE_CURRENT
+        if not is_full:
+            self._below_since_s = None
+        elif self._below_since_s is None:
+            self._below_since_s = now_s
+        elif now_s - self._below_since_s >= DONE_PERSISTENCE_S:
+            return self._enter(ChargingState.DONE, now_s)
+        return []
+
+    def _control(self, config: Config, now_s: float, v_max: int) -> None:
+        """Trim the asked current: an integrator on the highest cell's distance to the limit, limited in slope."""
+        if now_s < self._next_control_s:
+            return
+        self._next_control_s = now_s + CONTROL_PERIOD_S
+        change = INTEGRAL_GAIN * (config.v_cell_chrg - v_max)
+        self._current += min(max(change, -FALL_PER_PERIOD), RISE_PER_PERIOD)
+        self._current = min(max(self._current, 0.0), config.i_chrg_max / 10)
+        # the string may reach the limit of every cell; the current decides which cell reaches it first
+        self._write(round(N_CELLS * config.v_cell_chrg / 1000), int(self._current), stop=False)
+
+    def _enter(self, state: ChargingState, now_s: float) -> list[Event]:
+        self.state = state
+        self._since_s = now_s
+        self._next_control_s = now_s
+        self._below_since_s = None
+        self._balancer.stop()
+        if state in (ChargingState.WAITING, ChargingState.BALANCING) or not self.is_active:
+            self._current = 0.0
+            self._write(0, 0, stop=True)
+        self._memory.set_charger("state", state)
+        return [Event(EventCode.CHARGER_STATE, 0, NO_OFFSET, int(state), 0)]
+
+    def _write(self, v_set: int, i_set: int, *, stop: bool) -> None:
+        self._memory.set_charger("v_set", v_set)
+        self._memory.set_charger("i_set", i_set)
+        self._memory.set_charger("control", int(stop))

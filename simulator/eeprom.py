@@ -1,0 +1,85 @@
+"""The AT24C256 as a chip: 32 kB in a file, 64-byte pages, 5 ms a write, and what a power cut or wear leaves behind."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from simulator.errors import PortError
+
+SIZE = 32_768
+PAGE_SIZE = 64
+PAGE_WRITE_S = 0.005
+ERASED = 0xFF
+
+
+class Eeprom:
+    """The chip; with a path its content outlives the process, and every page write reaches the file at once."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        """Open the file, or create an erased one.
+
+        Raises:
+            PortError: the file cannot be used, or is longer than the chip.
+        """
+        self._path = path
+        self.content = bytearray([ERASED]) * SIZE
+        self.worn_pages: set[int] = set()
+        self.pages_written = 0
+        if path is None:
+            return
+        try:
+            stored = path.read_bytes() if path.exists() else b""
+            if len(stored) > SIZE:
+                raise PortError(str(path), f"{len(stored)} bytes, an EEPROM has {SIZE}")
+            self.content[: len(stored)] = stored
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(self.content)
+        except OSError as error:
+            raise PortError(str(path), str(error)) from error
+
+    def read(self, address: int, length: int) -> bytes:
+        """Return bytes; reading beyond the end starts again at 0, as the chip's counter does."""
+        doubled = self.content + self.content
+        return bytes(doubled[address : address + length])
+
+    def write(self, address: int, data: bytes) -> None:
+        """Write up to a page; bytes beyond the page's end wrap to its start, a worn page keeps what it held."""
+        page = address // PAGE_SIZE
+        self.pages_written += 1
+        if page in self.worn_pages:
+            return
+        start = page * PAGE_SIZE
+        for index, byte in enumerate(data):
+            self.content[start + (address - start + index) % PAGE_SIZE] = byte
+        if self._path is not None:
+            with self._path.open("r+b") as file:
+                file.seek(start)
+                file.write(self.content[start : start + PAGE_SIZE])
+
+    def tear(self, address: int, data: bytes, n_bytes: int, garbage: int) -> None:
+        """Write what a power cut lets through: the first `n_bytes`, then one byte of garbage."""
+        self.write(address, (data[:n_bytes] + bytes([garbage & 0xFF]))[: len(data)])
+
+
+class PageJob:
+    """Page writes one after the other, 5 ms each; interrupted, it leaves the page under way torn."""
+
+    def __init__(self, eeprom: Eeprom, pages: Iterable[tuple[int, bytes]], now_s: float) -> None:
+        self._eeprom = eeprom
+        self._pages = list(pages)
+        self.due_s = now_s + PAGE_WRITE_S
+
+    def run(self, now_s: float) -> bool:
+        """Finish the pages whose write time has passed; return whether all are done."""
+        while self._pages and self.due_s <= now_s:
+            self._eeprom.write(*self._pages.pop(0))
+            self.due_s += PAGE_WRITE_S
+        return not self._pages
+
+    def interrupt(self, rng: np.random.Generator) -> None:
+        """Take the power away."""
+        if self._pages:
+            address, data = self._pages[0]
+            self._eeprom.tear(address, data, int(rng.integers(len(data) + 1)), int(rng.integers(256)))
+        self._pages.clear()

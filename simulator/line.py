@@ -1,0 +1,74 @@
+"""The wire from the master's UART to the host: no faster than 115200 8E1, and disturbed on demand.
+
+Time is virtual seconds, given by the caller. A frame is handed over whole, at the instant at which its last byte left.
+"""
+
+from collections import deque
+
+import numpy as np
+
+from firmware_protocol.framing import LINE_BYTES_PER_S
+
+
+class UartLine:
+    """One direction of the line, from the master to the host."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._in_flight: bytes = b""
+        self.busy_until_s = 0.0
+        self.bytes_sent = 0
+        self.noise_per_byte = 0.0
+        self.is_stuck = False
+        self.is_dropping = False
+
+    @property
+    def is_busy(self) -> bool:
+        """A frame is on the wire."""
+        return bool(self._in_flight)
+
+    def send(self, frame: bytes, now_s: float) -> None:
+        """Put the next frame on the wire; the caller waits until it is free."""
+        self._in_flight = frame
+        self.busy_until_s = max(now_s, self.busy_until_s) + len(frame) / LINE_BYTES_PER_S
+
+    def take(self) -> bytes:
+        """Return what arrives of the frame whose last byte has just left, and free the wire."""
+        frame, self._in_flight = self._in_flight, b""
+        self.bytes_sent += len(frame)
+        return self.disturb(frame)
+
+    def disturb(self, data: bytes) -> bytes:
+        """Return what is left of bytes that cross the disturbed line."""
+        if self.is_stuck:
+            return b""
+        if self.is_dropping:
+            return data[: int(self._rng.integers(len(data) + 1))]
+        if not self.noise_per_byte:
+            return data
+        hits = np.flatnonzero(self._rng.random(len(data)) < self.noise_per_byte)
+        out = bytearray(data)
+        for hit in hits:
+            out[hit] ^= 1 << int(self._rng.integers(8))
+        return bytes(out)
+
+
+class Outbox:
+    """Messages that wait for the wire: replies and events, first come first served, bounded.
+
+    They become frames when the wire takes them, so that sequence and uptime are those of that instant.
+    """
+
+    def __init__(self, capacity: int = 64) -> None:
+        self._waiting: deque[tuple[int, bytes]] = deque(maxlen=capacity)
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def put(self, message_type: int, body: bytes) -> None:
+        """Queue a message; the oldest is lost where too many wait."""
+        self._waiting.append((message_type, body))
+
+    def pop(self) -> tuple[int, bytes]:
+        """Return the oldest message's type and body."""
+        return self._waiting.popleft()

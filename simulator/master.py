@@ -1,0 +1,287 @@
+"""The virtual master: the firmware's tasks over one struct, from its boot to its next reset.
+
+`measure` is one pass over sensors, protection and outputs, every 20 ms as the slaves allow. Bytes come in by `receive`,
+frames leave by `next_frame` when the line is free. It knows its board, never the true state of a cell.
+"""
+
+import math
+
+import numpy as np
+
+from firmware_protocol.config_image import default_image
+from firmware_protocol.framing import CommandDecoder, Frame, StreamCommand, encode_frame
+from firmware_protocol.memory_map import FIELDS
+from firmware_protocol.messages import (
+    NO_OFFSET,
+    CommandId,
+    Data,
+    Event,
+    EventCode,
+    Ident,
+    MessageType,
+    Reply,
+    Window,
+)
+from firmware_protocol.schedule import StreamSchedule
+from simulator.board import Board
+from simulator.can_node import CanNode
+from simulator.charging import Balancer, Charging, ChargingState
+from simulator.fans import Fans
+from simulator.line import Outbox
+from simulator.measurement import Measurement
+from simulator.memory import FLAG, Config, MasterMemory
+from simulator.protection import Protection, violations
+from simulator.relays import Relays, RelayState
+from simulator.requests import RequestHandler
+from simulator.soc_counter import SOC_SCALE, SocCounter
+from simulator.storage import ConfigStore
+
+FIRMWARE_VERSION = (1, 0, 0)
+PASS_S = 0.02
+LINE_SILENCE_S = 0.1
+RESET_DELAY_S = 0.1  # so that the reply to the command leaves first
+SLAVE_REFRESH_S = 1.0
+NO_CHARGER = 255
+POWER_ON = 0
+_CHARGER_FLAGS_OFFSET = FIELDS["charger.flags"].offset
+
+
+class VirtualMaster:
+    """The firmware between a boot and a reset."""
+
+    def __init__(self, board: Board, now_s: float, reset_cause: int = 0) -> None:
+        board.boots += 1
+        self.board = board
+        self._boot_s = now_s
+        self._reset_cause = reset_cause
+        self._sequence = 0
+        self._outbox = Outbox()
+        self._decoder = CommandDecoder()
+        self._last_byte_s = now_s
+        self.memory = MasterMemory()
+        self.store = ConfigStore(board.eeprom, now_s)
+        self._requests = RequestHandler(self)
+        self._stream: StreamSchedule | None = None
+        self.emit(Event(EventCode.BOOT, 0, NO_OFFSET, reset_cause, 0))
+        stored = self.store.newest_config()
+        if stored is None:
+            self.emit(Event(EventCode.EEPROM_INVALID, 0, NO_OFFSET, 0, 0))
+        self.memory.config = stored or default_image()
+        self.config = Config.from_image(self.memory.image)
+        self.can = CanNode(self.memory)
+        self._charger_mask = self.can.mask_writing(_CHARGER_FLAGS_OFFSET)
+        self._measurement = Measurement(self.memory, board, now_s)
+        self._soc = SocCounter()
+        if reset_cause != POWER_ON and self.store.journal is not None:
+            self._soc.start_from_journal(self.store.journal.dod_raw)
+        self._balancer = Balancer()
+        self.charging = Charging(self.memory, self._balancer)
+        self.protection = Protection()
+        self._relays = Relays()
+        self.fans = Fans()
+        self._balance_asked = False
+        self._slave_refresh_s = now_s
+        self.drive_requested = False
+        self.reset_due_s: float | None = None
+
+    # --- outputs
+
+    @property
+    def relay_state(self) -> RelayState:
+        """What the accumulator is connected to."""
+        return self._relays.state
+
+    @property
+    def fan_duty(self) -> float:
+        """Duty of the fans, 0..1."""
+        return self.memory.charger("fan_duty") / 255
+
+    # --- one pass
+
+    def measure(self, now_s: float, dt_s: float, true_current_a: float) -> None:
+        """Measure, protect, charge, balance and steer, once."""
+        config = self.config
+        reading = self._measurement.run(config, now_s, dt_s, true_current_a, self.charging.is_active)
+        is_ready = self._measurement.is_ready
+        self._count_charge(now_s, dt_s, reading.i_fc)
+        events = self.protection.judge(violations(config, reading), now_s) if is_ready else []
+        events += self.can.expire(now_s)
+        charger_alive = bool(self.can.rx_active & self._charger_mask)
+        if not self.protection.is_ok:
+            self._stop_balancing()
+            events += self.charging.stop(now_s, fault=True)
+        events += self.charging.step(config, now_s, charger_alive=charger_alive, v_max=reading.v_max)
+        self._relays.step(
+            now_s,
+            is_ok=self.protection.is_ok,
+            drive_requested=self.drive_requested and is_ready,
+            charging=self.charging.is_active,
+        )
+        self._balance(now_s)
+        self.memory.set_charger("fan_duty", self.fans.duty(config, reading.t_max))
+        self._write_status(charger_alive)
+        self._emit_all(events)
+        self._run_store(now_s)
+        if now_s - self._last_byte_s > LINE_SILENCE_S:
+            self._decoder.idle()
+
+    def _count_charge(self, now_s: float, dt_s: float, i_fc: int) -> None:
+        if self._soc.is_started:
+            self._soc.count(self.config, i_fc, dt_s)
+        elif self._measurement.is_ready:
+            self._soc.start_from_rest(self.config, self._measurement.v_avg, i_fc)
+        dod_mas, soc = int(self._soc.dod_mas), self._soc.soc_counts(self.config)
+        self.memory.set_charge(dod_mas, soc)
+        if self._soc.is_started:
+            self.store.remember(dod_mas, soc, now_s)
+
+    def _stop_balancing(self) -> None:
+        self._balance_asked = False
+        if not self.charging.is_active:
+            self._balancer.stop()
+
+    def _balance(self, now_s: float) -> None:
+        if self._balance_asked and self.charging.state != ChargingState.BALANCING:
+            self._balance_asked = self._balancer.choose(self.config, self.memory.v)
+        if now_s >= self._slave_refresh_s:
+            self._slave_refresh_s = now_s + SLAVE_REFRESH_S
+            self._measurement.reader.configure(self.config, self._balancer.cells, now_s)
+
+    def _write_status(self, charger_alive: bool) -> None:
+        flags = FLAG["fit"] * self.protection.is_ok
+        flags |= FLAG["i2c1"] * (not self.board.eeprom.worn_pages)
+        flags |= FLAG["usart1"] * self.is_streaming
+        flags |= FLAG["can1"] * (self.can.bit_rate > 0)
+        flags |= FLAG["charger"] * charger_alive
+        flags |= FLAG["charging"] * self.charging.is_active
+        flags |= FLAG["balancing"] * bool(self._balancer.cells.any())
+        flags |= FLAG["load"] * (self._relays.state == RelayState.VEHICLE)
+        self.memory.flags = flags
+        self.memory.set_can_masks(self.can.tx_enabled, self.can.rx_enabled, self.can.rx_active)
+        self.memory.set_charger_status(self.memory.charger("flags") if charger_alive else NO_CHARGER)
+
+    # --- configuration
+
+    def use_config(self, config: bytes) -> None:
+        """Put a checked configuration in force."""
+        self.memory.config = config
+        self.config = Config.from_image(self.memory.image)
+        if self._stream is not None:
+            self._stream.ts_s = self.config.ts / 1000
+        self.can.reload()
+        self._charger_mask = self.can.mask_writing(_CHARGER_FLAGS_OFFSET)
+        self._slave_refresh_s = 0.0
+
+    def _run_store(self, now_s: float) -> None:
+        finished = self.store.run(now_s)
+        if finished is None:
+            return
+        reply, event = finished
+        self._requests.finished(reply)
+        self._send_reply(reply)
+        if event is not None:
+            self.emit(event)
+
+    def lose_power(self, rng: np.random.Generator) -> None:
+        """Stop in the middle of whatever is under way."""
+        self.store.lose_power(rng)
+
+    # --- commands
+
+    def command(self, command: CommandId, argument: int, now_s: float) -> bool:
+        """Carry out a command with a checked argument; return False where the state forbids it."""
+        is_driving = self._relays.state in (RelayState.VEHICLE, RelayState.PRECHARGE)
+        match command:
+            case CommandId.CHARGE_START:
+                if is_driving or self.drive_requested or not self.protection.is_ok:
+                    return False
+                self._emit_all(self.charging.start(now_s))
+            case CommandId.CHARGE_STOP:
+                self._emit_all(self.charging.stop(now_s))
+            case CommandId.BALANCE_START:
+                if is_driving or self.charging.is_active or not self.protection.is_ok:
+                    return False
+                self._balance_asked = True
+            case CommandId.BALANCE_STOP:
+                self._stop_balancing()
+            case CommandId.FAN_OVERRIDE:
+                self.fans.override = argument
+            case CommandId.CLEAR_FAULTS:
+                if not self.protection.clear():
+                    return False
+                self.emit(Event(EventCode.FAULTS_CLEARED, 0, NO_OFFSET, 0, 0))
+            case CommandId.SET_SOC:
+                self._soc.set_soc(self.config, argument / SOC_SCALE)
+                self.emit(Event(EventCode.SOC_SET, 0, NO_OFFSET, argument, 0))
+            case CommandId.CAN_TX_ENABLE:
+                self.can.enable_tx(argument)
+            case CommandId.CAN_SEND:
+                self.can.send_once(argument)
+            case CommandId.RESET:
+                if is_driving:
+                    return False
+                self.reset_due_s = now_s + RESET_DELAY_S
+        return True
+
+    # --- RS232
+
+    def ident(self) -> Ident:
+        """Return who this master is."""
+        return Ident(FIRMWARE_VERSION, reset_cause=self._reset_cause, boots=self.board.boots)
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Take bytes from the line."""
+        if now_s - self._last_byte_s > LINE_SILENCE_S:
+            self._decoder.idle()
+        self._last_byte_s = now_s
+        for item in self._decoder.feed(data):
+            if isinstance(item, StreamCommand):
+                self._switch_stream(item.start, now_s)
+            elif isinstance(item, Frame):
+                reply = self._requests.handle(item, now_s)
+                if reply is not None:
+                    self._send_reply(reply)
+
+    @property
+    def is_streaming(self) -> bool:
+        """The host has asked for telemetry."""
+        return self._stream is not None
+
+    def _switch_stream(self, on: bool, now_s: float) -> None:
+        if not on:
+            self._stream = None
+        elif self._stream is None:
+            self._stream = StreamSchedule(self.config.ts / 1000, now_s)
+
+    def next_frame(self, now_s: float) -> bytes | None:
+        """Return the frame that the free line carries next, None where it stays free."""
+        if self._outbox:
+            return self._frame(*self._outbox.pop(), now_s)
+        spans = None if self._stream is None else self._stream.take(now_s)
+        if spans is None:
+            return None
+        image = self.memory.image
+        data = Data(tuple(Window(offset, bytes(image[offset : offset + length])) for offset, length in spans))
+        return self._frame(MessageType.DATA, data.to_body(), now_s)
+
+    def next_due_s(self, now_s: float) -> float:
+        """Return the earliest time at which a free line may have something to carry."""
+        if self._outbox:
+            return now_s
+        return math.inf if self._stream is None else self._stream.due_s(now_s)
+
+    def emit(self, event: Event) -> None:
+        """Tell the host of something that happened."""
+        self._outbox.put(MessageType.EVENT, event.to_body())
+
+    def _emit_all(self, events: list[Event]) -> None:
+        for event in events:
+            self.emit(event)
+
+    def _send_reply(self, reply: Reply) -> None:
+        self._outbox.put(MessageType.REPLY, reply.to_body())
+
+    def _frame(self, message_type: int, body: bytes, now_s: float) -> bytes:
+        frame = encode_frame(message_type, self._sequence, round((now_s - self._boot_s) * 1000), body)
+        self._sequence = (self._sequence + 1) & 0xFF
+        return frame

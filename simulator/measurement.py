@@ -1,0 +1,148 @@
+"""One pass of measuring: slaves and converter into the struct, filtered, with minima, maxima, means and totals."""
+
+import numpy as np
+
+from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, N_CELLS, N_PACKS, T_MISSING, V_MISSING
+from simulator.board import Board
+from simulator.memory import Config, MasterMemory
+from simulator.protection import Reading
+from simulator.sensors import ADC_MAX
+from simulator.slave import BoolArray
+from simulator.slave_reader import STATUS_ACTIVE, STATUS_FAULT, SlaveReader
+
+READY_S = 0.3  # both temperature phases read, the voltage filter settled
+TEMPERATURE_PERIOD_S = 0.1
+SELF_CHECK_PERIOD_S = 1.0
+HIGH_PRECISION_TIME_S = 1.0
+SAMPLE_S = 0.001
+_U16 = 0xFFFF
+_ALL_CELLS = np.ones(N_CELLS, dtype=bool)
+_NO_TEMPERATURES = (127, 0, -128, 0)  # coldest above, hottest below every limit
+_MAX_SAMPLES = 1000  # the longest average that the configuration allows
+
+
+class Measurement:
+    """Fills the measured fields of the struct."""
+
+    def __init__(self, memory: MasterMemory, board: Board, now_s: float) -> None:
+        self._memory = memory
+        self._board = board
+        self.reader = SlaveReader(memory, board.chain)
+        self._start_s = now_s
+        self._temperature_due_s = now_s
+        self._self_check_due_s = now_s
+        self._counts = np.zeros(_MAX_SAMPLES, dtype=np.int64)
+        self._n_counts = 0
+        self._i_fc_hp = 0.0
+        self._filtered = np.zeros(N_CELLS)
+        self._known: BoolArray = np.zeros(N_CELLS, dtype=bool)
+        self._voltages = (_U16, 0, 0, 0)
+        self._temperatures = _NO_TEMPERATURES
+        self._lost_temperature: int | None = None
+        self.v_avg = 0
+        self.is_ready = False
+
+    def run(self, config: Config, now_s: float, dt_s: float, true_current_a: float, is_charging: bool) -> Reading:
+        """Measure everything that is due and return what the protection judges."""
+        silent = self.reader.read_voltages(now_s)
+        if now_s >= self._temperature_due_s:
+            self._temperature_due_s = now_s + TEMPERATURE_PERIOD_S
+            self._read_temperatures(now_s)
+        if now_s >= self._self_check_due_s:
+            self._self_check_due_s = now_s + SELF_CHECK_PERIOD_S
+            self.reader.self_check(now_s)
+            self._fill_slow_fields(config)
+        i_fc, lost_current = self._measure_current(config, dt_s, true_current_a)
+        lost_cell = self._filter_voltages(config, silent)
+        self.is_ready = self.is_ready or now_s - self._start_s >= READY_S
+        return Reading(
+            *self._voltages,
+            *self._temperatures,
+            i_fc=i_fc,
+            is_charging=is_charging,
+            lost_cell=lost_cell,
+            lost_temperature=self._lost_temperature,
+            lost_slave=int(silent.argmax()) if silent.any() else None,
+            lost_current=lost_current,
+        )
+
+    def _measure_current(self, config: Config, dt_s: float, true_current_a: float) -> tuple[int, bool]:
+        n = min(max(round(dt_s / SAMPLE_S), 1), _MAX_SAMPLES)
+        counts = self._board.current_sensor.sample(true_current_a, n)
+        self._counts[:-n] = self._counts[n:]
+        self._counts[-n:] = counts
+        self._n_counts = min(self._n_counts + n, _MAX_SAMPLES)
+        n_averaged = min(max(config.fc_avg, 1), self._n_counts)
+        latest = int(counts[-1])
+        i_fs = _amperes_raw(config, latest)
+        i_fc = _amperes_raw(config, float(self._counts[-n_averaged:].mean()))
+        self._i_fc_hp += (i_fc - self._i_fc_hp) * min(dt_s / HIGH_PRECISION_TIME_S, 1.0)
+        self._memory.set_currents(i_fs, i_fc, round(self._i_fc_hp))
+        return i_fc, latest in (0, ADC_MAX)
+
+    def _filter_voltages(self, config: Config, silent: BoolArray) -> int | None:
+        """Filter and summarise; return the first cell without a voltage although its slave answers."""
+        memory, filtered = self._memory, self._filtered
+        raw = memory.slave_cvr.reshape(-1)
+        is_whole = not silent.any()
+        answered = _ALL_CELLS if is_whole else np.repeat(~silent, CELLS_PER_PACK)
+        known = answered & ~self.reader.open_wire_cells & (raw != CHIP_MISSING)
+        if not np.array_equal(known, self._known):
+            fresh = known & ~self._known
+            filtered[fresh] = raw[fresh]
+            self._known = known
+        memory.slave_status[:] = STATUS_ACTIVE if is_whole else np.where(silent, STATUS_FAULT, STATUS_ACTIVE)
+        memory.set_slave_count(N_PACKS if is_whole else int(np.count_nonzero(~silent)))
+        # v' = v + alpha (sample - v)
+        filtered += (raw - filtered) * (config.v_alpha * 1e-3)
+        rounded = np.rint(filtered)
+        if known.all():
+            n_known, lowest, lost = N_CELLS, rounded, None
+        else:
+            n_known = int(np.count_nonzero(known))
+            rounded = np.where(known, rounded, V_MISSING)
+            lowest = np.where(known, rounded, CHIP_MISSING)
+            missing = answered & ~known
+            lost = int(missing.argmax()) if missing.any() else None
+        memory.v[:] = rounded
+        total = float(rounded.sum())
+        min_id, max_id = int(lowest.argmin()), int(rounded.argmax())
+        self.v_avg = round(total / n_known) if n_known else V_MISSING
+        self._voltages = (int(lowest[min_id]), min_id, int(rounded[max_id]), max_id)
+        v_min = self._voltages[0] if n_known else V_MISSING
+        memory.set_voltage_summary(v_min, self._voltages[2], self.v_avg, min_id, max_id, min(round(total / 100), _U16))
+        return lost
+
+    def _read_temperatures(self, now_s: float) -> None:
+        """Read one phase of sensors; summarise the whole degrees of the cells that have one."""
+        self.reader.read_temperatures(now_s)
+        degc = self.reader.temperatures_degc()
+        known = np.isfinite(degc)
+        whole = np.where(known, np.rint(np.where(known, degc, 0)), T_MISSING).astype(np.int8)
+        self._memory.t[:] = whole
+        if not known.any():
+            self._temperatures = _NO_TEMPERATURES
+            self._memory.set_temperature_summary(T_MISSING, T_MISSING, T_MISSING, 0, 0)
+        else:
+            ids = np.flatnonzero(known)
+            min_id, max_id = int(ids[whole[ids].argmin()]), int(ids[whole[ids].argmax()])
+            self._temperatures = (int(whole[min_id]), min_id, int(whole[max_id]), max_id)
+            mean = round(float(whole[ids].mean()))
+            self._memory.set_temperature_summary(int(whole[min_id]), int(whole[max_id]), mean, min_id, max_id)
+        missing = ~known & np.repeat(~self.reader.silent, CELLS_PER_PACK)
+        self._lost_temperature = int(missing.argmax()) if missing.any() else None
+
+    def _fill_slow_fields(self, config: Config) -> None:
+        """Write what this firmware takes from its configuration: capacities, resistances, and the OCV they imply."""
+        memory = self._memory
+        memory.c[:] = config.c_avg
+        memory.set_capacity_summary(config.c_avg)
+        memory.r_fs[:] = config.r_fs_avg
+        memory.r_fc[:] = config.r_fc_avg
+        # v + R i in 100 uV: 10 uohm times 10 mA is 0.1 uV
+        ocv = self._filtered + config.r_fs_avg * self._i_fc_hp * 1e-3
+        memory.ocv[:] = np.where(self._known, np.clip(np.rint(ocv), 0, _U16), V_MISSING)
+
+
+def _amperes_raw(config: Config, mean_count: float) -> int:
+    return round((10 * mean_count - config.i_offset) * config.i_gain / 5000)

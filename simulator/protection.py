@@ -1,0 +1,123 @@
+"""Limits with persistence, latched: 500 ms for voltage and current, 1 s for temperature (FS rules EV 5.8.7).
+
+A lost measurement is critical like a passed limit. Once tripped, the OK signal stays off until faults are cleared.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from firmware_protocol.memory_map import CELLS_PER_PACK
+from firmware_protocol.messages import NO_OFFSET, Event, EventCode
+from simulator.memory import Config
+
+FAST_PERSISTENCE_S = 0.5
+SLOW_PERSISTENCE_S = 1.0
+CHARGE_TOLERANCE = 100  # 1 A [10 mA]: the sensor's accuracy, so that the asked current does not trip
+
+
+@dataclass(slots=True)
+class Reading:
+    """What the protection judges, in the memory map's counts."""
+
+    v_min: int
+    v_min_id: int
+    v_max: int
+    v_max_id: int
+    t_min: int
+    t_min_id: int
+    t_max: int
+    t_max_id: int
+    i_fc: int
+    is_charging: bool
+    lost_cell: int | None  # a cell without a voltage, though its slave answers
+    lost_temperature: int | None
+    lost_slave: int | None
+    lost_current: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """A value beyond its limit, or a measurement that is missing."""
+
+    code: EventCode
+    persistence_s: float
+    cell: int
+    value: int
+    limit: int
+
+    def to_event(self) -> Event:
+        """Return the event that tells of the trip."""
+        return Event(self.code, 0, self.cell, self.value, self.limit)
+
+
+def violations(config: Config, reading: Reading) -> Iterator[Violation]:
+    """Yield what is critical now, whether it persists or not."""
+    fast, slow = FAST_PERSISTENCE_S, SLOW_PERSISTENCE_S
+    if reading.v_min < config.v_cell_min:
+        yield Violation(EventCode.TRIP_V_MIN, fast, reading.v_min_id, reading.v_min, config.v_cell_min)
+    if reading.v_max > config.v_cell_max:
+        yield Violation(EventCode.TRIP_V_MAX, fast, reading.v_max_id, reading.v_max, config.v_cell_max)
+    if reading.t_min < config.t_cell_min:
+        yield Violation(EventCode.TRIP_T_MIN, slow, reading.t_min_id, reading.t_min, config.t_cell_min)
+    if reading.t_max > config.t_cell_max:
+        yield Violation(EventCode.TRIP_T_MAX, slow, reading.t_max_id, reading.t_max, config.t_cell_max)
+    yield from _current_violations(config, reading)
+    if reading.lost_slave is not None:
+        yield Violation(EventCode.TRIP_SLAVE_LOST, fast, reading.lost_slave * CELLS_PER_PACK, 0, 0)
+    if reading.lost_cell is not None:
+        yield Violation(EventCode.TRIP_SENSOR_LOST, fast, reading.lost_cell, 0, 0)
+    elif reading.lost_current:
+        yield Violation(EventCode.TRIP_SENSOR_LOST, fast, NO_OFFSET, 0, 0)
+    elif reading.lost_temperature is not None:
+        yield Violation(EventCode.TRIP_SENSOR_LOST, slow, reading.lost_temperature, 0, 0)
+
+
+def _current_violations(config: Config, reading: Reading) -> Iterator[Violation]:
+    charge = -reading.i_fc
+    if reading.is_charging:
+        if charge > config.i_chrg_max + CHARGE_TOLERANCE:
+            yield Violation(EventCode.TRIP_I_CHRG, FAST_PERSISTENCE_S, NO_OFFSET, charge, config.i_chrg_max)
+        elif charge < config.i_chrg_min - CHARGE_TOLERANCE:
+            yield Violation(EventCode.TRIP_I_CHRG, FAST_PERSISTENCE_S, NO_OFFSET, charge, config.i_chrg_min)
+    elif reading.i_fc > config.i_disc_max:
+        yield Violation(EventCode.TRIP_I_DISC, FAST_PERSISTENCE_S, NO_OFFSET, reading.i_fc, config.i_disc_max)
+    elif reading.i_fc < config.i_disc_min:
+        yield Violation(EventCode.TRIP_I_DISC, FAST_PERSISTENCE_S, NO_OFFSET, reading.i_fc, config.i_disc_min)
+
+
+class Protection:
+    """The OK signal: drops when something critical persists, stays off until cleared."""
+
+    def __init__(self) -> None:
+        self._since_s: dict[EventCode, float] = {}
+        self._critical: tuple[Violation, ...] = ()
+        self._tripped: set[EventCode] = set()
+
+    @property
+    def is_ok(self) -> bool:
+        """The OK signal."""
+        return not self._tripped
+
+    def judge(self, found: Iterable[Violation], now_s: float) -> list[Event]:
+        """Take this pass's violations and return an event for each that has just tripped."""
+        self._critical = tuple(found)
+        if not self._critical:
+            self._since_s.clear()
+            return []
+        codes = {violation.code for violation in self._critical}
+        self._since_s = {code: since for code, since in self._since_s.items() if code in codes}
+        events = []
+        for violation in self._critical:
+            since_s = self._since_s.setdefault(violation.code, now_s)
+            # a microsecond of slack: times are sums of steps
+            if violation.code not in self._tripped and now_s - since_s >= violation.persistence_s - 1e-6:
+                self._tripped.add(violation.code)
+                events.append(violation.to_event())
+        return events
+
+    def clear(self) -> bool:
+        """Release the latch, unless something is critical at this moment; return whether."""
+        if self._critical:
+            return False
+        self._tripped.clear()
+        return True

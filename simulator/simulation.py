@@ -1,0 +1,167 @@
+"""Everything in virtual time: accumulator, load, charger, master, its line and its bus, advanced event by event.
+
+No wall clock and no ports here: whoever runs it says until when, gives bytes in and takes bytes out.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from simulator.accumulator import Accumulator, AccumulatorParameters
+from simulator.board import Board
+from simulator.can_bus import CanBus, CanFrame
+from simulator.eeprom import Eeprom
+from simulator.line import UartLine
+from simulator.loads import Load, Rest
+from simulator.master import PASS_S, VirtualMaster
+from simulator.relays import RelayState
+
+BOOT_S = 0.3
+_LINE_RETRY_S = 1e-3  # a free line is asked again this much later when it had nothing, whatever it promised
+
+
+class MasterOnBus:
+    """The master as a node of the bus; off while it is not running."""
+
+    def __init__(self, simulation: "Simulation") -> None:
+        self._simulation = simulation
+
+    @property
+    def bit_rate(self) -> int:
+        """The bit rate of the configuration in force [bit/s]."""
+        master = self._simulation.master
+        return 0 if master is None else master.can.bit_rate
+
+    def can_received(self, frame: CanFrame, now_s: float) -> None:
+        """Hand a frame to the running master."""
+        if self._simulation.master is not None:
+            self._simulation.master.can.received(frame, now_s)
+
+
+class Simulation:
+    """One car, or one car on its charger."""
+
+    def __init__(
+        self,
+        parameters: AccumulatorParameters,
+        *,
+        eeprom: Eeprom | None = None,
+        seed: int = 0,
+        step_s: float = PASS_S,
+    ) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.step_s = step_s
+        self.accumulator = Accumulator(parameters, self.rng)
+        self.board = Board(eeprom or Eeprom(), self.rng)
+        self.bus = CanBus()
+        self._master_on_bus = MasterOnBus(self)
+        self.bus.nodes.append(self._master_on_bus)
+        self.line = UartLine(self.rng)
+        self.serial_out: Callable[[bytes], None] | None = None
+        self.before_step: Callable[[float], None] | None = None
+        self.load: Load = Rest()
+        self._load_start_s = 0.0
+        self.now_s = 0.0
+        self._steps = 0
+        self._line_due_s = 0.0
+        self._boot_at_s = 0.0
+        self._boot_cause = 0
+        self.current_a = 0.0
+        self.master: VirtualMaster | None = None
+        self._boot()
+
+    def set_load(self, load: Load) -> None:
+        """Put another load on the accumulator, from its beginning."""
+        self.load = load
+        self._load_start_s = self.now_s
+
+    @property
+    def load_time_s(self) -> float:
+        """How long the load has been on [s]."""
+        return self.now_s - self._load_start_s
+
+    def next_due_s(self) -> float:
+        """Return the next instant at which something happens by itself [s]."""
+        line_s = self.line.busy_until_s if self.line.is_busy else self._line_due_s
+        return min(self._steps * self.step_s, line_s)
+
+    def run_until(self, until_s: float) -> None:
+        """Advance to an instant, everything due until then included."""
+        while (due_s := self.next_due_s()) <= until_s:
+            self.now_s = max(self.now_s, due_s)
+            if self._steps * self.step_s <= self.now_s:
+                self._step()
+            if self.line.is_busy and self.line.busy_until_s <= self.now_s:
+                self._deliver(self.line.take())
+            self._pump()
+        self.now_s = max(self.now_s, until_s)
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes that reach the master's UART now."""
+        if self.master is not None:
+            self.master.receive(self.line.disturb(data), self.now_s)
+            self._pump()
+
+    def reset(self, cause: int, off_s: float = BOOT_S) -> None:
+        """Take the master's power, or let it restart; it boots after a while."""
+        if self.master is not None:
+            self.master.lose_power(self.rng)
+        self.master = None
+        self._boot_at_s = self.now_s + off_s
+        self._boot_cause = cause
+
+    def _boot(self) -> None:
+        self.master = VirtualMaster(self.board, self.now_s, self._boot_cause)
+
+    def _deliver(self, data: bytes) -> None:
+        if data and self.serial_out is not None:
+            self.serial_out(data)
+
+    def _pump(self) -> None:
+        if self.line.is_busy:
+            return
+        if self.master is None:
+            self._line_due_s = self._boot_at_s
+            return
+        frame = self.master.next_frame(self.now_s)
+        if frame is not None:
+            self.line.send(frame, self.now_s)
+        else:
+            self._line_due_s = max(self.master.next_due_s(self.now_s), self.now_s + _LINE_RETRY_S)
+
+    def _step(self) -> None:
+        self._steps += 1
+        now_s, dt_s = self.now_s, self.step_s
+        if self.before_step is not None:
+            self.before_step(now_s)
+        if self.master is None and now_s >= self._boot_at_s:
+            self._boot()
+        master = self.master
+        self._advance_accumulator(dt_s)
+        self.board.sense_voltages(self.accumulator)
+        self.board.sense_temperatures(self.accumulator)
+        self.board.chain.watch(now_s)
+        if master is None:
+            return
+        master.drive_requested = self.load.state(self.load_time_s).is_high_voltage_on
+        master.measure(now_s, dt_s, self.current_a)
+        for frame in master.can.due(now_s):
+            self.bus.send(self._master_on_bus, frame, now_s)
+        if master.reset_due_s is not None and now_s >= master.reset_due_s:
+            self.reset(_COMMANDED)
+
+    def _advance_accumulator(self, dt_s: float) -> None:
+        master = self.master
+        relays = RelayState.OPEN if master is None else master.relay_state
+        self.current_a = 0.0
+        if relays == RelayState.VEHICLE:
+            self.current_a = self.load.current_a(self.load_time_s, self.accumulator)
+        self.accumulator.step(
+            dt_s,
+            self.current_a,
+            bleeding=self.board.chain.discharging,
+            fan_duty=0.0 if master is None else master.fan_duty,
+        )
+
+
+_COMMANDED = 3

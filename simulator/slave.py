@@ -1,0 +1,185 @@
+"""Eight LTC6804-2 as register machines on one isoSPI: what they answer to packets, and what their switches do.
+
+Cell inputs and sensors are given as volts; conversions happen at once. A chip without power, or noise on the pair,
+shows as packets whose check word is wrong.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_protocol.errors import DecodeError
+from firmware_protocol.ltc6804 import (
+    GROUP_SIZE,
+    READ_CELLS,
+    Command,
+    Configuration,
+    decode_command,
+    decode_group,
+    with_pec,
+)
+from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING
+from simulator.isospi import PACKET_SIZE, ByteArray, to_packets
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+WATCHDOG_S = 2.0
+ADCV = 0x260
+ADOW = 0x228
+ADAX = 0x460
+ADSTAT = 0x468
+_MODE_BITS = 0x180
+_CHANNEL_BITS = 0x007
+_PULL_UP = 0x040
+_DISCHARGE_PERMITTED = 0x010
+CELL_INPUT_MAX_V = 5.75  # the converter's end
+REFERENCE_V = 3.0
+SUPPLY_V = 5.0
+DIGITAL_V = 3.2
+_RESET_CFGR = np.frombuffer(Configuration(reference_on=False).to_bytes(), dtype=np.uint8)
+_READ_WORDS = {command: (0, 3 * i) for i, command in enumerate(READ_CELLS)} | {
+    Command.RDAUXA: (1, 0),
+    Command.RDAUXB: (1, 3),
+    Command.RDSTATA: (2, 0),
+    Command.RDSTATB: (2, 3),
+}
+
+
+class SlaveChain:
+    """All slaves; arrays have one row each, cells are numbered through."""
+
+    def __init__(self, n_slaves: int, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self.n_slaves = n_slaves
+        n_cells = n_slaves * CELLS_PER_PACK
+        self.cell_v: FloatArray = np.zeros(n_cells)
+        self.sensor_v: FloatArray = np.zeros(n_cells)
+        self.board_degc = 25.0
+        self.is_powered: BoolArray = np.ones(n_slaves, dtype=bool)
+        self.bit_error_rate = 0.0
+        self.open_wires: set[int] = set()  # cell whose upper wire is off
+        self.cfgr: ByteArray = np.tile(_RESET_CFGR, (n_slaves, 1))
+        self.cvr: NDArray[np.uint16] = np.full((n_slaves, CELLS_PER_PACK), CHIP_MISSING, dtype="<u2")
+        self.avr: NDArray[np.uint16] = np.full((n_slaves, 6), CHIP_MISSING, dtype="<u2")
+        self.str: NDArray[np.uint16] = np.full((n_slaves, 6), CHIP_MISSING, dtype="<u2")
+        self.discharging: BoolArray = np.zeros(n_cells, dtype=bool)
+        self._last_command_s = 0.0
+
+    def set_powered(self, slave: int, powered: bool) -> None:
+        """Take a slave's power, or give it back: it wakes with its registers reset."""
+        if powered and not self.is_powered[slave]:
+            self.cvr[slave] = self.avr[slave] = self.str[slave] = CHIP_MISSING
+            self.cfgr[slave] = _RESET_CFGR
+        self.is_powered[slave] = powered
+        self._update_switches()
+
+    def watch(self, now_s: float) -> None:
+        """Reset the configuration, and with it the discharging, of chips that heard nothing for two seconds."""
+        if now_s - self._last_command_s > WATCHDOG_S and self.discharging.any():
+            self.cfgr[:] = _RESET_CFGR
+            self._update_switches()
+
+    def execute(self, packet: bytes, now_s: float) -> bytes:
+        """Take one packet and return what comes back: 8 bytes from an addressed read, else nothing."""
+        try:
+            command, address = decode_command(packet)
+        except DecodeError:
+            return b""
+        self._last_command_s = now_s
+        slaves = slice(None) if address is None else slice(address, address + 1)
+        if command == Command.WRCFG:
+            self._write_configuration(slaves, packet[4:])
+        elif command in _READ_WORDS or command == Command.RDCFG:
+            return self._answer(command, address)
+        elif command == Command.CLRCELL:
+            self.cvr[slaves] = CHIP_MISSING
+        elif command == Command.CLRAUX:
+            self.avr[slaves] = CHIP_MISSING
+        elif command == Command.CLRSTAT:
+            self.str[slaves] = CHIP_MISSING
+        else:
+            self._convert(command)
+        return b""
+
+    def read_cells(self) -> ByteArray:
+        """Return the answers of all slaves to the four cell reads, (n_slaves, 4, 8), as they arrive."""
+        groups = self.cvr.view(np.uint8).reshape(self.n_slaves, len(READ_CELLS), GROUP_SIZE)
+        packets = to_packets(groups)
+        if not self.is_powered.all():
+            packets[~self.is_powered] = 0xFF
+        return self._disturbed(packets)
+
+    def _answer(self, command: int, address: int | None) -> bytes:
+        if address is None or address >= self.n_slaves or not self.is_powered[address]:
+            return b"\xff" * PACKET_SIZE
+        if command == Command.RDCFG:
+            group = self.cfgr[address].tobytes()
+        else:
+            kind, start = _READ_WORDS[Command(command)]
+            words = (self.cvr, self.avr, self.str)[kind][address]
+            group = words[start : start + 3].tobytes()
+        return self._disturbed(np.frombuffer(with_pec(group), dtype=np.uint8).copy()).tobytes()
+
+    def _disturbed(self, packets: ByteArray) -> ByteArray:
+        if self.bit_error_rate:
+            flat = packets.reshape(-1)
+            hits = np.flatnonzero(self._rng.random(flat.size) < 8 * self.bit_error_rate)
+            flat[hits] ^= np.left_shift(1, self._rng.integers(0, 8, hits.size)).astype(np.uint8)
+        return packets
+
+    def _write_configuration(self, slaves: slice, body: bytes) -> None:
+        try:
+            group = decode_group(body)
+        except DecodeError:
+            return
+        rows = np.zeros(self.n_slaves, dtype=bool)
+        rows[slaves] = True
+        self.cfgr[rows & self.is_powered] = np.frombuffer(group, dtype=np.uint8)
+        self._update_switches()
+
+    def _update_switches(self) -> None:
+        bits = self.cfgr[:, 4].astype(np.uint16) | (self.cfgr[:, 5].astype(np.uint16) & 0x0F) << 8
+        switches = (bits[:, None] >> np.arange(CELLS_PER_PACK, dtype=np.uint16) & 1).astype(bool)
+        self.discharging = (switches & self.is_powered[:, None]).reshape(-1)
+
+    def _convert(self, command: int) -> None:
+        kind = command & ~(_MODE_BITS | _CHANNEL_BITS | _DISCHARGE_PERMITTED)
+        if kind == ADCV:
+            inputs_v = self.cell_v
+            if command & _DISCHARGE_PERMITTED:
+                inputs_v = np.where(self.discharging, self.sensor_v, inputs_v)
+            if self.open_wires:
+                inputs_v = self._with_open_wires(inputs_v, float(self._rng.uniform(0.3, 0.7)))
+            self._store_cells(inputs_v)
+        elif kind & ~_PULL_UP == ADOW:
+            self._store_cells(self._with_open_wires(self.cell_v, 1.0 if command & _PULL_UP else 0.0))
+        elif kind == ADAX:
+            self.avr[self.is_powered] = np.array([20000, 20000, 20000, 0, 0, REFERENCE_V * 1e4], dtype=np.uint16)
+        elif kind == ADSTAT:
+            total_v = self.cell_v.reshape(self.n_slaves, -1).sum(axis=1)
+            self.str[:, 0] = np.where(self.is_powered, np.rint(total_v * 1e4 / 20), self.str[:, 0])
+            die = round((self.board_degc + 273) * 75)
+            self.str[self.is_powered, 1:4] = np.array([die, SUPPLY_V * 1e4, DIGITAL_V * 1e4], dtype=np.uint16)
+            self.str[self.is_powered, 4:6] = 0
+
+    def _store_cells(self, inputs_v: FloatArray) -> None:
+        counts = inputs_v * 1e4
+        np.rint(counts, out=counts)
+        np.minimum(counts, CELL_INPUT_MAX_V * 1e4, out=counts)
+        np.maximum(counts, 0, out=counts)
+        rows = counts.reshape(self.n_slaves, CELLS_PER_PACK)
+        if self.is_powered.all():
+            self.cvr[:] = rows
+        else:
+            self.cvr[self.is_powered] = rows[self.is_powered].astype(np.uint16)
+
+    def _with_open_wires(self, inputs_v: FloatArray, share: float) -> FloatArray:
+        """Return the inputs where each open node floats at `share` of the two cells that it should divide."""
+        seen_v = inputs_v.copy()
+        for cell in self.open_wires:
+            if cell % CELLS_PER_PACK == CELLS_PER_PACK - 1:
+                seen_v[cell] *= share
+                continue
+            both_v = seen_v[cell] + seen_v[cell + 1]
+            seen_v[cell], seen_v[cell + 1] = share * both_v, (1 - share) * both_v
+        return seen_v

@@ -1,0 +1,169 @@
+"""The master's side of the slaves: convert, read, check, keep; temperatures in two phases; open wires.
+
+A packet with a wrong check word keeps the old registers. A slave without one good packet in a pass counts as silent.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_protocol.ltc6804 import (
+    READ_CELLS,
+    AdcMode,
+    Command,
+    Configuration,
+    adax,
+    adcv,
+    adstat,
+    command_packet,
+    voltage_codes,
+    write_packet,
+)
+from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING
+from firmware_protocol.temperature_sensor import FIRST_DEGC, MARGIN_V, POINTS_V, STEP_DEGC
+from simulator.isospi import is_intact
+from simulator.memory import Config, MasterMemory
+from simulator.slave import ADOW, BoolArray, SlaveChain
+
+STATUS_ABSENT, STATUS_ACTIVE, STATUS_FAULT = 0, 1, 255
+_CONVERT = command_packet(adcv())
+_CONVERT_SENSORS = command_packet(adcv(discharge_permitted=True))
+_CONVERT_PULLED_UP = command_packet(ADOW | AdcMode.NORMAL << 7 | 0x40)
+_CONVERT_PULLED_DOWN = command_packet(ADOW | AdcMode.NORMAL << 7)
+_CONVERT_AUX = command_packet(adax())
+_CONVERT_STATUS = command_packet(adstat())
+_OPEN_WIRE_COUNTS = 4000  # the data sheet's 400 mV
+_PHASES = tuple(np.arange(CELLS_PER_PACK) % 2 == phase for phase in range(2))
+_SENSOR_RISING_V = np.array(POINTS_V[::-1])
+_SENSOR_DEGC = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V) - 1, -1, -1, dtype=np.float64)
+# time of each step of one reading [us]: conversion, four cell groups, aux, status, then the two temperature phases
+_STEP_TIMES_US = (2335, 96, 96, 96, 96, 2335, 96, 96, 1563, 96, 96, 2335, 96, 96, 96, 96, 2335, 384)
+
+
+def degc_from_sensor(volts: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the temperatures of sensor voltages [degC]; NaN where no working sensor gives that voltage."""
+    inside = (volts >= _SENSOR_RISING_V[0] - MARGIN_V) & (volts <= _SENSOR_RISING_V[-1] + MARGIN_V)
+    return np.where(inside, np.interp(volts, _SENSOR_RISING_V, _SENSOR_DEGC), np.nan)
+
+
+class SlaveReader:
+    """Reads all slaves into the struct and drives their balancing outputs."""
+
+    def __init__(self, memory: MasterMemory, chain: SlaveChain) -> None:
+        self._memory = memory
+        self._chain = chain
+        n_cells = chain.n_slaves * CELLS_PER_PACK
+        self._balance: BoolArray = np.zeros(n_cells, dtype=bool)
+        self._thresholds = (0, 0)
+        self.packets = 0
+        self.packet_errors = 0
+        self.silent: BoolArray = np.zeros(chain.n_slaves, dtype=bool)
+        self.open_wire_cells: BoolArray = np.zeros(n_cells, dtype=bool)
+        self._phase = 0
+        memory.slave_cvr[:] = memory.slave_temp[:] = CHIP_MISSING
+        memory.slave_status[:] = STATUS_ABSENT
+        memory.slave_time[:] = _STEP_TIMES_US
+
+    def configure(self, config: Config, balance: BoolArray, now_s: float) -> None:
+        """Write the chips' configuration: thresholds, and the cells to bleed."""
+        self._thresholds = voltage_codes(config.v_cell_min * 1e-4, config.v_cell_max * 1e-4)
+        self._balance = balance.copy()
+        self._write_balance(now_s)
+        self._read_configuration(now_s)
+
+    def read_voltages(self, now_s: float) -> BoolArray:
+        """Convert and read all cells into the struct; return (n_slaves,) which slaves gave no good packet."""
+        self._chain.execute(_CONVERT, now_s)
+        self._read_cells_into(self._memory.slave_cvr)
+        return self.silent
+
+    def read_temperatures(self, now_s: float) -> None:
+        """Read one phase: every other cell's sensor, switched in by its balancing output."""
+        selected = _PHASES[self._phase]
+        self._chain.execute(self._configuration_packet(selected), now_s)
+        self._chain.execute(_CONVERT_SENSORS, now_s)
+        half = self._memory.slave_temp[:, self._phase * CELLS_PER_PACK : (self._phase + 1) * CELLS_PER_PACK]
+        self._read_cells_into(half)
+        self._write_balance(now_s)
+        self._phase = 1 - self._phase
+
+    def temperatures_degc(self) -> NDArray[np.float64]:
+        """Return (n_cells,) temperatures out of both phases [degC], NaN without a measurement."""
+        both = self._memory.slave_temp.reshape(-1, 2, CELLS_PER_PACK)
+        counts = np.where(_PHASES[0], both[:, 0], both[:, 1])
+        counts = np.where(self.silent[:, None], CHIP_MISSING, counts)
+        return degc_from_sensor(counts.reshape(-1) * 1e-4)
+
+    def self_check(self, now_s: float) -> None:
+        """Convert references and supplies into the struct, and look for open cell wires."""
+        self._chain.execute(_CONVERT_AUX, now_s)
+        self._chain.execute(_CONVERT_STATUS, now_s)
+        for slave in range(self._chain.n_slaves):
+            aux = self._read_group(Command.RDAUXA, slave, now_s)
+            status = (self._read_group(Command.RDSTATA, slave, now_s), self._read_group(Command.RDSTATB, slave, now_s))
+            if aux is not None:
+                self._memory.slave_avr[slave] = aux
+            if status[0] is not None and status[1] is not None:
+                self._memory.slave_str[slave] = np.concatenate((status[0], status[1]))
+        self._find_open_wires(now_s)
+
+    def _find_open_wires(self, now_s: float) -> None:
+        """Mark the cells on both sides of each open wire: pulled up minus pulled down is far below zero above it."""
+        shape = (self._chain.n_slaves, CELLS_PER_PACK)
+        up = np.zeros(shape, dtype="<u2")
+        down = np.zeros(shape, dtype="<u2")
+        self._chain.execute(_CONVERT_PULLED_UP, now_s)
+        intact = self._read_cells_into(up)
+        self._chain.execute(_CONVERT_PULLED_DOWN, now_s)
+        intact = intact & self._read_cells_into(down)
+        difference = up.astype(np.int32) - down
+        is_open = np.zeros(shape, dtype=bool)
+        lower = difference[:, 1:] < -_OPEN_WIRE_COUNTS
+        is_open[:, :-1] |= lower
+        is_open[:, 1:] |= lower
+        is_open[:, -1] |= (down[:, -1] == 0) & (up[:, -1] != 0)
+        whole = intact.all(axis=1)
+        self.open_wire_cells.reshape(shape)[whole] = is_open[whole]
+
+    def _read_cells_into(self, target: NDArray[np.uint16]) -> BoolArray:
+        packets = self._chain.read_cells()
+        intact = is_intact(packets)
+        words = packets[..., :6].copy().view("<u2").reshape(target.shape)
+        self.packets += intact.size
+        if intact.all():
+            target[:] = words
+            self.silent = np.zeros(len(target), dtype=bool)
+        else:
+            self.packet_errors += int(intact.size - np.count_nonzero(intact))
+            kept = np.repeat(intact, CELLS_PER_PACK // len(READ_CELLS), axis=1)
+            np.copyto(target, words, where=kept)
+            self.silent = np.logical_not(intact.any(axis=1))
+        return intact
+
+    def _read_group(self, command: Command, slave: int, now_s: float) -> NDArray[np.uint16] | None:
+        reply = np.frombuffer(self._chain.execute(command_packet(command, slave), now_s), dtype=np.uint8)
+        self.packets += 1
+        if not is_intact(reply).all():
+            self.packet_errors += 1
+            return None
+        return reply[:6].view("<u2")
+
+    def _configuration_packet(self, discharging: BoolArray, address: int | None = None) -> bytes:
+        configuration = Configuration(
+            under_voltage_code=self._thresholds[0],
+            over_voltage_code=self._thresholds[1],
+            discharging=tuple(map(bool, discharging)),
+        )
+        return write_packet(Command.WRCFG, configuration.to_bytes(), address)
+
+    def _write_balance(self, now_s: float) -> None:
+        if not self._balance.any():
+            self._chain.execute(self._configuration_packet(np.zeros(CELLS_PER_PACK, dtype=bool)), now_s)
+            return
+        for slave, row in enumerate(self._balance.reshape(self._chain.n_slaves, CELLS_PER_PACK)):
+            self._chain.execute(self._configuration_packet(row, slave), now_s)
+
+    def _read_configuration(self, now_s: float) -> None:
+        for slave in range(self._chain.n_slaves):
+            group = self._read_group(Command.RDCFG, slave, now_s)
+            if group is not None:
+                self._memory.slave_cfgr[slave] = group.view(np.uint8)

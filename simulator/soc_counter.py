@@ -1,0 +1,58 @@
+"""The master's own state of charge: a Coulomb counter that starts from the voltage at rest.
+
+The start table is what a firmware author reads off a data sheet: 21 points, no temperature, no hysteresis.
+"""
+
+import numpy as np
+
+from simulator.memory import Config
+
+OCV_V = np.array([
+    2.660, 3.308, 3.406, 3.462, 3.504, 3.553, 3.600, 3.627, 3.652, 3.692, 3.742,
+    3.790, 3.841, 3.884, 3.926, 3.975, 4.025, 4.058, 4.086, 4.136, 4.194,
+])  # fmt: skip
+OCV_SOC = np.linspace(0, 1, len(OCV_V))
+AT_REST_COUNTS = 200  # 2 A [10 mA]
+SOC_SCALE = 10_000  # one count is 0.01 %
+
+
+def soc_from_rest(cell_voltage_v: float) -> float:
+    """Return the SOC (0..1) that belongs to a voltage at rest [V]."""
+    return float(np.interp(cell_voltage_v, OCV_V, OCV_SOC))
+
+
+class SocCounter:
+    """Charge drawn since full, in mA s, counted from the averaged current."""
+
+    def __init__(self) -> None:
+        self.dod_mas = 0.0
+        self.is_started = False
+
+    def start_from_rest(self, config: Config, v_avg: int, i_fc: int) -> None:
+        """Start from the mean cell voltage [100 uV], if there is one and the current [10 mA] is that of rest."""
+        if v_avg and abs(i_fc) < AT_REST_COUNTS:
+            self.set_soc(config, soc_from_rest(v_avg * 1e-4))
+
+    def start_from_journal(self, dod_mas: int) -> None:
+        """Go on from a remembered count."""
+        self.dod_mas = float(dod_mas)
+        self.is_started = True
+
+    def set_soc(self, config: Config, soc: float) -> None:
+        """Set the counter by a SOC (0..1)."""
+        self.dod_mas = (1 - soc) * _capacity_mas(config)
+        self.is_started = True
+
+    def count(self, config: Config, i_fc: int, dt_s: float) -> None:
+        """Count one interval of current [10 mA]."""
+        self.dod_mas = min(max(self.dod_mas + i_fc * 10 * dt_s, 0.0), _capacity_mas(config))
+
+    def soc_counts(self, config: Config) -> int:
+        """Return the SOC [0.01 %]; 0 before the start."""
+        if not self.is_started:
+            return 0
+        return max(round((1 - self.dod_mas / _capacity_mas(config)) * SOC_SCALE), 0)
+
+
+def _capacity_mas(config: Config) -> float:
+    return config.c_avg * 10 * 3600.0
