@@ -1,0 +1,65 @@
+"""What recording and reading sessions can fail at.
+
+SessionError
+  SessionNotFound    no such session in the folder
+  NotASession        the file is no session, or damaged beyond reading
+  SchemaTooNew       written by a newer version of the program
+  UnknownSignal      the name means nothing, or the element does not exist
+  RecordingFailed    what was to be recorded is not on the disk
+  ExportUnavailable  an optional package is missing
+"""
+
+from app.errors import AppError
+
+
+class SessionError(AppError):
+    """Root of all errors of sessions and of the event log."""
+
+
+class SessionNotFound(SessionError):
+    """No session has this id."""
+
+    def __init__(self, session_id: str) -> None:
+        self.session_id = session_id
+        super().__init__(f"no session {session_id!r}")
+
+
+class NotASession(SessionError):
+    """The file cannot be read as what it should be."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"{path}: {reason}")
+
+
+class SchemaTooNew(SessionError):
+    """The file's schema is newer than this program."""
+
+    def __init__(self, path: str, found: int, known: int) -> None:
+        self.path = path
+        self.found = found
+        self.known = known
+        super().__init__(f"{path} has schema {found}, this program knows up to {known}: use a newer voltwall")
+
+
+class UnknownSignal(SessionError):
+    """No signal has this name."""
+
+    def __init__(self, name: str, reason: str = "no such signal") -> None:
+        self.name = name
+        self.reason = reason
+        super().__init__(f"{name}: {reason}")
+
+
+class RecordingFailed(SessionError):
+    """Recorded items are waiting in memory because the disk does not take them."""
+
+
+class ExportUnavailable(SessionError):
+    """A format needs a package that is not installed."""
+
+    def __init__(self, export_format: str, package: str, extra: str) -> None:
+        self.export_format = export_format
+        self.package = package
+        super().__init__(f"{export_format} needs {package}: pip install 'voltwall[{extra}]'")

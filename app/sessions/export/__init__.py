@@ -1,0 +1,1 @@
+"""A session's signals as files that other programs open."""

@@ -1,0 +1,109 @@
+"""What there is to say about a session and about the recorder."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class SessionInfo:
+    """One session; wall times in nanoseconds since 1970 UTC, monotonic ones of the machine that recorded it."""
+
+    id: str
+    path: Path
+    name: str
+    started_wall_ns: int
+    started_mono_ns: int
+    ended_wall_ns: int | None = None  # of an unclosed session: of its last frame
+    ended_mono_ns: int | None = None
+    is_closed: bool = False  # False while it is recorded, and for ever where recording was cut off
+    frames: int = 0
+    can_frames: int = 0
+    events: int = 0
+    markers: int = 0
+    size_bytes: int = 0
+    voltwall: str = ""  # version that recorded it
+    map_hash: str = ""
+    metadata: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def duration_s(self) -> float:
+        """From the start to the end, or to the last frame."""
+        return max(0, (self.ended_mono_ns or self.started_mono_ns) - self.started_mono_ns) / 1e9
+
+
+class RecorderState(StrEnum):
+    """What the recorder does."""
+
+    IDLE = "idle"
+    RECORDING = "recording"
+    STALLED = "stalled"  # the disk does not take it: kept in memory, tried again
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderStatus:
+    """The recorder at one instant."""
+
+    state: RecorderState
+    session: SessionInfo | None
+    queued_items: int  # received, not on the disk yet
+    queued_bytes: int
+    lost_items: int  # of this session: the disk stayed full until the queue was full as well
+    disk_free_bytes: int | None
+    warning: str | None  # the disk will be full soon
+    error: str | None  # why it is stalled
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """A point in time that somebody marked."""
+
+    id: int
+    t_mono_ns: int
+    t_wall_ns: int
+    kind: str
+    text: str
+    who: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedFrame:
+    """What stood between two delimiters of a serial link."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    link: int
+    raw: bytes
+    ok: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedCanFrame:
+    """A CAN frame; bit 31 of the id marks a 29-bit id."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    can_id: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedConfig:
+    """A configuration in force from its time on."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    why: str
+    image: bytes
+
+
+def size_on_disk(path: Path) -> int:
+    """Bytes of a session's file and of its log."""
+    size = 0
+    for part in (path, path.with_name(path.name + "-wal")):
+        try:
+            size += part.stat().st_size
+        except FileNotFoundError:
+            continue
+    return size

@@ -1,0 +1,65 @@
+"""Samples to a chart's points: smallest and largest per bucket, gaps kept. Pure numpy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+_SHORTEST_GAP_S = 0.5
+_GAP_PERIODS = 3.5  # samples missing in a row that make a gap
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One signal over time: (n,) times [s since 1970 UTC], smallest and largest value in the unit.
+
+    NaN in both is a gap, or not measured.
+    """
+
+    name: str
+    unit: str
+    time_s: FloatArray
+    minimum: FloatArray
+    maximum: FloatArray
+    gaps: tuple[tuple[float, float], ...]
+
+
+def find_gaps(times_s: FloatArray) -> NDArray[np.intp]:
+    """Indices after which the next of the (n,) ascending times is missing for longer than usual."""
+    steps = np.diff(times_s)
+    if not len(steps):
+        return np.empty(0, np.intp)
+    return np.flatnonzero(steps > max(_SHORTEST_GAP_S, _GAP_PERIODS * float(np.median(steps))))
+
+
+def reduce_samples(name: str, unit: str, times_s: FloatArray, values: FloatArray, points: int) -> Series:
+    """Return at most `points` buckets of equal duration, plus one NaN in every gap.
+
+    Args:
+        name: passed on.
+        unit: passed on.
+        times_s: (n,) ascending [s].
+        values: (n,) in the unit, NaN where not measured.
+        points: at least 1. With no more samples than this, each one is kept as it is.
+    """
+    after = find_gaps(times_s)
+    gaps = tuple((float(times_s[i]), float(times_s[i + 1])) for i in after)
+    if len(times_s) <= points:
+        time_s, low, high = times_s, values, values
+        last_before = after
+    else:
+        width = (times_s[-1] - times_s[0]) / points or 1.0
+        bucket = np.minimum(((times_s - times_s[0]) / width).astype(np.int64), points - 1)
+        starts = np.flatnonzero(np.diff(bucket, prepend=-1))
+        ends = np.append(starts[1:], len(times_s)) - 1
+        time_s = (times_s[starts] + times_s[ends]) / 2
+        low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
+        after = after[np.isin(after + 1, starts)]  # a gap inside one bucket is narrower than a point
+        last_before = np.searchsorted(starts, after, side="right") - 1
+    if len(last_before):
+        middle = (times_s[after] + times_s[after + 1]) / 2
+        time_s = np.insert(time_s, last_before + 1, middle)
+        low = np.insert(low, last_before + 1, np.nan)
+        high = np.insert(high, last_before + 1, np.nan)
+    return Series(name, unit, time_s, low, high, gaps)
