@@ -1,0 +1,1 @@
+"""HTTP and websocket, under /api/v1: one router a resource."""

@@ -1,0 +1,150 @@
+"""The configuration in force and in the EEPROM: read, compare, write, store."""
+
+from typing import Annotated, Any, cast
+
+import orjson
+from fastapi import APIRouter, Header, Request, Response
+from pydantic import BaseModel, ConfigDict, ValidationError
+from starlette.concurrency import run_in_threadpool
+
+from app.api.config_json import change_json, config_json, schema_json
+from app.api.deps import RuntimeDep, UserDep
+from app.api.problems import Problem, invalid
+from app.configuration import HashMismatch, Written
+from app.runtime import Runtime
+from firmware_protocol.config_image import difference, image_hash, with_raw, with_value
+from firmware_protocol.memory_map import CONFIG_SIZE
+
+router = APIRouter(prefix="/config", tags=["config"])
+OCTETS = "application/octet-stream"
+
+
+class ConfigEdit(BaseModel):
+    """Fields to change, in units or in raw counts; what is not named stays."""
+
+    model_config = ConfigDict(extra="forbid")
+    values: dict[str, Any] = {}
+    raw: dict[str, Any] = {}
+
+
+def edited(image: bytes, edit: ConfigEdit) -> bytes:
+    """Return the image with an edit applied; EncodeError or Problem where a value does not fit."""
+    for name, value in edit.values.items():
+        image = _apply(with_value, image, name, value)
+    for name, value in edit.raw.items():
+        image = _apply(with_raw, image, name, value)
+    return image
+
+
+def _apply(put: Any, image: bytes, name: str, value: Any) -> bytes:
+    try:
+        return cast(bytes, put(image, name, value))
+    except (TypeError, ValueError) as error:
+        raise invalid(name, value, "a number, or a list of numbers of the field's shape") from error
+
+
+def quoted(text: str) -> str:
+    """An ETag."""
+    return f'"{text}"'
+
+
+def require_match(if_match: str | None) -> str:
+    """Return the hash that the client's draft started from."""
+    if if_match is None:
+        raise Problem(428, "if-match-required", "If-Match required", "send If-Match with the ETag of GET config")
+    return if_match.removeprefix("W/").strip('"')
+
+
+@router.get("/schema")
+def schema() -> dict[str, Any]:
+    """Every field with type, unit, range, default and meaning; and the whole memory map for the CAN picker."""
+    return schema_json()
+
+
+@router.get("", response_model=None)
+def read(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any]:
+    """The configuration in force: JSON in units, or the 420 bytes with Accept: application/octet-stream."""
+    image = runtime.config_in_force()
+    if image is None:
+        raise Problem(503, "link-lost", "Never read", "the configuration was never read: the master has not spoken yet")
+    etag = quoted(image_hash(image))
+    if OCTETS in request.headers.get("accept", ""):
+        return Response(image, media_type=OCTETS, headers={"ETag": etag})
+    body = config_json(image) | {"stored_hash": runtime.stored_hash(), "age_s": runtime.config_age_s()}
+    return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})
+
+
+@router.get("/stored", response_model=None)
+def read_stored(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any]:
+    """What the EEPROM holds, read now."""
+    stored = runtime.configuration.read_stored()
+    if stored is None:
+        raise Problem(404, "nothing-stored", "Nothing stored", "the EEPROM holds no valid configuration")
+    if OCTETS in request.headers.get("accept", ""):
+        return Response(stored.image, media_type=OCTETS, headers={"ETag": quoted(image_hash(stored.image))})
+    return config_json(stored.image) | {"counter": stored.counter}
+
+
+@router.put("")
+async def write(
+    request: Request,
+    runtime: RuntimeDep,
+    user: UserDep,
+    if_match: Annotated[str | None, Header()] = None,
+    dry_run: bool = False,
+) -> Response:
+    """Write fields (JSON) or the whole image (octet-stream) and read it back; `dry_run` only checks and compares."""
+    expected = require_match(if_match)
+    body = await request.body()
+    if OCTETS in request.headers.get("content-type", ""):
+        if len(body) != CONFIG_SIZE:
+            raise invalid("body", f"{len(body)} bytes", f"exactly {CONFIG_SIZE} bytes")
+        return await run_write(runtime, user.name, lambda _: body, expected, dry_run=dry_run)
+    wanted = _parse(body)
+    return await run_write(runtime, user.name, lambda image: edited(image, wanted), expected, dry_run=dry_run)
+
+
+async def run_write(runtime: Runtime, who: str, edit: Any, expected: str, *, dry_run: bool) -> Response:
+    """Write in a worker thread, log the outcome, answer with the difference."""
+    try:
+        result: Written = await run_in_threadpool(runtime.write_config, edit, expected, who, dry_run=dry_run)
+    except HashMismatch as error:
+        changed = [change_json(change) for change in difference(error.in_force, edit(error.in_force))]
+        raise Problem(
+            412,
+            "changed-meanwhile",
+            "Changed meanwhile",
+            str(error),
+            in_force=image_hash(error.in_force),
+            difference=changed,
+        ) from error
+    body = {
+        "hash": image_hash(result.image),
+        "written": result.written,
+        "dry_run": dry_run,
+        "verified": result.written,
+        "difference": [change_json(change) for change in result.changes],
+        "warnings": [],
+    }
+    return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": quoted(str(body["hash"]))})
+
+
+@router.post("/store")
+def store(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Store the configuration in force in the EEPROM and read the EEPROM back."""
+    stored = runtime.store_config(user.name)
+    return {"stored_hash": image_hash(stored.image), "verified": True, "counter": stored.counter}
+
+
+@router.post("/load")
+def load(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Put the stored configuration in force."""
+    return {"hash": image_hash(runtime.load_config(user.name))}
+
+
+def _parse(body: bytes) -> ConfigEdit:
+    try:
+        return ConfigEdit.model_validate_json(body)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise invalid(".".join(map(str, first["loc"])) or "body", str(first.get("input"))[:80], first["msg"]) from error

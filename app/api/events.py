@@ -1,0 +1,39 @@
+"""The event log and the alarms."""
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query
+
+from app.api.deps import RuntimeDep, UserDep
+from app.api.problems import not_found
+
+router = APIRouter(tags=["events"])
+
+
+@router.get("/events")
+def events(
+    runtime: RuntimeDep,
+    after: Annotated[int, Query(ge=0)] = 0,
+    limit: Annotated[int, Query(ge=1, le=5000)] = 200,
+    severity: Literal["info", "watch", "warning", "trip"] | None = None,
+    cell: Annotated[int | None, Query(ge=0, le=95)] = None,
+) -> dict[str, Any]:
+    """Newest first."""
+    return {"events": runtime.query_events(after=after, limit=limit, severity=severity, cell=cell)}
+
+
+@router.post("/events/{event_id}/acknowledge")
+def acknowledge_event(event_id: int, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Say that somebody saw it."""
+    if not runtime.events.acknowledge(event_id, user.name):
+        raise not_found("event", event_id)
+    return {"acknowledged_by": user.name}
+
+
+@router.post("/alarms/{alarm_id}/acknowledge")
+def acknowledge_alarm(alarm_id: int, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Say that somebody saw it; it leaves the list when its condition has ended."""
+    if not runtime.pipeline.acknowledge(alarm_id, user.name):
+        raise not_found("alarm", alarm_id)
+    runtime.note("info", "alarm-acknowledged", f"alarm {alarm_id} acknowledged", user.name)
+    return {"acknowledged_by": user.name}

@@ -1,0 +1,125 @@
+"""One error body for the whole API: RFC 9457 problem documents, from one table."""
+
+import logging
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+
+from app.configuration import HashMismatch, Rejected, Unverified
+from app.errors import AppError, ConfigError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow
+from firmware_protocol.config_image import image_hash
+from firmware_protocol.errors import EncodeError
+from firmware_protocol.memory_map import CONFIG_SIZE, element_name, locate
+
+log = logging.getLogger(__name__)
+MEDIA_TYPE = "application/problem+json"
+
+
+class Problem(Exception):
+    """Raised by a route to answer with a problem document."""
+
+    def __init__(self, status: int, slug: str, title: str, detail: str, **extra: Any) -> None:
+        self.status = status
+        self.slug = slug
+        self.title = title
+        self.detail = detail
+        self.extra = extra
+        super().__init__(detail)
+
+    def response(self) -> JSONResponse:
+        """Return the document."""
+        body = {"type": f"urn:voltwall:{self.slug}", "title": self.title, "status": self.status, "detail": self.detail}
+        headers = {"WWW-Authenticate": 'Basic realm="voltwall"'} if self.extra.pop("challenge", False) else None
+        return JSONResponse(body | self.extra, self.status, headers=headers, media_type=MEDIA_TYPE)
+
+
+def not_found(what: str, name: object) -> Problem:
+    """404."""
+    return Problem(404, "not-found", "Not found", f"no {what} {name}")
+
+
+def invalid(field: str, value: object, limit: str) -> Problem:
+    """422 for one field."""
+    message = f"{field} = {value!r}: {limit}"
+    error = {"field": field, "value": value, "limit": limit, "message": message}
+    return Problem(422, "invalid", "Invalid value", message, errors=[error])
+
+
+def _of_app_error(error: AppError) -> Problem:
+    match error:
+        case HashMismatch():
+            in_force = image_hash(error.in_force)
+            return Problem(
+                412, "changed-meanwhile", "Changed meanwhile", str(error), expected=error.expected, in_force=in_force
+            )
+        case Rejected():
+            errors = [
+                {"field": e.field, "element": e.element, "value": e.value, "limit": e.limit, "message": e.message}
+                for e in error.errors
+            ]
+            return Problem(422, "invalid", "Invalid value", str(error), errors=errors)
+        case Unverified():
+            return Problem(504, "not-verified", "Not verified", str(error), in_force=error.outcome)
+        case MasterRefused():
+            return Problem(409, "refused", "Refused by the master", str(error), **_at_fault(error))
+        case MasterSilent():
+            return Problem(504, "no-reply", "No reply from the master", str(error))
+        case LinkLost() | LinkError():
+            return Problem(503, "link-lost", "Link lost", str(error))
+        case NotNow():
+            return Problem(409, "not-now", "Not now", str(error))
+        case ConfigError():
+            return invalid(error.field, error.value, error.limit)
+    return Problem(500, "failed", "Failed", str(error))
+
+
+def _at_fault(error: MasterRefused) -> dict[str, Any]:
+    extra: dict[str, Any] = {"result": error.result}
+    if error.offset is not None and error.offset < CONFIG_SIZE and (place := locate(error.offset)):
+        field, element, _ = place
+        extra["offset"] = error.offset
+        extra["field"] = element_name(field, element)
+    return extra
+
+
+def install(app: FastAPI) -> None:
+    """Make every error of the application a problem document."""
+
+    @app.exception_handler(Problem)
+    async def on_problem(_: Request, error: Problem) -> JSONResponse:
+        return error.response()
+
+    @app.exception_handler(AppError)
+    async def on_app_error(_: Request, error: AppError) -> JSONResponse:
+        return _of_app_error(error).response()
+
+    @app.exception_handler(EncodeError)
+    async def on_encode_error(_: Request, error: EncodeError) -> JSONResponse:
+        return invalid(error.field, error.value, error.limit).response()
+
+    @app.exception_handler(HTTPException)
+    async def on_http(_: Request, error: HTTPException) -> JSONResponse:
+        slug = {404: "not-found", 405: "method-not-allowed"}.get(error.status_code, "http")
+        return Problem(error.status_code, slug, str(error.detail), str(error.detail)).response()
+
+    @app.exception_handler(RequestValidationError)
+    async def on_validation(_: Request, error: RequestValidationError) -> JSONResponse:
+        errors = [
+            {
+                "field": ".".join(str(part) for part in e["loc"] if part not in ("body", "query", "path")),
+                "value": e.get("input") if isinstance(e.get("input"), str | int | float | bool | None) else None,
+                "limit": e["msg"],
+                "message": e["msg"],
+            }
+            for e in error.errors()
+        ]
+        detail = "; ".join(f"{e['field']}: {e['message']}" for e in errors)
+        return Problem(422, "invalid", "Invalid value", detail, errors=errors).response()
+
+    @app.exception_handler(Exception)
+    async def on_bug(_: Request, error: Exception) -> JSONResponse:
+        log.error("a request failed", exc_info=error)
+        return Problem(500, "failed", "Failed", "the service failed on this request; its log says why").response()

@@ -1,0 +1,219 @@
+"""The snapshot's shape for OpenAPI and for the front end's generated types. null = missing, never 0."""
+
+from typing import Literal
+
+from pydantic import BaseModel
+
+Number = float | None
+PerCell = list[float | None]
+Severity = Literal["info", "watch", "warning", "trip"]
+
+
+class CellsOut(BaseModel):
+    """Arrays of 96, index = pack * 12 + position."""
+
+    voltage_v: PerCell
+    temperature_degc: PerCell
+    soc: PerCell
+    soc_sigma: PerCell
+    ocv_v: PerCell
+    residual_v: PerCell
+    resistance_ohm: PerCell
+    capacity_ah: PerCell
+    balancing: list[bool | None]
+    model_valid: list[bool | None]
+
+
+class PackOut(BaseModel):
+    """Twelve cells and their slave."""
+
+    voltage_v: Number
+    min_v: Number
+    max_v: Number
+    delta_v: Number
+    temperature_max_degc: Number
+    temperature_min_degc: Number
+    slave_status: int | None
+
+
+class AccumulatorOut(BaseModel):
+    """All 96 cells."""
+
+    voltage_v: Number
+    current_a: Number
+    power_w: Number
+    soc: Number
+    soc_source: Literal["filter", "master"] | None
+    soc_sigma: Number
+    driver_soc_percent: int | None
+    soc_min: Number
+    soc_min_cell: int | None
+    soc_max: Number
+    soc_max_cell: int | None
+    soc_spread: Number
+    voltage_min_v: Number
+    voltage_min_cell: int | None
+    voltage_max_v: Number
+    voltage_max_cell: int | None
+    voltage_mean_v: Number
+    voltage_delta_v: Number
+    temperature_min_degc: Number
+    temperature_min_cell: int | None
+    temperature_max_degc: Number
+    temperature_max_cell: int | None
+    temperature_mean_degc: Number
+    loaded_cells: int
+    energy_out_wh: float
+    energy_in_wh: float
+    fan_duty: Number
+
+
+class FlagsOut(BaseModel):
+    """The master's status bits."""
+
+    fit: bool
+    usb: bool
+    i2c1: bool
+    usart1: bool
+    can1: bool
+    charger: bool
+    charging: bool
+    balancing: bool
+    load: bool
+
+
+class MasterOut(BaseModel):
+    """What the master says of itself."""
+
+    state: Literal["unknown", "idle", "drive", "charge", "balance", "fault"]
+    why: str
+    fit: bool | None
+    flags: FlagsOut | None
+    soc: Number
+    charge_drawn_ah: Number
+    n_slaves: int | None
+    can_tx_enabled: int | None
+    can_rx_enabled: int | None
+    can_rx_active: int | None
+    firmware: str | None
+    protocol: int | None
+    map_hash: str | None
+    map_matches: bool | None
+    boots: int | None
+
+
+class ChargerOut(BaseModel):
+    """The charger as the master sees it."""
+
+    state: Literal["off", "waiting", "constant_current", "balancing", "constant_voltage", "done", "fault"] | None
+    asked_voltage_v: Number
+    asked_current_a: Number
+    voltage_v: Number
+    current_a: Number
+    enabled: bool | None
+    flags: list[str]
+
+
+class LinkOut(BaseModel):
+    """One link's trust."""
+
+    state: Literal["off", "connecting", "silent", "live", "lost"]
+    url: str | None
+    age_s: Number
+    frames: int
+    lost: int
+    crc_errors: int
+    resyncs: int
+    bytes: int
+    rate_hz: float
+    bytes_per_s: float
+    line_load: Number
+    reconnects: int
+    error: str | None
+
+
+class LinksOut(BaseModel):
+    """Both links."""
+
+    rs232: LinkOut
+    can: LinkOut
+
+
+class EstimatorOut(BaseModel):
+    """The filter."""
+
+    filter: str
+    cell: str
+    step_us: Number
+    started: bool
+
+
+class AlarmOut(BaseModel):
+    """A condition that holds, or held and was not acknowledged."""
+
+    id: int
+    code: str
+    severity: Severity
+    text: str
+    since: float
+    active: bool
+    cell: int | None
+    value: Number
+    limit: Number
+    unit: str
+    acknowledged_by: str | None
+
+
+class RecordingOut(BaseModel):
+    """The session being recorded."""
+
+    session_id: str
+    since: float
+    frames: int
+    bytes: int
+
+
+class ReplayOut(BaseModel):
+    """Where a replay stands."""
+
+    session_id: str
+    position_s: float
+    duration_s: float
+    speed: float
+    paused: bool
+
+
+class AgeOut(BaseModel):
+    """Seconds since the oldest byte of each part arrived; null: never."""
+
+    current: Number
+    voltage: Number
+    temperature: Number
+    status: Number
+    soc: Number
+    charger: Number
+    slaves: Number
+    config: Number
+
+
+class SnapshotOut(BaseModel):
+    """All that is known at one instant."""
+
+    seq: int
+    time: float
+    uptime_s: Number
+    source: Literal["simulator", "serial", "can", "replay"]
+    age: AgeOut
+    cells: CellsOut
+    packs: list[PackOut]
+    accumulator: AccumulatorOut
+    master: MasterOut
+    charger: ChargerOut
+    links: LinksOut
+    estimator: EstimatorOut
+    recording: RecordingOut | None
+    replay: ReplayOut | None
+    alarms: list[AlarmOut]
+    last_event_id: int
+    config_hash: str | None
+    config_stored_hash: str | None

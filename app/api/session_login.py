@@ -1,0 +1,52 @@
+"""Who am I, log in, log out."""
+
+from typing import Any
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel, Field
+
+from app.api.auth import COOKIE, SESSION_S, User, token_of
+from app.api.deps import DoorkeeperDep
+from app.api.problems import Problem
+
+router = APIRouter(tags=["login"])
+
+
+class Login(BaseModel):
+    """Whoever knows the engineer's password is one; the name goes into the event log."""
+
+    name: str = Field("", max_length=40)
+    password: str = Field(max_length=200)
+
+
+def _me(user: User | None, *, password_required: bool) -> dict[str, Any]:
+    return {
+        "role": user and user.role,
+        "name": user and user.name,
+        "password_required": password_required,
+    }
+
+
+@router.get("/me")
+def me(request: Request, keeper: DoorkeeperDep) -> dict[str, Any]:
+    """Role and name of whoever asks; null where nobody is logged in."""
+    return _me(request.state.user, password_required=not keeper.is_open)
+
+
+@router.post("/login")
+def login(body: Login, request: Request, response: Response, keeper: DoorkeeperDep) -> dict[str, Any]:
+    """Exchange a password for a cookie."""
+    address = request.client.host if request.client else ""
+    user = User("engineer", "engineer") if keeper.is_open else keeper.login(body.name, body.password, address)
+    if user is None:
+        raise Problem(401, "wrong-password", "Wrong password", "neither the engineer's nor the viewer's password")
+    response.set_cookie(COOKIE, keeper.open_session(user), max_age=int(SESSION_S), httponly=True, samesite="strict")
+    return _me(user, password_required=not keeper.is_open)
+
+
+@router.post("/logout")
+def logout(request: Request, response: Response, keeper: DoorkeeperDep) -> dict[str, Any]:
+    """Forget the cookie."""
+    keeper.close_session(token_of(request.headers))
+    response.delete_cookie(COOKIE)
+    return _me(None, password_required=not keeper.is_open)

@@ -1,0 +1,254 @@
+"""Sessions: list, record, mark, look into, take away, replay."""
+
+import tempfile
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import orjson
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import FileResponse
+from pydantic import BaseModel, Field
+from starlette.background import BackgroundTask
+
+from app.api.deps import RuntimeDep, UserDep
+from app.api.problems import Problem, invalid, not_found
+from app.runtime import Runtime
+from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
+from app.sessions.export import FORMATS, export
+from app.sessions.info import SessionInfo
+from app.sessions.reader import SessionFile
+
+router = APIRouter(tags=["sessions"])
+ExportFormat = Literal["csv", "parquet", "mf4", "ld", "mcap"]
+
+
+class NewSession(BaseModel):
+    """What to call it."""
+
+    name: str | None = Field(None, max_length=120)
+
+
+class NewMarker(BaseModel):
+    """A note at this instant."""
+
+    text: str = Field(max_length=500)
+    kind: str = Field("note", max_length=40)
+
+
+class Replay(BaseModel):
+    """Which session, how fast."""
+
+    session_id: str
+    speed: float = Field(1.0, ge=0.1, le=100)
+
+
+class ReplayControl(BaseModel):
+    """Only what is named changes."""
+
+    paused: bool | None = None
+    speed: float | None = Field(None, ge=0.1, le=100)
+    seek_s: float | None = Field(None, ge=0)
+
+
+def session_json(info: SessionInfo, recording_id: str | None) -> dict[str, Any]:
+    """One session."""
+    return {
+        "id": info.id,
+        "name": info.name,
+        "started": info.started_wall_ns / 1e9,
+        "ended": None if info.id == recording_id or info.ended_wall_ns is None else info.ended_wall_ns / 1e9,
+        "duration_s": info.duration_s,
+        "frames": info.frames,
+        "can_frames": info.can_frames,
+        "bytes": info.size_bytes,
+        "recording": info.id == recording_id,
+        "closed": info.is_closed,
+        "event_count": info.events,
+        "marker_count": info.markers,
+        "version": info.voltwall,
+    }
+
+
+def _recording_id(runtime: Runtime) -> str | None:
+    session = runtime.recorder.session
+    return None if session is None else session.id
+
+
+def _open(runtime: Runtime, session_id: str) -> SessionFile:
+    try:
+        return runtime.catalogue.open(session_id)
+    except SessionNotFound as error:
+        raise not_found("session", session_id) from error
+
+
+@router.get("/sessions")
+def sessions(runtime: RuntimeDep) -> dict[str, Any]:
+    """All sessions, newest first."""
+    recording = _recording_id(runtime)
+    return {"sessions": [session_json(info, recording) for info in runtime.catalogue.list()]}
+
+
+@router.post("/sessions", status_code=201)
+def start(runtime: RuntimeDep, user: UserDep, body: NewSession | None = None) -> dict[str, Any]:
+    """Start recording."""
+    info = runtime.recorder.start(body.name if body else None)
+    runtime.note("info", "recording", "recording started by hand", user.name)
+    return session_json(info, info.id)
+
+
+@router.get("/sessions/{session_id}")
+def session(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+    """One session with its markers, events and configurations."""
+    with _open(runtime, session_id) as file:
+        return session_json(file.info, _recording_id(runtime)) | {
+            "markers": [_marker_json(marker) for marker in file.markers()],
+            "events": [_event_json(event) for event in file.events()],
+            "configs": [{"time": c.t_wall_ns / 1e9, "why": c.why} for c in file.configs()],
+            "signals": file.signal_names(),
+        }
+
+
+@router.post("/sessions/{session_id}/stop")
+def stop(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Stop recording."""
+    if _recording_id(runtime) != session_id:
+        raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
+    runtime.recorder.stop()
+    runtime.note("info", "recording", "recording stopped by hand", user.name)
+    return {"stopped": True}
+
+
+@router.post("/sessions/{session_id}/markers", status_code=201)
+def mark(session_id: str, body: NewMarker, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Mark this instant of the running session."""
+    if _recording_id(runtime) != session_id:
+        raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
+    runtime.recorder.marker(body.text, body.kind, user.name)
+    return {"marked": True}
+
+
+@router.get("/sessions/{session_id}/markers")
+def markers(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+    """All markers."""
+    with _open(runtime, session_id) as file:
+        return {"markers": [_marker_json(marker) for marker in file.markers()]}
+
+
+@router.delete("/sessions/{session_id}")
+def delete(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Delete a session for ever."""
+    if _recording_id(runtime) == session_id:
+        raise Problem(409, "not-now", "Not now", "stop the recording first")
+    try:
+        runtime.catalogue.delete(session_id)
+    except SessionNotFound as error:
+        raise not_found("session", session_id) from error
+    runtime.note("info", "session-deleted", f"session {session_id} deleted", user.name)
+    return {"deleted": True}
+
+
+@router.get("/sessions/{session_id}/series")
+def series(
+    session_id: str,
+    runtime: RuntimeDep,
+    signal: Annotated[list[str], Query(min_length=1, max_length=200)],
+    t_from: Annotated[float | None, Query(alias="from")] = None,
+    t_to: Annotated[float | None, Query(alias="to")] = None,
+    points: Annotated[int, Query(ge=1, le=20000)] = 2000,
+) -> Response:
+    """Signals over a range, smallest and largest per point, so that no dip is lost; null is a gap."""
+    with _open(runtime, session_id) as file:
+        try:
+            found = file.series(signal, t_from, t_to, points)
+        except UnknownSignal as error:
+            raise invalid("signal", ", ".join(signal)[:200], str(error)) from error
+    body = {
+        "signals": {
+            name: {"unit": s.unit, "time": s.time_s, "min": s.minimum, "max": s.maximum} for name, s in found.items()
+        },
+        "gaps": sorted({gap for s in found.values() for gap in s.gaps}),
+    }
+    return Response(orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json")
+
+
+@router.get("/sessions/{session_id}/export")
+def download(
+    session_id: str,
+    runtime: RuntimeDep,
+    export_format: Annotated[ExportFormat, Query(alias="format")] = "csv",
+    signal: Annotated[list[str] | None, Query(max_length=2000)] = None,
+    t_from: Annotated[float | None, Query(alias="from")] = None,
+    t_to: Annotated[float | None, Query(alias="to")] = None,
+) -> FileResponse:
+    """Signals of a range as a file; without `signal` all fast ones and the estimates."""
+    if export_format not in FORMATS:
+        raise invalid("format", export_format, "one of " + ", ".join(FORMATS))
+    with tempfile.NamedTemporaryFile(suffix=f".{export_format}", delete=False) as target:
+        path = Path(target.name)
+    try:
+        with _open(runtime, session_id) as file:
+            export(file, path, export_format, signals=signal, t_from_s=t_from, t_to_s=t_to)
+    except UnknownSignal as error:
+        path.unlink(missing_ok=True)
+        raise invalid("signal", ", ".join(signal or [])[:200], str(error)) from error
+    except ExportUnavailable as error:
+        path.unlink(missing_ok=True)
+        raise Problem(501, "extra-missing", "Optional package missing", str(error)) from error
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    name = f"{session_id}.{export_format}"
+    return FileResponse(str(path), filename=name, background=BackgroundTask(path.unlink, missing_ok=True))
+
+
+@router.get("/sessions/{session_id}/file")
+def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
+    """The session itself, one SQLite file, complete up to now."""
+    with tempfile.NamedTemporaryFile(suffix=".sqlite", delete=False) as target:
+        path = Path(target.name)
+    try:
+        with _open(runtime, session_id) as session_file:
+            session_file.copy_to(path)
+    except SessionError:
+        path.unlink(missing_ok=True)
+        raise
+    return FileResponse(
+        str(path), filename=f"{session_id}.sqlite", background=BackgroundTask(path.unlink, missing_ok=True)
+    )
+
+
+@router.post("/replay")
+def replay(body: Replay, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Show a session instead of the live source; recording goes on."""
+    runtime.start_replay(_open(runtime, body.session_id), body.speed)
+    runtime.note("info", "replay", f"replay of {body.session_id} started", user.name)
+    return {"replay": runtime.replaying.state()}
+
+
+@router.post("/replay/control")
+def control(body: ReplayControl, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Pause, speed, seek."""
+    runtime.replaying.control(paused=body.paused, speed=body.speed, seek_s=body.seek_s)
+    return {"replay": runtime.replaying.state()}
+
+
+@router.post("/replay/stop")
+def stop_replay(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Back to the live source."""
+    runtime.replaying.stop()
+    return {"replay": None}
+
+
+def _marker_json(marker: Any) -> dict[str, Any]:
+    return {
+        "id": marker.id,
+        "time": marker.t_wall_ns / 1e9,
+        "kind": marker.kind,
+        "text": marker.text,
+        "who": marker.who,
+    }
+
+
+def _event_json(event: dict[str, Any]) -> dict[str, Any]:
+    body = {name: value for name, value in event.items() if name not in ("t_mono_ns", "t_wall_ns", "limit_value")}
+    return body | {"time": event["t_wall_ns"] / 1e9, "limit": event.get("limit_value")}

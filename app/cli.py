@@ -1,0 +1,56 @@
+"""The program `voltwall`: finds the command and runs it. Imports a command's module only when it is asked for."""
+
+import argparse
+import importlib
+import sys
+from collections.abc import Sequence
+
+from app import __version__
+from app.errors import AppError
+
+COMMANDS = {
+    "serve": "start the pit wall: read the battery, estimate, record, serve the pages",
+    "simulate": "run the simulated accumulator by itself, on a port that looks like the master's",
+    "replay": "play a recorded session through the same pipeline",
+    "sessions": "list, show, check and delete recorded sessions",
+    "export": "write a session's signals as CSV, Parquet and other formats",
+    "config": "read, compare, write and store the master's configuration through a running service",
+    "dbc": "write the CAN tables as a DBC file",
+    "identify": "fit a cell model to measured data",
+    "estimate": "run a filter over recorded current, voltage and temperature",
+    "bench": "measure this machine: filter, decoder, latency, memory",
+}
+
+
+def build_parser(only: str | None = None) -> argparse.ArgumentParser:
+    """Return the whole parser; with `only`, one that knows just that command's options (others are not imported)."""
+    parser = argparse.ArgumentParser(prog="voltwall", description="The pit wall for a Formula Student battery.")
+    parser.add_argument("--version", action="version", version=f"voltwall {__version__}")
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, text in COMMANDS.items():
+        command = subparsers.add_parser(
+            name, help=text, description=text[0].upper() + text[1:] + ".", formatter_class=argparse.RawTextHelpFormatter
+        )
+        if only is None or name == only:
+            importlib.import_module(f"app.commands.{name}").add_arguments(command)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; errors that a user can mend are one line on stderr and exit code 2."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    only = next((word for word in arguments if word in COMMANDS), "")
+    args = build_parser(only).parse_args(arguments)
+    try:
+        return int(importlib.import_module(f"app.commands.{args.command}").run(args))
+    except AppError as error:
+        print(f"voltwall {args.command}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

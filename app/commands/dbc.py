@@ -1,0 +1,40 @@
+"""`voltwall dbc`: the CAN tables of a configuration as a DBC file."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from firmware_protocol.dbc import generate_dbc
+
+from app.errors import ConfigError
+from firmware_protocol.config_image import default_image
+from firmware_protocol.memory_map import CONFIG_SIZE
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where from, where to."""
+    parser.add_argument(
+        "--image", type=Path, metavar="FILE", help="a 420-byte configuration image (default: the default tables)"
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: standard output)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write it."""
+    image = default_image() if args.image is None else _image(args.image)
+    text = generate_dbc(image)
+    if args.out is None:
+        sys.stdout.write(text)
+    else:
+        args.out.write_text(text, encoding="utf-8")
+    return 0
+
+
+def _image(path: Path) -> bytes:
+    try:
+        image = path.read_bytes()
+    except OSError as error:
+        raise ConfigError("image", path, error.strerror or str(error)) from error
+    if len(image) != CONFIG_SIZE:
+        raise ConfigError("image", path, f"{len(image)} bytes, a configuration has {CONFIG_SIZE}")
+    return image

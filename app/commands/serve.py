@@ -1,0 +1,119 @@
+"""`voltwall serve`."""
+
+import argparse
+import asyncio
+import contextlib
+import errno
+import os
+import socket
+import sys
+from typing import Any, get_args
+
+import uvicorn
+from pydantic import ValidationError
+
+from app import log
+from app.errors import ConfigError
+from app.folder_lock import FolderLock
+from app.main import create_app
+from app.settings import FilterName, Settings
+
+SECRETS = ("password", "viewer_password")  # by environment only: a command line is visible to everyone on the machine
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """One flag a setting; what is not given comes from VOLTWALL_<NAME>, else from the default."""
+    for name, field in Settings.model_fields.items():
+        if name in SECRETS:
+            continue
+        flag = "--" + name.replace("_", "-")
+        default = "" if field.is_required() or field.default is None else f" (default: {_default(name)})"
+        text = f"{field.description}{default}".replace("%", "%%")
+        if name == "record":
+            parser.add_argument(flag, action=argparse.BooleanOptionalAction, default=None, help=text)
+            continue
+        choices = get_args(FilterName) if name == "filter" else None
+        if name == "log_level":
+            choices = ("debug", "info", "warning", "error")
+        metavar = {"serial": "URL", "can": "INTERFACE:CHANNEL", "data": "DIR", "cell": "CELL.toml"}.get(name)
+        parser.add_argument(flag, default=None, help=text, choices=choices, metavar=None if choices else metavar)
+    parser.epilog = (
+        "Without --serial and --can the simulated accumulator is started and read through a pseudo-terminal\n"
+        "and a CAN adapter. Passwords: VOLTWALL_PASSWORD (engineer), VOLTWALL_VIEWER_PASSWORD (viewer)."
+    )
+
+
+def _default(name: str) -> str:
+    return str(Settings.model_fields[name].get_default(call_default_factory=True, validated_data={}))
+
+
+def settings_from(args: argparse.Namespace) -> Settings:
+    """Return the settings: flag over environment over default.
+
+    Raises:
+        ConfigError: names the first setting that is wrong.
+    """
+    given: dict[str, Any] = {
+        name: getattr(args, name) for name in Settings.model_fields if getattr(args, name, None) is not None
+    }
+    try:
+        settings = Settings(**given)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ConfigError(".".join(map(str, first["loc"])), first.get("input"), first["msg"]) from error
+    settings.check()
+    return settings
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until a signal ends it."""
+    settings = settings_from(args)
+    log.configure(settings.log_level)
+    return serve(settings)
+
+
+def serve(settings: Settings) -> int:
+    """Bind, lock the data folder, run.
+
+    Raises:
+        ConfigError: the port is taken, the folder cannot be used or is used by another service.
+    """
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(FolderLock(settings.data))
+        listener = stack.enter_context(_bind(settings))
+        app = create_app(settings)
+        address, port = listener.getsockname()[:2]
+        host = f"[{address}]" if ":" in address else address
+        server = uvicorn.Server(
+            uvicorn.Config(
+                app,
+                log_config=None,
+                access_log=False,
+                ws="websockets-sansio",
+                ws_max_size=1 << 16,
+                timeout_graceful_shutdown=2,
+                server_header=False,
+            )
+        )
+        app.state.on_ready = lambda: print(f"Voltwall: http://{host}:{port}", flush=True)
+        asyncio.run(server.serve(sockets=[listener]))
+        if not server.started:
+            print("voltwall serve: did not start", file=sys.stderr)
+            return 1
+    return 0
+
+
+def _bind(settings: Settings) -> socket.socket:
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    if os.name == "posix":
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((settings.host, settings.port))
+    except OSError as error:
+        listener.close()
+        if error.errno == errno.EADDRINUSE:
+            raise ConfigError("port", settings.port, "in use by another program: stop it, or choose --port") from error
+        reason = error.strerror or str(error)
+        raise ConfigError("host", f"{settings.host}:{settings.port}", reason) from error
+    return listener

@@ -1,0 +1,169 @@
+"""The shadow image as arrays and numbers in SI units. A byte that never came, or came too long ago, is missing."""
+
+from typing import Any
+
+import numpy as np
+
+from app.estimation.estimators import Estimates
+from app.shadow import ShadowImage
+from app.telemetry import BoolArray, Cells, FloatArray
+from firmware_protocol.memory_map import (
+    CELLS_PER_PACK,
+    CHARGER_STATES,
+    CHIP_MISSING,
+    FIELDS,
+    N_CELLS,
+    N_PACKS,
+    SLAVE_OFFSET,
+    SLAVE_SIZE,
+    STATUS_FLAGS,
+    T_MISSING,
+    V_MISSING,
+)
+
+BLANK_S = 10.0  # older than this, a value is not shown
+PARTS: dict[str, tuple[int, int]] = {
+    "current": (1884, 4),
+    "voltage": (1896, 192),
+    "temperature": (2290, 96),
+    "status": (420, 8),
+    "charger": (428, 12),
+    "soc": (2982, 2),
+    "slaves": (440, 1444),
+    "config": (0, 420),
+}
+CHARGER_FLAGS = ("hardware", "over-temperature", "input voltage", "battery", "time-out")
+_NO_CELLS = np.full(N_CELLS, np.nan)
+_NO_CELLS.flags.writeable = False
+
+
+class Decoder:
+    """Reads fields of one shadow at one instant."""
+
+    def __init__(self, shadow: ShadowImage, now_ns: int) -> None:
+        self._shadow = shadow
+        self._now_ns = now_ns
+
+    def is_known(self, name: str) -> bool:
+        """Every byte of the field arrived within the last BLANK_S seconds."""
+        field = FIELDS[name]
+        age = self._shadow.age_s(field.offset, field.size, self._now_ns)
+        return age is not None and age <= BLANK_S
+
+    def number(self, name: str) -> float | None:
+        """Return a single field in its unit."""
+        if not self.is_known(name):
+            return None
+        field = FIELDS[name]
+        return field.unpack(self._shadow.image)[0] * field.scale
+
+    def integer(self, name: str) -> int | None:
+        """Return a single field's raw count."""
+        return FIELDS[name].unpack(self._shadow.image)[0] if self.is_known(name) else None
+
+    def array(self, name: str, missing: tuple[int, ...]) -> FloatArray:
+        """Return a field's elements in its unit, NaN where they hold one of `missing` or never came."""
+        field = FIELDS[name]
+        if not self.is_known(name):
+            return _NO_CELLS
+        raw = np.frombuffer(self._shadow.image, dtype=f"<{field.fmt}", count=field.count, offset=field.offset)
+        values = raw * field.scale
+        for code in missing:
+            values[raw == code] = np.nan
+        return values
+
+    def voltages_v(self) -> FloatArray:
+        """(96,) cell voltages [V]."""
+        return self.array("v", (V_MISSING, CHIP_MISSING))
+
+    def temperatures_degc(self) -> FloatArray:
+        """(96,) cell temperatures [degC]."""
+        return self.array("t", (T_MISSING,))
+
+    def balancing(self) -> BoolArray | None:
+        """(96,) which cells are bled, from the slaves' configuration registers."""
+        start, length = PARTS["slaves"]
+        age = self._shadow.age_s(start, length, self._now_ns)
+        if age is None or age > BLANK_S:
+            return None
+        slaves = np.frombuffer(self._shadow.image, np.uint8, N_PACKS * SLAVE_SIZE, SLAVE_OFFSET).reshape(N_PACKS, -1)
+        low, high = slaves[:, 80].astype(np.uint16), slaves[:, 81].astype(np.uint16)
+        bits = low | (high & 0x0F) << 8
+        return (bits[:, None] >> np.arange(CELLS_PER_PACK, dtype=np.uint16) & 1).astype(bool).ravel()
+
+    def flags(self) -> dict[str, bool] | None:
+        """The nine status flags."""
+        raw = self.integer("status.flags")
+        if raw is None:
+            age = self._shadow.age_s(420, 1, self._now_ns)  # CAN may carry the first eight alone
+            if age is None or age > BLANK_S:
+                return None
+            raw = self._shadow.image[420]
+        return {name: bool(raw >> bit & 1) for bit, name in enumerate(STATUS_FLAGS)}
+
+    def charger(self) -> dict[str, Any]:
+        """The charger block."""
+        state, flags, control = (self.integer(f"charger.{name}") for name in ("state", "flags", "control"))
+        return {
+            "state": CHARGER_STATES[state] if state is not None and state < len(CHARGER_STATES) else None,
+            "asked_voltage_v": self.number("charger.v_set"),
+            "asked_current_a": self.number("charger.i_set"),
+            "voltage_v": self.number("charger.v_out"),
+            "current_a": self.number("charger.i_out"),
+            "enabled": None if control is None else control == 0,
+            "flags": [name for bit, name in enumerate(CHARGER_FLAGS) if flags is not None and flags >> bit & 1],
+        }
+
+
+def cells_of(decoder: Decoder, estimate: Estimates | None) -> Cells:
+    """Everything per cell; estimates are NaN without an estimator's result, and where the cell has no voltage."""
+    voltages_v = decoder.voltages_v()
+    resistance_ohm = decoder.array("r_fs", (0,))
+    none = _NO_CELLS
+    return Cells(
+        voltage_v=voltages_v,
+        temperature_degc=decoder.temperatures_degc(),
+        soc=none if estimate is None else estimate.soc,
+        soc_sigma=none if estimate is None else estimate.soc_sigma,
+        ocv_v=none if estimate is None else estimate.ocv_v,
+        residual_v=none if estimate is None else voltages_v - estimate.voltage_v,
+        resistance_ohm=resistance_ohm,
+        capacity_ah=decoder.array("c", (0,)),
+        balancing=decoder.balancing(),
+        model_valid=None if estimate is None else estimate.model_valid,
+    )
+
+
+def extreme(values: FloatArray, *, highest: bool) -> tuple[float | None, int | None]:
+    """Return (value, cell) of the highest or lowest element that is there."""
+    if np.isnan(values).all():
+        return None, None
+    cell = int(np.nanargmax(values) if highest else np.nanargmin(values))
+    return float(values[cell]), cell
+
+
+def mean(values: FloatArray) -> float | None:
+    """Mean of the elements that are there."""
+    return None if np.isnan(values).all() else float(np.nanmean(values))
+
+
+def packs_of(cells: Cells, decoder: Decoder) -> list[dict[str, Any]]:
+    """Eight packs: voltage only where all twelve cells are there."""
+    packs = []
+    for pack in range(N_PACKS):
+        part = slice(pack * CELLS_PER_PACK, (pack + 1) * CELLS_PER_PACK)
+        voltages_v, temperatures_degc = cells.voltage_v[part], cells.temperature_degc[part]
+        low, _ = extreme(voltages_v, highest=False)
+        high, _ = extreme(voltages_v, highest=True)
+        packs.append(
+            {
+                "voltage_v": None if np.isnan(voltages_v).any() else float(voltages_v.sum()),
+                "min_v": low,
+                "max_v": high,
+                "delta_v": None if low is None or high is None else high - low,
+                "temperature_max_degc": extreme(temperatures_degc, highest=True)[0],
+                "temperature_min_degc": extreme(temperatures_degc, highest=False)[0],
+                "slave_status": decoder.integer(f"slave[{pack}].status"),
+            }
+        )
+    return packs

@@ -1,0 +1,48 @@
+"""What the service can fail at; each leaf is something a caller handles differently.
+
+AppError
+  ConfigError          a setting or a file of the user's is wrong: field, value, limit
+  LinkError            LinkLost, MasterSilent, MasterRefused
+  NotNow               the request is fine, the moment is not
+"""
+
+
+class AppError(Exception):
+    """Root of the service's own errors."""
+
+
+class ConfigError(AppError):
+    """A setting cannot be used."""
+
+    def __init__(self, field: str, value: object, limit: str) -> None:
+        self.field = field
+        self.value = value
+        self.limit = limit
+        super().__init__(f"{field} = {value}: {limit}")
+
+
+class LinkError(AppError):
+    """The master cannot be talked to."""
+
+
+class LinkLost(LinkError):
+    """The port is not open."""
+
+
+class MasterSilent(LinkError):
+    """The port is open, the master did not answer in time."""
+
+
+class MasterRefused(LinkError):
+    """The master answered with a refusal."""
+
+    def __init__(self, request: str, result: str, offset: int | None = None) -> None:
+        self.request = request
+        self.result = result
+        self.offset = offset
+        where = "" if offset is None else f" (offset {offset})"
+        super().__init__(f"the master refused {request}: {result}{where}")
+
+
+class NotNow(AppError):
+    """The state of the service forbids it."""

@@ -1,0 +1,1 @@
+"""Bytes in, items out; requests in, bytes out. Nothing here knows what bytes mean."""

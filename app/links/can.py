@@ -1,0 +1,122 @@
+"""The CAN link: any python-can interface and channel, read in a thread of its own, opened again for ever."""
+
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable
+from urllib.parse import parse_qsl
+
+import can
+
+from app.errors import ConfigError, LinkLost
+from app.links.backoff import Backoff
+from app.telemetry import CanItem, Item, LinkChange
+from firmware_protocol.memory_map import CAN_ID_EXTENDED
+
+log = logging.getLogger(__name__)
+_POLL_S = 0.2
+DEFAULT_BIT_RATE = 500_000
+
+
+def parse_bus(text: str) -> dict[str, str | int | float | bool]:
+    """Return python-can's arguments for INTERFACE:CHANNEL[?key=value&...]; numbers and true/false are converted.
+
+    Raises:
+        ConfigError: no colon, or a part that is not key=value.
+    """
+    interface, colon, rest = text.partition(":")
+    if not colon or not interface or not rest:
+        raise ConfigError("can", text, "INTERFACE:CHANNEL[?key=value], for example socketcan:can0")
+    channel, _, query = rest.partition("?")
+    arguments: dict[str, str | int | float | bool] = {"bitrate": DEFAULT_BIT_RATE}
+    try:
+        pairs = parse_qsl(query, strict_parsing=True) if query else []
+    except ValueError as error:
+        raise ConfigError("can", text, "after ? only key=value, joined by &") from error
+    for key, value in pairs:
+        arguments[key] = _convert(value)
+    return {**arguments, "interface": interface, "channel": channel}
+
+
+def _convert(value: str) -> str | int | float | bool:
+    if value.lower() in ("true", "false"):
+        return value.lower() == "true"
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(value)
+    return value
+
+
+class CanLink:
+    """Delivers data frames to `sink`, from its own thread."""
+
+    def __init__(self, url: str, sink: Callable[[Item], None]) -> None:
+        self.url = url
+        self._arguments = parse_bus(url)
+        self._sink = sink
+        self._bus: can.BusABC | None = None
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="can", daemon=True)
+
+    def start(self) -> None:
+        """Begin to open the bus."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Close the bus and end the thread."""
+        self._stopping.set()
+        self._thread.join(timeout=3.0)
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Put one frame on the bus.
+
+        Raises:
+            LinkLost: the bus is not open or did not take the frame.
+        """
+        bus = self._bus
+        if bus is None:
+            raise LinkLost(f"{self.url} is not open")
+        message = can.Message(
+            arbitration_id=can_id & ~CAN_ID_EXTENDED, is_extended_id=bool(can_id & CAN_ID_EXTENDED), data=data
+        )
+        try:
+            bus.send(message, timeout=0.5)
+        except can.CanError as error:
+            raise LinkLost(f"{self.url}: {error}") from error
+        self._sink(CanItem(time.monotonic_ns(), time.time_ns(), can_id, bytes(data), sent=True))
+
+    def _run(self) -> None:
+        backoff = Backoff()
+        self._tell("connecting")
+        while not self._stopping.is_set():
+            try:
+                bus = can.Bus(**self._arguments)  # type: ignore[arg-type]
+            except Exception as error:  # noqa: BLE001  every driver raises its own
+                self._tell("lost", str(error) or type(error).__name__)
+                self._stopping.wait(backoff.next_s())
+                continue
+            backoff.reset()
+            self._tell("open")
+            self._bus = bus
+            try:
+                self._read_until_lost(bus)
+            except Exception as error:  # noqa: BLE001  every driver raises its own
+                if not self._stopping.is_set():
+                    self._tell("lost", str(error) or type(error).__name__)
+            finally:
+                self._bus = None
+                with contextlib.suppress(Exception):
+                    bus.shutdown()
+            self._stopping.wait(backoff.next_s())
+
+    def _read_until_lost(self, bus: can.BusABC) -> None:
+        while not self._stopping.is_set():
+            message = bus.recv(_POLL_S)
+            if message is None or message.is_error_frame or message.is_remote_frame:
+                continue
+            can_id = message.arbitration_id | (CAN_ID_EXTENDED if message.is_extended_id else 0)
+            self._sink(CanItem(time.monotonic_ns(), time.time_ns(), can_id, bytes(message.data)))
+
+    def _tell(self, state: str, error: str | None = None) -> None:
+        self._sink(LinkChange(time.monotonic_ns(), time.time_ns(), "can", state, error))  # type: ignore[arg-type]

@@ -1,0 +1,101 @@
+"""Requests to the master over the RS232 link: one at a time, tried again. Thread-safe, blocking."""
+
+import secrets
+import threading
+import time
+from collections.abc import Callable
+
+from app.errors import MasterRefused, MasterSilent
+from firmware_protocol.exchange import Exchange, GaveUp
+from firmware_protocol.messages import (
+    MAX_READ,
+    NO_OFFSET,
+    IdentRequest,
+    Load,
+    Read,
+    Reply,
+    Request,
+    Result,
+    Store,
+    Write,
+)
+
+
+class MasterClient:
+    """Sends requests through `send` and waits for what `on_reply` is given."""
+
+    def __init__(self, send: Callable[[bytes], None]) -> None:
+        self._send = send
+        self._one_at_a_time = threading.Lock()
+        self._changed = threading.Condition()
+        self._exchange = Exchange(secrets.randbelow(256))
+        self._reply: Reply | None = None
+
+    def on_reply(self, reply: Reply) -> None:
+        """Take a reply off the stream; one that nobody waits for is dropped."""
+        with self._changed:
+            if self._exchange.on_reply(reply):
+                self._reply = reply
+                self._changed.notify_all()
+
+    def request(self, request: Request) -> Reply:
+        """Send a request and return the reply, whose result is DONE.
+
+        Raises:
+            LinkLost: the port is not open.
+            MasterSilent: no reply after all tries; a write may or may not have been done.
+            MasterRefused: the master answered with another result than DONE; nothing was changed.
+        """
+        name = type(request).__name__.upper()
+        with self._one_at_a_time, self._changed:
+            try:
+                reply = self._ask(request)
+            finally:
+                if self._exchange.is_busy:
+                    self._exchange = Exchange(secrets.randbelow(256))
+        if isinstance(reply, GaveUp):
+            raise MasterSilent(f"no reply to {name} after {reply.tries} tries")
+        if reply.result != Result.DONE:
+            result = Result(reply.result).name if reply.result in set(Result) else f"result {reply.result}"
+            raise MasterRefused(name, result, None if reply.offset == NO_OFFSET else reply.offset)
+        return reply
+
+    def _ask(self, request: Request) -> Reply | GaveUp:
+        """Send until there is a reply or no try is left; `_changed` is held, and released while waiting."""
+        self._reply = None
+        due: bytes | GaveUp | None = self._exchange.start(request, time.monotonic())
+        while self._reply is None:
+            if isinstance(due, GaveUp):
+                return due
+            if due is not None:
+                self._send(due)
+            self._changed.wait(max(0.0, (self._exchange.deadline_s or 0.0) - time.monotonic()))
+            due = None if self._reply is not None else self._exchange.poll(time.monotonic())
+        return self._reply
+
+    def identify(self) -> None:
+        """Ask who the master is; the pipeline reads the answer off the stream."""
+        self.request(IdentRequest())
+
+    def read(self, offset: int, length: int) -> bytes:
+        """Return bytes of the struct (or of the EEPROM, from 0x8000 on), in as many requests as it takes."""
+        data = b""
+        while len(data) < length:
+            part = min(MAX_READ, length - len(data))
+            reply = self.request(Read(offset + len(data), part))
+            if len(reply.data) != part:
+                raise MasterSilent(f"READ answered {len(reply.data)} bytes, not {part}")
+            data += reply.data
+        return data
+
+    def write(self, offset: int, data: bytes) -> None:
+        """Replace bytes of the configuration in force, all or none."""
+        self.request(Write(offset, data))
+
+    def store(self) -> None:
+        """Store the configuration in force."""
+        self.request(Store())
+
+    def load(self) -> None:
+        """Put the stored configuration in force."""
+        self.request(Load())

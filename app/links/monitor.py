@@ -1,0 +1,117 @@
+"""Counts what a link delivers and says how far it can be trusted. Time is an argument; a replay counts the same."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from app.telemetry import LinkChange, LinkState, LinkStatus
+from firmware_protocol.framing import LINE_BYTES_PER_S, BadFrame, BadReason, Frame
+
+LIVE_S = 1.0
+_WINDOW_NS = 2_000_000_000
+_DELIMITERS = 2
+
+
+@dataclass
+class _Rate:
+    """Amounts in the last two seconds."""
+
+    _entries: deque[tuple[int, int]] = field(default_factory=deque)
+    _sum: int = 0
+
+    def add(self, t_ns: int, amount: int) -> None:
+        self._entries.append((t_ns, amount))
+        self._sum += amount
+
+    def per_s(self, now_ns: int) -> float:
+        while self._entries and self._entries[0][0] < now_ns - _WINDOW_NS:
+            self._sum -= self._entries.popleft()[1]
+        return self._sum / (_WINDOW_NS / 1e9)
+
+
+class LinkMonitor:
+    """One link's counters."""
+
+    def __init__(self, url: str | None, *, line_bytes_per_s: float | None = None) -> None:
+        self.url = url
+        self._line_bytes_per_s = line_bytes_per_s
+        self._opened = False
+        self._open_state: LinkState = "off" if url is None else "connecting"
+        self._error: str | None = None
+        self._last_good_ns: int | None = None
+        self._sequence: int | None = None
+        self._uptime_ms = 0
+        self._rate = _Rate()
+        self._bytes_rate = _Rate()
+        self.frames = self.lost = self.crc_errors = self.resyncs = self.bytes = self.reconnects = 0
+
+    def on_change(self, change: LinkChange) -> None:
+        """The port opened, or was lost."""
+        self._error = change.error
+        if change.state == "open":
+            self.reconnects += self._opened
+            self._opened = True
+            self._open_state = "silent"
+            self._sequence = None
+        else:
+            self._open_state = change.state
+
+    def on_frame(self, t_ns: int, frame: Frame | BadFrame) -> None:
+        """A frame came off the RS232 line."""
+        self._add_bytes(t_ns, len(frame.raw) + _DELIMITERS)
+        if isinstance(frame, BadFrame):
+            self.crc_errors += frame.reason is BadReason.CRC
+            self.resyncs += frame.reason is not BadReason.CRC
+            return
+        was_reset = frame.uptime_ms < self._uptime_ms
+        if self._sequence is not None and not was_reset:
+            self.lost += (frame.sequence - self._sequence - 1) & 0xFF
+        self._sequence = frame.sequence
+        self._uptime_ms = frame.uptime_ms
+        self.frames += 1
+        self._last_good_ns = t_ns
+
+    def on_can_frame(self, t_ns: int, length: int) -> None:
+        """A CAN frame was heard."""
+        self.frames += 1
+        self._last_good_ns = t_ns
+        self._rate.add(t_ns, 1)
+        self._add_bytes(t_ns, length)
+
+    def on_snapshot(self, t_ns: int) -> None:
+        """A fast frame made a snapshot."""
+        self._rate.add(t_ns, 1)
+
+    def _add_bytes(self, t_ns: int, count: int) -> None:
+        self.bytes += count
+        self._bytes_rate.add(t_ns, count)
+
+    def is_live(self, now_ns: int) -> bool:
+        """A good frame came within the last second."""
+        return self._last_good_ns is not None and now_ns - self._last_good_ns < LIVE_S * 1e9
+
+    def status(self, now_ns: int) -> LinkStatus:
+        """Return the counters and the state at an instant."""
+        state = self._open_state
+        if state == "silent" and self.is_live(now_ns):
+            state = "live"
+        bytes_per_s = self._bytes_rate.per_s(now_ns)
+        return LinkStatus(
+            state=state,
+            url=self.url,
+            age_s=None if self._last_good_ns is None else (now_ns - self._last_good_ns) / 1e9,
+            frames=self.frames,
+            lost=self.lost,
+            crc_errors=self.crc_errors,
+            resyncs=self.resyncs,
+            bytes=self.bytes,
+            rate_hz=self._rate.per_s(now_ns),
+            bytes_per_s=bytes_per_s,
+            line_load=bytes_per_s / self._line_bytes_per_s if self._line_bytes_per_s else None,
+            reconnects=self.reconnects,
+            error=self._error,
+        )
+
+
+def rs232_monitor(url: str | None) -> LinkMonitor:
+    """A monitor that knows the RS232 line's capacity."""
+    return LinkMonitor(url, line_bytes_per_s=LINE_BYTES_PER_S)

@@ -1,0 +1,115 @@
+"""Wires the service: settings in, ASGI application out. The only file that knows all parts."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.resources import files
+
+from fastapi import FastAPI
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app import __version__
+from app.api import can, commands, config, events, live, metrics, problems, session_login, sessions
+from app.api.auth import Doorkeeper, Gate
+from app.runtime import Runtime
+from app.settings import Settings
+from app.simulator_process import SimulatorProcess
+from app.telemetry import Source
+
+STATIC = files("app") / "static"
+_POLICY = (
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self' ws: wss:; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
+)
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """Return the application; its lifespan starts and stops everything.
+
+    Raises:
+        ConfigError: a setting is wrong or unsafe.
+    """
+    settings.check()
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        simulator = SimulatorProcess(settings) if settings.simulates else None
+        serial_url, can_url = settings.serial, settings.can
+        source: Source = "serial" if settings.serial else "can"
+        if simulator is not None:
+            source, serial_url, can_url = "simulator", simulator.ports.serial_url, simulator.ports.can_url
+        runtime = Runtime(settings, serial_url=serial_url, can_url=can_url, source=source)
+        runtime.hub.attach(asyncio.get_running_loop())
+        app.state.runtime = runtime
+        app.state.encoder = live.Encoder(runtime)
+        try:
+            if simulator is not None:
+                await asyncio.to_thread(simulator.start)
+            runtime.start()
+            yield
+        finally:
+            await asyncio.to_thread(runtime.stop)
+            if simulator is not None:
+                await asyncio.to_thread(simulator.stop)
+
+    app = FastAPI(
+        title="Voltwall",
+        version=__version__,
+        summary="The pit wall for a Formula Student battery",
+        lifespan=lifespan,
+        openapi_url="/api/v1/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+    )
+    doorkeeper = Doorkeeper(settings)
+    app.state.doorkeeper = doorkeeper
+    problems.install(app)
+    for module in (live, session_login, config, can, commands, events, sessions):
+        app.include_router(module.router, prefix="/api/v1")
+    app.include_router(metrics.router)
+    _serve_front_end(app)
+    app.add_middleware(Gate, doorkeeper=doorkeeper)
+    app.add_middleware(SecurityHeaders)
+    return app
+
+
+def _serve_front_end(app: FastAPI) -> None:
+    """Files of the built front end; every other path gets its one page, which knows the routes."""
+
+    @app.get("/{path:path}", include_in_schema=False)
+    def page(path: str) -> Response:
+        if path.startswith("api/"):
+            raise problems.not_found("route", "/" + path)
+        root = STATIC
+        wanted = root.joinpath(*[part for part in path.split("/") if part not in ("", ".", "..")])
+        if path and wanted.is_file():
+            immutable = path.startswith("assets/")
+            cache = "public, max-age=31536000, immutable" if immutable else "no-cache"
+            return FileResponse(str(wanted), headers={"Cache-Control": cache})
+        index = root / "index.html"
+        if not index.is_file():
+            return PlainTextResponse("The front end is not built: run `make frontend`. The API is at /api/v1.", 503)
+        return FileResponse(str(index), headers={"Cache-Control": "no-cache"})
+
+
+class SecurityHeaders:
+    """ASGI middleware: nothing foreign is loaded, nothing is framed, nothing is guessed."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Add the headers to every HTTP response."""
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [
+                    *message["headers"],
+                    (b"content-security-policy", _POLICY.encode()),
+                    (b"x-content-type-options", b"nosniff"),
+                    (b"referrer-policy", b"same-origin"),
+                ]
+            await send(message)
+
+        await self._app(scope, receive, with_headers if scope["type"] == "http" else send)

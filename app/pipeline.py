@@ -1,0 +1,259 @@
+"""Items in, snapshots out: shadow, estimator, watch, in one place and one order. No I/O; time comes with items.
+
+Replaying recorded items through a fresh Pipeline gives the same snapshots again.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from app.accumulator import charge_of, state_of, totals_of
+from app.decode import PARTS, Decoder, cells_of, packs_of
+from app.estimation.driver import DriverSoc
+from app.estimation.estimators import CellEstimator, Estimates
+from app.links.monitor import LIVE_S, LinkMonitor, rs232_monitor
+from app.master_events import describe
+from app.shadow import ShadowImage
+from app.telemetry import CanItem, Event, Identity, Item, LinkChange, SerialItem, Snapshot, Source
+from app.watch.alarms import Watch
+from firmware_protocol.can_tables import RxMessage, TxMessage, apply_received, rx_messages, tx_messages, windows_of_tx
+from firmware_protocol.config_image import default_image, image_hash
+from firmware_protocol.errors import DecodeError
+from firmware_protocol.framing import BadFrame, Frame
+from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG_SIZE, MASTER_SIZE, N_CELLS
+from firmware_protocol.messages import Data, Ident, MessageType, Reply, Window, decode_message
+from firmware_protocol.messages import Event as MasterEvent
+
+VOLTAGE_OFFSET = PARTS["voltage"][0]
+CAN_SNAPSHOT_NS = 50_000_000
+UPTIME_WRAP_MS = 1 << 32
+MAX_STEP_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """What one item led to."""
+
+    snapshot: Snapshot | None = None
+    events: tuple[Event, ...] = ()
+    reply: Reply | None = None
+    estimates: Estimates | None = None  # where this item made the estimator step
+    uptime_ms: int = 0
+
+
+class Pipeline:
+    """One source's chain. `feed` and `tick` are called from one thread; `acknowledge` from any."""
+
+    def __init__(
+        self,
+        source: Source,
+        make_estimator: Callable[[], CellEstimator],
+        *,
+        filter_name: str,
+        cell_name: str,
+        rs232_url: str | None = None,
+        can_url: str | None = None,
+    ) -> None:
+        self.source = source
+        self.shadow = ShadowImage()
+        self.identity: Identity | None = None
+        self._make_estimator = make_estimator
+        self._estimator: CellEstimator | None = None
+        self._names = {"filter": filter_name, "cell": cell_name}
+        self._monitors = {"rs232": rs232_monitor(rs232_url), "can": LinkMonitor(can_url)}
+        self._watch = Watch()
+        self._watch_lock = threading.Lock()
+        self._driver = DriverSoc(N_CELLS)
+        self._estimates: Estimates | None = None
+        self._uptime_ms: int | None = None
+        self._last_can_snapshot_ns = 0
+        self._last_trip: str | None = None
+        self._sequence = 0
+        self._driver_percent: int | None = None
+        self._energy_wh = {"energy_out_wh": 0.0, "energy_in_wh": 0.0}
+        self._step_us: float | None = None
+        self._config: tuple[bytes, str] | None = None
+        self.use_can_tables(default_image())
+
+    def feed(self, item: Item) -> Output:
+        """Take one item from a link."""
+        if isinstance(item, SerialItem):
+            return self._on_serial(item)
+        if isinstance(item, CanItem):
+            return self._on_can(item)
+        return self._on_change(item)
+
+    def tick(self, t_mono_ns: int, t_wall_ns: int) -> Output:
+        """Return a snapshot in which nothing is new but the ages."""
+        return self._publish(t_mono_ns, t_wall_ns, fresh=False)
+
+    def acknowledge(self, alarm_id: int, who: str) -> bool:
+        """Mark an alarm as seen."""
+        with self._watch_lock:
+            return self._watch.acknowledge(alarm_id, who)
+
+    def _on_change(self, change: LinkChange) -> Output:
+        self._monitors[change.link].on_change(change)
+        label = {"rs232": "RS232", "can": "CAN"}[change.link]
+        if change.state == "connecting":
+            return Output()
+        severity, text = (
+            ("info", f"{label} open") if change.state == "open" else ("watch", f"{label} lost: {change.error}")
+        )
+        event = Event(change.t_wall_ns, severity, f"{change.link}-{change.state}", text)  # type: ignore[arg-type]
+        return Output(events=(event,))
+
+    def _on_serial(self, item: SerialItem) -> Output:
+        self._monitors["rs232"].on_frame(item.t_mono_ns, item.frame)
+        if isinstance(item.frame, BadFrame):
+            return Output()
+        try:
+            message = decode_message(item.frame)
+        except DecodeError:
+            return Output()
+        if isinstance(message, Data):
+            self.shadow.write(message.windows, item.t_mono_ns)
+            if any(w.offset <= VOLTAGE_OFFSET < w.offset + len(w.data) for w in message.windows):
+                self._monitors["rs232"].on_snapshot(item.t_mono_ns)
+                return self._on_measurement(item, item.frame)
+            return Output()
+        if isinstance(message, MasterEvent):
+            event, trip = describe(message, item.t_wall_ns)
+            self._last_trip = trip if trip is not None else self._last_trip
+            return Output(events=(event,))
+        if message.request_type == MessageType.IDENT:
+            self._identify(message)
+        return Output(reply=message)
+
+    def _identify(self, reply: Reply) -> None:
+        try:
+            ident = Ident.from_bytes(reply.data)
+        except DecodeError:
+            return
+        self.identity = Identity(
+            ".".join(map(str, ident.firmware)), ident.protocol, ident.map_hash.hex(), ident.is_compatible, ident.boots
+        )
+
+    def _on_measurement(self, item: SerialItem, frame: Frame) -> Output:
+        dt_s = self._dt_s(frame.uptime_ms)
+        decoder = Decoder(self.shadow, item.t_mono_ns)
+        current_a = decoder.number("i_fs")
+        voltages_v = decoder.voltages_v()
+        if current_a is not None and not np.isnan(voltages_v).all():
+            self._estimate(dt_s, current_a, voltages_v, decoder.temperatures_degc())
+            power_w = float(np.nansum(voltages_v)) * current_a
+            self._energy_wh["energy_out_wh" if power_w > 0 else "energy_in_wh"] += abs(power_w) * (dt_s or 0.0) / 3600
+        output = self._publish(item.t_mono_ns, item.t_wall_ns, fresh=True)
+        return Output(output.snapshot, output.events, None, self._estimates, frame.uptime_ms)
+
+    def _dt_s(self, uptime_ms: int) -> float | None:
+        """Seconds by the master's clock since the last measurement; None at the first one and after a reset."""
+        before, self._uptime_ms = self._uptime_ms, uptime_ms
+        if before is None:
+            return None
+        dt_s = ((uptime_ms - before) % UPTIME_WRAP_MS) / 1000
+        return dt_s if dt_s <= MAX_STEP_S else None
+
+    def _estimate(self, dt_s: float | None, current_a: float, voltages_v: Any, temperatures_degc: Any) -> None:
+        started = time.perf_counter_ns()
+        if self._estimator is None:
+            self._estimator = self._make_estimator()
+            self._estimator.start(voltages_v, temperatures_degc, current_a)
+            dt_s = 0.0
+        self._estimates = self._estimator.step(dt_s or 0.0, current_a, voltages_v, temperatures_degc)
+        self._driver_percent = self._driver.step(self._estimates.soc).percent
+        took_us = (time.perf_counter_ns() - started) / 1000
+        self._step_us = took_us if self._step_us is None else self._step_us + 0.02 * (took_us - self._step_us)
+
+    def _on_can(self, item: CanItem) -> Output:
+        monitor = self._monitors["can"]
+        monitor.on_can_frame(item.t_mono_ns, len(item.data))
+        if item.sent:
+            return Output()
+        windows = self._can_windows(item)
+        if not windows or self._monitors["rs232"].is_live(item.t_mono_ns):
+            return Output()  # RS232 carries the same memory, sampled together
+        self.shadow.write_whole_elements(windows, item.t_mono_ns)
+        if item.t_mono_ns - self._last_can_snapshot_ns < CAN_SNAPSHOT_NS:
+            return Output()
+        self._last_can_snapshot_ns = item.t_mono_ns
+        return self._publish(item.t_mono_ns, item.t_wall_ns, fresh=True)
+
+    def _can_windows(self, item: CanItem) -> tuple[Window, ...]:
+        """What a frame tells about the struct, by the tables in force: what the master sends and what it listens to."""
+        windows: list[Window] = []
+        for message in self._can_tables:
+            if message.can_id | (CAN_ID_EXTENDED if message.is_extended else 0) == item.can_id and message.length:
+                windows += (
+                    windows_of_tx(message, item.data)
+                    if isinstance(message, TxMessage)
+                    else apply_received(message, item.data, bytearray(MASTER_SIZE))
+                )
+        return tuple(windows)
+
+    def use_can_tables(self, image: bytes) -> None:
+        """Decode CAN by the tables of a configuration image."""
+        self._can_tables: tuple[TxMessage | RxMessage, ...] = (*tx_messages(image), *rx_messages(image))
+
+    def _config_hash(self) -> str | None:
+        if int(self.shadow.arrived_ns[:CONFIG_SIZE].min()) < 0:
+            return None
+        image = bytes(self.shadow.image[:CONFIG_SIZE])
+        if self._config is None or self._config[0] != image:
+            self._config = image, image_hash(image)
+            self.use_can_tables(image)
+        return self._config[1]
+
+    def _publish(self, t_mono_ns: int, t_wall_ns: int, *, fresh: bool) -> Output:
+        decoder = Decoder(self.shadow, t_mono_ns)
+        age_s = {part: self.shadow.age_s(start, length, t_mono_ns) for part, (start, length) in PARTS.items()}
+        voltage_age_s = age_s["voltage"]
+        estimates = self._estimates if voltage_age_s is not None and voltage_age_s <= LIVE_S * 10 else None
+        cells = cells_of(decoder, estimates)
+        charger = decoder.charger()
+        flags = decoder.flags()
+        state, why = state_of(flags, charger["state"], self._last_trip)
+        identity = self.identity
+        self._sequence += 1
+        snapshot = Snapshot(
+            sequence=self._sequence,
+            t_mono_ns=t_mono_ns,
+            t_wall_ns=t_wall_ns,
+            uptime_s=None if self._uptime_ms is None else self._uptime_ms / 1000,
+            source=self.source,
+            image=bytes(self.shadow.image),
+            age_s=age_s,
+            cells=cells,
+            accumulator=totals_of(cells, decoder) | charge_of(cells, decoder, self._driver_percent) | self._energy_wh,
+            packs=packs_of(cells, decoder),
+            master={
+                "state": state,
+                "why": why,
+                "fit": None if flags is None else flags["fit"],
+                "flags": flags,
+                "soc": decoder.number("soc"),
+                "charge_drawn_ah": decoder.number("dod"),
+                "n_slaves": decoder.integer("n_slaves"),
+                "can_tx_enabled": decoder.integer("status.can_tx_msg_en"),
+                "can_rx_enabled": decoder.integer("status.can_rx_msg_en"),
+                "can_rx_active": decoder.integer("status.can_rx_msg_active"),
+                "firmware": identity and identity.firmware,
+                "protocol": identity and identity.protocol,
+                "map_hash": identity and identity.map_hash,
+                "map_matches": identity and identity.is_compatible,
+                "boots": identity and identity.boots,
+            },
+            charger=charger,
+            links={name: monitor.status(t_mono_ns) for name, monitor in self._monitors.items()},  # type: ignore[misc]
+            estimator=self._names | {"step_us": self._step_us, "started": self._estimator is not None},
+            config_hash=self._config_hash(),
+            is_fresh=fresh,
+        )
+        with self._watch_lock:
+            alarms, events = self._watch.step(snapshot)
+        object.__setattr__(snapshot, "alarms", alarms)
+        return Output(snapshot, tuple(events))

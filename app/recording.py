@@ -1,0 +1,172 @@
+"""When a recording starts and ends by itself, and what goes into it."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from app import __version__
+from app.errors import AppError
+from app.pipeline import Output
+from app.sessions.info import RecorderStatus, SessionInfo
+from app.sessions.writer import Recorder
+from app.telemetry import CanItem, Event, Item, SerialItem
+from firmware_protocol.framing import Frame
+from firmware_protocol.memory_map import CONFIG_SIZE
+
+log = logging.getLogger(__name__)
+GONE_S = 60.0  # the master has been silent this long: the session is over
+CLOCK_S = 10.0
+STATUS_S = 0.5
+SERIAL_LINK = 0
+
+
+class AutoRecorder:
+    """Starts with the master's first good frame, stops when it has been gone for a while.
+
+    A session stopped by hand stays stopped until the master was gone once, or somebody starts one.
+    """
+
+    def __init__(self, folder: Path, *, automatic: bool, on_event: Callable[[Event], None]) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._recorder = Recorder(folder, version=__version__)
+        self._automatic = automatic
+        self._on_event = on_event
+        self._lock = threading.Lock()
+        self._held_back = not automatic
+        self._last_good_ns: int | None = None
+        self._last_clock_ns = 0
+        self._config: bytes | None = None
+        self._status: tuple[float, RecorderStatus] | None = None
+        self._told: str | None = None
+        self.metadata: Mapping[str, object] = {}
+
+    @property
+    def status(self) -> RecorderStatus:
+        """The recorder, at most STATUS_S old."""
+        now = time.monotonic()
+        if self._status is None or now - self._status[0] > STATUS_S:
+            self._status = now, self._recorder.status
+        return self._status[1]
+
+    @property
+    def session(self) -> SessionInfo | None:
+        """The session being recorded."""
+        return self.status.session
+
+    def start(self, name: str | None = None) -> SessionInfo:
+        """Begin a session now.
+
+        Raises:
+            NotNow: one is being recorded.
+        """
+        with self._lock:
+            info = self._recorder.start(name, self.metadata)
+            self._held_back = False
+            self._config = None
+            self._status = None
+        self._on_event(_event("recording-started", f"recording {info.id}"))
+        return info
+
+    def stop(self) -> SessionInfo | None:
+        """End the session and keep from starting another one by itself."""
+        with self._lock:
+            self._held_back = True
+        return self._end("stopped")
+
+    def close(self) -> None:
+        """Write what is left and end the thread."""
+        self._recorder.close()
+
+    def flush(self) -> None:
+        """Return once all is on the disk."""
+        self._recorder.flush()
+
+    def marker(self, text: str, kind: str, who: str | None) -> None:
+        """Mark this instant."""
+        self._recorder.marker(time.monotonic_ns(), time.time_ns(), text, kind=kind, who=who)
+
+    def on_item(self, item: Item) -> None:
+        """Record what a link delivered, before anything else looks at it."""
+        if isinstance(item, SerialItem):
+            frame = item.frame
+            good = isinstance(frame, Frame)
+            if good:
+                self._master_spoke(item.t_mono_ns)
+            self._recorder.frame(item.t_mono_ns, item.t_wall_ns, SERIAL_LINK, frame.raw, good)
+            if isinstance(frame, Frame) and item.t_mono_ns - self._last_clock_ns > CLOCK_S * 1e9:
+                self._last_clock_ns = item.t_mono_ns
+                self._recorder.clock(item.t_mono_ns, item.t_wall_ns, frame.uptime_ms)
+        elif isinstance(item, CanItem):
+            if not item.sent:
+                self._master_spoke(item.t_mono_ns)
+            self._recorder.can_frame(item.t_mono_ns, item.t_wall_ns, item.can_id, item.data)
+
+    def on_output(self, output: Output) -> None:
+        """Record what the pipeline made of it; end the session when the master has been gone for long."""
+        snapshot = output.snapshot
+        if snapshot is None:
+            return
+        if output.estimates is not None:
+            self._recorder.estimates(
+                snapshot.t_mono_ns, output.uptime_ms, output.estimates.soc, output.estimates.soc_sigma
+            )
+        if snapshot.config_hash is not None and self._config != snapshot.image[:CONFIG_SIZE]:
+            why = "in force at the start" if self._config is None else "changed"
+            self._config = snapshot.image[:CONFIG_SIZE]
+            self._recorder.config(snapshot.t_mono_ns, snapshot.t_wall_ns, self._config, why)
+        if self._last_good_ns is not None and snapshot.t_mono_ns - self._last_good_ns > GONE_S * 1e9:
+            self._last_good_ns = None
+            self._held_back = not self._automatic
+            self._end("the master is gone")
+        self._tell_trouble()
+
+    def on_event(self, event: Event) -> None:
+        """Record an event."""
+        self._recorder.event(
+            time.monotonic_ns(),
+            event.time_ns,
+            event.severity,
+            event.code,
+            event.text,
+            cell=event.cell,
+            value=event.value,
+            limit=event.limit,
+            unit=event.unit,
+            who=event.who,
+        )
+
+    def _master_spoke(self, t_mono_ns: int) -> None:
+        first = self._last_good_ns is None
+        self._last_good_ns = t_mono_ns
+        if self._held_back or not (first or self._recorder_is_idle()):
+            return
+        try:
+            self.start()
+        except AppError as error:
+            if self._told != str(error):
+                self._told = str(error)
+                self._on_event(_event("recording-failed", str(error), "warning"))
+
+    def _recorder_is_idle(self) -> bool:
+        return self.status.session is None
+
+    def _end(self, why: str) -> SessionInfo | None:
+        info = self._recorder.status.session
+        if info is not None:
+            self._recorder.stop()
+            self._status = None
+            self._on_event(_event("recording-stopped", f"recording {info.id} ended: {why}"))
+        return info
+
+    def _tell_trouble(self) -> None:
+        status = self.status
+        trouble = status.error or status.warning
+        if trouble != self._told and trouble is not None:
+            self._on_event(_event("recording-trouble", trouble, "warning"))
+        self._told = trouble
+
+
+def _event(code: str, text: str, severity: str = "info") -> Event:
+    return Event(time.time_ns(), severity, code, text)  # type: ignore[arg-type]

@@ -1,0 +1,76 @@
+"""Every setting once: a command-line flag, an environment variable VOLTWALL_*, a default."""
+
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Literal
+
+import platformdirs
+from pydantic import Field, SecretStr
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from app.errors import ConfigError
+
+FilterName = Literal["fused", "coulomb", "ekf", "ukf", "cdkf"]
+MIN_PASSWORD_LENGTH = 8
+
+
+class Settings(BaseSettings):
+    """Flag over environment over default."""
+
+    model_config = SettingsConfigDict(env_prefix="VOLTWALL_", frozen=True, extra="ignore")
+
+    serial: str | None = Field(
+        None, description="RS232 of the master: any pySerial URL, as /dev/ttyUSB0, COM6, socket://host:port"
+    )
+    can: str | None = Field(
+        None,
+        description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, as socketcan:can0, slcan:/dev/ttyACM0",
+    )
+    host: str = Field("127.0.0.1", description="address to listen on; anything but loopback needs a password")
+    port: int = Field(8000, ge=0, le=65535, description="port to listen on; 0 takes a free one")
+    data: Path = Field(
+        default_factory=lambda: Path(platformdirs.user_data_dir("voltwall", appauthor=False)),
+        description="folder for sessions, the event log and the simulated EEPROM",
+    )
+    filter: FilterName = Field("fused", description="state estimator")
+    cell: str = Field("samsung-25r-10p", description="cell file (TOML) or the name of a bundled one")
+    record: bool = Field(True, description="record by itself while the master speaks")
+    password: SecretStr | None = Field(None, description="the engineer's password: may write and command")
+    viewer_password: SecretStr | None = Field(None, description="the viewer's password: may read")
+    scenario: str = Field("demo", description="scenario of the simulated accumulator, where no hardware is named")
+    seed: int = Field(1, description="seed of the simulated accumulator")
+    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="what is logged")
+
+    @property
+    def simulates(self) -> bool:
+        """No hardware is named: the simulated accumulator is started."""
+        return self.serial is None and self.can is None
+
+    @property
+    def is_loopback(self) -> bool:
+        """Only this machine can reach the service."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    def check(self) -> None:
+        """Refuse what would be unsafe or cannot work.
+
+        Raises:
+            ConfigError: names the setting and what it has to be.
+        """
+        if not self.is_loopback and self.password is None:
+            raise ConfigError(
+                "host", self.host, "beyond loopback a password is required: set VOLTWALL_PASSWORD (and restart)"
+            )
+        for name in ("password", "viewer_password"):
+            secret = getattr(self, name)
+            if secret is not None and len(secret.get_secret_value()) < MIN_PASSWORD_LENGTH:
+                raise ConfigError(name, "(hidden)", f"at least {MIN_PASSWORD_LENGTH} characters")
+        if self.viewer_password is not None and self.password is None:
+            raise ConfigError("viewer_password", "(hidden)", "needs password to be set too, or everyone may write")
+        if self.can is not None and ":" not in self.can:
+            raise ConfigError("can", self.can, "INTERFACE:CHANNEL, for example socketcan:can0")

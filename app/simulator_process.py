@@ -1,0 +1,105 @@
+"""The simulated accumulator as a process of its own, met only as bytes: a pseudo-terminal, a CAN adapter, a file."""
+
+import logging
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.errors import ConfigError
+from app.links.backoff import Backoff
+from app.settings import Settings
+
+log = logging.getLogger(__name__)
+READY_S = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ports:
+    """What the simulator opens, and how the service reaches it."""
+
+    serial_argument: str
+    serial_url: str
+    can_argument: str
+    can_url: str
+
+
+def _choose_ports() -> Ports:
+    if os.name == "posix":
+        folder = Path(tempfile.mkdtemp(prefix="voltwall-"))
+        serial, adapter = folder / "rs232", folder / "can"
+        return Ports(
+            f"pty:{serial}", str(serial), f"slcan-pty:{adapter}", f"slcan:{adapter}?sleep_after_open=0&timeout=0.05"
+        )
+    serial_port, can_port = _free_port(), _free_port()
+    return Ports(
+        f"tcp:{serial_port}",
+        f"socket://127.0.0.1:{serial_port}",
+        f"slcan-tcp:{can_port}",
+        f"slcan:socket://127.0.0.1:{can_port}?sleep_after_open=0&timeout=0.05",
+    )
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class SimulatorProcess:
+    """Started with the service, started again if it dies, ended with the service."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.ports = _choose_ports()
+        self._arguments = [
+            *(sys.executable, "-m", "simulator.cli"),
+            *("--serial", self.ports.serial_argument, "--can", self.ports.can_argument),
+            *("--eeprom", str(settings.data / "eeprom.bin"), "--scenario", settings.scenario),
+            *("--seed", str(settings.seed), "--with-parent"),
+        ]
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopping = threading.Event()
+        self._ready = threading.Event()
+        self._first_exit: int | None = None
+        self._thread = threading.Thread(target=self._run, name="simulator", daemon=True)
+
+    def start(self) -> None:
+        """Start and wait until its ports are open.
+
+        Raises:
+            ConfigError: it ended at once; its own words are on stderr.
+        """
+        self._thread.start()
+        self._ready.wait(READY_S)
+        if self._first_exit is not None:
+            raise ConfigError("scenario", self._arguments[-4], f"the simulator ended with code {self._first_exit}")
+
+    def stop(self) -> None:
+        """End it."""
+        self._stopping.set()
+        process = self._process
+        if process is not None and process.poll() is None:
+            process.terminate()
+        self._thread.join(timeout=5.0)
+
+    def _run(self) -> None:
+        backoff = Backoff()
+        while not self._stopping.is_set():
+            self._process = subprocess.Popen(self._arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            with self._process as process:
+                for line in process.stdout or ():
+                    if line.strip() == b"ready":
+                        self._ready.set()
+            if self._stopping.is_set():
+                return
+            code = process.returncode
+            if not self._ready.is_set():
+                self._first_exit = code
+                self._ready.set()
+                return
+            log.warning("the simulator ended with code %s and is started again", code)
+            self._stopping.wait(backoff.next_s())
