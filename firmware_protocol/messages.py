@@ -24,6 +24,13 @@ MAX_READ = MAX_BODY - _REPLY.size
 MAX_WINDOW = MAX_BODY - _WINDOW.size
 
 
+def _pack(layout: struct.Struct, what: str, *values: int | bytes) -> bytes:
+    try:
+        return layout.pack(*values)
+    except struct.error as error:
+        raise EncodeError(what, values, str(error)) from error
+
+
 class MessageType(enum.IntEnum):
     """The frame's type byte."""
 
@@ -143,8 +150,8 @@ class Reply:
     data: bytes = b""
 
     def to_body(self) -> bytes:
-        """Return the body."""
-        return _REPLY.pack(self.request_type, self.request_sequence, self.result, self.offset) + self.data
+        """Return the body; EncodeError where a number does not fit."""
+        return _pack(_REPLY, "REPLY", self.request_type, self.request_sequence, self.result, self.offset) + self.data
 
     @classmethod
     def from_body(cls, body: bytes) -> "Reply":
@@ -166,8 +173,8 @@ class Event:
     limit: int
 
     def to_body(self) -> bytes:
-        """Return the body."""
-        return _EVENT.pack(self.code, self.argument, self.cell, self.value, self.limit)
+        """Return the body; EncodeError where a number does not fit."""
+        return _pack(_EVENT, "EVENT", self.code, self.argument, self.cell, self.value, self.limit)
 
     @classmethod
     def from_body(cls, body: bytes) -> "Event":
@@ -193,8 +200,8 @@ class Ident:
         return self.protocol == PROTOCOL_VERSION and self.map_hash == MAP_HASH
 
     def to_bytes(self) -> bytes:
-        """Return the reply's data."""
-        return _IDENT.pack(self.protocol, *self.firmware, self.map_hash, self.reset_cause, self.boots)
+        """Return the reply's data; EncodeError where a number does not fit."""
+        return _pack(_IDENT, "IDENT", self.protocol, *self.firmware, self.map_hash, self.reset_cause, self.boots)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> "Ident":
@@ -258,7 +265,7 @@ def encode_request(request: Request) -> tuple[MessageType, bytes]:
     """Return a request's frame type and body.
 
     Raises:
-        EncodeError: a write outside the configuration, a read too long for one reply.
+        EncodeError: a write outside the configuration, a read too long for one reply, a number that does not fit.
     """
     match request:
         case Read(offset, length):
@@ -272,7 +279,7 @@ def encode_request(request: Request) -> tuple[MessageType, bytes]:
                 raise EncodeError("window", f"{offset}+{len(data)}", f"within the configuration, 0..{CONFIG_SIZE}")
             return MessageType.WRITE, _WINDOW.pack(offset, len(data)) + data
         case Command(command, argument):
-            return MessageType.COMMAND, _COMMAND.pack(command, argument)
+            return MessageType.COMMAND, _pack(_COMMAND, "COMMAND", command, argument)
         case IdentRequest():
             return MessageType.IDENT, b""
         case Store():
