@@ -1,0 +1,187 @@
+"""`voltwall estimate`: run a filter over a recording of one cell and, where the SOC is known, score it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.commands.recordings import add_reading_arguments, read_recording, write_table
+from app.estimation.cellfile import load_cell
+from app.estimation.errors import EstimatorError
+from app.estimation.estimators import FILTERS, CellEstimator, make_estimator
+from app.estimation.importer import DatasetError, FloatArray, Recording
+from app.estimation.scoring import SocScore, score_soc
+
+DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a filter said along a recording, every array (n,); `innovation_v` is measured minus predicted [V]."""
+
+    soc: FloatArray
+    soc_sigma: FloatArray
+    voltage_v: FloatArray
+    innovation_v: FloatArray
+    innovation_sigma_v: FloatArray
+    model_valid_frac: float
+    us_per_step: float
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.description = "Estimate the state of charge along a recording; score it where the file has a soc column."
+    parser.add_argument("file", type=Path, metavar="FILE", help="recording: CSV or Parquet, plain or gzip")
+    parser.add_argument("--cell", required=True, metavar="CELL.toml", help="cell file, or the name of a bundled cell")
+    parser.add_argument("--filter", choices=FILTERS, default="fused", help="default: %(default)s")
+    parser.add_argument(
+        "--initial-soc",
+        type=_fraction,
+        metavar="S",
+        help="SOC believed at the first row, 0..1 or with %%; left out: read off the first voltage",
+    )
+    parser.add_argument(
+        "--initial-sigma", type=_fraction, metavar="S", help="how far that may be off (1 sigma); left out: the filter's"
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the estimates: .csv, .csv.gz or .parquet")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="draw SOC with 3 sigma, voltage and residual")
+    add_reading_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command; 0 when done, 2 when a file cannot be used."""
+    try:
+        recording = read_recording(args.file, args)
+        cell = load_cell(args.cell)
+        result = run_filter(make_estimator(args.filter, cell, 1), recording, args.initial_soc, args.initial_sigma)
+        score = score_soc(recording.time_s, result.soc, result.soc_sigma, recording.soc)
+        report = summary(args, recording, result, score)
+        if args.out is not None:
+            write_table(args.out, _columns(recording, result))
+        if args.plot is not None:
+            from app.commands.charts import draw_estimate
+
+            draw_estimate(args.plot, recording, result)
+    except (DatasetError, EstimatorError, OSError) as exc:
+        print(f"voltwall estimate: {exc}", file=sys.stderr)
+        return 2
+    if args.json:
+        print(json.dumps(report, allow_nan=False))
+    else:
+        _print_report(report)
+    return 0
+
+
+def run_filter(
+    estimator: CellEstimator,
+    recording: Recording,
+    initial_soc: float | None = None,
+    initial_sigma: float | None = None,
+) -> Run:
+    """Return what a one-cell estimator says at every row of a recording.
+
+    Args:
+        estimator: a filter for one cell; it is started at the first row.
+        recording: the measurements.
+        initial_soc: SOC believed at the first row, 0..1; None = from the voltage there.
+        initial_sigma: standard deviation of that; None = the filter's default.
+
+    Raises:
+        EstimatorError: the filter refuses the numbers.
+    """
+    temperature = np.where(np.isnan(recording.temperature_degc), DEFAULT_TEMPERATURE_DEGC, recording.temperature_degc)
+    voltages, temperatures = recording.voltage_v[:, None], temperature[:, None]
+    current, steps = recording.current_a.tolist(), recording.step_s.tolist()
+    estimator.start(voltages[0], temperatures[0], current[0], initial_soc, initial_sigma)
+    table = np.empty((5, len(steps)))
+    valid = 0
+    begun = time.perf_counter()
+    for k, (dt_s, current_a) in enumerate(zip(steps, current, strict=True)):
+        e = estimator.step(dt_s, current_a, voltages[k], temperatures[k])
+        table[0, k], table[1, k], table[2, k] = e.soc[0], e.soc_sigma[0], e.voltage_v[0]
+        table[3, k], table[4, k] = e.innovation_v[0], e.innovation_sigma_v[0]
+        valid += bool(e.model_valid[0])
+    took_s = time.perf_counter() - begun
+    soc, sigma, voltage, innovation, innovation_sigma = table
+    return Run(soc, sigma, voltage, innovation, innovation_sigma, valid / len(steps), 1e6 * took_s / len(steps))
+
+
+def summary(args: argparse.Namespace, recording: Recording, result: Run, score: SocScore | None) -> dict[str, Any]:
+    """Return the result as plain JSON values; what cannot be said is None."""
+    names = ("soc_rmse", "soc_bias", "soc_max_error_after_60s", "settle_5_s", "settle_2_s", "inside_3_sigma", "nees")
+    scores = dict.fromkeys(names) if score is None else asdict(score)
+    innovation = result.innovation_v[np.isfinite(result.innovation_v)]
+    report = {
+        "file": recording.source,
+        "cell": str(args.cell),
+        "filter": args.filter,
+        "rows": len(recording.time_s),
+        "duration_s": float(recording.time_s[-1] - recording.time_s[0]),
+        "initial_soc": args.initial_soc,
+        **scores,
+        "soc_first": float(result.soc[0]),
+        "soc_last": float(result.soc[-1]),
+        "soc_sigma_last": float(result.soc_sigma[-1]),
+        "innovation_rms_v": float(np.sqrt(np.mean(innovation**2))) if innovation.size else None,
+        "model_valid": result.model_valid_frac,
+        "us_per_step": result.us_per_step,
+        "notes": list(recording.notes),
+    }
+    return {
+        key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in report.items()
+    }
+
+
+def _columns(recording: Recording, result: Run) -> dict[str, FloatArray]:
+    columns = {
+        "time_s": recording.time_s,
+        "current_a": recording.current_a,
+        "voltage_v": recording.voltage_v,
+        "soc": result.soc,
+        "soc_sigma": result.soc_sigma,
+        "voltage_model_v": result.voltage_v,
+        "innovation_v": result.innovation_v,
+        "innovation_sigma_v": result.innovation_sigma_v,
+    }
+    if np.isfinite(recording.soc).any():
+        columns["soc_reference"] = recording.soc
+    return columns
+
+
+def _print_report(report: dict[str, Any]) -> None:
+    def percent(name: str) -> str:
+        return "unknown" if report[name] is None else f"{100.0 * report[name]:.2f} %"
+
+    def seconds(name: str) -> str:
+        return "never" if report[name] is None else f"{report[name]:.1f} s"
+
+    print(f"{report['file']}: {report['rows']} rows over {report['duration_s']:.0f} s, filter {report['filter']}")
+    for note in report["notes"]:
+        print(f"  note: {note}")
+    print(f"  SOC {percent('soc_first')} at the first row, {percent('soc_last')} at the last")
+    print(f"  sigma at the last row {percent('soc_sigma_last')}; model valid {percent('model_valid')} of the time")
+    print(f"  {report['us_per_step']:.0f} us for a step")
+    if report["soc_rmse"] is None:
+        print("  no soc column: nothing to compare with")
+        return
+    print(f"  RMSE {percent('soc_rmse')}, largest error after 60 s {percent('soc_max_error_after_60s')}")
+    print(f"  within 5 % after {seconds('settle_5_s')}, within 2 % after {seconds('settle_2_s')}")
+    print(f"  within 3 sigma {percent('inside_3_sigma')} of the time")
+
+
+def _fraction(text: str) -> float:
+    try:
+        value = float(text.rstrip("%")) / (100.0 if text.endswith("%") else 1.0)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text} is not between 0 and 1; write percent with a % sign")
+    return value

@@ -1,0 +1,96 @@
+import argparse
+import json
+
+import numpy as np
+import pytest
+
+from app.commands import estimate
+from app.commands.recordings import write_table
+from app.dataset import load_recording
+from app.estimation.cellfile import load_cell
+from app.estimation.circuit import simulate
+from app.estimation.importer import DatasetError
+
+CELL = "samsung-25r-10p"
+
+
+def run(*words):
+    parser = argparse.ArgumentParser()
+    estimate.add_arguments(parser)
+    return estimate.run(parser.parse_args([str(word) for word in words]))
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    rng = np.random.default_rng(5)
+    time_s = np.arange(3000) * 0.5
+    current_a = np.repeat(rng.choice([0.0, 20.0, 60.0, 120.0, -20.0], size=300), 10)
+    current_a[:20] = 0.0
+    temperature = np.full(time_s.size, 25.0)
+    soc, voltage_v = simulate(load_cell(CELL), time_s, current_a, temperature, 0.9)
+    path = tmp_path_factory.mktemp("drive") / "drive.csv.gz"
+    write_table(path, {"time_s": time_s, "current_a": current_a, "voltage_v": voltage_v, "soc": soc})
+    return path
+
+
+def test_json_has_the_published_keys_and_a_good_score(drive, capsys):
+    assert run(drive, "--cell", CELL, "--initial-soc", "0.9", "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert {"soc_rmse", "soc_max_error_after_60s", "settle_5_s", "settle_2_s", "inside_3_sigma"} <= set(report)
+    assert report["soc_rmse"] < 0.005
+    assert report["settle_5_s"] == 0.0
+
+
+def test_wrong_start_is_corrected_by_the_filter_and_never_by_the_counter(drive, capsys):
+    assert run(drive, "--cell", CELL, "--initial-soc", "40%", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["settle_5_s"] < 60.0
+    assert run(drive, "--cell", CELL, "--initial-soc", "40%", "--filter", "coulomb", "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["settle_5_s"] is None
+    assert report["soc_rmse"] > 0.4
+
+
+@pytest.mark.parametrize("name", ["out.csv", "out.csv.gz", "out.parquet"])
+def test_estimates_are_written_in_the_form_the_name_says(drive, tmp_path, name):
+    if name.endswith("parquet"):
+        pytest.importorskip("pyarrow")
+    assert run(drive, "--cell", CELL, "--initial-soc", "0.9", "--out", tmp_path / name) == 0
+    written = load_recording(tmp_path / name)
+    assert len(written.time_s) == 3000
+    assert abs(written.soc[-1] - load_recording(drive).soc[-1]) < 0.02
+
+
+def test_plot_is_a_picture(drive, tmp_path):
+    pytest.importorskip("matplotlib")
+    assert run(drive, "--cell", CELL, "--initial-soc", "0.9", "--plot", tmp_path / "a.png") == 0
+    assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_file_without_soc_is_estimated_and_not_scored(drive, tmp_path, capsys):
+    recording = load_recording(drive)
+    path = tmp_path / "plain.csv"
+    write_table(path, {name: getattr(recording, name) for name in ("time_s", "current_a", "voltage_v")})
+    assert run(path, "--cell", CELL, "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["soc_rmse"] is None
+    assert report["soc_last"] == pytest.approx(recording.soc[-1], abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [(["none.csv", "--cell", CELL], "none.csv"), (["{drive}", "--cell", "no-such-cell"], "no-such")],
+)
+def test_what_cannot_be_used_is_named(drive, capsys, words, problem):
+    assert run(*[word.format(drive=drive) for word in words]) == 2
+    assert problem in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["95", "-0.1", "full"])
+def test_initial_soc_that_is_no_fraction_is_refused(text):
+    with pytest.raises(SystemExit):
+        run("drive.csv", "--cell", CELL, f"--initial-soc={text}")
+
+
+def test_unknown_ending_is_refused(tmp_path):
+    with pytest.raises(DatasetError, match="parquet"):
+        write_table(tmp_path / "a.xlsx", {"soc": np.zeros(2)})
