@@ -149,14 +149,14 @@ def apply_received(rx: RxMessage, data: bytes, image: bytearray) -> tuple[Window
 def windows_of_tx(tx: TxMessage, data: bytes) -> tuple[Window, ...]:
     """Return what a message that the master sent tells about its struct (the host's side), in order of offset.
 
-    A message that carries only the low bytes of a signed number means one that fits them: the missing high bytes are
-    its sign, and are in the windows. Unsigned numbers are not completed.
+    A message that carries only the low bytes (two or more) of a signed number means one that fits them: the missing
+    high bytes are its sign, and are in the windows. Unsigned numbers are not completed.
     """
     placed = _placed(tx, data)
     for start in [offset for offset in placed if offset in _SIGNED]:
         end = start + _SIGNED[start]
         missing = [offset for offset in range(start, end) if offset not in placed]
-        if missing and missing[-1] - missing[0] == len(missing) - 1 and missing[-1] == end - 1:
+        if missing and missing == list(range(max(missing[0], start + 2), end)):
             placed.update(dict.fromkeys(missing, 0xFF if placed[missing[0] - 1] & 0x80 else 0))
     return _windows(placed)
 

@@ -192,6 +192,14 @@ TOP_FIELDS = (
 
 # fmt: on
 
+CHARGER_FLAGS = ("hardware", "over_temperature", "input_voltage", "battery", "timeout")
+FLAGS: dict[str, tuple[str, ...]] = {"status.flags": STATUS_FLAGS, "charger.flags": CHARGER_FLAGS}  # from bit 0
+VALUES: dict[str, dict[int, str]] = {  # what single values of a field stand for; in slaves for each of them
+    "charger.control": {0: "charge", 1: "stop"},
+    "charger.state": dict(enumerate(CHARGER_STATES)),
+    "slave.status": {0: "absent", 1: "active", 255: "fault"},
+}
+
 MASTER_SIZE = 2984
 CONFIG_OFFSET = 0
 STATUS_OFFSET = 420

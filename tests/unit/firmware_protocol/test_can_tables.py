@@ -91,7 +91,7 @@ def test_low_bytes_of_a_signed_number_bring_their_sign(low, value):
     assert len(window.data) == 4
 
 
-@pytest.mark.parametrize("offsets", [(1885, 1886), (1884, 1886), (1887, 2392)])
+@pytest.mark.parametrize("offsets", [(1885, 1886), (1884, 1886), (1887, 2392), (1884, 2392)])
 def test_other_parts_of_a_number_are_not_completed(offsets):
     tx = replace(TX[1], data_offsets=offsets + (BYTE_UNUSED,) * 6, length=2)
     assert sum(len(w.data) for w in can_tables.windows_of_tx(tx, b"\x80\x80")) == 2
