@@ -119,13 +119,13 @@ def warburg_ladder(total_ohm: Table, diffusion_s: float, pairs: int) -> tuple[tu
 
     R tanh(sqrt(s tau)) / sqrt(s tau) is the sum over odd m of pairs with resistance 8R/(m pi)^2 and time constant
     4 tau/(m pi)^2: the first `pairs` of them are kept, the last takes the resistance of all that follow.
-    The capacitances are those of the table's middle value; time constants follow the resistance.
+    The capacitances are those at half charge; time constants follow the resistance.
     """
     odd = 2.0 * np.arange(pairs) + 1.0
     share = 8.0 / (odd * np.pi) ** 2
     share[-1] += 1.0 - share.sum()
     tau_s = 4.0 * diffusion_s / (odd * np.pi) ** 2
-    middle_ohm = float(np.median(total_ohm.value))
+    middle_ohm = float(total_ohm.at(np.array(0.5)))
     rc_ohm = tuple(Table(total_ohm.soc, tuple(float(r * part) for r in total_ohm.value)) for part in share)
     rc_f = tuple(float(t / (middle_ohm * part)) for t, part in zip(tau_s, share, strict=True))
     return rc_ohm, rc_f
@@ -137,7 +137,7 @@ def _per_module(milliohm_per_can: tuple[float, ...], cans: int = 10) -> tuple[fl
 
 _DIFFUSION_SOC = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 _DIFFUSION_OHM, _DIFFUSION_F = warburg_ladder(
-    Table(_DIFFUSION_SOC, _per_module((58.0, 42.0, 32.0, 22.5, 17.0, 14.5, 12.8, 12.8, 13.6, 14.8, 17.6, 24.0))),
+    Table(_DIFFUSION_SOC, _per_module((100.0, 70.0, 46.0, 29.0, 20.0, 15.5, 12.8, 12.8, 13.2, 14.8, 19.0, 29.0))),
     diffusion_s=80.0,
     pairs=4,
 )
@@ -154,7 +154,9 @@ SAMSUNG_25R_10P = CellModel(
     ),
     entropy_v_per_k=Table((0.0, 0.2, 0.5, 0.8, 1.0), (-2.6e-4, -1.5e-4, -0.8e-4, -0.6e-4, -1.0e-4)),
     ohmic_ohm=Table((0.0, 0.1, 0.5, 1.0), _per_module((14.0, 13.4, 13.0, 13.0))),
-    charge_transfer_ohm=Table((0.0, 0.05, 0.1, 0.2, 0.4, 0.9, 1.0), _per_module((9.0, 5.5, 4.4, 3.8, 3.4, 3.4, 4.0))),
+    charge_transfer_ohm=Table(
+        (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.9, 1.0), _per_module((18.0, 12.0, 8.0, 5.5, 4.2, 3.5, 3.5, 4.5))
+    ),
     rc_ohm=_DIFFUSION_OHM,
     rc_f=_DIFFUSION_F,
     ohmic_j_per_mol=8.0e3,
