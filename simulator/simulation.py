@@ -7,9 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from firmware_protocol.elcon import BIT_RATE_6K6, COMMAND_ID, STATUS_ID
 from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.board import Board
 from simulator.can_bus import CanBus, CanFrame
+from simulator.charger_unit import ChargerUnit
 from simulator.eeprom import Eeprom
 from simulator.line import UartLine
 from simulator.loads import Load, Rest
@@ -17,6 +19,7 @@ from simulator.master import PASS_S, VirtualMaster
 from simulator.relays import RelayState
 
 BOOT_S = 0.3
+POWER_ON, WATCHDOG, BROWN_OUT, COMMANDED = range(4)  # reset causes
 _LINE_RETRY_S = 1e-3  # a free line is asked again this much later when it had nothing, whatever it promised
 
 
@@ -30,12 +33,31 @@ class MasterOnBus:
     def bit_rate(self) -> int:
         """The bit rate of the configuration in force [bit/s]."""
         master = self._simulation.master
-        return 0 if master is None else master.can.bit_rate
+        return 0 if master is None or self._simulation.is_bus_off else master.can.bit_rate
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:
         """Hand a frame to the running master."""
         if self._simulation.master is not None:
             self._simulation.master.can.received(frame, now_s)
+
+
+class ChargerOnBus:
+    """The charger as a node of the bus, there while it is plugged in."""
+
+    def __init__(self, unit: ChargerUnit) -> None:
+        self.unit = unit
+        self.is_plugged = False
+        self.bit_rate_plugged = BIT_RATE_6K6
+
+    @property
+    def bit_rate(self) -> int:
+        """The bit rate that the unit was built for [bit/s]."""
+        return self.bit_rate_plugged if self.is_plugged else 0
+
+    def can_received(self, frame: CanFrame, now_s: float) -> None:
+        """Take a command."""
+        if frame.is_extended and frame.can_id == COMMAND_ID:
+            self.unit.receive(frame.data)
 
 
 class Simulation:
@@ -55,7 +77,8 @@ class Simulation:
         self.board = Board(eeprom or Eeprom(), self.rng)
         self.bus = CanBus()
         self._master_on_bus = MasterOnBus(self)
-        self.bus.nodes.append(self._master_on_bus)
+        self.charger = ChargerOnBus(ChargerUnit(ambient_degc=parameters.ambient_degc))
+        self.bus.nodes += [self._master_on_bus, self.charger]
         self.line = UartLine(self.rng)
         self.serial_out: Callable[[bytes], None] | None = None
         self.before_step: Callable[[float], None] | None = None
@@ -67,6 +90,8 @@ class Simulation:
         self._boot_at_s = 0.0
         self._boot_cause = 0
         self.current_a = 0.0
+        self.is_bus_off = False
+        self._ambient_degc: float | None = None
         self.master: VirtualMaster | None = None
         self._boot()
 
@@ -74,6 +99,12 @@ class Simulation:
         """Put another load on the accumulator, from its beginning."""
         self.load = load
         self._load_start_s = self.now_s
+
+    def set_ambient(self, degc: float | None) -> None:
+        """Give the air another temperature, or its own again."""
+        if self._ambient_degc is None:
+            self._ambient_degc = self.accumulator.ambient_degc
+        self.accumulator.ambient_degc = self.charger.unit.ambient_degc = self._ambient_degc if degc is None else degc
 
     @property
     def load_time_s(self) -> float:
@@ -142,13 +173,16 @@ class Simulation:
         self.board.sense_temperatures(self.accumulator)
         self.board.chain.watch(now_s)
         if master is None:
+            self._step_charger(dt_s, is_connected=False)
             return
+        master.can.is_off = self.is_bus_off
         master.drive_requested = self.load.state(self.load_time_s).is_high_voltage_on
         master.measure(now_s, dt_s, self.current_a)
+        self._step_charger(dt_s, is_connected=master.relay_state == RelayState.CHARGER)
         for frame in master.can.due(now_s):
             self.bus.send(self._master_on_bus, frame, now_s)
         if master.reset_due_s is not None and now_s >= master.reset_due_s:
-            self.reset(_COMMANDED)
+            self.reset(COMMANDED)
 
     def _advance_accumulator(self, dt_s: float) -> None:
         master = self.master
@@ -156,6 +190,8 @@ class Simulation:
         self.current_a = 0.0
         if relays == RelayState.VEHICLE:
             self.current_a = self.load.current_a(self.load_time_s, self.accumulator)
+        elif relays == RelayState.CHARGER:
+            self.current_a = -self.charger.unit.current_a
         self.accumulator.step(
             dt_s,
             self.current_a,
@@ -163,5 +199,11 @@ class Simulation:
             fan_duty=0.0 if master is None else master.fan_duty,
         )
 
-
-_COMMANDED = 3
+    def _step_charger(self, dt_s: float, *, is_connected: bool) -> None:
+        charger = self.charger
+        if not charger.is_plugged:
+            charger.unit.current_a = 0.0
+            return
+        status = charger.unit.step(dt_s, self.accumulator.outlet_voltage_v if is_connected else 0.0)
+        if status is not None:
+            self.bus.send(charger, CanFrame(STATUS_ID, True, status), self.now_s)

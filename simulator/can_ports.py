@@ -1,0 +1,150 @@
+"""Ports onto the simulated CAN bus: an emulated slcan adapter on a byte port, or any bus that python-can opens."""
+
+import logging
+import selectors
+from collections.abc import Callable
+from typing import Any, Protocol
+from urllib.parse import parse_qsl
+
+import can
+
+from simulator.can_bus import CanBus, CanFrame
+from simulator.errors import PortError
+from simulator.ports import BytePort, byte_port
+from simulator.slcan import SlcanAdapter
+
+log = logging.getLogger(__name__)
+
+
+class CanPort(Protocol):
+    """A port onto the simulated bus, driven by the runner."""
+
+    @property
+    def url(self) -> str:
+        """What a program gives as INTERFACE:CHANNEL to open the other end."""
+        ...
+
+    def open(self, selector: selectors.BaseSelector, bus: CanBus, now_s: Callable[[], float]) -> None:
+        """Open, and become a node of the bus; PortError where that fails."""
+        ...
+
+    def poll(self) -> None:
+        """Take frames that wait, on ports that no selector can watch."""
+        ...
+
+    def close(self) -> None:
+        """Leave the bus and close."""
+        ...
+
+
+class SlcanPort:
+    """An slcan adapter behind a pseudo-terminal or a socket."""
+
+    def __init__(self, port: BytePort) -> None:
+        self._port = port
+        self._bus: CanBus | None = None
+        self._adapter: SlcanAdapter | None = None
+
+    @property
+    def url(self) -> str:
+        """`slcan:` and the channel."""
+        return f"slcan:{self._port.url}"
+
+    def open(self, selector: selectors.BaseSelector, bus: CanBus, now_s: Callable[[], float]) -> None:
+        """Open the byte port and put the adapter on the bus."""
+        adapter = SlcanAdapter(bus, self._port.write)
+        self._port.open(selector, lambda data: adapter.feed(data, now_s()))
+        bus.nodes.append(adapter)
+        self._bus, self._adapter = bus, adapter
+
+    def poll(self) -> None:
+        """Do nothing: the selector watches the byte port."""
+
+    def close(self) -> None:
+        """Take the adapter off the bus."""
+        if self._bus is not None and self._adapter is not None:
+            self._bus.nodes.remove(self._adapter)
+            self._port.close()
+            self._bus = None
+
+
+class PythonCanPort:
+    """A bus that python-can opens, at the bit rate it was given (500 kbit/s unless told otherwise)."""
+
+    def __init__(self, interface: str, channel: str, options: dict[str, Any]) -> None:
+        self._interface = interface
+        self._channel = channel
+        self._options = options
+        self._device: can.BusABC | None = None
+        self._bus: CanBus | None = None
+        self._now_s: Callable[[], float] = float
+
+    @property
+    def url(self) -> str:
+        """INTERFACE:CHANNEL."""
+        return f"{self._interface}:{self._channel}"
+
+    @property
+    def bit_rate(self) -> int:
+        """The bit rate it was opened with [bit/s]."""
+        return int(self._options.get("bitrate", 500_000))
+
+    def open(self, selector: selectors.BaseSelector, bus: CanBus, now_s: Callable[[], float]) -> None:
+        """Open the bus and become a node of ours."""
+        try:
+            self._device = can.Bus(channel=self._channel, interface=self._interface, **self._options)
+        except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+            raise PortError(self.url, str(error)) from error
+        self._bus, self._now_s = bus, now_s
+        bus.nodes.append(self)
+
+    def can_received(self, frame: CanFrame, now_s: float) -> None:
+        """Send a frame of the simulated bus."""
+        if self._device is None:
+            return
+        message = can.Message(arbitration_id=frame.can_id, is_extended_id=frame.is_extended, data=frame.data)
+        try:
+            self._device.send(message, timeout=0)
+        except can.CanError as error:
+            log.debug("%s: frame lost: %s", self.url, error)
+
+    def poll(self) -> None:
+        """Take the frames that others sent."""
+        if self._device is None or self._bus is None:
+            return
+        while (message := self._device.recv(0)) is not None:
+            if message.is_error_frame or message.is_remote_frame or message.is_fd:
+                continue
+            frame = CanFrame(message.arbitration_id, message.is_extended_id, bytes(message.data))
+            self._bus.send(self, frame, self._now_s())
+
+    def close(self) -> None:
+        """Leave both buses."""
+        if self._device is not None and self._bus is not None:
+            self._bus.nodes.remove(self)
+            self._device.shutdown()
+            self._device = None
+
+
+def can_port(text: str) -> CanPort:
+    """Return the port that `slcan-pty:LINK`, `slcan-tcp:PORT` or `INTERFACE:CHANNEL[?key=value&...]` names.
+
+    Raises:
+        PortError: it names none of them.
+    """
+    interface, separator, rest = text.partition(":")
+    if not interface or not separator:
+        raise PortError(text, "give slcan-pty:LINK, slcan-tcp:PORT or INTERFACE:CHANNEL")
+    if interface in ("slcan-pty", "slcan-tcp"):
+        return SlcanPort(byte_port(f"{interface.removeprefix('slcan-')}:{rest}"))
+    channel, _, query = rest.partition("?")
+    return PythonCanPort(interface, channel, {key: _typed(value) for key, value in parse_qsl(query)})
+
+
+def _typed(value: str) -> bool | int | str:
+    if value.lower() in ("true", "false"):
+        return value.lower() == "true"
+    try:
+        return int(value, 0)
+    except ValueError:
+        return value

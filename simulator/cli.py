@@ -1,0 +1,129 @@
+"""`voltwall simulate`: the simulated accumulator as a process of its own."""
+
+import argparse
+import os
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+
+from simulator.can_ports import can_port
+from simulator.director import Director
+from simulator.eeprom import Eeprom
+from simulator.errors import SimulatorError
+from simulator.ports import byte_port
+from simulator.runner import Runner
+from simulator.scenario import DEFAULT_SCENARIO, find_scenario, library
+
+DESCRIPTION = """\
+A simulated accumulator of 96 cells behind a simulated master, to be opened like the real thing.
+
+It answers on the ports given here exactly as the car does: RS232 at 115200 8E1 and CAN.
+One line per open port is printed (what to give to `voltwall serve --serial` and `--can`), then `ready`.
+"""
+EPILOG = """\
+examples:
+  voltwall simulate --serial pty:/tmp/master --can slcan-pty:/tmp/can
+  voltwall simulate --serial tcp:4001 --can slcan-tcp:4002 --scenario loose-bolt --speed 10
+  voltwall simulate --serial pty:/tmp/master --can socketcan:vcan0 --eeprom eeprom.bin
+  voltwall simulate --list
+"""
+EXIT_OK, EXIT_FAILED = 0, 1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `simulate`."""
+    parser.description = DESCRIPTION
+    parser.epilog = EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--serial", metavar="PORT", help="where the RS232 line ends: pty:LINK or tcp:PORT (0: any)")
+    parser.add_argument(
+        "--can",
+        metavar="PORT",
+        action="append",
+        default=[],
+        help="where the bus ends: slcan-pty:LINK or slcan-tcp:PORT (an emulated USB adapter), "
+        "or python-can's INTERFACE:CHANNEL[?key=value&...]; may be given again",
+    )
+    parser.add_argument("--eeprom", metavar="FILE", type=Path, help="keep the EEPROM in this file (default: erased)")
+    parser.add_argument(
+        "--scenario", metavar="NAME|FILE", default=DEFAULT_SCENARIO, help="what happens (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=int, help="another draw of cells, sensors and drivers (default: the scenario's)")
+    parser.add_argument("--speed", type=_speed, default=1.0, metavar="N|max", help="times real time (default: 1)")
+    parser.add_argument("--duration", type=float, metavar="S", help="end after so many simulated seconds")
+    parser.add_argument(
+        "--control", metavar="PORT|PATH", help="take faults while running: a port on 127.0.0.1, or a Unix socket"
+    )
+    parser.add_argument("--with-parent", action="store_true", help="end when standard input does")
+    parser.add_argument("--list", action="store_true", help="list the scenarios and end")
+    parser.add_argument("--describe", metavar="NAME", help="describe a scenario and end")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Carry out `simulate` and return the exit code."""
+    try:
+        if arguments.list:
+            for scenario in library():
+                print(f"{scenario.name:24} {scenario.title}")
+            return EXIT_OK
+        if arguments.describe is not None:
+            print(find_scenario(arguments.describe).describe())
+            return EXIT_OK
+        _simulate(arguments)
+    except SimulatorError as error:
+        print(f"voltwall simulate: {error}", file=sys.stderr)
+        return EXIT_FAILED
+    return EXIT_OK
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `simulate` by itself."""
+    parser = argparse.ArgumentParser(prog="voltwall simulate")
+    add_arguments(parser)
+    return run(parser.parse_args(argv))
+
+
+def _simulate(arguments: argparse.Namespace) -> None:
+    scenario = find_scenario(arguments.scenario)
+    director = Director(scenario, eeprom=Eeprom(arguments.eeprom), seed=arguments.seed)
+    serial = None if arguments.serial is None else byte_port(arguments.serial)
+    can = [can_port(text) for text in arguments.can]
+    runner = Runner(director.simulation, serial=serial, can=can, speed=arguments.speed)
+    runner.open()
+    try:
+        for signum in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(signum, lambda *_: runner.stop())
+        if serial is not None:
+            print(f"serial: {serial.url}", flush=True)
+        for port in can:
+            print(f"can: {port.url}", flush=True)
+        print("ready", flush=True)
+        if arguments.with_parent:
+            threading.Thread(target=_stop_with_parent, args=(runner,), daemon=True).start()
+        runner.run(arguments.duration, lambda: director.is_over)
+    finally:
+        runner.close()
+
+
+def _stop_with_parent(runner: Runner) -> None:
+    while os.read(sys.stdin.fileno(), 4096):
+        pass
+    runner.stop()
+
+
+def _speed(text: str) -> float | None:
+    if text == "max":
+        return None
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = 0.0
+    if not 0 < speed < 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a positive number nor `max`")
+    return speed
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,182 @@
+"""Plays a scenario on a simulation: its start, its phases one after the other, its faults and its operator."""
+
+from collections import deque
+
+import numpy as np
+
+from firmware_protocol.eeprom import plan_store
+from firmware_protocol.memory_map import N_CELLS
+from firmware_protocol.messages import CommandId
+from simulator.accumulator import AccumulatorParameters
+from simulator.charging import ChargingState
+from simulator.eeprom import Eeprom
+from simulator.errors import ParameterError, ScenarioError
+from simulator.faults import FaultBoard
+from simulator.loads import ConstantCurrent, Idle, Load, Pattern, Recorded, Rest
+from simulator.master import PASS_S
+from simulator.race import acceleration, endurance, skid_pad
+from simulator.scenario import ActionPlan, FaultPlan, PhasePlan, Scenario
+from simulator.simulation import Simulation
+
+CHARGE_RETRY_S = 1.0
+STANDBY_S = 2.0  # from high voltage on to driving
+_COMMANDS = {
+    "charge-start": CommandId.CHARGE_START,
+    "charge-stop": CommandId.CHARGE_STOP,
+    "balance-start": CommandId.BALANCE_START,
+    "balance-stop": CommandId.BALANCE_STOP,
+    "clear-faults": CommandId.CLEAR_FAULTS,
+    "soc": CommandId.SET_SOC,
+    "reset": CommandId.RESET,
+}
+
+
+class Director:
+    """A scenario being played."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        eeprom: Eeprom | None = None,
+        seed: int | None = None,
+        step_s: float = PASS_S,
+    ) -> None:
+        """Build the simulation that the scenario starts with.
+
+        Raises:
+            ScenarioError: a load that it names cannot be made.
+        """
+        self.scenario = scenario
+        eeprom = eeprom or Eeprom()
+        if scenario.config is not None:
+            for page in plan_store(bytes(eeprom.content), scenario.config):
+                eeprom.write(page.offset, page.data)
+        used_seed = scenario.seed if seed is None else seed
+        self.simulation = Simulation(_parameters(scenario), eeprom=eeprom, seed=used_seed, step_s=step_s)
+        self.simulation.accumulator.sun_w = scenario.start.sun_w
+        self.faults = FaultBoard(self.simulation)
+        self._loads_rng = np.random.default_rng(used_seed + 1)
+        plans: list[FaultPlan | ActionPlan] = [*scenario.faults, *scenario.actions]
+        self._timeline = deque(sorted(plans, key=lambda plan: plan.at_s))
+        self._phase_index = -1
+        self._phase_start_s = 0.0
+        self._charge_retry_s = 0.0
+        self._has_charged = False
+        self.is_over = False
+        self._next_phase()
+        self.simulation.before_step = self._step
+
+    @property
+    def phase(self) -> PhasePlan:
+        """What the car is doing."""
+        return self.scenario.phases[min(self._phase_index, len(self.scenario.phases) - 1)]
+
+    def run(self, for_s: float) -> None:
+        """Play for a virtual while, or to the scenario's end [s]."""
+        end_s = self.simulation.now_s + for_s
+        while not self.is_over and self.simulation.now_s < end_s:
+            self.simulation.run_until(min(self.simulation.now_s + 1.0, end_s))
+
+    def _step(self, now_s: float) -> None:
+        self.faults.step(now_s)
+        while self._timeline and self._timeline[0].at_s <= now_s:
+            self._play(self._timeline.popleft())
+        if self.phase.load == "charge":
+            self._charge(now_s)
+        if not self.is_over and self._phase_is_over(now_s):
+            self._next_phase()
+
+    def _play(self, plan: FaultPlan | ActionPlan) -> None:
+        if isinstance(plan, FaultPlan):
+            self.faults.inject(plan.name, plan.target, plan.value, plan.for_s)
+        elif plan.name == "store":
+            self._request_store()
+        else:
+            self._command(_COMMANDS[plan.name], round(plan.argument * (10_000 if plan.name == "soc" else 1)))
+
+    def _command(self, command: CommandId, argument: int = 0) -> bool:
+        master = self.simulation.master
+        return master is not None and master.command(command, argument, self.simulation.now_s)
+
+    def _request_store(self) -> None:
+        master = self.simulation.master
+        if master is not None:
+            master.store.start(0, master.memory.config, self.simulation.now_s)
+
+    def _charge(self, now_s: float) -> None:
+        master = self.simulation.master
+        if master is None or self._has_charged or now_s < self._charge_retry_s:
+            return
+        self._charge_retry_s = now_s + CHARGE_RETRY_S
+        self._has_charged = master.charging.is_active or self._command(CommandId.CHARGE_START)
+
+    def _phase_is_over(self, now_s: float) -> bool:
+        plan, elapsed_s = self.phase, now_s - self._phase_start_s
+        if plan.for_s is not None and elapsed_s >= plan.for_s:
+            return True
+        if plan.until_soc is not None and float(self.simulation.accumulator.soc.mean()) <= plan.until_soc:
+            return True
+        if plan.load == "charge":
+            master = self.simulation.master
+            ended = (ChargingState.DONE, ChargingState.FAULT)
+            return self._has_charged and master is not None and master.charging.state in ended
+        return elapsed_s >= self.simulation.load.duration_s
+
+    def _next_phase(self) -> None:
+        if self._phase_index >= 0 and self.phase.load == "charge":
+            self._command(CommandId.CHARGE_STOP)
+        self._phase_index += 1
+        if self._phase_index == len(self.scenario.phases):
+            if not self.scenario.loop:
+                self.is_over = True
+                self.simulation.set_load(Rest())
+                return
+            self._phase_index = 0
+        self._phase_start_s = self.simulation.now_s
+        self._has_charged = False
+        self._charge_retry_s = 0.0
+        plan = self.phase
+        self.simulation.charger.is_plugged = plan.load == "charge"
+        self.simulation.set_load(self._load(plan))
+
+    def _load(self, plan: PhasePlan) -> Load:
+        try:
+            return self._made_load(plan)
+        except (ParameterError, OSError) as error:
+            raise ScenarioError(self.scenario.name, f"load {plan.load!r}: {error}") from error
+
+    def _made_load(self, plan: PhasePlan) -> Load:
+        match plan.load:
+            case "idle":
+                return Idle()
+            case "constant":
+                return ConstantCurrent(plan.current_a)
+            case "endurance":
+                return endurance(self._loads_rng, n_laps=plan.laps, standby_s=STANDBY_S)
+            case "acceleration":
+                return acceleration()
+            case "skid-pad":
+                return skid_pad()
+            case "pattern":
+                capacity_ah = float(self.simulation.accumulator.capacity_ah.mean())
+                return Pattern(plan.pattern, capacity_ah, scale=plan.power_scale)
+            case "recorded":
+                return Recorded.load(self.scenario.folder / plan.file)
+        return Rest()
+
+
+def _parameters(scenario: Scenario) -> AccumulatorParameters:
+    start = scenario.start
+    soc = np.full(N_CELLS, start.soc)
+    for cell, cell_soc in start.cells.items():
+        soc[int(cell)] = cell_soc
+    return AccumulatorParameters(
+        start_soc=soc,
+        start_soc_spread=start.soc_spread,
+        ambient_degc=start.ambient_degc,
+        capacity_spread=start.capacity_spread,
+        resistance_spread=start.resistance_spread,
+        capacity_ageing=start.capacity_ageing,
+        resistance_ageing=start.resistance_ageing,
+    )

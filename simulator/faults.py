@@ -1,0 +1,279 @@
+"""Everything that can be made to go wrong, as a table: name, target, value, and what it does to the simulation."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from firmware_protocol.memory_map import CELLS_PER_PACK, N_CELLS, N_PACKS
+from simulator.errors import FaultError
+from simulator.simulation import BROWN_OUT, WATCHDOG, Simulation
+
+
+class Target(Enum):
+    """What a fault hits."""
+
+    NONE = "none"
+    CELL = "cell"
+    PACK = "pack"
+
+
+Apply = Callable[[Simulation, int, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class FaultKind:
+    """One kind of fault; `apply` with `neutral` takes it away again."""
+
+    name: str
+    meaning: str
+    target: Target
+    unit: str
+    minimum: float
+    maximum: float
+    default: float
+    neutral: float
+    apply: Apply
+    is_instant: bool = False  # over as soon as it has happened
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveFault:
+    """A fault in force."""
+
+    name: str
+    target: int  # cell 0..95, pack 0..7, 0 where it has none
+    value: float
+    since_s: float
+    until_s: float | None
+
+
+def _cell_array(name: str) -> Apply:
+    def apply(simulation: Simulation, cell: int, value: float) -> None:
+        getattr(simulation.accumulator, name)[cell] = value
+
+    return apply
+
+
+def _joint(simulation: Simulation, cell: int, milliohm: float) -> None:
+    simulation.accumulator.extra_joint_ohm[cell] = milliohm * 1e-3
+
+
+def _open_wire(simulation: Simulation, cell: int, is_open: float) -> None:
+    wires = simulation.board.chain.open_wires
+    wires.add(cell) if is_open else wires.discard(cell)
+
+
+def _stuck_voltage(simulation: Simulation, cell: int, volts: float) -> None:
+    simulation.board.cell_inputs.stuck_v[cell] = volts
+    simulation.board.cell_inputs.faults_changed()
+
+
+def _noisy_voltage(simulation: Simulation, cell: int, volts: float) -> None:
+    simulation.board.cell_inputs.extra_noise_v[cell] = volts
+    simulation.board.cell_inputs.faults_changed()
+
+
+def _stuck_temperature(simulation: Simulation, cell: int, degc: float) -> None:
+    simulation.board.cell_inputs.temperature_stuck_degc[cell] = degc
+
+
+def _fan(simulation: Simulation, _: int, share: float) -> None:
+    simulation.accumulator.fan_blocked = share
+
+
+def _ambient(simulation: Simulation, _: int, degc: float) -> None:
+    simulation.set_ambient(None if np.isnan(degc) else degc)
+
+
+def _slave(simulation: Simulation, pack: int, is_lost: float) -> None:
+    simulation.board.chain.set_powered(pack, not is_lost)
+
+
+def _isospi(simulation: Simulation, _: int, rate: float) -> None:
+    simulation.board.chain.bit_error_rate = rate
+
+
+def _current_unplugged(simulation: Simulation, _: int, is_unplugged: float) -> None:
+    simulation.board.current_sensor.is_unplugged = bool(is_unplugged)
+
+
+def _current_offset(simulation: Simulation, _: int, amperes: float) -> None:
+    simulation.board.current_sensor.extra_offset_a = amperes
+
+
+def _eeprom(simulation: Simulation, _: int, is_worn: float) -> None:
+    simulation.board.eeprom.worn_pages = set(range(16)) if is_worn else set()
+
+
+def _watchdog(simulation: Simulation, _: int, off_s: float) -> None:
+    simulation.reset(WATCHDOG, off_s)
+
+
+def _brown_out(simulation: Simulation, _: int, off_s: float) -> None:
+    simulation.reset(BROWN_OUT, off_s)
+
+
+def _serial_noise(simulation: Simulation, _: int, rate: float) -> None:
+    simulation.line.noise_per_byte = rate
+
+
+def _serial_drop_outs(simulation: Simulation, _: int, is_dropping: float) -> None:
+    simulation.line.is_dropping = bool(is_dropping)
+
+
+def _serial_stuck(simulation: Simulation, _: int, is_stuck: float) -> None:
+    simulation.line.is_stuck = bool(is_stuck)
+
+
+def _bus_off(simulation: Simulation, _: int, is_off: float) -> None:
+    simulation.is_bus_off = bool(is_off)
+
+
+def _bus_broken(simulation: Simulation, _: int, is_broken: float) -> None:
+    simulation.bus.is_broken = bool(is_broken)
+
+
+def _charger_heat(simulation: Simulation, _: int, watts: float) -> None:
+    simulation.charger.unit.extra_heat_w = watts
+
+
+def _charger_mains(simulation: Simulation, _: int, is_off: float) -> None:
+    simulation.charger.unit.has_mains = not is_off
+
+
+def _charger_reversed(simulation: Simulation, _: int, is_reversed: float) -> None:
+    simulation.charger.unit.is_reversed = bool(is_reversed)
+
+
+def _charger_silent(simulation: Simulation, _: int, is_silent: float) -> None:
+    simulation.charger.unit.is_silent = bool(is_silent)
+
+
+def _charger_broken(simulation: Simulation, _: int, is_broken: float) -> None:
+    simulation.charger.unit.has_hardware_fault = bool(is_broken)
+
+
+_NAN = float("nan")
+_ON = ("", 1, 1, 1, 0)  # unit, minimum, maximum, default, neutral of a fault that is there or not
+_CELL, _PACK, _NONE = Target.CELL, Target.PACK, Target.NONE
+_KINDS = (
+    FaultKind("open-wire", "the wire at the cell's upper end is off", _CELL, *_ON, _open_wire),
+    FaultKind("stuck-sensor", "the cell's voltage input shows this voltage", _CELL, "V", 0, 6, 0, _NAN, _stuck_voltage),
+    FaultKind("noisy-sensor", "noise on the cell's voltage input", _CELL, "V rms", 0, 2, 0.02, 0, _noisy_voltage),
+    FaultKind("stuck-temperature", "the sensor shows this", _CELL, "degC", -60, 200, 60, _NAN, _stuck_temperature),
+    FaultKind("loose-joint", "more resistance in the cell's busbar", _CELL, "mohm", 0, 50, 2, 0, _joint),
+    FaultKind("weak-cell", "capacity left", _CELL, "of new", 0.05, 1, 0.7, 1, _cell_array("capacity_factor")),
+    FaultKind("high-resistance", "inner resistance", _CELL, "times new", 1, 20, 2, 1, _cell_array("resistance_factor")),
+    FaultKind("internal-short", "current through a short inside", _CELL, "A", 0, 50, 5, 0, _cell_array("leak_a")),
+    FaultKind("hot-cell", "heat from outside", _CELL, "W", 0, 500, 50, 0, _cell_array("heat_w")),
+    FaultKind("blocked-fan", "share of the air that is missing", _NONE, "", 0, 1, 1, 0, _fan),
+    FaultKind("ambient", "another air temperature", _NONE, "degC", -40, 80, 45, _NAN, _ambient),
+    FaultKind("lost-slave", "the pack's slave does not answer", _PACK, *_ON, _slave),
+    FaultKind("isospi-noise", "bit errors on the slaves' line", _NONE, "per bit", 0, 0.1, 1e-3, 0, _isospi),
+    FaultKind("current-unplugged", "the current sensor is off", _NONE, *_ON, _current_unplugged),
+    FaultKind("current-offset", "the current sensor is off by this", _NONE, "A", -100, 100, 2, 0, _current_offset),
+    FaultKind("eeprom-worn", "writes to the configuration do not last", _NONE, *_ON, _eeprom),
+    FaultKind("reset", "the watchdog restarts the master", _NONE, "s off", 0, 60, 0.3, 0, _watchdog, is_instant=True),
+    FaultKind("brown-out", "the master loses power", _NONE, "s off", 0, 60, 1, 0, _brown_out, is_instant=True),
+    FaultKind("serial-noise", "flipped bits on the RS232 line", _NONE, "per byte", 0, 1, 1e-3, 0, _serial_noise),
+    FaultKind("serial-drop-outs", "frames break off on the RS232 line", _NONE, *_ON, _serial_drop_outs),
+    FaultKind("serial-stuck", "nothing passes the RS232 line", _NONE, *_ON, _serial_stuck),
+    FaultKind("can-bus-off", "the master's CAN controller is off the bus", _NONE, *_ON, _bus_off),
+    FaultKind("can-broken", "nothing passes the CAN bus", _NONE, *_ON, _bus_broken),
+    FaultKind("charger-hot", "heat in the charger", _NONE, "W", 0, 5000, 2500, 0, _charger_heat),
+    FaultKind("charger-no-mains", "the charger's mains are off", _NONE, *_ON, _charger_mains),
+    FaultKind("charger-reversed", "the charger's plug is reversed", _NONE, *_ON, _charger_reversed),
+    FaultKind("charger-silent", "the charger neither sends nor hears", _NONE, *_ON, _charger_silent),
+    FaultKind("charger-broken", "the charger's hardware fails", _NONE, *_ON, _charger_broken),
+)
+FAULTS: dict[str, FaultKind] = {kind.name: kind for kind in _KINDS}
+_N_TARGETS = {Target.NONE: 1, Target.CELL: N_CELLS, Target.PACK: N_PACKS}
+
+
+def cell_index(pack: int, cell: int) -> int:
+    """Return the index of a cell that people call pack 1..8, cell 1..12.
+
+    Raises:
+        FaultError: there is no such cell.
+    """
+    if not (1 <= pack <= N_PACKS and 1 <= cell <= CELLS_PER_PACK):
+        raise FaultError("cell", f"pack {pack}, cell {cell}: packs are 1..{N_PACKS}, cells 1..{CELLS_PER_PACK}")
+    return (pack - 1) * CELLS_PER_PACK + cell - 1
+
+
+class FaultBoard:
+    """Injects faults and takes them away when their time is over; the same fault on the same target is replaced."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._active: dict[tuple[str, int], ActiveFault] = {}
+
+    @property
+    def active(self) -> tuple[ActiveFault, ...]:
+        """The faults in force."""
+        return tuple(self._active.values())
+
+    def inject(self, name: str, target: int = 0, value: float | None = None, for_s: float | None = None) -> None:
+        """Make something go wrong, for a while or until it is cleared.
+
+        Raises:
+            FaultError: no such fault or target, or a value or time out of range.
+        """
+        kind = fault_kind(name)
+        given = check_fault(kind, target, value, for_s)
+        kind.apply(self._simulation, target, given)
+        if not kind.is_instant:
+            now_s = self._simulation.now_s
+            until_s = None if for_s is None else now_s + for_s
+            self._active[name, target] = ActiveFault(name, target, given, now_s, until_s)
+
+    def clear(self, name: str, target: int = 0) -> None:
+        """Put something right again; nothing happens where it was not wrong.
+
+        Raises:
+            FaultError: no such fault.
+        """
+        kind = fault_kind(name)
+        if self._active.pop((name, target), None) is not None:
+            kind.apply(self._simulation, target, kind.neutral)
+
+    def clear_all(self) -> None:
+        """Put everything right."""
+        for fault in self.active:
+            self.clear(fault.name, fault.target)
+
+    def step(self, now_s: float) -> None:
+        """Clear what is over."""
+        for fault in self.active:
+            if fault.until_s is not None and now_s >= fault.until_s:
+                self.clear(fault.name, fault.target)
+
+
+def fault_kind(name: str) -> FaultKind:
+    """Return a kind of fault by its name.
+
+    Raises:
+        FaultError: there is none.
+    """
+    if name not in FAULTS:
+        raise FaultError(name, f"no such fault; there are {', '.join(FAULTS)}")
+    return FAULTS[name]
+
+
+def check_fault(kind: FaultKind, target: int, value: float | None, for_s: float | None) -> float:
+    """Return the value that counts, the default where none is given.
+
+    Raises:
+        FaultError: no such target, or a value or time out of range.
+    """
+    n_targets = _N_TARGETS[kind.target]
+    if not 0 <= target < n_targets:
+        raise FaultError(kind.name, f"{kind.target.value} index {target} is outside 0..{n_targets - 1}")
+    given = kind.default if value is None else value
+    if not kind.minimum <= given <= kind.maximum:
+        raise FaultError(kind.name, f"{given} is outside {kind.minimum:g}..{kind.maximum:g} {kind.unit}".rstrip())
+    if for_s is not None and not 0 < for_s < float("inf"):
+        raise FaultError(kind.name, f"a time of {for_s} s")
+    return given
