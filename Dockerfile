@@ -1,0 +1,27 @@
+# The headless logger: reads the battery, records, serves the pages. See docs/howto/docker.md.
+
+FROM python:3.11-slim-bookworm AS build
+WORKDIR /source
+COPY requirements/ requirements/
+RUN python -m venv /opt/build && /opt/build/bin/pip install --no-cache-dir --require-hashes -r requirements/build.lock
+RUN python -m venv /opt/voltwall && /opt/voltwall/bin/pip install --no-cache-dir --require-hashes -r requirements/run.lock
+COPY . .
+RUN /opt/build/bin/pip wheel --no-deps --no-build-isolation --wheel-dir /wheels .
+RUN /opt/voltwall/bin/pip install --no-deps --no-index /wheels/*.whl
+
+FROM python:3.11-slim-bookworm
+RUN useradd --uid 10001 --create-home --groups dialout voltwall && install -d -o voltwall -g voltwall /data
+COPY --from=build /opt/voltwall /opt/voltwall
+ENV PATH=/opt/voltwall/bin:/usr/local/bin:/usr/bin:/bin
+ENV PYTHONUNBUFFERED=1
+ENV VOLTWALL_HOST=0.0.0.0
+ENV VOLTWALL_PORT=8000
+ENV VOLTWALL_DATA=/data
+ENV NUMBA_CACHE_DIR=/data/.numba
+USER voltwall
+WORKDIR /data
+VOLUME /data
+EXPOSE 8000
+HEALTHCHECK --interval=30s --timeout=5s --start-period=20s CMD ["python", "-c", "import os, urllib.request; urllib.request.urlopen(f'http://127.0.0.1:{os.environ[\"VOLTWALL_PORT\"]}/api/v1/health', timeout=4)"]
+STOPSIGNAL SIGTERM
+CMD ["voltwall", "serve"]
