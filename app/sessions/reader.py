@@ -2,6 +2,7 @@
 
 import json
 import sqlite3
+import threading
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -30,7 +31,7 @@ _FETCH_ROWS = 500
 
 
 class SessionFile:
-    """One session, opened for reading. Used by one thread at a time; times in seconds are unix time.
+    """One session, opened for reading, by any thread; times in seconds are unix time.
 
     Unix time is the monotonic clock put onto the wall clock as it was last known, so a step of the wall clock in the
     middle of a session moves no sample against another.
@@ -45,6 +46,7 @@ class SessionFile:
         """
         self.path = path
         self._connection = open_for_reading(path, SESSION)
+        self._lock = threading.RLock()
         self._tracks: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
         self._tail: tuple[tuple[int, int, int], Chunk] | None = None
         try:
@@ -70,15 +72,16 @@ class SessionFile:
     @contextmanager
     def consistent(self) -> Iterator[None]:
         """Everything read inside is of one instant, whatever is recorded meanwhile."""
-        if self._connection.in_transaction:
-            yield
-            return
-        self._connection.execute("BEGIN")
-        try:
-            yield
-        finally:
+        with self._lock:
             if self._connection.in_transaction:
-                self._connection.execute("ROLLBACK")
+                yield
+                return
+            self._connection.execute("BEGIN")
+            try:
+                yield
+            finally:
+                if self._connection.in_transaction:
+                    self._connection.execute("ROLLBACK")
 
     @property
     def info(self) -> SessionInfo:
@@ -125,8 +128,9 @@ class SessionFile:
 
     def configs(self) -> list[RecordedConfig]:
         """Every configuration in force, in order."""
-        rows = self._connection.execute("SELECT t_mono_ns, t_wall_ns, why, image FROM configs ORDER BY id")
-        return [RecordedConfig(*row) for row in rows]
+        with self._lock:
+            rows = self._connection.execute("SELECT t_mono_ns, t_wall_ns, why, image FROM configs ORDER BY id")
+            return [RecordedConfig(*row) for row in rows]
 
     def received(self, t_from_s: float | None = None, t_to_s: float | None = None) -> Iterator[Received]:
         """Yield everything that came from the master, in order of arrival; all configurations, whatever the range."""
@@ -139,14 +143,16 @@ class SessionFile:
 
     def markers(self) -> list[Marker]:
         """All markers, in order."""
-        rows = self._connection.execute("SELECT id, t_mono_ns, t_wall_ns, kind, text, who FROM markers ORDER BY id")
-        return [Marker(*row) for row in rows]
+        with self._lock:
+            rows = self._connection.execute("SELECT id, t_mono_ns, t_wall_ns, kind, text, who FROM markers ORDER BY id")
+            return [Marker(*row) for row in rows]
 
     def events(self) -> list[dict[str, object]]:
         """All events of the session, in order, each with the columns of the table `events`."""
-        cursor = self._connection.execute("SELECT * FROM events ORDER BY id")
-        names = [column[0] for column in cursor.description]
-        return [dict(zip(names, row, strict=True)) for row in cursor]
+        with self._lock:
+            cursor = self._connection.execute("SELECT * FROM events ORDER BY id")
+            names = [column[0] for column in cursor.description]
+            return [dict(zip(names, row, strict=True)) for row in cursor]
 
     def series(
         self,
@@ -265,9 +271,10 @@ class SessionFile:
         first = 1 if t_from_s is None else self._first_id_at(table, self.mono_ns(t_from_s))
         last_ns = None if t_to_s is None else self.mono_ns(t_to_s)
         while True:
-            rows = self._connection.execute(
-                f"SELECT id, {columns} FROM {table} WHERE id >= ? ORDER BY id LIMIT {_FETCH_ROWS}", (first,)
-            ).fetchall()
+            with self._lock:
+                rows = self._connection.execute(
+                    f"SELECT id, {columns} FROM {table} WHERE id >= ? ORDER BY id LIMIT {_FETCH_ROWS}", (first,)
+                ).fetchall()
             for row in rows:
                 if last_ns is not None and row[1] > last_ns:
                     return
@@ -277,11 +284,12 @@ class SessionFile:
             first = rows[-1][0] + 1
 
     def _first_id_at(self, table: str, t_mono_ns: int) -> int:
-        low, high = 1, self._last_id(table) + 1
-        while low < high:
-            middle = (low + high) // 2
-            time_ns = self._connection.execute(f"SELECT t_mono_ns FROM {table} WHERE id = ?", (middle,)).fetchone()[0]
-            low, high = (middle + 1, high) if time_ns < t_mono_ns else (low, middle)
+        with self.consistent():
+            low, high = 1, self._last_id(table) + 1
+            while low < high:
+                middle = (low + high) // 2
+                row = self._connection.execute(f"SELECT t_mono_ns FROM {table} WHERE id = ?", (middle,)).fetchone()
+                low, high = (middle + 1, high) if row[0] < t_mono_ns else (low, middle)
         return low
 
     def _series_ids(self, signal: Signal) -> list[tuple[int, int, str]]:
@@ -364,4 +372,4 @@ class SessionFile:
         values = [field.unpack(config.image)[signal.element] for config in configs]
         end = max([*self._last_times(), configs[-1].t_mono_ns]) // 1000
         times_us = np.array([*times, end], np.int64)
-        return [(times_us, np.zeros_like(times_us), np.array([*values, values[-1]], np.int64))]
+        return [(times_us, -times_us, np.array([*values, values[-1]], np.int64))]

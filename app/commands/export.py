@@ -1,0 +1,67 @@
+"""`voltwall export`: a session's signals as a file for another program."""
+
+import argparse
+from datetime import UTC, datetime
+from pathlib import Path
+
+from app.commands.sessions import find_session
+from app.errors import ConfigError
+from app.sessions.export import FORMATS, export
+from app.sessions.reader import SessionFile
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("session", help="the session's id, or its file")
+    parser.add_argument(
+        "--format",
+        choices=tuple(FORMATS),
+        help="\n".join(f"{name:8} {each.meaning}" for name, each in FORMATS.items())
+        + "\nwithout it, what the ending of --out says",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the file to write")
+    parser.add_argument(
+        "--from", dest="t_from", metavar="TIME", help="start: +SECONDS into the session, or ISO 8601 in UTC"
+    )
+    parser.add_argument("--to", dest="t_to", metavar="TIME", help="end, included; written like --from")
+    parser.add_argument(
+        "--signal",
+        action="append",
+        metavar="NAME",
+        help="a signal, as v[36], i_fs, slave[3].cvr[5], conf.ts, estimate.soc[36]; may be repeated.\n"
+        "Without it: voltages, temperatures, current, the master's SOC and the estimates",
+    )
+    parser.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the file.
+
+    Raises:
+        AppError: the session, a signal, the format or a time is not there or not understood.
+    """
+    name = args.format or next((n for n, each in FORMATS.items() if args.out.name.endswith(each.suffix)), None)
+    if name is None:
+        raise ConfigError("out", args.out.name, "the ending is no format's: say --format")
+    with SessionFile(find_session(args.data, args.session)) as session:
+        t_from_s, t_to_s = (
+            _unix_s(session, option, text) for option, text in (("from", args.t_from), ("to", args.t_to))
+        )
+        try:
+            export(session, args.out, name, signals=args.signal, t_from_s=t_from_s, t_to_s=t_to_s)
+        except OSError as error:
+            raise ConfigError("out", args.out, error.strerror or str(error)) from error
+    print(f"{args.out}: {args.out.stat().st_size / 1e6:.1f} MB")
+    return 0
+
+
+def _unix_s(session: SessionFile, option: str, text: str | None) -> float | None:
+    if text is None:
+        return None
+    try:
+        if text.startswith("+"):
+            return session.info.started_wall_ns / 1e9 + float(text)
+        time = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ConfigError(option, text, "+SECONDS from the start, or ISO 8601 like 2026-07-14T10:30:00Z") from error
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()

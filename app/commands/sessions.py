@@ -1,0 +1,185 @@
+"""`voltwall sessions`: what has been recorded."""
+
+import argparse
+import json
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+from app.errors import ConfigError
+from app.sessions.catalogue import Catalogue, is_in_use
+from app.sessions.info import SessionInfo
+from app.sessions.reader import SessionFile
+from app.settings import Settings
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument(
+        "action",
+        nargs="?",
+        default="list",
+        choices=("list", "show", "markers", "check", "delete"),
+        help="list     all sessions, newest first (the default)\n"
+        "show     one session: times, counts, signals, configurations, events\n"
+        "markers  its markers\n"
+        "check    read every byte of it, or of all sessions; exit code 1 where something is wrong\n"
+        "delete   delete it for ever (asks for --yes)",
+    )
+    parser.add_argument("session", nargs="?", help="the session's id, or its file")
+    parser.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service")
+    parser.add_argument("--json", action="store_true", help="as JSON")
+    parser.add_argument("--yes", action="store_true", help="delete without asking")
+
+
+def data_folder(chosen: Path | None) -> Path:
+    """Return the data folder: the one chosen, else the service's."""
+    return chosen if chosen is not None else Settings.model_validate({}).data
+
+
+def find_session(data: Path | None, session: str) -> Path:
+    """Return the file of a session given by id or by path.
+
+    Raises:
+        SessionNotFound: neither is there.
+    """
+    path = Path(session)
+    return path if path.is_file() else Catalogue(data_folder(data) / "sessions").path(session)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do what was asked for.
+
+    Raises:
+        AppError: the session is missing or damaged, or must not be touched now.
+    """
+    if args.action == "list":
+        return _list(args)
+    if args.action == "check" and args.session is None:
+        return _check_all(args)
+    if args.session is None:
+        raise ConfigError("session", "(none)", f"{args.action} needs a session's id or file")
+    if args.action == "delete":
+        return _delete(args)
+    path = find_session(args.data, args.session)
+    if args.action == "check":
+        return _check(path)
+    with SessionFile(path) as session:
+        (_show if args.action == "show" else _markers)(session, args.json)
+    return 0
+
+
+def _when(wall_ns: int | None) -> str:
+    return "?" if wall_ns is None else datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%SZ")
+
+
+def _state(info: SessionInfo) -> str:
+    if info.is_closed:
+        return "closed"
+    return "recording" if is_in_use(info.path) else "cut off"
+
+
+def _facts(info: SessionInfo) -> dict[str, object]:
+    return {
+        "id": info.id,
+        "name": info.name,
+        "state": _state(info),
+        "started": _when(info.started_wall_ns),
+        "ended": _when(info.ended_wall_ns),
+        "duration_s": round(info.duration_s, 3),
+        "frames": info.frames,
+        "can_frames": info.can_frames,
+        "events": info.events,
+        "markers": info.markers,
+        "bytes": info.size_bytes,
+        "voltwall": info.voltwall,
+        "map_hash": info.map_hash,
+        "metadata": dict(info.metadata),
+    }
+
+
+def _list(args: argparse.Namespace) -> int:
+    sessions, problems = Catalogue(data_folder(args.data) / "sessions").survey()
+    if args.json:
+        print(json.dumps([_facts(info) for info in sessions], indent=2))
+    else:
+        print(f"{'id':20} {'started':20} {'length':>9} {'frames':>9} {'MB':>7} {'state':9} name")
+        for info in sessions:
+            length = f"{info.duration_s / 60:.1f} min"
+            print(
+                f"{info.id:20} {_when(info.started_wall_ns):20} {length:>9} {info.frames:>9}"
+                f" {info.size_bytes / 1e6:>7.1f} {_state(info):9} {info.name}"
+            )
+    for problem in problems:
+        print(problem, file=sys.stderr)
+    return 0
+
+
+def _show(session: SessionFile, as_json: bool) -> None:
+    facts = _facts(session.info) | {
+        "signals": session.signal_names(),
+        "configurations": [{"time": _when(c.t_wall_ns), "why": c.why} for c in session.configs()],
+        "event_list": [
+            {"time": _when(int(str(e["t_wall_ns"]))), "severity": e["severity"], "text": e["text"], "cell": e["cell"]}
+            for e in session.events()
+        ],
+    }
+    if as_json:
+        print(json.dumps(facts, indent=2))
+        return
+    for name, value in facts.items():
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            print(f"{name}:")
+            for each in value:
+                print("  " + "  ".join(str(part) for part in each.values() if part is not None))
+        elif isinstance(value, list):
+            print(f"{name}: {' '.join(value)}")
+        else:
+            print(f"{name}: {value}")
+
+
+def _markers(session: SessionFile, as_json: bool) -> None:
+    start_ns = session.info.started_mono_ns
+    found = [
+        {
+            "at_s": round((marker.t_mono_ns - start_ns) / 1e9, 3),
+            "time": _when(marker.t_wall_ns),
+            "kind": marker.kind,
+            "text": marker.text,
+            "who": marker.who,
+        }
+        for marker in session.markers()
+    ]
+    if as_json:
+        print(json.dumps(found, indent=2))
+    else:
+        for each in found:
+            print(
+                f"{each['at_s']:>10} s  {each['time']}  {each['kind']}: {each['text']}"
+                + (f" ({each['who']})" if each["who"] else "")
+            )
+
+
+def _check(path: Path) -> int:
+    with SessionFile(path) as session:
+        problems = session.problems()
+        state = _state(session.info)
+    print(f"{path.stem}: {state}, " + ("sound" if not problems else "; ".join(problems)))
+    return 1 if problems else 0
+
+
+def _check_all(args: argparse.Namespace) -> int:
+    sessions, problems = Catalogue(data_folder(args.data) / "sessions").survey()
+    for problem in problems:
+        print(problem)
+    return max([_check(info.path) for info in sessions], default=0) or int(bool(problems))
+
+
+def _delete(args: argparse.Namespace) -> int:
+    catalogue = Catalogue(data_folder(args.data) / "sessions")
+    catalogue.path(args.session)
+    if not args.yes:
+        raise ConfigError("delete", args.session, "deletes for ever: say so with --yes")
+    catalogue.delete(args.session)
+    print(f"{args.session} deleted")
+    return 0

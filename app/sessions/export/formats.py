@@ -1,0 +1,61 @@
+"""The export formats by name."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.errors import ConfigError
+from app.sessions.export.csv_file import csv_parts
+from app.sessions.export.parquet_file import write_parquet
+from app.sessions.export.table import SignalTable
+from app.sessions.reader import SessionFile
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A file format: how it is named, served and written."""
+
+    suffix: str
+    media_type: str
+    meaning: str
+    write: Callable[[SignalTable, Path], None]
+
+
+def write_csv(table: SignalTable, path: Path) -> None:
+    """Write the file."""
+    with path.open("wb") as file:
+        for part in csv_parts(table):
+            file.write(part)
+
+
+FORMATS = {
+    "csv": Format(".csv", "text/csv", "comma-separated values", write_csv),
+    "parquet": Format(".parquet", "application/vnd.apache.parquet", "Apache Parquet (needs pyarrow)", write_parquet),
+}
+
+
+def export(
+    session: SessionFile,
+    path: Path,
+    export_format: str,
+    *,
+    signals: Sequence[str] | None = None,
+    t_from_s: float | None = None,
+    t_to_s: float | None = None,
+) -> None:
+    """Write signals of a range, both ends in unix time and included, as a file; a failure leaves no file behind.
+
+    Raises:
+        ConfigError: there is no such format.
+        UnknownSignal: a name means nothing.
+        ExportUnavailable: the format needs a package that is not installed.
+        OSError: the file cannot be written.
+    """
+    if export_format not in FORMATS:
+        raise ConfigError("format", export_format, "one of " + ", ".join(FORMATS))
+    table = SignalTable(session, signals, t_from_s, t_to_s)
+    try:
+        FORMATS[export_format].write(table, path)
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise

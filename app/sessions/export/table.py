@@ -1,0 +1,104 @@
+"""Signals of a session as rows: one for every instant at which the master sampled any of them.
+
+Nothing is filled in: a signal that was not sampled at an instant is NaN there. Read piece by piece, so that memory
+does not grow with the session.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.sessions.reader import SessionFile
+from app.sessions.signals import Signal, default_signals, find_signal
+
+FloatArray = NDArray[np.float64]
+BLOCK_S = 240.0
+_MARGIN_S = 1.0  # what belongs to one instant arrives within this time
+
+
+def column_name(signal: Signal) -> str:
+    """Return the signal's name with its unit: `v[36] (V)`."""
+    return signal.name if signal.unit in ("", "1") else f"{signal.name} ({signal.unit})"
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Rows of a table in order of time, n of k signals."""
+
+    time_s: FloatArray  # (n,) since 1970 UTC
+    elapsed_s: FloatArray  # (n,) since the session's start, on the monotonic clock
+    uptime_s: FloatArray  # (n,) the master's clock, NaN where it has no part in it
+    values: FloatArray  # (n, k) in the signals' units, NaN where not sampled or not measured
+
+
+class SignalTable:
+    """Some signals over a range; without `signals` the default ones that the session holds."""
+
+    def __init__(
+        self,
+        session: SessionFile,
+        signals: Sequence[str] | None = None,
+        t_from_s: float | None = None,
+        t_to_s: float | None = None,
+    ) -> None:
+        """Choose signals and range, both ends included.
+
+        Raises:
+            UnknownSignal: a name means nothing.
+        """
+        self._session = session
+        if signals:
+            self.signals = [find_signal(name) for name in dict.fromkeys(signals)]
+        else:
+            present = set(session.signal_names())
+            self.signals = [s for s in map(find_signal, default_signals()) if s.field in present]
+        self.info = session.info
+        self._t_from_s, self._t_to_s = t_from_s, t_to_s
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield the rows."""
+        spans = self._session.chunk_spans_us()
+        start_us = self.info.started_mono_ns // 1000
+        first_us = min([span[0] for span in spans], default=start_us)
+        last_us = max([span[1] for span in spans], default=start_us - 1)
+        if any(signal.field.startswith("conf.") for signal in self.signals):
+            first_us, last_us = min(first_us, start_us), max(last_us, (self.info.ended_mono_ns or 0) // 1000)
+        if self._t_from_s is not None:
+            first_us = max(first_us, self._session.mono_ns(self._t_from_s) // 1000)
+        if self._t_to_s is not None:
+            last_us = min(last_us, self._session.mono_ns(self._t_to_s) // 1000)
+        while first_us <= last_us:
+            end_us = min(first_us + round(BLOCK_S * 1e6), last_us + 1)
+            block = self._block(first_us, end_us, start_us)
+            if len(block.time_s):
+                yield block
+            first_us = end_us
+
+    def _block(self, first_us: int, end_us: int, start_us: int) -> Block:
+        """Rows whose time is within [first_us, end_us).
+
+        Samples of one instant that arrived on both sides of an end meet in one row, because both blocks look beyond
+        their ends and agree on the row's time.
+        """
+        low_s = self._session.unix_s(first_us * 1000) - _MARGIN_S
+        high_s = self._session.unix_s(end_us * 1000) + _MARGIN_S
+        with self._session.consistent():
+            samples = [self._session.samples(signal, low_s, high_s) for signal in self.signals]
+        if not samples or not any(len(times_us) for times_us, _, _ in samples):
+            empty = np.empty(0)
+            return Block(empty, empty, empty, np.empty((0, len(self.signals))))
+        instants, rows = np.unique(np.concatenate([instants for _, instants, _ in samples]), return_inverse=True)
+        row_us = np.full(len(instants), np.iinfo(np.int64).max)
+        np.minimum.at(row_us, rows, np.concatenate([times_us for times_us, _, _ in samples]))
+        values = np.full((len(instants), len(samples)), np.nan)
+        position = 0
+        for column, (signal, (times_us, _, counts)) in enumerate(zip(self.signals, samples, strict=True)):
+            values[rows[position : position + len(times_us)], column] = signal.physical(counts)
+            position += len(times_us)
+        order = np.argsort(row_us, kind="stable")
+        order = order[(row_us[order] >= first_us) & (row_us[order] < end_us)]
+        uptime_s = np.where(instants[order] >= 0, (instants[order] & 0xFFFFFFFF) / 1000, np.nan)
+        elapsed_s = (row_us[order] - start_us) / 1e6
+        return Block(self._session.unix_s(start_us * 1000) + elapsed_s, elapsed_s, uptime_s, values[order])
