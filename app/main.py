@@ -4,6 +4,8 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.resources import files
+from pathlib import Path
+from typing import NamedTuple
 
 from fastapi import FastAPI
 from starlette.responses import FileResponse, PlainTextResponse, Response
@@ -24,7 +26,14 @@ _POLICY = (
 )
 
 
-def create_app(settings: Settings) -> FastAPI:
+class Replay(NamedTuple):
+    """A recorded session to show instead of a link."""
+
+    path: Path
+    speed: float
+
+
+def create_app(settings: Settings, replay: Replay | None = None) -> FastAPI:
     """Return the application; its lifespan starts and stops everything.
 
     Raises:
@@ -34,9 +43,9 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        simulator = SimulatorProcess(settings) if settings.simulates else None
+        simulator = SimulatorProcess(settings) if settings.simulates and replay is None else None
         serial_url, can_url = settings.serial, settings.can
-        source: Source = "serial" if settings.serial else "can"
+        source: Source = "replay" if replay else "serial" if settings.serial else "can"
         if simulator is not None:
             source, serial_url, can_url = "simulator", simulator.ports.serial_url, simulator.ports.can_url
         runtime = Runtime(settings, serial_url=serial_url, can_url=can_url, source=source)
@@ -47,6 +56,8 @@ def create_app(settings: Settings) -> FastAPI:
             if simulator is not None:
                 await asyncio.to_thread(simulator.start)
             runtime.start()
+            if replay is not None:
+                runtime.replaying.start(replay.path, replay.speed)
             yield
         finally:
             await asyncio.to_thread(runtime.stop)

@@ -4,7 +4,6 @@ Replaying recorded items through a fresh Pipeline gives the same snapshots again
 """
 
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -57,6 +56,7 @@ class Pipeline:
         cell_name: str,
         rs232_url: str | None = None,
         can_url: str | None = None,
+        stopwatch_ns: Callable[[], int] | None = None,
     ) -> None:
         self.source = source
         self.shadow = ShadowImage()
@@ -75,6 +75,7 @@ class Pipeline:
         self._sequence = 0
         self._driver_percent: int | None = None
         self._energy_wh = {"energy_out_wh": 0.0, "energy_in_wh": 0.0}
+        self._stopwatch_ns = stopwatch_ns
         self._step_us: float | None = None
         self._config: tuple[bytes, str] | None = None
         self.use_can_tables(default_image())
@@ -159,15 +160,16 @@ class Pipeline:
         return dt_s if dt_s <= MAX_STEP_S else None
 
     def _estimate(self, dt_s: float | None, current_a: float, voltages_v: Any, temperatures_degc: Any) -> None:
-        started = time.perf_counter_ns()
+        started_ns = self._stopwatch_ns() if self._stopwatch_ns else 0
         if self._estimator is None:
             self._estimator = self._make_estimator()
             self._estimator.start(voltages_v, temperatures_degc, current_a)
             dt_s = 0.0
         self._estimates = self._estimator.step(dt_s or 0.0, current_a, voltages_v, temperatures_degc)
         self._driver_percent = self._driver.step(self._estimates.soc).percent
-        took_us = (time.perf_counter_ns() - started) / 1000
-        self._step_us = took_us if self._step_us is None else self._step_us + 0.02 * (took_us - self._step_us)
+        if self._stopwatch_ns:
+            took_us = (self._stopwatch_ns() - started_ns) / 1000
+            self._step_us = took_us if self._step_us is None else self._step_us + 0.02 * (took_us - self._step_us)
 
     def _on_can(self, item: CanItem) -> Output:
         monitor = self._monitors["can"]

@@ -1,10 +1,14 @@
 """A recorded session through a pipeline of its own, shown instead of the live one, which goes on recording."""
 
+import queue
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+from app.errors import NotNow
 from app.pipeline import Pipeline
 from app.sessions.info import RecordedCanFrame, RecordedFrame
 from app.sessions.reader import SessionFile
@@ -13,6 +17,8 @@ from app.telemetry import CanItem, Item, LinkChange, SerialItem, Snapshot
 from firmware_protocol.framing import decode_chunk
 
 IDLE_S = 0.05
+JUMP_S = 0.01
+REPEAT_S = 0.5  # a replay that stands still says so this often
 
 
 def item_of(received: RecordedFrame | RecordedCanFrame) -> Item:
@@ -30,64 +36,104 @@ def prepare(pipeline: Pipeline, file: SessionFile) -> None:
 
 
 class Replaying:
-    """At most one replay at a time."""
+    """At most one replay at a time, in a thread of its own, which alone touches the file."""
 
     def __init__(self, new_pipeline: Callable[..., Pipeline], show: Callable[[Snapshot], None]) -> None:
         self._new_pipeline = new_pipeline
         self._show = show
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
-        self._pacer: Pacer | None = None
-        self._file: SessionFile | None = None
-        self._stopping = threading.Event()
+        self._orders: queue.SimpleQueue[Callable[[Pacer, float], None] | None] = queue.SimpleQueue()
+        self._state: dict[str, Any] | None = None
 
     @property
     def is_active(self) -> bool:
         """A replay is shown."""
-        return self._pacer is not None
+        return self._thread is not None
 
-    def start(self, file: SessionFile, speed: float) -> None:
+    def start(self, path: Path, speed: float) -> None:
         """Begin at the start of a session; another replay ends."""
         self.stop()
         with self._lock:
-            self._stopping.clear()
-            self._file = file
-            self._pacer = Pacer(file, now_s=time.monotonic(), speed=speed)
-            self._thread = threading.Thread(target=self._run, args=(file, self._pacer), name="replay", daemon=True)
+            self._orders = queue.SimpleQueue()
+            self._thread = threading.Thread(target=self._run, args=(path, speed), name="replay", daemon=True)
             self._thread.start()
 
     def stop(self) -> None:
         """End the replay."""
         with self._lock:
-            self._stopping.set()
             if self._thread is not None:
+                self._orders.put(None)
                 self._thread.join(timeout=5.0)
-            if self._file is not None:
-                self._file.close()
-            self._thread = self._pacer = self._file = None
+            self._thread = self._state = None
 
     def control(self, *, paused: bool | None, speed: float | None, seek_s: float | None) -> None:
-        """Change how it plays; nothing without a replay."""
-        pacer = self._pacer
-        if pacer is None:
-            return
-        now_s = time.monotonic()
-        if speed is not None:
-            pacer.set_speed(speed, now_s)
-        if paused is not None:
-            pacer.pause(now_s) if paused else pacer.resume(now_s)
-        if seek_s is not None:
-            pacer.seek(seek_s, now_s)
+        """Change how it plays.
+
+        Raises:
+            NotNow: nothing is replayed.
+        """
+        if not self.is_active:
+            raise NotNow("nothing is replayed")
+
+        def order(pacer: Pacer, now_s: float) -> None:
+            if speed is not None:
+                pacer.set_speed(speed, now_s)
+            if paused is not None:
+                (pacer.pause if paused else pacer.resume)(now_s)
+            if seek_s is not None:
+                pacer.seek(seek_s, now_s)
+
+        self._orders.put(order)
 
     def state(self) -> dict[str, Any] | None:
         """Where it stands; None without one."""
-        pacer, file = self._pacer, self._file
-        if pacer is None or file is None:
-            return None
-        return {
-            "session_id": file.info.id,
-            "position_s": round(pacer.position_s(time.monotonic()), 3),
-            "duration_s": file.info.duration_s,
-            "speed": pacer.speed,
-            "paused": pacer.is_paused,
-        }
+        return self._state
+
+    def _run(self, path: Path, speed: float) -> None:
+        with SessionFile(path) as file:
+            pacer = Pacer(file, now_s=time.monotonic(), speed=speed)
+            pipeline = self._new_pipeline("replay", "recorded", "recorded")
+            prepare(pipeline, file)
+            latest: Snapshot | None = None
+            shown_s = 0.0
+            while True:
+                now_s = time.monotonic()
+                self._state = _state(pacer, file, now_s)
+                for received in pacer.due(now_s):
+                    snapshot = pipeline.feed(item_of(received)).snapshot
+                    if snapshot is not None:
+                        latest, shown_s = snapshot, now_s
+                        self._show(snapshot)
+                if latest is not None and now_s - shown_s > REPEAT_S:
+                    shown_s = now_s
+                    self._show(replace(latest, is_fresh=False))
+                wait_s = pacer.wait_s(now_s)
+                try:
+                    order = self._orders.get(timeout=IDLE_S if wait_s is None else min(wait_s, IDLE_S))
+                except queue.Empty:
+                    continue
+                if order is None:
+                    return
+                if _jumps(pacer, order):
+                    pipeline = self._new_pipeline("replay", "recorded", "recorded")
+                    prepare(pipeline, file)
+
+
+def _jumps(pacer: Pacer, order: Callable[[Pacer, float], None]) -> bool:
+    """Carry out an order; True where the position jumped, so that a fresh chain is needed."""
+    now_s = time.monotonic()
+    before_s = pacer.position_s(now_s)
+    order(pacer, now_s)
+    return abs(pacer.position_s(now_s) - before_s) > JUMP_S
+
+
+def _state(pacer: Pacer, file: SessionFile, now_s: float) -> dict[str, Any]:
+    return {
+        "session_id": file.info.id,
+        "position_s": round(pacer.position_s(now_s), 3),
+        "duration_s": pacer.duration_s,
+        "speed": pacer.speed,
+        "paused": pacer.is_paused,
+        "finished": pacer.is_finished,
+    }

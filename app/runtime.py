@@ -83,6 +83,7 @@ class Runtime:
             cell_name=settings.cell,
             rs232_url=serial_url,
             can_url=can_url,
+            stopwatch_ns=time.perf_counter_ns,
         )
 
     def start(self) -> None:

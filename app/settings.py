@@ -20,26 +20,28 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="VOLTWALL_", frozen=True, extra="ignore")
 
     serial: str | None = Field(
-        None, description="RS232 of the master: any pySerial URL, as /dev/ttyUSB0, COM6, socket://host:port"
+        default=None, description="RS232 of the master: any pySerial URL, as /dev/ttyUSB0, COM6, socket://host:port"
     )
     can: str | None = Field(
-        None,
+        default=None,
         description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, as socketcan:can0, slcan:/dev/ttyACM0",
     )
-    host: str = Field("127.0.0.1", description="address to listen on; anything but loopback needs a password")
-    port: int = Field(8000, ge=0, le=65535, description="port to listen on; 0 takes a free one")
+    host: str = Field(default="127.0.0.1", description="address to listen on; anything but loopback needs a password")
+    port: int = Field(default=8000, ge=0, le=65535, description="port to listen on; 0 takes a free one")
     data: Path = Field(
         default_factory=lambda: Path(platformdirs.user_data_dir("voltwall", appauthor=False)),
         description="folder for sessions, the event log and the simulated EEPROM",
     )
-    filter: FilterName = Field("fused", description="state estimator")
-    cell: str = Field("samsung-25r-10p", description="cell file (TOML) or the name of a bundled one")
-    record: bool = Field(True, description="record by itself while the master speaks")
-    password: SecretStr | None = Field(None, description="the engineer's password: may write and command")
-    viewer_password: SecretStr | None = Field(None, description="the viewer's password: may read")
-    scenario: str = Field("demo", description="scenario of the simulated accumulator, where no hardware is named")
-    seed: int = Field(1, description="seed of the simulated accumulator")
-    log_level: Literal["debug", "info", "warning", "error"] = Field("info", description="what is logged")
+    filter: FilterName = Field(default="fused", description="state estimator")
+    cell: str = Field(default="samsung-25r-10p", description="cell file (TOML) or the name of a bundled one")
+    record: bool = Field(default=True, description="record by itself while the master speaks")
+    password: SecretStr | None = Field(default=None, description="the engineer's password: may write and command")
+    viewer_password: SecretStr | None = Field(default=None, description="the viewer's password: may read")
+    scenario: str | None = Field(
+        default=None, description="scenario of the simulated accumulator, where no hardware is named"
+    )
+    seed: int | None = Field(default=None, description="seed of the simulated accumulator")
+    log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="what is logged")
 
     @property
     def simulates(self) -> bool:

@@ -58,8 +58,9 @@ class SimulatorProcess:
         self._arguments = [
             *(sys.executable, "-m", "simulator.cli"),
             *("--serial", self.ports.serial_argument, "--can", self.ports.can_argument),
-            *("--eeprom", str(settings.data / "eeprom.bin"), "--scenario", settings.scenario),
-            *("--seed", str(settings.seed), "--with-parent"),
+            *("--eeprom", str(settings.data / "eeprom.bin"), "--with-parent"),
+            *(("--scenario", settings.scenario) if settings.scenario else ()),
+            *(("--seed", str(settings.seed)) if settings.seed is not None else ()),
         ]
         self._process: subprocess.Popen[bytes] | None = None
         self._stopping = threading.Event()
@@ -76,7 +77,8 @@ class SimulatorProcess:
         self._thread.start()
         self._ready.wait(READY_S)
         if self._first_exit is not None:
-            raise ConfigError("scenario", self._arguments[-4], f"the simulator ended with code {self._first_exit}")
+            arguments = " ".join(self._arguments[2:])
+            raise ConfigError("simulator", arguments, f"it ended with code {self._first_exit}, its words are above")
 
     def stop(self) -> None:
         """End it."""
@@ -89,7 +91,12 @@ class SimulatorProcess:
     def _run(self) -> None:
         backoff = Backoff()
         while not self._stopping.is_set():
-            self._process = subprocess.Popen(self._arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            self._process = subprocess.Popen(
+                self._arguments,
+                stdin=subprocess.PIPE,  # its end is ours
+                stdout=subprocess.PIPE,
+                start_new_session=True,  # Ctrl-C is for the service, which ends it in order
+            )
             with self._process as process:
                 for line in process.stdout or ():
                     if line.strip() == b"ready":

@@ -3,7 +3,6 @@
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Response
-from firmware_protocol.dbc import generate_dbc
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
@@ -13,6 +12,7 @@ from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import invalid
 from firmware_protocol.can_tables import RxMessage, TxMessage, bit_rate, with_rx_messages, with_tx_messages
 from firmware_protocol.config_image import default_image, image_hash, with_raw
+from firmware_protocol.dbc import to_dbc
 from firmware_protocol.memory_map import CAN_DATA_BYTES
 
 router = APIRouter(prefix="/can", tags=["can"])
@@ -112,7 +112,7 @@ async def write(
 @router.get("/dbc")
 def dbc(runtime: RuntimeDep) -> Response:
     """The tables in force as a DBC file."""
-    text = generate_dbc(runtime.config_in_force() or default_image())
+    text = to_dbc(runtime.config_in_force() or default_image())
     headers = {"Content-Disposition": 'attachment; filename="voltwall.dbc"'}
     return Response(text, media_type="text/plain; charset=utf-8", headers=headers)
 

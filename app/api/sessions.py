@@ -14,7 +14,7 @@ from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import Problem, invalid, not_found
 from app.runtime import Runtime
 from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
-from app.sessions.export import FORMATS, export
+from app.sessions.export.formats import FORMATS, export
 from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
 
@@ -220,7 +220,11 @@ def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
 @router.post("/replay")
 def replay(body: Replay, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Show a session instead of the live source; recording goes on."""
-    runtime.start_replay(_open(runtime, body.session_id), body.speed)
+    try:
+        path = runtime.catalogue.path(body.session_id)
+    except SessionNotFound as error:
+        raise not_found("session", body.session_id) from error
+    runtime.replaying.start(path, body.speed)
     runtime.note("info", "replay", f"replay of {body.session_id} started", user.name)
     return {"replay": runtime.replaying.state()}
 

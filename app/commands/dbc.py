@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from firmware_protocol.dbc import generate_dbc
+from firmware_protocol.dbc import to_dbc
 
 from app.errors import ConfigError
 from firmware_protocol.config_image import default_image
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write it."""
     image = default_image() if args.image is None else _image(args.image)
-    text = generate_dbc(image)
+    text = to_dbc(image)
     if args.out is None:
         sys.stdout.write(text)
     else:

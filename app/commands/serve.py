@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from app import log
 from app.errors import ConfigError
 from app.folder_lock import FolderLock
-from app.main import create_app
+from app.main import Replay, create_app
 from app.settings import FilterName, Settings
 
 SECRETS = ("password", "viewer_password")  # by environment only: a command line is visible to everyone on the machine
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     return serve(settings)
 
 
-def serve(settings: Settings) -> int:
+def serve(settings: Settings, replay: Replay | None = None) -> int:
     """Bind, lock the data folder, run.
 
     Raises:
@@ -81,10 +81,11 @@ def serve(settings: Settings) -> int:
     with contextlib.ExitStack() as stack:
         stack.enter_context(FolderLock(settings.data))
         listener = stack.enter_context(_bind(settings))
-        app = create_app(settings)
+        app = create_app(settings, replay)
         address, port = listener.getsockname()[:2]
         host = f"[{address}]" if ":" in address else address
-        server = uvicorn.Server(
+        server = _Server(
+            f"Voltwall: http://{host}:{port}",
             uvicorn.Config(
                 app,
                 log_config=None,
@@ -93,14 +94,27 @@ def serve(settings: Settings) -> int:
                 ws_max_size=1 << 16,
                 timeout_graceful_shutdown=2,
                 server_header=False,
-            )
+            ),
         )
-        app.state.on_ready = lambda: print(f"Voltwall: http://{host}:{port}", flush=True)
         asyncio.run(server.serve(sockets=[listener]))
         if not server.started:
             print("voltwall serve: did not start", file=sys.stderr)
             return 1
     return 0
+
+
+class _Server(uvicorn.Server):
+    """Says where it is once it takes connections."""
+
+    def __init__(self, ready: str, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self._ready_line = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start and tell."""
+        await super().startup(sockets)
+        if self.started:
+            print(self._ready_line, flush=True)
 
 
 def _bind(settings: Settings) -> socket.socket:

@@ -2,14 +2,15 @@
 
 import argparse
 
-from simulator import cli
+from simulator.cli import add_arguments as add_simulator_arguments
+from simulator.cli import run as run_simulator
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The simulator's own."""
-    cli.add_arguments(parser)
+    add_simulator_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run it in this process."""
-    return cli.run(args)
+    return run_simulator(args)

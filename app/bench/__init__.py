@@ -1,0 +1,1 @@
+"""Measurements that a team can repeat on its own machine: `voltwall bench`."""

@@ -1,0 +1,96 @@
+"""`voltwall bench`: this machine's figures, with the method beside each."""
+
+import argparse
+import json
+import os
+import platform
+import sys
+from importlib import import_module
+from typing import Any
+
+from app.bench.numerics import CHIP_US, chain_rates, filter_pass_us
+from app.bench.service import at_line_limit, simulated
+from app.errors import ConfigError
+
+Row = tuple[str, str, str]  # what, figure, method
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What to measure and for how long."""
+    parser.add_argument("--seconds", type=float, default=30.0, help="length of each run of the service (default: 30)")
+    parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or name (default: %(default)s)")
+    parser.add_argument("--estimation", action="store_true", help="the estimators beside their peers (from a checkout)")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure and print."""
+    rows = _estimation() if args.estimation else [*_numerics(args.cell), *_service(args.seconds)]
+    if args.json:
+        print(json.dumps([dict(zip(("what", "figure", "method"), row, strict=True)) for row in rows], indent=2))
+        return 0
+    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}\n")
+    for what, figure, method in rows:
+        print(f"{what:<44} {figure:>18}   {method}")
+    return 0
+
+
+def _numerics(cell: str) -> list[Row]:
+    rows: list[Row] = []
+    for name in ("fused", "coulomb", "ekf", "ukf", "cdkf"):
+        pass_us = filter_pass_us(name, cell)
+        method = f"median of 3000 steps; the chip needs {CHIP_US:g} us ({CHIP_US / pass_us:.0f} times longer)"
+        rows.append((f"filter, one pass of 96 cells, {name}", f"{pass_us:.1f} us", method))
+    decoded, whole = chain_rates("fused", cell)
+    line = "the line carries 28"
+    rows.append(("decoder: bytes to checked frames", f"{decoded:,.0f} /s", f"median of 2000; {line}"))
+    rows.append(("decoder, shadow, filter, alarms", f"{whole:,.0f} /s", f"the same frames to snapshots; {line}"))
+    return rows
+
+
+def _service(seconds: float) -> list[Row]:
+    live = simulated(seconds)
+    rows: list[Row] = [
+        (
+            "start-up to 96 live cells",
+            f"{live.start_s:.2f} s",
+            "process start to snapshot, simulator included",
+        ),
+        ("CPU at 10 Hz", _percent(live.cpu_percent), f"service process, recording, one client, {seconds:g} s"),
+        ("resident memory", _megabytes(live.resident_mb), "service process, same run"),
+        ("session file", f"{live.session_mb_per_hour:.0f} MB/h", f"growth over {seconds:g} s at {live.rate_hz:.1f} Hz"),
+    ]
+    if os.name != "posix":
+        return rows
+    line = at_line_limit(seconds)
+    per_s = line.sent / line.seconds
+    rows += [
+        ("frames at the line's limit", f"{per_s:.1f} /s", f"{line.sent} frames back to back through a pseudo-terminal"),
+        ("frames lost", f"{line.sent - line.received}", f"sequence gaps {line.lost}, bad {line.bad}"),
+        (
+            "last byte to websocket client, p50",
+            f"{line.p50_ms:.1f} ms",
+            "from the last byte's write, same clock",
+        ),
+        ("last byte to websocket client, p99", f"{line.p99_ms:.1f} ms", "same run"),
+        ("CPU at the line's limit", _percent(line.cpu_percent), "service process, recording, one client"),
+        ("resident memory at the line's limit", _megabytes(line.resident_mb), "same run"),
+    ]
+    return rows
+
+
+def _percent(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.1f} % of a core"
+
+
+def _megabytes(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.0f} MB"
+
+
+def _estimation() -> list[Row]:
+    sys.path.insert(0, os.getcwd())  # noqa: PTH109  benchmarks/ is part of a checkout, not of the package
+    try:
+        module: Any = import_module("benchmarks.estimation")
+    except ImportError as error:
+        raise ConfigError("estimation", error.name, "run it in a checkout with the bench packages installed") from error
+    return [tuple(row) for row in module.run()]

@@ -1,0 +1,39 @@
+import asyncio
+
+from app.hub import Hub
+
+
+def test_a_new_reader_gets_the_latest_at_once():
+    async def run():
+        hub: Hub[int] = Hub()
+        hub.publish(1)
+        hub.publish(2)
+        with hub.subscribe() as slot:
+            return await asyncio.wait_for(slot.next(), 1)
+
+    assert asyncio.run(run()) == 2
+
+
+def test_a_slow_reader_misses_values_and_others_do_not():
+    async def run():
+        hub: Hub[int] = Hub()
+        with hub.subscribe() as slow, hub.subscribe() as fast:
+            seen = []
+            for value in range(5):
+                hub.publish(value)
+                seen.append(await fast.next())
+            return seen, await slow.next(), slow.skipped, fast.skipped
+
+    seen, slow_value, slow_skipped, fast_skipped = asyncio.run(run())
+    assert seen == [0, 1, 2, 3, 4]
+    assert (slow_value, slow_skipped, fast_skipped) == (4, 4, 0)
+
+
+def test_who_left_is_not_counted():
+    async def run():
+        hub: Hub[int] = Hub()
+        with hub.subscribe():
+            inside = hub.readers
+        return inside, hub.readers
+
+    assert asyncio.run(run()) == (1, 0)
