@@ -201,6 +201,36 @@ class CellArray:
         multiply(turn, sign_v, turn)
         add(self._turned_v2, turn, self._turned_v2)
 
+    def predict(self, dt_s: float, current_a: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what a step would lead to, without taking it: (n,) voltages [V] and -dV/di at that current [ohm].
+
+        The slope leaves out hysteresis, which turns too little in a step to matter for a search.
+        """
+        if dt_s != self._dt_s:
+            self._settle()
+            self._prepare(dt_s)
+        soc = self.soc - current_a * self._soc_per_amp
+        position = np.clip((soc - SOC_GRID_START) / _SOC_STEP, 0.0, OCV_GRID_POINTS - 1.001).astype(np.intp)
+        slope_v = (self._ocv_table[position + 1] - self._ocv_table[position]) / _SOC_STEP
+        decay, gain = self._decay[_END], self._gain[_END]
+        sign_v = np.copysign(self.model.hysteresis_v, current_a)
+        turned_v = (self.hysteresis_v + sign_v) * np.exp(np.abs(current_a) * self._turn_per_amp) - sign_v
+        scaled = current_a * self._asinh_per_amp
+        voltage_v = (
+            np.interp(soc, self._soc_grid, self._ocv_table)
+            + turned_v
+            - (decay * self.rc_v + gain * current_a).sum(axis=0)
+            - current_a * self.ohmic_ohm
+            - np.arcsinh(scaled) * self._asinh_v
+        )
+        slope_ohm = (
+            slope_v * self._soc_per_amp
+            + gain.sum(axis=0)
+            + self.ohmic_ohm
+            + self.charge_transfer_ohm / np.sqrt(1.0 + scaled**2)
+        )
+        return voltage_v, slope_ohm
+
     def stored_energy_j(self) -> FloatArray:
         """Return (n,) energy held by the capacitances and by hysteresis [J]."""
         stored: FloatArray = 0.5 * (self._rc_f * self.rc_v**2).sum(axis=0)
