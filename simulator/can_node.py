@@ -18,6 +18,7 @@ class CanNode:
         self._memory = memory
         self._due_s: dict[int, float] = {}
         self._last_seen_s: dict[int, float] = {}
+        self._scheduled = 0
         self._on_demand: list[int] = []
         self.tx_enabled = 0
         self.rx_enabled = 0
@@ -31,7 +32,7 @@ class CanNode:
         self.tx_enabled = sum(1 << tx.index for tx in self._tx if tx.enabled)
         self.rx_enabled = sum(1 << rx.index for rx in self._rx if rx.enabled)
         self.rx_active = 0
-        self._due_s.clear()
+        self._scheduled = 0
         self._last_seen_s.clear()
 
     def reload(self) -> None:
@@ -44,6 +45,7 @@ class CanNode:
         self.tx_enabled = self.tx_enabled & ~(old_tx & ~new_tx) | (new_tx & ~old_tx)
         self.rx_enabled = self.rx_enabled & ~(old_rx & ~new_rx) | (new_rx & ~old_rx)
         self.rx_active &= self.rx_enabled
+        self._scheduled = 0
 
     def _read_tables(self) -> None:
         config = self._memory.config
@@ -71,18 +73,27 @@ class CanNode:
 
     def due(self, now_s: float) -> Iterator[CanFrame]:
         """Yield the frames that are due."""
-        for index in self._on_demand:
-            yield self._frame(index)
-        self._on_demand.clear()
-        for tx in self._tx:
-            if not self.tx_enabled >> tx.index & 1 or not tx.period_ms:
-                self._due_s.pop(tx.index, None)
-                continue
-            due_s = self._due_s.get(tx.index, now_s)
-            while due_s <= now_s:
-                yield self._frame(tx.index)
-                due_s += tx.period_ms / 1000
-            self._due_s[tx.index] = due_s
+        if self._on_demand:
+            for index in self._on_demand:
+                yield self._frame(index)
+            self._on_demand.clear()
+        if self.tx_enabled != self._scheduled:
+            self._schedule(now_s)
+        for index, due_s in self._due_s.items():
+            if due_s <= now_s:
+                period_s = self._tx[index].period_ms / 1000
+                while self._due_s[index] <= now_s:
+                    self._due_s[index] += period_s
+                    yield self._frame(index)
+
+    def _schedule(self, now_s: float) -> None:
+        """Let newly enabled messages start now and forget the others."""
+        self._scheduled = self.tx_enabled
+        self._due_s = {
+            tx.index: self._due_s.get(tx.index, now_s)
+            for tx in self._tx
+            if self.tx_enabled >> tx.index & 1 and tx.period_ms
+        }
 
     def _frame(self, index: int) -> CanFrame:
         tx = self._tx[index]
@@ -101,6 +112,8 @@ class CanNode:
 
     def expire(self, now_s: float) -> list[Event]:
         """Mark the messages that have been silent for too long, stop their answers, and return an event for each."""
+        if not self.rx_active:
+            return []
         events = []
         for rx in self._rx:
             alive = self.rx_active >> rx.index & 1

@@ -25,6 +25,7 @@ FALL_PER_PERIOD = 20.0
 # [0.1 A per 100 uV and period]: half of what brings a cell of 3 mohm back within one period
 INTEGRAL_GAIN = 0.15
 APPROACH_COUNTS = 20  # 2 mV below the limit the current stops rising at full rate
+STRING_MARGIN = 40_000  # 4 V [100 uV]: cables and the charger's own error must not end the charge before the cells do
 BALANCE_HYSTERESIS = 0.8  # of the threshold: a cell is bled until it is this near the lowest
 _FATAL = ChargerFlags.HARDWARE | ChargerFlags.OVER_TEMPERATURE | ChargerFlags.INPUT_VOLTAGE | ChargerFlags.BATTERY
 
@@ -41,11 +42,22 @@ class ChargingState(enum.IntEnum):
     FAULT = CHARGER_STATES.index("fault")
 
 
+_ACTIVE = frozenset(
+    {
+        ChargingState.WAITING,
+        ChargingState.CONSTANT_CURRENT,
+        ChargingState.BALANCING,
+        ChargingState.CONSTANT_VOLTAGE,
+    }
+)
+
+
 class Balancer:
     """Chooses the cells to bleed: those further above the lowest than `balance_threshold`, until all are near it."""
 
     def __init__(self) -> None:
         self.cells: BoolArray = np.zeros(N_CELLS, dtype=bool)
+        self.is_active = False
 
     def choose(self, config: Config, v: NDArray[np.uint16]) -> bool:
         """Update `cells` from voltages at rest [100 uV], 0 = missing; return whether any cell is bled."""
@@ -55,11 +67,14 @@ class Balancer:
         start = excess > config.balance_threshold
         keep = self.cells & (excess > BALANCE_HYSTERESIS * config.balance_threshold)
         self.cells = (start | keep) & known
-        return bool(self.cells.any())
+        self.is_active = bool(self.cells.any())
+        return self.is_active
 
     def stop(self) -> None:
         """Bleed nothing."""
-        self.cells = np.zeros(N_CELLS, dtype=bool)
+        if self.is_active:
+            self.cells = np.zeros(N_CELLS, dtype=bool)
+            self.is_active = False
 
 
 class Charging:
@@ -69,21 +84,12 @@ class Charging:
         self._memory = memory
         self._balancer = balancer
         self.state = ChargingState.OFF
+        self.is_active = False  # the charge relays are closed
         self._since_s = 0.0
         self._next_control_s = 0.0
         self._current = 0.0  # asked, [0.1 A]
         self._below_since_s: float | None = None
         self._write(0, 0, stop=True)
-
-    @property
-    def is_active(self) -> bool:
-        """The master is in charging mode: the charge relays are closed."""
-        return self.state in (
-            ChargingState.WAITING,
-            ChargingState.CONSTANT_CURRENT,
-            ChargingState.BALANCING,
-            ChargingState.CONSTANT_VOLTAGE,
-        )
 
     def start(self, now_s: float) -> list[Event]:
         """Begin; the charger has to show itself first."""
@@ -135,11 +141,12 @@ class Charging:
         change = INTEGRAL_GAIN * (config.v_cell_chrg - v_max)
         self._current += min(max(change, -FALL_PER_PERIOD), RISE_PER_PERIOD)
         self._current = min(max(self._current, 0.0), config.i_chrg_max / 10)
-        # the string may reach the limit of every cell; the current decides which cell reaches it first
-        self._write(round(N_CELLS * config.v_cell_chrg / 1000), int(self._current), stop=False)
+        string = min(N_CELLS * config.v_cell_chrg + STRING_MARGIN, N_CELLS * config.v_cell_max)
+        self._write(round(string / 1000), int(self._current), stop=False)
 
     def _enter(self, state: ChargingState, now_s: float) -> list[Event]:
         self.state = state
+        self.is_active = state in _ACTIVE
         self._since_s = now_s
         self._next_control_s = now_s
         self._below_since_s = None

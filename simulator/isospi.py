@@ -1,50 +1,58 @@
 """Register groups of many slaves as packets: PEC15 made and checked for all of them at once.
 
-PEC15 is linear, so the check word of six bytes is the XOR of six table entries; `firmware_protocol.ltc6804` is the
-reference that the tables are made from.
+A packet is four little-endian words: three of data, and the check word with its bytes as they go over the pair. PEC15
+is linear, so the check word is the XOR of one table entry a word; `firmware_protocol.ltc6804` makes the tables.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_protocol.ltc6804 import GROUP_SIZE, PEC_SIZE, pec15
+from firmware_protocol.ltc6804 import GROUP_SIZE, pec15
 
-PACKET_SIZE = GROUP_SIZE + PEC_SIZE
-ByteArray = NDArray[np.uint8]
+DATA_WORDS = GROUP_SIZE // 2
+PACKET_WORDS = DATA_WORDS + 1
+WordArray = NDArray[np.uint16]
 
-_ZERO_PEC = pec15(bytes(GROUP_SIZE))
+
+def _check_word(group: bytes) -> int:
+    return int.from_bytes(pec15(group).to_bytes(2, "big"), "little")
 
 
-def _linear_tables() -> NDArray[np.uint16]:
-    rows = [
-        [pec15(bytes(position) + bytes([byte]) + bytes(GROUP_SIZE - 1 - position)) ^ _ZERO_PEC for byte in range(256)]
-        for position in range(GROUP_SIZE)
+_ZERO = _check_word(bytes(GROUP_SIZE))
+
+
+def _word_table(position: int) -> WordArray:
+    """Return what each value of the word at `position` adds to the check word."""
+    effect = [
+        [_check_word(bytes(at) + bytes([byte]) + bytes(GROUP_SIZE - 1 - at)) ^ _ZERO for byte in range(256)]
+        for at in (2 * position, 2 * position + 1)
     ]
-    return np.array(rows, dtype=np.uint16).reshape(-1)
+    low, high = np.array(effect, dtype=np.uint16)
+    table: WordArray = high[:, None] ^ low[None, :]
+    return table.reshape(-1)
 
 
-_TABLES = _linear_tables()
-_ROW_START = np.arange(GROUP_SIZE, dtype=np.intp) * 256
+_TABLES = tuple(_word_table(position) for position in range(DATA_WORDS))
 
 
-def pec15_of(groups: ByteArray) -> NDArray[np.uint16]:
-    """Return the check words of groups, shape (..., 6) to (...)."""
-    entries = _TABLES.take(groups + _ROW_START)
-    words: NDArray[np.uint16] = np.bitwise_xor.reduce(entries, axis=-1) ^ np.uint16(_ZERO_PEC)
+def check_words(groups: WordArray) -> WordArray:
+    """Return the check words of groups, shape (..., 3) to (...)."""
+    first, second, third = _TABLES
+    words = first[groups[..., 0]]
+    words ^= second[groups[..., 1]]
+    words ^= third[groups[..., 2]]
+    words ^= np.uint16(_ZERO)
     return words
 
 
-def to_packets(groups: ByteArray) -> ByteArray:
-    """Return the groups with their check words, shape (..., 6) to (..., 8)."""
-    words = pec15_of(groups)
-    packets = np.empty((*groups.shape[:-1], PACKET_SIZE), dtype=np.uint8)
-    packets[..., :GROUP_SIZE] = groups
-    packets[..., GROUP_SIZE] = words >> 8
-    packets[..., GROUP_SIZE + 1] = words
+def to_packets(groups: WordArray) -> WordArray:
+    """Return the groups with their check words, shape (..., 3) to (..., 4)."""
+    packets = np.empty((*groups.shape[:-1], PACKET_WORDS), dtype="<u2")
+    packets[..., :DATA_WORDS] = groups
+    packets[..., DATA_WORDS] = check_words(groups)
     return packets
 
 
-def is_intact(packets: ByteArray) -> NDArray[np.bool_]:
-    """Return which packets carry the check word of their data, shape (..., 8) to (...)."""
-    words = packets[..., GROUP_SIZE].astype(np.uint16) << 8 | packets[..., GROUP_SIZE + 1]
-    return np.asarray(pec15_of(packets[..., :GROUP_SIZE]) == words)
+def is_intact(packets: WordArray) -> NDArray[np.bool_]:
+    """Return which packets carry the check word of their data, shape (..., 4) to (...)."""
+    return np.asarray(check_words(packets) == packets[..., DATA_WORDS])

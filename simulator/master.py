@@ -154,7 +154,7 @@ class VirtualMaster:
         flags |= FLAG["can1"] * (self.can.bit_rate > 0)
         flags |= FLAG["charger"] * charger_alive
         flags |= FLAG["charging"] * self.charging.is_active
-        flags |= FLAG["balancing"] * bool(self._balancer.cells.any())
+        flags |= FLAG["balancing"] * self._balancer.is_active
         flags |= FLAG["load"] * (self._relays.state == RelayState.VEHICLE)
         self.memory.flags = flags
         self.memory.set_can_masks(self.can.tx_enabled, self.can.rx_enabled, self.can.rx_active)

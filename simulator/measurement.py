@@ -1,8 +1,9 @@
 """One pass of measuring: slaves and converter into the struct, filtered, with minima, maxima, means and totals."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, N_CELLS, N_PACKS, T_MISSING, V_MISSING
+from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, N_CELLS, T_MISSING, V_MISSING
 from simulator.board import Board
 from simulator.memory import Config, MasterMemory
 from simulator.protection import Reading
@@ -16,7 +17,6 @@ SELF_CHECK_PERIOD_S = 1.0
 HIGH_PRECISION_TIME_S = 1.0
 SAMPLE_S = 0.001
 _U16 = 0xFFFF
-_ALL_CELLS = np.ones(N_CELLS, dtype=bool)
 _NO_TEMPERATURES = (127, 0, -128, 0)  # coldest above, hottest below every limit
 _MAX_SAMPLES = 1000  # the longest average that the configuration allows
 
@@ -31,11 +31,12 @@ class Measurement:
         self._start_s = now_s
         self._temperature_due_s = now_s
         self._self_check_due_s = now_s
-        self._counts = np.zeros(_MAX_SAMPLES, dtype=np.int64)
+        self._counts = np.zeros(_MAX_SAMPLES)
         self._n_counts = 0
         self._i_fc_hp = 0.0
         self._filtered = np.zeros(N_CELLS)
         self._known: BoolArray = np.zeros(N_CELLS, dtype=bool)
+        self._all_known = False
         self._voltages = (_U16, 0, 0, 0)
         self._temperatures = _NO_TEMPERATURES
         self._lost_temperature: int | None = None
@@ -62,7 +63,7 @@ class Measurement:
             is_charging=is_charging,
             lost_cell=lost_cell,
             lost_temperature=self._lost_temperature,
-            lost_slave=int(silent.argmax()) if silent.any() else None,
+            lost_slave=None if self.reader.is_whole or not silent.any() else int(silent.argmax()),
             lost_current=lost_current,
         )
 
@@ -75,7 +76,7 @@ class Measurement:
         n_averaged = min(max(config.fc_avg, 1), self._n_counts)
         latest = int(counts[-1])
         i_fs = _amperes_raw(config, latest)
-        i_fc = _amperes_raw(config, float(self._counts[-n_averaged:].mean()))
+        i_fc = _amperes_raw(config, float(np.add.reduce(self._counts[-n_averaged:])) / n_averaged)
         self._i_fc_hp += (i_fc - self._i_fc_hp) * min(dt_s / HIGH_PRECISION_TIME_S, 1.0)
         self._memory.set_currents(i_fs, i_fc, round(self._i_fc_hp))
         return i_fc, latest in (0, ADC_MAX)
@@ -84,34 +85,40 @@ class Measurement:
         """Filter and summarise; return the first cell without a voltage although its slave answers."""
         memory, filtered = self._memory, self._filtered
         raw = memory.slave_cvr.reshape(-1)
-        is_whole = not silent.any()
-        answered = _ALL_CELLS if is_whole else np.repeat(~silent, CELLS_PER_PACK)
-        known = answered & ~self.reader.open_wire_cells & (raw != CHIP_MISSING)
-        if not np.array_equal(known, self._known):
-            fresh = known & ~self._known
-            filtered[fresh] = raw[fresh]
-            self._known = known
-        memory.slave_status[:] = STATUS_ACTIVE if is_whole else np.where(silent, STATUS_FAULT, STATUS_ACTIVE)
-        memory.set_slave_count(N_PACKS if is_whole else int(np.count_nonzero(~silent)))
+        lost = self._find_known(raw, silent)
         # v' = v + alpha (sample - v)
-        filtered += (raw - filtered) * (config.v_alpha * 1e-3)
+        change = raw - filtered
+        change *= config.v_alpha * 1e-3
+        filtered += change
         rounded = np.rint(filtered)
-        if known.all():
-            n_known, lowest, lost = N_CELLS, rounded, None
-        else:
-            n_known = int(np.count_nonzero(known))
-            rounded = np.where(known, rounded, V_MISSING)
-            lowest = np.where(known, rounded, CHIP_MISSING)
-            missing = answered & ~known
-            lost = int(missing.argmax()) if missing.any() else None
+        n_known, lowest = N_CELLS, rounded
+        if not self._all_known:
+            n_known = int(np.count_nonzero(self._known))
+            lowest = np.where(self._known, rounded, CHIP_MISSING)
+            rounded = np.where(self._known, rounded, V_MISSING)
         memory.v[:] = rounded
-        total = float(rounded.sum())
+        total = float(np.add.reduce(rounded))
         min_id, max_id = int(lowest.argmin()), int(rounded.argmax())
         self.v_avg = round(total / n_known) if n_known else V_MISSING
         self._voltages = (int(lowest[min_id]), min_id, int(rounded[max_id]), max_id)
         v_min = self._voltages[0] if n_known else V_MISSING
         memory.set_voltage_summary(v_min, self._voltages[2], self.v_avg, min_id, max_id, min(round(total / 100), _U16))
         return lost
+
+    def _find_known(self, raw: NDArray[np.uint16], silent: BoolArray) -> int | None:
+        """Update which cells have a voltage, and what the struct says of the slaves."""
+        is_undisturbed = self.reader.is_whole and not self.reader.has_open_wires and int(raw.max()) != CHIP_MISSING
+        if is_undisturbed and self._all_known:
+            return None
+        answered = np.repeat(~silent, CELLS_PER_PACK)
+        known = answered & ~self.reader.open_wire_cells & (raw != CHIP_MISSING)
+        fresh = known & ~self._known
+        self._filtered[fresh] = raw[fresh]
+        self._known, self._all_known = known, bool(known.all())
+        self._memory.slave_status[:] = np.where(silent, STATUS_FAULT, STATUS_ACTIVE)
+        self._memory.set_slave_count(int(np.count_nonzero(~silent)))
+        missing = answered & ~known
+        return int(missing.argmax()) if missing.any() else None
 
     def _read_temperatures(self, now_s: float) -> None:
         """Read one phase of sensors; summarise the whole degrees of the cells that have one."""

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ADC_MAX = 4095  # 12 bit at 3.3 V
 AMPERES_PER_COUNT = 0.2424
@@ -19,18 +18,22 @@ CELL_ERROR_STD_V = 4e-4
 CELL_NOISE_V = 1e-4
 TEMPERATURE_NOISE_V = 5e-4
 _NOISE_POOL = 1 << 16
+_STRIDE = 97
 
 
 class NoisePool:
     """Normal noise out of a table drawn once: a fresh draw every 20 ms would cost more than the physics."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
         self._table = rng.standard_normal(_NOISE_POOL)
+        self._at = 0
 
     def draw(self, n: int) -> FloatArray:
-        """Return n standard normal numbers, a read-only view."""
-        start = int(self._rng.integers(_NOISE_POOL - n))
+        """Return the next n standard normal numbers, a view that is not to be written."""
+        if self._at + n > _NOISE_POOL:
+            self._at = (self._at + n) % _STRIDE  # another phase than in the last round
+        start = self._at
+        self._at += n
         return self._table[start : start + n]
 
 
@@ -44,12 +47,16 @@ class CurrentSensor:
         self.extra_offset_a = 0.0
         self.is_unplugged = False
 
-    def sample(self, current_a: float, n: int) -> IntArray:
-        """Return n converter readings of one true current."""
+    def sample(self, current_a: float, n: int) -> FloatArray:
+        """Return n converter readings of one true current, whole counts."""
         sensed_a = current_a * self._gain + self._zero_a + self.extra_offset_a
         seen_a = UNPLUGGED_A if self.is_unplugged else sensed_a
-        counts = np.rint(self._noise.draw(n) * ADC_NOISE_COUNTS + (seen_a / AMPERES_PER_COUNT + ZERO_COUNT))
-        return np.minimum(np.maximum(counts, 0), ADC_MAX).astype(np.int64)
+        counts = self._noise.draw(n) * ADC_NOISE_COUNTS
+        counts += seen_a / AMPERES_PER_COUNT + ZERO_COUNT
+        np.rint(counts, out=counts)
+        np.minimum(counts, ADC_MAX, out=counts)
+        np.maximum(counts, 0, out=counts)
+        return counts
 
 
 class CellInputs:

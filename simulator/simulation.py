@@ -20,6 +20,7 @@ from simulator.relays import RelayState
 
 BOOT_S = 0.3
 POWER_ON, WATCHDOG, BROWN_OUT, COMMANDED = range(4)  # reset causes
+SLOW_PERIOD_S = 0.1  # of the temperatures and of the driver's wishes
 _LINE_RETRY_S = 1e-3  # a free line is asked again this much later when it had nothing, whatever it promised
 
 
@@ -87,6 +88,8 @@ class Simulation:
         self.now_s = 0.0
         self._steps = 0
         self._line_due_s = 0.0
+        self._slow_due_s = 0.0
+        self._wants_drive = False
         self._boot_at_s = 0.0
         self._boot_cause = 0
         self.current_a = 0.0
@@ -170,13 +173,16 @@ class Simulation:
         master = self.master
         self._advance_accumulator(dt_s)
         self.board.sense_voltages(self.accumulator)
-        self.board.sense_temperatures(self.accumulator)
+        if now_s >= self._slow_due_s:
+            self._slow_due_s = now_s + SLOW_PERIOD_S
+            self.board.sense_temperatures(self.accumulator)
+            self._wants_drive = self.load.state(self.load_time_s).is_high_voltage_on
         self.board.chain.watch(now_s)
         if master is None:
             self._step_charger(dt_s, is_connected=False)
             return
         master.can.is_off = self.is_bus_off
-        master.drive_requested = self.load.state(self.load_time_s).is_high_voltage_on
+        master.drive_requested = self._wants_drive
         master.measure(now_s, dt_s, self.current_a)
         self._step_charger(dt_s, is_connected=master.relay_state == RelayState.CHARGER)
         for frame in master.can.due(now_s):
@@ -195,7 +201,7 @@ class Simulation:
         self.accumulator.step(
             dt_s,
             self.current_a,
-            bleeding=self.board.chain.discharging,
+            bleeding=self.board.chain.discharging if self.board.chain.is_discharging else None,
             fan_duty=0.0 if master is None else master.fan_duty,
         )
 

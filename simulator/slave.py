@@ -4,12 +4,13 @@ Cell inputs and sensors are given as volts; conversions happen at once. A chip w
 shows as packets whose check word is wrong.
 """
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.ltc6804 import (
-    GROUP_SIZE,
     READ_CELLS,
     Command,
     Configuration,
@@ -18,8 +19,9 @@ from firmware_protocol.ltc6804 import (
     with_pec,
 )
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING
-from simulator.isospi import PACKET_SIZE, ByteArray, to_packets
+from simulator.isospi import DATA_WORDS, PACKET_WORDS, WordArray, to_packets
 
+ByteArray = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
@@ -45,6 +47,11 @@ _READ_WORDS = {command: (0, 3 * i) for i, command in enumerate(READ_CELLS)} | {
 }
 
 
+@functools.lru_cache(maxsize=256)
+def _decoded(packet: bytes) -> tuple[int, int | None]:
+    return decode_command(packet)
+
+
 class SlaveChain:
     """All slaves; arrays have one row each, cells are numbered through."""
 
@@ -56,6 +63,7 @@ class SlaveChain:
         self.sensor_v: FloatArray = np.zeros(n_cells)
         self.board_degc = 25.0
         self.is_powered: BoolArray = np.ones(n_slaves, dtype=bool)
+        self._all_powered = True
         self.bit_error_rate = 0.0
         self.open_wires: set[int] = set()  # cell whose upper wire is off
         self.cfgr: ByteArray = np.tile(_RESET_CFGR, (n_slaves, 1))
@@ -63,6 +71,7 @@ class SlaveChain:
         self.avr: NDArray[np.uint16] = np.full((n_slaves, 6), CHIP_MISSING, dtype="<u2")
         self.str: NDArray[np.uint16] = np.full((n_slaves, 6), CHIP_MISSING, dtype="<u2")
         self.discharging: BoolArray = np.zeros(n_cells, dtype=bool)
+        self.is_discharging = False
         self._last_command_s = 0.0
 
     def set_powered(self, slave: int, powered: bool) -> None:
@@ -71,18 +80,19 @@ class SlaveChain:
             self.cvr[slave] = self.avr[slave] = self.str[slave] = CHIP_MISSING
             self.cfgr[slave] = _RESET_CFGR
         self.is_powered[slave] = powered
+        self._all_powered = bool(self.is_powered.all())
         self._update_switches()
 
     def watch(self, now_s: float) -> None:
         """Reset the configuration, and with it the discharging, of chips that heard nothing for two seconds."""
-        if now_s - self._last_command_s > WATCHDOG_S and self.discharging.any():
+        if now_s - self._last_command_s > WATCHDOG_S and self.is_discharging:
             self.cfgr[:] = _RESET_CFGR
             self._update_switches()
 
     def execute(self, packet: bytes, now_s: float) -> bytes:
         """Take one packet and return what comes back: 8 bytes from an addressed read, else nothing."""
         try:
-            command, address = decode_command(packet)
+            command, address = _decoded(packet[:4])
         except DecodeError:
             return b""
         self._last_command_s = now_s
@@ -101,28 +111,27 @@ class SlaveChain:
             self._convert(command)
         return b""
 
-    def read_cells(self) -> ByteArray:
-        """Return the answers of all slaves to the four cell reads, (n_slaves, 4, 8), as they arrive."""
-        groups = self.cvr.view(np.uint8).reshape(self.n_slaves, len(READ_CELLS), GROUP_SIZE)
-        packets = to_packets(groups)
-        if not self.is_powered.all():
-            packets[~self.is_powered] = 0xFF
+    def read_cells(self) -> WordArray:
+        """Return the answers of all slaves to the four cell reads, (n_slaves, 4, 4), as they arrive."""
+        packets = to_packets(self.cvr.reshape(self.n_slaves, len(READ_CELLS), DATA_WORDS))
+        if not self._all_powered:
+            packets[~self.is_powered] = 0xFFFF
         return self._disturbed(packets)
 
     def _answer(self, command: int, address: int | None) -> bytes:
         if address is None or address >= self.n_slaves or not self.is_powered[address]:
-            return b"\xff" * PACKET_SIZE
+            return b"\xff" * 2 * PACKET_WORDS
         if command == Command.RDCFG:
             group = self.cfgr[address].tobytes()
         else:
             kind, start = _READ_WORDS[Command(command)]
             words = (self.cvr, self.avr, self.str)[kind][address]
             group = words[start : start + 3].tobytes()
-        return self._disturbed(np.frombuffer(with_pec(group), dtype=np.uint8).copy()).tobytes()
+        return self._disturbed(np.frombuffer(with_pec(group), dtype="<u2").copy()).tobytes()
 
-    def _disturbed(self, packets: ByteArray) -> ByteArray:
+    def _disturbed(self, packets: WordArray) -> WordArray:
         if self.bit_error_rate:
-            flat = packets.reshape(-1)
+            flat = packets.view(np.uint8).reshape(-1)
             hits = np.flatnonzero(self._rng.random(flat.size) < 8 * self.bit_error_rate)
             flat[hits] ^= np.left_shift(1, self._rng.integers(0, 8, hits.size)).astype(np.uint8)
         return packets
@@ -141,6 +150,7 @@ class SlaveChain:
         bits = self.cfgr[:, 4].astype(np.uint16) | (self.cfgr[:, 5].astype(np.uint16) & 0x0F) << 8
         switches = (bits[:, None] >> np.arange(CELLS_PER_PACK, dtype=np.uint16) & 1).astype(bool)
         self.discharging = (switches & self.is_powered[:, None]).reshape(-1)
+        self.is_discharging = bool(self.discharging.any())
 
     def _convert(self, command: int) -> None:
         kind = command & ~(_MODE_BITS | _CHANNEL_BITS | _DISCHARGE_PERMITTED)
@@ -168,7 +178,7 @@ class SlaveChain:
         np.minimum(counts, CELL_INPUT_MAX_V * 1e4, out=counts)
         np.maximum(counts, 0, out=counts)
         rows = counts.reshape(self.n_slaves, CELLS_PER_PACK)
-        if self.is_powered.all():
+        if self._all_powered:
             self.cvr[:] = rows
         else:
             self.cvr[self.is_powered] = rows[self.is_powered].astype(np.uint16)

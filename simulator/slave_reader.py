@@ -3,11 +3,12 @@
 A packet with a wrong check word keeps the old registers. A slave without one good packet in a pass counts as silent.
 """
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_protocol.ltc6804 import (
-    READ_CELLS,
     AdcMode,
     Command,
     Configuration,
@@ -20,7 +21,7 @@ from firmware_protocol.ltc6804 import (
 )
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING
 from firmware_protocol.temperature_sensor import FIRST_DEGC, MARGIN_V, POINTS_V, STEP_DEGC
-from simulator.isospi import is_intact
+from simulator.isospi import DATA_WORDS, is_intact
 from simulator.memory import Config, MasterMemory
 from simulator.slave import ADOW, BoolArray, SlaveChain
 
@@ -31,6 +32,7 @@ _CONVERT_PULLED_UP = command_packet(ADOW | AdcMode.NORMAL << 7 | 0x40)
 _CONVERT_PULLED_DOWN = command_packet(ADOW | AdcMode.NORMAL << 7)
 _CONVERT_AUX = command_packet(adax())
 _CONVERT_STATUS = command_packet(adstat())
+_NO_CELLS = np.zeros(CELLS_PER_PACK, dtype=bool)
 _OPEN_WIRE_COUNTS = 4000  # the data sheet's 400 mV
 _PHASES = tuple(np.arange(CELLS_PER_PACK) % 2 == phase for phase in range(2))
 _SENSOR_RISING_V = np.array(POINTS_V[::-1])
@@ -53,10 +55,14 @@ class SlaveReader:
         self._chain = chain
         n_cells = chain.n_slaves * CELLS_PER_PACK
         self._balance: BoolArray = np.zeros(n_cells, dtype=bool)
+        self._is_balancing = False
         self._thresholds = (0, 0)
         self.packets = 0
         self.packet_errors = 0
-        self.silent: BoolArray = np.zeros(chain.n_slaves, dtype=bool)
+        self._none_silent: BoolArray = np.zeros(chain.n_slaves, dtype=bool)
+        self.silent = self._none_silent
+        self.is_whole = False  # every packet of the last pass was intact
+        self.has_open_wires = False
         self.open_wire_cells: BoolArray = np.zeros(n_cells, dtype=bool)
         self._phase = 0
         memory.slave_cvr[:] = memory.slave_temp[:] = CHIP_MISSING
@@ -67,6 +73,7 @@ class SlaveReader:
         """Write the chips' configuration: thresholds, and the cells to bleed."""
         self._thresholds = voltage_codes(config.v_cell_min * 1e-4, config.v_cell_max * 1e-4)
         self._balance = balance.copy()
+        self._is_balancing = bool(balance.any())
         self._write_balance(now_s)
         self._read_configuration(now_s)
 
@@ -79,7 +86,7 @@ class SlaveReader:
     def read_temperatures(self, now_s: float) -> None:
         """Read one phase: every other cell's sensor, switched in by its balancing output."""
         selected = _PHASES[self._phase]
-        self._chain.execute(self._configuration_packet(selected), now_s)
+        self._write(selected, None, now_s)
         self._chain.execute(_CONVERT_SENSORS, now_s)
         half = self._memory.slave_temp[:, self._phase * CELLS_PER_PACK : (self._phase + 1) * CELLS_PER_PACK]
         self._read_cells_into(half)
@@ -123,47 +130,56 @@ class SlaveReader:
         is_open[:, -1] |= (down[:, -1] == 0) & (up[:, -1] != 0)
         whole = intact.all(axis=1)
         self.open_wire_cells.reshape(shape)[whole] = is_open[whole]
+        self.has_open_wires = bool(self.open_wire_cells.any())
 
     def _read_cells_into(self, target: NDArray[np.uint16]) -> BoolArray:
         packets = self._chain.read_cells()
         intact = is_intact(packets)
-        words = packets[..., :6].copy().view("<u2").reshape(target.shape)
         self.packets += intact.size
-        if intact.all():
+        self.is_whole = bool(intact.all())
+        words = packets[..., :DATA_WORDS].reshape(target.shape)
+        if self.is_whole:
             target[:] = words
-            self.silent = np.zeros(len(target), dtype=bool)
+            self.silent = self._none_silent
         else:
             self.packet_errors += int(intact.size - np.count_nonzero(intact))
-            kept = np.repeat(intact, CELLS_PER_PACK // len(READ_CELLS), axis=1)
-            np.copyto(target, words, where=kept)
+            np.copyto(target, words, where=np.repeat(intact, DATA_WORDS, axis=1))
             self.silent = np.logical_not(intact.any(axis=1))
         return intact
 
     def _read_group(self, command: Command, slave: int, now_s: float) -> NDArray[np.uint16] | None:
-        reply = np.frombuffer(self._chain.execute(command_packet(command, slave), now_s), dtype=np.uint8)
+        reply = np.frombuffer(self._chain.execute(_read_packet(command, slave), now_s), dtype="<u2")
         self.packets += 1
-        if not is_intact(reply).all():
+        if not is_intact(reply):
             self.packet_errors += 1
             return None
-        return reply[:6].view("<u2")
+        return reply[:DATA_WORDS]
 
-    def _configuration_packet(self, discharging: BoolArray, address: int | None = None) -> bytes:
-        configuration = Configuration(
-            under_voltage_code=self._thresholds[0],
-            over_voltage_code=self._thresholds[1],
-            discharging=tuple(map(bool, discharging)),
-        )
-        return write_packet(Command.WRCFG, configuration.to_bytes(), address)
+    def _write(self, discharging: BoolArray, address: int | None, now_s: float) -> None:
+        self._chain.execute(_configuration_packet(self._thresholds, discharging.tobytes(), address), now_s)
 
     def _write_balance(self, now_s: float) -> None:
-        if not self._balance.any():
-            self._chain.execute(self._configuration_packet(np.zeros(CELLS_PER_PACK, dtype=bool)), now_s)
+        if not self._is_balancing:
+            self._write(_NO_CELLS, None, now_s)
             return
         for slave, row in enumerate(self._balance.reshape(self._chain.n_slaves, CELLS_PER_PACK)):
-            self._chain.execute(self._configuration_packet(row, slave), now_s)
+            self._write(row, slave, now_s)
 
     def _read_configuration(self, now_s: float) -> None:
         for slave in range(self._chain.n_slaves):
             group = self._read_group(Command.RDCFG, slave, now_s)
             if group is not None:
                 self._memory.slave_cfgr[slave] = group.view(np.uint8)
+
+
+@functools.lru_cache(maxsize=1024)
+def _configuration_packet(thresholds: tuple[int, int], discharging: bytes, address: int | None) -> bytes:
+    under, over = thresholds
+    cells = tuple(map(bool, discharging))
+    configuration = Configuration(under_voltage_code=under, over_voltage_code=over, discharging=cells)
+    return write_packet(Command.WRCFG, configuration.to_bytes(), address)
+
+
+@functools.lru_cache(maxsize=128)
+def _read_packet(command: Command, slave: int) -> bytes:
+    return command_packet(command, slave)
