@@ -1,7 +1,7 @@
 """Proves the Dockerfile where no Docker engine is at hand: carries out its steps in chroots made from Debian packages.
 
 `sudo python3.11 .ci/prove_image.py [--folder DIR]` needs debootstrap, unshare (util-linux), ip (iproute2), 4 GB and
-some minutes; it is not part of CI. A stage starts from a minimal Debian bookworm with its python3.11, which stands in for
+minutes; it is not part of CI. A stage starts from a minimal Debian bookworm with its python3.11, which stands in for
 `python:3.11-slim-bookworm`. RUN, COPY, ENV, WORKDIR and USER act as Docker's would, .dockerignore is honoured. Then CMD
 is started as the image's user, in a network namespace of its own, and HEALTHCHECK must succeed; a session file must
 appear in the volume, grow, and be sound after SIGTERM.
