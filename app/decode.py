@@ -1,5 +1,6 @@
 """The shadow image as arrays and numbers in SI units. A byte that never came, or came too long ago, is missing."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -136,34 +137,35 @@ def cells_of(decoder: Decoder, estimate: Estimates | None) -> Cells:
 
 def extreme(values: FloatArray, *, highest: bool) -> tuple[float | None, int | None]:
     """Return (value, cell) of the highest or lowest element that is there."""
-    if np.isnan(values).all():
-        return None, None
-    cell = int(np.nanargmax(values) if highest else np.nanargmin(values))
-    return float(values[cell]), cell
+    present = np.where(np.isnan(values), -np.inf if highest else np.inf, values)
+    cell = int(present.argmax() if highest else present.argmin())
+    value = float(values[cell])
+    return (None, None) if math.isnan(value) else (value, cell)
 
 
 def mean(values: FloatArray) -> float | None:
     """Mean of the elements that are there."""
-    return None if np.isnan(values).all() else float(np.nanmean(values))
+    present = values[~np.isnan(values)]
+    return float(present.sum() / len(present)) if len(present) else None
 
 
 def packs_of(cells: Cells, decoder: Decoder) -> list[dict[str, Any]]:
     """Eight packs: voltage only where all twelve cells are there."""
-    packs = []
-    for pack in range(N_PACKS):
-        part = slice(pack * CELLS_PER_PACK, (pack + 1) * CELLS_PER_PACK)
-        voltages_v, temperatures_degc = cells.voltage_v[part], cells.temperature_degc[part]
-        low, _ = extreme(voltages_v, highest=False)
-        high, _ = extreme(voltages_v, highest=True)
-        packs.append(
-            {
-                "voltage_v": None if np.isnan(voltages_v).any() else float(voltages_v.sum()),
-                "min_v": low,
-                "max_v": high,
-                "delta_v": None if low is None or high is None else high - low,
-                "temperature_max_degc": extreme(temperatures_degc, highest=True)[0],
-                "temperature_min_degc": extreme(temperatures_degc, highest=False)[0],
-                "slave_status": decoder.integer(f"slave[{pack}].status"),
-            }
-        )
+    voltages_v = cells.voltage_v.reshape(N_PACKS, CELLS_PER_PACK)
+    temperatures_degc = cells.temperature_degc.reshape(N_PACKS, CELLS_PER_PACK)
+    low_v, high_v = np.fmin.reduce(voltages_v, axis=1), np.fmax.reduce(voltages_v, axis=1)
+    columns = {
+        "voltage_v": voltages_v.sum(axis=1),
+        "min_v": low_v,
+        "max_v": high_v,
+        "delta_v": high_v - low_v,
+        "temperature_max_degc": np.fmax.reduce(temperatures_degc, axis=1),
+        "temperature_min_degc": np.fmin.reduce(temperatures_degc, axis=1),
+    }
+    packs: list[dict[str, Any]] = [{} for _ in range(N_PACKS)]
+    for name, column in columns.items():
+        for pack, value in zip(packs, column.tolist(), strict=True):
+            pack[name] = None if math.isnan(value) else value
+    for index, pack in enumerate(packs):
+        pack["slave_status"] = decoder.integer(f"slave[{index}].status")
     return packs
