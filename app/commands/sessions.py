@@ -8,6 +8,7 @@ from pathlib import Path
 
 from app.errors import ConfigError
 from app.sessions.catalogue import Catalogue, is_in_use
+from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
 from app.settings import Settings
@@ -64,8 +65,12 @@ def run(args: argparse.Namespace) -> int:
     path = find_session(args.data, args.session)
     if args.action == "check":
         return _check(path)
+    in_use = is_in_use(path)
     with SessionFile(path) as session:
-        (_show if args.action == "show" else _markers)(session, args.json)
+        if args.action == "show":
+            _show(session, in_use, args.json)
+        else:
+            _markers(session, args.json)
     return 0
 
 
@@ -73,17 +78,17 @@ def _when(wall_ns: int | None) -> str:
     return "?" if wall_ns is None else datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%SZ")
 
 
-def _state(info: SessionInfo) -> str:
+def _state(info: SessionInfo, in_use: bool) -> str:
     if info.is_closed:
         return "closed"
-    return "recording" if is_in_use(info.path) else "cut off"
+    return "recording" if in_use else "cut off"
 
 
-def _facts(info: SessionInfo) -> dict[str, object]:
+def _facts(info: SessionInfo, in_use: bool) -> dict[str, object]:
     return {
         "id": info.id,
         "name": info.name,
-        "state": _state(info),
+        "state": _state(info, in_use),
         "started": _when(info.started_wall_ns),
         "ended": _when(info.ended_wall_ns),
         "duration_s": round(info.duration_s, 3),
@@ -101,22 +106,22 @@ def _facts(info: SessionInfo) -> dict[str, object]:
 def _list(args: argparse.Namespace) -> int:
     sessions, problems = Catalogue(data_folder(args.data) / "sessions").survey()
     if args.json:
-        print(json.dumps([_facts(info) for info in sessions], indent=2))
+        print(json.dumps([_facts(info, is_in_use(info.path)) for info in sessions], indent=2))
     else:
         print(f"{'id':20} {'started':20} {'length':>9} {'frames':>9} {'MB':>7} {'state':9} name")
         for info in sessions:
             length = f"{info.duration_s / 60:.1f} min"
             print(
                 f"{info.id:20} {_when(info.started_wall_ns):20} {length:>9} {info.frames:>9}"
-                f" {info.size_bytes / 1e6:>7.1f} {_state(info):9} {info.name}"
+                f" {info.size_bytes / 1e6:>7.1f} {_state(info, is_in_use(info.path)):9} {info.name}"
             )
     for problem in problems:
         print(problem, file=sys.stderr)
     return 0
 
 
-def _show(session: SessionFile, as_json: bool) -> None:
-    facts = _facts(session.info) | {
+def _show(session: SessionFile, in_use: bool, as_json: bool) -> None:
+    facts = _facts(session.info, in_use) | {
         "signals": session.signal_names(),
         "configurations": [{"time": _when(c.t_wall_ns), "why": c.why} for c in session.configs()],
         "event_list": [
@@ -161,9 +166,10 @@ def _markers(session: SessionFile, as_json: bool) -> None:
 
 
 def _check(path: Path) -> int:
+    in_use = is_in_use(path)
     with SessionFile(path) as session:
         problems = session.problems()
-        state = _state(session.info)
+        state = _state(session.info, in_use)
     print(f"{path.stem}: {state}, " + ("sound" if not problems else "; ".join(problems)))
     return 1 if problems else 0
 
@@ -179,7 +185,7 @@ def _delete(args: argparse.Namespace) -> int:
     catalogue = Catalogue(data_folder(args.data) / "sessions")
     catalogue.path(args.session)
     if not args.yes:
-        raise ConfigError("delete", args.session, "deletes for ever: say so with --yes")
+        raise SessionError(f"{args.session} would be deleted for ever: say so with --yes")
     catalogue.delete(args.session)
     print(f"{args.session} deleted")
     return 0

@@ -66,9 +66,9 @@ class SignalTable:
         if any(signal.field.startswith("conf.") for signal in self.signals):
             first_us, last_us = min(first_us, start_us), max(last_us, (self.info.ended_mono_ns or 0) // 1000)
         if self._t_from_s is not None:
-            first_us = max(first_us, self._session.mono_ns(self._t_from_s) // 1000)
+            first_us = max(first_us, self._session.mono_us(self._t_from_s))
         if self._t_to_s is not None:
-            last_us = min(last_us, self._session.mono_ns(self._t_to_s) // 1000)
+            last_us = min(last_us, self._session.mono_us(self._t_to_s))
         while first_us <= last_us:
             end_us = min(first_us + round(BLOCK_S * 1e6), last_us + 1)
             block = self._block(first_us, end_us, start_us)

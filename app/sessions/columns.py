@@ -1,0 +1,127 @@
+"""The samples of one signal: from stored chunks, and decoded on the spot for what came after them."""
+
+import zlib
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.sessions.chunks import Chunk, ChunkBuilder
+from app.sessions.errors import NotASession
+from app.sessions.session_writer import IDS_PER_CHUNK
+from app.sessions.signals import Signal
+from app.sessions.stored import StoredSession
+from app.sessions.streams import IntArray, stream_range, unpack_stream
+from firmware_protocol.memory_map import FIELDS
+
+_CACHED_TRACKS = 2048
+TimeArray = NDArray[np.int64]
+Samples = tuple[TimeArray, TimeArray, IntArray]  # microseconds on the monotonic clock, instants, counts
+
+
+class ColumnReader:
+    """Reads signals of a session. Keeps sample times that were read, and the last decoded tail."""
+
+    def __init__(self, stored: StoredSession) -> None:
+        self._stored = stored
+        self._tracks: dict[int, tuple[TimeArray, TimeArray]] = {}
+        self._tail: tuple[tuple[int, int, int], Chunk] | None = None
+
+    def samples(self, signal: Signal, first_us: int, last_us: int) -> Samples:
+        """Return every sample of a range of monotonic time, ends included, in order of time."""
+        with self._stored.consistent():
+            parts = [*self._from_chunks(signal, first_us, last_us), *self._from_tail(signal)]
+            if not parts and signal.field.startswith("conf."):
+                parts = self._from_configs(signal)
+        if not parts:
+            empty = np.empty(0, np.int64)
+            return empty, empty, empty
+        times_us, instants, counts = (np.concatenate(column) for column in zip(*parts, strict=True))
+        if (np.diff(times_us) < 0).any():
+            order = np.argsort(times_us, kind="stable")
+            times_us, instants, counts = times_us[order], instants[order], counts[order]
+        low, high = np.searchsorted(times_us, first_us), np.searchsorted(times_us, last_us, side="right")
+        return times_us[low:high], instants[low:high], counts[low:high]
+
+    def spans_us(self) -> list[tuple[int, int]]:
+        """First and last sample time of each chunk and of what came after them, monotonic microseconds."""
+        with self._stored.consistent():
+            spans = [(row[0], row[1]) for row in self._stored.rows("SELECT first_us, last_us FROM chunks ORDER BY id")]
+            spans.append(self._build_tail().span_us)
+        return [(first, last) for first, last in spans if first <= last]
+
+    def fields(self) -> set[str]:
+        """Fields and estimates of which there are samples."""
+        with self._stored.consistent():
+            names = {row[0] for row in self._stored.rows("SELECT DISTINCT field FROM series")}
+            return names | {key.field for key in self._build_tail().columns}
+
+    def _from_chunks(self, signal: Signal, first_us: int, last_us: int) -> Iterator[Samples]:
+        for series_id, element, dtype in self._stored.rows(
+            "SELECT id, ? - first_element, dtype FROM series"
+            " WHERE field = ? AND ? BETWEEN first_element AND first_element + elements - 1",
+            (signal.element, signal.field, signal.element),
+        ):
+            for column_id, track_id, ends in self._stored.rows(
+                f"SELECT c.id, c.track, c.ends FROM chunks k JOIN columns c ON c.id = k.id * {IDS_PER_CHUNK} + ?"
+                " WHERE k.last_us >= ? AND k.first_us <= ? ORDER BY k.id",
+                (series_id, first_us, last_us),
+            ):
+                times_us, instants = self._track(track_id)
+                stream = self._stored.part_of_column(column_id, *stream_range(ends, element))
+                yield times_us, instants, self._unpack(stream, dtype, len(times_us))
+
+    def _track(self, track_id: int) -> tuple[TimeArray, TimeArray]:
+        if track_id not in self._tracks:
+            ((n, times_us, instants),) = self._stored.rows(
+                "SELECT samples, times_us, instants FROM tracks WHERE id = ?", (track_id,)
+            )
+            while len(self._tracks) >= _CACHED_TRACKS:
+                del self._tracks[next(iter(self._tracks))]
+            self._tracks[track_id] = (
+                self._unpack(times_us, "<i8", n).astype(np.int64),
+                self._unpack(instants, "<i8", n).astype(np.int64),
+            )
+        return self._tracks[track_id]
+
+    def _unpack(self, stream: bytes, dtype: str, n_samples: int) -> IntArray:
+        try:
+            return unpack_stream(stream, dtype, n_samples)
+        except (ValueError, zlib.error) as error:
+            raise NotASession(str(self._stored.path), f"damaged: {error}") from error
+
+    def _from_tail(self, signal: Signal) -> list[Samples]:
+        tail = self._build_tail()
+        return [
+            (tail.tracks[number].times_us, tail.tracks[number].instants, values[:, signal.element - key.first_element])
+            for key, (number, values) in tail.columns.items()
+            if key.field == signal.field and 0 <= signal.element - key.first_element < key.elements
+        ]
+
+    def _build_tail(self) -> Chunk:
+        """Decode what came after the last chunk."""
+        stored = self._stored
+        state = (stored.last_id("frames"), stored.last_id("estimates"), stored.last_id("chunks"))
+        if self._tail is None or self._tail[0] != state:
+            last_chunk = stored.rows("SELECT last_frame, boots, last_uptime_ms FROM chunks ORDER BY id DESC LIMIT 1")
+            last_frame, boots, last_uptime_ms = last_chunk[0] if last_chunk else (0, 0, None)
+            builder = ChunkBuilder(boots, last_uptime_ms)
+            for t_mono_ns, raw in stored.rows(
+                "SELECT t_mono_ns, raw FROM frames WHERE id > ? AND ok ORDER BY id", (last_frame,)
+            ):
+                builder.add_frame(t_mono_ns, raw)
+            for row in stored.rows("SELECT t_mono_ns, uptime_ms, soc, sigma FROM estimates ORDER BY id"):
+                builder.add_estimate(*row)
+            self._tail = (state, builder.build())
+        return self._tail[1]
+
+    def _from_configs(self, signal: Signal) -> list[Samples]:
+        """What the images in force say, each from its time on, to the end of the session."""
+        rows = self._stored.rows("SELECT t_mono_ns, image FROM configs ORDER BY id")
+        if not rows:
+            return []
+        last_frame = self._stored.rows("SELECT t_mono_ns FROM frames ORDER BY id DESC LIMIT 1")
+        end_ns = max(row[0] for row in (rows[-1], *last_frame))
+        times_us = np.array([*(row[0] for row in rows), end_ns], np.int64) // 1000
+        values = [FIELDS[signal.field].unpack(row[1])[signal.element] for row in rows]
+        return [(times_us, -times_us, np.array([*values, values[-1]], np.int64))]

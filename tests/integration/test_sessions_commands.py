@@ -1,0 +1,109 @@
+"""`voltwall sessions` and `voltwall export` on a folder with a session that was cut off and one that was closed."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from app.cli import main
+from app.sessions.writer import Recorder
+from firmware_protocol.framing import encode_frame
+from firmware_protocol.messages import Data, Window
+
+WALL_NS = 1_790_000_000 * 10**9
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    data = tmp_path / "data"
+    recorder = Recorder(data / "sessions", version="1.0", monotonic_ns=lambda: 0, wall_ns=lambda: WALL_NS)
+    for name in ("cut", "closed"):
+        info = recorder.start(name, {"driver": name})
+        for i in range(50):
+            t_ns = i * 100_000_000
+            body = Data((Window(1896, (37000 + i).to_bytes(2, "little") * 96),)).to_body()
+            recorder.frame(t_ns, WALL_NS + t_ns, 0, encode_frame(1, i, i * 100, body)[1:-1], True)
+        recorder.marker(2_500_000_000, WALL_NS, "driver change", who="anna")
+        recorder.flush()
+        if name == "cut":
+            copy = tmp_path / "copy.sqlite"
+            shutil.copy(info.path, copy)
+            shutil.copy(f"{info.path}-wal", f"{copy}-wal")
+            recorder.stop()
+            recorder.flush()
+            info.path.unlink()
+            copy.rename(info.path)
+            Path(f"{copy}-wal").rename(f"{info.path}-wal")
+    recorder.close()
+    return data
+
+
+CUT, CLOSED = "20260921T141320Z", "20260921T141320Z-2"
+
+
+def test_list_says_what_was_closed_and_what_was_cut_off(data: Path, capsys) -> None:
+    assert main(["sessions", "list", "--data", str(data), "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert [(each["id"], each["state"], each["frames"]) for each in listed] == [
+        (CLOSED, "closed", 50),
+        (CUT, "cut off", 50),
+    ]
+    assert main(["sessions", "--data", str(data)]) == 0
+    assert "cut off   cut" in capsys.readouterr().out
+
+
+def test_show_and_markers_of_one_session(data: Path, capsys) -> None:
+    assert main(["sessions", "show", CUT, "--data", str(data)]) == 0
+    shown = capsys.readouterr().out
+    assert "state: cut off" in shown
+    assert "metadata: {'driver': 'cut'}" in shown
+    assert main(["sessions", "markers", str(data / "sessions" / f"{CLOSED}.sqlite")]) == 0
+    assert "2.5 s  2026-09-21 14:13:20Z  note: driver change (anna)" in capsys.readouterr().out
+
+
+def test_check_finds_a_damaged_file(data: Path, capsys) -> None:
+    assert main(["sessions", "check", "--data", str(data)]) == 0
+    assert capsys.readouterr().out.count("sound") == 2
+    path = data / "sessions" / f"{CLOSED}.sqlite"
+    content = bytearray(path.read_bytes())
+    content[8192:12288] = b"\xaa" * 4096
+    path.write_bytes(content)
+    assert main(["sessions", "check", "--data", str(data)]) == 1
+    assert "sound" in capsys.readouterr().out
+
+
+def test_delete_wants_to_be_meant(data: Path, capsys) -> None:
+    assert main(["sessions", "delete", CUT, "--data", str(data)]) == 2
+    assert "--yes" in capsys.readouterr().err
+    assert main(["sessions", "delete", CUT, "--data", str(data), "--yes"]) == 0
+    assert main(["sessions", "show", CUT, "--data", str(data)]) == 2
+    assert [path.stem for path in (data / "sessions").iterdir()] == [CLOSED]
+
+
+def test_export_writes_the_range_asked_for(data: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out.csv"
+    command = ["export", CLOSED, "--data", str(data), "--out", str(out), "--signal", "v[95]"]
+    for t_from, t_to in (("+1", "+2"), ("2026-09-21T14:13:21Z", "2026-09-21T14:13:22")):
+        assert main([*command, "--from", t_from, "--to", t_to]) == 0
+        with out.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert [row["v[95] (V)"] for row in rows] == [f"3.70{i}" for i in range(10, 21)]
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--signal", "v[96]"], "beyond 95"),
+        (["--from", "yesterday"], "ISO 8601"),
+        (["--out", "x.xlsx"], "--format"),
+        (["--out", "/nowhere/at/all.csv"], "No such file"),
+    ],
+)
+def test_a_mistake_is_one_line(data: Path, tmp_path: Path, capsys, options: list[str], complaint: str) -> None:
+    command = ["export", CLOSED, "--data", str(data), "--out", str(tmp_path / "x.csv"), *options]
+    assert main(command) == 2
+    error = capsys.readouterr().err
+    assert complaint in error
+    assert error.count("\n") == 1
