@@ -60,6 +60,11 @@ class JournalEntry:
     soc_raw: int
 
 
+def crc32(data: bytes | bytearray | memoryview) -> int:
+    """CRC-32/ISO-HDLC."""
+    return binascii.crc32(data)
+
+
 def encode_slot(image: Image, counter: int) -> bytes:
     """Return the SLOT_SIZE bytes of a slot; unused bytes are 0.
 
@@ -71,7 +76,7 @@ def encode_slot(image: Image, counter: int) -> bytes:
         raise EncodeError("counter", counter, f"1..{_COUNTER_END - 1}")
     body = canonical(image)
     header = _SLOT_HEADER.pack(SLOT_MAGIC, CONFIG_SIZE, LAYOUT_VERSION, counter)
-    page = header + _CRC.pack(binascii.crc32(header + body))
+    page = header + _CRC.pack(crc32(header + body))
     return (page.ljust(PAGE_SIZE, b"\0") + body).ljust(SLOT_SIZE, b"\0")
 
 
@@ -83,7 +88,7 @@ def decode_slot(data: Image, slot: int) -> StoredConfig | None:
     if (magic, length, layout) != (SLOT_MAGIC, CONFIG_SIZE, LAYOUT_VERSION) or not counter:
         return None
     image = bytes(data[PAGE_SIZE : PAGE_SIZE + CONFIG_SIZE])
-    expected = binascii.crc32(bytes(data[: _SLOT_HEADER.size]) + image)
+    expected = crc32(bytes(data[: _SLOT_HEADER.size]) + image)
     if _CRC.unpack_from(data, _SLOT_HEADER.size)[0] != expected:
         return None
     return StoredConfig(image, counter, slot)
@@ -145,7 +150,7 @@ def newest_journal(eeprom: Image) -> JournalEntry | None:
         counter, dod_raw, soc_raw, _ = _JOURNAL.unpack_from(entry)
         if not counter or (best is not None and counter <= best.counter):
             continue
-        if _CRC.unpack_from(entry, _JOURNAL.size)[0] == binascii.crc32(entry[: _JOURNAL.size]):
+        if _CRC.unpack_from(entry, _JOURNAL.size)[0] == crc32(entry[: _JOURNAL.size]):
             best = JournalEntry(counter, dod_raw, soc_raw)
     return best
 
@@ -163,4 +168,4 @@ def journal_write(last: JournalEntry | None, dod_raw: int, soc_raw: int) -> Page
         raise EncodeError("journal", (counter, dod_raw, soc_raw), "counter and dod below 2**32, soc below 2**16")
     body = _JOURNAL.pack(counter, dod_raw, soc_raw, 0)
     offset = JOURNAL_OFFSET + (counter - 1) % JOURNAL_PAGES * PAGE_SIZE
-    return PageWrite(offset, body + _CRC.pack(binascii.crc32(body)))
+    return PageWrite(offset, body + _CRC.pack(crc32(body)))
