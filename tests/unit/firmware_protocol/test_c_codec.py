@@ -1,0 +1,211 @@
+"""The C reference codec, compiled with gcc, against the shared vectors and against Python on random streams."""
+
+import os
+import random
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from firmware_protocol import c_header, framing, messages
+from firmware_protocol.errors import DecodeError
+from firmware_protocol.framing import BadFrame, CommandDecoder, Frame, FrameDecoder, StreamCommand
+from firmware_protocol.messages import MAX_READ, NO_OFFSET, MessageType, Read, Result, Write
+
+C_FOLDER = Path(c_header.__file__).parent / "c"
+VECTORS = Path(__file__).parents[2] / "vectors"
+STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
+SANITIZE = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+
+def compile_c(*arguments):
+    return subprocess.run(["gcc", *arguments], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def gcc():
+    if shutil.which("gcc") is None:
+        if os.environ.get("CI"):
+            pytest.fail("gcc is missing; install it (Debian: apt-get install gcc)")
+        pytest.skip("gcc is missing; install it (Debian: apt-get install gcc)")
+
+
+@pytest.fixture(scope="module")
+def host_test(gcc, tmp_path_factory):
+    program = tmp_path_factory.mktemp("c") / "host_test"
+    sources = [str(C_FOLDER / "vw_codec.c"), str(C_FOLDER / "host_test.c"), "-o", str(program)]
+    built = compile_c("-std=c99", "-O1", *STRICT, *SANITIZE, *sources)
+    if built.returncode and "cannot find" in built.stderr:  # a gcc without its sanitizers
+        built = compile_c("-std=c99", "-O1", *STRICT, *sources)
+    assert built.returncode == 0, built.stderr
+    return program
+
+
+def drive(program, lines):
+    done = subprocess.run(
+        [program, "driver"], input="".join(f"{line}\n" for line in lines), capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    answers = done.stdout.splitlines()
+    assert len(answers) == len(lines)
+    return answers
+
+
+def test_header_is_current():
+    assert c_header.main(["--check"]) == 0, "run: python -m firmware_protocol.c_header"
+
+
+@pytest.mark.parametrize("standard", ["c99", "c11", "c17"])
+def test_header_compiles_by_itself_and_asserts_every_offset(gcc, tmp_path, standard):
+    source = tmp_path / "only.c"
+    source.write_text('#include "voltwall_protocol.h"\nint only;\n', encoding="utf-8")
+    built = compile_c(f"-std={standard}", *STRICT, "-c", str(source), "-o", str(tmp_path / "only.o"))
+    assert built.returncode == 0, built.stderr
+
+
+def test_a_wrong_offset_does_not_compile(gcc, tmp_path):
+    text = c_header.header_text().replace("offsetof(vw_master_t, v) == 1896u", "offsetof(vw_master_t, v) == 1898u")
+    (tmp_path / "wrong.c").write_text(text, encoding="utf-8")
+    built = compile_c("-std=c99", "-c", str(tmp_path / "wrong.c"), "-o", str(tmp_path / "wrong.o"))
+    assert "vw_assert_master_v" in built.stderr
+
+
+def test_codec_compiles_without_a_conversion_warning(gcc, tmp_path):
+    flags = ("-Wconversion", "-Wsign-conversion", "-Wcast-qual", "-Wstrict-prototypes", "-Wmissing-prototypes")
+    out = ("-c", str(C_FOLDER / "vw_codec.c"), "-o", str(tmp_path / "codec.o"))
+    built = compile_c("-std=c99", "-O2", *STRICT, *flags, *out)
+    assert built.returncode == 0, built.stderr
+
+
+def test_codec_has_no_heap_and_no_writable_globals(gcc, tmp_path):
+    compile_c("-std=c99", "-Os", *STRICT, "-c", str(C_FOLDER / "vw_codec.c"), "-o", str(tmp_path / "codec.o"))
+    symbols = subprocess.run(["nm", tmp_path / "codec.o"], capture_output=True, text=True, check=True).stdout.split(
+        "\n"
+    )
+    assert {line.split()[-1] for line in symbols if " U " in line} <= {"memcpy", "memset", "__stack_chk_fail"}
+    assert not [line for line in symbols if line[17:18] in tuple("bBdDC")]
+
+
+def test_shared_vectors(host_test):
+    done = subprocess.run([host_test, "vectors", VECTORS], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout.split()[0]) > 40
+
+
+def random_stream(rng):
+    """Frames, commands and noise in any order, with bytes that matter to the decoders far oftener than by chance."""
+    parts = []
+    for _ in range(rng.randrange(8)):
+        kind = rng.randrange(5)
+        if kind <= 1:
+            body = bytes(rng.choice(b"\0xy\xff\x01") if kind else rng.randrange(256) for _ in range(rng.randrange(300)))
+            frame = framing.encode_frame(rng.randrange(256), rng.randrange(256), rng.randrange(1 << 32), body)
+            if rng.random() < 0.3:
+                damaged = bytearray(frame)
+                damaged[rng.randrange(len(frame))] ^= 1 << rng.randrange(8)
+                frame = bytes(damaged)
+            parts.append(frame)
+        elif kind == 2:
+            parts.append(rng.choice((b"x", b"y", b"xy", b"\0", b"\0\0")))
+        else:
+            length = rng.choice((1, 3, 9, 40, 600))
+            parts.append(bytes(rng.choice(b"\0xy\x01\x02\xff\x55") for _ in range(length)))
+    return b"".join(parts)
+
+
+def python_answer(side, idle, size, raw):
+    decoder = FrameDecoder() if side == "host" else CommandDecoder()
+    items = [item for at in range(0, len(raw), size) for item in decoder.feed(raw[at : at + size])]
+    if idle and isinstance(decoder, CommandDecoder):
+        items += decoder.idle()
+    words = []
+    for item in items:
+        match item:
+            case Frame():
+                body = item.body.hex() or "-"
+                words.append(f"frame:{item.type:02x}:{item.sequence:02x}:{item.uptime_ms:08x}:{body}")
+            case BadFrame():
+                words.append(f"bad:{item.reason}")
+            case StreamCommand():
+                words.append("start" if item.start else "stop")
+    if side == "master":
+        return [*words, f"dropped:{decoder.noise_bytes}"]
+    return words
+
+
+def test_decoders_agree_with_python_on_random_streams(host_test):
+    rng = random.Random(2026)
+    cases = [
+        (rng.choice(("host", "master")), rng.randrange(2), rng.choice((1, 2, 7, 64, 5000)), random_stream(rng))
+        for _ in range(600)
+    ]
+    answers = drive(host_test, [f"feed {side} {idle} {size} {raw.hex() or '-'}" for side, idle, size, raw in cases])
+    for case, answer in zip(cases, answers, strict=True):
+        words = answer.split()
+        assert (words if case[0] == "master" else words[:-1]) == python_answer(*case), case[3].hex()
+
+
+def test_encoder_agrees_with_python(host_test):
+    rng = random.Random(7)
+    lengths = [0, 1, 245, 246, 247, 248, 500, 511, 512, *(rng.randrange(513) for _ in range(60))]
+    fills = (b"\0", b"\xaa", b"\0\x01\xff", bytes(range(256)))
+    cases = [
+        (rng.randrange(256), rng.randrange(256), rng.randrange(1 << 32), bytes(rng.choice(fill) for _ in range(n)))
+        for n in lengths
+        for fill in fills
+    ]
+    answers = drive(host_test, [f"encode {t} {s} {u} {body.hex() or '-'}" for t, s, u, body in cases])
+    for case, answer in zip(cases, answers, strict=True):
+        assert bytes.fromhex(answer) == framing.encode_frame(*case)
+
+
+def random_bodies(rng, n):
+    for _ in range(n):
+        length = rng.choice((0, 3, 4, 5, 6, 11, 12, 13, 30))
+        yield bytes(rng.choice((0, 1, 4, 8, rng.randrange(256))) for _ in range(length))
+
+
+def expected_request(kind, body):
+    """Return the result word and the body that a request comes to, judged by the Python side and SPEC's bounds."""
+    try:
+        request = messages.decode_request(Frame(kind, 0, 0, body))
+    except DecodeError as error:
+        unknown = error.what == "request"
+        return Result.UNKNOWN_REQUEST if unknown else Result.BAD_LENGTH, NO_OFFSET, b""
+    match request:
+        case Read(offset, length):
+            end = 2984 if offset < 0x8000 else 0x10000
+            if not 0 < length <= MAX_READ or offset + length > end:
+                return Result.OUT_OF_BOUNDS, offset, b""
+        case Write(offset, data):
+            if not data or offset + len(data) > 420:
+                return Result.OUT_OF_BOUNDS, offset, b""
+    return Result.DONE, NO_OFFSET, body
+
+
+def test_requests_agree_with_python(host_test):
+    rng = random.Random(11)
+    kinds = [kind for kind in MessageType if kind >= MessageType.IDENT] + [0x7F]
+    cases = [(int(kind), body) for kind in kinds for body in random_bodies(rng, 80)]
+    cases += [(int(MessageType.READ), bytes.fromhex(h)) for h in ("a70b0100", "a70b0200", "ffff0100", "ffff0200")]
+    answers = drive(host_test, [f"request {kind} {body.hex() or '-'}" for kind, body in cases])
+    for (kind, body), answer in zip(cases, answers, strict=True):
+        result, offset, rebuilt = expected_request(kind, body)
+        assert answer == f"{int(result)} {offset} {rebuilt.hex() or '-'}", (kind, body.hex())
+
+
+def test_messages_agree_with_python(host_test):
+    rng = random.Random(13)
+    cases = [(kind, body) for kind in (1, 2, 3, 9) for body in random_bodies(rng, 150)]
+    answers = drive(host_test, [f"message {kind} {body.hex() or '-'}" for kind, body in cases])
+    valid = 0
+    for (kind, body), answer in zip(cases, answers, strict=True):
+        try:
+            messages.decode_message(Frame(kind, 0, 0, body))
+            expected = f"valid {body.hex() or '-'}"
+            valid += 1
+        except DecodeError:
+            expected = "invalid"
+        assert answer == expected, (kind, body.hex())
+    assert valid > 100
