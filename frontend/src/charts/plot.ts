@@ -1,0 +1,190 @@
+// A time chart on uPlot: bands of minimum and maximum, gaps as gaps, labels at the line's end, a shared crosshair.
+
+import uPlot from 'uplot';
+import 'uplot/dist/uPlot.min.css';
+import { clock, fixed } from '../format';
+import type { Band } from '../store/decimate';
+
+export interface PlotSeries {
+  label: string;
+  colour: string; // name of a colour token
+  decimals: number;
+}
+
+export interface PlotSpec {
+  series: PlotSeries[];
+  unit: string;
+  height: number;
+  least: number; // narrowest range of the y axis
+  sync?: string;
+  axis: boolean; // draw the time axis
+  onZoom?: (from: number, to: number) => void;
+}
+
+const GUTTER = 88;
+const LABEL_HEIGHT = 15;
+
+interface Theme {
+  ink: string;
+  faint: string;
+  line: string;
+  surface: string;
+  font: string;
+}
+
+const token = (style: CSSStyleDeclaration, name: string): string => style.getPropertyValue(name).trim();
+
+function readTheme(host: Element): Theme {
+  const style = getComputedStyle(host);
+  return {
+    ink: token(style, '--ink'),
+    faint: token(style, '--faint'),
+    line: token(style, '--line'),
+    surface: token(style, '--surface'),
+    font: `${Math.round(parseFloat(getComputedStyle(document.documentElement).fontSize) * 0.8125)}px Plex, sans-serif`,
+  };
+}
+
+/** One chart in `host`; `set` gives it one band per series, all on the same times. */
+export class Plot {
+  private readonly chart: uPlot;
+  private readonly theme: Theme;
+  private readonly colours: string[];
+
+  constructor(
+    host: HTMLElement,
+    private readonly spec: PlotSpec,
+  ) {
+    this.theme = readTheme(host);
+    const style = getComputedStyle(host);
+    this.colours = spec.series.map((s) => token(style, `--${s.colour}`));
+    this.chart = new uPlot(this.options(host.clientWidth), [[]] as unknown as uPlot.AlignedData, host);
+  }
+
+  set(bands: readonly Band[], from: number, to: number): void {
+    const data: (readonly (number | null)[])[] = [bands[0]?.time ?? []];
+    for (const band of bands) data.push(band.min, band.max);
+    this.chart.batch(() => {
+      this.chart.setData(data as unknown as uPlot.AlignedData, false);
+      this.chart.setScale('x', { min: from, max: to });
+    });
+  }
+
+  resize(width: number): void {
+    if (width > 0) this.chart.setSize({ width, height: this.spec.height });
+  }
+
+  destroy(): void {
+    this.chart.destroy();
+  }
+
+  private options(width: number): uPlot.Options {
+    const { spec, theme } = this;
+    const series: uPlot.Series[] = [{}];
+    const bands: uPlot.Band[] = [];
+    spec.series.forEach((_, i) => {
+      const stroke = this.colours[i]!;
+      series.push(
+        { stroke, width: 1, points: { show: false } },
+        { stroke, width: 1, points: { show: false } },
+      );
+      bands.push({ series: [2 * i + 2, 2 * i + 1], fill: `${stroke}59` });
+    });
+    const axis: uPlot.Axis = {
+      stroke: theme.faint,
+      font: theme.font,
+      grid: { stroke: theme.line, width: 1 },
+      ticks: { show: false },
+    };
+    return {
+      width: width || 300,
+      height: spec.height,
+      padding: [8, GUTTER, spec.axis ? 0 : 4, 0],
+      legend: { show: false },
+      cursor: {
+        points: { show: false },
+        drag: { x: spec.onZoom !== undefined, y: false, setScale: false },
+        ...(spec.sync === undefined ? {} : { sync: { key: spec.sync } }),
+      },
+      scales: { x: { time: true }, y: { range: (_u, low, high) => this.range(low, high) } },
+      axes: [
+        {
+          ...axis,
+          show: spec.axis,
+          size: 28,
+          space: 72,
+          values: (_u, splits) =>
+            splits.map((t) =>
+              splits.length > 1 && splits[1]! - splits[0]! < 60 ? clock(t) : clock(t).slice(0, 5),
+            ),
+        },
+        { ...axis, size: 52, space: 32, values: (_u, splits) => splits.map((v) => fixed(v, places(splits))) },
+      ],
+      series,
+      bands,
+      hooks: {
+        draw: [(u) => this.labels(u)],
+        setCursor: [(u) => u.redraw(false)],
+        setSelect: [
+          (u) => {
+            if (u.select.width > 4) {
+              spec.onZoom?.(u.posToVal(u.select.left, 'x'), u.posToVal(u.select.left + u.select.width, 'x'));
+              u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+            }
+          },
+        ],
+      },
+    };
+  }
+
+  private range(low: number | null, high: number | null): [number, number] {
+    const { least } = this.spec;
+    if (low === null || high === null || !Number.isFinite(low) || !Number.isFinite(high)) return [0, least];
+    const span = Math.max(high - low, least);
+    const middle = (low + high) / 2;
+    return [middle - span * 0.56, middle + span * 0.56];
+  }
+
+  private labels(u: uPlot): void {
+    const { ctx } = u;
+    const ratio = devicePixelRatio;
+    const right = u.bbox.left + u.bbox.width + 8 * ratio;
+    const rows: { y: number; text: string; colour: string }[] = [];
+    this.spec.series.forEach((s, i) => {
+      const at = this.labelIndex(u, 2 * i + 1);
+      if (at === null) return;
+      const low = u.data[2 * i + 1]![at];
+      const high = u.data[2 * i + 2]![at];
+      if (low === null || low === undefined || high === null || high === undefined) return;
+      const text = `${s.label ? `${s.label} ` : ''}${fixed((low + high) / 2, s.decimals)} ${this.spec.unit}`;
+      rows.push({ y: u.valToPos((low + high) / 2, 'y', true), text, colour: this.colours[i]! });
+    });
+    rows.sort((a, b) => a.y - b.y);
+    for (let i = 1; i < rows.length; i++) {
+      rows[i]!.y = Math.max(rows[i]!.y, rows[i - 1]!.y + LABEL_HEIGHT * ratio);
+    }
+    ctx.save();
+    ctx.font = this.theme.font.replace(/^\d+/, (px) => String(Number(px) * ratio));
+    ctx.textBaseline = 'middle';
+    ctx.textAlign = 'left';
+    for (const row of rows) {
+      ctx.fillStyle = row.colour;
+      ctx.fillText(row.text, right, Math.min(row.y, u.bbox.top + u.bbox.height));
+    }
+    ctx.restore();
+  }
+
+  private labelIndex(u: uPlot, column: number): number | null {
+    const under = u.cursor.idx;
+    if (under !== null && under !== undefined && (u.cursor.left ?? -1) >= 0) return under;
+    const data = u.data[column];
+    if (!data) return null;
+    for (let i = data.length - 1; i >= 0; i--) if (data[i] !== null && data[i] !== undefined) return i;
+    return null;
+  }
+}
+
+function places(splits: readonly number[]): number {
+  const gap = splits.length > 1 ? Math.abs(splits[1]! - splits[0]!) : 1;
+  return Math.max(0, Math.min(4, Math.ceil(-Math.log10(gap) - 1e-9)));
+}

@@ -1,0 +1,144 @@
+// Every number that a page shows goes through here: units, decimals, signs, and counting from one.
+
+export const DASH = '–';
+export const MINUS = '−';
+export const CELLS_PER_PACK = 12;
+export const N_PACKS = 8;
+export const N_CELLS = N_PACKS * CELLS_PER_PACK;
+export const STALE_S = 1;
+export const BLANK_S = 10;
+
+export type Freshness = 'live' | 'stale' | 'blank';
+
+/** How a value of this age may be shown; an age of null was never seen. */
+export function freshness(ageS: number | null): Freshness {
+  if (ageS === null || ageS >= BLANK_S) return 'blank';
+  return ageS >= STALE_S ? 'stale' : 'live';
+}
+
+/** Fixed decimals with a true minus sign; a missing value is a dash. */
+export function fixed(value: number | null | undefined, decimals: number): string {
+  if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
+  const text = value.toFixed(decimals);
+  if (!text.startsWith('-')) return text;
+  return Number(text) === 0 ? text.slice(1) : MINUS + text.slice(1);
+}
+
+/** A fraction as percent. */
+export const percent = (fraction: number | null | undefined, decimals: number): string =>
+  fixed(fraction === null || fraction === undefined ? null : fraction * 100, decimals);
+
+export const scaled = (value: number | null | undefined, factor: number): number | null =>
+  value === null || value === undefined ? null : value * factor;
+
+/** "pack 3, cell 7" for index 30: the only place where one is added for people. */
+export function cellName(index: number | null | undefined): string {
+  if (index === null || index === undefined) return DASH;
+  return `pack ${packNumber(index)}, cell ${cellNumber(index)}`;
+}
+
+export const packNumber = (index: number): number => Math.floor(index / CELLS_PER_PACK) + 1;
+export const cellNumber = (index: number): number => (index % CELLS_PER_PACK) + 1;
+export const cellIndex = (pack: number, cell: number): number => (pack - 1) * CELLS_PER_PACK + cell - 1;
+/** Position in any list, as people count it. */
+export const ordinal = (index: number): string => String(index + 1);
+
+/** An age in at most five characters: 0.2 s, 14 s, 3 min, 2 h. */
+export function age(seconds: number | null | undefined): string {
+  if (seconds === null || seconds === undefined) return DASH;
+  if (seconds < 10) return `${Math.max(0, seconds).toFixed(1)} s`;
+  if (seconds < 100) return `${Math.floor(seconds)} s`;
+  if (seconds < 6000) return `${Math.floor(seconds / 60)} min`;
+  return `${Math.floor(seconds / 3600)} h`;
+}
+
+/** hours:minutes:seconds, or minutes:seconds below an hour. */
+export function duration(seconds: number | null | undefined): string {
+  if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return DASH;
+  const s = Math.max(0, Math.floor(seconds));
+  const two = (n: number): string => String(n).padStart(2, '0');
+  const hours = Math.floor(s / 3600);
+  const rest = `${two(Math.floor((s % 3600) / 60))}:${two(s % 60)}`;
+  return hours > 0 ? `${hours}:${rest}` : rest;
+}
+
+/** Local wall time, 14:03:22. */
+export function clock(unixS: number | null | undefined): string {
+  if (unixS === null || unixS === undefined) return DASH;
+  const d = new Date(unixS * 1000);
+  return [d.getHours(), d.getMinutes(), d.getSeconds()].map((n) => String(n).padStart(2, '0')).join(':');
+}
+
+/** Local date and time, 2026-11-21 14:03. */
+export function dateTime(unixS: number | null | undefined): string {
+  if (unixS === null || unixS === undefined) return DASH;
+  const d = new Date(unixS * 1000);
+  const two = (n: number): string => String(n).padStart(2, '0');
+  const day = `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())}`;
+  return `${day} ${two(d.getHours())}:${two(d.getMinutes())}`;
+}
+
+/** Bytes with a decimal prefix: 812 B, 1.4 MB. */
+export function bytes(n: number | null | undefined): string {
+  if (n === null || n === undefined) return DASH;
+  if (n < 1000) return `${n} B`;
+  const steps = ['kB', 'MB', 'GB', 'TB'];
+  let value = n / 1000;
+  let i = 0;
+  while (value >= 999.95 && i < steps.length - 1) {
+    value /= 1000;
+    i++;
+  }
+  return `${value.toFixed(1)} ${steps[i]}`;
+}
+
+/** Whole numbers with a thin space every three digits. */
+export function count(n: number | null | undefined): string {
+  if (n === null || n === undefined) return DASH;
+  return String(Math.round(n)).replace(/\B(?=(\d{3})+$)/g, '\u2009');
+}
+
+export const hex = (n: number, digits: number): string => n.toString(16).toUpperCase().padStart(digits, '0');
+export const canId = (id: number, extended: boolean): string => `0x${hex(id, extended ? 8 : 3)}`;
+
+export interface DisplayUnit {
+  label: string;
+  factor: number; // shown = SI * factor
+}
+
+const UNITS: Record<string, DisplayUnit> = {
+  degC: { label: '°C', factor: 1 },
+  ohm: { label: 'mΩ', factor: 1000 },
+  '1': { label: '%', factor: 100 },
+  duty: { label: '%', factor: 100 },
+  count: { label: 'counts', factor: 1 },
+  byte: { label: 'bytes', factor: 1 },
+};
+
+const UNIT_DECIMALS: Record<string, number> = {
+  V: 4,
+  A: 1,
+  mV: 1,
+  degC: 0,
+  '°C': 0,
+  '1': 1,
+  '%': 1,
+  W: 0,
+  ms: 0,
+};
+
+/** A value with its unit, for sentences: 4.2013 V, 61 °C. */
+export function quantity(value: number | null | undefined, unit: string | null): string {
+  const { label, factor } = displayUnit(unit ?? '');
+  const decimals = UNIT_DECIMALS[unit ?? ''] ?? 2;
+  return `${fixed(scaled(value, factor), decimals)} ${label}`.trim();
+}
+
+/** The unit that people read for a unit of the memory map. */
+export const displayUnit = (unit: string): DisplayUnit => UNITS[unit] ?? { label: unit, factor: 1 };
+
+/** Decimals that show one count of a field and no more (at most four). */
+export function decimalsOf(scale: number): number {
+  if (scale >= 1) return 0;
+  return Math.min(4, Math.ceil(-Math.log10(scale) - 1e-9));
+}

@@ -1,0 +1,84 @@
+// The REST client: every failure is a Problem that says what happened and which field it concerns.
+
+const BASE = '/api/v1';
+
+export interface FieldError {
+  field: string;
+  value?: unknown;
+  limit?: unknown;
+  message: string;
+}
+
+/** A failed request: an RFC 9457 document from the service, or status 0 when it could not be reached. */
+export class Problem extends Error {
+  readonly status: number;
+  readonly detail: string;
+  readonly errors: FieldError[];
+  readonly body: Record<string, unknown>;
+
+  constructor(status: number, title: string, body: Record<string, unknown> = {}) {
+    super(title);
+    this.status = status;
+    this.detail = typeof body['detail'] === 'string' ? body['detail'] : '';
+    this.errors = Array.isArray(body['errors']) ? (body['errors'] as FieldError[]) : [];
+    this.body = body;
+  }
+
+  /** One sentence for the page. */
+  get sentence(): string {
+    return this.detail || this.message;
+  }
+}
+
+export interface Call {
+  method?: 'GET' | 'POST' | 'PUT' | 'DELETE';
+  body?: unknown;
+  ifMatch?: string;
+  signal?: AbortSignal;
+}
+
+export const apiUrl = (path: string): string => `${BASE}/${path}`;
+
+/** Call the service and return its JSON (undefined for an empty answer); throws Problem. */
+export async function call<T>(path: string, options: Call = {}): Promise<T> {
+  const headers: Record<string, string> = { Accept: 'application/json' };
+  if (options.body !== undefined) headers['Content-Type'] = 'application/json';
+  if (options.ifMatch !== undefined) headers['If-Match'] = `"${options.ifMatch}"`;
+  const request: RequestInit = { method: options.method ?? 'GET', headers, cache: 'no-store' };
+  if (options.body !== undefined) request.body = JSON.stringify(options.body);
+  if (options.signal) request.signal = options.signal;
+  let response: Response;
+  try {
+    response = await fetch(apiUrl(path), request);
+  } catch (error) {
+    if (error instanceof DOMException && error.name === 'AbortError') throw error;
+    throw new Problem(0, 'The service does not answer', {
+      detail: 'The service does not answer. Nothing was changed by this page.',
+    });
+  }
+  if (response.ok) {
+    if (response.status === 204) return undefined as T;
+    return (await response.json()) as T;
+  }
+  throw await problemOf(response);
+}
+
+async function problemOf(response: Response): Promise<Problem> {
+  try {
+    const body = (await response.json()) as Record<string, unknown>;
+    const title = typeof body['title'] === 'string' ? body['title'] : response.statusText;
+    return new Problem(response.status, title, body);
+  } catch {
+    return new Problem(response.status, response.statusText || `HTTP ${response.status}`);
+  }
+}
+
+export const get = <T>(path: string, signal?: AbortSignal): Promise<T> =>
+  call<T>(path, signal ? { signal } : {});
+export const post = <T>(path: string, body?: unknown): Promise<T> =>
+  call<T>(path, body === undefined ? { method: 'POST' } : { method: 'POST', body });
+export const put = <T>(path: string, body: unknown, ifMatch: string): Promise<T> =>
+  call<T>(path, { method: 'PUT', body, ifMatch });
+export const remove = (path: string): Promise<unknown> => call(path, { method: 'DELETE' });
+export const command = (name: string, argument?: number | null): Promise<unknown> =>
+  post(`commands/${name}`, argument === undefined ? {} : { argument });

@@ -1,0 +1,156 @@
+// Draft, in force, stored: three configurations that the page never confuses. The draft survives reconnects and reloads.
+
+import { call, get, post, Problem, put } from '../link/rest';
+import type { Config, Difference, Schema, StoredConfig, WriteResult } from '../link/types';
+import { changes, rawBody, rebase, type Draft } from './draft';
+
+const KEY = 'voltwall.draft';
+
+export type Outcome = {
+  kind: 'good' | 'bad' | 'conflict';
+  title: string;
+  text: string;
+  difference?: Difference[];
+};
+
+class ConfigStore {
+  schema = $state.raw<Schema | null>(null);
+  config = $state.raw<Config | null>(null);
+  stored = $state.raw<StoredConfig | null>(null);
+  draft = $state.raw<Draft>(JSON.parse(sessionStorage.getItem(KEY) ?? '{}') as Draft);
+  problem = $state.raw<Problem | null>(null);
+  outcome = $state.raw<Outcome | null>(null);
+  checked = $state.raw<WriteResult | null>(null);
+  serverErrors = $state.raw<Record<string, string>>({});
+  busy = $state<string | null>(null);
+
+  changes = $derived(this.schema ? changes(this.draft, this.schema.fields, this.config?.raw ?? null) : []);
+  invalid = $derived(this.changes.filter((c) => c.verdict.error !== null));
+  storedDiffers = $derived(
+    this.config !== null && this.stored !== null && this.config.hash !== this.stored.hash,
+  );
+
+  setDraft(draft: Draft): void {
+    this.draft = draft;
+    this.checked = null;
+    this.serverErrors = {};
+    sessionStorage.setItem(KEY, JSON.stringify(draft));
+  }
+
+  /** Read what is in force and what is stored; edits stay. */
+  async load(): Promise<void> {
+    try {
+      this.schema ??= await get<Schema>('config/schema');
+      this.config = await get<Config>('config');
+      this.problem = null;
+      this.draft = rebase(this.draft, this.schema.fields, this.config.raw);
+    } catch (error) {
+      this.problem = asProblem(error);
+    }
+    try {
+      this.stored = await get<StoredConfig>('config/stored');
+    } catch (error) {
+      asProblem(error);
+      this.stored = null;
+    }
+  }
+
+  /** Let the service check the draft without writing it. */
+  async check(): Promise<void> {
+    await this.act('checking', async (hash) => {
+      this.checked = await call<WriteResult>('config?dry_run=true', this.request(hash));
+      this.outcome = null;
+    });
+  }
+
+  async write(): Promise<void> {
+    await this.act('writing', async (hash) => {
+      const result = await call<WriteResult>('config', this.request(hash));
+      const n = result.difference.length;
+      this.checked = null;
+      this.outcome = {
+        kind: result.verified ? 'good' : 'bad',
+        title: result.verified ? 'Written and read back' : 'Written, but the read-back differs',
+        text: `${n} ${n === 1 ? 'value is' : 'values are'} now in force. The EEPROM still holds the old configuration until it is stored.`,
+        difference: result.difference,
+      };
+      await this.load();
+    });
+  }
+
+  async store(): Promise<void> {
+    await this.act('storing', async () => {
+      const result = await post<{ verified: boolean; counter: number }>('config/store');
+      this.outcome = {
+        kind: result.verified ? 'good' : 'bad',
+        title: result.verified
+          ? 'Stored in the EEPROM and read back'
+          : 'The EEPROM differs from what was stored',
+        text: `Store number ${result.counter}. The master starts with this configuration.`,
+      };
+      await this.load();
+    });
+  }
+
+  async loadStored(): Promise<void> {
+    await this.act('loading', async () => {
+      await post('config/load');
+      this.outcome = {
+        kind: 'good',
+        title: 'Loaded from the EEPROM',
+        text: 'The stored configuration is in force again.',
+      };
+      await this.load();
+    });
+  }
+
+  /** Write other bodies (CAN tables) with the same lock; returns the result or null after reporting. */
+  async putOther(path: string, body: unknown): Promise<WriteResult | null> {
+    let result: WriteResult | null = null;
+    await this.act('writing', async (hash) => {
+      result = await put<WriteResult>(path, body, hash);
+      await this.load();
+    });
+    return result;
+  }
+
+  private request(hash: string): { method: 'PUT'; body: unknown; ifMatch: string } {
+    return { method: 'PUT', body: { raw: rawBody(this.changes, this.config!.raw) }, ifMatch: hash };
+  }
+
+  private async act(what: string, action: (hash: string) => Promise<void>): Promise<void> {
+    if (!this.config || this.busy) return;
+    this.busy = what;
+    this.serverErrors = {};
+    try {
+      await action(this.config.hash);
+    } catch (error) {
+      await this.explain(asProblem(error));
+    } finally {
+      this.busy = null;
+    }
+  }
+
+  private async explain(problem: Problem): Promise<void> {
+    this.serverErrors = Object.fromEntries(problem.errors.map((e) => [e.field, e.message]));
+    if (problem.status === 412) {
+      const difference = (problem.body['difference'] ?? []) as Difference[];
+      await this.load();
+      this.outcome = {
+        kind: 'conflict',
+        title: 'Somebody else changed the configuration meanwhile',
+        text: 'Nothing was written. What is in force was read again; your draft is kept. Look at the differences, then write again.',
+        difference,
+      };
+    } else {
+      this.outcome = { kind: 'bad', title: problem.message, text: problem.detail };
+    }
+  }
+}
+
+function asProblem(error: unknown): Problem {
+  if (error instanceof Problem) return error;
+  throw error;
+}
+
+export const config = new ConfigStore();

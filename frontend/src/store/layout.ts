@@ -1,0 +1,35 @@
+// Where the cells sit in the car. Change these tables when the accumulator is built differently.
+// Eight packs in two rows of four, cabled out and back; in a pack twelve cells in two rows of six, likewise.
+
+import { CELLS_PER_PACK } from '../format';
+
+/** Pack indices by row and column, seen from above. */
+export const PACK_ROWS: readonly (readonly number[])[] = [
+  [0, 1, 2, 3],
+  [7, 6, 5, 4],
+];
+
+/** Cell positions in a pack by row and column. */
+export const CELL_ROWS: readonly (readonly number[])[] = [
+  [0, 1, 2, 3, 4, 5],
+  [11, 10, 9, 8, 7, 6],
+];
+
+export const indexOf = (pack: number, position: number): number => pack * CELLS_PER_PACK + position;
+
+/** Words for the place of a cell: "front row, second from the left". */
+export function placeOf(index: number): string {
+  const pack = Math.floor(index / CELLS_PER_PACK);
+  const position = index % CELLS_PER_PACK;
+  const packRow = PACK_ROWS.findIndex((row) => row.includes(pack));
+  const packColumn = PACK_ROWS[packRow]!.indexOf(pack) + 1;
+  const cellRow = CELL_ROWS.findIndex((row) => row.includes(position));
+  const cellColumn = CELL_ROWS[cellRow]!.indexOf(position) + 1;
+  const rowName = (row: number): string => (row === 0 ? 'upper' : 'lower');
+  return `${rowName(packRow)} pack row, column ${packColumn}; ${rowName(cellRow)} cell row, column ${cellColumn}`;
+}
+
+/** Neighbours of a cell in the series string. */
+export function neighbours(index: number): number[] {
+  return [index - 1, index + 1].filter((i) => i >= 0 && i < 8 * CELLS_PER_PACK);
+}

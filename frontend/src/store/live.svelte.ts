@@ -1,0 +1,141 @@
+// The one place that holds what is known now: the latest snapshot, when it came, and the history behind it.
+// Views read it; only the socket writes it. The page's own clock makes ages grow while nothing arrives.
+
+import { LiveSocket, liveUrl, type Connection } from '../link/socket';
+import { get } from '../link/rest';
+import type { History, Maybe, Part, Snapshot } from '../link/types';
+import { freshness, type Freshness } from '../format';
+import { Ring } from './ring';
+
+export const SERIES = [
+  'voltage_v',
+  'current_a',
+  'power_w',
+  'soc',
+  'voltage_min_v',
+  'voltage_max_v',
+  'temperature_min_degc',
+  'temperature_max_degc',
+] as const;
+export type SeriesName = (typeof SERIES)[number];
+
+const HISTORY_S = 900;
+const HISTORY_SAMPLES = 30 * HISTORY_S;
+const FRAME_MS = 60; // eyes read no faster; charts and numbers share this beat
+const TICK_MS = 250;
+
+class Live {
+  snapshot = $state.raw<Snapshot | null>(null);
+  connection = $state<Connection>('connecting');
+  now = $state(performance.now() / 1000);
+  beat = $state(0);
+  readonly ring = new Ring(HISTORY_SAMPLES, SERIES.length);
+  latest: Snapshot | null = null;
+  private readonly listeners = new Set<(snapshot: Snapshot) => void>();
+  private receivedAt = 0;
+  private drawnAt = 0;
+  private tickedAt = 0;
+  private backfilled = false;
+  private socket: LiveSocket | null = null;
+  private hurried = false;
+
+  start(): void {
+    this.socket ??= new LiveSocket(
+      liveUrl(location),
+      (snapshot) => this.take(snapshot),
+      (state) => this.connected(state),
+    );
+    this.socket.start();
+    requestAnimationFrame(this.frame);
+  }
+
+  restart(): void {
+    this.socket?.stop();
+    this.socket?.start();
+  }
+
+  /** Call `listener` with every snapshot until the returned closure is called. */
+  onSnapshot(listener: (snapshot: Snapshot) => void): () => void {
+    this.listeners.add(listener);
+    return () => this.listeners.delete(listener);
+  }
+
+  /** Seconds since the bytes of a part left the line, grown by the time since the snapshot came. */
+  age(part: Part): Maybe<number> {
+    const age = this.snapshot?.age[part] ?? null;
+    return age === null ? null : age + this.behind;
+  }
+
+  freshness(part: Part): Freshness {
+    return freshness(this.age(part));
+  }
+
+  /** Seconds since the last message from the service. */
+  get behind(): number {
+    return Math.max(0, this.now - this.receivedAt);
+  }
+
+  /** The service's wall clock, carried on by the page's. */
+  get time(): number {
+    return (this.snapshot?.time ?? Date.now() / 1000) + (this.snapshot ? this.behind : 0);
+  }
+
+  private take(snapshot: Snapshot): void {
+    this.latest = snapshot;
+    this.receivedAt = performance.now() / 1000;
+    const a = snapshot.accumulator;
+    const fresh = (part: Part): boolean => freshness(snapshot.age[part]) === 'live';
+    if (fresh('voltage') || fresh('current')) {
+      this.ring.push(
+        snapshot.time,
+        SERIES.map((name) => a[name]),
+      );
+    }
+    for (const listener of this.listeners) listener(snapshot);
+    if (document.hidden) this.hurried = true;
+  }
+
+  private connected(state: Connection): void {
+    this.connection = state;
+    if (state === 'open') void this.backfill();
+    if (state === 'lost') this.backfilled = false;
+  }
+
+  private async backfill(): Promise<void> {
+    if (this.backfilled) return;
+    this.backfilled = true;
+    try {
+      const past = await get<History>(`history?seconds=${HISTORY_S}`);
+      const columns = SERIES.map((name) => past.series[name] ?? []);
+      const recent = this.ring.since(past.time.at(-1) ?? Infinity);
+      const tail = Array.from(recent.time, (time, i) => ({ time, row: recent.values.map((v) => v[i]!) }));
+      this.ring.clear();
+      past.time.forEach((time, i) =>
+        this.ring.push(
+          time,
+          columns.map((column) => column[i] ?? null),
+        ),
+      );
+      for (const { time, row } of tail) this.ring.push(time, row);
+    } catch {
+      this.backfilled = false;
+    }
+  }
+
+  private readonly frame = (stamp: number): void => {
+    requestAnimationFrame(this.frame);
+    const changed = this.latest !== this.snapshot;
+    if ((changed && stamp - this.drawnAt >= FRAME_MS) || (this.hurried && changed)) {
+      this.snapshot = this.latest;
+      this.drawnAt = this.tickedAt = stamp;
+      this.hurried = false;
+      this.now = stamp / 1000;
+      this.beat++;
+    } else if (stamp - this.tickedAt >= TICK_MS) {
+      this.tickedAt = stamp;
+      this.now = stamp / 1000;
+    }
+  };
+}
+
+export const live = new Live();

@@ -1,0 +1,61 @@
+// What the packs page can show for each cell: where the number comes from, how it is written and coloured.
+
+import type { Cells, Part, Snapshot } from '../link/types';
+import { fixed } from '../format';
+
+export type MetricId =
+  'voltage' | 'deviation' | 'temperature' | 'soc' | 'sigma' | 'resistance' | 'capacity' | 'balancing';
+
+export interface Metric {
+  id: MetricId;
+  name: string;
+  unit: string;
+  decimals: number;
+  least: number; // narrowest colour scale, in the shown unit
+  diverging: boolean;
+  part: Part;
+  values: (snapshot: Snapshot) => (number | null)[];
+}
+
+const times = (values: (number | null)[], factor: number): (number | null)[] =>
+  values.map((v) => (v === null ? null : v * factor));
+
+const column =
+  (key: Exclude<keyof Cells, 'balancing' | 'model_valid'>, factor = 1) =>
+  (s: Snapshot): (number | null)[] =>
+    factor === 1 ? s.cells[key] : times(s.cells[key], factor);
+
+function deviation(s: Snapshot): (number | null)[] {
+  const mean = s.accumulator.voltage_mean_v;
+  return s.cells.voltage_v.map((v) => (v === null || mean === null ? null : (v - mean) * 1000));
+}
+
+const metric = (
+  id: MetricId,
+  name: string,
+  unit: string,
+  decimals: number,
+  least: number,
+  part: Part,
+  values: Metric['values'],
+): Metric => ({ id, name, unit, decimals, least, part, values, diverging: id === 'deviation' });
+
+export const METRICS: readonly Metric[] = [
+  metric('voltage', 'Voltage', 'V', 3, 0.02, 'voltage', column('voltage_v')),
+  metric('deviation', 'Deviation', 'mV', 0, 20, 'voltage', deviation),
+  metric('temperature', 'Temperature', '°C', 0, 4, 'temperature', column('temperature_degc')),
+  metric('soc', 'SOC', '%', 1, 2, 'voltage', column('soc', 100)),
+  metric('sigma', 'Sigma', '%', 2, 0.5, 'voltage', column('soc_sigma', 100)),
+  metric('resistance', 'R0', 'mΩ', 2, 0.2, 'voltage', column('resistance_ohm', 1000)),
+  metric('capacity', 'Capacity', 'Ah', 2, 0.5, 'voltage', column('capacity_ah')),
+  metric('balancing', 'Balancing', '', 0, 1, 'slaves', (s) =>
+    s.cells.balancing.map((b) => (b === null ? null : Number(b))),
+  ),
+];
+
+export const metricById = (id: string): Metric => METRICS.find((m) => m.id === id) ?? METRICS[0]!;
+
+export function metricText(metric: Metric, value: number | null): string {
+  if (metric.id === 'balancing') return value === null ? fixed(null, 0) : value ? 'bleed' : 'off';
+  return fixed(value, metric.decimals);
+}

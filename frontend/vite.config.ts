@@ -1,0 +1,19 @@
+import { svelte } from '@sveltejs/vite-plugin-svelte';
+import { defineConfig } from 'vitest/config';
+import { fixtureServer } from './fixtures/server.ts';
+
+export default defineConfig(({ mode }) => ({
+  base: './',
+  plugins: [svelte(), ...(mode === 'fixtures' ? [fixtureServer()] : [])],
+  define: { __FIXTURES__: JSON.stringify(mode === 'fixtures') },
+  build: {
+    outDir: '../app/static',
+    emptyOutDir: true,
+    target: 'es2022',
+    assetsInlineLimit: 0,
+    modulePreload: { polyfill: false },
+  },
+  server: mode === 'fixtures' ? {} : { proxy: { '/api': { target: 'http://127.0.0.1:8000', ws: true } } },
+  resolve: mode === 'test' ? { conditions: ['browser'] } : {},
+  test: { include: ['tests/**/*.test.ts'], environment: 'node' },
+}));
