@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from simulator.can_ports import can_port
+from simulator.control import Control
+from simulator.control_server import ControlServer
 from simulator.director import Director
 from simulator.eeprom import Eeprom
 from simulator.errors import SimulatorError
@@ -91,6 +93,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
     serial = None if arguments.serial is None else byte_port(arguments.serial)
     can = [can_port(text) for text in arguments.can]
     runner = Runner(director.simulation, serial=serial, can=can, speed=arguments.speed)
+    control = None if arguments.control is None else ControlServer(arguments.control, Control(director, runner))
     runner.open()
     try:
         for signum in (signal.SIGINT, signal.SIGTERM):
@@ -99,11 +102,16 @@ def _simulate(arguments: argparse.Namespace) -> None:
             print(f"serial: {serial.url}", flush=True)
         for port in can:
             print(f"can: {port.url}", flush=True)
+        if control is not None:
+            control.open(runner.selector)
+            print(f"control: {control.url}", flush=True)
         print("ready", flush=True)
         if arguments.with_parent:
             threading.Thread(target=_stop_with_parent, args=(runner,), daemon=True).start()
         runner.run(arguments.duration, lambda: director.is_over)
     finally:
+        if control is not None:
+            control.close()
         runner.close()
 
 

@@ -64,7 +64,7 @@ class Director:
         self._charge_retry_s = 0.0
         self._has_charged = False
         self.is_over = False
-        self._next_phase()
+        self.next_phase()
         self.simulation.before_step = self._step
 
     @property
@@ -85,7 +85,7 @@ class Director:
         if self.phase.load == "charge":
             self._charge(now_s)
         if not self.is_over and self._phase_is_over(now_s):
-            self._next_phase()
+            self.next_phase()
 
     def _play(self, plan: FaultPlan | ActionPlan) -> None:
         if isinstance(plan, FaultPlan):
@@ -123,7 +123,8 @@ class Director:
             return self._has_charged and master is not None and master.charging.state in ended
         return elapsed_s >= self.simulation.load.duration_s
 
-    def _next_phase(self) -> None:
+    def next_phase(self) -> None:
+        """Go on to the next phase, or to the end."""
         if self._phase_index >= 0 and self.phase.load == "charge":
             self._command(CommandId.CHARGE_STOP)
         self._phase_index += 1

@@ -38,9 +38,9 @@ _TABLES = tuple(_word_table(position) for position in range(DATA_WORDS))
 def check_words(groups: WordArray) -> WordArray:
     """Return the check words of groups, shape (..., 3) to (...)."""
     first, second, third = _TABLES
-    words = first[groups[..., 0]]
-    words ^= second[groups[..., 1]]
-    words ^= third[groups[..., 2]]
+    words: WordArray = first.take(groups[..., 0])
+    words ^= second.take(groups[..., 1])
+    words ^= third.take(groups[..., 2])
     words ^= np.uint16(_ZERO)
     return words
 

@@ -16,7 +16,6 @@ from simulator.errors import PortError
 
 if sys.platform != "win32":
     import pty
-    import termios
     import tty
 
 LOOPBACK = "127.0.0.1"
@@ -81,13 +80,10 @@ class PtyPort:
 
     def write(self, data: bytes) -> None:
         """Send what the terminal's buffer has room for."""
+        if self._master < 0:
+            return
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, data)
-
-    def drop_input(self) -> None:
-        """Throw away what waits for a reader, as a UART without a buffer would have."""
-        if sys.platform != "win32":
-            termios.tcflush(self._slave, termios.TCIFLUSH)
 
     def close(self) -> None:
         """Close both ends; whoever reads sees the device vanish."""
@@ -115,8 +111,7 @@ class TcpPort:
     @property
     def url(self) -> str:
         """A `socket://` URL, with the port that was chosen if 0 was asked for."""
-        port = self._port if self._listener is None else self._listener.getsockname()[1]
-        return f"socket://{LOOPBACK}:{port}"
+        return f"socket://{LOOPBACK}:{self._port}"
 
     def open(self, selector: selectors.BaseSelector, on_data: Callable[[bytes], None]) -> None:
         """Listen."""
@@ -124,6 +119,7 @@ class TcpPort:
             self._listener = socket.create_server((LOOPBACK, self._port), backlog=1)
         except OSError as error:
             raise PortError(f"tcp:{self._port}", str(error)) from error
+        self._port = int(self._listener.getsockname()[1])
         self._listener.setblocking(False)
         self._selector = selector
         self._on_data = on_data

@@ -3,6 +3,7 @@
 One thread, one selector. A run that falls behind loses the time instead of sending faster than the line could.
 """
 
+import math
 import selectors
 import time
 from collections.abc import Callable
@@ -36,6 +37,7 @@ class Runner:
         self._can = can or []
         self._clock = time.monotonic
         self._epoch_s = 0.0
+        self._plug_at_s = math.inf
         self._is_stopping = False
 
     def open(self) -> None:
@@ -72,6 +74,17 @@ class Runner:
                 port.close()
         self.selector.close()
 
+    def unplug_serial(self, for_s: float) -> None:
+        """Take the RS232 cable off for a while of wall time: the device vanishes and comes back."""
+        if self._serial is not None:
+            self._serial.close()
+            self._plug_at_s = self._clock() + for_s
+
+    def _plug_serial(self) -> None:
+        if self._serial is not None and self._clock() >= self._plug_at_s:
+            self._plug_at_s = math.inf
+            self._serial.open(self.selector, self._received)
+
     def set_speed(self, speed: float | None) -> None:
         """Go on at another speed."""
         self.speed = speed
@@ -92,6 +105,7 @@ class Runner:
             simulation.run_until(min(self._virtual_now_s(self.speed), end_s))
         for key, _ in ready:
             key.data()
+        self._plug_serial()
         for can in self._can:
             can.poll()
 
