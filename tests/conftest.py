@@ -26,6 +26,7 @@ class Service:
     process: subprocess.Popen[str] | None = None
     base_url: str = ""
     lines: list[str] = field(default_factory=list)
+    reader: threading.Thread | None = None
 
     def start(self) -> "Service":
         """Start and wait for the line that names the address."""
@@ -40,14 +41,16 @@ class Service:
         )
 
         def read(process: subprocess.Popen[str]) -> None:
-            for line in process.stdout:
-                self.lines.append(line.rstrip())
-                if match := re.search(r"Voltwall: (http://\S+)", line):
-                    self.base_url = match[1]
-                    ready.set()
+            with process.stdout:
+                for line in process.stdout:
+                    self.lines.append(line.rstrip())
+                    if match := re.search(r"Voltwall: (http://\S+)", line):
+                        self.base_url = match[1]
+                        ready.set()
             ready.set()
 
-        threading.Thread(target=read, args=(self.process,), daemon=True).start()
+        self.reader = threading.Thread(target=read, args=(self.process,), daemon=True)
+        self.reader.start()
         assert ready.wait(START_S), "\n".join(self.lines)
         assert self.base_url, "\n".join(self.lines)
         return self
@@ -60,6 +63,7 @@ class Service:
         """SIGKILL, as a power cut would."""
         self.process.send_signal(signal.SIGKILL)
         self.process.wait(10)
+        self.reader.join(10)
 
     def stop(self) -> int:
         """SIGTERM and wait; the exit code."""
@@ -70,6 +74,8 @@ class Service:
         except subprocess.TimeoutExpired:
             self.process.kill()
             raise
+        finally:
+            self.reader.join(10)
 
     def wait_for(self, condition: Callable[[dict], object], seconds: float = 20.0) -> dict:
         """Read snapshots off the websocket until one fulfils a condition; returns it."""
@@ -105,14 +111,13 @@ def make_service(tmp_path: Path) -> Iterator[Callable[..., Service]]:
     yield make
     for service in made:
         if service.process is not None and service.process.poll() is None:
-            service.process.kill()
-            service.process.wait(10)
+            service.kill()
 
 
 @pytest.fixture(scope="module")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """One service on the simulated accumulator for all tests of a module; it delivers snapshots already."""
     running = Service(tmp_path_factory.mktemp("service") / "data", ["--seed", "1"]).start()
-    running.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96)
+    running.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96 and s["links"]["can"]["state"] == "live")
     yield running
     running.stop()

@@ -13,7 +13,7 @@ from app.api.problems import Problem, invalid
 from app.configuration import HashMismatch, Written
 from app.runtime import Runtime
 from firmware_protocol.config_image import difference, image_hash, with_raw, with_value
-from firmware_protocol.memory_map import CONFIG_SIZE
+from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
 
 router = APIRouter(prefix="/config", tags=["config"])
 OCTETS = "application/octet-stream"
@@ -37,6 +37,8 @@ def edited(image: bytes, edit: ConfigEdit) -> bytes:
 
 
 def _apply(put: Any, image: bytes, name: str, value: Any) -> bytes:
+    if name not in CONFIG:
+        raise invalid(name, value, "no field of the configuration has this name")
     try:
         return cast(bytes, put(image, name, value))
     except (TypeError, ValueError) as error:

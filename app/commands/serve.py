@@ -5,6 +5,7 @@ import asyncio
 import contextlib
 import errno
 import os
+import signal
 import socket
 import sys
 from typing import Any, get_args
@@ -96,6 +97,8 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
                 server_header=False,
             ),
         )
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: None)  # uvicorn ends in order, then raises the signal again: enough
         asyncio.run(server.serve(sockets=[listener]))
         if not server.started:
             print("voltwall serve: did not start", file=sys.stderr)
