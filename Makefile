@@ -30,6 +30,7 @@ check: $(VENV)/.dev-installed ## formatting, lint, types, import rules, generate
 	$(PY) -m ruff format --check
 	$(PY) -m ruff check
 	$(PY) -m mypy
+	$(PY) -m mypy --explicit-package-bases hatch_build.py .ci benchmarks
 	$(VENV)/bin/lint-imports
 	$(PY) .ci/generated.py --check
 	$(PY) hatch_build.py npm run --silent format:check

@@ -1,0 +1,48 @@
+"""The image and the compose file keep what docs/howto/docker.md promises."""
+
+import json
+import re
+from pathlib import Path
+
+from app.settings import Settings
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCKERFILE = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+LAST_STAGE = DOCKERFILE[DOCKERFILE.rindex("\nFROM ") :]
+COMPOSE = (ROOT / "compose.yaml").read_text(encoding="utf-8")
+VARIABLES = {f"VOLTWALL_{name.upper()}" for name in Settings.model_fields}
+
+
+def test_the_service_does_not_run_as_root() -> None:
+    user = re.search(r"^USER (\S+)$", LAST_STAGE, re.MULTILINE)[1]
+    assert re.search(rf"useradd .*--groups dialout {user}\b", LAST_STAGE)
+    assert LAST_STAGE.index("\nUSER ") < LAST_STAGE.index("\nCMD ")
+
+
+def test_the_default_command_is_the_service_on_the_volume() -> None:
+    command = json.loads(re.search(r"^CMD (\[.*\])$", LAST_STAGE, re.MULTILINE)[1])
+    volume = re.search(r"^VOLUME (\S+)$", LAST_STAGE, re.MULTILINE)[1]
+    assert command == ["voltwall", "serve"]
+    assert f"ENV VOLTWALL_DATA={volume}\n" in LAST_STAGE
+
+
+def test_the_health_check_is_a_program_that_compiles() -> None:
+    interpreter, flag, program = json.loads(re.search(r"^HEALTHCHECK .* CMD (\[.*\])$", LAST_STAGE, re.MULTILINE)[1])
+    assert (interpreter, flag) == ("python", "-c")
+    assert "/api/v1/health" in program
+    compile(program, "HEALTHCHECK", "exec")
+
+
+def test_image_and_compose_set_only_settings_that_exist() -> None:
+    named = set(re.findall(r"VOLTWALL_[A-Z_]+", DOCKERFILE + COMPOSE))
+    assert {"VOLTWALL_PASSWORD", "VOLTWALL_SERIAL", "VOLTWALL_CAN", "VOLTWALL_HOST"} <= named
+    assert named - VARIABLES == set()
+
+
+def test_compose_restarts_by_itself_and_asks_for_a_password() -> None:
+    assert re.search(r"^    restart: unless-stopped$", COMPOSE, re.MULTILINE)
+    assert "${VOLTWALL_PASSWORD:?" in COMPOSE
+
+
+def test_no_password_stands_in_the_image_or_the_compose_file() -> None:
+    assert not re.search(r"PASSWORD[=:] *[A-Za-z0-9]", DOCKERFILE + COMPOSE)
