@@ -376,16 +376,10 @@ size_t vw_ident_data(uint8_t data[VW_IDENT_SIZE], const vw_ident_t *ident)
     return VW_IDENT_SIZE;
 }
 
-static enum vw_result refuse(enum vw_result result, uint16_t at, uint16_t *offset)
-{
-    *offset = at;
-    return result;
-}
-
 enum vw_result vw_request_parse(const vw_frame_t *frame, vw_request_t *request, uint16_t *offset)
 {
     const uint8_t *body = frame->body;
-    uint32_t end, limit;
+    uint32_t limit;
 
     memset(request, 0, sizeof *request);
     request->type = frame->type;
@@ -411,9 +405,13 @@ enum vw_result vw_request_parse(const vw_frame_t *frame, vw_request_t *request, 
         } else {
             limit = request->offset < VW_EEPROM_READ_BASE ? VW_MASTER_SIZE : VW_EEPROM_READ_BASE + VW_EEPROM_SIZE;
         }
-        end = (uint32_t)request->offset + request->length;
-        if (request->length == 0u || request->length > VW_MAX_READ || end > limit) {
-            return refuse(VW_RESULT_OUT_OF_BOUNDS, request->offset, offset);
+        if (request->length == 0u || request->length > VW_MAX_BODY - WINDOW_HEADER
+            || (frame->type == VW_MSG_READ && request->length > VW_MAX_READ)) {
+            return VW_RESULT_BAD_LENGTH;
+        }
+        if ((uint32_t)request->offset + request->length > limit) {
+            *offset = request->offset;
+            return VW_RESULT_OUT_OF_BOUNDS;
         }
         return VW_RESULT_DONE;
     case VW_MSG_COMMAND:

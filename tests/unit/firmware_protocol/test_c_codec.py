@@ -176,10 +176,14 @@ def expected_request(kind, body):
     match request:
         case Read(offset, length):
             end = 2984 if offset < 0x8000 else 0x10000
-            if not 0 < length <= MAX_READ or offset + length > end:
+            if not 0 < length <= MAX_READ:
+                return Result.BAD_LENGTH, NO_OFFSET, b""
+            if offset + length > end:
                 return Result.OUT_OF_BOUNDS, offset, b""
         case Write(offset, data):
-            if not data or offset + len(data) > 420:
+            if not data:
+                return Result.BAD_LENGTH, NO_OFFSET, b""
+            if offset + len(data) > 420:
                 return Result.OUT_OF_BOUNDS, offset, b""
     return Result.DONE, NO_OFFSET, body
 

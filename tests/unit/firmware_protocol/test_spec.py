@@ -1,0 +1,97 @@
+"""SPEC.md says what the code does: its tables are generated, its numbers and hex are compared."""
+
+import re
+
+import pytest
+
+from firmware_protocol import can_tables, config_image, eeprom, exchange, framing, messages, schedule, spec_tables
+from firmware_protocol.framing import Frame, FrameDecoder
+from firmware_protocol.messages import CommandId, EventCode, MessageType, Result
+
+TEXT = spec_tables.SPEC.read_text(encoding="utf-8")
+SECTIONS = dict(re.findall(r"^## (\d+)\. .*?\n(.*?)(?=^## |\Z)", TEXT, re.DOTALL | re.MULTILINE))
+
+
+def rows(section):
+    return [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in SECTIONS[section].splitlines()
+        if line.startswith("| ") and not line.startswith("| ---")
+    ]
+
+
+def test_tables_are_current():
+    assert spec_tables.main(["--check"]) == 0, "run: python -m firmware_protocol.spec_tables"
+
+
+@pytest.mark.parametrize(
+    ("members", "section"),
+    [(Result, "5"), (EventCode, "5"), (CommandId, "6"), (MessageType, "5"), (MessageType, "6")],
+)
+def test_every_code_is_described(members, section):
+    described = {(row[0], row[1]) for row in rows(section)}
+    for member in members:
+        if members is MessageType and (member < MessageType.IDENT) != (section == "5"):
+            continue
+        number = f"0x{member:02x}" if members is MessageType else str(int(member))
+        assert (number, member.name) in described
+
+
+def examples():
+    found = [row for row in rows("12") if row[0] != "what"]
+    assert len(found) >= 8
+    return found
+
+
+@pytest.mark.parametrize("row", examples(), ids=lambda row: row[0])
+def test_worked_example_is_what_the_codec_makes(row):
+    _, kind, sequence, uptime_ms, wire = row
+    raw = bytes.fromhex(wire.strip("`"))
+    [frame] = FrameDecoder().feed(raw)
+    assert (frame.type, frame.sequence, frame.uptime_ms) == (int(kind, 16), int(sequence), int(uptime_ms))
+    assert framing.encode_frame(frame.type, frame.sequence, frame.uptime_ms, frame.body) == raw
+    if frame.type < MessageType.IDENT:
+        assert messages.decode_message(frame).to_body() == frame.body
+    else:
+        assert messages.encode_request(messages.decode_request(frame)) == (frame.type, frame.body)
+
+
+def test_every_message_from_the_master_and_a_write_are_worked():
+    kinds = {int(row[1], 16) for row in examples()}
+    assert {MessageType.DATA, MessageType.REPLY, MessageType.EVENT, MessageType.WRITE} <= kinds
+
+
+def test_payloads_taken_apart_are_those_of_the_examples():
+    payloads = re.findall(r"payload `([0-9a-f ]+)`", SECTIONS["12"])
+    assert len(payloads) == 2
+    decoded = [framing.decode_chunk(framing.cobs_encode(bytes.fromhex(text))) for text in payloads]
+    assert all(isinstance(frame, Frame) for frame in decoded)
+    wires = {row[4].strip("`") for row in examples()}
+    assert all(f"00 {frame.raw.hex(' ')} 00" in wires for frame in decoded)
+
+
+def test_windows_of_the_stream():
+    fast = [(int(row[0]), int(row[1])) for row in rows("8") if row[0].isdigit()]
+    assert tuple(fast) == schedule.FAST_WINDOWS
+    ranges = re.findall(r"(\d+)\.\.(\d+)", SECTIONS["8"].partition("in this order")[2].partition("Whenever")[0])
+    assert tuple((int(a), int(b) - int(a) + 1) for a, b in ranges) == schedule.SLOW_RANGES
+
+
+def test_numbers_in_the_text():
+    assert f"at most {framing.MAX_ENCODED + 2} bytes" in SECTIONS["3"]
+    assert f"0x{framing.crc16(b'123456789'):04X}" in SECTIONS["3"]
+    assert f"chunk of at most {framing.MAX_ENCODED} bytes" in SECTIONS["4"]
+    assert f"length u16 (1..{messages.MAX_READ})" in SECTIONS["6"]
+    assert f"within {exchange.TIMEOUT_S} s (STORE and LOAD {exchange.STORE_TIMEOUT_S:.0f} s)" in SECTIONS["6"]
+    assert f"again within {exchange.REPEAT_WINDOW_S:.0f} s" in SECTIONS["6"]
+    assert f"{schedule.frame_bytes(358)} bytes at most on the line" in SECTIONS["8"]
+    assert f"If {schedule.FAST_PER_SLOW} fast frames" in SECTIONS["8"]
+    assert f"0x{eeprom.crc32(b'123456789'):08X}" in SECTIONS["9"]
+    assert f"each of {eeprom.JOURNAL_PAGES} pages" in SECTIONS["9"]
+
+
+def test_default_can_messages():
+    described = [row[1].split()[0] for row in rows("7") if row[1].startswith("0x")]
+    image = config_image.default_image()
+    configured = [m for m in (*can_tables.tx_messages(image), *can_tables.rx_messages(image)) if m.length]
+    assert [int(text, 16) for text in described] == [message.can_id for message in configured]
