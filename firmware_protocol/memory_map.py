@@ -4,6 +4,7 @@ Everything else derives from it: the numpy view, the configuration form, the CAN
 Source: the debugger view and the tables of the 2021 master's documentation; rows marked "ours" are not in it.
 """
 
+import bisect
 import hashlib
 import struct
 from collections.abc import Iterator
@@ -228,6 +229,7 @@ def all_fields() -> Iterator[Field]:
 
 
 FIELDS: dict[str, Field] = {field.name: field for field in all_fields()}
+_IN_ORDER = tuple(FIELDS.values())
 CONFIG: dict[str, Field] = {field.name: field for field in CONFIG_FIELDS}
 
 _CANONICAL = "".join(f"{f.name} {f.offset} {f.fmt} {f.count} {f.scale:.9g}\n" for f in FIELDS.values())
@@ -236,11 +238,12 @@ MAP_HASH: bytes = hashlib.sha256(_CANONICAL.encode()).digest()[:8]
 
 def locate(offset: int) -> tuple[Field, int, int] | None:
     """Return (field, element, byte in the element) that the byte at `offset` belongs to, None for padding."""
-    for field in FIELDS.values():
-        if field.offset <= offset < field.end:
-            element, byte = divmod(offset - field.offset, field.item_size)
-            return field, element, byte
-    return None
+    index = bisect.bisect_right(_IN_ORDER, offset, key=lambda field: field.offset) - 1
+    field = _IN_ORDER[index]
+    if index < 0 or offset >= field.end:
+        return None
+    element, byte = divmod(offset - field.offset, field.item_size)
+    return field, element, byte
 
 
 def element_name(field: Field, element: int) -> str:

@@ -49,7 +49,7 @@ def test_store_after_a_cut_store_succeeds(memory):
         assert eeprom.newest(apply(torn, eeprom.plan_store(torn, NEW))).image == NEW
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.data())
 def test_page_torn_into_any_mixture_leaves_old_or_new(data):
     memory = apply(BLANK, eeprom.plan_store(BLANK, OLD))
