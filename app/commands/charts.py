@@ -11,6 +11,7 @@ from app.estimation.importer import DatasetError, Recording
 
 if TYPE_CHECKING:
     from app.commands.estimate import Run
+    from app.estimation.identify import Identification
 
 MEASURED = "#8a94a6"
 MODEL = "#1f6feb"
@@ -66,4 +67,36 @@ def draw_estimate(path: Path, recording: Recording, run: Run) -> None:
     axes[2].set_xlabel("time / min")
     for axis in axes:
         axis.legend(loc="upper right", frameon=False, fontsize=8, ncols=3)
+    _save(figure, path)
+
+
+def draw_identification(path: Path, found: Identification) -> None:
+    """Draw OCV, the resistances over SOC at 25 degC, and what is left of the voltage in every recording.
+
+    Raises:
+        DatasetError: matplotlib is not installed, or the ending of the name is no picture format.
+        OSError: the file cannot be written.
+    """
+    model = found.model
+    figure, axes = _figure(path, 3, f"{model.name}: {model.capacity_ah:.4g} Ah")
+    soc = np.linspace(0.0, 1.0, 201)
+    axes[0].plot(100.0 * soc, model.ocv.voltage(soc), color=MODEL, linewidth=1.2)
+    axes[0].set_ylabel("OCV / V")
+    values = model.parameters(soc, 25.0)
+    names = ["R0"] + [f"R{k + 1}, {tau:.3g} s" for k, tau in enumerate(found.tau_s)]
+    for k, name in enumerate(names):
+        ohm = values[0] if k == 0 else values[1 + k]
+        axes[1].plot(100.0 * soc, 1e3 * ohm, linewidth=1.2, label=name)
+    axes[1].set_ylabel("resistance / mohm")
+    axes[1].set_ylim(0.0, 4e3 * float(np.median(values[0])) + 1e-3)
+    for part in found.parts:
+        pick = slice(None, None, -(-part.rows // POINTS_LIMIT))
+        label = f"{part.name}: {1e3 * part.voltage_rms_v:.1f} mV RMS"
+        axes[2].plot(100.0 * part.soc[pick], 1e3 * part.residual_v[pick], ".", markersize=1.5, label=label)
+    limit = 5e3 * max(model.fit_voltage_rms_v, 1e-3)
+    axes[2].set_ylim(-limit, limit)
+    axes[2].set_ylabel("residual / mV")
+    axes[2].set_xlabel("SOC / %")
+    for axis in axes[1:]:
+        axis.legend(loc="upper right", frameon=False, fontsize=8)
     _save(figure, path)
