@@ -16,7 +16,6 @@ from app.api import can, commands, config, events, live, metrics, problems, sess
 from app.api.auth import Doorkeeper, Gate
 from app.runtime import Runtime
 from app.settings import Settings
-from app.simulator_process import SimulatorProcess
 from app.telemetry import Source
 
 STATIC = files("app") / "static"
@@ -33,36 +32,28 @@ class Replay(NamedTuple):
     speed: float
 
 
-def create_app(settings: Settings, replay: Replay | None = None) -> FastAPI:
-    """Return the application; its lifespan starts and stops everything.
+def create_app(
+    settings: Settings, source: Source, *, serial_url: str | None, can_url: str | None, replay: Replay | None = None
+) -> FastAPI:
+    """Return the application; its lifespan opens the links and closes them.
 
     Raises:
         ConfigError: a setting is wrong or unsafe.
     """
     settings.check()
 
+    runtime = Runtime(settings, serial_url=serial_url, can_url=can_url, source=source)
+
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        simulator = SimulatorProcess(settings) if settings.simulates and replay is None else None
-        serial_url, can_url = settings.serial, settings.can
-        source: Source = "replay" if replay else "serial" if settings.serial else "can"
-        if simulator is not None:
-            source, serial_url, can_url = "simulator", simulator.ports.serial_url, simulator.ports.can_url
-        runtime = Runtime(settings, serial_url=serial_url, can_url=can_url, source=source)
         runtime.hub.attach(asyncio.get_running_loop())
-        app.state.runtime = runtime
-        app.state.encoder = live.Encoder(runtime)
         try:
-            if simulator is not None:
-                await asyncio.to_thread(simulator.start)
             runtime.start()
             if replay is not None:
                 runtime.replaying.start(replay.path, replay.speed)
             yield
         finally:
             await asyncio.to_thread(runtime.stop)
-            if simulator is not None:
-                await asyncio.to_thread(simulator.stop)
 
     app = FastAPI(
         title="Voltwall",
@@ -73,6 +64,8 @@ def create_app(settings: Settings, replay: Replay | None = None) -> FastAPI:
         docs_url=None,
         redoc_url=None,
     )
+    app.state.runtime = runtime
+    app.state.encoder = live.Encoder(runtime)
     doorkeeper = Doorkeeper(settings)
     app.state.doorkeeper = doorkeeper
     problems.install(app)

@@ -18,6 +18,8 @@ from app.errors import ConfigError
 from app.folder_lock import FolderLock
 from app.main import Replay, create_app
 from app.settings import FilterName, Settings
+from app.simulator_process import SimulatorProcess
+from app.telemetry import Source
 
 SECRETS = ("password", "viewer_password")  # by environment only: a command line is visible to everyone on the machine
 
@@ -82,7 +84,8 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
     with contextlib.ExitStack() as stack:
         stack.enter_context(FolderLock(settings.data))
         listener = stack.enter_context(_bind(settings))
-        app = create_app(settings, replay)
+        source, serial_url, can_url = _source(settings, stack, replay)
+        app = create_app(settings, source, serial_url=serial_url, can_url=can_url, replay=replay)
         address, port = listener.getsockname()[:2]
         host = f"[{address}]" if ":" in address else address
         server = _Server(
@@ -104,6 +107,20 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
             print("voltwall serve: did not start", file=sys.stderr)
             return 1
     return 0
+
+
+def _source(
+    settings: Settings, stack: contextlib.ExitStack, replay: Replay | None
+) -> tuple[Source, str | None, str | None]:
+    """Return (source, RS232 URL, CAN bus); without hardware the simulator is started, and ended with the stack."""
+    if replay is not None:
+        return "replay", None, None
+    if not settings.simulates:
+        return "serial" if settings.serial else "can", settings.serial, settings.can
+    simulator = SimulatorProcess(settings)
+    stack.callback(simulator.stop)
+    simulator.start()
+    return "simulator", simulator.ports.serial_url, simulator.ports.can_url
 
 
 class _Server(uvicorn.Server):

@@ -1,0 +1,147 @@
+"""Links that come and go: processes are killed, lines carry noise, nobody listens."""
+
+import os
+import subprocess
+import sys
+import threading
+import tty
+from collections.abc import Iterator
+
+import pytest
+
+from firmware_protocol.framing import encode_frame
+from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
+from firmware_protocol.messages import Data, MessageType, Window
+
+
+@pytest.fixture
+def simulate() -> Iterator:
+    """Start simulator processes that are ended at the end."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "simulator.cli", *arguments],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        process.ports = {}
+        for line in process.stdout:
+            if line.strip() == "ready":
+                break
+            name, _, url = line.strip().partition(": ")
+            process.ports[name] = url
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait(10)
+        process.stdout.close()
+
+
+def live(snapshot: dict) -> bool:
+    return snapshot["links"]["rs232"]["state"] == "live" and snapshot["accumulator"]["loaded_cells"] == 96
+
+
+def test_a_port_that_goes_away_is_said_and_comes_back_by_itself(make_service, simulate, tmp_path):
+    link = tmp_path / "master"
+    first = simulate("--serial", f"pty:{link}")
+    service = make_service("--serial", str(link))
+    service.wait_for(live)
+    first.kill()
+    lost = service.wait_for(lambda s: s["links"]["rs232"]["state"] == "lost")
+    assert lost["links"]["rs232"]["error"]
+    service.wait_for(lambda s: any(a["code"] == "rs232-lost" for a in s["alarms"]))
+    simulate("--serial", f"pty:{link}")
+    again = service.wait_for(live)
+    assert again["links"]["rs232"]["reconnects"] == 1
+    assert again["links"]["rs232"]["lost"] == 0
+
+
+def test_a_socket_is_as_good_as_a_port(make_service, simulate):
+    process = simulate("--serial", "tcp:0")
+    service = make_service("--serial", process.ports["serial"])
+    assert service.wait_for(live)["source"] == "serial"
+
+
+def test_a_port_that_does_not_exist_is_said_in_words(make_service, tmp_path):
+    service = make_service("--serial", str(tmp_path / "nothing"))
+    snapshot = service.wait_for(lambda s: s["links"]["rs232"]["state"] == "lost")
+    assert "no such port" in snapshot["links"]["rs232"]["error"]
+    assert snapshot["accumulator"]["voltage_v"] is None
+    with service.client() as client:
+        health = client.get("/health").json()
+        assert health["status"] == "degraded"
+        assert client.get("/config").status_code == 503
+        assert client.put("/config", json={"values": {"ts": 50}}, headers={"If-Match": '"x"'}).status_code == 503
+        assert client.post("/commands/charge-start").status_code == 503
+        assert client.get("/sessions").json() == {"sessions": []}
+
+
+@pytest.fixture
+def line() -> Iterator[tuple[int, str]]:
+    """A pseudo-terminal whose other end is the test; what the service sends is thrown away."""
+    ours, theirs = os.openpty()
+    tty.setraw(ours)
+    done = threading.Event()
+
+    def drain() -> None:
+        try:
+            while os.read(ours, 4096) and not done.is_set():
+                pass
+        except OSError:
+            return
+
+    threading.Thread(target=drain, daemon=True).start()
+    yield ours, os.ttyname(theirs)
+    done.set()
+    os.close(theirs)
+    os.close(ours)
+
+
+def frame(sequence: int, uptime_ms: int) -> bytes:
+    image = bytearray(MASTER_SIZE)
+    FIELDS["v"].pack_into(image, (37000,) * 96)
+    FIELDS["t"].pack_into(image, (25,) * 96)
+    windows = tuple(Window(o, bytes(image[o : o + n])) for o, n in ((420, 20), (1884, 204), (2280, 116), (2982, 2)))
+    return encode_frame(MessageType.DATA, sequence, uptime_ms, Data(windows).to_body())
+
+
+def test_noise_is_counted_and_good_frames_come_through(make_service, line):
+    ours, path = line
+    service = make_service("--serial", path)
+    service.wait_for(lambda s: s["links"]["rs232"]["state"] == "silent")
+    os.write(ours, b"\x00garbage garbage\x00" + frame(0, 1000) + b"\x00\xff\xfe" + frame(1, 1100) + frame(3, 1300))
+    snapshot = service.wait_for(lambda s: s["links"]["rs232"]["frames"] == 3)
+    assert snapshot["links"]["rs232"]["lost"] == 1
+    assert snapshot["links"]["rs232"]["crc_errors"] + snapshot["links"]["rs232"]["resyncs"] >= 2
+    assert snapshot["cells"]["voltage_v"] == [3.7] * 96
+
+
+def test_silence_ages_and_then_blanks_every_value(make_service, line):
+    ours, path = line
+    service = make_service("--serial", path)
+    service.wait_for(lambda s: s["links"]["rs232"]["state"] == "silent")
+    os.write(ours, frame(0, 1000))
+    service.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96)
+    stale = service.wait_for(lambda s: s["age"]["voltage"] and s["age"]["voltage"] > 1)
+    assert stale["cells"]["voltage_v"] == [3.7] * 96
+    blank = service.wait_for(lambda s: s["age"]["voltage"] and s["age"]["voltage"] > 10)
+    assert blank["cells"]["voltage_v"] == [None] * 96
+    assert blank["accumulator"]["voltage_v"] is None
+
+
+def test_can_alone_shows_what_its_messages_carry(make_service, simulate, tmp_path):
+    simulate("--can", f"slcan-pty:{tmp_path / 'adapter'}")
+    service = make_service("--can", f"slcan:{tmp_path / 'adapter'}?sleep_after_open=0&timeout=0.05")
+    snapshot = service.wait_for(lambda s: s["accumulator"]["soc"] is not None)
+    total = snapshot["accumulator"]
+    assert snapshot["source"] == "can"
+    assert total["soc_source"] == "master"
+    assert 240 < total["voltage_v"] < 404
+    assert total["current_a"] is not None
+    assert snapshot["age"]["voltage"] is None
+    assert snapshot["cells"]["voltage_v"] == [None] * 96
+    assert snapshot["links"]["rs232"]["state"] == "off"
