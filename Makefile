@@ -11,10 +11,8 @@ PIP := $(PY) -m pip --disable-pip-version-check install --quiet
 export PYTHONDONTWRITEBYTECODE :=
 export MPLBACKEND := Agg
 
-SOURCES := app firmware_protocol simulator tests benchmarks hatch_build.py
-
 .DEFAULT_GOAL := help
-.PHONY: help run test check bench generated lock clean frontend browser
+.PHONY: help run test check lint types imports generated-check frontend-check bench generated lock clean frontend browser
 
 help: ## say what there is
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -26,13 +24,23 @@ test: $(VENV)/.dev-installed frontend browser ## set up what is missing, then ru
 	@$(PY) hatch_build.py npm run --silent test
 	@$(PY) -m pytest $(TESTS)
 
-check: $(VENV)/.dev-installed ## formatting, lint, types, import rules, generated files; changes nothing
+check: lint types imports generated-check frontend-check ## formatting, lint, types, import rules, generated files; changes nothing
+
+lint: $(VENV)/.dev-installed
 	$(PY) -m ruff format --check
 	$(PY) -m ruff check
+
+types: $(VENV)/.dev-installed
 	$(PY) -m mypy
 	$(PY) -m mypy --explicit-package-bases hatch_build.py .ci benchmarks
+
+imports: $(VENV)/.dev-installed
 	$(VENV)/bin/lint-imports
+
+generated-check: $(VENV)/.dev-installed
 	$(PY) .ci/generated.py --check
+
+frontend-check: $(VENV)/.dev-installed
 	$(PY) hatch_build.py npm run --silent format:check
 	$(PY) hatch_build.py npm run --silent lint
 	$(PY) hatch_build.py npm run --silent check
