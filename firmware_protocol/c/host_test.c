@@ -6,6 +6,9 @@
  *     encode TYPE SEQUENCE UPTIME BODY                the frame in hex
  *     request TYPE BODY              result and offset; when done the body built again from what was parsed
  *     message TYPE BODY              "valid" and the body built again from what was parsed, or "invalid"
+ *     check IMAGE                    offset of the first refused element of a configuration, 65535 for none
+ *     slot COUNTER IMAGE             the EEPROM slot
+ *     newest SLOT SLOT               index, counter and image of the newest valid slot, or -1
  * Numbers are decimal, bytes hex, no bytes "-".
  */
 #include <stdio.h>
@@ -13,6 +16,7 @@
 #include <string.h>
 
 #include "vw_codec.h"
+#include "vw_config.h"
 
 #define MAX_TEXT 65536u
 
@@ -195,7 +199,8 @@ static unsigned check_checksums(const char *folder)
     unsigned count = 0;
     for (v = first_vector(folder, "checksums.json"); v != NULL; v = next_vector(v), count++) {
         size_t length = from_hex(value_of(v, "data"), bytes);
-        unsigned long crc = strcmp(value_of(v, "name"), "crc16") == 0 ? vw_crc16(bytes, length) : vw_crc32(bytes, length);
+        unsigned long crc = strcmp(value_of(v, "name"), "crc16") == 0 ? vw_crc16(bytes, length)
+                                                                       : ~vw_crc32_update(VW_CRC32_START, bytes, length);
         expect(crc == number_of(v, "crc"), "checksums.json", v);
     }
     return count;
@@ -251,6 +256,22 @@ static unsigned check_config(const char *folder)
     return 1;
 }
 
+static unsigned check_slots(const char *folder)
+{
+    static uint8_t slot[VW_EEPROM_SLOT_SIZE], made[VW_EEPROM_SLOT_SIZE];
+    const char *v;
+    unsigned count = 0;
+    for (v = first_vector(folder, "eeprom_slots.json"); v != NULL; v = next_vector(v), count++) {
+        uint32_t counter;
+        from_hex(value_of(v, "image"), bytes);
+        from_hex(value_of(v, "slot"), slot);
+        vw_slot_encode(made, bytes, (uint32_t)number_of(v, "counter"));
+        expect(memcmp(made, slot, sizeof slot) == 0, "eeprom_slots.json", v);
+        expect(vw_slot_image(slot, &counter) != NULL && counter == number_of(v, "counter"), "eeprom_slots.json", v);
+    }
+    return count;
+}
+
 static int run_vectors(const char *folder)
 {
     unsigned count = check_frames(folder);
@@ -258,6 +279,7 @@ static int run_vectors(const char *folder)
     count += check_checksums(folder);
     count += check_messages(folder);
     count += check_config(folder);
+    count += check_slots(folder);
     printf("%u vectors agree\n", count);
     return 0;
 }
@@ -349,6 +371,41 @@ static void drive_message(char *words)
     print_hex(body, length);
 }
 
+static void drive_check(char *words)
+{
+    if (from_hex(strtok(words, " \n"), bytes) == VW_CONFIG_SIZE) {
+        printf("%u\n", (unsigned)vw_config_check(bytes));
+    }
+}
+
+static void drive_slot(char *words)
+{
+    static uint8_t slot[VW_EEPROM_SLOT_SIZE];
+    unsigned long counter = strtoul(strtok(words, " "), NULL, 10);
+    if (from_hex(strtok(NULL, " \n"), bytes) == VW_CONFIG_SIZE) {
+        vw_slot_encode(slot, bytes, (uint32_t)counter);
+        print_hex(slot, sizeof slot);
+    }
+}
+
+static void drive_newest(char *words)
+{
+    static uint8_t slots[2][VW_EEPROM_SLOT_SIZE];
+    uint32_t counter;
+    const uint8_t *image;
+    int newest;
+    from_hex(strtok(words, " "), slots[0]);
+    from_hex(strtok(NULL, " \n"), slots[1]);
+    newest = vw_slot_newest(slots[0], slots[1]);
+    if (newest < 0) {
+        printf("-1\n");
+        return;
+    }
+    image = vw_slot_image(slots[newest], &counter);
+    printf("%d %lu ", newest, (unsigned long)counter);
+    print_hex(image, VW_CONFIG_SIZE);
+}
+
 static int run_driver(void)
 {
     static char line[MAX_TEXT];
@@ -361,6 +418,12 @@ static int run_driver(void)
             drive_request(line + 8);
         } else if (strncmp(line, "message ", 8u) == 0) {
             drive_message(line + 8);
+        } else if (strncmp(line, "check ", 6u) == 0) {
+            drive_check(line + 6);
+        } else if (strncmp(line, "slot ", 5u) == 0) {
+            drive_slot(line + 5);
+        } else if (strncmp(line, "newest ", 7u) == 0) {
+            drive_newest(line + 7);
         } else {
             fprintf(stderr, "unknown: %s", line);
             return 2;

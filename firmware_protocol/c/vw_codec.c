@@ -58,9 +58,8 @@ uint16_t vw_crc16(const uint8_t *data, size_t length)
     return crc;
 }
 
-uint32_t vw_crc32(const uint8_t *data, size_t length)
+uint32_t vw_crc32_update(uint32_t crc, const uint8_t *data, size_t length)
 {
-    uint32_t crc = 0xFFFFFFFFu;
     size_t i;
     unsigned bit;
     for (i = 0; i < length; i++) {
@@ -69,7 +68,7 @@ uint32_t vw_crc32(const uint8_t *data, size_t length)
             crc = (crc & 1u) ? (crc >> 1) ^ 0xEDB88320u : crc >> 1;
         }
     }
-    return crc ^ 0xFFFFFFFFu;
+    return crc;
 }
 
 /* -- encoding ------------------------------------------------------------------------------------------------------ */

@@ -55,7 +55,10 @@ void vw_decoder_feed(vw_decoder_t *decoder, const uint8_t *data, size_t length);
 void vw_decoder_idle(vw_decoder_t *decoder);
 
 uint16_t vw_crc16(const uint8_t *data, size_t length);
-uint32_t vw_crc32(const uint8_t *data, size_t length);
+
+/* CRC-32 in parts: begin with VW_CRC32_START, invert every bit of the last result. */
+#define VW_CRC32_START 0xFFFFFFFFu
+uint32_t vw_crc32_update(uint32_t crc, const uint8_t *data, size_t length);
 
 /* `out` needs VW_MAX_FRAME bytes for the longest body. */
 size_t vw_frame_encode(uint8_t type, uint8_t sequence, uint32_t uptime_ms, const uint8_t *body, size_t length,

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from firmware_protocol import c_header, framing, messages
+from firmware_protocol import c_header, config_image, eeprom, framing, messages
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BadFrame, CommandDecoder, Frame, FrameDecoder, StreamCommand
+from firmware_protocol.memory_map import CONFIG_FIELDS
 from firmware_protocol.messages import MAX_READ, NO_OFFSET, MessageType, Read, Result, Write
 
 C_FOLDER = Path(c_header.__file__).parent / "c"
@@ -34,7 +35,7 @@ def gcc():
 @pytest.fixture(scope="module")
 def host_test(gcc, tmp_path_factory):
     program = tmp_path_factory.mktemp("c") / "host_test"
-    sources = [str(C_FOLDER / "vw_codec.c"), str(C_FOLDER / "host_test.c"), "-o", str(program)]
+    sources = [str(C_FOLDER / name) for name in ("vw_codec.c", "vw_config.c", "host_test.c")] + ["-o", str(program)]
     built = compile_c("-std=c99", "-O1", *STRICT, *SANITIZE, *sources)
     if built.returncode and "cannot find" in built.stderr:  # a gcc without its sanitizers
         built = compile_c("-std=c99", "-O1", *STRICT, *sources)
@@ -71,19 +72,22 @@ def test_a_wrong_offset_does_not_compile(gcc, tmp_path):
     assert "vw_assert_master_v" in built.stderr
 
 
-def test_codec_compiles_without_a_conversion_warning(gcc, tmp_path):
+@pytest.mark.parametrize("name", ["vw_codec.c", "vw_config.c"])
+def test_codec_compiles_without_a_conversion_warning(gcc, tmp_path, name):
     flags = ("-Wconversion", "-Wsign-conversion", "-Wcast-qual", "-Wstrict-prototypes", "-Wmissing-prototypes")
-    out = ("-c", str(C_FOLDER / "vw_codec.c"), "-o", str(tmp_path / "codec.o"))
+    out = ("-c", str(C_FOLDER / name), "-o", str(tmp_path / "codec.o"))
     built = compile_c("-std=c99", "-O2", *STRICT, *flags, *out)
     assert built.returncode == 0, built.stderr
 
 
-def test_codec_has_no_heap_and_no_writable_globals(gcc, tmp_path):
-    compile_c("-std=c99", "-Os", *STRICT, "-c", str(C_FOLDER / "vw_codec.c"), "-o", str(tmp_path / "codec.o"))
+@pytest.mark.parametrize("name", ["vw_codec.c", "vw_config.c"])
+def test_codec_has_no_heap_and_no_writable_globals(gcc, tmp_path, name):
+    compile_c("-std=c99", "-Os", *STRICT, "-c", str(C_FOLDER / name), "-o", str(tmp_path / "codec.o"))
     symbols = subprocess.run(["nm", tmp_path / "codec.o"], capture_output=True, text=True, check=True).stdout.split(
         "\n"
     )
-    assert {line.split()[-1] for line in symbols if " U " in line} <= {"memcpy", "memset", "__stack_chk_fail"}
+    used = {line.split()[-1] for line in symbols if " U " in line}
+    assert {name for name in used if not name.startswith("vw_")} <= {"memcpy", "memset", "memcmp", "__stack_chk_fail"}
     assert not [line for line in symbols if line[17:18] in tuple("bBdDC")]
 
 
@@ -213,3 +217,62 @@ def test_messages_agree_with_python(host_test):
             expected = "invalid"
         assert answer == expected, (kind, body.hex())
     assert valid > 100
+
+
+DEFAULT = config_image.default_image()
+
+
+def images_around_the_limits(rng):
+    """Default images with one or two elements at, just beyond or far from their limits, and random ones."""
+    for _ in range(500):
+        image = bytearray(DEFAULT)
+        for _ in range(rng.randrange(1, 3)):
+            field = rng.choice(CONFIG_FIELDS)
+            at = field.offset + rng.randrange(field.count) * field.item_size
+            special = (
+                field.minimum,
+                field.maximum,
+                field.minimum - 1,
+                field.maximum + 1,
+                2983,
+                2984,
+                420,
+                419,
+                8,
+                0x800,
+            )
+            value = rng.choice((*special, rng.getrandbits(32), 0xA0000000, 0x9FFFFFFF))
+            image[at : at + field.item_size] = (value % (1 << 8 * field.item_size)).to_bytes(field.item_size, "little")
+        yield bytes(image)
+    for _ in range(100):
+        yield rng.randbytes(len(DEFAULT))
+
+
+def test_configuration_check_agrees_with_python(host_test):
+    images = [DEFAULT, *images_around_the_limits(random.Random(17))]
+    answers = drive(host_test, [f"check {image.hex()}" for image in images])
+    expected = [next((error.offset for error in config_image.check(image)), NO_OFFSET) for image in images]
+    assert list(map(int, answers)) == expected
+    assert 50 < expected.count(NO_OFFSET) < 450
+
+
+def test_slots_agree_with_python(host_test):
+    rng = random.Random(19)
+    cases = [(rng.randrange(1, 1 << 32), rng.randbytes(len(DEFAULT))) for _ in range(20)]
+    answers = drive(host_test, [f"slot {counter} {image.hex()}" for counter, image in cases])
+    assert [bytes.fromhex(answer) for answer in answers] == [eeprom.encode_slot(image, n) for n, image in cases]
+
+
+def test_newest_slot_agrees_with_python(host_test):
+    rng = random.Random(23)
+    pairs = []
+    for _ in range(200):
+        pair = [bytearray(eeprom.encode_slot(rng.randbytes(len(DEFAULT)), rng.randrange(1, 4))) for _ in range(2)]
+        for slot in pair:
+            if rng.random() < 0.4:
+                slot[rng.choice((0, 4, 6, 8, 12, 64, 300, 483, 16, 500))] ^= 1 << rng.randrange(8)
+        pairs.append(pair)
+    for pair, answer in zip(pairs, drive(host_test, [f"newest {a.hex()} {b.hex()}" for a, b in pairs]), strict=True):
+        found = eeprom.newest(b"".join(pair))
+        expected = "-1" if found is None else f"{found.slot} {found.counter} {found.image.hex()}"
+        assert answer == expected

@@ -1,0 +1,166 @@
+#include "vw_config.h"
+
+#include <string.h>
+
+#include "vw_codec.h"
+
+#define MAX_STANDARD_ID 0x7FFu
+#define MAX_EXTENDED_ID 0x1FFFFFFFu
+#define SLOT_HEADER 12u
+
+typedef struct {
+    uint16_t offset;
+    uint8_t size;
+    bool is_signed;
+    uint8_t count;
+    int64_t minimum;
+    int64_t maximum;
+} rule_t;
+
+#define RULE(name, offset, type, count, minimum, maximum) \
+    { offset, (uint8_t)sizeof(type), (type)-1 < (type)1, count, minimum, maximum },
+static const rule_t rules[] = { VW_CONFIG_FIELDS(RULE) };
+
+typedef struct {
+    uint16_t low;
+    uint16_t high;
+    bool is_strict;
+} pair_t;
+
+#define OFFSET(name) ((uint16_t)offsetof(vw_config_t, name))
+static const pair_t pairs[] = {
+    { OFFSET(v_cell_min), OFFSET(v_cell_max), true },
+    { OFFSET(v_cell_chrg), OFFSET(v_cell_max), false },
+    { OFFSET(t_cell_min), OFFSET(t_cell_max), true },
+    { OFFSET(i_disc_min), OFFSET(i_disc_max), true },
+    { OFFSET(i_chrg_min), OFFSET(i_chrg_max), false },
+    { OFFSET(fan_ramp_start), OFFSET(fan_ramp_stop), true },
+    { OFFSET(fan_ramp_min), OFFSET(fan_ramp_max), false },
+};
+
+static int64_t element(const uint8_t *image, const rule_t *rule, size_t index)
+{
+    const uint8_t *at = image + rule->offset + index * rule->size;
+    uint64_t raw = 0;
+    unsigned i;
+    for (i = 0; i < rule->size; i++) {
+        raw |= (uint64_t)at[i] << (8u * i);
+    }
+    if (rule->is_signed && (at[rule->size - 1u] & 0x80u) != 0u) {
+        return (int64_t)raw - ((int64_t)1 << (8u * rule->size));
+    }
+    return (int64_t)raw;
+}
+
+static const rule_t *rule_at(uint16_t offset)
+{
+    size_t i = 0;
+    while (rules[i].offset != offset) {
+        i++;
+    }
+    return &rules[i];
+}
+
+static bool is_good(const rule_t *rule, int64_t value)
+{
+    if (value < rule->minimum || value > rule->maximum) {
+        return false;
+    }
+    if (rule->offset == OFFSET(can_tx_msg_id) || rule->offset == OFFSET(can_rx_msg_id)) {
+        uint32_t id = (uint32_t)value;
+        return (id & VW_CAN_ID_EXTENDED) != 0u ? (id & ~VW_CAN_ID_EXTENDED) <= MAX_EXTENDED_ID : id <= MAX_STANDARD_ID;
+    }
+    if (rule->offset == OFFSET(can_tx_msg_data)) {
+        return value == VW_BYTE_UNUSED || value < (int64_t)VW_MASTER_SIZE;
+    }
+    if (rule->offset == OFFSET(can_rx_msg_data)) {
+        return value == VW_BYTE_UNUSED || (value >= (int64_t)VW_CONFIG_SIZE && value < (int64_t)VW_MASTER_SIZE);
+    }
+    if (rule->offset == OFFSET(can_rx_msg_response)) {
+        return value == VW_NO_RESPONSE || value < (int64_t)VW_N_CAN_MESSAGES;
+    }
+    return true;
+}
+
+uint16_t vw_config_check(const uint8_t image[VW_CONFIG_SIZE])
+{
+    uint16_t first = VW_NO_OFFSET;
+    size_t i, n;
+    for (i = 0; i < sizeof rules / sizeof rules[0]; i++) {
+        for (n = 0; n < rules[i].count; n++) {
+            uint16_t offset = (uint16_t)(rules[i].offset + n * rules[i].size);
+            if (offset < first && !is_good(&rules[i], element(image, &rules[i], n))) {
+                first = offset;
+            }
+        }
+    }
+    for (i = 0; i < sizeof pairs / sizeof pairs[0]; i++) {
+        int64_t low = element(image, rule_at(pairs[i].low), 0u);
+        int64_t high = element(image, rule_at(pairs[i].high), 0u);
+        if ((low > high || (pairs[i].is_strict && low == high)) && pairs[i].low < first) {
+            first = pairs[i].low;
+        }
+    }
+    return first;
+}
+
+static uint32_t slot_crc(const uint8_t *slot)
+{
+    uint32_t crc = vw_crc32_update(VW_CRC32_START, slot, SLOT_HEADER);
+    return ~vw_crc32_update(crc, slot + VW_EEPROM_PAGE_SIZE, VW_CONFIG_SIZE);
+}
+
+static void put_le(uint8_t *out, uint32_t value, unsigned size)
+{
+    unsigned i;
+    for (i = 0; i < size; i++) {
+        out[i] = (uint8_t)(value >> (8u * i));
+    }
+}
+
+static uint32_t get_le(const uint8_t *in, unsigned size)
+{
+    uint32_t value = 0;
+    unsigned i;
+    for (i = 0; i < size; i++) {
+        value |= (uint32_t)in[i] << (8u * i);
+    }
+    return value;
+}
+
+void vw_slot_encode(uint8_t slot[VW_EEPROM_SLOT_SIZE], const uint8_t image[VW_CONFIG_SIZE], uint32_t counter)
+{
+    size_t padding;
+    memset(slot, 0, VW_EEPROM_SLOT_SIZE);
+    memcpy(slot, "VWCF", 4);
+    put_le(slot + 4, VW_CONFIG_SIZE, 2u);
+    put_le(slot + 6, VW_EEPROM_LAYOUT_VERSION, 2u);
+    put_le(slot + 8, counter, 4u);
+    memcpy(slot + VW_EEPROM_PAGE_SIZE, image, VW_CONFIG_SIZE);
+    for (padding = OFFSET(can_rx_msg_en_startup) + 1u; padding < OFFSET(can_rx_msg_id); padding++) {
+        slot[VW_EEPROM_PAGE_SIZE + padding] = 0u;
+    }
+    put_le(slot + SLOT_HEADER, slot_crc(slot), 4u);
+}
+
+const uint8_t *vw_slot_image(const uint8_t slot[VW_EEPROM_SLOT_SIZE], uint32_t *counter)
+{
+    *counter = get_le(slot + 8, 4u);
+    if (memcmp(slot, "VWCF", 4) != 0 || get_le(slot + 4, 2u) != VW_CONFIG_SIZE
+        || get_le(slot + 6, 2u) != VW_EEPROM_LAYOUT_VERSION || *counter == 0u
+        || get_le(slot + SLOT_HEADER, 4u) != slot_crc(slot)) {
+        return NULL;
+    }
+    return slot + VW_EEPROM_PAGE_SIZE;
+}
+
+int vw_slot_newest(const uint8_t slot_0[VW_EEPROM_SLOT_SIZE], const uint8_t slot_1[VW_EEPROM_SLOT_SIZE])
+{
+    uint32_t counter_0, counter_1;
+    bool has_0 = vw_slot_image(slot_0, &counter_0) != NULL;
+    bool has_1 = vw_slot_image(slot_1, &counter_1) != NULL;
+    if (has_0 && (!has_1 || counter_0 >= counter_1)) {
+        return 0;
+    }
+    return has_1 ? 1 : -1;
+}

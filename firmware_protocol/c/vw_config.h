@@ -1,0 +1,23 @@
+/* The configuration on the master's side: the check before a WRITE or LOAD takes effect, and its slots in the EEPROM. */
+#ifndef VW_CONFIG_H
+#define VW_CONFIG_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "voltwall_protocol.h"
+
+/* Offset of the first element that must be refused with OUT_OF_RANGE, VW_NO_OFFSET where the image is good. */
+uint16_t vw_config_check(const uint8_t image[VW_CONFIG_SIZE]);
+
+/* A slot as it stands in the EEPROM. Write it so that a power cut leaves the old or the new configuration, never a
+ * mixture: zeros over the first page of the slot that is not the newest, then pages 1 to 7, then page 0. */
+void vw_slot_encode(uint8_t slot[VW_EEPROM_SLOT_SIZE], const uint8_t image[VW_CONFIG_SIZE], uint32_t counter);
+
+/* The image inside a valid slot, NULL where it is not valid. */
+const uint8_t *vw_slot_image(const uint8_t slot[VW_EEPROM_SLOT_SIZE], uint32_t *counter);
+
+/* Index of the newest valid slot, -1 without one. */
+int vw_slot_newest(const uint8_t slot_0[VW_EEPROM_SLOT_SIZE], const uint8_t slot_1[VW_EEPROM_SLOT_SIZE]);
+
+#endif
