@@ -14,7 +14,7 @@ from app.sessions.info import SessionInfo
 from app.sessions.migrate import SESSION
 from app.sessions.streams import pack_block
 
-IDS_PER_CHUNK = 4096
+IDS_PER_CHUNK = 1 << 20
 CHUNK_NS = 60_000_000_000
 Row = tuple[Any, ...]
 Item = tuple[str, Row]  # table and values

@@ -94,7 +94,7 @@ CREATE TABLE series (
     dtype TEXT NOT NULL            -- numpy: <u2, |i1, ...
 );
 
--- Sample times that columns of a chunk share. id = chunk * 4096 + number of the track in the chunk.
+-- Sample times that columns of a chunk share. id = chunk * 2**20 + number of the track in the chunk.
 CREATE TABLE tracks (
     id INTEGER PRIMARY KEY,
     samples INTEGER NOT NULL,
@@ -102,7 +102,7 @@ CREATE TABLE tracks (
     instants BLOB NOT NULL         -- i64 boot * 2**32 + uptime_ms, as a stream
 );
 
--- id = chunk * 4096 + series. ends: u32 per element, where its stream in data ends.
+-- id = chunk * 2**20 + series. ends: u32 per element, where its stream in data ends.
 -- A stream is one value (all samples equal it) or zlib of the byte planes of zigzag differences.
 CREATE TABLE columns (
     id INTEGER PRIMARY KEY,
