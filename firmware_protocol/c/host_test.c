@@ -17,6 +17,7 @@
 
 #include "vw_codec.h"
 #include "vw_config.h"
+#include "vw_messages.h"
 
 #define MAX_TEXT 65536u
 

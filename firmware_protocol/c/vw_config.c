@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "vw_bytes.h"
 #include "vw_codec.h"
 
 #define MAX_STANDARD_ID 0x7FFu
@@ -110,45 +111,27 @@ static uint32_t slot_crc(const uint8_t *slot)
     return ~vw_crc32_update(crc, slot + VW_EEPROM_PAGE_SIZE, VW_CONFIG_SIZE);
 }
 
-static void put_le(uint8_t *out, uint32_t value, unsigned size)
-{
-    unsigned i;
-    for (i = 0; i < size; i++) {
-        out[i] = (uint8_t)(value >> (8u * i));
-    }
-}
-
-static uint32_t get_le(const uint8_t *in, unsigned size)
-{
-    uint32_t value = 0;
-    unsigned i;
-    for (i = 0; i < size; i++) {
-        value |= (uint32_t)in[i] << (8u * i);
-    }
-    return value;
-}
-
 void vw_slot_encode(uint8_t slot[VW_EEPROM_SLOT_SIZE], const uint8_t image[VW_CONFIG_SIZE], uint32_t counter)
 {
     size_t padding;
     memset(slot, 0, VW_EEPROM_SLOT_SIZE);
     memcpy(slot, "VWCF", 4);
-    put_le(slot + 4, VW_CONFIG_SIZE, 2u);
-    put_le(slot + 6, VW_EEPROM_LAYOUT_VERSION, 2u);
-    put_le(slot + 8, counter, 4u);
+    vw_put_u16(slot + 4, VW_CONFIG_SIZE);
+    vw_put_u16(slot + 6, VW_EEPROM_LAYOUT_VERSION);
+    vw_put_u32(slot + 8, counter);
     memcpy(slot + VW_EEPROM_PAGE_SIZE, image, VW_CONFIG_SIZE);
     for (padding = OFFSET(can_rx_msg_en_startup) + 1u; padding < OFFSET(can_rx_msg_id); padding++) {
         slot[VW_EEPROM_PAGE_SIZE + padding] = 0u;
     }
-    put_le(slot + SLOT_HEADER, slot_crc(slot), 4u);
+    vw_put_u32(slot + SLOT_HEADER, slot_crc(slot));
 }
 
 const uint8_t *vw_slot_image(const uint8_t slot[VW_EEPROM_SLOT_SIZE], uint32_t *counter)
 {
-    *counter = get_le(slot + 8, 4u);
-    if (memcmp(slot, "VWCF", 4) != 0 || get_le(slot + 4, 2u) != VW_CONFIG_SIZE
-        || get_le(slot + 6, 2u) != VW_EEPROM_LAYOUT_VERSION || *counter == 0u
-        || get_le(slot + SLOT_HEADER, 4u) != slot_crc(slot)) {
+    *counter = vw_get_u32(slot + 8);
+    if (memcmp(slot, "VWCF", 4) != 0 || vw_get_u16(slot + 4) != VW_CONFIG_SIZE
+        || vw_get_u16(slot + 6) != VW_EEPROM_LAYOUT_VERSION || *counter == 0u
+        || vw_get_u32(slot + SLOT_HEADER) != slot_crc(slot)) {
         return NULL;
     }
     return slot + VW_EEPROM_PAGE_SIZE;

@@ -16,6 +16,7 @@ from firmware_protocol.messages import MAX_READ, NO_OFFSET, MessageType, Read, R
 
 C_FOLDER = Path(c_header.__file__).parent / "c"
 VECTORS = Path(__file__).parents[2] / "vectors"
+SOURCES = ("vw_codec.c", "vw_messages.c", "vw_config.c")
 STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
 SANITIZE = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
@@ -35,7 +36,7 @@ def gcc():
 @pytest.fixture(scope="module")
 def host_test(gcc, tmp_path_factory):
     program = tmp_path_factory.mktemp("c") / "host_test"
-    sources = [str(C_FOLDER / name) for name in ("vw_codec.c", "vw_config.c", "host_test.c")] + ["-o", str(program)]
+    sources = [str(C_FOLDER / name) for name in (*SOURCES, "host_test.c")] + ["-o", str(program)]
     built = compile_c("-std=c99", "-O1", *STRICT, *SANITIZE, *sources)
     if built.returncode and "cannot find" in built.stderr:  # a gcc without its sanitizers
         built = compile_c("-std=c99", "-O1", *STRICT, *sources)
@@ -72,7 +73,7 @@ def test_a_wrong_offset_does_not_compile(gcc, tmp_path):
     assert "vw_assert_master_v" in built.stderr
 
 
-@pytest.mark.parametrize("name", ["vw_codec.c", "vw_config.c"])
+@pytest.mark.parametrize("name", SOURCES)
 def test_codec_compiles_without_a_conversion_warning(gcc, tmp_path, name):
     flags = ("-Wconversion", "-Wsign-conversion", "-Wcast-qual", "-Wstrict-prototypes", "-Wmissing-prototypes")
     out = ("-c", str(C_FOLDER / name), "-o", str(tmp_path / "codec.o"))
@@ -80,7 +81,7 @@ def test_codec_compiles_without_a_conversion_warning(gcc, tmp_path, name):
     assert built.returncode == 0, built.stderr
 
 
-@pytest.mark.parametrize("name", ["vw_codec.c", "vw_config.c"])
+@pytest.mark.parametrize("name", SOURCES)
 def test_codec_has_no_heap_and_no_writable_globals(gcc, tmp_path, name):
     compile_c("-std=c99", "-Os", *STRICT, "-c", str(C_FOLDER / name), "-o", str(tmp_path / "codec.o"))
     symbols = subprocess.run(["nm", tmp_path / "codec.o"], capture_output=True, text=True, check=True).stdout.split(
