@@ -1,0 +1,133 @@
+"""The commands of `voltwall`, run as a user runs them."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+
+import cantools
+import pytest
+from websockets.sync.client import connect
+
+from app.cli import COMMANDS
+
+
+def voltwall(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | options.pop("environment", {})
+    return subprocess.run(
+        [sys.executable, "-m", "app.cli", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=environment,
+        **options,
+    )
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command):
+    result = voltwall(command, "--help")
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith(f"usage: voltwall {command}")
+
+
+def test_version_and_a_wrong_command():
+    assert voltwall("--version").stdout.startswith("voltwall ")
+    wrong = voltwall("fly")
+    assert wrong.returncode == 2
+    assert "invalid choice" in wrong.stderr
+
+
+def test_config_is_read_compared_written_and_stored_from_scripts(service, tmp_path):
+    service.wait_for(lambda s: s["config_hash"] and s["master"]["map_matches"])
+    at = ("--url", service.base_url)
+    values = json.loads(voltwall("config", *at, "read").stdout)
+    assert values["ts"] == 100
+    image = tmp_path / "image.bin"
+    assert voltwall("config", *at, "read", "--out", str(image)).returncode == 0
+    assert image.stat().st_size == 420
+    assert voltwall("config", *at, "diff", str(image)).returncode == 0
+    different = voltwall("config", *at, "diff", "t_cell_max=50")
+    assert (different.returncode, different.stdout.strip()) == (1, "t_cell_max: 45 -> 50 degC")
+    written = voltwall("config", *at, "write", "t_cell_max=50", "--store")
+    assert written.returncode == 0, written.stderr
+    assert "read back and equal" in written.stdout
+    assert "counter" in written.stdout
+    refused = voltwall("config", *at, "write", "t_cell_max=500")
+    assert refused.returncode == 2
+    assert "t_cell_max" in refused.stderr
+    assert voltwall("config", *at, "write", str(image)).returncode == 0
+
+
+def test_config_without_a_service_is_one_line():
+    result = voltwall("config", "--url", "http://127.0.0.1:9", "read")
+    assert result.returncode == 2
+    assert "no voltwall service answers" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_dbc_opens_in_cantools(tmp_path):
+    path = tmp_path / "voltwall.dbc"
+    assert voltwall("dbc", "--out", str(path)).returncode == 0
+    database = cantools.database.load_file(path)
+    decoded = database.decode_message(0x100, bytes.fromhex("1027c08a") + (-250).to_bytes(4, "little", signed=True))
+    assert decoded["soc"] == pytest.approx(1.0)
+    assert decoded["i_fs"] == pytest.approx(-2.5)
+
+
+def test_replay_gives_the_same_snapshots_again(make_service):
+    service = make_service()
+    seen = {}
+    service.wait_for(lambda s: s["recording"])
+    with connect(service.base_url.replace("http", "ws") + "/api/v1/live", max_size=1 << 22) as socket:
+        until = time.monotonic() + 3
+        while time.monotonic() < until:
+            snapshot = json.loads(socket.recv(timeout=5))
+            seen.setdefault(snapshot["uptime_s"], snapshot)
+    service.stop()
+    path = next((service.data / "sessions").glob("*.sqlite"))
+    result = voltwall("replay", str(path), "--json")
+    assert result.returncode == 0, result.stderr
+    replayed: dict = {}
+    for line in result.stdout.splitlines():
+        snapshot = json.loads(line)
+        replayed.setdefault(snapshot["uptime_s"], snapshot)
+    common = [uptime for uptime in seen if uptime in replayed]
+    assert len(common) > 15
+    for uptime in common:
+        for part in ("cells", "packs", "charger"):
+            assert replayed[uptime][part] == seen[uptime][part], (uptime, part)
+        for name in ("voltage_v", "current_a", "soc", "driver_soc_percent", "energy_out_wh"):
+            assert replayed[uptime]["accumulator"][name] == seen[uptime]["accumulator"][name], (uptime, name)
+
+
+def test_replay_serves_a_file_in_the_browser(make_service, tmp_path):
+    service = make_service()
+    service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 20)
+    service.stop()
+    path = next((service.data / "sessions").glob("*.sqlite"))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "app.cli", "replay", str(path), "--port", "0"], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        url = next(line for line in process.stdout if "Voltwall: " in line).split()[-1]
+        with connect(url.replace("http", "ws") + "/api/v1/live", max_size=1 << 22) as socket:
+            snapshot = json.loads(socket.recv(timeout=10))
+            while snapshot["accumulator"]["loaded_cells"] != 96:
+                snapshot = json.loads(socket.recv(timeout=10))
+        assert snapshot["source"] == "replay"
+        assert snapshot["replay"]["session_id"] == path.stem
+    finally:
+        process.terminate()
+        process.wait(15)
+        process.stdout.close()
+
+
+def test_replay_of_something_else_is_one_line(tmp_path):
+    path = tmp_path / "not-a-session.sqlite"
+    path.write_text("hello")
+    for arguments in ((str(path), "--json"), (str(tmp_path / "missing"),), (str(path),)):
+        result = voltwall("replay", *arguments)
+        assert result.returncode == 2
+        assert len(result.stderr.splitlines()) == 1
