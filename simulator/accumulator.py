@@ -29,6 +29,7 @@ class AccumulatorParameters:
     cells_per_pack: int = 12
     start_soc: float | npt.ArrayLike = 0.9
     ambient_degc: float = 25.0
+    start_degc: float | None = None  # of the cells; the ambient when left out
     cell: CellModel = SAMSUNG_25R_10P
     capacity_spread: float = 0.01
     resistance_spread: float = 0.03
@@ -38,6 +39,7 @@ class AccumulatorParameters:
     joint_spread: float = 0.08
     path_resistance_ohm: float = 0.025  # relays, main fuse, cables between packs: outside every cell's span
     bleed_ohm: float = 23.5  # two 47 ohm resistors in parallel
+    bleed_heat_in_cell: float = 0.0  # part of a bleed resistor's heat that goes into its own cell, not the board
     capacity_ageing: float = 1.0  # present over new capacity
     resistance_ageing: float = 1.0
     thermal: ThermalParameters = field(default_factory=ThermalParameters)
@@ -89,7 +91,7 @@ class Accumulator:
         self._thermal = ThermalNetwork(
             replace(p.thermal, cells_per_pack=p.cells_per_pack),
             np.full(n, p.cell.heat_capacity_j_per_k),
-            p.ambient_degc,
+            p.ambient_degc if p.start_degc is None else p.start_degc,
         )
         self._capacity_ah = np.empty(n)
         self._measured_v = np.empty(n)
@@ -165,8 +167,8 @@ class Accumulator:
         cells, measured = self._cells, self._measured_v
         add(self._leak_now_a, current_a, self._cell_a)
         if bleeding is not None:
-            multiply(self._bleed_s, bleeding, self._bleed_a)
-            multiply(self._bleed_a, measured, self._bleed_a)
+            multiply(measured, bleeding, self._bleed_a)
+            multiply(self._bleed_a, self._bleed_s, self._bleed_a)
             add(self._cell_a, self._bleed_a, self._cell_a)
             self._is_bleeding = True
         elif self._is_bleeding:
@@ -221,7 +223,9 @@ class Accumulator:
         # A step a little longer than the period keeps the period, so that the matrix of the network is found again.
         period_s = self.parameters.slow_period_s
         thermal_s = period_s if elapsed_s < 2.0 * period_s else elapsed_s
-        node_j = np.concatenate((loss_j + reversible_j, np.bincount(self._pack, self._bleed_j, thermal.n_packs)))
+        in_cell = self.parameters.bleed_heat_in_cell
+        board_j = np.bincount(self._pack, (1.0 - in_cell) * self._bleed_j, thermal.n_packs)
+        node_j = np.concatenate((loss_j + reversible_j + in_cell * self._bleed_j, board_j))
         node_w = node_j / thermal_s
         node_w[:n] += self.heat_w + self.sun_w / n
         thermal.step(thermal_s, node_w, self.ambient_degc, fan_duty * (1.0 - self.fan_blocked))
