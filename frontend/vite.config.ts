@@ -15,5 +15,5 @@ export default defineConfig(({ mode }) => ({
   },
   server: mode === 'fixtures' ? {} : { proxy: { '/api': { target: 'http://127.0.0.1:8000', ws: true } } },
   resolve: mode === 'test' ? { conditions: ['browser'] } : {},
-  test: { include: ['tests/**/*.test.ts'], environment: 'node' },
+  test: { include: ['tests/**/*.test.ts'], environment: 'node', isolate: false },
 }));

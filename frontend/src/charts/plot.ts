@@ -118,7 +118,7 @@ export class Plot {
               splits.length > 1 && splits[1]! - splits[0]! < 60 ? clock(t) : clock(t).slice(0, 5),
             ),
         },
-        { ...axis, size: 52, space: 32, values: (_u, splits) => splits.map((v) => fixed(v, places(splits))) },
+        { ...axis, size: 52, space: 22, values: (_u, splits) => splits.map((v) => fixed(v, places(splits))) },
       ],
       series,
       bands,

@@ -17,6 +17,7 @@ class ConfigStore {
   schema = $state.raw<Schema | null>(null);
   config = $state.raw<Config | null>(null);
   stored = $state.raw<StoredConfig | null>(null);
+  nothingStored = $state(false);
   draft = $state.raw<Draft>(JSON.parse(sessionStorage.getItem(KEY) ?? '{}') as Draft);
   problem = $state.raw<Problem | null>(null);
   outcome = $state.raw<Outcome | null>(null);
@@ -25,10 +26,11 @@ class ConfigStore {
   busy = $state<string | null>(null);
 
   changes = $derived(this.schema ? changes(this.draft, this.schema.fields, this.config?.raw ?? null) : []);
-  invalid = $derived(this.changes.filter((c) => c.verdict.error !== null));
-  storedDiffers = $derived(
-    this.config !== null && this.stored !== null && this.config.hash !== this.stored.hash,
+  unstored = $derived(
+    this.nothingStored ||
+      (this.config !== null && this.stored !== null && this.config.hash !== this.stored.hash),
   );
+  invalid = $derived(this.changes.filter((c) => c.verdict.error !== null));
 
   setDraft(draft: Draft): void {
     this.draft = draft;
@@ -49,8 +51,9 @@ class ConfigStore {
     }
     try {
       this.stored = await get<StoredConfig>('config/stored');
+      this.nothingStored = false;
     } catch (error) {
-      asProblem(error);
+      this.nothingStored = asProblem(error).status === 404;
       this.stored = null;
     }
   }

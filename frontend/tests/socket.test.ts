@@ -1,0 +1,120 @@
+import { beforeEach, describe, expect, it } from 'vitest';
+import { backoffMs, LiveSocket, liveUrl, type Connection, type SocketLike } from '../src/link/socket';
+
+class FakeSocket implements SocketLike {
+  onmessage: ((event: { data: unknown }) => void) | null = null;
+  onopen: ((event: unknown) => void) | null = null;
+  onclose: ((event: { code: number }) => void) | null = null;
+  closed = false;
+  close(): void {
+    this.closed = true;
+  }
+}
+
+let sockets: FakeSocket[];
+let timers: Map<number, { action: () => void; ms: number }>;
+let states: Connection[];
+let seen: number[];
+
+function start(): LiveSocket {
+  let id = 0;
+  const live = new LiveSocket(
+    'ws://car/api/v1/live',
+    (s) => seen.push(s.seq),
+    (state) => states.push(state),
+    {
+      connect: () => {
+        const socket = new FakeSocket();
+        sockets.push(socket);
+        return socket;
+      },
+      later: (action, ms) => {
+        timers.set(++id, { action, ms });
+        return id;
+      },
+      cancel: (timer) => void timers.delete(timer),
+      random: () => 1,
+    },
+  );
+  live.start();
+  return live;
+}
+
+function elapse(): number {
+  const [id, { action, ms }] = [...timers][0]!;
+  timers.delete(id);
+  action();
+  return ms;
+}
+
+beforeEach(() => {
+  sockets = [];
+  timers = new Map();
+  states = [];
+  seen = [];
+});
+
+describe('LiveSocket', () => {
+  it('hands over snapshots and reports that it is open', () => {
+    start();
+    sockets[0]!.onopen!({});
+    sockets[0]!.onmessage!({ data: '{"seq":7}' });
+    expect(seen).toEqual([7]);
+    expect(states).toEqual(['connecting', 'open']);
+  });
+
+  it('comes back by itself, waiting longer each time up to a cap', () => {
+    start();
+    const waits = Array.from({ length: 7 }, () => {
+      sockets.at(-1)!.onclose!({ code: 1006 });
+      return elapse();
+    });
+    expect(waits).toEqual([250, 500, 1000, 2000, 4000, 5000, 5000]);
+    expect(sockets).toHaveLength(8);
+  });
+
+  it('waits briefly again once it has heard something', () => {
+    start();
+    for (let i = 0; i < 4; i++) {
+      sockets.at(-1)!.onclose!({ code: 1006 });
+      elapse();
+    }
+    sockets.at(-1)!.onmessage!({ data: '{"seq":1}' });
+    sockets.at(-1)!.onclose!({ code: 1006 });
+    expect(elapse()).toBe(250);
+  });
+
+  it('gives up a line that stays silent, and opens a new one', () => {
+    start();
+    sockets[0]!.onopen!({});
+    elapse();
+    expect(sockets[0]!.closed).toBe(true);
+    expect(states.at(-1)).toBe('lost');
+    elapse();
+    expect(sockets).toHaveLength(2);
+  });
+
+  it('does not ask again where a login is needed', () => {
+    start();
+    sockets[0]!.onclose!({ code: 4401 });
+    expect(states.at(-1)).toBe('refused');
+    expect(timers.size).toBe(0);
+  });
+
+  it('stays stopped', () => {
+    const live = start();
+    live.stop();
+    expect(sockets[0]!.closed).toBe(true);
+    expect(timers.size).toBe(0);
+  });
+
+  it('spreads the retries of many pages', () => {
+    expect(backoffMs(3, 0)).toBe(1000);
+    expect(backoffMs(3, 1)).toBe(2000);
+  });
+
+  it('uses the page’s own origin', () => {
+    expect(liveUrl({ protocol: 'https:', host: 'pit:8000' })).toBe('wss://pit:8000/api/v1/live');
+    expect(liveUrl({ protocol: 'http:', host: '127.0.0.1:8000' })).toBe('ws://127.0.0.1:8000/api/v1/live');
+  });
+});
