@@ -5,7 +5,7 @@ Replaying recorded items through a fresh Pipeline gives the same snapshots again
 
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -257,5 +257,4 @@ class Pipeline:
         )
         with self._watch_lock:
             alarms, events = self._watch.step(snapshot)
-        object.__setattr__(snapshot, "alarms", alarms)
-        return Output(snapshot, tuple(events))
+        return Output(replace(snapshot, alarms=alarms), tuple(events))

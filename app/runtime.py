@@ -9,8 +9,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from app.configuration import Configuration, Written
-from app.errors import AppError, ConfigError, LinkError, LinkLost, NotNow
+from app.configuration import Configuration
+from app.errors import AppError, ConfigError, LinkLost
 from app.estimation.cellfile import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.estimators import CellEstimator, make_estimator
@@ -19,6 +19,7 @@ from app.hub import Hub
 from app.links.can import CanLink
 from app.links.master import MasterClient
 from app.links.serial import SerialLink
+from app.operations import Operator
 from app.pipeline import Output, Pipeline
 from app.recording import AutoRecorder
 from app.replaying import Replaying
@@ -27,11 +28,10 @@ from app.sessions.eventlog import EventLog
 from app.settings import Settings
 from app.telemetry import CanItem, Event, Item, SerialItem, Snapshot, Source
 from app.trace import CanTrace
-from firmware_protocol.config_image import Change, image_hash
-from firmware_protocol.eeprom import StoredConfig
+from firmware_protocol.config_image import image_hash
 from firmware_protocol.framing import BadFrame
 from firmware_protocol.memory_map import CONFIG_SIZE, N_CELLS
-from firmware_protocol.messages import Command, EventCode, MessageType
+from firmware_protocol.messages import EventCode, MessageType
 
 log = logging.getLogger(__name__)
 TICK_S = 1.0
@@ -66,6 +66,7 @@ class Runtime:
         self.can = CanLink(can_url, self._inbox.put) if can_url else None
         self.master = MasterClient(self._send)
         self.configuration = Configuration(self.master, lambda: self.pipeline.identity)
+        self.operator = Operator(self.configuration, self.master, self.serial, self.note)
         self.replaying = Replaying(self.new_pipeline, self._show)
         self._jobs = ThreadPoolExecutor(max_workers=1, thread_name_prefix="greet")
         self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
@@ -252,43 +253,6 @@ class Runtime:
         stored = self.configuration.stored
         return None if stored is None else image_hash(stored.image)
 
-    def write_config(self, edit: Callable[[bytes], bytes], expected: str, who: str, *, dry_run: bool) -> Written:
-        """Configuration.write, with its outcome in the event log."""
-        try:
-            written = self.configuration.write(edit, expected, dry_run=dry_run)
-        except (LinkError, NotNow) as error:
-            if not dry_run:
-                self.note("warning", "config-write-failed", f"configuration not written: {error}", who)
-            raise
-        if written.written:
-            self.note("info", "config-written", "configuration written: " + _in_words(written.changes), who)
-        return written
-
-    def store_config(self, who: str) -> StoredConfig:
-        """Configuration.store, with its outcome in the event log."""
-        try:
-            stored = self.configuration.store()
-        except (LinkError, NotNow) as error:
-            self.note("warning", "config-store-failed", f"configuration not stored: {error}", who)
-            raise
-        self.note("info", "config-stored", f"configuration {image_hash(stored.image)} stored in the EEPROM", who)
-        return stored
-
-    def load_config(self, who: str) -> bytes:
-        """Configuration.load, noted in the event log."""
-        image = self.configuration.load()
-        self.note("info", "config-loaded", f"configuration {image_hash(image)} loaded from the EEPROM", who)
-        return image
-
-    def command(self, name: str, command: Command, who: str) -> None:
-        """Send a named command, noted with its outcome."""
-        try:
-            self.master.request(command)
-        except LinkError as error:
-            self.note("warning", "command-failed", f"{name}: {error}", who)
-            raise
-        self.note("info", "command", f"{name} {command.argument}" if command.argument else name, who)
-
     def query_events(self, *, after: int, limit: int, severity: str | None, cell: int | None) -> list[dict[str, Any]]:
         """Events of the log as JSON, newest first."""
         found = self.events.query(after, limit, severity, cell)
@@ -308,18 +272,3 @@ class Runtime:
             }
             for event in found
         ]
-
-    def stream(self, who: str, *, on: bool) -> None:
-        """Start or stop the master's stream."""
-        if self.serial is None:
-            raise LinkLost("no RS232 port is configured")
-        self.serial.stream(on=on)
-        self.note("info", "command", "stream-start" if on else "stream-stop", who)
-
-
-def _in_words(changes: list[Change]) -> str:
-    shown = [
-        f"{c.field}{'' if c.element is None else f'[{c.element}]'} {c.before} -> {c.after} {c.unit}".rstrip()
-        for c in changes[:8]
-    ]
-    return ", ".join(shown) + (f" and {len(changes) - 8} more" if len(changes) > 8 else "")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from app.telemetry import CanItem
 
 LENGTH = 2000
+MAX_IDS = 4096  # a bus with noise on its ids must not fill the memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,8 @@ class CanTrace:
             self._frames.append(item)
             before = self._ids.get(item.can_id)
             if before is None:
+                if len(self._ids) >= MAX_IDS:
+                    return
                 self._ids[item.can_id] = TracedId(item, 1, None, 0)
                 return
             gap_s = (item.t_mono_ns - before.latest.t_mono_ns) / 1e9

@@ -62,10 +62,10 @@ def command(name: str, runtime: RuntimeDep, user: UserDep, body: Argument | None
     argument = body.argument if body else None
     if name in ("stream-start", "stream-stop"):
         _none(argument)
-        runtime.stream(user.name, on=name == "stream-start")
+        runtime.operator.stream(user.name, on=name == "stream-start")
     elif name in COMMANDS:
         command_id, convert = COMMANDS[name]
-        runtime.command(name, Command(command_id, convert(argument)), user.name)
+        runtime.operator.command(name, Command(command_id, convert(argument)), user.name)
     else:
         raise not_found("command", name)
     return {"done": True}

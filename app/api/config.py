@@ -109,7 +109,7 @@ async def write(
 async def run_write(runtime: Runtime, who: str, edit: Any, expected: str, *, dry_run: bool) -> Response:
     """Write in a worker thread, log the outcome, answer with the difference."""
     try:
-        result: Written = await run_in_threadpool(runtime.write_config, edit, expected, who, dry_run=dry_run)
+        result: Written = await run_in_threadpool(runtime.operator.write_config, edit, expected, who, dry_run=dry_run)
     except HashMismatch as error:
         changed = [change_json(change) for change in difference(error.in_force, edit(error.in_force))]
         raise Problem(
@@ -134,14 +134,14 @@ async def run_write(runtime: Runtime, who: str, edit: Any, expected: str, *, dry
 @router.post("/store")
 def store(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Store the configuration in force in the EEPROM and read the EEPROM back."""
-    stored = runtime.store_config(user.name)
+    stored = runtime.operator.store_config(user.name)
     return {"stored_hash": image_hash(stored.image), "verified": True, "counter": stored.counter}
 
 
 @router.post("/load")
 def load(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Put the stored configuration in force."""
-    return {"hash": image_hash(runtime.load_config(user.name))}
+    return {"hash": image_hash(runtime.operator.load_config(user.name))}
 
 
 def _parse(body: bytes) -> ConfigEdit:
