@@ -53,7 +53,7 @@ def first_page(voltwall: Path, folder: Path) -> str:
     """
     port = free_port()
     service = subprocess.Popen(
-        [str(voltwall), "serve", "--port", str(port), "--data", str(folder / "data")],
+        [str(voltwall), "serve", "--port", str(port), "--data", str(folder / "data"), "--log-level", "warning"],
         cwd=folder,
         stdin=subprocess.DEVNULL,
     )
