@@ -146,7 +146,7 @@ class Accumulator:
         dt_s: float,
         current_a: float,
         *,
-        bleeding: BoolArray | None = None,
+        bleeding: BoolArray | FloatArray | None = None,
         cell_current_a: FloatArray | None = None,
         fan_duty: float = 0.0,
     ) -> None:
@@ -155,7 +155,7 @@ class Accumulator:
         Args:
             dt_s: length of the step, >= 0 [s].
             current_a: current through the string [A].
-            bleeding: (n_cells,) cells whose bleed resistor is on; none when left out.
+            bleeding: (n_cells,) whether each cell's bleed resistor is on, or for which part of the step (0..1).
             cell_current_a: (n_cells,) what a balancer draws from each cell besides, negative to charge it [A].
             fan_duty: 0..1.
 

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from simulator.accumulator import Accumulator
-from simulator.balancing.passive import ThresholdBleeding
+from simulator.balancing.passive import Ltc6804Discharge, ThresholdBleeding
 from simulator.balancing.switched_capacitor import SwitchedCapacitorEqualiser, SwitchedCapacitorParameters
 from simulator.balancing.transformer import MultiWindingTransformer, TransformerParameters
 from simulator.cell_data import BoolArray, FloatArray
@@ -21,7 +21,7 @@ from simulator.cell_data import BoolArray, FloatArray
 class Balance:
     """What a balancer wants for the next period."""
 
-    bleeding: BoolArray | None = None
+    bleeding: BoolArray | FloatArray | None = None  # on or off, or the part of the period it is on
     cell_current_a: FloatArray | None = None
     heat_w: FloatArray | None = None  # into each cell, from switches beside it
     loss_w: float = 0.0  # beyond the bleed resistors, which the accumulator counts
@@ -63,6 +63,31 @@ class SocBleeding:
         """Return the cells to bleed."""
         chosen: BoolArray = accumulator.soc - accumulator.soc.min() > self.difference
         return Balance(bleeding=chosen)
+
+
+class ChipBleeding:
+    """What an LTC6804 makes of another balancer's wishes: off while it measures, as often as the master asks it to."""
+
+    def __init__(self, wishes: Balancer, n_cells: int, *, conversion_s: float, measure_every_s: float) -> None:
+        """Forward `wishes`; conversions of `conversion_s` with discharge forbidden start every `measure_every_s`."""
+        self._wishes = wishes
+        self._chip = Ltc6804Discharge(n_cells)
+        self._conversion_s = conversion_s
+        self._measure_every_s = measure_every_s
+
+    def decide(self, accumulator: Accumulator, period_s: float) -> Balance:
+        """Return the mean part of the period for which each resistor is on."""
+        wanted = self._wishes.decide(accumulator, period_s).bleeding
+        if wanted is None:
+            return Balance()
+        self._chip.write(wanted.astype(bool))
+        on_s, slices = 0.0, max(1, round(period_s / self._measure_every_s))
+        for _ in range(slices):
+            self._chip.measure(self._conversion_s)
+            _, part = self._chip.step(period_s / slices)
+            on_s += part * period_s / slices
+        part_on: FloatArray = np.asarray(wanted, dtype=float) * (on_s / period_s)
+        return Balance(bleeding=part_on)
 
 
 class TransformerBalancing:

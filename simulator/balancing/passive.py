@@ -9,10 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from firmware_protocol.ltc6804 import DISCHARGE_MINUTES
 from simulator.cell_data import BoolArray, FloatArray
 
-# Discharge time-out by its code DCTO, in seconds; 0 is off (data sheet, configuration register group).
-DISCHARGE_TIMEOUT_S = tuple(60.0 * m for m in (0, 0.5, 1, 2, 3, 4, 5, 10, 15, 20, 30, 40, 60, 75, 90, 120))
 WATCHDOG_S = 2.0
 
 
@@ -45,7 +44,7 @@ class Ltc6804Discharge:
     """
 
     def __init__(self, n_cells: int, *, timeout_code: int = 0) -> None:
-        self._timeout_s = DISCHARGE_TIMEOUT_S[timeout_code]
+        self._timeout_s = 60.0 * DISCHARGE_MINUTES[timeout_code]
         self._wanted = np.zeros(n_cells, bool)
         self._off = np.zeros(n_cells, bool)
         self._since_write_s = 0.0

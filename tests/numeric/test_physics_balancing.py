@@ -8,6 +8,7 @@ import pytest
 from simulator.accumulator import Accumulator
 from simulator.balancing.balancers import (
     CapacitorBalancing,
+    ChipBleeding,
     NoBalancing,
     PassiveBalancing,
     SocBleeding,
@@ -116,6 +117,15 @@ def test_one_hour_of_six_cells_at_10_hz_with_balancing_takes_under_a_second():
     charge(accumulator, PassiveBalancing(), hour)
     # Three times the bar: other work on the machine slows even processor time.
     assert time.process_time() - began < 3.0
+
+
+def test_measuring_often_takes_its_part_of_the_bleeding():
+    plain, chip = cells(bleed_ohm=20.0), cells(bleed_ohm=20.0)
+    wishes = SocBleeding(0.0005)
+    equalise(plain, wishes, difference=0.0, time_limit_s=100.0)
+    measured = ChipBleeding(wishes, 6, conversion_s=0.025, measure_every_s=0.1)
+    equalise(chip, measured, difference=0.0, time_limit_s=100.0)
+    assert chip.bleed_energy_j / plain.bleed_energy_j == pytest.approx(0.75, rel=0.01)
 
 
 def test_at_rest_moving_charge_costs_less_than_burning_it():

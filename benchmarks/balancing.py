@@ -1,0 +1,248 @@
+"""The balancing study: the thesis's tables redone, and what comes after them.
+
+`python benchmarks/balancing.py [PART ...]` prints the tables of docs/balancing.md; with `--plots DIR` it draws its
+pictures (needs matplotlib). Parts: charging, passive, transformer, capacitor, accumulator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import balancing_plots as plots
+import numpy as np
+
+from simulator.accumulator import Accumulator, AccumulatorParameters
+from simulator.balancing.balancers import (
+    Balancer,
+    CapacitorBalancing,
+    ChipBleeding,
+    NoBalancing,
+    PassiveBalancing,
+    SocBleeding,
+    TransformerBalancing,
+)
+from simulator.balancing.charge import ChargePlan, ChargeResult, Supervisor, charge, equalise
+from simulator.balancing.six_cells import RATED_AH, six_cells
+from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
+from simulator.balancing.transformer import TransformerParameters
+
+CELL_OHM = 0.0082
+RESISTORS_OHM = (10, 20, 30, 40, 50, 60, 70, 80)
+PASSIVE_C = (0.25, 0.5, 1.0, 2.0)
+TRANSFORMER_C = (0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+# Hours, highest temperature [degC], final difference [%]; None where the thesis's run was stopped at 40 degC.
+THESIS_PASSIVE = {
+    0.25: {20: (10.6, 33.4, 0.115), 30: (9.9, 31.1, 0.08), 40: (9.55, 29.85, 0.061), 50: (9.68, 28.89, 0.0501),
+           60: (9.52, 28.14, 0.0419), 70: (9.29, 27.58, 0.0086), 80: (9.12, 27.11, 0.026)},
+    0.5: {20: (4.75, 33.15, 0.12), 30: (4.7, 31.62, 0.033), 40: (4.61, 30.4, 0.04), 50: (4.62, 29.43, 0.0504),
+          60: (4.6, 28.67, 0.0135), 70: (4.61, 28.0, 0.031), 80: (4.52, 27.48, 0.0075)},
+    1.0: {20: (2.39, 36.1, 0.014), 30: (2.44, 33.18, 0.068), 40: (2.38, 31.48, 0.046), 50: (2.52, 30.3, 0.0506),
+          60: (2.54, 29.5, 0.0129), 70: (2.57, 28.89, 0.0072), 80: (2.57, 28.42, 0.0064)},
+    2.0: {20: (1.28, 38.29, 0.036), 30: (1.45, 35.4, 0.013), 40: (1.2, 34.0, 0.03), 50: (1.5, 32.58, 0.145),
+          60: (1.5, 31.52, 0.2364), 70: (1.55, 30.78, 0.3043), 80: (1.6, 30.2, 0.3638)},
+}  # fmt: skip
+THESIS_TRANSFORMER = {
+    0.25: (9.91, 26.75, 0.0748), 0.5: (5.57, 26.76, 0.0739), 1.0: (3.32, 26.83, 0.072), 2.0: (2.5, 27.15, 0.0782),
+    3.0: (1.41, 29.1, 0.0644), 4.0: (1.17, 32.62, 0.0605), 5.0: (1.06, 36.32, 0.0567),
+}  # fmt: skip
+
+
+def cells(**changes: object) -> Accumulator:
+    """Return the thesis's six cells."""
+    return Accumulator(six_cells(**changes), np.random.default_rng(0))  # type: ignore[arg-type]
+
+
+def words(hours: float, degc: float, percent: float, stopped_by: str | None) -> str:
+    """Return one table entry."""
+    return f"{hours:.2f} / {degc:.1f} / {percent:.3f}" if stopped_by is None else f"{stopped_by} at {hours:.2f} h"
+
+
+def entry(result: ChargeResult) -> str:
+    """Return one table entry for a result."""
+    return words(result.hours, result.max_degc, 100 * result.soc_difference, result.stopped_by)
+
+
+def charging(folder: Path | None) -> None:
+    """Charge at three ambients, to three top voltages, and discharge at three rates."""
+    print("\n| ambient degC | ended by | h | highest degC | highest V | direction changes of the current |")
+    print("|---|---|---|---|---|---|")
+    traces = {}
+    for ambient_degc in (0.5, 20.0, 40.0):
+        result = charge(cells(ambient_degc=ambient_degc), NoBalancing(), ChargePlan(RATED_AH))
+        rises = int((np.diff(result.current_a) > 1e-6).sum())
+        stop = result.stopped_by or "end current"
+        print(
+            f"| {ambient_degc} | {stop} | {result.hours:.2f} | {result.max_degc:.1f} | {result.highest_v:.4f} |"
+            f" {rises} |"
+        )
+        traces[f"{ambient_degc:g} degC"] = result
+    print("\n| V_top | highest SOC % |\n|---|---|")
+    for top_v in (4.2, 4.19, 4.1895):
+        plan = ChargePlan(RATED_AH, top_v=top_v)
+        result = charge(cells(start_soc=(0.201, *[0.2] * 5)), NoBalancing(), plan, Supervisor(max_v=4.25))
+        print(f"| {top_v} | {100 * result.highest_soc:.3f} |")
+    print("\n| discharge | h to 3.48 V | drawn Ah | mean V |\n|---|---|---|---|")
+    for c_rate in (0.5, 1.0, 2.0):
+        accumulator, seconds, energy_j = cells(start_soc=(0.9,) * 6), 0.0, 0.0
+        while accumulator.terminal_voltage_v.min() > 3.48:
+            accumulator.step(1.0, c_rate * RATED_AH)
+            seconds += 1.0
+            energy_j += accumulator.voltage_v / 6 * c_rate * RATED_AH
+        drawn_ah = c_rate * RATED_AH * seconds / 3600
+        print(f"| {c_rate}C | {seconds / 3600:.2f} | {drawn_ah:.2f} | {energy_j / 3600 / drawn_ah:.3f} |")
+    if folder:
+        plots.charging(traces, folder / "balancing-charging.svg")
+
+
+def passive(folder: Path | None) -> None:
+    """Redo the passive tables."""
+    print("\n| ohm | " + " | ".join(f"{c}C ours | {c}C thesis" for c in PASSIVE_C) + " |")
+    print("|---" * (1 + 2 * len(PASSIVE_C)) + "|")
+    results: dict[tuple[float, int], ChargeResult] = {}
+    for ohm in RESISTORS_OHM:
+        row = []
+        for c_rate in PASSIVE_C:
+            result = charge(cells(bleed_ohm=float(ohm)), PassiveBalancing(), ChargePlan(c_rate * RATED_AH))
+            results[c_rate, ohm] = result
+            known = THESIS_PASSIVE[c_rate].get(ohm)
+            row += [entry(result), words(*known, None) if known else "stopped"]
+        print(f"| {ohm} | " + " | ".join(row) + " |")
+    if folder:
+        plots.passive(results, THESIS_PASSIVE, folder / "balancing-passive.svg")
+        plots.bleeding_cycle(results[1.0, 40], folder / "balancing-course.svg")
+
+
+def transformer(folder: Path | None) -> None:
+    """Redo the transformer table."""
+    print("\n| rate | ours | thesis |\n|---|---|---|")
+    results = {}
+    for c_rate in TRANSFORMER_C:
+        results[c_rate] = charge(cells(), TransformerBalancing(6), ChargePlan(c_rate * RATED_AH))
+        known = THESIS_TRANSFORMER.get(c_rate)
+        print(f"| {c_rate}C | {entry(results[c_rate])} | {words(*known, None) if known else 'stopped'} |")
+    if folder:
+        plots.transformer(results, THESIS_TRANSFORMER, folder / "balancing-transformer.svg")
+
+
+def with_capacitors(values: SwitchedCapacitorParameters, **options: float) -> tuple[ChargeResult, CapacitorBalancing]:
+    """Charge the six cells at 1C with an equaliser."""
+    accumulator = cells()
+    balancer = CapacitorBalancing(accumulator, values, heat_in_cells=options.get("heat_in_cells", 0.0))
+    supervisor = Supervisor(max_degc=99.0, min_v=0.0)
+    return charge(accumulator, balancer, ChargePlan(RATED_AH), supervisor), balancer
+
+
+def capacitor(folder: Path | None) -> None:
+    """Redo the three trials, then search values that work."""
+    print("\n| C F | switch ohm | start | transfer ohm | follows in s | h | final difference % | lowest mean SOC % |")
+    print("|---|---|---|---|---|---|---|---|")
+    trials = {}
+    for farad, ohm, precharged in (
+        (550.0, 10.0, False),
+        (550.0, 0.001, False),
+        (2265.3, 15.0, False),
+        (550.0, 10.0, True),
+        (550.0, 0.001, True),
+    ):
+        values = SwitchedCapacitorParameters(farad, ohm, 10.0, cell_ohm=CELL_OHM, precharged=precharged)
+        result, balancer = with_capacitors(values)
+        equaliser = balancer.equalisers[0]
+        trials[f"{farad:g} F, {ohm:g} ohm{', charged first' if precharged else ''}"] = result
+        print(
+            f"| {farad:g} | {ohm:g} | {'charged' if precharged else 'empty'} | {equaliser.transfer_ohm():.3g} |"
+            f" {equaliser.slowest_time_s():.3g} | {result.hours:.2f} | {100 * result.soc_difference:.3f} |"
+            f" {100 * result.soc.mean(axis=1).min():.1f} |"
+        )
+    print("\n| C uF | kHz | switch mohm | transfer mohm | final difference % | loss Wh |\n|---|---|---|---|---|---|")
+    sweep = []
+    for micro in (22.0, 100.0, 470.0, 1000.0, 4700.0):
+        for kilo in (10.0, 50.0, 100.0):
+            for milli in (1.0, 3.0, 10.0, 100.0):
+                values = SwitchedCapacitorParameters(micro * 1e-6, milli * 1e-3, kilo * 1e3, cell_ohm=CELL_OHM)
+                plan = ChargePlan(RATED_AH, dt_s=10.0, control_period_s=10.0)
+                accumulator = cells()
+                balancer = CapacitorBalancing(accumulator, values)
+                result = charge(accumulator, balancer, plan)
+                ohm = balancer.equalisers[0].transfer_ohm()
+                sweep.append((ohm, 100 * result.soc_difference))
+                if kilo == 100.0 and milli in (1.0, 3.0, 10.0):
+                    print(
+                        f"| {micro:g} | {kilo:g} | {milli:g} | {1e3 * ohm:.1f} | {100 * result.soc_difference:.3f} |"
+                        f" {result.balancing_loss_wh:.4f} |"
+                    )
+    if folder:
+        plots.capacitor(trials, sweep, folder / "balancing-capacitor.svg")
+
+
+def accumulator_96(folder: Path | None) -> None:
+    """Balance all 96 modules at rest by each method, from one start."""
+    parts = {
+        "passive 23.5 ohm": "96 MOSFETs, 192 resistors (in the slaves already)",
+        "transformer per pack": "8 transformers of 13 windings, 96 MOSFETs, 8 diodes",
+        "capacitors per pack": "88 capacitor banks, 192 MOSFETs",
+        "capacitors, one chain": "95 capacitor banks, 192 MOSFETs",
+    }
+    print(
+        "\n| method | h | difference % | within packs % | hottest cell degC | board degC | loss Wh | SOC given up % |"
+        " parts |"
+    )
+    print("|---" * 9 + "|")
+    series: dict[str, tuple[list[float], list[float]]] = {}
+    strong = SwitchedCapacitorParameters(10e-3, 0.5e-3, 100e3, cell_ohm=1.6e-3)
+    forward = TransformerParameters(switch_ohm=0.03, primary_ohm=0.01, secondary_ohm=0.2)
+    for name, text in parts.items():
+        pack = Accumulator(AccumulatorParameters(start_soc=0.9, start_soc_spread=0.006), np.random.default_rng(7))
+        balancers: dict[str, Balancer] = {
+            "passive 23.5 ohm": ChipBleeding(SocBleeding(1e-3), 96, conversion_s=0.0023, measure_every_s=0.1),
+            "transformer per pack": TransformerBalancing(96, forward, group=12),
+            "capacitors per pack": CapacitorBalancing(pack, strong, group=12),
+            "capacitors, one chain": CapacitorBalancing(pack, strong),
+        }
+        hours, difference, loss_wh, hottest, board = [0.0], [spread(pack)], 0.0, 0.0, 0.0
+        start_soc, slices = float(pack.soc.mean()), 24
+        for _ in range(slices):
+            done = equalise(pack, balancers[name], difference=3e-3, period_s=10.0, time_limit_s=1800.0)
+            hours.append(hours[-1] + done.hours)
+            difference.append(spread(pack))
+            loss_wh += done.loss_wh
+            hottest, board = max(hottest, done.max_degc), max(board, done.max_board_degc)
+        inside = max(100 * float(np.ptp(pack.soc[first : first + 12])) for first in range(0, 96, 12))
+        print(
+            f"| {name} | {hours[-1]:.1f} | {difference[-1]:.2f} | {inside:.2f} | {hottest:.1f} | {board:.1f} |"
+            f" {loss_wh:.1f} | {100 * (start_soc - float(pack.soc.mean())):.2f} | {text} |"
+        )
+        series[name] = (hours, difference)
+    if folder:
+        plots.accumulator(series, folder / "balancing-accumulator.svg")
+
+
+def spread(pack: Accumulator) -> float:
+    """Return highest less lowest SOC [%]."""
+    return 100 * float(np.ptp(pack.soc))
+
+
+PARTS = {
+    "charging": charging,
+    "passive": passive,
+    "transformer": transformer,
+    "capacitor": capacitor,
+    "accumulator": accumulator_96,
+}
+
+
+def main() -> None:
+    """Run the parts named, all by default."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("parts", nargs="*", choices=[[], *PARTS], help="all by default")
+    parser.add_argument("--plots", type=Path, help="folder for the pictures")
+    options = parser.parse_args()
+    for name in options.parts or PARTS:
+        began = time.process_time()
+        PARTS[name](options.plots)
+        print(f"\n({name}: {time.process_time() - began:.1f} s of processor time)")
+
+
+if __name__ == "__main__":
+    main()
