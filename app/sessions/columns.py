@@ -2,6 +2,7 @@
 
 import zlib
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,18 @@ from firmware_protocol.memory_map import FIELDS
 
 _CACHED_TRACKS = 2048
 TimeArray = NDArray[np.int64]
-Samples = tuple[TimeArray, TimeArray, IntArray]  # microseconds on the monotonic clock, instants, counts
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """The (n,) samples of a signal in order of time."""
+
+    times_us: TimeArray  # monotonic
+    counts: IntArray
+    instants: TimeArray | None = None  # the same number: sampled by the master at the same time; only where asked for
+
+
+_Part = tuple[TimeArray, IntArray, TimeArray | None]
 
 
 class ColumnReader:
@@ -24,24 +36,27 @@ class ColumnReader:
 
     def __init__(self, stored: StoredSession) -> None:
         self._stored = stored
-        self._tracks: dict[int, tuple[TimeArray, TimeArray]] = {}
+        self._tracks: dict[tuple[int, str], TimeArray] = {}
         self._tail: tuple[tuple[int, int, int], Chunk] | None = None
 
-    def samples(self, signal: Signal, first_us: int, last_us: int) -> Samples:
-        """Return every sample of a range of monotonic time, ends included, in order of time."""
+    def samples(self, signal: Signal, first_us: int, last_us: int, *, instants: bool = False) -> Samples:
+        """Return every sample of a range of monotonic time, ends included."""
         with self._stored.consistent():
-            parts = [*self._from_chunks(signal, first_us, last_us), *self._from_tail(signal)]
+            parts = [*self._from_chunks(signal, first_us, last_us, instants), *self._from_tail(signal)]
             if not parts and signal.field.startswith("conf."):
                 parts = self._from_configs(signal)
         if not parts:
             empty = np.empty(0, np.int64)
-            return empty, empty, empty
-        times_us, instants, counts = (np.concatenate(column) for column in zip(*parts, strict=True))
+            return Samples(empty, empty, empty)
+        times_us = np.concatenate([part[0] for part in parts])
+        counts = np.concatenate([part[1] for part in parts])
+        of_master = np.concatenate([part[2] for part in parts if part[2] is not None]) if instants else None
         if (np.diff(times_us) < 0).any():
             order = np.argsort(times_us, kind="stable")
-            times_us, instants, counts = times_us[order], instants[order], counts[order]
+            times_us, counts = times_us[order], counts[order]
+            of_master = None if of_master is None else of_master[order]
         low, high = np.searchsorted(times_us, first_us), np.searchsorted(times_us, last_us, side="right")
-        return times_us[low:high], instants[low:high], counts[low:high]
+        return Samples(times_us[low:high], counts[low:high], None if of_master is None else of_master[low:high])
 
     def spans_us(self) -> list[tuple[int, int]]:
         """First and last sample time of each chunk and of what came after them, monotonic microseconds."""
@@ -56,7 +71,7 @@ class ColumnReader:
             names = {row[0] for row in self._stored.rows("SELECT DISTINCT field FROM series")}
             return names | {key.field for key in self._build_tail().columns}
 
-    def _from_chunks(self, signal: Signal, first_us: int, last_us: int) -> Iterator[Samples]:
+    def _from_chunks(self, signal: Signal, first_us: int, last_us: int, instants: bool) -> Iterator[_Part]:
         for series_id, element, dtype in self._stored.rows(
             "SELECT id, ? - first_element, dtype FROM series"
             " WHERE field = ? AND ? BETWEEN first_element AND first_element + elements - 1",
@@ -67,22 +82,19 @@ class ColumnReader:
                 " WHERE k.last_us >= ? AND k.first_us <= ? ORDER BY k.id",
                 (series_id, first_us, last_us),
             ):
-                times_us, instants = self._track(track_id)
+                times_us = self._track(track_id, "times_us")
                 stream = self._stored.part_of_column(column_id, *stream_range(ends, element))
-                yield times_us, instants, self._unpack(stream, dtype, len(times_us))
+                counts = self._unpack(stream, dtype, len(times_us))
+                yield times_us, counts, self._track(track_id, "instants") if instants else None
 
-    def _track(self, track_id: int) -> tuple[TimeArray, TimeArray]:
-        if track_id not in self._tracks:
-            ((n, times_us, instants),) = self._stored.rows(
-                "SELECT samples, times_us, instants FROM tracks WHERE id = ?", (track_id,)
-            )
+    def _track(self, track_id: int, column: str) -> TimeArray:
+        key = (track_id, column)
+        if key not in self._tracks:
+            ((n, stream),) = self._stored.rows(f"SELECT samples, {column} FROM tracks WHERE id = ?", (track_id,))
             while len(self._tracks) >= _CACHED_TRACKS:
                 del self._tracks[next(iter(self._tracks))]
-            self._tracks[track_id] = (
-                self._unpack(times_us, "<i8", n).astype(np.int64),
-                self._unpack(instants, "<i8", n).astype(np.int64),
-            )
-        return self._tracks[track_id]
+            self._tracks[key] = self._unpack(stream, "<i8", n).astype(np.int64, copy=False)
+        return self._tracks[key]
 
     def _unpack(self, stream: bytes, dtype: str, n_samples: int) -> IntArray:
         try:
@@ -90,10 +102,10 @@ class ColumnReader:
         except (ValueError, zlib.error) as error:
             raise NotASession(str(self._stored.path), f"damaged: {error}") from error
 
-    def _from_tail(self, signal: Signal) -> list[Samples]:
+    def _from_tail(self, signal: Signal) -> list[_Part]:
         tail = self._build_tail()
         return [
-            (tail.tracks[number].times_us, tail.tracks[number].instants, values[:, signal.element - key.first_element])
+            (tail.tracks[number].times_us, values[:, signal.element - key.first_element], tail.tracks[number].instants)
             for key, (number, values) in tail.columns.items()
             if key.field == signal.field and 0 <= signal.element - key.first_element < key.elements
         ]
@@ -115,7 +127,7 @@ class ColumnReader:
             self._tail = (state, builder.build())
         return self._tail[1]
 
-    def _from_configs(self, signal: Signal) -> list[Samples]:
+    def _from_configs(self, signal: Signal) -> list[_Part]:
         """What the images in force say, each from its time on, to the end of the session."""
         rows = self._stored.rows("SELECT t_mono_ns, image FROM configs ORDER BY id")
         if not rows:
@@ -124,4 +136,4 @@ class ColumnReader:
         end_ns = max(row[0] for row in (rows[-1], *last_frame))
         times_us = np.array([*(row[0] for row in rows), end_ns], np.int64) // 1000
         values = [FIELDS[signal.field].unpack(row[1])[signal.element] for row in rows]
-        return [(times_us, -times_us, np.array([*values, values[-1]], np.int64))]
+        return [(times_us, np.array([*values, values[-1]], np.int64), -times_us)]

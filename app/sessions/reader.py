@@ -144,23 +144,23 @@ class SessionFile:
         """
         if not 1 <= points <= MAX_POINTS:
             raise ValueError(f"points = {points}: 1..{MAX_POINTS}")
-        found = [find_signal(name) for name in signals]
+        chosen = [find_signal(name) for name in signals]
         result = {}
         with self.consistent():
-            for signal in found:
-                times_us, _, counts = self.samples(signal, t_from_s, t_to_s)
-                times_s = (times_us * 1000 + self._offset_ns) / 1e9
-                result[signal.name] = reduce_samples(signal.name, signal.unit, times_s, signal.physical(counts), points)
+            for signal in chosen:
+                found = self.samples(signal, t_from_s, t_to_s)
+                times_s = (found.times_us * 1000 + self._offset_ns) / 1e9
+                values = signal.physical(found.counts)
+                result[signal.name] = reduce_samples(signal.name, signal.unit, times_s, values, points)
         return result
 
-    def samples(self, signal: Signal, t_from_s: float | None = None, t_to_s: float | None = None) -> Samples:
-        """Return (times, instants, counts) of every sample in a range, ends included, in order of time.
-
-        Times are microseconds of the monotonic clock; samples of one instant of the master share their instant.
-        """
+    def samples(
+        self, signal: Signal, t_from_s: float | None = None, t_to_s: float | None = None, *, instants: bool = False
+    ) -> Samples:
+        """Return every sample in a range, ends included; `instants` only where asked for."""
         first_us = -_ALWAYS_US if t_from_s is None else self.mono_us(t_from_s)
         last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
-        return self._columns.samples(signal, first_us, last_us)
+        return self._columns.samples(signal, first_us, last_us, instants=instants)
 
     def chunk_spans_us(self) -> list[tuple[int, int]]:
         """First and last sample time of each stored chunk and of what came after them, monotonic microseconds."""

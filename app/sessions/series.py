@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 _SHORTEST_GAP_S = 0.5
+_STEPS_LOOKED_AT = 4096  # to know what is usual
 _GAP_PERIODS = 3.5  # samples missing in a row that make a gap
 
 
@@ -30,7 +31,8 @@ def find_gaps(times_s: FloatArray) -> NDArray[np.intp]:
     steps = np.diff(times_s)
     if not len(steps):
         return np.empty(0, np.intp)
-    return np.flatnonzero(steps > max(_SHORTEST_GAP_S, _GAP_PERIODS * float(np.median(steps))))
+    usual_s = float(np.median(steps[:: len(steps) // _STEPS_LOOKED_AT + 1]))
+    return np.flatnonzero(steps > max(_SHORTEST_GAP_S, _GAP_PERIODS * usual_s))
 
 
 def reduce_samples(name: str, unit: str, times_s: FloatArray, values: FloatArray, points: int) -> Series:

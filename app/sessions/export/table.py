@@ -85,18 +85,20 @@ class SignalTable:
         low_s = self._session.unix_s(first_us * 1000) - _MARGIN_S
         high_s = self._session.unix_s(end_us * 1000) + _MARGIN_S
         with self._session.consistent():
-            samples = [self._session.samples(signal, low_s, high_s) for signal in self.signals]
-        if not samples or not any(len(times_us) for times_us, _, _ in samples):
+            samples = [self._session.samples(signal, low_s, high_s, instants=True) for signal in self.signals]
+        found = np.concatenate([np.empty(0, np.int64), *(s.instants for s in samples if s.instants is not None)])
+        if not len(found):
             empty = np.empty(0)
             return Block(empty, empty, empty, np.empty((0, len(self.signals))))
-        instants, rows = np.unique(np.concatenate([instants for _, instants, _ in samples]), return_inverse=True)
+        instants, rows = np.unique(found, return_inverse=True)
         row_us = np.full(len(instants), np.iinfo(np.int64).max)
-        np.minimum.at(row_us, rows, np.concatenate([times_us for times_us, _, _ in samples]))
+        np.minimum.at(row_us, rows, np.concatenate([s.times_us for s in samples]))
         values = np.full((len(instants), len(samples)), np.nan)
         position = 0
-        for column, (signal, (times_us, _, counts)) in enumerate(zip(self.signals, samples, strict=True)):
-            values[rows[position : position + len(times_us)], column] = signal.physical(counts)
-            position += len(times_us)
+        for column, (signal, of_signal) in enumerate(zip(self.signals, samples, strict=True)):
+            end = position + len(of_signal.times_us)
+            values[rows[position:end], column] = signal.physical(of_signal.counts)
+            position = end
         order = np.argsort(row_us, kind="stable")
         order = order[(row_us[order] >= first_us) & (row_us[order] < end_us)]
         uptime_s = np.where(instants[order] >= 0, (instants[order] & 0xFFFFFFFF) / 1000, np.nan)
