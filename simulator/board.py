@@ -32,5 +32,6 @@ class Board:
     def sense_temperatures(self, accumulator: Accumulator) -> None:
         """Put the sensors' voltages beside them."""
         degc = self.cell_inputs.read_temperature(accumulator.temperature_degc)
-        self.chain.sensor_v = np.interp(degc, _CURVE_DEGC, _CURVE_V) + self.noise.draw(N_CELLS) * TEMPERATURE_NOISE_V
+        sensor_v = np.interp(degc, _CURVE_DEGC, _CURVE_V) + self.noise.draw(N_CELLS) * TEMPERATURE_NOISE_V
+        self.chain.sensor_v = np.where(self.cell_inputs.temperature_unplugged, 0.0, sensor_v)
         self.chain.board_degc = float(accumulator.board_temperature_degc.mean())

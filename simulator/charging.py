@@ -22,9 +22,11 @@ DONE_PERSISTENCE_S = 20.0
 SETTLE_S = 30.0  # of rest before balancing is judged, so that polarisation does not count as imbalance
 RISE_PER_PERIOD = 3.0  # [0.1 A]
 FALL_PER_PERIOD = 20.0
-# [0.1 A per 100 uV and period]: half of what brings a cell of 3 mohm back within one period
-INTEGRAL_GAIN = 0.15
-APPROACH_COUNTS = 20  # 2 mV below the limit the current stops rising at full rate
+# [0.1 A per 100 uV and period]: a cell of 3 mohm answers a period's change with a fifth, or half, of what is missing
+RISE_GAIN = 0.06
+FALL_GAIN = 0.15
+HEADROOM_COUNTS = 5  # held below the limit, for the time that a command takes to act [100 uV]
+FULL_COUNTS = 20  # a cell this near the limit counts as having reached it [100 uV]
 STRING_MARGIN = 40_000  # 4 V [100 uV]: cables and the charger's own error must not end the charge before the cells do
 BALANCE_HYSTERESIS = 0.8  # of the threshold: a cell is bled until it is this near the lowest
 _FATAL = ChargerFlags.HARDWARE | ChargerFlags.OVER_TEMPERATURE | ChargerFlags.INPUT_VOLTAGE | ChargerFlags.BATTERY
@@ -124,7 +126,7 @@ class Charging:
 
     def _hold(self, config: Config, now_s: float, v_max: int) -> list[Event]:
         self._control(config, now_s, v_max)
-        is_full = v_max >= config.v_cell_chrg - APPROACH_COUNTS and self._memory.charger("i_out") < DONE_CURRENT
+        is_full = v_max >= config.v_cell_chrg - FULL_COUNTS and self._memory.charger("i_out") < DONE_CURRENT
         if not is_full:
             self._below_since_s = None
         elif self._below_since_s is None:
@@ -134,11 +136,12 @@ class Charging:
         return []
 
     def _control(self, config: Config, now_s: float, v_max: int) -> None:
-        """Trim the asked current: an integrator on the highest cell's distance to the limit, limited in slope."""
+        """Trim the asked current: an integrator on the highest cell's distance to the limit, slower up than down."""
         if now_s < self._next_control_s:
             return
         self._next_control_s = now_s + CONTROL_PERIOD_S
-        change = INTEGRAL_GAIN * (config.v_cell_chrg - v_max)
+        missing = config.v_cell_chrg - HEADROOM_COUNTS - v_max
+        change = missing * (RISE_GAIN if missing > 0 else FALL_GAIN)
         self._current += min(max(change, -FALL_PER_PERIOD), RISE_PER_PERIOD)
         self._current = min(max(self._current, 0.0), config.i_chrg_max / 10)
         string = min(N_CELLS * config.v_cell_chrg + STRING_MARGIN, N_CELLS * config.v_cell_max)

@@ -125,7 +125,8 @@ class Director:
 
     def next_phase(self) -> None:
         """Go on to the next phase, or to the end."""
-        if self._phase_index >= 0 and self.phase.load == "charge":
+        master = self.simulation.master
+        if master is not None and master.charging.is_active:
             self._command(CommandId.CHARGE_STOP)
         self._phase_index += 1
         if self._phase_index == len(self.scenario.phases):
@@ -138,7 +139,7 @@ class Director:
         self._has_charged = False
         self._charge_retry_s = 0.0
         plan = self.phase
-        self.simulation.charger.is_plugged = plan.load == "charge"
+        self.simulation.charger.is_plugged = plan.load in ("charge", "charge-by-hand")
         self.simulation.set_load(self._load(plan))
 
     def _load(self, plan: PhasePlan) -> Load:

@@ -79,6 +79,10 @@ def _stuck_temperature(simulation: Simulation, cell: int, degc: float) -> None:
     simulation.board.cell_inputs.temperature_stuck_degc[cell] = degc
 
 
+def _temperature_unplugged(simulation: Simulation, cell: int, is_off: float) -> None:
+    simulation.board.cell_inputs.temperature_unplugged[cell] = bool(is_off)
+
+
 def _fan(simulation: Simulation, _: int, share: float) -> None:
     simulation.accumulator.fan_blocked = share
 
@@ -163,6 +167,7 @@ _KINDS = (
     FaultKind("stuck-sensor", "the cell's voltage input shows this voltage", _CELL, "V", 0, 6, 0, _NAN, _stuck_voltage),
     FaultKind("noisy-sensor", "noise on the cell's voltage input", _CELL, "V rms", 0, 2, 0.02, 0, _noisy_voltage),
     FaultKind("stuck-temperature", "the sensor shows this", _CELL, "degC", -60, 200, 60, _NAN, _stuck_temperature),
+    FaultKind("temperature-unplugged", "the temperature sensor is off", _CELL, *_ON, _temperature_unplugged),
     FaultKind("loose-joint", "more resistance in the cell's busbar", _CELL, "mohm", 0, 50, 2, 0, _joint),
     FaultKind("weak-cell", "capacity left", _CELL, "of new", 0.05, 1, 0.7, 1, _cell_array("capacity_factor")),
     FaultKind("high-resistance", "inner resistance", _CELL, "times new", 1, 20, 2, 1, _cell_array("resistance_factor")),

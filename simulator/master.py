@@ -110,6 +110,8 @@ class VirtualMaster:
         if not self.protection.is_ok:
             self._stop_balancing()
             events += self.charging.stop(now_s, fault=True)
+        if self.drive_requested and not self.charging.is_active:
+            events += self.charging.stop(now_s)
         events += self.charging.step(config, now_s, charger_alive=charger_alive, v_max=reading.v_max)
         self._relays.step(
             now_s,
@@ -209,6 +211,7 @@ class VirtualMaster:
             case CommandId.CLEAR_FAULTS:
                 if not self.protection.clear():
                     return False
+                self._emit_all(self.charging.stop(now_s))
                 self.emit(Event(EventCode.FAULTS_CLEARED, 0, NO_OFFSET, 0, 0))
             case CommandId.SET_SOC:
                 self._soc.set_soc(self.config, argument / SOC_SCALE)

@@ -20,7 +20,18 @@ Item = TypeVar("Item")
 
 DEFAULT_SCENARIO = "race-day"
 LIBRARY = Path(__file__).parent / "scenarios"
-LOADS = ("rest", "idle", "constant", "endurance", "acceleration", "skid-pad", "pattern", "recorded", "charge")
+LOADS = (
+    "rest",
+    "idle",
+    "constant",
+    "endurance",
+    "acceleration",
+    "skid-pad",
+    "pattern",
+    "recorded",
+    "charge",
+    "charge-by-hand",
+)
 ACTIONS = ("charge-start", "charge-stop", "balance-start", "balance-stop", "clear-faults", "store", "soc", "reset")
 
 
@@ -99,7 +110,6 @@ class Scenario:
     faults: tuple[FaultPlan, ...]
     actions: tuple[ActionPlan, ...]
     expected: tuple[Expectation, ...]
-    trips_expected: bool
     folder: Path
 
     def describe(self) -> str:
@@ -150,7 +160,7 @@ def load_scenario(path: Path) -> Scenario:
 
 def _scenario(document: dict[str, Any], path: Path) -> Scenario:
     where = path.name
-    known = {"title", "description", "seed", "loop", "start", "config", "phase", "fault", "action", "expect", "trips"}
+    known = {"title", "description", "seed", "loop", "start", "config", "phase", "fault", "action", "expect"}
     _refuse_unknown(document, known, where)
     phases = _each(document, "phase", where, _phase)
     if not phases:
@@ -167,7 +177,6 @@ def _scenario(document: dict[str, Any], path: Path) -> Scenario:
         faults=_each(document, "fault", where, _fault),
         actions=_each(document, "action", where, _action),
         expected=_each(document, "expect", where, _expect),
-        trips_expected=bool(document.get("trips", False)),
         folder=path.parent,
     )
 

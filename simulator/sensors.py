@@ -70,6 +70,7 @@ class CellInputs:
         self.extra_noise_v: FloatArray = np.zeros(n_cells)
         self.stuck_v: FloatArray = np.full(n_cells, np.nan)
         self.temperature_stuck_degc: FloatArray = np.full(n_cells, np.nan)
+        self.temperature_unplugged: NDArray[np.bool_] = np.zeros(n_cells, dtype=bool)
         self._is_disturbed = False
 
     def faults_changed(self) -> None:

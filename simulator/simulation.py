@@ -3,6 +3,7 @@
 No wall clock and no ports here: whoever runs it says until when, gives bytes in and takes bytes out.
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -155,7 +156,7 @@ class Simulation:
         if self.line.is_busy:
             return
         if self.master is None:
-            self._line_due_s = self._boot_at_s
+            self._line_due_s = math.inf
             return
         frame = self.master.next_frame(self.now_s)
         if frame is not None:
