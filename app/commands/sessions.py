@@ -3,12 +3,14 @@
 import argparse
 import json
 import sys
+import time
 from datetime import UTC, datetime
 from pathlib import Path
 
 from app.errors import ConfigError
-from app.sessions.catalogue import Catalogue, is_in_use
+from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionError
+from app.sessions.files import is_in_use
 from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
 from app.settings import Settings
@@ -20,17 +22,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "action",
         nargs="?",
         default="list",
-        choices=("list", "show", "markers", "check", "delete"),
+        choices=("list", "show", "markers", "check", "delete", "prune"),
         help="list     all sessions, newest first (the default)\n"
         "show     one session: times, counts, signals, configurations, events\n"
         "markers  its markers\n"
         "check    read every byte of it, or of all sessions; exit code 1 where something is wrong\n"
-        "delete   delete it for ever (asks for --yes)",
+        "delete   delete it for ever (asks for --yes)\n"
+        "prune    what --older-than and --keep-gb leave over; deletes it with --yes",
     )
     parser.add_argument("session", nargs="?", help="the session's id, or its file")
     parser.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service")
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.add_argument("--yes", action="store_true", help="delete without asking")
+    parser.add_argument("--older-than", type=float, metavar="DAYS", help="prune: sessions that ended longer ago")
+    parser.add_argument("--keep-gb", type=float, metavar="GB", help="prune: all but so much of the newest")
 
 
 def data_folder(chosen: Path | None) -> Path:
@@ -58,6 +63,8 @@ def run(args: argparse.Namespace) -> int:
         return _list(args)
     if args.action == "check" and args.session is None:
         return _check_all(args)
+    if args.action == "prune":
+        return _prune(args)
     if args.session is None:
         raise ConfigError("session", "(none)", f"{args.action} needs a session's id or file")
     if args.action == "delete":
@@ -188,4 +195,22 @@ def _delete(args: argparse.Namespace) -> int:
         raise SessionError(f"{args.session} would be deleted for ever: say so with --yes")
     catalogue.delete(args.session)
     print(f"{args.session} deleted")
+    return 0
+
+
+def _prune(args: argparse.Namespace) -> int:
+    if args.older_than is None and args.keep_gb is None:
+        raise ConfigError("prune", "(nothing)", "say --older-than DAYS, --keep-gb GB or both")
+    catalogue = Catalogue(data_folder(args.data) / "sessions")
+    found = catalogue.expired(
+        time.time_ns(),
+        older_than_s=None if args.older_than is None else args.older_than * 86400,
+        keep_bytes=None if args.keep_gb is None else round(args.keep_gb * 1e9),
+    )
+    for info in found:
+        if args.yes:
+            catalogue.delete(info.id)
+        print(
+            f"{info.id}  {info.size_bytes / 1e6:.1f} MB  {info.name}: {'deleted' if args.yes else 'kept without --yes'}"
+        )
     return 0

@@ -1,31 +1,16 @@
 """The sessions of a folder."""
 
 import re
-import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
 
 from app.errors import NotNow
 from app.sessions.errors import SessionError, SessionNotFound
+from app.sessions.files import SUFFIX, is_in_use
 from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
 
-SUFFIX = ".sqlite"
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
-
-
-def is_in_use(path: Path) -> bool:
-    """Whether another connection, of this or another process, has the file open: being recorded, or read."""
-    connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=0, isolation_level=None)
-    try:
-        connection.execute("PRAGMA locking_mode = EXCLUSIVE")
-        connection.execute("BEGIN EXCLUSIVE")
-        connection.execute("ROLLBACK")
-    except sqlite3.DatabaseError as error:
-        return error.sqlite_errorcode & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
-    finally:
-        connection.close()
-    return False
 
 
 class Catalogue:
@@ -84,6 +69,24 @@ class Catalogue:
         for name in (path.name, f"{path.name}-wal", f"{path.name}-shm"):
             path.with_name(name).unlink(missing_ok=True)
         self._known.pop(session_id, None)
+
+    def expired(
+        self, now_ns: int, *, older_than_s: float | None = None, keep_bytes: int | None = None
+    ) -> Sequence[SessionInfo]:
+        """Return what could be deleted, oldest first: ended longer ago, or beyond so many bytes of newer ones.
+
+        What is being recorded or read is never among them.
+        """
+        found: list[SessionInfo] = []
+        kept_bytes = 0
+        for info in self.survey()[0]:
+            kept_bytes += info.size_bytes
+            age_s = (now_ns - (info.ended_wall_ns or info.started_wall_ns)) / 1e9
+            is_old = older_than_s is not None and age_s > older_than_s
+            is_beyond = keep_bytes is not None and kept_bytes > keep_bytes
+            if (is_old or is_beyond) and not is_in_use(info.path):
+                found.insert(0, info)
+        return found
 
     def _info(self, path: Path) -> SessionInfo:
         stat = path.stat()

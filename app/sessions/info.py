@@ -96,14 +96,3 @@ class RecordedConfig:
     t_wall_ns: int
     why: str
     image: bytes
-
-
-def size_on_disk(path: Path) -> int:
-    """Bytes of a session's file and of its log."""
-    size = 0
-    for part in (path, path.with_name(path.name + "-wal")):
-        try:
-            size += part.stat().st_size
-        except FileNotFoundError:
-            continue
-    return size

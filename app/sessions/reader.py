@@ -10,7 +10,8 @@ from typing import Any
 
 from app.sessions.columns import ColumnReader, Samples
 from app.sessions.errors import NotASession
-from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo, size_on_disk
+from app.sessions.files import size_on_disk
+from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
 from app.sessions.series import Series, reduce_samples
 from app.sessions.signals import Signal, find_signal
 from app.sessions.stored import StoredSession

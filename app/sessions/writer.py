@@ -6,7 +6,6 @@ written down as an event as soon as the disk takes anything.
 """
 
 import logging
-import os
 import shutil
 import sqlite3
 import threading
@@ -14,7 +13,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +20,8 @@ from numpy.typing import NDArray
 
 from app.errors import NotNow
 from app.sessions.errors import RecordingFailed, SessionError
-from app.sessions.info import RecorderState, RecorderStatus, SessionInfo, size_on_disk
+from app.sessions.files import new_file, size_on_disk
+from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
 from app.sessions.session_writer import Item, Row, SessionWriter
 from firmware_protocol.memory_map import MAP_HASH, N_CELLS
 
@@ -41,6 +40,7 @@ class DiskLimits:
     warn_free_bytes: int = 1 << 30
     stop_free_bytes: int = 64 << 20  # the system and the closing of the file need some
     queue_bytes: int = 32 << 20
+    session_bytes: int | None = None  # a session longer than this goes on in a new file
 
 
 def _free_bytes(folder: Path) -> int:
@@ -80,6 +80,7 @@ class Recorder:
         self._lost_to_tell = 0
         self._counts: Counter[str] = Counter()  # items of the session by table
         self._clock_offset_ns = 0
+        self._config: bytes | None = None  # in force, of this session
         self._error: str | None = None
         self._free: int | None = None
         self._writer: SessionWriter | None = None  # the thread's
@@ -97,27 +98,26 @@ class Recorder:
         with self._lock:
             if self._session is not None:
                 raise NotNow(f"session {self._session.id} is being recorded")
-            started_wall_ns, started_mono_ns = self._wall_ns(), self._monotonic_ns()
-            try:
-                path = _new_file(self._folder, started_wall_ns)
-            except OSError as error:
-                raise RecordingFailed(f"{self._folder}: {error.strerror}") from error
-            self._session = SessionInfo(
-                id=path.stem,
-                path=path,
-                name=name or path.stem,
-                started_wall_ns=started_wall_ns,
-                started_mono_ns=started_mono_ns,
-                voltwall=self._version,
-                map_hash=MAP_HASH.hex(),
-                metadata=dict(metadata or {}),
-            )
-            self._lost = 0
-            self._counts.clear()
-            self._append((_START, (self._session,)), 0)
-            self._note_clock(started_mono_ns, started_wall_ns, None)
-            self._wake.set()
-            return self._session
+            return self._begin(name, metadata or {})
+
+    def split(self) -> SessionInfo:
+        """End the session and go on in a new one, without a frame between them lost.
+
+        Raises:
+            NotNow: nothing is being recorded.
+            RecordingFailed: the new file cannot be created; the session goes on.
+        """
+        with self._lock:
+            if (session := self._session) is None:
+                raise NotNow("nothing is being recorded")
+            name = None if session.name == session.id else session.name
+            config = self._config
+            following = self._begin(name, {**session.metadata, "continues": session.id})
+            if config is not None:
+                self._put(
+                    "configs", (following.started_mono_ns, following.started_wall_ns, "as before", config), len(config)
+                )
+            return following
 
     def stop(self) -> None:
         """End the session; nothing without one. What it still holds in memory is written by the thread."""
@@ -175,6 +175,7 @@ class Recorder:
     def config(self, t_mono_ns: int, t_wall_ns: int, image: bytes, why: str) -> None:
         """Record the configuration in force from now on."""
         with self._lock:
+            self._config = image
             self._put("configs", (t_mono_ns, t_wall_ns, why, image), len(image))
 
     def clock(self, t_mono_ns: int, t_wall_ns: int, uptime_ms: int | None) -> None:
@@ -229,6 +230,33 @@ class Recorder:
         self._wake.set()
         self._thread.join(timeout_s)
 
+    def _begin(self, name: str | None, metadata: Mapping[str, object]) -> SessionInfo:
+        """End what is being recorded and begin anew; the lock is held."""
+        started_wall_ns, started_mono_ns = self._wall_ns(), self._monotonic_ns()
+        try:
+            path = new_file(self._folder, started_wall_ns)
+        except OSError as error:
+            raise RecordingFailed(f"{self._folder}: {error.strerror}") from error
+        if self._session is not None:
+            self._append((_STOP, (started_mono_ns, started_wall_ns)), 0)
+        self._session = SessionInfo(
+            id=path.stem,
+            path=path,
+            name=name or path.stem,
+            started_wall_ns=started_wall_ns,
+            started_mono_ns=started_mono_ns,
+            voltwall=self._version,
+            map_hash=MAP_HASH.hex(),
+            metadata=dict(metadata),
+        )
+        self._lost = 0
+        self._config = None
+        self._counts.clear()
+        self._append((_START, (self._session,)), 0)
+        self._note_clock(started_mono_ns, started_wall_ns, None)
+        self._wake.set()
+        return self._session
+
     def _put(self, table: str, row: Row, size: int) -> None:
         """Queue a row; the lock is held."""
         if self._session is None:
@@ -280,6 +308,7 @@ class Recorder:
                 error = f"disk nearly full: {free >> 20} MB free, {self._limits.stop_free_bytes >> 20} MB are kept"
             else:
                 self._write_batch(lost_to_tell)
+                self._split_where_long()
         except (sqlite3.Error, OSError, SessionError) as failure:
             error = f"disk does not take the session: {failure}"
         if error != self._error:
@@ -314,6 +343,14 @@ class Recorder:
                 lost_to_tell = 0
                 self._writer.close_chunk_if_due(items[-1][1][0])
 
+    def _split_where_long(self) -> None:
+        limit = self._limits.session_bytes
+        with self._lock:
+            session = self._session
+        if limit is not None and session is not None and not self._batch and size_on_disk(session.path) > limit:
+            following = self.split()
+            logger.info("session %s is %d MB long and goes on as %s", session.id, limit >> 20, following.id)
+
     def _loss_event(self, lost: int, row: Row) -> Item:
         text = f"{lost} items were not recorded because the disk was full"
         return "events", (row[0], self._wall_ns(), "warning", "recorder_lost", text, None, lost, None, "", None)
@@ -335,18 +372,3 @@ def _payload_bytes(item: Item) -> int:
     if table == "estimates":
         return 16 * N_CELLS
     return len(row[4]) if table == "events" else len(row[3]) if table == "markers" else 0
-
-
-def _new_file(folder: Path, wall_ns: int) -> Path:
-    """Create an empty file named by UTC time, with a number behind it where that name is taken."""
-    folder.mkdir(parents=True, exist_ok=True)
-    stem = datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ")
-    number = 1
-    while True:
-        path = folder / (f"{stem}.sqlite" if number == 1 else f"{stem}-{number}.sqlite")
-        try:
-            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644))
-        except FileExistsError:
-            number += 1
-        else:
-            return path

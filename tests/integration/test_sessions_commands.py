@@ -82,6 +82,14 @@ def test_delete_wants_to_be_meant(data: Path, capsys) -> None:
     assert [path.stem for path in (data / "sessions").iterdir()] == [CLOSED]
 
 
+def test_prune_deletes_only_when_it_is_meant(data: Path, capsys) -> None:
+    assert main(["sessions", "prune", "--data", str(data)]) == 2
+    assert main(["sessions", "prune", "--keep-gb", "0", "--data", str(data)]) == 0
+    assert capsys.readouterr().out.count("kept without --yes") == 2
+    assert main(["sessions", "prune", "--keep-gb", "0", "--data", str(data), "--yes"]) == 0
+    assert list((data / "sessions").iterdir()) == []
+
+
 def test_export_writes_the_range_asked_for(data: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "out.csv"
     command = ["export", CLOSED, "--data", str(data), "--out", str(out), "--signal", "v[95]"]

@@ -3,8 +3,9 @@ from pathlib import Path
 import pytest
 
 from app.errors import NotNow
-from app.sessions.catalogue import Catalogue, is_in_use
+from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionNotFound
+from app.sessions.files import is_in_use
 from app.sessions.writer import Recorder
 
 
@@ -62,3 +63,24 @@ def test_an_id_never_leads_out_of_the_folder(folder: Path, session_id: str) -> N
     (folder / ".hidden.sqlite").touch()
     with pytest.raises(SessionNotFound):
         Catalogue(folder).path(session_id)
+
+
+def test_only_what_is_old_or_beyond_the_room_expires(tmp_path: Path) -> None:
+    now_ns = 1_790_000_000 * 10**9
+    recorder = Recorder(tmp_path, version="0", monotonic_ns=lambda: now_ns, wall_ns=lambda: now_ns)
+    ids = []
+    for _ in range(4):
+        ids.append(recorder.start().id)
+        recorder.stop()
+        recorder.flush()
+        now_ns += 86400 * 10**9
+    ids.append(recorder.start().id)
+    recorder.flush()
+    catalogue = Catalogue(tmp_path)
+    size = catalogue.list()[1].size_bytes
+    assert catalogue.expired(now_ns) == []
+    assert [info.id for info in catalogue.expired(now_ns, older_than_s=2.5 * 86400)] == ids[:2]
+    room = catalogue.list()[0].size_bytes + 2 * size
+    assert [info.id for info in catalogue.expired(now_ns, keep_bytes=room)] == ids[:2]
+    assert [info.id for info in catalogue.expired(now_ns, keep_bytes=0, older_than_s=0)] == ids[:4]
+    recorder.close()

@@ -181,3 +181,42 @@ def test_what_a_full_queue_loses_is_counted_and_written_down(tmp_path: Path, str
     with SessionFile(info.path) as session:
         (event,) = session.events()
         assert (event["code"], event["value"]) == ("recorder_lost", lost)
+
+
+def test_a_split_loses_nothing_and_tells_where_it_goes_on(recorder: Recorder, stream) -> None:
+    first = recorder.start("long", {"driver": 1})
+    recorder.config(MONO_NS, WALL_NS, bytes(420), "read")
+    sent = stream.feed(recorder, 5)
+    second = recorder.split()
+    sent += stream.feed(recorder, 5)
+    recorder.flush()
+    with SessionFile(first.path) as session, SessionFile(second.path) as following:
+        assert session.info.is_closed
+        assert [frame.raw for file in (session, following) for frame in file.frames()] == sent
+        assert following.info.name == "long"
+        assert following.info.metadata == {"driver": 1, "continues": first.id}
+        assert [config.image for config in following.configs()] == [bytes(420)]
+
+
+def test_a_long_session_is_split_by_itself(tmp_path: Path, stream) -> None:
+    limits = DiskLimits(stop_free_bytes=0, session_bytes=200_000)
+    recorder = Recorder(tmp_path, version="0", monotonic_ns=lambda: MONO_NS, wall_ns=lambda: WALL_NS, limits=limits)
+    recorder.start()
+    sent = []
+    for _ in range(30):
+        sent += stream.feed(recorder, 30)
+        recorder.flush()
+    recorder.close()
+    paths = sorted(tmp_path.glob("*.sqlite"), key=lambda path: (len(path.stem), path.stem))
+    assert len(paths) > 2
+    found = []
+    for path in paths:
+        with SessionFile(path) as session:
+            assert session.info.is_closed
+            found += [frame.raw for frame in session.frames()]
+    assert found == sent
+
+
+def test_nothing_to_split_is_said(recorder: Recorder) -> None:
+    with pytest.raises(NotNow):
+        recorder.split()

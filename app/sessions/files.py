@@ -1,0 +1,48 @@
+"""Session files as files: making one, its size, whether somebody has it open."""
+
+import os
+import sqlite3
+from datetime import UTC, datetime
+from pathlib import Path
+
+SUFFIX = ".sqlite"
+
+
+def new_file(folder: Path, wall_ns: int) -> Path:
+    """Create an empty file named by UTC time, with a number behind it where that name is taken."""
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ")
+    number = 1
+    while True:
+        path = folder / (f"{stem}{SUFFIX}" if number == 1 else f"{stem}-{number}{SUFFIX}")
+        try:
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644))
+        except FileExistsError:
+            number += 1
+        else:
+            return path
+
+
+def size_on_disk(path: Path) -> int:
+    """Bytes of a session's file and of its log."""
+    size = 0
+    for part in (path, path.with_name(path.name + "-wal")):
+        try:
+            size += part.stat().st_size
+        except FileNotFoundError:
+            continue
+    return size
+
+
+def is_in_use(path: Path) -> bool:
+    """Whether another connection, of this or another process, has the file open: being recorded, or read."""
+    connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=0, isolation_level=None)
+    try:
+        connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+        connection.execute("BEGIN EXCLUSIVE")
+        connection.execute("ROLLBACK")
+    except sqlite3.DatabaseError as error:
+        return error.sqlite_errorcode & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+    finally:
+        connection.close()
+    return False
