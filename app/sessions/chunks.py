@@ -59,8 +59,9 @@ class Chunk:
 
 def encode_estimate(values: NDArray[np.float64]) -> bytes:
     """Return (96,) fractions as counts: not finite is missing, below 0 is 0."""
-    counts = np.clip(np.nan_to_num(values, nan=-1.0) / ESTIMATE_SCALE, 0, ESTIMATE_MISSING - 1).round()
-    return np.where(np.isfinite(values), counts, ESTIMATE_MISSING).astype("<u2").tobytes()
+    known = np.isfinite(values)
+    counts = np.clip(np.where(known, values, 0.0) / ESTIMATE_SCALE, 0, ESTIMATE_MISSING - 1).round()
+    return np.where(known, counts, ESTIMATE_MISSING).astype("<u2").tobytes()
 
 
 @lru_cache(maxsize=256)
