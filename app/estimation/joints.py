@@ -1,0 +1,270 @@
+"""Resistance of every cell while the car drives, and which busbar joint has come loose.
+
+A cell's measuring span holds the cell and one joint. Every cell's voltage is regressed on the common current and on the
+current through an RC pair: an aged cell grows in both coefficients in proportion, a joint in the first alone.
+No OCV and no SOC enter, so a wrong SOC cannot pretend a loose bolt.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from app.estimation.errors import EstimatorError, ShapeError
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+PAIR_S: Final = 10.0  # time constant of the RC pair in the regression; cells in parallel cans lie at 8 to 20 s
+DRIFT_S: Final = 40.0  # slower than this is SOC and heat and is taken away from all signals alike
+MEMORY_S: Final = 60.0  # of the regression: about one lap of a Formula Student track
+RESTART_S: Final = 2.0  # after a hole this long the signals start anew
+SETTLE_S: Final = 30.0  # after a start: the pair's current was not known then and has to be forgotten
+SAMPLES_MIN: Final = 20.0  # effective number of samples below which nothing is known
+MAD_TO_SIGMA: Final = 1.4826  # of a normal distribution
+POLISH_ROUNDS: Final = 3
+
+
+class ResistanceTracker:
+    """Regression of every cell's voltage on current and RC current, with fading memory.
+
+    Call `step` with every sample (about 20 us for 96 cells); read the resistances at leisure.
+    """
+
+    def __init__(self, n_cells: int, pair_s: float = PAIR_S, memory_s: float = MEMORY_S) -> None:
+        """Prepare for n_cells; `pair_s` [s] is the pair's time constant, `memory_s` [s] that of fading samples."""
+        self.n_cells = n_cells
+        self._pair_s = pair_s
+        self._memory_s = memory_s
+        self._drift_v = np.zeros(n_cells)
+        self._drift_a = self._drift_pair_a = self._pair_a = 0.0
+        self._sums = np.zeros((6, n_cells))  # weights times x x, x p, p p [A^2], x y, p y [V A], y y [V^2]
+        self._weight = np.zeros((2, n_cells))  # sums of weights and of their squares, in samples
+        self._y = np.empty(n_cells)
+        self._new = np.empty((6, n_cells))
+        self._since_s: float | None = None
+        self._gains: tuple[float, float, float, float] = (-1.0, 0.0, 0.0, 0.0)
+        self._has_unknown = False
+        self._has_settled = False
+
+    def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike) -> None:
+        """Take one sample.
+
+        Args:
+            dt_s: time since the previous sample, >= 0 [s].
+            current_a: positive on discharge [A]; a sample without a finite current is left out.
+            voltages_v: (n_cells,) [V]; NaN where not measured.
+
+        Raises:
+            ShapeError: voltages_v is not (n_cells,).
+            EstimatorError: dt_s is negative or not finite.
+        """
+        v = np.asarray(voltages_v, dtype=np.float64)
+        if v.shape != (self.n_cells,):
+            raise ShapeError("voltages_v", (self.n_cells,), v.shape)
+        if not 0.0 <= dt_s < float("inf"):
+            raise EstimatorError(f"dt_s is {dt_s}: a step length is finite and not negative")
+        if not -1e9 < current_a < 1e9 or dt_s == 0.0:
+            return
+        if self._since_s is None or dt_s > RESTART_S:
+            self._pair_a, self._since_s, self._has_settled = current_a, 0.0, False
+            return
+        _, pair, drift, fade = self._gains_for(dt_s)
+        self._pair_a += pair * (current_a - self._pair_a)
+        self._since_s += dt_s
+        if not self._has_settled:
+            if self._since_s >= SETTLE_S:
+                self._settle(current_a, v)
+            return
+        self._drift_a += drift * (current_a - self._drift_a)
+        self._drift_pair_a += drift * (self._pair_a - self._drift_pair_a)
+        is_missing = np.isnan(v)
+        has_missing = bool(is_missing.any())
+        if has_missing or self._has_unknown:
+            v = self._filled(v, is_missing)
+        y = self._y
+        np.subtract(self._drift_v, v, out=y)
+        self._drift_v -= drift * y
+        y *= 1.0 - drift
+        x, p = current_a - self._drift_a, self._pair_a - self._drift_pair_a
+        self._accumulate(x, p, fade, is_missing if has_missing else None)
+
+    def resistance_ohm(self) -> FloatArray:
+        """Return (2, n_cells): ohmic resistance with the joint, and that of the pair [ohm]; NaN while not known."""
+        return self._solved()[0]
+
+    def sigma_ohm(self) -> FloatArray:
+        """Return (2, n_cells): standard deviations of `resistance_ohm` from the scatter of the regression [ohm]."""
+        return self._solved()[1]
+
+    def _solved(self) -> tuple[FloatArray, FloatArray]:
+        xx, xp, pp, xy, py, yy = self._sums
+        with np.errstate(divide="ignore", invalid="ignore"):
+            samples = self._weight[0] ** 2 / self._weight[1]
+            determinant = xx * pp - xp * xp
+            usable = (samples >= SAMPLES_MIN) & (determinant > 1e-9 * xx * pp)
+            ohmic, pair = (pp * xy - xp * py) / determinant, (xx * py - xp * xy) / determinant
+            scatter = np.maximum(yy - ohmic * xy - pair * py, 0.0) / self._weight[0]
+            variance = scatter / determinant * np.array([pp, xx]) * self._weight[0] / samples
+        known = np.where(usable, 1.0, np.nan)
+        return np.array([ohmic, pair]) * known, np.sqrt(variance) * known
+
+    def _gains_for(self, dt_s: float) -> tuple[float, float, float, float]:
+        if dt_s != self._gains[0]:
+            self._gains = (
+                dt_s,
+                1.0 - exp(-dt_s / self._pair_s),
+                1.0 - exp(-dt_s / DRIFT_S),
+                exp(-dt_s / self._memory_s),
+            )
+        return self._gains
+
+    def _settle(self, current_a: float, voltages_v: FloatArray) -> None:
+        self._drift_v[:] = voltages_v
+        self._drift_a, self._drift_pair_a = current_a, self._pair_a
+        self._has_unknown = bool(np.isnan(voltages_v).any())
+        self._has_settled = True
+
+    def _filled(self, voltages_v: FloatArray, is_missing: BoolArray) -> FloatArray:
+        """Return the voltages with missing ones at their own drift, so that they move nothing."""
+        fresh = np.isnan(self._drift_v) & ~is_missing
+        self._drift_v[fresh] = voltages_v[fresh]
+        self._has_unknown = bool(np.isnan(self._drift_v).any())
+        return np.where(is_missing, self._drift_v, voltages_v)
+
+    def _accumulate(self, x: float, p: float, fade: float, is_missing: BoolArray | None) -> None:
+        y, new = self._y, self._new
+        new[0], new[1], new[2] = x * x, x * p, p * p
+        np.multiply(y, x, out=new[3])
+        np.multiply(y, p, out=new[4])
+        np.multiply(y, y, out=new[5])
+        self._weight[0] *= fade
+        self._weight[1] *= fade * fade
+        self._sums *= fade
+        if is_missing is None:
+            self._weight += 1.0
+        else:
+            new[:, is_missing] = 0.0
+            self._weight += ~is_missing
+        self._sums += new
+
+
+@dataclass(frozen=True)
+class JointReport:
+    """What the pattern of resistances over the accumulator says; all arrays are (n_cells,).
+
+    Attributes:
+        resistance_ohm: ohmic resistance of cell and joint [ohm], NaN where not known.
+        cell_growth_frac: how much more the cell itself resists than its peers, as a fraction.
+        joint_excess_ohm: how much more its joint resists than its peers' [ohm].
+        sigma_ohm: standard deviation of the joint's excess: scatter of the regression and of sound peers [ohm].
+        is_loose: the joint's excess is above the alarm value and cannot be scatter.
+    """
+
+    resistance_ohm: FloatArray
+    cell_growth_frac: FloatArray
+    joint_excess_ohm: FloatArray
+    sigma_ohm: FloatArray
+    is_loose: BoolArray
+
+
+def judge_joints(
+    resistance_ohm: FloatArray,
+    sigma_ohm: FloatArray,
+    cells_per_pack: int = 12,
+    temperature_factor: ArrayLike = 1.0,
+    alarm_ohm: float = 1.75e-4,
+    alarm_sigmas: float = 4.0,
+    baseline_ohm: ArrayLike | None = None,
+) -> JointReport:
+    """Return cell and joint apart, and the joints that are loose.
+
+    The peers of a cell are its pack (same air, same heat) and its position in the other packs (same busbar). What they
+    share is taken away by Tukey's median polish. Of what is left, cell and joint are parted by the pair's resistance:
+
+        e_ohmic = g R_ohmic + j,   e_pair = g R_pair
+
+    As far as the sound cells show that both spread together, their slope is used; a cell far outside takes all of it.
+
+    Args:
+        resistance_ohm: (2, n_cells) of `ResistanceTracker.resistance_ohm`.
+        sigma_ohm: (2, n_cells) of `ResistanceTracker.sigma_ohm`.
+        cells_per_pack: cells in a row that form a pack; a divisor of n_cells.
+        temperature_factor: (n_cells,) or scalar, resistance of the cell at its temperature over that at the mean.
+        alarm_ohm: excess above which a joint is loose [ohm].
+        alarm_sigmas: and this many standard deviations.
+        baseline_ohm: (n_cells,) joint excess of the same car when it was sound [ohm]; taken off where known.
+
+    Raises:
+        ShapeError: an array is not (2, n_cells), or the packs do not divide the cells.
+    """
+    if resistance_ohm.shape != sigma_ohm.shape or resistance_ohm.ndim != 2 or resistance_ohm.shape[0] != 2:
+        raise ShapeError("sigma_ohm", resistance_ohm.shape, sigma_ohm.shape)
+    n = resistance_ohm.shape[1]
+    if n % cells_per_pack:
+        raise ShapeError("resistance_ohm", (2, cells_per_pack), resistance_ohm.shape)
+    factor = np.broadcast_to(np.asarray(temperature_factor, dtype=np.float64), (n,))
+    typical = np.array([_median(row) for row in resistance_ohm])
+    excess = resistance_ohm - typical[:, None] * factor
+    ohmic, pair = (_polished(row.reshape(-1, cells_per_pack)).reshape(-1) for row in excess)
+    full_slope = float(typical[0] / max(typical[1], 1e-3 * abs(typical[0]))) if typical[0] > 0.0 else 0.0
+    shown_slope = float(np.clip(_slope_of_sound(pair, ohmic), 0.0, full_slope))
+    scatter = max(_mad_sigma(pair), 1e-12)
+    outlying = np.clip((np.abs(pair) / scatter - 4.0) / 4.0, 0.0, 1.0)
+    from_cell = (shown_slope + (full_slope - shown_slope) * outlying) * pair
+    joint = ohmic - from_cell
+    if baseline_ohm is not None:
+        joint = joint - np.nan_to_num(np.asarray(baseline_ohm, dtype=np.float64))
+    sigma = np.hypot(np.nan_to_num(sigma_ohm[0], nan=np.inf), _sound_sigma(joint))
+    is_loose = np.nan_to_num(joint) > np.maximum(alarm_ohm, alarm_sigmas * sigma)
+    return JointReport(resistance_ohm[0], from_cell / max(float(typical[0]), 1e-12), joint, sigma, is_loose)
+
+
+def _slope_of_sound(pair: FloatArray, ohmic: FloatArray) -> float:
+    """Return the slope of ohmic over pair excess among the cells within three sigma in both."""
+    sound = (np.abs(pair) < 3.0 * _mad_sigma(pair)) & (np.abs(ohmic) < 3.0 * _mad_sigma(ohmic))
+    if sound.sum() < 8:
+        return 0.0
+    return float(np.sum(pair[sound] * ohmic[sound]) / np.sum(pair[sound] ** 2))
+
+
+def _median(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")
+
+
+def _mad_sigma(values: FloatArray) -> float:
+    centre = _median(values)
+    return MAD_TO_SIGMA * _median(np.abs(values - centre))
+
+
+def _sound_sigma(values: FloatArray) -> float:
+    """Return the standard deviation of the values within four sigma of the median by their MAD."""
+    sound = values[np.abs(values - _median(values)) <= 4.0 * _mad_sigma(values)]
+    return float(np.std(sound)) if sound.size else float("nan")
+
+
+def _polished(table: FloatArray) -> FloatArray:
+    """Return the (packs, cells) residual after taking away medians of rows and columns in turn (Tukey 1977)."""
+    residual = table.copy()
+    if not np.isfinite(residual).any():
+        return residual
+    rounds = POLISH_ROUNDS if table.shape[0] >= 3 else 1
+    for _ in range(rounds):
+        residual -= _medians(residual, axis=1)
+        if table.shape[0] >= 3:
+            residual -= _medians(residual, axis=0)
+    return residual
+
+
+def _medians(table: FloatArray, axis: int) -> FloatArray:
+    known = np.isfinite(table)
+    ordered = np.sort(np.where(known, table, np.inf), axis=axis)
+    count = known.sum(axis=axis, keepdims=True)
+    low = np.take_along_axis(ordered, np.maximum((count - 1) // 2, 0), axis)
+    high = np.take_along_axis(ordered, np.maximum(np.minimum(count // 2, table.shape[axis] - 1), 0), axis)
+    return np.where(count > 0, 0.5 * (low + high), 0.0)
