@@ -1,0 +1,78 @@
+"""A real browser on the real service: Debian's Chromium, driven by Playwright; nothing is downloaded."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, expect, sync_playwright
+
+ROOT = Path(__file__).resolve().parents[2]
+CHROMIUM = ("chromium", "chromium-browser", "google-chrome", "chrome")
+FLAGS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+SIZES = {"desktop": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
+PATIENCE_MS = 20_000
+
+expect.set_options(timeout=PATIENCE_MS)
+
+
+def missing(what: str, remedy: str) -> None:
+    """Skip where a person runs the tests, fail where nobody would notice."""
+    text = f"{what} is missing: {remedy}"
+    if os.environ.get("CI"):
+        pytest.fail(text)
+    pytest.skip(text)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """One Chromium for all tests."""
+    path = next((found for name in CHROMIUM if (found := shutil.which(name))), None)
+    if path is None:
+        missing("a browser", "install chromium, for example with `apt-get install chromium`")
+    if not (ROOT / "app" / "static" / "index.html").exists():
+        missing("the built front end", "run `make frontend`")
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=path, args=FLAGS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
+    """Open pages, each in a context of its own; at the end no page may have complained on its console."""
+    contexts: list[BrowserContext] = []
+    complaints: list[str] = []
+
+    def listen(message: ConsoleMessage) -> None:
+        if message.type in ("error", "warning"):
+            complaints.append(f"{message.text} {message.location.get('url', '')}")
+
+    def open_one(url: str, size: str = "desktop", *, quiet: bool = True, theme: str = "dark") -> Page:
+        context = browser.new_context(viewport=SIZES[size])
+        contexts.append(context)
+        context.add_init_script(
+            f"localStorage.getItem('voltwall.theme') ?? localStorage.setItem('voltwall.theme', '{theme}')"
+        )
+        page = context.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        if quiet:
+            page.on("console", listen)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(url)
+        return page
+
+    yield open_one
+    for context in contexts:
+        context.close()
+    assert complaints == []

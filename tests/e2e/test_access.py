@@ -1,0 +1,35 @@
+"""With passwords set: nobody reads without one, a viewer reads and writes nothing, an engineer does both."""
+
+import pytest
+from playwright.sync_api import expect
+
+
+@pytest.fixture
+def guarded(make_service):
+    return make_service("--seed", "7", VOLTWALL_PASSWORD="engineer-pass-1", VOLTWALL_VIEWER_PASSWORD="viewer-pass-1")
+
+
+def log_in(page, name: str, password: str) -> None:
+    page.get_by_role("textbox", name="Name").fill(name)
+    page.get_by_role("textbox", name="Password").fill(password)
+    page.get_by_role("button", name="Log in").click()
+
+
+def test_nothing_is_shown_before_the_login_and_a_viewer_cannot_write(guarded, open_page):
+    page = open_page(f"{guarded.base_url}/#/parameters", quiet=False)
+    expect(page.get_by_test_id("login")).to_be_visible()
+    expect(page.get_by_test_id("param-v_cell_max")).to_have_count(0)
+    log_in(page, "kari", "wrong")
+    expect(page.get_by_role("alert").filter(has_text="do not fit")).to_be_visible()
+    log_in(page, "kari", "viewer-pass-1")
+    expect(page.get_by_test_id("inforce-v_cell_max")).to_contain_text("4.2000")
+    expect(page.get_by_test_id("user")).to_contain_text("viewer")
+    expect(page.get_by_test_id("store")).to_be_disabled()
+    expect(page.get_by_text("writing needs the engineer role")).to_be_visible()
+
+
+def test_an_engineer_may_write(guarded, open_page):
+    page = open_page(f"{guarded.base_url}/#/parameters", quiet=False)
+    log_in(page, "ola", "engineer-pass-1")
+    expect(page.get_by_test_id("user")).to_contain_text("engineer")
+    expect(page.get_by_test_id("store")).to_be_enabled()

@@ -1,0 +1,85 @@
+"""What the crew watches: values move, agree with the service, and are never shown as live when they are not."""
+
+import re
+import socket
+
+from playwright.sync_api import expect
+
+
+def test_all_cells_are_shown_and_move(service, open_page):
+    page = open_page(f"{service.base_url}/#/packs")
+    cells = page.locator('[data-testid^="cell-"]')
+    expect(cells).to_have_count(96)
+    expect(page.locator('[data-testid^="cell-"][data-missing]')).to_have_count(0)
+    before = cells.all_inner_texts()
+    page.wait_for_function(
+        """(old) => [...document.querySelectorAll('[data-testid^=cell-]')]
+           .filter((e, i) => e.innerText !== old[i]).length > 48""",
+        arg=before,
+    )
+
+
+def test_the_overview_shows_what_the_service_says(service, open_page):
+    page = open_page(f"{service.base_url}/#/overview")
+    expect(page.get_by_test_id("voltage")).to_have_text(re.compile(r"^\d{3}\.\d\sV$"))
+    with service.client() as client:
+        snapshot = client.get("/snapshot").json()
+    shown = int(page.get_by_test_id("driver-soc").inner_text().split()[0])
+    assert abs(shown - snapshot["accumulator"]["driver_soc_percent"]) <= 1
+    expect(page.get_by_test_id("loaded-cells")).to_contain_text("96")
+    lowest = page.get_by_role("region", name="Extremes").get_by_role("link").nth(1)
+    expect(lowest).to_have_text(re.compile(r"^pack [1-8], cell ([1-9]|1[0-2])$"))
+
+
+def test_a_cell_is_one_click_from_its_history(service, open_page):
+    page = open_page(f"{service.base_url}/#/overview")
+    page.get_by_test_id("cell-30").click()
+    expect(page).to_have_url(re.compile(r"#/packs/3/7$"))
+    expect(page.get_by_role("heading", level=1)).to_have_text("pack 3, cell 7")
+    expect(page.get_by_test_id("cell-voltage")).to_have_text(re.compile(r"^[234]\.\d{4}\sV$"))
+    expect(page.locator("canvas")).to_have_count(4)
+
+
+def test_every_metric_can_be_shown(service, open_page):
+    page = open_page(f"{service.base_url}/#/packs")
+    for metric in ("deviation", "temperature", "soc", "sigma", "resistance", "capacity", "balancing", "voltage"):
+        page.get_by_test_id(f"metric-{metric}").click()
+        expect(page.get_by_test_id("heatmap")).to_have_attribute("data-metric", metric)
+        expect(page.locator('[data-testid^="cell-"][data-missing]')).to_have_count(0)
+
+
+def test_old_values_are_shown_as_old_and_then_not_at_all(make_service, open_page):
+    service = make_service("--seed", "2")
+    page = open_page(f"{service.base_url}/#/overview")
+    expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "live")
+    with service.client() as client:
+        client.post("/commands/stream-stop", json={}).raise_for_status()
+    expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "stale")
+    expect(page.get_by_test_id("age-voltage")).to_contain_text("stale")
+    expect(page.get_by_test_id("car-silent")).to_be_visible()
+    expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "blank")
+    expect(page.get_by_test_id("voltage")).to_have_text(re.compile("^–"))
+    expect(page.locator('[data-testid^="cell-"][data-missing]')).to_have_count(96)
+    expect(page.get_by_test_id("age-voltage")).to_contain_text("none since")
+    with service.client() as client:
+        client.post("/commands/stream-start", json={}).raise_for_status()
+    expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "live")
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        return probe.getsockname()[1]
+
+
+def test_a_dead_service_is_shown_and_comes_back_by_itself(make_service, open_page):
+    service = make_service("--seed", "3", "--port", str(free_port()))
+    page = open_page(f"{service.base_url}/#/overview", quiet=False)
+    expect(page.get_by_test_id("state")).not_to_have_attribute("data-state", "unknown")
+    service.kill()
+    expect(page.get_by_test_id("service-lost")).to_be_visible()
+    expect(page.get_by_test_id("link-rs232")).to_have_attribute("data-state", "lost")
+    expect(page.get_by_test_id("state")).to_have_attribute("data-state", "unknown")
+    expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "blank")
+    service.start()
+    expect(page.get_by_test_id("service-lost")).to_be_hidden()
+    expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "live")

@@ -1,0 +1,92 @@
+"""Every page, on a desktop and on a phone: it renders, fits, and can be used by everybody."""
+
+import json
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+
+PAGES = {
+    "overview": "Overview",
+    "packs": "Packs",
+    "packs/3/7": "pack 3, cell 7",
+    "charging": "Charging",
+    "parameters": "Parameters",
+    "can": "CAN",
+    "sessions": "Sessions",
+    "events": "Events",
+    "system": "System",
+    "help": "Help",
+    "judge": "All cells",
+}
+THEMES = {
+    "light": ["color-contrast"],
+    "sun": ["color-contrast"],
+    "dark": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"],
+}
+AXE = Path(__file__).resolve().parents[2] / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def stored(service):
+    """A master that has a stored configuration, as in the car."""
+    with service.client() as client:
+        client.post("/config/store").raise_for_status()
+
+
+@pytest.mark.parametrize("size", ["desktop", "phone"])
+@pytest.mark.parametrize(("path", "heading"), PAGES.items())
+def test_page_renders_and_fits(service, open_page, path, heading, size):
+    page = open_page(f"{service.base_url}/#/{path}", size)
+    expect(page.get_by_role("heading", level=1)).to_have_text(heading)
+    expect(page.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live")
+    assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"]
+
+
+@pytest.mark.skipif(not AXE.exists(), reason="axe-core is not installed: run `make frontend`")
+def test_no_page_has_an_accessibility_violation(service, open_page):
+    page = open_page(f"{service.base_url}/#/overview")
+    page.evaluate(AXE.read_text())
+    found = {}
+    for path, heading in PAGES.items():
+        page.goto(f"{service.base_url}/#/{path}")
+        expect(page.get_by_role("heading", level=1)).to_have_text(heading)
+        for theme, what in THEMES.items():
+            page.evaluate("(theme) => (document.documentElement.dataset.theme = theme)", theme)
+            for violation in page.evaluate("(what) => axe.run({runOnly: what})", what)["violations"]:
+                found[f"{path}, {theme}: {violation['id']}"] = [node["html"][:160] for node in violation["nodes"][:3]]
+    assert not found, json.dumps(found, indent=1)
+
+
+def test_the_keyboard_reaches_every_page(service, open_page):
+    page = open_page(f"{service.base_url}/#/overview")
+    page.get_by_role("link", name="Parameters").focus()
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Parameters")
+    page.keyboard.press("Tab")
+    expect(page.get_by_role("link", name="CAN", exact=True).last).to_be_focused()
+
+
+def test_every_target_on_a_phone_is_large_enough_for_a_finger(service, open_page):
+    page = open_page(f"{service.base_url}/#/parameters", "phone")
+    expect(page.get_by_test_id("write")).to_be_visible()
+    small = page.evaluate(
+        """[...document.querySelectorAll('.btn, nav a, nav button, input.field, summary')]
+           .filter((e) => e.offsetParent && e.getBoundingClientRect().height < 44)
+           .map((e) => e.outerHTML.slice(0, 80))"""
+    )
+    assert small == []
+
+
+def test_the_theme_is_remembered(service, open_page):
+    page = open_page(f"{service.base_url}/#/system")
+    page.get_by_role("button", name="sun", exact=True).click()
+    page.reload()
+    expect(page.locator("html")).to_have_attribute("data-theme", "sun")
+
+
+def test_nothing_comes_from_another_machine(service, open_page):
+    page = open_page(f"{service.base_url}/#/overview")
+    expect(page.get_by_test_id("heatmap")).to_be_visible()
+    addresses = page.evaluate("performance.getEntriesByType('resource').map((r) => r.name)")
+    assert [a for a in addresses if not a.startswith(service.base_url)] == []

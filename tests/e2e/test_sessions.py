@@ -1,0 +1,45 @@
+"""Recording: started and stopped by hand, marked, looked at, taken away."""
+
+import csv
+import io
+import re
+
+from playwright.sync_api import expect
+
+
+def test_a_session_is_recorded_marked_viewed_and_downloaded(make_service, open_page):
+    service = make_service("--seed", "5", "--no-record")
+    service.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96)
+    page = open_page(f"{service.base_url}/#/sessions")
+    page.get_by_role("textbox", name="Name of the session").fill("run 3")
+    page.get_by_test_id("record").click()
+    expect(page.get_by_test_id("recording")).to_contain_text("REC")
+    page.get_by_role("textbox", name="Marker text").fill("driver change")
+    page.get_by_role("button", name="Set marker").click()
+    expect(page.get_by_text("Marked: driver change")).to_be_visible()
+    service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 20)
+    page.get_by_test_id("stop").click()
+    expect(page.get_by_test_id("record")).to_be_enabled()
+
+    row = page.get_by_test_id("sessions").get_by_role("row", name=re.compile("run 3"))
+    with page.expect_download() as download:
+        row.get_by_role("link", name="CSV").click()
+    table = list(csv.reader(io.StringIO(download.value.path().read_text())))
+    assert len(table) > 10
+
+    row.get_by_role("link", name="run 3").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("run 3")
+    expect(page.locator("canvas")).to_have_count(6)
+    expect(page.get_by_text("driver change")).to_be_visible()
+
+
+def test_a_session_is_replayed_and_the_car_comes_back(make_service, open_page):
+    service = make_service("--seed", "6")
+    service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 30)
+    page = open_page(f"{service.base_url}/#/sessions")
+    page.get_by_test_id("stop").click()
+    page.get_by_role("button", name="Replay").first.click()
+    expect(page.get_by_role("region", name="Replay")).to_be_visible()
+    expect(page.get_by_test_id("recording")).to_contain_text("Replay")
+    page.get_by_role("button", name="Back to the car").click()
+    expect(page.get_by_role("region", name="Replay")).to_be_hidden()
