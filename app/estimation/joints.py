@@ -26,7 +26,7 @@ RESTART_S: Final = 2.0  # after a hole this long the signals start anew
 SETTLE_S: Final = 30.0  # after a start: the pair's current was not known then and has to be forgotten
 SAMPLES_MIN: Final = 20.0  # effective number of samples below which nothing is known
 MAD_TO_SIGMA: Final = 1.4826  # of a normal distribution
-POLISH_ROUNDS: Final = 3
+POLISH_ROUNDS: Final = 6
 
 
 class ResistanceTracker:

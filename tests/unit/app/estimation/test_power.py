@@ -1,0 +1,128 @@
+import numpy as np
+import pytest
+
+from app.estimation.cellfile import load_cell
+from app.estimation.circuit import simulate
+from app.estimation.errors import ModelError, ShapeError
+from app.estimation.power import CellStates, Limits, PowerModel
+
+CELL = load_cell("samsung-25r-10p")
+WIDE = Limits(discharge_max_a=5000.0, charge_max_a=5000.0, temperature_max_degc=1e6, v_min_v=2.5, v_max_v=4.2)
+
+
+def states(soc=0.5, degc=25.0, n=96):
+    soc = np.broadcast_to(np.asarray(soc, dtype=float), (n,)).copy()
+    return CellStates(soc, np.zeros((CELL.n_rc, n)), np.broadcast_to(np.asarray(degc, dtype=float), (n,)).copy())
+
+
+def driven(soc, current_a, seconds, degc=25.0):
+    """Return voltage and SOC after a constant current, stepped by the circuit itself."""
+    time_s = np.linspace(0.0, seconds, 200)
+    current = np.full(200, current_a)
+    z, v = simulate(CELL, time_s, current, np.full(200, degc), soc)
+    return v[-1], z[-1]
+
+
+@pytest.mark.parametrize("horizon", [0, 1, 2])
+def test_discharge_power_ends_at_the_lowest_voltage(horizon):
+    found = PowerModel(CELL, WIDE).state_of_power(states(0.3)).discharge[horizon]
+    voltage, _ = driven(0.3, found.current_a, found.horizon_s)
+    assert voltage == pytest.approx(2.5, abs=0.03)
+    assert found.reason == "voltage"
+    assert found.power_w == pytest.approx(96 * voltage * found.current_a, rel=0.02)
+
+
+def test_charge_power_ends_at_the_highest_voltage():
+    found = PowerModel(CELL, WIDE).state_of_power(states(0.8)).charge[1]
+    voltage, _ = driven(0.8, -found.current_a, 10.0)
+    assert voltage == pytest.approx(4.2, abs=0.02)
+    assert found.reason == "voltage"
+
+
+def test_longer_means_less():
+    found = PowerModel(CELL, WIDE).state_of_power(states(0.4))
+    for side in (found.discharge, found.charge):
+        assert side[0].power_w > side[1].power_w > side[2].power_w
+
+
+def test_current_limit_names_no_cell():
+    found = PowerModel(CELL, Limits(discharge_max_a=100.0)).state_of_power(states(0.7)).discharge[0]
+    assert (found.current_a, found.cell, found.reason) == (100.0, None, "current")
+
+
+def test_weakest_cell_limits():
+    soc = np.full(96, 0.5)
+    soc[37] = 0.12
+    found = PowerModel(CELL, WIDE).state_of_power(states(soc))
+    assert found.discharge[2].cell == 37
+    factor = np.ones(96)
+    factor[11] = 2.0
+    assert PowerModel(CELL, WIDE, factor).state_of_power(states(0.5)).discharge[0].cell == 11
+
+
+def test_charge_left_in_the_cell_limits_the_long_horizon():
+    limits = Limits(discharge_max_a=300.0, soc_min=0.495, v_min_v=0.1, temperature_max_degc=1e6)
+    found = PowerModel(CELL, limits).state_of_power(states(0.5)).discharge
+    assert found[0].reason == "current"
+    assert found[2].reason == "soc"
+    assert found[2].current_a == pytest.approx(0.005 * CELL.capacity_ah * 3600 / 30, rel=0.01)
+
+
+def test_hot_cell_limits_by_its_temperature():
+    degc = np.full(96, 40.0)
+    degc[5] = 59.5
+    found = PowerModel(CELL, Limits()).state_of_power(states(0.9, degc)).discharge[2]
+    assert (found.cell, found.reason) == (5, "temperature")
+    degc[5] = 61.0
+    assert PowerModel(CELL, Limits()).state_of_power(states(0.9, degc)).discharge[0].current_a == pytest.approx(
+        0, abs=0.1
+    )
+
+
+def test_missing_cell_is_left_out():
+    soc = np.full(96, 0.5)
+    soc[0] = np.nan
+    found = PowerModel(CELL, WIDE).state_of_power(states(soc)).discharge[0]
+    assert found.power_w == pytest.approx(95 * 2.5 * found.current_a, rel=0.02)
+    with pytest.raises(ModelError):
+        PowerModel(CELL, WIDE).state_of_power(states(np.full(96, np.nan)))
+
+
+def test_history_of_the_pair_counts():
+    fresh, tired = states(0.3), states(0.3)
+    tired.branch_a[:] = 150.0
+    model = PowerModel(CELL, WIDE)
+    assert model.state_of_power(tired).discharge[0].power_w < model.state_of_power(fresh).discharge[0].power_w
+
+
+def test_time_to_empty_is_charge_over_current():
+    trips = {t.limit: t for t in PowerModel(CELL, WIDE).times_to_trip(states(0.2), CELL.capacity_ah)}
+    assert trips["soc_min"].seconds == pytest.approx(720.0, abs=0.1)
+    assert trips["temperature_max"].seconds == np.inf
+    assert trips["temperature_max"].cell is None
+
+
+def test_voltage_trip_comes_when_the_circuit_says():
+    soc = np.full(96, 0.6)
+    soc[70] = 0.25
+    trip = PowerModel(CELL, WIDE).times_to_trip(states(soc), 200.0)[0]
+    assert (trip.limit, trip.cell) == ("v_min", 70)
+    assert driven(0.25, 200.0, trip.seconds)[0] == pytest.approx(2.5, abs=0.04)
+
+
+def test_charging_meets_the_upper_limits():
+    trips = {t.limit: t for t in PowerModel(CELL, WIDE).times_to_trip(states(0.9), -25.0)}
+    assert set(trips) == {"v_max", "soc_max", "temperature_max"}
+    assert trips["soc_max"].seconds == pytest.approx(360.0, rel=0.02)
+    assert trips["v_max"].seconds <= trips["soc_max"].seconds
+
+
+def test_limit_already_passed_is_now():
+    trips = PowerModel(CELL, Limits(temperature_max_degc=20.0)).times_to_trip(states(0.5), 10.0)
+    assert trips[2].seconds == 0.0
+
+
+def test_states_of_another_shape_are_refused():
+    bad = CellStates(np.full(96, 0.5), np.zeros((CELL.n_rc, 95)), np.full(96, 25.0))
+    with pytest.raises(ShapeError):
+        PowerModel(CELL, WIDE).ahead(bad, np.array(1.0), np.array(1.0))
