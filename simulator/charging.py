@@ -84,7 +84,7 @@ class Charging:
 
     def __init__(self, memory: MasterMemory, balancer: Balancer) -> None:
         self._memory = memory
-        self._balancer = balancer
+        self.balancer = balancer
         self.state = ChargingState.OFF
         self.is_active = False  # the charge relays are closed
         self._since_s = 0.0
@@ -118,7 +118,7 @@ class Charging:
                     return self._enter(ChargingState.BALANCING, now_s)
                 self._control(config, now_s, v_max)
             case ChargingState.BALANCING:
-                if now_s - self._since_s >= SETTLE_S and not self._balancer.choose(config, self._memory.v):
+                if now_s - self._since_s >= SETTLE_S and not self.balancer.choose(config, self._memory.v):
                     return self._enter(ChargingState.CONSTANT_VOLTAGE, now_s)
             case ChargingState.CONSTANT_VOLTAGE:
                 return self._hold(config, now_s, v_max)
@@ -153,7 +153,7 @@ class Charging:
         self._since_s = now_s
         self._next_control_s = now_s
         self._below_since_s = None
-        self._balancer.stop()
+        self.balancer.stop()
         if state in (ChargingState.WAITING, ChargingState.BALANCING) or not self.is_active:
             self._current = 0.0
             self._write(0, 0, stop=True)

@@ -1,0 +1,128 @@
+import numpy as np
+import pytest
+
+from firmware_protocol.config_image import default_image
+from firmware_protocol.elcon import ChargerFlags
+from simulator.charging import SETTLE_S, Balancer, Charging, ChargingState
+from simulator.memory import Config, MasterMemory
+
+CONFIG = Config.from_image(default_image())
+
+
+class Bench:
+    """The state machine with a struct around it and nothing else."""
+
+    def __init__(self) -> None:
+        self.memory = MasterMemory()
+        self.memory.v[:] = 40_000
+        self.charging = Charging(self.memory, Balancer())
+        self.now_s = 0.0
+        self.alive = True
+
+    def run(self, seconds: float, v_max: int = 40_000) -> ChargingState:
+        for _ in range(round(seconds / 0.1)):
+            self.now_s += 0.1
+            self.charging.step(CONFIG, self.now_s, charger_alive=self.alive, v_max=v_max)
+        return self.charging.state
+
+    @property
+    def asked(self) -> tuple[int, int]:
+        return self.memory.charger("i_set"), self.memory.charger("control")
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_waits_for_a_charger_that_shows_itself(bench):
+    bench.alive = False
+    bench.charging.start(0.0)
+    assert bench.run(20) is ChargingState.WAITING
+    assert bench.asked == (0, 1)
+    bench.alive = True
+    assert bench.run(0.2) is ChargingState.CONSTANT_CURRENT
+
+
+def test_constant_current_rises_to_the_configured_limit_and_not_beyond(bench):
+    bench.charging.start(0.0)
+    currents = []
+    for _ in range(600):
+        bench.run(0.1)
+        currents.append(bench.asked[0])
+    assert max(currents) == 120
+    assert max(np.diff(currents)) <= 3
+    assert bench.memory.charger("v_set") == 4024
+
+
+def test_first_cell_at_its_limit_stops_the_current_at_once(bench):
+    bench.charging.start(0.0)
+    bench.run(60)
+    assert bench.run(0.1, v_max=41_500) is ChargingState.BALANCING
+    assert bench.asked == (0, 1)
+
+
+def test_balancing_bleeds_the_high_cells_until_they_are_near_the_lowest(bench):
+    bench.charging.start(0.0)
+    bench.run(1)
+    bench.memory.v[[5, 70]] = 40_300, 40_240
+    bench.run(0.1, v_max=41_500)
+    assert bench.run(SETTLE_S + 1) is ChargingState.BALANCING
+    assert np.flatnonzero(bench.charging.balancer.cells).tolist() == [5]
+    bench.memory.v[5] = 40_210
+    assert bench.run(1) is ChargingState.BALANCING
+    bench.memory.v[5] = 40_190
+    assert bench.run(1) is ChargingState.CONSTANT_VOLTAGE
+    assert not bench.charging.balancer.cells.any()
+
+
+def test_missing_cells_are_neither_bled_nor_taken_for_the_lowest():
+    balancer = Balancer()
+    v = np.full(96, 40_000, dtype=np.uint16)
+    v[3] = 0
+    assert not balancer.choose(CONFIG, v)
+
+
+def test_constant_voltage_holds_a_simple_cell_below_its_limit_and_ends(bench):
+    bench.charging.start(0.0)
+    bench.run(1)
+    bench.run(0.1, v_max=41_500)
+    bench.run(SETTLE_S + 1)
+    ocv, highest, current_a = 41_300.0, 0.0, 0.0
+    for _ in range(40_000):
+        if bench.charging.state is not ChargingState.CONSTANT_VOLTAGE:
+            break
+        current_a += 0.3 * (bench.asked[0] / 10 - current_a)
+        ocv += current_a * 0.1 * 0.25  # 0.25 counts an ampere second
+        v_max = ocv + 30 * current_a  # 3 mohm
+        highest = max(highest, v_max)
+        bench.memory.set_charger("i_out", round(current_a * 10))
+        bench.run(0.1, v_max=round(v_max))
+    assert bench.charging.state is ChargingState.DONE
+    assert highest < 41_510
+    assert bench.asked == (0, 1)
+
+
+@pytest.mark.parametrize("flag", [ChargerFlags.HARDWARE, ChargerFlags.INPUT_VOLTAGE, ChargerFlags.BATTERY])
+def test_a_charger_that_reports_a_fault_ends_charging(bench, flag):
+    bench.charging.start(0.0)
+    bench.run(5)
+    bench.memory.set_charger("flags", flag)
+    assert bench.run(0.1) is ChargingState.FAULT
+    assert bench.asked == (0, 1)
+
+
+def test_a_charger_that_is_not_heard_any_more_ends_charging(bench):
+    bench.charging.start(0.0)
+    bench.run(5)
+    bench.alive = False
+    assert bench.run(0.1) is ChargingState.FAULT
+
+
+def test_stop_and_start_again(bench):
+    bench.charging.start(0.0)
+    bench.run(5)
+    bench.charging.stop(bench.now_s)
+    assert bench.charging.state is ChargingState.OFF
+    bench.charging.start(bench.now_s)
+    assert bench.run(1) is ChargingState.CONSTANT_CURRENT

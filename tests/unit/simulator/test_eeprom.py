@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from simulator.eeprom import ERASED, PAGE_WRITE_S, SIZE, Eeprom, PageJob
+from simulator.errors import PortError
+
+
+def test_content_outlives_the_chip_object(tmp_path):
+    path = tmp_path / "folder" / "eeprom.bin"
+    Eeprom(path).write(130, b"hello")
+    assert Eeprom(path).read(128, 8) == bytes([ERASED, ERASED]) + b"hello" + bytes([ERASED])
+    assert path.stat().st_size == SIZE
+
+
+def test_a_write_beyond_the_page_wraps_to_its_start():
+    eeprom = Eeprom()
+    eeprom.write(62, b"abcd")
+    assert eeprom.read(0, 2) == b"cd"
+    assert eeprom.read(62, 3) == b"ab" + bytes([ERASED])
+
+
+def test_reading_beyond_the_end_starts_again():
+    eeprom = Eeprom()
+    eeprom.write(0, b"x")
+    assert eeprom.read(SIZE - 1, 2) == bytes([ERASED]) + b"x"
+
+
+def test_a_worn_page_keeps_what_it_held():
+    eeprom = Eeprom()
+    eeprom.worn_pages = {1}
+    eeprom.write(64, b"x")
+    assert eeprom.read(64, 1) == bytes([ERASED])
+
+
+def test_pages_take_five_milliseconds_each():
+    eeprom = Eeprom()
+    job = PageJob(eeprom, [(0, b"a"), (64, b"b")], now_s=1.0)
+    assert not job.run(1.0 + 0.9 * PAGE_WRITE_S)
+    assert eeprom.read(0, 1) == bytes([ERASED])
+    assert not job.run(1.0 + 1.1 * PAGE_WRITE_S)
+    assert (eeprom.read(0, 1), eeprom.read(64, 1)) == (b"a", bytes([ERASED]))
+    assert job.run(1.0 + 2.1 * PAGE_WRITE_S)
+
+
+def test_a_power_cut_tears_the_page_under_way_and_leaves_the_next():
+    outcomes = set()
+    for seed in range(60):
+        eeprom = Eeprom()
+        PageJob(eeprom, [(0, b"ab"), (64, b"c")], now_s=0.0).interrupt(np.random.default_rng(seed))
+        outcomes.add(eeprom.read(0, 2)[:1] == b"a")
+        assert eeprom.read(64, 1) == bytes([ERASED])
+    assert outcomes == {True, False}
+
+
+def test_a_file_that_is_no_eeprom_is_refused(tmp_path):
+    path = tmp_path / "long.bin"
+    path.write_bytes(bytes(SIZE + 1))
+    with pytest.raises(PortError, match="32768"):
+        Eeprom(path)

@@ -1,0 +1,91 @@
+from dataclasses import replace
+
+import pytest
+
+from firmware_protocol.config_image import default_image
+from firmware_protocol.messages import NO_OFFSET, EventCode
+from simulator.memory import Config
+from simulator.protection import CHARGE_TOLERANCE, Protection, Reading, violations
+
+CONFIG = Config.from_image(default_image())
+GOOD = Reading(
+    v_min=36_000, v_min_id=3, v_max=40_000, v_max_id=7, t_min=20, t_min_id=1, t_max=30, t_max_id=9, i_fc=5_000,
+    is_charging=False, lost_cell=None, lost_temperature=None, lost_slave=None, lost_current=False,
+)  # fmt: skip
+
+
+def trip_time_s(reading: Reading, step_s: float = 0.02) -> tuple[float, int, int]:
+    protection = Protection()
+    for tick in range(200):
+        events = protection.judge(violations(CONFIG, reading), tick * step_s)
+        if events:
+            return tick * step_s, events[0].code, events[0].cell
+    raise AssertionError("no trip")
+
+
+@pytest.mark.parametrize(
+    ("changes", "code", "cell", "after_s"),
+    [
+        ({"v_min": 24_999}, EventCode.TRIP_V_MIN, 3, 0.5),
+        ({"v_max": 42_001}, EventCode.TRIP_V_MAX, 7, 0.5),
+        ({"t_min": -16}, EventCode.TRIP_T_MIN, 1, 1.0),
+        ({"t_max": 46}, EventCode.TRIP_T_MAX, 9, 1.0),
+        ({"i_fc": 20_001}, EventCode.TRIP_I_DISC, NO_OFFSET, 0.5),
+        ({"i_fc": -10_001}, EventCode.TRIP_I_DISC, NO_OFFSET, 0.5),
+        ({"i_fc": -1_200 - CHARGE_TOLERANCE - 1, "is_charging": True}, EventCode.TRIP_I_CHRG, NO_OFFSET, 0.5),
+        ({"i_fc": 500, "is_charging": True}, EventCode.TRIP_I_CHRG, NO_OFFSET, 0.5),
+        ({"lost_slave": 2}, EventCode.TRIP_SLAVE_LOST, 24, 0.5),
+        ({"lost_cell": 40}, EventCode.TRIP_SENSOR_LOST, 40, 0.5),
+        ({"lost_temperature": 41}, EventCode.TRIP_SENSOR_LOST, 41, 1.0),
+        ({"lost_current": True}, EventCode.TRIP_SENSOR_LOST, NO_OFFSET, 0.5),
+    ],
+)
+def test_each_limit_trips_after_its_persistence(changes, code, cell, after_s):
+    assert trip_time_s(replace(GOOD, **changes)) == (pytest.approx(after_s), code, cell)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"v_min": 25_000},
+        {"v_max": 42_000},
+        {"t_min": -15},
+        {"t_max": 45},
+        {"i_fc": 20_000},
+        {"i_fc": -10_000},
+        {"i_fc": -1_200, "is_charging": True},
+    ],
+)
+def test_a_value_at_its_limit_is_allowed(changes):
+    assert list(violations(CONFIG, replace(GOOD, **changes))) == []
+
+
+def test_a_violation_that_ends_in_time_does_not_trip_and_the_next_starts_anew():
+    protection = Protection()
+    bad = replace(GOOD, v_min=20_000)
+    for start_s in (0.0, 1.0):
+        assert protection.judge(violations(CONFIG, bad), start_s) == []
+        assert protection.judge(violations(CONFIG, bad), start_s + 0.48) == []
+        assert protection.judge(violations(CONFIG, GOOD), start_s + 0.49) == []
+    assert protection.is_ok
+
+
+def test_a_trip_stays_until_cleared_and_cannot_be_cleared_while_it_lasts():
+    protection = Protection()
+    bad = replace(GOOD, t_max=60)
+    protection.judge(violations(CONFIG, bad), 0.0)
+    assert len(protection.judge(violations(CONFIG, bad), 1.0)) == 1
+    assert protection.judge(violations(CONFIG, bad), 2.0) == []  # told once
+    assert not protection.clear()
+    protection.judge(violations(CONFIG, GOOD), 3.0)
+    assert not protection.is_ok
+    assert protection.clear()
+    assert protection.is_ok
+
+
+def test_two_faults_at_once_are_both_told():
+    protection = Protection()
+    bad = replace(GOOD, v_min=20_000, i_fc=30_000)
+    protection.judge(violations(CONFIG, bad), 0.0)
+    codes = {event.code for event in protection.judge(violations(CONFIG, bad), 0.5)}
+    assert codes == {EventCode.TRIP_V_MIN, EventCode.TRIP_I_DISC}

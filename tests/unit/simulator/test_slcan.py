@@ -1,0 +1,71 @@
+import pytest
+
+from simulator.can_bus import CanBus, CanFrame
+from simulator.slcan import SlcanAdapter
+
+
+class Computer:
+    def __init__(self) -> None:
+        self.bus = CanBus()
+        self.received = b""
+        self.adapter = SlcanAdapter(self.bus, self.take)
+        self.heard: list[CanFrame] = []
+        self.bit_rate = 500_000
+        self.bus.nodes += [self.adapter, self]
+
+    def take(self, data: bytes) -> None:
+        self.received += data
+
+    def can_received(self, frame: CanFrame, now_s: float) -> None:
+        self.heard.append(frame)
+
+    def says(self, command: bytes) -> bytes:
+        self.received = b""
+        self.adapter.feed(command, 0.0)
+        return self.received
+
+
+@pytest.fixture
+def computer() -> Computer:
+    computer = Computer()
+    computer.says(b"C\rS6\r\rO\r")
+    return computer
+
+
+def test_frames_reach_the_bus_and_are_acknowledged(computer):
+    assert computer.says(b"t1232AABB\r") == b"z\r"
+    assert computer.says(b"T1806E5F40\r") == b"Z\r"
+    assert computer.heard == [CanFrame(0x123, False, b"\xaa\xbb"), CanFrame(0x1806E5F4, True, b"")]
+
+
+def test_frames_from_the_bus_are_spelled_out(computer):
+    computer.bus.send(computer, CanFrame(0x100, False, b"\x01\xff"), 0.0)
+    computer.bus.send(computer, CanFrame(0x18FF50E5, True, b""), 0.0)
+    assert computer.received.endswith(b"t100201FF\rT18FF50E50\r")
+
+
+def test_a_closed_or_wrongly_clocked_channel_hears_nothing(computer):
+    computer.says(b"C\r")
+    computer.bus.send(computer, CanFrame(0x100, False, b""), 0.0)
+    assert computer.received == b"\r"
+    computer.says(b"S5\rO\r")
+    computer.bus.send(computer, CanFrame(0x100, False, b""), 0.0)
+    assert computer.received == b"\r\r"
+
+
+@pytest.mark.parametrize(
+    "command", [b"t12\r", b"t1239\r", b"t123XAA\r", b"t8001AA\r", b"Tffffffff0\r", b"S9\r", b"?\r", b"t1231A\r"]
+)
+def test_nonsense_is_refused_and_does_not_reach_the_bus(computer, command):
+    assert computer.says(command) == b"\a"
+    assert computer.heard == []
+
+
+def test_listen_only_does_not_send(computer):
+    computer.says(b"C\rL\r")
+    assert computer.says(b"t1230\r") == b"\a"
+
+
+def test_an_endless_line_is_dropped(computer):
+    assert b"\a" in computer.says(b"t" * 100)
+    assert computer.says(b"V\r") == b"V1013\r"
