@@ -1,7 +1,7 @@
 """The balancing study: the thesis's tables redone, and what comes after them.
 
 `python benchmarks/balancing.py [PART ...]` prints the tables of docs/balancing.md; with `--plots DIR` it draws its
-pictures (needs matplotlib). Parts: charging, passive, transformer, capacitor, accumulator.
+pictures (needs matplotlib). Parts: charging, passive, threshold, transformer, capacitor, accumulator.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from simulator.balancing.balancers import (
     TransformerBalancing,
 )
 from simulator.balancing.charge import ChargePlan, ChargeResult, Supervisor, charge, equalise
+from simulator.balancing.passive import ThresholdBleeding
 from simulator.balancing.six_cells import RATED_AH, six_cells
 from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
 from simulator.balancing.transformer import TransformerParameters
@@ -114,6 +115,18 @@ def passive(folder: Path | None) -> None:
         plots.bleeding_cycle(results[1.0, 40], folder / "balancing-course.svg")
 
 
+def threshold(folder: Path | None) -> None:
+    """Raise the bleeding threshold above the sag that bleeding itself makes."""
+    print("\n| threshold mV | h | hottest degC | final difference % | burnt Wh |\n|---|---|---|---|---|")
+    for difference_v in (1e-4, 5e-4, 1e-3, 2e-3, 5e-3):
+        rule = PassiveBalancing(ThresholdBleeding(difference_v=difference_v))
+        result = charge(cells(bleed_ohm=40.0), rule, ChargePlan(0.5 * RATED_AH))
+        print(
+            f"| {1e3 * difference_v:g} | {result.hours:.2f} | {result.max_degc:.1f} |"
+            f" {100 * result.soc_difference:.3f} | {result.balancing_loss_wh:.2f} |"
+        )
+
+
 def transformer(folder: Path | None) -> None:
     """Redo the transformer table."""
     print("\n| rate | ours | thesis |\n|---|---|---|")
@@ -155,7 +168,10 @@ def capacitor(folder: Path | None) -> None:
             f" {equaliser.slowest_time_s():.3g} | {result.hours:.2f} | {100 * result.soc_difference:.3f} |"
             f" {100 * result.soc.mean(axis=1).min():.1f} |"
         )
-    print("\n| C uF | kHz | switch mohm | transfer mohm | final difference % | loss Wh |\n|---|---|---|---|---|---|")
+    print(
+        "\n| C uF | kHz | switch mohm | pair mohm | slowest pattern mohm | final difference % |\n"
+        "|---|---|---|---|---|---|"
+    )
     sweep = []
     for micro in (22.0, 100.0, 470.0, 1000.0, 4700.0):
         for kilo in (10.0, 50.0, 100.0):
@@ -165,12 +181,13 @@ def capacitor(folder: Path | None) -> None:
                 accumulator = cells()
                 balancer = CapacitorBalancing(accumulator, values)
                 result = charge(accumulator, balancer, plan)
-                ohm = balancer.equalisers[0].transfer_ohm()
-                sweep.append((ohm, 100 * result.soc_difference))
+                equaliser = balancer.equalisers[0]
+                slowest_ohm = equaliser.slowest_pattern_ohm()
+                sweep.append((slowest_ohm, 100 * result.soc_difference))
                 if kilo == 100.0 and milli in (1.0, 3.0, 10.0):
                     print(
-                        f"| {micro:g} | {kilo:g} | {milli:g} | {1e3 * ohm:.1f} | {100 * result.soc_difference:.3f} |"
-                        f" {result.balancing_loss_wh:.4f} |"
+                        f"| {micro:g} | {kilo:g} | {milli:g} | {1e3 * equaliser.transfer_ohm():.1f} |"
+                        f" {1e3 * slowest_ohm:.0f} | {100 * result.soc_difference:.3f} |"
                     )
     if folder:
         plots.capacitor(trials, sweep, folder / "balancing-capacitor.svg")
@@ -191,7 +208,7 @@ def accumulator_96(folder: Path | None) -> None:
     print("|---" * 9 + "|")
     series: dict[str, tuple[list[float], list[float]]] = {}
     strong = SwitchedCapacitorParameters(10e-3, 0.5e-3, 100e3, cell_ohm=1.6e-3)
-    forward = TransformerParameters(switch_ohm=0.03, primary_ohm=0.01, secondary_ohm=0.2)
+    forward = TransformerParameters(switch_ohm=0.03, primary_ohm=0.01, secondary_ohm=0.2, soc_difference=2e-3)
     for name, text in parts.items():
         pack = Accumulator(AccumulatorParameters(start_soc=0.9, start_soc_spread=0.006), np.random.default_rng(7))
         balancers: dict[str, Balancer] = {
@@ -226,6 +243,7 @@ def spread(pack: Accumulator) -> float:
 PARTS = {
     "charging": charging,
     "passive": passive,
+    "threshold": threshold,
     "transformer": transformer,
     "capacitor": capacitor,
     "accumulator": accumulator_96,

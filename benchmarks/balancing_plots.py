@@ -117,7 +117,7 @@ def capacitor(trials: dict[str, ChargeResult], sweep: list[tuple[float, float]],
     right.axhline(0.1, color="#7a7a7a", linewidth=0.6)
     right.text(1e3 * ohm.min(), 0.105, "0.1 %: balanced", color="#7a7a7a")
     right.set(
-        xlabel="transfer resistance between neighbours [mohm]",
+        xlabel="resistance of the slowest pattern [mohm]",
         ylabel="difference after one 1C charge [% SOC]",
         xscale="log",
         yscale="log",

@@ -90,6 +90,22 @@ class SwitchedCapacitorEqualiser:
         pair.step(1e3 * max(pair.slowest_time_s(), 1.0 / self.parameters.frequency_hz), held)
         return float(1.0 / pair.step(1.0 / self.parameters.frequency_hz, held)[0])
 
+    def conductance_s(self) -> FloatArray:
+        """Return (n, n) Y [S] of the mean currents I = Y V that settled capacitors carry out of cells held at V.
+
+        Switch nodes carry the difference of two capacitors' currents, so slow patterns along a chain pass through far
+        less resistance than one pair of cells alone would find.
+        """
+        n, m, period = self.n_cells, self.n_cells - 1, self._period
+        settled = np.linalg.solve(np.eye(m) - period[:m, :m], period[:m, m + n :])
+        charge = period[m : m + n, :m] @ settled + period[m : m + n, m + n :]
+        conductance: FloatArray = self.parameters.frequency_hz * charge
+        return conductance
+
+    def slowest_pattern_ohm(self) -> float:
+        """Return the resistance of the pattern that evens out last: its time is this times a cell's dQ/dV [ohm]."""
+        return float(1.0 / np.sort(np.linalg.eigvals(self.conductance_s()).real)[1])
+
     def _loop_ohm(self) -> FloatArray:
         """Return (n-1, n-1) L with L q = V - v: the voltage around each capacitor's loop for the currents q in all."""
         p, m = self.parameters, self.n_cells - 1

@@ -48,6 +48,21 @@ def test_between_two_cells_it_is_the_resistor_of_the_textbook(frequency_hz):
     assert SwitchedCapacitorEqualiser(p, np.zeros(6)).transfer_ohm() == pytest.approx(expected_ohm, rel=1e-6)
 
 
+def test_settled_currents_are_those_of_the_conductance():
+    volts = np.array([3.8, 3.7, 3.6, 3.75])
+    equaliser = SwitchedCapacitorEqualiser(FAST, volts)
+    equaliser.step(1.0, volts)
+    np.testing.assert_allclose(equaliser.step(1.0, volts), equaliser.conductance_s() @ volts, atol=1e-9)
+
+
+def test_slow_switching_is_a_chain_of_resistors():
+    """1 / fC between neighbours: the slowest pattern has 2 - 2 cos(pi / n) of that conductance."""
+    p = SwitchedCapacitorParameters(capacitance_f=1e-4, switch_ohm=0.001, frequency_hz=100.0)
+    equaliser = SwitchedCapacitorEqualiser(p, np.zeros(6))
+    expected_ohm = 1.0 / (100.0 * 1e-4 * (2 - 2 * math.cos(math.pi / 6)))
+    assert equaliser.slowest_pattern_ohm() == pytest.approx(expected_ohm, rel=1e-6)
+
+
 def test_many_periods_at_once_equal_many_steps():
     volts = np.array([3.8, 3.7, 3.6, 3.75])
     p = SwitchedCapacitorParameters(capacitance_f=0.2, switch_ohm=0.02, frequency_hz=100.0)
