@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fastapi import FastAPI
-from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import __version__
 from app.api import can, commands, config, events, live, metrics, problems, session_login, sessions
 from app.api.auth import Doorkeeper, Gate
+from app.api.limits import BodyLimit
+from app.api.static import serve_front_end
 from app.runtime import Runtime
 from app.settings import Settings
 from app.telemetry import Source
@@ -72,29 +73,11 @@ def create_app(
     for module in (live, session_login, config, can, commands, events, sessions):
         app.include_router(module.router, prefix="/api/v1")
     app.include_router(metrics.router)
-    _serve_front_end(app)
+    serve_front_end(app, STATIC)
+    app.add_middleware(BodyLimit)
     app.add_middleware(Gate, doorkeeper=doorkeeper)
     app.add_middleware(SecurityHeaders)
     return app
-
-
-def _serve_front_end(app: FastAPI) -> None:
-    """Files of the built front end; every other path gets its one page, which knows the routes."""
-
-    @app.get("/{path:path}", include_in_schema=False)
-    def page(path: str) -> Response:
-        if path.startswith("api/"):
-            raise problems.not_found("route", "/" + path)
-        root = STATIC
-        wanted = root.joinpath(*[part for part in path.split("/") if part not in ("", ".", "..")])
-        if path and wanted.is_file():
-            immutable = path.startswith("assets/")
-            cache = "public, max-age=31536000, immutable" if immutable else "no-cache"
-            return FileResponse(str(wanted), headers={"Cache-Control": cache})
-        index = root / "index.html"
-        if not index.is_file():
-            return PlainTextResponse("The front end is not built: run `make frontend`. The API is at /api/v1.", 503)
-        return FileResponse(str(index), headers={"Cache-Control": "no-cache"})
 
 
 class SecurityHeaders:

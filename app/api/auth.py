@@ -9,12 +9,12 @@ import hmac
 import secrets
 import time
 from dataclasses import dataclass, field
-from http.cookies import SimpleCookie
 from ipaddress import ip_address
 from typing import Literal
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
+from starlette.requests import cookie_parser
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.problems import Problem
@@ -108,8 +108,7 @@ class Doorkeeper:
 
 def token_of(headers: Headers) -> str | None:
     """The session cookie's value."""
-    cookie = SimpleCookie(headers.get("cookie", ""))
-    return cookie[COOKIE].value if COOKIE in cookie else None
+    return cookie_parser(headers.get("cookie", "")).get(COOKIE)
 
 
 def is_same_origin(headers: Headers) -> bool:
@@ -117,18 +116,19 @@ def is_same_origin(headers: Headers) -> bool:
     origin = headers.get("origin")
     if origin is None:
         return headers.get("sec-fetch-site", "none") in ("none", "same-origin")
-    return origin != "null" and urlsplit(origin).netloc == headers.get("host", "")
+    try:
+        return origin != "null" and urlsplit(origin).netloc == headers.get("host", "")
+    except ValueError:  # no URL at all
+        return False
 
 
 def is_own_host(host_header: str, *, loopback: bool) -> bool:
     """True where the name in Host can be this service: on loopback only loopback's own names (DNS rebinding)."""
     if not loopback:
         return True
-    name = urlsplit(f"//{host_header}").hostname or ""
-    if name == "localhost":
-        return True
     try:
-        return ip_address(name).is_loopback
+        name = urlsplit(f"//{host_header}").hostname or ""
+        return name == "localhost" or ip_address(name).is_loopback
     except ValueError:
         return False
 
@@ -169,7 +169,7 @@ class Gate:
         if not guarded or path in OPEN_PATHS:
             return user
         if user is None:
-            raise Problem(401, "login-required", "Login required", "log in, or send HTTP Basic", challenge=False)
+            raise Problem(401, "login-required", "Login required", "log in, or send HTTP Basic")
         if method in _WRITES and user.role != "engineer" and path != "/api/v1/logout":
             raise Problem(403, "engineer-required", "Engineer required", "a viewer may read, not write or command")
         return user

@@ -31,6 +31,8 @@ def _within(low: float, high: float, scale: float, *, automatic: int | None = No
             return automatic
         if argument is None or not low <= argument <= high:
             raise invalid("argument", argument, f"between {low:g} and {high:g}")
+        if scale == 1 and argument != int(argument):
+            raise invalid("argument", argument, "a whole number")
         return round(argument * scale)
 
     return convert

@@ -41,7 +41,7 @@ def _apply(put: Any, image: bytes, name: str, value: Any) -> bytes:
         raise invalid(name, value, "no field of the configuration has this name")
     try:
         return cast(bytes, put(image, name, value))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise invalid(name, value, "a number, or a list of numbers of the field's shape") from error
 
 

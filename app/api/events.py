@@ -2,18 +2,20 @@
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Path, Query
 
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import not_found
 
 router = APIRouter(tags=["events"])
+MAX_ID = (1 << 63) - 1
+Id = Annotated[int, Path(ge=0, le=MAX_ID)]
 
 
 @router.get("/events")
 def events(
     runtime: RuntimeDep,
-    after: Annotated[int, Query(ge=0)] = 0,
+    after: Annotated[int, Query(ge=0, le=MAX_ID)] = 0,
     limit: Annotated[int, Query(ge=1, le=5000)] = 200,
     severity: Literal["info", "watch", "warning", "trip"] | None = None,
     cell: Annotated[int | None, Query(ge=0, le=95)] = None,
@@ -23,7 +25,7 @@ def events(
 
 
 @router.post("/events/{event_id}/acknowledge")
-def acknowledge_event(event_id: int, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def acknowledge_event(event_id: Id, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Say that somebody saw it."""
     if not runtime.events.acknowledge(event_id, user.name):
         raise not_found("event", event_id)
@@ -31,7 +33,7 @@ def acknowledge_event(event_id: int, runtime: RuntimeDep, user: UserDep) -> dict
 
 
 @router.post("/alarms/{alarm_id}/acknowledge")
-def acknowledge_alarm(alarm_id: int, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def acknowledge_alarm(alarm_id: Id, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Say that somebody saw it; it leaves the list when its condition has ended."""
     if not runtime.pipeline.acknowledge(alarm_id, user.name):
         raise not_found("alarm", alarm_id)

@@ -1,6 +1,8 @@
 """One error body for the whole API: RFC 9457 problem documents, from one table."""
 
 import logging
+import math
+from collections.abc import Mapping
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -16,24 +18,45 @@ from firmware_protocol.memory_map import CONFIG_SIZE, element_name, locate
 
 log = logging.getLogger(__name__)
 MEDIA_TYPE = "application/problem+json"
+SHOWN = 200  # characters of a value that is shown back
 
 
 class Problem(Exception):
     """Raised by a route to answer with a problem document."""
 
-    def __init__(self, status: int, slug: str, title: str, detail: str, **extra: Any) -> None:
+    def __init__(
+        self, status: int, slug: str, title: str, detail: str, headers: Mapping[str, str] | None = None, **extra: Any
+    ) -> None:
         self.status = status
         self.slug = slug
         self.title = title
         self.detail = detail
+        self.headers = headers
         self.extra = extra
         super().__init__(detail)
 
     def response(self) -> JSONResponse:
         """Return the document."""
         body = {"type": f"urn:voltwall:{self.slug}", "title": self.title, "status": self.status, "detail": self.detail}
-        headers = {"WWW-Authenticate": 'Basic realm="voltwall"'} if self.extra.pop("challenge", False) else None
-        return JSONResponse(body | self.extra, self.status, headers=headers, media_type=MEDIA_TYPE)
+        return JSONResponse(_plain(body | self.extra), self.status, headers=self.headers, media_type=MEDIA_TYPE)
+
+
+def _plain(value: Any) -> Any:
+    """The value as JSON can carry it: whatever a client sent (NaN, half a surrogate pair, a megabyte) is shown back."""
+    if isinstance(value, dict):
+        return {_plain(str(name)): _plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
+    if isinstance(value, str):
+        return value.encode(errors="replace").decode()
+    return value if isinstance(value, int | None) else _shown(value)
+
+
+def _shown(value: object) -> str:
+    text = value if isinstance(value, str) else repr(value)
+    return text if len(text) <= SHOWN else text[:SHOWN] + "..."
 
 
 def not_found(what: str, name: object) -> Problem:
@@ -43,8 +66,9 @@ def not_found(what: str, name: object) -> Problem:
 
 def invalid(field: str, value: object, limit: str) -> Problem:
     """422 for one field."""
-    message = f"{field} = {value!r}: {limit}"
-    error = {"field": field, "value": value, "limit": limit, "message": message}
+    message = f"{field} = {_shown(value)}: {limit}"
+    shown = value if isinstance(value, int | float | None) else _shown(value)
+    error = {"field": field, "value": shown, "limit": limit, "message": message}
     return Problem(422, "invalid", "Invalid value", message, errors=[error])
 
 
@@ -85,6 +109,10 @@ def _at_fault(error: MasterRefused) -> dict[str, Any]:
     return extra
 
 
+def _number(value: object) -> int | float | None:
+    return value if isinstance(value, int | float) else None
+
+
 def install(app: FastAPI) -> None:
     """Make every error of the application a problem document."""
 
@@ -102,15 +130,16 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(HTTPException)
     async def on_http(_: Request, error: HTTPException) -> JSONResponse:
-        slug = {404: "not-found", 405: "method-not-allowed"}.get(error.status_code, "http")
-        return Problem(error.status_code, slug, str(error.detail), str(error.detail)).response()
+        slug = {400: "bad-request", 404: "not-found", 405: "method-not-allowed", 413: "too-large"}
+        text = str(error.detail)
+        return Problem(error.status_code, slug.get(error.status_code, "http"), text, text, error.headers).response()
 
     @app.exception_handler(RequestValidationError)
     async def on_validation(_: Request, error: RequestValidationError) -> JSONResponse:
         errors = [
             {
                 "field": ".".join(str(part) for part in e["loc"] if part not in ("body", "query", "path")),
-                "value": e.get("input") if isinstance(e.get("input"), str | int | float | bool | None) else None,
+                "value": _shown(e["input"]) if isinstance(e.get("input"), str) else _number(e.get("input")),
                 "limit": e["msg"],
                 "message": e["msg"],
             }

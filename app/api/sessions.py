@@ -20,6 +20,9 @@ from app.sessions.reader import SessionFile
 
 router = APIRouter(tags=["sessions"])
 ExportFormat = Literal["csv", "parquet", "mf4", "ld", "mcap"]
+MAX_UNIX_S = 9e9  # beyond it nanoseconds do not fit a 64-bit number
+From = Annotated[float | None, Query(alias="from", ge=0, le=MAX_UNIX_S, description="unix time, s")]
+To = Annotated[float | None, Query(alias="to", ge=0, le=MAX_UNIX_S, description="unix time, s")]
 
 
 class NewSession(BaseModel):
@@ -47,7 +50,7 @@ class ReplayControl(BaseModel):
 
     paused: bool | None = None
     speed: float | None = Field(None, ge=0.1, le=100)
-    seek_s: float | None = Field(None, ge=0)
+    seek_s: float | None = Field(None, ge=0, le=1e9)
 
 
 def session_json(info: SessionInfo, recording_id: str | None) -> dict[str, Any]:
@@ -124,6 +127,7 @@ def mark(session_id: str, body: NewMarker, runtime: RuntimeDep, user: UserDep) -
     if _recording_id(runtime) != session_id:
         raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
     runtime.recorder.marker(body.text, body.kind, user.name)
+    runtime.recorder.flush()
     return {"marked": True}
 
 
@@ -152,8 +156,8 @@ def series(
     session_id: str,
     runtime: RuntimeDep,
     signal: Annotated[list[str], Query(min_length=1, max_length=200)],
-    t_from: Annotated[float | None, Query(alias="from")] = None,
-    t_to: Annotated[float | None, Query(alias="to")] = None,
+    t_from: From = None,
+    t_to: To = None,
     points: Annotated[int, Query(ge=1, le=20000)] = 2000,
 ) -> Response:
     """Signals over a range, smallest and largest per point, so that no dip is lost; null is a gap."""
@@ -177,8 +181,8 @@ def download(
     runtime: RuntimeDep,
     export_format: Annotated[ExportFormat, Query(alias="format")] = "csv",
     signal: Annotated[list[str] | None, Query(max_length=2000)] = None,
-    t_from: Annotated[float | None, Query(alias="from")] = None,
-    t_to: Annotated[float | None, Query(alias="to")] = None,
+    t_from: From = None,
+    t_to: To = None,
 ) -> FileResponse:
     """Signals of a range as a file; without `signal` all fast ones and the estimates."""
     if export_format not in FORMATS:

@@ -1,0 +1,37 @@
+"""The application in this process, on a data folder of its own, with no link configured."""
+
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from app.main import create_app
+from app.settings import Settings
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # it asks for another HTTP client than ours
+    from starlette.testclient import TestClient
+
+ENGINEER, VIEWER = "correct horse", "battery staple"
+
+
+@pytest.fixture
+def make_client(tmp_path: Path) -> Iterator[Callable[..., TestClient]]:
+    """Start applications; what they raise comes out as 500, as it would for a browser."""
+    open_clients: list[TestClient] = []
+
+    def make(**settings) -> TestClient:
+        app = create_app(Settings(data=tmp_path, record=False, **settings), "serial", serial_url=None, can_url=None)
+        client = TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False, client=("127.0.0.1", 1))
+        open_clients.append(client.__enter__())
+        return client
+
+    yield make
+    for client in open_clients:
+        client.__exit__(None, None, None)
+
+
+@pytest.fixture
+def client(make_client) -> TestClient:
+    return make_client()

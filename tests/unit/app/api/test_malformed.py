@@ -1,0 +1,96 @@
+"""Whatever is sent, the answer is a problem document that says what was wrong; nothing is the service's failure."""
+
+import json
+
+import pytest
+
+JSON = {"Content-Type": "application/json"}
+EDIT = JSON | {"If-Match": "*"}
+PREFIX = "/api/v1"
+
+
+def refused(response, *statuses: int) -> dict:
+    assert response.status_code in statuses, response.text
+    assert response.headers["content-type"] == "application/problem+json"
+    return json.loads(response.content, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+@pytest.mark.parametrize(
+    "number", ["NaN", "Infinity", "-Infinity", "1e999", '"\\ud800"', '"x"', "2", "[1]", "9" * 4000]
+)
+def test_an_argument_that_is_no_share_names_the_field(client, number):
+    body = refused(client.post(f"{PREFIX}/commands/set-soc", content=f'{{"argument": {number}}}', headers=JSON), 422)
+    assert body["errors"][0]["field"] == "argument"
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, "", "null", "{", '{"argument": ' + "9" * 5000 + "}", b"\xff\xfe", '{"argument"', "\ud7ff"]
+)
+def test_a_body_that_is_no_object_of_ours(client, text):
+    refused(client.post(f"{PREFIX}/commands/set-soc", content=text, headers=JSON), 400, 422)
+
+
+def test_a_fraction_is_no_index(client):
+    refused(client.post(f"{PREFIX}/commands/can-send", json={"argument": 0.4}), 422)
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("POST", f"/events/{10**30}/acknowledge"),
+        ("POST", f"/alarms/{10**30}/acknowledge"),
+        ("GET", f"/events?after={10**30}"),
+        ("GET", "/history?seconds=nan"),
+        ("GET", "/sessions/none/series?signal=v[0]&from=nan"),
+        ("GET", "/sessions/none/series?signal=v[0]&from=-inf"),
+        ("GET", "/sessions/none/export?to=1e300"),
+        ("POST", "/replay"),
+    ],
+)
+def test_numbers_out_of_every_range(client, method, path):
+    refused(client.request(method, PREFIX + path), 422)
+
+
+@pytest.mark.parametrize("body", ['{"seek_s": NaN}', '{"speed": Infinity}', '{"seek_s": -1}'])
+def test_a_replay_is_not_moved_to_nowhere(client, body):
+    refused(client.post(f"{PREFIX}/replay/control", content=body, headers=JSON), 422)
+
+
+@pytest.mark.parametrize("session", ["../../events", "..%2f..%2fevents", "a" * 400, "%00", "..", "C:x", "%ff"])
+def test_a_session_id_reaches_no_other_file(client, session):
+    refused(client.get(f"{PREFIX}/sessions/{session}/file"), 404)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("Host", "["), ("Host", "[::1"), ("Host", ""), ("Origin", "http://["), ("Origin", "null")]
+)
+def test_headers_that_are_no_url(client, name, value):
+    refused(client.get(f"{PREFIX}/snapshot", headers={name: value}), 403)
+
+
+@pytest.mark.parametrize("cookie", ["a,b=c", "=", ";;;", "voltwall=\u00e9; @x=1", "voltwall=" + "x" * 4000])
+def test_a_cookie_that_is_none_is_nobody(make_client, cookie):
+    client = make_client(password="correct horse")
+    refused(client.get(f"{PREFIX}/events", headers={"Cookie": cookie.encode("latin-1")}), 401)
+
+
+@pytest.mark.parametrize("name", ["Content-Length", None])
+def test_a_huge_body_is_refused_before_it_fills_the_memory(client, name):
+    part = b"x" * (1 << 19)
+    content = part * 4 if name else (part for _ in range(4))
+    refused(client.put(f"{PREFIX}/config", content=content, headers=EDIT), 413)
+
+
+def test_a_wrong_method_says_which_ones_there_are(client):
+    response = client.delete(f"{PREFIX}/snapshot")
+    assert refused(response, 405)["type"] == "urn:voltwall:method-not-allowed"
+    assert "GET" in response.headers["allow"]
+
+
+@pytest.mark.parametrize("rate", ["nan", "-1", "0", "1e9", "x"])
+def test_a_rate_that_is_none_closes_the_stream(client, rate):
+    from starlette.websockets import WebSocketDisconnect
+
+    with pytest.raises(WebSocketDisconnect), client.websocket_connect(f"{PREFIX}/live?rate={rate}") as live:
+        live.receive_text()
+        live.receive_text()
