@@ -2,68 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from app.estimation.circuit import SECONDS_PER_HOUR, CellModel
+from app.estimation.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.estimation.estimates import Estimates
-from app.estimation.filters import per_cell, start_state
+from app.estimation.fusion import count_variance, move_count
 from app.estimation.inputs import InputGuard
-from app.estimation.marginal import SOC, StepInput
-from app.estimation.self_check import SelfCheck
+from app.estimation.marginal import MarginalFilter
+from app.estimation.record import Record, check_record, run_steps
+from app.estimation.self_check import check_model
+from app.estimation.start import per_cell, start_count, start_from_voltage
+from app.estimation.states import SOC, CellStates
 from app.estimation.tables import BRANCH, OVERPOTENTIAL, R0, PackedCell
 from app.estimation.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
 
-
-@dataclass
-class ChargeCount:
-    """SOC by counting from an anchor, for n cells.
-
-    sigma^2 = sigma_anchor^2 + (gain d)^2 + (offset t)^2, with d the SOC moved and t the time since the anchor:
-    gain and offset of a sensor are constants, so their errors add up in line, not in square.
-
-    Attributes:
-        soc: (n,) counted SOC.
-        anchor_soc: (n,) SOC at the anchor.
-        anchor_v2: (n,) its variance.
-        since_s: (n,) time since the anchor [s].
-    """
-
-    soc: FloatArray
-    anchor_soc: FloatArray
-    anchor_v2: FloatArray
-    since_s: FloatArray
-
-    def move(self, moved_soc: float, dt_s: float) -> None:
-        """Take a share of the capacity out of every cell."""
-        self.soc -= moved_soc
-        self.since_s += dt_s
-
-    def variance(self, tuning: Tuning) -> FloatArray:
-        """Return (n,) variance of the counted SOC."""
-        gain = tuning.counter_gain * (self.anchor_soc - self.soc)
-        offset = (tuning.counter_offset_c / SECONDS_PER_HOUR) * self.since_s
-        return np.asarray(self.anchor_v2 + gain * gain + offset * offset)
-
-
-def moved_soc(model: CellModel, current_a: float, dt_s: float) -> float:
-    """Return the share of the capacity that a held current takes out; charging counts times the efficiency."""
-    kept = model.coulombic_efficiency if current_a < 0 else 1.0
-    return kept * current_a * dt_s / (SECONDS_PER_HOUR * model.capacity_ah)
-
-
-def start_count(cell: PackedCell, tuning: Tuning, step: StepInput, soc: FloatArray, sigma: FloatArray) -> ChargeCount:
-    """Return a count that starts at the given SOC, or where it is NaN at what the voltage says."""
-    state = start_state(cell, tuning, step)
-    known = ~np.isnan(soc)
-    first = np.where(known, soc, state.mean[SOC])
-    variance = np.where(known, sigma * sigma, state.cov[SOC, SOC])
-    return ChargeCount(first.copy(), first, variance, np.zeros_like(first))
+SIGMA_MAX = 0.5
 
 
 class CoulombCounter:
@@ -73,29 +32,27 @@ class CoulombCounter:
         self.model = model
         self.tuning = tuning
         self.cell = PackedCell(model)
-        self.guard = InputGuard(self.cell, n_cells, tuning)
-        self._n_cells = n_cells
-        self._count: ChargeCount | None = None
-        self._branch = np.zeros((model.n_rc, n_cells))
-        self._hysteresis = np.zeros(n_cells)
-        self._check = SelfCheck(n_cells, tuning)
+        self.states = CellStates(model.n_rc, n_cells)
+        self.guard = InputGuard(self.cell, self.states, tuning)
+        self._process = MarginalFilter(self.cell, None, tuning)
+        self._is_started = False
 
     @property
     def n_cells(self) -> int:
         """Number of cells."""
-        return self._n_cells
+        return self.states.n_cells
 
     @property
     def state_mean(self) -> FloatArray:
         """(n_states, n_cells) SOC, then RC currents [A]; a copy."""
-        return np.concatenate((self._started().soc[None], self._branch))
+        return self.states.mean.copy()
 
     @property
     def state_cov(self) -> FloatArray:
-        """(n_cells, n_states, n_states) covariance; the RC currents are taken as known."""
-        d = 1 + self.model.n_rc
-        cov = np.zeros((self._n_cells, d, d))
-        cov[:, SOC, SOC] = self._started().variance(self.tuning)
+        """(n_cells, n_states, n_states) covariance; the RC currents are as good as the model says."""
+        cov = np.moveaxis(self.states.cov, 2, 0).copy()
+        cov[:, SOC, :] = cov[:, :, SOC] = 0.0
+        cov[:, SOC, SOC] = count_variance(self.states, self.tuning)
         return cov
 
     def start(
@@ -107,45 +64,44 @@ class CoulombCounter:
         soc_sigma: ArrayLike | None = None,
     ) -> None:
         """Set the state from one sample; see `CellEstimator.start`."""
-        step = self.guard.check(0.0, current_a, voltages_v, temperatures_degc)
-        given = per_cell("soc", np.nan if soc is None else soc, self._n_cells)
-        sigma = per_cell("soc_sigma", self.tuning.counter_soc_sigma if soc_sigma is None else soc_sigma, self._n_cells)
-        self._count = start_count(self.cell, self.tuning, step, given, sigma)
-        self._branch[:] = 0.0
-        self._hysteresis[:] = 0.0
-        self._check = SelfCheck(self._n_cells, self.tuning)
+        given = per_cell("soc", soc, np.nan, self.n_cells)
+        sigma = per_cell("soc_sigma", soc_sigma, self.tuning.counter_soc_sigma, self.n_cells)
+        sample = self.guard.check(0.0, current_a, voltages_v, temperatures_degc)
+        start_from_voltage(self.cell, self.states, self.tuning, sample)
+        start_count(self.states, given, sigma)
+        self._is_started = True
 
     def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> Estimates:
         """Return the estimates after one sample; see `CellEstimator.step`."""
-        count, model, cell = self._started(), self.model, self.cell
+        if not self._is_started:
+            raise EstimatorError("the counter has not been started")
+        state, model, cell = self.states, self.model, self.cell
         step = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
         i = step.current_a
-        moved = moved_soc(model, i, step.dt_s)
-        j, f = cell.place_soc(count.soc)
-        decay = np.exp(-step.dt_s / cell.tau_at(j, f, step.row, step.row_weight))
-        self._branch = decay * self._branch + (1.0 - decay) * i
-        count.move(moved, step.dt_s)
-        follow = np.exp(-model.hysteresis_rate * abs(moved))
-        self._hysteresis = follow * self._hysteresis - (1.0 - follow) * np.sign(moved)
-        j, f = cell.place_soc(count.soc)
+        self._process.predict(state, step)
+        move_count(state, self._process.moved_soc(i, step.dt_s), step.dt_s)
+        state.mean[SOC] = state.count_soc
+        j, f = cell.place_soc(state.count_soc)
         c = cell.circuit_at(j, f, step.row, step.row_weight)
         ocv = cell.ocv_at(j, f)
-        over = np.arcsinh(i / model.overpotential_current_a)
-        drop = i * c[R0] + over * c[OVERPOTENTIAL] + (c[BRANCH:] * self._branch).sum(axis=0)
-        predicted = ocv - drop + model.hysteresis_v * self._hysteresis
+        over = math.asinh(i / model.overpotential_current_a)
+        drop = i * c[R0] + over * c[OVERPOTENTIAL] + (c[BRANCH:] * state.mean[1:]).sum(axis=0)
+        predicted = ocv - drop + model.hysteresis_v * state.hysteresis
         innovation = step.voltage_v - predicted
         return Estimates(
-            soc=np.clip(count.soc, 0.0, 1.0),
-            soc_sigma=np.minimum(np.sqrt(count.variance(self.tuning)), 0.5),
+            soc=np.clip(state.count_soc, 0.0, 1.0),
+            soc_sigma=np.minimum(np.sqrt(count_variance(state, self.tuning)), SIGMA_MAX),
             ocv_v=ocv,
             voltage_v=predicted,
             innovation_v=innovation,
             innovation_sigma_v=np.sqrt(step.noise_v2 * step.noise_scale + self.tuning.sensor_v**2),
-            model_valid=self._check.step(step.dt_s, innovation, step.noise_v2),
-            accepted=np.zeros(self._n_cells, dtype=np.bool_),
+            model_valid=check_model(state, self.tuning, step.dt_s, innovation, step.noise_v2),
+            accepted=np.zeros(self.n_cells, dtype=np.bool_),
         )
 
-    def _started(self) -> ChargeCount:
-        if self._count is None:
-            raise EstimatorError("the counter has not been started")
-        return self._count
+    def run(
+        self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
+    ) -> Record:
+        """Return the estimates of a whole record; see `GaussianEstimator.run`."""
+        check_record(self.n_cells, dt_s, current_a, voltage_v, temperature_degc)
+        return run_steps(self, dt_s, current_a, voltage_v, temperature_degc)

@@ -1,67 +1,83 @@
-"""The recursive filters behind one interface: EKF, UKF and CDKF, all cells at once."""
+"""The filters behind one interface: EKF, UKF, CDKF, and the fusion of one of them with a charge count."""
 
 from __future__ import annotations
+
+import importlib.util
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.estimation.circuit import CellModel
-from app.estimation.errors import EstimatorError, ShapeError
+from app.estimation.errors import EstimatorError
 from app.estimation.estimates import Estimates
+from app.estimation.fusion import fuse, move_count
 from app.estimation.inputs import InputGuard
-from app.estimation.marginal import (
-    SOC,
-    SOC_MAX,
-    SOC_MIN,
-    SOC_VARIANCE_MAX,
-    FilterState,
-    MarginalFilter,
-    StepInput,
-    StepResult,
-)
-from app.estimation.self_check import SelfCheck
+from app.estimation.marginal import SOC_VARIANCE_MAX, MarginalFilter, StepResult
+from app.estimation.record import Record, check_record, record_from_rows, run_steps
+from app.estimation.self_check import check_model
 from app.estimation.sigma_points import SigmaRule
-from app.estimation.tables import BRANCH, OVERPOTENTIAL, R0, PackedCell
+from app.estimation.start import SLOPE_FLOOR_V, impose_soc, per_cell, start_count, start_from_voltage
+from app.estimation.states import SOC, CellStates
+from app.estimation.tables import PackedCell
 from app.estimation.tuning import Tuning
 
-FloatArray = NDArray[np.float64]
+if TYPE_CHECKING:
+    from app.estimation.fast import FastStep
 
-SLOPE_FLOOR_V = 0.02  # least slope by which a voltage error is turned into one of SOC
+FloatArray = NDArray[np.float64]
+Engine = Literal["auto", "numpy", "numba"]
 
 
 class GaussianEstimator:
-    """A marginalised filter over n_cells cells; `rule` None makes it the extended Kalman filter."""
+    """A marginalised filter over n_cells cells, alone or fused with a charge count.
 
-    def __init__(self, model: CellModel, n_cells: int, rule: SigmaRule | None, tuning: Tuning) -> None:
+    Alone, it starts from the SOC it is given. Fused, the filter starts from the voltage and the count from the SOC.
+    """
+
+    def __init__(
+        self,
+        model: CellModel,
+        n_cells: int,
+        rule: SigmaRule | None,
+        tuning: Tuning,
+        fused: bool = False,
+        engine: Engine = "auto",
+    ) -> None:
         self.model = model
         self.tuning = tuning
+        self.fused = fused
         self.cell = PackedCell(model)
-        self.guard = InputGuard(self.cell, n_cells, tuning)
+        self.states = CellStates(model.n_rc, n_cells)
+        self.guard = InputGuard(self.cell, self.states, tuning)
         self.filter = MarginalFilter(self.cell, rule, tuning)
-        self.state: FilterState | None = None
-        self._check = SelfCheck(n_cells, tuning)
-        self._n_cells = n_cells
+        self._fast = _fast_step(self.cell, self.states, rule, tuning, fused) if wants_numba(engine) else None
+        self._is_started = False
+
+    @property
+    def engine(self) -> str:
+        """What computes: "numba" or "numpy"."""
+        return "numpy" if self._fast is None else "numba"
 
     @property
     def n_cells(self) -> int:
         """Number of cells."""
-        return self._n_cells
+        return self.states.n_cells
 
     @property
     def state_mean(self) -> FloatArray:
-        """(n_states, n_cells) SOC, then RC currents [A]; a copy."""
-        return self.started().mean.copy()
+        """(n_states, n_cells) of the filter: SOC, then RC currents [A]; a copy."""
+        return self.states.mean.copy()
 
     @property
     def state_cov(self) -> FloatArray:
-        """(n_cells, n_states, n_states) covariance; a copy."""
-        return np.moveaxis(self.started().cov, 2, 0).copy()
+        """(n_cells, n_states, n_states) of the filter; a copy."""
+        return np.array(np.moveaxis(self.states.cov, 2, 0))
 
-    def started(self) -> FilterState:
-        """Return the state; EstimatorError before `start`."""
-        if self.state is None:
-            raise EstimatorError("the filter has not been started")
-        return self.state
+    @property
+    def counted_soc(self) -> FloatArray:
+        """(n_cells,) SOC of the charge count, where there is one; a copy."""
+        return np.array(self.states.count_soc)
 
     def start(
         self,
@@ -72,103 +88,98 @@ class GaussianEstimator:
         soc_sigma: ArrayLike | None = None,
     ) -> None:
         """Set the state from one sample; see `CellEstimator.start`."""
-        step = self.guard.check(0.0, current_a, voltages_v, temperatures_degc)
-        self.state = start_state(self.cell, self.tuning, step)
-        self._check = SelfCheck(self._n_cells, self.tuning)
-        if soc is not None:
-            given = per_cell("soc", soc, self._n_cells)
-            sigma = per_cell(
-                "soc_sigma", self.tuning.start_soc_sigma if soc_sigma is None else soc_sigma, self._n_cells
-            )
-            impose_soc(self.state, given, sigma)
+        n, tuning = self.n_cells, self.tuning
+        given = per_cell("soc", soc, np.nan, n)
+        sigma = per_cell("soc_sigma", soc_sigma, tuning.counter_soc_sigma if self.fused else tuning.start_soc_sigma, n)
+        sample = self.guard.check(0.0, current_a, voltages_v, temperatures_degc)
+        start_from_voltage(self.cell, self.states, tuning, sample)
+        if self.fused:
+            start_count(self.states, given, sigma)
+        else:
+            impose_soc(self.states, given, sigma)
+        self._is_started = True
 
     def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> Estimates:
         """Return the estimates after one sample; see `CellEstimator.step`."""
-        state = self.started()
+        self.require_start()
+        if self._fast is not None:
+            guard = self.guard
+            current = guard.common(dt_s, current_a)
+            voltages, temperatures = (
+                guard.array("voltages_v", voltages_v),
+                guard.array("temperatures_degc", temperatures_degc),
+            )
+            return self._fast.step(dt_s, current, voltages, temperatures)
+        state, tuning = self.states, self.tuning
         sample = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
         self.filter.predict(state, sample)
         result = self.filter.update(state, sample)
-        return self.report(sample, result)
-
-    def report(self, sample: StepInput, result: StepResult) -> Estimates:
-        """Return what the state and the last update say."""
-        state = self.started()
-        soc = state.mean[SOC]
-        j, f = self.cell.place_soc(soc)
+        soc, variance = state.mean[SOC], soc_variance(state, result, tuning)
+        if self.fused:
+            move_count(state, self.filter.moved_soc(sample.current_a, sample.dt_s), sample.dt_s)
+            soc, variance = fuse(state, tuning, sample.dt_s, variance)
         return Estimates(
             soc=np.minimum(np.maximum(soc, 0.0), 1.0),
-            soc_sigma=np.sqrt(soc_variance(state, result, self.tuning)),
-            ocv_v=self.cell.ocv_at(j, f),
+            soc_sigma=np.sqrt(variance),
+            ocv_v=self.cell.ocv_at(*self.cell.place_soc(soc)),
             voltage_v=result.predicted_v,
             innovation_v=result.innovation_v,
             innovation_sigma_v=result.innovation_sigma_v,
-            model_valid=self._check.step(sample.dt_s, result.innovation_v, sample.noise_v2),
+            model_valid=check_model(state, tuning, sample.dt_s, result.innovation_v, sample.noise_v2),
             accepted=result.accepted,
         )
 
+    def run(
+        self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
+    ) -> Record:
+        """Return the estimates of a whole record, as so many calls of `step` would give them.
 
-def soc_variance(state: FilterState, result: StepResult, tuning: Tuning) -> FloatArray:
-    """Return (n,) variance of the SOC with the error that averaging does not remove: P_zz + (bias / slope)^2."""
-    bias = tuning.bias_v / np.maximum(np.abs(result.slope_v), SLOPE_FLOOR_V)
-    return np.asarray(np.minimum(state.cov[SOC, SOC] + bias * bias, SOC_VARIANCE_MAX))
+        Args:
+            dt_s: (n_steps,) time since the previous sample, >= 0 [s].
+            current_a: (n_steps,) positive on discharge [A]; NaN = the last one counts.
+            voltage_v: (n_steps, n_cells) [V]; NaN where not measured.
+            temperature_degc: (n_steps, n_cells) [degC]; NaN = the last one counts.
 
+        Raises:
+            ShapeError: the arrays do not fit each other.
+            EstimatorError: a step is negative or not finite, or `start` was never called.
+        """
+        self.require_start()
+        check_record(self.n_cells, dt_s, current_a, voltage_v, temperature_degc)
+        if self._fast is None:
+            return run_steps(self, dt_s, current_a, voltage_v, temperature_degc)
+        held = np.array([self.guard.common(0.0, i) for i in current_a])
+        return record_from_rows(self._fast.record(dt_s, held, voltage_v, temperature_degc))
 
-def start_state(cell: PackedCell, tuning: Tuning, step: StepInput) -> FilterState:
-    """Return the state read off one sample: SOC from the voltage less the ohmic drop, RC currents unknown.
-
-    The drop over the RC pairs is unknown and so is the SOC because of it: both share a covariance.
-    A cell without a voltage starts at the mean of the others (at one half if there are none), as unknown as can be.
-    """
-    n = step.voltage_v.size
-    model = cell.model
-    v, i = step.voltage_v, step.current_a
-    soc = np.where(np.isnan(v), 0.5, model.ocv.soc_at(v))
-    over = np.arcsinh(i / model.overpotential_current_a)
-    for _ in range(3):
-        j, f = cell.place_soc(soc)
-        c = cell.circuit_at(j, f, step.row, step.row_weight)
-        soc = np.where(np.isnan(v), soc, model.ocv.soc_at(v + i * c[R0] + over * c[OVERPOTENTIAL]))
-    seen = ~np.isnan(v)
-    soc = np.where(seen, soc, soc[seen].mean() if seen.any() else 0.5)
-    slope = np.maximum(model.ocv.slope(soc), SLOPE_FLOOR_V)
-    branch_v2 = (tuning.start_branch_c * model.c_rate_a) ** 2 + i * i
-    d = 1 + model.n_rc
-    P = np.zeros((d, d, n))
-    z = np.zeros(n)
-    for k in range(model.n_rc):
-        share = c[BRANCH + k] / slope
-        z += share * share * branch_v2
-        P[SOC, k + 1] = P[k + 1, SOC] = share * branch_v2
-        P[k + 1, k + 1] = branch_v2
-    P[SOC, SOC] = z + step.noise_v2 * step.noise_scale / slope**2 + 1e-6
-    shrink = np.sqrt(np.minimum(1.0, SOC_VARIANCE_MAX / P[SOC, SOC]))
-    P[SOC] *= shrink
-    P[:, SOC] *= shrink
-    P[SOC, 1:] *= seen
-    P[1:, SOC] *= seen
-    P[SOC, SOC] = np.where(seen, P[SOC, SOC], SOC_VARIANCE_MAX)
-    mean = np.zeros((d, n))
-    mean[SOC] = np.clip(soc, SOC_MIN, SOC_MAX)
-    return FilterState(mean, P, np.zeros(n), np.zeros(n))
+    def require_start(self) -> None:
+        """EstimatorError before `start`."""
+        if not self._is_started:
+            raise EstimatorError("the filter has not been started")
 
 
-def impose_soc(state: FilterState, soc: FloatArray, sigma: FloatArray) -> None:
-    """Replace the SOC of a fresh state where one is given (not NaN), and forget what tied it to the RC currents."""
-    given = ~np.isnan(soc)
-    state.mean[SOC] = np.where(given, np.clip(soc, SOC_MIN, SOC_MAX), state.mean[SOC])
-    state.cov[SOC, 1:] *= ~given
-    state.cov[1:, SOC] *= ~given
-    variance = np.clip(sigma * sigma, 1e-8, SOC_VARIANCE_MAX)
-    state.cov[SOC, SOC] = np.where(given, variance, state.cov[SOC, SOC])
-
-
-def per_cell(name: str, values: ArrayLike, n_cells: int) -> FloatArray:
-    """Return a scalar or (n_cells,) argument as (n_cells,).
+def wants_numba(engine: Engine) -> bool:
+    """Return whether to compile; "auto" does where numba is installed.
 
     Raises:
-        ShapeError: it is neither.
+        EstimatorError: numba was asked for and is not installed.
     """
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape not in ((), (n_cells,)):
-        raise ShapeError(name, (n_cells,), array.shape)
-    return np.array(np.broadcast_to(array, (n_cells,)))
+    installed = importlib.util.find_spec("numba") is not None
+    if engine == "numba" and not installed:
+        raise EstimatorError("numba is not installed; it comes with voltwall[fast]")
+    return engine == "numba" or (engine == "auto" and installed)
+
+
+def _fast_step(cell: PackedCell, states: CellStates, rule: SigmaRule | None, tuning: Tuning, fused: bool) -> FastStep:
+    from app.estimation.fast import FastStep
+
+    return FastStep(cell, states, rule, tuning, fused)
+
+
+def soc_variance(state: CellStates, result: StepResult, tuning: Tuning) -> FloatArray:
+    """Return (n,) variance of the SOC with the error that averaging does not remove.
+
+    v_f = P_zz + (bias^2 + share * mean square of the innovation) / slope^2: a model that errs is trusted less.
+    """
+    slope = np.maximum(np.abs(result.slope_v), SLOPE_FLOOR_V)
+    bias_v2 = tuning.bias_v**2 + tuning.bias_share * state.check[1]
+    return np.asarray(np.minimum(state.cov[SOC, SOC] + bias_v2 / (slope * slope), SOC_VARIANCE_MAX))

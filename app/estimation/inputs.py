@@ -13,33 +13,53 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.marginal import StepInput
+from app.estimation.states import CellStates
 from app.estimation.tables import PackedCell
 from app.estimation.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
 
 TEMPERATURE_UNKNOWN_DEGC: Final = 25.0
+TEMPERATURE_MAX_DEGC: Final = 200.0  # beyond it, either way, the sensor is broken
 CURRENT_MAX_C: Final = 60.0  # a larger reading is a broken sensor, not a current
 VOLTAGE_MAX_V: Final = 6.0  # likewise: 6.5535 V is what the monitor says when it has not measured
 
 
 class InputGuard:
-    """Checks samples for n_cells cells and remembers the last current and the last temperatures."""
+    """Checks samples for the cells of one state and remembers the last current and the last temperatures."""
 
-    def __init__(self, cell: PackedCell, n_cells: int, tuning: Tuning) -> None:
+    def __init__(self, cell: PackedCell, state: CellStates, tuning: Tuning) -> None:
         self._cell = cell
-        self._n_cells = n_cells
+        self._state = state
         self._tuning = tuning
         self._current_max_a = CURRENT_MAX_C * cell.model.capacity_ah
         self._current_a = 0.0
         self._temperature_raw = b""
-        self._temperature_degc = np.full(n_cells, TEMPERATURE_UNKNOWN_DEGC)
+        state.temperature_degc[:] = TEMPERATURE_UNKNOWN_DEGC
         self._settle_temperature()
 
-    @property
-    def temperature_degc(self) -> FloatArray:
-        """(n,) temperatures in force [degC]."""
-        return self._temperature_degc
+    def common(self, dt_s: float, current_a: float) -> float:
+        """Return the current in force [A]: this one, or the last if this is missing or impossible.
+
+        Raises:
+            EstimatorError: dt_s is negative or not finite.
+        """
+        if not (math.isfinite(dt_s) and dt_s >= 0.0):
+            raise EstimatorError(f"a step of {dt_s} s is no step")
+        if abs(current_a) <= self._current_max_a:
+            self._current_a = float(current_a)
+        return self._current_a
+
+    def array(self, name: str, values: ArrayLike) -> FloatArray:
+        """Return values as (n_cells,) floats.
+
+        Raises:
+            ShapeError: they have another shape.
+        """
+        array = np.asarray(values, dtype=np.float64)
+        if array.shape != (self._state.n_cells,):
+            raise ShapeError(name, (self._state.n_cells,), array.shape)
+        return array
 
     def check(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> StepInput:
         """Return one sample as a filter wants it.
@@ -48,40 +68,34 @@ class InputGuard:
             ShapeError: an array is not (n_cells,).
             EstimatorError: dt_s is negative or not finite.
         """
-        if not (math.isfinite(dt_s) and dt_s >= 0.0):
-            raise EstimatorError(f"a step of {dt_s} s is no step")
-        if abs(current_a) <= self._current_max_a:
-            self._current_a = float(current_a)
-        voltage = self._array("voltages_v", voltages_v)
-        temperature = self._array("temperatures_degc", temperatures_degc)
+        current = self.common(dt_s, current_a)
+        voltage = self.array("voltages_v", voltages_v)
+        temperature = self.array("temperatures_degc", temperatures_degc)
         if not (voltage.max() < VOLTAGE_MAX_V and voltage.min() >= 0.0):
             voltage = np.where((voltage >= 0.0) & (voltage < VOLTAGE_MAX_V), voltage, np.nan)
         raw = temperature.tobytes()
         if raw != self._temperature_raw:
             self._temperature_raw = raw
-            self._temperature_degc = np.where(np.abs(temperature) < 200.0, temperature, self._temperature_degc)
+            known = np.abs(temperature) < TEMPERATURE_MAX_DEGC
+            np.copyto(self._state.temperature_degc, temperature, where=known)
             self._settle_temperature()
-        current_c = self._current_a / self._cell.model.capacity_ah
         return StepInput(
             dt_s=float(dt_s),
-            current_a=self._current_a,
-            noise_v2=self._tuning.voltage_variance(current_c),
+            current_a=current,
+            noise_v2=self._tuning.voltage_variance(current / self._cell.model.capacity_ah),
             correlation=self._tuning.correlation_factor(dt_s),
             noise_scale=self._noise_scale,
             voltage_v=voltage,
             row=self._row,
             row_weight=self._row_weight,
+            row3=self._row3,
+            row3_weight=self._row3_weight,
         )
 
     def _settle_temperature(self) -> None:
         grid = self._cell.temperature_grid_degc
-        t = self._temperature_degc
+        t = self._state.temperature_degc
         self._row, self._row_weight = self._cell.place(t)
+        self._row3, self._row3_weight = np.tile(self._row, 3), np.tile(self._row_weight, 3)
         outside_k = np.maximum(grid[0] - t, 0.0) + np.maximum(t - grid[-1], 0.0)
         self._noise_scale = (1.0 + self._tuning.cold_factor * outside_k / 10.0) ** 2
-
-    def _array(self, name: str, values: ArrayLike) -> FloatArray:
-        array = np.asarray(values, dtype=np.float64)
-        if array.shape != (self._n_cells,):
-            raise ShapeError(name, (self._n_cells,), array.shape)
-        return array

@@ -5,11 +5,11 @@ is nonlinear in SOC only and, at a given SOC, linear in the currents. With SOC f
 the centre and the two points along its first column see another SOC; every other pair lies symmetrically on a
 straight line. So three look-ups and closed-form algebra give the numbers of the full set:
 
-    g    = -R_k(z)                                   output per RC current
+    r    = R_k(z)                                    minus the output per RC current
     D    = (h+ - h-) / (2 c s),  s = sqrt(P_zz)      statistical slope along the first column
     q    = h+ + h- - 2 h0,       y = h0 + w q
-    P_xy = P_xz (D - p g / P_zz) + P_xi g,           p = P_zi
-    P_yy = P_zz D^2 + k q^2 + g P_ii g - (p g)^2 / P_zz
+    P_xy = P_xz (D + p r / P_zz) - P_xi r,           p = P_zi
+    P_yy = P_zz D^2 + k q^2 + r P_ii r - (p r)^2 / P_zz
 
 The update P - P_xy P_xy' / S cannot lose definiteness: S - P_xy' P^-1 P_xy = R + k q^2 > 0, and R is kept above
 a millionth of P_yy, so rounding cannot either. An EKF is the same algebra with D from the tangent and q = 0.
@@ -17,6 +17,7 @@ a millionth of P_yy, so rounding cannot either. An EKF is the same algebra with 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,39 +26,24 @@ from numpy.typing import NDArray
 
 from app.estimation.circuit import SECONDS_PER_HOUR
 from app.estimation.sigma_points import SigmaRule
-from app.estimation.tables import BRANCH, OVERPOTENTIAL, R0, SOC_LOW, PackedCell
+from app.estimation.states import SOC, CellStates
+from app.estimation.tables import BRANCH, OVERPOTENTIAL, R0, PackedCell
 from app.estimation.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 BoolArray = NDArray[np.bool_]
 
-SOC = 0
 SOC_VARIANCE_MAX: Final = 0.25  # no cell's SOC is less known than this
-SOC_VARIANCE_STEP: Final = 1e-12  # added every step, with its like for the currents: the floor of definiteness
+VARIANCE_STEP: Final = 1e-12  # added at every step, in units of 1 and C^2: the floor of definiteness
 NOISE_FLOOR_REL: Final = 1e-6  # least measurement variance, relative to P_yy
-SOC_MIN, SOC_MAX = SOC_LOW + 0.05, 1.05  # the mean is held here
-
-
-@dataclass
-class FilterState:
-    """Mean, covariance and gate of all cells.
-
-    Attributes:
-        mean: (d, n) SOC, then RC currents [A].
-        cov: (d, d, n) covariance.
-        hysteresis: (n,) hysteresis state, -1..1.
-        refused_s: (n,) for how long the innovations have been refused without a break [s].
-    """
-
-    mean: FloatArray
-    cov: FloatArray
-    hysteresis: FloatArray
-    refused_s: FloatArray
+SOC_MIN: Final = -0.05  # the mean is held here
+SOC_MAX: Final = 1.05
 
 
 @dataclass(frozen=True)
 class StepInput:
-    """What one step needs besides the state, common numbers first.
+    """What one step needs besides the state.
 
     Attributes:
         dt_s: step [s].
@@ -68,6 +54,8 @@ class StepInput:
         voltage_v: (n,) [V], NaN = missing.
         row: (n,) table row of the temperature.
         row_weight: (n,) weight of the next row.
+        row3: (3 n,) `row` three times, for the three sigma points.
+        row3_weight: (3 n,) likewise.
     """
 
     dt_s: float
@@ -76,13 +64,15 @@ class StepInput:
     correlation: float
     noise_scale: FloatArray
     voltage_v: FloatArray
-    row: NDArray[np.intp]
+    row: IntArray
     row_weight: FloatArray
+    row3: IntArray
+    row3_weight: FloatArray
 
 
 @dataclass(frozen=True)
 class StepResult:
-    """What the update saw, (n,) each: predicted output, innovation, its sigma, slope dv/dSOC, voltage used."""
+    """What the update saw, (n,) each; `slope_v` is dv/dSOC at held RC currents."""
 
     predicted_v: FloatArray
     innovation_v: FloatArray
@@ -98,105 +88,143 @@ class MarginalFilter:
         self.cell = cell
         self.rule = rule
         self.tuning = tuning
-        self._capacity_coulomb = SECONDS_PER_HOUR * cell.model.capacity_ah
+        self._decay_key = -1.0
+        self._decay = np.ones((1 + cell.model.n_rc, 1))
+        self._decay_outer = self._decay[:, None] * self._decay
 
-    def predict(self, state: FilterState, step: StepInput) -> None:
+    def moved_soc(self, current_a: float, dt_s: float) -> float:
+        """Return the share of the capacity that a held current takes out; charging counts times the efficiency."""
+        model = self.cell.model
+        kept = model.coulombic_efficiency if current_a < 0.0 else 1.0
+        return kept * current_a * dt_s / (SECONDS_PER_HOUR * model.capacity_ah)
+
+    def predict(self, state: CellStates, step: StepInput) -> None:
         """Move the state over one step of held current, in place."""
         tuning, model, x, P = self.tuning, self.cell.model, state.mean, state.cov
-        i, dt = step.current_a, step.dt_s
-        kept = model.coulombic_efficiency if i < 0 else 1.0
-        walk = min(tuning.soc_walk**2 * dt, SOC_VARIANCE_MAX) + SOC_VARIANCE_STEP
-        moved = kept * i * dt / self._capacity_coulomb
-        branch_variance = (tuning.branch_rel * i) ** 2 + (tuning.branch_c * model.c_rate_a) ** 2
+        moved = self.moved_soc(step.current_a, step.dt_s)
         if model.hysteresis_v:
-            follow = np.exp(-model.hysteresis_rate * abs(moved))
-            state.hysteresis = follow * state.hysteresis - (1.0 - follow) * np.sign(moved)
+            follow = math.exp(-model.hysteresis_rate * abs(moved))
+            state.hysteresis *= follow
+            state.hysteresis -= math.copysign(1.0 - follow, moved)
+        A, AA = self._transition(state, step)
+        branch_variance = (tuning.branch_rel * step.current_a) ** 2 + (tuning.branch_c * model.c_rate_a) ** 2
+        Q = (1.0 - A * A) * branch_variance + VARIANCE_STEP * model.c_rate_a**2
+        Q[SOC] = min(tuning.soc_walk**2 * step.dt_s, SOC_VARIANCE_MAX) + VARIANCE_STEP
+        B = (1.0 - A) * step.current_a
+        B[SOC] = -moved
         # x' = A x + B i,  P' = A P A' + Q
-        x[SOC] -= moved
-        if model.n_rc:
-            decay = self._decay(state, step)
-            x[1:] = decay * x[1:] + (1.0 - decay) * i
-            P[1:] *= decay[:, None]
-            P[:, 1:] *= decay
-            for k in range(model.n_rc):
-                P[k + 1, k + 1] += (1.0 - decay[k] ** 2) * branch_variance + SOC_VARIANCE_STEP * model.c_rate_a**2
-        shrink = np.sqrt(max(1.0 - walk / SOC_VARIANCE_MAX, 0.0))
-        P[SOC] *= shrink
-        P[:, SOC] *= shrink
-        P[SOC, SOC] += walk
+        x *= A
+        x += B
+        P *= AA
+        for k in range(x.shape[0]):
+            P[k, k] += Q[k]
 
-    def update(self, state: FilterState, step: StepInput) -> StepResult:
+    def update(self, state: CellStates, step: StepInput) -> StepResult:
         """Condition the state on one sample of voltages, in place."""
         tuning, x, P = self.tuning, state.mean, state.cov
         Pz = P[SOC, SOC]
-        predicted, slope, q2, g = self._output(state, step)
-        # acc = P_xi g,  pg = P_zi g
+        predicted, slope, kq2, r = self._output(state, step)
+        # acc = P_xi r,  acc[SOC] = p r
         acc = np.zeros_like(x)
-        for k in range(g.shape[0]):
-            acc += P[:, k + 1] * g[k]
-        pg = acc[SOC]
-        Pxy = P[SOC] * (slope - pg / Pz) + acc
-        Pyy = Pz * slope * slope + q2 + (g * acc[1:]).sum(axis=0) - pg * pg / Pz
-        low = np.maximum(tuning.empty_soc - x[SOC], 0.0) * ((tuning.empty_factor - 1.0) / tuning.empty_soc)
-        model_v2 = step.noise_v2 * step.noise_scale * (1.0 + low)
+        for k in range(r.shape[0]):
+            acc += P[k + 1] * r[k]
+        lean = acc[SOC] / Pz
+        Pxy = P[SOC] * (slope + lean) - acc
+        Pyy = Pz * slope * slope + kq2 - lean * acc[SOC]
+        for k in range(r.shape[0]):
+            Pyy += r[k] * acc[k + 1]
+        low = np.maximum(tuning.empty_soc - x[SOC], 0.0) * ((tuning.empty_factor - 1.0) / tuning.empty_soc) + 1.0
+        model_v2 = low * step.noise_scale * step.noise_v2
         R = np.maximum(model_v2 * step.correlation + tuning.sensor_v**2, NOISE_FLOOR_REL * Pyy)
         innovation = step.voltage_v - predicted
         expected = Pyy + model_v2 + tuning.sensor_v**2
         accepted = self._gate(state, step, innovation, expected)
-        S = Pyy + R
-        root = np.sqrt(S)
-        z = np.where(accepted, Pxy / root, 0.0)
-        x += z * np.where(accepted, innovation / root, 0.0)
+        # x' = x + P_xy nu / S,  P' = P - P_xy P_xy' / S: with z = P_xy / sqrt(S) it stays symmetric to the last bit
+        root = np.sqrt(Pyy + R)
+        if accepted.all():
+            z = Pxy / root
+            x += z * (innovation / root)
+        else:
+            z = np.where(accepted, Pxy / root, 0.0)
+            x += z * np.where(accepted, innovation / root, 0.0)
         P -= z[:, None] * z
-        x[SOC] = np.minimum(np.maximum(x[SOC], SOC_MIN), SOC_MAX)
-        return StepResult(predicted, innovation, np.sqrt(expected), slope, accepted)
+        np.clip(x[SOC], SOC_MIN, SOC_MAX, out=x[SOC])
+        return StepResult(predicted, innovation, np.sqrt(expected), slope + lean, accepted)
 
-    def _decay(self, state: FilterState, step: StepInput) -> FloatArray:
-        cell = self.cell
-        if cell.tau_fixed_s is not None:
-            return np.asarray(np.exp(-step.dt_s / cell.tau_fixed_s)[:, None])
-        j, f = cell.place_soc(state.mean[SOC])
-        return np.asarray(np.exp(-step.dt_s / cell.tau_at(j, f, step.row, step.row_weight)))
+    def _transition(self, state: CellStates, step: StepInput) -> tuple[FloatArray, FloatArray]:
+        """Return A (d, 1) or (d, n) and what multiplies P; the SOC's share is 1 in A and holds its variance in P."""
+        tau = self.cell.tau_fixed_s
+        if tau is not None and step.dt_s == self._decay_key:
+            return self._decay, self._decay_outer
+        if tau is not None:
+            self._decay_key = step.dt_s
+            A = np.concatenate(([1.0], np.exp(-step.dt_s / tau)))[:, None]
+        else:
+            j, f = self.cell.place_soc(state.mean[SOC])
+            slow = self.cell.tau_at(j, f, step.row, step.row_weight)
+            A = np.concatenate((np.ones((1, state.n_cells)), np.exp(-step.dt_s / slow)))
+        walk = min(self.tuning.soc_walk**2 * step.dt_s, SOC_VARIANCE_MAX) + VARIANCE_STEP
+        keep = A.copy()
+        keep[SOC] = math.sqrt(max(1.0 - walk / SOC_VARIANCE_MAX, 0.0))
+        self._decay, self._decay_outer = A, keep[:, None] * keep
+        return self._decay, self._decay_outer
 
-    def _output(self, state: FilterState, step: StepInput) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return mean output [V], slope D [V], k q^2 [V^2] and g (n_rc, n) [ohm], negative."""
+    def _output(self, state: CellStates, step: StepInput) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return mean output [V], slope D [V], k q^2 [V^2] and r (n_rc, n) [ohm]."""
+        if self.rule is None:
+            return self._tangent(state, step)
         cell, x, P, rule = self.cell, state.mean, state.cov, self.rule
-        i = step.current_a
-        over = np.arcsinh(i / cell.model.overpotential_current_a)
+        n = state.n_cells
         sd = np.sqrt(P[SOC, SOC])
-        offset = cell.model.hysteresis_v * state.hysteresis
-        if rule is None:
-            j, f = cell.place_soc(x[SOC])
-            c = cell.circuit_at(j, f, step.row, step.row_weight)
-            h0 = cell.ocv_at(j, f) - i * c[R0] - over * c[OVERPOTENTIAL] - (c[BRANCH:] * x[1:]).sum(axis=0) + offset
-            dc = cell.circuit_slope_at(j, step.row, step.row_weight)
-            pair = cell.ocv_slope.take(j, axis=1)
-            tangent = pair[0] + f * pair[1] - i * dc[R0] - over * dc[OVERPOTENTIAL] - (dc[BRANCH:] * x[1:]).sum(axis=0)
-            g = -c[BRANCH:]
-            pg = (g * P[SOC, 1:]).sum(axis=0)
-            return h0, tangent + pg / P[SOC, SOC], np.zeros_like(h0), g
-        n = sd.size
         reach = rule.spread * sd
-        points = np.concatenate((x[SOC], x[SOC] + reach, x[SOC] - reach))
-        j, f = cell.place_soc(points)
-        c = cell.circuit_at(j, f, np.tile(step.row, 3), np.tile(step.row_weight, 3))
-        shift = P[SOC, 1:] * (rule.spread / sd)
-        branch = np.concatenate((x[1:], x[1:] + shift, x[1:] - shift), axis=1)
-        h = cell.ocv_at(j, f) - i * c[R0] - over * c[OVERPOTENTIAL] - (c[BRANCH:] * branch).sum(axis=0)
-        h0, up, down = h[:n] + offset, h[n : 2 * n] + offset, h[2 * n :] + offset
+        d = x.shape[0]
+        points = np.empty((d, 3, n))
+        points[:, 0] = x
+        shift = P[SOC] * (rule.spread / sd)
+        np.add(x, shift, out=points[:, 1])
+        np.subtract(x, shift, out=points[:, 2])
+        flat = points.reshape(d, 3 * n)
+        j, f = cell.place_soc(flat[SOC])
+        c = cell.circuit_at(j, f, step.row3, step.row3_weight)
+        h = cell.ocv_at(j, f)
+        h -= step.current_a * c[R0]
+        if cell.has_overpotential:
+            h -= math.asinh(step.current_a / cell.model.overpotential_current_a) * c[OVERPOTENTIAL]
+        for k in range(d - 1):
+            h -= c[BRANCH + k] * flat[k + 1]
+        h0, up, down = h.reshape(3, n)
         q = up + down - 2.0 * h0
-        return h0 + rule.weight * q, (up - down) / (2.0 * reach), rule.curvature * q * q, -c[BRANCH:, :n]
+        mean = h0 + rule.weight * q
+        if cell.model.hysteresis_v:
+            mean += cell.model.hysteresis_v * state.hysteresis
+        return mean, (up - down) / (2.0 * reach), rule.curvature * q * q, c[BRANCH:, :n]
 
-    def _gate(self, state: FilterState, step: StepInput, innovation: FloatArray, expected: FloatArray) -> BoolArray:
+    def _tangent(self, state: CellStates, step: StepInput) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        cell, x, P = self.cell, state.mean, state.cov
+        i = step.current_a
+        over = math.asinh(i / cell.model.overpotential_current_a)
+        j, f = cell.place_soc(x[SOC])
+        c = cell.circuit_at(j, f, step.row, step.row_weight)
+        dc = cell.circuit_slope_at(j, step.row, step.row_weight)
+        r = c[BRANCH:]
+        h = cell.ocv_at(j, f) - i * c[R0] - over * c[OVERPOTENTIAL] - (r * x[1:]).sum(axis=0)
+        h += cell.model.hysteresis_v * state.hysteresis
+        tangent = cell.ocv_slope_at(j, f) - i * dc[R0] - over * dc[OVERPOTENTIAL] - (dc[BRANCH:] * x[1:]).sum(axis=0)
+        slope = tangent - (r * P[SOC, 1:]).sum(axis=0) / P[SOC, SOC]
+        return h, slope, np.zeros_like(h), r
+
+    def _gate(self, state: CellStates, step: StepInput, innovation: FloatArray, expected: FloatArray) -> BoolArray:
+        """Return (n,) which samples to use: inside the gate, or outside for so long that the state must be wrong."""
         tuning = self.tuning
-        inside = innovation * innovation <= tuning.gate**2 * expected
-        missing = np.isnan(innovation)
+        inside = np.asarray(innovation * innovation <= tuning.gate**2 * expected)
         if inside.all():
-            state.refused_s = np.zeros_like(state.refused_s)
-            return np.asarray(inside)
+            state.refused_s[:] = 0.0
+            return inside
+        missing = np.isnan(innovation)
         refused = ~inside & ~missing
-        state.refused_s = np.where(refused, state.refused_s + step.dt_s, np.where(missing, state.refused_s, 0.0))
+        state.refused_s[:] = np.where(refused, state.refused_s + step.dt_s, np.where(missing, state.refused_s, 0.0))
         believed = refused & (state.refused_s > tuning.gate_hold_s)
-        widened = np.minimum(state.cov[SOC, SOC] + tuning.gate_recovery**2 * step.dt_s, SOC_VARIANCE_MAX)
-        state.cov[SOC, SOC] = np.where(believed, np.maximum(widened, state.cov[SOC, SOC]), state.cov[SOC, SOC])
+        Pz = state.cov[SOC, SOC]
+        widened = np.minimum(Pz + tuning.gate_recovery**2 * step.dt_s, SOC_VARIANCE_MAX)
+        Pz[:] = np.where(believed, np.maximum(widened, Pz), Pz)
         return np.asarray(inside | believed)

@@ -29,6 +29,7 @@ class PackedCell:
         ocv: (2, N_SOC) value at the grid point and difference to the next [V].
         ocv_slope: (2, N_SOC) dOCV/dSOC, likewise; with a smoothed OCV this is the smoothed slope [V].
         circuit: (4, 2 + n_rc, n_t * N_SOC) value, difference in SOC, in temperature, and in both, of R0, e, R_k.
+        has_overpotential: False where e is 0 everywhere.
         tau_s: (n_rc, n_t, N_SOC) [s].
         tau_fixed_s: (n_rc,) when every time constant is the same at any SOC and temperature, else None [s].
     """
@@ -38,6 +39,7 @@ class PackedCell:
         soc = SOC_LOW + SOC_STEP * np.arange(N_SOC)
         self.ocv = _with_difference(model.ocv.voltage(soc))
         self.ocv_slope = _with_difference(model.ocv.slope(soc))
+        self.has_overpotential = bool(np.any(model.overpotential_v))
         self.temperature_grid_degc = model.temperature_grid_degc
         self.n_t = model.temperature_grid_degc.size
         values = model.parameters(soc[None, :], self.temperature_grid_degc[:, None])
@@ -69,6 +71,11 @@ class PackedCell:
     def ocv_at(self, j: IntArray, f: FloatArray) -> FloatArray:
         """Return the OCV [V] at grid places."""
         pair = self.ocv.take(j, axis=1)
+        return np.asarray(pair[0] + f * pair[1])
+
+    def ocv_slope_at(self, j: IntArray, f: FloatArray) -> FloatArray:
+        """Return dOCV/dSOC [V] at grid places."""
+        pair = self.ocv_slope.take(j, axis=1)
         return np.asarray(pair[0] + f * pair[1])
 
     def circuit_at(self, j: IntArray, f: FloatArray, row: IntArray, g: FloatArray) -> FloatArray:

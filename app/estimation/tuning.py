@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 
 @dataclass(frozen=True)
 class Tuning:
@@ -24,6 +22,7 @@ class Tuning:
         correlation_s: time over which the model's error stays [s].
         sensor_v: white noise of a voltage sample [V].
         bias_v: error that no averaging removes; enters the sigma that is reported, not the gain [V].
+        bias_share: share of the innovation's mean square that is such an error.
         cold_factor: growth of the model error for every 10 K outside the temperatures of the cell file.
         empty_soc: below this SOC the model error grows ...
         empty_factor: ... up to this many times at SOC 0.
@@ -50,6 +49,7 @@ class Tuning:
     correlation_s: float = 12.0
     sensor_v: float = 0.0015
     bias_v: float = 0.006
+    bias_share: float = 1.0
     cold_factor: float = 1.0
     empty_soc: float = 0.1
     empty_factor: float = 3.0
@@ -61,7 +61,7 @@ class Tuning:
     gate: float = 5.0
     gate_hold_s: float = 2.0
     gate_recovery: float = 0.02
-    counter_soc_sigma: float = 0.015
+    counter_soc_sigma: float = 0.01
     counter_gain: float = 0.01
     counter_offset_c: float = 0.005
     start_unknown: float = 0.02
@@ -77,7 +77,3 @@ class Tuning:
     def correlation_factor(self, dt_s: float) -> float:
         """Return the growth of one sample's variance that keeps the information per second honest."""
         return 1.0 + 2.0 * self.correlation_s / max(dt_s, 1e-3)
-
-    def charge_decay(self, dt_s: float, tau_s: float) -> float:
-        """Return the weight the old average keeps over a step."""
-        return float(np.exp(-dt_s / tau_s))

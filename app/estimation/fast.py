@@ -1,0 +1,95 @@
+"""The compiled engine of the filters: one call of a numba kernel for a step, one for a whole record.
+
+Importing this module without numba raises ImportError; `engine_of` in `filters` chooses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.estimation import kernels
+from app.estimation.circuit import SECONDS_PER_HOUR
+from app.estimation.estimates import Estimates
+from app.estimation.fusion import unknown_odds
+from app.estimation.sigma_points import SigmaRule
+from app.estimation.states import CellStates
+from app.estimation.tables import PackedCell
+from app.estimation.tuning import Tuning
+
+FloatArray = NDArray[np.float64]
+
+PAIR: Final = 2  # RC pairs of the kernel that is written out
+
+
+class FastStep:
+    """One compiled step over all cells of a state, for one cell model, rule and tuning; compiled when built."""
+
+    def __init__(
+        self, cell: PackedCell, states: CellStates, rule: SigmaRule | None, tuning: Tuning, fused: bool
+    ) -> None:
+        ocv = np.ascontiguousarray(np.concatenate((cell.ocv, cell.ocv_slope)).T)
+        circuit = np.ascontiguousarray(cell.circuit.transpose(2, 0, 1))
+        tau = cell.tau_s if cell.tau_fixed_s is None else cell.tau_fixed_s.reshape(-1, 1, 1).copy()
+        grid = np.ascontiguousarray(cell.temperature_grid_degc)
+        numbers = _numbers(cell, rule, tuning, fused)
+        self._states = states
+        self._tables = (ocv, circuit, tau, grid, numbers)
+        is_pair = rule is not None and cell.model.n_rc == PAIR and cell.tau_fixed_s is not None
+        self._advance: Any = kernels.advance_pair if is_pair else kernels.advance_any
+        self._record: Any = kernels.record_pair if is_pair else kernels.record_any
+        self._warm_up()
+
+    def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> Estimates:
+        """Return the estimates after one sample that `InputGuard` has checked for shape, step and current."""
+        out = np.empty((kernels.N_OUT, voltage_v.size))
+        self._advance(self._states.block, *self._tables, dt_s, current_a, voltage_v, temperature_degc, out)
+        soc, sigma, ocv, predicted, innovation, innovation_sigma, valid, accepted = out
+        return Estimates(soc, sigma, ocv, predicted, innovation, innovation_sigma, valid != 0.0, accepted != 0.0)
+
+    def record(
+        self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
+    ) -> FloatArray:
+        """Return (n_steps, 8, n_cells): the fields of `Estimates` in their order, for a whole record.
+
+        Args:
+            dt_s: (n_steps,) [s].
+            current_a: (n_steps,) finite [A].
+            voltage_v: (n_steps, n_cells) [V].
+            temperature_degc: (n_steps, n_cells) [degC].
+        """
+        out = np.empty((dt_s.size, kernels.N_OUT, self._states.n_cells))
+        self._record(self._states.block, *self._tables, dt_s, current_a, voltage_v, temperature_degc, out)
+        return out
+
+    def _warm_up(self) -> None:
+        """Compile, or load from the cache, with a state of no cells."""
+        block = np.zeros((self._states.block.shape[0], 0))
+        none, out = np.zeros(0), np.zeros((kernels.N_OUT, 0))
+        self._advance(block, *self._tables, 0.1, 0.0, none, none, out)
+        self._record(block, *self._tables, none, none, np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 8, 0)))
+
+
+def _numbers(cell: PackedCell, rule: SigmaRule | None, tuning: Tuning, fused: bool) -> FloatArray:
+    """Return everything scalar that the kernels read, in the order of `kernels.Numbers`."""
+    model = cell.model
+    values: dict[str, float] = {
+        "is_sigma": 0.0 if rule is None else 1.0,
+        "is_fused": 1.0 if fused else 0.0,
+        "spread": rule.spread if rule else 0.0,
+        "weight": rule.weight if rule else 0.0,
+        "curvature": rule.curvature if rule else 0.0,
+        "unknown_odds": unknown_odds(tuning),
+        "capacity_coulomb": SECONDS_PER_HOUR * model.capacity_ah,
+        "capacity_ah": model.capacity_ah,
+        "efficiency": model.coulombic_efficiency,
+        "i_ref": model.overpotential_current_a,
+        "hysteresis_v": model.hysteresis_v,
+        "hysteresis_rate": model.hysteresis_rate,
+        "empty_slope": (tuning.empty_factor - 1.0) / tuning.empty_soc,
+    }
+    values |= asdict(tuning)
+    return np.array([values[name] for name in kernels.Numbers._fields])

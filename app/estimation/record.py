@@ -1,0 +1,72 @@
+"""Whole records at once: the arrays that go in, the arrays that come out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.estimation.errors import EstimatorError, ShapeError
+from app.estimation.estimates import CellEstimator, Estimates
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Record:
+    """`Estimates` of every step; each array is (n_steps, n_cells)."""
+
+    soc: FloatArray
+    soc_sigma: FloatArray
+    ocv_v: FloatArray
+    voltage_v: FloatArray
+    innovation_v: FloatArray
+    innovation_sigma_v: FloatArray
+    model_valid: BoolArray
+    accepted: BoolArray
+
+
+def check_record(
+    n_cells: int, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
+) -> None:
+    """Refuse arrays that do not fit each other.
+
+    Raises:
+        ShapeError: a shape is not (n_steps,) or (n_steps, n_cells).
+        EstimatorError: a step is negative or not finite.
+    """
+    n = dt_s.size
+    for name, array, shape in (
+        ("dt_s", dt_s, (n,)),
+        ("current_a", current_a, (n,)),
+        ("voltage_v", voltage_v, (n, n_cells)),
+        ("temperature_degc", temperature_degc, (n, n_cells)),
+    ):
+        if array.shape != shape:
+            raise ShapeError(name, shape, array.shape)
+    if not (np.isfinite(dt_s).all() and (dt_s >= 0.0).all()):
+        raise EstimatorError("a step is negative or not finite")
+
+
+def run_steps(
+    estimator: CellEstimator,
+    dt_s: FloatArray,
+    current_a: FloatArray,
+    voltage_v: FloatArray,
+    temperature_degc: FloatArray,
+) -> Record:
+    """Return the estimates of a record by calling `step` for every sample."""
+    rows = np.empty((dt_s.size, len(fields(Estimates)), estimator.n_cells))
+    for k in range(dt_s.size):
+        estimates = estimator.step(float(dt_s[k]), float(current_a[k]), voltage_v[k], temperature_degc[k])
+        for row, field in zip(rows[k], fields(Estimates), strict=True):
+            row[:] = getattr(estimates, field.name)
+    return record_from_rows(rows)
+
+
+def record_from_rows(rows: FloatArray) -> Record:
+    """Return a record from (n_steps, 8, n_cells), the fields of `Estimates` in their order."""
+    soc, sigma, ocv, predicted, innovation, innovation_sigma, valid, accepted = np.moveaxis(rows, 1, 0)
+    return Record(soc, sigma, ocv, predicted, innovation, innovation_sigma, valid != 0.0, accepted != 0.0)

@@ -1,0 +1,62 @@
+"""All that a filter remembers, as rows of one array over the cells: numpy reads it as views, numba as the block."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+SOC: Final = 0  # first row of the mean; the RC currents follow
+N_SLOW: Final = 10
+(
+    HYSTERESIS,
+    REFUSED,
+    TEMPERATURE,
+    CHECK_MEAN,
+    CHECK_SQUARE,
+    COUNT,
+    ANCHOR_SOC,
+    ANCHOR_V2,
+    SINCE,
+    DOUBT,
+) = range(N_SLOW)  # rows behind the mean and the covariance
+
+
+class CellStates:
+    """State of n cells with n_rc RC pairs; d = 1 + n_rc.
+
+    Attributes:
+        block: (d + d d + 10, n) everything below, one row each.
+        mean: (d, n) SOC, then RC currents [A].
+        cov: (d, d, n) covariance.
+        hysteresis: (n,) -1 after discharge .. 1 after charge.
+        refused_s: (n,) how long the innovations have been refused without a break [s].
+        temperature_degc: (n,) last temperature that was measured [degC].
+        check: (2, n) running mean [V] and mean square [V^2] of the scaled innovation.
+        count_soc: (n,) SOC by counting charge.
+        anchor_soc: (n,) where the count started.
+        anchor_v2: (n,) variance of that.
+        since_s: (n,) time since then [s].
+        doubt_s: (n,) how long the count has been less likely than the filter [s].
+    """
+
+    def __init__(self, n_rc: int, n_cells: int) -> None:
+        d = 1 + n_rc
+        self.n_rc = n_rc
+        self.n_cells = n_cells
+        self.block: FloatArray = np.zeros((d + d * d + N_SLOW, n_cells))
+        slow = self.block[d + d * d :]
+        self.mean = self.block[:d]
+        self.cov = self.block[d : d + d * d].reshape(d, d, n_cells)
+        self.hysteresis = slow[HYSTERESIS]
+        self.refused_s = slow[REFUSED]
+        self.temperature_degc = slow[TEMPERATURE]
+        self.check = slow[CHECK_MEAN : CHECK_SQUARE + 1]
+        self.count_soc = slow[COUNT]
+        self.anchor_soc = slow[ANCHOR_SOC]
+        self.anchor_v2 = slow[ANCHOR_V2]
+        self.since_s = slow[SINCE]
+        self.doubt_s = slow[DOUBT]
