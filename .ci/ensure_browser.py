@@ -11,15 +11,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-NAMES = ("chromium", "chromium-browser", "google-chrome")
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 APT = ["apt-get", "-o", "DPkg::Lock::Timeout=120"]
 
 
 def find_browser() -> str | None:
-    """Return the browser's path: `VOLTWALL_BROWSER` if set, else the first of the usual names on the path."""
-    named = os.environ.get("VOLTWALL_BROWSER")
-    if named:
-        return shutil.which(named)
+    """Return the path of the first of the usual names that is on the path."""
     return next((path for path in map(shutil.which, NAMES) if path), None)
 
 
@@ -46,7 +43,7 @@ def main() -> int:
         return 0
     print(
         "chromium is missing, so the browser tests are skipped: install it (Debian: apt-get install chromium;"
-        " macOS: brew install --cask chromium), or name a Chrome with VOLTWALL_BROWSER=/path/to/chrome",
+        " macOS: brew install --cask chromium), or put a Chrome on the path",
         flush=True,
     )
     return 1 if os.environ.get("CI") == "true" else 0
