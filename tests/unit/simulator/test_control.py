@@ -1,0 +1,129 @@
+import json
+import selectors
+import socket
+import stat
+from pathlib import Path
+
+import pytest
+
+from simulator.control import Control
+from simulator.control_server import MAX_REQUEST, ControlServer
+from simulator.director import Director
+from simulator.runner import Runner
+from simulator.scenario import find_scenario
+
+
+@pytest.fixture
+def director() -> Director:
+    return Director(find_scenario("skid-pad"))
+
+
+@pytest.fixture
+def control(director) -> Control:
+    return Control(director, Runner(director.simulation))
+
+
+def test_inject_and_clear_name_cells_as_people_do(control, director):
+    assert control.answer({"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 7, "value": 2}) == {"ok": True}
+    assert director.simulation.accumulator.extra_joint_ohm[30] == pytest.approx(2e-3)
+    active = control.answer({"do": "status"})["active"]
+    assert active == [{"fault": "loose-joint", "value": 2.0, "since_s": 0.0, "until_s": None, "pack": 3, "cell": 7}]
+    assert control.answer({"do": "clear", "fault": "loose-joint", "pack": 3, "cell": 7})["ok"]
+    assert control.answer({"do": "status"})["active"] == []
+
+
+def test_catalogue_is_enough_to_build_a_form(control):
+    faults = control.answer({"do": "faults"})["faults"]
+    assert {"fault", "meaning", "target", "unit", "minimum", "maximum", "default"} <= set(faults[0])
+    for fault in faults:
+        places = {"none": {}, "pack": {"pack": 1}, "cell": {"pack": 1, "cell": 1}}[fault["target"]]
+        request = {"do": "inject", "fault": fault["fault"], "value": fault["default"], "for_s": 5, **places}
+        assert control.answer(request) == {"ok": True}, fault
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {},
+        {"do": "explode"},
+        {"do": "inject"},
+        {"do": "inject", "fault": "loose-joint"},
+        {"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 13},
+        {"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 1.5},
+        {"do": "inject", "fault": "current-offset", "value": "much"},
+        {"do": "inject", "fault": "current-offset", "value": True},
+        {"do": "speed", "value": 0},
+        {"do": "speed"},
+        {"do": "unplug"},
+        {"do": "unplug", "for_s": -1},
+    ],
+)
+def test_requests_that_make_no_sense_are_refused_with_a_reason(control, request_):
+    answer = control.answer(request_)
+    assert answer["ok"] is False
+    assert answer["error"]
+
+
+def test_next_goes_on_to_the_next_phase():
+    director = Director(find_scenario("race-day"))
+    control = Control(director, Runner(director.simulation))
+    assert control.answer({"do": "status"})["phase"] == "endurance"
+    control.answer({"do": "next"})
+    assert control.answer({"do": "status"})["phase"] == "rest"
+
+
+class Client:
+    """A client whose server runs in this thread."""
+
+    def __init__(self, server: ControlServer, client: socket.socket) -> None:
+        self.server = server
+        self.client = client
+        client.settimeout(5)
+
+    def says(self, line: bytes, selector: selectors.BaseSelector) -> dict[str, object] | None:
+        self.client.sendall(line)
+        self.client.setblocking(False)
+        for _ in range(200):
+            for key, _ in selector.select(0.05):
+                key.data()
+            try:
+                data = self.client.recv(1 << 16)
+            except BlockingIOError:
+                continue
+            except ConnectionResetError:
+                return None
+            return json.loads(data) if data else None
+        raise AssertionError("no answer")
+
+
+def test_unix_socket_answers_and_is_closed_to_others(control, tmp_path):
+    path = tmp_path / "control"
+    selector = selectors.DefaultSelector()
+    server = ControlServer(str(path), control)
+    server.open(selector)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    with socket.socket(socket.AF_UNIX) as raw:
+        raw.connect(str(path))
+        client = Client(server, raw)
+        assert client.says(b'{"do": "status"}\n', selector)["scenario"] == "skid-pad"
+        assert client.says(b"not json\n", selector)["ok"] is False
+        assert client.says(b"[]\n", selector)["ok"] is False
+        assert client.says(b"x" * (MAX_REQUEST + 1), selector) is None
+    server.close()
+    assert not path.exists()
+
+
+def test_tcp_wants_the_token_of_the_file(control):
+    selector = selectors.DefaultSelector()
+    server = ControlServer("0", control)
+    server.open(selector)
+    port, token_file = server.url.removeprefix("tcp:").split(" token:")
+    assert stat.S_IMODE(Path(token_file).stat().st_mode) == 0o600
+    token = Path(token_file).read_text()
+    with socket.create_connection(("127.0.0.1", int(port))) as raw:
+        client = Client(server, raw)
+        assert client.says(b'{"do": "status"}\n', selector)["ok"] is False
+        assert client.says(b'{"do": "status", "token": "wrong"}\n', selector)["ok"] is False
+        assert client.says(json.dumps({"do": "status", "token": token}).encode() + b"\n", selector)["ok"] is True
+    server.close()
+    assert not Path(token_file).exists()

@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+
+from simulator.accumulator import AccumulatorParameters
+from simulator.errors import FaultError
+from simulator.faults import FAULTS, FaultBoard, Target, cell_index
+from simulator.simulation import Simulation
+
+
+@pytest.fixture
+def simulation() -> Simulation:
+    return Simulation(AccumulatorParameters())
+
+
+def state(simulation: Simulation) -> list[object]:
+    """Return everything that faults change, comparable."""
+    accumulator, board = simulation.accumulator, simulation.board
+    arrays = (
+        accumulator.extra_joint_ohm, accumulator.capacity_factor, accumulator.resistance_factor, accumulator.leak_a,
+        accumulator.heat_w, board.cell_inputs.stuck_v, board.cell_inputs.extra_noise_v,
+        board.cell_inputs.temperature_stuck_degc, board.cell_inputs.temperature_unplugged, board.chain.is_powered,
+    )  # fmt: skip
+    unit, line = simulation.charger.unit, simulation.line
+    return [
+        *(np.array2string(array, threshold=200) for array in arrays),
+        accumulator.fan_blocked, accumulator.ambient_degc, frozenset(board.chain.open_wires),
+        board.chain.bit_error_rate, board.current_sensor.is_unplugged, board.current_sensor.extra_offset_a,
+        frozenset(board.eeprom.worn_pages), line.noise_per_byte, line.is_dropping, line.is_stuck,
+        simulation.is_bus_off, simulation.bus.is_broken, unit.extra_heat_w, unit.has_mains, unit.is_reversed,
+        unit.is_silent, unit.has_hardware_fault, simulation.master is None,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_each_fault_changes_something_and_leaves_nothing_behind(simulation, name):
+    board = FaultBoard(simulation)
+    target = 0 if FAULTS[name].target is Target.NONE else 5
+    before = state(simulation)
+    board.inject(name, target)
+    assert state(simulation) != before
+    if not FAULTS[name].is_instant:
+        assert [fault.name for fault in board.active] == [name]
+        board.clear(name, target)
+        assert state(simulation) == before
+    assert board.active == ()
+
+
+def test_a_fault_ends_after_its_time(simulation):
+    board = FaultBoard(simulation)
+    board.inject("lost-slave", 3, for_s=10)
+    board.step(9.9)
+    assert not simulation.board.chain.is_powered[3]
+    board.step(10.0)
+    assert simulation.board.chain.is_powered[3]
+
+
+def test_the_same_fault_again_replaces_the_first(simulation):
+    board = FaultBoard(simulation)
+    board.inject("loose-joint", 7, 1.0, for_s=1)
+    board.inject("loose-joint", 7, 5.0)
+    board.inject("loose-joint", 8, 2.0)
+    board.step(100.0)
+    assert simulation.accumulator.extra_joint_ohm[[7, 8]] == pytest.approx([5e-3, 2e-3])
+    board.clear_all()
+    assert not simulation.accumulator.extra_joint_ohm.any()
+
+
+@pytest.mark.parametrize(
+    ("name", "target", "value", "for_s"),
+    [
+        ("flat-tyre", 0, None, None),
+        ("loose-joint", 96, None, None),
+        ("lost-slave", 8, None, None),
+        ("current-offset", 1, None, None),
+        ("loose-joint", 0, 51.0, None),
+        ("loose-joint", 0, float("nan"), None),
+        ("loose-joint", 0, 1.0, 0.0),
+    ],
+)
+def test_what_cannot_be_is_refused(simulation, name, target, value, for_s):
+    with pytest.raises(FaultError):
+        FaultBoard(simulation).inject(name, target, value, for_s)
+
+
+def test_cells_are_named_as_people_count():
+    assert cell_index(1, 1) == 0
+    assert cell_index(8, 12) == 95
+    with pytest.raises(FaultError):
+        cell_index(0, 1)

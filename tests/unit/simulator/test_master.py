@@ -1,0 +1,208 @@
+import numpy as np
+import pytest
+
+from firmware_protocol.framing import LINE_BYTES_PER_S
+from firmware_protocol.memory_map import FIELDS, T_MISSING
+from firmware_protocol.messages import Command, CommandId, EventCode, MessageType, Result, Write
+from simulator.loads import ConstantCurrent, Rest
+from simulator.memory import FLAG
+from simulator.relays import RelayState
+
+
+def start_driving(host, amps: float = 50.0) -> None:
+    host.simulation.set_load(ConstantCurrent(amps))
+    host.run(2.0)
+    assert host.simulation.master.relay_state is RelayState.VEHICLE
+
+
+def test_nothing_streams_before_x_and_after_y(host):
+    host.run(1.0)
+    assert {frame.type for frame in host.frames} == {MessageType.EVENT}
+    host.simulation.receive(b"x")
+    host.run(1.0)
+    n_frames = len(host.frames)
+    assert n_frames > 10
+    host.simulation.receive(b"y")
+    host.run(0.1)
+    n_frames = len(host.frames)
+    host.run(1.0)
+    assert len(host.frames) == n_frames
+
+
+def test_no_stretch_of_the_stream_is_faster_than_the_line(host):
+    host.ask(Write(0, host.config(ts=20)))
+    host.simulation.receive(b"x")
+    host.arrivals.clear()
+    host.run(5.0)
+    times = np.array([time for time, _ in host.arrivals])
+    sizes = np.array([size for _, size in host.arrivals])
+    gaps = np.diff(times)
+    assert (gaps >= sizes[1:] / LINE_BYTES_PER_S - 1e-9).all()
+    assert sizes.sum() / 5.0 > 0.97 * LINE_BYTES_PER_S  # and none of it is wasted
+
+
+def test_fast_frames_leave_every_ts_and_slow_ones_fill_the_struct(host):
+    host.simulation.receive(b"x")
+    host.run(3.0)
+    fast = [frame.uptime_ms for frame in host.frames if frame.type == MessageType.DATA and len(frame.body) > 300]
+    assert set(np.diff(fast)) <= {99, 100, 101}
+    image = host.simulation.master.memory.image
+    steady = slice(0, 420), slice(440, 526), slice(2396, 2982)  # configuration, slave 0 to its cfgr, capacities
+    assert all(host.image[part] == image[part] for part in steady)
+    assert min(FIELDS["slave[7].cvr"].unpack(host.image)) > 30_000
+
+
+def test_sequence_numbers_count_every_frame(host):
+    host.simulation.receive(b"x")
+    host.ask(Command(CommandId.SET_SOC, 5000))
+    host.run(20.0)
+    steps = {(b.sequence - a.sequence) & 0xFF for a, b in zip(host.frames, host.frames[1:], strict=False)}
+    assert steps == {1}
+    assert len(host.frames) > 256
+
+
+def test_measured_values_are_within_the_hardware_s_errors(host):
+    host.simulation.receive(b"x")
+    start_driving(host)
+    host.run(3.0)
+    accumulator = host.simulation.accumulator
+    v = np.array(FIELDS["v"].unpack(host.image)) * 1e-4
+    t = np.array(FIELDS["t"].unpack(host.image))
+    assert np.abs(v - accumulator.terminal_voltage_v).max() < 3e-3
+    assert np.abs(t - accumulator.temperature_degc).max() <= 1.0
+    assert host.value("i_fc") == pytest.approx(5_000, abs=150)
+    assert host.value("v_tot") == pytest.approx(accumulator.voltage_v * 100, rel=1e-3)
+    assert host.value("v_min") == min(FIELDS["v"].unpack(host.image))
+    assert host.value("v_max_id") == int(v.argmax())
+    assert host.value("n_slaves") == 8
+
+
+def test_voltage_filter_weights_the_new_sample_by_alpha(host):
+    host.ask(Write(0, host.config(v_alpha=0.1)))
+    inputs = host.simulation.board.cell_inputs
+    host.run(1.0)
+    memory = host.simulation.master.memory
+    before = int(memory.v[10])
+    inputs.stuck_v[10] = 3.0
+    inputs.faults_changed()
+    host.run(0.02)
+    assert int(memory.v[10]) - before == pytest.approx(0.1 * (30_000 - before), abs=3)
+    host.run(2.0)
+    assert int(memory.v[10]) == pytest.approx(30_000, abs=2)
+
+
+def test_soc_starts_from_the_voltage_and_counts_the_current(host):
+    memory = host.simulation.master.memory
+    soc = FIELDS["soc"]
+    assert soc.unpack(memory.image)[0] == pytest.approx(7000, abs=150)
+    host.ask(Command(CommandId.SET_SOC, 6000))
+    start_driving(host, amps=90.0)
+    before = soc.unpack(memory.image)[0]
+    host.run(60.0)
+    drawn_ah = 90.0 * 60 / 3600
+    assert before - soc.unpack(memory.image)[0] == pytest.approx(drawn_ah / 25 * 1e4, rel=0.03)
+
+
+def test_a_trip_opens_the_relays_and_stays_until_cleared(host):
+    start_driving(host)
+    host.simulation.board.chain.set_powered(2, False)
+    host.run(1.0)
+    assert host.events[-1].code == EventCode.TRIP_SLAVE_LOST
+    assert host.events[-1].cell == 24
+    assert host.simulation.master.relay_state is RelayState.OPEN
+    assert host.simulation.current_a == 0.0
+    assert host.ask(Command(CommandId.CLEAR_FAULTS)).result == Result.NOT_NOW
+    host.simulation.board.chain.set_powered(2, True)
+    host.run(1.0)
+    assert host.simulation.master.relay_state is RelayState.OPEN
+    assert host.ask(Command(CommandId.CLEAR_FAULTS)).result == Result.DONE
+    host.run(2.0)
+    assert host.simulation.master.relay_state is RelayState.VEHICLE
+
+
+def test_cells_of_a_lost_slave_are_missing_and_not_zero_volts_for_the_minimum(host):
+    host.simulation.receive(b"x")
+    host.simulation.board.chain.set_powered(7, False)
+    host.run(2.0)
+    assert set(FIELDS["v"].unpack(host.image)[84:]) == {0}
+    assert set(FIELDS["t"].unpack(host.image)[84:]) == {T_MISSING}
+    assert host.value("v_min") > 30_000
+    assert host.value("t_min") > 0
+    assert host.value("n_slaves") == 7
+    assert FIELDS["slave[7].status"].unpack(host.image)[0] == 255
+    assert EventCode.TRIP_V_MIN not in {event.code for event in host.events}
+
+
+def test_charging_is_refused_while_driving_and_driving_while_charging(host):
+    start_driving(host)
+    assert host.ask(Command(CommandId.CHARGE_START)).result == Result.NOT_NOW
+    assert host.ask(Command(CommandId.BALANCE_START)).result == Result.NOT_NOW
+    assert host.ask(Command(CommandId.RESET)).result == Result.NOT_NOW
+    host.simulation.set_load(Rest())
+    host.simulation.charger.is_plugged = True
+    host.run(1.0)
+    assert host.ask(Command(CommandId.CHARGE_START)).result == Result.DONE
+    host.run(20.0)
+    assert host.simulation.master.relay_state is RelayState.CHARGER
+    assert host.simulation.current_a < -4.0
+    host.simulation.set_load(ConstantCurrent(50.0))
+    host.run(2.0)
+    assert host.simulation.master.relay_state is RelayState.CHARGER
+
+
+def test_charging_stops_when_the_charger_is_pulled(host):
+    host.simulation.charger.is_plugged = True
+    host.run(1.0)
+    host.ask(Command(CommandId.CHARGE_START))
+    host.run(10.0)
+    assert host.simulation.master.memory.flags & FLAG["charging"]
+    host.simulation.charger.is_plugged = False
+    host.run(7.0)
+    assert not host.simulation.master.memory.flags & (FLAG["charging"] | FLAG["charger"])
+    assert host.simulation.master.relay_state is RelayState.OPEN
+
+
+def test_balancing_by_command_bleeds_high_cells_and_ends_by_itself(make_host):
+    host = make_host(soc=0.7)
+    host.ask(Write(0, host.config(balance_threshold=0.002)))
+    host.run(1.0)
+    host.ask(Command(CommandId.BALANCE_START))
+    host.run(3.0)
+    bled = host.simulation.board.chain.discharging
+    voltages = host.simulation.accumulator.terminal_voltage_v
+    assert bled.any()
+    assert voltages[bled].min() > voltages.min() + 1e-3
+    assert host.simulation.master.memory.flags & FLAG["balancing"]
+    host.ask(Write(0, host.config(balance_threshold=0.2)))
+    host.run(2.0)
+    assert not host.simulation.board.chain.discharging.any()
+    assert not host.simulation.master.memory.flags & FLAG["balancing"]
+
+
+def test_fan_override_holds_until_given_back(host):
+    host.ask(Command(CommandId.FAN_OVERRIDE, 200))
+    host.run(0.1)
+    assert host.simulation.master.memory.charger("fan_duty") == 200
+    host.ask(Command(CommandId.FAN_OVERRIDE, -1))
+    host.run(0.1)
+    assert host.simulation.master.memory.charger("fan_duty") < 100
+
+
+def test_a_reset_restores_the_count_from_the_journal(host):
+    host.ask(Command(CommandId.SET_SOC, 4321))
+    host.run(25.0)
+    host.simulation.reset(cause=2)
+    host.run(2.0)
+    assert FIELDS["soc"].unpack(host.simulation.master.memory.image)[0] == pytest.approx(4321, abs=20)
+
+
+def test_a_seed_repeats_a_run_to_the_last_byte(make_host):
+    def played(seed: int) -> bytes:
+        host = make_host(seed=seed)
+        host.simulation.receive(b"x")
+        host.simulation.set_load(ConstantCurrent(80.0))
+        host.run(5.0)
+        return b"".join(frame.raw for frame in host.frames)
+
+    assert played(3) == played(3)
+    assert played(3) != played(4)
