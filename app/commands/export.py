@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.commands.sessions import find_session
 from app.errors import ConfigError
-from app.sessions.export import FORMATS, export
+from app.sessions.export import FORMATS, SignalTable, export, write_laps
 from app.sessions.reader import SessionFile
 
 
@@ -49,6 +49,8 @@ def run(args: argparse.Namespace) -> int:
         )
         try:
             export(session, args.out, name, signals=args.signal, t_from_s=t_from_s, t_to_s=t_to_s)
+            if name == "ld":
+                write_laps(SignalTable(session, args.signal, t_from_s, t_to_s), args.out)
         except OSError as error:
             raise ConfigError("out", args.out, error.strerror or str(error)) from error
     print(f"{args.out}: {args.out.stat().st_size / 1e6:.1f} MB")

@@ -5,7 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import ConfigError
+from app.sessions.export.can_log import write_asc, write_blf, write_candump
 from app.sessions.export.csv_file import csv_parts
+from app.sessions.export.ld_file import write_ld
+from app.sessions.export.mcap_file import write_mcap
+from app.sessions.export.mf4_file import write_mf4
 from app.sessions.export.parquet_file import write_parquet
 from app.sessions.export.table import SignalTable
 from app.sessions.reader import SessionFile
@@ -31,6 +35,12 @@ def write_csv(table: SignalTable, path: Path) -> None:
 FORMATS = {
     "csv": Format(".csv", "text/csv", "comma-separated values", write_csv),
     "parquet": Format(".parquet", "application/vnd.apache.parquet", "Apache Parquet (needs pyarrow)", write_parquet),
+    "mcap": Format(".mcap", "application/octet-stream", "MCAP with JSON, for Foxglove (needs mcap)", write_mcap),
+    "mf4": Format(".mf4", "application/octet-stream", "ASAM MDF 4 (needs asammdf)", write_mf4),
+    "ld": Format(".ld", "application/octet-stream", "MoTeC i2, resampled; laps beside it as .ldx", write_ld),
+    "candump": Format(".log", "text/plain", "the CAN frames as candump -L writes them", write_candump),
+    "asc": Format(".asc", "text/plain", "the CAN frames as Vector ASC", write_asc),
+    "blf": Format(".blf", "application/octet-stream", "the CAN frames as Vector BLF", write_blf),
 }
 
 

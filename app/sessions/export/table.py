@@ -48,27 +48,19 @@ class SignalTable:
         Raises:
             UnknownSignal: a name means nothing.
         """
-        self._session = session
+        self.session = session
         if signals:
             self.signals = [find_signal(name) for name in dict.fromkeys(signals)]
         else:
             present = set(session.signal_names())
             self.signals = [s for s in map(find_signal, default_signals()) if s.field in present]
         self.info = session.info
-        self._t_from_s, self._t_to_s = t_from_s, t_to_s
+        self.t_from_s, self.t_to_s = t_from_s, t_to_s
 
     def blocks(self) -> Iterator[Block]:
         """Yield the rows."""
-        spans = self._session.chunk_spans_us()
         start_us = self.info.started_mono_ns // 1000
-        first_us = min([span[0] for span in spans], default=start_us)
-        last_us = max([span[1] for span in spans], default=start_us - 1)
-        if any(signal.field.startswith("conf.") for signal in self.signals):
-            first_us, last_us = min(first_us, start_us), max(last_us, (self.info.ended_mono_ns or 0) // 1000)
-        if self._t_from_s is not None:
-            first_us = max(first_us, self._session.mono_us(self._t_from_s))
-        if self._t_to_s is not None:
-            last_us = min(last_us, self._session.mono_us(self._t_to_s))
+        first_us, last_us = self._range_us(start_us)
         while first_us <= last_us:
             end_us = min(first_us + round(BLOCK_S * 1e6), last_us + 1)
             block = self._block(first_us, end_us, start_us)
@@ -76,16 +68,28 @@ class SignalTable:
                 yield block
             first_us = end_us
 
+    def _range_us(self, start_us: int) -> tuple[int, int]:
+        spans = self.session.chunk_spans_us()
+        first_us = min([span[0] for span in spans], default=start_us)
+        last_us = max([span[1] for span in spans], default=start_us - 1)
+        if any(signal.field.startswith("conf.") for signal in self.signals):
+            first_us, last_us = min(first_us, start_us), max(last_us, (self.info.ended_mono_ns or 0) // 1000)
+        if self.t_from_s is not None:
+            first_us = max(first_us, self.session.mono_us(self.t_from_s))
+        if self.t_to_s is not None:
+            last_us = min(last_us, self.session.mono_us(self.t_to_s))
+        return first_us, last_us
+
     def _block(self, first_us: int, end_us: int, start_us: int) -> Block:
         """Rows whose time is within [first_us, end_us).
 
         Samples of one instant that arrived on both sides of an end meet in one row, because both blocks look beyond
         their ends and agree on the row's time.
         """
-        low_s = self._session.unix_s(first_us * 1000) - _MARGIN_S
-        high_s = self._session.unix_s(end_us * 1000) + _MARGIN_S
-        with self._session.consistent():
-            samples = [self._session.samples(signal, low_s, high_s, instants=True) for signal in self.signals]
+        low_s = self.session.unix_s(first_us * 1000) - _MARGIN_S
+        high_s = self.session.unix_s(end_us * 1000) + _MARGIN_S
+        with self.session.consistent():
+            samples = [self.session.samples(signal, low_s, high_s, instants=True) for signal in self.signals]
         found = np.concatenate([np.empty(0, np.int64), *(s.instants for s in samples if s.instants is not None)])
         if not len(found):
             empty = np.empty(0)
@@ -103,4 +107,4 @@ class SignalTable:
         order = order[(row_us[order] >= first_us) & (row_us[order] < end_us)]
         uptime_s = np.where(instants[order] >= 0, (instants[order] & 0xFFFFFFFF) / 1000, np.nan)
         elapsed_s = (row_us[order] - start_us) / 1e6
-        return Block(self._session.unix_s(start_us * 1000) + elapsed_s, elapsed_s, uptime_s, values[order])
+        return Block(self.session.unix_s(start_us * 1000) + elapsed_s, elapsed_s, uptime_s, values[order])

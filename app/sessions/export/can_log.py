@@ -1,0 +1,43 @@
+"""The recorded CAN frames as logs that other CAN tools read, by python-can: candump, Vector ASC and BLF."""
+
+from pathlib import Path
+
+import can
+
+from app.sessions.export.table import SignalTable
+from firmware_protocol.memory_map import CAN_ID_EXTENDED
+
+CHANNEL = "can0"
+Writer = can.CanutilsLogWriter | can.ASCWriter | can.BLFWriter
+
+
+def write_candump(table: SignalTable, path: Path) -> None:
+    """Write what `candump -L` would have written."""
+    with can.CanutilsLogWriter(str(path)) as writer:
+        _write(table, writer, CHANNEL)
+
+
+def write_asc(table: SignalTable, path: Path) -> None:
+    """Write a Vector ASC file."""
+    with can.ASCWriter(str(path)) as writer:
+        _write(table, writer, 0)
+
+
+def write_blf(table: SignalTable, path: Path) -> None:
+    """Write a Vector BLF file."""
+    with can.BLFWriter(str(path)) as writer:
+        _write(table, writer, 0)
+
+
+def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
+    """Write the frames of the table's range; its signals have no part in it."""
+    session = table.session
+    for frame in session.can_frames(table.t_from_s, table.t_to_s):
+        message = can.Message(
+            timestamp=session.unix_s(frame.t_mono_ns),
+            arbitration_id=frame.can_id & ~CAN_ID_EXTENDED,
+            is_extended_id=bool(frame.can_id & CAN_ID_EXTENDED),
+            data=frame.data,
+            channel=channel,
+        )
+        writer.on_message_received(message)

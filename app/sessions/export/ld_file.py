@@ -1,0 +1,153 @@
+"""MoTeC i2's .ld: every channel at one rate, its header in a chain; markers of the kind "lap" as beacons in an .ldx.
+
+The layout is not published; this one is what readers and writers of such files agree on. Values are f32. The format
+knows no missing values: until the next sample the last one is held, over a gap it is NaN.
+"""
+
+import struct
+from datetime import UTC, datetime
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.sessions.export.table import FloatArray, SignalTable
+from app.sessions.series import find_gaps
+from app.sessions.signals import Signal
+
+_HEADER = struct.Struct("<I4xII20xI24x3HI8sHHI4x16s16x16s16x64s64s64x64s64x1024xI66x64s126x64s64s")
+_EVENT = struct.Struct("<64s64s1024sH")
+_VENUE = struct.Struct("<64s1034xH")
+_VEHICLE = struct.Struct("<64s128xI32s32s")
+_CHANNEL = struct.Struct("<4I4H4h32s8s12s40x")
+_VEHICLE_AT, _VENUE_AT, _EVENT_AT, _CHANNELS_AT = 1762, 5078, 8180, 11336  # where i2's own files have them
+_MARK = 0x40
+_PRO_LOGGING = 0xC81A4
+_DEVICE = (1, 0x4240, 0xF, 0x1F44, b"ADL", 420, 0xADB0)
+_FLOAT, _FLOAT_SIZE = 7, 4
+_FIRST_CHANNEL_ID = 0x2EE1
+MAX_RATE_HZ = 1000
+
+
+def write_ld(table: SignalTable, path: Path) -> None:
+    """Write the file."""
+    times, rate_hz = _extent(table)
+    n_samples = 0 if times is None else int((times[1] - times[0]) * rate_hz) + 1
+    start_s = table.info.started_wall_ns / 1e9 if times is None else times[0]
+    data_at = _CHANNELS_AT + _CHANNEL.size * len(table.signals)
+    with path.open("wb") as file:
+        file.write(_head(table, start_s, data_at))
+        for i, signal in enumerate(table.signals):
+            file.write(_channel(i, len(table.signals), signal, data_at, n_samples, rate_hz))
+        grid_s = start_s + np.arange(n_samples) / rate_hz
+        for signal in table.signals:
+            file.write(_resampled(table, signal, grid_s).astype("<f4").tobytes())
+
+
+def _extent(table: SignalTable) -> tuple[tuple[float, float] | None, int]:
+    """First and last sample time, and the rate of the quickest signal in whole hertz, rounded up."""
+    first, last, rate_hz = [], [], 1
+    for signal in table.signals:
+        times_us = table.session.samples(signal, table.t_from_s, table.t_to_s).times_us
+        if len(times_us):
+            first.append(table.session.unix_s(int(times_us[0]) * 1000))
+            last.append(table.session.unix_s(int(times_us[-1]) * 1000))
+        if len(times_us) > 1:
+            period_s = float(np.median(np.diff(times_us))) / 1e6
+            rate_hz = max(rate_hz, min(MAX_RATE_HZ, int(np.ceil(1 / max(period_s, 1e-3) - 0.05))))
+    return ((min(first), max(last)) if first else None), rate_hz
+
+
+def _resampled(table: SignalTable, signal: Signal, grid_s: FloatArray) -> FloatArray:
+    """The (n,) last value before each grid time, NaN before the first one and in gaps."""
+    found = table.session.samples(signal, table.t_from_s, table.t_to_s)
+    values = np.full(len(grid_s), np.nan)
+    if len(found.times_us):
+        times_s = np.array([table.session.unix_s(int(found.times_us[0]) * 1000)]) + (
+            (found.times_us - found.times_us[0]) / 1e6
+        )
+        index: NDArray[np.intp] = np.searchsorted(times_s, grid_s + 1e-6, side="right") - 1
+        known = index >= 0
+        values[known] = signal.physical(found.counts)[index[known]]
+        usual_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
+        before_gap = np.zeros(len(times_s), bool)
+        before_gap[find_gaps(times_s)] = True
+        values[known & before_gap[index] & (grid_s > times_s[index] + usual_s)] = np.nan
+    return values
+
+
+def _text(text: str, length: int) -> bytes:
+    return text.encode("ascii", "replace")[: length - 1]
+
+
+def _head(table: SignalTable, start_s: float, data_at: int) -> bytes:
+    """Everything before the channels' headers."""
+    info, when = table.info, datetime.fromtimestamp(start_s, UTC)
+    driver, vehicle = (str(info.metadata.get(key, "")) for key in ("driver", "vehicle"))
+    venue, event = (str(info.metadata.get(key, "")) for key in ("venue", "event"))
+    comment = f"voltwall {info.voltwall}, session {info.id}"
+    serials = (*_DEVICE, len(table.signals))
+    head = bytearray(_CHANNELS_AT)
+    _HEADER.pack_into(
+        head, 0, _MARK, _CHANNELS_AT, data_at, _EVENT_AT, *serials,
+        when.strftime("%d/%m/%Y").encode(), when.strftime("%H:%M:%S").encode(),
+        _text(driver, 64), _text(vehicle, 64), _text(venue, 64), _PRO_LOGGING,
+        _text(comment, 64), _text(event or info.name, 64), _text(info.name, 64),
+    )  # fmt: skip
+    _EVENT.pack_into(
+        head, _EVENT_AT, _text(event or info.name, 64), _text(info.name, 64), _text(comment, 1024), _VENUE_AT
+    )
+    _VENUE.pack_into(head, _VENUE_AT, _text(venue, 64), _VEHICLE_AT)
+    _VEHICLE.pack_into(head, _VEHICLE_AT, _text(vehicle, 64), 0, b"", b"")
+    return bytes(head)
+
+
+def _channel(i: int, n: int, signal: Signal, data_at: int, n_samples: int, rate_hz: int) -> bytes:
+    here = _CHANNELS_AT + i * _CHANNEL.size
+    return _CHANNEL.pack(
+        here - _CHANNEL.size if i else 0,
+        here + _CHANNEL.size if i + 1 < n else 0,
+        data_at + i * n_samples * _FLOAT_SIZE,
+        n_samples,
+        (_FIRST_CHANNEL_ID + i) & 0xFFFF,
+        _FLOAT,
+        _FLOAT_SIZE,
+        rate_hz,
+        0,
+        1,
+        1,
+        0,  # value = raw / scale * 10 ** -decimals * multiplier + shift, here the raw f32
+        _text(signal.name, 32),
+        b"",
+        _text("C" if signal.unit == "degC" else signal.unit, 12),
+    )
+
+
+def write_laps(table: SignalTable, path: Path) -> Path | None:
+    """Write the markers of the kind "lap" as the .ldx file that i2 looks for beside `path`; None without any."""
+    times, _ = _extent(table)
+    if times is None:
+        return None
+    start_s, end_s = times
+    marked_s = [table.session.unix_s(m.t_mono_ns) for m in table.session.markers() if m.kind == "lap"]
+    beacons = [time_s - start_s for time_s in marked_s if start_s <= time_s <= end_s]
+    if not beacons:
+        return None
+    lines = [
+        f'<Marker Version="100" ClassName="BCN" Name={quoteattr(f"Lap.{i + 1}")} Flags="77" Time="{at_s * 1e6:.6e}"/>'
+        for i, at_s in enumerate(beacons)
+    ]
+    laps = np.diff([0.0, *beacons])
+    fastest = int(np.argmin(laps))
+    minutes, seconds = divmod(float(laps[fastest]), 60)
+    target = path.with_suffix(".ldx")
+    target.write_text(
+        '<?xml version="1.0"?>\n<LDXFile Locale="C" DefaultLocale="C" Version="1.6"><Layers><Layer><MarkerBlock>'
+        f'<MarkerGroup Name="Beacons" Index="3">{"".join(lines)}</MarkerGroup></MarkerBlock><RangeBlock/></Layer>'
+        f'<Details><String Id="Total Laps" Value="{len(beacons) + 1}"/>'
+        f'<String Id="Fastest Time" Value="{int(minutes)}:{seconds:06.3f}"/>'
+        f'<String Id="Fastest Lap" Value="{fastest + 1}"/></Details></Layers></LDXFile>\n',
+        encoding="utf-8",
+    )
+    return target
