@@ -12,7 +12,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 LOCKS = {
-    "run": ["pyproject.toml", "--extra", "fast", "--extra", "parquet"],
+    "run": ["pyproject.toml", "--extra", "fast", "--extra", "parquet", "--extra", "mcap"],
     "build": ["--group", "build", "--constraint", "requirements/run.lock"],
     "dev": [
         *("pyproject.toml", "--all-extras", "--group", "dev", "--group", "bench"),

@@ -29,6 +29,8 @@ PURPOSE = {
     "prometheus-client": "`/metrics`",
     "numba": "the compiled filter",
     "pyarrow": "Parquet export and import",
+    "mcap": "MCAP export",
+    "asammdf": "MDF4 export",
     "matplotlib": "`--plot`, pictures in the documentation",
     "msgpack": "python-can's UDP multicast bus",
     "hatchling": "builds the wheel",

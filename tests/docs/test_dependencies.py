@@ -41,6 +41,9 @@ def imports_of_the_program() -> Iterator[tuple[str, str]]:
                     yield from ((str(file.relative_to(ROOT)), alias.name.split(".")[0]) for alias in node.names)
                 elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
                     yield str(file.relative_to(ROOT)), node.module.split(".")[0]
+                elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+                    if isinstance(node.args[0], ast.Constant):
+                        yield str(file.relative_to(ROOT)), node.args[0].value.split(".")[0]
 
 
 @pytest.fixture(scope="module")
