@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-OURS = {"app", "firmware_protocol", "simulator"}
+PACKAGES = ("app", "firmware_protocol", "simulator")
+OURS = {*PACKAGES, "benchmarks"}
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LOCKS = ("run", "build", "dev")
 
@@ -34,16 +35,15 @@ EXTRAS = {name for items in PROJECT["optional-dependencies"].values() for name i
 
 
 def imports_of_the_program() -> Iterator[tuple[str, str]]:
-    for folder in sorted(OURS):
+    for folder in PACKAGES:
         for file in (ROOT / folder).rglob("*.py"):
             for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.Import):
                     yield from ((str(file.relative_to(ROOT)), alias.name.split(".")[0]) for alias in node.names)
                 elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
                     yield str(file.relative_to(ROOT)), node.module.split(".")[0]
-                elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
-                    if isinstance(node.args[0], ast.Constant):
-                        yield str(file.relative_to(ROOT)), node.args[0].value.split(".")[0]
+                elif isinstance(node, ast.Call) and re.search(r"import_module\('([\w.]+)'\)", ast.unparse(node)):
+                    yield str(file.relative_to(ROOT)), node.args[0].value.split(".")[0]
 
 
 @pytest.fixture(scope="module")
