@@ -68,7 +68,7 @@ $(PY):
 	@test -n "$(PYTHON)" || { echo "Python 3.11 or newer is missing: install it or say PYTHON=/path/to/python3.11"; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(f"$(PYTHON) is {sys.version.split()[0]}, Voltwall needs 3.11 or newer" if sys.version_info < (3, 11) else 0)'
 	@echo "setting up $(VENV) (about a minute, once)"
-	@$(PYTHON) -m venv $(VENV)
+	@$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); echo "$(PYTHON) cannot make environments (Debian: apt-get install python3-venv)"; exit 1; }
 
 $(VENV)/.run-installed: requirements/run.lock requirements/build.lock pyproject.toml | $(PY)
 	@$(PIP) --require-hashes -r requirements/run.lock -r requirements/build.lock
