@@ -1,6 +1,6 @@
 """The balancing study: the thesis's tables redone, and what comes after them.
 
-`python benchmarks/balancing.py [PART ...]` prints the tables of docs/balancing.md; with `--plots DIR` it draws its
+`python -m benchmarks.balancing [PART ...]` prints the tables of docs/balancing.md; with `--plots DIR` it draws its
 pictures (needs matplotlib). Parts: charging, passive, threshold, transformer, capacitor, accumulator.
 """
 
@@ -10,9 +10,9 @@ import argparse
 import time
 from pathlib import Path
 
-import balancing_plots as plots
 import numpy as np
 
+from benchmarks import balancing_plots as plots
 from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.balancing.balancers import (
     Balancer,
@@ -253,10 +253,12 @@ PARTS = {
 def main() -> None:
     """Run the parts named, all by default."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("parts", nargs="*", choices=[[], *PARTS], help="all by default")
+    parser.add_argument("parts", nargs="*", default=list(PARTS), metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--plots", type=Path, help="folder for the pictures")
     options = parser.parse_args()
-    for name in options.parts or PARTS:
+    for name in options.parts:
+        if name not in PARTS:
+            parser.error(f"no part {name!r}")
         began = time.process_time()
         PARTS[name](options.plots)
         print(f"\n({name}: {time.process_time() - began:.1f} s of processor time)")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy import abs as absolute
-from numpy import add, arcsinh, copysign, expm1, multiply, subtract
+from numpy import add, arcsinh, copysign, copyto, expm1, multiply, subtract
 
 from simulator.cell_data import (
     FARADAY_C_PER_MOL,
@@ -83,6 +83,7 @@ class CellArray:
         self._rc_pair = np.zeros((2, pairs, n))
         self._rc_drive = np.empty((2, pairs, n))
         self._rc_sum = np.empty((2, n))
+        self._rc_end, self._rc_sum_end, self._rc_sum_mean = self._rc_pair[_END], self._rc_sum[_END], self._rc_sum[_MEAN]
         self._soc_per_amp = np.empty(n)
         self._soc_per_amp_charging = np.empty(n)
         self._turn_per_amp = np.empty(n)
@@ -127,12 +128,14 @@ class CellArray:
     def _prepare(self, dt_s: float) -> None:
         """Lay out what depends on the step length: v_end = a v + (1-a) R i, v_mean = g v + (1-g) R i."""
         self._dt_s = dt_s
-        tau_s = self.rc_ohm * self._rc_f
-        x = dt_s / tau_s
-        np.exp(-x, out=self._decay[_END])
-        # g = (1 - exp(-x)) / x, 1 at x = 0
-        np.divide(-np.expm1(-x), x, out=self._decay[_MEAN], where=x > 0.0)
-        self._decay[_MEAN][x == 0.0] = 1.0
+        if dt_s > 0.0:
+            x = dt_s / (self.rc_ohm * self._rc_f)
+            closing = np.expm1(-x)
+            np.add(closing, 1.0, out=self._decay[_END])
+            # g = (1 - exp(-x)) / x
+            np.divide(closing, np.negative(x, out=x), out=self._decay[_MEAN])
+        else:
+            self._decay[:] = 1.0
         np.multiply(1.0 - self._decay, self.rc_ohm, out=self._gain)
         np.divide(dt_s, self._capacity_coulomb, out=self._soc_per_amp)
         np.multiply(self._soc_per_amp, self.model.coulombic_efficiency, out=self._soc_per_amp_charging)
@@ -153,11 +156,11 @@ class CellArray:
         if dt_s != self._dt_s:
             self._settle()
             self._prepare(dt_s)
-        work, loss_v, pair, rc_sum = self._work, self._loss_v, self._rc_pair, self._rc_sum
+        work, loss_v, pair = self._work, self._loss_v, self._rc_pair
 
         multiply(current_a, self._soc_per_amp_charging if is_charging else self._soc_per_amp, work)
         subtract(self.soc, work, self.soc)
-        self.ocv_v[:] = np.interp(self.soc, self._soc_grid, self._ocv_table)
+        copyto(self.ocv_v, np.interp(self.soc, self._soc_grid, self._ocv_table))
         if is_charging and self._wasted_per_amp > 0.0:
             multiply(self.ocv_v, current_a, work)
             multiply(work, self._wasted_per_amp, work)
@@ -166,8 +169,8 @@ class CellArray:
         multiply(self._decay, self.rc_v, pair)
         multiply(self._gain, current_a, self._rc_drive)
         add(pair, self._rc_drive, pair)
-        self.rc_v[:] = pair[_END]
-        add.reduce(pair, 1, out=rc_sum)
+        copyto(self.rc_v, self._rc_end)
+        add.reduce(pair, 1, out=self._rc_sum)
 
         multiply(current_a, self.ohmic_ohm, loss_v)
         if self._has_charge_transfer:
@@ -176,9 +179,9 @@ class CellArray:
             multiply(work, self._asinh_v, work)
             add(loss_v, work, loss_v)
         subtract(self.ocv_v, loss_v, self.voltage_v)
-        subtract(self.voltage_v, rc_sum[_END], self.voltage_v)
+        subtract(self.voltage_v, self._rc_sum_end, self.voltage_v)
 
-        add(loss_v, rc_sum[_MEAN], loss_v)
+        add(loss_v, self._rc_sum_mean, loss_v)
         if self.model.hysteresis_v > 0.0:
             self._turn_hysteresis(current_a)
         multiply(loss_v, current_a, loss_v)

@@ -107,6 +107,8 @@ class CellModel:
                 raise ParameterError(name, getattr(self, name), "must be positive")
         if len(self.rc_ohm) != len(self.rc_f) or not self.rc_f:
             raise ParameterError("rc_f", self.rc_f, "needs one capacitance per RC pair, at least one pair")
+        if min(self.rc_f) <= 0.0 or min(min(table.value) for table in self.rc_ohm) <= 0.0:
+            raise ParameterError("rc_ohm, rc_f", self.rc_f, "an RC pair without resistance or capacitance is none")
 
     @property
     def soc_grid(self) -> FloatArray:
