@@ -4,6 +4,7 @@ import json
 import sqlite3
 from collections import defaultdict
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -106,7 +107,11 @@ class SessionWriter:
         """
         self._close_chunk()
         self.write([("meta", ("end_mono_ns", str(t_mono_ns))), ("meta", ("end_wall_ns", str(t_wall_ns)))])
+        # A closed session is one file that any tool opens, also on a read-only medium; not where somebody reads it now.
+        self._connection.execute("PRAGMA busy_timeout = 0")
         self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        with suppress(sqlite3.OperationalError):
+            self._connection.execute("PRAGMA journal_mode = DELETE")
         self._connection.close()
 
     def abandon(self) -> None:

@@ -185,6 +185,30 @@ def test_a_copy_is_one_file_with_everything_so_far(recorder: Recorder, stream, t
         assert copy.problems() == []
 
 
+def test_a_closed_session_is_one_file_and_stays_so_when_read(recorder: Recorder, stream) -> None:
+    info = recorder.start()
+    stream.feed(recorder, 30)
+    recorder.stop()
+    recorder.flush()
+    with SessionFile(info.path) as session:
+        assert len(session.series(["v[0]"])["v[0]"].time_s) == 30
+    assert [path.name for path in info.path.parent.iterdir()] == [info.path.name]
+
+
+def test_a_session_that_is_read_while_it_ends_is_closed_all_the_same(recorder: Recorder, stream) -> None:
+    info = recorder.start()
+    stream.feed(recorder, 30)
+    recorder.flush()
+    with SessionFile(info.path) as session, session.consistent():
+        assert not session.info.is_closed
+        recorder.stop()
+        recorder.flush()
+        assert not session.info.is_closed
+    with SessionFile(info.path) as session:
+        assert session.info.is_closed
+        assert session.info.frames == 30
+
+
 @pytest.mark.parametrize("name", ["w[3]", "v", "v[96]", "v[1][2]", "i_fs[0]", "estimate.soc", "conf.nothing", ""])
 def test_an_unknown_signal_is_named_in_the_error(recorder: Recorder, name: str) -> None:
     info = recorder.start()
