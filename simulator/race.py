@@ -5,6 +5,7 @@ The power trace is worked out once, when the event is made, from a seed; afterwa
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -203,7 +204,7 @@ class Event:
         """Return phase, lap and speed at `t_s`."""
         if t_s >= self.duration_s:
             return LoadState(Phase.FINISHED, self._stints[-1][1] if self._stints else 0)
-        stint = int(np.searchsorted(self._starts_s, max(t_s, 0.0), side="right")) - 1
+        stint = bisect_right(self._starts_s, max(t_s, 0.0)) - 1
         phase, lap = self._stints[stint]
         speed = float(self.speed_m_per_s[min(int(max(t_s, 0.0) / SAMPLE_S), len(self.speed_m_per_s) - 1)])
         return LoadState(phase, lap, t_s - self._starts_s[stint], speed)
