@@ -21,8 +21,9 @@ export interface PlotSpec {
   onZoom?: (from: number, to: number) => void;
 }
 
-const GUTTER = 88;
 const LABEL_HEIGHT = 15;
+const LABEL_EMS = 6.8; // room for "max 4.0000 V" at the right of the lines
+const LATE_S = 1.5; // a line that ends earlier than this has no value now
 
 interface Theme {
   ink: string;
@@ -99,7 +100,7 @@ export class Plot {
     return {
       width: width || 300,
       height: spec.height,
-      padding: [8, GUTTER, spec.axis ? 0 : 4, 0],
+      padding: [8, Math.round(LABEL_EMS * parseFloat(theme.font)), spec.axis ? 0 : 4, 0],
       legend: { show: false },
       cursor: {
         points: { show: false },
@@ -179,8 +180,11 @@ export class Plot {
     if (under !== null && under !== undefined && (u.cursor.left ?? -1) >= 0) return under;
     const data = u.data[column];
     if (!data) return null;
-    for (let i = data.length - 1; i >= 0; i--) if (data[i] !== null && data[i] !== undefined) return i;
-    return null;
+    let last = data.length - 1;
+    while (last >= 0 && (data[last] === null || data[last] === undefined)) last--;
+    const { min, max } = u.scales['x']!;
+    const late = Math.max(LATE_S, 0.01 * ((max ?? 0) - (min ?? 0)));
+    return last >= 0 && (max ?? 0) - u.data[0][last]! <= late ? last : null;
   }
 }
 
