@@ -13,6 +13,9 @@ from collections.abc import Callable
 import numpy as np
 
 from simulator.accumulator import Accumulator, AccumulatorParameters
+from simulator.balancing.balancers import PassiveBalancing
+from simulator.balancing.charge import ChargePlan, charge
+from simulator.balancing.six_cells import RATED_AH, six_cells
 from simulator.race import endurance
 
 DT_S = 0.1
@@ -62,6 +65,14 @@ def main() -> None:
         raced.step(DT_S, race.current_a(60.0 + k * DT_S, raced), fan_duty=0.5)
 
     report("96 cells in the endurance race, power to current", drive, n_steps)
+
+    spent = []
+    for _ in range(ROUNDS):
+        six = Accumulator(six_cells(), np.random.default_rng(0))
+        began = time.process_time()
+        charge(six, PassiveBalancing(), ChargePlan(RATED_AH, dt_s=DT_S, time_limit_s=3600.0))
+        spent.append(time.process_time() - began)
+    print(f"{'one hour of six cells charging with balancing':48} {min(spent):7.2f} s")
 
 
 if __name__ == "__main__":
