@@ -1,6 +1,7 @@
 """Latest value to many readers: each has one slot, a slow reader misses values and delays nobody."""
 
 import asyncio
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Generic, TypeVar, cast
@@ -18,6 +19,8 @@ class Subscription(Generic[T]):
 
     def offer(self, value: T) -> None:
         """Put a value into the slot; one that was not taken is lost and counted."""
+        if value is self._value:
+            return
         if self._filled.is_set():
             self.skipped += 1
         self._value = value
@@ -37,6 +40,8 @@ class Hub(Generic[T]):
         self.latest: T | None = None
         self._subscriptions: set[Subscription[T]] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._lock = threading.Lock()
+        self._is_due = False
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
         """Name the loop that the readers live on."""
@@ -54,10 +59,23 @@ class Hub(Generic[T]):
             subscription.offer(value)
 
     def publish_threadsafe(self, value: T) -> None:
-        """Offer a value from another thread; without a running loop it only becomes the latest."""
-        self.latest = value
-        if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self.publish, value)
+        """Offer a value from another thread; without a running loop it only becomes the latest.
+
+        While the loop has not come round to the one before, only the newest waits for it.
+        """
+        with self._lock:
+            self.latest = value
+            if self._is_due or self._loop is None or self._loop.is_closed():
+                return
+            self._is_due = True
+            self._loop.call_soon_threadsafe(self._publish_latest)
+
+    def _publish_latest(self) -> None:
+        with self._lock:
+            self._is_due = False
+            value = self.latest
+        if value is not None:
+            self.publish(value)
 
     @contextmanager
     def subscribe(self) -> Iterator[Subscription[T]]:

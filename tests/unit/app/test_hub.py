@@ -1,5 +1,7 @@
 import asyncio
 
+import pytest
+
 from app.hub import Hub
 
 
@@ -37,3 +39,30 @@ def test_who_left_is_not_counted():
         return inside, hub.readers
 
     assert asyncio.run(run()) == (1, 0)
+
+
+def test_a_loop_that_is_busy_finds_only_the_newest():
+    async def run():
+        hub: Hub[int] = Hub()
+        hub.attach(asyncio.get_running_loop())
+        with hub.subscribe() as slot:
+            for value in range(1000):
+                hub.publish_threadsafe(value)
+            return await slot.next(), slot.skipped, hub.latest
+
+    assert asyncio.run(run()) == (999, 0, 999)
+
+
+def test_the_same_value_is_not_delivered_twice():
+    async def run():
+        hub: Hub[object] = Hub()
+        hub.attach(asyncio.get_running_loop())
+        value = object()
+        hub.publish_threadsafe(value)
+        with hub.subscribe() as slot:
+            assert await slot.next() is value
+            await asyncio.sleep(0)
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(slot.next(), 0.01)
+
+    asyncio.run(run())
