@@ -1,14 +1,19 @@
 """The last quarter of an hour of the main values, for charts that open late."""
 
 import threading
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.telemetry import FloatArray, Snapshot
 from firmware_protocol.memory_map import N_CELLS
 
-CAPACITY = 9000  # 15 minutes at 10 Hz
+LENGTH_S = 900
+TOTALS_LENGTH = LENGTH_S * 28  # the line carries no more than 28 snapshots a second
+CELLS_EVERY_NS = 90_000_000  # 96 cells fill memory: at most 11 of them a second
+CELLS_LENGTH = LENGTH_S * 11
 TOTALS = (
     "voltage_v",
     "current_a",
@@ -27,47 +32,70 @@ TOTALS = (
 PER_CELL = ("voltage_v", "temperature_degc", "soc", "soc_sigma", "residual_v")
 
 
+class _Ring:
+    """Columns of one length with the monotonic time of each row."""
+
+    def __init__(self, names: tuple[str, ...], length: int, shape: tuple[int, ...] = ()) -> None:
+        self._length = length
+        self._count = 0
+        self._t_ns = np.zeros(length, dtype=np.int64)
+        self._columns = {name: np.full((length, *shape), np.nan, dtype=np.float32) for name in names}
+
+    @property
+    def newest_ns(self) -> int | None:
+        return int(self._t_ns[(self._count - 1) % self._length]) if self._count else None
+
+    def add(self, t_ns: int, values: Mapping[str, Any]) -> None:
+        row = self._count % self._length
+        self._t_ns[row] = t_ns
+        for name, column in self._columns.items():
+            value = values[name]
+            column[row] = np.nan if value is None else value
+        self._count += 1
+
+    def since(self, from_ns: int, cell: int | None) -> tuple[NDArray[np.int64], dict[str, FloatArray]]:
+        n = min(self._count, self._length)
+        order = np.arange(self._count - n, self._count) % self._length
+        order = order[self._t_ns[order] >= from_ns]
+        place = order if cell is None else (order, cell)
+        return self._t_ns[order], {name: column[place].astype(np.float64) for name, column in self._columns.items()}
+
+
 class History:
-    """Rings of fixed size; thread-safe."""
+    """Rings of fixed size; thread-safe.
+
+    Kept by the monotonic clock and dated by the wall clock of the newest, so that a wall clock that is set while the
+    service runs neither folds the time axis nor empties it.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._count = 0
-        self._time_s = np.full(CAPACITY, np.nan)
-        self._totals = {name: np.full(CAPACITY, np.nan) for name in TOTALS}
-        self._cells = {name: np.full((CAPACITY, N_CELLS), np.nan, dtype=np.float32) for name in PER_CELL}
+        self._totals = _Ring(TOTALS, TOTALS_LENGTH)
+        self._cells = _Ring(PER_CELL, CELLS_LENGTH, (N_CELLS,))
+        self._wall_minus_mono_ns = 0
 
     def add(self, snapshot: Snapshot) -> None:
         """Keep a snapshot that was made from new bytes."""
         if not snapshot.is_fresh:
             return
+        t_ns = snapshot.t_mono_ns
         with self._lock:
-            place = self._count % CAPACITY
-            self._time_s[place] = snapshot.t_wall_ns / 1e9
-            for name, ring in self._totals.items():
-                value = snapshot.accumulator[name]
-                ring[place] = np.nan if value is None else value
-            for name, block in self._cells.items():
-                block[place] = getattr(snapshot.cells, name)
-            self._count += 1
+            self._wall_minus_mono_ns = snapshot.t_wall_ns - t_ns
+            self._totals.add(t_ns, snapshot.accumulator)
+            newest_ns = self._cells.newest_ns
+            if newest_ns is None or t_ns - newest_ns >= CELLS_EVERY_NS:
+                self._cells.add(t_ns, {name: getattr(snapshot.cells, name) for name in PER_CELL})
 
     def read(self, seconds: float, cell: int | None, points: int = 2000) -> dict[str, Any]:
         """Return {"time", "series"} of the last `seconds`; more than `points` are thinned, extremes kept."""
         with self._lock:
-            n = min(self._count, CAPACITY)
-            order = np.arange(self._count - n, self._count) % CAPACITY
-            time_s = self._time_s[order]
-            columns = (
-                {name: ring[order] for name, ring in self._totals.items()}
-                if cell is None
-                else {name: block[order, cell].astype(np.float64) for name, block in self._cells.items()}
-            )
-        recent = time_s >= (time_s[-1] - seconds if n else 0)
-        time_s = time_s[recent]
-        keep = {name: values[recent] for name, values in columns.items()}
+            ring = self._totals if cell is None else self._cells
+            t_ns, columns = ring.since((ring.newest_ns or 0) - int(seconds * 1e9), cell)
+            time_s = (t_ns + self._wall_minus_mono_ns) / 1e9
         if len(time_s) > points:
-            time_s, keep = _thin(time_s, keep, points)
-        return {"time": time_s, "series": keep}
+            time_s, columns = _thin(time_s, columns, points)
+        digits = {name: np.round(values, 5) for name, values in columns.items()}
+        return {"time": time_s, "series": digits}
 
 
 def _thin(time_s: FloatArray, columns: dict[str, FloatArray], points: int) -> tuple[FloatArray, dict[str, FloatArray]]:

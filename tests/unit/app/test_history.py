@@ -1,0 +1,83 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.estimation.cellfile import load_cell
+from app.estimation.estimators import make_estimator
+from app.history import History
+from app.pipeline import Pipeline
+
+CELL = load_cell("samsung-25r-10p")
+
+
+@pytest.fixture
+def snapshot(master):
+    chain = Pipeline("serial", lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
+    return chain.feed(master.frame()).snapshot
+
+
+def later(snapshot, s: float, *, wall_s: float | None = None, **accumulator):
+    wall_s = s if wall_s is None else wall_s
+    return replace(
+        snapshot,
+        t_mono_ns=snapshot.t_mono_ns + round(s * 1e9),
+        t_wall_ns=snapshot.t_wall_ns + round(wall_s * 1e9),
+        accumulator=snapshot.accumulator | accumulator,
+    )
+
+
+def test_nothing_is_an_empty_series():
+    body = History().read(900, None)
+    assert len(body["time"]) == 0
+    assert len(body["series"]["voltage_v"]) == 0
+    assert len(History().read(900, 95)["series"]["soc"]) == 0
+
+
+def test_what_only_aged_is_not_kept(snapshot):
+    history = History()
+    history.add(replace(snapshot, is_fresh=False))
+    assert len(history.read(900, None)["time"]) == 0
+
+
+def test_only_the_last_seconds_are_returned(snapshot):
+    history = History()
+    for i in range(100):
+        history.add(later(snapshot, i / 10, current_a=float(i)))
+    body = history.read(2, None)
+    assert body["series"]["current_a"].tolist() == [float(i) for i in range(79, 100)]
+    assert body["time"][-1] - body["time"][0] == pytest.approx(2.0)
+
+
+def test_a_missing_value_is_a_gap(snapshot):
+    history = History()
+    history.add(later(snapshot, 0, voltage_v=None))
+    assert np.isnan(history.read(900, None)["series"]["voltage_v"][0])
+
+
+def test_thinning_keeps_a_dip_of_one_sample(snapshot):
+    history = History()
+    for i in range(5000):
+        history.add(later(snapshot, i / 28, voltage_min_v=2.5 if i == 3210 else 3.7))
+    body = history.read(900, None)
+    assert len(body["time"]) <= 2000
+    assert (np.diff(body["time"]) >= 0).all()
+    assert body["series"]["voltage_min_v"].min() == 2.5
+    assert body["time"][0] == pytest.approx(body["time"][-1] - 4999 / 28, abs=0.1)
+
+
+@pytest.mark.parametrize("jump_s", [-7200, 7200])
+def test_a_wall_clock_that_is_set_neither_folds_nor_empties_the_axis(snapshot, jump_s):
+    history = History()
+    for i in range(20):
+        history.add(later(snapshot, i / 10, wall_s=i / 10 + (jump_s if i >= 10 else 0)))
+    time_s = history.read(900, None)["time"]
+    assert len(time_s) == 20
+    assert np.diff(time_s) == pytest.approx(0.1, abs=1e-3)
+    assert time_s[-1] == pytest.approx((snapshot.t_wall_ns + (1.9 + jump_s) * 1e9) / 1e9)
+
+
+def test_one_cell(snapshot):
+    history = History()
+    history.add(snapshot)
+    assert history.read(900, 36)["series"]["voltage_v"][0] == pytest.approx(snapshot.cells.voltage_v[36], abs=1e-5)
