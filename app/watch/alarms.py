@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from app.telemetry import Alarm, Event, Severity, Snapshot
-from app.watch.conditions import Condition, conditions
+from app.watch.conditions import Condition, conditions, is_judged
 
 RAISE_AFTER_NS: dict[Severity, int] = {
     "info": 0,
@@ -28,6 +28,7 @@ class Watch:
         self._pending: dict[str, _Pending] = {}
         self._alarms: dict[str, Alarm] = {}
         self._seen_ns: dict[str, int] = {}
+        self._raised_ns: dict[str, int] = {}
         self._next_id = 1
 
     def step(self, snapshot: Snapshot) -> tuple[tuple[Alarm, ...], list[Event]]:
@@ -43,6 +44,7 @@ class Watch:
             persisted = now_ns - pending.first_ns >= RAISE_AFTER_NS[condition.severity] and now_ns > pending.first_ns
             if persisted and (alarm is None or not alarm.active):
                 self._alarms[key] = self._raise(condition, pending.wall_ns)
+                self._raised_ns[key] = pending.first_ns
                 events.append(_event(condition, snapshot.t_wall_ns, condition.text))
         for key in set(self._pending) - set(raised):
             del self._pending[key]
@@ -54,9 +56,11 @@ class Watch:
                     self._alarms[key] = replace(
                         alarm, value=now_held.value, cell=now_held.cell, limit=now_held.limit, text=now_held.text
                     )
+            elif not is_judged(key, snapshot):
+                self._seen_ns[key] = now_ns  # what cannot be seen has not ended
             elif alarm.active and now_ns - self._seen_ns.get(key, now_ns) >= END_AFTER_NS:
                 self._alarms[key] = replace(alarm, active=False)
-                seconds = max(0.0, (snapshot.t_wall_ns - alarm.since_ns) / 1e9)
+                seconds = (now_ns - self._raised_ns[key]) / 1e9
                 text = f"ended after {seconds:.1f} s: {alarm.text}"
                 events.append(_event(alarm, snapshot.t_wall_ns, text, severity="info"))
         self._drop_finished()
@@ -92,6 +96,7 @@ class Watch:
             if not alarm.active and (alarm.acknowledged_by is not None or alarm.severity == "watch"):
                 del self._alarms[key]
                 self._seen_ns.pop(key, None)
+                self._raised_ns.pop(key, None)
 
 
 def _event(source: Condition | Alarm, wall_ns: int, text: str, severity: Severity | None = None) -> Event:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.decode import BLANK_S
 from app.telemetry import Severity, Snapshot
 from firmware_protocol.memory_map import CONFIG, N_CELLS
 
@@ -40,10 +41,40 @@ def conditions(snapshot: Snapshot, *, slack: float = 0.0) -> Iterator[Condition]
             well inside its limit.
     """
     yield from _links(snapshot)
-    if snapshot.age_s["config"] is not None and snapshot.master["state"] != "unknown":
+    if _has_limits(snapshot):
         yield from _limits(snapshot, slack)
     yield from _master(snapshot)
     yield from _cells(snapshot)
+
+
+def is_judged(code: str, snapshot: Snapshot) -> bool:
+    """True where the snapshot knows what a condition is about; where not, that it is not yielded says nothing."""
+    total, master = snapshot.accumulator, snapshot.master
+    if code.startswith("cell-voltage"):
+        return _has_limits(snapshot) and total["voltage_min_v"] is not None
+    if code in ("cell-hot", "cell-near-hot", "cell-cold"):
+        return _has_limits(snapshot) and total["temperature_max_degc"] is not None
+    if code.startswith("current"):
+        return _has_limits(snapshot) and total["current_a"] is not None
+    if code.startswith("charger"):
+        return snapshot.charger["state"] is not None
+    known: dict[str, bool] = {
+        "master-fault": master["state"] != "unknown",
+        "map-mismatch": master["map_matches"] is not None,
+        "cell-missing": _is_recent(snapshot),
+        "model-not-valid": snapshot.cells.model_valid is not None,
+    }
+    return known.get(code, True)
+
+
+def _has_limits(snapshot: Snapshot) -> bool:
+    return snapshot.age_s["config"] is not None and bool(snapshot.master["state"] != "unknown")
+
+
+def _is_recent(snapshot: Snapshot) -> bool:
+    """Voltages arrive, whatever they say."""
+    age_s = snapshot.age_s["voltage"]
+    return age_s is not None and age_s <= BLANK_S
 
 
 def _limit(snapshot: Snapshot, name: str) -> float:
@@ -109,7 +140,7 @@ def _master(snapshot: Snapshot) -> Iterator[Condition]:
 def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     voltage_v = snapshot.cells.voltage_v
     missing = np.flatnonzero(np.isnan(voltage_v))
-    if 0 < len(missing) < N_CELLS:
+    if len(missing) and (len(missing) < N_CELLS or _is_recent(snapshot)):
         cell = int(missing[0])
         yield Condition("cell-missing", "warning", f"{len(missing)} cell(s) without a voltage", cell)
     if snapshot.cells.model_valid is not None:

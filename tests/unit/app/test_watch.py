@@ -98,3 +98,40 @@ def test_all_well_raises_nothing(pipeline, master):
     snapshot, events = run(pipeline, master, 10)
     assert not [a for a in snapshot.alarms if a.severity != "watch"]
     assert not [e for e in events if e.severity in ("trip", "warning")]
+
+
+def test_what_cannot_be_seen_any_more_has_not_ended(pipeline, master):
+    master.set("t", [70, *[25] * 95])
+    run(pipeline, master, 3)
+    for seconds in range(1, 60):
+        output = pipeline.tick(master.t_ns + seconds * 1_000_000_000, master.t_ns)
+    assert output.snapshot.accumulator["temperature_max_degc"] is None
+    assert "cell-hot" in codes(output.snapshot)
+    master.advance(60_000)
+    master.set("t", [25] * 96)
+    snapshot, events = run(pipeline, master, 5)
+    assert "cell-hot" not in codes(snapshot)
+    assert any(e.text.startswith("ended") and e.code == "cell-hot" for e in events)
+
+
+def test_all_cells_gone_at_once_is_an_alarm(pipeline, master):
+    run(pipeline, master, 1)
+    master.set("v", [0] * 96)
+    snapshot, _ = run(pipeline, master, 3)
+    assert "cell-missing" in codes(snapshot)
+
+
+@pytest.mark.parametrize("jump_s", [-86_400, 86_400])
+def test_a_wall_clock_that_is_set_does_not_stretch_an_alarm(pipeline, master, jump_s):
+    master.set("v", [24000, *[37000] * 95])
+    run(pipeline, master, 2)
+    master.set("v", [37000] * 96)
+    texts = []
+    for _ in range(40):
+        item = master.frame()
+        output = pipeline.feed(type(item)(item.t_mono_ns, item.t_wall_ns + jump_s * 10**9, item.frame))
+        texts += [e.text for e in output.events if e.code == "cell-voltage-low"]
+    assert len(texts) == 1
+    seconds = float(texts[0].split()[2])
+    assert 2 <= seconds <= 6
+    assert "cell-voltage-low" in codes(output.snapshot, active=False)
