@@ -5,23 +5,24 @@ from typing import Any
 
 from app.decode import Decoder, extreme, mean
 from app.telemetry import Cells, MasterState
+from firmware_protocol.memory_map import N_CELLS, T_MISSING, V_MISSING
 
 
 def totals_of(cells: Cells, decoder: Decoder) -> dict[str, Any]:
     """Voltage, current, power and the extremes with their cell."""
-    voltage_v, current_a = decoder.number("v_tot"), decoder.number("i_fs")
+    voltage_v, current_a = decoder.number("v_tot") or None, decoder.number("i_fs")  # 0 V: no cell was measured
     if voltage_v is None and not math.isnan(total := float(cells.voltage_v.sum())):
         voltage_v = total
     low_v, low_cell = extreme(cells.voltage_v, highest=False)
     high_v, high_cell = extreme(cells.voltage_v, highest=True)
     if low_v is None:
-        low_v, low_cell = decoder.number("v_min"), decoder.integer("v_min_id")
-        high_v, high_cell = decoder.number("v_max"), decoder.integer("v_max_id")
+        low_v, low_cell = _master_extreme(decoder, "v_min", missing=V_MISSING)
+        high_v, high_cell = _master_extreme(decoder, "v_max", missing=V_MISSING)
     cold, cold_cell = extreme(cells.temperature_degc, highest=False)
     hot, hot_cell = extreme(cells.temperature_degc, highest=True)
     if hot is None:
-        cold, cold_cell = decoder.number("t_min"), decoder.integer("t_min_id")
-        hot, hot_cell = decoder.number("t_max"), decoder.integer("t_max_id")
+        cold, cold_cell = _master_extreme(decoder, "t_min", missing=T_MISSING)
+        hot, hot_cell = _master_extreme(decoder, "t_max", missing=T_MISSING)
     return {
         "voltage_v": voltage_v,
         "current_a": current_a,
@@ -49,7 +50,7 @@ def charge_of(cells: Cells, decoder: Decoder, driver_percent: int | None) -> dic
     soc, source = mean(cells.soc), "filter"
     if soc is None:
         soc, source = decoder.number("soc"), "master"
-        driver_percent = None if soc is None else int(soc * 100)
+        driver_percent = None if soc is None else math.floor(soc * 100 + 1e-9)  # 0.29 is 28.999... hundredths
     return {
         "soc": soc,
         "soc_source": None if soc is None else source,
@@ -64,7 +65,7 @@ def charge_of(cells: Cells, decoder: Decoder, driver_percent: int | None) -> dic
 
 
 def state_of(
-    flags: dict[str, bool] | None, charger_state: str | None, last_trip: str | None
+    flags: dict[str, bool | None] | None, charger_state: str | None, last_trip: str | None
 ) -> tuple[MasterState, str]:
     """Return what the car does, and why."""
     if flags is None:
@@ -75,9 +76,19 @@ def state_of(
         return "charge", f"charger: {(charger_state or 'state unknown').replace('_', ' ')}"
     if flags["balancing"]:
         return "balance", "cells are bled to the lowest"
+    if flags["load"] is None:
+        return "unknown", "nothing heard of the relays"
     if flags["load"]:
         return "drive", "relays closed"
     return "idle", "charger connected, not charging" if flags["charger"] else "relays open"
+
+
+def _master_extreme(decoder: Decoder, name: str, *, missing: int) -> tuple[float | None, int | None]:
+    """The master's own (value, cell); a cell that there is not is none."""
+    if decoder.integer(name) == missing:
+        return None, None
+    cell = decoder.integer(f"{name}_id")
+    return decoder.number(name), cell if cell is not None and cell < N_CELLS else None
 
 
 def _is_nan(cells: Cells) -> Any:

@@ -33,6 +33,7 @@ PARTS: dict[str, tuple[int, int]] = {
     "slaves": (440, 1444),
     "config": (0, 420),
 }
+_FLAGS_OFFSET = FIELDS["status.flags"].offset
 CHARGER_FLAGS = ("hardware", "over-temperature", "input voltage", "battery", "time-out")
 _NO_CELLS = np.full(N_CELLS, np.nan)
 _NO_CELLS.flags.writeable = False
@@ -92,15 +93,16 @@ class Decoder:
         bits = low | (high & 0x0F) << 8
         return (bits[:, None] >> np.arange(CELLS_PER_PACK, dtype=np.uint16) & 1).astype(bool).ravel()
 
-    def flags(self) -> dict[str, bool] | None:
-        """The nine status flags."""
+    def flags(self) -> dict[str, bool | None] | None:
+        """The nine status flags; CAN may carry the first eight alone, then the ninth is None."""
         raw = self.integer("status.flags")
-        if raw is None:
-            age = self._shadow.age_s(420, 1, self._now_ns)  # CAN may carry the first eight alone
-            if age is None or age > BLANK_S:
-                return None
-            raw = self._shadow.image[420]
-        return {name: bool(raw >> bit & 1) for bit, name in enumerate(STATUS_FLAGS)}
+        if raw is not None:
+            return {name: bool(raw >> bit & 1) for bit, name in enumerate(STATUS_FLAGS)}
+        age = self._shadow.age_s(_FLAGS_OFFSET, 1, self._now_ns)
+        if age is None or age > BLANK_S:
+            return None
+        first = self._shadow.image[_FLAGS_OFFSET]
+        return {name: bool(first >> bit & 1) if bit < 8 else None for bit, name in enumerate(STATUS_FLAGS)}
 
     def charger(self) -> dict[str, Any]:
         """The charger block."""

@@ -6,31 +6,32 @@ Replaying recorded items through a fresh Pipeline gives the same snapshots again
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from app.accumulator import charge_of, state_of, totals_of
 from app.decode import PARTS, Decoder, cells_of, packs_of
 from app.estimation.driver import DriverSoc
+from app.estimation.errors import EstimatorError
 from app.estimation.estimators import CellEstimator, Estimates
 from app.links.monitor import LIVE_S, LinkMonitor, rs232_monitor
 from app.master_events import describe
 from app.shadow import ShadowImage
-from app.telemetry import CanItem, Event, Identity, Item, LinkChange, SerialItem, Snapshot, Source
+from app.telemetry import CanItem, Event, FloatArray, Identity, Item, LinkChange, SerialItem, Snapshot, Source
 from app.watch.alarms import Watch
 from firmware_protocol.can_tables import RxMessage, TxMessage, apply_received, rx_messages, tx_messages, windows_of_tx
 from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BadFrame, Frame
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG_SIZE, MASTER_SIZE, N_CELLS
-from firmware_protocol.messages import Data, Ident, MessageType, Reply, Window, decode_message
+from firmware_protocol.messages import Data, EventCode, Ident, MessageType, Reply, Window, decode_message
 from firmware_protocol.messages import Event as MasterEvent
 
 VOLTAGE_OFFSET = PARTS["voltage"][0]
 CAN_SNAPSHOT_NS = 50_000_000
 UPTIME_WRAP_MS = 1 << 32
 MAX_STEP_S = 3600.0
+MAX_ENERGY_STEP_S = 10.0  # what flowed in a longer gap is not known, and not made up
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +79,8 @@ class Pipeline:
         self._stopwatch_ns = stopwatch_ns
         self._step_us: float | None = None
         self._config: tuple[bytes, str] | None = None
+        self._config_from_ns = 0  # bytes that arrived before are of an older configuration
+        self._estimator_error: str | None = None
         self.use_can_tables(default_image())
 
     def feed(self, item: Item) -> Output:
@@ -98,9 +101,9 @@ class Pipeline:
             return self._watch.acknowledge(alarm_id, who)
 
     def _on_change(self, change: LinkChange) -> Output:
-        self._monitors[change.link].on_change(change)
+        is_news = self._monitors[change.link].on_change(change)
         label = {"rs232": "RS232", "can": "CAN"}[change.link]
-        if change.state == "connecting":
+        if change.state == "connecting" or not is_news:
             return Output()
         severity, text = (
             ("info", f"{label} open") if change.state == "open" else ("watch", f"{label} lost: {change.error}")
@@ -123,6 +126,8 @@ class Pipeline:
                 return self._on_measurement(item, item.frame)
             return Output()
         if isinstance(message, MasterEvent):
+            if message.code in (EventCode.CONFIG_WRITTEN, EventCode.BOOT):
+                self._config_from_ns = item.t_mono_ns
             event, trip = describe(message, item.t_wall_ns)
             self._last_trip = trip if trip is not None else self._last_trip
             return Output(events=(event,))
@@ -144,12 +149,15 @@ class Pipeline:
         decoder = Decoder(self.shadow, item.t_mono_ns)
         current_a = decoder.number("i_fs")
         voltages_v = decoder.voltages_v()
+        estimates: Estimates | None = None
+        events: tuple[Event, ...] = ()
         if current_a is not None and not np.isnan(voltages_v).all():
-            self._estimate(dt_s, current_a, voltages_v, decoder.temperatures_degc())
+            estimates, events = self._estimate(item, dt_s, current_a, voltages_v, decoder.temperatures_degc())
             power_w = float(np.nansum(voltages_v)) * current_a
-            self._energy_wh["energy_out_wh" if power_w > 0 else "energy_in_wh"] += abs(power_w) * (dt_s or 0.0) / 3600
+            if dt_s is not None and dt_s <= MAX_ENERGY_STEP_S:
+                self._energy_wh["energy_out_wh" if power_w > 0 else "energy_in_wh"] += abs(power_w) * dt_s / 3600
         output = self._publish(item.t_mono_ns, item.t_wall_ns, fresh=True)
-        return Output(output.snapshot, output.events, None, self._estimates, frame.uptime_ms)
+        return Output(output.snapshot, events + output.events, None, estimates, frame.uptime_ms)
 
     def _dt_s(self, uptime_ms: int) -> float | None:
         """Seconds by the master's clock since the last measurement; None at the first one and after a reset."""
@@ -159,17 +167,29 @@ class Pipeline:
         dt_s = ((uptime_ms - before) % UPTIME_WRAP_MS) / 1000
         return dt_s if dt_s <= MAX_STEP_S else None
 
-    def _estimate(self, dt_s: float | None, current_a: float, voltages_v: Any, temperatures_degc: Any) -> None:
+    def _estimate(
+        self, item: SerialItem, dt_s: float | None, current_a: float, voltages_v: FloatArray, degc: FloatArray
+    ) -> tuple[Estimates | None, tuple[Event, ...]]:
+        """Step the estimator; one that fails is begun anew at the next measurement, which is told once."""
         started_ns = self._stopwatch_ns() if self._stopwatch_ns else 0
-        if self._estimator is None:
-            self._estimator = self._make_estimator()
-            self._estimator.start(voltages_v, temperatures_degc, current_a)
-            dt_s = 0.0
-        self._estimates = self._estimator.step(dt_s or 0.0, current_a, voltages_v, temperatures_degc)
+        try:
+            if self._estimator is None:
+                estimator = self._make_estimator()
+                estimator.start(voltages_v, degc, current_a)
+                self._estimator, dt_s = estimator, 0.0
+            self._estimates = self._estimator.step(dt_s or 0.0, current_a, voltages_v, degc)
+        except (EstimatorError, ArithmeticError, ValueError) as error:
+            self._estimator = self._estimates = None
+            is_news, self._estimator_error = self._estimator_error is None, str(error)
+            text = f"the estimator failed and begins anew: {error}"
+            event = Event(item.t_wall_ns, "warning", "estimator-failed", text)
+            return None, (event,) if is_news else ()
+        self._estimator_error = None
         self._driver_percent = self._driver.step(self._estimates.soc).percent
         if self._stopwatch_ns:
             took_us = (self._stopwatch_ns() - started_ns) / 1000
             self._step_us = took_us if self._step_us is None else self._step_us + 0.02 * (took_us - self._step_us)
+        return self._estimates, ()
 
     def _on_can(self, item: CanItem) -> Output:
         monitor = self._monitors["can"]
@@ -201,14 +221,15 @@ class Pipeline:
         """Decode CAN by the tables of a configuration image."""
         self._can_tables: tuple[TxMessage | RxMessage, ...] = (*tx_messages(image), *rx_messages(image))
 
-    def _config_hash(self) -> str | None:
-        if int(self.shadow.arrived_ns[:CONFIG_SIZE].min()) < 0:
-            return None
+    def _config_in_force(self) -> tuple[bytes, str] | None:
+        """Image and hash as last heard as a whole: never the pieces of two configurations."""
+        if int(self.shadow.arrived_ns[:CONFIG_SIZE].min()) < self._config_from_ns:
+            return self._config
         image = bytes(self.shadow.image[:CONFIG_SIZE])
         if self._config is None or self._config[0] != image:
             self._config = image, image_hash(image)
             self.use_can_tables(image)
-        return self._config[1]
+        return self._config
 
     def _publish(self, t_mono_ns: int, t_wall_ns: int, *, fresh: bool) -> Output:
         decoder = Decoder(self.shadow, t_mono_ns)
@@ -219,7 +240,7 @@ class Pipeline:
         charger = decoder.charger()
         flags = decoder.flags()
         state, why = state_of(flags, charger["state"], self._last_trip)
-        identity = self.identity
+        identity, config = self.identity, self._config_in_force()
         self._sequence += 1
         snapshot = Snapshot(
             sequence=self._sequence,
@@ -252,7 +273,8 @@ class Pipeline:
             charger=charger,
             links={name: monitor.status(t_mono_ns) for name, monitor in self._monitors.items()},  # type: ignore[misc]
             estimator=self._names | {"step_us": self._step_us, "started": self._estimator is not None},
-            config_hash=self._config_hash(),
+            config=config and config[0],
+            config_hash=config and config[1],
             is_fresh=fresh,
         )
         with self._watch_lock:

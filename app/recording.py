@@ -13,12 +13,12 @@ from app.sessions.info import RecorderStatus, SessionInfo
 from app.sessions.writer import Recorder
 from app.telemetry import CanItem, Event, Item, SerialItem
 from firmware_protocol.framing import Frame
-from firmware_protocol.memory_map import CONFIG_SIZE
 
 log = logging.getLogger(__name__)
 GONE_S = 60.0  # the master has been silent this long: the session is over
 CLOCK_S = 10.0
 STATUS_S = 0.5
+RETRY_S = 5.0  # where a recording could not be started
 SERIAL_LINK = 0
 
 
@@ -37,6 +37,7 @@ class AutoRecorder:
         self._held_back = not automatic
         self._last_good_ns: int | None = None
         self._last_clock_ns = 0
+        self._retry_ns = 0
         self._config: bytes | None = None
         self._status: tuple[float, RecorderStatus] | None = None
         self._told: str | None = None
@@ -45,10 +46,10 @@ class AutoRecorder:
     @property
     def status(self) -> RecorderStatus:
         """The recorder, at most STATUS_S old."""
-        now = time.monotonic()
-        if self._status is None or now - self._status[0] > STATUS_S:
-            self._status = now, self._recorder.status
-        return self._status[1]
+        now, known = time.monotonic(), self._status  # another thread may forget it meanwhile
+        if known is None or now - known[0] > STATUS_S:
+            self._status = known = now, self._recorder.status
+        return known[1]
 
     @property
     def session(self) -> SessionInfo | None:
@@ -112,10 +113,11 @@ class AutoRecorder:
             self._recorder.estimates(
                 snapshot.t_mono_ns, output.uptime_ms, output.estimates.soc, output.estimates.soc_sigma
             )
-        if snapshot.config_hash is not None and self._config != snapshot.image[:CONFIG_SIZE]:
-            why = "in force at the start" if self._config is None else "changed"
-            self._config = snapshot.image[:CONFIG_SIZE]
-            self._recorder.config(snapshot.t_mono_ns, snapshot.t_wall_ns, self._config, why)
+        with self._lock:  # a session that begins between the two would miss its configuration
+            if snapshot.config is not None and self._config != snapshot.config:
+                why = "in force at the start" if self._config is None else "changed"
+                self._config = snapshot.config
+                self._recorder.config(snapshot.t_mono_ns, snapshot.t_wall_ns, self._config, why)
         if self._last_good_ns is not None and snapshot.t_mono_ns - self._last_good_ns > GONE_S * 1e9:
             self._last_good_ns = None
             self._held_back = not self._automatic
@@ -140,11 +142,12 @@ class AutoRecorder:
     def _master_spoke(self, t_mono_ns: int) -> None:
         first = self._last_good_ns is None
         self._last_good_ns = t_mono_ns
-        if self._held_back or not (first or self._recorder_is_idle()):
+        if self._held_back or t_mono_ns < self._retry_ns or not (first or self._recorder_is_idle()):
             return
         try:
             self.start()
         except AppError as error:
+            self._retry_ns = t_mono_ns + int(RETRY_S * 1e9)
             if self._told != str(error):
                 self._told = str(error)
                 self._on_event(_event("recording-failed", str(error), "warning"))

@@ -42,11 +42,6 @@ class ShadowImage:
         oldest = int(self.arrived_ns[start : start + length].min())
         return None if oldest == NEVER else max(0.0, (now_ns - oldest) / 1e9)
 
-    def forget(self) -> None:
-        """Forget everything: another master may be at the other end."""
-        self.image[:] = bytes(MASTER_SIZE)
-        self.arrived_ns.fill(NEVER)
-
 
 _ELEMENT_AT: dict[int, tuple[Field, int]] = {
     offset: (field, (offset - field.offset) // field.item_size)

@@ -149,5 +149,6 @@ class Snapshot:
     estimator: dict[str, Any]
     alarms: tuple[Alarm, ...] = ()
     replay: dict[str, Any] | None = None
+    config: bytes | None = None  # in force, as last heard as a whole
     config_hash: str | None = None
     is_fresh: bool = True  # made from new bytes, not only aged

@@ -9,7 +9,7 @@ from urllib.parse import parse_qsl
 
 import can
 
-from app.errors import ConfigError, LinkLost
+from app.errors import ConfigError
 from app.links.backoff import Backoff
 from app.telemetry import CanItem, Item, LinkChange
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
@@ -55,7 +55,6 @@ class CanLink:
         self.url = url
         self._arguments = parse_bus(url)
         self._sink = sink
-        self._bus: can.BusABC | None = None
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="can", daemon=True)
 
@@ -68,24 +67,6 @@ class CanLink:
         self._stopping.set()
         self._thread.join(timeout=3.0)
 
-    def send(self, can_id: int, data: bytes) -> None:
-        """Put one frame on the bus.
-
-        Raises:
-            LinkLost: the bus is not open or did not take the frame.
-        """
-        bus = self._bus
-        if bus is None:
-            raise LinkLost(f"{self.url} is not open")
-        message = can.Message(
-            arbitration_id=can_id & ~CAN_ID_EXTENDED, is_extended_id=bool(can_id & CAN_ID_EXTENDED), data=data
-        )
-        try:
-            bus.send(message, timeout=0.5)
-        except can.CanError as error:
-            raise LinkLost(f"{self.url}: {error}") from error
-        self._sink(CanItem(time.monotonic_ns(), time.time_ns(), can_id, bytes(data), sent=True))
-
     def _run(self) -> None:
         backoff = Backoff()
         self._tell("connecting")
@@ -96,25 +77,23 @@ class CanLink:
                 self._tell("lost", str(error) or type(error).__name__)
                 self._stopping.wait(backoff.next_s())
                 continue
-            backoff.reset()
             self._tell("open")
-            self._bus = bus
             try:
-                self._read_until_lost(bus)
+                self._read_until_lost(bus, backoff.reset)
             except Exception as error:  # noqa: BLE001  every driver raises its own
                 if not self._stopping.is_set():
                     self._tell("lost", str(error) or type(error).__name__)
             finally:
-                self._bus = None
                 with contextlib.suppress(Exception):
                     bus.shutdown()
             self._stopping.wait(backoff.next_s())
 
-    def _read_until_lost(self, bus: can.BusABC) -> None:
+    def _read_until_lost(self, bus: can.BusABC, on_data: Callable[[], None]) -> None:
         while not self._stopping.is_set():
             message = bus.recv(_POLL_S)
             if message is None or message.is_error_frame or message.is_remote_frame:
                 continue
+            on_data()
             can_id = message.arbitration_id | (CAN_ID_EXTENDED if message.is_extended_id else 0)
             self._sink(CanItem(time.monotonic_ns(), time.time_ns(), can_id, bytes(message.data)))
 

@@ -37,6 +37,7 @@ class LinkMonitor:
         self._opened = False
         self._open_state: LinkState = "off" if url is None else "connecting"
         self._error: str | None = None
+        self._told: tuple[str, str | None] | None = None
         self._last_good_ns: int | None = None
         self._sequence: int | None = None
         self._uptime_ms = 0
@@ -44,8 +45,10 @@ class LinkMonitor:
         self._bytes_rate = _Rate()
         self.frames = self.lost = self.crc_errors = self.resyncs = self.bytes = self.reconnects = 0
 
-    def on_change(self, change: LinkChange) -> None:
-        """The port opened, or was lost."""
+    def on_change(self, change: LinkChange) -> bool:
+        """The port opened, or was lost; False where that was known already (a port is tried again and again)."""
+        told = change.state, change.error
+        is_news, self._told = told != self._told, told
         self._error = change.error
         if change.state == "open":
             self.reconnects += self._opened
@@ -54,6 +57,7 @@ class LinkMonitor:
             self._sequence = None
         else:
             self._open_state = change.state
+        return is_news
 
     def on_frame(self, t_ns: int, frame: Frame | BadFrame) -> None:
         """A frame came off the RS232 line."""
@@ -98,7 +102,7 @@ class LinkMonitor:
         return LinkStatus(
             state=state,
             url=self.url,
-            age_s=None if self._last_good_ns is None else (now_ns - self._last_good_ns) / 1e9,
+            age_s=None if self._last_good_ns is None else max(0.0, (now_ns - self._last_good_ns) / 1e9),
             frames=self.frames,
             lost=self.lost,
             crc_errors=self.crc_errors,

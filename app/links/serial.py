@@ -41,9 +41,10 @@ class SerialLink:
 
     def stop(self) -> None:
         """Tell the master to stop, close the port, end the thread."""
-        self._stopping.set()
+        self.streams = False
         with contextlib.suppress(LinkLost):
             self.write(bytes([STOP_STREAM]))
+        self._stopping.set()
         self._thread.join(timeout=3.0)
 
     def write(self, data: bytes) -> None:
@@ -72,28 +73,33 @@ class SerialLink:
         while not self._stopping.is_set():
             try:
                 port = serial.serial_for_url(
-                    self.url, baudrate=BAUD_RATE, parity=serial.PARITY_EVEN, timeout=_POLL_S, write_timeout=1.0
+                    self.url,
+                    baudrate=BAUD_RATE,
+                    parity=serial.PARITY_EVEN,
+                    timeout=_POLL_S,
+                    write_timeout=1.0,
+                    exclusive=True,  # two readers would each get half of the bytes
                 )
-            except (serial.SerialException, OSError, ValueError) as error:
+            except Exception as error:  # noqa: BLE001  drivers raise their own: termios.error is no OSError
                 self._tell("lost", _reason(error))
                 self._stopping.wait(backoff.next_s())
                 continue
-            backoff.reset()
             self._tell("open")
             self._port = port
             try:
-                self._read_until_lost(port)
-            except (serial.SerialException, OSError, LinkLost) as error:
+                self._read_until_lost(port, backoff.reset)
+            except Exception as error:  # noqa: BLE001  as above
                 if not self._stopping.is_set():
                     self._tell("lost", _reason(error))
             finally:
                 with self._write_lock:
                     self._port = None
-                with contextlib.suppress(serial.SerialException, OSError):
+                with contextlib.suppress(Exception):
                     port.close()
             self._stopping.wait(backoff.next_s())
 
-    def _read_until_lost(self, port: serial.Serial) -> None:
+    def _read_until_lost(self, port: serial.Serial, on_data: Callable[[], None]) -> None:
+        """Read for ever; `on_data` is called for what arrives: a port that opens and says nothing proves little."""
         read = _reader(port)
         decoder = FrameDecoder()
         silent_since = time.monotonic()
@@ -102,6 +108,7 @@ class SerialLink:
             data = read()
             now_ns = time.monotonic_ns()
             if data:
+                on_data()
                 wall_ns = time.time_ns()
                 for frame in decoder.feed(data):
                     self._sink(SerialItem(now_ns, wall_ns, frame))
@@ -145,6 +152,8 @@ def _reason(error: Exception) -> str:
         return "no such port (unplugged?)"
     if "Permission denied" in text:
         return "permission denied (is the user in the dialout group?)"
+    if "exclusively lock" in text:
+        return "used by another program"
     if "refused" in text:
         return "connection refused (is the other end running?)"
     if "Input/output error" in text or "[Errno 5]" in text:

@@ -65,3 +65,18 @@ def test_rates_are_those_of_the_last_two_seconds():
     status = monitor.status(4_000_000_000)
     assert 9 <= status.rate_hz <= 10
     assert monitor.status(9_000_000_000).rate_hz == 0
+
+
+def test_a_port_that_is_tried_in_vain_is_news_once():
+    monitor = rs232_monitor("/dev/x")
+    lost = LinkChange(0, 0, "rs232", "lost", "no such port")
+    assert [monitor.on_change(lost) for _ in range(3)] == [True, False, False]
+    assert monitor.on_change(LinkChange(0, 0, "rs232", "lost", "permission denied"))
+    assert monitor.on_change(LinkChange(0, 0, "rs232", "open"))
+    assert monitor.on_change(lost)
+
+
+def test_an_age_is_never_negative():
+    monitor = opened()
+    monitor.on_frame(100, frame(0))
+    assert monitor.status(50).age_s == 0.0

@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 
 from app.estimation.cellfile import load_cell
+from app.estimation.errors import EstimatorError
 from app.estimation.estimators import make_estimator
 from app.pipeline import Pipeline
 from app.telemetry import CanItem, LinkChange
 from firmware_protocol.framing import decode_chunk
+from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import Event, EventCode, Ident, MessageType, Reply
 
 CELL = load_cell("samsung-25r-10p")
@@ -171,3 +173,80 @@ def test_the_same_items_give_the_same_snapshots(master):
         return [(s.image, s.cells.soc.tobytes(), s.accumulator) for s in outputs if s]
 
     assert run() == run()
+
+
+def test_a_missing_port_is_one_event_however_often_it_is_tried(pipeline):
+    lost = LinkChange(1, 1, "rs232", "lost", "no such port (unplugged?)")
+    assert [len(pipeline.feed(lost).events) for _ in range(5)] == [1, 0, 0, 0, 0]
+
+
+def test_a_configuration_is_never_the_pieces_of_two(pipeline, master):
+    for piece in ((0, 200), (200, 220)):
+        pipeline.feed(master.windows(piece))
+    old = pipeline.feed(master.frame()).snapshot
+    master.set("conf.ts", [50])
+    master.set("conf.can_tx_msg_id", [0x123] * 8)
+    master.advance()
+    pipeline.feed(master.item(MessageType.EVENT, Event(EventCode.CONFIG_WRITTEN, 0, 0xFFFF, 0, 420).to_body()))
+    pipeline.feed(master.windows((0, 200)))
+    between = pipeline.feed(master.frame()).snapshot
+    assert (between.config_hash, between.config) == (old.config_hash, old.config)
+    pipeline.feed(master.windows((200, 220)))
+    new = pipeline.feed(master.frame()).snapshot
+    assert new.config == bytes(master.image[:420])
+    assert new.config_hash != old.config_hash
+
+
+def test_no_cell_measured_is_no_zero_volts(pipeline, master):
+    master.set("v", [0] * 96)
+    for name in ("v_tot", "v_min", "v_max"):
+        master.set(name, [0])
+    total = pipeline.feed(master.frame()).snapshot.accumulator
+    assert [total[name] for name in ("voltage_v", "voltage_min_v", "voltage_max_v", "power_w")] == [None] * 4
+    assert total["voltage_min_cell"] is None
+
+
+def test_the_masters_charge_is_floored_to_whole_percent(pipeline):
+    soc = (2900).to_bytes(2, "little")
+    snapshot = pipeline.feed(CanItem(5_000_000_000, 5, 0x100, soc + bytes(6))).snapshot
+    assert snapshot.accumulator["driver_soc_percent"] == 29
+
+
+def test_energy_of_a_long_gap_is_not_made_up(pipeline, master):
+    pipeline.feed(master.frame())
+    before = pipeline.feed(master.frame()).snapshot.accumulator["energy_out_wh"]
+    after = pipeline.feed(master.frame(1_800_000)).snapshot.accumulator["energy_out_wh"]
+    assert after == before
+
+
+def test_relays_of_which_nothing_is_heard_are_not_said_to_be_open(pipeline, master):
+    tx = FIELDS["conf.can_tx_msg_data"]
+    first = master.image[tx.offset : tx.offset + tx.size]
+    first[16:32] = b"".join(n.to_bytes(2, "little") for n in (420, *[0xFFFF] * 7))  # message 1: the flags' first byte
+    master.image[tx.offset : tx.offset + tx.size] = first
+    pipeline.feed(master.config())
+    pipeline.tick(master.t_ns, 1)
+    snapshot = pipeline.feed(CanItem(master.t_ns + 5_000_000_000, 5, 0x100, b"\x01" + bytes(7))).snapshot
+    assert snapshot.master["flags"]["fit"] is True
+    assert snapshot.master["flags"]["load"] is None
+    assert snapshot.master["state"] == "unknown"
+
+
+def test_an_estimator_that_fails_is_told_once_and_begun_anew(master):
+    class Broken:
+        def start(self, *_):
+            raise EstimatorError("no")
+
+    made = []
+
+    def make():
+        made.append(Broken() if len(made) < 3 else make_estimator("coulomb", CELL, 96))
+        return made[-1]
+
+    chain = Pipeline("serial", make, filter_name="f", cell_name="c")
+    outputs = [chain.feed(master.frame()) for _ in range(5)]
+    codes = [e.code for output in outputs for e in output.events]
+    assert codes.count("estimator-failed") == 1
+    assert np.isnan(outputs[0].snapshot.cells.soc).all()
+    assert outputs[0].snapshot.accumulator["current_a"] == pytest.approx(10)
+    assert not np.isnan(outputs[-1].snapshot.cells.soc).any()
