@@ -84,10 +84,10 @@ class SessionWriter:
                 self._builder.add_frame(t_mono_ns, raw)
             else:
                 self._bad_frames += 1
-            if self._chunk_start_ns is None:
-                self._chunk_start_ns = t_mono_ns
         for row in rows["estimates"]:
             self._builder.add_estimate(*row)
+        if self._chunk_start_ns is None:
+            self._chunk_start_ns = min((row[0] for row in (*rows["frames"][:1], *rows["estimates"][:1])), default=None)
         self._frames += len(rows["frames"])
 
     def close_chunk_if_due(self, t_mono_ns: int) -> None:

@@ -147,6 +147,21 @@ def test_a_reboot_of_the_master_keeps_order_and_instants_apart(recorder: Recorde
     assert np.array_equal(instants, of_estimates)
 
 
+def test_estimates_without_a_serial_link_go_into_chunks_too(recorder: Recorder) -> None:
+    info = recorder.start()
+    for i in range(1500):
+        recorder.estimates(MONO_NS + i * 10**8, i * 100, np.full(96, i / 2000), np.full(96, 0.01))
+        if i % 100 == 99:
+            recorder.flush()
+    connection = sqlite3.connect(info.path)
+    assert connection.execute("SELECT count(*) FROM chunks").fetchone()[0] == 2
+    assert connection.execute("SELECT count(*) FROM estimates").fetchone()[0] < 700
+    connection.close()
+    with SessionFile(info.path) as session:
+        series = session.series(["estimate.soc[5]"])["estimate.soc[5]"]
+    assert series.minimum == pytest.approx(np.arange(1500) / 2000, abs=1e-5)
+
+
 def test_configuration_signals_come_from_the_images_in_force(recorder: Recorder, stream) -> None:
     info = recorder.start()
     image = bytearray(CONFIG_SIZE)
