@@ -113,7 +113,18 @@ class SlaveChain:
 
     def read_cells(self) -> WordArray:
         """Return the answers of all slaves to the four cell reads, (n_slaves, 4, 4), as they arrive."""
-        packets = to_packets(self.cvr.reshape(self.n_slaves, len(READ_CELLS), DATA_WORDS))
+        return self._answers(self.cvr)
+
+    def read_auxiliary(self) -> WordArray:
+        """Return the answers of all slaves to both auxiliary and both status reads, (n_slaves, 4, 4)."""
+        return self._answers(np.concatenate((self.avr, self.str), axis=1))
+
+    def read_configuration(self) -> WordArray:
+        """Return the answers of all slaves to the configuration read, (n_slaves, 1, 4)."""
+        return self._answers(self.cfgr.view("<u2"))
+
+    def _answers(self, registers: WordArray) -> WordArray:
+        packets = to_packets(registers.reshape(self.n_slaves, -1, DATA_WORDS))
         if not self._all_powered:
             packets[~self.is_powered] = 0xFFFF
         return self._disturbed(packets)

@@ -21,7 +21,7 @@ from firmware_protocol.ltc6804 import (
 )
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING
 from firmware_protocol.temperature_sensor import FIRST_DEGC, MARGIN_V, POINTS_V, STEP_DEGC
-from simulator.isospi import DATA_WORDS, is_intact
+from simulator.isospi import DATA_WORDS, WordArray, is_intact
 from simulator.memory import Config, MasterMemory
 from simulator.slave import ADOW, BoolArray, SlaveChain
 
@@ -75,7 +75,7 @@ class SlaveReader:
         self._balance = balance.copy()
         self._is_balancing = bool(balance.any())
         self._write_balance(now_s)
-        self._read_configuration(now_s)
+        self._read_configuration()
 
     def read_voltages(self, now_s: float) -> BoolArray:
         """Convert and read all cells into the struct; return (n_slaves,) which slaves gave no good packet."""
@@ -104,13 +104,12 @@ class SlaveReader:
         """Convert references and supplies into the struct, and look for open cell wires."""
         self._chain.execute(_CONVERT_AUX, now_s)
         self._chain.execute(_CONVERT_STATUS, now_s)
-        for slave in range(self._chain.n_slaves):
-            aux = self._read_group(Command.RDAUXA, slave, now_s)
-            status = (self._read_group(Command.RDSTATA, slave, now_s), self._read_group(Command.RDSTATB, slave, now_s))
-            if aux is not None:
-                self._memory.slave_avr[slave] = aux
-            if status[0] is not None and status[1] is not None:
-                self._memory.slave_str[slave] = np.concatenate((status[0], status[1]))
+        packets = self._chain.read_auxiliary()
+        whole = self._checked(packets).all(axis=1)
+        words = packets[..., :DATA_WORDS].reshape(self._chain.n_slaves, -1)
+        n_aux = self._memory.slave_avr.shape[1]
+        self._memory.slave_avr[whole] = words[whole, :n_aux]
+        self._memory.slave_str[whole] = words[whole, -self._memory.slave_str.shape[1] :]
         self._find_open_wires(now_s)
 
     def _find_open_wires(self, now_s: float) -> None:
@@ -134,26 +133,23 @@ class SlaveReader:
 
     def _read_cells_into(self, target: NDArray[np.uint16]) -> BoolArray:
         packets = self._chain.read_cells()
-        intact = is_intact(packets)
-        self.packets += intact.size
+        intact = self._checked(packets)
         self.is_whole = bool(intact.all())
         words = packets[..., :DATA_WORDS].reshape(target.shape)
         if self.is_whole:
             target[:] = words
             self.silent = self._none_silent
         else:
-            self.packet_errors += int(intact.size - np.count_nonzero(intact))
             np.copyto(target, words, where=np.repeat(intact, DATA_WORDS, axis=1))
             self.silent = np.logical_not(intact.any(axis=1))
         return intact
 
-    def _read_group(self, command: Command, slave: int, now_s: float) -> NDArray[np.uint16] | None:
-        reply = np.frombuffer(self._chain.execute(_read_packet(command, slave), now_s), dtype="<u2")
-        self.packets += 1
-        if not is_intact(reply):
-            self.packet_errors += 1
-            return None
-        return reply[:DATA_WORDS]
+    def _checked(self, packets: WordArray) -> BoolArray:
+        """Return which packets are intact, and count."""
+        intact = is_intact(packets)
+        self.packets += intact.size
+        self.packet_errors += int(intact.size - np.count_nonzero(intact))
+        return intact
 
     def _write(self, discharging: BoolArray, address: int | None, now_s: float) -> None:
         self._chain.execute(_configuration_packet(self._thresholds, discharging.tobytes(), address), now_s)
@@ -165,11 +161,11 @@ class SlaveReader:
         for slave, row in enumerate(self._balance.reshape(self._chain.n_slaves, CELLS_PER_PACK)):
             self._write(row, slave, now_s)
 
-    def _read_configuration(self, now_s: float) -> None:
-        for slave in range(self._chain.n_slaves):
-            group = self._read_group(Command.RDCFG, slave, now_s)
-            if group is not None:
-                self._memory.slave_cfgr[slave] = group.view(np.uint8)
+    def _read_configuration(self) -> None:
+        packets = self._chain.read_configuration()
+        whole = self._checked(packets)[:, 0]
+        groups = packets[:, 0, :DATA_WORDS].copy().view(np.uint8)
+        self._memory.slave_cfgr[whole] = groups[whole]
 
 
 @functools.lru_cache(maxsize=1024)
@@ -178,8 +174,3 @@ def _configuration_packet(thresholds: tuple[int, int], discharging: bytes, addre
     cells = tuple(map(bool, discharging))
     configuration = Configuration(under_voltage_code=under, over_voltage_code=over, discharging=cells)
     return write_packet(Command.WRCFG, configuration.to_bytes(), address)
-
-
-@functools.lru_cache(maxsize=128)
-def _read_packet(command: Command, slave: int) -> bytes:
-    return command_packet(command, slave)

@@ -1,0 +1,167 @@
+"""Every scenario of the library is played, and what happens is what its file says: these events, and no other trip."""
+
+import functools
+import math
+
+import pytest
+
+from firmware_protocol.eeprom import newest
+from firmware_protocol.framing import BadFrame, FrameDecoder
+from firmware_protocol.messages import Event, EventCode, MessageType, Result, decode_message
+from simulator.charging import ChargingState
+from simulator.director import Director
+from simulator.scenario import Scenario, find_scenario, library
+
+LOOPING_S = 60.0
+LIMIT_S = 30_000.0
+
+
+class Played:
+    """A scenario from its start to its end, with everything that the master told."""
+
+    def __init__(self, scenario: Scenario, *, listen: bool = False) -> None:
+        self.director = Director(scenario, step_s=step_s(scenario))
+        self.simulation = self.director.simulation
+        self.simulation.serial_out = self._take
+        self._decoder = FrameDecoder()
+        self.events: list[tuple[float, Event]] = []
+        self.sequences: list[int] = []
+        self.bad = 0
+        self.highest_v = 0.0
+        if listen:
+            self.director.run(1.0)
+            self.simulation.receive(b"x")
+        end_s = LOOPING_S if scenario.loop else LIMIT_S
+        while not self.director.is_over and self.simulation.now_s < end_s:
+            self.director.run(5.0)
+            self.highest_v = max(self.highest_v, float(self.simulation.accumulator.terminal_voltage_v.max()))
+
+    def _take(self, data: bytes) -> None:
+        for item in self._decoder.feed(data):
+            if isinstance(item, BadFrame):
+                self.bad += 1
+                continue
+            self.sequences.append(item.sequence)
+            if item.type == MessageType.EVENT:
+                message = decode_message(item)
+                assert isinstance(message, Event)
+                self.events.append((self.simulation.now_s, message))
+
+    def happened(self, code: EventCode) -> list[tuple[float, Event]]:
+        return [(at_s, event) for at_s, event in self.events if event.code == code]
+
+
+def step_s(scenario: Scenario) -> float:
+    """Return a pass length that keeps long scenarios affordable; trips then come up to a pass late."""
+    if scenario.name == "charging-unbalanced":
+        return 1.0
+    lengths_s = [phase.for_s or math.inf for phase in scenario.phases if phase.load not in ("acceleration", "skid-pad")]
+    longest_s = 0.0 if scenario.loop else max(lengths_s, default=0.0)
+    return 0.5 if longest_s > 500 else 0.1 if longest_s > 100 else 0.05
+
+
+@functools.lru_cache
+def played_once(name: str) -> Played:
+    """Return a scenario of the library that has been played to its end."""
+    return Played(find_scenario(name))
+
+
+@pytest.mark.parametrize("name", [scenario.name for scenario in library()])
+def test_what_the_file_expects_happens_and_no_other_trip(name):
+    played = played_once(name)
+    scenario = played.director.scenario
+    slack_s = step_s(scenario)
+    unexpected = [(at_s, event) for at_s, event in played.events if EventCode(event.code).name.startswith("TRIP_")]
+    for item in scenario.expected:
+        matching = [
+            (at_s, event)
+            for at_s, event in played.happened(item.event)
+            if item.after_s <= at_s <= item.before_s + slack_s
+            and item.cell in (None, event.cell)
+            and item.value in (None, event.value)
+        ]
+        assert matching, f"{item} did not happen; there were {played.events}"
+        unexpected = [pair for pair in unexpected if pair not in matching]
+    assert unexpected == []
+    if any(phase.load == "charge" for phase in scenario.phases):
+        limit_v = played.simulation.master.config.v_cell_chrg * 1e-4
+        assert played.highest_v < limit_v + 2e-3
+
+
+@pytest.mark.parametrize("name", ["charging", "charging-cold"])
+def test_charging_goes_through_its_states_once(name):
+    played = played_once(name)
+    states = [ChargingState(event.value) for _, event in played.happened(EventCode.CHARGER_STATE)]
+    assert states == [
+        ChargingState.WAITING,
+        ChargingState.CONSTANT_CURRENT,
+        ChargingState.BALANCING,
+        ChargingState.CONSTANT_VOLTAGE,
+        ChargingState.DONE,
+    ]
+    accumulator = played.simulation.accumulator
+    assert accumulator.soc.min() > 0.9
+
+
+def test_unbalanced_cells_are_brought_together():
+    played = played_once("charging-unbalanced")
+    accumulator = played.simulation.accumulator
+    at_start = Director(played.director.scenario).simulation.accumulator.soc
+    assert at_start.max() - at_start.min() > 0.015
+    assert accumulator.soc.max() - accumulator.soc.min() < 0.75 * (at_start.max() - at_start.min())
+
+
+def test_endurance_ends_where_a_real_one_would():
+    played = played_once("clean-endurance")
+    accumulator = played.simulation.accumulator
+    assert 0.18 < accumulator.soc.mean() < 0.40
+    assert 1400 < played.simulation.now_s < 1900
+    assert played.simulation.master.memory.flags & 1
+
+
+def test_loose_bolt_shows_under_load_and_not_at_rest():
+    scenario = find_scenario("loose-bolt")
+    director = Director(scenario, step_s=0.1)
+    sag_v = []
+
+    def watch(at_s: float) -> None:
+        accumulator = director.simulation.accumulator
+        if 70 < at_s < 170 and director.simulation.current_a > 100:
+            sag_v.append(accumulator.terminal_voltage_v.mean() - accumulator.terminal_voltage_v[30])
+
+    step = director.simulation.before_step
+    director.simulation.before_step = lambda at_s: (watch(at_s), step(at_s))
+    director.run(175)
+    assert min(sag_v) > 0.09  # 1 mohm at 100 A and more
+
+
+def test_damaged_frames_of_a_noisy_cable_are_all_found():
+    played = Played(find_scenario("noisy-cable"), listen=True)
+    steps = [(b - a) & 0xFF for a, b in zip(played.sequences, played.sequences[1:], strict=False)]
+    lost = sum(step - 1 for step in steps if step)
+    assert played.bad > 50
+    assert lost > 50
+    assert 0 not in steps
+    assert played.happened(EventCode.BOOT)[0][1].value == 0
+
+
+def test_brown_out_mid_write_leaves_old_or_new():
+    for seed in range(4):
+        scenario = find_scenario("brown-out-mid-write")
+        director = Director(scenario, seed=seed)
+        director.run(30.0)
+        master = director.simulation.master
+        assert master.memory.config == scenario.config
+        assert newest(bytes(director.simulation.board.eeprom.content)).counter in (1, 2)
+
+
+def test_a_worn_eeprom_refuses_and_keeps_the_old():
+    replies = []
+    director = Director(find_scenario("worn-eeprom"))
+    decoder = FrameDecoder()
+    director.simulation.serial_out = lambda data: replies.extend(
+        decode_message(frame).result for frame in decoder.feed(data) if frame.type == MessageType.REPLY
+    )
+    director.run(30.0)
+    assert replies == [Result.EEPROM_FAILED]
+    assert newest(bytes(director.simulation.board.eeprom.content)) is None
