@@ -4,10 +4,12 @@ Blocking; one write at a time.
 """
 
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
-from app.errors import AppError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow
+from app.errors import AppError, LinkError, LinkLost, MasterSilent, NotNow
 from app.links.master import MasterClient
 from app.telemetry import Identity
 from firmware_protocol.config_image import Change, FieldError, check, difference, image_hash
@@ -57,6 +59,7 @@ class Configuration:
         self._master = master
         self._identity = identity
         self._one_editor = threading.Lock()
+        self.last_read: tuple[int, bytes] | None = None  # monotonic ns, what was in force
         self.stored: StoredConfig | None = None
         self.stored_is_known = False
 
@@ -66,7 +69,10 @@ class Configuration:
         Raises:
             LinkError: the master cannot be asked.
         """
-        return self._master.read(0, CONFIG_SIZE)
+        asked_ns = time.monotonic_ns()
+        image = self._master.read(0, CONFIG_SIZE)
+        self.last_read = asked_ns, image
+        return image
 
     def read_stored(self) -> StoredConfig | None:
         """Return what the EEPROM holds, None where no slot is valid.
@@ -96,9 +102,7 @@ class Configuration:
             Unverified: link lost or master reset; says what is in force now.
             LinkError: the master cannot be asked; nothing was written.
         """
-        if not self._one_editor.acquire(blocking=False):
-            raise NotNow("another write is running")
-        try:
+        with self._editing():
             before = self.read()
             if expected_hash not in ("*", image_hash(before)):
                 raise HashMismatch(expected_hash, before)
@@ -111,8 +115,6 @@ class Configuration:
             self._require_same_map()
             self._write_and_verify(before, wanted)
             return Written(wanted, changes, written=True)
-        finally:
-            self._one_editor.release()
 
     def store(self) -> StoredConfig:
         """Store the configuration in force and read the EEPROM back.
@@ -121,7 +123,7 @@ class Configuration:
             Unverified: the EEPROM does not hold what is in force.
             MasterRefused, LinkError: see MasterClient.request.
         """
-        with self._one_editor:
+        with self._editing():
             self._require_same_map()
             in_force = self.read()
             self._master.store()
@@ -132,25 +134,35 @@ class Configuration:
 
     def load(self) -> bytes:
         """Put the stored configuration in force and return it."""
-        with self._one_editor:
+        with self._editing():
             self._master.load()
             return self.read()
+
+    @contextmanager
+    def _editing(self) -> Iterator[None]:
+        if not self._one_editor.acquire(blocking=False):
+            raise NotNow("another write, store or load is running")
+        try:
+            yield
+        finally:
+            self._one_editor.release()
 
     def _write_and_verify(self, before: bytes, wanted: bytes) -> None:
         try:
             self._master.write(0, wanted)
-            in_force = self.read()
-        except MasterRefused:
-            raise
         except (LinkLost, MasterSilent) as error:
             raise Unverified(self._outcome(before, wanted), f"{error}; what is in force was read again") from error
+        try:
+            in_force = self.read()
+        except (LinkError, NotNow) as error:
+            raise Unverified(self._outcome(before, wanted), f"written, not read back: {error}") from error
         if in_force != wanted:
             raise Unverified("old" if in_force == before else "other", "the master did not take the configuration")
 
     def _outcome(self, before: bytes, wanted: bytes) -> str:
         try:
             in_force = self.read()
-        except LinkError:
+        except (LinkError, NotNow):
             return "unknown"
         return {before: "old", wanted: "new"}.get(in_force, "other")
 

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from app.configuration import Configuration
-from app.errors import AppError, ConfigError, LinkLost
+from app.errors import AppError, ConfigError, LinkLost, NotNow
 from app.estimation.cellfile import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.estimators import CellEstimator, make_estimator
@@ -30,11 +30,15 @@ from app.telemetry import CanItem, Event, Item, SerialItem, Snapshot, Source
 from app.trace import CanTrace
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.framing import BadFrame
-from firmware_protocol.memory_map import CONFIG_SIZE, N_CELLS
+from firmware_protocol.memory_map import N_CELLS
 from firmware_protocol.messages import EventCode, MessageType
 
 log = logging.getLogger(__name__)
 TICK_S = 1.0
+STALL_S = 3 * TICK_S  # without a snapshot for so long, the pipeline stands still
+INBOX_ITEMS = 4096  # beyond it the links wait, and what the line cannot hold shows up as a gap in the sequence
+FAILURE_SHOWN_S = 60.0
+GREET_AGAIN_S = 10.0  # a master that does not know IDENT is not asked at every frame
 
 
 class Runtime:
@@ -51,7 +55,7 @@ class Runtime:
         self.events = EventLog(settings.data / "events.sqlite")
         self.catalogue = Catalogue(settings.data / "sessions")
         self.recorder = AutoRecorder(settings.data / "sessions", automatic=settings.record, on_event=self.log_event)
-        self._inbox: queue.SimpleQueue[Item | None] = queue.SimpleQueue()
+        self._inbox: queue.Queue[Item | None] = queue.Queue(INBOX_ITEMS)
         try:
             cell = load_cell(settings.cell)
         except EstimatorError as error:
@@ -62,16 +66,21 @@ class Runtime:
 
         self._new_estimator: Callable[[], CellEstimator] = new_estimator
         self.pipeline = self.new_pipeline(source, serial_url, can_url)
-        self.serial = SerialLink(serial_url, self._inbox.put) if serial_url else None
-        self.can = CanLink(can_url, self._inbox.put) if can_url else None
+        self.serial = SerialLink(serial_url, self.put) if serial_url else None
+        self.can = CanLink(can_url, self.put) if can_url else None
         self.master = MasterClient(self._send)
         self.configuration = Configuration(self.master, lambda: self.pipeline.identity)
         self.operator = Operator(self.configuration, self.master, self.serial, self.note)
-        self.replaying = Replaying(self.new_pipeline, self._show)
+        self.replaying = Replaying(
+            self.new_pipeline, self._show, lambda text: self.note("warning", "replay-failed", text)
+        )
         self._jobs = ThreadPoolExecutor(max_workers=1, thread_name_prefix="greet")
         self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
         self._greeted = False
+        self._greet_from_ns = 0
         self._stopped = threading.Event()
+        self._failures = 0
+        self._failure: tuple[int, str] | None = None
         self.pipeline_snapshot: Snapshot | None = None  # of the live source, also while a replay is shown
 
     def new_pipeline(self, source: Source, serial_url: str | None = None, can_url: str | None = None) -> Pipeline:
@@ -94,15 +103,25 @@ class Runtime:
             if link is not None:
                 link.start()
 
+    def put(self, item: Item) -> None:
+        """Take an item from a link; waits while the pipeline is behind."""
+        while not self._stopped.is_set():
+            with contextlib.suppress(queue.Full):
+                self._inbox.put(item, timeout=0.5)
+                return
+
     def stop(self) -> None:
         """Close the links, drain, close the recording: in this order."""
         self.replaying.stop()
+        self.master.close()
         for link in (self.serial, self.can):
             if link is not None:
                 link.stop()
         self._stopped.set()
-        self._inbox.put(None)
-        self._thread.join(timeout=5.0)
+        with contextlib.suppress(queue.Full):  # then it ends when the inbox is empty
+            self._inbox.put_nowait(None)
+        if self._thread.is_alive():
+            self._thread.join(timeout=5.0)
         self._jobs.shutdown(wait=True, cancel_futures=True)
         self.recorder.close()
         self.events.close()
@@ -118,9 +137,16 @@ class Runtime:
             limit=event.limit,
             unit=event.unit,
             who=event.who,
+            uptime_ms=self._uptime_ms(),
             t_wall_ns=event.time_ns,
         )
         self.recorder.on_event(event)
+
+    def _uptime_ms(self) -> int | None:
+        snapshot = self.pipeline_snapshot
+        if snapshot is None or snapshot.uptime_s is None or snapshot.links["rs232"].state != "live":
+            return None
+        return round(snapshot.uptime_s * 1000)
 
     def note(self, severity: str, code: str, text: str, who: str | None = None) -> None:
         """Log something that the service or a user did."""
@@ -154,11 +180,22 @@ class Runtime:
                 if now_ns - published_ns >= TICK_S * 1e9:
                     published_ns = now_ns
                     self._deliver(self.pipeline.tick(now_ns, time.time_ns()))
-            except Exception:
-                log.exception("the pipeline failed on one item and goes on")
+            except Exception as error:
+                self._on_failure(error)
+
+    def _on_failure(self, error: Exception) -> None:
+        """One item failed, the next may not; health says so, the log at most once a second."""
+        now_ns = time.monotonic_ns()
+        self._failures += 1
+        if self._failure is None or now_ns - self._failure[0] > 1e9:
+            log.error("the pipeline failed on an item and goes on (failure %d)", self._failures, exc_info=error)
+        self._failure = now_ns, f"{type(error).__name__}: {error}"
 
     def _take(self, item: Item) -> int | None:
-        self.recorder.on_item(item)
+        try:
+            self.recorder.on_item(item)
+        except Exception as error:
+            self._on_failure(error)  # what is not recorded is shown all the same
         if isinstance(item, CanItem):
             self.trace.add(item)
         output = self.pipeline.feed(item)
@@ -168,7 +205,7 @@ class Runtime:
         if isinstance(item, SerialItem) and not isinstance(item.frame, BadFrame):
             self._greet_if_new(item.frame.type, item.frame.body)
         elif not isinstance(item, SerialItem | CanItem) and item.link == "rs232" and item.state != "open":
-            self._greeted = False
+            self._greeted, self._greet_from_ns = False, 0
         return item.t_mono_ns if output.snapshot is not None else None
 
     def _deliver(self, output: Output) -> None:
@@ -191,8 +228,8 @@ class Runtime:
             bytes([EventCode.BOOT]),
             bytes([EventCode.CONFIG_STORED]),
         ):
-            self._greeted = False
-        if not self._greeted:
+            self._greeted, self._greet_from_ns = False, 0
+        if not self._greeted and time.monotonic_ns() >= self._greet_from_ns:
             self._greeted = True
             with contextlib.suppress(RuntimeError):  # shutting down
                 self._jobs.submit(self._greet)
@@ -203,6 +240,7 @@ class Runtime:
             self.configuration.read_stored()
         except AppError as error:
             log.info("the master did not introduce itself: %s", error)
+            self._greet_from_ns = time.monotonic_ns() + int(GREET_AGAIN_S * 1e9)
             self._greeted = False
 
     def service_state(self) -> dict[str, Any]:
@@ -225,24 +263,48 @@ class Runtime:
         """What is missing, in words; empty while all is well."""
         snapshot = self.pipeline_snapshot
         reasons = []
+        now_ns = time.monotonic_ns()
         if snapshot is None:
             return ["no snapshot yet"]
+        if now_ns - snapshot.t_mono_ns > STALL_S * 1e9:
+            reasons.append(f"no snapshot for {(now_ns - snapshot.t_mono_ns) / 1e9:.0f} s: the pipeline stands still")
+        if self._failure is not None and now_ns - self._failure[0] < FAILURE_SHOWN_S * 1e9:
+            reasons.append(f"the pipeline failed on {self._failures} item(s), the last time with {self._failure[1]}")
         for name, status in snapshot.links.items():
             if status.state not in ("off", "live"):
                 reasons.append(f"{name} {status.state}" + (f": {status.error}" if status.error else ""))
-        trouble = self.recorder.status.error or self.recorder.status.warning
-        return reasons + ([trouble] if trouble else [])
+        recorder = self.recorder.status
+        return reasons + [trouble for trouble in (recorder.error or recorder.warning, self.events.error) if trouble]
 
     def config_in_force(self) -> bytes | None:
-        """The 420 bytes as last heard, None before the first time."""
-        snapshot = self.pipeline_snapshot
-        if snapshot is None or snapshot.config_hash is None:
-            return None
-        return snapshot.image[:CONFIG_SIZE]
+        """The 420 bytes as last heard or read, None before the first time."""
+        return None if (known := self._config()) is None else known[1]
 
     def config_age_s(self) -> float | None:
-        """Seconds since the configuration was heard."""
-        return None if self.pipeline_snapshot is None else self.pipeline_snapshot.age_s["config"]
+        """Seconds since the configuration was heard or read."""
+        return None if (known := self._config()) is None else max(0.0, (time.monotonic_ns() - known[0]) / 1e9)
+
+    def _config(self) -> tuple[int, bytes] | None:
+        """The newer of what the stream brought as a whole and what was read back after a write."""
+        snapshot, read = self.pipeline_snapshot, self.configuration.last_read
+        age_s = None if snapshot is None else snapshot.age_s["config"]
+        if snapshot is None or snapshot.config is None or age_s is None:
+            return read
+        heard = snapshot.t_mono_ns - int(age_s * 1e9), snapshot.config
+        return heard if read is None or heard[0] > read[0] else read
+
+    def acknowledge_alarm(self, alarm_id: int, who: str) -> bool:
+        """Mark an alarm as seen, False where there is none.
+
+        Raises:
+            NotNow: the alarms that are shown are a replay's.
+        """
+        if self.replaying.is_active:
+            raise NotNow("these alarms are of a replay; stop it to acknowledge the car's")
+        if not self.pipeline.acknowledge(alarm_id, who):
+            return False
+        self.note("info", "alarm-acknowledged", f"alarm {alarm_id} acknowledged", who)
+        return True
 
     def can_rx_active(self) -> int | None:
         """Mask of rx messages that are alive."""
@@ -260,6 +322,7 @@ class Runtime:
             {
                 "id": event.id,
                 "time": event.t_wall_ns / 1e9,
+                "uptime_s": None if event.uptime_ms is None else event.uptime_ms / 1000,
                 "severity": event.severity,
                 "code": event.code,
                 "text": event.text,

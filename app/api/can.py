@@ -91,10 +91,11 @@ def _prescaler(wanted: int) -> int:
 
 @router.get("")
 def read(runtime: RuntimeDep, response: Response) -> dict[str, Any]:
-    """The tables in force, with the names of what their bytes are."""
-    image = runtime.config_in_force() or default_image()
+    """The tables in force, with the names of what their bytes are; `assumed` while only the defaults are known."""
+    in_force = runtime.config_in_force()
+    image = in_force or default_image()
     response.headers["ETag"] = f'"{image_hash(image)}"'
-    return tables_json(image, runtime.can_rx_active()) | {"hash": image_hash(image)}
+    return tables_json(image, runtime.can_rx_active()) | {"hash": image_hash(image), "assumed": in_force is None}
 
 
 @router.put("")

@@ -124,7 +124,7 @@ async def run_write(runtime: Runtime, who: str, edit: Any, expected: str, *, dry
         "hash": image_hash(result.image),
         "written": result.written,
         "dry_run": dry_run,
-        "verified": result.written,
+        "verified": not dry_run,  # without a difference it was read and found equal
         "difference": [change_json(change) for change in result.changes],
         "warnings": [],
     }

@@ -35,7 +35,6 @@ def acknowledge_event(event_id: Id, runtime: RuntimeDep, user: UserDep) -> dict[
 @router.post("/alarms/{alarm_id}/acknowledge")
 def acknowledge_alarm(alarm_id: Id, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Say that somebody saw it; it leaves the list when its condition has ended."""
-    if not runtime.pipeline.acknowledge(alarm_id, user.name):
+    if not runtime.acknowledge_alarm(alarm_id, user.name):
         raise not_found("alarm", alarm_id)
-    runtime.note("info", "alarm-acknowledged", f"alarm {alarm_id} acknowledged", user.name)
     return {"acknowledged_by": user.name}

@@ -5,7 +5,7 @@ import time
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Query, Request, Response, WebSocket, WebSocketDisconnect
 
 from app import __version__
 from app.api.deps import RuntimeDep
@@ -20,7 +20,7 @@ SEND_S = 10.0  # a client that takes nothing for this long is dropped
 
 
 class Encoder:
-    """Encodes each snapshot once, however many read it."""
+    """Encodes each snapshot once, however many read it. Used on the event loop alone."""
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
@@ -35,7 +35,7 @@ class Encoder:
 
 
 @router.get("/health")
-def health(runtime: RuntimeDep) -> dict[str, Any]:
+async def health(runtime: RuntimeDep) -> dict[str, Any]:
     """Whether the service does its work; `reasons` says in words what is missing."""
     reasons = runtime.degraded()
     return {
@@ -48,12 +48,13 @@ def health(runtime: RuntimeDep) -> dict[str, Any]:
 
 
 @router.get("/snapshot", responses={200: {"model": SnapshotOut}})
-def snapshot(runtime: RuntimeDep) -> Response:
+async def snapshot(request: Request, runtime: RuntimeDep) -> Response:
     """The newest snapshot."""
     latest = runtime.latest()
     if latest is None:
         raise Problem(503, "nothing-yet", "Nothing yet", "no snapshot was made yet; the service has just started")
-    return Response(snapshot_json(latest, runtime.service_state()), media_type="application/json")
+    encoder: Encoder = request.app.state.encoder
+    return Response(encoder.encode(latest), media_type="application/json")
 
 
 @router.get("/history")

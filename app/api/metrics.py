@@ -33,13 +33,13 @@ class SnapshotCollector:
 
     def collect(self) -> Iterator[Metric]:
         """Yield every family."""
-        snapshot = self._runtime.latest()
+        snapshot = self._runtime.pipeline_snapshot  # of the car, also while a replay is shown
         if snapshot is not None:
             yield from _totals(snapshot)
             yield from _links(snapshot)
             yield from _cells(snapshot)
-        recording = self._runtime.recorder.status
-        yield GaugeMetricFamily("voltwall_recording", "1 while a session is recorded", 0 if recording is None else 1)
+        recording = int(self._runtime.recorder.session is not None)
+        yield GaugeMetricFamily("voltwall_recording", "1 while a session is recorded", recording)
         yield GaugeMetricFamily("voltwall_live_readers", "websocket readers", self._runtime.hub.readers)
 
 

@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 
 from app.configuration import HashMismatch, Rejected, Unverified
 from app.errors import AppError, ConfigError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow
+from app.sessions.errors import NotASession, SchemaTooNew, SessionError
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.errors import EncodeError
 from firmware_protocol.memory_map import CONFIG_SIZE, element_name, locate
@@ -93,6 +94,10 @@ def _of_app_error(error: AppError) -> Problem:
             return Problem(504, "no-reply", "No reply from the master", str(error))
         case LinkLost() | LinkError():
             return Problem(503, "link-lost", "Link lost", str(error))
+        case NotASession() | SchemaTooNew():
+            return Problem(422, "unreadable-session", "Unreadable session", str(error))
+        case SessionError():
+            return Problem(507, "storage", "Storage", str(error))
         case NotNow():
             return Problem(409, "not-now", "Not now", str(error))
         case ConfigError():

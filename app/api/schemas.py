@@ -79,7 +79,7 @@ class FlagsOut(BaseModel):
     charger: bool
     charging: bool
     balancing: bool
-    load: bool
+    load: bool | None  # None: CAN alone carried the first eight
 
 
 class MasterOut(BaseModel):
@@ -181,6 +181,7 @@ class ReplayOut(BaseModel):
     duration_s: float
     speed: float
     paused: bool
+    finished: bool
 
 
 class AgeOut(BaseModel):

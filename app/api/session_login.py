@@ -28,7 +28,7 @@ def _me(user: User | None, *, password_required: bool) -> dict[str, Any]:
 
 
 @router.get("/me")
-def me(request: Request, keeper: DoorkeeperDep) -> dict[str, Any]:
+async def me(request: Request, keeper: DoorkeeperDep) -> dict[str, Any]:
     """Role and name of whoever asks; null where nobody is logged in."""
     return _me(request.state.user, password_required=not keeper.is_open)
 

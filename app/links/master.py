@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from app.errors import MasterRefused, MasterSilent
+from app.errors import LinkLost, MasterRefused, MasterSilent, NotNow
 from firmware_protocol.exchange import Exchange, GaveUp
 from firmware_protocol.messages import (
     MAX_READ,
@@ -20,6 +20,8 @@ from firmware_protocol.messages import (
     Write,
 )
 
+MAX_WAITING = 4  # requests behind the one that is out; a silent master must not take all of the server's threads
+
 
 class MasterClient:
     """Sends requests through `send` and waits for what `on_reply` is given."""
@@ -30,6 +32,14 @@ class MasterClient:
         self._changed = threading.Condition()
         self._exchange = Exchange(secrets.randbelow(256))
         self._reply: Reply | None = None
+        self._places = threading.BoundedSemaphore(1 + MAX_WAITING)
+        self._is_closed = False
+
+    def close(self) -> None:
+        """Let whoever waits give up now, and nobody ask any more."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify_all()
 
     def on_reply(self, reply: Reply) -> None:
         """Take a reply off the stream; one that nobody waits for is dropped."""
@@ -43,16 +53,22 @@ class MasterClient:
 
         Raises:
             LinkLost: the port is not open.
+            NotNow: too many requests are waiting already.
             MasterSilent: no reply after all tries; a write may or may not have been done.
             MasterRefused: the master answered with another result than DONE; nothing was changed.
         """
         name = type(request).__name__.upper()
-        with self._one_at_a_time, self._changed:
-            try:
-                reply = self._ask(request)
-            finally:
-                if self._exchange.is_busy:
-                    self._exchange = Exchange(secrets.randbelow(256))
+        if not self._places.acquire(blocking=False):
+            raise NotNow("too many requests to the master are waiting")
+        try:
+            with self._one_at_a_time, self._changed:
+                try:
+                    reply = self._ask(request)
+                finally:
+                    if self._exchange.is_busy:
+                        self._exchange = Exchange(secrets.randbelow(256))
+        finally:
+            self._places.release()
         if isinstance(reply, GaveUp):
             raise MasterSilent(f"no reply to {name} after {reply.tries} tries")
         if reply.result != Result.DONE:
@@ -65,6 +81,8 @@ class MasterClient:
         self._reply = None
         due: bytes | GaveUp | None = self._exchange.start(request, time.monotonic())
         while self._reply is None:
+            if self._is_closed:
+                raise LinkLost("the service is stopping")
             if isinstance(due, GaveUp):
                 return due
             if due is not None:

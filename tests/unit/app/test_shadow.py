@@ -1,3 +1,5 @@
+import pytest
+
 from app.shadow import ShadowImage
 from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import Window
@@ -27,3 +29,10 @@ def test_whole_numbers_and_flag_bytes_are_taken():
     assert FIELDS["soc"].unpack(shadow.image) == (10000,)
     assert shadow.image[420] == 1
     assert shadow.arrived_ns[420] == 7
+
+
+@pytest.mark.parametrize("now_ns", [0, 4])
+def test_age_is_never_negative(now_ns):
+    shadow = ShadowImage()
+    shadow.write((Window(0, b"\1"),), 5)
+    assert shadow.age_s(0, 1, now_ns) == 0.0
