@@ -15,13 +15,13 @@ import numpy as np
 from app.estimation.circuit import MAX_RC_PAIRS, CellModel
 from app.estimation.errors import ModelError
 from app.estimation.identify_design import OVERPOTENTIAL_SOC, REFERENCE_DEGC, RESISTANCE_SOC, arrhenius, branch_current
-from app.estimation.identify_parts import REST_CURRENT_C, Part, choose_capacity, reference_soc
+from app.estimation.identify_parts import REST_CURRENT_C, Part, choose_capacity, reference_soc, typical_resistance
 from app.estimation.identify_problem import DEFAULT_ACTIVATION, Activation, Problem, Solution
 from app.estimation.identify_slow import SlowCurves, read_slow
 from app.estimation.importer import FloatArray, Recording
 from app.estimation.ocv import OcvCurve
 
-ACTIVATION_STEPS: Final = (10e3, 5e3, 2.5e3)  # J/mol, of the search
+ACTIVATION_STEPS: Final = (10e3, 4e3)  # J/mol, of the search
 ACTIVATION_LIMIT: Final = 60e3
 RATED_C: Final = 4.0  # a race draws at least this much: pulses below it leave the fit without evidence
 TEMPERATURE_SPAN_K: Final = 8.0  # less than this between the recordings and the activation energies stay at the default
@@ -100,10 +100,13 @@ def identify(
         raise ModelError("--pulses", "neither pulses nor a drive: nothing says what current does")
     slow = read_slow(slow_tests)
     notes = list(slow.notes)
-    capacity_ah = choose_capacity(slow, [*slow_tests, *pulses, *drives], notes)
-    parts = [Part(r, reference_soc(r, capacity_ah, slow, notes), is_drive=False) for r in pulses]
-    parts += [Part(r, reference_soc(r, capacity_ah, slow, notes), is_drive=True) for r in drives]
-    problem = Problem(parts, slow, capacity_ah)
+    typical_ohm = typical_resistance([*pulses, *drives])
+    capacity_ah = choose_capacity(slow, [*slow_tests, *pulses, *drives], typical_ohm, notes)
+    parts = [
+        Part(r, reference_soc(r, capacity_ah, slow, typical_ohm, notes), is_drive=k >= len(pulses))
+        for k, r in enumerate((*pulses, *drives))
+    ]
+    problem = Problem(parts, slow, capacity_ah, typical_ohm)
     solution = problem.robust(_search(problem, parts, capacity_ah, n_rc, notes))
     model = _model(solution, slow, parts, capacity_ah, name, [r.source for r in (*slow_tests, *pulses, *drives)])
     fits = tuple(_part_fit(model, part) for part in parts)

@@ -31,7 +31,7 @@ BLOCK_WEIGHT: Final = 3.0
 STEP_LIMIT_S: Final = 1.0  # a sample counts for the time it stands for, up to this
 RECENT_S: Final = 120.0  # after so long without current ...
 REST_WEIGHT: Final = 0.1  # ... a resting sample says little new
-ROWS_LIMIT: Final = 30_000
+ROWS_LIMIT: Final = 10_000
 
 
 def hat_weights(knots: FloatArray, x: FloatArray) -> FloatArray:

@@ -17,9 +17,14 @@ IntArray = NDArray[np.intp]
 
 GAP_S: Final = 60.0  # a shorter hole in the record cannot hide a discharge
 REST_S: Final = 600.0  # a rest this long ends near the OCV
+REST_SIGMA_V: Final = 0.003  # how near
+SHORT_REST_S: Final = 60.0  # a rest this long ends not far from it
+SHORT_REST_SIGMA_V: Final = 0.01
+LOADED_SIGMA_V: Final = 0.015  # of a first row under load, its ohmic drop given back
+SLOPE_MIN_V: Final = 1e-3  # of the OCV over SOC: flatter tells nothing
+REFUTED_SIGMAS: Final = 2.0
 REST_CURRENT_C: Final = 0.01  # below this a cell rests
-START_REST_S: Final = 1.0  # what counts as rest at the start of a record, where the time before is not seen
-REST_ERROR_V: Final = 0.003  # how far a rested voltage lies from the curve, relaxation and hysteresis together
+
 COUNT_ERROR_FRAC: Final = 0.003  # drift of a laboratory's charge counter, of the charge moved
 SPAN_MIN: Final = 0.2  # SOC a stretch has to cover to say something about the capacity
 DISAGREEMENT_FRAC: Final = 0.015  # above this two capacities are worth a note
@@ -51,18 +56,62 @@ def charge_ah(recording: Recording, rows: IntArray) -> FloatArray:
     return np.concatenate(([0.0], moved))
 
 
-def rested_rows(recording: Recording, rows: IntArray, capacity_ah: float) -> IntArray:
-    """Return the rows at which the cell is near its OCV: ends of long rests, and a start at rest."""
-    idle = np.abs(recording.current_a[rows]) < REST_CURRENT_C * capacity_ah
-    edges = np.flatnonzero(np.diff(idle)) + 1
-    found = []
-    for run in np.split(rows, edges):
-        lasted = recording.time_s[run[-1]] - recording.time_s[run[0]]
-        starts = run[0] == rows[0]
-        if idle[run[0] - rows[0]] and lasted >= (START_REST_S if starts else REST_S):
-            measured = run[np.isfinite(recording.voltage_v[run])]
-            found.extend(measured[-1:].tolist())
-    return np.array(found, dtype=np.intp)
+@dataclass(frozen=True)
+class Anchors:
+    """Moments at which a stretch tells its OCV: row numbers, OCV [V] and how far that may be off [V]."""
+
+    rows: IntArray
+    ocv_v: FloatArray
+    sigma_v: FloatArray
+
+
+def find_anchors(recording: Recording, rows: IntArray, capacity_ah: float, resistance_ohm: float) -> Anchors:
+    """Return the anchors of a stretch: ends of rests, and the first row of the record, which follows an unseen rest.
+
+    Args:
+        recording: the recording.
+        rows: its stretch.
+        capacity_ah: a capacity good enough to tell rest from load [Ah].
+        resistance_ohm: ohmic resistance, for a record that begins under load [ohm].
+    """
+    current, voltage = recording.current_a, recording.voltage_v
+    idle = np.abs(current[rows]) < REST_CURRENT_C * capacity_ah
+    found: list[tuple[int, float, float]] = []
+    for run in np.split(rows, np.flatnonzero(np.diff(idle)) + 1):
+        measured = run[np.isfinite(voltage[run])]
+        if measured.size == 0:
+            continue
+        first, last = int(measured[0]), int(measured[-1])
+        lasted_s = recording.time_s[run[-1]] - recording.time_s[run[0]]
+        if not idle[run[0] - rows[0]]:
+            if run[0] == 0:
+                found.append((first, voltage[first] + resistance_ohm * current[first], LOADED_SIGMA_V))
+        elif lasted_s >= REST_S or run[0] == 0:
+            found.append((last, voltage[last], REST_SIGMA_V))
+        elif lasted_s >= SHORT_REST_S:
+            found.append((last, voltage[last], SHORT_REST_SIGMA_V))
+    at, ocv_v, sigma_v = (np.array(column) for column in zip(*found, strict=True)) if found else np.zeros((3, 0))
+    return Anchors(at.astype(np.intp), ocv_v, sigma_v)
+
+
+def typical_resistance(recordings: Sequence[Recording]) -> float:
+    """Return the median of -dV/dI over the large steps of the current [ohm].
+
+    Raises:
+        ModelError: the current never steps, or the voltage rises with the discharge current.
+    """
+    ratios = []
+    for r in recordings:
+        step_a, step_v = np.diff(r.current_a), np.diff(r.voltage_v)
+        large = (np.abs(step_a) > 0.2 * np.abs(r.current_a).max()) & np.isfinite(step_v) & (step_a != 0.0)
+        ratios.append(-step_v[large] / step_a[large])
+    steps = np.concatenate(ratios)
+    if steps.size == 0:
+        raise ModelError("--pulses", "the current never steps: nothing says what the resistance is")
+    typical = float(np.median(steps))
+    if not typical > 0.0:
+        raise ModelError("--pulses", "the voltage rises with the discharge current; pass --charge-positive")
+    return typical
 
 
 def capacity_from_column(recordings: Sequence[Recording]) -> float | None:
@@ -82,44 +131,60 @@ def capacity_from_column(recordings: Sequence[Recording]) -> float | None:
     return moved / spanned if spanned > 0.0 else None
 
 
-def capacity_from_rests(recordings: Sequence[Recording], slow: SlowCurves) -> float | None:
-    """Return the capacity [Ah] by charge counted between rested points on the OCV curve, None with too few of them."""
+def capacity_from_rests(
+    recordings: Sequence[Recording], slow: SlowCurves, resistance_ohm: float
+) -> tuple[float, float] | None:
+    """Return the capacity by charge counted between anchors on the OCV curve and its sigma [Ah]; None without any."""
     moved = spanned = 0.0
     for recording in recordings:
         for rows in stretches(recording):
-            rested = rested_rows(recording, rows, slow.counted_ah)
-            if rested.size < 2:
+            anchors = find_anchors(recording, rows, slow.counted_ah, resistance_ohm)
+            if anchors.rows.size < 2:
                 continue
-            soc = _soc_at(slow, recording.voltage_v[rested])
+            soc, sigma = _soc_of(slow, anchors)
             span = float(soc[0] - soc[-1])
             if abs(span) >= SPAN_MIN:
-                counted = charge_ah(recording, rows)[rested - rows[0]]
-                moved += float(counted[-1] - counted[0]) * span
-                spanned += span * span
-    return moved / spanned if spanned >= 2.0 * SPAN_MIN**2 else None
+                counted = charge_ah(recording, rows)[anchors.rows - rows[0]]
+                weight = 1.0 / float(sigma[0] ** 2 + sigma[-1] ** 2)
+                moved += float(counted[-1] - counted[0]) * span * weight
+                spanned += span * span * weight
+    if spanned == 0.0:
+        return None
+    capacity_ah = moved / spanned
+    return capacity_ah, abs(capacity_ah) / float(np.sqrt(spanned))
 
 
-def choose_capacity(slow: SlowCurves, recordings: Sequence[Recording], notes: list[str]) -> float:
-    """Return the capacity [Ah]: the soc columns', else the rested points', else the slow test's own count."""
-    for capacity, origin in (
-        (capacity_from_column(recordings), "the soc columns of the other tests"),
-        (capacity_from_rests(recordings, slow), "the rested points of the other tests"),
-    ):
-        if capacity is None or not 0.5 < capacity / slow.counted_ah < 2.0:
-            continue
-        if abs(capacity / slow.counted_ah - 1.0) > DISAGREEMENT_FRAC:
+def choose_capacity(
+    slow: SlowCurves, recordings: Sequence[Recording], resistance_ohm: float, notes: list[str]
+) -> float:
+    """Return the capacity [Ah]: what the soc columns say, else the slow test's count unless the rests refute it."""
+    column = capacity_from_column(recordings)
+    if column is not None:
+        if abs(column / slow.counted_ah - 1.0) > DISAGREEMENT_FRAC:
             notes.append(
-                f"the slow test counts {slow.counted_ah:.4g} Ah, {origin} say {capacity:.4g} Ah: those are taken"
+                f"the slow test counts {slow.counted_ah:.4g} Ah, the soc columns say {column:.4g} Ah: those hold"
             )
-        return capacity
+        return column
+    rests = capacity_from_rests(recordings, slow, resistance_ohm)
+    if rests is not None:
+        capacity_ah, sigma_ah = rests
+        limit = max(DISAGREEMENT_FRAC * slow.counted_ah, REFUTED_SIGMAS * sigma_ah)
+        if abs(capacity_ah - slow.counted_ah) > limit and 0.5 < capacity_ah / slow.counted_ah < 2.0:
+            notes.append(
+                f"the slow test counts {slow.counted_ah:.4g} Ah, rests of the other tests say {capacity_ah:.4g} Ah: "
+                "those hold"
+            )
+            return capacity_ah
     return slow.counted_ah
 
 
-def reference_soc(recording: Recording, capacity_ah: float, slow: SlowCurves, notes: list[str]) -> FloatArray:
-    """Return the (n,) SOC of a recording: its soc column, else the charge count laid on the rested points.
+def reference_soc(
+    recording: Recording, capacity_ah: float, slow: SlowCurves, resistance_ohm: float, notes: list[str]
+) -> FloatArray:
+    """Return the (n,) SOC of a recording: its soc column, else the charge count laid on the anchors.
 
     Raises:
-        ModelError: a recording without a soc column has a stretch that never rests.
+        ModelError: the recording has no soc column and no anchor.
     """
     known = np.isfinite(recording.soc)
     if known.mean() > 0.5 and not _is_coarse(recording.soc[known]):
@@ -131,34 +196,30 @@ def reference_soc(recording: Recording, capacity_ah: float, slow: SlowCurves, no
         if known[rows].any():
             start = float(np.median((recording.soc[rows] + drawn)[known[rows]]))
         else:
-            rested = rested_rows(recording, rows, capacity_ah)
-            if rested.size == 0:
+            anchors = find_anchors(recording, rows, capacity_ah, resistance_ohm)
+            if anchors.rows.size == 0:
                 unplaced += rows.size
                 continue
-            at = drawn[rested - rows[0]]
-            start = _start_from_rests(slow, recording.voltage_v[rested], at)
+            at = drawn[anchors.rows - rows[0]]
+            anchor_soc, sigma = _soc_of(slow, anchors)
+            weight = 1.0 / (sigma**2 + (COUNT_ERROR_FRAC * (at - at[0])) ** 2)
+            start = float(np.sum(weight * (anchor_soc + at)) / np.sum(weight))
         soc[rows] = start - drawn
     if unplaced == known.size:
         raise ModelError(recording.source, "has no soc column and never rests: its SOC cannot be placed")
+    if not known.any():
+        notes.append(f"{recording.source}: no soc column: SOC counted from its rests")
     if unplaced:
         notes.append(f"{recording.source}: {unplaced} rows lie between gaps and never rest: not used")
     return soc
 
 
-def _start_from_rests(slow: SlowCurves, voltage_v: FloatArray, drawn: FloatArray) -> float:
-    """Return the SOC at the start of a stretch: rested points weighted by how sharply each of them tells it."""
-    soc = _soc_at(slow, voltage_v)
-    slope = np.interp(soc, slow.soc, np.gradient(0.5 * (slow.discharge_v + slow.charge_v), slow.soc))
+def _soc_of(slow: SlowCurves, anchors: Anchors) -> tuple[FloatArray, FloatArray]:
+    """Return the SOC of anchors on the curve that a rest after a discharge ends on, and its sigma."""
+    soc = np.interp(anchors.ocv_v, slow.rested_v + 1e-9 * np.arange(slow.soc.size), slow.soc)
+    slope = np.interp(soc, slow.soc, np.gradient(slow.rested_v, slow.soc))
     gap_v = np.interp(soc, slow.soc, slow.charge_v - slow.discharge_v)
-    error = np.hypot(REST_ERROR_V, 0.25 * gap_v) / np.maximum(slope, 1e-3)
-    weight = 1.0 / (error**2 + (COUNT_ERROR_FRAC * np.abs(drawn - drawn[0])) ** 2)
-    return float(np.sum(weight * (soc + drawn)) / np.sum(weight))
-
-
-def _soc_at(slow: SlowCurves, voltage_v: FloatArray) -> FloatArray:
-    """Return the SOC of rested voltages on the curve that a rest after a discharge ends on."""
-    rising = slow.rested_v + 1e-9 * np.arange(slow.soc.size)
-    return np.interp(voltage_v, rising, slow.soc)
+    return soc, np.hypot(anchors.sigma_v, 0.25 * gap_v) / np.maximum(slope, SLOPE_MIN_V)
 
 
 def _is_coarse(soc: FloatArray) -> bool:

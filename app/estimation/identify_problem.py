@@ -14,7 +14,7 @@ from app.estimation.identify_design import BLEND_SOC, OFFSET_SOC, OVERPOTENTIAL_
 from app.estimation.identify_parts import Part
 from app.estimation.identify_slow import SlowCurves
 from app.estimation.identify_solve import non_negative_least_squares
-from app.estimation.importer import FloatArray, Recording
+from app.estimation.importer import FloatArray
 
 Activation = tuple[float, float, float]  # of R0, of the R_k, of the overpotential [J/mol]
 
@@ -66,9 +66,9 @@ class Solution:
 class Problem:
     """All recordings of one cell and the priors; solves for the coefficients at given time constants."""
 
-    def __init__(self, parts: Sequence[Part], slow: SlowCurves, capacity_ah: float) -> None:
+    def __init__(self, parts: Sequence[Part], slow: SlowCurves, capacity_ah: float, typical_ohm: float) -> None:
         self.designs = [Design(part, slow, capacity_ah) for part in parts]
-        self._typical_ohm = _typical_resistance([part.recording for part in parts])
+        self._typical_ohm = typical_ohm
         self._offset_sigma_v = OFFSET_SIGMA_V if slow.has_charge else OFFSET_SIGMA_ALONE_V
 
     def equations(self, tau_s: tuple[float, ...], activation: Activation) -> tuple[FloatArray, FloatArray]:
@@ -138,26 +138,6 @@ class Problem:
         cost = float(x @ gram @ x - 2.0 * x @ moment)
         cost += sum(((e - d) / ACTIVATION_SIGMA) ** 2 for e, d in zip(activation, DEFAULT_ACTIVATION, strict=True))
         return Solution(cost, tau_s, activation, x)
-
-
-def _typical_resistance(recordings: Sequence[Recording]) -> float:
-    """Return the median of -dV/dI over the large steps of the current [ohm].
-
-    Raises:
-        ModelError: the current never steps, or the voltage rises with the discharge current.
-    """
-    ratios = []
-    for r in recordings:
-        step_a, step_v = np.diff(r.current_a), np.diff(r.voltage_v)
-        large = (np.abs(step_a) > 0.2 * np.abs(r.current_a).max()) & np.isfinite(step_v) & (step_a != 0.0)
-        ratios.append(-step_v[large] / step_a[large])
-    steps = np.concatenate(ratios)
-    if steps.size == 0:
-        raise ModelError("--pulses", "the current never steps: nothing says what the resistance is")
-    typical = float(np.median(steps))
-    if not typical > 0.0:
-        raise ModelError("--pulses", "the voltage rises with the discharge current; pass --charge-positive")
-    return typical
 
 
 def _block_diagonal(blocks: Sequence[FloatArray]) -> FloatArray:
