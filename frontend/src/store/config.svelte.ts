@@ -2,9 +2,13 @@
 
 import { call, get, post, Problem, put } from '../link/rest';
 import type { Config, Difference, Schema, StoredConfig, WriteResult } from '../link/types';
+import { live } from './live.svelte';
 import { changes, rawBody, rebase, type Draft } from './draft';
 
 const KEY = 'voltwall.draft';
+const NOT_READ = new Problem(503, 'Not read yet', {
+  detail: 'The master has not sent its configuration yet. This page reads it as soon as it has.',
+});
 
 export type Outcome = {
   kind: 'good' | 'bad' | 'conflict';
@@ -43,12 +47,14 @@ class ConfigStore {
   async load(): Promise<void> {
     try {
       this.schema ??= await get<Schema>('config/schema');
+      if ((live.snapshot?.config_hash ?? null) === null) throw NOT_READ;
       this.config = await get<Config>('config');
       this.problem = null;
       this.draft = rebase(this.draft, this.schema.fields, this.config.raw);
     } catch (error) {
       this.problem = asProblem(error);
     }
+    if (this.config === null) return;
     try {
       this.stored = await get<StoredConfig>('config/stored');
       this.nothingStored = false;
