@@ -29,7 +29,7 @@ class CanPort(Protocol):
         ...
 
     def poll(self) -> None:
-        """Take frames that wait, on ports that no selector can watch."""
+        """Do what the selector cannot: take frames that wait, tend the port."""
         ...
 
     def close(self) -> None:
@@ -58,7 +58,8 @@ class SlcanPort:
         self._bus, self._adapter = bus, adapter
 
     def poll(self) -> None:
-        """Do nothing: the selector watches the byte port."""
+        """Tend the byte port; the selector watches it."""
+        self._port.tend()
 
     def close(self) -> None:
         """Take the adapter off the bus."""

@@ -16,10 +16,12 @@ from simulator.errors import PortError
 
 if sys.platform != "win32":
     import pty
+    import termios
     import tty
 
 LOOPBACK = "127.0.0.1"
 _CHUNK = 4096
+_INPUT_SPEED, _OUTPUT_SPEED = 4, 5  # places in termios's list
 
 
 class BytePort(Protocol):
@@ -36,6 +38,10 @@ class BytePort(Protocol):
 
     def write(self, data: bytes) -> None:
         """Send what the other end has room for; the rest is lost."""
+        ...
+
+    def tend(self) -> None:
+        """Do what has to be done every now and then."""
         ...
 
     def close(self) -> None:
@@ -84,6 +90,19 @@ class PtyPort:
             return
         with contextlib.suppress(BlockingIOError):
             os.write(self._master, data)
+
+    def tend(self) -> None:
+        """Set the terminal's speed to one that nobody asks for.
+
+        Pseudo-terminals know no parity. Setting it is accepted along with another change and refused alone, so whoever
+        opens the port a second time has to find something else to change.
+        """
+        if self._master < 0 or sys.platform == "win32":
+            return
+        attributes = termios.tcgetattr(self._slave)
+        if attributes[_OUTPUT_SPEED] != termios.B50:
+            attributes[_INPUT_SPEED] = attributes[_OUTPUT_SPEED] = termios.B50
+            termios.tcsetattr(self._slave, termios.TCSANOW, attributes)
 
     def close(self) -> None:
         """Close both ends; whoever reads sees the device vanish."""
@@ -160,6 +179,9 @@ class TcpPort:
             return
         except OSError:
             self._drop_client()
+
+    def tend(self) -> None:
+        """Do nothing: sockets need no care."""
 
     def _drop_client(self) -> None:
         if self._client is None or self._selector is None or self._listener is None:

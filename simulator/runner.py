@@ -106,6 +106,8 @@ class Runner:
         for key, _ in ready:
             key.data()
         self._plug_serial()
+        if self._serial is not None:
+            self._serial.tend()
         for can in self._can:
             can.poll()
 
