@@ -179,7 +179,7 @@ class VirtualMaster:
         if finished is None:
             return
         reply, event = finished
-        self._requests.finished(reply)
+        self._requests.finished(reply, now_s)
         self._send_reply(reply)
         if event is not None:
             self.emit(event)

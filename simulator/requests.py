@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from firmware_protocol.config_image import check
 from firmware_protocol.errors import DecodeError
+from firmware_protocol.exchange import RepeatFilter
 from firmware_protocol.framing import Frame
 from firmware_protocol.memory_map import CONFIG_SIZE, MASTER_SIZE, N_CAN_MESSAGES
 from firmware_protocol.messages import (
@@ -31,8 +32,12 @@ from simulator.soc_counter import SOC_SCALE
 if TYPE_CHECKING:
     from simulator.master import VirtualMaster
 
-REPEAT_WINDOW_S = 2.0
 _KNOWN_TYPES = frozenset(MessageType) - {MessageType.DATA, MessageType.REPLY, MessageType.EVENT}
+
+
+def frame_key(frame: Frame) -> tuple[int, int, bytes]:
+    """By what the master knows a repeated request: not by its uptime."""
+    return frame.type, frame.sequence, frame.body
 
 
 class Refused(Exception):
@@ -45,34 +50,35 @@ class Refused(Exception):
 
 
 class RequestHandler:
-    """Carries out requests; the same request sent again within two seconds gets the same answer, nothing is redone."""
+    """Carries out requests; one that is repeated gets the reply it got before, and nothing is done twice."""
 
     def __init__(self, master: "VirtualMaster") -> None:
         self._master = master
-        self._last: tuple[int, int, bytes] | None = None
-        self._last_reply: Reply | None = None
-        self._last_s = 0.0
+        self._repeats = RepeatFilter()
+        self._under_way: Frame | None = None  # the STORE whose reply comes when the EEPROM has it
 
     def handle(self, frame: Frame, now_s: float) -> Reply | None:
         """Return the reply; None where it comes later (STORE) or was asked for again while it is on its way."""
-        key = (frame.type, frame.sequence, frame.body)
-        repeatable = frame.type in (MessageType.IDENT, MessageType.READ)
-        if not repeatable and key == self._last and now_s - self._last_s < REPEAT_WINDOW_S:
-            return self._last_reply
+        known = self._repeats.known_reply(frame, now_s)
+        if known is not None or frame_key(frame) == (self._under_way and frame_key(self._under_way)):
+            return known
         try:
             data = self._carry_out(frame, now_s)
         except Refused as refusal:
-            reply: Reply | None = Reply(frame.type, frame.sequence, refusal.result, refusal.offset)
+            reply = Reply(frame.type, frame.sequence, refusal.result, refusal.offset)
         else:
-            reply = None if data is None else Reply(frame.type, frame.sequence, Result.DONE, NO_OFFSET, data)
-        if not repeatable:
-            self._last, self._last_reply, self._last_s = key, reply, now_s
+            if data is None:
+                self._under_way = frame
+                return None
+            reply = Reply(frame.type, frame.sequence, Result.DONE, NO_OFFSET, data)
+        self._repeats.remember(frame, reply, now_s)
         return reply
 
-    def finished(self, reply: Reply) -> None:
+    def finished(self, reply: Reply, now_s: float) -> None:
         """Remember a reply that came later than its request."""
-        if self._last is not None and self._last[:2] == (reply.request_type, reply.request_sequence):
-            self._last_reply = reply
+        frame, self._under_way = self._under_way, None
+        if frame is not None and frame_key(frame)[:2] == (reply.request_type, reply.request_sequence):
+            self._repeats.remember(frame, reply, now_s)
 
     def _carry_out(self, frame: Frame, now_s: float) -> bytes | None:
         if frame.type not in _KNOWN_TYPES:
