@@ -4,10 +4,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from firmware_protocol.dbc import to_dbc
-
 from app.errors import ConfigError
 from firmware_protocol.config_image import default_image
+from firmware_protocol.dbc import to_dbc
 from firmware_protocol.memory_map import CONFIG_SIZE
 
 
