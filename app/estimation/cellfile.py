@@ -241,6 +241,11 @@ class _Reader:
         name, _, index = section.partition("[")
         header = re.compile(r"\s*\[\[?\s*" + re.escape(name) + r"\s*\]\]?\s*(#|$)")
         other = re.compile(r"\s*\[\[?[\w.]+\]\]?\s*(#|$)")
+        if not section:
+            named = re.compile(r"\s*\[\[?\s*" + re.escape(key) + r"\s*\]\]?\s*(#|$)")
+            for number, line in enumerate(self._lines, 1):
+                if named.match(line):
+                    return number
         start, skip = (0, 0) if not section else (None, int(index[:-1]) if index else 0)
         for number, line in enumerate(self._lines, 1):
             if section and header.match(line):

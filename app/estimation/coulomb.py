@@ -69,6 +69,7 @@ class CoulombCounter:
         sample = self.guard.check(0.0, current_a, voltages_v, temperatures_degc)
         start_from_voltage(self.cell, self.states, self.tuning, sample)
         start_count(self.states, given, sigma)
+        self.states.mean[SOC] = self.states.count_soc
         self._is_started = True
 
     def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> Estimates:
@@ -95,7 +96,7 @@ class CoulombCounter:
             voltage_v=predicted,
             innovation_v=innovation,
             innovation_sigma_v=np.sqrt(step.noise_v2 * step.noise_scale + self.tuning.sensor_v**2),
-            model_valid=check_model(state, self.tuning, step.dt_s, innovation, step.noise_v2),
+            model_valid=check_model(state, self.tuning, step.dt_s, innovation, step.noise_v2, ~np.isnan(innovation)),
             accepted=np.zeros(self.n_cells, dtype=np.bool_),
         )
 

@@ -125,7 +125,7 @@ class GaussianEstimator:
             voltage_v=result.predicted_v,
             innovation_v=result.innovation_v,
             innovation_sigma_v=result.innovation_sigma_v,
-            model_valid=check_model(state, tuning, sample.dt_s, result.innovation_v, sample.noise_v2),
+            model_valid=check_model(state, tuning, sample.dt_s, result.innovation_v, sample.noise_v2, result.accepted),
             accepted=result.accepted,
         )
 

@@ -163,7 +163,9 @@ def _fuse(p, count, anchor_soc, anchor_v2, since_s, soc, variance):
 
 
 @_jit
-def _report(p, block, slow, cell, dt, moved, soc, variance, slope, check_scale, check_weight, innovation, ocv, out):
+def _report(
+    p, block, slow, cell, dt, moved, soc, variance, slope, check_scale, check_weight, innovation, used, ocv, out
+):
     """Sigma, fusion and self-check of one cell after its update, and the part of its result that follows."""
     square = block[slow + CHECK_SQUARE, cell]
     steep = max(abs(slope), SLOPE_FLOOR_V)
@@ -185,7 +187,7 @@ def _report(p, block, slow, cell, dt, moved, soc, variance, slope, check_scale, 
             doubt = 0.0
         block[slow + DOUBT, cell] = doubt
     mean = block[slow + CHECK_MEAN, cell]
-    if math.isfinite(innovation):
+    if used:
         scaled = innovation * check_scale
         mean += check_weight * (scaled - mean)
         square += check_weight * (scaled * scaled - square)
@@ -287,7 +289,7 @@ def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temp
         out[OUT_VOLTAGE, cell] = predicted
         out[OUT_INNOVATION_SIGMA, cell] = math.sqrt(expected)
         out[OUT_ACCEPTED, cell] = 1.0 if used else 0.0
-        _report(p, block, 12, cell, dt, moved, soc, p00, steep, check_scale, check_weight, innovation, ocv, out)
+        _report(p, block, 12, cell, dt, moved, soc, p00, steep, check_scale, check_weight, innovation, used, ocv, out)
 
 
 @_jit
@@ -390,7 +392,7 @@ def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, tempe
         out[OUT_INNOVATION_SIGMA, cell] = math.sqrt(expected)
         out[OUT_ACCEPTED, cell] = 1.0 if used else 0.0
         _report(p, block, slow, cell, dt, moved, block[0, cell], block[d, cell], slope + lean, check_scale,
-                check_weight, innovation, ocv, out)  # fmt: skip
+                check_weight, innovation, used, ocv, out)  # fmt: skip
 
 
 @_jit

@@ -38,7 +38,7 @@ def start_from_voltage(cell: PackedCell, state: CellStates, tuning: Tuning, step
     branch_v2 = (tuning.start_branch_c * model.c_rate_a) ** 2 + i * i
     P = state.cov
     P[:] = 0.0
-    z = step.noise_v2 * step.noise_scale / slope**2 + 1e-6
+    z = step.noise_v2 * step.noise_scale / slope**2 + tuning.start_voltage_sigma**2
     for k in range(model.n_rc):
         share = c[BRANCH + k] / slope
         z += share * share * branch_v2

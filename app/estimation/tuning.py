@@ -30,6 +30,7 @@ class Tuning:
         branch_rel: standard deviation of an RC current, relative to the current.
         branch_c: the same at no current, in C.
         start_soc_sigma: sigma of a SOC that was given without one, for the plain filters.
+        start_voltage_sigma: least sigma of a SOC read off the first voltage.
         start_branch_c: sigma of the RC currents at the start, in C.
         gate: innovations beyond this many sigma of model and state together are refused ...
         gate_hold_s: ... for at most this long; then they are believed [s].
@@ -48,7 +49,7 @@ class Tuning:
     model_error_per_c_v: float = 0.030
     correlation_s: float = 12.0
     sensor_v: float = 0.0015
-    bias_v: float = 0.006
+    bias_v: float = 0.008
     bias_share: float = 1.0
     cold_factor: float = 1.0
     empty_soc: float = 0.1
@@ -57,14 +58,15 @@ class Tuning:
     branch_rel: float = 0.1
     branch_c: float = 0.02
     start_soc_sigma: float = 0.25
+    start_voltage_sigma: float = 0.05
     start_branch_c: float = 0.5
     gate: float = 5.0
     gate_hold_s: float = 2.0
     gate_recovery: float = 0.02
-    counter_soc_sigma: float = 0.01
-    counter_gain: float = 0.01
-    counter_offset_c: float = 0.005
-    start_unknown: float = 0.02
+    counter_soc_sigma: float = 0.004
+    counter_gain: float = 0.007
+    counter_offset_c: float = 0.01
+    start_unknown: float = 0.1
     anchor_s: float = 60.0
     check_s: float = 120.0
     check_rms_v: float = 0.04
