@@ -180,7 +180,7 @@ class Runtime:
                 if now_ns - published_ns >= TICK_S * 1e9:
                     published_ns = now_ns
                     self._deliver(self.pipeline.tick(now_ns, time.time_ns()))
-            except Exception as error:
+            except Exception as error:  # noqa: BLE001  the supervisor: one item must not end the thread
                 self._on_failure(error)
 
     def _on_failure(self, error: Exception) -> None:
@@ -194,8 +194,8 @@ class Runtime:
     def _take(self, item: Item) -> int | None:
         try:
             self.recorder.on_item(item)
-        except Exception as error:
-            self._on_failure(error)  # what is not recorded is shown all the same
+        except Exception as error:  # noqa: BLE001  what is not recorded is shown all the same
+            self._on_failure(error)
         if isinstance(item, CanItem):
             self.trace.add(item)
         output = self.pipeline.feed(item)

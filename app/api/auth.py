@@ -7,9 +7,10 @@ import base64
 import binascii
 import hmac
 import secrets
+import threading
 import time
 from dataclasses import dataclass, field
-from ipaddress import ip_address
+from ipaddress import ip_address, ip_network
 from typing import Literal
 from urllib.parse import urlsplit
 
@@ -23,11 +24,13 @@ from app.settings import Settings
 COOKIE = "voltwall"
 SESSION_S = 24 * 3600.0
 MAX_SESSIONS = 1000
-MAX_FAILURES = 10  # in FAILURE_WINDOW_S, per address
+MAX_SOURCES = 10_000  # of failed tries
+MAX_FAILURES = 10  # in FAILURE_WINDOW_S, per source
 FAILURE_WINDOW_S = 60.0
 OPEN_PATHS = ("/api/v1/health", "/api/v1/login", "/api/v1/me")
 _WRITES = ("POST", "PUT", "PATCH", "DELETE")
 Role = Literal["engineer", "viewer"]
+ROLES: tuple[Role, Role] = ("engineer", "viewer")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +48,7 @@ class Doorkeeper:
     settings: Settings
     _sessions: dict[str, tuple[User, float]] = field(default_factory=dict)
     _failures: dict[str, list[float]] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
 
     @property
     def is_open(self) -> bool:
@@ -57,34 +61,39 @@ class Doorkeeper:
         Raises:
             Problem: too many failed tries from this address.
         """
-        now = time.monotonic()
-        recent = [t for t in self._failures.get(address, []) if now - t < FAILURE_WINDOW_S]
-        if len(recent) >= MAX_FAILURES:
-            raise Problem(429, "too-many-tries", "Too many tries", "wait a minute")
-        for role in ("engineer", "viewer"):
-            secret = self.settings.password if role == "engineer" else self.settings.viewer_password
-            if secret is not None and hmac.compare_digest(secret.get_secret_value().encode(), password.encode()):
-                self._failures.pop(address, None)
-                return User(name.strip()[:40] or role, role)
-        if len(self._failures) > MAX_SESSIONS:
-            self._failures.clear()
-        self._failures[address] = [*recent, now]
+        now, source = time.monotonic(), _source_of(address)
+        with self._lock:
+            recent = [t for t in self._failures.get(source, []) if now - t < FAILURE_WINDOW_S]
+            if len(recent) >= MAX_FAILURES:
+                wait = {"Retry-After": str(int(FAILURE_WINDOW_S))}
+                raise Problem(429, "too-many-tries", "Too many tries", "wait a minute", wait)
+            for role in ROLES:
+                secret = self.settings.password if role == "engineer" else self.settings.viewer_password
+                if secret is not None and _is_equal(secret.get_secret_value(), password):
+                    self._failures.pop(source, None)
+                    return User(name.strip()[:40] or role, role)
+            self._failures.pop(source, None)  # to the end: the oldest leaves first
+            self._failures[source] = [*recent, now]
+            while len(self._failures) > MAX_SOURCES:
+                self._failures.pop(next(iter(self._failures)))
         return None
 
     def open_session(self, user: User) -> str:
         """Return a token that stands for the user for a day."""
         now = time.monotonic()
-        self._sessions = {t: s for t, s in self._sessions.items() if s[1] > now}
-        while len(self._sessions) >= MAX_SESSIONS:
-            self._sessions.pop(next(iter(self._sessions)))
         token = secrets.token_urlsafe(32)
-        self._sessions[token] = (user, now + SESSION_S)
+        with self._lock:
+            self._sessions = {t: s for t, s in self._sessions.items() if s[1] > now}
+            while len(self._sessions) >= MAX_SESSIONS:
+                self._sessions.pop(next(iter(self._sessions)))
+            self._sessions[token] = (user, now + SESSION_S)
         return token
 
     def close_session(self, token: str | None) -> None:
         """Forget a token."""
         if token:
-            self._sessions.pop(token, None)
+            with self._lock:
+                self._sessions.pop(token, None)
 
     def user_of(self, headers: Headers, address: str) -> User | None:
         """Return who asks, None where nobody known."""
@@ -104,6 +113,19 @@ class Doorkeeper:
         except (binascii.Error, UnicodeDecodeError):
             return None
         return self.login(name, password, address)
+
+
+def _is_equal(secret: str, given: str) -> bool:
+    return hmac.compare_digest(secret.encode(), given.encode(errors="surrogatepass"))
+
+
+def _source_of(address: str) -> str:
+    """Who counts as one guesser: an IPv4 address, or an IPv6 network, of which anyone has 2^64 addresses."""
+    try:
+        parsed = ip_address(address)
+    except ValueError:
+        return address
+    return address if parsed.version == 4 else str(ip_network((parsed, 64), strict=False))
 
 
 def token_of(headers: Headers) -> str | None:

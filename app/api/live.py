@@ -1,6 +1,7 @@
 """Health, snapshot, live stream, history."""
 
 import asyncio
+import contextlib
 import time
 from typing import Annotated, Any
 
@@ -8,6 +9,7 @@ import orjson
 from fastapi import APIRouter, Query, Request, Response, WebSocket, WebSocketDisconnect
 
 from app import __version__
+from app.api.auth import Doorkeeper
 from app.api.deps import RuntimeDep
 from app.api.encode import snapshot_json
 from app.api.problems import Problem
@@ -17,6 +19,7 @@ from app.telemetry import Snapshot
 
 router = APIRouter(tags=["live"])
 SEND_S = 10.0  # a client that takes nothing for this long is dropped
+CLOSE_S = 2.0  # to tell it so
 
 
 class Encoder:
@@ -78,14 +81,18 @@ async def live(websocket: WebSocket, rate: float | None = None) -> None:
         await websocket.close(1008, "rate: between 0 and 1000 a second")
         return
     pause_s = 1.0 / rate if rate else 0.0
+    keeper: Doorkeeper = websocket.app.state.doorkeeper
     receiving = asyncio.create_task(_until_closed(websocket))
+    waiting: asyncio.Task[Snapshot] | None = None
     try:
         with runtime.hub.subscribe() as subscription:
             while not receiving.done():
-                waiting = asyncio.ensure_future(subscription.next())
+                waiting = asyncio.create_task(subscription.next())
                 await asyncio.wait({waiting, receiving}, return_when=asyncio.FIRST_COMPLETED)
                 if not waiting.done():
-                    waiting.cancel()
+                    break
+                if keeper.user_of(websocket.headers, "") is None:
+                    await websocket.close(4401, "logged out")
                     break
                 started = time.monotonic()
                 text = encoder.encode(waiting.result()).decode()
@@ -94,11 +101,15 @@ async def live(websocket: WebSocket, rate: float | None = None) -> None:
                 if pause_s:
                     await asyncio.wait({receiving}, timeout=max(0.0, pause_s - (time.monotonic() - started)))
     except TimeoutError:
-        await websocket.close(1013, "too slow")
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(CLOSE_S):
+                await websocket.close(1013, "too slow")
     except (WebSocketDisconnect, RuntimeError):
         return
     finally:
-        receiving.cancel()
+        for task in (receiving, waiting):
+            if task is not None:
+                task.cancel()
 
 
 async def _until_closed(websocket: WebSocket) -> None:

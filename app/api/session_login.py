@@ -40,7 +40,14 @@ def login(body: Login, request: Request, response: Response, keeper: DoorkeeperD
     user = User("engineer", "engineer") if keeper.is_open else keeper.login(body.name, body.password, address)
     if user is None:
         raise Problem(401, "wrong-password", "Wrong password", "neither the engineer's nor the viewer's password")
-    response.set_cookie(COOKIE, keeper.open_session(user), max_age=int(SESSION_S), httponly=True, samesite="strict")
+    response.set_cookie(
+        COOKIE,
+        keeper.open_session(user),
+        max_age=int(SESSION_S),
+        httponly=True,
+        samesite="strict",
+        secure=request.url.scheme == "https",
+    )
     return _me(user, password_required=not keeper.is_open)
 
 

@@ -91,9 +91,10 @@ def test_a_wrong_method_says_which_ones_there_are(client):
 @pytest.mark.parametrize("rate", ["nan", "-1", "0", "1e9", "x"])
 def test_a_rate_that_is_none_closes_the_stream(client, rate):
     def listen() -> None:
-        with client.websocket_connect(f"{PREFIX}/live?rate={rate}") as live:
+        with client.websocket_connect(f"ws://127.0.0.1{PREFIX}/live?rate={rate}") as live:
             while True:
                 live.receive_text()
 
-    with pytest.raises(WebSocketDisconnect):
+    with pytest.raises(WebSocketDisconnect) as closed:
         listen()
+    assert closed.value.code == 1008
