@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+
+from app.estimation.errors import ShapeError
+from app.estimation.joint_watch import CONFIRMATIONS, JointWatch
+
+N, PER_PACK = 24, 12
+
+
+def drive(watch, resistance_ohm, seconds, rng, t0=0.0):
+    """Bursts of current over cells of a flat OCV; judges every 5 s; returns the indices named."""
+    named = set()
+    for k in range(round(seconds * 10)):
+        t = t0 + k * 0.1
+        current_a = 60.0 + 80.0 * np.sign(np.sin(2 * np.pi * t / 3.7)) + 40.0 * np.sin(2 * np.pi * t / 23.0)
+        voltages_v = 3.7 - resistance_ohm * current_a + rng.normal(0, 1e-3, N)
+        watch.step(0.1, current_a, voltages_v)
+        if k % 50 == 49:
+            watch.judge()
+            named |= set(np.flatnonzero(watch.loose).tolist())
+    return named
+
+
+@pytest.fixture
+def cells():
+    rng = np.random.default_rng(5)
+    return rng, 2e-3 + rng.normal(0, 4e-5, N)
+
+
+def test_a_joint_that_grows_is_named_within_a_lap_and_no_other(cells):
+    rng, resistance_ohm = cells
+    watch = JointWatch(N, PER_PACK)
+    assert drive(watch, resistance_ohm, 150, rng) == set()
+    loose = resistance_ohm.copy()
+    loose[7] += 3e-4
+    assert drive(watch, loose, 60, rng, 150) == {7}
+
+
+def test_a_joint_that_was_loose_from_the_start_is_named_without_a_past(cells):
+    rng, resistance_ohm = cells
+    resistance_ohm[20] += 4e-4
+    assert 20 in drive(JointWatch(N, PER_PACK), resistance_ohm, 120, rng)
+
+
+def test_a_loose_joint_does_not_become_the_new_normal(cells):
+    rng, resistance_ohm = cells
+    watch = JointWatch(N, PER_PACK)
+    drive(watch, resistance_ohm, 150, rng)
+    before = watch.baseline_ohm[7]
+    resistance_ohm[7] += 3e-4
+    drive(watch, resistance_ohm, 300, rng, 150)
+    assert watch.loose[7]
+    assert abs(watch.baseline_ohm[7] - before) < 1e-4
+
+
+def test_the_past_of_an_earlier_session_is_used(cells):
+    rng, resistance_ohm = cells
+    first = JointWatch(N, PER_PACK)
+    drive(first, resistance_ohm, 150, rng)
+    second = JointWatch(N, PER_PACK, first.baseline_ohm)
+    resistance_ohm[3] += 2.5e-4
+    assert 3 in drive(second, resistance_ohm, 90, rng)
+
+
+def test_one_judgement_names_nobody():
+    assert CONFIRMATIONS > 1
+    assert not JointWatch(N, PER_PACK).loose.any()
+
+
+def test_a_past_of_other_cells_is_refused():
+    with pytest.raises(ShapeError):
+        JointWatch(N, PER_PACK, np.zeros(5))
