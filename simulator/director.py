@@ -15,6 +15,7 @@ from simulator.faults import FaultBoard
 from simulator.loads import ConstantCurrent, Idle, Load, Pattern, Recorded, Rest
 from simulator.master import PASS_S
 from simulator.race import acceleration, endurance, skid_pad
+from simulator.recording import load_recording
 from simulator.scenario import ActionPlan, FaultPlan, PhasePlan, Scenario
 from simulator.simulation import Simulation
 
@@ -84,8 +85,17 @@ class Director:
             self._play(self._timeline.popleft())
         if self.phase.load == "charge":
             self._charge(now_s)
+        self._follow_ambient()
         if not self.is_over and self._phase_is_over(now_s):
             self.next_phase()
+
+    def _follow_ambient(self) -> None:
+        """Let the air be as warm as a recording says, unless a fault says otherwise."""
+        load = self.simulation.load
+        if isinstance(load, Recorded) and not any(fault.name == "ambient" for fault in self.faults.active):
+            degc = load.ambient_at_degc(self.simulation.load_time_s)
+            if degc is not None:
+                self.simulation.set_ambient(degc)
 
     def _play(self, plan: FaultPlan | ActionPlan) -> None:
         if isinstance(plan, FaultPlan):
@@ -164,7 +174,7 @@ class Director:
                 capacity_ah = float(self.simulation.accumulator.capacity_ah.mean())
                 return Pattern(plan.pattern, capacity_ah, scale=plan.power_scale)
             case "recorded":
-                return Recorded.load(self.scenario.folder / plan.file)
+                return load_recording(self.scenario.folder / plan.file)
         return Rest()
 
 

@@ -63,7 +63,7 @@ class VirtualMaster:
         self._requests = RequestHandler(self)
         self._stream: StreamSchedule | None = None
         self.emit(Event(EventCode.BOOT, 0, NO_OFFSET, reset_cause, 0))
-        stored = self.store.newest_config()
+        stored = self.store.config_at_start()
         if stored is None:
             self.emit(Event(EventCode.EEPROM_INVALID, 0, NO_OFFSET, 0, 0))
         self.memory.config = stored or default_image()

@@ -2,7 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from firmware_protocol.config_image import check
+from firmware_protocol.config_image import canonical, check
+from firmware_protocol.eeprom import newest
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.exchange import RepeatFilter
 from firmware_protocol.framing import Frame
@@ -124,22 +125,26 @@ class RequestHandler:
             raise Refused(Result.OUT_OF_BOUNDS, offset)
         config = bytearray(self._master.memory.config)
         config[offset : offset + len(data)] = data
-        errors = check(bytes(config))
-        if errors:
-            raise Refused(Result.OUT_OF_RANGE, errors[0].offset)
-        self._master.use_config(bytes(config))
+        self._use(bytes(config))
         self._master.emit(Event(EventCode.CONFIG_WRITTEN, 0, NO_OFFSET, offset, len(data)))
         return b""
 
     def _load(self) -> bytes:
         if self._master.store.is_busy:
             raise Refused(Result.NOT_NOW)
-        config = self._master.store.newest_config()
-        if config is None:
+        stored = newest(bytes(self._master.board.eeprom.content))
+        if stored is None:
             raise Refused(Result.NOTHING_STORED)
-        self._master.use_config(config)
+        self._use(stored.image)
         self._master.emit(Event(EventCode.CONFIG_WRITTEN, 0, NO_OFFSET, 0, CONFIG_SIZE))
         return b""
+
+    def _use(self, config: bytes) -> None:
+        """Put a configuration in force that passes the check, padding zeroed."""
+        errors = check(config)
+        if errors:
+            raise Refused(Result.OUT_OF_RANGE, errors[0].offset)
+        self._master.use_config(canonical(config))
 
     def _command(self, command: int, argument: int, now_s: float) -> bytes:
         limits = {

@@ -3,7 +3,7 @@
 import numpy as np
 
 from firmware_protocol.config_image import check
-from firmware_protocol.eeprom import JournalEntry, journal_write, newest, newest_journal, plan_store
+from firmware_protocol.eeprom import JournalEntry, journal_write, newest, newest_journal, plan_store, valid_slots
 from firmware_protocol.messages import NO_OFFSET, Event, EventCode, MessageType, Reply, Result
 from simulator.eeprom import Eeprom, PageJob
 
@@ -32,10 +32,9 @@ class ConfigStore:
         """The newest remembered count."""
         return self._journal
 
-    def newest_config(self) -> bytes | None:
-        """Return the newest configuration, None without one that this firmware accepts."""
-        stored = newest(bytes(self._eeprom.content))
-        return stored.image if stored is not None and not check(stored.image) else None
+    def config_at_start(self) -> bytes | None:
+        """Return the newest stored configuration that passes the check, None without one."""
+        return next((slot.image for slot in valid_slots(bytes(self._eeprom.content)) if not check(slot.image)), None)
 
     def start(self, sequence: int, image: bytes, now_s: float) -> bool:
         """Begin to write a configuration to the older slot for the request `sequence`; False while one is under way."""

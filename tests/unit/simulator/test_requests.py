@@ -1,36 +1,161 @@
-"""A host that missed the reply asks again, up to ten seconds later; nothing is done twice."""
-
 import pytest
 
-from firmware_protocol.exchange import REPEAT_WINDOW_S
-from firmware_protocol.messages import Command, CommandId, EventCode, Store
+from firmware_protocol.config_image import default_image
+from firmware_protocol.eeprom import plan_store
+from firmware_protocol.framing import encode_frame
+from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE, MAP_HASH, MASTER_SIZE
+from firmware_protocol.messages import (
+    EEPROM_READ_BASE,
+    Command,
+    CommandId,
+    EventCode,
+    Ident,
+    IdentRequest,
+    Load,
+    MessageType,
+    Read,
+    Result,
+    Store,
+    Write,
+)
 
 
-def count(host, code: EventCode) -> int:
-    return sum(event.code == code for event in host.events)
+def config_of(host) -> bytes:
+    return host.ask(Read(0, CONFIG_SIZE)).data
+
+
+def test_ident_names_this_map(host):
+    ident = Ident.from_bytes(host.ask(IdentRequest()).data)
+    assert ident.map_hash == MAP_HASH
+    assert ident.is_compatible
+    assert (ident.reset_cause, ident.boots) == (0, 1)
+
+
+def test_read_gives_the_bytes_of_the_struct(host):
+    assert config_of(host) == default_image()
+    assert host.ask(Read(MASTER_SIZE - 2, 2)).data == bytes(host.simulation.master.memory.image[-2:])
 
 
 @pytest.mark.parametrize(
-    ("pause_s", "times"), [(0.5, 1), (REPEAT_WINDOW_S - 3, 1), (REPEAT_WINDOW_S + 1, 2)], ids=["soon", "late", "new"]
+    ("offset", "length", "result"),
+    [
+        (MASTER_SIZE - 1, 2, Result.OUT_OF_BOUNDS),
+        (EEPROM_READ_BASE - 1, 1, Result.OUT_OF_BOUNDS),
+        (0xFFFF, 2, Result.OUT_OF_BOUNDS),
+    ],
 )
-def test_a_repeated_command_is_done_once(host, pause_s, times):
-    command = Command(CommandId.SET_SOC, 4321)
-    host.send(command, sequence=7)
-    host.run(pause_s)
-    host.send(command, sequence=7)
-    host.run(0.5)
-    assert count(host, EventCode.SOC_SET) == times
-    assert [reply.result for reply in host.replies] == [0, 0]
+def test_read_beyond_the_memories_is_refused(host, offset, length, result):
+    reply = host.ask(Read(offset, length))
+    assert (reply.result, reply.offset, reply.data) == (result, offset, b"")
 
 
-def test_a_store_that_is_under_way_is_not_begun_again(host):
-    host.send(Store(), sequence=9)
-    host.run(0.01)
-    host.send(Store(), sequence=9)
+def test_written_configuration_is_in_force_and_told(host):
+    wanted = host.config(v_cell_max=4.15, ts=50)
+    assert host.ask(Write(0, wanted)).result == Result.DONE
+    assert config_of(host) == wanted
+    assert host.simulation.master.config.ts == 50
+    assert host.events[-1].code == EventCode.CONFIG_WRITTEN
+
+
+def test_a_value_out_of_range_is_refused_whole_with_its_offset(host):
+    bad = bytearray(host.config(ts=50))
+    bad[CONFIG["v_cell_max"].offset : CONFIG["v_cell_max"].end] = (60_000).to_bytes(2, "little")
+    reply = host.ask(Write(0, bytes(bad)))
+    assert (reply.result, reply.offset) == (Result.OUT_OF_RANGE, CONFIG["v_cell_max"].offset)
+    assert config_of(host) == default_image()
+
+
+def test_a_partial_write_is_judged_by_the_whole_it_would_make(host):
+    above_v_cell_max = (42_500).to_bytes(2, "little")  # within the field's own range
+    assert host.ask(Write(CONFIG["v_cell_chrg"].offset, above_v_cell_max)).result == Result.OUT_OF_RANGE
+    assert config_of(host) == default_image()
+
+
+@pytest.mark.parametrize(
+    ("message_type", "body", "result"),
+    [
+        (MessageType.WRITE, b"\xa3\x01\x02\x00ab", Result.OUT_OF_BOUNDS),
+        (MessageType.WRITE, b"\x00\x00\x00\x00", Result.BAD_LENGTH),
+        (MessageType.WRITE, b"\x00\x00\x05\x00ab", Result.BAD_LENGTH),
+        (MessageType.READ, b"\x00", Result.BAD_LENGTH),
+        (MessageType.READ, b"\x00\x00\x00\x00", Result.BAD_LENGTH),
+        (MessageType.IDENT, b"x", Result.BAD_LENGTH),
+        (0x55, b"", Result.UNKNOWN_REQUEST),
+        (MessageType.DATA, b"", Result.UNKNOWN_REQUEST),
+        (MessageType.COMMAND, b"\xc8\0\0\0\0", Result.UNKNOWN_REQUEST),
+    ],
+)
+def test_malformed_requests_are_refused_by_name(host, message_type, body, result):
+    before = bytes(host.simulation.master.memory.image[:CONFIG_SIZE])
+    host.simulation.receive(encode_frame(message_type, 77, 0, body))
+    host.run(0.1)
+    assert (host.replies[-1].request_sequence, host.replies[-1].result) == (77, result)
+    assert bytes(host.simulation.master.memory.image[:CONFIG_SIZE]) == before
+
+
+def test_stored_configuration_survives_a_reset_and_can_be_loaded_back(host):
+    stored = host.config(v_cell_chrg=4.1)
+    host.ask(Write(0, stored))
+    assert host.ask(Store()).result == Result.DONE
+    host.run(0.1)
+    assert host.events[-1].code == EventCode.CONFIG_STORED
+    host.ask(Write(0, default_image()))
+    assert host.ask(Load()).result == Result.DONE
+    assert config_of(host) == stored
+    host.ask(Write(0, default_image()))
+    assert host.ask(Command(CommandId.RESET)).result == Result.DONE
     host.run(2.0)
-    assert count(host, EventCode.CONFIG_STORED) == 1
-    assert [(reply.request_sequence, reply.result) for reply in host.replies] == [(9, 0)]
-    host.send(Store(), sequence=9)
-    host.run(2.0)
-    assert count(host, EventCode.CONFIG_STORED) == 1
-    assert len(host.replies) == 2
+    assert config_of(host) == stored
+    assert [event.value for event in host.events if event.code == EventCode.BOOT] == [0, 3]
+
+
+def test_padding_is_kept_at_zero(host):
+    wanted = bytearray(host.config(ts=50))
+    wanted[225:228] = b"abc"
+    assert host.ask(Write(0, bytes(wanted))).result == Result.DONE
+    assert config_of(host) == host.config(ts=50)
+
+
+def test_a_stored_configuration_that_a_write_would_refuse_is_not_loaded(host):
+    eeprom = host.simulation.board.eeprom
+    for page in plan_store(bytes(eeprom.content), bytes(CONFIG_SIZE)):
+        eeprom.write(page.offset, page.data)
+    assert host.ask(Load()).result == Result.OUT_OF_RANGE
+    assert config_of(host) == default_image()
+
+
+def test_load_without_a_stored_configuration_is_refused(host):
+    assert host.ask(Load()).result == Result.NOTHING_STORED
+
+
+def test_a_second_store_waits_for_the_first(host):
+    host.send(Store())
+    sequence = host.send(Store())
+    host.run(0.3)
+    results = {reply.request_sequence: reply.result for reply in host.replies}
+    assert results[sequence] == Result.NOT_NOW
+    assert results[sequence - 1] == Result.DONE
+
+
+def test_worn_pages_are_found_by_reading_back(host):
+    host.simulation.board.eeprom.worn_pages = set(range(16))
+    assert host.ask(Store()).result == Result.EEPROM_FAILED
+
+
+def test_eeprom_can_be_read_over_the_line(host):
+    host.ask(Store())
+    assert host.ask(Read(EEPROM_READ_BASE, 4)).data == b"VWCF"
+
+
+@pytest.mark.parametrize(
+    ("command", "argument"),
+    [
+        (CommandId.FAN_OVERRIDE, 256),
+        (CommandId.FAN_OVERRIDE, -2),
+        (CommandId.SET_SOC, 10_001),
+        (CommandId.CAN_TX_ENABLE, 256),
+        (CommandId.CAN_SEND, 8),
+    ],
+)
+def test_arguments_out_of_range_are_refused(host, command, argument):
+    assert host.ask(Command(command, argument)).result == Result.OUT_OF_RANGE
