@@ -100,7 +100,7 @@ export class Plot {
     return {
       width: width || 300,
       height: spec.height,
-      padding: [8, Math.round(LABEL_EMS * parseFloat(theme.font)), spec.axis ? 0 : 4, 0],
+      padding: [8, Math.round(LABEL_EMS * parseFloat(theme.font)), spec.axis ? 0 : 6, 0],
       legend: { show: false },
       cursor: {
         points: { show: false },
@@ -119,7 +119,7 @@ export class Plot {
               splits.length > 1 && splits[1]! - splits[0]! < 60 ? clock(t) : clock(t).slice(0, 5),
             ),
         },
-        { ...axis, size: 52, space: 22, values: (_u, splits) => splits.map((v) => fixed(v, places(splits))) },
+        { ...axis, size: 52, space: 26, values: (_u, splits) => splits.map((v) => fixed(v, places(splits))) },
       ],
       series,
       bands,

@@ -45,6 +45,11 @@ class ConfigStore {
 
   /** Read what is in force and what is stored; edits stay. */
   async load(): Promise<void> {
+    await this.readInForce();
+    if (this.config !== null) await this.readStored();
+  }
+
+  private async readInForce(): Promise<void> {
     try {
       this.schema ??= await get<Schema>('config/schema');
       if ((live.snapshot?.config_hash ?? null) === null) throw NOT_READ;
@@ -54,7 +59,9 @@ class ConfigStore {
     } catch (error) {
       this.problem = asProblem(error);
     }
-    if (this.config === null) return;
+  }
+
+  private async readStored(): Promise<void> {
     try {
       this.stored = await get<StoredConfig>('config/stored');
       this.nothingStored = false;
@@ -76,6 +83,7 @@ class ConfigStore {
     await this.act('writing', async (hash) => {
       const result = await call<WriteResult>('config', this.request(hash));
       const n = result.difference.length;
+      await this.readInForce();
       this.checked = null;
       this.outcome = {
         kind: result.verified ? 'good' : 'bad',
@@ -83,7 +91,6 @@ class ConfigStore {
         text: `${n} ${n === 1 ? 'value is' : 'values are'} now in force. The EEPROM still holds the old configuration until it is stored.`,
         difference: result.difference,
       };
-      await this.load();
     });
   }
 
