@@ -5,7 +5,8 @@ Every cell is carried forward at a constant current by the closed form of the ci
     v(t) = OCV(z - i t / Q) - R0 i - e asinh(i / i_ref) - sum R_k (a_k i_k + (1 - a_k) i),   a_k = exp(-t / tau_k)
     T(t) = T + (OCV(z) - v(t)) i t / C_th                    without cooling, so a little too warm
 
-The largest current and the time to a limit are found by bisection over all cells at once; call it once a second.
+The largest current and the time to a limit are found by repeated section of an interval over all cells at once; call
+it once a second.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from app.estimation.errors import ModelError, ShapeError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
 Reason = Literal["voltage", "soc", "temperature", "current"]
 Limit = Literal["v_min", "v_max", "soc_min", "soc_max", "temperature_max"]
 
@@ -29,8 +31,9 @@ DISCHARGE_LIMITS: Final[tuple[Limit, ...]] = ("v_min", "soc_min", "temperature_m
 CHARGE_LIMITS: Final[tuple[Limit, ...]] = ("v_max", "soc_max", "temperature_max")
 
 HORIZONS_S: Final = (1.0, 10.0, 30.0)
-CURRENT_BISECTIONS: Final = 14  # halvings: 1/16000 of the current limit
-TIME_BISECTIONS: Final = 16
+SECTIONS: Final = 16  # of an interval, tried at once: fewer and larger array operations than halving
+ROUNDS: Final = 4  # 1/65536 of the current limit or of the hour
+_SHARES: Final = np.arange(1, SECTIONS)[:, None, None] / SECTIONS
 TIME_LIMIT_S: Final = 3600.0  # later trips are not foretold
 
 
@@ -184,10 +187,9 @@ class PowerModel:
         high = np.full_like(low, TIME_LIMIT_S)
         rows = np.arange(3)
         never = model._margins(part, current, np.array(TIME_LIMIT_S)) >= 0.0
-        for _ in range(TIME_BISECTIONS):
-            middle = 0.5 * (low + high)
-            within = model._margins(part, current, middle)[rows, rows] >= 0.0
-            low, high = np.where(within, middle, low), np.where(within, high, middle)
+        for _ in range(ROUNDS):
+            within = model._margins(part, current, _inside(low, high))[rows, :, rows].swapaxes(0, 1) >= 0.0
+            low, high = _narrowed(low, high, within)
         seconds = np.where(never, np.inf, high)
         seconds = np.where(model._margins(part, current, np.zeros(())) < 0.0, 0.0, seconds)
         return tuple(
@@ -204,10 +206,9 @@ class PowerModel:
         low = np.zeros((len(horizons_s), known.size))
         high = np.full_like(low, current_max_a)
         low[(model._margins(part, sign * high, seconds) >= 0.0).all(axis=0)] = current_max_a
-        for _ in range(CURRENT_BISECTIONS):
-            middle = 0.5 * (low + high)
-            within = (model._margins(part, sign * middle, seconds) >= 0.0).all(axis=0)
-            low, high = np.where(within, middle, low), np.where(within, high, middle)
+        for _ in range(ROUNDS):
+            within = np.asarray((model._margins(part, sign * _inside(low, high), seconds) >= 0.0).all(axis=0))
+            low, high = _narrowed(low, high, within)
         current, who = low.min(axis=1), low.argmin(axis=1)
         voltage, _, _ = model.ahead(part, sign * current[:, None], seconds)
         passed = model._margins(part, sign * high, seconds) < 0.0
@@ -225,6 +226,18 @@ class PowerModel:
         factor = self.resistance_factor
         part = CellStates(states.soc[known], states.branch_a[:, known], states.temperature_degc[known])
         return PowerModel(self.cell, self.limits, factor if factor.ndim == 0 else factor[known]), part
+
+
+def _inside(low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return (SECTIONS - 1, ...) the points that divide each interval."""
+    return low + (high - low) * _SHARES
+
+
+def _narrowed(low: FloatArray, high: FloatArray, within: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return the section in which `within` (SECTIONS - 1, ...) turns from True to False; it does so at most once."""
+    span = (high - low) / SECTIONS
+    passed = np.logical_and.accumulate(within, axis=0).sum(axis=0)
+    return low + passed * span, low + (passed + 1) * span
 
 
 def _known(states: CellStates) -> IntArray:
