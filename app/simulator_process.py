@@ -2,6 +2,7 @@
 
 import logging
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from app.settings import Settings
 
 log = logging.getLogger(__name__)
 READY_S = 15.0
+STOP_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +28,20 @@ class Ports:
     serial_url: str
     can_argument: str
     can_url: str
+    folder: Path | None = None  # of the links to the pseudo-terminals, removed at the end
 
 
-def _choose_ports() -> Ports:
-    if os.name == "posix":
+def choose_ports(*, pty: bool) -> Ports:
+    """Return free ports: pseudo-terminals, or where the system has none, sockets on loopback."""
+    if pty:
         folder = Path(tempfile.mkdtemp(prefix="voltwall-"))
         serial, adapter = folder / "rs232", folder / "can"
         return Ports(
-            f"pty:{serial}", str(serial), f"slcan-pty:{adapter}", f"slcan:{adapter}?sleep_after_open=0&timeout=0.05"
+            f"pty:{serial}",
+            str(serial),
+            f"slcan-pty:{adapter}",
+            f"slcan:{adapter}?sleep_after_open=0&timeout=0.05",
+            folder,
         )
     serial_port, can_port = _free_port(), _free_port()
     return Ports(
@@ -54,7 +62,7 @@ class SimulatorProcess:
     """Started with the service, started again if it dies, ended with the service."""
 
     def __init__(self, settings: Settings) -> None:
-        self.ports = _choose_ports()
+        self.ports = choose_ports(pty=os.name == "posix")
         self._arguments = [
             *(sys.executable, "-m", "simulator.cli"),
             *("--serial", self.ports.serial_argument, "--can", self.ports.can_argument),
@@ -66,6 +74,7 @@ class SimulatorProcess:
         self._stopping = threading.Event()
         self._ready = threading.Event()
         self._first_exit: int | None = None
+        self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, name="simulator", daemon=True)
 
     def start(self) -> None:
@@ -81,22 +90,34 @@ class SimulatorProcess:
             raise ConfigError("simulator", arguments, f"it ended with code {self._first_exit}, its words are above")
 
     def stop(self) -> None:
-        """End it."""
-        self._stopping.set()
-        process = self._process
-        if process is not None and process.poll() is None:
+        """End it, and leave nothing behind."""
+        with self._lock:
+            self._stopping.set()
+            process = self._process
+        if process is not None:
             process.terminate()
-        self._thread.join(timeout=5.0)
+            try:
+                process.wait(STOP_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        if self._thread.is_alive():
+            self._thread.join(timeout=STOP_S)
+        if self.ports.folder is not None:
+            shutil.rmtree(self.ports.folder, ignore_errors=True)
 
     def _run(self) -> None:
         backoff = Backoff()
         while not self._stopping.is_set():
-            self._process = subprocess.Popen(
-                self._arguments,
-                stdin=subprocess.PIPE,  # its end is ours
-                stdout=subprocess.PIPE,
-                start_new_session=True,  # Ctrl-C is for the service, which ends it in order
-            )
+            with self._lock:  # none is started behind the back of `stop`
+                if self._stopping.is_set():
+                    return
+                self._process = subprocess.Popen(
+                    self._arguments,
+                    stdin=subprocess.PIPE,  # its end is ours
+                    stdout=subprocess.PIPE,
+                    start_new_session=True,  # Ctrl-C is for the service, which ends it in order
+                    creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # the same on Windows
+                )
             with self._process as process:
                 for line in process.stdout or ():
                     if line.strip() == b"ready":

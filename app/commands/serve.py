@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from app import log
 from app.errors import ConfigError
 from app.folder_lock import FolderLock
+from app.live_protocol import LiveProtocol
 from app.main import Replay, create_app
 from app.settings import FilterName, Settings
 from app.simulator_process import SimulatorProcess
@@ -94,8 +95,10 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
                 app,
                 log_config=None,
                 access_log=False,
-                ws="websockets-sansio",
+                ws=LiveProtocol,
                 ws_max_size=1 << 16,
+                ws_per_message_deflate=False,  # its work for each reader would be most of the service's
+                proxy_headers=False,  # who counts wrong passwords by address must not believe a header
                 timeout_graceful_shutdown=2,
                 server_header=False,
             ),
@@ -142,6 +145,8 @@ def _bind(settings: Settings) -> socket.socket:
     listener = socket.socket(family, socket.SOCK_STREAM)
     if os.name == "posix":
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    else:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)  # type: ignore[attr-defined,unused-ignore]
     try:
         listener.bind((settings.host, settings.port))
     except OSError as error:

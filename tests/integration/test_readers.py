@@ -1,0 +1,111 @@
+"""Many readers of the stream, and some that misbehave: nobody waits for anybody."""
+
+import json
+import socket
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+READERS = 20
+
+
+def live_url(service) -> str:
+    return service.base_url.replace("http", "ws") + "/api/v1/live"
+
+
+def stalled(service) -> socket.socket:
+    """A reader that shakes hands and then never takes a byte."""
+    address = urlsplit(service.base_url)
+    made = socket.socket()
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    made.connect((address.hostname, address.port))
+    made.sendall(
+        f"GET /api/v1/live HTTP/1.1\r\nHost: {address.netloc}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
+    )
+    return made
+
+
+def resident_bytes(service) -> int:
+    pages = Path(f"/proc/{service.process.pid}/statm").read_text().split()[1]
+    return int(pages) * 4096
+
+
+def read(service, seconds: float) -> list[tuple[int, float]]:
+    """Return (sequence, seconds since the message before)."""
+    found = []
+    with connect(live_url(service), max_size=1 << 22) as live:
+        until = last = time.monotonic()
+        until += seconds
+        while last < until:
+            sequence = json.loads(live.recv(timeout=5))["seq"]
+            now = time.monotonic()
+            found.append((sequence, now - last))
+            last = now
+    return found
+
+
+@pytest.mark.timeout(90)
+def test_readers_that_take_nothing_delay_nobody_and_are_cut_off(service):
+    dead = [stalled(service) for _ in range(5)]
+    before = resident_bytes(service)
+    found: list[list[tuple[int, float]]] = []
+    threads = [threading.Thread(target=lambda: found.append(read(service, 4))) for _ in range(READERS)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+    assert len(found) == READERS
+    for messages in found:
+        sequences = [sequence for sequence, _ in messages]
+        assert sequences == sorted(set(sequences))
+        assert len(sequences) > 20
+        assert max(gap for _, gap in messages[1:]) < 2.0
+    assert resident_bytes(service) - before < 40 << 20
+    for reader in dead:
+        reader.close()
+
+
+@pytest.mark.timeout(90)
+def test_a_reader_that_never_reads_is_closed(service):
+    reader = stalled(service)
+    with service.client() as client:
+        metrics = service.base_url + "/metrics"
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            text = client.get(metrics).text
+            if "voltwall_live_readers 0.0" in text:
+                break
+            time.sleep(1)
+        else:
+            pytest.fail("the reader is still served")
+    reader.close()
+
+
+def test_a_rate_is_kept(service):
+    with connect(live_url(service) + "?rate=2", max_size=1 << 22) as live:
+        live.recv(timeout=5)
+        started = time.monotonic()
+        for _ in range(4):
+            live.recv(timeout=5)
+        assert time.monotonic() - started > 1.4
+
+
+def test_what_a_reader_sends_is_ignored_up_to_a_size(service):
+    with connect(live_url(service), max_size=1 << 22) as live:
+        live.recv(timeout=5)
+        live.send("x" * 1000)
+        live.send(b"\0" * 1000)
+        live.recv(timeout=5)
+        live.send("x" * (1 << 20))
+        with pytest.raises(ConnectionClosed) as closed:
+            deque(live, maxlen=0)
+    assert closed.value.rcvd.code == 1009
+    with service.client() as client:
+        assert client.get("/health").status_code == 200
