@@ -43,3 +43,9 @@ def test_a_session_is_replayed_and_the_car_comes_back(make_service, open_page):
     expect(page.get_by_test_id("recording")).to_contain_text("Replay")
     page.get_by_role("button", name="Back to the car").click()
     expect(page.get_by_role("region", name="Replay")).to_be_hidden()
+
+
+def test_a_session_can_be_looked_at_while_it_is_recorded(service, open_page):
+    page = open_page(f"{service.base_url}/#/sessions")
+    page.get_by_test_id("sessions").get_by_role("link", name=re.compile("^20")).first.click()
+    expect(page.locator("canvas")).to_have_count(6)
