@@ -1,0 +1,62 @@
+"""The virtual master against the C reference codec: what it puts on a bad line decodes alike in C and in Python."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from firmware_protocol import c_header
+from firmware_protocol.framing import BadFrame, Frame, FrameDecoder
+from simulator.director import Director
+from simulator.scenario import find_scenario
+
+C_FOLDER = Path(c_header.__file__).parent / "c"
+PIECE = 3000  # the driver reads lines of limited length
+SOURCES = ("vw_codec.c", "vw_messages.c", "vw_config.c", "host_test.c")
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    if shutil.which("gcc") is None:
+        missing = "gcc is missing; install it (Debian: apt-get install gcc)"
+        pytest.fail(missing) if os.environ.get("CI") else pytest.skip(missing)
+    path = tmp_path_factory.mktemp("c") / "host_test"
+    sources = [str(C_FOLDER / name) for name in SOURCES]
+    command = ["gcc", "-std=c99", "-O1", "-I", str(C_FOLDER), *sources, "-o", str(path)]
+    built = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    return path
+
+
+def recorded(noise_per_byte: float) -> bytes:
+    line = bytearray()
+    director = Director(find_scenario("clean-endurance"))
+    director.simulation.line.noise_per_byte = noise_per_byte
+    director.simulation.serial_out = line.extend
+    director.run(0.5)
+    director.simulation.receive(b"x")
+    director.run(20.0)
+    return bytes(line)
+
+
+def in_words(item: Frame | BadFrame) -> str:
+    if isinstance(item, BadFrame):
+        return f"bad:{item.reason}"
+    return f"frame:{item.type:02x}:{item.sequence:02x}:{item.uptime_ms:08x}:{item.body.hex() or '-'}"
+
+
+@pytest.mark.parametrize("noise_per_byte", [0.0, 1e-3])
+def test_c_and_python_see_the_same_stream(program, noise_per_byte):
+    raw = recorded(noise_per_byte)
+    pieces = [raw[at : at + PIECE] for at in range(0, len(raw), PIECE)]  # each a decoder's first look at the line
+    lines = "".join(f"feed host 0 64 {piece.hex()}\n" for piece in pieces)
+    done = subprocess.run([program, "driver"], input=lines, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    answers = [line.split()[:-1] for line in done.stdout.splitlines()]  # the last word counts dropped bytes
+    expected = [[in_words(item) for item in FrameDecoder().feed(piece)] for piece in pieces]
+    assert answers == expected
+    words = [word for answer in answers for word in answer]
+    assert len(words) > 300
+    assert any(word.startswith("bad:") for word in words) == (noise_per_byte > 0)
