@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from app.estimation.estimators import Estimates
+from app.outlook import Outlook
 from app.shadow import ShadowImage
 from app.telemetry import BoolArray, Cells, FloatArray
 from firmware_protocol.memory_map import (
@@ -118,10 +119,13 @@ class Decoder:
         }
 
 
-def cells_of(decoder: Decoder, estimate: Estimates | None) -> Cells:
+def cells_of(decoder: Decoder, estimate: Estimates | None, outlook: Outlook) -> Cells:
     """Everything per cell; estimates are NaN without an estimator's result, and where the cell has no voltage."""
     voltages_v = decoder.voltages_v()
     resistance_ohm = decoder.array("r_fs", (0,))
+    joints, health = outlook.joints, outlook.health
+    if joints is not None:
+        resistance_ohm = np.where(np.isfinite(joints.resistance_ohm), joints.resistance_ohm, resistance_ohm)
     none = _NO_CELLS
     return Cells(
         voltage_v=voltages_v,
@@ -131,9 +135,12 @@ def cells_of(decoder: Decoder, estimate: Estimates | None) -> Cells:
         ocv_v=none if estimate is None else estimate.ocv_v,
         residual_v=none if estimate is None else voltages_v - estimate.voltage_v,
         resistance_ohm=resistance_ohm,
-        capacity_ah=decoder.array("c", (0,)),
+        capacity_ah=decoder.array("c", (0,)) if outlook.capacity_ah is None else outlook.capacity_ah,
         balancing=decoder.balancing(),
         model_valid=None if estimate is None else estimate.model_valid,
+        soh_capacity=none if health is None else health.capacity,
+        joint_excess_ohm=none if joints is None else joints.joint_excess_ohm,
+        joint_loose=outlook.loose,
     )
 
 

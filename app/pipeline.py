@@ -14,8 +14,10 @@ from app.decode import PARTS, Decoder, cells_of, packs_of
 from app.estimation.driver import DriverSoc
 from app.estimation.errors import EstimatorError
 from app.estimation.estimators import CellEstimator, Estimates
+from app.estimation.power import Limits
 from app.links.monitor import LIVE_S, LinkMonitor, rs232_monitor
 from app.master_events import describe
+from app.outlook import Lookout, Outlook
 from app.shadow import ShadowImage
 from app.telemetry import CanItem, Event, FloatArray, Identity, Item, LinkChange, SerialItem, Snapshot, Source
 from app.watch.alarms import Watch
@@ -23,7 +25,7 @@ from firmware_protocol.can_tables import RxMessage, TxMessage, apply_received, r
 from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BadFrame, Frame
-from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG_SIZE, MASTER_SIZE, N_CELLS
+from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG, CONFIG_SIZE, MASTER_SIZE, N_CELLS
 from firmware_protocol.messages import Data, EventCode, Ident, MessageType, Reply, Window, decode_message
 from firmware_protocol.messages import Event as MasterEvent
 
@@ -31,6 +33,7 @@ VOLTAGE_OFFSET = PARTS["voltage"][0]
 CAN_SNAPSHOT_NS = 50_000_000
 UPTIME_WRAP_MS = 1 << 32
 MAX_STEP_S = 3600.0
+MIN_CURRENT_LIMIT_A = 1.0
 MAX_ENERGY_STEP_S = 10.0  # what flowed in a longer gap is not known, and not made up
 
 
@@ -58,6 +61,8 @@ class Pipeline:
         rs232_url: str | None = None,
         can_url: str | None = None,
         stopwatch_ns: Callable[[], int] | None = None,
+        lookout: Lookout | None = None,
+        start_soc: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
         self.source = source
         self.shadow = ShadowImage()
@@ -77,6 +82,9 @@ class Pipeline:
         self._driver_percent: int | None = None
         self._energy_wh = {"energy_out_wh": 0.0, "energy_in_wh": 0.0}
         self._stopwatch_ns = stopwatch_ns
+        self._lookout = lookout
+        self._start_soc = start_soc  # (soc, sigma) of an earlier run
+        self._measured: tuple[float, FloatArray] | None = None  # current and temperatures the lookout has not seen
         self._step_us: float | None = None
         self._config: tuple[bytes, str] | None = None
         self._config_from_ns = 0  # bytes that arrived before are of an older configuration
@@ -94,6 +102,36 @@ class Pipeline:
     def tick(self, t_mono_ns: int, t_wall_ns: int) -> Output:
         """Return a snapshot in which nothing is new but the ages."""
         return self._publish(t_mono_ns, t_wall_ns, fresh=False)
+
+    @property
+    def estimates(self) -> Estimates | None:
+        """The estimator's latest."""
+        return self._estimates
+
+    def look_ahead(self) -> None:
+        """Judge what lies ahead, for the next snapshot; call it when the last one has gone out."""
+        if self._lookout is None or self._measured is None or self._estimator is None or self._estimates is None:
+            return
+        current_a, temperatures_degc = self._measured
+        self._measured = None
+        self._lookout.look(self._estimator, self._estimates, temperatures_degc, current_a, self._limits())
+
+    def _limits(self) -> Limits:
+        """The configuration's, the cell's own where none was heard."""
+        if self._config is None:
+            return Limits()
+
+        def limit(name: str) -> float:
+            field = CONFIG[name]
+            return float(field.unpack(self.shadow.image)[0] * field.scale)
+
+        return Limits(
+            v_min_v=limit("v_cell_min"),
+            v_max_v=limit("v_cell_max"),
+            discharge_max_a=max(limit("i_disc_max"), MIN_CURRENT_LIMIT_A),
+            charge_max_a=max(-limit("i_disc_min"), MIN_CURRENT_LIMIT_A),
+            temperature_max_degc=limit("t_cell_max"),
+        )
 
     def acknowledge(self, alarm_id: int, who: str) -> bool:
         """Mark an alarm as seen."""
@@ -154,6 +192,9 @@ class Pipeline:
         if current_a is not None and not np.isnan(voltages_v).all():
             estimates, events = self._estimate(item, dt_s, current_a, voltages_v, decoder.temperatures_degc())
             power_w = float(np.nansum(voltages_v)) * current_a
+            if self._lookout is not None:
+                self._lookout.step(dt_s or 0.0, current_a, voltages_v, power_w)
+                self._measured = current_a, decoder.temperatures_degc()
             if dt_s is not None and dt_s <= MAX_ENERGY_STEP_S:
                 self._energy_wh["energy_out_wh" if power_w > 0 else "energy_in_wh"] += abs(power_w) * dt_s / 3600
         output = self._publish(item.t_mono_ns, item.t_wall_ns, fresh=True)
@@ -175,7 +216,7 @@ class Pipeline:
         try:
             if self._estimator is None:
                 estimator = self._make_estimator()
-                estimator.start(voltages_v, degc, current_a)
+                _start(estimator, voltages_v, degc, current_a, self._start_soc)
                 self._estimator, dt_s = estimator, 0.0
             self._estimates = self._estimator.step(dt_s or 0.0, current_a, voltages_v, degc)
         except (EstimatorError, ArithmeticError, ValueError) as error:
@@ -236,7 +277,8 @@ class Pipeline:
         age_s = {part: self.shadow.age_s(start, length, t_mono_ns) for part, (start, length) in PARTS.items()}
         voltage_age_s = age_s["voltage"]
         estimates = self._estimates if voltage_age_s is not None and voltage_age_s <= LIVE_S * 10 else None
-        cells = cells_of(decoder, estimates)
+        outlook = self._lookout.outlook if self._lookout is not None and estimates is not None else Outlook()
+        cells = cells_of(decoder, estimates, outlook)
         charger = decoder.charger()
         flags = decoder.flags()
         state, why = state_of(flags, charger["state"], self._last_trip)
@@ -253,6 +295,7 @@ class Pipeline:
             cells=cells,
             accumulator=totals_of(cells, decoder) | charge_of(cells, decoder, self._driver_percent) | self._energy_wh,
             packs=packs_of(cells, decoder),
+            prediction=outlook.prediction,
             master={
                 "state": state,
                 "why": why,
@@ -280,3 +323,20 @@ class Pipeline:
         with self._watch_lock:
             alarms, events = self._watch.step(snapshot)
         return Output(replace(snapshot, alarms=alarms), tuple(events))
+
+
+def _start(
+    estimator: CellEstimator,
+    voltages_v: FloatArray,
+    degc: FloatArray,
+    current_a: float,
+    known: tuple[FloatArray, FloatArray] | None,
+) -> None:
+    """Start from the voltages, and where an earlier run's charge agrees with them within 3 sigma, from that."""
+    estimator.start(voltages_v, degc, current_a)
+    if known is None:
+        return
+    soc, sigma = known
+    by_voltage, variance = estimator.state_mean[0], estimator.state_cov[:, 0, 0]
+    agrees = np.abs(soc - by_voltage) < 3.0 * np.sqrt(variance + sigma**2)
+    estimator.start(voltages_v, degc, current_a, np.where(agrees, soc, np.nan), sigma)

@@ -142,6 +142,7 @@ class Replaying:
             self._state = _state(pacer, file, now_s)
             for received in pacer.due(now_s):
                 snapshot = pipeline.feed(item_of(received)).snapshot
+                pipeline.look_ahead()
                 if snapshot is not None:
                     latest, shown_s = snapshot, now_s
                     self._show(snapshot)

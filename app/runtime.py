@@ -20,13 +20,15 @@ from app.links.can import CanLink
 from app.links.master import MasterClient
 from app.links.serial import SerialLink
 from app.operations import Operator
+from app.outlook import Lookout
+from app.past import Past, load_past, save_past
 from app.pipeline import Output, Pipeline
 from app.recording import AutoRecorder
 from app.replaying import Replaying
 from app.sessions.catalogue import Catalogue
 from app.sessions.eventlog import EventLog
 from app.settings import Settings
-from app.telemetry import CanItem, Event, Item, SerialItem, Snapshot, Source
+from app.telemetry import CanItem, Event, FloatArray, Item, SerialItem, Snapshot, Source
 from app.trace import CanTrace
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.framing import BadFrame
@@ -35,6 +37,7 @@ from firmware_protocol.messages import EventCode, MessageType
 
 log = logging.getLogger(__name__)
 TICK_S = 1.0
+KEEP_PAST_S = 300.0
 STALL_S = 3 * TICK_S  # without a snapshot for so long, the pipeline stands still
 INBOX_ITEMS = 4096  # beyond it the links wait, and what the line cannot hold shows up as a gap in the sequence
 FAILURE_SHOWN_S = 60.0
@@ -65,7 +68,13 @@ class Runtime:
             return make_estimator(settings.filter, cell, N_CELLS)
 
         self._new_estimator: Callable[[], CellEstimator] = new_estimator
-        self.pipeline = self.new_pipeline(source, serial_url, can_url)
+        self._cell = cell
+        self._past_path = settings.data / "cells.npz"
+        self._past_saved_ns = time.monotonic_ns()
+        past = load_past(self._past_path)
+        self._lookout = Lookout(cell, N_CELLS, None if past is None else past.cells)
+        start_soc = None if past is None else past.start(time.time_ns())
+        self.pipeline = self.new_pipeline(source, serial_url, can_url, self._lookout, start_soc)
         self.serial = SerialLink(serial_url, self.put) if serial_url else None
         self.can = CanLink(can_url, self.put) if can_url else None
         self.master = MasterClient(self._send)
@@ -83,7 +92,14 @@ class Runtime:
         self._failure: tuple[int, str] | None = None
         self.pipeline_snapshot: Snapshot | None = None  # of the live source, also while a replay is shown
 
-    def new_pipeline(self, source: Source, serial_url: str | None = None, can_url: str | None = None) -> Pipeline:
+    def new_pipeline(
+        self,
+        source: Source,
+        serial_url: str | None = None,
+        can_url: str | None = None,
+        lookout: Lookout | None = None,
+        start_soc: tuple[FloatArray, FloatArray] | None = None,
+    ) -> Pipeline:
         """A fresh chain with the configured estimator."""
         settings = self.settings
         return Pipeline(
@@ -94,6 +110,8 @@ class Runtime:
             rs232_url=serial_url,
             can_url=can_url,
             stopwatch_ns=time.perf_counter_ns,
+            lookout=lookout or Lookout(self._cell, N_CELLS),
+            start_soc=start_soc,
         )
 
     def start(self) -> None:
@@ -122,6 +140,7 @@ class Runtime:
             self._inbox.put_nowait(None)
         if self._thread.is_alive():
             self._thread.join(timeout=5.0)
+        self._keep_past()
         self._jobs.shutdown(wait=True, cancel_futures=True)
         self.recorder.close()
         self.events.close()
@@ -206,7 +225,18 @@ class Runtime:
             self._greet_if_new(item.frame.type, item.frame.body)
         elif not isinstance(item, SerialItem | CanItem) and item.link == "rs232" and item.state != "open":
             self._greeted, self._greet_from_ns = False, 0
-        return item.t_mono_ns if output.snapshot is not None else None
+        if output.snapshot is None:
+            return None
+        self.pipeline.look_ahead()
+        if item.t_mono_ns - self._past_saved_ns > KEEP_PAST_S * 1e9:
+            self._keep_past()
+        return item.t_mono_ns
+
+    def _keep_past(self) -> None:
+        self._past_saved_ns = time.monotonic_ns()
+        estimates = self.pipeline.estimates
+        if estimates is not None:
+            save_past(self._past_path, Past(time.time_ns(), estimates.soc, estimates.soc_sigma, self._lookout.past))
 
     def _deliver(self, output: Output) -> None:
         for event in output.events:

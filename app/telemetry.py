@@ -116,6 +116,9 @@ class Cells:
     capacity_ah: FloatArray
     balancing: BoolArray | None
     model_valid: BoolArray | None
+    soh_capacity: FloatArray  # against new
+    joint_excess_ohm: FloatArray  # of the busbar joint, against its own past and its peers
+    joint_loose: BoolArray | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +146,7 @@ class Snapshot:
     cells: Cells
     accumulator: dict[str, Any]
     packs: list[dict[str, Any]]
+    prediction: dict[str, Any] | None  # what lies ahead; None without an estimator
     master: dict[str, Any]
     charger: dict[str, Any]
     links: dict[LinkName, LinkStatus]

@@ -18,6 +18,8 @@ _DECIMALS = {
     "residual_v": 4,
     "resistance_ohm": 6,
     "capacity_ah": 3,
+    "soh_capacity": 4,
+    "joint_excess_ohm": 6,
 }
 
 
@@ -47,6 +49,7 @@ def snapshot_json(snapshot: Snapshot, service: dict[str, Any]) -> bytes:
     n = len(cells.voltage_v)
     per_cell: dict[str, Any] = {name: _rounded(getattr(cells, name), decimals) for name, decimals in _DECIMALS.items()}
     per_cell["balancing"] = [None] * n if cells.balancing is None else cells.balancing
+    per_cell["joint_loose"] = [None] * n if cells.joint_loose is None else cells.joint_loose
     per_cell["model_valid"] = [None] * n if cells.model_valid is None else cells.model_valid
     body = {
         "seq": snapshot.sequence,
@@ -57,6 +60,7 @@ def snapshot_json(snapshot: Snapshot, service: dict[str, Any]) -> bytes:
         "cells": per_cell,
         "packs": [_numbers(pack) for pack in snapshot.packs],
         "accumulator": _numbers(snapshot.accumulator),
+        "prediction": snapshot.prediction,
         "master": snapshot.master,
         "charger": _numbers(snapshot.charger),
         "links": {name: _numbers(asdict(status)) for name, status in snapshot.links.items()},

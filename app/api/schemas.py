@@ -20,8 +20,11 @@ class CellsOut(BaseModel):
     residual_v: PerCell
     resistance_ohm: PerCell
     capacity_ah: PerCell
+    soh_capacity: PerCell
+    joint_excess_ohm: PerCell
     balancing: list[bool | None]
     model_valid: list[bool | None]
+    joint_loose: list[bool | None]
 
 
 class PackOut(BaseModel):
@@ -66,6 +69,55 @@ class AccumulatorOut(BaseModel):
     energy_out_wh: float
     energy_in_wh: float
     fan_duty: Number
+
+
+class PowerLimitOut(BaseModel):
+    """What can be held for one horizon, and what limits it."""
+
+    horizon_s: float
+    power_w: float
+    current_a: float
+    cell: int | None
+    reason: Literal["voltage", "soc", "temperature", "current"]
+
+
+class PowerOut(BaseModel):
+    """Power ahead in both directions, shortest horizon first."""
+
+    discharge: list[PowerLimitOut]
+    charge: list[PowerLimitOut]
+
+
+class TripOut(BaseModel):
+    """Seconds until a limit is met; null: not within an hour."""
+
+    limit: Literal["v_min", "v_max", "soc_min", "soc_max", "temperature_max"]
+    seconds: Number
+    cell: int | None
+
+
+class LapsOut(BaseModel):
+    """Laps that the energy lasts for, with a band from 5 to 95 %."""
+
+    laps: float
+    low: float
+    high: float
+    lap_energy_wh: float
+    lap_energy_sigma_wh: float
+    period_s: Number
+
+
+class PredictionOut(BaseModel):
+    """What lies ahead, judged once a second."""
+
+    power: PowerOut | None
+    to_trip: list[TripOut]
+    to_trip_full: list[TripOut]
+    nearest: TripOut | None
+    energy_left_wh: Number
+    energy_left_sigma_wh: Number
+    energy_left_cell: int | None
+    laps: LapsOut | None
 
 
 class FlagsOut(BaseModel):
@@ -208,6 +260,7 @@ class SnapshotOut(BaseModel):
     cells: CellsOut
     packs: list[PackOut]
     accumulator: AccumulatorOut
+    prediction: PredictionOut | None
     master: MasterOut
     charger: ChargerOut
     links: LinksOut

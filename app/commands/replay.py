@@ -13,6 +13,7 @@ from app.estimation.cellfile import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.estimators import FILTERS, make_estimator
 from app.main import Replay
+from app.outlook import Lookout
 from app.pipeline import Pipeline
 from app.replaying import item_of, prepare
 from app.sessions.info import RecordedConfig
@@ -66,6 +67,7 @@ def _print_snapshots(path: Path, filter_name: str, cell_name: str) -> int:
         cell_name=cell_name,
         rs232_url="recorded",
         can_url="recorded",
+        lookout=Lookout(cell, N_CELLS),
     )
     with SessionFile(path) as file:
         prepare(pipeline, file)
@@ -73,6 +75,7 @@ def _print_snapshots(path: Path, filter_name: str, cell_name: str) -> int:
             if isinstance(received, RecordedConfig):
                 continue  # the stream carries it too
             snapshot = pipeline.feed(item_of(received)).snapshot
+            pipeline.look_ahead()
             if snapshot is not None:
                 sys.stdout.buffer.write(snapshot_json(snapshot, NO_SERVICE) + b"\n")
     return 0

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.decode import BLANK_S
+from app.estimation.joint_watch import ALARM_OHM
 from app.telemetry import Severity, Snapshot
 from firmware_protocol.memory_map import CONFIG, N_CELLS
 
@@ -143,6 +144,14 @@ def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     if len(missing) and (len(missing) < N_CELLS or _is_recent(snapshot)):
         cell = int(missing[0])
         yield Condition("cell-missing", "warning", f"{len(missing)} cell(s) without a voltage", cell)
+    loose = snapshot.cells.joint_loose
+    if loose is not None and loose.any():
+        cell = int(np.flatnonzero(loose)[0])
+        more = f", and {int(loose.sum()) - 1} more" if loose.sum() > 1 else ""
+        excess_mohm = float(snapshot.cells.joint_excess_ohm[cell] * 1000)
+        limit_mohm = ALARM_OHM * 1000
+        text = f"busbar joint has grown{more}"
+        yield Condition("joint-loose", "warning", text, cell, excess_mohm, limit_mohm, "mohm")
     if snapshot.cells.model_valid is not None:
         invalid = np.flatnonzero(~snapshot.cells.model_valid & ~np.isnan(voltage_v))
         if len(invalid):
