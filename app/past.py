@@ -39,7 +39,7 @@ def load_past(path: Path) -> Past | None:
     if not path.is_file():
         return None
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             past = Past(
                 int(file["saved_wall_ns"]),
                 file["soc"],
