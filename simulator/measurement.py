@@ -11,8 +11,8 @@ from simulator.sensors import ADC_MAX
 from simulator.slave import BoolArray
 from simulator.slave_reader import STATUS_ACTIVE, STATUS_FAULT, SlaveReader
 
-READY_S = 0.3  # both temperature phases read, the voltage filter settled
-TEMPERATURE_PERIOD_S = 0.1
+READY_S = 0.5  # both temperature phases read, the voltage filter settled
+TEMPERATURE_PERIOD_S = 0.2  # of one phase
 SELF_CHECK_PERIOD_S = 1.0
 HIGH_PRECISION_TIME_S = 1.0
 SAMPLE_S = 0.001

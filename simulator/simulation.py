@@ -21,7 +21,7 @@ from simulator.relays import RelayState
 
 BOOT_S = 0.3
 POWER_ON, WATCHDOG, BROWN_OUT, COMMANDED = range(4)  # reset causes
-SLOW_PERIOD_S = 0.1  # of the temperatures and of the driver's wishes
+SLOW_PERIOD_S = 0.2  # of the temperatures and of the driver's wishes
 _LINE_RETRY_S = 1e-3  # a free line is asked again this much later when it had nothing, whatever it promised
 
 

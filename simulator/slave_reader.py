@@ -61,7 +61,7 @@ class SlaveReader:
         self.packet_errors = 0
         self._none_silent: BoolArray = np.zeros(chain.n_slaves, dtype=bool)
         self.silent = self._none_silent
-        self.is_whole = False  # every packet of the last pass was intact
+        self.is_whole = False  # every voltage of the last pass arrived intact
         self.has_open_wires = False
         self.open_wire_cells: BoolArray = np.zeros(n_cells, dtype=bool)
         self._phase = 0
@@ -79,8 +79,10 @@ class SlaveReader:
 
     def read_voltages(self, now_s: float) -> BoolArray:
         """Convert and read all cells into the struct; return (n_slaves,) which slaves gave no good packet."""
+        errors_before = self.packet_errors
         self._chain.execute(_CONVERT, now_s)
         self._read_cells_into(self._memory.slave_cvr)
+        self.is_whole = self.packet_errors == errors_before
         return self.silent
 
     def read_temperatures(self, now_s: float) -> None:
@@ -133,10 +135,10 @@ class SlaveReader:
 
     def _read_cells_into(self, target: NDArray[np.uint16]) -> BoolArray:
         packets = self._chain.read_cells()
+        errors_before = self.packet_errors
         intact = self._checked(packets)
-        self.is_whole = bool(intact.all())
         words = packets[..., :DATA_WORDS].reshape(target.shape)
-        if self.is_whole:
+        if self.packet_errors == errors_before:
             target[:] = words
             self.silent = self._none_silent
         else:
@@ -147,8 +149,9 @@ class SlaveReader:
     def _checked(self, packets: WordArray) -> BoolArray:
         """Return which packets are intact, and count."""
         intact = is_intact(packets)
+        n_intact = int(np.count_nonzero(intact))
         self.packets += intact.size
-        self.packet_errors += int(intact.size - np.count_nonzero(intact))
+        self.packet_errors += intact.size - n_intact
         return intact
 
     def _write(self, discharging: BoolArray, address: int | None, now_s: float) -> None:
