@@ -38,8 +38,8 @@ class _Ring:
     def __init__(self, names: tuple[str, ...], length: int, shape: tuple[int, ...] = ()) -> None:
         self._length = length
         self._count = 0
-        self._t_ns = np.zeros(length, dtype=np.int64)
-        self._columns = {name: np.full((length, *shape), np.nan, dtype=np.float32) for name in names}
+        self._t_ns = np.empty(length, dtype=np.int64)
+        self._columns = {name: np.empty((length, *shape), dtype=np.float32) for name in names}  # memory when used
 
     @property
     def newest_ns(self) -> int | None:
