@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -17,7 +15,7 @@ from app.estimation.record import Record, check_record, run_steps
 from app.estimation.self_check import check_model
 from app.estimation.start import per_cell, start_count, start_from_voltage
 from app.estimation.states import SOC, CellStates
-from app.estimation.tables import BRANCH, OVERPOTENTIAL, R0, PackedCell
+from app.estimation.tables import PackedCell
 from app.estimation.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
@@ -52,7 +50,7 @@ class CoulombCounter:
         """(n_cells, n_states, n_states) covariance; the RC currents are as good as the model says."""
         cov = np.moveaxis(self.states.cov, 2, 0).copy()
         cov[:, SOC, :] = cov[:, :, SOC] = 0.0
-        cov[:, SOC, SOC] = count_variance(self.states, self.tuning)
+        cov[:, SOC, SOC] = count_variance(self.states)
         return cov
 
     def start(
@@ -80,22 +78,20 @@ class CoulombCounter:
         step = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
         i = step.current_a
         self._process.predict(state, step)
-        move_count(state, self._process.moved_soc(i, step.dt_s), step.dt_s)
+        move_count(state, self.tuning, self._process.moved_soc(i, step.dt_s), step.dt_s)
         state.mean[SOC] = state.count_soc
         j, f = cell.place_soc(state.count_soc)
         c = cell.circuit_at(j, f, step.row, step.row_weight)
         ocv = cell.ocv_at(j, f)
-        over = math.asinh(i / model.overpotential_current_a)
-        drop = i * c[R0] + over * c[OVERPOTENTIAL] + (c[BRANCH:] * state.mean[1:]).sum(axis=0)
-        predicted = ocv - drop + model.hysteresis_v * state.hysteresis
+        predicted = ocv - cell.drop(c, i, state.mean[1:]) + model.hysteresis_v * state.hysteresis
         innovation = step.voltage_v - predicted
         return Estimates(
             soc=np.clip(state.count_soc, 0.0, 1.0),
-            soc_sigma=np.minimum(np.sqrt(count_variance(state, self.tuning)), SIGMA_MAX),
+            soc_sigma=np.minimum(np.sqrt(count_variance(state)), SIGMA_MAX),
             ocv_v=ocv,
             voltage_v=predicted,
             innovation_v=innovation,
-            innovation_sigma_v=np.sqrt(step.noise_v2 * step.noise_scale + self.tuning.sensor_v**2),
+            innovation_sigma_v=np.sqrt(step.noise_v2 * step.noise_scale),
             model_valid=check_model(state, self.tuning, step.dt_s, innovation, step.noise_v2, ~np.isnan(innovation)),
             accepted=np.zeros(self.n_cells, dtype=np.bool_),
         )

@@ -116,16 +116,23 @@ class GaussianEstimator:
         result = self.filter.update(state, sample)
         soc, variance = state.mean[SOC], soc_variance(state, result, tuning)
         if self.fused:
-            move_count(state, self.filter.moved_soc(sample.current_a, sample.dt_s), sample.dt_s)
+            move_count(state, tuning, self.filter.moved_soc(sample.current_a, sample.dt_s), sample.dt_s)
             soc, variance = fuse(state, tuning, sample.dt_s, variance)
         return Estimates(
             soc=np.minimum(np.maximum(soc, 0.0), 1.0),
             soc_sigma=np.sqrt(variance),
-            ocv_v=self.cell.ocv_at(*self.cell.place_soc(soc)),
+            ocv_v=self.cell.ocv_of(soc),
             voltage_v=result.predicted_v,
             innovation_v=result.innovation_v,
             innovation_sigma_v=result.innovation_sigma_v,
-            model_valid=check_model(state, tuning, sample.dt_s, result.innovation_v, sample.noise_v2, result.accepted),
+            model_valid=check_model(
+                state,
+                tuning,
+                sample.dt_s,
+                result.innovation_v,
+                sample.noise_v2,
+                None if result.all_accepted else result.accepted,
+            ),
             accepted=result.accepted,
         )
 
@@ -180,6 +187,8 @@ def soc_variance(state: CellStates, result: StepResult, tuning: Tuning) -> Float
 
     v_f = P_zz + (bias^2 + share * mean square of the innovation) / slope^2: a model that errs is trusted less.
     """
-    slope = np.maximum(np.abs(result.slope_v), SLOPE_FLOOR_V)
-    bias_v2 = tuning.bias_v**2 + tuning.bias_share * state.check[1]
-    return np.asarray(np.minimum(state.cov[SOC, SOC] + bias_v2 / (slope * slope), SOC_VARIANCE_MAX))
+    variance = tuning.bias_share * state.check[1]
+    variance += tuning.bias_v**2
+    variance /= np.maximum(result.slope_v * result.slope_v, SLOPE_FLOOR_V**2)
+    variance += state.cov[SOC, SOC]
+    return np.asarray(np.minimum(variance, SOC_VARIANCE_MAX))

@@ -4,7 +4,7 @@ While they agree the fusion is their precision-weighted mean: what a filter with
 they contradict each other the start was wrong, and the filter rules; a count that stays contradicted is anchored
 anew.
 
-    v_c = v_anchor + (gain d_c)^2 + (offset t)^2      gain and offset are constants: their errors add in line
+    v_c = v_anchor + (gain q)^2 + (offset t)^2        over charge q and time t: gain and offset are constants
     w   = P(start was right | both)                   from t(d; 0, v_f + v_c) against "anywhere in 0..1"
     z   = z_f - w g d,  g = v_f / (v_f + v_c),  d = z_f - z_c
     v   = v_f (1 - w g) + w (1 - w) g^2 d^2
@@ -27,17 +27,17 @@ from app.estimation.tuning import Tuning
 FloatArray = NDArray[np.float64]
 
 
-def move_count(state: CellStates, moved_soc: float, dt_s: float) -> None:
-    """Take a share of the capacity out of every cell's count."""
-    state.count_soc -= moved_soc
-    state.since_s += dt_s
+def move_count(state: CellStates, tuning: Tuning, moved_soc: float, dt_s: float) -> None:
+    """Take a share of the capacity out of every cell's count, and let its sigmas grow."""
+    drift = tuning.counter_gain * moved_soc, (tuning.counter_offset_c / SECONDS_PER_HOUR) * dt_s
+    state.count += np.array([[-moved_soc], [drift[0]], [drift[1]]])
 
 
-def count_variance(state: CellStates, tuning: Tuning) -> FloatArray:
+def count_variance(state: CellStates) -> FloatArray:
     """Return (n,) variance of the counted SOC."""
-    gain = tuning.counter_gain * (state.anchor_soc - state.count_soc)
-    offset = (tuning.counter_offset_c / SECONDS_PER_HOUR) * state.since_s
-    return np.asarray(state.anchor_v2 + gain * gain + offset * offset)
+    drift = state.count[1:]
+    squares = drift * drift
+    return np.asarray(squares[0] + squares[1] + state.anchor_v2)
 
 
 def fuse(state: CellStates, tuning: Tuning, dt_s: float, filter_v2: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -50,27 +50,34 @@ def fuse(state: CellStates, tuning: Tuning, dt_s: float, filter_v2: FloatArray) 
         filter_v2: (n,) variance of the filter's SOC, model error included.
     """
     filter_soc = state.mean[SOC]
-    total = count_variance(state, tuning)
+    total = count_variance(state)
     total += filter_v2
-    d = filter_soc - state.count_soc
+    d = filter_soc - state.count[0]
     dd = d * d
-    tail = dd / total * (1.0 / 32.0) + 1.0
+    tail = dd / total
+    tail *= 1.0 / 32.0
+    tail += 1.0
     for _ in range(4):
         tail *= tail
-    w = 1.0 / (1.0 + unknown_odds(tuning) * np.sqrt(total) * tail)
+    tail *= np.sqrt(total)
+    tail *= unknown_odds(tuning)
+    tail += 1.0
+    w = 1.0 / tail
     g = filter_v2 / total
     wg = w * g
     soc = filter_soc - wg * d
-    variance = filter_v2 * (1.0 - wg) + (wg * (1.0 - w)) * (g * dd)
+    # v = v_f - w g (v_f - (1 - w) g d^2)
+    variance = filter_v2 - wg * (filter_v2 - (1.0 - w) * (g * dd))
     doubted = w < 0.5
-    if doubted.any() or state.doubt_s.any():
-        state.doubt_s[:] = np.where(doubted, state.doubt_s + dt_s, np.maximum(state.doubt_s - dt_s, 0.0))
+    if doubted.any():
+        state.doubt_s[:] = np.where(doubted, state.doubt_s + dt_s, 0.0)
         anchor = state.doubt_s > tuning.anchor_s
         np.copyto(state.count_soc, filter_soc, where=anchor)
-        np.copyto(state.anchor_soc, filter_soc, where=anchor)
+        np.copyto(state.count[1:], 0.0, where=anchor)
         np.copyto(state.anchor_v2, filter_v2, where=anchor)
-        np.copyto(state.since_s, 0.0, where=anchor)
         np.copyto(state.doubt_s, 0.0, where=anchor)
+    else:
+        state.doubt_s[:] = 0.0
     return soc, variance
 
 

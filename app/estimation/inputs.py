@@ -22,6 +22,7 @@ FloatArray = NDArray[np.float64]
 TEMPERATURE_UNKNOWN_DEGC: Final = 25.0
 TEMPERATURE_MAX_DEGC: Final = 200.0  # beyond it, either way, the sensor is broken
 CURRENT_MAX_C: Final = 60.0  # a larger reading is a broken sensor, not a current
+VOLTAGE_MIN_V: Final = 0.5  # a cell that reads 0 is not connected
 VOLTAGE_MAX_V: Final = 6.0  # likewise: 6.5535 V is what the monitor says when it has not measured
 
 
@@ -71,8 +72,8 @@ class InputGuard:
         current = self.common(dt_s, current_a)
         voltage = self.array("voltages_v", voltages_v)
         temperature = self.array("temperatures_degc", temperatures_degc)
-        if not (voltage.max() < VOLTAGE_MAX_V and voltage.min() >= 0.0):
-            voltage = np.where((voltage >= 0.0) & (voltage < VOLTAGE_MAX_V), voltage, np.nan)
+        if not (np.maximum.reduce(voltage) < VOLTAGE_MAX_V and np.minimum.reduce(voltage) > VOLTAGE_MIN_V):
+            voltage = np.where((voltage > VOLTAGE_MIN_V) & (voltage < VOLTAGE_MAX_V), voltage, np.nan)
         raw = temperature.tobytes()
         if raw != self._temperature_raw:
             self._temperature_raw = raw

@@ -16,19 +16,19 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from app.estimation.circuit import SECONDS_PER_HOUR
-from app.estimation.inputs import TEMPERATURE_MAX_DEGC, VOLTAGE_MAX_V
-from app.estimation.marginal import NOISE_FLOOR_REL, SOC_MAX, SOC_MIN, SOC_VARIANCE_MAX, VARIANCE_STEP
+from app.estimation.inputs import TEMPERATURE_MAX_DEGC, VOLTAGE_MAX_V, VOLTAGE_MIN_V
+from app.estimation.marginal import SOC_MAX, SOC_MIN, SOC_VARIANCE_MAX, VARIANCE_STEP
 from app.estimation.start import SLOPE_FLOOR_V
 from app.estimation.states import (
-    ANCHOR_SOC,
     ANCHOR_V2,
     CHECK_MEAN,
     CHECK_SQUARE,
     COUNT,
+    COUNT_GAIN,
+    COUNT_OFFSET,
     DOUBT,
     HYSTERESIS,
     REFUSED,
-    SINCE,
     TEMPERATURE,
 )
 from app.estimation.tables import N_SOC, SOC_LOW, SOC_STEP
@@ -60,7 +60,6 @@ class Numbers(NamedTuple):
     model_error_v: float
     model_error_per_c_v: float
     correlation_s: float
-    sensor_v: float
     bias_v: float
     bias_share: float
     cold_factor: float
@@ -89,14 +88,19 @@ def _jit(function: Callable[..., Any]) -> Any:
         return numba.njit(error_model="numpy")(function)
 
 
-@_jit
+def _inline(function: Callable[..., Any]) -> Any:
+    """Compile into the callers: a call would hand over every scalar one by one."""
+    return numba.njit(error_model="numpy", inline="always")(function)
+
+
+@_inline
 def _place_soc(soc):
     x = min(max((soc - SOC_LOW) * (1.0 / SOC_STEP), 0.0), N_SOC - 1.0)
     j = int(x)
     return j, x - j
 
 
-@_jit
+@_inline
 def _place_temperature(grid, t):
     """Return table row and weight of the next row."""
     n = grid.size
@@ -108,18 +112,18 @@ def _place_temperature(grid, t):
     return j, min(max((t - grid[j]) / (grid[j + 1] - grid[j]), 0.0), 1.0)
 
 
-@_jit
-def _corner(c, k, f, g):
-    """Bilinear value of table k; `c` is (4, n_tables): value, difference in SOC, in temperature, in both."""
-    return (c[0, k] + f * c[1, k]) + g * (c[2, k] + f * c[3, k])
+@_inline
+def _corner(circuit, at, k, f, g):
+    """Bilinear value of table k; a row of `circuit` is (4, n_tables): value, difference in SOC, temperature, both."""
+    return (circuit[at, 0, k] + f * circuit[at, 1, k]) + g * (circuit[at, 2, k] + f * circuit[at, 3, k])
 
 
-@_jit
-def _corner_slope(c, k, g):
-    return (c[1, k] + g * c[3, k]) * (1.0 / SOC_STEP)
+@_inline
+def _corner_slope(circuit, at, k, g):
+    return (circuit[at, 1, k] + g * circuit[at, 3, k]) * (1.0 / SOC_STEP)
 
 
-@_jit
+@_inline
 def _noise(p, soc, outside_k, noise_v2):
     """Return the variance of the model's error at this SOC and temperature."""
     scale = (1.0 + p.cold_factor * outside_k / 10.0) ** 2
@@ -127,7 +131,7 @@ def _noise(p, soc, outside_k, noise_v2):
     return low * scale * noise_v2
 
 
-@_jit
+@_inline
 def _gate(p, innovation, expected, refused_s, dt):
     """Return whether to use the sample, whether only because it has been refused for too long, and for how long."""
     if not math.isfinite(innovation):
@@ -139,53 +143,48 @@ def _gate(p, innovation, expected, refused_s, dt):
     return believed, believed, refused_s
 
 
-@_jit
+@_inline
 def _widened(p, variance, dt):
     return max(min(variance + p.gate_recovery * p.gate_recovery * dt, SOC_VARIANCE_MAX), variance)
 
 
-@_jit
-def _fuse(p, count, anchor_soc, anchor_v2, since_s, soc, variance):
+@_inline
+def _fuse(p, count, count_v2, soc, variance):
     """Return fused SOC, variance, and the probability that the start was right."""
-    gain = p.counter_gain * (anchor_soc - count)
-    offset = (p.counter_offset_c / SECONDS_PER_HOUR) * since_s
-    total = anchor_v2 + gain * gain + offset * offset + variance
+    total = count_v2 + variance
     apart = soc - count
     tail = apart * apart / total * (1.0 / 32.0) + 1.0
     tail *= tail
     tail *= tail
     tail *= tail
     tail *= tail
-    w = 1.0 / (1.0 + p.unknown_odds * math.sqrt(total) * tail)
+    w = 1.0 / (tail * math.sqrt(total) * p.unknown_odds + 1.0)
     share = variance / total
     wg = w * share
-    return soc - wg * apart, variance * (1.0 - wg) + (wg * (1.0 - w)) * (share * (apart * apart)), w
+    return soc - wg * apart, variance - wg * (variance - (1.0 - w) * (share * (apart * apart))), w
 
 
-@_jit
+@_inline
 def _report(
     p, block, slow, cell, dt, moved, soc, variance, slope, check_scale, check_weight, innovation, used, ocv, out
 ):
     """Sigma, fusion and self-check of one cell after its update, and the part of its result that follows."""
     square = block[slow + CHECK_SQUARE, cell]
-    steep = max(abs(slope), SLOPE_FLOOR_V)
-    variance = min(variance + (p.bias_v * p.bias_v + p.bias_share * square) / (steep * steep), SOC_VARIANCE_MAX)
+    bias_v2 = p.bias_v * p.bias_v + p.bias_share * square
+    variance = min(variance + bias_v2 / max(slope * slope, SLOPE_FLOOR_V * SLOPE_FLOOR_V), SOC_VARIANCE_MAX)
     if p.is_fused != 0.0:
-        count, since = block[slow + COUNT, cell] - moved, block[slow + SINCE, cell] + dt
-        block[slow + COUNT, cell], block[slow + SINCE, cell] = count, since
+        count = block[slow + COUNT, cell] - moved
+        gain = block[slow + COUNT_GAIN, cell] + p.counter_gain * moved
+        offset = block[slow + COUNT_OFFSET, cell] + (p.counter_offset_c / SECONDS_PER_HOUR) * dt
         filter_soc, filter_v2 = soc, variance
-        soc, variance, w = _fuse(
-            p, count, block[slow + ANCHOR_SOC, cell], block[slow + ANCHOR_V2, cell], since, soc, variance
-        )
-        doubt = block[slow + DOUBT, cell]
-        doubt = doubt + dt if w < 0.5 else max(doubt - dt, 0.0)
+        count_v2 = gain * gain + offset * offset + block[slow + ANCHOR_V2, cell]
+        soc, variance, w = _fuse(p, count, count_v2, soc, variance)
+        doubt = block[slow + DOUBT, cell] + dt if w < 0.5 else 0.0
         if doubt > p.anchor_s:
-            block[slow + COUNT, cell] = filter_soc
-            block[slow + ANCHOR_SOC, cell] = filter_soc
+            count, gain, offset, doubt = filter_soc, 0.0, 0.0, 0.0
             block[slow + ANCHOR_V2, cell] = filter_v2
-            block[slow + SINCE, cell] = 0.0
-            doubt = 0.0
-        block[slow + DOUBT, cell] = doubt
+        block[slow + COUNT, cell], block[slow + DOUBT, cell] = count, doubt
+        block[slow + COUNT_GAIN, cell], block[slow + COUNT_OFFSET, cell] = gain, offset
     mean = block[slow + CHECK_MEAN, cell]
     if used:
         scaled = innovation * check_scale
@@ -201,7 +200,7 @@ def _report(
     out[OUT_VALID, cell] = 1.0 if valid else 0.0
 
 
-@_jit
+@_inline
 def _common(p, dt, i):
     """Return what one step has in common for all cells."""
     kept = p.efficiency if i < 0.0 else 1.0
@@ -215,14 +214,16 @@ def _common(p, dt, i):
     return moved, walk, keep, branch_variance, noise_v2, correlation, math.asinh(i / p.i_ref), check_scale, check_weight
 
 
-@_jit
+@_inline
 def _point_pair(ocv, circuit, soc, row, g, i, over, i1, i2):
     """Return output without hysteresis, R_1 and R_2 at one sigma point."""
     j, f = _place_soc(soc)
-    c = circuit[j + N_SOC * row]
-    r1, r2 = _corner(c, 2, f, g), _corner(c, 3, f, g)
-    v = ocv[j, 0] + f * ocv[j, 1] - i * _corner(c, 0, f, g) - over * _corner(c, 1, f, g)
-    return v - r1 * i1 - r2 * i2, r1, r2
+    at = j + N_SOC * row
+    r1, r2 = _corner(circuit, at, 1, f, g), _corner(circuit, at, 2, f, g)
+    drop = i * _corner(circuit, at, 0, f, g) + r1 * i1 + r2 * i2
+    if circuit.shape[2] > 3:
+        drop += over * _corner(circuit, at, 3, f, g)
+    return ocv[j, 0] + f * ocv[j, 1] - drop, r1, r2
 
 
 @_jit
@@ -258,18 +259,19 @@ def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temp
         if p.hysteresis_v != 0.0:
             block[12 + HYSTERESIS, cell] = block[12 + HYSTERESIS, cell] * follow - pull
             predicted += p.hysteresis_v * block[12 + HYSTERESIS, cell]
-        acc0, acc1, acc2 = p01 * r1 + p02 * r2, p11 * r1 + p12 * r2, p12 * r1 + p22 * r2
-        lean = acc0 / p00
-        slope = (up - down) / (2.0 * reach)
-        steep = slope + lean
-        Pyy = p00 * slope * slope + p.curvature * q * q - lean * acc0 + r1 * acc1 + r2 * acc2
+        steep = ((up - down) * 0.5 + (p01 * r1 + p02 * r2) * per_sd) / reach
+        x0, x1, x2 = (
+            p00 * steep - p01 * r1 - p02 * r2,
+            p01 * steep - p11 * r1 - p12 * r2,
+            p02 * steep - p12 * r1 - p22 * r2,
+        )
+        Pyy = p.curvature * q * q + (steep * x0 - r1 * x1 - r2 * x2)
         outside_k = max(grid[0] - t, 0.0) + max(t - grid[grid.size - 1], 0.0)
         model_v2 = _noise(p, soc, outside_k, noise_v2)
-        S = Pyy + max(model_v2 * correlation + p.sensor_v * p.sensor_v, NOISE_FLOOR_REL * Pyy)
-        expected = Pyy + model_v2 + p.sensor_v * p.sensor_v
+        S = Pyy + model_v2 * correlation
+        expected = Pyy + model_v2
         v = voltage_v[cell]
-        innovation = v - predicted if 0.0 <= v < VOLTAGE_MAX_V else np.nan
-        x0, x1, x2 = p00 * steep - acc0, p01 * steep - acc1, p02 * steep - acc2
+        innovation = v - predicted if VOLTAGE_MIN_V < v < VOLTAGE_MAX_V else np.nan
         used, believed, refused = _gate(p, innovation, expected, block[12 + REFUSED, cell], dt)
         block[12 + REFUSED, cell] = refused
         if believed:
@@ -299,8 +301,9 @@ def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, tempe
     moved, walk, keep, branch_variance, noise_v2, correlation, over, check_scale, check_weight = _common(p, dt, i)
     follow = math.exp(-p.hysteresis_rate * abs(moved))
     pull = math.copysign(1.0 - follow, moved)
-    m = circuit.shape[2] - 2
+    m = tau.shape[0]
     d = m + 1
+    has_over = circuit.shape[2] > d
     slow = d + d * d
     fixed = tau.size == m
     a = np.ones(d)
@@ -340,41 +343,46 @@ def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, tempe
         for point in range(3 if p.is_sigma != 0.0 else 1):
             per_sd = 0.0 if point == 0 else (p.spread / sd if point == 1 else -p.spread / sd)
             j, f = _place_soc(soc + per_sd * Pz)
-            c = circuit[j + N_SOC * row]
-            value = ocv[j, 0] + f * ocv[j, 1] - i * _corner(c, 0, f, g) - over * _corner(c, 1, f, g)
+            at = j + N_SOC * row
+            value = ocv[j, 0] + f * ocv[j, 1] - i * _corner(circuit, at, 0, f, g)
             for k in range(m):
-                rk = _corner(c, k + 2, f, g)
+                rk = _corner(circuit, at, k + 1, f, g)
                 if point == 0:
                     r[k] = rk
                 value -= rk * (block[k + 1, cell] + per_sd * block[d + k + 1, cell])
+            if has_over:
+                value -= over * _corner(circuit, at, d, f, g)
             h[point] = value
             if p.is_sigma == 0.0:
-                tangent = ocv[j, 2] + f * ocv[j, 3] - i * _corner_slope(c, 0, g) - over * _corner_slope(c, 1, g)
+                tangent = ocv[j, 2] + f * ocv[j, 3] - i * _corner_slope(circuit, at, 0, g)
                 for k in range(m):
-                    tangent -= _corner_slope(c, k + 2, g) * block[k + 1, cell]
-        for u in range(d):
-            acc[u] = 0.0
-            for k in range(m):
-                acc[u] += block[d + (k + 1) * d + u, cell] * r[k]
-        lean = acc[0] / Pz
-        predicted, slope, kq2 = h[0], tangent - lean, 0.0
+                    tangent -= _corner_slope(circuit, at, k + 1, g) * block[k + 1, cell]
+                if has_over:
+                    tangent -= over * _corner_slope(circuit, at, d, g)
+        predicted, steep, Pyy = h[0], tangent, 0.0
         if p.is_sigma != 0.0:
             q = h[1] + h[2] - 2.0 * h[0]
-            predicted, slope, kq2 = h[0] + p.weight * q, (h[1] - h[2]) / (2.0 * p.spread * sd), p.curvature * q * q
+            steep = (h[1] - h[2]) * 0.5
+            for k in range(m):
+                steep += block[d + k + 1, cell] * (p.spread / sd) * r[k]
+            steep /= p.spread * sd
+            predicted, Pyy = h[0] + p.weight * q, p.curvature * q * q
         if p.hysteresis_v != 0.0:
             block[slow + HYSTERESIS, cell] = block[slow + HYSTERESIS, cell] * follow - pull
             predicted += p.hysteresis_v * block[slow + HYSTERESIS, cell]
-        Pyy = Pz * slope * slope + kq2 - lean * acc[0]
+        for u in range(d):
+            acc[u] = block[d + u, cell] * steep
+            for k in range(m):
+                acc[u] -= block[d + (k + 1) * d + u, cell] * r[k]
+        Pyy += acc[0] * steep
         for k in range(m):
-            Pyy += r[k] * acc[k + 1]
+            Pyy -= r[k] * acc[k + 1]
         outside_k = max(grid[0] - t, 0.0) + max(t - grid[grid.size - 1], 0.0)
         model_v2 = _noise(p, soc, outside_k, noise_v2)
-        S = Pyy + max(model_v2 * correlation + p.sensor_v * p.sensor_v, NOISE_FLOOR_REL * Pyy)
-        expected = Pyy + model_v2 + p.sensor_v * p.sensor_v
+        S = Pyy + model_v2 * correlation
+        expected = Pyy + model_v2
         v = voltage_v[cell]
-        innovation = v - predicted if 0.0 <= v < VOLTAGE_MAX_V else np.nan
-        for u in range(d):
-            acc[u] = block[d + u, cell] * (slope + lean) - acc[u]
+        innovation = v - predicted if VOLTAGE_MIN_V < v < VOLTAGE_MAX_V else np.nan
         used, believed, refused = _gate(p, innovation, expected, block[slow + REFUSED, cell], dt)
         block[slow + REFUSED, cell] = refused
         if believed:
@@ -391,7 +399,7 @@ def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, tempe
         out[OUT_VOLTAGE, cell] = predicted
         out[OUT_INNOVATION_SIGMA, cell] = math.sqrt(expected)
         out[OUT_ACCEPTED, cell] = 1.0 if used else 0.0
-        _report(p, block, slow, cell, dt, moved, block[0, cell], block[d, cell], slope + lean, check_scale,
+        _report(p, block, slow, cell, dt, moved, block[0, cell], block[d, cell], steep, check_scale,
                 check_weight, innovation, used, ocv, out)  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,11 +58,11 @@ def run_steps(
     temperature_degc: FloatArray,
 ) -> Record:
     """Return the estimates of a record by calling `step` for every sample."""
-    rows = np.empty((dt_s.size, len(fields(Estimates)), estimator.n_cells))
+    rows = np.empty((dt_s.size, len(Estimates._fields), estimator.n_cells))
     for k in range(dt_s.size):
         estimates = estimator.step(float(dt_s[k]), float(current_a[k]), voltage_v[k], temperature_degc[k])
-        for row, field in zip(rows[k], fields(Estimates), strict=True):
-            row[:] = getattr(estimates, field.name)
+        for row, values in zip(rows[k], estimates, strict=True):
+            row[:] = values
     return record_from_rows(rows)
 
 

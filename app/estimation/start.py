@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from app.estimation.errors import ShapeError
 from app.estimation.marginal import SOC_MAX, SOC_MIN, SOC_VARIANCE_MAX, StepInput
 from app.estimation.states import SOC, CellStates
-from app.estimation.tables import BRANCH, OVERPOTENTIAL, R0, PackedCell
+from app.estimation.tables import BRANCH, PackedCell
 from app.estimation.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
@@ -27,12 +27,12 @@ def start_from_voltage(cell: PackedCell, state: CellStates, tuning: Tuning, step
     model = cell.model
     v, i = step.voltage_v, step.current_a
     seen = ~np.isnan(v)
-    over = np.arcsinh(i / model.overpotential_current_a)
+    at_rest = np.zeros((model.n_rc, v.size))
     soc = np.where(seen, model.ocv.soc_at(v), 0.5)
     for _ in range(3):
         j, f = cell.place_soc(soc)
         c = cell.circuit_at(j, f, step.row, step.row_weight)
-        soc = np.where(seen, model.ocv.soc_at(v + i * c[R0] + over * c[OVERPOTENTIAL]), soc)
+        soc = np.where(seen, model.ocv.soc_at(v + cell.drop(c, i, at_rest)), soc)
     soc = np.where(seen, soc, soc[seen].mean() if seen.any() else 0.5)
     slope = np.maximum(model.ocv.slope(soc), SLOPE_FLOOR_V)
     branch_v2 = (tuning.start_branch_c * model.c_rate_a) ** 2 + i * i
@@ -68,10 +68,9 @@ def impose_soc(state: CellStates, soc: FloatArray, sigma: FloatArray) -> None:
 def start_count(state: CellStates, soc: FloatArray, sigma: FloatArray) -> None:
     """Start the charge count at the SOC given, or where that is NaN at what the voltage said."""
     given = ~np.isnan(soc)
+    state.count[:] = 0.0
     state.count_soc[:] = np.where(given, np.clip(soc, SOC_MIN, SOC_MAX), state.mean[SOC])
-    state.anchor_soc[:] = state.count_soc
     state.anchor_v2[:] = np.where(given, np.clip(sigma * sigma, 1e-8, SOC_VARIANCE_MAX), state.cov[SOC, SOC])
-    state.since_s[:] = 0.0
     state.doubt_s[:] = 0.0
 
 

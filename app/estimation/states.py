@@ -18,9 +18,9 @@ N_SLOW: Final = 10
     CHECK_MEAN,
     CHECK_SQUARE,
     COUNT,
-    ANCHOR_SOC,
+    COUNT_GAIN,
+    COUNT_OFFSET,
     ANCHOR_V2,
-    SINCE,
     DOUBT,
 ) = range(N_SLOW)  # rows behind the mean and the covariance
 
@@ -36,11 +36,10 @@ class CellStates:
         refused_s: (n,) how long the innovations have been refused without a break [s].
         temperature_degc: (n,) last temperature that was measured [degC].
         check: (2, n) running mean [V] and mean square [V^2] of the scaled innovation.
-        count_soc: (n,) SOC by counting charge.
-        anchor_soc: (n,) where the count started.
-        anchor_v2: (n,) variance of that.
-        since_s: (n,) time since then [s].
-        doubt_s: (n,) how long the count has been less likely than the filter [s].
+        count: (3, n) SOC by counting charge, and the sigmas that gain and offset of the sensor have given it.
+        count_soc: (n,) its first row.
+        anchor_v2: (n,) variance of the SOC where the count began.
+        doubt_s: (n,) for how long the count has been less likely than not [s].
     """
 
     def __init__(self, n_rc: int, n_cells: int) -> None:
@@ -55,8 +54,7 @@ class CellStates:
         self.refused_s = slow[REFUSED]
         self.temperature_degc = slow[TEMPERATURE]
         self.check = slow[CHECK_MEAN : CHECK_SQUARE + 1]
+        self.count = slow[COUNT : COUNT_OFFSET + 1]
         self.count_soc = slow[COUNT]
-        self.anchor_soc = slow[ANCHOR_SOC]
         self.anchor_v2 = slow[ANCHOR_V2]
-        self.since_s = slow[SINCE]
         self.doubt_s = slow[DOUBT]

@@ -17,10 +17,9 @@ class Tuning:
     per second what it really is at any sampling rate.
 
     Attributes:
-        model_error_v: standard deviation of the model's voltage at rest [V].
+        model_error_v: standard deviation of the model's voltage at rest, the sensor's noise included; > 0 [V].
         model_error_per_c_v: growth of it with current, in V for each C of current [V].
         correlation_s: time over which the model's error stays [s].
-        sensor_v: white noise of a voltage sample [V].
         bias_v: error that no averaging removes; enters the sigma that is reported, not the gain [V].
         bias_share: share of the innovation's mean square that is such an error.
         cold_factor: growth of the model error for every 10 K outside the temperatures of the cell file.
@@ -39,7 +38,7 @@ class Tuning:
         counter_gain: relative error of charge over capacity.
         counter_offset_c: offset of the current sensor, in C.
         start_unknown: probability that a start SOC is simply wrong.
-        anchor_s: the count is thrown away when it has been less likely than the filter for this long [s].
+        anchor_s: the count is anchored anew when it has been less likely than not for this long without a break [s].
         check_s: time constant of the self-check [s].
         check_rms_v: RMS innovation above which the model is not valid for the cell [V].
         check_bias_v: mean innovation above which it is not [V].
@@ -48,7 +47,6 @@ class Tuning:
     model_error_v: float = 0.010
     model_error_per_c_v: float = 0.030
     correlation_s: float = 12.0
-    sensor_v: float = 0.0015
     bias_v: float = 0.008
     bias_share: float = 1.0
     cold_factor: float = 1.0

@@ -54,7 +54,7 @@ def test_on_a_linear_cell_every_filter_is_the_kalman_filter(name):
         keep = np.diag([np.sqrt(1.0 - walk / 0.25), *a])
         x = np.array([1.0, *a]) * x + np.array([-i * dt / 7200.0, *((1.0 - a) * i)])
         cov = keep @ cov @ keep + np.diag([walk, *((1.0 - a**2) * branch + 4e-12)])
-        noise_v2 = tuning.voltage_variance(i / 2.0) * tuning.correlation_factor(dt) + tuning.sensor_v**2
+        noise_v2 = tuning.voltage_variance(i / 2.0) * tuning.correlation_factor(dt)
         expected_v2 = h @ cov @ h + noise_v2
         gain = cov @ h / expected_v2
         x = x + gain * (measured - (3.0 + h @ x - 0.02 * i))

@@ -49,7 +49,7 @@ def output_of(cell: PackedCell, current_a: float, temperature_degc: float):
         j, f = cell.place_soc(state[:1])
         c = cell.circuit_at(j, f, row, weight)[:, 0]
         over = np.arcsinh(current_a / cell.model.overpotential_current_a)
-        return float(cell.ocv_at(j, f)[0] - current_a * c[0] - over * c[1] - c[2:] @ state[1:])
+        return float(cell.ocv_at(j, f)[0] - current_a * c[0] - over * c[-1] - c[1:-1] @ state[1:])
 
     return output
 
@@ -84,7 +84,7 @@ def test_three_points_equal_the_full_set(name, n_rc, soc_value, sd, current_c, d
     gain = np.concatenate(([-filt.moved_soc(current, dt)], (1.0 - decay[1:]) * current))
     filt.predict(states, sample)
     process_noise = states.cov[:, :, 0] - decay[:, None] * cov * decay
-    noise_v2 = sample.noise_v2 * float(sample.noise_scale[0]) * sample.correlation + OPEN_GATE.sensor_v**2
+    noise_v2 = sample.noise_v2 * float(sample.noise_scale[0]) * sample.correlation
     wanted, wanted_cov = additive_step(
         mean,
         cov,
@@ -130,8 +130,8 @@ def test_five_points_equal_the_augmented_eleven(name, soc_value, sd, current_c, 
         j, f = cell.place_soc(flat[SOC])
         c = cell.circuit_at(j, f, row, weight)
         over = np.arcsinh(current / cell.model.overpotential_current_a)
-        h = cell.ocv_at(j, f) - current * c[0] - over * c[1] - (c[2:] * flat[1:]).sum(axis=0)
-        return h.reshape(k, n), -c[2:, :n]
+        h = cell.ocv_at(j, f) - current * c[0] - over * c[-1] - (c[1:-1] * flat[1:]).sum(axis=0)
+        return h.reshape(k, n), -c[1:-1, :n]
 
     got, got_cov = marginal_augmented_step(
         mean[:, None], cov[:, :, None], rule, decay, per_a, current, noise_a, output, 0.04, np.array([volts])
