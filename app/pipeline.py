@@ -69,6 +69,7 @@ class Pipeline:
         self.identity: Identity | None = None
         self._make_estimator = make_estimator
         self._estimator: CellEstimator | None = None
+        self._spare: CellEstimator | None = None
         self._names = {"filter": filter_name, "cell": cell_name}
         self._monitors = {"rs232": rs232_monitor(rs232_url), "can": LinkMonitor(can_url)}
         self._watch = Watch()
@@ -90,6 +91,10 @@ class Pipeline:
         self._config_from_ns = 0  # bytes that arrived before are of an older configuration
         self._estimator_error: str | None = None
         self.use_can_tables(default_image())
+
+    def warm_up(self) -> None:
+        """Make the estimator before it is needed: compiling it takes longer than frames can wait. From any thread."""
+        self._spare = self._make_estimator()
 
     def feed(self, item: Item) -> Output:
         """Take one item from a link."""
@@ -215,7 +220,7 @@ class Pipeline:
         started_ns = self._stopwatch_ns() if self._stopwatch_ns else 0
         try:
             if self._estimator is None:
-                estimator = self._make_estimator()
+                estimator, self._spare = self._spare or self._make_estimator(), None
                 _start(estimator, voltages_v, degc, current_a, self._start_soc)
                 self._estimator, dt_s = estimator, 0.0
             self._estimates = self._estimator.step(dt_s or 0.0, current_a, voltages_v, degc)

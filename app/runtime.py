@@ -88,6 +88,7 @@ class Runtime:
         self._greeted = False
         self._greet_from_ns = 0
         self._stopped = threading.Event()
+        self._is_closing = False
         self._failures = 0
         self._failure: tuple[int, str] | None = None
         self.pipeline_snapshot: Snapshot | None = None  # of the live source, also while a replay is shown
@@ -115,10 +116,17 @@ class Runtime:
         )
 
     def start(self) -> None:
-        """Start the threads, then open the links."""
+        """Start the threads; the links are opened as soon as the estimator is ready for what they bring."""
         self._thread.start()
+        self._jobs.submit(self._open)
+
+    def _open(self) -> None:
+        try:
+            self.pipeline.warm_up()
+        except EstimatorError as error:
+            log.warning("the estimator could not be made ready: %s", error)
         for link in (self.serial, self.can):
-            if link is not None:
+            if link is not None and not self._is_closing:
                 link.start()
 
     def put(self, item: Item) -> None:
@@ -130,6 +138,7 @@ class Runtime:
 
     def stop(self) -> None:
         """Close the links, drain, close the recording: in this order."""
+        self._is_closing = True
         self.replaying.stop()
         self.master.close()
         for link in (self.serial, self.can):

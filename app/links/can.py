@@ -2,17 +2,27 @@
 
 import contextlib
 import logging
+import sys
 import threading
 import time
 from collections.abc import Callable
 from urllib.parse import parse_qsl
 
-import can
-
 from app.errors import ConfigError
 from app.links.backoff import Backoff
 from app.telemetry import CanItem, Item, LinkChange
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
+
+# python-can tries to import asammdf for files that nobody reads here; where that is installed (for exports) it brings
+# pandas and pyarrow along: 80 MB and two seconds of every start.
+_hides_asammdf = "asammdf" not in sys.modules
+if _hides_asammdf:
+    sys.modules["asammdf"] = None  # type: ignore[assignment]
+try:
+    import can
+finally:
+    if _hides_asammdf:
+        del sys.modules["asammdf"]
 
 log = logging.getLogger(__name__)
 _POLL_S = 0.2
@@ -65,7 +75,8 @@ class CanLink:
     def stop(self) -> None:
         """Close the bus and end the thread."""
         self._stopping.set()
-        self._thread.join(timeout=3.0)
+        if self._thread.is_alive():
+            self._thread.join(timeout=3.0)
 
     def _run(self) -> None:
         backoff = Backoff()

@@ -45,7 +45,8 @@ class SerialLink:
         with contextlib.suppress(LinkLost):
             self.write(bytes([STOP_STREAM]))
         self._stopping.set()
-        self._thread.join(timeout=3.0)
+        if self._thread.is_alive():
+            self._thread.join(timeout=3.0)
 
     def write(self, data: bytes) -> None:
         """Send bytes.

@@ -250,3 +250,18 @@ def test_an_estimator_that_fails_is_told_once_and_begun_anew(master):
     assert np.isnan(outputs[0].snapshot.cells.soc).all()
     assert outputs[0].snapshot.accumulator["current_a"] == pytest.approx(10)
     assert not np.isnan(outputs[-1].snapshot.cells.soc).any()
+
+
+def test_an_estimator_made_beforehand_is_the_one_that_is_used(master):
+    made = []
+
+    def make():
+        made.append(make_estimator("coulomb", CELL, 96))
+        return made[-1]
+
+    chain = Pipeline("serial", make, filter_name="f", cell_name="c")
+    chain.warm_up()
+    assert len(made) == 1
+    assert chain.tick(1, 1).snapshot.estimator["started"] is False
+    assert not np.isnan(chain.feed(master.frame()).snapshot.cells.soc).any()
+    assert len(made) == 1
