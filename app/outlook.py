@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from app.estimation.circuit import CellModel
 from app.estimation.estimators import CellEstimator, Estimates
 from app.estimation.health import SOC_MOVED_MIN, CapacityTracker, StateOfHealth, state_of_health
-from app.estimation.joint_watch import JointWatch
+from app.estimation.joint_watch import JUDGE_S, JointWatch
 from app.estimation.joints import JointReport
 from app.estimation.power import CellStates, Limits, PowerLimit, PowerModel, StatePower, TimeToTrip
 from app.estimation.prediction import EnergyLeft, LapsLeft, energy_left, lap_energies_wh, lap_period_s, laps_left
@@ -26,7 +26,6 @@ IntArray = NDArray[np.intp]
 
 LOOK_S = 1.0
 N_CANDIDATES = 3  # from each end
-JUDGE_S = 5.0  # joints and laps change slowly
 TRACE_S = 600.0  # of power, for laps
 TRACE_STEP_S = 0.5
 LAPS_KEPT = 8

@@ -70,6 +70,7 @@ class Pipeline:
         self._make_estimator = make_estimator
         self._estimator: CellEstimator | None = None
         self._spare: CellEstimator | None = None
+        self._skipped = 0  # measurements without a current, without any voltage, or on which the estimator failed
         self._names = {"filter": filter_name, "cell": cell_name}
         self._monitors = {"rs232": rs232_monitor(rs232_url), "can": LinkMonitor(can_url)}
         self._watch = Watch()
@@ -202,6 +203,7 @@ class Pipeline:
                 self._measured = current_a, decoder.temperatures_degc()
             if dt_s is not None and dt_s <= MAX_ENERGY_STEP_S:
                 self._energy_wh["energy_out_wh" if power_w > 0 else "energy_in_wh"] += abs(power_w) * dt_s / 3600
+        self._skipped += estimates is None
         output = self._publish(item.t_mono_ns, item.t_wall_ns, fresh=True)
         return Output(output.snapshot, events + output.events, None, estimates, frame.uptime_ms)
 
@@ -232,7 +234,7 @@ class Pipeline:
             return None, (event,) if is_news else ()
         self._estimator_error = None
         self._driver_percent = self._driver.step(self._estimates.soc).percent
-        if self._stopwatch_ns:
+        if self._stopwatch_ns and dt_s:
             took_us = (self._stopwatch_ns() - started_ns) / 1000
             self._step_us = took_us if self._step_us is None else self._step_us + 0.02 * (took_us - self._step_us)
         return self._estimates, ()
@@ -320,7 +322,7 @@ class Pipeline:
             },
             charger=charger,
             links={name: monitor.status(t_mono_ns) for name, monitor in self._monitors.items()},  # type: ignore[misc]
-            estimator=self._names | {"step_us": self._step_us, "started": self._estimator is not None},
+            estimator=self._names | {"step_us": self._step_us, "started": self._estimator is not None, "skipped": self._skipped},
             config=config and config[0],
             config_hash=config and config[1],
             is_fresh=fresh,

@@ -18,16 +18,17 @@ from app.estimation.joints import JointReport, ResistanceTracker, judge_joints
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-MEMORY_S: Final = 30.0  # of the regression: half a lap, so that a fault shows within the lap
+MEMORY_S: Final = 25.0  # of the regression: less than half a lap, so that a fault shows within the lap
+JUDGE_S: Final = 2.5  # between two judgements
 FIRST_ALARM_OHM: Final = 1.75e-4  # while a cell's own past is not known
 ALARM_OHM: Final = 1.5e-4
 LEARN_OHM: Final = 7.5e-5  # beyond this the joint is changing, and so nothing is learnt of it
-CONFIRMATIONS: Final = 2  # judgements in a row
-BASELINE_JUDGEMENTS: Final = 60  # in the moving average of a sound joint
+CONFIRMATIONS: Final = 3  # judgements in a row
+BASELINE_JUDGEMENTS: Final = 120  # in the moving average of a sound joint
 
 
 class JointWatch:
-    """Call `step` with every sample and `judge` every few seconds."""
+    """Call `step` with every sample and `judge` every JUDGE_S seconds."""
 
     def __init__(self, n_cells: int, cells_per_pack: int, baseline_ohm: FloatArray | None = None) -> None:
         """Start, or go on with the `baseline_ohm` (n_cells,) of an earlier session of the same car [ohm].

@@ -8,14 +8,14 @@ N, PER_PACK = 24, 12
 
 
 def drive(watch, resistance_ohm, seconds, rng, t0=0.0):
-    """Bursts of current over cells of a flat OCV; judges every 5 s; returns the indices named."""
+    """Bursts of current over cells of a flat OCV; judges every 2.5 s; returns the indices named."""
     named = set()
     for k in range(round(seconds * 10)):
         t = t0 + k * 0.1
         current_a = 60.0 + 80.0 * np.sign(np.sin(2 * np.pi * t / 3.7)) + 40.0 * np.sin(2 * np.pi * t / 23.0)
         voltages_v = 3.7 - resistance_ohm * current_a + rng.normal(0, 1e-3, N)
         watch.step(0.1, current_a, voltages_v)
-        if k % 50 == 49:
+        if k % 25 == 24:
             watch.judge()
             named |= set(np.flatnonzero(watch.loose).tolist())
     return named
