@@ -322,7 +322,8 @@ class Pipeline:
             },
             charger=charger,
             links={name: monitor.status(t_mono_ns) for name, monitor in self._monitors.items()},  # type: ignore[misc]
-            estimator=self._names | {"step_us": self._step_us, "started": self._estimator is not None, "skipped": self._skipped},
+            estimator=self._names
+            | {"step_us": self._step_us, "started": self._estimator is not None, "skipped": self._skipped},
             config=config and config[0],
             config_hash=config and config[1],
             is_fresh=fresh,

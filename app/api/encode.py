@@ -9,6 +9,7 @@ import orjson
 from app.telemetry import Alarm, FloatArray, Snapshot
 
 _OPTIONS = orjson.OPT_SERIALIZE_NUMPY
+_UNKNOWN: dict[str, dict[str, None]] = {"can": {"crc_errors": None, "resyncs": None}}  # its controller sorts them out
 _DECIMALS = {
     "voltage_v": 4,
     "temperature_degc": 1,
@@ -63,7 +64,7 @@ def snapshot_json(snapshot: Snapshot, service: dict[str, Any]) -> bytes:
         "prediction": snapshot.prediction,
         "master": snapshot.master,
         "charger": _numbers(snapshot.charger),
-        "links": {name: _numbers(asdict(status)) for name, status in snapshot.links.items()},
+        "links": {name: _numbers(asdict(status)) | _UNKNOWN.get(name, {}) for name, status in snapshot.links.items()},
         "estimator": _numbers(snapshot.estimator),
         "alarms": [alarm_json(alarm) for alarm in snapshot.alarms],
         "config_hash": snapshot.config_hash,

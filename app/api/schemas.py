@@ -174,8 +174,8 @@ class LinkOut(BaseModel):
     age_s: Number
     frames: int
     lost: int
-    crc_errors: int
-    resyncs: int
+    crc_errors: int | None  # None: CAN's controller does not tell
+    resyncs: int | None
     bytes: int
     rate_hz: float
     bytes_per_s: float
@@ -198,6 +198,7 @@ class EstimatorOut(BaseModel):
     cell: str
     step_us: Number
     started: bool
+    skipped: int
 
 
 class AlarmOut(BaseModel):

@@ -134,6 +134,8 @@ def at_line_limit(seconds: float) -> LineResult:
         arrivals.start()
         _drain(master)
         time.sleep(1.0)
+        while service.snapshot()["links"]["rs232"]["state"] == "connecting":
+            time.sleep(0.1)
         cpu_before, started = cpu_s(service.process.pid), time.monotonic()
         due = started
         step = 0

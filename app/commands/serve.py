@@ -82,6 +82,7 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
     Raises:
         ConfigError: the port is taken, the folder cannot be used or is used by another service.
     """
+    sys.setswitchinterval(0.001)  # a frame on its way to the pages does not wait 5 ms for the recorder's thread
     with contextlib.ExitStack() as stack:
         stack.enter_context(FolderLock(settings.data))
         listener = stack.enter_context(_bind(settings))

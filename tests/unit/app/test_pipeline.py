@@ -265,3 +265,9 @@ def test_an_estimator_made_beforehand_is_the_one_that_is_used(master):
     assert chain.tick(1, 1).snapshot.estimator["started"] is False
     assert not np.isnan(chain.feed(master.frame()).snapshot.cells.soc).any()
     assert len(made) == 1
+
+
+def test_measurements_that_cannot_be_estimated_are_counted(pipeline, master):
+    pipeline.feed(master.frame())
+    master.set("v", [0] * 96)
+    assert pipeline.feed(master.frame()).snapshot.estimator["skipped"] == 1
