@@ -4,7 +4,7 @@ import pytest
 from app.estimation.errors import ShapeError
 from app.estimation.joint_watch import CONFIRMATIONS, JointWatch
 
-N, PER_PACK = 24, 12
+N, PER_PACK = 96, 12
 
 
 def drive(watch, resistance_ohm, seconds, rng, t0=0.0):
