@@ -5,12 +5,13 @@ Every cell is carried forward at a constant current by the closed form of the ci
     v(t) = OCV(z - i t / Q) - R0 i - e asinh(i / i_ref) - sum R_k (a_k i_k + (1 - a_k) i),   a_k = exp(-t / tau_k)
     T(t) = T + (OCV(z) - v(t)) i t / C_th                    without cooling, so a little too warm
 
-The largest current and the time to a limit are found by repeated section of an interval over all cells at once; call
-it once a second.
+The largest current and the time to a limit are found by bisection over the cells that could be the first to meet it;
+call it once a second.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -22,7 +23,6 @@ from app.estimation.errors import ModelError, ShapeError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 Reason = Literal["voltage", "soc", "temperature", "current"]
 Limit = Literal["v_min", "v_max", "soc_min", "soc_max", "temperature_max"]
 
@@ -31,9 +31,7 @@ DISCHARGE_LIMITS: Final[tuple[Limit, ...]] = ("v_min", "soc_min", "temperature_m
 CHARGE_LIMITS: Final[tuple[Limit, ...]] = ("v_max", "soc_max", "temperature_max")
 
 HORIZONS_S: Final = (1.0, 10.0, 30.0)
-SECTIONS: Final = 16  # of an interval, tried at once: fewer and larger array operations than halving
-ROUNDS: Final = 4  # 1/65536 of the current limit or of the hour
-_SHARES: Final = np.arange(1, SECTIONS)[:, None, None] / SECTIONS
+HALVINGS: Final = 13  # 1/8192 of the current limit or of the hour
 TIME_LIMIT_S: Final = 3600.0  # later trips are not foretold
 
 
@@ -109,6 +107,15 @@ class TimeToTrip:
     cell: int | None
 
 
+@dataclass(frozen=True)
+class _Bracket:
+    """Arguments just within and just beyond the limit, and the cell that passes it; -1 = none does."""
+
+    low: FloatArray
+    high: FloatArray
+    cell: IntArray
+
+
 class PowerModel:
     """The circuit carried forward in closed form, for cells of one model with resistances of their own."""
 
@@ -179,65 +186,79 @@ class PowerModel:
             ModelError: no cell has an SOC.
             ShapeError: the states do not fit the model.
         """
-        known = _known(states)
-        model, part = self._subset(states, known)
         names: tuple[Limit, ...] = CHARGE_LIMITS if current_a < 0.0 else DISCHARGE_LIMITS
         current = np.array(current_a)
-        low = np.zeros((3, known.size))
-        high = np.full_like(low, TIME_LIMIT_S)
         rows = np.arange(3)
-        never = model._margins(part, current, np.array(TIME_LIMIT_S)) >= 0.0
-        for _ in range(ROUNDS):
-            within = model._margins(part, current, _inside(low, high))[rows, :, rows].swapaxes(0, 1) >= 0.0
-            low, high = _narrowed(low, high, within)
-        seconds = np.where(never, np.inf, high)
-        seconds = np.where(model._margins(part, current, np.zeros(())) < 0.0, 0.0, seconds)
+
+        def margins(model: PowerModel, part: CellStates, seconds: FloatArray) -> FloatArray:
+            return model._margins(part, current, seconds[:, None])[rows, rows]
+
+        found = self._first_to_pass(states, margins, np.full(3, TIME_LIMIT_S))
         return tuple(
-            TimeToTrip(name, float(row.min()), int(known[row.argmin()]) if np.isfinite(row.min()) else None)
-            for name, row in zip(names, seconds, strict=True)
+            TimeToTrip(name, float(low), int(cell)) if cell >= 0 else TimeToTrip(name, float("inf"), None)
+            for name, low, cell in zip(names, found.low, found.cell, strict=True)
         )
 
     def _largest(
         self, states: CellStates, horizons_s: tuple[float, ...], sign: float, current_max_a: float
     ) -> tuple[PowerLimit, ...]:
+        ahead_s = np.array(horizons_s)[:, None]
+
+        def margins(model: PowerModel, part: CellStates, current_a: FloatArray) -> FloatArray:
+            return np.asarray(model._margins(part, sign * current_a[:, None], ahead_s).min(axis=0))
+
+        found = self._first_to_pass(states, margins, np.full(len(horizons_s), current_max_a))
         known = _known(states)
         model, part = self._subset(states, known)
-        seconds = np.array(horizons_s)[:, None]
-        low = np.zeros((len(horizons_s), known.size))
-        high = np.full_like(low, current_max_a)
-        low[(model._margins(part, sign * high, seconds) >= 0.0).all(axis=0)] = current_max_a
-        for _ in range(ROUNDS):
-            within = np.asarray((model._margins(part, sign * _inside(low, high), seconds) >= 0.0).all(axis=0))
-            low, high = _narrowed(low, high, within)
-        current, who = low.min(axis=1), low.argmin(axis=1)
-        voltage, _, _ = model.ahead(part, sign * current[:, None], seconds)
-        passed = model._margins(part, sign * high, seconds) < 0.0
-        found = []
+        voltage, _, _ = model.ahead(part, sign * found.low[:, None], ahead_s)
+        passed = model._margins(part, sign * found.high[:, None], ahead_s) < 0.0
+        results = []
         for h, horizon in enumerate(horizons_s):
-            power_w = float(voltage[h].sum() * current[h])
-            if current[h] >= current_max_a:
-                found.append(PowerLimit(horizon, power_w, float(current[h]), None, "current"))
+            current_a = float(found.low[h])
+            power_w = float(voltage[h].sum() * current_a)
+            if found.cell[h] < 0:
+                results.append(PowerLimit(horizon, power_w, current_a, None, "current"))
             else:
-                reason = REASONS[int(passed[:, h, who[h]].argmax())]
-                found.append(PowerLimit(horizon, power_w, float(current[h]), int(known[who[h]]), reason))
-        return tuple(found)
+                cell = int(found.cell[h])
+                reason = REASONS[int(passed[:, h, int(np.searchsorted(known, cell))].argmax())]
+                results.append(PowerLimit(horizon, power_w, current_a, cell, reason))
+        return tuple(results)
+
+    def _first_to_pass(
+        self,
+        states: CellStates,
+        margins: Callable[[PowerModel, CellStates, FloatArray], FloatArray],
+        largest: FloatArray,
+    ) -> _Bracket:
+        """Return where the margin of the first cell passes zero between 0 and `largest`, row by row.
+
+        Margins fall with the argument, so a cell within its limits at the upper end cannot be the first to pass: it is
+        left out of the halvings that follow, and after a few of them hardly any cell is left.
+        """
+        cells = _known(states)
+        model, part = self._subset(states, cells)
+        low, high = np.zeros_like(largest), largest.copy()
+        margin = margins(model, part, high)
+        never = np.asarray((margin >= 0.0).all(axis=1))
+        low[never] = largest[never]
+        for _ in range(HALVINGS):
+            could_pass = np.flatnonzero((margin < 0.0).any(axis=0))
+            if could_pass.size == 0:
+                break
+            if could_pass.size < cells.size:
+                cells, margin = cells[could_pass], margin[:, could_pass]
+                model, part = self._subset(states, cells)
+            middle = 0.5 * (low + high)
+            trial = margins(model, part, middle)
+            passes = np.asarray((trial < 0.0).any(axis=1) & ~never)
+            margin = np.where(passes[:, None], trial, margin)
+            low, high = np.where(passes | never, low, middle), np.where(passes, middle, high)
+        return _Bracket(low, high, np.where(never, -1, cells[margin.argmin(axis=1)]))
 
     def _subset(self, states: CellStates, known: IntArray) -> tuple[PowerModel, CellStates]:
         factor = self.resistance_factor
         part = CellStates(states.soc[known], states.branch_a[:, known], states.temperature_degc[known])
         return PowerModel(self.cell, self.limits, factor if factor.ndim == 0 else factor[known]), part
-
-
-def _inside(low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return (SECTIONS - 1, ...) the points that divide each interval."""
-    return low + (high - low) * _SHARES
-
-
-def _narrowed(low: FloatArray, high: FloatArray, within: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return the section in which `within` (SECTIONS - 1, ...) turns from True to False; it does so at most once."""
-    span = (high - low) / SECTIONS
-    passed = np.logical_and.accumulate(within, axis=0).sum(axis=0)
-    return low + passed * span, low + (passed + 1) * span
 
 
 def _known(states: CellStates) -> IntArray:

@@ -97,7 +97,7 @@ def test_history_of_the_pair_counts():
 
 def test_time_to_empty_is_charge_over_current():
     trips = {t.limit: t for t in PowerModel(CELL, WIDE).times_to_trip(states(0.2), CELL.capacity_ah)}
-    assert trips["soc_min"].seconds == pytest.approx(720.0, abs=0.1)
+    assert trips["soc_min"].seconds == pytest.approx(720.0, abs=0.5)
     assert trips["temperature_max"].seconds == np.inf
     assert trips["temperature_max"].cell is None
 
