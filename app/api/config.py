@@ -27,6 +27,17 @@ class ConfigEdit(BaseModel):
     raw: dict[str, Any] = {}
 
 
+_PUT_BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "application/json": {"schema": ConfigEdit.model_json_schema()},
+            OCTETS: {"schema": {"type": "string", "format": "binary"}},
+        },
+    }
+}
+
+
 def edited(image: bytes, edit: ConfigEdit) -> bytes:
     """Return the image with an edit applied; EncodeError or Problem where a value does not fit."""
     for name, value in edit.values.items():
@@ -87,7 +98,7 @@ def read_stored(request: Request, runtime: RuntimeDep) -> Response | dict[str, A
     return config_json(stored.image) | {"counter": stored.counter}
 
 
-@router.put("")
+@router.put("", openapi_extra=_PUT_BODY)
 async def write(
     request: Request,
     runtime: RuntimeDep,
