@@ -27,6 +27,7 @@ SETTLE_S: Final = 30.0  # after a start: the pair's current was not known then a
 SAMPLES_MIN: Final = 20.0  # effective number of samples below which nothing is known
 MAD_TO_SIGMA: Final = 1.4826  # of a normal distribution
 POLISH_ROUNDS: Final = 6
+SLOPE_MAX: Final = 5.0  # ohmic over pair resistance; more means that the pair was hardly seen
 
 
 class ResistanceTracker:
@@ -211,7 +212,7 @@ def judge_joints(
     typical = np.array([_median(row) for row in resistance_ohm])
     excess = resistance_ohm - typical[:, None] * factor
     ohmic, pair = (_polished(row.reshape(-1, cells_per_pack)).reshape(-1) for row in excess)
-    full_slope = float(typical[0] / max(typical[1], 1e-3 * abs(typical[0]))) if typical[0] > 0.0 else 0.0
+    full_slope = float(typical[0] / max(typical[1], abs(typical[0]) / SLOPE_MAX)) if typical[0] > 0.0 else 0.0
     shown_slope = float(np.clip(_slope_of_sound(pair, ohmic), 0.0, full_slope))
     scatter = max(_mad_sigma(pair), 1e-12)
     outlying = np.clip((np.abs(pair) / scatter - 4.0) / 4.0, 0.0, 1.0)
