@@ -10,22 +10,18 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.estimation.circuit import CellModel
 from app.estimation.estimators import CellEstimator, Estimates
 from app.estimation.health import SOC_MOVED_MIN, CapacityTracker, StateOfHealth, state_of_health
 from app.estimation.joint_watch import JUDGE_S, JointWatch
 from app.estimation.joints import JointReport
-from app.estimation.power import CellStates, Limits, PowerLimit, PowerModel, StatePower, TimeToTrip
+from app.estimation.power import CellStates, Limits, PowerModel, StatePower, TimeToTrip
 from app.estimation.prediction import EnergyLeft, LapsLeft, energy_left, lap_energies_wh, lap_period_s, laps_left
 from app.telemetry import BoolArray, FloatArray
 from firmware_protocol.memory_map import CELLS_PER_PACK
 
-IntArray = NDArray[np.intp]
-
 LOOK_S = 1.0
-N_CANDIDATES = 3  # from each end
 TRACE_S = 600.0  # of power, for laps
 TRACE_STEP_S = 0.5
 LAPS_KEPT = 8
@@ -158,14 +154,12 @@ class Lookout:
             branches = np.zeros((self.cell.n_rc, len(estimates.soc)))
         states = CellStates(estimates.soc, branches, temperatures_degc)
         model = PowerModel(self.cell, limits)
-        chosen = _candidates(states)
-        few = CellStates(states.soc[chosen], states.branch_a[:, chosen], states.temperature_degc[chosen])
         rms_a = float(np.sqrt(self._square_a2))
         energy = energy_left(self.cell, estimates.soc, estimates.soc_sigma, temperatures_degc, rms_a, limits.soc_min)
         outlook = Outlook(
-            power=_of_all(model, states, model.state_of_power(few), chosen),
-            to_trip=_named(model.times_to_trip(few, current_a), chosen),
-            to_trip_full=_named(model.times_to_trip(few, limits.discharge_max_a), chosen),
+            power=model.state_of_power(states),
+            to_trip=model.times_to_trip(states, current_a),
+            to_trip_full=model.times_to_trip(states, limits.discharge_max_a),
             energy=energy,
             laps=laps_left(energy, self._lap_energies_wh),
             lap_period_s=self._lap_period_s,
@@ -225,34 +219,3 @@ def _prediction(outlook: Outlook) -> dict[str, Any]:
         "energy_left_cell": energy and energy.cell,
         "laps": laps and asdict(laps) | {"period_s": outlook.lap_period_s},
     }
-
-
-def _candidates(states: CellStates) -> IntArray:
-    """Cells that can be the first to meet a limit: all share a model and a current, so the extremes suffice."""
-    by_soc = np.argsort(states.soc)  # NaN last
-    by_soc = by_soc[: int(np.isfinite(states.soc).sum())]
-    hottest = np.argsort(-np.nan_to_num(states.temperature_degc[by_soc], nan=-np.inf))[:N_CANDIDATES]
-    return np.unique(np.concatenate((by_soc[:N_CANDIDATES], by_soc[-N_CANDIDATES:], by_soc[hottest])))
-
-
-def _named(trips: tuple[TimeToTrip, ...], chosen: IntArray) -> tuple[TimeToTrip, ...]:
-    return tuple(trip if trip.cell is None else replace(trip, cell=int(chosen[trip.cell])) for trip in trips)
-
-
-def _of_all(model: PowerModel, states: CellStates, few: StatePower, chosen: IntArray) -> StatePower:
-    """The candidates' currents with the power that all cells together give at them."""
-
-    def whole(limits: tuple[PowerLimit, ...], sign: float) -> tuple[PowerLimit, ...]:
-        currents_a = np.array([[sign * limit.current_a] for limit in limits])
-        horizons_s = np.array([[limit.horizon_s] for limit in limits])
-        voltages_v = np.nansum(model.ahead(states, currents_a, horizons_s)[0], axis=1)
-        return tuple(
-            replace(
-                limit,
-                power_w=float(limit.current_a * voltage_v),
-                cell=None if limit.cell is None else int(chosen[limit.cell]),
-            )
-            for limit, voltage_v in zip(limits, voltages_v, strict=True)
-        )
-
-    return StatePower(whole(few.discharge, 1.0), whole(few.charge, -1.0))
