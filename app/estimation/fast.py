@@ -15,6 +15,7 @@ from app.estimation import kernels
 from app.estimation.circuit import SECONDS_PER_HOUR
 from app.estimation.estimates import Estimates
 from app.estimation.fusion import unknown_odds
+from app.estimation.record import Record
 from app.estimation.sigma_points import SigmaRule
 from app.estimation.states import CellStates
 from app.estimation.tables import PackedCell
@@ -45,15 +46,15 @@ class FastStep:
 
     def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> Estimates:
         """Return the estimates after one sample that `InputGuard` has checked for shape, step and current."""
-        out = np.empty((kernels.N_OUT, voltage_v.size))
-        self._advance(self._states.block, *self._tables, dt_s, current_a, voltage_v, temperature_degc, out)
-        soc, sigma, ocv, predicted, innovation, innovation_sigma, valid, accepted = out
-        return Estimates(soc, sigma, ocv, predicted, innovation, innovation_sigma, valid != 0.0, accepted != 0.0)
+        n = voltage_v.size
+        out, flags = np.empty((kernels.N_OUT, n)), np.empty((kernels.N_FLAGS, n), dtype=np.bool_)
+        self._advance(self._states.block, *self._tables, dt_s, current_a, voltage_v, temperature_degc, out, flags)
+        return Estimates(*out, *flags)
 
     def record(
         self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
-    ) -> FloatArray:
-        """Return (n_steps, 8, n_cells): the fields of `Estimates` in their order, for a whole record.
+    ) -> Record:
+        """Return the estimates of a whole record.
 
         Args:
             dt_s: (n_steps,) [s].
@@ -61,16 +62,19 @@ class FastStep:
             voltage_v: (n_steps, n_cells) [V].
             temperature_degc: (n_steps, n_cells) [degC].
         """
-        out = np.empty((dt_s.size, kernels.N_OUT, self._states.n_cells))
-        self._record(self._states.block, *self._tables, dt_s, current_a, voltage_v, temperature_degc, out)
-        return out
+        steps, n = voltage_v.shape
+        out = np.empty((steps, kernels.N_OUT, n))
+        flags = np.empty((steps, kernels.N_FLAGS, n), dtype=np.bool_)
+        self._record(self._states.block, *self._tables, dt_s, current_a, voltage_v, temperature_degc, out, flags)
+        return Record(*np.moveaxis(out, 1, 0), *np.moveaxis(flags, 1, 0))
 
     def _warm_up(self) -> None:
         """Compile, or load from the cache, with a state of no cells."""
         block = np.zeros((self._states.block.shape[0], 0))
-        none, out = np.zeros(0), np.zeros((kernels.N_OUT, 0))
-        self._advance(block, *self._tables, 0.1, 0.0, none, none, out)
-        self._record(block, *self._tables, none, none, np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 8, 0)))
+        none, no_steps = np.zeros(0), np.zeros((0, 0))
+        out, flags = np.zeros((kernels.N_OUT, 0)), np.zeros((kernels.N_FLAGS, 0), dtype=np.bool_)
+        self._advance(block, *self._tables, 0.1, 0.0, none, none, out, flags)
+        self._record(block, *self._tables, none, none, no_steps, no_steps, out[None], flags[None])
 
 
 def _numbers(cell: PackedCell, rule: SigmaRule | None, tuning: Tuning, fused: bool) -> FloatArray:

@@ -14,7 +14,7 @@ from app.estimation.estimates import Estimates
 from app.estimation.fusion import fuse, move_count
 from app.estimation.inputs import InputGuard
 from app.estimation.marginal import SOC_VARIANCE_MAX, MarginalFilter, StepResult
-from app.estimation.record import Record, check_record, record_from_rows, run_steps
+from app.estimation.record import Record, check_record, run_steps
 from app.estimation.self_check import check_model
 from app.estimation.sigma_points import SigmaRule
 from app.estimation.start import SLOPE_FLOOR_V, impose_soc, per_cell, start_count, start_from_voltage
@@ -156,7 +156,7 @@ class GaussianEstimator:
         if self._fast is None:
             return run_steps(self, dt_s, current_a, voltage_v, temperature_degc)
         held = np.array([self.guard.common(0.0, i) for i in current_a])
-        return record_from_rows(self._fast.record(dt_s, held, voltage_v, temperature_degc))
+        return self._fast.record(dt_s, held, voltage_v, temperature_degc)
 
     def require_start(self) -> None:
         """EstimatorError before `start`."""

@@ -36,8 +36,10 @@ from app.estimation.tables import N_SOC, SOC_LOW, SOC_STEP
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg"
 # ruff: noqa: ANN001, ANN201, ANN202
 
-OUT_SOC, OUT_SIGMA, OUT_OCV, OUT_VOLTAGE, OUT_INNOVATION, OUT_INNOVATION_SIGMA, OUT_VALID, OUT_ACCEPTED = range(8)
-N_OUT = 8
+OUT_SOC, OUT_SIGMA, OUT_OCV, OUT_VOLTAGE, OUT_INNOVATION, OUT_INNOVATION_SIGMA = range(6)
+N_OUT = 6  # numbers of `Estimates`, in its order; the flags follow
+FLAG_VALID, FLAG_ACCEPTED = range(2)
+N_FLAGS = 2
 
 
 class Numbers(NamedTuple):
@@ -89,7 +91,10 @@ def _jit(function: Callable[..., Any]) -> Any:
 
 
 def _inline(function: Callable[..., Any]) -> Any:
-    """Compile into the callers: a call would hand over every scalar one by one."""
+    """Compile into the callers, for what takes scalars: a call would hand them over one by one.
+
+    What takes arrays is left to the compiler, which then sees that no reference has to be counted.
+    """
     return numba.njit(error_model="numpy", inline="always")(function)
 
 
@@ -101,26 +106,9 @@ def _place_soc(soc):
 
 
 @_inline
-def _place_temperature(grid, t):
-    """Return table row and weight of the next row."""
-    n = grid.size
-    if n == 1:
-        return 0, 0.0
-    j = 0
-    while j < n - 2 and t >= grid[j + 1]:
-        j += 1
-    return j, min(max((t - grid[j]) / (grid[j + 1] - grid[j]), 0.0), 1.0)
-
-
-@_inline
-def _corner(circuit, at, k, f, g):
-    """Bilinear value of table k; a row of `circuit` is (4, n_tables): value, difference in SOC, temperature, both."""
-    return (circuit[at, 0, k] + f * circuit[at, 1, k]) + g * (circuit[at, 2, k] + f * circuit[at, 3, k])
-
-
-@_inline
-def _corner_slope(circuit, at, k, g):
-    return (circuit[at, 1, k] + g * circuit[at, 3, k]) * (1.0 / SOC_STEP)
+def _blend(value, by_soc, by_temperature, by_both, f, g):
+    """Bilinear value from the four coefficients of a table row."""
+    return (value + f * by_soc) + g * (by_temperature + f * by_both)
 
 
 @_inline
@@ -165,39 +153,26 @@ def _fuse(p, count, count_v2, soc, variance):
 
 
 @_inline
-def _report(
-    p, block, slow, cell, dt, moved, soc, variance, slope, check_scale, check_weight, innovation, used, ocv, out
-):
-    """Sigma, fusion and self-check of one cell after its update, and the part of its result that follows."""
-    square = block[slow + CHECK_SQUARE, cell]
+def _finish(p, dt, moved, soc, variance, slope, innovation, used, check_scale, check_weight,
+            mean, square, count, gain, offset, anchor_v2, doubt):  # fmt: skip
+    """Sigma, fusion and self-check of one cell after its update; returns what is reported and what is remembered."""
     bias_v2 = p.bias_v * p.bias_v + p.bias_share * square
     variance = min(variance + bias_v2 / max(slope * slope, SLOPE_FLOOR_V * SLOPE_FLOOR_V), SOC_VARIANCE_MAX)
     if p.is_fused != 0.0:
-        count = block[slow + COUNT, cell] - moved
-        gain = block[slow + COUNT_GAIN, cell] + p.counter_gain * moved
-        offset = block[slow + COUNT_OFFSET, cell] + (p.counter_offset_c / SECONDS_PER_HOUR) * dt
+        count -= moved
+        gain += p.counter_gain * moved
+        offset += (p.counter_offset_c / SECONDS_PER_HOUR) * dt
         filter_soc, filter_v2 = soc, variance
-        count_v2 = gain * gain + offset * offset + block[slow + ANCHOR_V2, cell]
-        soc, variance, w = _fuse(p, count, count_v2, soc, variance)
-        doubt = block[slow + DOUBT, cell] + dt if w < 0.5 else 0.0
+        soc, variance, w = _fuse(p, count, gain * gain + offset * offset + anchor_v2, soc, variance)
+        doubt = doubt + dt if w < 0.5 else 0.0
         if doubt > p.anchor_s:
-            count, gain, offset, doubt = filter_soc, 0.0, 0.0, 0.0
-            block[slow + ANCHOR_V2, cell] = filter_v2
-        block[slow + COUNT, cell], block[slow + DOUBT, cell] = count, doubt
-        block[slow + COUNT_GAIN, cell], block[slow + COUNT_OFFSET, cell] = gain, offset
-    mean = block[slow + CHECK_MEAN, cell]
+            count, gain, offset, anchor_v2, doubt = filter_soc, 0.0, 0.0, filter_v2, 0.0
     if used:
         scaled = innovation * check_scale
         mean += check_weight * (scaled - mean)
         square += check_weight * (scaled * scaled - square)
-        block[slow + CHECK_MEAN, cell], block[slow + CHECK_SQUARE, cell] = mean, square
     valid = square < p.check_rms_v * p.check_rms_v and abs(mean) < p.check_bias_v
-    j, f = _place_soc(soc)
-    out[OUT_SOC, cell] = min(max(soc, 0.0), 1.0)
-    out[OUT_SIGMA, cell] = math.sqrt(variance)
-    out[OUT_OCV, cell] = ocv[j, 0] + f * ocv[j, 1]
-    out[OUT_INNOVATION, cell] = innovation
-    out[OUT_VALID, cell] = 1.0 if valid else 0.0
+    return soc, variance, valid, mean, square, count, gain, offset, anchor_v2, doubt
 
 
 @_inline
@@ -214,20 +189,8 @@ def _common(p, dt, i):
     return moved, walk, keep, branch_variance, noise_v2, correlation, math.asinh(i / p.i_ref), check_scale, check_weight
 
 
-@_inline
-def _point_pair(ocv, circuit, soc, row, g, i, over, i1, i2):
-    """Return output without hysteresis, R_1 and R_2 at one sigma point."""
-    j, f = _place_soc(soc)
-    at = j + N_SOC * row
-    r1, r2 = _corner(circuit, at, 1, f, g), _corner(circuit, at, 2, f, g)
-    drop = i * _corner(circuit, at, 0, f, g) + r1 * i1 + r2 * i2
-    if circuit.shape[2] > 3:
-        drop += over * _corner(circuit, at, 3, f, g)
-    return ocv[j, 0] + f * ocv[j, 1] - drop, r1, r2
-
-
 @_jit
-def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temperature_degc, out):
+def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temperature_degc, out, flags):
     """Advance all cells of a two-RC model with fixed time constants by one sample, with sigma points."""
     p = Numbers(*to_fixed_tuple(numbers, N_NUMBERS))
     moved, walk, keep, branch_variance, noise_v2, correlation, over, check_scale, check_weight = _common(p, dt, i)
@@ -237,6 +200,7 @@ def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temp
     b1, b2 = (1.0 - a1) * i, (1.0 - a2) * i
     q1 = (1.0 - a1 * a1) * branch_variance + VARIANCE_STEP * p.capacity_ah**2
     q2 = (1.0 - a2 * a2) * branch_variance + VARIANCE_STEP * p.capacity_ah**2
+    has_over = circuit.shape[2] > 3
     a00, a01, a02, a11, a12, a22 = keep * keep, keep * a1, keep * a2, a1 * a1, a1 * a2, a2 * a2
     for cell in range(block.shape[1]):
         t = temperature_degc[cell]
@@ -244,16 +208,38 @@ def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temp
             block[12 + TEMPERATURE, cell] = t
         else:
             t = block[12 + TEMPERATURE, cell]
-        row, g = _place_temperature(grid, t)
+        row, g = 0, 0.0
+        if grid.size > 1:
+            while row < grid.size - 2 and t >= grid[row + 1]:
+                row += 1
+            g = min(max((t - grid[row]) / (grid[row + 1] - grid[row]), 0.0), 1.0)
         soc, i1, i2 = block[0, cell] - moved, a1 * block[1, cell] + b1, a2 * block[2, cell] + b2
         p00 = block[3, cell] * a00 + walk
         p01, p02 = block[4, cell] * a01, block[5, cell] * a02
         p11, p12, p22 = block[7, cell] * a11 + q1, block[8, cell] * a12, block[11, cell] * a22 + q2
         sd = math.sqrt(p00)
         reach, per_sd = p.spread * sd, p.spread / sd
-        h0, r1, r2 = _point_pair(ocv, circuit, soc, row, g, i, over, i1, i2)
-        up = _point_pair(ocv, circuit, soc + reach, row, g, i, over, i1 + p01 * per_sd, i2 + p02 * per_sd)[0]
-        down = _point_pair(ocv, circuit, soc - reach, row, g, i, over, i1 - p01 * per_sd, i2 - p02 * per_sd)[0]
+        h0, up, down, r1, r2 = 0.0, 0.0, 0.0, 0.0, 0.0
+        for point in range(3):
+            away = 0.0 if point == 0 else (per_sd if point == 1 else -per_sd)
+            j, f = _place_soc(soc + away * p00)
+            at = j + N_SOC * row
+            h = (
+                ocv[j, 0]
+                + f * ocv[j, 1]
+                - i * _blend(circuit[at, 0, 0], circuit[at, 1, 0], circuit[at, 2, 0], circuit[at, 3, 0], f, g)
+            )
+            ra = _blend(circuit[at, 0, 1], circuit[at, 1, 1], circuit[at, 2, 1], circuit[at, 3, 1], f, g)
+            rb = _blend(circuit[at, 0, 2], circuit[at, 1, 2], circuit[at, 2, 2], circuit[at, 3, 2], f, g)
+            h -= ra * (i1 + away * p01) + rb * (i2 + away * p02)
+            if has_over:
+                h -= over * _blend(circuit[at, 0, 3], circuit[at, 1, 3], circuit[at, 2, 3], circuit[at, 3, 3], f, g)
+            if point == 0:
+                h0, r1, r2 = h, ra, rb
+            elif point == 1:
+                up = h
+            else:
+                down = h
         q = up + down - 2.0 * h0
         predicted = h0 + p.weight * q
         if p.hysteresis_v != 0.0:
@@ -288,14 +274,29 @@ def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temp
         block[3, cell], block[4, cell], block[5, cell] = p00, p01, p02
         block[6, cell], block[7, cell], block[8, cell] = p01, p11, p12
         block[9, cell], block[10, cell], block[11, cell] = p02, p12, p22
+        (
+            soc, variance, valid, block[12 + CHECK_MEAN, cell], block[12 + CHECK_SQUARE, cell],
+            block[12 + COUNT, cell], block[12 + COUNT_GAIN, cell], block[12 + COUNT_OFFSET, cell],
+            block[12 + ANCHOR_V2, cell], block[12 + DOUBT, cell],
+        ) = _finish(
+            p, dt, moved, soc, p00, steep, innovation, used, check_scale, check_weight,
+            block[12 + CHECK_MEAN, cell], block[12 + CHECK_SQUARE, cell], block[12 + COUNT, cell],
+            block[12 + COUNT_GAIN, cell], block[12 + COUNT_OFFSET, cell], block[12 + ANCHOR_V2, cell],
+            block[12 + DOUBT, cell],
+        )  # fmt: skip
+        j, f = _place_soc(soc)
+        out[OUT_SOC, cell] = min(max(soc, 0.0), 1.0)
+        out[OUT_SIGMA, cell] = math.sqrt(variance)
+        out[OUT_OCV, cell] = ocv[j, 0] + f * ocv[j, 1]
         out[OUT_VOLTAGE, cell] = predicted
+        out[OUT_INNOVATION, cell] = innovation
         out[OUT_INNOVATION_SIGMA, cell] = math.sqrt(expected)
-        out[OUT_ACCEPTED, cell] = 1.0 if used else 0.0
-        _report(p, block, 12, cell, dt, moved, soc, p00, steep, check_scale, check_weight, innovation, used, ocv, out)
+        flags[FLAG_VALID, cell] = valid
+        flags[FLAG_ACCEPTED, cell] = used
 
 
 @_jit
-def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temperature_degc, out):
+def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temperature_degc, out, flags):
     """Advance all cells of a model with 0 to 4 RC pairs by one sample, with sigma points or the tangent."""
     p = Numbers(*to_fixed_tuple(numbers, N_NUMBERS))
     moved, walk, keep, branch_variance, noise_v2, correlation, over, check_scale, check_weight = _common(p, dt, i)
@@ -319,7 +320,11 @@ def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, tempe
             block[slow + TEMPERATURE, cell] = t
         else:
             t = block[slow + TEMPERATURE, cell]
-        row, g = _place_temperature(grid, t)
+        row, g = 0, 0.0
+        if grid.size > 1:
+            while row < grid.size - 2 and t >= grid[row + 1]:
+                row += 1
+            g = min(max((t - grid[row]) / (grid[row + 1] - grid[row]), 0.0), 1.0)
         if not fixed:
             j, f = _place_soc(block[0, cell])
             up, top = min(j + 1, N_SOC - 1), min(row + 1, grid.size - 1)
@@ -344,21 +349,26 @@ def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, tempe
             per_sd = 0.0 if point == 0 else (p.spread / sd if point == 1 else -p.spread / sd)
             j, f = _place_soc(soc + per_sd * Pz)
             at = j + N_SOC * row
-            value = ocv[j, 0] + f * ocv[j, 1] - i * _corner(circuit, at, 0, f, g)
-            for k in range(m):
-                rk = _corner(circuit, at, k + 1, f, g)
+            value = (
+                ocv[j, 0]
+                + f * ocv[j, 1]
+                - i * _blend(circuit[at, 0, 0], circuit[at, 1, 0], circuit[at, 2, 0], circuit[at, 3, 0], f, g)
+            )
+            for k in range(1, d):
+                rk = _blend(circuit[at, 0, k], circuit[at, 1, k], circuit[at, 2, k], circuit[at, 3, k], f, g)
                 if point == 0:
-                    r[k] = rk
-                value -= rk * (block[k + 1, cell] + per_sd * block[d + k + 1, cell])
+                    r[k - 1] = rk
+                value -= rk * (block[k, cell] + per_sd * block[d + k, cell])
             if has_over:
-                value -= over * _corner(circuit, at, d, f, g)
+                value -= over * _blend(circuit[at, 0, d], circuit[at, 1, d], circuit[at, 2, d], circuit[at, 3, d], f, g)
             h[point] = value
             if p.is_sigma == 0.0:
-                tangent = ocv[j, 2] + f * ocv[j, 3] - i * _corner_slope(circuit, at, 0, g)
-                for k in range(m):
-                    tangent -= _corner_slope(circuit, at, k + 1, g) * block[k + 1, cell]
+                tangent = i * (circuit[at, 1, 0] + g * circuit[at, 3, 0])
+                for k in range(1, d):
+                    tangent += (circuit[at, 1, k] + g * circuit[at, 3, k]) * block[k, cell]
                 if has_over:
-                    tangent -= over * _corner_slope(circuit, at, d, g)
+                    tangent += over * (circuit[at, 1, d] + g * circuit[at, 3, d])
+                tangent = ocv[j, 2] + f * ocv[j, 3] - tangent * (1.0 / SOC_STEP)
         predicted, steep, Pyy = h[0], tangent, 0.0
         if p.is_sigma != 0.0:
             q = h[1] + h[2] - 2.0 * h[0]
@@ -396,24 +406,38 @@ def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, tempe
                 for w in range(d):
                     block[d + u * d + w, cell] -= acc[u] * acc[w]
         block[0, cell] = min(max(block[0, cell], SOC_MIN), SOC_MAX)
+        (
+            soc, variance, valid, block[slow + CHECK_MEAN, cell], block[slow + CHECK_SQUARE, cell],
+            block[slow + COUNT, cell], block[slow + COUNT_GAIN, cell], block[slow + COUNT_OFFSET, cell],
+            block[slow + ANCHOR_V2, cell], block[slow + DOUBT, cell],
+        ) = _finish(
+            p, dt, moved, block[0, cell], block[d, cell], steep, innovation, used, check_scale, check_weight,
+            block[slow + CHECK_MEAN, cell], block[slow + CHECK_SQUARE, cell], block[slow + COUNT, cell],
+            block[slow + COUNT_GAIN, cell], block[slow + COUNT_OFFSET, cell], block[slow + ANCHOR_V2, cell],
+            block[slow + DOUBT, cell],
+        )  # fmt: skip
+        j, f = _place_soc(soc)
+        out[OUT_SOC, cell] = min(max(soc, 0.0), 1.0)
+        out[OUT_SIGMA, cell] = math.sqrt(variance)
+        out[OUT_OCV, cell] = ocv[j, 0] + f * ocv[j, 1]
         out[OUT_VOLTAGE, cell] = predicted
+        out[OUT_INNOVATION, cell] = innovation
         out[OUT_INNOVATION_SIGMA, cell] = math.sqrt(expected)
-        out[OUT_ACCEPTED, cell] = 1.0 if used else 0.0
-        _report(p, block, slow, cell, dt, moved, block[0, cell], block[d, cell], steep, check_scale,
-                check_weight, innovation, used, ocv, out)  # fmt: skip
+        flags[FLAG_VALID, cell] = valid
+        flags[FLAG_ACCEPTED, cell] = used
 
 
 @_jit
-def record_pair(block, ocv, circuit, tau, grid, numbers, dt_s, current_a, voltage_v, temperature_degc, out):
-    """Run `advance_pair` over (n_steps,) samples; `out` is (n_steps, 8, n_cells)."""
+def record_pair(block, ocv, circuit, tau, grid, numbers, dt_s, current_a, voltage_v, temperature_degc, out, flags):
+    """Run `advance_pair` over (n_steps,) samples; `out` is (n_steps, 6, n_cells), `flags` (n_steps, 2, n_cells)."""
     for k in range(dt_s.size):
         advance_pair(block, ocv, circuit, tau, grid, numbers, dt_s[k], current_a[k], voltage_v[k],
-                     temperature_degc[k], out[k])  # fmt: skip
+                     temperature_degc[k], out[k], flags[k])  # fmt: skip
 
 
 @_jit
-def record_any(block, ocv, circuit, tau, grid, numbers, dt_s, current_a, voltage_v, temperature_degc, out):
-    """Run `advance_any` over (n_steps,) samples; `out` is (n_steps, 8, n_cells)."""
+def record_any(block, ocv, circuit, tau, grid, numbers, dt_s, current_a, voltage_v, temperature_degc, out, flags):
+    """Run `advance_any` over (n_steps,) samples; `out` is (n_steps, 6, n_cells), `flags` (n_steps, 2, n_cells)."""
     for k in range(dt_s.size):
         advance_any(block, ocv, circuit, tau, grid, numbers, dt_s[k], current_a[k], voltage_v[k],
-                    temperature_degc[k], out[k])  # fmt: skip
+                    temperature_degc[k], out[k], flags[k])  # fmt: skip

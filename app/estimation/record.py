@@ -63,10 +63,5 @@ def run_steps(
         estimates = estimator.step(float(dt_s[k]), float(current_a[k]), voltage_v[k], temperature_degc[k])
         for row, values in zip(rows[k], estimates, strict=True):
             row[:] = values
-    return record_from_rows(rows)
-
-
-def record_from_rows(rows: FloatArray) -> Record:
-    """Return a record from (n_steps, 8, n_cells), the fields of `Estimates` in their order."""
     soc, sigma, ocv, predicted, innovation, innovation_sigma, valid, accepted = np.moveaxis(rows, 1, 0)
     return Record(soc, sigma, ocv, predicted, innovation, innovation_sigma, valid != 0.0, accepted != 0.0)
