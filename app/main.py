@@ -11,12 +11,13 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import __version__
-from app.api import can, commands, config, events, live, metrics, problems, session_login, sessions
+from app.api import can, commands, config, events, live, metrics, problems, session_login, sessions, simulator
 from app.api.auth import Doorkeeper, Gate
 from app.api.limits import BodyLimit
 from app.api.static import serve_front_end
 from app.runtime import Runtime
 from app.settings import Settings
+from app.simulator_process import SimulatorProcess
 from app.telemetry import Source
 
 STATIC = files("app") / "static"
@@ -34,7 +35,13 @@ class Replay(NamedTuple):
 
 
 def create_app(
-    settings: Settings, source: Source, *, serial_url: str | None, can_url: str | None, replay: Replay | None = None
+    settings: Settings,
+    source: Source,
+    *,
+    serial_url: str | None,
+    can_url: str | None,
+    replay: Replay | None = None,
+    simulated_car: SimulatorProcess | None = None,
 ) -> FastAPI:
     """Return the application; its lifespan opens the links and closes them.
 
@@ -66,11 +73,12 @@ def create_app(
         redoc_url=None,
     )
     app.state.runtime = runtime
+    app.state.simulator = simulated_car
     app.state.encoder = live.Encoder(runtime)
     doorkeeper = Doorkeeper(settings)
     app.state.doorkeeper = doorkeeper
     problems.install(app)
-    for module in (live, session_login, config, can, commands, events, sessions):
+    for module in (live, session_login, config, can, commands, events, sessions, simulator):
         app.include_router(module.router, prefix="/api/v1")
     app.include_router(metrics.router)
     serve_front_end(app, STATIC)

@@ -14,6 +14,7 @@ from pathlib import Path
 from app.errors import ConfigError
 from app.links.backoff import Backoff
 from app.settings import Settings
+from app.simulator_control import SimulatorControl
 
 log = logging.getLogger(__name__)
 READY_S = 15.0
@@ -28,6 +29,7 @@ class Ports:
     serial_url: str
     can_argument: str
     can_url: str
+    control_argument: str
     folder: Path | None = None  # of the links to the pseudo-terminals, removed at the end
 
 
@@ -41,6 +43,7 @@ def choose_ports(*, pty: bool) -> Ports:
             str(serial),
             f"slcan-pty:{adapter}",
             f"slcan:{adapter}?sleep_after_open=0&timeout=0.05",
+            str(folder / "control"),
             folder,
         )
     serial_port, can_port = _free_port(), _free_port()
@@ -49,6 +52,7 @@ def choose_ports(*, pty: bool) -> Ports:
         f"socket://127.0.0.1:{serial_port}",
         f"slcan-tcp:{can_port}",
         f"slcan:socket://127.0.0.1:{can_port}?sleep_after_open=0&timeout=0.05",
+        "0",
     )
 
 
@@ -67,12 +71,15 @@ class SimulatorProcess:
             *(sys.executable, "-m", "simulator.cli"),
             *("--serial", self.ports.serial_argument, "--can", self.ports.can_argument),
             *("--eeprom", str(settings.data / "eeprom.bin"), "--with-parent"),
-            *(("--scenario", settings.scenario) if settings.scenario else ()),
+            *("--control", self.ports.control_argument),
             *(("--seed", str(settings.seed)) if settings.seed is not None else ()),
         ]
+        self._scenario = settings.scenario
+        self.control = SimulatorControl()
         self._process: subprocess.Popen[bytes] | None = None
         self._stopping = threading.Event()
         self._ready = threading.Event()
+        self._restarting = threading.Event()
         self._first_exit: int | None = None
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._run, name="simulator", daemon=True)
@@ -86,8 +93,16 @@ class SimulatorProcess:
         self._thread.start()
         self._ready.wait(READY_S)
         if self._first_exit is not None:
-            arguments = " ".join(self._arguments[2:])
+            arguments = " ".join([*self._arguments[2:], *(("--scenario", self._scenario) if self._scenario else ())])
             raise ConfigError("simulator", arguments, f"it ended with code {self._first_exit}, its words are above")
+
+    def restart(self, scenario: str) -> None:
+        """End the car and start another one on the same ports; its EEPROM stays."""
+        with self._lock:
+            self._scenario = scenario
+            self._restarting.set()
+            if self._process is not None:
+                self._process.terminate()
 
     def stop(self) -> None:
         """End it, and leave nothing behind."""
@@ -111,8 +126,9 @@ class SimulatorProcess:
             with self._lock:  # none is started behind the back of `stop`
                 if self._stopping.is_set():
                     return
+                chosen = ("--scenario", self._scenario) if self._scenario else ()
                 self._process = subprocess.Popen(
-                    self._arguments,
+                    [*self._arguments, *chosen],
                     stdin=subprocess.PIPE,  # its end is ours
                     stdout=subprocess.PIPE,
                     start_new_session=True,  # Ctrl-C is for the service, which ends it in order
@@ -120,11 +136,17 @@ class SimulatorProcess:
                 )
             with self._process as process:
                 for line in process.stdout or ():
-                    if line.strip() == b"ready":
+                    name, _, url = line.decode(errors="replace").strip().partition(": ")
+                    if name == "control":
+                        self.control.url = url
+                    elif name == "ready":
                         self._ready.set()
             if self._stopping.is_set():
                 return
             code = process.returncode
+            if self._restarting.is_set():
+                self._restarting.clear()
+                continue
             if not self._ready.is_set():
                 self._first_exit = code
                 self._ready.set()

@@ -8,6 +8,7 @@ from simulator.director import Director
 from simulator.errors import FaultError, SimulatorError
 from simulator.faults import FAULTS, ActiveFault, Target, cell_index
 from simulator.runner import Runner
+from simulator.scenario import library
 
 MAX_SPEED = 1000.0
 
@@ -24,6 +25,7 @@ class Control:
         actions: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
             "status": self._status,
             "faults": self._faults,
+            "scenarios": self._scenarios,
             "inject": self._inject,
             "clear": self._clear,
             "clear-all": self._clear_all,
@@ -67,6 +69,14 @@ class Control:
                     "is_instant": kind.is_instant,
                 }
                 for kind in FAULTS.values()
+            ]
+        }
+
+    def _scenarios(self, _: Mapping[str, Any]) -> dict[str, Any]:
+        return {
+            "scenarios": [
+                {"name": item.name, "title": item.title, "description": " ".join(item.description.split())}
+                for item in library()
             ]
         }
 

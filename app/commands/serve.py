@@ -86,8 +86,8 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
     with contextlib.ExitStack() as stack:
         stack.enter_context(FolderLock(settings.data))
         listener = stack.enter_context(_bind(settings))
-        source, serial_url, can_url = _source(settings, stack, replay)
-        app = create_app(settings, source, serial_url=serial_url, can_url=can_url, replay=replay)
+        source, serial_url, can_url, car = _source(settings, stack, replay)
+        app = create_app(settings, source, serial_url=serial_url, can_url=can_url, replay=replay, simulated_car=car)
         address, port = listener.getsockname()[:2]
         host = f"[{address}]" if ":" in address else address
         server = _Server(
@@ -115,16 +115,16 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
 
 def _source(
     settings: Settings, stack: contextlib.ExitStack, replay: Replay | None
-) -> tuple[Source, str | None, str | None]:
-    """Return (source, RS232 URL, CAN bus); without hardware the simulator is started, and ended with the stack."""
+) -> tuple[Source, str | None, str | None, SimulatorProcess | None]:
+    """Return (source, RS232 URL, CAN bus, simulator); the simulator is started where no hardware is named."""
     if replay is not None:
-        return "replay", None, None
+        return "replay", None, None, None
     if not settings.simulates:
-        return "serial" if settings.serial else "can", settings.serial, settings.can
+        return "serial" if settings.serial else "can", settings.serial, settings.can, None
     simulator = SimulatorProcess(settings)
     stack.callback(simulator.stop)
     simulator.start()
-    return "simulator", simulator.ports.serial_url, simulator.ports.can_url
+    return "simulator", simulator.ports.serial_url, simulator.ports.can_url, simulator
 
 
 class _Server(uvicorn.Server):

@@ -1,0 +1,135 @@
+"""The simulated car: what it does, its scenarios and faults. Only where the service started it."""
+
+from typing import Annotated, Any, Literal, cast
+
+from fastapi import APIRouter, Depends, Query
+from pydantic import BaseModel, Field
+from starlette.requests import HTTPConnection
+
+from app.api.deps import RuntimeDep, UserDep
+from app.api.problems import Problem, invalid, not_found
+from app.simulator_control import SimulatorRefused
+from app.simulator_process import SimulatorProcess
+
+router = APIRouter(prefix="/simulator", tags=["simulator"])
+
+
+def _simulator(connection: HTTPConnection) -> SimulatorProcess:
+    simulator = cast(SimulatorProcess | None, connection.app.state.simulator)
+    if simulator is None:
+        raise Problem(404, "not-found", "Not found", "this service reads no simulated car")
+    return simulator
+
+
+SimulatorDep = Annotated[SimulatorProcess, Depends(_simulator)]
+Pack = Annotated[int | None, Field(ge=1, le=8)]
+Cell = Annotated[int | None, Field(ge=1, le=12)]
+
+
+class FaultIn(BaseModel):
+    """What goes wrong, where, how badly, for how long."""
+
+    fault: str = Field(max_length=60)
+    pack: Pack = None
+    cell: Cell = None
+    value: float | None = Field(default=None, allow_inf_nan=False)
+    for_s: float | None = Field(default=None, gt=0, le=1e6)
+
+
+class SpeedIn(BaseModel):
+    """Times real time."""
+
+    value: Annotated[float, Field(gt=0, le=1000)] | Literal["max"]
+
+
+class UnplugIn(BaseModel):
+    """Seconds without the RS232 cable."""
+
+    for_s: float = Field(gt=0, le=3600)
+
+
+class ScenarioIn(BaseModel):
+    """One of the library."""
+
+    name: str = Field(max_length=60)
+
+
+def _ask(simulator: SimulatorProcess, do: str, arguments: dict[str, Any] | None = None) -> dict[str, Any]:
+    try:
+        return simulator.control.ask(do, arguments)
+    except SimulatorRefused as error:
+        raise invalid(do, (arguments or {}).get("fault"), str(error)) from error
+
+
+@router.get("")
+def read(simulator: SimulatorDep) -> dict[str, Any]:
+    """What happens in the simulated car, what else could, and what can go wrong."""
+    status = _ask(simulator, "status")
+    faults = _ask(simulator, "faults")["faults"]
+    return {
+        "scenario": status["scenario"],
+        "status": status,
+        "scenarios": _ask(simulator, "scenarios")["scenarios"],
+        "faults": [{"name": fault.pop("fault"), **fault} for fault in faults],
+    }
+
+
+@router.post("/faults", status_code=201)
+def inject(body: FaultIn, simulator: SimulatorDep, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Make something go wrong, for a while or until it is cleared."""
+    _ask(simulator, "inject", body.model_dump())
+    place = ", ".join(f"{name} {value}" for name, value in (("pack", body.pack), ("cell", body.cell)) if value)
+    runtime.note("info", "simulator-fault", f"fault injected: {body.fault} {place}".strip(), user.name)
+    return {"active": _ask(simulator, "status")["active"]}
+
+
+@router.delete("/faults")
+def clear_all(simulator: SimulatorDep, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Mend everything."""
+    _ask(simulator, "clear-all")
+    runtime.note("info", "simulator-fault", "all faults cleared", user.name)
+    return {"active": []}
+
+
+@router.delete("/faults/{name}")
+def clear(
+    name: str,
+    simulator: SimulatorDep,
+    user: UserDep,
+    pack: Annotated[int | None, Query(ge=1, le=8)] = None,
+    cell: Annotated[int | None, Query(ge=1, le=12)] = None,
+) -> dict[str, Any]:
+    """Mend one."""
+    _ask(simulator, "clear", {"fault": name, "pack": pack, "cell": cell})
+    return {"active": _ask(simulator, "status")["active"]}
+
+
+@router.post("/speed")
+def speed(body: SpeedIn, simulator: SimulatorDep, user: UserDep) -> dict[str, Any]:
+    """Let time run faster or slower."""
+    _ask(simulator, "speed", {"value": body.value})
+    return {"speed": body.value}
+
+
+@router.post("/next")
+def next_phase(simulator: SimulatorDep, user: UserDep) -> dict[str, Any]:
+    """Go on to the scenario's next phase."""
+    _ask(simulator, "next")
+    return {"phase": _ask(simulator, "status")["phase"]}
+
+
+@router.post("/unplug")
+def unplug(body: UnplugIn, simulator: SimulatorDep, user: UserDep) -> dict[str, Any]:
+    """Pull the RS232 cable for a while."""
+    _ask(simulator, "unplug", {"for_s": body.for_s})
+    return {"for_s": body.for_s}
+
+
+@router.post("/scenario")
+def scenario(body: ScenarioIn, simulator: SimulatorDep, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Start the simulated car anew with another scenario; its EEPROM stays."""
+    if body.name not in {item["name"] for item in _ask(simulator, "scenarios")["scenarios"]}:
+        raise not_found("scenario", body.name)
+    simulator.restart(body.name)
+    runtime.note("info", "simulator-scenario", f"simulated car started with {body.name}", user.name)
+    return {"scenario": body.name}
