@@ -161,13 +161,15 @@ class JointReport:
     Attributes:
         resistance_ohm: ohmic resistance of cell and joint [ohm], NaN where not known.
         cell_growth_frac: how much more the cell itself resists than its peers, as a fraction.
-        joint_excess_ohm: how much more its joint resists than its peers' [ohm].
+        ohmic_excess_ohm: how much more cell and joint together resist than their peers [ohm].
+        joint_excess_ohm: how much more its joint resists: than its peers', or than it did when that is known [ohm].
         sigma_ohm: standard deviation of the joint's excess: scatter of the regression and of sound peers [ohm].
         is_loose: the joint's excess is above the alarm value and cannot be scatter.
     """
 
     resistance_ohm: FloatArray
     cell_growth_frac: FloatArray
+    ohmic_excess_ohm: FloatArray
     joint_excess_ohm: FloatArray
     sigma_ohm: FloatArray
     is_loose: BoolArray
@@ -190,6 +192,7 @@ def judge_joints(
         e_ohmic = g R_ohmic + j,   e_pair = g R_pair
 
     As far as the sound cells show that both spread together, their slope is used; a cell far outside takes all of it.
+    Where the past of a cell is known its whole growth is the joint's: no cell ages within a session.
 
     Args:
         resistance_ohm: (2, n_cells) of `ResistanceTracker.resistance_ohm`.
@@ -198,7 +201,7 @@ def judge_joints(
         temperature_factor: (n_cells,) or scalar, resistance of the cell at its temperature over that at the mean.
         alarm_ohm: excess above which a joint is loose [ohm].
         alarm_sigmas: and this many standard deviations.
-        baseline_ohm: (n_cells,) joint excess of the same car when it was sound [ohm]; taken off where known.
+        baseline_ohm: (n_cells,) `ohmic_excess_ohm` of the same car when it was sound [ohm]; NaN where not known.
 
     Raises:
         ShapeError: an array is not (2, n_cells), or the packs do not divide the cells.
@@ -217,12 +220,14 @@ def judge_joints(
     scatter = max(_mad_sigma(pair), 1e-12)
     outlying = np.clip((np.abs(pair) / scatter - 4.0) / 4.0, 0.0, 1.0)
     from_cell = (shown_slope + (full_slope - shown_slope) * outlying) * pair
-    joint = ohmic - from_cell
-    if baseline_ohm is not None:
-        joint = joint - np.nan_to_num(np.asarray(baseline_ohm, dtype=np.float64))
-    sigma = np.hypot(np.nan_to_num(sigma_ohm[0], nan=np.inf), _sound_sigma(joint))
+    past = np.broadcast_to(np.asarray(np.nan if baseline_ohm is None else baseline_ohm, dtype=np.float64), (n,))
+    has_past = np.isfinite(past)
+    joint = ohmic - np.where(has_past, past, from_cell)
+    scatter_ohm = np.where(has_past, _sound_sigma(joint[has_past]), _sound_sigma(joint[~has_past]))
+    sigma = np.hypot(np.nan_to_num(sigma_ohm[0], nan=np.inf), scatter_ohm)
     is_loose = np.nan_to_num(joint) > np.maximum(alarm_ohm, alarm_sigmas * sigma)
-    return JointReport(resistance_ohm[0], from_cell / max(float(typical[0]), 1e-12), joint, sigma, is_loose)
+    growth = from_cell / max(float(typical[0]), 1e-12)
+    return JointReport(resistance_ohm[0], growth, ohmic, joint, sigma, is_loose)
 
 
 def _slope_of_sound(pair: FloatArray, ohmic: FloatArray) -> float:
