@@ -19,7 +19,7 @@ from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
 
 router = APIRouter(tags=["sessions"])
-ExportFormat = Literal["csv", "parquet", "mf4", "ld", "mcap"]
+ExportFormat = Literal["csv", "parquet", "mcap", "mf4", "ld", "candump", "asc", "blf"]
 MAX_UNIX_S = 9e9  # beyond it nanoseconds do not fit a 64-bit number
 From = Annotated[float | None, Query(alias="from", ge=0, le=MAX_UNIX_S, description="unix time, s")]
 To = Annotated[float | None, Query(alias="to", ge=0, le=MAX_UNIX_S, description="unix time, s")]
@@ -187,7 +187,7 @@ def download(
     """Signals of a range as a file; without `signal` all fast ones and the estimates."""
     if export_format not in FORMATS:
         raise invalid("format", export_format, "one of " + ", ".join(FORMATS))
-    with tempfile.NamedTemporaryFile(suffix=f".{export_format}", delete=False) as target:
+    with tempfile.NamedTemporaryFile(suffix=FORMATS[export_format].suffix, delete=False) as target:
         path = Path(target.name)
     try:
         with _open(runtime, session_id) as file:
@@ -201,7 +201,7 @@ def download(
     except BaseException:
         path.unlink(missing_ok=True)
         raise
-    name = f"{session_id}.{export_format}"
+    name = session_id + FORMATS[export_format].suffix
     return FileResponse(str(path), filename=name, background=BackgroundTask(path.unlink, missing_ok=True))
 
 

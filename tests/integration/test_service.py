@@ -257,3 +257,12 @@ def test_a_default_master_runs_on_the_documented_defaults(make_service):
     service.wait_for(lambda s: s["config_hash"])
     with service.client() as client:
         assert client.get("/config", headers=OCTETS).content == default_image()
+
+
+def test_can_frames_are_exported_as_candump(service):
+    snapshot = service.wait_for(lambda s: s["recording"] and s["links"]["can"]["frames"] > 20)
+    with service.client() as client:
+        answer = client.get(f"/sessions/{snapshot['recording']['session_id']}/export?format=candump")
+    assert answer.status_code == 200, answer.text
+    assert "100#" in answer.text
+    assert ".log" in answer.headers["content-disposition"]
