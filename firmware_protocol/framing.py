@@ -15,6 +15,7 @@ DELIMITER = 0
 START_STREAM = 0x78  # 'x'
 STOP_STREAM = 0x79  # 'y'
 MAX_BODY = 512
+_CODES = tuple(bytes([length + 1]) for length in range(254))  # what stands before a block
 _HEADER = struct.Struct("<BBI")
 _CRC = struct.Struct("<H")
 HEADER_SIZE = _HEADER.size
@@ -69,8 +70,10 @@ def crc16(data: bytes | bytearray | memoryview) -> int:
 
 def cobs_encode(data: bytes) -> bytes:
     """Return `data` without any zero byte, one byte longer for every 254 begun."""
-    out = bytearray()
     blocks = data.split(b"\0")
+    if len(max(blocks, key=len)) < 254:
+        return b"".join([_CODES[len(block)] + block for block in blocks])
+    out = bytearray()
     for block in blocks:
         start = 0
         while len(block) - start >= 254:
