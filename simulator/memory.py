@@ -103,6 +103,7 @@ class MasterMemory:
         self.slave_cvr: NDArray[np.uint16] = self._slaves("cvr", np.uint16)
         self.slave_avr: NDArray[np.uint16] = self._slaves("avr", np.uint16)
         self.slave_str: NDArray[np.uint16] = self._slaves("str", np.uint16)
+        self.slave_com: NDArray[np.uint16] = self._slaves("com", np.uint16)
         self.slave_temp: NDArray[np.uint16] = self._slaves("temp", np.uint16)
         self.t[:] = T_MISSING
 

@@ -34,6 +34,7 @@ _CONVERT_AUX = command_packet(adax())
 _CONVERT_STATUS = command_packet(adstat())
 _NO_CELLS = np.zeros(CELLS_PER_PACK, dtype=bool)
 _OPEN_WIRE_COUNTS = 4000  # the data sheet's 400 mV
+_U16 = 0xFFFF
 _PHASES = tuple(np.arange(CELLS_PER_PACK) % 2 == phase for phase in range(2))
 _SENSOR_RISING_V = np.array(POINTS_V[::-1])
 _SENSOR_DEGC = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V) - 1, -1, -1, dtype=np.float64)
@@ -59,6 +60,8 @@ class SlaveReader:
         self._thresholds = (0, 0)
         self.packets = 0
         self.packet_errors = 0
+        self._bad_packets: NDArray[np.int64] = np.zeros(chain.n_slaves, dtype=np.int64)
+        self._bad_a_second_ago = self._bad_packets.copy()
         self._none_silent: BoolArray = np.zeros(chain.n_slaves, dtype=bool)
         self.silent = self._none_silent
         self.is_whole = False  # every voltage of the last pass arrived intact
@@ -113,6 +116,8 @@ class SlaveReader:
         self._memory.slave_avr[whole] = words[whole, :n_aux]
         self._memory.slave_str[whole] = words[whole, -self._memory.slave_str.shape[1] :]
         self._find_open_wires(now_s)
+        self._memory.slave_com[:, 1] = np.minimum(self._bad_packets - self._bad_a_second_ago, _U16)
+        self._bad_a_second_ago[:] = self._bad_packets
 
     def _find_open_wires(self, now_s: float) -> None:
         """Mark the cells on both sides of each open wire: pulled up minus pulled down is far below zero above it."""
@@ -147,11 +152,14 @@ class SlaveReader:
         return intact
 
     def _checked(self, packets: WordArray) -> BoolArray:
-        """Return which packets are intact, and count."""
+        """Return which packets are intact, and count those that are not, into the struct as well."""
         intact = is_intact(packets)
-        n_intact = int(np.count_nonzero(intact))
+        n_bad = intact.size - int(np.count_nonzero(intact))
         self.packets += intact.size
-        self.packet_errors += intact.size - n_intact
+        if n_bad:
+            self.packet_errors += n_bad
+            self._bad_packets += np.count_nonzero(~intact, axis=1)
+            self._memory.slave_com[:, 0] = np.minimum(self._bad_packets, _U16)
         return intact
 
     def _write(self, discharging: BoolArray, address: int | None, now_s: float) -> None:

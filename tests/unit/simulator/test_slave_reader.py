@@ -50,6 +50,28 @@ def test_a_damaged_packet_keeps_the_old_voltages_and_is_counted(chain, memory):
     assert set(np.unique(memory.slave_cvr)) <= {37_000, 38_000}
 
 
+def test_damaged_packets_are_counted_in_the_struct_of_their_slave(chain, memory):
+    reader = SlaveReader(memory, chain)
+    reader.self_check(0.0)
+    chain.set_powered(5, False)
+    for k in range(10):
+        reader.read_voltages(0.1 * k)
+    chain.set_powered(5, True)
+    reader.self_check(1.0)
+    since_boot, last_second = memory.slave_com[:, 0], memory.slave_com[:, 1]
+    assert since_boot.tolist() == last_second.tolist() == [0, 0, 0, 0, 0, 40, 0, 0]
+    reader.self_check(2.0)
+    assert (since_boot[5], last_second[5]) == (40, 0)
+
+
+def test_the_count_of_damaged_packets_stays_at_its_end(chain, memory):
+    reader = SlaveReader(memory, chain)
+    chain.set_powered(5, False)
+    for _ in range(0x10000 // 4 + 1):
+        reader.read_voltages(0.0)
+    assert memory.slave_com[5, 0] == 0xFFFF
+
+
 def test_a_silent_slave_is_named(chain, memory):
     reader = SlaveReader(memory, chain)
     chain.set_powered(6, False)
