@@ -62,6 +62,14 @@ export function duration(seconds: number | null | undefined): string {
   return hours > 0 ? `${hours}:${rest}` : rest;
 }
 
+/** Time ahead in at most six characters: 4.2 s, 87 s, 12 min; null is beyond the hour that is looked at. */
+export function ahead(seconds: number | null | undefined): string {
+  if (seconds === undefined) return DASH;
+  if (seconds === null || seconds >= 3600) return '> 1 h';
+  if (seconds < 10) return `${Math.max(0, seconds).toFixed(1)} s`;
+  return seconds < 100 ? `${Math.floor(seconds)} s` : `${Math.floor(seconds / 60)} min`;
+}
+
 /** Local wall time, 14:03:22. */
 export function clock(unixS: number | null | undefined): string {
   if (unixS === null || unixS === undefined) return DASH;

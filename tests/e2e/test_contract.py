@@ -17,6 +17,12 @@ def members(interface: str) -> set[str]:
     return set(re.findall(r"^  (\w+):", body[1], re.MULTILINE))
 
 
+def foretells(snapshot) -> bool:
+    """Whether power and times ahead are known already."""
+    prediction = snapshot["prediction"]
+    return prediction is not None and prediction["power"] is not None and bool(prediction["to_trip"])
+
+
 @pytest.fixture(scope="module")
 def answers(service):
     with service.client() as client:
@@ -25,7 +31,7 @@ def answers(service):
         def get(path):
             return client.get(path).raise_for_status().json()
 
-        snapshot = service.wait_for(lambda s: s["recording"] is not None)
+        snapshot = service.wait_for(lambda s: s["recording"] is not None and foretells(s))
         schema, tables = get("/config/schema"), get("/can")
         session = get("/sessions")["sessions"][0]
         series = get(f"/sessions/{session['id']}/series?signal=i_fs&points=10")
@@ -34,6 +40,9 @@ def answers(service):
             "Cells": snapshot["cells"],
             "Pack": snapshot["packs"][0],
             "Accumulator": snapshot["accumulator"],
+            "Prediction": snapshot["prediction"],
+            "PowerLimit": snapshot["prediction"]["power"]["discharge"][0],
+            "Trip": snapshot["prediction"]["to_trip"][0],
             "Master": snapshot["master"],
             "Charger": snapshot["charger"],
             "Link": snapshot["links"]["can"],

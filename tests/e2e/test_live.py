@@ -31,6 +31,17 @@ def test_the_overview_shows_what_the_service_says(service, open_page):
     expect(lowest).to_have_text(re.compile(r"^pack [1-8], cell ([1-9]|1[0-2])$"))
 
 
+def test_the_overview_tells_what_lies_ahead(service, open_page):
+    page = open_page(f"{service.base_url}/#/overview")
+    for direction in ("discharge", "charge"):
+        for horizon in (1, 10, 30):
+            value = page.get_by_test_id(f"power-{direction}-{horizon}")
+            expect(value).to_have_text(re.compile(r"^\d+\.\d\skW$"))
+    expect(page.get_by_test_id("nearest")).to_have_text(re.compile(r"^(> 1 h|\d.* (s|min))$"))
+    expect(page.get_by_test_id("energy-left")).to_have_text(re.compile(r"^\d\.\d\d\skWh$"))
+    expect(page.get_by_test_id("laps-band")).to_have_text(re.compile(r"no lap driven yet|\d to \d"))
+
+
 def test_a_cell_is_one_click_from_its_history(service, open_page):
     page = open_page(f"{service.base_url}/#/overview")
     page.get_by_test_id("cell-30").click()
@@ -42,7 +53,8 @@ def test_a_cell_is_one_click_from_its_history(service, open_page):
 
 def test_every_metric_can_be_shown(service, open_page):
     page = open_page(f"{service.base_url}/#/packs")
-    for metric in ("deviation", "temperature", "soc", "sigma", "resistance", "capacity", "balancing", "voltage"):
+    numbers = ("deviation", "temperature", "soc", "sigma", "resistance", "joint", "capacity", "health", "voltage")
+    for metric in (*numbers, "balancing"):
         page.get_by_test_id(f"metric-{metric}").click()
         expect(page.get_by_test_id("heatmap")).to_have_attribute("data-metric", metric)
         expect(page.locator('[data-testid^="cell-"][data-missing]')).to_have_count(0)

@@ -23,8 +23,11 @@ export interface Cells {
   residual_v: Maybe<number>[];
   resistance_ohm: Maybe<number>[];
   capacity_ah: Maybe<number>[];
+  soh_capacity: Maybe<number>[];
+  joint_excess_ohm: Maybe<number>[];
   balancing: Maybe<boolean>[];
   model_valid: Maybe<boolean>[];
+  joint_loose: Maybe<boolean>[];
 }
 
 export interface Pack {
@@ -64,6 +67,48 @@ export interface Accumulator {
   energy_out_wh: Maybe<number>;
   energy_in_wh: Maybe<number>;
   fan_duty: Maybe<number>;
+}
+
+export type PowerReason = 'voltage' | 'soc' | 'temperature' | 'current';
+export type TripLimit = 'v_min' | 'v_max' | 'soc_min' | 'soc_max' | 'temperature_max';
+
+export interface PowerLimit {
+  horizon_s: number;
+  power_w: number;
+  current_a: number;
+  cell: Maybe<number>;
+  reason: PowerReason;
+}
+
+export interface Power {
+  discharge: PowerLimit[];
+  charge: PowerLimit[];
+}
+
+export interface Trip {
+  limit: TripLimit;
+  seconds: Maybe<number>;
+  cell: Maybe<number>;
+}
+
+export interface Laps {
+  laps: number;
+  low: number;
+  high: number;
+  lap_energy_wh: number;
+  lap_energy_sigma_wh: number;
+  period_s: Maybe<number>;
+}
+
+export interface Prediction {
+  power: Maybe<Power>;
+  to_trip: Trip[];
+  to_trip_full: Trip[];
+  nearest: Maybe<Trip>;
+  energy_left_wh: Maybe<number>;
+  energy_left_sigma_wh: Maybe<number>;
+  energy_left_cell: Maybe<number>;
+  laps: Maybe<Laps>;
 }
 
 export interface Master {
@@ -149,6 +194,7 @@ export interface Snapshot {
   cells: Cells;
   packs: Pack[];
   accumulator: Accumulator;
+  prediction: Maybe<Prediction>;
   master: Master;
   charger: Charger;
   links: { rs232: Link; can: Link };
@@ -310,4 +356,49 @@ export interface Health {
   uptime_s: number;
   source: string;
   reasons: string[];
+}
+
+export interface FaultKind {
+  name: string;
+  meaning: string;
+  target: 'none' | 'pack' | 'cell';
+  unit: string;
+  minimum: number;
+  maximum: number;
+  default: number;
+  is_instant: boolean;
+}
+
+export interface FaultInForce {
+  fault: string;
+  value: number;
+  since_s: number;
+  until_s: Maybe<number>;
+  pack?: number;
+  cell?: number;
+}
+
+export interface SimulatorStatus {
+  time_s: number;
+  speed: Maybe<number>;
+  scenario: string;
+  phase: string;
+  lap: number;
+  soc: number;
+  current_a: number;
+  master_is_running: boolean;
+  active: FaultInForce[];
+}
+
+export interface Scenario {
+  name: string;
+  title: string;
+  description: string;
+}
+
+export interface Simulator {
+  scenario: string;
+  status: SimulatorStatus;
+  scenarios: Scenario[];
+  faults: FaultKind[];
 }

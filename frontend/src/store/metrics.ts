@@ -4,7 +4,16 @@ import type { Cells, Part, Snapshot } from '../link/types';
 import { fixed } from '../format';
 
 export type MetricId =
-  'voltage' | 'deviation' | 'temperature' | 'soc' | 'sigma' | 'resistance' | 'capacity' | 'balancing';
+  | 'voltage'
+  | 'deviation'
+  | 'temperature'
+  | 'soc'
+  | 'sigma'
+  | 'resistance'
+  | 'joint'
+  | 'capacity'
+  | 'health'
+  | 'balancing';
 
 export interface Metric {
   id: MetricId;
@@ -21,7 +30,7 @@ const times = (values: (number | null)[], factor: number): (number | null)[] =>
   values.map((v) => (v === null ? null : v * factor));
 
 const column =
-  (key: Exclude<keyof Cells, 'balancing' | 'model_valid'>, factor = 1) =>
+  (key: Exclude<keyof Cells, 'balancing' | 'model_valid' | 'joint_loose'>, factor = 1) =>
   (s: Snapshot): (number | null)[] =>
     factor === 1 ? s.cells[key] : times(s.cells[key], factor);
 
@@ -47,7 +56,9 @@ export const METRICS: readonly Metric[] = [
   metric('soc', 'SOC', '%', 1, 2, 'voltage', column('soc', 100)),
   metric('sigma', 'Sigma', '%', 2, 0.5, 'voltage', column('soc_sigma', 100)),
   metric('resistance', 'R0', 'mΩ', 2, 0.2, 'voltage', column('resistance_ohm', 1000)),
+  metric('joint', 'Joint', 'mΩ', 2, 0.2, 'voltage', column('joint_excess_ohm', 1000)),
   metric('capacity', 'Capacity', 'Ah', 2, 0.5, 'voltage', column('capacity_ah')),
+  metric('health', 'Health', '%', 1, 2, 'voltage', column('soh_capacity', 100)),
   metric('balancing', 'Balancing', '', 0, 1, 'slaves', (s) =>
     s.cells.balancing.map((b) => (b === null ? null : Number(b))),
   ),
