@@ -95,6 +95,10 @@ def _slave(simulation: Simulation, pack: int, is_lost: float) -> None:
     simulation.board.chain.set_powered(pack, not is_lost)
 
 
+def _converter(simulation: Simulation, pack: int, bit: float) -> None:
+    simulation.board.chain.stuck_bits[pack] = 0 if np.isnan(bit) else 1 << int(bit)
+
+
 def _isospi(simulation: Simulation, _: int, rate: float) -> None:
     simulation.board.chain.bit_error_rate = rate
 
@@ -176,6 +180,7 @@ _KINDS = (
     FaultKind("blocked-fan", "share of the air that is missing", _NONE, "", 0, 1, 1, 0, _fan),
     FaultKind("ambient", "another air temperature", _NONE, "degC", -40, 80, 45, _NAN, _ambient),
     FaultKind("lost-slave", "the pack's slave does not answer", _PACK, *_ON, _slave),
+    FaultKind("broken-converter", "this bit of the slave's converter is stuck", _PACK, "", 0, 15, 7, _NAN, _converter),
     FaultKind("isospi-noise", "bit errors on the slaves' line", _NONE, "per bit", 0, 0.1, 1e-3, 0, _isospi),
     FaultKind("current-unplugged", "the current sensor is off", _NONE, *_ON, _current_unplugged),
     FaultKind("current-offset", "the current sensor is off by this", _NONE, "A", -100, 100, 2, 0, _current_offset),

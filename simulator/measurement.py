@@ -107,15 +107,16 @@ class Measurement:
 
     def _find_known(self, raw: NDArray[np.uint16], silent: BoolArray) -> int | None:
         """Update which cells have a voltage, and what the struct says of the slaves."""
-        is_undisturbed = self.reader.is_whole and not self.reader.has_open_wires and int(raw.max()) != CHIP_MISSING
+        is_undisturbed = self.reader.is_whole and not self.reader.has_doubts and int(raw.max()) != CHIP_MISSING
         if is_undisturbed and self._all_known:
             return None
         answered = np.repeat(~silent, CELLS_PER_PACK)
-        known = answered & ~self.reader.open_wire_cells & (raw != CHIP_MISSING)
+        tested = np.repeat(~self.reader.failed_self_test, CELLS_PER_PACK)
+        known = answered & tested & ~self.reader.open_wire_cells & (raw != CHIP_MISSING)
         fresh = known & ~self._known
         self._filtered[fresh] = raw[fresh]
         self._known, self._all_known = known, bool(known.all())
-        self._memory.slave_status[:] = np.where(silent, STATUS_FAULT, STATUS_ACTIVE)
+        self._memory.slave_status[:] = np.where(silent | self.reader.failed_self_test, STATUS_FAULT, STATUS_ACTIVE)
         self._memory.set_slave_count(int(np.count_nonzero(~silent)))
         missing = answered & ~known
         return int(missing.argmax()) if missing.any() else None

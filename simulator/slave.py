@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.ltc6804 import (
+    DISCHARGE_MINUTES,
     READ_CELLS,
     Command,
     Configuration,
@@ -20,6 +21,7 @@ from firmware_protocol.ltc6804 import (
 )
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING
 from simulator.isospi import DATA_WORDS, PACKET_WORDS, WordArray, to_packets
+from simulator.self_test import AXST, CVST, SelfTest, decode_self_test
 
 ByteArray = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
@@ -34,6 +36,10 @@ _MODE_BITS = 0x180
 _CHANNEL_BITS = 0x007
 _PULL_UP = 0x040
 _DISCHARGE_PERMITTED = 0x010
+_ADC_OPTION, _TIMER_PIN = 0x01, 0x02  # in CFGR0
+_SWITCHES = 4  # CFGR from here on: the switches and their timer
+_MULTIPLEXER_FAILED = 0x0200  # in the last status word
+_SUPPLY_WORDS = 4  # status words that a conversion fills
 CELL_INPUT_MAX_V = 5.75  # the converter's end
 REFERENCE_V = 3.0
 SUPPLY_V = 5.0
@@ -66,12 +72,16 @@ class SlaveChain:
         self._all_powered = True
         self.bit_error_rate = 0.0
         self.open_wires: set[int] = set()  # cell whose upper wire is off
+        self.stuck_bits: NDArray[np.uint16] = np.zeros(n_slaves, dtype=np.uint16)  # of each slave's converter
+        self.multiplexer_failed: BoolArray = np.zeros(n_slaves, dtype=bool)
         self.cfgr: ByteArray = np.tile(_RESET_CFGR, (n_slaves, 1))
         self.cvr: NDArray[np.uint16] = np.full((n_slaves, CELLS_PER_PACK), CHIP_MISSING, dtype="<u2")
         self.avr: NDArray[np.uint16] = np.full((n_slaves, 6), CHIP_MISSING, dtype="<u2")
         self.str: NDArray[np.uint16] = np.full((n_slaves, 6), CHIP_MISSING, dtype="<u2")
         self.discharging: BoolArray = np.zeros(n_cells, dtype=bool)
         self.is_discharging = False
+        self.has_timer_pin = False  # SWTEN: without it the discharge timer does not run
+        self._timer_end_s: FloatArray = np.zeros(n_slaves)
         self._last_command_s = 0.0
 
     def set_powered(self, slave: int, powered: bool) -> None:
@@ -84,9 +94,20 @@ class SlaveChain:
         self._update_switches()
 
     def watch(self, now_s: float) -> None:
-        """Reset the configuration, and with it the discharging, of chips that heard nothing for two seconds."""
-        if now_s - self._last_command_s > WATCHDOG_S and self.is_discharging:
-            self.cfgr[:] = _RESET_CFGR
+        """Reset the configuration of chips that heard nothing for two seconds, and end what the timer ends.
+
+        The switches are reset with the rest, unless the discharge timer of the chip is running.
+        """
+        if not self.is_discharging:
+            return
+        runs = self._timer_end_s > now_s
+        if now_s - self._last_command_s > WATCHDOG_S:
+            self.cfgr[:, :_SWITCHES] = _RESET_CFGR[:_SWITCHES]
+            self.cfgr[~runs, _SWITCHES:] = _RESET_CFGR[_SWITCHES:]
+            self._update_switches()
+        elif self.has_timer_pin:
+            over = ~runs & (self.cfgr[:, 5] > 0x0F)
+            self.cfgr[over, _SWITCHES:] = _RESET_CFGR[_SWITCHES:]
             self._update_switches()
 
     def execute(self, packet: bytes, now_s: float) -> bytes:
@@ -98,15 +119,19 @@ class SlaveChain:
         self._last_command_s = now_s
         slaves = slice(None) if address is None else slice(address, address + 1)
         if command == Command.WRCFG:
-            self._write_configuration(slaves, packet[4:])
+            self._write_configuration(slaves, packet[4:], now_s)
         elif command in _READ_WORDS or command == Command.RDCFG:
-            return self._answer(command, address)
+            return self._answer(command, address, now_s)
         elif command == Command.CLRCELL:
             self.cvr[slaves] = CHIP_MISSING
         elif command == Command.CLRAUX:
             self.avr[slaves] = CHIP_MISSING
         elif command == Command.CLRSTAT:
             self.str[slaves] = CHIP_MISSING
+        elif command == Command.DIAGN:
+            self.str[self.is_powered & self.multiplexer_failed, -1] |= _MULTIPLEXER_FAILED
+        elif (self_test := decode_self_test(command)) is not None:
+            self._test_itself(self_test)
         else:
             self._convert(command)
         return b""
@@ -120,7 +145,7 @@ class SlaveChain:
         return self._answers(np.concatenate((self.avr, self.str), axis=1))
 
     def read_configuration(self) -> WordArray:
-        """Return the answers of all slaves to the configuration read, (n_slaves, 1, 4)."""
+        """Return the answers of all slaves to the configuration read, (n_slaves, 1, 4), timers as they were set."""
         return self._answers(self.cfgr.view("<u2"))
 
     def _answers(self, registers: WordArray) -> WordArray:
@@ -129,16 +154,24 @@ class SlaveChain:
             packets[~self.is_powered] = 0xFFFF
         return self._disturbed(packets)
 
-    def _answer(self, command: int, address: int | None) -> bytes:
+    def _answer(self, command: int, address: int | None, now_s: float) -> bytes:
         if address is None or address >= self.n_slaves or not self.is_powered[address]:
             return b"\xff" * 2 * PACKET_WORDS
         if command == Command.RDCFG:
-            group = self.cfgr[address].tobytes()
+            group = self._configuration_read(address, now_s)
         else:
             kind, start = _READ_WORDS[Command(command)]
             words = (self.cvr, self.avr, self.str)[kind][address]
             group = words[start : start + 3].tobytes()
         return self._disturbed(np.frombuffer(with_pec(group), dtype="<u2").copy()).tobytes()
+
+    def _configuration_read(self, address: int, now_s: float) -> bytes:
+        """Return CFGR as a chip gives it: the timer's code is that of the time left."""
+        group = self.cfgr[address].copy()
+        left_minutes = (self._timer_end_s[address] - now_s) / 60
+        code = np.searchsorted(DISCHARGE_MINUTES, left_minutes) if left_minutes > 0 else 0
+        group[5] = group[5] & 0x0F | int(code) << 4
+        return bytes(group)
 
     def _disturbed(self, packets: WordArray) -> WordArray:
         if self.bit_error_rate:
@@ -147,14 +180,18 @@ class SlaveChain:
             flat[hits] ^= np.left_shift(1, self._rng.integers(0, 8, hits.size)).astype(np.uint8)
         return packets
 
-    def _write_configuration(self, slaves: slice, body: bytes) -> None:
+    def _write_configuration(self, slaves: slice, body: bytes, now_s: float) -> None:
         try:
             group = decode_group(body)
         except DecodeError:
             return
         rows = np.zeros(self.n_slaves, dtype=bool)
         rows[slaves] = True
-        self.cfgr[rows & self.is_powered] = np.frombuffer(group, dtype=np.uint8)
+        rows &= self.is_powered
+        self.cfgr[rows] = np.frombuffer(group, dtype=np.uint8)
+        if self.has_timer_pin:
+            self.cfgr[rows, 0] |= _TIMER_PIN
+            self._timer_end_s[rows] = now_s + 60 * DISCHARGE_MINUTES[group[5] >> 4]
         self._update_switches()
 
     def _update_switches(self) -> None:
@@ -183,6 +220,12 @@ class SlaveChain:
             self.str[self.is_powered, 1:4] = np.array([die, SUPPLY_V * 1e4, DIGITAL_V * 1e4], dtype=np.uint16)
             self.str[self.is_powered, 4:6] = 0
 
+    def _test_itself(self, test: SelfTest) -> None:
+        has_option = (self.cfgr[:, 0] & _ADC_OPTION).astype(bool)
+        codes = np.where(has_option, test.code(adc_option=True), test.code()).astype(np.uint16) | self.stuck_bits
+        registers = {CVST: self.cvr, AXST: self.avr}.get(test.kind, self.str[:, :_SUPPLY_WORDS])
+        registers[self.is_powered] = codes[self.is_powered, None]
+
     def _store_cells(self, inputs_v: FloatArray) -> None:
         counts = inputs_v * 1e4
         np.rint(counts, out=counts)
@@ -193,6 +236,8 @@ class SlaveChain:
             self.cvr[:] = rows
         else:
             self.cvr[self.is_powered] = rows[self.is_powered].astype(np.uint16)
+        if self.stuck_bits.any():
+            self.cvr[self.is_powered] |= self.stuck_bits[self.is_powered, None]
 
     def _with_open_wires(self, inputs_v: FloatArray, share: float) -> FloatArray:
         """Return the inputs where each open node floats at `share` of the two cells that it should divide."""

@@ -23,6 +23,7 @@ from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING
 from firmware_protocol.temperature_sensor import FIRST_DEGC, MARGIN_V, POINTS_V, STEP_DEGC
 from simulator.isospi import DATA_WORDS, WordArray, is_intact
 from simulator.memory import Config, MasterMemory
+from simulator.self_test import AXST, CVST, PATTERNS, STATST, SelfTest
 from simulator.slave import ADOW, BoolArray, SlaveChain
 
 STATUS_ABSENT, STATUS_ACTIVE, STATUS_FAULT = 0, 1, 255
@@ -32,6 +33,12 @@ _CONVERT_PULLED_UP = command_packet(ADOW | AdcMode.NORMAL << 7 | 0x40)
 _CONVERT_PULLED_DOWN = command_packet(ADOW | AdcMode.NORMAL << 7)
 _CONVERT_AUX = command_packet(adax())
 _CONVERT_STATUS = command_packet(adstat())
+_TEST_MULTIPLEXER = command_packet(Command.DIAGN)
+_SELF_TESTS = tuple(
+    tuple(SelfTest(kind, AdcMode.NORMAL, pattern) for kind in (CVST, AXST, STATST)) for pattern in PATTERNS
+)
+_CELLS_FAILED, _AUXILIARY_FAILED, _STATUS_FAILED, _MULTIPLEXER_FAILED = np.array((1, 2, 4, 8), dtype=np.uint16)
+_MULTIPLEXER_FLAG = 0x0200  # in the last status word
 _NO_CELLS = np.zeros(CELLS_PER_PACK, dtype=bool)
 _OPEN_WIRE_COUNTS = 4000  # the data sheet's 400 mV
 _U16 = 0xFFFF
@@ -67,6 +74,7 @@ class SlaveReader:
         self.is_whole = False  # every voltage of the last pass arrived intact
         self.has_open_wires = False
         self.open_wire_cells: BoolArray = np.zeros(n_cells, dtype=bool)
+        self.failed_self_test: BoolArray = np.zeros(chain.n_slaves, dtype=bool)
         self._phase = 0
         memory.slave_cvr[:] = memory.slave_temp[:] = CHIP_MISSING
         memory.slave_status[:] = STATUS_ABSENT
@@ -107,17 +115,44 @@ class SlaveReader:
 
     def self_check(self, now_s: float) -> None:
         """Convert references and supplies into the struct, and look for open cell wires."""
+        failures = self._test_converters(now_s)
         self._chain.execute(_CONVERT_AUX, now_s)
         self._chain.execute(_CONVERT_STATUS, now_s)
+        self._chain.execute(_TEST_MULTIPLEXER, now_s)
         packets = self._chain.read_auxiliary()
         whole = self._checked(packets).all(axis=1)
         words = packets[..., :DATA_WORDS].reshape(self._chain.n_slaves, -1)
         n_aux = self._memory.slave_avr.shape[1]
         self._memory.slave_avr[whole] = words[whole, :n_aux]
         self._memory.slave_str[whole] = words[whole, -self._memory.slave_str.shape[1] :]
+        failures |= _MULTIPLEXER_FAILED * ((words[:, -1] & _MULTIPLEXER_FLAG) != 0)
+        self._memory.slave_com[whole, 2] = failures[whole]
+        self.failed_self_test[whole] = failures[whole] != 0
         self._find_open_wires(now_s)
         self._memory.slave_com[:, 1] = np.minimum(self._bad_packets - self._bad_a_second_ago, _U16)
         self._bad_a_second_ago[:] = self._bad_packets
+
+    def _test_converters(self, now_s: float) -> NDArray[np.uint16]:
+        """Return (n_slaves,) which self-tests failed, as bits; a packet that is damaged proves nothing."""
+        failures = np.zeros(self._chain.n_slaves, dtype=np.uint16)
+        for tests in _SELF_TESTS:
+            for test in tests:
+                self._chain.execute(command_packet(test.command), now_s)
+            code = tests[0].code()
+            cells = self._chain.read_cells()
+            others = self._chain.read_auxiliary()
+            wrong = (cells[..., :DATA_WORDS] != code).any(axis=(1, 2)) & self._checked(cells).all(axis=1)
+            failures |= _CELLS_FAILED * wrong
+            words = others[..., :DATA_WORDS].reshape(self._chain.n_slaves, -1)
+            whole = self._checked(others).all(axis=1)
+            failures |= _AUXILIARY_FAILED * ((words[:, :6] != code).any(axis=1) & whole)
+            failures |= _STATUS_FAILED * ((words[:, 6:10] != code).any(axis=1) & whole)
+        return failures
+
+    @property
+    def has_doubts(self) -> bool:
+        """Some voltages arrived intact and still are not to be believed."""
+        return self.has_open_wires or bool(self.failed_self_test.any())
 
     def _find_open_wires(self, now_s: float) -> None:
         """Mark the cells on both sides of each open wire: pulled up minus pulled down is far below zero above it."""

@@ -19,6 +19,7 @@ def state(simulation: Simulation) -> list[object]:
         accumulator.extra_joint_ohm, accumulator.capacity_factor, accumulator.resistance_factor, accumulator.leak_a,
         accumulator.heat_w, board.cell_inputs.stuck_v, board.cell_inputs.extra_noise_v,
         board.cell_inputs.temperature_stuck_degc, board.cell_inputs.temperature_unplugged, board.chain.is_powered,
+        board.chain.stuck_bits,
     )  # fmt: skip
     unit, line = simulation.charger.unit, simulation.line
     return [

@@ -64,6 +64,17 @@ def test_damaged_packets_are_counted_in_the_struct_of_their_slave(chain, memory)
     assert (since_boot[5], last_second[5]) == (40, 0)
 
 
+def test_a_slave_that_fails_its_self_tests_is_named_with_what_failed(chain, memory):
+    reader = SlaveReader(memory, chain)
+    reader.self_check(0.0)
+    assert not reader.failed_self_test.any()
+    chain.stuck_bits[2] = 0x80
+    chain.multiplexer_failed[6] = True
+    reader.self_check(1.0)
+    assert memory.slave_com[:, 2].tolist() == [0, 0, 1 | 2 | 4, 0, 0, 0, 8, 0]
+    assert np.flatnonzero(reader.failed_self_test).tolist() == [2, 6]
+
+
 def test_the_count_of_damaged_packets_stays_at_its_end(chain, memory):
     reader = SlaveReader(memory, chain)
     chain.set_powered(5, False)
