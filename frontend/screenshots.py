@@ -22,6 +22,7 @@ PAGES = (
     "sessions",
     "events",
     "system",
+    "simulator",
     "help",
     "judge",
 )

@@ -34,6 +34,7 @@ def answers(service):
         snapshot = service.wait_for(lambda s: s["recording"] is not None and foretells(s))
         schema, tables = get("/config/schema"), get("/can")
         session = get("/sessions")["sessions"][0]
+        simulator = get("/simulator")
         series = get(f"/sessions/{session['id']}/series?signal=i_fs&points=10")
         return {
             "Snapshot": snapshot,
@@ -47,6 +48,10 @@ def answers(service):
             "Charger": snapshot["charger"],
             "Link": snapshot["links"]["can"],
             "Recording": snapshot["recording"],
+            "Simulator": simulator,
+            "SimulatorStatus": simulator["status"],
+            "Scenario": simulator["scenarios"][0],
+            "FaultKind": simulator["faults"][0],
             "Me": get("/me"),
             "Health": get("/health"),
             "History": get("/history?seconds=10"),

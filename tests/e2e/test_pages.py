@@ -16,6 +16,7 @@ PAGES = {
     "sessions": "Sessions",
     "events": "Events",
     "system": "System",
+    "simulator": "Simulator",
     "help": "Help",
     "judge": "All cells",
 }

@@ -9,6 +9,7 @@ export type Page =
   | 'sessions'
   | 'events'
   | 'system'
+  | 'simulator'
   | 'help'
   | 'judge';
 
@@ -21,6 +22,7 @@ export const PAGES: readonly { id: Page; name: string; icon: string }[] = [
   { id: 'sessions', name: 'Sessions', icon: 'record' },
   { id: 'events', name: 'Events', icon: 'list' },
   { id: 'system', name: 'System', icon: 'pulse' },
+  { id: 'simulator', name: 'Simulator', icon: 'flask' },
   { id: 'help', name: 'Help', icon: 'help' },
 ];
 

@@ -1,0 +1,86 @@
+// The simulated car: asked once a second while its page is open; commands answer with what went wrong, or nothing.
+
+import { call, get, post, Problem, remove } from '../link/rest';
+import type { FaultInForce, Simulator } from '../link/types';
+
+const POLL_MS = 1000;
+
+export interface FaultDraft {
+  fault: string;
+  pack?: number;
+  cell?: number;
+  value?: number;
+  for_s?: number;
+}
+
+/** Where a fault in force is cleared. */
+export function faultPath(fault: FaultInForce): string {
+  const place = [
+    fault.pack === undefined ? '' : `pack=${fault.pack}`,
+    fault.cell === undefined ? '' : `cell=${fault.cell}`,
+  ].filter(Boolean);
+  const query = place.join('&');
+  return `simulator/faults/${encodeURIComponent(fault.fault)}${query ? `?${query}` : ''}`;
+}
+
+/** A problem as one sentence that names the field and its limit. */
+function sentence(problem: Problem): string {
+  const fields = problem.errors.map((e) => e.message || `${e.field}: ${String(e.limit)}`);
+  return fields.length ? fields.join('; ') : problem.sentence;
+}
+
+class SimulatedCar {
+  now = $state.raw<Simulator | null>(null);
+  error = $state('');
+  busy = $state(false);
+
+  /** Keep asking until the returned closure is called. */
+  watch(): () => void {
+    let stopped = false;
+    let timer = 0;
+    const ask = async (): Promise<void> => {
+      await this.refresh();
+      if (!stopped) timer = window.setTimeout(() => void ask(), POLL_MS);
+    };
+    void ask();
+    return () => {
+      stopped = true;
+      clearTimeout(timer);
+    };
+  }
+
+  async refresh(): Promise<void> {
+    try {
+      this.now = await get<Simulator>('simulator');
+      this.error = '';
+    } catch (error) {
+      if (!(error instanceof Problem)) throw error;
+      this.error = error.sentence;
+    }
+  }
+
+  inject = (draft: FaultDraft): Promise<string> => this.send(() => post('simulator/faults', draft));
+  clear = (fault: FaultInForce): Promise<string> => this.send(() => remove(faultPath(fault)));
+  clearAll = (): Promise<string> => this.send(() => remove('simulator/faults'));
+  setSpeed = (value: number | 'max'): Promise<string> => this.send(() => post('simulator/speed', { value }));
+  next = (): Promise<string> => this.send(() => call('simulator/next', { method: 'POST' }));
+  unplug = (seconds: number): Promise<string> =>
+    this.send(() => post('simulator/unplug', { for_s: seconds }));
+  choose = (name: string): Promise<string> => this.send(() => post('simulator/scenario', { name }));
+
+  private async send(action: () => Promise<unknown>): Promise<string> {
+    this.busy = true;
+    try {
+      await action();
+      await this.refresh();
+      return '';
+    } catch (error) {
+      if (!(error instanceof Problem)) throw error;
+      return sentence(error);
+    } finally {
+      this.busy = false;
+    }
+  }
+}
+
+export const car = new SimulatedCar();

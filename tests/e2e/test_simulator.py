@@ -1,0 +1,56 @@
+"""The simulated car's page: what happens is shown, faults come and go, mistakes are named."""
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+
+@pytest.fixture
+def page(service, open_page):
+    return open_page(f"{service.base_url}/#/simulator", quiet=False)  # a refusal is logged by the browser
+
+
+def test_it_tells_what_the_car_does(page):
+    expect(page.get_by_role("link", name="Simulator")).to_be_visible()
+    expect(page.get_by_test_id("simulator-scenario")).to_have_text("race-day")
+    expect(page.get_by_test_id("scenario-clean-endurance")).to_contain_text("Nothing may trip")
+
+
+def test_a_fault_comes_into_force_reaches_the_cell_and_is_cleared(service, page):
+    page.get_by_test_id("fault-kind").select_option("hot-cell")
+    page.get_by_label("pack", exact=True).fill("3")
+    page.get_by_label("cell", exact=True).fill("7")
+    page.get_by_label("Value").fill("500")
+    page.get_by_test_id("inject").click()
+    fault = page.get_by_test_id("fault-hot-cell")
+    expect(fault).to_contain_text("pack 3, cell 7 · 500 W · until cleared")
+    service.wait_for(lambda s: s["accumulator"]["temperature_max_cell"] == 30)
+    page.get_by_role("button", name="Clear hot-cell pack 3, cell 7").click()
+    expect(fault).to_have_count(0)
+    with service.client() as client:
+        assert client.get("/simulator").json()["status"]["active"] == []
+
+
+def test_an_alarm_follows_a_lost_slave_and_all_faults_are_cleared_at_once(page):
+    page.get_by_test_id("fault-kind").select_option("lost-slave")
+    page.get_by_label("pack", exact=True).fill("6")
+    page.get_by_test_id("inject").click()
+    expect(page.get_by_test_id("fault-lost-slave")).to_contain_text("pack 6")
+    expect(page.get_by_test_id("alarms")).not_to_contain_text(re.compile(r"^\s*0"))
+    page.get_by_test_id("clear-all").click()
+    expect(page.get_by_test_id("fault-lost-slave")).to_have_count(0)
+
+
+def test_a_value_out_of_range_is_named_with_its_limit(page):
+    page.get_by_test_id("fault-kind").select_option("loose-joint")
+    page.get_by_label("Value").fill("51")
+    page.get_by_test_id("inject").click()
+    expect(page.get_by_test_id("simulator-problem")).to_contain_text("0..50 mohm")
+    expect(page.get_by_test_id("fault-loose-joint")).to_have_count(0)
+
+
+def test_another_scenario_starts(page):
+    page.get_by_role("button", name="Start skid-pad").click()
+    page.get_by_role("dialog").get_by_role("button", name="Start", exact=True).click()
+    expect(page.get_by_test_id("simulator-scenario")).to_have_text("skid-pad")
