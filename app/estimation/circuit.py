@@ -92,6 +92,14 @@ class CellModel:
         """The current that empties the cell in an hour [A]."""
         return self.capacity_ah
 
+    @property
+    def drop_per_c_v(self) -> float:
+        """Voltage a lasting current takes for each C of it, at 3C, half charge and 25 degC [V]."""
+        i = 3.0 * self.c_rate_a
+        p = self.parameters(0.5, 25.0)
+        over = float(p[1]) * float(np.arcsinh(i / self.overpotential_current_a))
+        return (i * float(p[0] + p[2 : 2 + self.n_rc].sum()) + over) / 3.0
+
     def parameters(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
         """Return (2 + 2 n_rc, ...) rows R0, e, R_1.., tau_1.. at each SOC and temperature, broadcast together.
 

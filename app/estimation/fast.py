@@ -93,6 +93,7 @@ def _numbers(cell: PackedCell, rule: SigmaRule | None, tuning: Tuning, fused: bo
         "i_ref": model.overpotential_current_a,
         "hysteresis_v": model.hysteresis_v,
         "hysteresis_rate": model.hysteresis_rate,
+        "model_error_per_a_v": tuning.model_error_rel * model.drop_per_c_v / model.c_rate_a,
         "empty_slope": (tuning.empty_factor - 1.0) / tuning.empty_soc,
     }
     values |= asdict(tuning)

@@ -34,6 +34,7 @@ class InputGuard:
         self._state = state
         self._tuning = tuning
         self._current_max_a = CURRENT_MAX_C * cell.model.capacity_ah
+        self._drop_per_a_v = cell.model.drop_per_c_v / cell.model.c_rate_a
         self._current_a = 0.0
         self._temperature_raw = b""
         state.temperature_degc[:] = TEMPERATURE_UNKNOWN_DEGC
@@ -83,7 +84,7 @@ class InputGuard:
         return StepInput(
             dt_s=float(dt_s),
             current_a=current,
-            noise_v2=self._tuning.voltage_variance(current / self._cell.model.capacity_ah),
+            noise_v2=self._tuning.voltage_variance(current * self._drop_per_a_v),
             correlation=self._tuning.correlation_factor(dt_s),
             noise_scale=self._noise_scale,
             voltage_v=voltage,

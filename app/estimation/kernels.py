@@ -60,7 +60,7 @@ class Numbers(NamedTuple):
     empty_slope: float
     empty_soc: float
     model_error_v: float
-    model_error_per_c_v: float
+    model_error_per_a_v: float
     correlation_s: float
     bias_v: float
     bias_share: float
@@ -183,7 +183,7 @@ def _common(p, dt, i):
     walk = min(p.soc_walk**2 * dt, SOC_VARIANCE_MAX) + VARIANCE_STEP
     keep = math.sqrt(max(1.0 - walk / SOC_VARIANCE_MAX, 0.0))
     branch_variance = (p.branch_rel * i) ** 2 + (p.branch_c * p.capacity_ah) ** 2
-    noise_v2 = p.model_error_v**2 + (p.model_error_per_c_v * (i / p.capacity_ah)) ** 2
+    noise_v2 = p.model_error_v**2 + (p.model_error_per_a_v * i) ** 2
     correlation = 1.0 + 2.0 * p.correlation_s / max(dt, 1e-3)
     check_scale, check_weight = p.model_error_v / math.sqrt(noise_v2), 1.0 - math.exp(-dt / p.check_s)
     return moved, walk, keep, branch_variance, noise_v2, correlation, math.asinh(i / p.i_ref), check_scale, check_weight

@@ -19,23 +19,24 @@ SLOPE_FLOOR_V: Final = 0.02  # least slope by which a voltage error is turned in
 
 
 def start_from_voltage(cell: PackedCell, state: CellStates, tuning: Tuning, step: StepInput) -> None:
-    """Set mean and covariance from one sample: SOC from the voltage less the ohmic drop, RC currents unknown.
+    """Set mean and covariance from one sample: SOC from the voltage without the drop, RC currents half of the current.
 
-    The drop over the RC pairs is unknown and so is the SOC because of it: both share a covariance.
+    How far the RC pairs have followed the current is unknown, and so is the SOC because of it: both share a
+    covariance.
     A cell without a voltage starts at the mean of the others (at one half if there are none), as unknown as can be.
     """
     model = cell.model
     v, i = step.voltage_v, step.current_a
     seen = ~np.isnan(v)
-    at_rest = np.zeros((model.n_rc, v.size))
+    halfway = np.full((model.n_rc, v.size), 0.5 * i)
     soc = np.where(seen, model.ocv.soc_at(v), 0.5)
     for _ in range(3):
         j, f = cell.place_soc(soc)
         c = cell.circuit_at(j, f, step.row, step.row_weight)
-        soc = np.where(seen, model.ocv.soc_at(v + cell.drop(c, i, at_rest)), soc)
+        soc = np.where(seen, model.ocv.soc_at(v + cell.drop(c, i, halfway)), soc)
     soc = np.where(seen, soc, soc[seen].mean() if seen.any() else 0.5)
     slope = np.maximum(model.ocv.slope(soc), SLOPE_FLOOR_V)
-    branch_v2 = (tuning.start_branch_c * model.c_rate_a) ** 2 + i * i
+    branch_v2 = (tuning.start_branch_c * model.c_rate_a) ** 2 + (tuning.start_branch_rel * i) ** 2
     P = state.cov
     P[:] = 0.0
     z = step.noise_v2 * step.noise_scale / slope**2 + tuning.start_voltage_sigma**2
@@ -48,7 +49,7 @@ def start_from_voltage(cell: PackedCell, state: CellStates, tuning: Tuning, step
     shrink = np.sqrt(np.minimum(1.0, SOC_VARIANCE_MAX / P[SOC, SOC]))
     P[SOC] *= shrink
     P[:, SOC] *= shrink
-    state.mean[:] = 0.0
+    state.mean[1:] = halfway
     state.mean[SOC] = np.clip(soc, SOC_MIN, SOC_MAX)
     state.hysteresis[:] = 0.0
     state.refused_s[:] = 0.0

@@ -18,7 +18,7 @@ class Tuning:
 
     Attributes:
         model_error_v: standard deviation of the model's voltage at rest, the sensor's noise included; > 0 [V].
-        model_error_per_c_v: growth of it with current, in V for each C of current [V].
+        model_error_rel: growth of it with current, as a share of the drop a lasting current causes.
         correlation_s: time over which the model's error stays [s].
         bias_v: error that no averaging removes; enters the sigma that is reported, not the gain [V].
         bias_share: share of the innovation's mean square that is such an error.
@@ -31,6 +31,7 @@ class Tuning:
         start_soc_sigma: sigma of a SOC that was given without one, for the plain filters.
         start_voltage_sigma: least sigma of a SOC read off the first voltage.
         start_branch_c: sigma of the RC currents at the start, in C.
+        start_branch_rel: the same, relative to the current; their mean is half of it.
         gate: innovations beyond this many sigma of model and state together are refused ...
         gate_hold_s: ... for at most this long; then they are believed [s].
         gate_recovery: and the SOC sigma grows by this much per square root of a second.
@@ -45,10 +46,10 @@ class Tuning:
     """
 
     model_error_v: float = 0.010
-    model_error_per_c_v: float = 0.030
+    model_error_rel: float = 0.15
     correlation_s: float = 12.0
-    bias_v: float = 0.008
-    bias_share: float = 1.0
+    bias_v: float = 0.006
+    bias_share: float = 0.5
     cold_factor: float = 1.0
     empty_soc: float = 0.1
     empty_factor: float = 3.0
@@ -58,10 +59,11 @@ class Tuning:
     start_soc_sigma: float = 0.25
     start_voltage_sigma: float = 0.05
     start_branch_c: float = 0.5
+    start_branch_rel: float = 0.35
     gate: float = 5.0
     gate_hold_s: float = 2.0
     gate_recovery: float = 0.02
-    counter_soc_sigma: float = 0.004
+    counter_soc_sigma: float = 0.008
     counter_gain: float = 0.007
     counter_offset_c: float = 0.01
     start_unknown: float = 0.1
@@ -70,9 +72,9 @@ class Tuning:
     check_rms_v: float = 0.04
     check_bias_v: float = 0.025
 
-    def voltage_variance(self, current_c: float) -> float:
-        """Return the variance of the model's voltage [V^2] at a current in C, without its correlation."""
-        return self.model_error_v**2 + (self.model_error_per_c_v * current_c) ** 2
+    def voltage_variance(self, drop_v: float) -> float:
+        """Return the variance of the model's voltage [V^2] where a lasting current would drop `drop_v`."""
+        return self.model_error_v**2 + (self.model_error_rel * drop_v) ** 2
 
     def correlation_factor(self, dt_s: float) -> float:
         """Return the growth of one sample's variance that keeps the information per second honest."""

@@ -59,7 +59,7 @@ def test_truth_lies_within_three_sigma_and_sigma_is_not_three_times_too_wide(sam
     rng = np.random.default_rng(21)
     inside, normalised = [], []
     for sample in samples:
-        record = run(name, sample, 0.92 + off + rng.normal(0.0, 4e-3))
+        record = run(name, sample, 0.92 + off + rng.normal(0.0, 8e-3))
         settled = sample[0] > 60.0
         error = (record.soc[:, 0] - sample[1])[settled]
         sigma = record.soc_sigma[settled, 0]
@@ -70,14 +70,16 @@ def test_truth_lies_within_three_sigma_and_sigma_is_not_three_times_too_wide(sam
 
 
 def test_fused_is_never_worse_than_the_better_of_its_parts(samples):
+    rng = np.random.default_rng(5)
     excess = []
     for sample in samples:
         time, soc, current, _, _ = sample
-        counted = 0.92 - np.cumsum(current * np.diff(time, prepend=0.0)) / 90000.0
+        start = 0.92 + rng.normal(0.0, 4e-3)
+        counted = start - np.cumsum(current * np.diff(time, prepend=0.0)) / 90000.0
         by_count = np.sqrt(np.mean((counted - soc) ** 2))
         fused, filtered = (
-            np.sqrt(np.mean((run(name, sample, 0.92).soc[:, 0] - soc) ** 2)) for name in ("fused", "cdkf")
+            np.sqrt(np.mean((run(name, sample, start).soc[:, 0] - soc) ** 2)) for name in ("fused", "cdkf")
         )
         excess.append(fused - min(filtered, by_count))
     assert np.median(excess) < 0.001
-    assert np.max(excess) < 0.003
+    assert np.max(excess) < 0.004

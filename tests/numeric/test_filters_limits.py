@@ -28,10 +28,11 @@ def linear_cell() -> CellModel:
 
 
 def drive(seconds: float, dt_s: float = 0.1, seed: int = 0, c_rate: float = 3.0):
-    """Time and current (in C) of bursts and coasting."""
+    """Time and current (in C) of three seconds of rest, then bursts and coasting."""
     rng = np.random.default_rng(seed)
     n = int(seconds / dt_s)
     burst = np.repeat(rng.choice([0.0, 0.2, 1.0, 0.7, -0.3], n // 15 + 1), 15)[:n]
+    burst[: int(3.0 / dt_s)] = 0.0
     return np.arange(n) * dt_s, burst * c_rate
 
 
@@ -54,7 +55,7 @@ def test_on_a_linear_cell_every_filter_is_the_kalman_filter(name):
         keep = np.diag([np.sqrt(1.0 - walk / 0.25), *a])
         x = np.array([1.0, *a]) * x + np.array([-i * dt / 7200.0, *((1.0 - a) * i)])
         cov = keep @ cov @ keep + np.diag([walk, *((1.0 - a**2) * branch + 4e-12)])
-        noise_v2 = tuning.voltage_variance(i / 2.0) * tuning.correlation_factor(dt)
+        noise_v2 = tuning.voltage_variance(i * model.drop_per_c_v / 2.0) * tuning.correlation_factor(dt)
         expected_v2 = h @ cov @ h + noise_v2
         gain = cov @ h / expected_v2
         x = x + gain * (measured - (3.0 + h @ x - 0.02 * i))
