@@ -96,7 +96,7 @@ def _slave(simulation: Simulation, pack: int, is_lost: float) -> None:
 
 
 def _converter(simulation: Simulation, pack: int, bit: float) -> None:
-    simulation.board.chain.stuck_bits[pack] = 0 if np.isnan(bit) else 1 << int(bit)
+    simulation.board.chain.stick(pack, 0 if np.isnan(bit) else 1 << int(bit))
 
 
 def _isospi(simulation: Simulation, _: int, rate: float) -> None:

@@ -33,6 +33,7 @@ def _word_table(position: int) -> WordArray:
 
 
 _TABLES = tuple(_word_table(position) for position in range(DATA_WORDS))
+_TABLES[0][:] ^= np.uint16(_ZERO)  # what all words zero give, once
 
 
 def check_words(groups: WordArray) -> WordArray:
@@ -41,7 +42,6 @@ def check_words(groups: WordArray) -> WordArray:
     words: WordArray = first.take(groups[..., 0])
     words ^= second.take(groups[..., 1])
     words ^= third.take(groups[..., 2])
-    words ^= np.uint16(_ZERO)
     return words
 
 

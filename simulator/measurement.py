@@ -70,16 +70,23 @@ class Measurement:
     def _measure_current(self, config: Config, dt_s: float, true_current_a: float) -> tuple[int, bool]:
         n = min(max(round(dt_s / SAMPLE_S), 1), _MAX_SAMPLES)
         counts = self._board.current_sensor.sample(true_current_a, n)
-        self._counts[:-n] = self._counts[n:]
-        self._counts[-n:] = counts
-        self._n_counts = min(self._n_counts + n, _MAX_SAMPLES)
-        n_averaged = min(max(config.fc_avg, 1), self._n_counts)
+        if config.fc_avg > n:
+            counts = self._kept_with(counts)
+        averaged = counts[-max(config.fc_avg, 1) :]
         latest = int(counts[-1])
         i_fs = _amperes_raw(config, latest)
-        i_fc = _amperes_raw(config, float(np.add.reduce(self._counts[-n_averaged:])) / n_averaged)
+        i_fc = _amperes_raw(config, float(np.add.reduce(averaged)) / len(averaged))
         self._i_fc_hp += (i_fc - self._i_fc_hp) * min(dt_s / HIGH_PRECISION_TIME_S, 1.0)
         self._memory.set_currents(i_fs, i_fc, round(self._i_fc_hp))
         return i_fc, latest in (0, ADC_MAX)
+
+    def _kept_with(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Keep the samples of this pass for an average longer than a pass; return all that are kept."""
+        n = len(counts)
+        self._counts[:-n] = self._counts[n:]
+        self._counts[-n:] = counts
+        self._n_counts = min(self._n_counts + n, _MAX_SAMPLES)
+        return self._counts[-self._n_counts :]
 
     def _filter_voltages(self, config: Config, silent: BoolArray) -> int | None:
         """Filter and summarise; return the first cell without a voltage although its slave answers."""

@@ -73,6 +73,7 @@ class SlaveChain:
         self.bit_error_rate = 0.0
         self.open_wires: set[int] = set()  # cell whose upper wire is off
         self.stuck_bits: NDArray[np.uint16] = np.zeros(n_slaves, dtype=np.uint16)  # of each slave's converter
+        self._has_stuck_bits = False
         self.multiplexer_failed: BoolArray = np.zeros(n_slaves, dtype=bool)
         self.cfgr: ByteArray = np.tile(_RESET_CFGR, (n_slaves, 1))
         self.cvr: NDArray[np.uint16] = np.full((n_slaves, CELLS_PER_PACK), CHIP_MISSING, dtype="<u2")
@@ -92,6 +93,11 @@ class SlaveChain:
         self.is_powered[slave] = powered
         self._all_powered = bool(self.is_powered.all())
         self._update_switches()
+
+    def stick(self, slave: int, bits: int) -> None:
+        """Let these bits of a slave's converter always be set; 0 for a sound one."""
+        self.stuck_bits[slave] = bits
+        self._has_stuck_bits = bool(self.stuck_bits.any())
 
     def watch(self, now_s: float) -> None:
         """Reset the configuration of chips that heard nothing for two seconds, and end what the timer ends.
@@ -236,7 +242,7 @@ class SlaveChain:
             self.cvr[:] = rows
         else:
             self.cvr[self.is_powered] = rows[self.is_powered].astype(np.uint16)
-        if self.stuck_bits.any():
+        if self._has_stuck_bits:
             self.cvr[self.is_powered] |= self.stuck_bits[self.is_powered, None]
 
     def _with_open_wires(self, inputs_v: FloatArray, share: float) -> FloatArray:

@@ -72,7 +72,7 @@ class SlaveReader:
         self._none_silent: BoolArray = np.zeros(chain.n_slaves, dtype=bool)
         self.silent = self._none_silent
         self.is_whole = False  # every voltage of the last pass arrived intact
-        self.has_open_wires = False
+        self.has_doubts = False  # some voltages arrive intact and still are not to be believed
         self.open_wire_cells: BoolArray = np.zeros(n_cells, dtype=bool)
         self.failed_self_test: BoolArray = np.zeros(chain.n_slaves, dtype=bool)
         self._phase = 0
@@ -149,11 +149,6 @@ class SlaveReader:
             failures |= _STATUS_FAILED * ((words[:, 6:10] != code).any(axis=1) & whole)
         return failures
 
-    @property
-    def has_doubts(self) -> bool:
-        """Some voltages arrived intact and still are not to be believed."""
-        return self.has_open_wires or bool(self.failed_self_test.any())
-
     def _find_open_wires(self, now_s: float) -> None:
         """Mark the cells on both sides of each open wire: pulled up minus pulled down is far below zero above it."""
         shape = (self._chain.n_slaves, CELLS_PER_PACK)
@@ -171,7 +166,7 @@ class SlaveReader:
         is_open[:, -1] |= (down[:, -1] == 0) & (up[:, -1] != 0)
         whole = intact.all(axis=1)
         self.open_wire_cells.reshape(shape)[whole] = is_open[whole]
-        self.has_open_wires = bool(self.open_wire_cells.any())
+        self.has_doubts = bool(self.open_wire_cells.any() or self.failed_self_test.any())
 
     def _read_cells_into(self, target: NDArray[np.uint16]) -> BoolArray:
         packets = self._chain.read_cells()

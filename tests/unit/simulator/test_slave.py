@@ -171,7 +171,7 @@ def test_no_conversion_is_taken_for_a_self_test():
 
 @pytest.mark.parametrize("bit", range(16))
 def test_any_stuck_bit_shows_in_one_of_the_two_patterns(chain, bit):
-    chain.stuck_bits[3] = 1 << bit
+    chain.stick(3, 1 << bit)
     seen = []
     for pattern in (1, 2):
         test = SelfTest(CVST, AdcMode.NORMAL, pattern)

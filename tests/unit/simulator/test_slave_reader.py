@@ -68,7 +68,7 @@ def test_a_slave_that_fails_its_self_tests_is_named_with_what_failed(chain, memo
     reader = SlaveReader(memory, chain)
     reader.self_check(0.0)
     assert not reader.failed_self_test.any()
-    chain.stuck_bits[2] = 0x80
+    chain.stick(2, 0x80)
     chain.multiplexer_failed[6] = True
     reader.self_check(1.0)
     assert memory.slave_com[:, 2].tolist() == [0, 0, 1 | 2 | 4, 0, 0, 0, 8, 0]
