@@ -117,6 +117,7 @@ export interface DisplayUnit {
 const UNITS: Record<string, DisplayUnit> = {
   degC: { label: '°C', factor: 1 },
   ohm: { label: 'mΩ', factor: 1000 },
+  mohm: { label: 'mΩ', factor: 1 },
   '1': { label: '%', factor: 100 },
   duty: { label: '%', factor: 100 },
   count: { label: 'counts', factor: 1 },

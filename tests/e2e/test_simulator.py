@@ -38,6 +38,7 @@ def test_an_alarm_follows_a_lost_slave_and_all_faults_are_cleared_at_once(page):
     page.get_by_test_id("inject").click()
     expect(page.get_by_test_id("fault-lost-slave")).to_contain_text("pack 6")
     expect(page.get_by_test_id("alarms")).not_to_contain_text(re.compile(r"^\s*0"))
+    expect(page).to_have_title(re.compile(r"^\(\d+\) (watch|warning|trip) · Simulator"))
     page.get_by_test_id("clear-all").click()
     expect(page.get_by_test_id("fault-lost-slave")).to_have_count(0)
 
