@@ -58,6 +58,14 @@ def _decoded(packet: bytes) -> tuple[int, int | None]:
     return decode_command(packet)
 
 
+@functools.lru_cache(maxsize=256)
+def _decoded_configuration(body: bytes) -> ByteArray | None:
+    try:
+        return np.frombuffer(decode_group(body), dtype=np.uint8)
+    except DecodeError:
+        return None
+
+
 class SlaveChain:
     """All slaves; arrays have one row each, cells are numbered through."""
 
@@ -187,23 +195,24 @@ class SlaveChain:
         return packets
 
     def _write_configuration(self, slaves: slice, body: bytes, now_s: float) -> None:
-        try:
-            group = decode_group(body)
-        except DecodeError:
+        group = _decoded_configuration(body)
+        if group is None:
             return
-        rows = np.zeros(self.n_slaves, dtype=bool)
-        rows[slaves] = True
-        rows &= self.is_powered
-        self.cfgr[rows] = np.frombuffer(group, dtype=np.uint8)
+        rows = self.is_powered
+        if slaves != slice(None):
+            rows = np.zeros(self.n_slaves, dtype=bool)
+            rows[slaves] = self.is_powered[slaves]
+        self.cfgr[rows] = group
         if self.has_timer_pin:
             self.cfgr[rows, 0] |= _TIMER_PIN
             self._timer_end_s[rows] = now_s + 60 * DISCHARGE_MINUTES[group[5] >> 4]
         self._update_switches()
 
     def _update_switches(self) -> None:
-        bits = self.cfgr[:, 4].astype(np.uint16) | (self.cfgr[:, 5].astype(np.uint16) & 0x0F) << 8
-        switches = (bits[:, None] >> np.arange(CELLS_PER_PACK, dtype=np.uint16) & 1).astype(bool)
-        self.discharging = (switches & self.is_powered[:, None]).reshape(-1)
+        bits = np.unpackbits(self.cfgr[:, _SWITCHES:], axis=1, bitorder="little")[:, :CELLS_PER_PACK]
+        if not self._all_powered:
+            bits = bits & self.is_powered[:, None]
+        self.discharging = bits.reshape(-1).view(bool)
         self.is_discharging = bool(self.discharging.any())
 
     def _convert(self, command: int) -> None:
