@@ -1,0 +1,281 @@
+"""The source documents' estimation, redone: `python -m benchmarks.sources [--plots docs/images] [--data FOLDER]`.
+
+Three parts, one page (docs/sources-redone.md): the load patterns of SPKF-2020 with its own filter and with ours, the
+filters and RC orders of EKF-CDKF-2022 on measured drives, and the model of the STATE-SPACE notes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.dataset import load_recording
+from app.estimation.cellfile import load_cell
+from app.estimation.circuit import CellModel
+from app.estimation.driver import DriverSoc
+from app.estimation.estimators import make_estimator
+from app.estimation.identify import identify
+from app.estimation.importer import Recording
+from app.estimation.ocv import OCV_METHODS, OcvCurve, from_two_currents
+from app.estimation.scoring import score_soc
+from app.estimation.sigma_points import unscented
+from benchmarks import thesis_filter as thesis
+from benchmarks.sources_plots import draw_orders, draw_patterns, draw_secant, draw_thesis
+
+FloatArray = NDArray[np.float64]
+
+THESIS_PASSES = 113_605
+THESIS_S = 581.0
+RUN_MAX_S = 7200.0
+DT_S = 0.1
+SNR = 10.0 ** (-40.0 / 20.0)  # 40 dB
+DATA = Path("../shared/data")
+
+
+class ThesisRun(NamedTuple):
+    """SOC the thesis's filter gives (kept, n), the charge really drawn (kept,), processor time [s]."""
+
+    estimate: FloatArray
+    truth: FloatArray
+    seconds: float
+
+
+def thesis_run(name: str, n_cells: int, passes: int = THESIS_PASSES, keep: int = 500) -> ThesisRun:
+    """Run the thesis's filter on the thesis's voltages: curves under load at the magnitude of the current."""
+    load = thesis.pattern(name)
+    current = 25.0 * load[np.minimum(np.arange(passes) * load.size // passes, load.size - 1)]
+    truth = 1.0 - np.cumsum(current) * thesis.STEP_S / 90_000.0
+    curves = thesis.load_curves()
+    drawn = np.linspace(1.0, 0.0, passes)  # the script lets every run end empty, whatever its length
+    level = np.clip(np.rint(np.abs(current) / 25.0), 1, 10).astype(int) - 1
+    clean = curves[level, np.rint(1000.0 * drawn).astype(int)]
+    rng = np.random.default_rng(4)
+    volts = clean[:, None] * (1.0 + SNR * rng.standard_normal((passes, n_cells)))
+    mean = np.tile([1.0, 0.0, 0.0], (n_cells, 1))
+    cov = np.tile(np.diag(thesis.P0), (n_cells, 1, 1))
+    kept = np.zeros((-(-passes // keep), n_cells))
+    rule = unscented(5)
+    weights = rule.spread, rule.centre_mean, rule.centre_cov, rule.weight
+    thesis.run(mean.copy(), cov.copy(), current[:1], volts[:1], curves, *weights, 1, np.zeros((1, n_cells)))
+    began = time.process_time()
+    thesis.run(mean, cov, current, volts, curves, *weights, keep, kept)
+    return ThesisRun(kept, truth[::keep], time.process_time() - began)
+
+
+class PatternRun(NamedTuple):
+    """A pattern on cells that are not the model; SOC is (k, n), `seconds` the processor time of the filter."""
+
+    time_s: FloatArray
+    load_c: FloatArray
+    truth: FloatArray
+    estimate: FloatArray
+    driver_percent: FloatArray
+    seconds: float
+
+
+def pattern_run(name: str, n_cells: int, start_soc: float = 0.5) -> PatternRun:
+    """Repeat a load pattern until the cells are empty, two hours at most, at 10 Hz, with the start SOC wrong by a half.
+
+    A slice lasts as long as in the thesis; the thesis plays the pattern once and takes the cells for empty after it.
+    """
+    load = thesis.pattern(name)
+    slice_s = 3600.0 / load.sum() / load.size
+    n = int(min(0.97 * 3600.0 * load.size / load.sum(), RUN_MAX_S) / DT_S)
+    time_s: FloatArray = DT_S * np.arange(n, dtype=np.float64)
+    load_c: FloatArray = load[(time_s / slice_s).astype(int) % load.size]
+    current = 25.0 * load_c
+    rng = np.random.default_rng(7)
+    model = load_cell()
+    degc = np.full(n, 30.0)
+    cells = [
+        replace(
+            model,
+            capacity_ah=25.0 * rng.normal(1.0, 0.01),
+            r0_ohm=model.r0_ohm * rng.normal(1.0, 0.05),
+            r_ohm=model.r_ohm * rng.normal(1.0, 0.1, (2, 1, 1)),
+            tau_s=model.tau_s * rng.uniform(0.8, 1.25, (2, 1, 1)),
+            ocv=OcvCurve(model.ocv.soc, model.ocv.voltage_v + rng.normal(0.0, 3e-3)),
+        )
+        for _ in range(n_cells)
+    ]
+    decay = np.exp(-DT_S / np.array([cell.tau_s[:, 0, 0] for cell in cells]))
+    branch = np.zeros((n, n_cells, 2))
+    for k in range(1, n):
+        branch[k] = decay * branch[k - 1] + (1.0 - decay) * current[k]
+    moved = np.concatenate(([0.0], np.cumsum(np.where(current < 0, model.coulombic_efficiency, 1.0) * current)[1:]))
+    truth, volts = np.empty((n, n_cells)), np.empty((n, n_cells))
+    for k, cell in enumerate(cells):
+        truth[:, k] = 0.995 - abs(rng.normal(0.0, 0.005)) - moved * DT_S / (3600.0 * cell.capacity_ah)
+        clean = cell.terminal_voltage(truth[:, k], branch[:, k].T, current, degc)
+        volts[:, k] = clean * (1.0 + SNR * rng.standard_normal(n))
+    estimator = make_estimator("fused", model, n_cells)
+    estimator.start(volts[0], np.full(n_cells, 30.0), float(current[0]), soc=start_soc)
+    began = time.process_time()
+    record = estimator.run(np.diff(time_s, prepend=0.0), current, volts, np.full((n, n_cells), 30.0))
+    seconds = time.process_time() - began
+    driver = DriverSoc(n_cells)
+    percent = np.array([cast(int, driver.step(soc).percent) for soc in record.soc], dtype=np.float64)
+    return PatternRun(np.asarray(time_s, dtype=np.float64), load_c, truth, record.soc, percent, seconds)
+
+
+def run_patterns(plots: Path | None) -> None:
+    """Part (a)."""
+    print("thesis's filter on thesis's data: hard pattern, 96 cells, 113,605 passes")
+    redone = thesis_run("hard", 96)
+    print(f"  {redone.seconds:.2f} s, {redone.seconds / THESIS_PASSES * 1e6:.1f} us a pass; thesis {THESIS_S:.0f} s")
+    says, left = 100.0 * redone.estimate[-1].mean(), 100.0 * redone.truth[-1]
+    print(f"  at the end its SOC says {says:.0f} %, the charge really drawn leaves {left:.1f} %")
+    print("the same patterns set right, start SOC wrong by 50 points, 40 dB of noise")
+    print("  pattern   cells  duration   RMSE   worst cell  max after 60 s  driver too high  us a pass")
+    for name in thesis.PATTERNS:
+        for n_cells in (1, 3, 12, 96):
+            run = pattern_run(name, n_cells)
+            error = run.estimate - run.truth
+            worst = np.sqrt((error**2).mean(axis=0)).max()
+            late = np.abs(error[run.time_s > 60.0]).max()
+            high = (run.driver_percent[600:] - 100.0 * run.truth[600:].min(axis=1)).max()
+            print(
+                f"  {name:9} {n_cells:4d} {run.time_s[-1]:8.0f} s {100 * np.sqrt((error**2).mean()):6.2f} %"
+                f" {100 * worst:8.2f} % {100 * late:11.2f} % {high:13.1f} % {run.seconds / run.time_s.size * 1e6:13.1f}"
+            )
+    if plots:
+        draw_thesis(plots / "sources-thesis.svg", redone, pattern_run("hard", 96), _curves())
+        draw_patterns(plots / "sources-patterns.svg", {name: pattern_run(name, 12) for name in thesis.PATTERNS})
+
+
+def _curves() -> dict[str, OcvCurve]:
+    soc = np.linspace(0.0, 1.0, 22)
+    low, high = thesis.AT_1C[::-1], thesis.AT_10C[::-1]
+    return {
+        "1C, under load": OcvCurve(soc, np.maximum.accumulate(low + 1e-9 * np.arange(22))),
+        "both, extrapolated to none": from_two_currents(soc, low, high, 25.0, 250.0),
+        "cell file": load_cell().ocv,
+    }
+
+
+def _panasonic(data: Path) -> tuple[list[Recording], Recording, Recording] | None:
+    folder = data / "panasonic-18650pf"
+    if not folder.is_dir():
+        print(f"skipped: {folder} is not there")
+        return None
+    names = ("c20_ocv", "hppc5pulse", "hppc_interpulse_discharge", "cycle1", "us06")
+    *training, cycle, test = (load_recording(folder / f"{name}_25degC.csv.gz") for name in names)
+    return training, cycle, test
+
+
+def estimate(model: CellModel, name: str, drive: Recording, start_soc: float) -> tuple[FloatArray, FloatArray, float]:
+    """Return SOC (n,), sigma (n,) and processor time a step [s] of one filter on one drive."""
+    estimator = make_estimator(name, model, 1)
+    estimator.start(drive.voltage_v[:1], drive.temperature_degc[:1], float(drive.current_a[0]), soc=start_soc)
+    began = time.process_time()
+    record = estimator.run(drive.step_s, drive.current_a, drive.voltage_v[:, None], drive.temperature_degc[:, None])
+    per_step = (time.process_time() - began) / drive.time_s.size
+    return record.soc[:, 0], record.soc_sigma[:, 0], per_step
+
+
+def run_orders(data: Path, plots: Path | None) -> None:
+    """Part (b): EKF, UKF, CDKF with 0 to 4 RC pairs, identified without US06, on US06."""
+    loaded = _panasonic(data)
+    if loaded is None:
+        return
+    training, cycle, test = loaded
+    models = [identify(training[:1], training[1:], [cycle], n_rc, f"{n_rc} RC").model for n_rc in range(5)]
+    print("US06: RC filter   RMSE 2 % start  RMSE 50 % start  to 5 %  to 2 %  largest after 60 s  us a step")
+    shown = {}
+    for n_rc, model in enumerate(models):
+        for name in ("ekf", "ukf", "cdkf", "fused"):
+            near, near_sigma, per_step = estimate(model, name, test, 0.98)
+            far, far_sigma, _ = estimate(model, name, test, 0.5)
+            a = score_soc(test.time_s, near, near_sigma, test.soc)
+            b = score_soc(test.time_s, far, far_sigma, test.soc)
+            if a is None or b is None:
+                continue
+            print(
+                f"      {n_rc:2d} {name:6} {100 * a.soc_rmse:10.2f} % {100 * b.soc_rmse:13.2f} %"
+                f" {_seconds(b.settle_5_s):>10} {_seconds(b.settle_2_s):>7} {100 * b.soc_max_error_after_60s:12.2f} %"
+                f" {per_step * 1e6:13.2f}"
+            )
+            if n_rc == 2:
+                shown[name] = far
+    print("OCV methods (2 RC, CDKF): method, RMSE 2 % start, RMSE 50 % start")
+    for method in OCV_METHODS:
+        model = replace(models[2], ocv=replace(models[2].ocv, method=method))
+        rmse = [np.sqrt(np.mean((estimate(model, "cdkf", test, s)[0] - test.soc) ** 2)) for s in (0.98, 0.5)]
+        slope = [np.sqrt(np.mean((estimate(model, "ekf", test, s)[0] - test.soc) ** 2)) for s in (0.98, 0.5)]
+        figures = "  ".join(f"{100 * r:.2f} %" for r in (*rmse, *slope))
+        print(f"  {method:14} CDKF, then EKF: {figures}")
+    if plots:
+        draw_orders(plots / "sources-filters.svg", test, shown)
+
+
+def secant_run(model: CellModel, drive: Recording, start_soc: float, tangent: bool) -> FloatArray:
+    """Return SOC (n,) of the notes' filter: one RC pair, output matrix [1, OCV / SOC], or the tangent instead."""
+    tau, r1 = float(model.tau_s[0, 0, 0]), float(model.parameters(0.5, 25.0)[2])
+    r0 = float(model.parameters(0.5, 25.0)[0])
+    grid = np.linspace(0.0, 1.0, 1001)
+    ocv, slope = model.ocv.voltage(grid), model.ocv.slope(grid)
+    mean, cov = np.array([0.0, start_soc]), np.diag([1e-4, 0.0625])
+    estimates = np.empty(drive.time_s.size)
+    for k, dt in enumerate(drive.step_s):
+        i, decay = drive.current_a[k], np.exp(-dt / tau)
+        gone = dt * i / (3600.0 * model.capacity_ah)
+        mean = np.array([decay * mean[0] - r1 * (1.0 - decay) * i, mean[1] - gone])
+        tied = decay * cov[0, 1]
+        cov = np.array([[decay**2 * cov[0, 0] + 1e-7, tied], [tied, cov[1, 1] + 1e-9]])
+        at = min(max(mean[1], 1e-2), 1.0)
+        v = np.interp(at, grid, ocv)
+        row = np.array([1.0, np.interp(at, grid, slope) if tangent else v / at])
+        expected_v2 = row @ cov @ row + 0.0256
+        gain = cov @ row / expected_v2
+        mean = mean + gain * (drive.voltage_v[k] - (v + mean[0] - r0 * i))
+        cov = cov - np.outer(gain, gain) * expected_v2
+        estimates[k] = mean[1]
+    return estimates
+
+
+def run_secant(data: Path, plots: Path | None) -> None:
+    """Part (c): the notes' model, its polynomial OCV, and what its output matrix does."""
+    loaded = _panasonic(data)
+    if loaded is None:
+        return
+    training, cycle, test = loaded
+    monotone = identify(training[:1], training[1:], [cycle], 1, "1 RC").model
+    model = replace(monotone, ocv=replace(monotone.ocv, method="polynomial"))
+    shown = {
+        "notes: C = OCV / SOC": secant_run(model, test, 0.5, tangent=False),
+        "tangent": secant_run(model, test, 0.5, tangent=True),
+        "Voltwall CDKF, same cell": estimate(model, "cdkf", test, 0.5)[0],
+        "Voltwall, monotone OCV": estimate(monotone, "fused", test, 0.5)[0],
+    }
+    print("1 RC, polynomial OCV, US06 from a 50 % wrong start: RMSE, largest error after 60 s")
+    for name, soc in shown.items():
+        error = soc - test.soc
+        late = np.abs(error[test.time_s - test.time_s[0] > 60.0]).max()
+        print(f"  {name:25} {100 * np.sqrt(np.mean(error**2)):6.2f} % {100 * late:6.2f} %")
+    if plots:
+        draw_secant(plots / "sources-secant.svg", test, shown)
+
+
+def _seconds(value: float | None) -> str:
+    return "never" if value is None else f"{value:.0f} s"
+
+
+def main() -> None:
+    """Print the tables and, if asked, draw the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plots", type=Path, help="folder for the pictures")
+    parser.add_argument("--data", type=Path, default=DATA, help="folder with panasonic-18650pf/")
+    args = parser.parse_args()
+    run_patterns(args.plots)
+    run_orders(args.data, args.plots)
+    run_secant(args.data, args.plots)
+
+
+if __name__ == "__main__":
+    main()

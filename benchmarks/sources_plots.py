@@ -1,0 +1,106 @@
+"""Pictures of docs/sources-redone.md. matplotlib is imported only when something is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from app.estimation.importer import Recording
+    from app.estimation.ocv import OcvCurve
+    from benchmarks.sources import PatternRun, ThesisRun
+
+FloatArray = NDArray[np.float64]
+COLOURS = ("#1f4e8c", "#c8621b", "#3f8f6b", "#8a4fa0", "#7a7a7a")
+TRUTH = {"color": "#111111", "linewidth": 1.0, "linestyle": (0, (4, 2))}
+
+
+def _figure(columns: int, height_in: float = 3.0) -> tuple[Any, Any]:
+    import matplotlib as mpl
+    from matplotlib import pyplot
+
+    mpl.use("svg")
+    mpl.rcParams.update(
+        {
+            "svg.hashsalt": "voltwall",
+            "font.size": 8,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "lines.linewidth": 1.1,
+            "axes.linewidth": 0.6,
+        }
+    )
+    figure, axes = pyplot.subplots(1, columns, figsize=(9.0, height_in), layout="constrained", squeeze=False)
+    for axis in axes[0]:
+        axis.set_prop_cycle(color=COLOURS)
+    return figure, axes[0]
+
+
+def _save(figure: Any, path: Path) -> None:
+    from matplotlib import pyplot
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, metadata={"Date": None})
+    pyplot.close(figure)
+
+
+def draw_thesis(path: Path, redone: ThesisRun, right: PatternRun, curves: Mapping[str, OcvCurve]) -> None:
+    """Theirs beside ours: the SOC of 96 cells in the hard pattern, and what each takes for the OCV."""
+    figure, (theirs, ours, ocv) = _figure(3)
+    seconds = np.linspace(0.0, 113_605 * 290e-6, redone.truth.size)
+    theirs.plot(seconds, 100 * redone.estimate[:, ::8], color=COLOURS[0], alpha=0.25, linewidth=0.5)
+    theirs.plot(seconds, 100 * redone.truth, **TRUTH)
+    theirs.set(title="thesis: filter, parameters, voltages", xlabel="time [s]", ylabel="SOC [%]")
+    ours.plot(right.time_s[::60] / 60.0, 100 * right.estimate[::60, ::8], color=COLOURS[1], alpha=0.4, linewidth=0.5)
+    ours.plot(right.time_s[::60] / 60.0, 100 * right.truth[::60].mean(axis=1), **TRUTH)
+    ours.set(title="set right, start 50 points off", xlabel="time [min]", ylim=(0, 102))
+    soc = np.linspace(0.0, 1.0, 201)
+    for name, curve in curves.items():
+        ocv.plot(100 * soc, curve.voltage(soc), label=name)
+    ocv.set(title="what is taken for the OCV", xlabel="SOC [%]", ylabel="voltage [V]")
+    ocv.legend(frameon=False)
+    _save(figure, path)
+
+
+def draw_patterns(path: Path, runs: Mapping[str, PatternRun]) -> None:
+    """Load, SOC of 12 cells and the driver's number for every pattern."""
+    figure, axes = _figure(len(runs), 2.6)
+    for axis, (name, run) in zip(axes, runs.items(), strict=True):
+        every = max(1, run.time_s.size // 250)
+        minutes = run.time_s[::every] / 60.0
+        axis.fill_between(minutes, 5 * run.load_c[::every], color="#dddddd", linewidth=0, step="post")
+        axis.plot(minutes, 100 * run.estimate[::every], color=COLOURS[0], alpha=0.4, linewidth=0.6)
+        axis.plot(minutes, run.driver_percent[::every], color=COLOURS[1])
+        axis.plot(minutes, 100 * run.truth[::every].min(axis=1), **TRUTH)
+        axis.set(title=name, xlabel="time [min]", ylim=(-55, 102))
+    axes[0].set_ylabel("SOC [%]; grey: load [C / 0.2]")
+    _save(figure, path)
+
+
+def _draw_errors(path: Path, drive: Recording, estimates: Mapping[str, FloatArray]) -> None:
+    figure, (level, error) = _figure(2)
+    elapsed = drive.time_s - drive.time_s[0]
+    shown = np.unique(np.geomspace(1, elapsed.size, 2000).astype(int)) - 1
+    for name, soc in estimates.items():
+        level.plot(elapsed[::40] / 60.0, 100 * soc[::40], label=name)
+        error.plot(np.maximum(elapsed, 0.05)[shown], 100 * (soc - drive.soc)[shown], label=name)
+    level.plot(elapsed[::40] / 60.0, 100 * drive.soc[::40], **TRUTH, label="charge counted in the laboratory")
+    level.set(title="US06, start SOC 50 %", xlabel="time [min]", ylabel="SOC [%]")
+    level.legend(frameon=False)
+    error.axhspan(-2, 2, color="#eeeeee")
+    error.set(title="error; band of 2 points", xlabel="time [s]", ylabel="points", xscale="log", ylim=(-52, 12))
+    _save(figure, path)
+
+
+def draw_orders(path: Path, drive: Recording, estimates: Mapping[str, FloatArray]) -> None:
+    """SOC and error of each filter on the measured drive, 2 RC pairs."""
+    _draw_errors(path, drive, estimates)
+
+
+def draw_secant(path: Path, drive: Recording, estimates: Mapping[str, FloatArray]) -> None:
+    """SOC and error of the notes' filter, with the tangent, and of the product."""
+    _draw_errors(path, drive, estimates)
