@@ -115,6 +115,10 @@ def _eeprom(simulation: Simulation, _: int, is_worn: float) -> None:
     simulation.board.eeprom.worn_pages = set(range(16)) if is_worn else set()
 
 
+def _shutdown(simulation: Simulation, _: int, is_open: float) -> None:
+    simulation.is_shutdown_open = bool(is_open)
+
+
 def _watchdog(simulation: Simulation, _: int, off_s: float) -> None:
     simulation.reset(WATCHDOG, off_s)
 
@@ -185,6 +189,7 @@ _KINDS = (
     FaultKind("current-unplugged", "the current sensor is off", _NONE, *_ON, _current_unplugged),
     FaultKind("current-offset", "the current sensor is off by this", _NONE, "A", -100, 100, 2, 0, _current_offset),
     FaultKind("eeprom-worn", "writes to the configuration do not last", _NONE, *_ON, _eeprom),
+    FaultKind("shutdown-open", "a button or the insulation monitor opens the relays", _NONE, *_ON, _shutdown),
     FaultKind("reset", "the watchdog restarts the master", _NONE, "s off", 0, 60, 0.3, 0, _watchdog, is_instant=True),
     FaultKind("brown-out", "the master loses power", _NONE, "s off", 0, 60, 1, 0, _brown_out, is_instant=True),
     FaultKind("serial-noise", "flipped bits on the RS232 line", _NONE, "per byte", 0, 1, 1e-3, 0, _serial_noise),

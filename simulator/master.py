@@ -82,6 +82,7 @@ class VirtualMaster:
         self._balance_asked = False
         self._slave_refresh_s = now_s
         self.drive_requested = False
+        self.is_shutdown_closed = True  # the rest of the circuit: buttons, insulation monitor, interlocks
         self.reset_due_s: float | None = None
 
     # --- outputs
@@ -115,7 +116,7 @@ class VirtualMaster:
         events += self.charging.step(config, now_s, charger_alive=charger_alive, v_max=reading.v_max)
         self._relays.step(
             now_s,
-            is_ok=self.protection.is_ok,
+            is_ok=self.protection.is_ok and self.is_shutdown_closed,
             drive_requested=self.drive_requested and is_ready,
             charging=self.charging.is_active,
         )

@@ -95,6 +95,7 @@ class Simulation:
         self._boot_cause = 0
         self.current_a = 0.0
         self.is_bus_off = False
+        self.is_shutdown_open = False
         self._ambient_degc: float | None = None
         self.master: VirtualMaster | None = None
         self._boot()
@@ -184,6 +185,7 @@ class Simulation:
             return
         master.can.is_off = self.is_bus_off
         master.drive_requested = self._wants_drive
+        master.is_shutdown_closed = not self.is_shutdown_open
         master.measure(now_s, dt_s, self.current_a)
         self._step_charger(dt_s, is_connected=master.relay_state == RelayState.CHARGER)
         for frame in master.can.due(now_s):

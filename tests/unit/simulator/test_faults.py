@@ -27,6 +27,7 @@ def state(simulation: Simulation) -> list[object]:
         accumulator.fan_blocked, accumulator.ambient_degc, frozenset(board.chain.open_wires),
         board.chain.bit_error_rate, board.current_sensor.is_unplugged, board.current_sensor.extra_offset_a,
         frozenset(board.eeprom.worn_pages), line.noise_per_byte, line.is_dropping, line.is_stuck,
+        simulation.is_shutdown_open,
         simulation.is_bus_off, simulation.bus.is_broken, unit.extra_heat_w, unit.has_mains, unit.is_reversed,
         unit.is_silent, unit.has_hardware_fault, simulation.master is None,
     ]  # fmt: skip

@@ -206,3 +206,30 @@ def test_a_seed_repeats_a_run_to_the_last_byte(make_host):
 
     assert played(3) == played(3)
     assert played(3) != played(4)
+
+
+def test_an_open_shutdown_circuit_opens_the_relays_without_a_trip_and_precharge_comes_again(host):
+    start_driving(host)
+    host.simulation.is_shutdown_open = True
+    host.run(0.05)
+    master = host.simulation.master
+    assert (master.relay_state, host.simulation.current_a) == (RelayState.OPEN, 0.0)
+    assert master.memory.flags & (FLAG["fit"] | FLAG["load"]) == FLAG["fit"]
+    host.simulation.is_shutdown_open = False
+    host.run(0.5)
+    assert master.relay_state is RelayState.PRECHARGE
+    host.run(1.0)
+    assert master.memory.flags & FLAG["load"]
+
+
+def test_an_average_longer_than_a_pass_takes_the_samples_of_the_passes_before(host):
+    host.ask(Write(0, host.config(fc_avg=1000)))
+    start_driving(host, 100.0)
+    host.run(2.0)
+    host.simulation.set_load(ConstantCurrent(0.0))
+    host.run(0.5)
+    assert i_fc_a(host) == pytest.approx(50.0, abs=4.0)
+
+
+def i_fc_a(host) -> float:
+    return FIELDS["i_fc"].unpack(host.simulation.master.memory.image)[0] * 0.01
