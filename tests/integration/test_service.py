@@ -161,7 +161,7 @@ def test_a_foreign_host_name_is_refused_on_loopback(service):
 
 
 def test_a_session_is_recorded_by_itself_listed_marked_and_exported(service):
-    snapshot = service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 30)
+    snapshot = service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 120)
     session_id = snapshot["recording"]["session_id"]
     with service.client() as client:
         assert client.post("/sessions").status_code == 409
@@ -197,7 +197,7 @@ def test_replay_shows_the_recorded_session_while_recording_goes_on(service):
     with service.client() as client:
         sessions = client.get("/sessions").json()["sessions"]
         done = next(s for s in sessions if not s["recording"])
-        client.post("/replay", json={"session_id": done["id"], "speed": 10})
+        client.post("/replay", json={"session_id": done["id"], "speed": 1})
         snapshot = service.wait_for(lambda s: s["source"] == "replay" and s["accumulator"]["loaded_cells"] == 96)
         assert snapshot["replay"]["session_id"] == done["id"]
         client.post("/replay/control", json={"paused": True})

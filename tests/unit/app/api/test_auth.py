@@ -29,6 +29,13 @@ WRITES = [
     ("POST", "/replay/stop"),
     ("POST", "/events/1/acknowledge"),
     ("POST", "/alarms/1/acknowledge"),
+    ("POST", "/simulator/faults"),
+    ("DELETE", "/simulator/faults"),
+    ("DELETE", "/simulator/faults/x"),
+    ("POST", "/simulator/speed"),
+    ("POST", "/simulator/next"),
+    ("POST", "/simulator/unplug"),
+    ("POST", "/simulator/scenario"),
 ]
 
 
