@@ -11,10 +11,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from app.estimation import kernels
 from app.estimation.circuit import SECONDS_PER_HOUR
 from app.estimation.estimates import Estimates
 from app.estimation.fusion import unknown_odds
+from app.estimation.kernel_filters import advance_any, advance_pair
+from app.estimation.kernel_parts import N_FLAGS, N_OUT, Numbers
+from app.estimation.kernels import record_any, record_pair
 from app.estimation.record import Record
 from app.estimation.sigma_points import SigmaRule
 from app.estimation.states import CellStates
@@ -40,14 +42,14 @@ class FastStep:
         self._states = states
         self._tables = (ocv, circuit, tau, grid, numbers)
         is_pair = rule is not None and cell.model.n_rc == PAIR and cell.tau_fixed_s is not None
-        self._advance: Any = kernels.advance_pair if is_pair else kernels.advance_any
-        self._record: Any = kernels.record_pair if is_pair else kernels.record_any
+        self._advance: Any = advance_pair if is_pair else advance_any
+        self._record: Any = record_pair if is_pair else record_any
         self._warm_up()
 
     def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> Estimates:
         """Return the estimates after one sample that `InputGuard` has checked for shape, step and current."""
         n = voltage_v.size
-        out, flags = np.empty((kernels.N_OUT, n)), np.empty((kernels.N_FLAGS, n), dtype=np.bool_)
+        out, flags = np.empty((N_OUT, n)), np.empty((N_FLAGS, n), dtype=np.bool_)
         self._advance(self._states.block, *self._tables, dt_s, current_a, voltage_v, temperature_degc, out, flags)
         return Estimates(*out, *flags)
 
@@ -63,8 +65,8 @@ class FastStep:
             temperature_degc: (n_steps, n_cells) [degC].
         """
         steps, n = voltage_v.shape
-        out = np.empty((steps, kernels.N_OUT, n))
-        flags = np.empty((steps, kernels.N_FLAGS, n), dtype=np.bool_)
+        out = np.empty((steps, N_OUT, n))
+        flags = np.empty((steps, N_FLAGS, n), dtype=np.bool_)
         self._record(self._states.block, *self._tables, dt_s, current_a, voltage_v, temperature_degc, out, flags)
         return Record(*np.moveaxis(out, 1, 0), *np.moveaxis(flags, 1, 0))
 
@@ -72,13 +74,13 @@ class FastStep:
         """Compile, or load from the cache, with a state of no cells."""
         block = np.zeros((self._states.block.shape[0], 0))
         none, no_steps = np.zeros(0), np.zeros((0, 0))
-        out, flags = np.zeros((kernels.N_OUT, 0)), np.zeros((kernels.N_FLAGS, 0), dtype=np.bool_)
+        out, flags = np.zeros((N_OUT, 0)), np.zeros((N_FLAGS, 0), dtype=np.bool_)
         self._advance(block, *self._tables, 0.1, 0.0, none, none, out, flags)
         self._record(block, *self._tables, none, none, no_steps, no_steps, out[None], flags[None])
 
 
 def _numbers(cell: PackedCell, rule: SigmaRule | None, tuning: Tuning, fused: bool) -> FloatArray:
-    """Return everything scalar that the kernels read, in the order of `kernels.Numbers`."""
+    """Return everything scalar that the kernels read, in the order of `Numbers`."""
     model = cell.model
     values: dict[str, float] = {
         "is_sigma": 0.0 if rule is None else 1.0,
@@ -97,4 +99,4 @@ def _numbers(cell: PackedCell, rule: SigmaRule | None, tuning: Tuning, fused: bo
         "empty_slope": (tuning.empty_factor - 1.0) / tuning.empty_soc,
     }
     values |= asdict(tuning)
-    return np.array([values[name] for name in kernels.Numbers._fields])
+    return np.array([values[name] for name in Numbers._fields])
