@@ -1,7 +1,8 @@
 """The samples of one signal: from stored chunks, and decoded on the spot for what came after them."""
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from app.sessions.errors import NotASession
 from app.sessions.session_writer import IDS_PER_CHUNK
 from app.sessions.signals import Signal
 from app.sessions.stored import StoredSession
-from app.sessions.streams import IntArray, stream_range, unpack_stream
+from app.sessions.streams import IntArray, stream_range, unpack_block, unpack_stream
 from firmware_protocol.memory_map import FIELDS
 
 _CACHED_TRACKS = 2048
@@ -26,6 +27,15 @@ class Samples:
     times_us: TimeArray  # monotonic
     counts: IntArray
     instants: TimeArray | None = None  # the same number: sampled by the master at the same time; only where asked for
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Samples of consecutive elements of a field: (n,) monotonic times and (n, elements) counts."""
+
+    times_us: TimeArray
+    counts: IntArray
+    first_element: int
 
 
 _Part = tuple[TimeArray, IntArray, TimeArray | None]
@@ -57,6 +67,40 @@ class ColumnReader:
             of_master = None if of_master is None else of_master[order]
         low, high = np.searchsorted(times_us, first_us), np.searchsorted(times_us, last_us, side="right")
         return Samples(times_us[low:high], counts[low:high], None if of_master is None else of_master[low:high])
+
+    def blocks(self, fields: Sequence[str], first_us: int, last_us: int) -> Iterator[dict[str, list[Block]]]:
+        """Yield, a chunk at a time, what a range of monotonic time holds of whole fields; the last one is the tail.
+
+        Args:
+            fields: of the memory map, or estimates.
+            first_us: start of the range, inclusive.
+            last_us: its end, inclusive.
+        """
+        marks = ",".join("?" * len(fields))
+        series = self._stored.rows(
+            f"SELECT id, field, first_element, dtype FROM series WHERE field IN ({marks}) ORDER BY id", tuple(fields)
+        )
+        spans = "SELECT id FROM chunks WHERE last_us >= ? AND first_us <= ? ORDER BY id"
+        for (chunk_id,) in self._stored.rows(spans, (first_us, last_us)):
+            found: dict[str, list[Block]] = {}
+            for series_id, field, first_element, dtype in series:
+                row = self._stored.rows(
+                    "SELECT track, ends, data FROM columns WHERE id = ?", (chunk_id * IDS_PER_CHUNK + series_id,)
+                )
+                if row:
+                    track_id, ends, data = row[0]
+                    times_us = self._track(track_id, "times_us")
+                    with self._sound():
+                        counts = unpack_block(ends, data, dtype, len(times_us))
+                    found.setdefault(field, []).append(_cut(Block(times_us, counts, first_element), first_us, last_us))
+            yield found
+        tail = self._build_tail()
+        rest: dict[str, list[Block]] = {}
+        for key, (number, values) in tail.columns.items():
+            if key.field in fields:
+                block = _cut(Block(tail.tracks[number].times_us, values, key.first_element), first_us, last_us)
+                rest.setdefault(key.field, []).append(block)
+        yield rest
 
     def spans_us(self) -> list[tuple[int, int]]:
         """First and last sample time of each chunk and of what came after them, monotonic microseconds."""
@@ -97,8 +141,13 @@ class ColumnReader:
         return self._tracks[key]
 
     def _unpack(self, stream: bytes, dtype: str, n_samples: int) -> IntArray:
-        try:
+        with self._sound():
             return unpack_stream(stream, dtype, n_samples)
+
+    @contextmanager
+    def _sound(self) -> Iterator[None]:
+        try:
+            yield
         except (ValueError, zlib.error) as error:
             raise NotASession(str(self._stored.path), f"damaged: {error}") from error
 
@@ -137,3 +186,9 @@ class ColumnReader:
         times_us = np.array([*(row[0] for row in rows), end_ns], np.int64) // 1000
         values = [FIELDS[signal.field].unpack(row[1])[signal.element] for row in rows]
         return [(times_us, np.array([*values, values[-1]], np.int64), -times_us)]
+
+
+def _cut(block: Block, first_us: int, last_us: int) -> Block:
+    low = int(np.searchsorted(block.times_us, first_us))
+    high = int(np.searchsorted(block.times_us, last_us, side="right"))
+    return Block(block.times_us[low:high], block.counts[low:high], block.first_element)

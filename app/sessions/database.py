@@ -38,7 +38,7 @@ def open_for_writing(path: Path, schema: Schema) -> sqlite3.Connection:
 def open_for_reading(path: Path, schema: Schema) -> sqlite3.Connection:
     """Open a file without changing it; one of an older schema is brought up to date first, where it can be written.
 
-    A file on a read-only medium is opened too, provided that it was closed.
+    A file on a read-only medium is opened too, provided that it was closed; an older one stays at its schema.
 
     Raises:
         NotASession: missing, no SQLite file, damaged, or of another kind.
@@ -60,7 +60,7 @@ def open_for_reading(path: Path, schema: Schema) -> sqlite3.Connection:
 
 
 def _open_at(uri: str, path: Path, schema: Schema) -> sqlite3.Connection:
-    connection = sqlite3.connect(uri, uri=True, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
+    connection = _connect(uri)
     try:
         version = check(connection, schema, str(path))
     except (sqlite3.DatabaseError, SessionError):
@@ -71,5 +71,14 @@ def _open_at(uri: str, path: Path, schema: Schema) -> sqlite3.Connection:
     connection.close()
     if version == 0:
         raise NotASession(str(path), "empty")
-    open_for_writing(path, schema).close()
+    try:
+        open_for_writing(path, schema).close()
+    except sqlite3.OperationalError as error:
+        if error.sqlite_errorcode & 0xFF not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY):
+            raise
+        return _connect(uri)
     return _open_at(uri, path, schema)
+
+
+def _connect(uri: str) -> sqlite3.Connection:
+    return sqlite3.connect(uri, uri=True, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)

@@ -3,17 +3,21 @@
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from app.sessions.columns import ColumnReader, Samples
+import numpy as np
+
+from app.sessions.columns import Block, ColumnReader, Samples
 from app.sessions.errors import NotASession
 from app.sessions.files import size_on_disk
 from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
-from app.sessions.series import Series, reduce_samples
-from app.sessions.signals import Signal, find_signal
+from app.sessions.notes import read_note
+from app.sessions.series import FloatArray, Series, reduce_samples
+from app.sessions.signals import Signal, field_shape, find_signal
 from app.sessions.stored import StoredSession
 from firmware_protocol.memory_map import CONFIG, FIELDS
 
@@ -21,6 +25,14 @@ MAX_POINTS = 100_000
 Received = RecordedFrame | RecordedCanFrame | RecordedConfig
 _ALWAYS_US = 1 << 62
 _ALWAYS_THERE = {"id", "name", "voltwall", "map_hash", "start_mono_ns", "start_wall_ns", "metadata"}
+
+
+@dataclass(frozen=True, slots=True)
+class FieldSamples:
+    """All elements of a field: (n,) unix times [s] and (n, elements) values in its unit, NaN where not measured."""
+
+    time_s: FloatArray
+    values: FloatArray
 
 
 class SessionFile:
@@ -163,6 +175,34 @@ class SessionFile:
         last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
         return self._columns.samples(signal, first_us, last_us, instants=instants)
 
+    def fields(
+        self, names: Sequence[str], t_from_s: float | None = None, t_to_s: float | None = None
+    ) -> Iterator[dict[str, FieldSamples]]:
+        """Yield, about a minute at a time, every sample of whole fields in a range; far quicker than cell by cell.
+
+        A field of which a piece of time holds nothing is not in it. What is recorded meanwhile is not seen.
+
+        Raises:
+            UnknownSignal: a name is no field and no estimate.
+        """
+        shapes = {name: field_shape(name) for name in names}
+        first_us = -_ALWAYS_US if t_from_s is None else self.mono_us(t_from_s)
+        last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
+        with self.consistent():
+            for blocks in self._columns.blocks(names, first_us, last_us):
+                found = {}
+                for name, parts in blocks.items():
+                    signal, count = shapes[name]
+                    times_us, values = _joined(parts, signal, count)
+                    if len(times_us):
+                        found[name] = FieldSamples((times_us * 1000 + self._offset_ns) / 1e9, values)
+                if found:
+                    yield found
+
+    def note(self, key: str) -> Any:
+        """What somebody settled about the session afterwards, None where nobody did."""
+        return read_note(self._stored, key)
+
     def chunk_spans_us(self) -> list[tuple[int, int]]:
         """First and last sample time of each stored chunk and of what came after them, monotonic microseconds."""
         return self._columns.spans_us()
@@ -217,3 +257,18 @@ class SessionFile:
             for table in ("frames", "can_frames", "clock")
             for row in self._stored.rows(f"SELECT t_mono_ns FROM {table} ORDER BY id DESC LIMIT 1")
         ]
+
+
+def _joined(parts: Sequence[Block], signal: Signal, elements: int) -> tuple[np.ndarray[Any, Any], FloatArray]:
+    """Blocks of one field as one table in order of time."""
+    tables = []
+    for part in parts:
+        values = np.full((len(part.times_us), elements), np.nan)
+        values[:, part.first_element : part.first_element + part.counts.shape[1]] = signal.physical(part.counts)
+        tables.append(values)
+    times_us = np.concatenate([part.times_us for part in parts])
+    values = np.concatenate(tables)
+    if len(parts) > 1:
+        order = np.argsort(times_us, kind="stable")
+        times_us, values = times_us[order], values[order]
+    return times_us, values

@@ -65,6 +65,20 @@ def find_signal(name: str) -> Signal:
     return Signal(name, field_name, element, field.unit, field.scale, _missing(field_name))
 
 
+def field_shape(name: str) -> tuple[Signal, int]:
+    """Return the first element of a field, which tells unit, scale and what is missing, and how many there are.
+
+    Raises:
+        UnknownSignal: no such field.
+    """
+    if name in ESTIMATES:
+        return find_signal(f"{name}[0]"), N_CELLS
+    if name not in FIELDS:
+        raise UnknownSignal(name)
+    field = FIELDS[name]
+    return find_signal(name + "[0]" * len(field.shape)), field.count
+
+
 def _element(name: str, indices: list[int], shape: tuple[int, ...]) -> int:
     if len(indices) != len(shape):
         raise UnknownSignal(name, f"needs {len(shape)} index{'' if len(shape) == 1 else 'es'} in brackets")

@@ -37,9 +37,31 @@ def unpack_stream(stream: bytes, dtype: str, n_samples: int) -> IntArray:
         return np.full(n_samples, np.frombuffer(stream, kind)[0])
     planes = np.frombuffer(zlib.decompress(stream), np.uint8).reshape(kind.itemsize, n_samples)
     unsigned = planes.T.copy().view(f"<u{kind.itemsize}").reshape(n_samples)
-    one = unsigned.dtype.type(1)
-    differences = (unsigned >> one) ^ (~(unsigned & one) + one)
-    return np.cumsum(differences, dtype=unsigned.dtype).view(kind)
+    return np.cumsum(_unzigzag(unsigned), dtype=unsigned.dtype).view(kind)
+
+
+def unpack_block(ends: bytes, data: bytes, dtype: str, n_samples: int) -> IntArray:
+    """Return the (samples, elements) values of a whole block.
+
+    Raises:
+        ValueError, zlib.error: a stream is damaged.
+    """
+    kind = np.dtype(dtype)
+    table = np.frombuffer(ends, "<u4").tolist()
+    values = np.empty((n_samples, len(table)), kind)
+    planes: list[bytes] = []
+    varying: list[int] = []
+    for element, (start, end) in enumerate(zip([0, *table], table, strict=False)):
+        if end - start == kind.itemsize:
+            values[:, element] = np.frombuffer(data, kind, 1, start)[0]
+        else:
+            planes.append(zlib.decompress(data[start:end]))
+            varying.append(element)
+    if varying:
+        whole = np.frombuffer(b"".join(planes), np.uint8).reshape(len(varying), kind.itemsize, n_samples)
+        unsigned = whole.transpose(0, 2, 1).copy().view(f"<u{kind.itemsize}")[:, :, 0]
+        values[:, varying] = np.cumsum(_unzigzag(unsigned), axis=1, dtype=unsigned.dtype).view(kind).T
+    return values
 
 
 def stream_range(ends: bytes, element: int) -> tuple[int, int]:
@@ -56,3 +78,8 @@ def _zigzag(values: IntArray) -> IntArray:
     sign_bit = unsigned.dtype.type(8 * values.dtype.itemsize - 1)
     negative = differences >> sign_bit
     return np.ascontiguousarray((differences << one) ^ (~negative + one))
+
+
+def _unzigzag(unsigned: IntArray) -> IntArray:
+    one = unsigned.dtype.type(1)
+    return np.asarray((unsigned >> one) ^ (~(unsigned & one) + one))

@@ -262,3 +262,24 @@ def test_a_newer_schema_is_refused_with_what_to_do(recorder: Recorder) -> None:
     connection.close()
     with pytest.raises(SchemaTooNew, match="newer voltwall"):
         SessionFile(info.path)
+
+
+def test_whole_fields_are_what_their_signals_are(stream, recorder):
+    info = recorder.start()
+    stream.feed(recorder, 700)
+    recorder.flush()
+    stream.feed(recorder, 200)
+    recorder.close()
+    with SessionFile(info.path) as session:
+        start = session.info.started_wall_ns / 1e9
+        pieces = list(session.fields(["v", "i_fs", "estimate.soc", "r_fs"], start + 10, start + 80))
+        assert len(pieces) == 2  # a minute, and what came after it
+        assert "r_fs" not in pieces[0]
+        for name, element in (("v", 36), ("estimate.soc", 95), ("i_fs", 0)):
+            of_field = np.concatenate([piece[name].values[:, element] for piece in pieces])
+            signal = name if name == "i_fs" else f"{name}[{element}]"
+            alone = session.series([signal], start + 10, start + 80, points=10_000)[signal]
+            np.testing.assert_array_equal(of_field, alone.minimum)
+            np.testing.assert_array_equal(np.concatenate([piece[name].time_s for piece in pieces]), alone.time_s)
+        with pytest.raises(UnknownSignal):
+            list(session.fields(["v[3]"]))

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from app.sessions.streams import pack_block, stream_range, unpack_stream
+from app.sessions.streams import pack_block, stream_range, unpack_block, unpack_stream
 
 DTYPES = ["|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8"]
 
@@ -30,3 +30,13 @@ def test_a_damaged_stream_is_an_error() -> None:
     _, packed = pack_block(np.arange(100, dtype="<u2")[:, None] ** 2)
     with pytest.raises(ValueError, match="reshape"):
         unpack_stream(packed, "<u2", 99)
+
+
+def test_a_whole_block_is_what_its_streams_are():
+    rng = np.random.default_rng(4)
+    for dtype in ("<u2", "|i1", "<i4", "<u4", "|u1"):
+        values = rng.integers(0, 100, (50, 7)).astype(dtype)
+        values[:, 3] = 9
+        ends, data = pack_block(values)
+        np.testing.assert_array_equal(unpack_block(ends, data, dtype, 50), values)
+        np.testing.assert_array_equal(unpack_block(*pack_block(values[:1]), dtype, 1), values[:1])

@@ -1,0 +1,129 @@
+"""Records a scenario of the simulated car as fast as it can be computed: `python -m benchmarks.record_scenario`.
+
+The frames go through the pipeline and the recorder as those of a real car would, on the virtual car's clock, so the
+session holds frames, estimates, events and configurations.
+"""
+
+import argparse
+from pathlib import Path
+
+from app.estimation.cellfile import load_cell
+from app.estimation.estimators import make_estimator
+from app.outlook import Lookout
+from app.pipeline import Output, Pipeline
+from app.sessions.writer import Recorder
+from app.telemetry import LinkChange, SerialItem
+from firmware_protocol.framing import Frame, FrameDecoder
+from firmware_protocol.memory_map import N_CELLS
+from simulator.director import Director
+from simulator.scenario import find_scenario
+
+EPOCH_NS = 1_790_000_000 * 10**9
+STEP_S = 0.05
+CELL = "samsung-25r-10p"
+FLUSH_FRAMES = 2000
+
+
+class ScenarioRecorder:
+    """One scenario into one session file; `mark` sets markers on the way."""
+
+    def __init__(self, folder: Path, scenario: str, *, seed: int | None = None, epoch_ns: int = EPOCH_NS) -> None:
+        self._epoch_ns = epoch_ns
+        self.director = Director(find_scenario(scenario), seed=seed, step_s=STEP_S)
+        self._simulation = self.director.simulation
+        self._decoder = FrameDecoder()
+        cell = load_cell(CELL)
+        self._pipeline = Pipeline(
+            "serial",
+            lambda: make_estimator("fused", cell, N_CELLS),
+            filter_name="fused",
+            cell_name=CELL,
+            rs232_url="simulated",
+            lookout=Lookout(cell, N_CELLS),
+        )
+        self.recorder = Recorder(
+            folder,
+            version="benchmark",
+            monotonic_ns=lambda: self.now_ns,
+            wall_ns=lambda: epoch_ns + self.now_ns,
+            free_bytes=lambda _: 1 << 40,
+        )
+        self._config: bytes | None = None
+        self._frames = 0
+        self.info = self.recorder.start(scenario, {"scenario": scenario})
+        self._pipeline.feed(LinkChange(0, epoch_ns, "rs232", "open"))
+        self._simulation.serial_out = self._take
+        self.director.run(1.0)
+        self._simulation.receive(b"x")
+
+    @property
+    def now_ns(self) -> int:
+        """The virtual car's time."""
+        return round(self._simulation.now_s * 1e9)
+
+    def run(self, seconds: float) -> None:
+        """Let the car go on."""
+        end_s = self._simulation.now_s + seconds
+        while not self.director.is_over and self._simulation.now_s < end_s:
+            self.director.run(min(5.0, end_s - self._simulation.now_s))
+
+    def mark(self, text: str, kind: str = "note") -> None:
+        """Set a marker now."""
+        self.recorder.marker(self.now_ns, self._epoch_ns + self.now_ns, text, kind=kind)
+
+    def close(self) -> None:
+        """End the session."""
+        self.recorder.close(timeout_s=60.0)
+
+    def _take(self, data: bytes) -> None:
+        now_ns = self.now_ns
+        wall_ns = self._epoch_ns + now_ns
+        for item in self._decoder.feed(data):
+            self.recorder.frame(now_ns, wall_ns, 0, item.raw, isinstance(item, Frame))
+            self._record(self._pipeline.feed(SerialItem(now_ns, wall_ns, item)))
+            self._pipeline.look_ahead()
+            self._frames += 1
+            if self._frames % FLUSH_FRAMES == 0:
+                self.recorder.flush(60.0)
+
+    def _record(self, output: Output) -> None:
+        for event in output.events:
+            self.recorder.event(
+                self.now_ns,
+                event.time_ns,
+                event.severity,
+                event.code,
+                event.text,
+                cell=event.cell,
+                value=event.value,
+                limit=event.limit,
+                unit=event.unit,
+            )
+        snapshot = output.snapshot
+        if snapshot is None:
+            return
+        if output.estimates is not None:
+            estimates = output.estimates
+            self.recorder.estimates(snapshot.t_mono_ns, output.uptime_ms, estimates.soc, estimates.soc_sigma)
+        if snapshot.config is not None and snapshot.config != self._config:
+            why = "in force at the start" if self._config is None else "changed"
+            self._config = snapshot.config
+            self.recorder.config(snapshot.t_mono_ns, snapshot.t_wall_ns, snapshot.config, why)
+
+
+def main() -> None:
+    """Record as the arguments say and print where it went."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("scenario")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--seconds", type=float, default=30_000.0)
+    parser.add_argument("--seed", type=int)
+    arguments = parser.parse_args()
+    made = ScenarioRecorder(arguments.folder, arguments.scenario, seed=arguments.seed)
+    made.run(arguments.seconds)
+    made.close()
+    print(made.info.path)
+
+
+if __name__ == "__main__":
+    main()
