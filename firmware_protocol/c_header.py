@@ -48,6 +48,8 @@ def header_text() -> str:
             "",
             *_config_macro(),
             "",
+            *_command_macro(),
+            "",
             "#endif",
             "",
         ]
@@ -180,6 +182,20 @@ def _config_macro() -> Iterator[str]:
     yield "#define VW_CONFIG_DEFAULTS { \\"
     yield from (f"    {_initializer(field)}, /* {field.name} */ \\" for field in mm.CONFIG_FIELDS)
     yield "}"
+
+
+def _command_macro() -> Iterator[str]:
+    yield "/* X(name, code, lowest argument, highest argument) for every command */"
+    yield "#define VW_COMMANDS(X) \\"
+    yield " \\\n".join(
+        f"    X({command.name.lower()}, VW_COMMAND_{command.name}, {_int32(low)}, {_int32(high)})"
+        for command in messages.CommandId
+        for low, high in [messages.COMMAND_ARGUMENTS.get(command, (-(1 << 31), (1 << 31) - 1))]
+    )
+
+
+def _int32(value: int) -> str:
+    return {-(1 << 31): "INT32_MIN", (1 << 31) - 1: "INT32_MAX"}.get(value, str(value))
 
 
 def _literal(value: int | None) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from firmware_protocol.errors import DecodeError, EncodeError
 from firmware_protocol.framing import MAX_BODY, Frame
-from firmware_protocol.memory_map import CONFIG_SIZE, MAP_HASH, MASTER_SIZE
+from firmware_protocol.memory_map import CONFIG_SIZE, MAP_HASH, MASTER_SIZE, N_CAN_MESSAGES
 
 PROTOCOL_VERSION = 1
 EEPROM_READ_BASE = 0x8000
@@ -71,6 +71,15 @@ class CommandId(enum.IntEnum):
     CAN_TX_ENABLE = 8  # bit mask of messages to send
     CAN_SEND = 9  # index of a tx message, sent once
     RESET = 10
+
+
+# Lowest and highest argument of each command that has one; the others take any.
+COMMAND_ARGUMENTS: dict[CommandId, tuple[int, int]] = {
+    CommandId.FAN_OVERRIDE: (-1, 255),
+    CommandId.SET_SOC: (0, 10_000),
+    CommandId.CAN_TX_ENABLE: (0, (1 << N_CAN_MESSAGES) - 1),
+    CommandId.CAN_SEND: (0, N_CAN_MESSAGES - 1),
+}
 
 
 class EventCode(enum.IntEnum):

@@ -7,8 +7,9 @@ from firmware_protocol.eeprom import newest
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.exchange import RepeatFilter
 from firmware_protocol.framing import Frame
-from firmware_protocol.memory_map import CONFIG_SIZE, MASTER_SIZE, N_CAN_MESSAGES
+from firmware_protocol.memory_map import CONFIG_SIZE, MASTER_SIZE
 from firmware_protocol.messages import (
+    COMMAND_ARGUMENTS,
     EEPROM_READ_BASE,
     MAX_READ,
     NO_OFFSET,
@@ -28,7 +29,6 @@ from firmware_protocol.messages import (
     decode_request,
 )
 from simulator.eeprom import SIZE as EEPROM_SIZE
-from simulator.soc_counter import SOC_SCALE
 
 if TYPE_CHECKING:
     from simulator.master import VirtualMaster
@@ -147,17 +147,11 @@ class RequestHandler:
         self._master.use_config(canonical(config))
 
     def _command(self, command: int, argument: int, now_s: float) -> bytes:
-        limits = {
-            CommandId.FAN_OVERRIDE: (-1, 255),
-            CommandId.SET_SOC: (0, SOC_SCALE),
-            CommandId.CAN_TX_ENABLE: (0, (1 << N_CAN_MESSAGES) - 1),
-            CommandId.CAN_SEND: (0, N_CAN_MESSAGES - 1),
-        }
         try:
             known = CommandId(command)
         except ValueError:
             raise Refused(Result.UNKNOWN_REQUEST) from None
-        low, high = limits.get(known, (argument, argument))
+        low, high = COMMAND_ARGUMENTS.get(known, (argument, argument))
         if not low <= argument <= high:
             raise Refused(Result.OUT_OF_RANGE)
         if not self._master.command(known, argument, now_s):

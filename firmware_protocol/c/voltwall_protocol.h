@@ -411,4 +411,17 @@ VW_ASSERT(master_size, sizeof(vw_master_t) == 2984u);
     { { 433, 432, 435, 434, 437, 65535, 65535, 65535 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 }, { 65535, 65535, 65535, 65535, 65535, 65535, 65535, 65535 } }, /* can_rx_msg_data */ \
 }
 
+/* X(name, code, lowest argument, highest argument) for every command */
+#define VW_COMMANDS(X) \
+    X(charge_start, VW_COMMAND_CHARGE_START, INT32_MIN, INT32_MAX) \
+    X(charge_stop, VW_COMMAND_CHARGE_STOP, INT32_MIN, INT32_MAX) \
+    X(balance_start, VW_COMMAND_BALANCE_START, INT32_MIN, INT32_MAX) \
+    X(balance_stop, VW_COMMAND_BALANCE_STOP, INT32_MIN, INT32_MAX) \
+    X(fan_override, VW_COMMAND_FAN_OVERRIDE, -1, 255) \
+    X(clear_faults, VW_COMMAND_CLEAR_FAULTS, INT32_MIN, INT32_MAX) \
+    X(set_soc, VW_COMMAND_SET_SOC, 0, 10000) \
+    X(can_tx_enable, VW_COMMAND_CAN_TX_ENABLE, 0, 255) \
+    X(can_send, VW_COMMAND_CAN_SEND, 0, 7) \
+    X(reset, VW_COMMAND_RESET, INT32_MIN, INT32_MAX)
+
 #endif
