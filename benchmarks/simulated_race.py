@@ -23,7 +23,7 @@ from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import CELLS_PER_PACK, FIELDS, N_CELLS
 from firmware_protocol.messages import Data, MessageType
 from simulator.director import Director
-from simulator.scenario import find_scenario
+from simulator.library import find_scenario
 
 FloatArray = NDArray[np.float64]
 BOLT_AT_S = 250.0

@@ -9,7 +9,7 @@ import statistics
 import time
 
 from simulator.director import Director
-from simulator.scenario import DEFAULT_SCENARIO, find_scenario
+from simulator.library import DEFAULT_SCENARIO, find_scenario
 
 BAR = 100
 

@@ -14,9 +14,9 @@ from simulator.control_server import ControlServer
 from simulator.director import Director
 from simulator.eeprom import Eeprom
 from simulator.errors import SimulatorError
+from simulator.library import DEFAULT_SCENARIO, find_scenario, library
 from simulator.ports import byte_port
 from simulator.runner import Runner
-from simulator.scenario import DEFAULT_SCENARIO, find_scenario, library
 
 DESCRIPTION = """\
 A simulated accumulator of 96 cells behind a simulated master, to be opened like the real thing.
@@ -67,8 +67,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Carry out `simulate` and return the exit code."""
     try:
         if arguments.list:
-            for scenario in library():
+            scenarios, unreadable = library()
+            for scenario in scenarios:
                 print(f"{scenario.name:24} {scenario.title}")
+            for file in unreadable:
+                print(f"voltwall simulate: left out: {file.reason}", file=sys.stderr)
             return EXIT_OK
         if arguments.describe is not None:
             print(find_scenario(arguments.describe).describe())

@@ -7,8 +7,8 @@ from firmware_protocol.memory_map import CELLS_PER_PACK
 from simulator.director import Director
 from simulator.errors import FaultError, SimulatorError
 from simulator.faults import FAULTS, ActiveFault, Target, cell_index
+from simulator.library import library
 from simulator.runner import Runner
-from simulator.scenario import library
 
 MAX_SPEED = 1000.0
 
@@ -73,11 +73,13 @@ class Control:
         }
 
     def _scenarios(self, _: Mapping[str, Any]) -> dict[str, Any]:
+        scenarios, unreadable = library()
         return {
             "scenarios": [
                 {"name": item.name, "title": item.title, "description": " ".join(item.description.split())}
-                for item in library()
-            ]
+                for item in scenarios
+            ],
+            "unreadable": [{"name": file.name, "reason": file.reason} for file in unreadable],
         }
 
     def _inject(self, request: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,11 +5,8 @@ A load is a function of time and of the voltage it sees. It keeps no clock and n
 
 from __future__ import annotations
 
-import csv
-import gzip
 from dataclasses import dataclass
 from enum import Enum
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -196,26 +193,6 @@ class Recorded:
         self.amps = current_a
         self.ambient_degc = ambient_degc
         self.duration_s = float(self.time_s[-1])
-
-    @classmethod
-    def load(cls, path: Path) -> Recorded:
-        """Read a CSV file (plain or .gz) with the columns time_s and current_a, and ambient_degc if there is one.
-
-        Raises:
-            ParameterError: a column is missing or a value is not a number.
-        """
-        opener = gzip.open if path.suffix == ".gz" else open
-        with opener(path, "rt", newline="") as stream:
-            rows = csv.DictReader(stream)
-            names = rows.fieldnames or []
-            if "time_s" not in names or "current_a" not in names:
-                raise ParameterError("columns", names, "needs time_s and current_a")
-            wanted = ["time_s", "current_a", *(["ambient_degc"] if "ambient_degc" in names else [])]
-            try:
-                table = np.array([[float(row[name]) for name in wanted] for row in rows]).reshape(-1, len(wanted))
-            except (TypeError, ValueError) as exc:
-                raise ParameterError("file", str(path), f"not a number: {exc}") from exc
-        return cls(table[:, 0], table[:, 1], table[:, 2] if len(wanted) > 2 else None)
 
     def current_a(self, t_s: float, view: ElectricalView) -> float:
         """Return the recorded current at `t_s`, 0 outside the record [A]."""

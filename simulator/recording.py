@@ -1,45 +1,100 @@
-"""A recorded current as a load: a CSV file with `time_s` and `current_a`, or one that a session was exported to."""
+"""A recorded drive as a load and as a start: a CSV file of ours, or one that a session was exported to.
+
+A session has no sensor in the air. The air is taken to be as warm as the coldest cell has been so far: cells without
+cooling below ambient are never colder than their air, and at the start of a day they are as warm as it is.
+"""
 
 import csv
 import gzip
-from collections.abc import Iterator
+import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from simulator.cell_data import FloatArray
 from simulator.errors import ParameterError
 from simulator.loads import Recorded
 
 _CURRENT_COLUMNS = ("current_a", "i_fc (A)", "i_fs (A)")  # ours first, then those of an exported session
-_AMBIENT_COLUMN = "ambient_degc"
+_AMBIENT_COLUMNS = ("ambient_degc", "t_min (degC)")
+_SOC_COLUMNS = ("soc",)
 
 
-def load_recording(path: Path) -> Recorded:
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A drive and the state it began with; None where the file does not say."""
+
+    time_s: FloatArray
+    current_a: FloatArray
+    ambient_degc: FloatArray | None
+    start_soc: float | None  # 0..1
+
+
+def read_recording(path: Path) -> Recording:
     """Read a CSV file (plain or .gz); rows without a current are skipped, repeated times keep the last one.
 
     Raises:
-        ParameterError: no column for time or current, a value that is no number, or fewer than two rows.
-        OSError: the file cannot be read.
+        ParameterError: it cannot be read, has no column for time or current, a value is no number, or there are fewer
+            than two rows.
     """
     opener = gzip.open if path.suffix == ".gz" else open
-    with opener(path, "rt", newline="") as stream:
-        reader = csv.DictReader(stream)
-        names = list(reader.fieldnames or [])
-        current = next((name for name in _CURRENT_COLUMNS if name in names), None)
-        if current is None or "time_s" not in names:
-            raise ParameterError("columns", names, f"needs time_s and one of {', '.join(_CURRENT_COLUMNS)}")
-        has_ambient = _AMBIENT_COLUMN in names
-        columns = ("time_s", current, *([_AMBIENT_COLUMN] if has_ambient else []))
-        try:
-            table = np.array(list(_numbers(reader, columns))).reshape(-1, len(columns))
-        except (TypeError, ValueError) as error:
-            raise ParameterError("file", str(path), f"not a number: {error}") from error
-    later = np.append(np.diff(table[:, 0]) > 0, True)
-    table = table[later]
-    return Recorded(table[:, 0], table[:, 1], table[:, 2] if has_ambient else None)
+    try:
+        with opener(path, "rt", newline="", encoding="utf-8") as stream:
+            rows = csv.DictReader(stream)
+            names = list(rows.fieldnames or [])
+            current = _first(_CURRENT_COLUMNS, names)
+            if current is None or "time_s" not in names:
+                raise ParameterError("columns", names, f"needs time_s and one of {', '.join(_CURRENT_COLUMNS)}")
+            ambient, soc = _first(_AMBIENT_COLUMNS, names), _first(_SOC_COLUMNS, names)
+            columns = [name for name in ("time_s", current, ambient, soc) if name is not None]
+            values = [[_number(row[name]) for name in columns] for row in rows if row[current]]
+    except (OSError, EOFError, UnicodeDecodeError, csv.Error) as error:
+        raise ParameterError("file", str(path), str(error)) from error
+    except ValueError as error:
+        raise ParameterError("file", str(path), f"not a number: {error}") from error
+    table = np.array(values, dtype=float).reshape(-1, len(columns))
+    table = table[np.append(np.diff(table[:, 0]) > 0, True)[: len(table)]]
+    if len(table) < 2:
+        raise ParameterError("file", str(path), "needs two rows with a current, or more")
+    by_name = dict(zip(columns, table.T, strict=True))
+    return Recording(
+        by_name["time_s"],
+        by_name[current],
+        None if ambient is None else _air(by_name[ambient], is_measured=ambient == _AMBIENT_COLUMNS[0]),
+        None if soc is None else _first_known(by_name[soc]),
+    )
 
 
-def _numbers(reader: "csv.DictReader[str]", columns: tuple[str, ...]) -> Iterator[list[float]]:
-    for row in reader:
-        if row[columns[1]]:
-            yield [float(row[name]) for name in columns]
+def load_recording(path: Path) -> Recorded:
+    """Return the drive as a load.
+
+    Raises:
+        ParameterError: as `read_recording`, or time does not increase.
+    """
+    recording = read_recording(path)
+    return Recorded(recording.time_s, recording.current_a, recording.ambient_degc)
+
+
+def _first(wanted: tuple[str, ...], names: list[str]) -> str | None:
+    return next((name for name in wanted if name in names), None)
+
+
+def _number(text: str | None) -> float:
+    return float(text) if text else math.nan
+
+
+def _air(degc: FloatArray, *, is_measured: bool) -> FloatArray | None:
+    """Return the air's temperature in every row, None where no row has one: gaps hold what was last known."""
+    known = np.isfinite(degc)
+    if not known.any():
+        return None
+    if not is_measured:
+        return np.minimum.accumulate(np.where(known, degc, degc[known.argmax()]))
+    held = np.maximum.accumulate(np.where(known, np.arange(len(degc)), known.argmax()))
+    return degc[held]
+
+
+def _first_known(values: FloatArray) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known[0]) if len(known) else None

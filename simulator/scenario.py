@@ -13,13 +13,12 @@ from firmware_protocol.config_image import check, default_image, with_value
 from firmware_protocol.errors import EncodeError
 from firmware_protocol.memory_map import CELLS_PER_PACK
 from firmware_protocol.messages import EventCode
-from simulator.errors import FaultError, ScenarioError
+from simulator.errors import FaultError, ParameterError, ScenarioError
 from simulator.faults import Target, cell_index, check_fault, fault_kind
+from simulator.recording import read_recording
 
 Item = TypeVar("Item")
 
-DEFAULT_SCENARIO = "race-day"
-LIBRARY = Path(__file__).parent / "scenarios"
 LOADS = (
     "rest",
     "idle",
@@ -32,12 +31,16 @@ LOADS = (
     "charge",
     "charge-by-hand",
 )
+_RELAYS_S = 5.0  # until the relays are closed and a recorded current can flow
 ACTIONS = ("charge-start", "charge-stop", "balance-start", "balance-stop", "clear-faults", "store", "soc", "reset")
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """The state at the beginning; spreads are standard deviations between cells."""
+    """The state at the beginning; spreads are standard deviations between cells.
+
+    With a recording, its first state of charge and its air count where the scenario does not give its own.
+    """
 
     soc: float = 0.9
     soc_spread: float = 0.004
@@ -124,27 +127,6 @@ class Scenario:
         return "\n".join(lines)
 
 
-def library() -> list[Scenario]:
-    """Return the scenarios that come with the simulator, by name."""
-    return [load_scenario(path) for path in sorted(LIBRARY.glob("*.toml"))]
-
-
-def find_scenario(name_or_file: str) -> Scenario:
-    """Return a scenario of the library by its name, or one from a file.
-
-    Raises:
-        ScenarioError: there is neither, or the file makes no sense.
-    """
-    in_library = LIBRARY / f"{name_or_file}.toml"
-    if in_library.parent == LIBRARY and in_library.exists():
-        return load_scenario(in_library)
-    path = Path(name_or_file)
-    if path.suffix != ".toml" or not path.exists():
-        names = ", ".join(sorted(item.stem for item in LIBRARY.glob("*.toml")))
-        raise ScenarioError(name_or_file, f"neither a .toml file nor one of {names}")
-    return load_scenario(path)
-
-
 def load_scenario(path: Path) -> Scenario:
     """Read a scenario file.
 
@@ -156,6 +138,23 @@ def load_scenario(path: Path) -> Scenario:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ScenarioError(str(path), str(error)) from error
     return _scenario(document, path)
+
+
+def recorded_scenario(path: Path) -> Scenario:
+    """Return the scenario that replays a recorded drive from the state it began with.
+
+    Raises:
+        ScenarioError: the file is no recording.
+    """
+    return _scenario(
+        {
+            "title": f"{path.name} again",
+            "description": "A recorded current over the physics, from the charge and in the air of its first row.",
+            "start": {"recording": path.name},
+            "phase": [{"load": "idle", "for_s": _RELAYS_S}, {"load": "recorded", "file": path.name}],
+        },
+        path,
+    )
 
 
 def _scenario(document: dict[str, Any], path: Path) -> Scenario:
@@ -171,8 +170,8 @@ def _scenario(document: dict[str, Any], path: Path) -> Scenario:
         description=_text(document, "description", where),
         seed=int(_number(document, "seed", where, 1)),
         loop=bool(document.get("loop", False)),
-        start=_start(document.get("start", {}), f"{where} [start]"),
-        config=_config(document.get("config", {}), f"{where} [config]"),
+        start=_start(_table(document, "start", where), f"{where} [start]", path.parent),
+        config=_config(_table(document, "config", where), f"{where} [config]"),
         phases=phases,
         faults=_each(document, "fault", where, _fault),
         actions=_each(document, "action", where, _action),
@@ -185,15 +184,24 @@ def _each(
     document: dict[str, Any], key: str, where: str, parse: Callable[[dict[str, Any], str], Item]
 ) -> tuple[Item, ...]:
     items = document.get(key, [])
-    if not isinstance(items, list):
-        raise ScenarioError(where, f"write [[{key}]], not [{key}]")
+    if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
+        raise ScenarioError(where, f"{key} is written as [[{key}]], one table each")
     return tuple(parse(item, f"{where} [[{key}]] {n}") for n, item in enumerate(items, 1))
 
 
-def _start(table: dict[str, Any], where: str) -> Start:
-    _refuse_unknown(table, {item.name for item in fields(Start)}, where)
+def _table(document: dict[str, Any], key: str, where: str) -> dict[str, Any]:
+    table = document.get(key, {})
+    if not isinstance(table, dict):
+        raise ScenarioError(where, f"{key} is written as [{key}], not {key} = {table!r}")
+    return table
+
+
+def _start(table: dict[str, Any], where: str, folder: Path) -> Start:
+    _refuse_unknown(table, {item.name for item in fields(Start)} | {"recording"}, where)
+    if "recording" in table:
+        table = {**_recorded_start(folder / _text(table, "recording", where), where), **table}
     cells = {}
-    for place, soc in table.get("cells", {}).items():
+    for place, soc in _table(table, "cells", where).items():
         pack, _, cell = str(place).partition("/")
         if not (pack.isdecimal() and cell.isdecimal() and isinstance(soc, int | float)):
             raise ScenarioError(where, f'cells: write "pack/cell" = soc, not {place!r} = {soc!r}')
@@ -205,6 +213,16 @@ def _start(table: dict[str, Any], where: str) -> Start:
         if item.name != "cells"
     }
     return Start(**numbers, cells=cells)
+
+
+def _recorded_start(path: Path, where: str) -> dict[str, float]:
+    try:
+        recording = read_recording(path)
+    except ParameterError as error:
+        raise ScenarioError(where, str(error)) from error
+    ambient = recording.ambient_degc
+    found = {"soc": recording.start_soc, "ambient_degc": None if ambient is None else float(ambient[0])}
+    return {name: value for name, value in found.items() if value is not None}
 
 
 def _config(table: dict[str, Any], where: str) -> bytes | None:

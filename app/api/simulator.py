@@ -66,10 +66,12 @@ def read(simulator: SimulatorDep) -> dict[str, Any]:
     """What happens in the simulated car, what else could, and what can go wrong."""
     status = _ask(simulator, "status")
     faults = _ask(simulator, "faults")["faults"]
+    library = _ask(simulator, "scenarios")
     return {
         "scenario": status["scenario"],
         "status": status,
-        "scenarios": _ask(simulator, "scenarios")["scenarios"],
+        "scenarios": library["scenarios"],
+        "unreadable": library["unreadable"],
         "faults": [{"name": fault.pop("fault"), **fault} for fault in faults],
     }
 

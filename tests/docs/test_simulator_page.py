@@ -5,8 +5,9 @@ from pathlib import Path
 from simulator.control import Control
 from simulator.director import Director
 from simulator.faults import FAULTS, FaultKind
+from simulator.library import find_scenario
 from simulator.runner import Runner
-from simulator.scenario import ACTIONS, LOADS, find_scenario
+from simulator.scenario import ACTIONS, LOADS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "simulator.md").read_text(encoding="utf-8")
 

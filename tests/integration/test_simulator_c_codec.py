@@ -10,7 +10,7 @@ import pytest
 from firmware_protocol import c_header
 from firmware_protocol.framing import BadFrame, Frame, FrameDecoder
 from simulator.director import Director
-from simulator.scenario import find_scenario
+from simulator.library import find_scenario
 
 C_FOLDER = Path(c_header.__file__).parent / "c"
 PIECE = 3000  # the driver reads lines of limited length

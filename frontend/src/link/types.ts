@@ -396,9 +396,15 @@ export interface Scenario {
   description: string;
 }
 
+export interface UnreadableScenario {
+  name: string;
+  reason: string;
+}
+
 export interface Simulator {
   scenario: string;
   status: SimulatorStatus;
   scenarios: Scenario[];
+  unreadable: UnreadableScenario[];
   faults: FaultKind[];
 }

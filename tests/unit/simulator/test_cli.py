@@ -1,16 +1,18 @@
 """`voltwall simulate` by itself: the library, a description, a scenario played as fast as it goes."""
 
+import time
+
 import pytest
 
 from simulator.cli import main
-from simulator.scenario import find_scenario, library
+from simulator.library import find_scenario, library
 
 
 def test_list_names_the_library_with_titles(capsys):
     assert main(["--list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == [scenario.name for scenario in library()]
-    assert all(scenario.title in line for scenario, line in zip(library(), lines, strict=True))
+    assert [line.split()[0] for line in lines] == [scenario.name for scenario in library()[0]]
+    assert all(scenario.title in line for scenario, line in zip(library()[0], lines, strict=True))
 
 
 def test_describe_tells_start_phases_faults_and_outcome(capsys):
@@ -24,6 +26,20 @@ def test_describe_tells_start_phases_faults_and_outcome(capsys):
 def test_an_unknown_scenario_is_one_line(capsys):
     assert main(["--describe", "no-such"]) == 1
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_as_fast_as_possible_outruns_the_clock(capsys):
+    begin_s = time.monotonic()
+    assert main(["--scenario", "skid-pad", "--speed", "max", "--duration", "60"]) == 0
+    assert time.monotonic() - begin_s < 30.0
+    assert capsys.readouterr().out == "ready\n"
+
+
+def test_an_unreadable_file_of_the_library_is_named_beside_the_others(capsys, tmp_path, monkeypatch):
+    (tmp_path / "bad.toml").write_text("[[phase]]\n")
+    monkeypatch.setattr("simulator.cli.library", lambda: library(tmp_path))
+    assert main(["--list"]) == 0
+    assert "bad.toml" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("speed", ["0", "-1", "fast", "nan"])

@@ -9,8 +9,8 @@ import pytest
 from simulator.control import Control
 from simulator.control_server import MAX_REQUEST, ControlServer
 from simulator.director import Director
+from simulator.library import find_scenario
 from simulator.runner import Runner
-from simulator.scenario import find_scenario
 
 
 @pytest.fixture

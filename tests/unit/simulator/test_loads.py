@@ -1,4 +1,3 @@
-import gzip
 from types import SimpleNamespace
 
 import numpy as np
@@ -66,32 +65,5 @@ def test_regeneration_fades_out_before_the_battery_is_full():
     assert currents[-1] == currents[-2] == 0.0
 
 
-@pytest.mark.parametrize("zipped", [False, True])
-def test_recorded_current_is_held_from_sample_to_sample(tmp_path, zipped):
-    text = "time_s,current_a,ambient_degc\n100,5\n".replace("100,5\n", "100,5,20\n102,-3,22\n104,0,24\n")
-    path = tmp_path / ("run.csv.gz" if zipped else "run.csv")
-    path.write_bytes(gzip.compress(text.encode()) if zipped else text.encode())
-    load = Recorded.load(path)
-    assert [load.current_a(t, FULL) for t in (0.0, 1.9, 2.0, 4.0, 4.1)] == [5.0, 5.0, -3.0, 0.0, 0.0]
-    assert load.ambient_at_degc(1.0) == pytest.approx(21.0)
-    assert load.state(5.0).phase is Phase.FINISHED
-
-
 def test_recorded_without_ambient_says_so():
     assert Recorded(np.array([0.0, 1.0]), np.array([1.0, 2.0])).ambient_at_degc(0.5) is None
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "time,amps\n0,1\n1,1\n",
-        "time_s,current_a\n0,1\n",
-        "time_s,current_a\n0,1\n0,2\n",
-        "time_s,current_a\n0,1\n1,x\n",
-    ],
-)
-def test_files_that_are_no_current_are_refused(tmp_path, text):
-    path = tmp_path / "bad.csv"
-    path.write_text(text)
-    with pytest.raises(ParameterError):
-        Recorded.load(path)

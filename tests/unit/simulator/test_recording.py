@@ -1,15 +1,18 @@
+import gzip
+
 import pytest
 
 from simulator.director import Director
-from simulator.errors import ParameterError
-from simulator.recording import load_recording
+from simulator.errors import ParameterError, ScenarioError
+from simulator.library import find_scenario
+from simulator.recording import load_recording, read_recording
 from simulator.scenario import load_scenario
 
 OURS = "time_s,current_a,ambient_degc\n0,10,20\n1,20,21\n2,0,22\n"
 EXPORTED = (
-    "time_s,elapsed_s,uptime_s,i_fc (A),soc\n"
-    "1795232138.1,0.0,5.0,10.00,0.9\n1795232138.2,0.1,,,\n1795232139.1,1.0,6.0,20.00,0.9\n"
-    "1795232139.1,1.0,6.0,25.00,0.9\n1795232140.1,2.0,7.0,0.00,0.9\n"
+    "time_s,elapsed_s,uptime_s,i_fc (A),t_min (degC),soc\n"
+    "1795232138.1,0.0,5.0,10.00,,0.83\n1795232138.2,0.1,,,25,\n1795232139.1,1.0,6.0,20.00,24,0.82\n"
+    "1795232139.1,1.0,6.0,25.00,24,0.82\n1795232140.1,2.0,7.0,0.00,31,0.81\n"
 )
 
 
@@ -17,19 +20,58 @@ class Nothing:
     outlet_voltage_v = 350.0
 
 
+@pytest.mark.parametrize("zipped", [False, True])
 @pytest.mark.parametrize(("text", "second"), [(OURS, 20.0), (EXPORTED, 25.0)])
-def test_a_recording_is_replayed_as_it_was(tmp_path, text, second):
-    path = tmp_path / "run.csv"
-    path.write_text(text)
+def test_a_recording_is_replayed_as_it_was(tmp_path, text, second, zipped):
+    path = tmp_path / ("run.csv.gz" if zipped else "run.csv")
+    path.write_bytes(gzip.compress(text.encode()) if zipped else text.encode())
     load = load_recording(path)
     assert [load.current_a(t_s, Nothing()) for t_s in (0.5, 1.5, 3.5)] == [10.0, second, 0.0]
     assert load.duration_s == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("text", ["", "time_s,power\n1,2\n", "time_s,current_a\n0,1\n", "time_s,current_a\n0,a\n1,b\n"])
+def test_the_air_of_a_session_is_its_coldest_cell_so_far(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(EXPORTED)
+    recording = read_recording(path)
+    assert recording.ambient_degc.tolist() == [24.0, 24.0, 24.0]
+    assert recording.start_soc == 0.83
+
+
+def test_measured_air_may_warm_and_is_held_over_gaps(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time_s,current_a,ambient_degc\n0,1,\n1,1,20\n2,1,\n3,1,22\n")
+    assert read_recording(path).ambient_degc.tolist() == [20.0, 20.0, 20.0, 22.0]
+
+
+def test_what_a_recording_does_not_have_is_missing(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time_s,current_a,ambient_degc\n0,1,\n1,1,\n")
+    recording = read_recording(path)
+    assert (recording.ambient_degc, recording.start_soc) == (None, None)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "time_s,power\n1,2\n",
+        "time_s,current_a\n0,1\n",
+        "time_s,current_a\n0,a\n1,b\n",
+        "time_s,current_a\n0,1\n0,2\n",
+        "time_s,current_a\n\xff",
+    ],
+)
 def test_what_is_no_recording_is_refused(tmp_path, text):
     path = tmp_path / "run.csv"
-    path.write_text(text)
+    path.write_text(text, encoding="latin-1")
+    with pytest.raises(ParameterError):
+        load_recording(path)
+
+
+def test_a_damaged_archive_is_refused(tmp_path):
+    path = tmp_path / "run.csv.gz"
+    path.write_bytes(gzip.compress(OURS.encode())[:-9])
     with pytest.raises(ParameterError):
         load_recording(path)
 
@@ -42,3 +84,27 @@ def test_a_scenario_replays_current_and_ambient(tmp_path):
     director.run(15.0)
     assert director.simulation.current_a == 60.0
     assert director.simulation.accumulator.ambient_degc == pytest.approx(35.0, abs=0.1)
+
+
+def test_an_exported_session_is_a_scenario_by_itself(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text(EXPORTED)
+    scenario = find_scenario(str(path))
+    assert (scenario.start.soc, scenario.start.ambient_degc) == (0.83, 24.0)
+    director = Director(scenario)
+    director.run(6.5)
+    assert director.simulation.current_a == 25.0
+    director.run(60.0)
+    assert director.is_over
+
+
+def test_a_scenario_may_start_from_a_recording_and_say_otherwise(tmp_path):
+    (tmp_path / "run.csv").write_text(EXPORTED)
+    (tmp_path / "again.toml").write_text(
+        'title = "t"\ndescription = "d"\n[start]\nrecording = "run.csv"\nsoc = 0.5\n[[phase]]\nload = "rest"\n'
+    )
+    start = load_scenario(tmp_path / "again.toml").start
+    assert (start.soc, start.ambient_degc) == (0.5, 24.0)
+    (tmp_path / "run.csv").unlink()
+    with pytest.raises(ScenarioError, match=r"run\.csv"):
+        load_scenario(tmp_path / "again.toml")

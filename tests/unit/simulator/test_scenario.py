@@ -3,7 +3,8 @@ import pytest
 from firmware_protocol.config_image import unit_value
 from firmware_protocol.messages import EventCode
 from simulator.errors import ScenarioError
-from simulator.scenario import DEFAULT_SCENARIO, find_scenario, library, load_scenario
+from simulator.library import DEFAULT_SCENARIO, find_scenario, library
+from simulator.scenario import load_scenario
 
 GOOD = """
 title = "A title"
@@ -67,7 +68,7 @@ def test_a_file_is_read_as_people_wrote_it(tmp_path):
         ("value = 2", "value = 2000", "outside 0..50 mohm"),
         ("at_s = 10", 'at_s = "ten"', "no number"),
         ('event = "TRIP_SLAVE_LOST"', 'event = "BANG"', "'BANG' is none of"),
-        ("[[phase]]", "[phase]", r"write \[\[phase\]\]"),
+        ("[[phase]]", "[phase]", r"written as \[\[phase\]\]"),
         ("[[phase]]", "[[phase", "mine.toml"),
     ],
 )
@@ -78,7 +79,7 @@ def test_what_makes_no_sense_is_refused_with_its_place(tmp_path, before, after, 
 
 
 def test_library_has_what_the_default_needs_and_reads_back():
-    scenarios = library()
+    scenarios, _ = library()
     assert len(scenarios) >= 15
     assert DEFAULT_SCENARIO in {scenario.name for scenario in scenarios}
     assert all(scenario.title in scenario.describe() for scenario in scenarios)

@@ -1,0 +1,53 @@
+"""The scenarios that come with the simulator: found by name, listed with what cannot be read among them."""
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+
+from simulator.errors import ScenarioError
+from simulator.scenario import Scenario, load_scenario, recorded_scenario
+
+DEFAULT_SCENARIO = "race-day"
+LIBRARY = Path(__file__).parent / "scenarios"
+
+
+@dataclass(frozen=True, slots=True)
+class Unreadable:
+    """A file of the library that is no scenario, and why."""
+
+    name: str
+    reason: str
+
+
+def library(folder: Path = LIBRARY) -> tuple[list[Scenario], list[Unreadable]]:
+    """Return the folder's scenarios by name, and the files that are none."""
+    good, bad = [], []
+    for path in sorted(folder.glob("*.toml")):
+        try:
+            good.append(_load(path, path.stat().st_mtime_ns))
+        except (ScenarioError, OSError) as error:
+            bad.append(Unreadable(path.name, str(error).replace(str(path), path.name)))
+    return good, bad
+
+
+@functools.lru_cache(maxsize=128)
+def _load(path: Path, _changed_ns: int) -> Scenario:
+    return load_scenario(path)
+
+
+def find_scenario(name_or_file: str) -> Scenario:
+    """Return a scenario of the library by its name, one from a .toml file, or the replay of a recorded .csv.
+
+    Raises:
+        ScenarioError: there is neither, or the file makes no sense.
+    """
+    in_library = LIBRARY / f"{name_or_file}.toml"
+    if in_library.parent == LIBRARY and in_library.exists():
+        return load_scenario(in_library)
+    path = Path(name_or_file)
+    if path.name.endswith((".csv", ".csv.gz")) and path.exists():
+        return recorded_scenario(path)
+    if path.suffix != ".toml" or not path.exists():
+        names = ", ".join(sorted(item.stem for item in LIBRARY.glob("*.toml")))
+        raise ScenarioError(name_or_file, f"neither a .toml file, a recorded .csv, nor one of {names}")
+    return load_scenario(path)
