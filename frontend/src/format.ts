@@ -1,5 +1,7 @@
 // Every number that a page shows goes through here: units, decimals, signs, and counting from one.
 
+import { t } from './words/words.svelte';
+
 export const DASH = '–';
 export const MINUS = '−';
 export const CELLS_PER_PACK = 12;
@@ -34,7 +36,7 @@ export const scaled = (value: number | null | undefined, factor: number): number
 /** "pack 3, cell 7" for index 30: the only place where one is added for people. */
 export function cellName(index: number | null | undefined): string {
   if (index === null || index === undefined) return DASH;
-  return `pack ${packNumber(index)}, cell ${cellNumber(index)}`;
+  return t('pack {pack}, cell {cell}', { pack: packNumber(index), cell: cellNumber(index) });
 }
 
 export const packNumber = (index: number): number => Math.floor(index / CELLS_PER_PACK) + 1;

@@ -2,6 +2,7 @@
 // Eight packs in two rows of four, cabled out and back; in a pack twelve cells in two rows of six, likewise.
 
 import { CELLS_PER_PACK } from '../format';
+import { t } from '../words/words.svelte';
 
 /** Pack indices by row and column, seen from above. */
 export const PACK_ROWS: readonly (readonly number[])[] = [
@@ -25,8 +26,13 @@ export function placeOf(index: number): string {
   const packColumn = PACK_ROWS[packRow]!.indexOf(pack) + 1;
   const cellRow = CELL_ROWS.findIndex((row) => row.includes(position));
   const cellColumn = CELL_ROWS[cellRow]!.indexOf(position) + 1;
-  const rowName = (row: number): string => (row === 0 ? 'upper' : 'lower');
-  return `${rowName(packRow)} pack row, column ${packColumn}; ${rowName(cellRow)} cell row, column ${cellColumn}`;
+  const rowName = (row: number): string => (row === 0 ? t('upper') : t('lower'));
+  return t('{packRow} pack row, column {packColumn}; {cellRow} cell row, column {cellColumn}', {
+    packRow: rowName(packRow),
+    packColumn,
+    cellRow: rowName(cellRow),
+    cellColumn,
+  });
 }
 
 /** Neighbours of a cell in the series string. */

@@ -2,6 +2,7 @@
 
 import type { Cells, Part, Snapshot } from '../link/types';
 import { fixed } from '../format';
+import { t, type Text } from '../words/words.svelte';
 
 export type MetricId =
   | 'voltage'
@@ -17,7 +18,7 @@ export type MetricId =
 
 export interface Metric {
   id: MetricId;
-  name: string;
+  name: Text;
   unit: string;
   decimals: number;
   least: number; // narrowest colour scale, in the shown unit
@@ -41,7 +42,7 @@ function deviation(s: Snapshot): (number | null)[] {
 
 const metric = (
   id: MetricId,
-  name: string,
+  name: Text,
   unit: string,
   decimals: number,
   least: number,
@@ -67,6 +68,6 @@ export const METRICS: readonly Metric[] = [
 export const metricById = (id: string): Metric => METRICS.find((m) => m.id === id) ?? METRICS[0]!;
 
 export function metricText(metric: Metric, value: number | null): string {
-  if (metric.id === 'balancing') return value === null ? fixed(null, 0) : value ? 'bleed' : 'off';
+  if (metric.id === 'balancing') return value === null ? fixed(null, 0) : value ? t('bleed') : t('off');
   return fixed(value, metric.decimals);
 }

@@ -1,8 +1,9 @@
 // What lies ahead, in words: limits and reasons as people call them, and the first limit of a list.
 
 import type { PowerReason, Trip, TripLimit } from '../link/types';
+import type { Text } from '../words/words.svelte';
 
-export const LIMITS: Record<TripLimit, string> = {
+export const LIMITS: Record<TripLimit, Text> = {
   v_min: 'lowest voltage',
   v_max: 'highest voltage',
   soc_min: 'empty',
@@ -10,7 +11,7 @@ export const LIMITS: Record<TripLimit, string> = {
   temperature_max: 'too hot',
 };
 
-export const REASONS: Record<PowerReason, string> = {
+export const REASONS: Record<PowerReason, Text> = {
   voltage: 'voltage',
   soc: 'charge',
   temperature: 'heat',
@@ -25,6 +26,3 @@ export function firstTrip(trips: readonly Trip[]): Trip | null {
   }
   return first;
 }
-
-/** A horizon's name: the shortest is what can be had at once. */
-export const horizonName = (seconds: number): string => (seconds <= 1 ? 'now' : `${seconds} s`);

@@ -1,5 +1,7 @@
 // Where the reader is: the hash of the address, so that any place can be shared as a link.
 
+import type { Text } from '../words/words.svelte';
+
 export type Page =
   | 'overview'
   | 'packs'
@@ -13,7 +15,7 @@ export type Page =
   | 'help'
   | 'judge';
 
-export const PAGES: readonly { id: Page; name: string; icon: string }[] = [
+export const PAGES: readonly { id: Page; name: Text; icon: string }[] = [
   { id: 'overview', name: 'Overview', icon: 'gauge' },
   { id: 'packs', name: 'Packs', icon: 'grid' },
   { id: 'charging', name: 'Charging', icon: 'plug' },

@@ -1,0 +1,16 @@
+// Norwegian (bokmål): every text of the pages, and the sentences of the service by pattern.
+import { HELP } from './help';
+import { OVERVIEW } from './overview';
+import { PACKS } from './packs';
+import { SERVICE } from './service';
+import { SESSIONS } from './sessions';
+import { SHELL } from './shell';
+import { SYSTEM } from './system';
+
+const ALL = { ...SHELL, ...OVERVIEW, ...PACKS, ...SESSIONS, ...SYSTEM, ...HELP };
+
+export type Words = Record<keyof typeof ALL, string>;
+export type Said = typeof SERVICE;
+
+export const NB: Words = ALL;
+export const SAID: Said = SERVICE;

@@ -1,0 +1,57 @@
+// The page's words: English stands in the code and is the key; another language is a catalogue that is loaded when it
+// is chosen. A text that a catalogue lacks does not compile, so a language is complete or it is not built.
+
+import type { Said, Words } from './nb';
+
+export type Text = keyof Words;
+export type Language = 'en' | 'nb';
+
+export const LANGUAGES: readonly { id: Language; name: string }[] = [
+  { id: 'en', name: 'English' },
+  { id: 'nb', name: 'Norsk' },
+];
+
+const KEY = 'voltwall.language';
+type Values = Record<string, string | number>;
+
+class Chosen {
+  language = $state<Language>('en');
+  words = $state.raw<Words | null>(null);
+  said = $state.raw<Said | null>(null);
+
+  /** Take the language of the last visit, else the browser's. */
+  async start(): Promise<void> {
+    const kept = localStorage.getItem(KEY) ?? navigator.language.slice(0, 2).replace(/^n[on]$/, 'nb');
+    await this.set(LANGUAGES.find((l) => l.id === kept)?.id ?? 'en', false);
+  }
+
+  async set(language: Language, keep = true): Promise<void> {
+    const catalogue = language === 'nb' ? await import('./nb') : null;
+    this.words = catalogue?.NB ?? null;
+    this.said = catalogue?.SAID ?? null;
+    this.language = language;
+    document.documentElement.lang = language;
+    if (keep) localStorage.setItem(KEY, language);
+  }
+}
+
+export const chosen = new Chosen();
+
+/** `text` in the chosen language, with `{name}` replaced by the value of that name. */
+export function t(text: Text, values?: Values): string {
+  const words: string = chosen.words?.[text] ?? text;
+  return values ? fill(words, values) : words;
+}
+
+export const fill = (text: string, values: Values): string =>
+  text.replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
+
+/** A sentence of the service in the chosen language; one that no catalogue knows stays as it came. */
+export function said(sentence: string): string {
+  if (!chosen.said) return sentence;
+  for (const [pattern, translation] of chosen.said) {
+    const found = pattern.exec(sentence);
+    if (found) return translation.replace(/\$(\d)/g, (_, n: string) => said(found[Number(n)] ?? ''));
+  }
+  return sentence;
+}

@@ -1,0 +1,129 @@
+// The catalogues against the source: nothing on a page is outside them, nothing in them is unused.
+
+import { readdirSync, readFileSync } from 'node:fs';
+import { join } from 'node:path';
+import { parse } from 'svelte/compiler';
+import { describe, expect, it } from 'vitest';
+import { chosen, fill, said, t } from '../src/words/words.svelte';
+import { NB, SAID } from '../src/words/nb';
+
+const SRC = join(import.meta.dirname, '../src');
+// Pages whose texts are still to be moved into the catalogue.
+const PENDING = /views\/(parameters|can|simulator)\/|views\/(Parameters|Can|Simulator)\.svelte/;
+// Names, units and formats are the same in every language.
+const SAME =
+  /^(V|A|Hz|µs|\(3 sigma\)|kW|kWh|Ah|mV|mΩ|°C|s|min|RS232|CAN|CSV|Parquet|SQLite|MF4|LD|MCAP|DBC|Voltwall|REC|P|C|SOC|EEPROM)$/;
+const SHOWN = new Set([
+  'title',
+  'text',
+  'label',
+  'aria-label',
+  'placeholder',
+  'action',
+  'caption',
+  'data-label',
+]);
+
+const files = readdirSync(SRC, { recursive: true, encoding: 'utf8' })
+  .map((f) => f.replaceAll('\\', '/'))
+  .filter((f) => /\.(svelte|ts)$/.test(f) && !f.startsWith('words/'));
+const source = new Map(files.map((f) => [f, readFileSync(join(SRC, f), 'utf8')]));
+const placeholders = (text: string): string[] => [...text.matchAll(/\{(\w+)\}/g)].map((m) => m[1]!).sort();
+
+interface Node {
+  type?: string;
+  [key: string]: unknown;
+}
+const isNode = (x: unknown): x is Node => typeof x === 'object' && x !== null;
+const isText = (s: unknown): boolean =>
+  typeof s === 'string' &&
+  (s.match(/\p{L}/gu) ?? []).length >= 2 &&
+  !SAME.test(s.replace(/[·:,.]/g, '').trim());
+
+/** Texts that a component shows without asking the catalogue. */
+function bare(svelte: string): string[] {
+  const found: string[] = [];
+  const shownValue = (n: Node): void => {
+    if (n.type === 'ConditionalExpression') {
+      shownValue(n['consequent'] as Node);
+      shownValue(n['alternate'] as Node);
+    } else if (n.type === 'LogicalExpression') {
+      shownValue(n['right'] as Node);
+    } else if (n.type === 'Literal' && isText(n['value'])) {
+      found.push(String(n['value']));
+    } else if (n.type === 'TemplateLiteral') {
+      for (const q of n['quasis'] as { value: { cooked: string } }[]) {
+        if (isText(q.value.cooked)) found.push(q.value.cooked);
+      }
+    }
+  };
+  const walk = (n: unknown): void => {
+    if (Array.isArray(n)) n.forEach(walk);
+    if (!isNode(n)) return;
+    if (n.type === 'Text' && isText(n['data'])) found.push(String(n['data']).trim());
+    if (n.type === 'ExpressionTag') shownValue(n['expression'] as Node);
+    if (n.type === 'Attribute') {
+      if (!SHOWN.has(n['name'] as string) || n['value'] === true) return;
+      return walk(n['value']);
+    }
+    for (const key of [
+      'nodes',
+      'fragment',
+      'body',
+      'consequent',
+      'alternate',
+      'pending',
+      'then',
+      'catch',
+      'fallback',
+      'attributes',
+    ]) {
+      if (key !== 'consequent' && key !== 'alternate') walk(n[key]);
+      else if (isNode(n[key]) && (n[key] as Node).type === 'Fragment') walk(n[key]);
+    }
+  };
+  walk(parse(svelte, { modern: true }).fragment);
+  return found;
+}
+
+describe('words', () => {
+  it('finds a bare text in a template, in an attribute and in a condition', () => {
+    const page = `<p title="Bare one">Bare two {x ? 'Bare three' : t('Fine')}</p>{#if a}Bare four{/if}`;
+    expect(bare(page).sort()).toEqual(['Bare four', 'Bare one', 'Bare three', 'Bare two']);
+  });
+
+  it('is asked for every text on a page', () => {
+    const missed = files
+      .filter((f) => f.endsWith('.svelte') && !PENDING.test(f))
+      .flatMap((f) => bare(source.get(f)!).map((text) => `${f}: ${text}`));
+    expect(missed).toEqual([]);
+  });
+
+  it('has no text that nothing shows', () => {
+    const all = [...source.values()].join('\n').replaceAll("\\'", "'");
+    expect(Object.keys(NB).filter((key) => !all.includes(key))).toEqual([]);
+  });
+
+  it('keeps the placeholders of every text', () => {
+    const wrong = Object.entries(NB).filter(
+      ([english, other]) => placeholders(english).join() !== placeholders(other).join(),
+    );
+    expect(wrong).toEqual([]);
+  });
+
+  it('fills values in and leaves an unknown name alone', () => {
+    expect(fill('{n} of {m}', { n: 3 })).toBe('3 of {m}');
+  });
+
+  it('speaks Norwegian once chosen, the sentences of the service too', () => {
+    chosen.words = NB;
+    chosen.said = SAID;
+    expect(t('pack {pack}, cell {cell}', { pack: 3, cell: 7 })).toBe('pakke 3, celle 7');
+    expect(said('shutdown circuit open: cell under-voltage, pack 3, cell 7: 2.49 V, limit 2.5 V')).toBe(
+      'sikkerhetskretsen er åpen: underspenning i celle, pakke 3, celle 7: 2.49 V, grense 2.5 V',
+    );
+    expect(said('a sentence that no catalogue knows')).toBe('a sentence that no catalogue knows');
+    chosen.words = chosen.said = null;
+    expect(t('Overview')).toBe('Overview');
+  });
+});
