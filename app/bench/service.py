@@ -20,9 +20,14 @@ from websockets.sync.client import connect
 
 from app.bench.numerics import fast_frame
 from app.bench.process import cpu_s, resident_mb
+from app.sessions.catalogue import Catalogue
+from app.sessions.files import size_on_disk
+from app.sessions.reader import SessionFile
+from app.sessions.writer import Recorder
 from firmware_protocol.framing import LINE_BYTES_PER_S
 
 START_S = 30.0
+FIRST_S = 3.0  # of a session: every table and series has begun
 
 
 @dataclass
@@ -38,6 +43,11 @@ class Served:
         with urllib.request.urlopen(self.url + "/api/v1/snapshot", timeout=10) as answer:
             body: dict[str, Any] = json.load(answer)
         return body
+
+    def stop(self) -> None:
+        """End the service in order: what it recorded is closed."""
+        self.process.terminate()
+        self.process.wait(20)
 
 
 @contextmanager
@@ -61,11 +71,12 @@ def served(*arguments: str) -> Iterator[Served]:
             stdout=subprocess.PIPE,
             text=True,
         )
+        service = Served(process, "", Path(folder))
         try:
-            yield Served(process, _url_of(process), Path(folder))
+            service.url = _url_of(process)
+            yield service
         finally:
-            process.terminate()
-            process.wait(20)
+            service.stop()
 
 
 def _url_of(process: subprocess.Popen[str]) -> str:
@@ -204,14 +215,14 @@ def simulated(seconds: float) -> SimulatedResult:
         Arrivals(service.url).start()
         time.sleep(2.0)
         pid = service.process.pid
-        size_before, cpu_before, begun = _session_bytes(service.data), cpu_s(pid), time.monotonic()
+        cpu_before, begun = cpu_s(pid), time.monotonic()
         time.sleep(seconds)
         took = time.monotonic() - begun
-        size_after, cpu_after = _session_bytes(service.data), cpu_s(pid)
+        cpu_after, memory = cpu_s(pid), resident_mb(pid)
         link = service.snapshot()["links"]["rs232"]
         cpu = None if cpu_before is None or cpu_after is None else 100 * (cpu_after - cpu_before) / took
-        megabytes = (size_after - size_before) / 1e6 / took * 3600
-        return SimulatedResult(start_s, cpu, resident_mb(pid), megabytes, link["rate_hz"], link["lost"])
+        service.stop()
+        return SimulatedResult(start_s, cpu, memory, _mb_per_hour(service.data), link["rate_hz"], link["lost"])
 
 
 def _is_live(service: Served) -> bool:
@@ -221,5 +232,17 @@ def _is_live(service: Served) -> bool:
         return False
 
 
-def _session_bytes(data: Path) -> int:
-    return sum(path.stat().st_size for path in (data / "sessions").glob("*.sqlite*"))
+def _mb_per_hour(data: Path) -> float:
+    """Growth of the session once closed: before, its log holds every page as often as it was written.
+
+    What a session of its first seconds takes, mostly tables, is not growth.
+    """
+    (info,) = Catalogue(data / "sessions").list()
+    with SessionFile(info.path) as session, tempfile.TemporaryDirectory() as folder:
+        recorder = Recorder(Path(folder), version="bench")
+        first = recorder.start()
+        for frame in session.frames(None, info.started_wall_ns / 1e9 + FIRST_S):
+            recorder.frame(frame.t_mono_ns, frame.t_wall_ns, frame.link, frame.raw, frame.ok)
+        recorder.close()
+        grown = info.size_bytes - size_on_disk(first.path)
+    return grown / 1e6 / (info.duration_s - FIRST_S) * 3600

@@ -18,6 +18,7 @@ def open_for_writing(path: Path, schema: Schema) -> sqlite3.Connection:
     """
     connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
     try:
+        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")  # of a new file: its end can be cut off where it is free
         connection.execute("PRAGMA journal_mode = WAL")
         # FULL: the log is forced to the disk at every commit, so a power cut takes only what was not committed.
         # With NORMAL it would take everything since the last checkpoint, minutes of a race.

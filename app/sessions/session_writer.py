@@ -107,6 +107,8 @@ class SessionWriter:
         """
         self._close_chunk()
         self.write([("meta", ("end_mono_ns", str(t_mono_ns))), ("meta", ("end_wall_ns", str(t_wall_ns)))])
+        # The estimates that a chunk took over left free pages; execute() would take one step of this and stop.
+        self._connection.executescript("PRAGMA incremental_vacuum")
         # A closed session is one file that any tool opens, also on a read-only medium; not where somebody reads it now.
         self._connection.execute("PRAGMA busy_timeout = 0")
         self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")

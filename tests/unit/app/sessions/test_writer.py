@@ -1,5 +1,6 @@
 import logging
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -220,3 +221,14 @@ def test_a_long_session_is_split_by_itself(tmp_path: Path, stream) -> None:
 def test_nothing_to_split_is_said(recorder: Recorder) -> None:
     with pytest.raises(NotNow):
         recorder.split()
+
+
+def test_a_closed_session_has_no_unused_pages(recorder: Recorder, stream) -> None:
+    info = recorder.start()
+    stream.feed(recorder, 700)
+    recorder.flush()
+    stream.feed(recorder, 10)
+    recorder.close()
+    with closing(sqlite3.connect(info.path)) as connection:
+        assert connection.execute("SELECT count(*) FROM chunks").fetchone()[0] == 2
+        assert connection.execute("PRAGMA freelist_count").fetchone()[0] == 0
