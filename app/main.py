@@ -11,7 +11,7 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import __version__
-from app.api import can, commands, config, events, live, metrics, problems, session_login, sessions, simulator
+from app.api import can, commands, config, debrief, events, live, metrics, problems, session_login, sessions, simulator
 from app.api.auth import Doorkeeper, Gate
 from app.api.limits import BodyLimit
 from app.api.static import serve_front_end
@@ -78,7 +78,7 @@ def create_app(
     doorkeeper = Doorkeeper(settings)
     app.state.doorkeeper = doorkeeper
     problems.install(app)
-    for module in (live, session_login, config, can, commands, events, sessions, simulator):
+    for module in (live, session_login, config, can, commands, events, sessions, debrief, simulator):
         app.include_router(module.router, prefix="/api/v1")
     app.include_router(metrics.router)
     serve_front_end(app, STATIC)

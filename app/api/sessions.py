@@ -77,7 +77,8 @@ def _recording_id(runtime: Runtime) -> str | None:
     return None if session is None else session.id
 
 
-def _open(runtime: Runtime, session_id: str) -> SessionFile:
+def open_session(runtime: Runtime, session_id: str) -> SessionFile:
+    """Open a session for reading; where there is none, the answer is 404."""
     try:
         return runtime.catalogue.open(session_id)
     except SessionNotFound as error:
@@ -102,7 +103,7 @@ def start(runtime: RuntimeDep, user: UserDep, body: NewSession | None = None) ->
 @router.get("/sessions/{session_id}")
 def session(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
     """One session with its markers, events and configurations."""
-    with _open(runtime, session_id) as file:
+    with open_session(runtime, session_id) as file:
         return session_json(file.info, _recording_id(runtime)) | {
             "markers": [_marker_json(marker) for marker in file.markers()],
             "events": [_event_json(event) for event in file.events()],
@@ -134,7 +135,7 @@ def mark(session_id: str, body: NewMarker, runtime: RuntimeDep, user: UserDep) -
 @router.get("/sessions/{session_id}/markers")
 def markers(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
     """All markers."""
-    with _open(runtime, session_id) as file:
+    with open_session(runtime, session_id) as file:
         return {"markers": [_marker_json(marker) for marker in file.markers()]}
 
 
@@ -161,7 +162,7 @@ def series(
     points: Annotated[int, Query(ge=1, le=20000)] = 2000,
 ) -> Response:
     """Signals over a range, smallest and largest per point, so that no dip is lost; null is a gap."""
-    with _open(runtime, session_id) as file:
+    with open_session(runtime, session_id) as file:
         try:
             found = file.series(signal, t_from, t_to, points)
         except UnknownSignal as error:
@@ -190,7 +191,7 @@ def download(
     with tempfile.NamedTemporaryFile(suffix=FORMATS[export_format].suffix, delete=False) as target:
         path = Path(target.name)
     try:
-        with _open(runtime, session_id) as file:
+        with open_session(runtime, session_id) as file:
             export(file, path, export_format, signals=signal, t_from_s=t_from, t_to_s=t_to)
     except UnknownSignal as error:
         path.unlink(missing_ok=True)
@@ -211,7 +212,7 @@ def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
     with tempfile.NamedTemporaryFile(suffix=".sqlite", delete=False) as target:
         path = Path(target.name)
     try:
-        with _open(runtime, session_id) as session_file:
+        with open_session(runtime, session_id) as session_file:
             session_file.copy_to(path)
     except SessionError:
         path.unlink(missing_ok=True)

@@ -7,6 +7,7 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
+from app.commands import debrief
 from app.errors import ConfigError
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionError
@@ -22,13 +23,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "action",
         nargs="?",
         default="list",
-        choices=("list", "show", "markers", "check", "delete", "prune"),
+        choices=("list", "show", "markers", "check", "delete", "prune", *debrief.ACTIONS),
         help="list     all sessions, newest first (the default)\n"
         "show     one session: times, counts, signals, configurations, events\n"
         "markers  its markers\n"
         "check    read every byte of it, or of all sessions; exit code 1 where something is wrong\n"
         "delete   delete it for ever (asks for --yes)\n"
-        "prune    what --older-than and --keep-gb leave over; deletes it with --yes",
+        "prune    what --older-than and --keep-gb leave over; deletes it with --yes\n" + debrief.HELP.rstrip(),
     )
     parser.add_argument("session", nargs="?", help="the session's id, or its file")
     parser.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service")
@@ -36,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--yes", action="store_true", help="delete without asking")
     parser.add_argument("--older-than", type=float, metavar="DAYS", help="prune: sessions that ended longer ago")
     parser.add_argument("--keep-gb", type=float, metavar="GB", help="prune: all but so much of the newest")
+    debrief.add_arguments(parser)
 
 
 def data_folder(chosen: Path | None) -> Path:
@@ -74,6 +76,8 @@ def run(args: argparse.Namespace) -> int:
         return _check(path)
     in_use = is_in_use(path)
     with SessionFile(path) as session:
+        if args.action in debrief.ACTIONS:
+            return debrief.run(args, session)
         if args.action == "show":
             _show(session, in_use, args.json)
         else:

@@ -1,0 +1,89 @@
+"""`voltwall sessions laps` and what else looks back on a session."""
+
+import argparse
+import json
+import re
+import sys
+from dataclasses import asdict
+
+from app.debrief.laps import CanCounter, LapTable, lap_table
+from app.errors import ConfigError
+from app.sessions.reader import SessionFile
+
+_NUMBER = r"(0[xX][0-9a-fA-F]+|[0-9]+)"
+_COUNTER = re.compile(f"can:{_NUMBER}:{_NUMBER}(?::{_NUMBER})?")
+ACTIONS = ("laps",)
+HELP = "laps     its laps: energy, power, charge, heat, weakest cell; drivers compared\n"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what only these actions take."""
+    parser.add_argument(
+        "--laps-from",
+        metavar="WHERE",
+        help="laps: settled, markers, pattern, or can:ID:BYTE[:MASK], a byte that goes up when a lap begins\n"
+        "(default: the first of them that there is)",
+    )
+
+
+def run(args: argparse.Namespace, session: SessionFile) -> int:
+    """Do what was asked for.
+
+    Raises:
+        ConfigError: an argument cannot be used.
+    """
+    source, counter = _source(args.laps_from)
+    table = lap_table(session, source, counter)  # type: ignore[arg-type]
+    if args.json:
+        json.dump(asdict(table), sys.stdout, indent=2)
+        print()
+    else:
+        _print_laps(table, session.info.started_wall_ns / 1e9)
+    return 0
+
+
+def _source(text: str | None) -> tuple[str | None, CanCounter | None]:
+    if text is None or text in ("settled", "markers", "pattern"):
+        return text, None
+    match = _COUNTER.fullmatch(text)
+    if match is None:
+        raise ConfigError("--laps-from", text, "settled, markers, pattern or can:ID:BYTE[:MASK]")
+    can_id, byte, mask = (None if part is None else int(part, 0) for part in match.groups())
+    return "can", CanCounter(can_id or 0, byte or 0, 0xFF if mask is None else mask)
+
+
+def _print_laps(table: LapTable, start_s: float) -> None:
+    print(f"laps from: {table.source}")
+    print(
+        "lap    at s  time s  out Wh   in Wh  mean kW  max kW  SOC %   rise K  hottest          lowest cell      driver"
+    )
+    for number, each in enumerate(table.laps, 1):
+        lap = each.lap
+        print(
+            f"{number:>3} {lap.start_s - start_s:>7.1f} {lap.duration_s:>7.2f} {each.energy_out_wh:>7.1f}"
+            f" {each.energy_in_wh:>7.1f} {_of(each.power_mean_w, 1e-3, 8, 2)} {_of(each.power_max_w, 1e-3, 7, 1)}"
+            f" {_of(each.soc_used, 100, 6, 2)} {_of(each.temperature_rise_k, 1, 8, 1)}"
+            f"  {_cell(each.temperature_max_cell, each.temperature_max_degc, 0, 'degC'):16}"
+            f" {_cell(each.weakest_cell, each.voltage_min_v, 3, 'V'):16}"
+            f" {' '.join(part for part in (lap.driver, lap.note, '' if lap.counts else '(not counted)') if part)}"
+        )
+    if len(table.drivers) > 1 or any(driver.driver for driver in table.drivers):
+        print("\ndriver               laps  mean s  best s  spread s  out Wh   in Wh  mean kW  SOC %   rise K")
+        for one in table.drivers:
+            print(
+                f"{one.driver or '(not named)':20} {one.laps:>4} {one.lap_s:>7.2f} {one.best_lap_s:>7.2f}"
+                f" {one.lap_spread_s:>9.2f} {one.energy_out_wh:>7.1f} {one.energy_in_wh:>7.1f}"
+                f" {_of(one.power_mean_w, 1e-3, 8, 2)} {_of(one.soc_used, 100, 6, 2)}"
+                f" {_of(one.temperature_rise_k, 1, 8, 1)}"
+            )
+
+
+def _of(value: float | None, factor: float, width: int, decimals: int) -> str:
+    return f"{'-':>{width}}" if value is None else f"{value * factor:>{width}.{decimals}f}"
+
+
+def _cell(cell: int | None, value: float | None, decimals: int, unit: str) -> str:
+    if value is None:
+        return "-"
+    place = "" if cell is None else f"{cell // 12 + 1}/{cell % 12 + 1} "
+    return f"{place}{value:.{decimals}f} {unit}"

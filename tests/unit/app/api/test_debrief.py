@@ -1,0 +1,59 @@
+"""Looking back on a session over HTTP; what the figures are is tested where they are made."""
+
+import numpy as np
+import pytest
+
+START_S = 1_790_000_000.0
+LAPS = [
+    {"start_s": START_S + 10, "end_s": START_S + 40, "driver": "Anna"},
+    {"start_s": START_S + 40, "end_s": START_S + 80},
+]
+
+
+@pytest.fixture
+def session_id(make_session):
+    time_s = np.arange(0.0, 100.0, 0.5)
+    markers = [(k * 30.0, "lap", "") for k in range(4)]
+    return make_session(time_s, 80 + 40 * np.sin(time_s), 3.7, 25, 0.8, markers=markers).stem
+
+
+def test_laps_are_read_settled_and_taken_back(client, session_id):
+    laps = f"/api/v1/sessions/{session_id}/laps"
+    found = client.get(laps).json()
+    assert (found["source"], len(found["laps"])) == ("markers", 3)
+    settled = client.put(laps, json={"laps": LAPS})
+    assert settled.status_code == 200
+    assert client.get(laps).json() == settled.json()
+    assert [each["lap"]["driver"] for each in settled.json()["laps"]] == ["Anna", ""]
+    assert "laps-settled" in [event["code"] for event in client.get("/api/v1/events").json()["events"]]
+    assert client.delete(laps).json() == found
+
+
+def test_an_overlay_has_a_trace_a_lap(client, session_id):
+    answer = client.get(f"/api/v1/sessions/{session_id}/laps/overlay?lap=0&lap=2&signal=current_a&points=50").json()
+    assert [(trace["lap"], len(trace["minimum"])) for trace in answer["laps"]] == [(0, 50), (2, 50)]
+    assert answer["unit"] == "A"
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("sessions/none/laps", 404),
+        ("sessions/{id}/laps?source=can", 422),
+        ("sessions/{id}/laps?source=guess", 422),
+        ("sessions/{id}/laps/overlay?lap=7", 422),
+        ("sessions/{id}/laps/overlay?lap=0&signal=speed", 422),
+        ("sessions/{id}/laps/overlay", 422),
+    ],
+)
+def test_what_there_is_not_is_named(client, session_id, path, status):
+    answer = client.get("/api/v1/" + path.format(id=session_id))
+    assert answer.status_code == status
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_laps_that_overlap_are_refused_by_name(client, session_id):
+    bad = [LAPS[0], LAPS[1] | {"start_s": START_S + 20}]
+    answer = client.put(f"/api/v1/sessions/{session_id}/laps", json={"laps": bad})
+    assert answer.status_code == 422
+    assert answer.json()["errors"][0]["field"] == "laps[2].start"
