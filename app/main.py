@@ -14,6 +14,7 @@ from app import __version__
 from app.api import can, commands, config, debrief, events, live, metrics, problems, session_login, sessions, simulator
 from app.api.auth import Doorkeeper, Gate
 from app.api.limits import BodyLimit
+from app.api.schemas.service import ProblemOut
 from app.api.static import serve_front_end
 from app.runtime import Runtime
 from app.settings import Settings
@@ -71,6 +72,7 @@ def create_app(
         openapi_url="/api/v1/openapi.json",
         docs_url=None,
         redoc_url=None,
+        responses={"default": {"model": ProblemOut, "description": "What went wrong"}},
     )
     app.state.runtime = runtime
     app.state.simulator = simulated_car

@@ -3,6 +3,7 @@
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Query, Response
+from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
@@ -10,6 +11,7 @@ from app.api.can_json import tables_json, traced_json
 from app.api.config import require_match, run_write
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import invalid
+from app.api.schemas.config import CanTablesOut, CanTraceOut, WriteResultOut
 from firmware_protocol.can_tables import RxMessage, TxMessage, bit_rate, with_rx_messages, with_tx_messages
 from firmware_protocol.config_image import default_image, image_hash, with_raw
 from firmware_protocol.dbc import to_dbc
@@ -89,7 +91,7 @@ def _prescaler(wanted: int) -> int:
     raise invalid("bit_rate", wanted, f"32 MHz / ((n + 1) 8), for example {rates}")
 
 
-@router.get("")
+@router.get("", response_model=CanTablesOut)
 def read(runtime: RuntimeDep, response: Response) -> dict[str, Any]:
     """The tables in force, with the names of what their bytes are; `assumed` while only the defaults are known."""
     in_force = runtime.config_in_force()
@@ -98,7 +100,7 @@ def read(runtime: RuntimeDep, response: Response) -> dict[str, Any]:
     return tables_json(image, runtime.can_rx_active()) | {"hash": image_hash(image), "assumed": in_force is None}
 
 
-@router.put("")
+@router.put("", responses={200: {"model": WriteResultOut}})
 async def write(
     tables: TablesIn,
     runtime: RuntimeDep,
@@ -110,7 +112,7 @@ async def write(
     return await run_write(runtime, user.name, tables.put_into, require_match(if_match), dry_run=dry_run)
 
 
-@router.get("/dbc")
+@router.get("/dbc", response_class=PlainTextResponse)
 def dbc(runtime: RuntimeDep) -> Response:
     """The tables in force as a DBC file."""
     text = to_dbc(runtime.config_in_force() or default_image())
@@ -118,7 +120,7 @@ def dbc(runtime: RuntimeDep) -> Response:
     return Response(text, media_type="text/plain; charset=utf-8", headers=headers)
 
 
-@router.get("/trace")
+@router.get("/trace", response_model=CanTraceOut)
 async def trace(runtime: RuntimeDep, limit: Annotated[int, Query(ge=1, le=2000)] = 200) -> dict[str, Any]:
     """The last frames, and the latest of every id."""
     return await run_in_threadpool(traced_json, runtime.trace, limit, runtime.config_in_force() or default_image())

@@ -8,6 +8,7 @@ from pydantic import BaseModel
 
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import invalid, not_found
+from app.api.schemas.service import CommandsOut, DoneOut
 from firmware_protocol.messages import Command, CommandId
 
 router = APIRouter(prefix="/commands", tags=["commands"])
@@ -52,13 +53,13 @@ COMMANDS: dict[str, tuple[CommandId, Callable[[float | None], int]]] = {
 }
 
 
-@router.get("")
+@router.get("", response_model=CommandsOut)
 def names() -> dict[str, Any]:
     """The commands there are."""
     return {"commands": [*COMMANDS, "stream-start", "stream-stop"]}
 
 
-@router.post("/{name}")
+@router.post("/{name}", response_model=DoneOut)
 def command(name: str, runtime: RuntimeDep, user: UserDep, body: Argument | None = None) -> dict[str, Any]:
     """Send a command and wait for the master's answer."""
     argument = body.argument if body else None

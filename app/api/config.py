@@ -10,6 +10,7 @@ from starlette.concurrency import run_in_threadpool
 from app.api.config_json import change_json, config_json, schema_json
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import Problem, invalid
+from app.api.schemas.config import ConfigOut, LoadResultOut, SchemaOut, StoredConfigOut, StoreResultOut, WriteResultOut
 from app.configuration import HashMismatch, Written
 from app.runtime import Runtime
 from firmware_protocol.config_image import difference, image_hash, with_raw, with_value
@@ -68,13 +69,13 @@ def require_match(if_match: str | None) -> str:
     return if_match.removeprefix("W/").strip('"')
 
 
-@router.get("/schema")
+@router.get("/schema", response_model=SchemaOut)
 def schema() -> dict[str, Any]:
     """Every field with type, unit, range, default and meaning; and the whole memory map for the CAN picker."""
     return schema_json()
 
 
-@router.get("", response_model=None)
+@router.get("", response_model=None, responses={200: {"model": ConfigOut}})
 def read(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any]:
     """The configuration in force: JSON in units, or the 420 bytes with Accept: application/octet-stream."""
     image = runtime.config_in_force()
@@ -87,7 +88,7 @@ def read(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any]:
     return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})
 
 
-@router.get("/stored", response_model=None)
+@router.get("/stored", response_model=None, responses={200: {"model": StoredConfigOut}})
 def read_stored(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any]:
     """What the EEPROM holds, read now."""
     stored = runtime.configuration.read_stored()
@@ -98,7 +99,7 @@ def read_stored(request: Request, runtime: RuntimeDep) -> Response | dict[str, A
     return config_json(stored.image) | {"counter": stored.counter}
 
 
-@router.put("", openapi_extra=_PUT_BODY)
+@router.put("", openapi_extra=_PUT_BODY, responses={200: {"model": WriteResultOut}})
 async def write(
     request: Request,
     runtime: RuntimeDep,
@@ -142,14 +143,14 @@ async def run_write(runtime: Runtime, who: str, edit: Any, expected: str, *, dry
     return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": quoted(str(body["hash"]))})
 
 
-@router.post("/store")
+@router.post("/store", response_model=StoreResultOut)
 def store(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Store the configuration in force in the EEPROM and read the EEPROM back."""
     stored = runtime.operator.store_config(user.name)
     return {"stored_hash": image_hash(stored.image), "verified": True, "counter": stored.counter}
 
 
-@router.post("/load")
+@router.post("/load", response_model=LoadResultOut)
 def load(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Put the stored configuration in force."""
     return {"hash": image_hash(runtime.operator.load_config(user.name))}

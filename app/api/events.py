@@ -6,13 +6,14 @@ from fastapi import APIRouter, Path, Query
 
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import not_found
+from app.api.schemas.service import AcknowledgedOut, EventsOut
 
 router = APIRouter(tags=["events"])
 MAX_ID = (1 << 63) - 1
 Id = Annotated[int, Path(ge=0, le=MAX_ID)]
 
 
-@router.get("/events")
+@router.get("/events", response_model=EventsOut)
 def events(
     runtime: RuntimeDep,
     after: Annotated[int, Query(ge=0, le=MAX_ID)] = 0,
@@ -24,7 +25,7 @@ def events(
     return {"events": runtime.query_events(after=after, limit=limit, severity=severity, cell=cell)}
 
 
-@router.post("/events/{event_id}/acknowledge")
+@router.post("/events/{event_id}/acknowledge", response_model=AcknowledgedOut)
 def acknowledge_event(event_id: Id, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Say that somebody saw it."""
     if not runtime.events.acknowledge(event_id, user.name):
@@ -32,7 +33,7 @@ def acknowledge_event(event_id: Id, runtime: RuntimeDep, user: UserDep) -> dict[
     return {"acknowledged_by": user.name}
 
 
-@router.post("/alarms/{alarm_id}/acknowledge")
+@router.post("/alarms/{alarm_id}/acknowledge", response_model=AcknowledgedOut)
 def acknowledge_alarm(alarm_id: Id, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Say that somebody saw it; it leaves the list when its condition has ended."""
     if not runtime.acknowledge_alarm(alarm_id, user.name):

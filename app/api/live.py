@@ -13,7 +13,8 @@ from app.api.auth import Doorkeeper
 from app.api.deps import RuntimeDep
 from app.api.encode import snapshot_json
 from app.api.problems import Problem
-from app.api.schemas import SnapshotOut
+from app.api.schemas.service import HealthOut, HistoryOut
+from app.api.schemas.snapshot import SnapshotOut
 from app.runtime import Runtime
 from app.telemetry import Snapshot
 
@@ -37,7 +38,7 @@ class Encoder:
         return self._body
 
 
-@router.get("/health")
+@router.get("/health", response_model=HealthOut)
 async def health(runtime: RuntimeDep) -> dict[str, Any]:
     """Whether the service does its work; `reasons` says in words what is missing."""
     reasons = runtime.degraded()
@@ -60,7 +61,7 @@ async def snapshot(request: Request, runtime: RuntimeDep) -> Response:
     return Response(encoder.encode(latest), media_type="application/json")
 
 
-@router.get("/history")
+@router.get("/history", responses={200: {"model": HistoryOut}})
 def history(
     runtime: RuntimeDep,
     seconds: Annotated[float, Query(gt=0, le=3600)] = 900,

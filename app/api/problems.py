@@ -118,8 +118,24 @@ def _number(value: object) -> int | float | None:
     return value if isinstance(value, int | float) else None
 
 
+def _document(app: FastAPI) -> None:
+    """Say in the OpenAPI document under which media type problems come."""
+    made = app.openapi
+
+    def openapi() -> dict[str, Any]:
+        document = made()
+        for operation in (operation for path in document["paths"].values() for operation in path.values()):
+            content = operation["responses"]["default"]["content"]
+            if "application/json" in content:
+                content[MEDIA_TYPE] = content.pop("application/json")
+        return document
+
+    app.openapi = openapi  # type: ignore[method-assign]
+
+
 def install(app: FastAPI) -> None:
     """Make every error of the application a problem document."""
+    _document(app)
 
     @app.exception_handler(Problem)
     async def on_problem(_: Request, error: Problem) -> JSONResponse:

@@ -8,6 +8,7 @@ from pydantic import BaseModel, Field
 from app.api.auth import COOKIE, SESSION_S, User, token_of
 from app.api.deps import DoorkeeperDep
 from app.api.problems import Problem
+from app.api.schemas.service import MeOut
 
 router = APIRouter(tags=["login"])
 
@@ -27,13 +28,13 @@ def _me(user: User | None, *, password_required: bool) -> dict[str, Any]:
     }
 
 
-@router.get("/me")
+@router.get("/me", response_model=MeOut)
 async def me(request: Request, keeper: DoorkeeperDep) -> dict[str, Any]:
     """Role and name of whoever asks; null where nobody is logged in."""
     return _me(request.state.user, password_required=not keeper.is_open)
 
 
-@router.post("/login")
+@router.post("/login", response_model=MeOut)
 def login(body: Login, request: Request, response: Response, keeper: DoorkeeperDep) -> dict[str, Any]:
     """Exchange a password for a cookie."""
     address = request.client.host if request.client else ""
@@ -51,7 +52,7 @@ def login(body: Login, request: Request, response: Response, keeper: DoorkeeperD
     return _me(user, password_required=not keeper.is_open)
 
 
-@router.post("/logout")
+@router.post("/logout", response_model=MeOut)
 def logout(request: Request, response: Response, keeper: DoorkeeperDep) -> dict[str, Any]:
     """Forget the cookie."""
     keeper.close_session(token_of(request.headers))

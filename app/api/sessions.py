@@ -12,6 +12,17 @@ from starlette.background import BackgroundTask
 
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import Problem, invalid, not_found
+from app.api.schemas.sessions import (
+    DeletedOut,
+    MarkedOut,
+    MarkersOut,
+    ReplayStateOut,
+    SessionDetailOut,
+    SessionOut,
+    SessionSeriesOut,
+    SessionsOut,
+    StoppedOut,
+)
 from app.runtime import Runtime
 from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
 from app.sessions.export.formats import FORMATS, export
@@ -85,14 +96,14 @@ def open_session(runtime: Runtime, session_id: str) -> SessionFile:
         raise not_found("session", session_id) from error
 
 
-@router.get("/sessions")
+@router.get("/sessions", response_model=SessionsOut)
 def sessions(runtime: RuntimeDep) -> dict[str, Any]:
     """All sessions, newest first."""
     recording = _recording_id(runtime)
     return {"sessions": [session_json(info, recording) for info in runtime.catalogue.list()]}
 
 
-@router.post("/sessions", status_code=201)
+@router.post("/sessions", status_code=201, response_model=SessionOut)
 def start(runtime: RuntimeDep, user: UserDep, body: NewSession | None = None) -> dict[str, Any]:
     """Start recording."""
     info = runtime.recorder.start(body.name if body else None)
@@ -100,7 +111,7 @@ def start(runtime: RuntimeDep, user: UserDep, body: NewSession | None = None) ->
     return session_json(info, info.id)
 
 
-@router.get("/sessions/{session_id}")
+@router.get("/sessions/{session_id}", response_model=SessionDetailOut)
 def session(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
     """One session with its markers, events and configurations."""
     with open_session(runtime, session_id) as file:
@@ -112,7 +123,7 @@ def session(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
         }
 
 
-@router.post("/sessions/{session_id}/stop")
+@router.post("/sessions/{session_id}/stop", response_model=StoppedOut)
 def stop(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Stop recording."""
     if _recording_id(runtime) != session_id:
@@ -122,7 +133,7 @@ def stop(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     return {"stopped": True}
 
 
-@router.post("/sessions/{session_id}/markers", status_code=201)
+@router.post("/sessions/{session_id}/markers", status_code=201, response_model=MarkedOut)
 def mark(session_id: str, body: NewMarker, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Mark this instant of the running session."""
     if _recording_id(runtime) != session_id:
@@ -132,14 +143,14 @@ def mark(session_id: str, body: NewMarker, runtime: RuntimeDep, user: UserDep) -
     return {"marked": True}
 
 
-@router.get("/sessions/{session_id}/markers")
+@router.get("/sessions/{session_id}/markers", response_model=MarkersOut)
 def markers(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
     """All markers."""
     with open_session(runtime, session_id) as file:
         return {"markers": [_marker_json(marker) for marker in file.markers()]}
 
 
-@router.delete("/sessions/{session_id}")
+@router.delete("/sessions/{session_id}", response_model=DeletedOut)
 def delete(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Delete a session for ever."""
     if _recording_id(runtime) == session_id:
@@ -152,7 +163,7 @@ def delete(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any
     return {"deleted": True}
 
 
-@router.get("/sessions/{session_id}/series")
+@router.get("/sessions/{session_id}/series", responses={200: {"model": SessionSeriesOut}})
 def series(
     session_id: str,
     runtime: RuntimeDep,
@@ -222,7 +233,7 @@ def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
     )
 
 
-@router.post("/replay")
+@router.post("/replay", response_model=ReplayStateOut)
 def replay(body: Replay, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Show a session instead of the live source; recording goes on."""
     try:
@@ -234,14 +245,14 @@ def replay(body: Replay, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     return {"replay": runtime.replaying.state()}
 
 
-@router.post("/replay/control")
+@router.post("/replay/control", response_model=ReplayStateOut)
 def control(body: ReplayControl, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Pause, speed, seek."""
     runtime.replaying.control(paused=body.paused, speed=body.speed, seek_s=body.seek_s)
     return {"replay": runtime.replaying.state()}
 
 
-@router.post("/replay/stop")
+@router.post("/replay/stop", response_model=ReplayStateOut)
 def stop_replay(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Back to the live source."""
     runtime.replaying.stop()

@@ -8,6 +8,14 @@ from starlette.requests import HTTPConnection
 
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import Problem, invalid, not_found
+from app.api.schemas.simulator import (
+    FaultsInForceOut,
+    PhaseOut,
+    ScenarioStartedOut,
+    SimulatorOut,
+    SpeedOut,
+    UnpluggedOut,
+)
 from app.simulator_control import SimulatorRefused
 from app.simulator_process import SimulatorProcess
 
@@ -61,7 +69,7 @@ def _ask(simulator: SimulatorProcess, do: str, arguments: dict[str, Any] | None 
         raise invalid(do, (arguments or {}).get("fault"), str(error)) from error
 
 
-@router.get("")
+@router.get("", response_model=SimulatorOut)
 def read(simulator: SimulatorDep) -> dict[str, Any]:
     """What happens in the simulated car, what else could, and what can go wrong."""
     status = _ask(simulator, "status")
@@ -76,7 +84,7 @@ def read(simulator: SimulatorDep) -> dict[str, Any]:
     }
 
 
-@router.post("/faults", status_code=201)
+@router.post("/faults", status_code=201, response_model=FaultsInForceOut)
 def inject(body: FaultIn, simulator: SimulatorDep, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Make something go wrong, for a while or until it is cleared."""
     _ask(simulator, "inject", body.model_dump())
@@ -85,7 +93,7 @@ def inject(body: FaultIn, simulator: SimulatorDep, runtime: RuntimeDep, user: Us
     return {"active": _ask(simulator, "status")["active"]}
 
 
-@router.delete("/faults")
+@router.delete("/faults", response_model=FaultsInForceOut)
 def clear_all(simulator: SimulatorDep, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Mend everything."""
     _ask(simulator, "clear-all")
@@ -93,7 +101,7 @@ def clear_all(simulator: SimulatorDep, runtime: RuntimeDep, user: UserDep) -> di
     return {"active": []}
 
 
-@router.delete("/faults/{name}")
+@router.delete("/faults/{name}", response_model=FaultsInForceOut)
 def clear(
     name: str,
     simulator: SimulatorDep,
@@ -106,28 +114,28 @@ def clear(
     return {"active": _ask(simulator, "status")["active"]}
 
 
-@router.post("/speed")
+@router.post("/speed", response_model=SpeedOut)
 def speed(body: SpeedIn, simulator: SimulatorDep, user: UserDep) -> dict[str, Any]:
     """Let time run faster or slower."""
     _ask(simulator, "speed", {"value": body.value})
     return {"speed": body.value}
 
 
-@router.post("/next")
+@router.post("/next", response_model=PhaseOut)
 def next_phase(simulator: SimulatorDep, user: UserDep) -> dict[str, Any]:
     """Go on to the scenario's next phase."""
     _ask(simulator, "next")
     return {"phase": _ask(simulator, "status")["phase"]}
 
 
-@router.post("/unplug")
+@router.post("/unplug", response_model=UnpluggedOut)
 def unplug(body: UnplugIn, simulator: SimulatorDep, user: UserDep) -> dict[str, Any]:
     """Pull the RS232 cable for a while."""
     _ask(simulator, "unplug", {"for_s": body.for_s})
     return {"for_s": body.for_s}
 
 
-@router.post("/scenario")
+@router.post("/scenario", response_model=ScenarioStartedOut)
 def scenario(body: ScenarioIn, simulator: SimulatorDep, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Start the simulated car anew with another scenario; its EEPROM stays."""
     if body.name not in {item["name"] for item in _ask(simulator, "scenarios")["scenarios"]}:

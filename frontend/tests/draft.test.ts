@@ -13,6 +13,7 @@ const field = (over: Partial<SchemaField>): SchemaField => ({
   minimum: 30_000,
   maximum: 45_000,
   default: 42_000,
+  range: '3..4.5 V',
   group: 'cell limits',
   meaning: '',
   ...over,

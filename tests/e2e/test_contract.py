@@ -1,20 +1,16 @@
-"""The page's types and its fixtures say what the service really answers."""
+"""The service answers what its OpenAPI document says, so what the page's generated types say."""
 
 import importlib.util
-import re
 from pathlib import Path
 
 import pytest
 
+from app.api.schemas.config import ConfigOut, StoredConfigOut, WriteResultOut
+from app.api.schemas.service import HistoryOut
+from app.api.schemas.sessions import SessionSeriesOut
+from app.api.schemas.snapshot import SnapshotOut
+
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
-TYPES = (FRONTEND / "src" / "link" / "types.ts").read_text()
-
-
-def members(interface: str) -> set[str]:
-    """The members that an interface of types.ts requires."""
-    body = re.search(rf"^export interface {interface} \{{\n(.*?)^\}}", TYPES, re.MULTILINE | re.DOTALL)
-    assert body is not None, interface
-    return set(re.findall(r"^  (\w+):", body[1], re.MULTILINE))
 
 
 def foretells(snapshot) -> bool:
@@ -24,58 +20,46 @@ def foretells(snapshot) -> bool:
 
 
 @pytest.fixture(scope="module")
-def answers(service):
+def racing(service):
     with service.client() as client:
         client.post("/config/store").raise_for_status()
-
-        def get(path):
-            return client.get(path).raise_for_status().json()
-
-        snapshot = service.wait_for(lambda s: s["recording"] is not None and foretells(s))
-        schema, tables = get("/config/schema"), get("/can")
-        session = get("/sessions")["sessions"][0]
-        simulator = get("/simulator")
-        series = get(f"/sessions/{session['id']}/series?signal=i_fs&points=10")
-        return {
-            "Snapshot": snapshot,
-            "Cells": snapshot["cells"],
-            "Pack": snapshot["packs"][0],
-            "Accumulator": snapshot["accumulator"],
-            "Prediction": snapshot["prediction"],
-            "PowerLimit": snapshot["prediction"]["power"]["discharge"][0],
-            "Trip": snapshot["prediction"]["to_trip"][0],
-            "Master": snapshot["master"],
-            "Charger": snapshot["charger"],
-            "Link": snapshot["links"]["can"],
-            "Recording": snapshot["recording"],
-            "Simulator": simulator,
-            "SimulatorStatus": simulator["status"],
-            "Scenario": simulator["scenarios"][0],
-            "FaultKind": simulator["faults"][0],
-            "Me": get("/me"),
-            "Health": get("/health"),
-            "History": get("/history?seconds=10"),
-            "Schema": schema,
-            "SchemaField": schema["fields"][0],
-            "StructField": schema["struct"][0],
-            "Config": get("/config"),
-            "StoredConfig": get("/config/stored"),
-            "CanTables": tables,
-            "CanMessage": tables["tx"][0],
-            "CanFrame": get("/can/trace?limit=1")["by_id"][0],
-            "Session": session,
-            "SessionSeries": series,
-            "LogEvent": get("/events?limit=1")["events"][0],
-        }
+        service.wait_for(lambda s: s["recording"] is not None and s["links"]["can"]["frames"] > 0 and foretells(s))
+        yield client
 
 
-def test_the_service_sends_every_member_that_the_page_reads(answers):
-    missing = {name: members(name) - set(answer) for name, answer in answers.items()}
-    assert {name: names for name, names in missing.items() if names} == {}
+@pytest.mark.parametrize(
+    ("path", "shape"),
+    [
+        ("/snapshot", SnapshotOut),
+        ("/history?seconds=10", HistoryOut),
+        ("/history?seconds=10&cell=17", HistoryOut),
+        ("/config", ConfigOut),
+        ("/config/stored", StoredConfigOut),
+    ],
+)
+def test_an_answer_has_the_documented_members_and_no_other(racing, path, shape):
+    text = racing.get(path).raise_for_status().text
+    shape.model_validate_json(text, strict=True, extra="forbid")
 
 
-def test_cells_are_arrays_of_96(answers):
-    assert {name: len(values) for name, values in answers["Cells"].items() if len(values) != 96} == {}
+def test_a_series_has_the_documented_members_and_no_other(racing):
+    session = racing.get("/sessions").json()["sessions"][0]["id"]
+    answer = racing.get(f"/sessions/{session}/series?signal=i_fs&signal=v[36]&points=10").raise_for_status()
+    SessionSeriesOut.model_validate_json(answer.text, strict=True, extra="forbid")
+
+
+def test_a_difference_has_the_documented_members_and_no_other(racing):
+    etag = racing.get("/config").headers["etag"]
+    answer = racing.put(
+        "/config?dry_run=true", json={"values": {"v_cell_max": 4.15}}, headers={"If-Match": etag}
+    ).raise_for_status()
+    found = WriteResultOut.model_validate_json(answer.text, strict=True, extra="forbid")
+    assert [change.field for change in found.difference] == ["v_cell_max"]
+
+
+def test_cells_are_arrays_of_96(racing):
+    cells = racing.get("/snapshot").json()["cells"]
+    assert {name: len(values) for name, values in cells.items() if len(values) != 96} == {}
 
 
 def test_the_fixtures_know_the_current_memory_map():

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 
 from app.api.encode import snapshot_json
-from app.api.schemas import SnapshotOut
+from app.api.schemas.snapshot import SnapshotOut
 from app.estimation.cellfile import load_cell
 from app.estimation.estimators import make_estimator
 from app.pipeline import Output, Pipeline

@@ -1,5 +1,6 @@
 // CAN tables, pure: which byte of the struct an offset is, what a run of bytes spells, and the bytes as they are now.
 
+import { MASTER_SIZE } from '../generated/memory_map';
 import type { CanMessage, Maybe, RawConfig, Snapshot, StructField } from '../link/types';
 import { flatRaw } from './draft';
 
@@ -92,7 +93,7 @@ export function offsetsOf(field: StructField, element: number, order: 'little' |
 
 /** As much of the master's struct as the page can rebuild from what it knows; NaN where it cannot. */
 export class Image {
-  private readonly bytes = new Float64Array(2984).fill(NaN);
+  private readonly bytes = new Float64Array(MASTER_SIZE).fill(NaN);
 
   constructor(struct: readonly StructField[], snapshot: Maybe<Snapshot>, config: Maybe<RawConfig>) {
     const byName = new Map(struct.map((f) => [f.name, f]));

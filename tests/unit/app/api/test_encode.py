@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.api.encode import snapshot_json
-from app.api.schemas import SnapshotOut
+from app.api.schemas.snapshot import SnapshotOut
 from app.estimation.cellfile import load_cell
 from app.estimation.estimators import make_estimator
 from app.pipeline import Pipeline

@@ -7,6 +7,7 @@ from pydantic import BaseModel
 Number = float | None
 PerCell = list[float | None]
 Severity = Literal["info", "watch", "warning", "trip"]
+AlarmSeverity = Literal["watch", "warning", "trip"]
 
 
 class CellsOut(BaseModel):
@@ -206,7 +207,7 @@ class AlarmOut(BaseModel):
 
     id: int
     code: str
-    severity: Severity
+    severity: AlarmSeverity
     text: str
     since: float
     active: bool

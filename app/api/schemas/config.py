@@ -1,0 +1,176 @@
+"""Configuration, memory map and CAN tables."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, Field
+
+from app.api.schemas.snapshot import Number
+
+RawValue = int | list[int] | list[list[int]]
+
+
+class StructFieldOut(BaseModel):
+    """A field of the master's struct."""
+
+    name: str
+    offset: int
+    type: Literal["u8", "i8", "u16", "i16", "u32", "i32"]
+    count: int
+    shape: list[int]
+    unit: str
+    scale: float
+    meaning: str
+
+
+class SchemaFieldOut(StructFieldOut):
+    """A field of the configuration; limits and default are raw counts."""
+
+    minimum: int | None
+    maximum: int | None
+    default: int | list[int] | None
+    range: str
+    group: str
+
+
+class SchemaOut(BaseModel):
+    """The memory map."""
+
+    map_hash: str
+    fields: list[SchemaFieldOut]
+    groups: list[str]
+    struct: list[StructFieldOut]
+
+
+class ConfigOut(BaseModel):
+    """The configuration in force, in units and in raw counts."""
+
+    hash: str
+    stored_hash: str | None
+    age_s: Number
+    values: dict[str, Any]
+    raw: dict[str, RawValue]
+
+
+class StoredConfigOut(BaseModel):
+    """What the EEPROM holds."""
+
+    hash: str
+    values: dict[str, Any]
+    raw: dict[str, RawValue]
+    counter: int
+
+
+class DifferenceOut(BaseModel):
+    """One element that changes, in its unit."""
+
+    field: str
+    element: int | None
+    from_: float = Field(alias="from")
+    to: float
+    unit: str
+    offset: int
+
+
+class WriteResultOut(BaseModel):
+    """What a write, or a dry run, came to."""
+
+    hash: str
+    written: bool
+    dry_run: bool
+    verified: bool
+    difference: list[DifferenceOut]
+    warnings: list[str]
+
+
+class StoreResultOut(BaseModel):
+    """The EEPROM, read back."""
+
+    stored_hash: str
+    verified: Literal[True]
+    counter: int
+
+
+class LoadResultOut(BaseModel):
+    """The configuration in force after the stored one was loaded."""
+
+    hash: str
+
+
+class CanSignalOut(BaseModel):
+    """A field of the struct inside a message."""
+
+    name: str
+    start_byte: int
+    first_bit: int
+    n_bits: int
+    length: int
+    byte_order: Literal["little", "big"]
+    is_big_endian: bool
+    is_signed: bool
+    scale: float
+    unit: str
+    meaning: str
+
+
+class CanMessageOut(BaseModel):
+    """An entry of the transmit or receive table; `bytes` are offsets into the struct, 65535 = unused."""
+
+    index: int
+    enabled: bool
+    id: int
+    extended: bool
+    length: int
+    bytes: list[int]
+    name: str
+    signals: list[CanSignalOut]
+
+
+class CanTxOut(CanMessageOut):
+    """What the master sends."""
+
+    period_ms: int
+
+
+class CanRxOut(CanMessageOut):
+    """What the master listens for; `active` null while the master has not said."""
+
+    timeout_ms: int
+    response: int | None
+    active: bool | None
+
+
+class CanTablesOut(BaseModel):
+    """Both tables; `assumed` while only the defaults are known."""
+
+    bit_rate: int
+    bus_load: float
+    tx: list[CanTxOut]
+    rx: list[CanRxOut]
+    hash: str
+    assumed: bool
+
+
+class CanFrameOut(BaseModel):
+    """A frame on the bus; `data` in hexadecimal."""
+
+    time: float
+    id: int
+    extended: bool
+    direction: Literal["rx", "tx"]
+    data: str
+    name: str | None
+
+
+class CanSeenOut(CanFrameOut):
+    """The latest frame of an id; `changed` has a bit for each byte."""
+
+    count: int
+    period_s: Number
+    changed: int
+
+
+class CanTraceOut(BaseModel):
+    """The newest frames, and the latest of every id."""
+
+    frames: list[CanFrameOut]
+    by_id: list[CanSeenOut]

@@ -1,0 +1,95 @@
+"""Health, login, history, events, commands."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from app.api.schemas.snapshot import Number, Severity
+
+
+class FieldErrorOut(BaseModel):
+    """A field at fault, its value and its limit."""
+
+    field: str
+    message: str
+    element: int | None = None
+    value: float | str | None = None
+    limit: float | str | None = None
+
+
+class ProblemOut(BaseModel):
+    """An RFC 9457 problem document; what else it carries depends on its type."""
+
+    model_config = ConfigDict(extra="allow")
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    errors: list[FieldErrorOut] = []
+
+
+class HealthOut(BaseModel):
+    """Whether the service does its work; `reasons` says in words what is missing."""
+
+    status: Literal["ok", "degraded"]
+    version: str
+    uptime_s: float
+    source: Literal["simulator", "serial", "can", "replay"]
+    reasons: list[str]
+
+
+class MeOut(BaseModel):
+    """Who asks; null where nobody is logged in."""
+
+    role: Literal["engineer", "viewer"] | None
+    name: str | None
+    password_required: bool
+
+
+class HistoryOut(BaseModel):
+    """Columns of one length; `time` in unix seconds."""
+
+    time: list[float]
+    series: dict[str, list[Number]]
+
+
+class LogEventOut(BaseModel):
+    """An entry of the event log."""
+
+    id: int
+    time: float
+    uptime_s: Number
+    severity: Severity
+    code: str
+    text: str
+    cell: int | None
+    value: Number
+    limit: Number
+    unit: str
+    who: str | None
+    acknowledged_by: str | None
+
+
+class EventsOut(BaseModel):
+    """Newest first."""
+
+    events: list[LogEventOut]
+
+
+class AcknowledgedOut(BaseModel):
+    """Who saw it."""
+
+    acknowledged_by: str
+
+
+class CommandsOut(BaseModel):
+    """The names of the commands."""
+
+    commands: list[str]
+
+
+class DoneOut(BaseModel):
+    """The master did it."""
+
+    done: Literal[True]

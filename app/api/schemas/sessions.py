@@ -1,0 +1,118 @@
+"""Sessions and replay."""
+
+from typing import Literal
+
+from pydantic import BaseModel
+
+from app.api.schemas.snapshot import Number, ReplayOut, Severity
+
+
+class SessionOut(BaseModel):
+    """A recorded session; times in unix seconds."""
+
+    id: str
+    name: str
+    started: float
+    ended: Number
+    duration_s: Number
+    frames: int
+    can_frames: int
+    bytes: int
+    recording: bool
+    closed: bool
+    event_count: int
+    marker_count: int
+    version: str
+
+
+class SessionsOut(BaseModel):
+    """Newest first."""
+
+    sessions: list[SessionOut]
+
+
+class MarkerOut(BaseModel):
+    """A note at an instant."""
+
+    id: int
+    time: float
+    kind: str
+    text: str
+    who: str | None
+
+
+class MarkersOut(BaseModel):
+    """All of a session."""
+
+    markers: list[MarkerOut]
+
+
+class SessionEventOut(BaseModel):
+    """An event as the session holds it."""
+
+    id: int
+    time: float
+    severity: Severity
+    code: str
+    text: str
+    cell: int | None
+    value: Number
+    limit: Number
+    unit: str
+    who: str | None
+
+
+class SessionConfigOut(BaseModel):
+    """A configuration came into force."""
+
+    time: float
+    why: str
+
+
+class SessionDetailOut(SessionOut):
+    """One session with all that is in it."""
+
+    markers: list[MarkerOut]
+    events: list[SessionEventOut]
+    configs: list[SessionConfigOut]
+    signals: list[str]
+
+
+class SignalSeriesOut(BaseModel):
+    """Smallest and largest of each point; null is a gap."""
+
+    unit: str
+    time: list[float]
+    min: list[Number]
+    max: list[Number]
+
+
+class SessionSeriesOut(BaseModel):
+    """Signals over a range; `gaps` are intervals without data."""
+
+    signals: dict[str, SignalSeriesOut]
+    gaps: list[tuple[float, float]]
+
+
+class StoppedOut(BaseModel):
+    """Recording stopped."""
+
+    stopped: Literal[True]
+
+
+class MarkedOut(BaseModel):
+    """The marker is in the file."""
+
+    marked: Literal[True]
+
+
+class DeletedOut(BaseModel):
+    """The session is gone."""
+
+    deleted: Literal[True]
+
+
+class ReplayStateOut(BaseModel):
+    """Where the replay stands; null: the live source is shown."""
+
+    replay: ReplayOut | None
