@@ -3,14 +3,15 @@
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 from app import __version__
 from app.errors import AppError
 from app.pipeline import Output
+from app.recording_plan import RecordingPlan, load_plan, next_part, save_plan
 from app.sessions.info import RecorderStatus, SessionInfo
-from app.sessions.writer import Recorder
+from app.sessions.writer import DiskLimits, Recorder
 from app.telemetry import CanItem, Event, Item, SerialItem
 from firmware_protocol.framing import Frame
 
@@ -28,9 +29,24 @@ class AutoRecorder:
     A session stopped by hand stays stopped until the master was gone once, or somebody starts one.
     """
 
-    def __init__(self, folder: Path, *, automatic: bool, on_event: Callable[[Event], None]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        automatic: bool,
+        on_event: Callable[[Event], None],
+        event: str | None = None,
+        limits: DiskLimits | None = None,
+    ) -> None:
+        """Open the folder; what the page was told of the next sessions lies beside it.
+
+        Raises:
+            ConfigError: the event's name is too long.
+        """
         folder.mkdir(parents=True, exist_ok=True)
-        self._recorder = Recorder(folder, version=__version__)
+        self._plan_path = folder.parent / "recording.json"
+        self._plan = load_plan(self._plan_path, event)
+        self._recorder = Recorder(folder, version=__version__, limits=limits, next_name=next_part)
         self._automatic = automatic
         self._on_event = on_event
         self._lock = threading.Lock()
@@ -41,7 +57,7 @@ class AutoRecorder:
         self._config: bytes | None = None
         self._status: tuple[float, RecorderStatus] | None = None
         self._told: str | None = None
-        self.metadata: Mapping[str, object] = {}
+        self._session_id: str | None = None
 
     @property
     def status(self) -> RecorderStatus:
@@ -63,10 +79,12 @@ class AutoRecorder:
             NotNow: one is being recorded.
         """
         with self._lock:
-            info = self._recorder.start(name, self.metadata)
+            plan = self._plan
+            info = self._recorder.start(name or plan.name(time.time_ns()), plan.metadata())
             self._held_back = False
             self._config = None
             self._status = None
+            self._session_id = info.id
         self._on_event(_event("recording-started", f"recording {info.id}"))
         return info
 
@@ -76,6 +94,34 @@ class AutoRecorder:
             self._held_back = True
         return self._end("stopped")
 
+    def split(self) -> SessionInfo:
+        """End the session and go on in a new file without losing a frame.
+
+        Raises:
+            NotNow: nothing is being recorded.
+            RecordingFailed: the new file cannot be created; the session goes on.
+        """
+        with self._lock:
+            info = self._recorder.split(self._plan.metadata())
+            self._status = None
+        self._tell_split()
+        return info
+
+    @property
+    def plan(self) -> RecordingPlan:
+        """What the next sessions are called."""
+        return self._plan
+
+    def set_plan(self, plan: RecordingPlan) -> None:
+        """Use it from the next session on, also after a restart.
+
+        Raises:
+            ConfigError: it cannot be kept.
+        """
+        save_plan(self._plan_path, plan)
+        with self._lock:
+            self._plan = plan
+
     def close(self) -> None:
         """Write what is left and end the thread."""
         self._recorder.close()
@@ -84,9 +130,10 @@ class AutoRecorder:
         """Return once all is on the disk."""
         self._recorder.flush()
 
-    def marker(self, text: str, kind: str, who: str | None) -> None:
-        """Mark this instant."""
-        self._recorder.marker(time.monotonic_ns(), time.time_ns(), text, kind=kind, who=who)
+    def marker(self, text: str, kind: str, who: str | None, ago_s: float = 0.0) -> None:
+        """Mark this instant, or one so long ago: whoever writes a note first pressed a key."""
+        ago_ns = round(ago_s * 1e9)
+        self._recorder.marker(time.monotonic_ns() - ago_ns, time.time_ns() - ago_ns, text, kind=kind, who=who)
 
     def on_item(self, item: Item) -> None:
         """Record what a link delivered, before anything else looks at it."""
@@ -122,6 +169,7 @@ class AutoRecorder:
             self._last_good_ns = None
             self._held_back = not self._automatic
             self._end("the master is gone")
+        self._tell_split()
         self._tell_trouble()
 
     def on_event(self, event: Event) -> None:
@@ -163,12 +211,27 @@ class AutoRecorder:
             self._on_event(_event("recording-stopped", f"recording {info.id} ended: {why}"))
         return info
 
+    def _tell_split(self) -> None:
+        session = self.session
+        with self._lock:
+            is_news = session is not None and session.id != self._session_id
+            self._session_id = None if session is None else session.id
+        if is_news and session is not None:
+            self._on_event(_event("recording-split", f"recording goes on as {session.id}"))
+
     def _tell_trouble(self) -> None:
+        """Tell of each kind of trouble once, and when it is over; the megabytes in its text change all the time."""
         status = self.status
         trouble = status.error or status.warning
-        if trouble != self._told and trouble is not None:
+        kind = status.error or ("low" if status.warning else None)
+        if kind == self._told:
+            return
+        if trouble is not None:
             self._on_event(_event("recording-trouble", trouble, "warning"))
-        self._told = trouble
+        elif status.session is not None:
+            lost = f"; {status.lost_items} items were lost" if status.lost_items else ", nothing was lost"
+            self._on_event(_event("recording-resumed", f"the disk takes the recording again{lost}"))
+        self._told = kind
 
 
 def _event(code: str, text: str, severity: str = "info") -> Event:

@@ -25,8 +25,10 @@ from app.past import Past, load_past, save_past
 from app.pipeline import Output, Pipeline
 from app.recording import AutoRecorder
 from app.replaying import Replaying
+from app.retention import Retention, RetentionRule
 from app.sessions.catalogue import Catalogue
 from app.sessions.eventlog import EventLog
+from app.sessions.writer import DiskLimits
 from app.settings import Settings
 from app.telemetry import CanItem, Event, FloatArray, Item, SerialItem, Snapshot, Source
 from app.trace import CanTrace
@@ -57,7 +59,19 @@ class Runtime:
         settings.data.mkdir(parents=True, exist_ok=True)
         self.events = EventLog(settings.data / "events.sqlite")
         self.catalogue = Catalogue(settings.data / "sessions")
-        self.recorder = AutoRecorder(settings.data / "sessions", automatic=settings.record, on_event=self.log_event)
+        split_bytes = None if settings.split_mb is None else settings.split_mb * 1_000_000
+        self.recorder = AutoRecorder(
+            settings.data / "sessions",
+            automatic=settings.record,
+            on_event=self.log_event,
+            event=settings.event,
+            limits=DiskLimits(session_bytes=split_bytes),
+        )
+        self.retention = Retention(
+            self.catalogue,
+            RetentionRule(settings.keep_days, settings.keep_gb),
+            lambda text: self.note("info", "session-expired", text),
+        )
         self._inbox: queue.Queue[Item | None] = queue.Queue(INBOX_ITEMS)
         try:
             cell = load_cell(settings.cell)
@@ -118,6 +132,7 @@ class Runtime:
     def start(self) -> None:
         """Start the threads; the links are opened as soon as the estimator is ready for what they bring."""
         self._thread.start()
+        self.retention.start()
         self._jobs.submit(self._open)
 
     def _open(self) -> None:
@@ -140,6 +155,7 @@ class Runtime:
         """Close the links, drain, close the recording: in this order."""
         self._is_closing = True
         self.replaying.stop()
+        self.retention.stop()
         self.master.close()
         for link in (self.serial, self.can):
             if link is not None:

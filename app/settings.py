@@ -35,6 +35,18 @@ class Settings(BaseSettings):
     filter: FilterName = Field(default="fused", description="state estimator")
     cell: str = Field(default="samsung-25r-10p", description="cell file (TOML) or the name of a bundled one")
     record: bool = Field(default=True, description="record by itself while the master speaks")
+    event: str | None = Field(
+        default=None, description="what sessions are named after, as 'FSG endurance'; else what the page was told"
+    )
+    split_mb: int | None = Field(
+        default=None, ge=1, description="a recording longer than so many megabytes goes on in a new file"
+    )
+    keep_days: float | None = Field(
+        default=None, gt=0, description="delete sessions that ended longer ago; without it none is deleted by age"
+    )
+    keep_gb: float | None = Field(
+        default=None, gt=0, description="delete the oldest sessions beyond so many gigabytes; without it none is"
+    )
     password: SecretStr | None = Field(default=None, description="the engineer's password: may write and command")
     viewer_password: SecretStr | None = Field(default=None, description="the viewer's password: may read")
     scenario: str | None = Field(

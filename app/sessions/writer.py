@@ -59,8 +59,10 @@ class Recorder:
         wall_ns: Callable[[], int] = time.time_ns,
         limits: DiskLimits | None = None,
         free_bytes: Callable[[Path], int] = _free_bytes,
+        next_name: Callable[[str], str] = lambda name: name,
     ) -> None:
         self._folder = folder
+        self._next_name = next_name  # of the session that goes on where one is split
         self._version = version
         self._monotonic_ns = monotonic_ns
         self._wall_ns = wall_ns
@@ -100,8 +102,8 @@ class Recorder:
                 raise NotNow(f"session {self._session.id} is being recorded")
             return self._begin(name, metadata or {})
 
-    def split(self) -> SessionInfo:
-        """End the session and go on in a new one, without a frame between them lost.
+    def split(self, metadata: Mapping[str, object] | None = None) -> SessionInfo:
+        """End the session and go on in a new one, without a frame between them lost; its metadata unless told others.
 
         Raises:
             NotNow: nothing is being recorded.
@@ -110,9 +112,10 @@ class Recorder:
         with self._lock:
             if (session := self._session) is None:
                 raise NotNow("nothing is being recorded")
-            name = None if session.name == session.id else session.name
+            name = None if session.name == session.id else self._next_name(session.name)
             config = self._config
-            following = self._begin(name, {**session.metadata, "continues": session.id})
+            known = session.metadata if metadata is None else metadata
+            following = self._begin(name, {**known, "continues": session.id})
             if config is not None:
                 self._put(
                     "configs", (following.started_mono_ns, following.started_wall_ns, "as before", config), len(config)
@@ -203,7 +206,7 @@ class Recorder:
         state = RecorderState.STALLED if error else RecorderState.RECORDING if session else RecorderState.IDLE
         warning = None
         if session and free is not None and free < self._limits.warn_free_bytes:
-            warning = f"{free >> 20} MB free on the disk; recording stops at {self._limits.stop_free_bytes >> 20} MB"
+            warning = f"{free >> 20} MB free on the disk, {_time_left(session, free - self._limits.stop_free_bytes)}"
         return RecorderStatus(state, session, *queue, free, warning, error)
 
     def flush(self, timeout_s: float = 5.0) -> None:
@@ -305,7 +308,7 @@ class Recorder:
         try:
             free = self._free_bytes(self._folder) if self._folder.exists() else None
             if self._batch and free is not None and free < self._limits.stop_free_bytes:
-                error = f"disk nearly full: {free >> 20} MB free, {self._limits.stop_free_bytes >> 20} MB are kept"
+                error = f"disk nearly full: the last {self._limits.stop_free_bytes >> 20} MB are kept free"
             else:
                 self._write_batch(lost_to_tell)
                 self._split_where_long()
@@ -363,6 +366,12 @@ class Recorder:
             self._queued_items -= n
             self._queued_bytes -= size
             self._lost_to_tell -= told
+
+
+def _time_left(session: SessionInfo, usable_bytes: int) -> str:
+    rate = session.size_bytes / max(session.duration_s, 60.0)  # of the first minute it says too little
+    minutes = max(0.0, usable_bytes) / max(rate, 1.0) / 60
+    return "enough for days" if minutes > 2880 else f"full in about {minutes:.0f} minutes at this rate"
 
 
 def _payload_bytes(item: Item) -> int:

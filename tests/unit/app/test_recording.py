@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import pytest
@@ -8,6 +9,7 @@ from app.estimation.estimators import make_estimator
 from app.pipeline import Pipeline
 from app.recording import GONE_S, AutoRecorder
 from app.sessions.catalogue import Catalogue
+from app.sessions.writer import DiskLimits
 from app.telemetry import CanItem, LinkChange
 from firmware_protocol.framing import decode_chunk
 
@@ -28,8 +30,8 @@ def events():
 def make(tmp_path, events):
     made = []
 
-    def make(*, automatic=True, folder=None):
-        recorder = AutoRecorder(folder or tmp_path / "sessions", automatic=automatic, on_event=events.append)
+    def make(*, automatic=True, folder=None, **more):
+        recorder = AutoRecorder(folder or tmp_path / "sessions", automatic=automatic, on_event=events.append, **more)
         made.append(recorder)
         return recorder
 
@@ -150,3 +152,51 @@ def test_a_wall_clock_that_is_set_does_not_end_a_session(make, pipeline, master,
     with Catalogue(tmp_path / "sessions").open(session) as file:
         assert file.info.frames == 13
         assert file.info.duration_s < 60
+
+
+def test_a_session_is_named_by_event_and_time_and_knows_what_the_page_was_told(make, master, tmp_path):
+    recorder = make(event="FSG endurance")
+    recorder.set_plan(replace(recorder.plan, driver="Anna", vehicle="eR26"))
+    recorder.on_item(master.frame())
+    session = recorder.session
+    assert re.fullmatch(r"FSG endurance 20\d\d-\d\d-\d\d \d\d:\d\d \S+", session.name)
+    assert session.metadata == {"event": "FSG endurance", "driver": "Anna", "vehicle": "eR26"}
+    assert make(folder=tmp_path / "sessions").plan.driver == "Anna"
+
+
+def test_split_by_hand_loses_no_frame_and_tells_of_it(make, pipeline, master, events, tmp_path):
+    recorder = make()
+    play(recorder, pipeline, master, 5)
+    first = recorder.session
+    second = recorder.split()
+    play(recorder, pipeline, master, 5)
+    recorder.close()
+    assert (second.name, second.metadata["continues"]) == (f"{first.name}, part 2", first.id)
+    assert codes(events) == ["recording-started", "recording-split"]
+    assert [info.frames for info in Catalogue(tmp_path / "sessions").list()] == [5, 5]
+
+
+def test_a_session_that_grows_too_long_goes_on_in_a_new_file(make, pipeline, master, events, tmp_path):
+    recorder = make(limits=DiskLimits(session_bytes=200_000))
+    while "recording-split" not in codes(events):
+        play(recorder, pipeline, master, 50)
+        recorder.flush()
+    play(recorder, pipeline, master, 20)
+    recorder.close()
+    found = Catalogue(tmp_path / "sessions").list()
+    assert 1 <= codes(events).count("recording-split") < len(found)
+    assert sum(info.frames for info in found) * 100 == master.uptime_ms - 1000
+    assert {info.metadata.get("continues") for info in found} - {None} <= {info.id for info in found}
+    assert all(info.is_closed for info in found)
+
+
+def test_a_marker_is_set_where_the_key_was_pressed(make, master, tmp_path):
+    recorder = make()
+    recorder.on_item(master.frame())
+    session_id = recorder.session.id
+    recorder.marker("cone", "off track", "anna", ago_s=12.0)
+    recorder.marker("now", "note", "anna")
+    recorder.close()
+    with Catalogue(tmp_path / "sessions").open(session_id) as file:
+        first, second = file.markers()
+    assert (second.t_mono_ns - first.t_mono_ns) / 1e9 == pytest.approx(12.0, abs=0.5)

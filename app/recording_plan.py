@@ -1,0 +1,77 @@
+"""What the next sessions are called and what is known of them beforehand: event, driver, vehicle, venue."""
+
+import json
+import re
+from dataclasses import asdict, dataclass, fields
+from datetime import UTC, datetime
+from pathlib import Path
+
+from app.errors import ConfigError
+
+CLOCK_IS_SET_NS = 1_704_067_200 * 10**9  # 2024-01-01: a wall clock before it has never been told the time
+MAX_CHARACTERS = 60
+_PART = re.compile(r"(?P<name>.*), part (?P<number>\d+)$")
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingPlan:
+    """Goes into every session that begins, and from there into the exports that have a place for it."""
+
+    event: str = ""
+    driver: str = ""
+    vehicle: str = ""
+    venue: str = ""
+
+    def metadata(self) -> dict[str, object]:
+        """What is known, by name."""
+        return {name: value for name, value in asdict(self).items() if value}
+
+    def name(self, started_wall_ns: int) -> str:
+        """Return a session's name by event and local time, with its zone; a clock that was never set gives no time."""
+        when = "before the clock was set"
+        if started_wall_ns >= CLOCK_IS_SET_NS:
+            when = datetime.fromtimestamp(started_wall_ns / 1e9, UTC).astimezone().strftime("%Y-%m-%d %H:%M %Z")
+        return f"{self.event} {when}".strip()
+
+
+def next_part(name: str) -> str:
+    """Return the name of the session that goes on where the one of this name ends."""
+    match = _PART.fullmatch(name)
+    return f"{match['name']}, part {int(match['number']) + 1}" if match else f"{name}, part 2"
+
+
+def load_plan(path: Path, event: str | None = None) -> RecordingPlan:
+    """Return what was kept, nothing where there is nothing; `event` given at the start of the service wins."""
+    try:
+        kept = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        kept = {}
+    known = {each.name for each in fields(RecordingPlan)}
+    texts = {name: str(value) for name, value in kept.items() if name in known} if isinstance(kept, dict) else {}
+    if event is not None:
+        texts["event"] = event
+    return checked(RecordingPlan(**texts))
+
+
+def save_plan(path: Path, plan: RecordingPlan) -> None:
+    """Keep it over restarts.
+
+    Raises:
+        ConfigError: the file cannot be written.
+    """
+    try:
+        path.write_text(json.dumps(asdict(plan), indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError("recording plan", path, error.strerror or str(error)) from error
+
+
+def checked(plan: RecordingPlan) -> RecordingPlan:
+    """Return it.
+
+    Raises:
+        ConfigError: a text is too long.
+    """
+    for name, text in asdict(plan).items():
+        if len(text) > MAX_CHARACTERS:
+            raise ConfigError(name, text[:20] + "...", f"at most {MAX_CHARACTERS} characters")
+    return plan
