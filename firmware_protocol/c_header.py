@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from firmware_protocol import eeprom, framing, messages, schedule
+from firmware_protocol import eeprom, exchange, framing, messages, schedule
 from firmware_protocol import memory_map as mm
 
 HEADER = Path(__file__).parent / "c" / "voltwall_protocol.h"
@@ -88,8 +88,16 @@ def _constants() -> Iterator[str]:
         ("EEPROM_SLOT_SIZE", eeprom.SLOT_SIZE),
         ("EEPROM_LAYOUT_VERSION", eeprom.LAYOUT_VERSION),
         ("EEPROM_JOURNAL_OFFSET", eeprom.JOURNAL_OFFSET),
+        ("EEPROM_JOURNAL_PAGES", eeprom.JOURNAL_PAGES),
         ("STREAM_SLOW_LENGTH", schedule.SLOW_LENGTH),
+        ("STREAM_SLOW_WORTHWHILE", schedule.SLOW_LENGTH_WORTHWHILE),
+        ("STREAM_ALIGNMENT", schedule.ALIGNMENT),
+        ("STREAM_TURN_MS", round(schedule.SLOW_TURN_S * 1000)),
         ("STREAM_FAST_PER_SLOW", schedule.FAST_PER_SLOW),
+        ("BAUD_RATE", framing.BAUD_RATE),
+        ("BITS_PER_BYTE", framing.BITS_PER_BYTE),
+        ("LINE_SILENCE_MS", round(framing.LINE_SILENCE_S * 1000)),
+        ("REPEAT_WINDOW_MS", round(exchange.REPEAT_WINDOW_S * 1000)),
     )
     for name, value in values:
         yield f"#define VW_{name} {value}{'u' if isinstance(value, int) and value >= 0 else ''}"

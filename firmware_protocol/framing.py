@@ -26,6 +26,7 @@ MAX_ENCODED = MAX_PAYLOAD + (MAX_PAYLOAD + 253) // 254  # between the delimiters
 BAUD_RATE = 115_200
 BITS_PER_BYTE = 11  # start, 8 data, even parity, stop
 LINE_BYTES_PER_S = BAUD_RATE / BITS_PER_BYTE
+LINE_SILENCE_S = 0.1  # after which the master drops an unfinished frame
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from firmware_protocol.config_image import default_image
-from firmware_protocol.framing import CommandDecoder, Frame, StreamCommand, encode_frame
+from firmware_protocol.framing import LINE_SILENCE_S, CommandDecoder, Frame, StreamCommand, encode_frame
 from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import (
     NO_OFFSET,
@@ -38,7 +38,6 @@ from simulator.storage import ConfigStore
 
 FIRMWARE_VERSION = (1, 0, 0)
 PASS_S = 0.02
-LINE_SILENCE_S = 0.1
 RESET_DELAY_S = 0.1  # so that the reply to the command leaves first
 SLAVE_REFRESH_S = 1.0
 NO_CHARGER = 255

@@ -34,8 +34,16 @@
 #define VW_EEPROM_SLOT_SIZE 512u
 #define VW_EEPROM_LAYOUT_VERSION 1u
 #define VW_EEPROM_JOURNAL_OFFSET 1024u
+#define VW_EEPROM_JOURNAL_PAGES 496u
 #define VW_STREAM_SLOW_LENGTH 200u
+#define VW_STREAM_SLOW_WORTHWHILE 32u
+#define VW_STREAM_ALIGNMENT 4u
+#define VW_STREAM_TURN_MS 1000u
 #define VW_STREAM_FAST_PER_SLOW 20u
+#define VW_BAUD_RATE 115200u
+#define VW_BITS_PER_BYTE 11u
+#define VW_LINE_SILENCE_MS 100u
+#define VW_REPEAT_WINDOW_MS 10000u
 #define VW_STREAM_FAST_WINDOWS { { 420u, 20u }, { 1884u, 204u }, { 2280u, 116u }, { 2982u, 2u } }  /* offset, length */
 #define VW_STREAM_SLOW_RANGES { { 0u, 420u }, { 440u, 1444u }, { 2088u, 192u }, { 2396u, 586u } }  /* offset, length */
 

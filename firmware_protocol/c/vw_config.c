@@ -7,7 +7,9 @@
 
 #define MAX_STANDARD_ID 0x7FFu
 #define MAX_EXTENDED_ID 0x1FFFFFFFu
-#define SLOT_HEADER 12u
+#define CRC_AT 12u
+
+static const uint8_t magic[4] = { 0x56u, 0x57u, 0x43u, 0x46u }; /* "VWCF" */
 
 typedef struct {
     uint16_t offset;
@@ -105,36 +107,49 @@ uint16_t vw_config_check(const uint8_t image[VW_CONFIG_SIZE])
     return first;
 }
 
-static uint32_t slot_crc(const uint8_t *slot)
+void vw_config_clear_padding(uint8_t image[VW_CONFIG_SIZE])
 {
-    uint32_t crc = vw_crc32_update(VW_CRC32_START, slot, SLOT_HEADER);
-    return ~vw_crc32_update(crc, slot + VW_EEPROM_PAGE_SIZE, VW_CONFIG_SIZE);
+    size_t at;
+    for (at = OFFSET(can_rx_msg_en_startup) + 1u; at < OFFSET(can_rx_msg_id); at++) {
+        image[at] = 0u;
+    }
+}
+
+static uint32_t slot_crc(const uint8_t *header, const uint8_t *image)
+{
+    uint32_t crc = vw_crc32_update(VW_CRC32_START, header, CRC_AT);
+    return ~vw_crc32_update(crc, image, VW_CONFIG_SIZE);
+}
+
+void vw_slot_header(uint8_t header[VW_SLOT_HEADER_SIZE], const uint8_t image[VW_CONFIG_SIZE], uint32_t counter)
+{
+    (void)memcpy(header, magic, sizeof magic);
+    vw_put_u16(header + 4, VW_CONFIG_SIZE);
+    vw_put_u16(header + 6, VW_EEPROM_LAYOUT_VERSION);
+    vw_put_u32(header + 8, counter);
+    vw_put_u32(header + CRC_AT, slot_crc(header, image));
+}
+
+uint32_t vw_slot_counter(const uint8_t header[VW_SLOT_HEADER_SIZE], const uint8_t image[VW_CONFIG_SIZE])
+{
+    bool is_valid = memcmp(header, magic, sizeof magic) == 0 && vw_get_u16(header + 4) == VW_CONFIG_SIZE
+                    && vw_get_u16(header + 6) == VW_EEPROM_LAYOUT_VERSION
+                    && vw_get_u32(header + CRC_AT) == slot_crc(header, image);
+    return is_valid ? vw_get_u32(header + 8) : 0u;
 }
 
 void vw_slot_encode(uint8_t slot[VW_EEPROM_SLOT_SIZE], const uint8_t image[VW_CONFIG_SIZE], uint32_t counter)
 {
-    size_t padding;
-    memset(slot, 0, VW_EEPROM_SLOT_SIZE);
-    memcpy(slot, "VWCF", 4);
-    vw_put_u16(slot + 4, VW_CONFIG_SIZE);
-    vw_put_u16(slot + 6, VW_EEPROM_LAYOUT_VERSION);
-    vw_put_u32(slot + 8, counter);
-    memcpy(slot + VW_EEPROM_PAGE_SIZE, image, VW_CONFIG_SIZE);
-    for (padding = OFFSET(can_rx_msg_en_startup) + 1u; padding < OFFSET(can_rx_msg_id); padding++) {
-        slot[VW_EEPROM_PAGE_SIZE + padding] = 0u;
-    }
-    vw_put_u32(slot + SLOT_HEADER, slot_crc(slot));
+    (void)memset(slot, 0, VW_EEPROM_SLOT_SIZE);
+    (void)memcpy(slot + VW_EEPROM_PAGE_SIZE, image, VW_CONFIG_SIZE);
+    vw_config_clear_padding(slot + VW_EEPROM_PAGE_SIZE);
+    vw_slot_header(slot, slot + VW_EEPROM_PAGE_SIZE, counter);
 }
 
 const uint8_t *vw_slot_image(const uint8_t slot[VW_EEPROM_SLOT_SIZE], uint32_t *counter)
 {
-    *counter = vw_get_u32(slot + 8);
-    if (memcmp(slot, "VWCF", 4) != 0 || vw_get_u16(slot + 4) != VW_CONFIG_SIZE
-        || vw_get_u16(slot + 6) != VW_EEPROM_LAYOUT_VERSION || *counter == 0u
-        || vw_get_u32(slot + SLOT_HEADER) != slot_crc(slot)) {
-        return NULL;
-    }
-    return slot + VW_EEPROM_PAGE_SIZE;
+    *counter = vw_slot_counter(slot, slot + VW_EEPROM_PAGE_SIZE);
+    return *counter != 0u ? slot + VW_EEPROM_PAGE_SIZE : NULL;
 }
 
 int vw_slot_newest(const uint8_t slot_0[VW_EEPROM_SLOT_SIZE], const uint8_t slot_1[VW_EEPROM_SLOT_SIZE])

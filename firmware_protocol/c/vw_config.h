@@ -10,6 +10,17 @@
 /* Offset of the first element that must be refused with OUT_OF_RANGE, VW_NO_OFFSET where the image is good. */
 uint16_t vw_config_check(const uint8_t image[VW_CONFIG_SIZE]);
 
+/* Set what lies between the fields to 0. */
+void vw_config_clear_padding(uint8_t image[VW_CONFIG_SIZE]);
+
+#define VW_SLOT_HEADER_SIZE 16u
+
+/* The header of a slot with this image, whose padding is 0. */
+void vw_slot_header(uint8_t header[VW_SLOT_HEADER_SIZE], const uint8_t image[VW_CONFIG_SIZE], uint32_t counter);
+
+/* The counter of a valid slot, 0 where header and image make none. */
+uint32_t vw_slot_counter(const uint8_t header[VW_SLOT_HEADER_SIZE], const uint8_t image[VW_CONFIG_SIZE]);
+
 /* A slot as it stands in the EEPROM. Write it so that a power cut leaves the old or the new configuration, never a
  * mixture: zeros over the first page of the slot that is not the newest, then pages 1 to 7, then page 0. */
 void vw_slot_encode(uint8_t slot[VW_EEPROM_SLOT_SIZE], const uint8_t image[VW_CONFIG_SIZE], uint32_t counter);

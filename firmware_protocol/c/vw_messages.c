@@ -5,7 +5,6 @@
 #include "vw_bytes.h"
 
 #define WINDOW_HEADER 4u
-#define REPLY_HEADER 5u
 #define EVENT_SIZE 12u
 #define COMMAND_SIZE 5u
 
@@ -26,7 +25,7 @@ size_t vw_data_append(uint8_t body[VW_MAX_BODY], size_t length, const uint8_t *m
 size_t vw_reply_body(uint8_t body[VW_MAX_BODY], const vw_frame_t *request, uint8_t result, uint16_t offset,
                      const uint8_t *data, size_t length)
 {
-    if (length > VW_MAX_BODY - REPLY_HEADER) {
+    if (length > VW_MAX_BODY - VW_REPLY_HEADER_SIZE) {
         return 0;
     }
     body[0] = request->type;
@@ -34,9 +33,9 @@ size_t vw_reply_body(uint8_t body[VW_MAX_BODY], const vw_frame_t *request, uint8
     body[2] = result;
     vw_put_u16(body + 3, offset);
     if (length != 0u) {
-        memcpy(body + REPLY_HEADER, data, length);
+        memcpy(body + VW_REPLY_HEADER_SIZE, data, length);
     }
-    return REPLY_HEADER + length;
+    return VW_REPLY_HEADER_SIZE + length;
 }
 
 size_t vw_event_body(uint8_t body[VW_MAX_BODY], const vw_event_t *event)
@@ -165,15 +164,15 @@ bool vw_data_is_valid(const vw_frame_t *frame)
 
 bool vw_reply_parse(const vw_frame_t *frame, vw_reply_t *reply)
 {
-    if (frame->type != VW_MSG_REPLY || frame->length < REPLY_HEADER) {
+    if (frame->type != VW_MSG_REPLY || frame->length < VW_REPLY_HEADER_SIZE) {
         return false;
     }
     reply->request_type = frame->body[0];
     reply->request_sequence = frame->body[1];
     reply->result = frame->body[2];
     reply->offset = vw_get_u16(frame->body + 3);
-    reply->data = frame->body + REPLY_HEADER;
-    reply->length = (uint16_t)(frame->length - REPLY_HEADER);
+    reply->data = frame->body + VW_REPLY_HEADER_SIZE;
+    reply->length = (uint16_t)(frame->length - VW_REPLY_HEADER_SIZE);
     return true;
 }
 

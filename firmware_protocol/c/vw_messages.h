@@ -4,6 +4,8 @@
 
 #include "vw_codec.h"
 
+#define VW_REPLY_HEADER_SIZE 5u
+
 /* -- bodies, master to host ------------------------------------------------------------------------------------- */
 
 /* Append one window of the struct to a DATA body of `length` bytes; returns its new length, 0 where it does not fit. */

@@ -16,7 +16,7 @@ from firmware_protocol.messages import MAX_READ, NO_OFFSET, MessageType, Read, R
 
 C_FOLDER = Path(c_header.__file__).parent / "c"
 VECTORS = Path(__file__).parents[2] / "vectors"
-SOURCES = ("vw_codec.c", "vw_messages.c", "vw_config.c")
+SOURCES = tuple(sorted(path.name for path in C_FOLDER.glob("vw_*.c")))
 STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
 SANITIZE = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 

@@ -1,0 +1,23 @@
+/* What a real firmware measures, made up: 96 cells at rest in the struct, and the commands. */
+#ifndef BATTERY_H
+#define BATTERY_H
+
+#include "../vw_link.h"
+
+typedef struct {
+    vw_master_t *master;
+    vw_link_t *link;
+    bool is_driving; /* relays closed: configuration and most commands are refused */
+} battery_t;
+
+void battery_init(battery_t *battery, vw_master_t *master, vw_link_t *link, bool is_driving);
+
+/* Every 20 ms: new measurements. */
+void battery_measure(battery_t *battery, uint32_t now_ms);
+
+bool battery_may_configure(const battery_t *battery);
+
+/* The commands, for a board whose context points at `battery`. */
+enum vw_result battery_command(battery_t *battery, uint8_t command, int32_t argument);
+
+#endif
