@@ -1,7 +1,12 @@
-"""What tests of every kind share: frames of a made-up master, and the real service as a process."""
+"""What tests of every kind share: the real service as a process, and the C reference built into a master on this PC.
+
+A module whose tests shall hold on either master says so in one line:
+`pytestmark = pytest.mark.parametrize("master", ["simulated", "c"], indirect=True, scope="module")`.
+"""
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +19,54 @@ import httpx
 import pytest
 
 START_S = 30.0
+C_FOLDER = Path(__file__).parents[1] / "firmware_protocol" / "c"
+C_FLAGS = ("-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Werror")
+C_SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
+
+def build_c(program: Path, *sources: Path) -> Path:
+    """Compile sources of the C reference, with sanitizers where gcc has them; skips without gcc, in CI it fails."""
+    if shutil.which("gcc") is None:
+        missing = "gcc is missing; install it (Debian: apt-get install gcc)"
+        pytest.fail(missing) if os.environ.get("CI") else pytest.skip(missing)
+    command = ["gcc", *C_FLAGS, "-I", str(C_FOLDER), *map(str, sources), "-o", str(program)]
+    built = subprocess.run([*command, *C_SANITIZERS], capture_output=True, text=True, check=False)
+    if built.returncode and "cannot find" in built.stderr:
+        built = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    return program
+
+
+@dataclass
+class CMaster:
+    """The C reference as a master behind a pseudo-terminal, its EEPROM in a file that outlives it."""
+
+    program: Path
+    folder: Path
+    process: subprocess.Popen[str] | None = None
+
+    @property
+    def link(self) -> Path:
+        """What `--serial` is given."""
+        return self.folder / "c-master"
+
+    def start(self, *arguments: str) -> "CMaster":
+        """Switch it on; the port is there on return."""
+        eeprom = ("--eeprom", str(self.folder / "c-eeprom.bin"))
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.process = subprocess.Popen(
+            [self.program, "--serial", self.link, *eeprom, *arguments], stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout.readline() == "ready\n"
+        return self
+
+    def stop(self) -> int:
+        """Switch it off, if it still runs; its exit status."""
+        if self.process.poll() is None:
+            self.process.terminate()
+        status = self.process.wait(10)
+        self.process.stdout.close()
+        return status
 
 
 @dataclass
@@ -27,13 +80,26 @@ class Service:
     base_url: str = ""
     lines: list[str] = field(default_factory=list)
     reader: threading.Thread | None = None
+    c_master: CMaster | None = None  # on which it runs, switched on and off with it
 
     def start(self) -> "Service":
         """Start and wait for the line that names the address."""
         self.lines = []
+        serial = () if self.c_master is None else ("--serial", str(self.c_master.start().link))
         ready = threading.Event()
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "app.cli", "serve", "--port", "0", "--data", str(self.data), *self.arguments],
+            [
+                sys.executable,
+                "-m",
+                "app.cli",
+                "serve",
+                "--port",
+                "0",
+                "--data",
+                str(self.data),
+                *self.arguments,
+                *serial,
+            ],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -64,6 +130,8 @@ class Service:
         self.process.send_signal(signal.SIGKILL)
         self.process.wait(10)
         self.reader.join(10)
+        if self.c_master is not None:
+            self.c_master.stop()
 
     def stop(self) -> int:
         """SIGTERM and wait; the exit code."""
@@ -76,6 +144,8 @@ class Service:
             raise
         finally:
             self.reader.join(10)
+            if self.c_master is not None:
+                self.c_master.stop()
 
     def wait_for(self, condition: Callable[[dict], object], seconds: float = 20.0) -> dict:
         """Read snapshots off the websocket until one fulfils a condition; returns it."""
@@ -98,13 +168,32 @@ class Service:
         raise AssertionError(f"not within {seconds} s; last: {summary}")
 
 
+@pytest.fixture(scope="session")
+def c_master_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The program `firmware_protocol/c/host/master.c`, built once."""
+    sources = (*sorted(C_FOLDER.glob("vw_*.c")), *sorted((C_FOLDER / "host").glob("*.c")))
+    return build_c(tmp_path_factory.mktemp("c-master") / "master", *sources)
+
+
+@pytest.fixture(scope="module")
+def master(request: pytest.FixtureRequest) -> str:
+    """What the services of this module read: `simulated`, or `c`."""
+    return getattr(request, "param", "simulated")
+
+
+def c_master_for(master: str, folder: Path, request: pytest.FixtureRequest) -> CMaster | None:
+    """The C master that goes with a service, None on the simulated one."""
+    return CMaster(request.getfixturevalue("c_master_program"), folder) if master == "c" else None
+
+
 @pytest.fixture
-def make_service(tmp_path: Path) -> Iterator[Callable[..., Service]]:
+def make_service(tmp_path: Path, master: str, request: pytest.FixtureRequest) -> Iterator[Callable[..., Service]]:
     """Start services that are stopped at the end."""
     made: list[Service] = []
 
     def make(*arguments: str, data: Path | None = None, start: bool = True, **environment: str) -> Service:
-        service = Service(data or tmp_path / "data", list(arguments), environment)
+        c_master = None if "--serial" in arguments else c_master_for(master, tmp_path / "car", request)
+        service = Service(data or tmp_path / "data", list(arguments), environment, c_master=c_master)
         made.append(service)
         return service.start() if start else service
 
@@ -115,9 +204,14 @@ def make_service(tmp_path: Path) -> Iterator[Callable[..., Service]]:
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
-    """One service on the simulated accumulator for all tests of a module; it delivers snapshots already."""
-    running = Service(tmp_path_factory.mktemp("service") / "data", ["--seed", "1"]).start()
-    running.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96 and s["links"]["can"]["state"] == "live")
+def service(tmp_path_factory: pytest.TempPathFactory, master: str, request: pytest.FixtureRequest) -> Iterator[Service]:
+    """One service for all tests of a module; it delivers snapshots already."""
+    folder = tmp_path_factory.mktemp("service")
+    c_master = c_master_for(master, folder, request)
+    running = Service(folder / "data", ["--seed", "1"], c_master=c_master).start()
+    has_can = c_master is None
+    running.wait_for(
+        lambda s: s["accumulator"]["loaded_cells"] == 96 and (s["links"]["can"]["state"] == "live" or not has_can)
+    )
     yield running
     running.stop()

@@ -2,7 +2,10 @@
 
 import re
 
+import pytest
 from playwright.sync_api import Page, expect
+
+pytestmark = pytest.mark.parametrize("master", ["simulated", "c"], indirect=True, scope="module")
 
 
 def confirm(page: Page, button: str) -> None:
