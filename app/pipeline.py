@@ -21,12 +21,12 @@ from app.outlook import Lookout, Outlook
 from app.shadow import ShadowImage
 from app.telemetry import CanItem, Event, FloatArray, Identity, Item, LinkChange, SerialItem, Snapshot, Source
 from app.watch.alarms import Watch
-from firmware_protocol.can_tables import RxMessage, TxMessage, apply_received, rx_messages, tx_messages, windows_of_tx
+from firmware_protocol.can_tables import TableReader
 from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BadFrame, Frame
-from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG, CONFIG_SIZE, MASTER_SIZE, N_CELLS
-from firmware_protocol.messages import Data, EventCode, Ident, MessageType, Reply, Window, decode_message
+from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE, N_CELLS
+from firmware_protocol.messages import Data, EventCode, Ident, MessageType, Reply, decode_message
 from firmware_protocol.messages import Event as MasterEvent
 
 VOLTAGE_OFFSET = PARTS["voltage"][0]
@@ -244,7 +244,7 @@ class Pipeline:
         monitor.on_can_frame(item.t_mono_ns, len(item.data))
         if item.sent:
             return Output()
-        windows = self._can_windows(item)
+        windows = self._can_tables.windows(item.can_id, item.data)
         if not windows or self._monitors["rs232"].is_live(item.t_mono_ns):
             return Output()  # RS232 carries the same memory, sampled together
         self.shadow.write_whole_elements(windows, item.t_mono_ns)
@@ -253,21 +253,9 @@ class Pipeline:
         self._last_can_snapshot_ns = item.t_mono_ns
         return self._publish(item.t_mono_ns, item.t_wall_ns, fresh=True)
 
-    def _can_windows(self, item: CanItem) -> tuple[Window, ...]:
-        """What a frame tells about the struct, by the tables in force: what the master sends and what it listens to."""
-        windows: list[Window] = []
-        for message in self._can_tables:
-            if message.can_id | (CAN_ID_EXTENDED if message.is_extended else 0) == item.can_id and message.length:
-                windows += (
-                    windows_of_tx(message, item.data)
-                    if isinstance(message, TxMessage)
-                    else apply_received(message, item.data, bytearray(MASTER_SIZE))
-                )
-        return tuple(windows)
-
     def use_can_tables(self, image: bytes) -> None:
         """Decode CAN by the tables of a configuration image."""
-        self._can_tables: tuple[TxMessage | RxMessage, ...] = (*tx_messages(image), *rx_messages(image))
+        self._can_tables = TableReader(image)
 
     def _config_in_force(self) -> tuple[bytes, str] | None:
         """Image and hash as last heard as a whole: never the pieces of two configurations."""

@@ -161,6 +161,27 @@ def windows_of_tx(tx: TxMessage, data: bytes) -> tuple[Window, ...]:
     return _windows(placed)
 
 
+class TableReader:
+    """What CAN frames tell about the master's struct, by the tables of a configuration: sent by it, or listened to."""
+
+    def __init__(self, config: Image) -> None:
+        self._messages: dict[int, list[TxMessage | RxMessage]] = {}
+        messages: tuple[TxMessage | RxMessage, ...] = (*tx_messages(config), *rx_messages(config))
+        for message in messages:
+            if message.length:
+                self._messages.setdefault(_join_id(message.can_id, message.is_extended), []).append(message)
+
+    def windows(self, can_id: int, data: bytes) -> tuple[Window, ...]:
+        """Return the windows of a frame, none for an id that no table has; bit 31 of the id marks a 29-bit one."""
+        found: list[Window] = []
+        for message in self._messages.get(can_id, ()):
+            if isinstance(message, TxMessage):
+                found += windows_of_tx(message, data)
+            else:
+                found += _windows(_placed(message, data))
+        return tuple(found)
+
+
 def bit_rate(can_brp: int) -> int:
     """Return the bus speed that a prescaler gives [bit/s], rounded: 7 gives 500 000."""
     return round(CAN_CLOCK_HZ / ((can_brp + 1) * TIME_QUANTA))

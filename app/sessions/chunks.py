@@ -4,13 +4,19 @@ The recorder closes a chunk a minute; the reader builds one for what came after 
 """
 
 from collections import defaultdict
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
+from heapq import merge
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.sessions.streams import IntArray
+from firmware_protocol.can_tables import TableReader
+from firmware_protocol.config_image import default_image
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import Frame, decode_chunk
 from firmware_protocol.memory_map import FIELDS, N_CELLS
@@ -19,6 +25,7 @@ from firmware_protocol.messages import Data, MessageType
 ESTIMATE_SCALE = 2e-5  # per count of a stored estimate; 65535 is missing
 ESTIMATE_MISSING = 0xFFFF
 ESTIMATES = ("estimate.soc", "estimate.soc_sigma")
+SERIAL_LIVE_NS = 1_000_000_000  # a serial frame not longer ago: CAN carries the same memory, less of it
 _RESET_MS = 1000  # the master's clock went back by more than this: it has booted
 _NUMPY_TYPES = {"b": "|i1", "B": "|u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4"}
 Layout = tuple[tuple[int, int], ...]  # offset and length of each window
@@ -36,7 +43,10 @@ class SeriesKey:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Times that some columns share: microseconds of the monotonic clock, and boot * 2**32 + uptime_ms."""
+    """Times that some columns share: microseconds of the monotonic clock, and boot * 2**32 + uptime_ms.
+
+    What came over CAN has no part in the master's clock: its instants are its times, negative.
+    """
 
     times_us: NDArray[np.int64]
     instants: NDArray[np.int64]
@@ -92,9 +102,11 @@ class _Group:
 class ChunkBuilder:
     """Collects what was received; `build` gives the columns."""
 
-    def __init__(self, boots: int = 0, last_uptime_ms: int | None = None) -> None:
+    def __init__(self, boots: int = 0, last_uptime_ms: int | None = None, last_frame_ns: int | None = None) -> None:
         self._boots = boots
         self._last_uptime_ms = last_uptime_ms
+        self._last_frame_ns = last_frame_ns
+        self._can_tables = TableReader(default_image())
         self._restart()
 
     def _restart(self) -> None:
@@ -114,11 +126,40 @@ class ChunkBuilder:
         """How often the master's clock has gone back, and what it showed in the last intact frame [ms]."""
         return self._boots, self._last_uptime_ms
 
+    def add(
+        self,
+        frames: Iterable[tuple[int, bytes]],
+        can_frames: Iterable[tuple[int, int, bytes]] = (),
+        configs: Iterable[tuple[int, bytes]] = (),
+    ) -> None:
+        """Take what was received, each kind in order: (t_mono_ns, raw), (t_mono_ns, id, data), (t_mono_ns, image)."""
+        kinds: tuple[tuple[Iterable[tuple[Any, ...]], Callable[..., None]], ...] = (
+            (configs, self._use_tables),
+            (can_frames, self.add_can_frame),
+            (frames, self.add_frame),
+        )
+        sources = [[(item[0], take, item) for item in items] for items, take in kinds]
+        for _, take, item in merge(*sources, key=itemgetter(0)):
+            take(*item)
+
+    def _use_tables(self, _: int, image: bytes) -> None:
+        self._can_tables = TableReader(image)
+
+    def add_can_frame(self, t_mono_ns: int, can_id: int, data: bytes) -> None:
+        """Take a CAN frame: what it tells about the struct by the tables in force, where no serial frame tells more."""
+        if self._last_frame_ns is not None and t_mono_ns - self._last_frame_ns < SERIAL_LIVE_NS:
+            return
+        windows = self._can_tables.windows(can_id, data)
+        layout = tuple((w.offset, len(w.data)) for w in windows)
+        if _segments(layout):
+            self._append(layout, b"".join([w.data for w in windows]), t_mono_ns, -(t_mono_ns // 1000))
+
     def add_frame(self, t_mono_ns: int, raw: bytes) -> None:
         """Take an intact frame; one without telemetry only moves the master's clock on."""
         frame = decode_chunk(raw)
         if not isinstance(frame, Frame):
             return
+        self._last_frame_ns = t_mono_ns
         if self._last_uptime_ms is not None and frame.uptime_ms < self._last_uptime_ms - _RESET_MS:
             self._boots += 1
         self._last_uptime_ms = frame.uptime_ms
@@ -128,11 +169,16 @@ class ChunkBuilder:
             windows = Data.from_body(frame.body).windows
         except DecodeError:
             return
-        group = self._groups[tuple((w.offset, len(w.data)) for w in windows)]
+        layout = tuple((w.offset, len(w.data)) for w in windows)
+        body = b"".join([w.data for w in windows])
+        self._append(layout, body, t_mono_ns, self._boots << 32 | frame.uptime_ms)
+
+    def _append(self, layout: Layout, body: bytes, t_mono_ns: int, instant: int) -> None:
+        group = self._groups[layout]
         group.indices.append(len(self._times_us))
-        group.bodies.append(b"".join([w.data for w in windows]))
+        group.bodies.append(body)
         self._times_us.append(t_mono_ns // 1000)
-        self._instants.append(self._boots << 32 | frame.uptime_ms)
+        self._instants.append(instant)
 
     def add_estimate(self, t_mono_ns: int, uptime_ms: int, soc: bytes, sigma: bytes) -> None:
         """Take one estimate of all cells, as `encode_estimate` made it."""
@@ -173,6 +219,8 @@ class ChunkBuilder:
 
     def _estimate_track(self, times_us: NDArray[np.int64], instants: NDArray[np.int64]) -> Track:
         """Give each estimate the boot of the last frame before it, or the one before, where the uptime says so."""
+        by_master = instants >= 0
+        times_us, instants = times_us[by_master], instants[by_master]
         own_us = np.array(self._estimate_times_us, np.int64)
         uptimes_ms = np.array(self._estimate_uptimes_ms, np.int64)
         known = np.insert(instants, 0, self._boots_at_start << 32 | 0xFFFFFFFF)

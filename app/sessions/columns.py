@@ -17,6 +17,7 @@ from app.sessions.streams import IntArray, stream_range, unpack_block, unpack_st
 from firmware_protocol.memory_map import FIELDS
 
 _CACHED_TRACKS = 2048
+_ALWAYS_US = 1 << 50
 TimeArray = NDArray[np.int64]
 
 
@@ -47,7 +48,7 @@ class ColumnReader:
     def __init__(self, stored: StoredSession) -> None:
         self._stored = stored
         self._tracks: dict[tuple[int, str], TimeArray] = {}
-        self._tail: tuple[tuple[int, int, int], Chunk] | None = None
+        self._tail: tuple[tuple[int, ...], Chunk] | None = None
 
     def samples(self, signal: Signal, first_us: int, last_us: int, *, instants: bool = False) -> Samples:
         """Return every sample of a range of monotonic time, ends included."""
@@ -162,15 +163,19 @@ class ColumnReader:
     def _build_tail(self) -> Chunk:
         """Decode what came after the last chunk."""
         stored = self._stored
-        state = (stored.last_id("frames"), stored.last_id("estimates"), stored.last_id("chunks"))
+        state = tuple(stored.last_id(table) for table in ("frames", "can_frames", "estimates", "chunks"))
         if self._tail is None or self._tail[0] != state:
             last_chunk = stored.rows("SELECT last_frame, boots, last_uptime_ms FROM chunks ORDER BY id DESC LIMIT 1")
             last_frame, boots, last_uptime_ms = last_chunk[0] if last_chunk else (0, 0, None)
-            builder = ChunkBuilder(boots, last_uptime_ms)
-            for t_mono_ns, raw in stored.rows(
-                "SELECT t_mono_ns, raw FROM frames WHERE id > ? AND ok ORDER BY id", (last_frame,)
-            ):
-                builder.add_frame(t_mono_ns, raw)
+            ((last_us,),) = stored.rows("SELECT coalesce(max(last_us), ?) FROM chunks", (-_ALWAYS_US,))
+            before = "SELECT t_mono_ns FROM frames WHERE id <= ? AND ok ORDER BY id DESC LIMIT 1"
+            last_good = stored.rows(before, (last_frame,))
+            builder = ChunkBuilder(boots, last_uptime_ms, last_good[0][0] if last_good else None)
+            builder.add(
+                stored.rows("SELECT t_mono_ns, raw FROM frames WHERE id > ? AND ok ORDER BY id", (last_frame,)),
+                stored.iterate("can_frames", "t_mono_ns, can_id, data", (last_us + 1) * 1000, None),
+                stored.rows("SELECT t_mono_ns, image FROM configs ORDER BY id"),
+            )
             for row in stored.rows("SELECT t_mono_ns, uptime_ms, soc, sigma FROM estimates ORDER BY id"):
                 builder.add_estimate(*row)
             self._tail = (state, builder.build())

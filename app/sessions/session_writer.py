@@ -79,15 +79,17 @@ class SessionWriter:
         with _Transaction(self._connection):
             for table, of_table in rows.items():
                 self._connection.executemany(_INSERT[table], of_table)
-        for t_mono_ns, _, _, ok, raw in rows["frames"]:
-            if ok:
-                self._builder.add_frame(t_mono_ns, raw)
-            else:
-                self._bad_frames += 1
+        self._builder.add(
+            [(row[0], row[4]) for row in rows["frames"] if row[3]],
+            [(row[0], row[2], row[3]) for row in rows["can_frames"]],
+            [(row[0], row[3]) for row in rows["configs"]],
+        )
+        self._bad_frames += sum(not row[3] for row in rows["frames"])
         for row in rows["estimates"]:
             self._builder.add_estimate(*row)
         if self._chunk_start_ns is None:
-            self._chunk_start_ns = min((row[0] for row in (*rows["frames"][:1], *rows["estimates"][:1])), default=None)
+            first = (*rows["frames"][:1], *rows["estimates"][:1], *rows["can_frames"][:1])
+            self._chunk_start_ns = min((row[0] for row in first), default=None)
         self._frames += len(rows["frames"])
 
     def close_chunk_if_due(self, t_mono_ns: int) -> None:
