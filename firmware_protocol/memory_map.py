@@ -155,7 +155,7 @@ SLAVE_FIELDS = (
     Field("cvr", 82, "H", (12,), "V", 1e-4, meaning="cell voltages as the chip gave them; 65535 no measurement"),
     Field("avr", 106, "H", (3,), "V", 1e-4, meaning="auxiliary voltages"),
     Field("str", 112, "H", (6,), meaning="status register groups"),
-    Field("com", 124, "H", (3,), meaning="packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer (ours)"),
+    Field("com", 124, "H", (3,), meaning="packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer, 4 reference (ours)"),
     Field("temp", 130, "H", (24,), "V", 1e-4, meaning="voltages with the sensors switched in, two phases of 12 (ours)"),
 )
 SLAVE_SIZE = 180

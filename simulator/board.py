@@ -27,11 +27,11 @@ class Board:
 
     def sense_voltages(self, accumulator: Accumulator) -> None:
         """Put the accumulator's voltages at the slaves' inputs."""
-        self.chain.cell_v = self.cell_inputs.read(accumulator.terminal_voltage_v)
+        self.chain.converters.cell_v = self.cell_inputs.read(accumulator.terminal_voltage_v)
 
     def sense_temperatures(self, accumulator: Accumulator) -> None:
         """Put the sensors' voltages beside them."""
         degc = self.cell_inputs.read_temperature(accumulator.temperature_degc)
         sensor_v = np.interp(degc, _CURVE_DEGC, _CURVE_V) + self.noise.draw(N_CELLS) * TEMPERATURE_NOISE_V
-        self.chain.sensor_v = np.where(self.cell_inputs.temperature_unplugged, 0.0, sensor_v)
-        self.chain.board_degc = float(accumulator.board_temperature_degc.mean())
+        self.chain.converters.sensor_v = np.where(self.cell_inputs.temperature_unplugged, 0.0, sensor_v)
+        self.chain.converters.board_degc = float(accumulator.board_temperature_degc.mean())

@@ -61,7 +61,7 @@ def _joint(simulation: Simulation, cell: int, milliohm: float) -> None:
 
 
 def _open_wire(simulation: Simulation, cell: int, is_open: float) -> None:
-    wires = simulation.board.chain.open_wires
+    wires = simulation.board.chain.converters.open_wires
     wires.add(cell) if is_open else wires.discard(cell)
 
 
@@ -96,7 +96,15 @@ def _slave(simulation: Simulation, pack: int, is_lost: float) -> None:
 
 
 def _converter(simulation: Simulation, pack: int, bit: float) -> None:
-    simulation.board.chain.stick(pack, 0 if np.isnan(bit) else 1 << int(bit))
+    simulation.board.chain.converters.stick(pack, 0 if np.isnan(bit) else 1 << int(bit))
+
+
+def _reference(simulation: Simulation, pack: int, percent: float) -> None:
+    simulation.board.chain.converters.drift(pack, 1 + percent / 100)
+
+
+def _multiplexer(simulation: Simulation, pack: int, has_failed: float) -> None:
+    simulation.board.chain.converters.multiplexer_failed[pack] = bool(has_failed)
 
 
 def _isospi(simulation: Simulation, _: int, rate: float) -> None:
@@ -185,6 +193,8 @@ _KINDS = (
     FaultKind("ambient", "another air temperature", _NONE, "degC", -40, 80, 45, _NAN, _ambient),
     FaultKind("lost-slave", "the pack's slave does not answer", _PACK, *_ON, _slave),
     FaultKind("broken-converter", "this bit of the slave's converter is stuck", _PACK, "", 0, 15, 7, _NAN, _converter),
+    FaultKind("drifting-reference", "the slave's reference is off", _PACK, "%", -20, 20, 2, 0, _reference),
+    FaultKind("multiplexer-failed", "the slave's multiplexer fails its self-test", _PACK, *_ON, _multiplexer),
     FaultKind("isospi-noise", "bit errors on the slaves' line", _NONE, "per bit", 0, 0.1, 1e-3, 0, _isospi),
     FaultKind("current-unplugged", "the current sensor is off", _NONE, *_ON, _current_unplugged),
     FaultKind("current-offset", "the current sensor is off by this", _NONE, "A", -100, 100, 2, 0, _current_offset),

@@ -5,15 +5,15 @@ from numpy.typing import NDArray
 
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, N_CELLS, T_MISSING, V_MISSING
 from simulator.board import Board
+from simulator.converters import BoolArray
 from simulator.memory import Config, MasterMemory
 from simulator.protection import Reading
 from simulator.sensors import ADC_MAX
-from simulator.slave import BoolArray
-from simulator.slave_reader import STATUS_ACTIVE, STATUS_FAULT, SlaveReader
+from simulator.slave_reader import CHECK_STAGE_S, CHECK_STAGES, STATUS_ACTIVE, STATUS_FAULT, SlaveReader
 
 READY_S = 0.5  # both temperature phases read, the voltage filter settled
 TEMPERATURE_PERIOD_S = 0.2  # of one phase
-SELF_CHECK_PERIOD_S = 1.0
+SELF_CHECK_PERIOD_S = 1.0  # of all its stages
 HIGH_PRECISION_TIME_S = 1.0
 SAMPLE_S = 0.001
 _U16 = 0xFFFF
@@ -45,14 +45,12 @@ class Measurement:
 
     def run(self, config: Config, now_s: float, dt_s: float, true_current_a: float, is_charging: bool) -> Reading:
         """Measure everything that is due and return what the protection judges."""
-        silent = self.reader.read_voltages(now_s)
+        self.reader.begin(now_s)
         if now_s >= self._temperature_due_s:
             self._temperature_due_s = now_s + TEMPERATURE_PERIOD_S
-            self._read_temperatures(now_s)
-        if now_s >= self._self_check_due_s:
-            self._self_check_due_s = now_s + SELF_CHECK_PERIOD_S
-            self.reader.self_check(now_s)
-            self._fill_slow_fields(config)
+            self._read_temperatures()
+        silent = self.reader.read_voltages()
+        self._check(config, now_s, now_s + dt_s)
         i_fc, lost_current = self._measure_current(config, dt_s, true_current_a)
         lost_cell = self._filter_voltages(config, silent)
         self.is_ready = self.is_ready or now_s - self._start_s >= READY_S
@@ -66,6 +64,15 @@ class Measurement:
             lost_slave=None if self.reader.is_whole or not silent.any() else int(silent.argmax()),
             lost_current=lost_current,
         )
+
+    def _check(self, config: Config, now_s: float, end_s: float) -> None:
+        """Run the stages of the self-check that are due, as far as the pass has time for them."""
+        if self.reader.has_returned:
+            return
+        while now_s >= self._self_check_due_s and self.reader.busy_until_s + CHECK_STAGE_S <= end_s:
+            self._self_check_due_s += SELF_CHECK_PERIOD_S / CHECK_STAGES
+            if self.reader.self_check():
+                self._fill_slow_fields(config)
 
     def _measure_current(self, config: Config, dt_s: float, true_current_a: float) -> tuple[int, bool]:
         n = min(max(round(dt_s / SAMPLE_S), 1), _MAX_SAMPLES)
@@ -128,9 +135,9 @@ class Measurement:
         missing = answered & ~known
         return int(missing.argmax()) if missing.any() else None
 
-    def _read_temperatures(self, now_s: float) -> None:
+    def _read_temperatures(self) -> None:
         """Read one phase of sensors; summarise the whole degrees of the cells that have one."""
-        self.reader.read_temperatures(now_s)
+        self.reader.read_temperatures()
         degc = self.reader.temperatures_degc()
         known = np.isfinite(degc)
         whole = np.where(known, np.rint(np.where(known, degc, 0)), T_MISSING).astype(np.int8)

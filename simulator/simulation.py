@@ -204,7 +204,7 @@ class Simulation:
         self.accumulator.step(
             dt_s,
             self.current_a,
-            bleeding=self.board.chain.discharging if self.board.chain.is_discharging else None,
+            bleeding=self.board.chain.take_bleeding(dt_s),
             fan_duty=0.0 if master is None else master.fan_duty,
         )
 

@@ -1,6 +1,7 @@
-"""The master's side of the slaves: convert, read, check, keep; temperatures in two phases; open wires.
+"""The master's side of the slaves: wake, convert, wait, read, check, keep; temperatures in two phases; open wires.
 
 A packet with a wrong check word keeps the old registers. A slave without one good packet in a pass counts as silent.
+Everything takes its time on the bus: `busy_until_s` says when the last thing asked for is over.
 """
 
 import functools
@@ -16,15 +17,18 @@ from firmware_protocol.ltc6804 import (
     adcv,
     adstat,
     command_packet,
+    decode_command,
     voltage_codes,
     write_packet,
 )
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING
 from firmware_protocol.temperature_sensor import FIRST_DEGC, MARGIN_V, POINTS_V, STEP_DEGC
+from simulator.conversion import ADOW, decode_conversion
+from simulator.converters import BoolArray
 from simulator.isospi import DATA_WORDS, WordArray, is_intact
 from simulator.memory import Config, MasterMemory
 from simulator.self_test import AXST, CVST, PATTERNS, STATST, SelfTest
-from simulator.slave import ADOW, BoolArray, SlaveChain
+from simulator.slave import SlaveChain
 
 STATUS_ABSENT, STATUS_ACTIVE, STATUS_FAULT = 0, 1, 255
 _CONVERT = command_packet(adcv())
@@ -37,7 +41,24 @@ _TEST_MULTIPLEXER = command_packet(Command.DIAGN)
 _SELF_TESTS = tuple(
     tuple(SelfTest(kind, AdcMode.NORMAL, pattern) for kind in (CVST, AXST, STATST)) for pattern in PATTERNS
 )
-_CELLS_FAILED, _AUXILIARY_FAILED, _STATUS_FAILED, _MULTIPLEXER_FAILED = np.array((1, 2, 4, 8), dtype=np.uint16)
+_TEST_PACKETS = tuple(tuple(command_packet(test.command) for test in tests) for tests in _SELF_TESTS)
+_CONVERSION_TIME_S = {
+    packet: conversion.time_s()
+    for packet in (
+        *(_CONVERT, _CONVERT_SENSORS, _CONVERT_PULLED_UP, _CONVERT_PULLED_DOWN),
+        *(_CONVERT_AUX, _CONVERT_STATUS, _TEST_MULTIPLEXER),
+        *(packet for packets in _TEST_PACKETS for packet in packets),
+    )
+    if (conversion := decode_conversion(decode_command(packet)[0])) is not None
+}
+_BYTE_S = 8e-6  # at 1 MHz
+_COMMAND_S, _GROUP_S = 4 * _BYTE_S, 12 * _BYTE_S
+CHECK_STAGES = 4  # of the self-check: a pattern each, references and multiplexer, wires
+CHECK_STAGE_S = 13e-3  # the longest of them
+_CELLS_FAILED, _AUXILIARY_FAILED, _STATUS_FAILED, _MULTIPLEXER_FAILED, _REFERENCE_FAILED = np.array(
+    (1, 2, 4, 8, 16), dtype=np.uint16
+)
+_REFERENCE_COUNTS = (29850, 30150)  # the second reference of a sound chip, 2.985 to 3.015 V
 _MULTIPLEXER_FLAG = 0x0200  # in the last status word
 _NO_CELLS = np.zeros(CELLS_PER_PACK, dtype=bool)
 _OPEN_WIRE_COUNTS = 4000  # the data sheet's 400 mV
@@ -45,8 +66,15 @@ _U16 = 0xFFFF
 _PHASES = tuple(np.arange(CELLS_PER_PACK) % 2 == phase for phase in range(2))
 _SENSOR_RISING_V = np.array(POINTS_V[::-1])
 _SENSOR_DEGC = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V) - 1, -1, -1, dtype=np.float64)
+_READ_US = round(_GROUP_S * 1e6)
+_CELLS_US, _AUX_US, _STATUS_US = (
+    round(_CONVERSION_TIME_S[packet] * 1e6) for packet in (_CONVERT, _CONVERT_AUX, _CONVERT_STATUS)
+)
 # time of each step of one reading [us]: conversion, four cell groups, aux, status, then the two temperature phases
-_STEP_TIMES_US = (2335, 96, 96, 96, 96, 2335, 96, 96, 1563, 96, 96, 2335, 96, 96, 96, 96, 2335, 384)
+_STEP_TIMES_US = (
+    *(_CELLS_US, *[_READ_US] * 4, _AUX_US, *[_READ_US] * 2, _STATUS_US, *[_READ_US] * 2),
+    *(_CELLS_US, *[_READ_US] * 4, _CELLS_US, 4 * _READ_US),
+)
 
 
 def degc_from_sensor(volts: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -71,39 +99,50 @@ class SlaveReader:
         self._bad_a_second_ago = self._bad_packets.copy()
         self._none_silent: BoolArray = np.zeros(chain.n_slaves, dtype=bool)
         self.silent = self._none_silent
+        self.has_returned = False  # a slave answers again: it is configured anew, its reference is not up yet
         self.is_whole = False  # every voltage of the last pass arrived intact
         self.has_doubts = False  # some voltages arrive intact and still are not to be believed
         self.open_wire_cells: BoolArray = np.zeros(n_cells, dtype=bool)
         self.failed_self_test: BoolArray = np.zeros(chain.n_slaves, dtype=bool)
         self._phase = 0
+        self._stage = 0
+        self._failures: NDArray[np.uint16] = np.zeros(chain.n_slaves, dtype=np.uint16)  # of the check under way
+        self.busy_until_s = 0.0
         memory.slave_cvr[:] = memory.slave_temp[:] = CHIP_MISSING
         memory.slave_status[:] = STATUS_ABSENT
         memory.slave_time[:] = _STEP_TIMES_US
 
-    def configure(self, config: Config, balance: BoolArray, now_s: float) -> None:
+    def begin(self, now_s: float) -> None:
+        """Wake the chips; what follows happens from when they listen."""
+        self.busy_until_s = self._chain.wake(now_s)
+
+    def configure(self, config: Config, balance: BoolArray) -> None:
         """Write the chips' configuration: thresholds, and the cells to bleed."""
         self._thresholds = voltage_codes(config.v_cell_min * 1e-4, config.v_cell_max * 1e-4)
         self._balance = balance.copy()
         self._is_balancing = bool(balance.any())
-        self._write_balance(now_s)
+        self._write_balance()
         self._read_configuration()
 
-    def read_voltages(self, now_s: float) -> BoolArray:
+    def read_voltages(self) -> BoolArray:
         """Convert and read all cells into the struct; return (n_slaves,) which slaves gave no good packet."""
-        errors_before = self.packet_errors
-        self._chain.execute(_CONVERT, now_s)
+        errors_before, silent_before = self.packet_errors, self.silent
+        self._convert(_CONVERT)
         self._read_cells_into(self._memory.slave_cvr)
         self.is_whole = self.packet_errors == errors_before
+        self.has_returned = silent_before is not self.silent and bool((silent_before & ~self.silent).any())
+        if self.has_returned:
+            self._write_balance()
         return self.silent
 
-    def read_temperatures(self, now_s: float) -> None:
+    def read_temperatures(self) -> None:
         """Read one phase: every other cell's sensor, switched in by its balancing output."""
         selected = _PHASES[self._phase]
-        self._write(selected, None, now_s)
-        self._chain.execute(_CONVERT_SENSORS, now_s)
+        self._write(selected, None)
+        self._convert(_CONVERT_SENSORS)
         half = self._memory.slave_temp[:, self._phase * CELLS_PER_PACK : (self._phase + 1) * CELLS_PER_PACK]
         self._read_cells_into(half)
-        self._write_balance(now_s)
+        self._write_balance()
         self._phase = 1 - self._phase
 
     def temperatures_degc(self) -> NDArray[np.float64]:
@@ -113,50 +152,61 @@ class SlaveReader:
         counts = np.where(self.silent[:, None], CHIP_MISSING, counts)
         return degc_from_sensor(counts.reshape(-1) * 1e-4)
 
-    def self_check(self, now_s: float) -> None:
-        """Convert references and supplies into the struct, and look for open cell wires."""
-        failures = self._test_converters(now_s)
-        self._chain.execute(_CONVERT_AUX, now_s)
-        self._chain.execute(_CONVERT_STATUS, now_s)
-        self._chain.execute(_TEST_MULTIPLEXER, now_s)
-        packets = self._chain.read_auxiliary()
-        whole = self._checked(packets).all(axis=1)
-        words = packets[..., :DATA_WORDS].reshape(self._chain.n_slaves, -1)
+    def self_check(self) -> bool:
+        """Run the next stage of the check; return whether that was the last, and its result is in the struct."""
+        stage, self._stage = self._stage, (self._stage + 1) % CHECK_STAGES
+        if stage < len(_SELF_TESTS):
+            self._failures |= self._test_converters(stage)
+        elif stage == len(_SELF_TESTS):
+            self._test_references()
+        else:
+            self._find_open_wires()
+            self._conclude()
+        return self._stage == 0
+
+    def _conclude(self) -> None:
+        self._memory.slave_com[:, 2] = self._failures
+        self.failed_self_test[:] = self._failures != 0
+        self._failures[:] = 0
+        self._memory.slave_com[:, 1] = np.minimum(self._bad_packets - self._bad_a_second_ago, _U16)
+        self._bad_a_second_ago[:] = self._bad_packets
+        self.has_doubts = bool(self.open_wire_cells.any() or self.failed_self_test.any())
+
+    def _test_references(self) -> None:
+        """Convert references and supplies into the struct, and test the multiplexer."""
+        for packet in (_CONVERT_AUX, _CONVERT_STATUS, _TEST_MULTIPLEXER):
+            self._convert(packet)
+        words, whole = self._read_auxiliary()
         n_aux = self._memory.slave_avr.shape[1]
         self._memory.slave_avr[whole] = words[whole, :n_aux]
         self._memory.slave_str[whole] = words[whole, -self._memory.slave_str.shape[1] :]
-        failures |= _MULTIPLEXER_FAILED * ((words[:, -1] & _MULTIPLEXER_FLAG) != 0)
-        self._memory.slave_com[whole, 2] = failures[whole]
-        self.failed_self_test[whole] = failures[whole] != 0
-        self._find_open_wires(now_s)
-        self._memory.slave_com[:, 1] = np.minimum(self._bad_packets - self._bad_a_second_ago, _U16)
-        self._bad_a_second_ago[:] = self._bad_packets
+        self._failures |= _MULTIPLEXER_FAILED * ((words[:, -1] & _MULTIPLEXER_FLAG != 0) & whole)
+        lowest, highest = _REFERENCE_COUNTS
+        second_reference = words[:, 5]
+        is_off = (second_reference < lowest) | (second_reference > highest)
+        self._failures |= _REFERENCE_FAILED * (is_off & whole)
 
-    def _test_converters(self, now_s: float) -> NDArray[np.uint16]:
+    def _test_converters(self, index: int) -> WordArray:
         """Return (n_slaves,) which self-tests failed, as bits; a packet that is damaged proves nothing."""
-        failures = np.zeros(self._chain.n_slaves, dtype=np.uint16)
-        for tests in _SELF_TESTS:
-            for test in tests:
-                self._chain.execute(command_packet(test.command), now_s)
-            code = tests[0].code()
-            cells = self._chain.read_cells()
-            others = self._chain.read_auxiliary()
-            wrong = (cells[..., :DATA_WORDS] != code).any(axis=(1, 2)) & self._checked(cells).all(axis=1)
-            failures |= _CELLS_FAILED * wrong
-            words = others[..., :DATA_WORDS].reshape(self._chain.n_slaves, -1)
-            whole = self._checked(others).all(axis=1)
-            failures |= _AUXILIARY_FAILED * ((words[:, :6] != code).any(axis=1) & whole)
-            failures |= _STATUS_FAILED * ((words[:, 6:10] != code).any(axis=1) & whole)
+        for packet in _TEST_PACKETS[index]:
+            self._convert(packet)
+        code = _SELF_TESTS[index][0].code()
+        cells = self._read_cells()
+        wrong = (cells[..., :DATA_WORDS] != code).any(axis=(1, 2)) & self._checked(cells).all(axis=1)
+        failures: WordArray = _CELLS_FAILED * wrong
+        words, whole = self._read_auxiliary()
+        failures |= _AUXILIARY_FAILED * ((words[:, :6] != code).any(axis=1) & whole)
+        failures |= _STATUS_FAILED * ((words[:, 6:10] != code).any(axis=1) & whole)
         return failures
 
-    def _find_open_wires(self, now_s: float) -> None:
+    def _find_open_wires(self) -> None:
         """Mark the cells on both sides of each open wire: pulled up minus pulled down is far below zero above it."""
         shape = (self._chain.n_slaves, CELLS_PER_PACK)
         up = np.zeros(shape, dtype="<u2")
         down = np.zeros(shape, dtype="<u2")
-        self._chain.execute(_CONVERT_PULLED_UP, now_s)
+        self._convert(_CONVERT_PULLED_UP)
         intact = self._read_cells_into(up)
-        self._chain.execute(_CONVERT_PULLED_DOWN, now_s)
+        self._convert(_CONVERT_PULLED_DOWN)
         intact = intact & self._read_cells_into(down)
         difference = up.astype(np.int32) - down
         is_open = np.zeros(shape, dtype=bool)
@@ -166,10 +216,27 @@ class SlaveReader:
         is_open[:, -1] |= (down[:, -1] == 0) & (up[:, -1] != 0)
         whole = intact.all(axis=1)
         self.open_wire_cells.reshape(shape)[whole] = is_open[whole]
-        self.has_doubts = bool(self.open_wire_cells.any() or self.failed_self_test.any())
+
+    def _convert(self, packet: bytes) -> None:
+        """Start a conversion and wait until it is over."""
+        self._chain.execute(packet, self.busy_until_s + _COMMAND_S)
+        self.busy_until_s += _COMMAND_S + _CONVERSION_TIME_S[packet]
+
+    def _read_cells(self) -> WordArray:
+        packets = self._chain.read_cells(self.busy_until_s + _COMMAND_S)
+        self.busy_until_s += _GROUP_S * packets.shape[0] * packets.shape[1]
+        return packets
+
+    def _read_auxiliary(self) -> tuple[WordArray, BoolArray]:
+        """Return (n_slaves, 12) auxiliary and status words, and which slaves' packets are all intact."""
+        packets = self._chain.read_auxiliary(self.busy_until_s + _COMMAND_S)
+        self.busy_until_s += _GROUP_S * packets.shape[0] * packets.shape[1]
+        words: WordArray = packets[..., :DATA_WORDS].reshape(self._chain.n_slaves, -1)
+        whole: BoolArray = np.logical_and.reduce(self._checked(packets), axis=1)
+        return words, whole
 
     def _read_cells_into(self, target: NDArray[np.uint16]) -> BoolArray:
-        packets = self._chain.read_cells()
+        packets = self._read_cells()
         errors_before = self.packet_errors
         intact = self._checked(packets)
         words = packets[..., :DATA_WORDS].reshape(target.shape)
@@ -192,18 +259,21 @@ class SlaveReader:
             self._memory.slave_com[:, 0] = np.minimum(self._bad_packets, _U16)
         return intact
 
-    def _write(self, discharging: BoolArray, address: int | None, now_s: float) -> None:
-        self._chain.execute(_configuration_packet(self._thresholds, discharging.tobytes(), address), now_s)
+    def _write(self, discharging: BoolArray, address: int | None) -> None:
+        self.busy_until_s += _GROUP_S
+        packet = _configuration_packet(self._thresholds, discharging.tobytes(), address)
+        self._chain.execute(packet, self.busy_until_s)
 
-    def _write_balance(self, now_s: float) -> None:
+    def _write_balance(self) -> None:
         if not self._is_balancing:
-            self._write(_NO_CELLS, None, now_s)
+            self._write(_NO_CELLS, None)
             return
         for slave, row in enumerate(self._balance.reshape(self._chain.n_slaves, CELLS_PER_PACK)):
-            self._write(row, slave, now_s)
+            self._write(row, slave)
 
     def _read_configuration(self) -> None:
-        packets = self._chain.read_configuration()
+        packets = self._chain.read_configuration(self.busy_until_s + _COMMAND_S)
+        self.busy_until_s += _GROUP_S * packets.shape[0]
         whole = self._checked(packets)[:, 0]
         groups = packets[:, 0, :DATA_WORDS].copy().view(np.uint8)
         self._memory.slave_cfgr[whole] = groups[whole]

@@ -15,16 +15,17 @@ def simulation() -> Simulation:
 def state(simulation: Simulation) -> list[object]:
     """Return everything that faults change, comparable."""
     accumulator, board = simulation.accumulator, simulation.board
+    converters = board.chain.converters
     arrays = (
         accumulator.extra_joint_ohm, accumulator.capacity_factor, accumulator.resistance_factor, accumulator.leak_a,
         accumulator.heat_w, board.cell_inputs.stuck_v, board.cell_inputs.extra_noise_v,
         board.cell_inputs.temperature_stuck_degc, board.cell_inputs.temperature_unplugged, board.chain.is_powered,
-        board.chain.stuck_bits,
+        converters.stuck_bits, converters.reference_factor, converters.multiplexer_failed,
     )  # fmt: skip
     unit, line = simulation.charger.unit, simulation.line
     return [
         *(np.array2string(array, threshold=200) for array in arrays),
-        accumulator.fan_blocked, accumulator.ambient_degc, frozenset(board.chain.open_wires),
+        accumulator.fan_blocked, accumulator.ambient_degc, frozenset(converters.open_wires),
         board.chain.bit_error_rate, board.current_sensor.is_unplugged, board.current_sensor.extra_offset_a,
         frozenset(board.eeprom.worn_pages), line.noise_per_byte, line.is_dropping, line.is_stuck,
         simulation.is_shutdown_open,

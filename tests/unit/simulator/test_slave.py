@@ -14,27 +14,46 @@ from firmware_protocol.ltc6804 import (
     command_packet,
     decode_group,
     decode_words,
+    voltage_codes,
     write_packet,
 )
+from simulator.conversion import ADOW, REFERENCE_START_S, decode_conversion
 from simulator.self_test import AXST, CVST, STATST, SelfTest, decode_self_test
-from simulator.slave import ADOW, WATCHDOG_S, SlaveChain
+from simulator.slave import CORE_WAKE_S, PORT_IDLE_S, WATCHDOG_S, SlaveChain
+
+LATER_S = 0.3  # longer than any conversion
 
 
 @pytest.fixture
 def chain() -> SlaveChain:
     chain = SlaveChain(8, np.random.default_rng(1))
-    chain.cell_v = 3.0 + 0.01 * np.arange(96)
-    chain.sensor_v = np.full(96, 1.86)
+    chain.converters.cell_v = 3.0 + 0.01 * np.arange(96)
+    chain.converters.sensor_v = np.full(96, 1.86)
+    configure(chain, Configuration())
     return chain
 
 
-def read(chain: SlaveChain, command: Command, address: int) -> tuple[int | None, int | None, int | None]:
-    return decode_words(decode_group(chain.execute(command_packet(command, address), 0.0)))
+def group(chain: SlaveChain, command: Command, address: int, now_s: float = LATER_S) -> bytes:
+    return decode_group(chain.execute(command_packet(command, address), chain.wake(now_s)))
+
+
+def read(chain: SlaveChain, command: Command, address: int, now_s: float = LATER_S) -> tuple[int | None, ...]:
+    return decode_words(group(chain, command, address, now_s))
+
+
+def tell(chain: SlaveChain, command: int, now_s: float = 0.1, address: int | None = None) -> float:
+    """Wake the chips and send a command; return when it arrived."""
+    at_s = chain.wake(now_s)
+    chain.execute(command_packet(command, address), at_s)
+    return at_s
+
+
+def configure(chain: SlaveChain, configuration: Configuration, address: int | None = None, now_s: float = 0.0) -> None:
+    chain.execute(write_packet(Command.WRCFG, configuration.to_bytes(), address), chain.wake(now_s))
 
 
 def discharge(chain: SlaveChain, cells: set[int], address: int | None = None, now_s: float = 0.0) -> None:
-    configuration = Configuration(discharging=tuple(cell in cells for cell in range(12)))
-    chain.execute(write_packet(Command.WRCFG, configuration.to_bytes(), address), now_s)
+    configure(chain, Configuration(discharging=tuple(cell in cells for cell in range(12))), address, now_s)
 
 
 def test_registers_hold_no_measurement_before_the_first_conversion(chain):
@@ -42,16 +61,109 @@ def test_registers_hold_no_measurement_before_the_first_conversion(chain):
 
 
 def test_conversion_reaches_every_register_group_in_steps_of_100_uv(chain):
-    chain.execute(command_packet(adcv()), 0.0)
+    tell(chain, adcv())
     words = [word for command in READ_CELLS for word in read(chain, command, 5)]
     assert words == [30_000 + 100 * (60 + cell) for cell in range(12)]
+
+
+def test_one_channel_converts_the_two_cells_that_share_it(chain):
+    tell(chain, adcv(channel=2))
+    words = [word for command in READ_CELLS for word in read(chain, command, 0)]
+    assert [cell for cell, word in enumerate(words) if word is not None] == [1, 7]
+
+
+TIMES_US = {
+    adcv(AdcMode.FAST): 1113,
+    adcv(AdcMode.NORMAL): 2335,
+    adcv(AdcMode.FILTERED): 201_317,
+    adcv(AdcMode.NORMAL, channel=3): 405,
+    adax(AdcMode.NORMAL): 2335,
+    adstat(AdcMode.NORMAL): 1563,
+    ADOW | AdcMode.NORMAL << 7: 2335,
+    SelfTest(CVST, AdcMode.NORMAL, 1).command: 2335,
+    Command.DIAGN: 400,
+}
+
+
+@pytest.mark.parametrize(("command", "time_us"), TIMES_US.items())
+def test_a_conversion_takes_the_time_of_the_data_sheet(chain, command, time_us):
+    at_s = tell(chain, command)
+    poll = command_packet(Command.PLADC)
+    seen = []
+    for share in np.linspace(0.0, 1.02, 103):
+        now_s = at_s + share * time_us * 1e-6
+        chain.wake(now_s)
+        seen.append(chain.execute(poll, max(now_s, chain.wake(now_s))))
+    assert seen.index(b"\xff") in (99, 100, 101)
+    assert set(seen[:99]) == {b"\0"}
+
+
+@pytest.mark.parametrize(("option", "time_us"), [(False, 1113), (True, 1288)])
+def test_the_options_bit_makes_a_conversion_slower(option, time_us):
+    conversion = decode_conversion(adcv(AdcMode.FAST))
+    assert conversion.time_s(adc_option=option) == pytest.approx(time_us * 1e-6)
+
+
+def test_reading_before_the_end_of_the_first_conversion_gives_no_measurement(chain):
+    at_s = tell(chain, adcv())
+    assert read(chain, Command.RDCVA, 0, at_s + 2.2e-3) == (None, None, None)
+    assert read(chain, Command.RDCVA, 0, at_s + 2.4e-3) == (30_000, 30_100, 30_200)
+
+
+def test_reading_before_the_end_of_a_later_conversion_gives_the_old_values(chain):
+    tell(chain, adcv())
+    chain.converters.cell_v = chain.converters.cell_v + 1.0
+    at_s = tell(chain, adcv(), now_s=0.2)
+    assert read(chain, Command.RDCVA, 0, at_s + 2.2e-3) == (30_000, 30_100, 30_200)
+    assert read(chain, Command.RDCVA, 0, at_s + 2.4e-3) == (40_000, 40_100, 40_200)
+
+
+def test_a_conversion_holds_what_stood_at_the_inputs_when_it_began(chain):
+    at_s = tell(chain, adcv())
+    chain.converters.cell_v = chain.converters.cell_v + 1.0
+    assert read(chain, Command.RDCVA, 0, at_s + 3e-3)[0] == 30_000
+
+
+def test_a_new_command_ends_the_conversion_under_way(chain):
+    at_s = tell(chain, adcv())
+    chain.execute(command_packet(adcv(AdcMode.FILTERED)), at_s + 1e-3)
+    assert read(chain, Command.RDCVA, 0, at_s + 5e-3) == (None, None, None)
+
+
+def test_one_slave_may_convert_while_the_others_keep_theirs(chain):
+    tell(chain, adcv(), address=3)
+    assert read(chain, Command.RDCVA, 3)[0] == 33_600
+    assert read(chain, Command.RDCVA, 2) == (None, None, None)
+
+
+def test_without_its_reference_a_conversion_takes_longer(chain):
+    configure(chain, Configuration(reference_on=False), now_s=0.05)
+    at_s = tell(chain, adcv())
+    assert read(chain, Command.RDCVA, 0, at_s + 3e-3) == (None, None, None)
+    assert read(chain, Command.RDCVA, 0, at_s + 2.4e-3 + REFERENCE_START_S)[0] == 30_000
 
 
 def test_a_command_with_a_wrong_check_word_does_nothing(chain):
     packet = bytearray(command_packet(adcv()))
     packet[3] ^= 2
-    chain.execute(bytes(packet), 0.0)
+    chain.execute(bytes(packet), chain.wake(0.1))
     assert read(chain, Command.RDCVA, 0) == (None, None, None)
+
+
+def test_an_idle_port_loses_the_packet_that_wakes_it(chain):
+    at_s = tell(chain, adcv())
+    idle_s = at_s + 1.1 * PORT_IDLE_S
+    assert chain.execute(command_packet(Command.RDCVA, 0), idle_s) == b"\xff" * 8
+    assert read(chain, Command.RDCVA, 0, idle_s + 1e-4)[0] == 30_000
+
+
+def test_a_chip_asleep_needs_its_time_to_wake_and_has_lost_its_configuration(chain):
+    asleep_s = WATCHDOG_S + 0.1
+    chain.wake(asleep_s)
+    early_s = asleep_s + 0.5 * CORE_WAKE_S
+    assert chain.execute(command_packet(Command.RDCFG, 0), early_s) == b"\xff" * 8
+    awake = group(chain, Command.RDCFG, 0, asleep_s + 2 * CORE_WAKE_S)
+    assert not Configuration.from_bytes(awake).reference_on
 
 
 def test_configuration_reaches_one_slave_or_all(chain):
@@ -59,19 +171,30 @@ def test_configuration_reaches_one_slave_or_all(chain):
     assert set(np.flatnonzero(chain.discharging)) == {24, 35}
     discharge(chain, {5})
     assert set(np.flatnonzero(chain.discharging)) == {5 + 12 * pack for pack in range(8)}
-    data = decode_group(chain.execute(command_packet(Command.RDCFG, 7), 0.0))
-    assert Configuration.from_bytes(data).discharging[5]
+    assert Configuration.from_bytes(group(chain, Command.RDCFG, 7)).discharging[5]
 
 
 def test_measuring_interrupts_bleeding_unless_discharge_is_permitted(chain):
     discharge(chain, {0})
-    chain.execute(command_packet(adcv()), 0.0)
+    tell(chain, adcv())
     assert read(chain, Command.RDCVA, 0)[0] == 30_000
-    chain.execute(command_packet(adcv(discharge_permitted=True)), 0.0)
-    assert read(chain, Command.RDCVA, 0) == (18_600, 30_100, 30_200)
+    tell(chain, adcv(discharge_permitted=True), now_s=0.4)
+    assert read(chain, Command.RDCVA, 0, 0.7) == (18_600, 30_100, 30_200)
 
 
-def test_watchdog_ends_bleeding_two_seconds_after_the_last_command(chain):
+def test_conversions_take_their_time_from_the_bleeding(chain):
+    assert chain.take_bleeding(0.02) is None
+    discharge(chain, {0})
+    assert set(chain.take_bleeding(0.02)[[0, 12, 84]]) == {1.0}
+    tell(chain, adcv())
+    bled = chain.take_bleeding(0.02)
+    assert bled[12] == pytest.approx(1 - 2.335 / 20)
+    assert bled[13] == 0.0
+    tell(chain, adcv(AdcMode.FILTERED))
+    assert not chain.take_bleeding(0.02).any()
+
+
+def test_watchdog_ends_bleeding_two_seconds_after_the_last_wake_up(chain):
     discharge(chain, {1}, now_s=10.0)
     chain.watch(10.0 + WATCHDOG_S)
     assert chain.discharging.any()
@@ -81,8 +204,7 @@ def test_watchdog_ends_bleeding_two_seconds_after_the_last_command(chain):
 
 def timed(chain: SlaveChain, timer_code: int, now_s: float) -> None:
     switches = (True,) + (False,) * 11
-    configuration = Configuration(discharging=switches, discharge_timer_code=timer_code)
-    chain.execute(write_packet(Command.WRCFG, configuration.to_bytes(), 3), now_s)
+    configure(chain, Configuration(discharging=switches, discharge_timer_code=timer_code), 3, now_s)
 
 
 def test_the_discharge_timer_outlives_the_watchdog_and_ends_the_bleeding(chain):
@@ -99,10 +221,10 @@ def test_the_discharge_timer_ends_the_bleeding_of_a_chip_that_is_talked_to(chain
     chain.has_timer_pin = True
     timed(chain, timer_code=1, now_s=0.0)  # half a minute
     for now_s in range(29):
-        chain.execute(command_packet(adcv()), float(now_s))
+        tell(chain, adcv(), float(now_s))
         chain.watch(float(now_s))
     assert chain.discharging.any()
-    chain.execute(command_packet(adcv()), 30.0)
+    tell(chain, adcv(), 30.0)
     chain.watch(30.1)
     assert not chain.discharging.any()
 
@@ -125,13 +247,13 @@ def test_without_its_pin_the_discharge_timer_does_not_run(chain):
 def test_the_configuration_tells_what_is_left_of_the_timer(chain, now_s, code):
     chain.has_timer_pin = True
     timed(chain, timer_code=9, now_s=0.0)  # 20 minutes
-    answer = chain.execute(command_packet(Command.RDCFG, 3), now_s)
-    configuration = Configuration.from_bytes(decode_group(answer))
+    begin_s = chain.wake(0.0)
+    configuration = Configuration.from_bytes(group(chain, Command.RDCFG, 3, begin_s + now_s + CORE_WAKE_S))
     assert (configuration.discharge_timer_code, configuration.software_timer_enabled) == (code, True)
 
 
-def words(chain: SlaveChain, command: Command) -> set[int | None]:
-    return set(read(chain, command, 3))
+def words(chain: SlaveChain, command: Command, now_s: float = LATER_S) -> set[int | None]:
+    return set(read(chain, command, 3, now_s))
 
 
 @pytest.mark.parametrize(
@@ -144,12 +266,14 @@ def words(chain: SlaveChain, command: Command) -> set[int | None]:
     ],
 )
 def test_self_tests_leave_the_codes_of_the_data_sheet(chain, mode, adc_option, codes):
-    chain.execute(write_packet(Command.WRCFG, Configuration(adc_option=adc_option).to_bytes()), 0.0)
+    configure(chain, Configuration(adc_option=adc_option))
+    now_s = 0.1
     for pattern, code in zip((1, 2), codes, strict=True):
         for kind in (CVST, AXST, STATST):
-            chain.execute(command_packet(SelfTest(kind, mode, pattern).command), 0.0)
+            tell(chain, SelfTest(kind, mode, pattern).command, now_s)
+            now_s += LATER_S
         for command in (*READ_CELLS, Command.RDAUXA, Command.RDAUXB, Command.RDSTATA):
-            assert words(chain, command) == {code}
+            assert words(chain, command, now_s) == {code}
 
 
 def test_self_test_commands_are_those_of_the_data_sheet():
@@ -171,55 +295,106 @@ def test_no_conversion_is_taken_for_a_self_test():
 
 @pytest.mark.parametrize("bit", range(16))
 def test_any_stuck_bit_shows_in_one_of_the_two_patterns(chain, bit):
-    chain.stick(3, 1 << bit)
+    chain.converters.stick(3, 1 << bit)
     seen = []
     for pattern in (1, 2):
         test = SelfTest(CVST, AdcMode.NORMAL, pattern)
-        chain.execute(command_packet(test.command), 0.0)
-        seen.append(words(chain, Command.RDCVA) == {test.code()})
+        tell(chain, test.command, 0.5 * pattern)
+        seen.append(words(chain, Command.RDCVA, 0.5 * pattern + 0.1) == {test.code()})
     assert seen.count(False) == 1
 
 
-def test_a_failed_multiplexer_is_told_by_the_diagnosis(chain):
-    chain.multiplexer_failed[3] = True
-    chain.execute(command_packet(adstat()), 0.0)
-    chain.execute(command_packet(Command.DIAGN), 0.0)
-    groups = [decode_group(chain.execute(command_packet(Command.RDSTATB, n), 0.0)) for n in range(8)]
-    assert [StatusB.from_bytes(group).multiplexer_failed for group in groups] == [n == 3 for n in range(8)]
+def status_b(chain: SlaveChain, address: int, now_s: float = LATER_S) -> StatusB:
+    return StatusB.from_bytes(group(chain, Command.RDSTATB, address, now_s))
+
+
+def test_a_failed_multiplexer_is_told_by_the_diagnosis_until_it_passes(chain):
+    chain.converters.multiplexer_failed[3] = True
+    tell(chain, Command.DIAGN)
+    assert [status_b(chain, n).multiplexer_failed for n in range(8)] == [n == 3 for n in range(8)]
+    chain.converters.multiplexer_failed[3] = False
+    tell(chain, Command.DIAGN, 0.4)
+    assert not status_b(chain, 3, 0.5).multiplexer_failed
+
+
+def test_cells_beyond_the_thresholds_are_flagged_by_the_next_conversion(chain):
+    under, over = voltage_codes(2.5, 4.2)
+    configure(chain, Configuration(under_voltage_code=under, over_voltage_code=over))
+    chain.converters.cell_v = np.full(96, 3.7)
+    chain.converters.cell_v[[24, 35]] = 2.49
+    chain.converters.cell_v[[28, 35 + 12]] = 4.21
+    tell(chain, adcv())
+    flags = status_b(chain, 2)
+    assert np.flatnonzero(flags.under_voltage).tolist() == [0, 11]
+    assert np.flatnonzero(flags.over_voltage).tolist() == [4]
+    assert np.flatnonzero(status_b(chain, 3).over_voltage).tolist() == [11]
+    chain.converters.cell_v = np.full(96, 3.7)
+    assert any(status_b(chain, 2).under_voltage)
+    tell(chain, adcv(), 0.6)
+    assert not any((*status_b(chain, 2, 0.7).under_voltage, *status_b(chain, 2, 0.7).over_voltage))
+
+
+def test_flags_follow_the_thresholds_of_their_conversion(chain):
+    configure(chain, Configuration(under_voltage_code=0, over_voltage_code=4095))
+    at_s = tell(chain, adcv())
+    configure(chain, Configuration(under_voltage_code=4000, over_voltage_code=4095), now_s=at_s + 3e-3)
+    assert not any(status_b(chain, 0).under_voltage)
+
+
+def test_clearing_the_status_sets_every_flag_for_a_check_of_the_flags(chain):
+    tell(chain, adcv())
+    tell(chain, Command.CLRSTAT, 0.2)
+    flags = status_b(chain, 0)
+    assert all((*flags.under_voltage, *flags.over_voltage, flags.multiplexer_failed, flags.thermal_shutdown))
+    assert flags.digital_supply is None
+    assert not status_b(chain, 0).thermal_shutdown
+
+
+def test_clearing_the_cells_takes_the_measurement_away(chain):
+    tell(chain, adcv())
+    tell(chain, Command.CLRCELL, 0.2)
+    assert read(chain, Command.RDCVD, 7) == (None, None, None)
+
+
+def test_a_drifting_reference_falsifies_every_voltage_and_shows_in_the_second_reference(chain):
+    chain.converters.drift(3, 1.02)
+    tell(chain, adcv())
+    tell(chain, adax(), 0.2)
+    assert read(chain, Command.RDCVA, 3)[0] == round(33_600 / 1.02)
+    assert [read(chain, Command.RDAUXB, n)[2] for n in (2, 3)] == [30_000, round(30_000 / 1.02)]
 
 
 def test_a_slave_without_power_answers_with_an_idle_line_and_wakes_empty(chain):
-    chain.execute(command_packet(adcv()), 0.0)
+    tell(chain, adcv())
     chain.set_powered(4, False)
-    assert chain.execute(command_packet(Command.RDCVA, 4), 0.0) == b"\xff" * 8
+    assert chain.execute(command_packet(Command.RDCVA, 4), chain.wake(0.2)) == b"\xff" * 8
+    assert read(chain, Command.RDCVA, 5)[0] == 36_000
     chain.set_powered(4, True)
     assert read(chain, Command.RDCVA, 4) == (None, None, None)
 
 
 def test_noise_damages_packets_at_the_rate_asked_for(chain):
-    chain.execute(command_packet(adcv()), 0.0)
-    clean = chain.read_cells()
+    tell(chain, adcv())
+    at_s = chain.wake(0.2)
+    clean = chain.read_cells(at_s)
     chain.bit_error_rate = 1e-3
-    damaged = sum(int((chain.read_cells() != clean).any(axis=2).sum()) for _ in range(50))
+    damaged = sum(int((chain.read_cells(at_s) != clean).any(axis=2).sum()) for _ in range(50))
     assert 0.5 < damaged / (50 * 32 * 64e-3) < 1.5
 
 
 def test_an_open_wire_swaps_sides_with_the_pull(chain):
-    chain.open_wires.add(2)  # between cells 2 and 3
-    chain.execute(command_packet(ADOW | 2 << 7 | 0x40), 0.0)
+    chain.converters.open_wires.add(2)  # between cells 2 and 3
+    tell(chain, ADOW | 2 << 7 | 0x40)
     up = read(chain, Command.RDCVB, 0)
-    chain.execute(command_packet(ADOW | 2 << 7), 0.0)
-    down = read(chain, Command.RDCVB, 0)
-    assert up[0] is not None
-    assert down[0] is not None
+    tell(chain, ADOW | 2 << 7, 0.6)
+    down = read(chain, Command.RDCVB, 0, 0.7)
     assert up[0] - down[0] < -4000
     assert up[1:] == down[1:]
 
 
 def test_status_gives_the_sum_of_cells_and_the_die(chain):
-    chain.board_degc = 31.0
-    chain.execute(command_packet(adstat()), 0.0)
-    data = decode_group(chain.execute(command_packet(Command.RDSTATA, 1), 0.0))
-    status = StatusA.from_bytes(data)
-    assert status.total_v == pytest.approx(chain.cell_v[12:24].sum(), abs=2e-3)
+    chain.converters.board_degc = 31.0
+    tell(chain, adstat())
+    status = StatusA.from_bytes(group(chain, Command.RDSTATA, 1))
+    assert status.total_v == pytest.approx(chain.converters.cell_v[12:24].sum(), abs=2e-3)
     assert status.die_degc == pytest.approx(31.0, abs=0.1)

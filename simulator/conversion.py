@@ -1,0 +1,78 @@
+"""What an LTC6804 can be told to convert, and how long it takes.
+
+Times are those of the data sheet for one and for six conversions; those between lie on a line, as its own do.
+"""
+
+import functools
+from typing import NamedTuple
+
+from firmware_protocol.ltc6804 import AdcMode, Command
+from firmware_protocol.memory_map import CELLS_PER_PACK
+from simulator.self_test import AXST, CVST, SelfTest, decode_self_test
+
+ADCV = 0x260
+ADOW = 0x228
+ADAX = 0x460
+ADSTAT = 0x468
+N_AUXILIARY = 6  # five GPIO and the second reference
+N_STATUS = 4  # sum of cells, die, two supplies
+DIAGNOSIS_S = 400e-6
+REFERENCE_START_S = 4.4e-3  # besides the conversion, where CFGR's refon was not set long enough ago
+_MODE_BITS = 0x180
+_CHANNEL_BITS = 0x007
+_PULL_UP = 0x040
+_DISCHARGE_PERMITTED = 0x010
+_CELL_PAIRS = CELLS_PER_PACK // 2
+_ONE_AND_SIX_US = {  # by mode and CFGR's adcopt
+    (AdcMode.FAST, False): (201, 1113),
+    (AdcMode.FAST, True): (230, 1288),
+    (AdcMode.NORMAL, False): (405, 2335),
+    (AdcMode.NORMAL, True): (521, 3033),
+    (AdcMode.FILTERED, False): (33568, 201317),
+    (AdcMode.FILTERED, True): (754, 4430),
+}
+
+
+class Conversion(NamedTuple):
+    """One conversion command, taken apart."""
+
+    kind: int  # ADCV, ADOW, ADAX, ADSTAT or DIAGN; a self-test has the kind whose registers it fills
+    mode: AdcMode
+    columns: slice  # of the kind's registers
+    n: int  # conversions one after the other
+    discharge_permitted: bool = False
+    pull_up: bool = False
+    self_test: SelfTest | None = None
+
+    def time_s(self, *, adc_option: bool = False) -> float:
+        """Return how long a chip with its reference up takes [s]."""
+        if self.kind == Command.DIAGN:
+            return DIAGNOSIS_S
+        one_us, six_us = _ONE_AND_SIX_US[self.mode, adc_option]
+        return (one_us + (self.n - 1) * (six_us - one_us) / (_CELL_PAIRS - 1)) * 1e-6
+
+
+@functools.lru_cache(maxsize=256)
+def decode_conversion(command: int) -> Conversion | None:
+    """Return what a command converts, None where it is another command or none that the chip knows."""
+    if command == Command.DIAGN:
+        return Conversion(Command.DIAGN, AdcMode.NORMAL, slice(0), 1)
+    if (test := decode_self_test(command)) is not None:
+        kind, n = {CVST: (ADCV, _CELL_PAIRS), AXST: (ADAX, N_AUXILIARY)}.get(test.kind, (ADSTAT, N_STATUS))
+        return Conversion(kind, test.mode, slice(None), n, self_test=test)
+    mode, channel = command >> 7 & 3, command & _CHANNEL_BITS
+    kind = command & ~(_MODE_BITS | _CHANNEL_BITS)
+    permitted = bool(kind & _DISCHARGE_PERMITTED)
+    if kind & ~_DISCHARGE_PERMITTED == ADCV:
+        base, pull_up, n_channels, period = ADCV, False, _CELL_PAIRS, _CELL_PAIRS
+    elif kind & ~(_DISCHARGE_PERMITTED | _PULL_UP) == ADOW:
+        base, pull_up, n_channels, period = ADOW, bool(kind & _PULL_UP), _CELL_PAIRS, _CELL_PAIRS
+    elif kind in (ADAX, ADSTAT):
+        n_channels = N_AUXILIARY if kind == ADAX else N_STATUS
+        base, pull_up, period = kind, False, n_channels
+    else:
+        return None
+    if mode == 0 or channel > n_channels:
+        return None
+    columns = slice(channel - 1, None if period == _CELL_PAIRS else channel, period) if channel else slice(None)
+    return Conversion(base, AdcMode(mode), columns, 1 if channel else n_channels, permitted, pull_up)
