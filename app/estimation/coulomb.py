@@ -8,11 +8,11 @@ from numpy.typing import ArrayLike, NDArray
 from app.estimation.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.estimation.estimates import Estimates
-from app.estimation.fusion import count_variance, move_count
+from app.estimation.fusion import count_variance
 from app.estimation.inputs import InputGuard
-from app.estimation.marginal import MarginalFilter
+from app.estimation.process import Process
 from app.estimation.record import Record, check_record, run_steps
-from app.estimation.self_check import check_model
+from app.estimation.self_check import SelfCheck
 from app.estimation.start import per_cell, start_count, start_from_voltage
 from app.estimation.states import SOC, CellStates
 from app.estimation.tables import PackedCell
@@ -32,7 +32,8 @@ class CoulombCounter:
         self.cell = PackedCell(model)
         self.states = CellStates(model.n_rc, n_cells)
         self.guard = InputGuard(self.cell, self.states, tuning)
-        self._process = MarginalFilter(self.cell, None, tuning)
+        self._process = Process(self.cell, self.states, tuning, counts=True)
+        self._check = SelfCheck(self.states, tuning)
         self._is_started = False
 
     @property
@@ -77,11 +78,10 @@ class CoulombCounter:
         state, model, cell = self.states, self.model, self.cell
         step = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
         i = step.current_a
-        self._process.predict(state, step)
-        move_count(state, self.tuning, self._process.moved_soc(i, step.dt_s), step.dt_s)
+        self._process.predict(step)
         state.mean[SOC] = state.count_soc
         j, f = cell.place_soc(state.count_soc)
-        c = cell.circuit_at(j, f, step.row, step.row_weight)
+        c = cell.circuit_at(j, f, step.climate.row, step.climate.row_weight)
         ocv = cell.ocv_at(j, f)
         predicted = ocv - cell.drop(c, i, state.mean[1:]) + model.hysteresis_v * state.hysteresis
         innovation = step.voltage_v - predicted
@@ -91,8 +91,8 @@ class CoulombCounter:
             ocv_v=ocv,
             voltage_v=predicted,
             innovation_v=innovation,
-            innovation_sigma_v=np.sqrt(step.noise_v2 * step.noise_scale),
-            model_valid=check_model(state, self.tuning, step.dt_s, innovation, step.noise_v2, ~np.isnan(innovation)),
+            innovation_sigma_v=np.sqrt(step.noise_v2 * step.climate.noise_scale),
+            model_valid=self._check.update(step.dt_s, innovation, step.noise_v2, ~np.isnan(innovation)),
             accepted=np.zeros(self.n_cells, dtype=np.bool_),
         )
 

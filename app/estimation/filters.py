@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from app.estimation.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.estimation.estimates import Estimates
-from app.estimation.fusion import fuse, move_count
+from app.estimation.fusion import Fusion
 from app.estimation.inputs import InputGuard
-from app.estimation.marginal import SOC_VARIANCE_MAX, MarginalFilter, StepResult
+from app.estimation.marginal import MarginalFilter, StepResult
+from app.estimation.process import SOC_VARIANCE_MAX, Process
 from app.estimation.record import Record, check_record, run_steps
-from app.estimation.self_check import check_model
+from app.estimation.self_check import SelfCheck
 from app.estimation.sigma_points import SigmaRule
 from app.estimation.start import SLOPE_FLOOR_V, impose_soc, per_cell, start_count, start_from_voltage
 from app.estimation.states import SOC, CellStates
@@ -27,6 +28,11 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 Engine = Literal["auto", "numpy", "numba"]
+
+ZERO: Final = np.array(0.0)
+ONE: Final = np.array(1.0)
+SLOPE_FLOOR_V2: Final = np.array(SLOPE_FLOOR_V**2)
+VARIANCE_MAX: Final = np.array(SOC_VARIANCE_MAX)
 
 
 class GaussianEstimator:
@@ -50,8 +56,14 @@ class GaussianEstimator:
         self.cell = PackedCell(model)
         self.states = CellStates(model.n_rc, n_cells)
         self.guard = InputGuard(self.cell, self.states, tuning)
-        self.filter = MarginalFilter(self.cell, rule, tuning)
+        self._process = Process(self.cell, self.states, tuning, counts=fused)
+        self._fusion = Fusion(self.states, tuning) if fused else None
+        self._check = SelfCheck(self.states, tuning)
+        self._filter = MarginalFilter(self.cell, self.states, rule, tuning)
         self._fast = _fast_step(self.cell, self.states, rule, tuning, fused) if wants_numba(engine) else None
+        self._soc, self._filter_v2 = self.states.mean[SOC], self.states.cov[SOC, SOC]
+        self._mean_square = self.states.check[1]
+        self._bias = np.array(tuning.bias_share), np.array(tuning.bias_v**2)
         self._is_started = False
 
     @property
@@ -110,30 +122,26 @@ class GaussianEstimator:
                 guard.array("temperatures_degc", temperatures_degc),
             )
             return self._fast.step(dt_s, current, voltages, temperatures)
-        state, tuning = self.states, self.tuning
         sample = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
-        self.filter.predict(state, sample)
-        result = self.filter.update(state, sample)
-        soc, variance = state.mean[SOC], soc_variance(state, result, tuning)
-        if self.fused:
-            move_count(state, tuning, self.filter.moved_soc(sample.current_a, sample.dt_s), sample.dt_s)
-            soc, variance = fuse(state, tuning, sample.dt_s, variance)
+        self._process.predict(sample)
+        result = self._filter.update(sample)
+        soc, variance = self._soc, self._soc_variance(result)
+        if self._fusion is not None:
+            soc, variance = self._fusion.fuse(sample.dt_s, variance)
+        model_valid = self._check.update(
+            sample.dt_s, result.innovation_v, sample.noise_v2, None if result.all_accepted else result.accepted
+        )
+        held = np.maximum(soc, ZERO)
+        np.minimum(held, ONE, out=held)
         return Estimates(
-            soc=np.minimum(np.maximum(soc, 0.0), 1.0),
-            soc_sigma=np.sqrt(variance),
-            ocv_v=self.cell.ocv_of(soc),
-            voltage_v=result.predicted_v,
-            innovation_v=result.innovation_v,
-            innovation_sigma_v=result.innovation_sigma_v,
-            model_valid=check_model(
-                state,
-                tuning,
-                sample.dt_s,
-                result.innovation_v,
-                sample.noise_v2,
-                None if result.all_accepted else result.accepted,
-            ),
-            accepted=result.accepted,
+            held,
+            np.sqrt(variance),
+            self.cell.ocv_of(soc),
+            result.predicted_v,
+            result.innovation_v,
+            np.sqrt(result.innovation_v2),
+            model_valid,
+            result.accepted,
         )
 
     def run(
@@ -158,6 +166,21 @@ class GaussianEstimator:
         held = np.array([self.guard.common(0.0, i) for i in current_a])
         return self._fast.record(dt_s, held, voltage_v, temperature_degc)
 
+    def _soc_variance(self, result: StepResult) -> FloatArray:
+        """Return (n,) variance of the SOC with the error that averaging does not remove.
+
+        v_f = P_zz + (bias^2 + share * mean square of the innovation) / slope^2: a model that errs is trusted less.
+        """
+        share, bias_v2 = self._bias
+        variance: FloatArray = np.multiply(self._mean_square, share)
+        np.add(variance, bias_v2, variance)
+        slope_v2 = np.multiply(result.slope_v, result.slope_v)
+        np.maximum(slope_v2, SLOPE_FLOOR_V2, out=slope_v2)
+        np.divide(variance, slope_v2, variance)
+        np.add(variance, self._filter_v2, variance)
+        np.minimum(variance, VARIANCE_MAX, out=variance)
+        return variance
+
     def require_start(self) -> None:
         """EstimatorError before `start`."""
         if not self._is_started:
@@ -180,15 +203,3 @@ def _fast_step(cell: PackedCell, states: CellStates, rule: SigmaRule | None, tun
     from app.estimation.fast import FastStep
 
     return FastStep(cell, states, rule, tuning, fused)
-
-
-def soc_variance(state: CellStates, result: StepResult, tuning: Tuning) -> FloatArray:
-    """Return (n,) variance of the SOC with the error that averaging does not remove.
-
-    v_f = P_zz + (bias^2 + share * mean square of the innovation) / slope^2: a model that errs is trusted less.
-    """
-    variance = tuning.bias_share * state.check[1]
-    variance += tuning.bias_v**2
-    variance /= np.maximum(result.slope_v * result.slope_v, SLOPE_FLOOR_V**2)
-    variance += state.cov[SOC, SOC]
-    return np.asarray(np.minimum(variance, SOC_VARIANCE_MAX))

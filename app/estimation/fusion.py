@@ -16,69 +16,89 @@ exponential to compute.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.estimation.circuit import SECONDS_PER_HOUR
 from app.estimation.states import SOC, CellStates
 from app.estimation.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+ONE: Final = np.array(1.0)
+PER_TAIL: Final = np.array(1.0 / 32.0)
 
 
-def move_count(state: CellStates, tuning: Tuning, moved_soc: float, dt_s: float) -> None:
-    """Take a share of the capacity out of every cell's count, and let its sigmas grow."""
-    drift = tuning.counter_gain * moved_soc, (tuning.counter_offset_c / SECONDS_PER_HOUR) * dt_s
-    state.count += np.array([[-moved_soc], [drift[0]], [drift[1]]])
+class Fusion:
+    """Fuses the filter of one state with its charge count."""
 
+    def __init__(self, states: CellStates, tuning: Tuning) -> None:
+        self._states = states
+        self._tuning = tuning
+        self._odds = np.array(unknown_odds(tuning))
+        self._views = states.mean[SOC], states.count_soc, states.doubt_s
+        self._work = tuple(np.empty((6, states.n_cells)))
 
-def count_variance(state: CellStates) -> FloatArray:
-    """Return (n,) variance of the counted SOC."""
-    drift = state.count[1:]
-    squares = drift * drift
-    return np.asarray(squares[0] + squares[1] + state.anchor_v2)
+    def fuse(self, dt_s: float, filter_v2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (n,) fused SOC and variance; anchors the count anew where it has been contradicted too long.
 
+        Args:
+            dt_s: step [s].
+            filter_v2: (n,) variance of the filter's SOC, model error included.
+        """
+        filter_soc, count_soc, doubt_s = self._views
+        d, apart, tail, g, w, left = self._work
+        total = count_variance(self._states)
+        np.add(total, filter_v2, total)
+        np.subtract(filter_soc, count_soc, d)
+        np.multiply(d, d, apart)
+        np.divide(apart, total, tail)
+        np.multiply(tail, PER_TAIL, tail)
+        np.add(tail, ONE, tail)
+        for _ in range(4):
+            np.multiply(tail, tail, tail)
+        np.sqrt(total, w)
+        np.multiply(tail, w, tail)
+        np.multiply(tail, self._odds, tail)
+        np.add(tail, ONE, tail)
+        np.reciprocal(tail, w)
+        np.divide(filter_v2, total, g)
+        # z = z_f - w g d
+        np.multiply(g, d, d)
+        np.multiply(w, d, left)
+        soc = np.subtract(filter_soc, left)
+        # v = v_f - w g v_f + w g d (g d - w g d)
+        np.multiply(w, g, g)
+        np.multiply(g, filter_v2, g)
+        np.subtract(d, left, d)
+        np.multiply(left, d, left)
+        np.subtract(left, g, left)
+        variance = np.add(filter_v2, left)
+        if w.item(w.argmin()) < 0.5:
+            self._doubt(dt_s, w < 0.5, filter_v2)
+        else:
+            doubt_s.fill(0.0)
+        return soc, variance
 
-def fuse(state: CellStates, tuning: Tuning, dt_s: float, filter_v2: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (n,) fused SOC and variance; anchors the count anew where it has been contradicted too long.
-
-    Args:
-        state: filter mean and count.
-        tuning: probabilities and times.
-        dt_s: step [s].
-        filter_v2: (n,) variance of the filter's SOC, model error included.
-    """
-    filter_soc = state.mean[SOC]
-    total = count_variance(state)
-    total += filter_v2
-    d = filter_soc - state.count[0]
-    dd = d * d
-    tail = dd / total
-    tail *= 1.0 / 32.0
-    tail += 1.0
-    for _ in range(4):
-        tail *= tail
-    tail *= np.sqrt(total)
-    tail *= unknown_odds(tuning)
-    tail += 1.0
-    w = 1.0 / tail
-    g = filter_v2 / total
-    wg = w * g
-    soc = filter_soc - wg * d
-    # v = v_f - w g (v_f - (1 - w) g d^2)
-    variance = filter_v2 - wg * (filter_v2 - (1.0 - w) * (g * dd))
-    doubted = w < 0.5
-    if doubted.any():
-        state.doubt_s[:] = np.where(doubted, state.doubt_s + dt_s, 0.0)
-        anchor = state.doubt_s > tuning.anchor_s
+    def _doubt(self, dt_s: float, doubted: BoolArray, filter_v2: FloatArray) -> None:
+        filter_soc, _, doubt_s = self._views
+        state = self._states
+        doubt_s[:] = np.where(doubted, doubt_s + dt_s, 0.0)
+        anchor = doubt_s > self._tuning.anchor_s
         np.copyto(state.count_soc, filter_soc, where=anchor)
         np.copyto(state.count[1:], 0.0, where=anchor)
         np.copyto(state.anchor_v2, filter_v2, where=anchor)
-        np.copyto(state.doubt_s, 0.0, where=anchor)
-    else:
-        state.doubt_s[:] = 0.0
-    return soc, variance
+        np.copyto(doubt_s, 0.0, where=anchor)
+
+
+def count_variance(state: CellStates) -> FloatArray:
+    """Return (n,) variance of the counted SOC; a new array."""
+    squares = np.square(state.drift)
+    total: FloatArray = np.add(squares[0], squares[1])
+    np.add(total, state.anchor_v2, total)
+    return total
 
 
 def unknown_odds(tuning: Tuning) -> float:

@@ -6,24 +6,62 @@ A missing voltage stays NaN (the cell is predicted only); a missing temperature 
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.estimation.errors import EstimatorError, ShapeError
-from app.estimation.marginal import StepInput
 from app.estimation.states import CellStates
-from app.estimation.tables import PackedCell
+from app.estimation.tables import N_SOC, PackedCell
 from app.estimation.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
 
 TEMPERATURE_UNKNOWN_DEGC: Final = 25.0
 TEMPERATURE_MAX_DEGC: Final = 200.0  # beyond it, either way, the sensor is broken
 CURRENT_MAX_C: Final = 60.0  # a larger reading is a broken sensor, not a current
 VOLTAGE_MIN_V: Final = 0.5  # a cell that reads 0 is not connected
 VOLTAGE_MAX_V: Final = 6.0  # likewise: 6.5535 V is what the monitor says when it has not measured
+
+
+class Climate(NamedTuple):
+    """Where the temperatures of the cells lie in the tables.
+
+    Attributes:
+        row: (n,) table row.
+        row_weight: (n,) weight of the next row.
+        offset3: (3 n,) place of that row in a flat table, for the three sigma points.
+        noise_scale: (n,) growth of the model error's variance outside the tables.
+        is_inside: whether that is 1 for all cells.
+    """
+
+    row: IntArray
+    row_weight: FloatArray
+    offset3: IntArray
+    noise_scale: FloatArray
+    is_inside: bool
+
+
+class StepInput(NamedTuple):
+    """What one step needs besides the state.
+
+    Attributes:
+        dt_s: step [s].
+        current_a: held current [A].
+        noise_v2: variance of the voltage's model error, without correlation [V^2].
+        correlation: growth of it for the gain.
+        voltage_v: (n,) [V], NaN = missing.
+        climate: places of the temperatures; the same object as long as they are the same.
+    """
+
+    dt_s: float
+    current_a: float
+    noise_v2: float
+    correlation: float
+    voltage_v: FloatArray
+    climate: Climate
 
 
 class InputGuard:
@@ -38,7 +76,7 @@ class InputGuard:
         self._current_a = 0.0
         self._temperature_raw = b""
         state.temperature_degc[:] = TEMPERATURE_UNKNOWN_DEGC
-        self._settle_temperature()
+        self._climate = self._settle_temperature()
 
     def common(self, dt_s: float, current_a: float) -> float:
         """Return the current in force [A]: this one, or the last if this is missing or impossible.
@@ -73,31 +111,29 @@ class InputGuard:
         current = self.common(dt_s, current_a)
         voltage = self.array("voltages_v", voltages_v)
         temperature = self.array("temperatures_degc", temperatures_degc)
-        if not (np.maximum.reduce(voltage) < VOLTAGE_MAX_V and np.minimum.reduce(voltage) > VOLTAGE_MIN_V):
+        # argmin and argmax find a NaN first
+        if not (voltage.item(voltage.argmin()) > VOLTAGE_MIN_V and voltage.item(voltage.argmax()) < VOLTAGE_MAX_V):
             voltage = np.where((voltage > VOLTAGE_MIN_V) & (voltage < VOLTAGE_MAX_V), voltage, np.nan)
         raw = temperature.tobytes()
         if raw != self._temperature_raw:
             self._temperature_raw = raw
             known = np.abs(temperature) < TEMPERATURE_MAX_DEGC
             np.copyto(self._state.temperature_degc, temperature, where=known)
-            self._settle_temperature()
+            self._climate = self._settle_temperature()
+        tuning = self._tuning
         return StepInput(
-            dt_s=float(dt_s),
-            current_a=current,
-            noise_v2=self._tuning.voltage_variance(current * self._drop_per_a_v),
-            correlation=self._tuning.correlation_factor(dt_s),
-            noise_scale=self._noise_scale,
-            voltage_v=voltage,
-            row=self._row,
-            row_weight=self._row_weight,
-            row3=self._row3,
-            row3_weight=self._row3_weight,
+            float(dt_s),
+            current,
+            tuning.voltage_variance(current * self._drop_per_a_v),
+            tuning.correlation_factor(dt_s),
+            voltage,
+            self._climate,
         )
 
-    def _settle_temperature(self) -> None:
+    def _settle_temperature(self) -> Climate:
         grid = self._cell.temperature_grid_degc
         t = self._state.temperature_degc
-        self._row, self._row_weight = self._cell.place(t)
-        self._row3, self._row3_weight = np.tile(self._row, 3), np.tile(self._row_weight, 3)
+        row, weight = self._cell.place(t)
         outside_k = np.maximum(grid[0] - t, 0.0) + np.maximum(t - grid[-1], 0.0)
-        self._noise_scale = (1.0 + self._tuning.cold_factor * outside_k / 10.0) ** 2
+        cold = 1.0 + self._tuning.cold_factor * outside_k / 10.0
+        return Climate(row, weight, np.tile(N_SOC * row, 3), cold * cold, bool((cold == 1.0).all()))

@@ -32,7 +32,8 @@ from app.estimation.kernel_parts import (
     place_soc,
     widened,
 )
-from app.estimation.marginal import SOC_MAX, SOC_MIN, VARIANCE_STEP
+from app.estimation.marginal import SOC_MAX, SOC_MIN
+from app.estimation.process import VARIANCE_STEP
 from app.estimation.states import (
     ANCHOR_V2,
     CHECK_MEAN,

@@ -9,7 +9,7 @@ import math
 
 from app.estimation.circuit import SECONDS_PER_HOUR
 from app.estimation.kernel_parts import inline
-from app.estimation.marginal import SOC_VARIANCE_MAX
+from app.estimation.process import SOC_VARIANCE_MAX
 from app.estimation.start import SLOPE_FLOOR_V
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg"
@@ -28,8 +28,9 @@ def fuse(p, count, count_v2, soc, variance):
     tail *= tail
     w = 1.0 / (tail * math.sqrt(total) * p.unknown_odds + 1.0)
     share = variance / total
-    wg = w * share
-    return soc - wg * apart, variance - wg * (variance - (1.0 - w) * (share * (apart * apart))), w
+    nearer = share * apart
+    pulled = w * nearer
+    return soc - pulled, variance + (pulled * (nearer - pulled) - w * share * variance), w
 
 
 @inline

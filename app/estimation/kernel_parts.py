@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numba
 
-from app.estimation.marginal import SOC_VARIANCE_MAX, VARIANCE_STEP
+from app.estimation.process import SOC_VARIANCE_MAX, VARIANCE_STEP
 from app.estimation.tables import N_SOC, SOC_LOW, SOC_STEP
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg"

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.estimation.errors import ShapeError
-from app.estimation.marginal import SOC_MAX, SOC_MIN, SOC_VARIANCE_MAX, StepInput
+from app.estimation.inputs import StepInput
+from app.estimation.marginal import SOC_MAX, SOC_MIN
+from app.estimation.process import SOC_VARIANCE_MAX
 from app.estimation.states import SOC, CellStates
 from app.estimation.tables import BRANCH, PackedCell
 from app.estimation.tuning import Tuning
@@ -32,14 +34,14 @@ def start_from_voltage(cell: PackedCell, state: CellStates, tuning: Tuning, step
     soc = np.where(seen, model.ocv.soc_at(v), 0.5)
     for _ in range(3):
         j, f = cell.place_soc(soc)
-        c = cell.circuit_at(j, f, step.row, step.row_weight)
+        c = cell.circuit_at(j, f, step.climate.row, step.climate.row_weight)
         soc = np.where(seen, model.ocv.soc_at(v + cell.drop(c, i, halfway)), soc)
     soc = np.where(seen, soc, soc[seen].mean() if seen.any() else 0.5)
     slope = np.maximum(model.ocv.slope(soc), SLOPE_FLOOR_V)
     branch_v2 = (tuning.start_branch_c * model.c_rate_a) ** 2 + (tuning.start_branch_rel * i) ** 2
     P = state.cov
     P[:] = 0.0
-    z = step.noise_v2 * step.noise_scale / slope**2 + tuning.start_voltage_sigma**2
+    z = step.noise_v2 * step.climate.noise_scale / slope**2 + tuning.start_voltage_sigma**2
     for k in range(model.n_rc):
         share = c[BRANCH + k] / slope
         z += share * share * branch_v2

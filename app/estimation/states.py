@@ -11,18 +11,19 @@ FloatArray = NDArray[np.float64]
 
 SOC: Final = 0  # first row of the mean; the RC currents follow
 N_SLOW: Final = 10
+N_MOVING: Final = 4
 (
     HYSTERESIS,
-    REFUSED,
-    TEMPERATURE,
-    CHECK_MEAN,
-    CHECK_SQUARE,
     COUNT,
     COUNT_GAIN,
     COUNT_OFFSET,
     ANCHOR_V2,
     DOUBT,
-) = range(N_SLOW)  # rows behind the mean and the covariance
+    REFUSED,
+    TEMPERATURE,
+    CHECK_MEAN,
+    CHECK_SQUARE,
+) = range(N_SLOW)  # rows behind the mean and the covariance; the first N_MOVING of them move without a sample
 
 
 class CellStates:
@@ -30,6 +31,8 @@ class CellStates:
 
     Attributes:
         block: (d + d d + 10, n) everything below, one row each.
+        moving: (d + d d + 4, n) its part that moves without a sample.
+        gaussian: (1 + d, d, n) mean, then covariance.
         mean: (d, n) SOC, then RC currents [A].
         cov: (d, d, n) covariance.
         hysteresis: (n,) -1 after discharge .. 1 after charge.
@@ -38,6 +41,7 @@ class CellStates:
         check: (2, n) running mean [V] and mean square [V^2] of the scaled innovation.
         count: (3, n) SOC by counting charge, and the sigmas that gain and offset of the sensor have given it.
         count_soc: (n,) its first row.
+        drift: (2, n) its other rows.
         anchor_v2: (n,) variance of the SOC where the count began.
         doubt_s: (n,) for how long the count has been less likely than not [s].
     """
@@ -48,6 +52,8 @@ class CellStates:
         self.n_cells = n_cells
         self.block: FloatArray = np.zeros((d + d * d + N_SLOW, n_cells))
         slow = self.block[d + d * d :]
+        self.moving = self.block[: d + d * d + N_MOVING]
+        self.gaussian = self.block[: d + d * d].reshape(1 + d, d, n_cells)
         self.mean = self.block[:d]
         self.cov = self.block[d : d + d * d].reshape(d, d, n_cells)
         self.hysteresis = slow[HYSTERESIS]
@@ -56,5 +62,6 @@ class CellStates:
         self.check = slow[CHECK_MEAN : CHECK_SQUARE + 1]
         self.count = slow[COUNT : COUNT_OFFSET + 1]
         self.count_soc = slow[COUNT]
+        self.drift = slow[COUNT_GAIN : COUNT_OFFSET + 1]
         self.anchor_v2 = slow[ANCHOR_V2]
         self.doubt_s = slow[DOUBT]

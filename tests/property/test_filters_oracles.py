@@ -13,6 +13,7 @@ from app.estimation.cellfile import load_cell
 from app.estimation.inputs import InputGuard
 from app.estimation.marginal import MarginalFilter
 from app.estimation.oracles import additive_step, augmented_step
+from app.estimation.process import Process
 from app.estimation.sigma_points import central_difference, unscented
 from app.estimation.states import SOC, CellStates
 from app.estimation.tables import PackedCell
@@ -78,13 +79,14 @@ def test_three_points_equal_the_full_set(name, n_rc, soc_value, sd, current_c, d
     states.mean[:, 0], states.cov[:, :, 0] = mean, cov
     guard = InputGuard(cell, states, OPEN_GATE)
     sample = guard.check(dt, current, [volts], [degc])
-    filt = MarginalFilter(cell, rule, OPEN_GATE)
+    process = Process(cell, states, OPEN_GATE, counts=False)
+    filt = MarginalFilter(cell, states, rule, OPEN_GATE)
 
     decay = np.concatenate(([1.0], np.exp(-dt / cell.tau_fixed_s)))
-    gain = np.concatenate(([-filt.moved_soc(current, dt)], (1.0 - decay[1:]) * current))
-    filt.predict(states, sample)
+    gain = np.concatenate(([-process.moved_soc(current, dt)], (1.0 - decay[1:]) * current))
+    process.predict(sample)
     process_noise = states.cov[:, :, 0] - decay[:, None] * cov * decay
-    noise_v2 = sample.noise_v2 * float(sample.noise_scale[0]) * sample.correlation
+    noise_v2 = sample.noise_v2 * float(sample.climate.noise_scale[0]) * sample.correlation
     wanted, wanted_cov = additive_step(
         mean,
         cov,
@@ -95,7 +97,7 @@ def test_three_points_equal_the_full_set(name, n_rc, soc_value, sd, current_c, d
         noise_v2,
         volts,
     )
-    filt.update(states, sample)
+    filt.update(sample)
     assert states.mean[SOC, 0] == pytest.approx(np.clip(wanted[SOC], -0.05, 1.05), abs=1e-12)
     np.testing.assert_allclose(states.mean[1:, 0], wanted[1:], rtol=0, atol=1e-9)
     assert states.cov[SOC, SOC, 0] == pytest.approx(wanted_cov[SOC, SOC], abs=1e-12)

@@ -1,9 +1,13 @@
 import numpy as np
 import pytest
 
-from app.estimation.fusion import count_variance, fuse, move_count
+from app.estimation.cellfile import load_cell
+from app.estimation.fusion import Fusion, count_variance
+from app.estimation.inputs import InputGuard
+from app.estimation.process import Process
 from app.estimation.start import start_count
 from app.estimation.states import SOC, CellStates
+from app.estimation.tables import PackedCell
 from app.estimation.tuning import Tuning
 
 TUNING = Tuning(anchor_s=60.0)
@@ -17,13 +21,13 @@ def states(filter_soc: float, count_soc: float, count_sigma: float = 0.01) -> Ce
 
 
 def test_witnesses_that_agree_are_weighed_by_their_precision():
-    soc, variance = fuse(states(0.51, 0.50), TUNING, 0.1, np.array([1e-4]))
+    soc, variance = Fusion(states(0.51, 0.50), TUNING).fuse(0.1, np.array([1e-4]))
     assert soc[0] == pytest.approx(0.505, abs=5e-4)
     assert variance[0] == pytest.approx(0.5e-4, rel=0.1)
 
 
 def test_a_count_that_is_contradicted_does_not_count():
-    soc, variance = fuse(states(0.90, 0.40), TUNING, 0.1, np.array([4e-4]))
+    soc, variance = Fusion(states(0.90, 0.40), TUNING).fuse(0.1, np.array([4e-4]))
     assert soc[0] == pytest.approx(0.90, abs=1e-4)
     assert variance[0] == pytest.approx(4e-4, rel=0.01)
 
@@ -32,7 +36,7 @@ def test_between_agreement_and_contradiction_sigma_covers_both():
     state = states(0.60, 0.50, 0.01)
     for gap in np.linspace(0.0, 0.2, 81):
         state.count_soc[0] = 0.6 - gap
-        soc, variance = fuse(state, TUNING, 0.0, np.array([4e-4]))
+        soc, variance = Fusion(state, TUNING).fuse(0.0, np.array([4e-4]))
         assert variance[0] > 0.0
         assert 0.6 - gap - 1e-12 <= soc[0] <= 0.6 + 1e-12
 
@@ -40,20 +44,25 @@ def test_between_agreement_and_contradiction_sigma_covers_both():
 def test_a_count_contradicted_without_a_break_is_anchored_anew():
     state = states(0.90, 0.40)
     for _ in range(61):
-        fuse(state, TUNING, 1.0, np.array([4e-4]))
+        Fusion(state, TUNING).fuse(1.0, np.array([4e-4]))
     assert state.count_soc[0] == 0.90
     assert count_variance(state)[0] == pytest.approx(4e-4)
     state = states(0.90, 0.40)
     for k in range(200):
         state.mean[SOC] = 0.40 if k % 50 == 49 else 0.90
-        fuse(state, TUNING, 1.0, np.array([4e-4]))
+        Fusion(state, TUNING).fuse(1.0, np.array([4e-4]))
     assert state.count_soc[0] == 0.40
 
 
 def test_the_count_grows_uncertain_with_charge_and_with_time():
     moved, waited = states(0.5, 0.5), states(0.5, 0.5)
-    move_count(moved, TUNING, 0.4, 0.0)
-    move_count(waited, TUNING, 0.0, 3600.0)
+    cell = PackedCell(load_cell())
+    for state, current_c, dt_s in ((moved, 0.4, 3600.0), (waited, 0.0, 3600.0)):
+        guard = InputGuard(cell, state, TUNING)
+        Process(cell, state, TUNING, counts=True).predict(
+            guard.check(dt_s, current_c * cell.model.capacity_ah, [3.7], [25.0])
+        )
+    offset_v2 = TUNING.counter_offset_c**2
     assert moved.count_soc[0] == pytest.approx(0.1)
-    assert count_variance(moved)[0] == pytest.approx(1e-4 + (0.4 * TUNING.counter_gain) ** 2)
-    assert count_variance(waited)[0] == pytest.approx(1e-4 + TUNING.counter_offset_c**2)
+    assert count_variance(moved)[0] == pytest.approx(1e-4 + (0.4 * TUNING.counter_gain) ** 2 + offset_v2)
+    assert count_variance(waited)[0] == pytest.approx(1e-4 + offset_v2)
