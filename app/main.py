@@ -11,7 +11,20 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import __version__
-from app.api import can, commands, config, debrief, events, live, metrics, problems, session_login, sessions, simulator
+from app.api import (
+    can,
+    commands,
+    config,
+    debrief,
+    events,
+    live,
+    metrics,
+    problems,
+    session_login,
+    sessions,
+    simulator,
+    system,
+)
 from app.api.auth import Doorkeeper, Gate
 from app.api.limits import BodyLimit
 from app.api.schemas.service import ProblemOut
@@ -19,6 +32,7 @@ from app.api.static import serve_front_end
 from app.runtime import Runtime
 from app.settings import Settings
 from app.simulator_process import SimulatorProcess
+from app.surroundings import ClockWatch
 from app.telemetry import Source
 
 STATIC = files("app") / "static"
@@ -77,10 +91,12 @@ def create_app(
     app.state.runtime = runtime
     app.state.simulator = simulated_car
     app.state.encoder = live.Encoder(runtime)
+    app.state.readers = system.Readers()
+    app.state.clock = ClockWatch()
     doorkeeper = Doorkeeper(settings)
     app.state.doorkeeper = doorkeeper
     problems.install(app)
-    for module in (live, session_login, config, can, commands, events, sessions, debrief, simulator):
+    for module in (live, session_login, config, can, commands, events, sessions, debrief, simulator, system):
         app.include_router(module.router, prefix="/api/v1")
     app.include_router(metrics.router)
     serve_front_end(app, STATIC)

@@ -1,10 +1,11 @@
 import { svelte } from '@sveltejs/vite-plugin-svelte';
 import { defineConfig } from 'vitest/config';
 import { fixtureServer } from './fixtures/server.ts';
+import { serviceWorker } from './service_worker.ts';
 
 export default defineConfig(({ mode }) => ({
   base: './',
-  plugins: [svelte(), ...(mode === 'fixtures' ? [fixtureServer()] : [])],
+  plugins: [svelte(), serviceWorker(), ...(mode === 'fixtures' ? [fixtureServer()] : [])],
   define: { __FIXTURES__: JSON.stringify(mode === 'fixtures') },
   build: {
     outDir: '../app/static',

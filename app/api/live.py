@@ -15,6 +15,7 @@ from app.api.encode import snapshot_json
 from app.api.problems import Problem
 from app.api.schemas.service import HealthOut, HistoryOut
 from app.api.schemas.snapshot import SnapshotOut
+from app.api.system import Readers
 from app.runtime import Runtime
 from app.telemetry import Snapshot
 
@@ -86,7 +87,10 @@ async def live(websocket: WebSocket, rate: float | None = None) -> None:
     receiving = asyncio.create_task(_until_closed(websocket))
     waiting: asyncio.Task[Snapshot] | None = None
     try:
-        with runtime.hub.subscribe() as subscription:
+        readers: Readers = websocket.app.state.readers
+        user = keeper.user_of(websocket.headers, "")
+        address = websocket.client.host if websocket.client else ""
+        with runtime.hub.subscribe() as subscription, readers.joined(user, address):
             while not receiving.done():
                 waiting = asyncio.create_task(subscription.next())
                 await asyncio.wait({waiting, receiving}, return_when=asyncio.FIRST_COMPLETED)

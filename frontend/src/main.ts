@@ -4,6 +4,8 @@ import { mount } from 'svelte';
 import './theme/tokens.css';
 import './theme/base.css';
 import App from './App.svelte';
+import { attention } from './store/attention.svelte';
+import { keys } from './store/keys.svelte';
 import { live } from './store/live.svelte';
 import { route } from './store/route.svelte';
 import { chosen } from './words/words.svelte';
@@ -12,6 +14,11 @@ import { user } from './store/user.svelte';
 route.start();
 void user.start();
 live.start();
+attention.start();
+keys.start();
+if (import.meta.env.PROD && 'serviceWorker' in navigator) {
+  void navigator.serviceWorker.register('./sw.js').catch(() => undefined); // the pages work without it
+}
 
 await chosen.start();
 mount(App, { target: document.getElementById('app')! });

@@ -173,6 +173,13 @@ export interface Charger {
   flags: string[];
 }
 
+/** The service's wall clock: unix seconds, and how far it was set since the start. */
+export interface Clock {
+  time: number;
+  moved_s: number;
+  was_set: boolean;
+}
+
 /** The names of the commands. */
 export interface Commands {
   commands: string[];
@@ -200,6 +207,14 @@ export interface Difference {
   to: number;
   unit: string;
   offset: number;
+}
+
+/** The disk that the sessions are on; hours at the rate of the recording in progress. */
+export interface Disk {
+  folder: string;
+  free_bytes: number;
+  total_bytes: number;
+  recording_hours_left: number | null;
 }
 
 /** The master did it. */
@@ -436,6 +451,14 @@ export interface Problem {
   errors?: FieldError[];
 }
 
+/** One open live stream. */
+export interface Reader {
+  name: string | null;
+  role: 'engineer' | 'viewer' | null;
+  address: string;
+  since: number;
+}
+
 /** The session being recorded. */
 export interface Recording {
   session_id: string;
@@ -653,6 +676,15 @@ export interface StructField {
   unit: string;
   scale: number;
   meaning: string;
+}
+
+/** The service's surroundings. */
+export interface System {
+  listens_on: string;
+  addresses: string[];
+  disk: Disk | null;
+  clock: Clock;
+  readers: Reader[];
 }
 
 /** Seconds until a limit is met; null: not within an hour. */

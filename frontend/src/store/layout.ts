@@ -18,6 +18,21 @@ export const CELL_ROWS: readonly (readonly number[])[] = [
 
 export const indexOf = (pack: number, position: number): number => pack * CELLS_PER_PACK + position;
 
+/** The cell that lies `dx` columns and `dy` rows away in the car, null beyond its edge. */
+export function besides(index: number, dx: number, dy: number): number | null {
+  const pack = Math.floor(index / CELLS_PER_PACK);
+  const position = index % CELLS_PER_PACK;
+  const packRow = PACK_ROWS.findIndex((row) => row.includes(pack));
+  const cellRow = CELL_ROWS.findIndex((row) => row.includes(position));
+  const wide = CELL_ROWS[0]!.length;
+  const high = CELL_ROWS.length;
+  const x = PACK_ROWS[packRow]!.indexOf(pack) * wide + CELL_ROWS[cellRow]!.indexOf(position) + dx;
+  const y = packRow * high + cellRow + dy;
+  const found = PACK_ROWS[Math.floor(y / high)]?.[Math.floor(x / wide)];
+  if (found === undefined) return null;
+  return indexOf(found, CELL_ROWS[y % high]![x % wide]!);
+}
+
 /** Words for the place of a cell: "front row, second from the left". */
 export function placeOf(index: number): string {
   const pack = Math.floor(index / CELLS_PER_PACK);

@@ -61,4 +61,22 @@ export const SYSTEM = {
   'You read as {who}.': 'Du leser som {who}.',
   'Not logged in.': 'Ikke innlogget.',
   'Log out': 'Logg ut',
+  'On a phone': 'På telefon',
+  'A phone on the same network opens this address. The viewer’s password lets it read.':
+    'En telefon på samme nett åpner denne adressen. Leserens passord lar den lese.',
+  Network: 'Nett',
+  'Only this machine reaches the service. To let phones in, set a password and start it with --host 0.0.0.0.':
+    'Bare denne maskinen når tjenesten. For å slippe inn telefoner: sett et passord og start med --host 0.0.0.0.',
+  'This machine has no address on a network now.': 'Denne maskinen har ingen adresse på et nett nå.',
+  'The same page on this machine:': 'Samme side på denne maskinen:',
+  Machine: 'Maskin',
+  'Disk free': 'Ledig disk',
+  '{free} of {total}': '{free} av {total}',
+  'Room to record': 'Plass til opptak',
+  '{n} h at the present rate': '{n} t i nåværende takt',
+  'Data folder': 'Datamappe',
+  'Service’s clock': 'Tjenestens klokke',
+  '{n} s from this device’s': '{n} s fra denne enhetens',
+  'Set since the start': 'Stilt siden start',
+  'Who reads now': 'Hvem leser nå',
 } as const;

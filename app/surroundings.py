@@ -1,0 +1,62 @@
+"""The machine the service runs on, as far as it matters in the pit: addresses, disk, clock."""
+
+import shutil
+import socket
+import time
+from dataclasses import dataclass, field
+from ipaddress import IPv4Address, ip_address
+from pathlib import Path
+
+# One address in each range that a pit network may use: a datagram socket "connected" there sends nothing, and tells
+# which of this machine's addresses would be used.
+_PROBES = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", "169.254.255.254")
+_CLOCK_STEP_S = 2.0
+
+
+def addresses_of(host: str) -> list[str]:
+    """Return the IPv4 addresses under which other machines reach a service that listens on `host`; none on loopback."""
+    try:
+        listens_on = ip_address(host)
+    except ValueError:
+        return [] if host == "localhost" else [host]
+    if listens_on.is_loopback:
+        return []
+    if not listens_on.is_unspecified:
+        return [host]
+    found: list[str] = []
+    for probe in _PROBES:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            try:
+                out.connect((probe, 9))
+            except OSError:
+                continue
+            own = out.getsockname()[0]
+        address = IPv4Address(own)
+        if not (address.is_loopback or address.is_unspecified) and own not in found:
+            found.append(own)
+    return found
+
+
+def disk_of(folder: Path) -> dict[str, int] | None:
+    """Return free and total bytes of the disk that holds `folder`; None where it cannot be asked."""
+    try:
+        usage = shutil.disk_usage(folder)
+    except OSError:
+        return None
+    return {"free_bytes": usage.free, "total_bytes": usage.total}
+
+
+@dataclass
+class ClockWatch:
+    """Tells how far the wall clock was moved since the service started, by the monotonic clock."""
+
+    _offset_s: float = field(default_factory=lambda: time.time() - time.monotonic())
+
+    def moved_s(self) -> float:
+        """Return how far the wall clock was set on (positive) or back since the start [s]."""
+        return time.time() - time.monotonic() - self._offset_s
+
+    @property
+    def was_set(self) -> bool:
+        """True when somebody set the clock, beyond what keeping it right explains."""
+        return abs(self.moved_s()) > _CLOCK_STEP_S

@@ -1,0 +1,151 @@
+// Calls for a person: a sound that can be muted for a time, and a notification of the browser if it may.
+// Alarms that wait for an acknowledgement sound; those that were there at the first snapshot do so too.
+
+import type { Alarm, Severity } from '../link/types';
+import { clock } from '../format';
+import { said, t } from '../words/words.svelte';
+import { openAlarms } from './alarms';
+import { Kept } from './kept.svelte';
+import { live } from './live.svelte';
+
+export const MUTES_MIN = [5, 30, 120] as const;
+
+const EVERY_MS = 1000;
+const REPEAT_S: Record<Severity, number> = { trip: 4, warning: 20, watch: Infinity };
+const TONES: Record<Severity, readonly [hz: number, at: number][]> = {
+  trip: [
+    [880, 0],
+    [660, 0.18],
+    [880, 0.36],
+  ],
+  warning: [
+    [660, 0],
+    [660, 0.25],
+  ],
+  watch: [],
+};
+const TONE_S = 0.14;
+const LOUDNESS = 0.25;
+
+/** The alarms that may sound: active, unseen, worse than "watch"; worst first. */
+export const calling = (alarms: readonly Alarm[]): Alarm[] =>
+  alarms.filter((a) => a.active && !a.acknowledged_by && a.severity !== 'watch');
+
+/** Whether the worst of `alarms` shall sound now: a new one at once, an old one after its pause. */
+export function isDue(alarms: readonly Alarm[], heard: ReadonlySet<number>, silentS: number): boolean {
+  const worst = alarms[0];
+  if (!worst) return false;
+  return alarms.some((a) => !heard.has(a.id)) || silentS >= REPEAT_S[worst.severity];
+}
+
+class Attention {
+  readonly sound = new Kept<boolean>('sound', true);
+  readonly notify = new Kept<boolean>('notify', false);
+  private readonly until = new Kept<number>('mutedUntil', 0); // unix seconds
+  blocked = $state(false); // the browser waits for a click or a key before it lets a page sound
+  permission = $state(typeof Notification === 'undefined' ? 'missing' : Notification.permission);
+  private audio: AudioContext | null = null;
+  private readonly heard = new Set<number>();
+  private readonly shown = new Set<number>();
+  private soundedAt = -Infinity;
+
+  /** Unix seconds at which the sound comes back, null while it is not muted. */
+  get mutedUntil(): number | null {
+    void live.now; // ends by itself
+    return this.until.value > Date.now() / 1000 ? this.until.value : null;
+  }
+
+  get muteText(): string {
+    if (!this.sound.value) return t('Sound off');
+    return this.mutedUntil === null
+      ? t('Sound on')
+      : t('Muted until {time}', { time: clock(this.mutedUntil) });
+  }
+
+  mute(minutes: number): void {
+    this.until.value = minutes > 0 ? Date.now() / 1000 + minutes * 60 : 0;
+  }
+
+  start(): void {
+    window.setInterval(() => this.look(), EVERY_MS);
+    for (const gesture of ['pointerdown', 'keydown']) {
+      addEventListener(gesture, () => void this.wake(), { capture: true });
+    }
+  }
+
+  /** Sound one alarm of a severity, so that the reader knows it and the volume. */
+  async test(severity: Severity): Promise<void> {
+    await this.wake();
+    this.play(severity);
+  }
+
+  async allowNotifications(on: boolean): Promise<void> {
+    this.notify.value = on;
+    if (on && typeof Notification !== 'undefined') this.permission = await Notification.requestPermission();
+  }
+
+  private async wake(): Promise<void> {
+    if (!this.sound.value) return;
+    this.audio ??= new AudioContext();
+    if (this.audio.state === 'suspended') await this.audio.resume().catch(() => undefined);
+    this.blocked = this.audio.state === 'suspended';
+  }
+
+  private look(): void {
+    const alarms = calling(openAlarms(live.snapshot));
+    const now = performance.now() / 1000;
+    if (alarms.length > 0 && this.sound.value && this.mutedUntil === null) {
+      if (isDue(alarms, this.heard, now - this.soundedAt)) {
+        this.soundedAt = now;
+        if (this.audio?.state === 'running') this.play(alarms[0]!.severity);
+        else this.blocked = true;
+      }
+    } else {
+      this.blocked = false;
+    }
+    for (const alarm of alarms) {
+      this.heard.add(alarm.id);
+      this.announce(alarm);
+    }
+  }
+
+  private announce(alarm: Alarm): void {
+    if (this.shown.has(alarm.id)) return;
+    this.shown.add(alarm.id);
+    if (!this.notify.value || this.permission !== 'granted' || !document.hidden) return;
+    try {
+      const note = new Notification(`Voltwall: ${t(alarm.severity)}`, {
+        body: said(alarm.text),
+        tag: `alarm-${alarm.id}`,
+        icon: './icon-192.png',
+      });
+      note.onclick = () => {
+        window.focus();
+        location.hash = '#/events';
+      };
+    } catch {
+      // browsers on phones only let a service worker notify; the sound and the title remain
+    }
+  }
+
+  private play(severity: Severity): void {
+    const audio = this.audio;
+    if (!audio) return;
+    for (const [hz, at] of TONES[severity]) {
+      const start = audio.currentTime + at;
+      const tone = audio.createOscillator();
+      const gain = audio.createGain();
+      tone.frequency.value = hz;
+      tone.type = 'square';
+      gain.gain.setValueAtTime(0, start);
+      gain.gain.linearRampToValueAtTime(LOUDNESS, start + 0.01);
+      gain.gain.setValueAtTime(LOUDNESS, start + TONE_S - 0.02);
+      gain.gain.linearRampToValueAtTime(0, start + TONE_S);
+      tone.connect(gain).connect(audio.destination);
+      tone.start(start);
+      tone.stop(start + TONE_S);
+    }
+  }
+}
+
+export const attention = new Attention();

@@ -1,0 +1,51 @@
+import { describe, expect, it } from 'vitest';
+import type { Alarm } from '../src/link/types';
+import { calling, isDue } from '../src/store/attention.svelte';
+
+const alarm = (id: number, part: Partial<Alarm> = {}): Alarm => ({
+  id,
+  code: 'cell-hot',
+  severity: 'trip',
+  text: 'cell too hot',
+  cell: 3,
+  value: 61,
+  limit: 60,
+  unit: 'degC',
+  since: 1000 + id,
+  active: true,
+  acknowledged_by: null,
+  ...part,
+});
+
+describe('calling', () => {
+  it('leaves out what is over, seen, or only to be watched', () => {
+    const list = [
+      alarm(1),
+      alarm(2, { active: false }),
+      alarm(3, { acknowledged_by: 'Ida' }),
+      alarm(4, { severity: 'watch' }),
+      alarm(5, { severity: 'warning' }),
+    ];
+    expect(calling(list).map((a) => a.id)).toEqual([1, 5]);
+  });
+});
+
+describe('isDue', () => {
+  it('is silent without an alarm', () => {
+    expect(isDue([], new Set(), Infinity)).toBe(false);
+  });
+
+  it('sounds a new alarm at once, whatever sounded before', () => {
+    expect(isDue([alarm(1), alarm(2)], new Set([1]), 0)).toBe(true);
+  });
+
+  it('repeats a trip sooner than a warning', () => {
+    const trip = [alarm(1)];
+    const warning = [alarm(1, { severity: 'warning' })];
+    const heard = new Set([1]);
+    expect(isDue(trip, heard, 1)).toBe(false);
+    expect(isDue(trip, heard, 5)).toBe(true);
+    expect(isDue(warning, heard, 5)).toBe(false);
+    expect(isDue(warning, heard, 25)).toBe(true);
+  });
+});

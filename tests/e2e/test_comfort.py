@@ -1,0 +1,85 @@
+"""What makes the pages bearable for a day: keys, sound, a layout that stays, a page that opens without the service."""
+
+from playwright.sync_api import expect
+
+
+def test_single_keys_act_and_can_be_switched_off(service, open_page):
+    page = open_page(f"{service.base_url}/#/overview")
+    expect(page.get_by_test_id("heatmap")).to_be_visible()
+    page.keyboard.press("2")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Packs")
+    page.keyboard.press("]")
+    expect(page.get_by_role("heading", level=1)).to_have_text("pack 1, cell 1")
+    page.keyboard.press("?")
+    expect(page.get_by_test_id("keys")).to_be_visible()
+    page.get_by_label("Single keys act").uncheck()
+    page.keyboard.press("Escape")
+    page.keyboard.press("1")
+    expect(page.get_by_role("heading", level=1)).to_have_text("pack 1, cell 1")
+
+
+def test_a_key_that_is_typed_into_a_field_does_nothing_else(service, open_page):
+    page = open_page(f"{service.base_url}/#/events")
+    page.get_by_label("Filter by word").fill("")
+    page.get_by_label("Filter by word").press("1")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Events")
+    expect(page.get_by_label("Filter by word")).to_have_value("1")
+
+
+def test_arrows_walk_the_map_as_the_car_is_built(service, open_page):
+    page = open_page(f"{service.base_url}/#/packs")
+    page.get_by_test_id("cell-0").focus()
+    page.keyboard.press("ArrowDown")
+    expect(page.get_by_test_id("cell-11")).to_be_focused()
+    page.keyboard.press("ArrowDown")
+    expect(page.get_by_test_id("cell-84")).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", level=1)).to_have_text("pack 8, cell 1")
+
+
+def test_the_sound_is_muted_for_a_time_and_stays_so(service, open_page):
+    page = open_page(f"{service.base_url}/#/events")
+    expect(page.get_by_test_id("sound-state")).to_have_text("Sound on")
+    page.get_by_role("button", name="Mute 30 min").click()
+    expect(page.get_by_test_id("sound-state")).to_contain_text("Muted until")
+    page.reload()
+    expect(page.get_by_test_id("sound-state")).to_contain_text("Muted until")
+    page.get_by_role("button", name="Sound again").click()
+    expect(page.get_by_test_id("sound-state")).to_have_text("Sound on")
+
+
+def test_the_layout_is_as_it_was_left(service, open_page):
+    page = open_page(f"{service.base_url}/#/packs")
+    page.get_by_test_id("metric-temperature").click()
+    page.get_by_label("Hold the scale").check()
+    page.reload()
+    expect(page.get_by_test_id("metric-temperature")).to_have_attribute("aria-pressed", "true")
+    expect(page.get_by_label("Hold the scale")).to_be_checked()
+
+
+def test_who_reads_and_where_phones_reach_it_is_told(service, open_page):
+    page = open_page(f"{service.base_url}/#/system")
+    expect(page.get_by_test_id("readers")).to_contain_text("engineer, 127.0.0.1")
+    expect(page.get_by_test_id("disk")).to_contain_text("of")
+    expect(page.get_by_test_id("reach-none")).to_contain_text("--host 0.0.0.0")
+
+
+def test_pages_open_without_the_service_and_show_no_value(make_service, open_page):
+    service = make_service()
+    page = open_page(f"{service.base_url}/#/overview", quiet=False)
+    expect(page.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live")
+    page.evaluate("navigator.serviceWorker.ready")
+    page.reload()
+    expect(page.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live")
+    kept = page.evaluate(
+        """async () => (await Promise.all((await caches.keys()).map(async (name) =>
+           (await (await caches.open(name)).keys()).map((r) => new URL(r.url).pathname)))).flat()"""
+    )
+    assert "/index.html" in kept
+    assert not [path for path in kept if path.startswith("/api/")]
+    service.stop()
+    page.reload()
+    expect(page.get_by_test_id("service-lost")).to_be_visible()
+    expect(page.get_by_test_id("voltage")).to_contain_text("–")
+    page.goto(f"{service.base_url}/#/help")
+    expect(page.get_by_role("heading", level=1)).to_have_text("Help")
