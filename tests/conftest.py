@@ -43,6 +43,7 @@ class CMaster:
 
     program: Path
     folder: Path
+    options: tuple[str, ...] = ()
     process: subprocess.Popen[str] | None = None
 
     @property
@@ -55,7 +56,7 @@ class CMaster:
         eeprom = ("--eeprom", str(self.folder / "c-eeprom.bin"))
         self.folder.mkdir(parents=True, exist_ok=True)
         self.process = subprocess.Popen(
-            [self.program, "--serial", self.link, *eeprom, *arguments], stdout=subprocess.PIPE, text=True
+            [self.program, "--serial", self.link, *eeprom, *self.options, *arguments], stdout=subprocess.PIPE, text=True
         )
         assert self.process.stdout.readline() == "ready\n"
         return self

@@ -1,0 +1,88 @@
+"""The real service on the C reference: what it says and what is in force when the firmware refuses or loses its power."""
+
+import pytest
+
+from firmware_protocol.config_image import default_image, image_hash, with_value
+
+OCTETS = {"Accept": "application/octet-stream"}
+pytestmark = pytest.mark.parametrize("master", ["c"], indirect=True, scope="module")
+NEW = with_value(default_image(), "v_cell_chrg", 4.12)
+
+
+@pytest.fixture
+def car(make_service):
+    """A service on a C master that was switched on with some options."""
+
+    def on(*options):
+        service = make_service(start=False)
+        service.c_master.options = options
+        service.start()
+        service.wait_for(lambda s: s["config_hash"] and s["master"]["map_matches"] is not None)
+        return service
+
+    return on
+
+
+def write(client, image):
+    etag = client.get("/config", headers=OCTETS).headers["ETag"]
+    headers = {"If-Match": etag, "Content-Type": "application/octet-stream"}
+    return client.put("/config", content=image, headers=headers)
+
+
+def power_cycle(service, wanted, *options):
+    """Off and on; `wanted` is in force then."""
+    service.c_master.stop()
+    service.wait_for(lambda s: s["links"]["rs232"]["state"] == "lost")
+    service.c_master.start(*options)
+    with service.client() as client:
+        service.wait_for(lambda s: s["links"]["rs232"]["state"] == "live" and in_force(client) == wanted)
+
+
+def in_force(client):
+    return client.get("/config", headers=OCTETS).content
+
+
+def test_another_memory_map_is_said_and_nothing_is_written(car):
+    service = car("--other-map")
+    assert service.wait_for(lambda s: s["master"]["map_matches"] is not None)["master"]["map_matches"] is False
+    with service.client() as client:
+        refused = write(client, NEW)
+        assert refused.status_code == 409
+        assert "memory map" in refused.json()["detail"]
+        assert client.post("/config/store").status_code == 409
+        assert in_force(client) == default_image()
+
+
+def test_a_refusal_of_the_firmware_reaches_the_person(car):
+    service = car("--driving")
+    with service.client() as client:
+        refused = write(client, NEW)
+        assert refused.status_code == 409
+        assert refused.headers["content-type"] == "application/problem+json"
+        assert in_force(client) == default_image()
+
+
+@pytest.mark.parametrize("fault", ["--worn", "--no-eeprom"])
+def test_an_eeprom_that_keeps_nothing_is_an_error_and_the_write_stays_in_force(car, fault):
+    service = car(fault)
+    with service.client() as client:
+        assert write(client, NEW).status_code == 200
+        assert client.post("/config/store").status_code in (409, 502, 503)
+        assert in_force(client) == NEW
+
+
+@pytest.mark.parametrize(("cut", "expected"), [(200, "old"), (540, "new")])
+def test_a_power_cut_while_storing_leaves_one_of_the_two(car, cut, expected):
+    """Bytes 0 to 63 make the header invalid, 64 to 511 are the image, 512 to 527 the new header."""
+    service = car()
+    with service.client() as client:
+        client.post("/config/store").raise_for_status()
+        assert write(client, NEW).status_code == 200
+    power_cycle(service, default_image(), "--cut-after", str(cut))
+    with service.client() as client:
+        assert write(client, NEW).status_code == 200
+        assert client.post("/config/store").status_code >= 500
+    power_cycle(service, default_image() if expected == "old" else NEW)
+    with service.client() as client:
+        assert write(client, NEW).status_code == 200
+        assert client.post("/config/store").json()["stored_hash"] == image_hash(NEW)
