@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,17 +30,44 @@ TOTALS = (
     "temperature_min_degc",
     "temperature_max_degc",
 )
-PER_CELL = ("voltage_v", "temperature_degc", "soc", "soc_sigma", "residual_v")
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How a value of a cell is kept in 16 bits: counts of `step` from `zero`; half the memory of a float."""
+
+    step: float
+    zero: float = 0.0
+
+    def of(self, values: FloatArray) -> NDArray[np.int16]:
+        """Values as counts, held at the ends; NaN as MISSING."""
+        with np.errstate(invalid="ignore"):
+            counts = np.clip(np.rint((values - self.zero) / self.step), -32767, 32767)
+        return np.where(np.isnan(counts), MISSING, counts).astype(np.int16)
+
+    def value(self, counts: NDArray[np.int16]) -> FloatArray:
+        """Counts as values."""
+        return np.where(counts == MISSING, np.nan, counts * self.step + self.zero)
+
+
+MISSING = -32768
+PER_CELL = {
+    "voltage_v": Counts(1e-4, zero=3.0),  # as fine as the struct's
+    "temperature_degc": Counts(0.01),
+    "soc": Counts(4e-5),
+    "soc_sigma": Counts(4e-5),
+    "residual_v": Counts(1e-4),
+}
 
 
 class _Ring:
-    """Columns of one length with the monotonic time of each row."""
+    """Columns of one length with the monotonic time of each row; they take memory when they are used."""
 
-    def __init__(self, names: tuple[str, ...], length: int, shape: tuple[int, ...] = ()) -> None:
-        self._length = length
+    def __init__(self, columns: Mapping[str, NDArray[Any]]) -> None:
+        self._columns = columns
+        self._length = len(next(iter(columns.values())))
         self._count = 0
-        self._t_ns = np.empty(length, dtype=np.int64)
-        self._columns = {name: np.empty((length, *shape), dtype=np.float32) for name in names}  # memory when used
+        self._t_ns = np.empty(self._length, dtype=np.int64)
 
     @property
     def newest_ns(self) -> int | None:
@@ -49,16 +77,15 @@ class _Ring:
         row = self._count % self._length
         self._t_ns[row] = t_ns
         for name, column in self._columns.items():
-            value = values[name]
-            column[row] = np.nan if value is None else value
+            column[row] = values[name]
         self._count += 1
 
-    def since(self, from_ns: int, cell: int | None) -> tuple[NDArray[np.int64], dict[str, FloatArray]]:
+    def since(self, from_ns: int, cell: int | None) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
         n = min(self._count, self._length)
         order = np.arange(self._count - n, self._count) % self._length
         order = order[self._t_ns[order] >= from_ns]
         place = order if cell is None else (order, cell)
-        return self._t_ns[order], {name: column[place].astype(np.float64) for name, column in self._columns.items()}
+        return self._t_ns[order], {name: column[place] for name, column in self._columns.items()}
 
 
 class History:
@@ -70,8 +97,8 @@ class History:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._totals = _Ring(TOTALS, TOTALS_LENGTH)
-        self._cells = _Ring(PER_CELL, CELLS_LENGTH, (N_CELLS,))
+        self._totals = _Ring({name: np.empty(TOTALS_LENGTH, np.float32) for name in TOTALS})
+        self._cells = _Ring({name: np.empty((CELLS_LENGTH, N_CELLS), np.int16) for name in PER_CELL})
         self._wall_minus_mono_ns = 0
 
     def add(self, snapshot: Snapshot) -> None:
@@ -81,10 +108,11 @@ class History:
         t_ns = snapshot.t_mono_ns
         with self._lock:
             self._wall_minus_mono_ns = snapshot.t_wall_ns - t_ns
-            self._totals.add(t_ns, snapshot.accumulator)
+            totals = ((name, snapshot.accumulator[name]) for name in TOTALS)
+            self._totals.add(t_ns, {name: np.nan if value is None else value for name, value in totals})
             newest_ns = self._cells.newest_ns
             if newest_ns is None or t_ns - newest_ns >= CELLS_EVERY_NS:
-                self._cells.add(t_ns, {name: getattr(snapshot.cells, name) for name in PER_CELL})
+                self._cells.add(t_ns, {name: kept.of(getattr(snapshot.cells, name)) for name, kept in PER_CELL.items()})
 
     def read(self, seconds: float, cell: int | None, points: int = 2000) -> dict[str, Any]:
         """Return {"time", "series"} of the last `seconds`; more than `points` are thinned, extremes kept."""
@@ -92,9 +120,13 @@ class History:
             ring = self._totals if cell is None else self._cells
             t_ns, columns = ring.since((ring.newest_ns or 0) - int(seconds * 1e9), cell)
             time_s = (t_ns + self._wall_minus_mono_ns) / 1e9
+        if cell is None:
+            values = {name: column.astype(np.float64) for name, column in columns.items()}
+        else:
+            values = {name: PER_CELL[name].value(counts) for name, counts in columns.items()}
         if len(time_s) > points:
-            time_s, columns = _thin(time_s, columns, points)
-        digits = {name: np.round(values, 5) for name, values in columns.items()}
+            time_s, values = _thin(time_s, values, points)
+        digits = {name: np.round(column, 5) for name, column in values.items()}
         return {"time": time_s, "series": digits}
 
 

@@ -81,3 +81,25 @@ def test_one_cell(snapshot):
     history = History()
     history.add(snapshot)
     assert history.read(900, 36)["series"]["voltage_v"][0] == pytest.approx(snapshot.cells.voltage_v[36], abs=1e-5)
+
+
+def test_a_cells_values_come_back_as_fine_as_they_are_measured(snapshot):
+    history = History()
+    voltage_v = np.linspace(0.0, 6.2, 96).round(4)
+    soc = np.linspace(-0.1, 1.1, 96)
+    missing = np.full(96, np.nan)
+    cells = replace(snapshot.cells, voltage_v=voltage_v, soc=soc, residual_v=missing)
+    history.add(replace(later(snapshot, 0), cells=cells))
+    for cell in (0, 40, 95):
+        series = history.read(900, cell)["series"]
+        assert series["voltage_v"][0] == pytest.approx(voltage_v[cell], abs=1e-9)
+        assert series["soc"][0] == pytest.approx(soc[cell], abs=2.1e-5)
+        assert np.isnan(series["residual_v"][0])
+
+
+def test_a_value_beyond_its_range_is_held_at_the_end(snapshot):
+    history = History()
+    cells = replace(snapshot.cells, residual_v=np.full(96, 40.0), temperature_degc=np.full(96, -500.0))
+    history.add(replace(later(snapshot, 0), cells=cells))
+    series = history.read(900, 5)["series"]
+    assert (series["residual_v"][0], series["temperature_degc"][0]) == (3.2767, -327.67)
