@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from app.configuration import Configuration
+from app.debrief.live import BlackBoxRecorder
 from app.errors import AppError, ConfigError, LinkLost, NotNow
 from app.estimation.cellfile import load_cell
 from app.estimation.errors import EstimatorError
@@ -72,6 +73,7 @@ class Runtime:
             RetentionRule(settings.keep_days, settings.keep_gb),
             lambda text: self.note("info", "session-expired", text),
         )
+        self.black_boxes = BlackBoxRecorder(settings.data / "blackboxes.sqlite", self._session_id, self._box_made)
         self._inbox: queue.Queue[Item | None] = queue.Queue(INBOX_ITEMS)
         try:
             cell = load_cell(settings.cell)
@@ -167,6 +169,7 @@ class Runtime:
             self._thread.join(timeout=5.0)
         self._keep_past()
         self._jobs.shutdown(wait=True, cancel_futures=True)
+        self.black_boxes.close()
         self.recorder.close()
         self.events.close()
 
@@ -196,6 +199,14 @@ class Runtime:
         """Log something that the service or a user did."""
         self.log_event(Event(time.time_ns(), severity, code, text, who=who))  # type: ignore[arg-type]
 
+    def _session_id(self) -> str | None:
+        session = self.recorder.session
+        return None if session is None else session.id
+
+    def _box_made(self, box: dict[str, Any]) -> None:
+        text = f"black box of {box['text']}" if box["is_complete"] else f"black box, incomplete, of {box['text']}"
+        self.log_event(Event(time.time_ns(), "info", "blackbox", text, cell=box["cell"]))
+
     def latest(self) -> Snapshot | None:
         """The newest snapshot, of the replay while one runs."""
         return self.hub.latest
@@ -223,7 +234,9 @@ class Runtime:
                 now_ns = time.monotonic_ns()
                 if now_ns - published_ns >= TICK_S * 1e9:
                     published_ns = now_ns
-                    self._deliver(self.pipeline.tick(now_ns, time.time_ns()))
+                    output = self.pipeline.tick(now_ns, time.time_ns())
+                    self._deliver(output)
+                    self.black_boxes.take(output.events, output.snapshot, now_ns)
             except Exception as error:  # noqa: BLE001  the supervisor: one item must not end the thread
                 self._on_failure(error)
 
@@ -244,6 +257,7 @@ class Runtime:
             self.trace.add(item)
         output = self.pipeline.feed(item)
         self._deliver(output)
+        self.black_boxes.take(output.events, output.snapshot, item.t_mono_ns)
         if output.reply is not None:
             self.master.on_reply(output.reply)
         if isinstance(item, SerialItem) and not isinstance(item.frame, BadFrame):

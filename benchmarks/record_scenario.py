@@ -16,7 +16,7 @@ from app.telemetry import LinkChange, SerialItem
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import N_CELLS
 from simulator.director import Director
-from simulator.scenario import find_scenario
+from simulator.library import find_scenario
 
 EPOCH_NS = 1_790_000_000 * 10**9
 STEP_S = 0.05

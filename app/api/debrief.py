@@ -1,16 +1,21 @@
-"""Looking back on a session: its laps."""
+"""Looking back: laps of a session, black boxes."""
 
 import time
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, Field
 
 from app.analysis.laps import OVERLAY_POINTS, Lap
 from app.api.deps import RuntimeDep, UserDep
-from app.api.problems import invalid
+from app.api.problems import invalid, not_found
 from app.api.sessions import MAX_UNIX_S, open_session
+from app.debrief.blackbox import keep_black_boxes
+from app.debrief.blackbox_page import blackbox_page
 from app.debrief.laps import CanCounter, LapTable, Overlay, Source, lap_table, overlay_laps, settle_laps
+from app.runtime import Runtime
+from app.sessions.blackboxes import StoredBox
 from app.sessions.errors import UnknownSignal
 
 router = APIRouter(tags=["debrief"])
@@ -95,3 +100,35 @@ def overlay(
             return overlay_laps(file, [each.lap for each in table.laps], lap, signal, points)
         except UnknownSignal as error:
             raise invalid("signal", signal, str(error)) from error
+
+
+@router.get("/blackboxes")
+def black_boxes(runtime: RuntimeDep) -> list[StoredBox]:
+    """What happened around every trip, newest first; outlives the sessions."""
+    return runtime.black_boxes.store.stored()
+
+
+@router.get("/blackboxes/{box_id}")
+def black_box(box_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+    """One of them: the cell, value, limit, persistence, what the others did, every sample at full rate."""
+    return _box(runtime, box_id)
+
+
+@router.get("/blackboxes/{box_id}/page", response_class=HTMLResponse)
+def black_box_page(box_id: str, runtime: RuntimeDep) -> HTMLResponse:
+    """The same as one page to print."""
+    return HTMLResponse(blackbox_page(_box(runtime, box_id)))
+
+
+@router.get("/sessions/{session_id}/blackboxes")
+def session_black_boxes(session_id: str, runtime: RuntimeDep) -> list[StoredBox]:
+    """The black boxes of a session, newest first; those that are missing are made out of its file, and kept."""
+    with open_session(runtime, session_id) as file:
+        return keep_black_boxes(file, runtime.black_boxes.store)
+
+
+def _box(runtime: Runtime, box_id: str) -> dict[str, Any]:
+    box = runtime.black_boxes.store.get(box_id)
+    if box is None:
+        raise not_found("black box", box_id)
+    return box

@@ -5,15 +5,21 @@ import json
 import re
 import sys
 from dataclasses import asdict
+from pathlib import Path
 
+from app.debrief.blackbox import black_boxes
+from app.debrief.blackbox_page import blackbox_page
 from app.debrief.laps import CanCounter, LapTable, lap_table
 from app.errors import ConfigError
 from app.sessions.reader import SessionFile
 
 _NUMBER = r"(0[xX][0-9a-fA-F]+|[0-9]+)"
 _COUNTER = re.compile(f"can:{_NUMBER}:{_NUMBER}(?::{_NUMBER})?")
-ACTIONS = ("laps",)
-HELP = "laps     its laps: energy, power, charge, heat, weakest cell; drivers compared\n"
+ACTIONS = ("laps", "blackbox")
+HELP = (
+    "laps     its laps: energy, power, charge, heat, weakest cell; drivers compared\n"
+    "blackbox what happened around every trip and fault; with --html a page to print for each\n"
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="laps: settled, markers, pattern, or can:ID:BYTE[:MASK], a byte that goes up when a lap begins\n"
         "(default: the first of them that there is)",
     )
+    parser.add_argument("--html", type=Path, metavar="FOLDER", help="blackbox: write a page to print for each")
 
 
 def run(args: argparse.Namespace, session: SessionFile) -> int:
@@ -32,6 +39,8 @@ def run(args: argparse.Namespace, session: SessionFile) -> int:
     Raises:
         ConfigError: an argument cannot be used.
     """
+    if args.action == "blackbox":
+        return _black_boxes(args, session)
     source, counter = _source(args.laps_from)
     table = lap_table(session, source, counter)  # type: ignore[arg-type]
     if args.json:
@@ -39,6 +48,24 @@ def run(args: argparse.Namespace, session: SessionFile) -> int:
         print()
     else:
         _print_laps(table, session.info.started_wall_ns / 1e9)
+    return 0
+
+
+def _black_boxes(args: argparse.Namespace, session: SessionFile) -> int:
+    boxes = black_boxes(session)
+    if args.json:
+        json.dump(boxes, sys.stdout)
+        print()
+    for box in boxes:
+        if not args.json:
+            print(f"{box['id']}\n  " + "\n  ".join(box["summary"]))
+        if args.html is not None:
+            args.html.mkdir(parents=True, exist_ok=True)
+            path = args.html / f"{box['id']}.html"
+            path.write_text(blackbox_page(box), encoding="utf-8")
+            print(f"  {path}", file=sys.stderr)
+    if not boxes and not args.json:
+        print("no trip and no fault")
     return 0
 
 

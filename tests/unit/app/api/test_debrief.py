@@ -57,3 +57,32 @@ def test_laps_that_overlap_are_refused_by_name(client, session_id):
     answer = client.put(f"/api/v1/sessions/{session_id}/laps", json={"laps": bad})
     assert answer.status_code == 422
     assert answer.json()["errors"][0]["field"] == "laps[2].start"
+
+
+@pytest.fixture
+def tripped(make_session):
+    time_s = np.arange(0.0, 30.0, 0.5)
+    event = {
+        "severity": "trip",
+        "code": "trip-v-min",
+        "text": "under",
+        "cell": 3,
+        "value": 2.4,
+        "limit": 2.5,
+        "unit": "V",
+    }
+    return make_session(time_s, np.full(60, 50.0), 3.7, 25, 0.8, events=[event | {"at_s": 15.0}]).stem
+
+
+def test_the_black_boxes_of_an_old_session_are_made_when_asked_for_and_outlive_it(client, tripped):
+    assert client.get("/api/v1/blackboxes").json() == []
+    (listed,) = client.get(f"/api/v1/sessions/{tripped}/blackboxes").json()
+    assert (listed["code"], listed["cell"], listed["session_id"]) == ("trip-v-min", 3, tripped)
+    assert client.delete(f"/api/v1/sessions/{tripped}").status_code == 200
+    assert client.get("/api/v1/blackboxes").json() == [listed]
+    box = client.get(f"/api/v1/blackboxes/{listed['id']}").json()
+    assert box["limits"]["v_cell_min"] == 2.5
+    page = client.get(f"/api/v1/blackboxes/{listed['id']}/page")
+    assert page.headers["content-type"].startswith("text/html")
+    assert "pack 1, cell 4" in page.text
+    assert client.get("/api/v1/blackboxes/none").status_code == 404
