@@ -9,30 +9,54 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from app.config_finding import Finding
+from app.config_rules import Context, review_change
 from app.errors import AppError, LinkError, LinkLost, MasterSilent, NotNow
 from app.links.master import MasterClient
 from app.telemetry import Identity
-from firmware_protocol.config_image import Change, FieldError, check, difference, image_hash
+from firmware_protocol.config_image import Change, difference, image_hash
 from firmware_protocol.eeprom import EEPROM_SIZE, SLOT_OFFSETS, SLOT_SIZE, StoredConfig, newest
-from firmware_protocol.memory_map import CONFIG_SIZE
+from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE, FIELDS, STATUS_FLAGS
 from firmware_protocol.messages import EEPROM_READ_BASE
 
 
 class HashMismatch(AppError):
-    """The configuration in force is not the one that the draft started from."""
+    """The configuration in force is not the one that the draft started from; `wanted` is what it would have become."""
 
-    def __init__(self, expected: str, in_force: bytes) -> None:
+    def __init__(self, expected: str, base: bytes | None, in_force: bytes, wanted: bytes) -> None:
         self.expected = expected
+        self.base = base  # what the draft started from, where it is still known
         self.in_force = in_force
+        self.wanted = wanted
         super().__init__(f"the configuration in force is {image_hash(in_force)}, not {expected}")
 
 
 class Rejected(AppError):
     """The draft breaks limits."""
 
-    def __init__(self, errors: list[FieldError]) -> None:
-        self.errors = errors
-        super().__init__("; ".join(error.message for error in errors))
+    def __init__(self, findings: list[Finding]) -> None:
+        self.findings = findings
+        super().__init__("; ".join(found.error.message for found in findings))
+
+
+class ReasonRequired(AppError):
+    """The draft has warnings, and nobody said why it is right all the same."""
+
+    def __init__(self, findings: list[Finding]) -> None:
+        self.findings = findings
+        super().__init__("a reason is needed: " + "; ".join(found.error.message for found in findings))
+
+
+class Occupied(NotNow):
+    """The accumulator is at work, and the draft changes more than what may change meanwhile."""
+
+    def __init__(self, doing: str, fields: list[str]) -> None:
+        self.doing = doing
+        self.fields = fields
+        super().__init__(
+            f"{doing}: {', '.join(fields)} may only be changed with relays open and no current; "
+            f"at work may change: {', '.join(LIVE_FIELDS)}"
+        )
 
 
 class Unverified(LinkError):
@@ -43,25 +67,46 @@ class Unverified(LinkError):
         super().__init__(detail)
 
 
+LIVE_FIELDS = [name for name, field in CONFIG.items() if field.is_live]
+MAX_SHOWN = 64
+REST_A = 2.0  # more than the sensor's noise
+
+
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A finished write, or with `written` False only its difference."""
+    """A finished write, or with `written` False only what it would be."""
 
+    before: bytes
     image: bytes
     changes: list[Change]
+    findings: list[Finding]
+    hindrance: str | None  # why it would be refused now
     written: bool
 
 
 class Configuration:
     """The configuration in force and the stored one, through the master client."""
 
-    def __init__(self, master: MasterClient, identity: Callable[[], Identity | None]) -> None:
+    def __init__(
+        self, master: MasterClient, identity: Callable[[], Identity | None], context: Callable[[], Context]
+    ) -> None:
         self._master = master
         self._identity = identity
+        self._context = context
         self._one_editor = threading.Lock()
         self.last_read: tuple[int, bytes] | None = None  # monotonic ns, what was in force
         self.stored: StoredConfig | None = None
         self.stored_is_known = False
+        self._shown: dict[str, bytes] = {}
+
+    def show(self, image: bytes) -> str:
+        """Remember an image that a draft may start from, and return its hash."""
+        name = image_hash(image)
+        self._shown.pop(name, None)
+        self._shown[name] = image
+        while len(self._shown) > MAX_SHOWN:
+            self._shown.pop(next(iter(self._shown)), None)
+        return name
 
     def read(self) -> bytes:
         """Return the 420 bytes in force.
@@ -87,16 +132,17 @@ class Configuration:
         self.stored_is_known = True
         return self.stored
 
-    def write(self, edit: Callable[[bytes], bytes], expected_hash: str, *, dry_run: bool) -> Written:
+    def write(self, edit: Callable[[bytes], bytes], expected_hash: str, *, dry_run: bool, reason: str = "") -> Written:
         """Apply an edit to the configuration in force and verify it.
 
         Args:
             edit: image in force -> image wanted.
             expected_hash: of the image that the edit was made from; another one in force refuses the write.
             dry_run: only check and compare.
+            reason: why it is right in spite of warnings.
 
         Raises:
-            HashMismatch, Rejected: nothing was written.
+            HashMismatch, Rejected, ReasonRequired, Occupied: nothing was written.
             NotNow: another write is running, or the master's memory map is another one.
             MasterRefused: the master refused; nothing was written.
             Unverified: link lost or master reset; says what is in force now.
@@ -104,17 +150,21 @@ class Configuration:
         """
         with self._editing():
             before = self.read()
-            if expected_hash not in ("*", image_hash(before)):
-                raise HashMismatch(expected_hash, before)
             wanted = edit(before)
-            if errors := check(wanted):
+            if expected_hash not in ("*", image_hash(before)):
+                raise HashMismatch(expected_hash, self._shown.get(expected_hash), before, wanted)
+            findings = review_change(before, wanted, self._context())
+            if errors := [found for found in findings if found.blocks]:
                 raise Rejected(errors)
             changes = difference(before, wanted)
             if dry_run or not changes:
-                return Written(wanted, changes, written=False)
+                return Written(before, wanted, changes, findings, self._hindrance(changes), written=False)
             self._require_same_map()
+            if not reason.strip() and (asked := [found for found in findings if found.needs_reason]):
+                raise ReasonRequired(asked)
+            self._require_rest(changes)
             self._write_and_verify(before, wanted)
-            return Written(wanted, changes, written=True)
+            return Written(before, wanted, changes, findings, None, written=True)
 
     def store(self) -> StoredConfig:
         """Store the configuration in force and read the EEPROM back.
@@ -132,11 +182,21 @@ class Configuration:
                 raise Unverified("other", "the EEPROM does not hold the configuration in force")
             return stored
 
-    def load(self) -> bytes:
-        """Put the stored configuration in force and return it."""
+    def load(self) -> tuple[bytes, bytes]:
+        """Put the stored configuration in force and return what was in force and what is.
+
+        Raises:
+            NotNow: nothing is stored, the accumulator is at work, or the memory map is another one.
+            MasterRefused, LinkError: see MasterClient.request.
+        """
         with self._editing():
+            self._require_same_map()
+            before, stored = self.read(), self.read_stored()
+            if stored is None:
+                raise NotNow("the EEPROM holds no valid configuration")
+            self._require_rest(difference(before, stored.image))
             self._master.load()
-            return self.read()
+            return before, self.read()
 
     @contextmanager
     def _editing(self) -> Iterator[None]:
@@ -165,6 +225,34 @@ class Configuration:
         except (LinkError, NotNow):
             return "unknown"
         return {before: "old", wanted: "new"}.get(in_force, "other")
+
+    def _require_rest(self, changes: list[Change]) -> None:
+        fields = sorted({change.field for change in changes} - set(LIVE_FIELDS))
+        if fields and (doing := self._doing()) is not None:
+            raise Occupied(doing, fields)
+
+    def _hindrance(self, changes: list[Change]) -> str | None:
+        """Why the changes would be refused now."""
+        try:
+            self._require_same_map()
+            self._require_rest(changes)
+        except NotNow as error:
+            return str(error)
+        return None
+
+    def _doing(self) -> str | None:
+        """What the accumulator does that forbids a change, asked of the master itself; None at rest."""
+        flags_field, current = FIELDS["status.flags"], FIELDS["i_fs"]
+        (bits,) = flags_field.unpack(self._master.read(flags_field.offset, flags_field.size), -flags_field.offset)
+        flags = {name for bit, name in enumerate(STATUS_FLAGS) if bits >> bit & 1}
+        (raw,) = current.unpack(self._master.read(current.offset, current.size), -current.offset)
+        if "charging" in flags:
+            return "the accumulator is being charged"
+        if "load" in flags:
+            return "the relays are closed"
+        if abs(raw * current.scale) > REST_A:
+            return f"a current of {raw * current.scale:.1f} A flows"
+        return None
 
     def _require_same_map(self) -> None:
         identity = self._identity()

@@ -15,6 +15,7 @@ from app.api import (
     can,
     commands,
     config,
+    config_library,
     debrief,
     events,
     live,
@@ -96,7 +97,19 @@ def create_app(
     doorkeeper = Doorkeeper(settings)
     app.state.doorkeeper = doorkeeper
     problems.install(app)
-    for module in (live, session_login, config, can, commands, events, sessions, debrief, simulator, system):
+    for module in (
+        can,
+        commands,
+        config,
+        config_library,
+        debrief,
+        events,
+        live,
+        session_login,
+        sessions,
+        simulator,
+        system,
+    ):
         app.include_router(module.router, prefix="/api/v1")
     app.include_router(metrics.router)
     serve_front_end(app, STATIC)

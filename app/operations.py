@@ -1,15 +1,22 @@
-"""What people do to the master, each with its outcome in the event log: who, what, result."""
+"""What people do to the master: every act in the event log, what changes the configuration in its history too.
 
+Blocking; thread-safe.
+"""
+
+import time
 from collections.abc import Callable
 from typing import Protocol
 
-from app.configuration import Configuration, Written
-from app.errors import LinkError, LinkLost, NotNow
+from app.config_history import Action, ConfigHistory
+from app.configuration import Configuration, Unverified, Written
+from app.errors import LinkError, LinkLost, MasterRefused, NotNow
 from app.links.master import MasterClient
 from app.links.serial import SerialLink
-from firmware_protocol.config_image import Change, image_hash
+from firmware_protocol.config_image import Change, difference, image_hash
 from firmware_protocol.eeprom import StoredConfig
 from firmware_protocol.messages import Command
+
+NO_IMAGE = b""
 
 
 class Note(Protocol):
@@ -20,52 +27,88 @@ class Note(Protocol):
 
 
 class Operator:
-    """Carries out what a user asked for. Blocking; thread-safe."""
+    """Carries out what a user asked for."""
 
     def __init__(
-        self, configuration: Configuration, master: MasterClient, serial: SerialLink | None, note: Note
+        self,
+        configuration: Configuration,
+        master: MasterClient,
+        serial: SerialLink | None,
+        note: Note,
+        history: ConfigHistory,
     ) -> None:
         self._configuration = configuration
         self._master = master
         self._serial = serial
         self._note = note
+        self._history = history
 
-    def write_config(self, edit: Callable[[bytes], bytes], expected: str, who: str, *, dry_run: bool) -> Written:
-        """Configuration.write, with its outcome in the event log."""
+    def write_config(
+        self,
+        edit: Callable[[bytes], bytes],
+        expected: str,
+        who: str,
+        *,
+        dry_run: bool,
+        reason: str = "",
+        source: str = "draft",
+        action: Action = "write",
+    ) -> Written:
+        """Configuration.write, with its outcome in the event log and in the history."""
+        images = {"before": NO_IMAGE, "after": NO_IMAGE}
+
+        def watched(image: bytes) -> bytes:
+            images["before"] = image
+            images["after"] = edit(image)
+            return images["after"]
+
         try:
-            written = self._configuration.write(edit, expected, dry_run=dry_run)
+            written = self._configuration.write(watched, expected, dry_run=dry_run, reason=reason)
         except (LinkError, NotNow) as error:
             if not dry_run:
                 self._note("warning", "config-write-failed", f"configuration not written: {error}", who)
+                if isinstance(error, Unverified | MasterRefused):
+                    self._remember(who, action, source, reason, images["before"], images["after"], _outcome(error))
             raise
         if written.written:
-            self._note("info", "config-written", "configuration written: " + _in_words(written.changes), who)
+            because = f" ({reason.strip()})" if reason.strip() else ""
+            text = "configuration written: " + _in_words(written.changes) + because
+            self._note("info", "config-written", text, who)
+            self._remember(who, action, source, reason, written.before, written.image, "done")
         return written
 
     def store_config(self, who: str) -> StoredConfig:
-        """Configuration.store, with its outcome in the event log."""
+        """Configuration.store, with its outcome in the event log and in the history."""
+        stored_before = self._configuration.stored
+        before = NO_IMAGE if stored_before is None else stored_before.image
         try:
             stored = self._configuration.store()
         except (LinkError, NotNow) as error:
             self._note("warning", "config-store-failed", f"configuration not stored: {error}", who)
+            if isinstance(error, Unverified | MasterRefused):
+                self._remember(who, "store", "in force", "", before, NO_IMAGE, _outcome(error))
             raise
         self._note("info", "config-stored", f"configuration {image_hash(stored.image)} stored in the EEPROM", who)
+        self._remember(who, "store", "in force", "", before, stored.image, "done")
         return stored
 
     def load_config(self, who: str) -> bytes:
-        """Configuration.load, noted in the event log."""
-        image = self._configuration.load()
-        self._note("info", "config-loaded", f"configuration {image_hash(image)} loaded from the EEPROM", who)
+        """Configuration.load, in the event log and in the history."""
+        before, image = self._configuration.load()
+        changed = _in_words(difference(before, image)) or "nothing changed"
+        self._note("info", "config-loaded", f"configuration loaded from the EEPROM: {changed}", who)
+        self._remember(who, "load", "EEPROM", "", before, image, "done")
         return image
 
-    def command(self, name: str, command: Command, who: str) -> None:
+    def command(self, name: str, command: Command, who: str, details: str = "") -> None:
         """Send a named command, noted with its outcome."""
+        text = f"{name} {details}".strip()
         try:
             self._master.request(command)
         except LinkError as error:
-            self._note("warning", "command-failed", f"{name}: {error}", who)
+            self._note("warning", "command-failed", f"{text}: {error}", who)
             raise
-        self._note("info", "command", f"{name} {command.argument}" if command.argument else name, who)
+        self._note("info", "command", text, who)
 
     def stream(self, who: str, *, on: bool) -> None:
         """Start or stop the master's stream."""
@@ -73,6 +116,23 @@ class Operator:
             raise LinkLost("no RS232 port is configured")
         self._serial.stream(on=on)
         self._note("info", "command", "stream-start" if on else "stream-stop", who)
+
+    def _remember(
+        self, who: str, action: Action, source: str, reason: str, before: bytes, after: bytes, result: str
+    ) -> None:
+        try:
+            self._history.append(time.time_ns(), who, action, source, reason.strip(), before, after, result)
+        except OSError as error:
+            self._note("warning", "config-history-failed", f"this write is not in the history: {error}", who)
+
+
+def _outcome(error: LinkError | NotNow) -> str:
+    if isinstance(error, Unverified):
+        in_force = {"old": "the old one is in force", "new": "the new one is in force"}.get(
+            error.outcome, "neither the old nor the new one is in force" if error.outcome == "other" else "not known"
+        )
+        return f"not verified, {in_force}: {error}"
+    return str(error)
 
 
 def _in_words(changes: list[Change]) -> str:

@@ -9,6 +9,10 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from app.config_finding import Finding
+from app.config_history import ConfigHistory
+from app.config_rules import Context, review
+from app.config_sources import ConfigSources
 from app.configuration import Configuration
 from app.debrief.live import BlackBoxRecorder
 from app.errors import AppError, ConfigError, LinkLost, NotNow
@@ -24,6 +28,7 @@ from app.operations import Operator
 from app.outlook import Lookout
 from app.past import Past, load_past, save_past
 from app.pipeline import Output, Pipeline
+from app.profiles import Profiles
 from app.recording import AutoRecorder
 from app.replaying import Replaying
 from app.retention import Retention, RetentionRule
@@ -94,8 +99,13 @@ class Runtime:
         self.serial = SerialLink(serial_url, self.put) if serial_url else None
         self.can = CanLink(can_url, self.put) if can_url else None
         self.master = MasterClient(self._send)
-        self.configuration = Configuration(self.master, lambda: self.pipeline.identity)
-        self.operator = Operator(self.configuration, self.master, self.serial, self.note)
+        self.configuration = Configuration(self.master, lambda: self.pipeline.identity, self._rule_context)
+        self.config_history = ConfigHistory(settings.data)
+        self.profiles = Profiles(settings.data / "profiles")
+        self.sources = ConfigSources(
+            self.configuration, self.config_in_force, self.profiles, self.config_history, self.catalogue
+        )
+        self.operator = Operator(self.configuration, self.master, self.serial, self.note, self.config_history)
         self.replaying = Replaying(
             self.new_pipeline, self._show, lambda text: self.note("warning", "replay-failed", text)
         )
@@ -344,6 +354,14 @@ class Runtime:
                 reasons.append(f"{name} {status.state}" + (f": {status.error}" if status.error else ""))
         recorder = self.recorder.status
         return reasons + [trouble for trouble in (recorder.error or recorder.warning, self.events.error) if trouble]
+
+    def review(self, image: bytes) -> list[Finding]:
+        """What the rules say about a configuration."""
+        return review(image, self._rule_context())
+
+    def _rule_context(self) -> Context:
+        heard = {can_id: known.period_s for can_id, known in self.trace.by_id().items() if known.period_s is not None}
+        return Context(self._cell, heard)
 
     def config_in_force(self) -> bytes | None:
         """The 420 bytes as last heard or read, None before the first time."""

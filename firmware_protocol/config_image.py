@@ -27,33 +27,35 @@ Value = Number | list["Value"]  # nested as the field's shape: a scalar, a list,
 MAX_ID_STANDARD = 0x7FF
 MAX_ID_EXTENDED = 0x1FFFFFFF
 
-_ORDERED = (  # the first may not exceed the second; strict where True
-    ("v_cell_min", "v_cell_max", True),
-    ("v_cell_chrg", "v_cell_max", False),
-    ("t_cell_min", "t_cell_max", True),
-    ("i_disc_min", "i_disc_max", True),
-    ("i_chrg_min", "i_chrg_max", False),
-    ("fan_ramp_start", "fan_ramp_stop", True),
-    ("fan_ramp_min", "fan_ramp_max", False),
+_ORDERED = (  # the first may not exceed the second; strict where True; why
+    ("v_cell_min", "v_cell_max", True, "no voltage would be inside both limits"),
+    ("v_cell_chrg", "v_cell_max", False, "charging would end in a trip"),
+    ("t_cell_min", "t_cell_max", True, "no temperature would be inside both limits"),
+    ("i_disc_min", "i_disc_max", True, "no current would be inside both limits"),
+    ("i_chrg_min", "i_chrg_max", False, "no charging current would be inside both limits"),
+    ("fan_ramp_start", "fan_ramp_stop", True, "the ramp has to rise with the temperature"),
+    ("fan_ramp_min", "fan_ramp_max", False, "hotter cells would get less air"),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class FieldError:
-    """One value that the master would refuse; `value` and `limit` are in the field's unit, `offset` is its byte."""
+    """One value that breaks a limit; `value` and `limit` are in the field's unit, `offset` is its byte."""
 
     field: str
     element: int | None  # flat index, None for a field with one element
     value: Number
     limit: str
     offset: int
+    why: str
 
     @property
     def message(self) -> str:
-        """The error in one line."""
+        """One line with field, value, limit and why: `v_cell_max = 4.6 V, allowed: 3..4.5 V: ...`."""
         field = CONFIG[self.field]
         unit = f" {field.unit}" if field.unit else ""
-        return f"{element_name(field, self.element or 0)} = {self.value}{unit}, allowed: {self.limit}"
+        value = f"{self.value:#x}" if field.name.endswith("_msg_id") else f"{self.value}{unit}"
+        return f"{element_name(field, self.element or 0)} = {value}, allowed: {self.limit}: {self.why}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,17 +186,18 @@ def check(image: Image) -> list[FieldError]:
     """
     _check_size(image)
     errors = [
-        _error(field, element, raw, limit)
+        field_error(field, element, raw, *broken)
         for field in CONFIG_FIELDS
         for element, raw in enumerate(field.unpack(image))
-        if (limit := _element_limit(field, raw)) is not None
+        if (broken := _element_limit(field, raw)) is not None
     ]
-    for low_name, high_name, is_strict in _ORDERED:
+    for low_name, high_name, is_strict, why in _ORDERED:
         low, high = CONFIG[low_name], CONFIG[high_name]
         low_raw, high_raw = low.unpack(image)[0], high.unpack(image)[0]
         if low_raw > high_raw or (is_strict and low_raw == high_raw):
             relation = "below" if is_strict else "at most"
-            errors.append(_error(low, 0, low_raw, f"{relation} {high_name} = {to_unit(high, high_raw)} {high.unit}"))
+            limit = f"{relation} {high_name} = {to_unit(high, high_raw)} {high.unit}"
+            errors.append(field_error(low, 0, low_raw, limit, why))
     return sorted(errors, key=lambda error: error.offset)
 
 
@@ -221,27 +224,32 @@ def difference(before: Image, after: Image) -> list[Change]:
     ]
 
 
-def _element_limit(field: Field, raw: int) -> str | None:
-    """Return the limit that a count breaks, None where it breaks none."""
+_OUT_OF_RANGE = "the master takes nothing else"
+
+
+def _element_limit(field: Field, raw: int) -> tuple[str, str] | None:
+    """Return the limit that a count breaks, and why it stands; None where it breaks none."""
     if not _in_range(field, raw):
-        return limit_text(field)
+        return limit_text(field), _OUT_OF_RANGE
     if field.name in ("can_tx_msg_id", "can_rx_msg_id"):
         is_extended = bool(raw & CAN_ID_EXTENDED)
         highest = MAX_ID_EXTENDED if is_extended else MAX_ID_STANDARD
         if raw & ~CAN_ID_EXTENDED > highest:
-            return f"0..{highest:#x} for a {29 if is_extended else 11}-bit id"
+            return f"0..{highest:#x}", f"a {29 if is_extended else 11}-bit id ends there"
     if field.name == "can_tx_msg_data" and raw != BYTE_UNUSED and raw >= MASTER_SIZE:
-        return f"0..{MASTER_SIZE - 1}, or {BYTE_UNUSED}"
+        return f"0..{MASTER_SIZE - 1}, or {BYTE_UNUSED}", "the struct ends there"
     if field.name == "can_rx_msg_data" and raw != BYTE_UNUSED and not CONFIG_SIZE <= raw < MASTER_SIZE:
-        return f"{CONFIG_SIZE}..{MASTER_SIZE - 1}, or {BYTE_UNUSED}"
+        limit = f"{CONFIG_SIZE}..{MASTER_SIZE - 1}, or {BYTE_UNUSED}"
+        return limit, "a CAN message may not write the configuration"
     if field.name == "can_rx_msg_response" and raw != NO_RESPONSE and raw >= N_CAN_MESSAGES:
-        return f"0..{N_CAN_MESSAGES - 1}, or {NO_RESPONSE}"
+        return f"0..{N_CAN_MESSAGES - 1}, or {NO_RESPONSE}", "there are eight messages to answer with"
     return None
 
 
-def _error(field: Field, element: int, raw: int, limit: str) -> FieldError:
+def field_error(field: Field, element: int, raw: int, limit: str, why: str) -> FieldError:
+    """Return the error of one element, its count given."""
     offset = field.offset + element * field.item_size
-    return FieldError(field.name, element if field.shape else None, to_unit(field, raw), limit.strip(), offset)
+    return FieldError(field.name, element if field.shape else None, to_unit(field, raw), limit.strip(), offset, why)
 
 
 def _range(field: Field) -> tuple[int, int]:

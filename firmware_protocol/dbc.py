@@ -38,6 +38,7 @@ class Signal:
     meaning: str
     first_bit: int = 0  # least significant, for flags
     values: tuple[tuple[int, str], ...] = ()
+    is_cut: bool = False  # a byte of a number whose others are elsewhere
 
     @property
     def length(self) -> int:
@@ -131,7 +132,8 @@ def _signal(field: Field, element: int, position: int, n_bytes: int, is_big_endi
     name = _identifier(element_name(field, element))
     is_number = n_bytes == field.item_size or n_bytes > 1
     if not is_number:
-        return Signal(f"{name}_byte{byte}", position, 8, False, False, 1.0, "", f"byte {byte} of {field.name}")
+        meaning = f"byte {byte} of {field.name}"
+        return Signal(f"{name}_byte{byte}", position, 8, False, False, 1.0, "", meaning, is_cut=True)
     values = VALUES.get(re.sub(r"\[\d+\]", "", field.name), {})
     return Signal(
         name,

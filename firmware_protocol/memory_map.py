@@ -36,6 +36,7 @@ class Field:
     default: int | tuple[int, ...] | None = None
     group: str = ""
     meaning: str = ""
+    is_live: bool = False  # may be changed while the car drives or charges
 
     @property
     def count(self) -> int:
@@ -88,7 +89,7 @@ _TX_DATA = _TX_CHARGER + _TX_ECU + _TX_EXTREMES + _UNUSED_ROW * 5
 _RX_DATA = (433, 432, 435, 434, 437, _U16, _U16, _U16) + _UNUSED_ROW * 7
 
 CONFIG_FIELDS = (
-    Field("ts", 0, "H", (), "ms", 1, 20, 10000, 100, "sampling", "time between two telemetry frames"),
+    Field("ts", 0, "H", (), "ms", 1, 20, 10000, 100, "sampling", "time between two telemetry frames", is_live=True),
     Field("v_cell_min", 2, "H", (), "V", 1e-4, 15000, 40000, 25000, "cell limits", "lowest cell voltage; below it the master opens the relays"),
     Field("v_cell_max", 4, "H", (), "V", 1e-4, 30000, 45000, 42000, "cell limits", "highest cell voltage; above it the master opens the relays"),
     Field("v_cell_chrg", 6, "H", (), "V", 1e-4, 30000, 45000, 41500, "charging", "charge until the first cell reaches this voltage"),
@@ -104,11 +105,11 @@ CONFIG_FIELDS = (
     Field("r_fs_avg", 24, "h", (), "ohm", 1e-5, 0, _I16, 210, "cell", "fast resistance of a new cell"),
     Field("r_fc_avg", 26, "h", (), "ohm", 1e-5, 0, _I16, 0, "cell", "slow resistance of a new cell"),
     Field("fc_avg", 28, "h", (), "", 1, 0, 1000, 10, "current sensor", "samples in the current average"),
-    Field("fan_ramp_start", 30, "b", (), "degC", 1, -40, 100, 20, "fans", "hottest cell at which the fans leave their lowest duty"),
-    Field("fan_ramp_stop", 31, "b", (), "degC", 1, -40, 100, 50, "fans", "hottest cell at which the fans reach their highest duty"),
-    Field("fan_ramp_min", 32, "B", (), "duty", 1 / 255, 0, 255, 32, "fans", "lowest duty"),
-    Field("fan_ramp_max", 33, "B", (), "duty", 1 / 255, 0, 255, 224, "fans", "highest duty"),
-    Field("balance_threshold", 34, "H", (), "V", 1e-4, 10, 5000, 250, "charging", "a cell this far above the lowest is balanced"),
+    Field("fan_ramp_start", 30, "b", (), "degC", 1, -40, 100, 20, "fans", "hottest cell at which the fans leave their lowest duty", is_live=True),
+    Field("fan_ramp_stop", 31, "b", (), "degC", 1, -40, 100, 50, "fans", "hottest cell at which the fans reach their highest duty", is_live=True),
+    Field("fan_ramp_min", 32, "B", (), "duty", 1 / 255, 0, 255, 32, "fans", "lowest duty", is_live=True),
+    Field("fan_ramp_max", 33, "B", (), "duty", 1 / 255, 0, 255, 224, "fans", "highest duty", is_live=True),
+    Field("balance_threshold", 34, "H", (), "V", 1e-4, 10, 5000, 250, "charging", "a cell this far above the lowest is balanced", is_live=True),
     Field("v_alpha", 36, "H", (), "", 1e-3, 1, 1000, 500, "sampling", "weight of the new sample in the voltage filter"),
     Field("can_brp", 38, "B", (), "", 1, 3, 255, 7, "can", "CAN prescaler: bit rate = 32 MHz / ((can_brp + 1) 8)"),
     Field("can_tx_msg_en_startup", 39, "B", (), "mask", 1, 0, 255, 2, "can", "messages sent from start-up on, one bit each"),

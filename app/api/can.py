@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from app.api.can_json import tables_json, traced_json
-from app.api.config import require_match, run_write
+from app.api.config import Wish, require_match, run_write
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import invalid
 from app.api.schemas.config import CanTablesOut, CanTraceOut, WriteResultOut
@@ -73,6 +73,7 @@ class TablesIn(BaseModel):
     tx: list[TxIn] = []
     rx: list[RxIn] = []
     bit_rate: int | None = None
+    reason: str = Field("", max_length=500)
 
     def put_into(self, image: bytes) -> bytes:
         """Return the image with these messages."""
@@ -109,7 +110,8 @@ async def write(
     dry_run: bool = False,
 ) -> Response:
     """Write messages into the configuration in force and read it back."""
-    return await run_write(runtime, user.name, tables.put_into, require_match(if_match), dry_run=dry_run)
+    wish = Wish(tables.put_into, tables.reason, "CAN tables")
+    return await run_write(runtime, user.name, wish, require_match(if_match), dry_run=dry_run)
 
 
 @router.get("/dbc", response_class=PlainTextResponse)

@@ -1,19 +1,22 @@
 """The configuration in force and in the EEPROM: read, compare, write, store."""
 
-from typing import Annotated, Any, cast
+from collections.abc import Callable
+from typing import Annotated, Any, NamedTuple, cast
 
 import orjson
-from fastapi import APIRouter, Header, Request, Response
-from pydantic import BaseModel, ConfigDict, ValidationError
+from fastapi import APIRouter, Header, Query, Request, Response
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
-from app.api.config_json import change_json, config_json, schema_json
+from app.api.config_json import change_json, config_json, finding_json, schema_json
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import Problem, invalid
 from app.api.schemas.config import ConfigOut, LoadResultOut, SchemaOut, StoredConfigOut, StoreResultOut, WriteResultOut
-from app.configuration import HashMismatch, Written
+from app.config_history import Action
+from app.config_profile import is_profile, profile_of
+from app.configuration import Written
 from app.runtime import Runtime
-from firmware_protocol.config_image import difference, image_hash, with_raw, with_value
+from firmware_protocol.config_image import image_hash, with_raw, with_value
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
 
 router = APIRouter(prefix="/config", tags=["config"])
@@ -21,11 +24,16 @@ OCTETS = "application/octet-stream"
 
 
 class ConfigEdit(BaseModel):
-    """Fields to change, in units or in raw counts; what is not named stays."""
+    """Fields to change, in units or in raw counts; what is not named stays.
+
+    Or everything from a named source: `profile:wet-race`, `record:7:before`, `stored`, `default`, `session:ID`.
+    """
 
     model_config = ConfigDict(extra="forbid")
     values: dict[str, Any] = {}
     raw: dict[str, Any] = {}
+    source: str | None = None
+    reason: str = Field("", max_length=500, description="why it is right in spite of warnings")
 
 
 _PUT_BODY = {
@@ -81,19 +89,24 @@ def read(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any]:
     image = runtime.config_in_force()
     if image is None:
         raise Problem(503, "link-lost", "Never read", "the configuration was never read: the master has not spoken yet")
-    etag = quoted(image_hash(image))
+    etag = quoted(runtime.configuration.show(image))
     if OCTETS in request.headers.get("accept", ""):
         return Response(image, media_type=OCTETS, headers={"ETag": etag})
-    body = config_json(image) | {"stored_hash": runtime.stored_hash(), "age_s": runtime.config_age_s()}
+    findings = [finding_json(found) for found in runtime.review(image)]
+    body = config_json(image) | {
+        "stored_hash": runtime.stored_hash(),
+        "age_s": runtime.config_age_s(),
+        "findings": findings,
+    }
     return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})
 
 
-@router.get("/stored", response_model=None, responses={200: {"model": StoredConfigOut}})
-def read_stored(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any]:
-    """What the EEPROM holds, read now."""
+@router.get("/stored", response_model=None, responses={200: {"model": StoredConfigOut | None}})
+def read_stored(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any] | None:
+    """What the EEPROM holds, read now; null, or no content, where it holds no valid configuration."""
     stored = runtime.configuration.read_stored()
     if stored is None:
-        raise Problem(404, "nothing-stored", "Nothing stored", "the EEPROM holds no valid configuration")
+        return Response(status_code=204) if OCTETS in request.headers.get("accept", "") else None
     if OCTETS in request.headers.get("accept", ""):
         return Response(stored.image, media_type=OCTETS, headers={"ETag": quoted(image_hash(stored.image))})
     return config_json(stored.image) | {"counter": stored.counter}
@@ -106,46 +119,74 @@ async def write(
     user: UserDep,
     if_match: Annotated[str | None, Header()] = None,
     dry_run: bool = False,
+    reason: Annotated[str, Query(max_length=500)] = "",
 ) -> Response:
-    """Write fields (JSON) or the whole image (octet-stream) and read it back; `dry_run` only checks and compares."""
+    """Write fields (JSON), a profile (JSON) or the whole image (octet-stream), and read it back.
+
+    `dry_run` only checks and compares. Errors block; a warning that is new needs a `reason`.
+    """
     expected = require_match(if_match)
     body = await request.body()
     if OCTETS in request.headers.get("content-type", ""):
         if len(body) != CONFIG_SIZE:
             raise invalid("body", f"{len(body)} bytes", f"exactly {CONFIG_SIZE} bytes")
-        return await run_write(runtime, user.name, lambda _: body, expected, dry_run=dry_run)
-    wanted = _parse(body)
-    return await run_write(runtime, user.name, lambda image: edited(image, wanted), expected, dry_run=dry_run)
+        wish = Wish(lambda _: body, reason, "image")
+    elif is_profile(document := _loads(body)):
+        profile = profile_of(document)
+        wish = Wish(lambda _: profile.image, reason, f"file {profile.name}@{profile.version}")
+    else:
+        wish = _wish(_parse(body), runtime, reason)
+    return await run_write(runtime, user.name, wish, expected, dry_run=dry_run)
 
 
-async def run_write(runtime: Runtime, who: str, edit: Any, expected: str, *, dry_run: bool) -> Response:
-    """Write in a worker thread, log the outcome, answer with the difference."""
-    try:
-        result: Written = await run_in_threadpool(runtime.operator.write_config, edit, expected, who, dry_run=dry_run)
-    except HashMismatch as error:
-        changed = [change_json(change) for change in difference(error.in_force, edit(error.in_force))]
-        raise Problem(
-            412,
-            "changed-meanwhile",
-            "Changed meanwhile",
-            str(error),
-            in_force=image_hash(error.in_force),
-            difference=changed,
-        ) from error
+class Wish(NamedTuple):
+    """What somebody wants written, why, and where it is from."""
+
+    edit: Callable[[bytes], bytes]
+    reason: str = ""
+    source: str = "draft"
+    action: Action = "write"
+
+
+def _wish(edit: ConfigEdit, runtime: Runtime, reason: str) -> Wish:
+    name = edit.source
+    if name is None:
+        return Wish(lambda image: edited(image, edit), edit.reason or reason)
+    return Wish(lambda _: edited(runtime.sources.image(name), edit), edit.reason or reason, name)
+
+
+async def run_write(runtime: Runtime, who: str, wish: Wish, expected: str, *, dry_run: bool) -> Response:
+    """Write, and answer with the difference and what the rules say."""
+
+    def work() -> Written:
+        return runtime.operator.write_config(
+            wish.edit,
+            expected,
+            who,
+            dry_run=dry_run,
+            reason=wish.reason,
+            source=wish.source,
+            action=wish.action,
+        )
+
+    written = await run_in_threadpool(work)
+    shown = written.before if dry_run else written.image  # what is in force now
     body = {
-        "hash": image_hash(result.image),
-        "written": result.written,
+        "difference": [change_json(change) for change in written.changes],
+        "written": written.written,
         "dry_run": dry_run,
         "verified": not dry_run,  # without a difference it was read and found equal
-        "difference": [change_json(change) for change in result.changes],
-        "warnings": [],
+        "hash": image_hash(written.image),
+        "warnings": [finding_json(found) for found in written.findings],
+        "hindrance": written.hindrance,
     }
-    return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": quoted(str(body["hash"]))})
+    etag = quoted(runtime.configuration.show(shown))
+    return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})
 
 
 @router.post("/store", response_model=StoreResultOut)
 def store(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
-    """Store the configuration in force in the EEPROM and read the EEPROM back."""
+    """Store the configuration in force in the EEPROM and read it back."""
     stored = runtime.operator.store_config(user.name)
     return {"stored_hash": image_hash(stored.image), "verified": True, "counter": stored.counter}
 
@@ -154,6 +195,13 @@ def store(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
 def load(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Put the stored configuration in force."""
     return {"hash": image_hash(runtime.operator.load_config(user.name))}
+
+
+def _loads(body: bytes) -> object:
+    try:
+        return orjson.loads(body)
+    except orjson.JSONDecodeError as error:
+        raise invalid("body", body[:80].decode(errors="replace"), f"JSON: {error}") from error
 
 
 def _parse(body: bytes) -> ConfigEdit:

@@ -3,6 +3,7 @@
 from functools import cache
 from typing import Any
 
+from app.config_finding import Finding
 from firmware_protocol.config_image import Change, image_hash, limit_text, raw_value, unit_value
 from firmware_protocol.memory_map import CONFIG_FIELDS, FIELDS, MAP_HASH, Field
 
@@ -33,6 +34,7 @@ def schema_json() -> dict[str, Any]:
             "default": field.default,
             "range": limit_text(field),
             "group": field.group,
+            "live": field.is_live,
         }
         for field in CONFIG_FIELDS
     ]
@@ -62,4 +64,20 @@ def change_json(change: Change) -> dict[str, Any]:
         "to": change.after,
         "unit": change.unit,
         "offset": change.offset,
+    }
+
+
+def finding_json(found: Finding) -> dict[str, Any]:
+    """One thing that the rules say."""
+    error = found.error
+    return {
+        "level": found.level,
+        "code": found.code,
+        "standing": found.is_standing,
+        "field": error.field,
+        "element": error.element,
+        "value": error.value,
+        "limit": error.limit,
+        "why": error.why,
+        "message": error.message,
     }

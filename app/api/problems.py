@@ -10,10 +10,13 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
-from app.configuration import HashMismatch, Rejected, Unverified
+from app.api.config_json import change_json, finding_json
+from app.config_sources import NoSource
+from app.configuration import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
 from app.errors import AppError, ConfigError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow
-from app.sessions.errors import NotASession, SchemaTooNew, SessionError
-from firmware_protocol.config_image import image_hash
+from app.profiles import NoProfile
+from app.sessions.errors import NotASession, SchemaTooNew, SessionError, SessionNotFound
+from firmware_protocol.config_image import difference, image_hash
 from firmware_protocol.errors import EncodeError
 from firmware_protocol.memory_map import CONFIG_SIZE, element_name, locate
 
@@ -76,16 +79,14 @@ def invalid(field: str, value: object, limit: str) -> Problem:
 def _of_app_error(error: AppError) -> Problem:
     match error:
         case HashMismatch():
-            in_force = image_hash(error.in_force)
-            return Problem(
-                412, "changed-meanwhile", "Changed meanwhile", str(error), expected=error.expected, in_force=in_force
-            )
+            return _changed_meanwhile(error)
         case Rejected():
-            errors = [
-                {"field": e.field, "element": e.element, "value": e.value, "limit": e.limit, "message": e.message}
-                for e in error.errors
-            ]
-            return Problem(422, "invalid", "Invalid value", str(error), errors=errors)
+            return Problem(422, "invalid", "Invalid value", str(error), errors=[*map(finding_json, error.findings)])
+        case ReasonRequired():
+            warnings = [*map(finding_json, error.findings)]
+            return Problem(422, "reason-required", "A reason is needed", str(error), errors=warnings)
+        case Occupied():
+            return Problem(409, "at-work", "Not while at work", str(error), doing=error.doing, fields=error.fields)
         case Unverified():
             return Problem(504, "not-verified", "Not verified", str(error), in_force=error.outcome)
         case MasterRefused():
@@ -94,6 +95,8 @@ def _of_app_error(error: AppError) -> Problem:
             return Problem(504, "no-reply", "No reply from the master", str(error))
         case LinkLost() | LinkError():
             return Problem(503, "link-lost", "Link lost", str(error))
+        case NoProfile() | NoSource() | SessionNotFound():
+            return Problem(404, "not-found", "Not found", str(error))
         case NotASession() | SchemaTooNew():
             return Problem(422, "unreadable-session", "Unreadable session", str(error))
         case SessionError():
@@ -103,6 +106,23 @@ def _of_app_error(error: AppError) -> Problem:
         case ConfigError():
             return invalid(error.field, error.value, error.limit)
     return Problem(500, "failed", "Failed", str(error))
+
+
+def _changed_meanwhile(error: HashMismatch) -> Problem:
+    """412 with both differences: what changed since the draft was begun, and what the draft would change now."""
+    meanwhile = None if error.base is None else [*map(change_json, difference(error.base, error.in_force))]
+    in_force = image_hash(error.in_force)
+    return Problem(
+        412,
+        "changed-meanwhile",
+        "Changed meanwhile",
+        str(error),
+        {"ETag": f'"{in_force}"'},
+        expected=error.expected,
+        in_force=in_force,
+        meanwhile=meanwhile,
+        difference=[*map(change_json, difference(error.in_force, error.wanted))],
+    )
 
 
 def _at_fault(error: MasterRefused) -> dict[str, Any]:

@@ -1,135 +1,180 @@
 """`voltwall config`: the master's configuration through a running service, for scripts."""
 
 import argparse
-import base64
 import json
-import os
 import sys
-import urllib.error
-import urllib.request
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
-from app.errors import AppError, ConfigError
+from app.commands.config_service import JSON, OCTETS, ConfigService, Refusal
+from app.config_profile import is_profile
+from app.config_sources import WORDS
+from app.errors import ConfigError
 
-OCTETS = "application/octet-stream"
-JSON = "application/json"
-
-
-class ServiceRefused(AppError):
-    """The service answered with a problem document."""
+DIFFERS = 1
+_EPILOG = f"""\
+SOURCE is {WORDS}.
+Exit codes: 0 done; 1 diff or compare found differences; 2 refused or not allowed; 3 service or master not reachable,
+or no right to; 4 somebody else changed the configuration meanwhile; 5 sent and not verified: read again.
+Where the service wants a password: VOLTWALL_PASSWORD in the environment."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Actions and where the service is."""
     parser.add_argument("--url", default="http://127.0.0.1:8000", help="the running service (default: %(default)s)")
+    parser.epilog = _EPILOG
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    read = actions.add_parser("read", help="print what is in force as JSON in units, or save the 420-byte image")
+    read = actions.add_parser("read", help="print a configuration as JSON in units, or save it")
+    read.add_argument("source", nargs="?", default="in-force", metavar="SOURCE", help="default: in-force")
     read.add_argument("--out", type=Path, metavar="FILE", help="save to FILE: .json as JSON, anything else as image")
-    diff = actions.add_parser("diff", help="what a file, or field=value, would change; exit code 1 if anything")
+    diff = actions.add_parser("diff", help="what a write would change, and what the rules say; exit code 1 if anything")
     write = actions.add_parser("write", help="check, write, read back byte for byte")
     for action in (diff, write):
-        action.add_argument("edits", nargs="+", metavar="FILE|FIELD=VALUE", help="an image, a JSON file, or ts=50")
+        action.add_argument(
+            "edits",
+            nargs="+",
+            metavar="EDIT",
+            help="FIELD=VALUE as ts=50, a file (image, profile, JSON of values), or a SOURCE",
+        )
+        action.add_argument("--reason", default="", help="why it is right in spite of warnings")
     write.add_argument("--store", action="store_true", help="then store in the EEPROM and read it back")
+    compare = actions.add_parser("compare", help="what differs between two SOURCEs; exit code 1 if anything")
+    compare.add_argument("a", metavar="SOURCE")
+    compare.add_argument("b", metavar="SOURCE")
     actions.add_parser("store", help="store what is in force in the EEPROM and read it back")
-    parser.epilog = "Where the service wants a password: VOLTWALL_PASSWORD in the environment."
+    actions.add_parser("load", help="put what the EEPROM holds in force")
+    rollback = actions.add_parser("rollback", help="put back what was in force before a write")
+    rollback.add_argument("record", nargs="?", type=int, help="number in the history (default: the last write)")
+    rollback.add_argument("--reason", default="", help="why")
+    history = actions.add_parser("history", help="every write: who, when, what, why, with what result")
+    history.add_argument("--json", action="store_true", help="as JSON")
+    profiles = actions.add_parser("profiles", help="named configurations: list, save, get, put, delete")
+    profiles.add_argument("do", nargs="?", choices=("list", "save", "get", "put", "delete"), default="list")
+    profiles.add_argument("name", nargs="?", help="of the profile; get: NAME or NAME@VERSION; put: its FILE")
+    profiles.add_argument("--from", dest="source", default="in-force", metavar="SOURCE", help="save: default in-force")
+    profiles.add_argument("--as", dest="new_name", metavar="NAME", help="put: another name than the file says")
+    profiles.add_argument("--comment", help="save, put: what it is for")
+    profiles.add_argument("--out", type=Path, metavar="FILE", help="get: where to (default: standard output)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Exit codes: 0 done, 1 diff found changes, 2 refused or not reachable."""
-    service = _Service(args.url)
+    """Exit codes as --help says."""
+    service = ConfigService(args.url)
+    try:
+        return _run(service, args)
+    except Refusal as refusal:
+        print(f"voltwall config: {refusal}", file=sys.stderr)
+        return refusal.exit_code
+
+
+def _run(service: ConfigService, args: argparse.Namespace) -> int:
     match args.action:
         case "read":
-            return _read(service, args.out)
+            return _read(service, args.source, args.out)
         case "diff":
-            changes = _write(service, args.edits, dry_run=True)["difference"]
+            answer = _write(service, args.edits, args.reason, dry_run=True)
+            _print_answer(answer)
+            return DIFFERS if answer["difference"] else 0
+        case "compare":
+            changes = service.json("/compare", query={"a": args.a, "b": args.b})["difference"]
             _print_changes(changes)
-            return 1 if changes else 0
+            return DIFFERS if changes else 0
         case "write":
-            answer = _write(service, args.edits, dry_run=False)
-            _print_changes(answer["difference"])
-            print(f"in force: {answer['hash']}" + (", read back and equal" if answer["verified"] else ", unchanged"))
+            _print_written(_write(service, args.edits, args.reason, dry_run=False))
             return _store(service) if args.store else 0
+        case "load":
+            print(f"in force: {service.send('/load', 'POST', {})['hash']}, as stored")
+            return 0
+        case "rollback":
+            return _roll_back(service, args.record, args.reason)
+        case "history":
+            return _history(service, as_json=args.json)
+        case "profiles":
+            return _profiles(service, args)
     return _store(service)
 
 
-class _Service:
-    def __init__(self, url: str) -> None:
-        self._base = url.rstrip("/") + "/api/v1/config"
-
-    def ask(
-        self, path: str = "", *, method: str = "GET", body: bytes | None = None, headers: dict[str, str] | None = None
-    ) -> tuple[bytes, str]:
-        """Return (body, etag).
-
-        Raises:
-            ServiceRefused: with the problem's own words.
-            ConfigError: nobody answers at the URL.
-        """
-        request = urllib.request.Request(self._base + path, data=body, method=method, headers=headers or {})
-        if password := os.environ.get("VOLTWALL_PASSWORD"):
-            token = base64.b64encode(f"{os.environ.get('USER', 'script')}:{password}".encode()).decode()
-            request.add_header("Authorization", f"Basic {token}")
-        try:
-            with urllib.request.urlopen(request, timeout=15) as answer:
-                return answer.read(), answer.headers.get("ETag", "").strip('"')
-        except urllib.error.HTTPError as error:
-            raise ServiceRefused(_problem(error.read()) or str(error)) from error
-        except (urllib.error.URLError, ValueError, OSError) as error:
-            reason = getattr(error, "reason", error)
-            raise ConfigError("url", self._base, f"no voltwall service answers there ({reason})") from error
-
-
-def _problem(body: bytes) -> str:
-    try:
-        return str(json.loads(body)["detail"])
-    except (ValueError, KeyError, TypeError):
-        return ""
-
-
-def _read(service: _Service, out: Path | None) -> int:
+def _read(service: ConfigService, source: str, out: Path | None) -> int:
     wants_json = out is None or out.suffix == ".json"
-    body, etag = service.ask(headers={"Accept": JSON if wants_json else OCTETS})
     if wants_json:
-        body = (json.dumps(json.loads(body)["values"], indent=2) + "\n").encode()
+        answer = service.json("/source", query={"name": source})
+        body, name = (json.dumps(answer["values"], indent=2) + "\n").encode(), answer["hash"]
+    elif source == "in-force":
+        body, name = service.ask(headers={"Accept": OCTETS})
+    else:
+        raise ConfigError("out", out, "an image is only read of what is in force; for other sources end it in .json")
     if out is None:
         sys.stdout.write(body.decode())
     else:
-        out.write_bytes(body)
-        print(f"{out}: {etag}")
+        _save(out, body)
+        print(f"{out}: {name}")
     return 0
 
 
-def _write(service: _Service, edits: list[str], *, dry_run: bool) -> dict[str, Any]:
+def _write(service: ConfigService, edits: list[str], reason: str, *, dry_run: bool) -> Any:
     _, etag = service.ask(headers={"Accept": OCTETS})
     kind, body = _body_of(edits)
     headers = {"If-Match": f'"{etag}"', "Content-Type": kind}
-    query = "?dry_run=true" if dry_run else ""
-    answer, _ = service.ask(query, method="PUT", body=body, headers=headers)
-    result: dict[str, Any] = json.loads(answer)
-    return result
+    query = {"reason": reason} | ({"dry_run": "true"} if dry_run else {})
+    return service.json("", method="PUT", body=body, headers=headers, query=query)
 
 
 def _body_of(edits: list[str]) -> tuple[str, bytes]:
+    """Return the content type and the body that an edit's words mean."""
     values: dict[str, Any] = {}
     for edit in edits:
         name, equals, text = edit.partition("=")
         if equals:
             values[name] = _value(name, text)
             continue
-        try:
-            content = Path(edit).read_bytes()
-        except OSError as error:
-            raise ConfigError("file", edit, error.strerror or str(error)) from error
+        if _is_source(edit):
+            _require_alone(edits, edit, "a source")
+            return JSON, json.dumps({"source": edit}).encode()
+        content = _load(edit)
         if Path(edit).suffix != ".json":
-            if len(edits) > 1:
-                raise ConfigError("edits", edit, "an image stands alone")
+            _require_alone(edits, edit, "an image")
             return OCTETS, content
-        try:
-            values |= json.loads(content)
-        except ValueError as error:
-            raise ConfigError("file", edit, f"not JSON: {error}") from error
+        document = _document(edit, content)
+        if is_profile(document):
+            _require_alone(edits, edit, "a profile")
+            return JSON, content
+        if not isinstance(document, dict):
+            raise ConfigError("file", edit, "an object of fields and values, or a profile")
+        values |= document
     return JSON, json.dumps({"values": values}).encode()
+
+
+def _is_source(word: str) -> bool:
+    kind = word.partition(":")[0]
+    return kind in ("in-force", "stored", "default", "profile", "record", "session") and not Path(word).exists()
+
+
+def _require_alone(edits: list[str], edit: str, what: str) -> None:
+    if len(edits) > 1:
+        raise ConfigError("edits", edit, f"{what} stands alone")
+
+
+def _load(name: str) -> bytes:
+    try:
+        return Path(name).read_bytes()
+    except OSError as error:
+        raise ConfigError("file", name, error.strerror or str(error)) from error
+
+
+def _document(name: str, content: bytes) -> Any:
+    try:
+        return json.loads(content)
+    except ValueError as error:
+        raise ConfigError("file", name, f"not JSON: {error}") from error
+
+
+def _save(path: Path, content: bytes) -> None:
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise ConfigError("out", path, error.strerror or str(error)) from error
 
 
 def _value(name: str, text: str) -> Any:
@@ -139,13 +184,87 @@ def _value(name: str, text: str) -> Any:
         raise ConfigError(name, text, "a number, or a JSON list") from error
 
 
-def _store(service: _Service) -> int:
-    answer = json.loads(service.ask("/store", method="POST")[0])
+def _store(service: ConfigService) -> int:
+    answer = service.send("/store", "POST", {})
     print(f"stored: {answer['stored_hash']}, read back and equal (counter {answer['counter']})")
     return 0
 
 
-def _print_changes(changes: list[dict[str, Any]]) -> None:
+def _roll_back(service: ConfigService, number: int | None, reason: str) -> int:
+    if number is None:
+        records = service.json("/history", query={"limit": "1000"})["records"]
+        done = (r["number"] for r in records if r["action"] != "store" and r["from_hash"] and r["result"] == "done")
+        number = next(done, None)
+        if number is None:
+            raise ConfigError("record", "last", "the history knows no write")
+    _, etag = service.ask(headers={"Accept": OCTETS})
+    _print_written(service.send(f"/history/{number}/rollback", "POST", {"reason": reason}, etag=etag))
+    return 0
+
+
+def _history(service: ConfigService, *, as_json: bool) -> int:
+    records = service.json("/history", query={"limit": "1000"})["records"]
+    if as_json:
+        print(json.dumps(records, indent=2))
+        return 0
+    for record in records:
+        when = datetime.fromtimestamp(record["time"], UTC).isoformat(timespec="seconds")
+        because = f" ({record['reason']})" if record["reason"] else ""
+        forged = "" if record["genuine"] else "  SIGNATURE NOT RIGHT"
+        words = f"{record['action']} of {record['source']}{because}: {record['result']}"
+        print(f"{record['number']:>4}  {when}  {record['who']}  {words}{forged}")
+        _print_changes(record["difference"], indent="      ")
+    return 0
+
+
+def _profiles(service: ConfigService, args: argparse.Namespace) -> int:
+    if args.do == "list":
+        for profile in service.json("/profiles")["profiles"]:
+            print(f"{profile['name']}@{profile['version']}  {profile['hash']}  {profile['comment']}".rstrip())
+        return 0
+    if args.name is None:
+        raise ConfigError("name", "missing", f"profiles {args.do} NAME")
+    match args.do:
+        case "save":
+            saved = service.send(_path(args.name), "PUT", {"source": args.source, "comment": args.comment or ""})
+            print(f"{saved['name']}@{saved['version']}  {saved['hash']}")
+        case "put":
+            document = _document(args.name, _load(args.name))
+            name = args.new_name or (document.get("name") if is_profile(document) else None) or Path(args.name).stem
+            body = {"profile": document, "comment": args.comment}
+            saved = service.send(_path(str(name)), "PUT", body)
+            print(f"{saved['name']}@{saved['version']}  {saved['hash']}")
+        case "get":
+            name, _, version = args.name.partition("@")
+            text, _ = service.ask(_path(name), query={"version": version} if version else None)
+            if args.out is None:
+                sys.stdout.write(text.decode())
+            else:
+                _save(args.out, text)
+        case "delete":
+            service.ask(_path(args.name), method="DELETE")
+    return 0
+
+
+def _path(name: str) -> str:
+    return f"/profiles/{quote(name, safe='')}"
+
+
+def _print_written(answer: Any) -> None:
+    _print_answer(answer)
+    print(f"in force: {answer['hash']}" + (", read back and equal" if answer["verified"] else ", unchanged"))
+
+
+def _print_answer(answer: Any) -> None:
+    _print_changes(answer["difference"])
+    for warning in answer["warnings"]:
+        if not warning["standing"]:
+            print(f"{warning['level']}: {warning['message']}", file=sys.stderr)
+    if answer["hindrance"]:
+        print(f"not now: {answer['hindrance']}", file=sys.stderr)
+
+
+def _print_changes(changes: list[dict[str, Any]], indent: str = "") -> None:
     for change in changes:
         element = "" if change["element"] is None else f"[{change['element']}]"
-        print(f"{change['field']}{element}: {change['from']} -> {change['to']} {change['unit']}".rstrip())
+        print(f"{indent}{change['field']}{element}: {change['from']} -> {change['to']} {change['unit']}".rstrip())

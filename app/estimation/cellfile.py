@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from app.estimation.circuit import CellModel
+from app.estimation.circuit import CellLimits, CellModel
 from app.estimation.errors import CellFileError, ModelError
 from app.estimation.ocv import OcvCurve
 
@@ -26,6 +26,7 @@ _SECTIONS: Final = {
     "asinh": {"current_a", "voltage_v"},
     "hysteresis": {"voltage_v", "rate"},
     "fit": {"voltage_rms_v", "current_max_a"},
+    "limits": {"temperature_min_degc", "temperature_max_degc", "discharge_max_a", "charge_max_a"},
 }
 _FIELD_OF_ATTRIBUTE: Final = {
     "soc_grid": "circuit.soc",
@@ -107,6 +108,7 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
             hysteresis_rate=reader.number("hysteresis", "rate", 50.0),
             fit_voltage_rms_v=reader.number("fit", "voltage_rms_v", 0.0),
             fit_current_max_a=reader.number("fit", "current_max_a", 0.0),
+            limits=CellLimits(**{name: reader.known("limits", name) for name in sorted(_SECTIONS["limits"])}),
         )
     except CellFileError:
         raise
@@ -150,6 +152,9 @@ def format_cell(model: CellModel) -> str:
         lines.append(f"rate = {_number(model.hysteresis_rate)}")
     lines += ["", "[fit]", f"voltage_rms_v = {_number(model.fit_voltage_rms_v)}"]
     lines.append(f"current_max_a = {_number(model.fit_current_max_a)}")
+    limits = {name: getattr(model.limits, name) for name in sorted(_SECTIONS["limits"])}
+    if known := [f"{name} = {_number(value)}" for name, value in limits.items() if value is not None]:
+        lines += ["", "[limits]  # of the data sheet", *known]
     return "\n".join(lines) + "\n"
 
 
@@ -191,6 +196,9 @@ class _Reader:
 
     def number(self, section: str, key: str, default: float | None = None) -> float:
         return float(self.take(section, key, (int, float), default))
+
+    def known(self, section: str, key: str) -> float | None:
+        return self.number(section, key) if key in self._section(section) else None
 
     def word(self, section: str, key: str) -> Any:
         return self.take(section, key, str, "interpolation")

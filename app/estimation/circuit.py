@@ -26,6 +26,16 @@ MAX_RC_PAIRS: Final = 4
 SECONDS_PER_HOUR: Final = 3600.0
 
 
+@dataclass(frozen=True, slots=True)
+class CellLimits:
+    """What the data sheet allows beyond the voltages; None where it was not said."""
+
+    temperature_min_degc: float | None = None
+    temperature_max_degc: float | None = None
+    discharge_max_a: float | None = None  # continuous
+    charge_max_a: float | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class CellModel:
     """Everything the filters know about a cell. Tables are (n_temperatures, n_soc), RC tables (n_rc, n_t, n_soc).
@@ -46,6 +56,7 @@ class CellModel:
         hysteresis_rate: how fast the hysteresis state follows charge, per unit of SOC moved.
         coulombic_efficiency: share of the charging charge that is kept, 0..1.
         v_min_v, v_max_v: limits of the cell's voltage [V].
+        limits: the data sheet's other limits; no filter uses them.
         fit_voltage_rms_v: open-loop voltage error of the identification [V]; 0 = not known.
         fit_current_max_a: largest current magnitude the identification has seen [A]; 0 = not known.
 
@@ -71,6 +82,7 @@ class CellModel:
     fit_voltage_rms_v: float = 0.0
     fit_current_max_a: float = 0.0
     source: str = ""
+    limits: CellLimits = CellLimits()
     _static: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -39,30 +39,9 @@ def test_version_and_a_wrong_command():
     assert "invalid choice" in wrong.stderr
 
 
-def test_config_is_read_compared_written_and_stored_from_scripts(service, tmp_path):
-    service.wait_for(lambda s: s["config_hash"] and s["master"]["map_matches"])
-    at = ("--url", service.base_url)
-    values = json.loads(voltwall("config", *at, "read").stdout)
-    assert values["ts"] == 100
-    image = tmp_path / "image.bin"
-    assert voltwall("config", *at, "read", "--out", str(image)).returncode == 0
-    assert image.stat().st_size == 420
-    assert voltwall("config", *at, "diff", str(image)).returncode == 0
-    different = voltwall("config", *at, "diff", "t_cell_max=50")
-    assert (different.returncode, different.stdout.strip()) == (1, "t_cell_max: 45 -> 50 degC")
-    written = voltwall("config", *at, "write", "t_cell_max=50", "--store")
-    assert written.returncode == 0, written.stderr
-    assert "read back and equal" in written.stdout
-    assert "counter" in written.stdout
-    refused = voltwall("config", *at, "write", "t_cell_max=500")
-    assert refused.returncode == 2
-    assert "t_cell_max" in refused.stderr
-    assert voltwall("config", *at, "write", str(image)).returncode == 0
-
-
 def test_config_without_a_service_is_one_line():
     result = voltwall("config", "--url", "http://127.0.0.1:9", "read")
-    assert result.returncode == 2
+    assert result.returncode == 3
     assert "no voltwall service answers" in result.stderr
     assert len(result.stderr.splitlines()) == 1
 

@@ -208,8 +208,8 @@ def test_replay_shows_the_recorded_session_while_recording_goes_on(service):
 
 
 def test_written_verified_stored_and_still_there_after_a_restart(make_service):
-    service = make_service()
-    service.wait_for(lambda s: s["config_hash"])
+    service = make_service("--scenario", "in-the-pit")
+    service.wait_for(lambda s: s["config_hash"] and s["master"]["map_matches"])
     with service.client() as client:
         before = client.get("/config", headers=OCTETS)
         wanted = with_raw(before.content, "t_cell_max", 55)

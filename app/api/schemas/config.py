@@ -30,6 +30,7 @@ class SchemaFieldOut(StructFieldOut):
     default: int | list[int] | None
     range: str
     group: str
+    live: bool  # may be changed while the car drives or charges
 
 
 class SchemaOut(BaseModel):
@@ -41,6 +42,20 @@ class SchemaOut(BaseModel):
     struct: list[StructFieldOut]
 
 
+class FindingOut(BaseModel):
+    """What the rules say about one element: errors block, warnings need a reason unless they stand already."""
+
+    level: Literal["error", "warning"]
+    code: str
+    standing: bool
+    field: str
+    element: int | None
+    value: float
+    limit: str
+    why: str
+    message: str
+
+
 class ConfigOut(BaseModel):
     """The configuration in force, in units and in raw counts."""
 
@@ -49,6 +64,7 @@ class ConfigOut(BaseModel):
     age_s: Number
     values: dict[str, Any]
     raw: dict[str, RawValue]
+    findings: list[FindingOut]
 
 
 class StoredConfigOut(BaseModel):
@@ -79,7 +95,8 @@ class WriteResultOut(BaseModel):
     dry_run: bool
     verified: bool
     difference: list[DifferenceOut]
-    warnings: list[str]
+    warnings: list[FindingOut]
+    hindrance: str | None  # why it would be refused now
 
 
 class StoreResultOut(BaseModel):
@@ -96,6 +113,82 @@ class LoadResultOut(BaseModel):
     hash: str
 
 
+class SourceOut(BaseModel):
+    """A configuration by the name of its source."""
+
+    hash: str
+    values: dict[str, Any]
+    raw: dict[str, RawValue]
+    findings: list[FindingOut]
+
+
+class SavedProfileOut(BaseModel):
+    """A profile, without its values."""
+
+    name: str
+    version: int
+    comment: str
+    saved_by: str
+    saved_at: str
+    hash: str
+
+
+class ProfileOut(SavedProfileOut):
+    """The newest version of a profile, and the numbers of all."""
+
+    versions: list[int]
+
+
+class ProfilesOut(BaseModel):
+    """All profiles, by name; `broken` are files that are none any more."""
+
+    profiles: list[ProfileOut]
+    broken: list[str]
+
+
+class CheckedProfileOut(SavedProfileOut):
+    """A profile that was saved, and what the rules say about it."""
+
+    findings: list[FindingOut]
+
+
+class ComparedOut(BaseModel):
+    """One side of a comparison."""
+
+    source: str
+    hash: str
+
+
+class ComparisonOut(BaseModel):
+    """What differs from `a` to `b`."""
+
+    a: ComparedOut
+    b: ComparedOut
+    difference: list[DifferenceOut]
+
+
+class RecordOut(BaseModel):
+    """One write in the history; `genuine` is false where its signature, or one before it, is not right."""
+
+    number: int
+    time: float
+    who: str
+    action: Literal["write", "load", "store", "rollback"]
+    source: str
+    reason: str
+    result: str
+    from_hash: str | None
+    to_hash: str | None
+    difference: list[DifferenceOut]
+    genuine: bool
+
+
+class ConfigHistoryOut(BaseModel):
+    """Records, newest first."""
+
+    records: list[RecordOut]
+
+
 class CanSignalOut(BaseModel):
     """A field of the struct inside a message."""
 
@@ -110,6 +203,7 @@ class CanSignalOut(BaseModel):
     scale: float
     unit: str
     meaning: str
+    is_cut: bool
 
 
 class CanMessageOut(BaseModel):

@@ -114,6 +114,7 @@ export interface CanSignal {
   scale: number;
   unit: string;
   meaning: string;
+  is_cut: boolean;
 }
 
 /** Both tables; `assumed` while only the defaults are known. */
@@ -173,6 +174,17 @@ export interface Charger {
   flags: string[];
 }
 
+/** A profile that was saved, and what the rules say about it. */
+export interface CheckedProfile {
+  name: string;
+  version: number;
+  comment: string;
+  saved_by: string;
+  saved_at: string;
+  hash: string;
+  findings: Finding[];
+}
+
 /** The service's wall clock: unix seconds, and how far it was set since the start. */
 export interface Clock {
   time: number;
@@ -185,6 +197,24 @@ export interface Commands {
   commands: string[];
 }
 
+/** One side of a comparison. */
+export interface Compared {
+  source: string;
+  hash: string;
+}
+
+/** What differs from `a` to `b`. */
+export interface Comparison {
+  a: Compared;
+  b: Compared;
+  difference: Difference[];
+}
+
+/** Records, newest first. */
+export interface ConfigHistory {
+  records: Record[];
+}
+
 /** The configuration in force, in units and in raw counts. */
 export interface Config {
   hash: string;
@@ -192,6 +222,7 @@ export interface Config {
   age_s: number | null;
   values: Record<string, unknown>;
   raw: Record<string, number | number[] | number[][]>;
+  findings: Finding[];
 }
 
 /** The session is gone. */
@@ -270,6 +301,19 @@ export interface FieldError {
   element?: number | null;
   value?: number | string | null;
   limit?: number | string | null;
+}
+
+/** What the rules say about one element: errors block, warnings need a reason unless they stand already. */
+export interface Finding {
+  level: 'error' | 'warning';
+  code: string;
+  standing: boolean;
+  field: string;
+  element: number | null;
+  value: number;
+  limit: string;
+  why: string;
+  message: string;
 }
 
 /** The master's status bits. */
@@ -451,12 +495,44 @@ export interface Problem {
   errors?: FieldError[];
 }
 
+/** The newest version of a profile, and the numbers of all. */
+export interface Profile {
+  name: string;
+  version: number;
+  comment: string;
+  saved_by: string;
+  saved_at: string;
+  hash: string;
+  versions: number[];
+}
+
+/** All profiles, by name; `broken` are files that are none any more. */
+export interface Profiles {
+  profiles: Profile[];
+  broken: string[];
+}
+
 /** One open live stream. */
 export interface Reader {
   name: string | null;
   role: 'engineer' | 'viewer' | null;
   address: string;
   since: number;
+}
+
+/** One write in the history; `genuine` is false where its signature, or one before it, is not right. */
+export interface Record {
+  number: number;
+  time: number;
+  who: string;
+  action: 'write' | 'load' | 'store' | 'rollback';
+  source: string;
+  reason: string;
+  result: string;
+  from_hash: string | null;
+  to_hash: string | null;
+  difference: Difference[];
+  genuine: boolean;
 }
 
 /** The session being recorded. */
@@ -509,6 +585,7 @@ export interface SchemaField {
   default: number | number[] | null;
   range: string;
   group: string;
+  live: boolean;
 }
 
 /** The memory map. */
@@ -641,6 +718,14 @@ export interface Snapshot {
   config_stored_hash: string | null;
 }
 
+/** A configuration by the name of its source. */
+export interface Source {
+  hash: string;
+  values: Record<string, unknown>;
+  raw: Record<string, number | number[] | number[][]>;
+  findings: Finding[];
+}
+
 /** Times real time. */
 export interface Speed {
   speed: number | 'max';
@@ -712,5 +797,6 @@ export interface WriteResult {
   dry_run: boolean;
   verified: boolean;
   difference: Difference[];
-  warnings: string[];
+  warnings: Finding[];
+  hindrance: string | null;
 }

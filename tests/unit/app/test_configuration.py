@@ -4,13 +4,16 @@ import threading
 
 import pytest
 
-from app.configuration import Configuration, HashMismatch, Rejected, Unverified
+from app.config_rules import Context
+from app.configuration import Configuration, HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
 from app.errors import LinkError, LinkLost, MasterRefused, NotNow
+from app.estimation.cellfile import load_cell
 from app.links.master import MasterClient
 from app.telemetry import Identity
 from firmware_protocol.config_image import default_image, image_hash, with_raw
-from firmware_protocol.eeprom import EEPROM_SIZE, plan_store
+from firmware_protocol.eeprom import EEPROM_SIZE, newest, plan_store
 from firmware_protocol.framing import CommandDecoder, Frame
+from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import (
     EEPROM_READ_BASE,
     IdentRequest,
@@ -74,8 +77,10 @@ class MemoryMaster:
         elif isinstance(request, Store):
             for page in plan_store(self.eeprom, bytes(self.image[:420])):
                 self.eeprom[page.offset : page.offset + len(page.data)] = page.data
+        elif isinstance(request, Load):
+            self.image[:420] = newest(self.eeprom).image
         else:
-            assert isinstance(request, IdentRequest | Load)
+            assert isinstance(request, IdentRequest)
         return Reply(frame.type, frame.sequence, Result.DONE, data=data)
 
 
@@ -84,8 +89,11 @@ def master():
     return MemoryMaster()
 
 
+CELL = load_cell()
+
+
 def configuration(master, identity=SAME_MAP):
-    return Configuration(master.client, lambda: identity)
+    return Configuration(master.client, lambda: identity, lambda: Context(CELL))
 
 
 def hotter(image):
@@ -119,8 +127,67 @@ def test_values_outside_their_range_never_leave(master):
 
     with pytest.raises(Rejected) as caught:
         configuration(master).write(broken, "*", dry_run=False)
-    assert caught.value.errors[0].field == "t_cell_max"
+    assert caught.value.findings[0].error.field == "t_cell_max"
     assert not any(isinstance(request, Write) for request in master.requests)
+
+
+def test_a_warning_needs_a_reason_once(master):
+    config = configuration(master)
+
+    def wider(image):
+        return with_raw(image, "i_disc_max", 21000)
+
+    with pytest.raises(ReasonRequired) as caught:
+        config.write(wider, "*", dry_run=False)
+    assert [found.error.field for found in caught.value.findings] == ["i_disc_max"]
+    assert bytes(master.image[:420]) == default_image()
+    assert config.write(wider, "*", dry_run=False, reason="short pulses").written
+    assert config.write(hotter, "*", dry_run=False).written, "what stands already is not asked for again"
+
+
+@pytest.mark.parametrize(
+    ("field", "raw", "doing"),
+    [
+        ("status.flags", 1 << 8, "relays are closed"),
+        ("status.flags", 1 << 6, "being charged"),
+        ("i_fs", -500, "current of -5.0 A"),
+    ],
+)
+def test_at_work_only_what_is_safe_to_change_live_is_written(master, field, raw, doing):
+    FIELDS[field].pack_into(master.image, (raw,))
+    config = configuration(master)
+    with pytest.raises(Occupied, match=doing) as caught:
+        config.write(hotter, "*", dry_run=False)
+    assert caught.value.fields == ["t_cell_max"]
+    assert doing in config.write(hotter, "*", dry_run=True).hindrance
+    assert bytes(master.image[:420]) == default_image()
+    assert config.write(lambda image: with_raw(image, "fan_ramp_stop", 40), "*", dry_run=False).written
+    with pytest.raises(Occupied):
+        config.write(lambda image: with_raw(hotter(image), "ts", 200), "*", dry_run=False)
+
+
+def test_a_conflict_knows_what_the_draft_started_from(master):
+    config = configuration(master)
+    base = config.show(default_image())
+    config.write(hotter, "*", dry_run=False)
+    with pytest.raises(HashMismatch) as caught:
+        config.write(lambda image: with_raw(image, "ts", 50), base, dry_run=False)
+    assert caught.value.base == default_image()
+    assert caught.value.in_force == hotter(default_image())
+    assert caught.value.wanted == with_raw(hotter(default_image()), "ts", 50)
+
+
+def test_loading_is_refused_at_work_and_without_anything_stored(master):
+    config = configuration(master)
+    with pytest.raises(NotNow, match="no valid configuration"):
+        config.load()
+    config.store()
+    config.write(hotter, "*", dry_run=False)
+    FIELDS["status.flags"].pack_into(master.image, (1 << 8,))
+    with pytest.raises(Occupied):
+        config.load()
+    FIELDS["status.flags"].pack_into(master.image, (0,))
+    assert config.load() == (hotter(default_image()), default_image())
 
 
 def test_a_master_with_another_map_is_never_written(master):

@@ -1,0 +1,87 @@
+"""`voltwall config` as a script uses it: by its output and its exit codes."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+
+def voltwall_config(url, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "app.cli", "config", "--url", url, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=os.environ,
+    )
+
+
+@pytest.fixture
+def config(make_service):
+    service = make_service("--scenario", "in-the-pit")
+    service.wait_for(lambda s: s["config_hash"] and s["master"]["map_matches"])
+    return lambda *arguments: voltwall_config(service.base_url, *arguments)
+
+
+def test_read_compare_write_store_and_roll_back(config, tmp_path):
+    assert json.loads(config("read").stdout)["ts"] == 100
+    image = tmp_path / "image.bin"
+    assert config("read", "--out", str(image)).returncode == 0
+    assert image.stat().st_size == 420
+    assert config("diff", str(image)).returncode == 0
+
+    different = config("diff", "t_cell_max=50")
+    assert (different.returncode, different.stdout.strip()) == (1, "t_cell_max: 45 -> 50 degC")
+    written = config("write", "t_cell_max=50", "--store")
+    assert written.returncode == 0, written.stderr
+    assert "read back and equal" in written.stdout
+    assert "counter" in written.stdout
+
+    for edit, words in (("t_cell_max=500", "t_cell_max"), ("t_cell_max=61", "the rules"), ("ts=fast", "number")):
+        refused = config("write", edit)
+        assert refused.returncode == 2
+        assert words in refused.stderr
+
+    doubtful = config("write", "i_disc_max=210")
+    assert doubtful.returncode == 2
+    assert "--reason" in doubtful.stderr
+    assert config("write", "i_disc_max=210", "--reason", "ten second pulses").returncode == 0
+
+    assert config("rollback").returncode == 0
+    assert config("compare", "stored", "in-force").returncode == 0
+    history = json.loads(config("history", "--json").stdout)
+    assert [r["action"] for r in history] == ["rollback", "write", "store", "write"]
+    assert history[1]["reason"] == "ten second pulses"
+    assert all(r["genuine"] and r["result"] == "done" for r in history)
+    assert "i_disc_max: 210.0 -> 200.0 A" in config("history").stdout
+    assert config("rollback", "1").returncode == 0
+    assert config("diff", str(image)).returncode == 0
+    assert config("load").returncode == 0
+    assert json.loads(config("read").stdout)["t_cell_max"] == 50
+
+
+def test_profiles_go_out_to_git_and_come_back(config, tmp_path):
+    assert config("profiles", "save", "dry", "--comment", "as in the rules").returncode == 0
+    file = tmp_path / "wet.json"
+    assert config("profiles", "get", "dry", "--out", str(file)).returncode == 0
+    file.write_text(file.read_text().replace('"t_cell_max": {"value": 45', '"t_cell_max": {"value": 55'))
+    assert config("profiles", "put", str(file), "--as", "wet").stdout.startswith("wet@1 ")
+    assert config("profiles", "save", "wet").stdout.startswith("wet@2 ")
+    assert [line.split()[0] for line in config("profiles").stdout.splitlines()] == ["dry@1", "wet@2"]
+
+    compared = config("compare", "profile:dry", "profile:wet@1")
+    assert (compared.returncode, compared.stdout.strip()) == (1, "t_cell_max: 45 -> 55 degC")
+    assert config("write", "profile:wet@1").returncode == 0
+    assert config("compare", "in-force", "profile:wet@1").returncode == 0
+    assert config("diff", str(file)).returncode == 0, "the file itself can be written too"
+    assert config("profiles", "delete", "dry").returncode == 0
+    missing = config("write", "profile:dry")
+    assert (missing.returncode, "dry" in missing.stderr) == (2, True)
+    assert config("compare", "nonsense", "stored").returncode == 2
+
+
+def test_nobody_there_is_told_by_the_exit_code():
+    result = voltwall_config("http://127.0.0.1:9", "store")
+    assert (result.returncode, result.stderr.count("\n")) == (3, 1)
