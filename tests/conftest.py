@@ -205,11 +205,19 @@ def make_service(tmp_path: Path, master: str, request: pytest.FixtureRequest) ->
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory, master: str, request: pytest.FixtureRequest) -> Iterator[Service]:
+def scenario() -> str:
+    """What the simulated car of this module does."""
+    return "race-day"
+
+
+@pytest.fixture(scope="module")
+def service(
+    tmp_path_factory: pytest.TempPathFactory, master: str, scenario: str, request: pytest.FixtureRequest
+) -> Iterator[Service]:
     """One service for all tests of a module; it delivers snapshots already."""
     folder = tmp_path_factory.mktemp("service")
     c_master = c_master_for(master, folder, request)
-    running = Service(folder / "data", ["--seed", "1"], c_master=c_master).start()
+    running = Service(folder / "data", ["--seed", "1", "--scenario", scenario], c_master=c_master).start()
     has_can = c_master is None
     running.wait_for(
         lambda s: s["accumulator"]["loaded_cells"] == 96 and (s["links"]["can"]["state"] == "live" or not has_can)

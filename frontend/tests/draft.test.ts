@@ -15,6 +15,7 @@ const field = (over: Partial<SchemaField>): SchemaField => ({
   default: 42_000,
   range: '3..4.5 V',
   group: 'cell limits',
+  live: false,
   meaning: '',
   ...over,
 });

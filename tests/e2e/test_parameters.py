@@ -8,6 +8,11 @@ from playwright.sync_api import Page, expect
 pytestmark = pytest.mark.parametrize("master", ["simulated", "c"], indirect=True, scope="module")
 
 
+@pytest.fixture(scope="module")
+def scenario():
+    return "in-the-pit"
+
+
 def confirm(page: Page, button: str) -> None:
     page.get_by_test_id(button).click()
     page.get_by_test_id("confirm").click()
@@ -18,7 +23,7 @@ def field(page: Page, name: str):
 
 
 def test_a_change_is_written_verified_stored_and_survives_the_restart(make_service, open_page):
-    service = make_service("--seed", "4")
+    service = make_service("--seed", "4", "--scenario", "in-the-pit")
     page = open_page(f"{service.base_url}/#/parameters", quiet=False)
     expect(page.get_by_test_id("inforce-v_cell_max")).to_contain_text("4.2000")
 
@@ -59,6 +64,67 @@ def test_a_value_beyond_its_limit_cannot_be_written(service, open_page):
     expect(page.get_by_test_id("write")).to_be_enabled()
 
 
+def test_what_the_rules_forbid_is_refused_with_the_reason_why(service, open_page):
+    page = open_page(f"{service.base_url}/#/parameters", quiet=False)
+    field(page, "t_cell_max").fill("65")
+    page.get_by_test_id("write").click()
+    expect(page.get_by_test_id("outcome")).to_contain_text("t_cell_max = 65 degC, allowed: at most 60 degC: the rules")
+    expect(page.get_by_test_id("write-dialog")).to_have_count(0)
+
+
+def test_a_warning_needs_a_reason_and_the_write_is_rolled_back_from_the_history(service, open_page):
+    page = open_page(f"{service.base_url}/#/parameters")
+    field(page, "i_disc_max").fill("210")
+    page.get_by_test_id("write").click()
+    expect(page.get_by_test_id("write-dialog")).to_contain_text("needs a reason")
+    expect(page.get_by_test_id("confirm")).to_be_disabled()
+    page.get_by_test_id("reason").fill("ten second pulses")
+    page.get_by_test_id("confirm").click()
+    expect(page.get_by_test_id("outcome")).to_contain_text("Written and read back")
+
+    page.get_by_test_id("tab-history").click()
+    newest = page.get_by_test_id("history").get_by_role("listitem").first
+    expect(newest).to_contain_text("ten second pulses")
+    newest.get_by_role("button", name="Roll back").click()
+    page.get_by_test_id("confirm").click()
+    expect(page.get_by_test_id("outcome")).to_contain_text("Rolled back and read back")
+    page.get_by_test_id("tab-values").click()
+    expect(page.get_by_test_id("inforce-i_disc_max")).to_contain_text("200")
+
+
+def test_a_profile_is_kept_and_taken_as_the_draft(service, open_page):
+    page = open_page(f"{service.base_url}/#/parameters")
+    expect(page.get_by_test_id("inforce-v_cell_chrg")).to_contain_text("4.1500")
+    page.get_by_test_id("tab-profiles").click()
+    page.get_by_test_id("profile-name").fill("dry")
+    page.get_by_test_id("profile-save").click()
+    expect(page.get_by_test_id("profile-dry")).to_contain_text("version 1")
+    page.get_by_test_id("tab-values").click()
+    field(page, "v_cell_chrg").fill("4.1")
+    confirm(page, "write")
+    expect(page.get_by_test_id("outcome")).to_contain_text("Written and read back")
+    page.get_by_test_id("tab-profiles").click()
+    page.get_by_role("button", name="Take as draft").click()
+    expect(page.get_by_test_id("draft-state")).to_have_text("1 value changed")
+    expect(field(page, "v_cell_chrg")).to_have_value("4.1500")
+    page.get_by_test_id("tab-compare").click()
+    page.get_by_test_id("compare-a").select_option("profile:dry@1")
+    expect(page.get_by_test_id("compare")).to_contain_text("4.1500 V → 4.1000 V")
+    confirm(page, "discard")
+
+
+def test_while_the_car_drives_the_page_says_why_not(make_service, open_page, master):
+    if master == "c":
+        pytest.skip("its car stands still")
+    driving = make_service("--seed", "4")
+    driving.wait_for(lambda s: s["master"]["state"] == "drive" and s["config_hash"] and s["master"]["map_matches"])
+    page = open_page(f"{driving.base_url}/#/parameters")
+    field(page, "v_cell_max").fill("4.19")
+    page.get_by_test_id("write").click()
+    expect(page.get_by_test_id("hindrance")).to_contain_text("the relays are closed: v_cell_max may only be changed")
+    expect(page.get_by_test_id("confirm")).to_be_disabled()
+
+
 def test_a_draft_survives_a_reload_and_can_be_discarded(service, open_page):
     page = open_page(f"{service.base_url}/#/parameters", quiet=False)
     field(page, "fan_ramp_stop").fill("48")
@@ -73,15 +139,17 @@ def test_two_editors_do_not_overwrite_each_other(service, open_page):
     mine = open_page(f"{service.base_url}/#/parameters", quiet=False)
     theirs = open_page(f"{service.base_url}/#/parameters", quiet=False)
     field(mine, "t_cell_max").fill("50")
-    mine.route(
+    mine.route(  # this page does not hear of the other's write
         re.compile(r"/api/v1/config$"),
         lambda route: route.fallback() if route.request.method == "PUT" else route.abort(),
     )
+    mine.get_by_test_id("write").click()
     field(theirs, "fan_ramp_min").fill("20")
     confirm(theirs, "write")
     expect(theirs.get_by_test_id("outcome")).to_contain_text("Written and read back")
-    confirm(mine, "write")
+    mine.get_by_test_id("confirm").click()
     expect(mine.get_by_test_id("outcome")).to_contain_text("Nothing was written")
+    expect(mine.get_by_test_id("outcome")).to_contain_text("fan_ramp_min")
     expect(field(mine, "t_cell_max")).to_have_value("50")
     mine.unroute_all()
     mine.reload()

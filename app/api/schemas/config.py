@@ -167,7 +167,7 @@ class ComparisonOut(BaseModel):
     difference: list[DifferenceOut]
 
 
-class RecordOut(BaseModel):
+class ConfigRecordOut(BaseModel):
     """One write in the history; `genuine` is false where its signature, or one before it, is not right."""
 
     number: int
@@ -186,7 +186,7 @@ class RecordOut(BaseModel):
 class ConfigHistoryOut(BaseModel):
     """Records, newest first."""
 
-    records: list[RecordOut]
+    records: list[ConfigRecordOut]
 
 
 class CanSignalOut(BaseModel):

@@ -212,7 +212,7 @@ export interface Comparison {
 
 /** Records, newest first. */
 export interface ConfigHistory {
-  records: Record[];
+  records: ConfigRecord[];
 }
 
 /** The configuration in force, in units and in raw counts. */
@@ -223,6 +223,21 @@ export interface Config {
   values: Record<string, unknown>;
   raw: Record<string, number | number[] | number[][]>;
   findings: Finding[];
+}
+
+/** One write in the history; `genuine` is false where its signature, or one before it, is not right. */
+export interface ConfigRecord {
+  number: number;
+  time: number;
+  who: string;
+  action: 'write' | 'load' | 'store' | 'rollback';
+  source: string;
+  reason: string;
+  result: string;
+  from_hash: string | null;
+  to_hash: string | null;
+  difference: Difference[];
+  genuine: boolean;
 }
 
 /** The session is gone. */
@@ -518,21 +533,6 @@ export interface Reader {
   role: 'engineer' | 'viewer' | null;
   address: string;
   since: number;
-}
-
-/** One write in the history; `genuine` is false where its signature, or one before it, is not right. */
-export interface Record {
-  number: number;
-  time: number;
-  who: string;
-  action: 'write' | 'load' | 'store' | 'rollback';
-  source: string;
-  reason: string;
-  result: string;
-  from_hash: string | null;
-  to_hash: string | null;
-  difference: Difference[];
-  genuine: boolean;
 }
 
 /** The session being recorded. */

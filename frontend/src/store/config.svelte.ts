@@ -1,9 +1,9 @@
 // Draft, in force, stored: three configurations that the page never confuses. The draft survives reconnects and reloads.
 
 import { call, get, post, Problem, put } from '../link/rest';
-import type { Config, Difference, Schema, StoredConfig, WriteResult } from '../link/types';
+import type { Config, Difference, Finding, Schema, StoredConfig, WriteResult } from '../link/types';
 import { live } from './live.svelte';
-import { changes, rawBody, rebase, type Draft } from './draft';
+import { changes, draftOf, rawBody, rebase, type Draft } from './draft';
 
 const KEY = 'voltwall.draft';
 const NOT_READ = new Problem(503, 'Not read yet', {
@@ -15,6 +15,8 @@ export type Outcome = {
   title: string;
   text: string;
   difference?: Difference[];
+  meanwhile?: Difference[];
+  findings?: Finding[];
 };
 
 class ConfigStore {
@@ -63,35 +65,60 @@ class ConfigStore {
 
   private async readStored(): Promise<void> {
     try {
-      this.stored = await get<StoredConfig>('config/stored');
-      this.nothingStored = false;
+      this.stored = await get<StoredConfig | null>('config/stored');
+      this.nothingStored = this.stored === null;
     } catch (error) {
-      this.nothingStored = asProblem(error).status === 404;
+      asProblem(error);
+      this.nothingStored = false;
       this.stored = null;
     }
   }
 
   /** Let the service check the draft without writing it. */
-  async check(): Promise<void> {
-    await this.act('checking', async (hash) => {
-      this.checked = await call<WriteResult>('config?dry_run=true', this.request(hash));
-      this.outcome = null;
-    });
+  async check(): Promise<boolean> {
+    this.checked = await this.attempt('checking', (hash) =>
+      call<WriteResult>('config?dry_run=true', this.request(hash)),
+    );
+    if (this.checked) this.outcome = null;
+    return this.checked !== null;
   }
 
-  async write(): Promise<void> {
-    await this.act('writing', async (hash) => {
-      const result = await call<WriteResult>('config', this.request(hash));
-      const n = result.difference.length;
-      await this.readInForce();
-      this.checked = null;
-      this.outcome = {
-        kind: result.verified ? 'good' : 'bad',
-        title: result.verified ? 'Written and read back' : 'Written, but the read-back differs',
-        text: `${n} ${n === 1 ? 'value is' : 'values are'} now in force. The EEPROM still holds the old configuration until it is stored.`,
-        difference: result.difference,
-      };
-    });
+  async write(reason = ''): Promise<void> {
+    const result = await this.attempt('writing', (hash) =>
+      call<WriteResult>('config', this.request(hash, reason)),
+    );
+    if (result) await this.written(result, 'Written and read back');
+  }
+
+  /** Say that a write came to its end, and show what is in force now. */
+  async written(result: WriteResult, title: string): Promise<void> {
+    const n = result.difference.length;
+    await this.readInForce();
+    this.checked = null;
+    this.outcome = {
+      kind: result.verified ? 'good' : 'bad',
+      title: result.verified ? title : 'Written, but the read-back differs',
+      text: `${n} ${n === 1 ? 'value is' : 'values are'} now in force. The EEPROM still holds the old configuration until it is stored.`,
+      difference: result.difference,
+    };
+  }
+
+  /** Take a whole configuration from a named source as the draft. */
+  async useSource(source: string): Promise<void> {
+    const other = await this.attempt('reading', () =>
+      get<Pick<Config, 'raw'>>(`config/source?${new URLSearchParams({ name: source })}`),
+    );
+    if (!other || !this.schema || !this.config) return;
+    this.setDraft(draftOf(this.schema.fields, this.config.raw, other.raw));
+    const n = this.changes.length;
+    this.outcome = {
+      kind: 'good',
+      title: n === 0 ? 'The same as what is in force' : 'Taken as the draft',
+      text:
+        n === 0
+          ? ''
+          : `${n} ${n === 1 ? 'value differs' : 'values differ'} from what is in force. Nothing is written yet.`,
+    };
   }
 
   async store(): Promise<void> {
@@ -130,8 +157,17 @@ class ConfigStore {
     return result;
   }
 
-  private request(hash: string): { method: 'PUT'; body: unknown; ifMatch: string } {
-    return { method: 'PUT', body: { raw: rawBody(this.changes, this.config!.raw) }, ifMatch: hash };
+  private request(hash: string, reason = ''): { method: 'PUT'; body: unknown; ifMatch: string } {
+    return { method: 'PUT', body: { raw: rawBody(this.changes, this.config!.raw), reason }, ifMatch: hash };
+  }
+
+  /** Do one thing with the hash in force; null after the failure was explained. */
+  async attempt<T>(what: string, action: (hash: string) => Promise<T>): Promise<T | null> {
+    let result: T | null = null;
+    await this.act(what, async (hash) => {
+      result = await action(hash);
+    });
+    return result;
   }
 
   private async act(what: string, action: (hash: string) => Promise<void>): Promise<void> {
@@ -151,15 +187,20 @@ class ConfigStore {
     this.serverErrors = Object.fromEntries(problem.errors.map((e) => [e.field, e.message]));
     if (problem.status === 412) {
       const difference = (problem.body['difference'] ?? []) as Difference[];
+      const meanwhile = (problem.body['meanwhile'] ?? []) as Difference[];
       await this.load();
       this.outcome = {
         kind: 'conflict',
         title: 'Somebody else changed the configuration meanwhile',
         text: 'Nothing was written. What is in force was read again; your draft is kept. Look at the differences, then write again.',
         difference,
+        meanwhile,
       };
     } else {
-      this.outcome = { kind: 'bad', title: problem.message, text: problem.detail };
+      const findings = problem.errors.filter((e): e is Finding & typeof e => 'level' in e);
+      const text = findings.length > 0 ? 'Nothing was written.' : problem.detail;
+      this.outcome = { kind: 'bad', title: problem.message, text, findings };
+      if (problem.body['in_force'] !== undefined) await this.load();
     }
   }
 }

@@ -94,6 +94,19 @@ export function rebase(draft: Draft, fields: readonly SchemaField[], inForce: Ra
   return next;
 }
 
+/** The draft that makes one configuration of another. */
+export function draftOf(fields: readonly SchemaField[], inForce: RawConfig, wanted: RawConfig): Draft {
+  let draft: Draft = {};
+  for (const field of fields) {
+    const from = flatRaw(inForce[field.name]);
+    flatRaw(wanted[field.name]).forEach((raw, element) => {
+      if (raw !== from[element])
+        draft = edit(draft, field, element, rawText(field, raw), from[element] ?? null);
+    });
+  }
+  return draft;
+}
+
 /** The body of a write: whole raw fields, with the changed elements replaced. */
 export function rawBody(all: readonly Change[], inForce: RawConfig): RawConfig {
   const body: RawConfig = {};
