@@ -43,7 +43,9 @@ export function serviceWorker(): Plugin {
     generateBundle(_, bundle) {
       const folder = join(import.meta.dirname, 'public');
       const own = readdirSync(folder).filter((name) => /\.(svg|png|webmanifest)$/.test(name));
-      const files = ['index.html', ...own, ...Object.keys(bundle)].filter((f, i, all) => all.indexOf(f) === i).sort();
+      const files = ['index.html', ...own, ...Object.keys(bundle)]
+        .filter((f, i, all) => all.indexOf(f) === i)
+        .sort();
       const hash = createHash('sha256');
       for (const name of files) {
         const made = bundle[name];
@@ -51,7 +53,10 @@ export function serviceWorker(): Plugin {
         if (made) hash.update(made.type === 'chunk' ? made.code : made.source);
         else if (own.includes(name)) hash.update(readFileSync(join(folder, name)));
       }
-      const source = worker(`voltwall-${hash.digest('hex').slice(0, 12)}`, files.map((f) => `./${f}`));
+      const source = worker(
+        `voltwall-${hash.digest('hex').slice(0, 12)}`,
+        files.map((f) => `./${f}`),
+      );
       this.emitFile({ type: 'asset', fileName: 'sw.js', source });
     },
   };

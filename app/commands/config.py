@@ -27,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EPILOG
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     read = actions.add_parser("read", help="print a configuration as JSON in units, or save it")
-    read.add_argument("source", nargs="?", default="in-force", metavar="SOURCE", help="default: in-force")
+    read.add_argument(
+        "source", nargs="?", default="in-force", metavar="SOURCE", help="where from (default: %(default)s)"
+    )
     read.add_argument("--out", type=Path, metavar="FILE", help="save to FILE: .json as JSON, anything else as image")
     diff = actions.add_parser("diff", help="what a write would change, and what the rules say; exit code 1 if anything")
     write = actions.add_parser("write", help="check, write, read back byte for byte")
@@ -41,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action.add_argument("--reason", default="", help="why it is right in spite of warnings")
     write.add_argument("--store", action="store_true", help="then store in the EEPROM and read it back")
     compare = actions.add_parser("compare", help="what differs between two SOURCEs; exit code 1 if anything")
-    compare.add_argument("a", metavar="SOURCE")
-    compare.add_argument("b", metavar="SOURCE")
+    compare.add_argument("a", metavar="FROM", help="a SOURCE, as stored")
+    compare.add_argument("b", metavar="TO", help="a SOURCE, as in-force")
     actions.add_parser("store", help="store what is in force in the EEPROM and read it back")
     actions.add_parser("load", help="put what the EEPROM holds in force")
     rollback = actions.add_parser("rollback", help="put back what was in force before a write")
@@ -51,7 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     history = actions.add_parser("history", help="every write: who, when, what, why, with what result")
     history.add_argument("--json", action="store_true", help="as JSON")
     profiles = actions.add_parser("profiles", help="named configurations: list, save, get, put, delete")
-    profiles.add_argument("do", nargs="?", choices=("list", "save", "get", "put", "delete"), default="list")
+    profiles.add_argument(
+        "do", nargs="?", choices=("list", "save", "get", "put", "delete"), default="list", help="default: list"
+    )
     profiles.add_argument("name", nargs="?", help="of the profile; get: NAME or NAME@VERSION; put: its FILE")
     profiles.add_argument("--from", dest="source", default="in-force", metavar="SOURCE", help="save: default in-force")
     profiles.add_argument("--as", dest="new_name", metavar="NAME", help="put: another name than the file says")

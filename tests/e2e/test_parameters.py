@@ -144,6 +144,7 @@ def test_two_editors_do_not_overwrite_each_other(service, open_page):
         lambda route: route.fallback() if route.request.method == "PUT" else route.abort(),
     )
     mine.get_by_test_id("write").click()
+    expect(mine.get_by_test_id("write-dialog")).to_be_visible()
     field(theirs, "fan_ramp_min").fill("20")
     confirm(theirs, "write")
     expect(theirs.get_by_test_id("outcome")).to_contain_text("Written and read back")
