@@ -210,11 +210,22 @@ def _polyline(box: _Box, line: Line) -> str:
 
 
 def _polygon(box: _Box, band: Band) -> str:
-    x, low, high = _thinned(band.x, band.low, band.high)
+    x, low, high = _envelope(band)
     known = np.isfinite(low) & np.isfinite(high)
     upper = [f"{px:.1f} {py:.1f}" for px, py in zip(box.x(x[known]), box.y(high[known]), strict=True)]
     lower = [f"{px:.1f} {py:.1f}" for px, py in zip(box.x(x[known]), box.y(low[known]), strict=True)]
-    return f'<path d="M{"L".join(upper + lower[::-1])}Z" fill="{band.colour}" fill-opacity="0.45"/>' if upper else ""
+    if not upper:
+        return ""
+    path = "L".join(upper + lower[::-1])
+    return f'<path d="M{path}Z" fill="{band.colour}" fill-opacity="0.45" stroke="{band.colour}" stroke-width="0.4"/>'
+
+
+def _envelope(band: Band) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Lowest of the low and highest of the high in each bucket."""
+    if len(band.x) <= 2 * POINTS:
+        return band.x, band.low, band.high
+    starts = np.linspace(0, len(band.x), POINTS + 1).astype(int)[:-1]
+    return band.x[starts], np.fmin.reduceat(band.low, starts), np.fmax.reduceat(band.high, starts)
 
 
 def _bars(box: _Box, bars: Bars) -> str:

@@ -1,4 +1,4 @@
-"""Looking back: laps of a session, black boxes."""
+"""Looking back: laps of a session, black boxes, reports, comparisons."""
 
 import time
 from typing import Annotated, Any
@@ -8,15 +8,27 @@ from fastapi.responses import HTMLResponse
 from pydantic import BaseModel, Field
 
 from app.analysis.laps import OVERLAY_POINTS, Lap
+from app.analysis.survey import Histogram
+from app.analysis.totals import FloatArray, number
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import invalid, not_found
+from app.api.schemas.debrief import (
+    BlackBoxOut,
+    BoxItemsOut,
+    LapOverlayOut,
+    LapTableOut,
+    SessionComparisonOut,
+    SessionReportOut,
+)
 from app.api.sessions import MAX_UNIX_S, open_session
 from app.debrief.blackbox import keep_black_boxes
 from app.debrief.blackbox_page import blackbox_page
 from app.debrief.laps import CanCounter, LapTable, Overlay, Source, lap_table, overlay_laps, settle_laps
+from app.debrief.report import compare_sessions, histogram_json, report_of
+from app.debrief.report_page import report_page
 from app.runtime import Runtime
-from app.sessions.blackboxes import StoredBox
 from app.sessions.errors import UnknownSignal
+from app.sessions.info import SessionInfo
 
 router = APIRouter(tags=["debrief"])
 SourceQuery = Annotated[Source | None, Query(description="none: settled, else markers, else the power's pattern")]
@@ -45,7 +57,7 @@ def _counter(can_id: int | None, byte: int, mask: int) -> CanCounter | None:
     return None if can_id is None else CanCounter(can_id, byte, mask)
 
 
-@router.get("/sessions/{session_id}/laps")
+@router.get("/sessions/{session_id}/laps", response_model=LapTableOut)
 def laps(
     session_id: str,
     runtime: RuntimeDep,
@@ -59,7 +71,7 @@ def laps(
         return lap_table(file, source, _counter(can_id, can_byte, can_mask))
 
 
-@router.put("/sessions/{session_id}/laps")
+@router.put("/sessions/{session_id}/laps", response_model=LapTableOut)
 def settle(session_id: str, body: LapsIn, runtime: RuntimeDep, user: UserDep) -> LapTable:
     """Keep these laps in the session's file."""
     chosen = [Lap(**lap.model_dump()) for lap in body.laps]
@@ -71,7 +83,7 @@ def settle(session_id: str, body: LapsIn, runtime: RuntimeDep, user: UserDep) ->
         return lap_table(file)
 
 
-@router.delete("/sessions/{session_id}/laps")
+@router.delete("/sessions/{session_id}/laps", response_model=LapTableOut)
 def unsettle(session_id: str, runtime: RuntimeDep, user: UserDep) -> LapTable:
     """Take the settled laps back: they are found again out of the recording."""
     with open_session(runtime, session_id) as file:
@@ -81,7 +93,7 @@ def unsettle(session_id: str, runtime: RuntimeDep, user: UserDep) -> LapTable:
         return lap_table(file)
 
 
-@router.get("/sessions/{session_id}/laps/overlay")
+@router.get("/sessions/{session_id}/laps/overlay", response_model=LapOverlayOut)
 def overlay(
     session_id: str,
     runtime: RuntimeDep,
@@ -102,13 +114,13 @@ def overlay(
             raise invalid("signal", signal, str(error)) from error
 
 
-@router.get("/blackboxes")
-def black_boxes(runtime: RuntimeDep) -> list[StoredBox]:
+@router.get("/blackboxes", response_model=BoxItemsOut)
+def black_boxes(runtime: RuntimeDep) -> dict[str, Any]:
     """What happened around every trip, newest first; outlives the sessions."""
-    return runtime.black_boxes.store.stored()
+    return {"boxes": runtime.black_boxes.store.stored()}
 
 
-@router.get("/blackboxes/{box_id}")
+@router.get("/blackboxes/{box_id}", response_model=BlackBoxOut)
 def black_box(box_id: str, runtime: RuntimeDep) -> dict[str, Any]:
     """One of them: the cell, value, limit, persistence, what the others did, every sample at full rate."""
     return _box(runtime, box_id)
@@ -120,11 +132,64 @@ def black_box_page(box_id: str, runtime: RuntimeDep) -> HTMLResponse:
     return HTMLResponse(blackbox_page(_box(runtime, box_id)))
 
 
-@router.get("/sessions/{session_id}/blackboxes")
-def session_black_boxes(session_id: str, runtime: RuntimeDep) -> list[StoredBox]:
+@router.get("/sessions/{session_id}/blackboxes", response_model=BoxItemsOut)
+def session_black_boxes(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
     """The black boxes of a session, newest first; those that are missing are made out of its file, and kept."""
     with open_session(runtime, session_id) as file:
-        return keep_black_boxes(file, runtime.black_boxes.store)
+        return {"boxes": keep_black_boxes(file, runtime.black_boxes.store)}
+
+
+@router.get("/sessions/{session_id}/report", response_model=SessionReportOut)
+def report(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+    """How it went, what limited, what to look at; histograms of current, temperature and charge."""
+    with open_session(runtime, session_id) as file:
+        found = report_of(file)
+    survey = found.survey
+    return {
+        "headline": found.headline,
+        "limited": found.limited,
+        "look_at": found.look_at,
+        "margins": found.margins,
+        "odd": found.odd,
+        "figures": found.figures,
+        "histograms": _histograms(survey.histograms),
+        "resistance_ohm": _listed(survey.resistance_ohm),
+        "voltage_min_v": _listed(survey.voltage_min_v),
+        "temperature_max_degc": _listed(survey.temperature_max_degc),
+        "balancing_s": _listed(survey.balancing_s),
+    }
+
+
+@router.get("/sessions/{session_id}/report/page", response_class=HTMLResponse)
+def report_as_page(session_id: str, runtime: RuntimeDep) -> HTMLResponse:
+    """The report as one HTML file with its charts inside, to print or to keep."""
+    with open_session(runtime, session_id) as file:
+        return HTMLResponse(report_page(report_of(file)))
+
+
+@router.get("/sessions/{session_id}/compare/{other_id}", response_model=SessionComparisonOut)
+def compare(session_id: str, other_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+    """Two sessions side by side: key figures, histograms, and the cells that changed the most."""
+    with open_session(runtime, session_id) as first, open_session(runtime, other_id) as second:
+        found = compare_sessions(first, second)
+    return {
+        "a": _compared(found.a, found.figures_a, found.histograms_a),
+        "b": _compared(found.b, found.figures_b, found.histograms_b),
+        "cells": found.cells,
+    }
+
+
+def _compared(info: SessionInfo, figures: dict[str, float | None], found: dict[str, Histogram]) -> dict[str, Any]:
+    started = info.started_wall_ns / 1e9
+    return {"id": info.id, "name": info.name, "started": started, "figures": figures, "histograms": _histograms(found)}
+
+
+def _histograms(found: dict[str, Histogram]) -> dict[str, Any]:
+    return {name: histogram_json(histogram) for name, histogram in found.items()}
+
+
+def _listed(values: FloatArray) -> list[float | None]:
+    return [number(value) for value in values.tolist()]
 
 
 def _box(runtime: Runtime, box_id: str) -> dict[str, Any]:

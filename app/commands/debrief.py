@@ -4,21 +4,27 @@ import argparse
 import json
 import re
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
+from app.analysis.blackbox import short_place
 from app.debrief.blackbox import black_boxes
 from app.debrief.blackbox_page import blackbox_page
 from app.debrief.laps import CanCounter, LapTable, lap_table
+from app.debrief.report import compare_sessions, histogram_json, report_of
+from app.debrief.report_page import report_page
 from app.errors import ConfigError
 from app.sessions.reader import SessionFile
 
 _NUMBER = r"(0[xX][0-9a-fA-F]+|[0-9]+)"
 _COUNTER = re.compile(f"can:{_NUMBER}:{_NUMBER}(?::{_NUMBER})?")
-ACTIONS = ("laps", "blackbox")
+ACTIONS = ("laps", "blackbox", "report", "compare")
 HELP = (
     "laps     its laps: energy, power, charge, heat, weakest cell; drivers compared\n"
     "blackbox what happened around every trip and fault; with --html a page to print for each\n"
+    "report   how it went, what limited, what to look at; with --html the whole report with charts\n"
+    "compare  two sessions side by side: give the other one with --with\n"
 )
 
 
@@ -30,10 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="laps: settled, markers, pattern, or can:ID:BYTE[:MASK], a byte that goes up when a lap begins\n"
         "(default: the first of them that there is)",
     )
-    parser.add_argument("--html", type=Path, metavar="FOLDER", help="blackbox: write a page to print for each")
+    parser.add_argument("--html", type=Path, metavar="FOLDER", help="blackbox, report: write pages to print")
+    parser.add_argument("--with", dest="other", metavar="SESSION", help="compare: the other session's id or file")
 
 
-def run(args: argparse.Namespace, session: SessionFile) -> int:
+def run(args: argparse.Namespace, session: SessionFile, find_session: Callable[[Path | None, str], Path]) -> int:
     """Do what was asked for.
 
     Raises:
@@ -41,6 +48,10 @@ def run(args: argparse.Namespace, session: SessionFile) -> int:
     """
     if args.action == "blackbox":
         return _black_boxes(args, session)
+    if args.action == "report":
+        return _report(args, session)
+    if args.action == "compare":
+        return _compare(args, session, find_session)
     source, counter = _source(args.laps_from)
     table = lap_table(session, source, counter)  # type: ignore[arg-type]
     if args.json:
@@ -49,6 +60,51 @@ def run(args: argparse.Namespace, session: SessionFile) -> int:
     else:
         _print_laps(table, session.info.started_wall_ns / 1e9)
     return 0
+
+
+def _report(args: argparse.Namespace, session: SessionFile) -> int:
+    report = report_of(session)
+    if args.json:
+        shown = {"headline": report.headline, "limited": report.limited, "look_at": report.look_at}
+        histograms = {name: histogram_json(histogram) for name, histogram in report.survey.histograms.items()}
+        json.dump(shown | {"figures": report.figures, "histograms": histograms}, sys.stdout, indent=2)
+        print()
+    else:
+        print(report.headline)
+        for title, sentences in (("What limited", report.limited), ("What to look at", report.look_at)):
+            print(f"\n{title}")
+            for sentence in sentences:
+                print(f"  {sentence}")
+    if args.html is not None:
+        args.html.mkdir(parents=True, exist_ok=True)
+        path = args.html / f"{report.info.id}-report.html"
+        path.write_text(report_page(report), encoding="utf-8")
+        print(path, file=sys.stderr)
+    return 0
+
+
+def _compare(args: argparse.Namespace, session: SessionFile, find_session: Callable[[Path | None, str], Path]) -> int:
+    if args.other is None:
+        raise ConfigError("--with", "(none)", "the session to compare with")
+    with SessionFile(find_session(args.data, args.other)) as other:
+        found = compare_sessions(session, other)
+    if args.json:
+        figures = {"a": found.figures_a, "b": found.figures_b}
+        json.dump(figures | {"cells": found.cells}, sys.stdout, indent=2)
+        print()
+        return 0
+    print(f"{'':24} {found.a.id:>22} {found.b.id:>22}  difference")
+    for name, a in found.figures_a.items():
+        b = found.figures_b[name]
+        difference = "" if a is None or b is None else f"{b - a:+.5g}"
+        print(f"{name:24} {_figure(a):>22} {_figure(b):>22}  {difference}")
+    for cell in found.cells:
+        print(f"cell {_cell(cell['cell'], None, 0, '')}: resistance {100 * cell['change']:+.1f} % against the others")
+    return 0
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.5g}"
 
 
 def _black_boxes(args: argparse.Namespace, session: SessionFile) -> int:
@@ -110,7 +166,5 @@ def _of(value: float | None, factor: float, width: int, decimals: int) -> str:
 
 
 def _cell(cell: int | None, value: float | None, decimals: int, unit: str) -> str:
-    if value is None:
-        return "-"
-    place = "" if cell is None else f"{cell // 12 + 1}/{cell % 12 + 1} "
-    return f"{place}{value:.{decimals}f} {unit}"
+    place = "" if cell is None else short_place(cell)
+    return f"{place} {value:.{decimals}f} {unit}".strip() if value is not None else place or "-"

@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     in_use = is_in_use(path)
     with SessionFile(path) as session:
         if args.action in debrief.ACTIONS:
-            return debrief.run(args, session)
+            return debrief.run(args, session, find_session)
         if args.action == "show":
             _show(session, in_use, args.json)
         else:

@@ -133,6 +133,15 @@ class SessionFile:
         ]
         yield from merge(*sources, key=lambda item: item.t_mono_ns)
 
+    def bad_frames(self) -> int:
+        """How many serial frames arrived damaged."""
+        with self.consistent():
+            ((stored, last),) = self._stored.rows(
+                "SELECT coalesce(sum(bad_frames), 0), coalesce(max(last_frame), 0) FROM chunks"
+            )
+            ((tail,),) = self._stored.rows("SELECT count(*) FROM frames WHERE id > ? AND NOT ok", (last,))
+        return int(stored) + int(tail)
+
     def markers(self) -> list[Marker]:
         """All markers, in order."""
         rows = self._stored.rows("SELECT id, t_mono_ns, t_wall_ns, kind, text, who FROM markers ORDER BY id")

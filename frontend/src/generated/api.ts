@@ -63,6 +63,97 @@ export interface Alarm {
   acknowledged_by: string | null;
 }
 
+/** What happened around a trip; times in seconds from it, `at` in unix seconds. */
+export interface BlackBox {
+  id: string;
+  session_id: string | null;
+  at: number;
+  code: string;
+  severity: 'info' | 'watch' | 'warning' | 'trip';
+  text: string;
+  cell: number | null;
+  value: number | null;
+  limit: number | null;
+  unit: string;
+  quantity: 'voltage' | 'temperature' | 'current' | null;
+  side: 'low' | 'high' | null;
+  config_hash: string | null;
+  limits: Record<string, number>;
+  events: BoxEvent[];
+  is_complete: boolean;
+  rate_hz: number | null;
+  beyond: BoxBeyond | null;
+  peers: BoxPeers | null;
+  cells: BoxCells;
+  samples: BoxSamples;
+  summary: string[];
+}
+
+/** How long the value was beyond its limit; `since_s` null: never seen beyond it. */
+export interface BoxBeyond {
+  since_s: number | null;
+  lasted_s: number | null;
+  ended: boolean | null;
+  worst: number;
+}
+
+/** Every cell before, at and during it. */
+export interface BoxCells {
+  voltage_before_v: (number | null)[];
+  voltage_at_v: (number | null)[];
+  voltage_min_v: (number | null)[];
+  voltage_max_v: (number | null)[];
+  temperature_at_degc: (number | null)[];
+  soc_at: (number | null)[];
+  current_at_trip_a: number | null;
+  opened_s: number | null;
+}
+
+/** What was reported; `t_s` from the trip. */
+export interface BoxEvent {
+  t_s: number;
+  severity: 'info' | 'watch' | 'warning' | 'trip';
+  code: string;
+  text: string;
+}
+
+/** A black box in a list; `time` in unix seconds. */
+export interface BoxItem {
+  id: string;
+  time: number;
+  session_id: string | null;
+  code: string;
+  severity: 'info' | 'watch' | 'warning' | 'trip';
+  cell: number | null;
+  text: string;
+  is_complete: boolean;
+}
+
+/** Newest first. */
+export interface BoxItems {
+  boxes: BoxItem[];
+}
+
+/** The other cells at the trip. */
+export interface BoxPeers {
+  low: number;
+  mean: number;
+  high: number;
+  apart: number;
+  also_beyond: number;
+}
+
+/** Everything at full rate; tables are cell by cell. */
+export interface BoxSamples {
+  time_s: (number | null)[];
+  current_a: (number | null)[];
+  voltage_v: ((number | null)[])[];
+  temperature_degc: ((number | null)[])[];
+  soc: ((number | null)[])[];
+  fit: (number | null)[];
+  load: (number | null)[];
+}
+
 /** A frame on the bus; `data` in hexadecimal. */
 export interface CanFrame {
   time: number;
@@ -146,6 +237,14 @@ export interface CanTx {
   period_ms: number;
 }
 
+/** A cell whose resistance changed against the others' change. */
+export interface CellChange {
+  cell: number;
+  change: number;
+  resistance_a_ohm: number;
+  resistance_b_ohm: number;
+}
+
 /** Arrays of 96, index = pack * 12 + position. */
 export interface Cells {
   voltage_v: (number | null)[];
@@ -213,6 +312,20 @@ export interface Comparison {
 /** Records, newest first. */
 export interface ConfigHistory {
   records: ConfigRecord[];
+/** One of two sessions. */
+export interface Compared {
+  id: string;
+  name: string;
+  started: number;
+  figures: Record<string, number | null>;
+  histograms: Record<string, Histogram>;
+}
+
+/** Two sessions side by side; cells that changed the most first. */
+export interface Comparison {
+  a: Compared;
+  b: Compared;
+  cells: CellChange[];
 }
 
 /** The configuration in force, in units and in raw counts. */
@@ -266,6 +379,22 @@ export interface Disk {
 /** The master did it. */
 export interface Done {
   done: true;
+}
+
+/** Means over a driver's laps that count. */
+export interface DriverFigures {
+  driver: string;
+  laps: number;
+  lap_s: number;
+  best_lap_s: number;
+  lap_spread_s: number;
+  energy_out_wh: number;
+  energy_in_wh: number;
+  regenerated_share: number | null;
+  power_mean_w: number | null;
+  power_max_w: number | null;
+  soc_used: number | null;
+  temperature_rise_k: number | null;
 }
 
 /** The filter. */
@@ -353,10 +482,67 @@ export interface Health {
   reasons: string[];
 }
 
+/** Seconds in each bin, of temperature and SOC times cells; edges are one more than bins. */
+export interface Histogram {
+  unit: string;
+  edges: number[];
+  seconds: number[];
+  below_s: number;
+  above_s: number;
+}
+
 /** Columns of one length; `time` in unix seconds. */
 export interface History {
   time: number[];
   series: Record<string, (number | null)[]>;
+}
+
+/** One lap and what it cost. */
+export interface LapFigures {
+  lap: Lap;
+  energy_out_wh: number;
+  energy_in_wh: number;
+  power_mean_w: number | null;
+  power_max_w: number | null;
+  power_min_w: number | null;
+  current_rms_a: number | null;
+  soc_used: number | null;
+  temperature_rise_k: number | null;
+  temperature_max_degc: number | null;
+  temperature_max_cell: number | null;
+  voltage_min_v: number | null;
+  weakest_cell: number | null;
+}
+
+/** A stretch that counts as a lap; times in unix seconds. */
+export interface Lap {
+  start_s: number;
+  end_s: number;
+  driver: string;
+  note: string;
+  counts: boolean;
+}
+
+/** Laps on each other: part k of every lap begins at k / points of its time. */
+export interface LapOverlay {
+  signal: string;
+  unit: string;
+  points: number;
+  laps: LapTrace[];
+}
+
+/** Laps of a session and where they come from; drivers, the quickest first. */
+export interface LapTable {
+  source: 'settled' | 'markers' | 'pattern' | 'can';
+  laps: LapFigures[];
+  drivers: DriverFigures[];
+}
+
+/** One signal over equal parts of a lap. */
+export interface LapTrace {
+  lap: number;
+  minimum: (number | null)[];
+  maximum: (number | null)[];
 }
 
 /** Laps that the energy lasts for, with a band from 5 to 95 %. */
@@ -413,6 +599,18 @@ export interface LogEvent {
   acknowledged_by: string | null;
 }
 
+/** How near a session came to a limit; a negative margin is beyond it. */
+export interface Margin {
+  limit: string;
+  name: string;
+  unit: string;
+  seen: number;
+  allowed: number;
+  margin: number;
+  cell: number | null;
+  at_s: number | null;
+}
+
 /** The marker is in the file. */
 export interface Marked {
   marked: true;
@@ -456,6 +654,16 @@ export interface Me {
   role: 'engineer' | 'viewer' | null;
   name: string | null;
   password_required: boolean;
+}
+
+/** A cell that is unlike the others. */
+export interface OddCell {
+  cell: number;
+  what: string;
+  value: number;
+  usual: number;
+  unit: string;
+  text: string;
 }
 
 /** Twelve cells and their slave. */
@@ -652,6 +860,21 @@ export interface Session {
   event_count: number;
   marker_count: number;
   version: string;
+}
+
+/** How a session went, what limited, what to look at. */
+export interface SessionReport {
+  headline: string;
+  limited: string[];
+  look_at: string[];
+  margins: Margin[];
+  odd: OddCell[];
+  figures: Record<string, number | null>;
+  histograms: Record<string, Histogram>;
+  resistance_ohm: (number | null)[];
+  voltage_min_v: (number | null)[];
+  temperature_max_degc: (number | null)[];
+  balancing_s: (number | null)[];
 }
 
 /** Signals over a range; `gaps` are intervals without data. */

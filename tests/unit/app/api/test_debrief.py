@@ -75,14 +75,27 @@ def tripped(make_session):
 
 
 def test_the_black_boxes_of_an_old_session_are_made_when_asked_for_and_outlive_it(client, tripped):
-    assert client.get("/api/v1/blackboxes").json() == []
-    (listed,) = client.get(f"/api/v1/sessions/{tripped}/blackboxes").json()
+    assert client.get("/api/v1/blackboxes").json() == {"boxes": []}
+    (listed,) = client.get(f"/api/v1/sessions/{tripped}/blackboxes").json()["boxes"]
     assert (listed["code"], listed["cell"], listed["session_id"]) == ("trip-v-min", 3, tripped)
     assert client.delete(f"/api/v1/sessions/{tripped}").status_code == 200
-    assert client.get("/api/v1/blackboxes").json() == [listed]
+    assert client.get("/api/v1/blackboxes").json()["boxes"] == [listed]
     box = client.get(f"/api/v1/blackboxes/{listed['id']}").json()
     assert box["limits"]["v_cell_min"] == 2.5
     page = client.get(f"/api/v1/blackboxes/{listed['id']}/page")
     assert page.headers["content-type"].startswith("text/html")
     assert "pack 1, cell 4" in page.text
     assert client.get("/api/v1/blackboxes/none").status_code == 404
+
+
+def test_a_report_says_what_limited_and_a_page_holds_it(client, session_id, tripped):
+    report = client.get(f"/api/v1/sessions/{tripped}/report").json()
+    assert report["limited"][0].startswith("Tripped: under (pack 1, cell 4)")
+    assert sum(report["histograms"]["current"]["seconds"]) == pytest.approx(29.5)
+    page = client.get(f"/api/v1/sessions/{tripped}/report/page")
+    assert page.headers["content-type"].startswith("text/html")
+    assert report["headline"] in page.text
+    compared = client.get(f"/api/v1/sessions/{session_id}/compare/{tripped}").json()
+    assert compared["b"]["figures"] == report["figures"]
+    assert compared["a"]["id"] == session_id
+    assert client.get(f"/api/v1/sessions/{session_id}/compare/none").status_code == 404

@@ -1,0 +1,85 @@
+"""A made-up recording whose every figure is known."""
+
+import numpy as np
+import pytest
+
+from app.analysis.survey import Piece, survey_of
+
+N = 96
+STEP_S = 0.1
+RESISTANCE_OHM = 0.002 + 0.0001 * (np.arange(N) % 5)
+
+
+def piece(start_s, seconds, current_a, *, open_v=3.7, degc=30.0, soc=0.5, bled=None):
+    time_s = start_s + np.arange(0.0, seconds - STEP_S / 2, STEP_S)
+    current = np.broadcast_to(np.asarray(current_a(time_s) if callable(current_a) else current_a, float), time_s.shape)
+    volts = open_v - current[:, None] * RESISTANCE_OHM
+    bits = np.zeros((len(time_s), N))
+    if bled is not None:
+        bits[:, bled] = 1.0
+    return Piece(time_s, current, volts, np.full((len(time_s), N), degc), np.full((len(time_s), N), soc), bits)
+
+
+def wave(time_s):
+    return np.where(np.sin(time_s) + np.sin(0.31 * time_s) > 0, 120.0, -20.0)
+
+
+def test_energy_charge_and_time_are_those_that_flowed():
+    survey = survey_of([piece(0, 100, 0.0), piece(100, 3600, 100.0), piece(3700, 100, -10.0)], N)
+    assert survey.charge_out_ah == pytest.approx(100, rel=1e-3)
+    assert survey.charge_in_ah == pytest.approx(10 * 100 / 3600, rel=1e-3)
+    assert survey.driving_s == pytest.approx(3700, abs=1)
+    volts = (3.7 - 100 * RESISTANCE_OHM).sum()
+    assert survey.energy_out_wh == pytest.approx(100 * volts, rel=1e-3)
+    assert survey.power_max_w == pytest.approx(100 * volts)
+    assert (survey.samples, survey.gap_s) == (38000, 0)
+
+
+def test_a_gap_is_counted_and_nothing_flows_in_it():
+    survey = survey_of([piece(0, 60, 100.0), piece(600, 60, 100.0)], N)
+    assert survey.gap_s == pytest.approx(540, abs=0.2)
+    assert survey.charge_out_ah == pytest.approx(100 * 120 / 3600, rel=0.01)
+
+
+def test_resistances_come_out_of_a_drive():
+    survey = survey_of([piece(60 * k, 60, wave) for k in range(5)], N)
+    np.testing.assert_allclose(survey.resistance_ohm, RESISTANCE_OHM, rtol=0.02)
+    assert (survey.sag_v[4] - survey.sag_v[0]) == pytest.approx(0.0004 * 120, rel=0.02)
+
+
+def test_histograms_hold_every_second():
+    survey = survey_of([piece(0, 100, 5.0, degc=30), piece(100, 50, 500.0, degc=-30)], N)
+    current = survey.histograms["current"]
+    assert current.seconds.sum() == pytest.approx(100, abs=0.2)
+    assert current.above_s == pytest.approx(50, abs=0.2)
+    assert current.seconds[np.searchsorted(current.edges, 5.0) - 1] == pytest.approx(100, abs=0.2)
+    heat = survey.histograms["temperature"]
+    assert (heat.seconds.sum(), heat.below_s) == (pytest.approx(100 * N, rel=0.01), pytest.approx(50 * N, rel=0.01))
+
+
+def test_extremes_know_cell_and_time():
+    made = piece(0, 60, 10.0)
+    made.voltage_v[300, 17] = 2.7
+    made.voltage_v[:, 3] = np.nan
+    made.temperature_degc[100, 5] = 55.0
+    survey = survey_of([made], N)
+    assert (survey.voltage_min_v[17], survey.voltage_min_at_s[17]) == (2.7, pytest.approx(30.0))
+    assert (survey.temperature_max_degc[5], survey.temperature_max_at_s[5]) == (55, pytest.approx(10.0))
+    assert survey.missing[3] == 600
+    assert np.isnan(survey.voltage_min_v[3])
+
+
+def test_rests_and_balancing_are_found():
+    pieces = [piece(0, 30, 0.2, open_v=4.0), piece(30, 60, 50.0), piece(90, 150, 0.0, open_v=3.6, bled=[7, 8])]
+    survey = survey_of(pieces, N)
+    assert survey.first_rest.voltage_v == pytest.approx(np.full(N, 4.0), abs=1e-3)
+    assert survey.last_rest.voltage_v == pytest.approx(np.full(N, 3.6))
+    assert survey.last_rest.time_s == pytest.approx(239.9)
+    assert survey.balancing_s[[6, 7, 8]] == pytest.approx([0, 150, 150], abs=0.2)
+    assert survey_of([piece(0, 30, 50.0), piece(30, 60, 0.0)], N).last_rest is None  # too short to have settled
+
+
+def test_a_recording_of_nothing_has_no_figures():
+    survey = survey_of([], N)
+    assert survey.samples == 0
+    assert np.isnan(survey.resistance_ohm).all()
