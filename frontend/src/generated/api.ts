@@ -312,20 +312,6 @@ export interface Comparison {
 /** Records, newest first. */
 export interface ConfigHistory {
   records: ConfigRecord[];
-/** One of two sessions. */
-export interface Compared {
-  id: string;
-  name: string;
-  started: number;
-  figures: Record<string, number | null>;
-  histograms: Record<string, Histogram>;
-}
-
-/** Two sessions side by side; cells that changed the most first. */
-export interface Comparison {
-  a: Compared;
-  b: Compared;
-  cells: CellChange[];
 }
 
 /** The configuration in force, in units and in raw counts. */
@@ -802,6 +788,22 @@ export interface Schema {
   fields: SchemaField[];
   groups: string[];
   struct: StructField[];
+}
+
+/** One of two sessions. */
+export interface SessionCompared {
+  id: string;
+  name: string;
+  started: number;
+  figures: Record<string, number | null>;
+  histograms: Record<string, Histogram>;
+}
+
+/** Two sessions side by side; cells that changed the most first. */
+export interface SessionComparison {
+  a: SessionCompared;
+  b: SessionCompared;
+  cells: CellChange[];
 }
 
 /** A configuration came into force. */
