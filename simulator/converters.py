@@ -29,6 +29,7 @@ _MULTIPLEXER_FAILED, _THERMAL_SHUTDOWN = np.array([0x0200, 0x0100], dtype=np.uin
 _AFTER_CLEAR = np.array([CHIP_MISSING] * 5 + [0x03FF], dtype=np.uint16)  # all flags set, revision 0
 _THRESHOLD_COUNTS = 16  # 1.6 mV
 _TIME_TOLERANCE_S = 1e-9
+_ALL = slice(None)
 
 
 @dataclass(slots=True)
@@ -40,7 +41,6 @@ class _Running:
     conversion: Conversion
     inputs_v: FloatArray | None
     adc_option: bool
-    selects_all: bool
 
 
 class Converters:
@@ -61,6 +61,8 @@ class Converters:
         self.stuck_bits: Words = np.zeros(n_slaves, dtype=np.uint16)  # set by `stick`
         self.reference_factor: FloatArray = np.ones(n_slaves)  # set by `drift`
         self._has_faults = False
+        self.everyone: BoolArray = np.ones(n_slaves, dtype=bool)  # given as `chips`, conversions are stored faster
+        self.everyone.flags.writeable = False
         self._running: list[_Running] = []
         self._next_ready_s = np.inf
         self._compared: FloatArray = np.zeros((n_slaves, CELLS_PER_PACK))  # counts of the last conversion of cells
@@ -85,7 +87,6 @@ class Converters:
         self._unflagged = None
         for running in self._running:
             running.chips = running.chips & (np.arange(self.n_slaves) != slave)
-            running.selects_all = False
 
     # --- conversions
 
@@ -107,26 +108,26 @@ class Converters:
             discharging: (n_cells,) the switches, which put the sensors onto the inputs where discharge is permitted.
             adc_option: CFGR's adcopt in these chips.
         """
-        selects_all = bool(chips.all())
         if self._running:
             for running in self._running:
                 running.chips = running.chips & ~chips
-                running.selects_all = False
             self._running = [running for running in self._running if running.chips.any()]
-        inputs_v = self._inputs(conversion, discharging)
-        self._running.append(_Running(ready_s, chips, conversion, inputs_v, adc_option, selects_all))
-        self._next_ready_s = min(running.ready_s for running in self._running)
+        self._running.append(_Running(ready_s, chips, conversion, self._inputs(conversion, discharging), adc_option))
+        self._next_ready_s = min(self._next_ready_s, ready_s)
 
     def finish(self, now_s: float) -> None:
         """Put the results of conversions that are over into the registers."""
         limit_s = now_s + _TIME_TOLERANCE_S
         if self._next_ready_s > limit_s:
             return
-        over = [running for running in self._running if running.ready_s <= limit_s]
-        self._running = [running for running in self._running if running.ready_s > limit_s]
-        self._next_ready_s = min((running.ready_s for running in self._running), default=np.inf)
+        over, self._running = self._running, []
+        self._next_ready_s = np.inf
         for running in over:
-            self._store(running)
+            if running.ready_s <= limit_s:
+                self._store(running)
+            else:
+                self._running.append(running)
+                self._next_ready_s = min(self._next_ready_s, running.ready_s)
 
     def is_busy(self, slaves: slice) -> bool:
         """Return whether any of these chips converts."""
@@ -229,7 +230,7 @@ class Converters:
         np.maximum(counts, 0, out=counts)
         rows = counts.reshape(self.n_slaves, CELLS_PER_PACK)
         columns, chips = running.conversion.columns, running.chips
-        if running.selects_all and columns == slice(None) and not self._has_faults:
+        if chips is self.everyone and columns == _ALL and not self._has_faults:
             self.cvr[:] = rows
             compared = rows
         else:

@@ -1,8 +1,11 @@
-"""Register groups of many slaves as packets: PEC15 made and checked for all of them at once.
+"""Register groups of many slaves over the pair: as packets with PEC15, made, disturbed and checked all at once.
 
 A packet is four little-endian words: three of data, and the check word with its bytes as they go over the pair. PEC15
 is linear, so the check word is the XOR of one table entry a word; `firmware_protocol.ltc6804` makes the tables.
 """
+
+import functools
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +15,15 @@ from firmware_protocol.ltc6804 import GROUP_SIZE, pec15
 DATA_WORDS = GROUP_SIZE // 2
 PACKET_WORDS = DATA_WORDS + 1
 WordArray = NDArray[np.uint16]
+BoolArray = NDArray[np.bool_]
+
+
+class Answers(NamedTuple):
+    """What arrives of one read of every slave."""
+
+    words: WordArray  # (n_slaves, groups, 3), not to be written: undisturbed they are the registers themselves
+    intact: BoolArray  # (n_slaves, groups) whether the check word is that of the data
+    is_whole: bool  # all of them
 
 
 def _check_word(group: bytes) -> int:
@@ -53,6 +65,44 @@ def to_packets(groups: WordArray) -> WordArray:
     return packets
 
 
-def is_intact(packets: WordArray) -> NDArray[np.bool_]:
+def is_intact(packets: WordArray) -> BoolArray:
     """Return which packets carry the check word of their data, shape (..., 4) to (...)."""
     return np.asarray(check_words(packets) == packets[..., DATA_WORDS])
+
+
+def flip_bits(packets: WordArray, rate: float, rng: np.random.Generator) -> None:
+    """Disturb packets in place: each bit flips at this rate, at most one a byte."""
+    flat = packets.view(np.uint8).reshape(-1)
+    hits = np.flatnonzero(rng.random(flat.size) < 8 * rate)
+    flat[hits] ^= np.left_shift(1, rng.integers(0, 8, hits.size)).astype(np.uint8)
+
+
+def carry(registers: WordArray, silent: BoolArray | None, bit_error_rate: float, rng: np.random.Generator) -> Answers:
+    """Return what arrives of all slaves' registers.
+
+    Nothing on a quiet pair changes a packet, and a packet that nothing changed carries the check word that it was
+    made with: then packets need not be made.
+
+    Args:
+        registers: (n_slaves, words), a multiple of three words.
+        silent: (n_slaves,) whose line stays idle, None where all answer.
+        bit_error_rate: share of bits that flip on the way.
+        rng: what decides which.
+    """
+    groups = registers.reshape(len(registers), -1, DATA_WORDS)
+    if silent is None and not bit_error_rate:
+        return Answers(groups, _all_intact(groups.shape[:2]), is_whole=True)
+    packets = to_packets(groups)
+    if silent is not None:
+        packets[silent] = 0xFFFF
+    if bit_error_rate:
+        flip_bits(packets, bit_error_rate, rng)
+    intact = is_intact(packets)
+    return Answers(packets[..., :DATA_WORDS], intact, is_whole=bool(intact.all()))
+
+
+@functools.lru_cache
+def _all_intact(shape: tuple[int, ...]) -> BoolArray:
+    intact = np.ones(shape, dtype=bool)
+    intact.flags.writeable = False
+    return intact

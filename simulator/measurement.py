@@ -138,21 +138,23 @@ class Measurement:
     def _read_temperatures(self) -> None:
         """Read one phase of sensors; summarise the whole degrees of the cells that have one."""
         self.reader.read_temperatures()
-        degc = self.reader.temperatures_degc()
-        known = np.isfinite(degc)
-        whole = np.where(known, np.rint(np.where(known, degc, 0)), T_MISSING).astype(np.int8)
+        whole = self.reader.temperatures_degc()
         self._memory.t[:] = whole
-        if not known.any():
+        ids = np.flatnonzero(whole != T_MISSING)
+        if not len(ids):
             self._temperatures = _NO_TEMPERATURES
             self._memory.set_temperature_summary(T_MISSING, T_MISSING, T_MISSING, 0, 0)
         else:
-            ids = np.flatnonzero(known)
-            min_id, max_id = int(ids[whole[ids].argmin()]), int(ids[whole[ids].argmax()])
+            degc = whole[ids]
+            min_id, max_id = int(ids[degc.argmin()]), int(ids[degc.argmax()])
             self._temperatures = (int(whole[min_id]), min_id, int(whole[max_id]), max_id)
-            mean = round(float(whole[ids].mean()))
+            mean = round(float(np.add.reduce(degc, dtype=np.float64)) / len(ids))
             self._memory.set_temperature_summary(int(whole[min_id]), int(whole[max_id]), mean, min_id, max_id)
-        missing = ~known & np.repeat(~self.reader.silent, CELLS_PER_PACK)
-        self._lost_temperature = int(missing.argmax()) if missing.any() else None
+        if len(ids) == N_CELLS:
+            self._lost_temperature = None
+        else:
+            missing = (whole == T_MISSING) & np.repeat(~self.reader.silent, CELLS_PER_PACK)
+            self._lost_temperature = int(missing.argmax()) if missing.any() else None
 
     def _fill_slow_fields(self, config: Config) -> None:
         """Write what this firmware takes from its configuration: capacities, resistances, and the OCV they imply."""

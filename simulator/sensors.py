@@ -19,6 +19,8 @@ CELL_NOISE_V = 1e-4
 TEMPERATURE_NOISE_V = 5e-4
 _NOISE_POOL = 1 << 16
 _STRIDE = 97
+_NOISE_ROWS = 1 << 10
+_NOISE_COUNTS = 10.0  # further from its mean no sample of the pool is
 
 
 class NoisePool:
@@ -52,10 +54,12 @@ class CurrentSensor:
         sensed_a = current_a * self._gain + self._zero_a + self.extra_offset_a
         seen_a = UNPLUGGED_A if self.is_unplugged else sensed_a
         counts = self._noise.draw(n) * ADC_NOISE_COUNTS
-        counts += seen_a / AMPERES_PER_COUNT + ZERO_COUNT
+        mean_count = seen_a / AMPERES_PER_COUNT + ZERO_COUNT
+        counts += mean_count
         np.rint(counts, out=counts)
-        np.minimum(counts, ADC_MAX, out=counts)
-        np.maximum(counts, 0, out=counts)
+        if not _NOISE_COUNTS < mean_count < ADC_MAX - _NOISE_COUNTS:
+            np.minimum(counts, ADC_MAX, out=counts)
+            np.maximum(counts, 0, out=counts)
         return counts
 
 
@@ -65,8 +69,9 @@ class CellInputs:
     def __init__(self, n_cells: int, rng: np.random.Generator, noise: NoisePool) -> None:
         self._noise = noise
         self._n_cells = n_cells
-        error_v = rng.normal(0, CELL_ERROR_STD_V, n_cells)
-        self._error_v: FloatArray = np.clip(error_v, -CELL_ERROR_LIMIT_V, CELL_ERROR_LIMIT_V)
+        fixed_v = np.clip(rng.normal(0, CELL_ERROR_STD_V, n_cells), -CELL_ERROR_LIMIT_V, CELL_ERROR_LIMIT_V)
+        self._errors_v = fixed_v + CELL_NOISE_V * rng.standard_normal((_NOISE_ROWS, n_cells))
+        self._row = 0
         self.extra_noise_v: FloatArray = np.zeros(n_cells)
         self.stuck_v: FloatArray = np.full(n_cells, np.nan)
         self.temperature_stuck_degc: FloatArray = np.full(n_cells, np.nan)
@@ -79,9 +84,8 @@ class CellInputs:
 
     def read(self, true_v: FloatArray) -> FloatArray:
         """Return (n_cells,) what stands at the inputs [V]."""
-        seen_v = self._noise.draw(self._n_cells) * CELL_NOISE_V
-        seen_v += self._error_v
-        seen_v += true_v
+        self._row = (self._row + 1) % len(self._errors_v)
+        seen_v: FloatArray = self._errors_v[self._row] + true_v
         if self._is_disturbed:
             seen_v += self.extra_noise_v * self._noise.draw(self._n_cells)
             seen_v = np.where(np.isfinite(self.stuck_v), self.stuck_v, seen_v)

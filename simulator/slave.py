@@ -21,7 +21,7 @@ from firmware_protocol.ltc6804 import (
 from firmware_protocol.memory_map import CELLS_PER_PACK
 from simulator.conversion import ADCV, ADOW, REFERENCE_START_S, Conversion, decode_conversion
 from simulator.converters import BoolArray, ByteArray, Converters, FloatArray
-from simulator.isospi import DATA_WORDS, PACKET_WORDS, WordArray, to_packets
+from simulator.isospi import PACKET_WORDS, Answers, WordArray, carry, flip_bits
 
 WATCHDOG_S = 2.0
 PORT_IDLE_S = 5.5e-3  # without traffic, then the port has to be woken
@@ -131,8 +131,8 @@ class SlaveChain:
             self._expire(now_s)
             self._all_listen = False
         if not self._all_listen:
-            self._listens = self.is_powered.copy()
-            self._all_listen = bool(self._listens.all())
+            self._all_listen = bool(self.is_powered.all())
+            self._listens = self.converters.everyone if self._all_listen else self.is_powered.copy()
             self._ready_s = now_s + CORE_WAKE_S
         elif now_s - self._active_s > PORT_IDLE_S:
             self._ready_s = now_s + PORT_READY_S
@@ -160,21 +160,21 @@ class SlaveChain:
             self._start(conversion, self._chips(slaves), now_s)
         return b""
 
-    def read_cells(self, now_s: float) -> WordArray:
-        """Return the answers of all slaves to the four cell reads, (n_slaves, 4, 4), as they arrive."""
+    def read_cells(self, now_s: float) -> Answers:
+        """Return the answers of all slaves to the four cell reads."""
         hears = self._hears(now_s)
         return self._answers(self.converters.cvr, hears=hears)
 
-    def read_auxiliary(self, now_s: float) -> WordArray:
-        """Return the answers of all slaves to both auxiliary and both status reads, (n_slaves, 4, 4)."""
+    def read_auxiliary(self, now_s: float) -> Answers:
+        """Return the answers of all slaves to both auxiliary and both status reads."""
         hears = self._hears(now_s)
         self.converters.flag(self.cfgr)
-        packets = self._answers(np.concatenate((self.converters.avr, self.converters.str), axis=1), hears=hears)
+        answers = self._answers(np.concatenate((self.converters.avr, self.converters.str), axis=1), hears=hears)
         self.converters.status_was_read(_ALL)
-        return packets
+        return answers
 
-    def read_configuration(self, now_s: float) -> WordArray:
-        """Return the answers of all slaves to the configuration read, (n_slaves, 1, 4), timers as they were set."""
+    def read_configuration(self, now_s: float) -> Answers:
+        """Return the answers of all slaves to the configuration read, timers as they were set."""
         return self._answers(self.cfgr.view("<u2"), hears=self._hears(now_s))
 
     def _hears(self, now_s: float) -> bool:
@@ -194,13 +194,9 @@ class SlaveChain:
         chips[slaves] = self._listens[slaves]
         return chips
 
-    def _answers(self, registers: WordArray, *, hears: bool) -> WordArray:
-        packets = to_packets(registers.reshape(self.n_slaves, -1, DATA_WORDS))
-        if not hears:
-            packets[:] = 0xFFFF
-        elif not self._all_listen:
-            packets[~self._listens] = 0xFFFF
-        return self._disturbed(packets)
+    def _answers(self, registers: WordArray, *, hears: bool) -> Answers:
+        silent = None if hears and self._all_listen else ~(self._listens & hears)
+        return carry(registers, silent, self.bit_error_rate, self._rng)
 
     def _answer(self, command: int, address: int | None, now_s: float) -> bytes:
         if address is None or address >= self.n_slaves or not self._listens[address]:
@@ -214,7 +210,10 @@ class SlaveChain:
             group = registers[address, start : start + 3].tobytes()
             if command == Command.RDSTATB:
                 self.converters.status_was_read(slice(address, address + 1))
-        return self._disturbed(np.frombuffer(with_pec(group), dtype="<u2").copy()).tobytes()
+        packet = np.frombuffer(with_pec(group), dtype="<u2").copy()
+        if self.bit_error_rate:
+            flip_bits(packet, self.bit_error_rate, self._rng)
+        return packet.tobytes()
 
     def _configuration_read(self, address: int, now_s: float) -> bytes:
         """Return CFGR as a chip gives it: the timer's code is that of the time left."""
@@ -225,20 +224,14 @@ class SlaveChain:
         group[0] |= _TIMER_PIN * self.has_timer_pin
         return bytes(group)
 
-    def _disturbed(self, packets: WordArray) -> WordArray:
-        if self.bit_error_rate:
-            flat = packets.view(np.uint8).reshape(-1)
-            hits = np.flatnonzero(self._rng.random(flat.size) < 8 * self.bit_error_rate)
-            flat[hits] ^= np.left_shift(1, self._rng.integers(0, 8, hits.size)).astype(np.uint8)
-        return packets
-
     # --- configuration, switches, conversions
 
     def _write_configuration(self, chips: BoolArray, body: bytes, now_s: float) -> None:
         group = _decoded_configuration(body)
         if group is None:
             return
-        self.converters.flag(self.cfgr)  # by the thresholds of the conversion
+        if (self.cfgr[chips, 1:4] != group[1:4]).any():
+            self.converters.flag(self.cfgr)  # by the thresholds of the conversion
         before = self.cfgr[:, 0].copy()
         self.cfgr[chips] = group
         if (before != self.cfgr[:, 0]).any():

@@ -21,11 +21,11 @@ from firmware_protocol.ltc6804 import (
     voltage_codes,
     write_packet,
 )
-from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING
+from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, T_MISSING
 from firmware_protocol.temperature_sensor import FIRST_DEGC, MARGIN_V, POINTS_V, STEP_DEGC
 from simulator.conversion import ADOW, decode_conversion
 from simulator.converters import BoolArray
-from simulator.isospi import DATA_WORDS, WordArray, is_intact
+from simulator.isospi import DATA_WORDS, Answers, WordArray
 from simulator.memory import Config, MasterMemory
 from simulator.self_test import AXST, CVST, PATTERNS, STATST, SelfTest
 from simulator.slave import SlaveChain
@@ -64,6 +64,7 @@ _NO_CELLS = np.zeros(CELLS_PER_PACK, dtype=bool)
 _OPEN_WIRE_COUNTS = 4000  # the data sheet's 400 mV
 _U16 = 0xFFFF
 _PHASES = tuple(np.arange(CELLS_PER_PACK) % 2 == phase for phase in range(2))
+_PHASE_COLUMNS = np.array([cell + CELLS_PER_PACK * (cell % 2) for cell in range(CELLS_PER_PACK)])
 _SENSOR_RISING_V = np.array(POINTS_V[::-1])
 _SENSOR_DEGC = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V) - 1, -1, -1, dtype=np.float64)
 _READ_US = round(_GROUP_S * 1e6)
@@ -81,6 +82,15 @@ def degc_from_sensor(volts: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the temperatures of sensor voltages [degC]; NaN where no working sensor gives that voltage."""
     inside = (volts >= _SENSOR_RISING_V[0] - MARGIN_V) & (volts <= _SENSOR_RISING_V[-1] + MARGIN_V)
     return np.where(inside, np.interp(volts, _SENSOR_RISING_V, _SENSOR_DEGC), np.nan)
+
+
+def _whole_degc_by_count() -> NDArray[np.int8]:
+    degc = degc_from_sensor(np.arange(_U16 + 1, dtype=np.float64) * 1e-4)
+    known = np.isfinite(degc)
+    return np.where(known, np.rint(np.where(known, degc, 0)), T_MISSING).astype(np.int8)
+
+
+_DEGC_BY_COUNT = _whole_degc_by_count()
 
 
 class SlaveReader:
@@ -145,12 +155,12 @@ class SlaveReader:
         self._write_balance()
         self._phase = 1 - self._phase
 
-    def temperatures_degc(self) -> NDArray[np.float64]:
-        """Return (n_cells,) temperatures out of both phases [degC], NaN without a measurement."""
-        both = self._memory.slave_temp.reshape(-1, 2, CELLS_PER_PACK)
-        counts = np.where(_PHASES[0], both[:, 0], both[:, 1])
-        counts = np.where(self.silent[:, None], CHIP_MISSING, counts)
-        return degc_from_sensor(counts.reshape(-1) * 1e-4)
+    def temperatures_degc(self) -> NDArray[np.int8]:
+        """Return (n_cells,) temperatures out of both phases [degC], T_MISSING without a measurement."""
+        counts = self._memory.slave_temp.take(_PHASE_COLUMNS, axis=1)
+        if self.silent is not self._none_silent:
+            counts[self.silent] = CHIP_MISSING
+        return _DEGC_BY_COUNT.take(counts.reshape(-1))
 
     def self_check(self) -> bool:
         """Run the next stage of the check; return whether that was the last, and its result is in the struct."""
@@ -192,7 +202,7 @@ class SlaveReader:
             self._convert(packet)
         code = _SELF_TESTS[index][0].code()
         cells = self._read_cells()
-        wrong = (cells[..., :DATA_WORDS] != code).any(axis=(1, 2)) & self._checked(cells).all(axis=1)
+        wrong = (cells.words != code).any(axis=(1, 2)) & cells.intact.all(axis=1)
         failures: WordArray = _CELLS_FAILED * wrong
         words, whole = self._read_auxiliary()
         failures |= _AUXILIARY_FAILED * ((words[:, :6] != code).any(axis=1) & whole)
@@ -222,42 +232,36 @@ class SlaveReader:
         self._chain.execute(packet, self.busy_until_s + _COMMAND_S)
         self.busy_until_s += _COMMAND_S + _CONVERSION_TIME_S[packet]
 
-    def _read_cells(self) -> WordArray:
-        packets = self._chain.read_cells(self.busy_until_s + _COMMAND_S)
-        self.busy_until_s += _GROUP_S * packets.shape[0] * packets.shape[1]
-        return packets
+    def _read_cells(self) -> Answers:
+        return self._received(self._chain.read_cells(self.busy_until_s + _COMMAND_S))
 
     def _read_auxiliary(self) -> tuple[WordArray, BoolArray]:
         """Return (n_slaves, 12) auxiliary and status words, and which slaves' packets are all intact."""
-        packets = self._chain.read_auxiliary(self.busy_until_s + _COMMAND_S)
-        self.busy_until_s += _GROUP_S * packets.shape[0] * packets.shape[1]
-        words: WordArray = packets[..., :DATA_WORDS].reshape(self._chain.n_slaves, -1)
-        whole: BoolArray = np.logical_and.reduce(self._checked(packets), axis=1)
-        return words, whole
+        answers = self._received(self._chain.read_auxiliary(self.busy_until_s + _COMMAND_S))
+        whole: BoolArray = np.logical_and.reduce(answers.intact, axis=1)
+        return answers.words.reshape(self._chain.n_slaves, -1), whole
 
     def _read_cells_into(self, target: NDArray[np.uint16]) -> BoolArray:
-        packets = self._read_cells()
-        errors_before = self.packet_errors
-        intact = self._checked(packets)
-        words = packets[..., :DATA_WORDS].reshape(target.shape)
-        if self.packet_errors == errors_before:
+        answers = self._read_cells()
+        words = answers.words.reshape(target.shape)
+        if answers.is_whole:
             target[:] = words
             self.silent = self._none_silent
         else:
-            np.copyto(target, words, where=np.repeat(intact, DATA_WORDS, axis=1))
-            self.silent = np.logical_not(intact.any(axis=1))
-        return intact
+            np.copyto(target, words, where=np.repeat(answers.intact, DATA_WORDS, axis=1))
+            self.silent = np.logical_not(answers.intact.any(axis=1))
+        return answers.intact
 
-    def _checked(self, packets: WordArray) -> BoolArray:
-        """Return which packets are intact, and count those that are not, into the struct as well."""
-        intact = is_intact(packets)
-        n_bad = intact.size - int(np.count_nonzero(intact))
-        self.packets += intact.size
-        if n_bad:
-            self.packet_errors += n_bad
-            self._bad_packets += np.count_nonzero(~intact, axis=1)
+    def _received(self, answers: Answers) -> Answers:
+        """Count packets, and those that are not intact into the struct as well."""
+        n = answers.intact.size
+        self.busy_until_s += _GROUP_S * n
+        self.packets += n
+        if not answers.is_whole:
+            self.packet_errors += n - int(np.count_nonzero(answers.intact))
+            self._bad_packets += np.count_nonzero(~answers.intact, axis=1)
             self._memory.slave_com[:, 0] = np.minimum(self._bad_packets, _U16)
-        return intact
+        return answers
 
     def _write(self, discharging: BoolArray, address: int | None) -> None:
         self.busy_until_s += _GROUP_S
@@ -272,10 +276,9 @@ class SlaveReader:
             self._write(row, slave)
 
     def _read_configuration(self) -> None:
-        packets = self._chain.read_configuration(self.busy_until_s + _COMMAND_S)
-        self.busy_until_s += _GROUP_S * packets.shape[0]
-        whole = self._checked(packets)[:, 0]
-        groups = packets[:, 0, :DATA_WORDS].copy().view(np.uint8)
+        answers = self._received(self._chain.read_configuration(self.busy_until_s + _COMMAND_S))
+        whole = answers.intact[:, 0]
+        groups = answers.words[:, 0].copy().view(np.uint8)
         self._memory.slave_cfgr[whole] = groups[whole]
 
 
