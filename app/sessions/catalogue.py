@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.errors import NotNow
 from app.sessions.errors import SessionError, SessionNotFound
-from app.sessions.files import SUFFIX, is_in_use
+from app.sessions.files import SUFFIX, is_in_use, settle, sha256
 from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
 
@@ -19,6 +19,7 @@ class Catalogue:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._known: dict[str, tuple[tuple[int, int], SessionInfo]] = {}
+        self._digests: dict[str, tuple[tuple[int, int], bytes]] = {}
 
     def list(self) -> list[SessionInfo]:
         """All readable sessions, newest first."""
@@ -56,6 +57,22 @@ class Catalogue:
         """
         return SessionFile(self.path(session_id))
 
+    def sealed(self, session_id: str) -> tuple[Path, bytes] | None:
+        """Return a session's file and its SHA-256, None while more may come: it is being recorded.
+
+        Raises:
+            SessionNotFound: there is none.
+        """
+        path = self.path(session_id)
+        if not settle(path):
+            return None
+        stat = path.stat()
+        state = (stat.st_mtime_ns, stat.st_size)
+        known = self._digests.get(session_id)
+        if known is None or known[0] != state:
+            known = self._digests[session_id] = state, sha256(path)
+        return path, known[1]
+
     def delete(self, session_id: str) -> None:
         """Delete a session for ever, readable or not.
 
@@ -69,6 +86,7 @@ class Catalogue:
         for name in (path.name, f"{path.name}-wal", f"{path.name}-shm"):
             path.with_name(name).unlink(missing_ok=True)
         self._known.pop(session_id, None)
+        self._digests.pop(session_id, None)
 
     def expired(
         self, now_ns: int, *, older_than_s: float | None = None, keep_bytes: int | None = None

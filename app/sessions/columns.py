@@ -4,11 +4,12 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.sessions.chunks import Chunk, ChunkBuilder
+from app.sessions.chunks import ESTIMATES, Chunk, ChunkBuilder
 from app.sessions.errors import NotASession
 from app.sessions.session_writer import IDS_PER_CHUNK
 from app.sessions.signals import Signal
@@ -19,6 +20,7 @@ from firmware_protocol.memory_map import FIELDS
 _CACHED_TRACKS = 2048
 _ALWAYS_US = 1 << 50
 TimeArray = NDArray[np.int64]
+CountArray = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +104,26 @@ class ColumnReader:
                 block = _cut(Block(tail.tracks[number].times_us, values, key.first_element), first_us, last_us)
                 rest.setdefault(key.field, []).append(block)
         yield rest
+
+    def estimates(self) -> Iterator[tuple[int, int, CountArray, CountArray]]:
+        """Yield every estimate: (monotonic time [ns], the master's clock [ms], (96,) SOC, (96,) sigma) in counts."""
+        for (chunk_id,) in self._stored.rows("SELECT id FROM chunks ORDER BY id"):
+            pair = []
+            for name in ESTIMATES:
+                for track_id, ends, data in self._stored.rows(
+                    "SELECT c.track, c.ends, c.data FROM series s JOIN columns c ON c.id = ? + s.id WHERE s.field = ?",
+                    (chunk_id * IDS_PER_CHUNK, name),
+                ):
+                    times_us, instants = self._track(track_id, "times_us"), self._track(track_id, "instants")
+                    with self._sound():
+                        pair.append(unpack_block(ends, data, "<u2", len(times_us)))
+            if len(pair) == len(ESTIMATES):
+                uptimes_ms = instants & 0xFFFFFFFF
+                yield from zip((times_us * 1000).tolist(), uptimes_ms.tolist(), *pair, strict=True)
+        for t_ns, uptime_ms, soc, sigma in self._stored.rows(
+            "SELECT t_mono_ns, uptime_ms, soc, sigma FROM estimates ORDER BY id"
+        ):
+            yield t_ns, uptime_ms, np.frombuffer(soc, "<u2"), np.frombuffer(sigma, "<u2")
 
     def spans_us(self) -> list[tuple[int, int]]:
         """First and last sample time of each chunk and of what came after them, monotonic microseconds."""

@@ -6,6 +6,8 @@ SessionError
   SchemaTooNew       written by a newer version of the program
   UnknownSignal      the name means nothing, or the element does not exist
   RecordingFailed    what was to be recorded is not on the disk
+  FetchFailed        another service's session did not come over whole
+  ImportFailed       another program's recording cannot be taken over
   ExportUnavailable  an optional package is missing
 """
 
@@ -54,6 +56,24 @@ class UnknownSignal(SessionError):
 
 class RecordingFailed(SessionError):
     """Recorded items are waiting in memory because the disk does not take them."""
+
+
+class FetchFailed(SessionError):
+    """A session of another service is not here, or not all of it."""
+
+    def __init__(self, url: str, reason: str) -> None:
+        self.url = url
+        self.reason = reason
+        super().__init__(f"{url}: {reason}")
+
+
+class ImportFailed(SessionError):
+    """A recording of another program cannot be read as one of a battery."""
+
+    def __init__(self, source: str, reason: str) -> None:
+        self.source = source
+        self.reason = reason
+        super().__init__(f"{source}: {reason}")
 
 
 class ExportUnavailable(SessionError):

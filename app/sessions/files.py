@@ -1,5 +1,6 @@
 """Session files as files: making one, its size, whether somebody has it open."""
 
+import hashlib
 import os
 import sqlite3
 from datetime import UTC, datetime
@@ -46,3 +47,30 @@ def is_in_use(path: Path) -> bool:
     finally:
         connection.close()
     return False
+
+
+def settle(path: Path) -> bool:
+    """Bring what a cut-off recorder left in the log into the file, so that the file is all of it; whether it is.
+
+    A file that somebody has open, or that cannot be written, stays as it is.
+    """
+    log = path.with_name(path.name + "-wal")
+    if not log.exists():
+        return True
+    if is_in_use(path):
+        return False
+    connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", uri=True, timeout=0, isolation_level=None)
+    try:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        connection.execute("PRAGMA journal_mode = DELETE")
+    except sqlite3.DatabaseError:
+        return False
+    finally:
+        connection.close()
+    return not log.exists()
+
+
+def sha256(path: Path) -> bytes:
+    """Return the digest of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()

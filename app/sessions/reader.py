@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from app.sessions.chunks import ESTIMATES
 from app.sessions.columns import Block, ColumnReader, Samples
 from app.sessions.errors import NotASession
 from app.sessions.files import size_on_disk
@@ -103,6 +104,13 @@ class SessionFile:
         """Return the unix time of an instant of the recording machine's monotonic clock."""
         return (t_mono_ns + self._offset_ns) / 1e9
 
+    def filled(self) -> list[tuple[float, float]]:
+        """Spans in unix time that came from another recorder of the same run."""
+        info = self.info
+        spans = info.metadata.get("filled", [])
+        start_s = info.started_wall_ns / 1e9
+        return [(start_s + first, start_s + last) for first, last in spans] if isinstance(spans, list) else []
+
     def mono_us(self, unix_s: float) -> int:
         """Return the monotonic time of a unix time, to the microsecond, which is what a float can tell apart."""
         return round((round(unix_s * 1e9) - self._offset_ns) / 1000)
@@ -141,6 +149,12 @@ class SessionFile:
             )
             ((tail,),) = self._stored.rows("SELECT count(*) FROM frames WHERE id > ? AND NOT ok", (last,))
         return int(stored) + int(tail)
+
+    def estimates(self) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
+        """Yield every estimate: monotonic time [ns], the master's clock [ms], (96,) SOC and sigma."""
+        soc, sigma = (find_signal(f"{name}[0]") for name in ESTIMATES)
+        for t_ns, uptime_ms, soc_counts, sigma_counts in self._columns.estimates():
+            yield t_ns, uptime_ms, soc.physical(soc_counts), sigma.physical(sigma_counts)
 
     def markers(self) -> list[Marker]:
         """All markers, in order."""

@@ -5,6 +5,7 @@ import sqlite3
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,9 @@ _INSERT = {
     "clock": "INSERT INTO clock (t_mono_ns, t_wall_ns, uptime_ms) VALUES (?, ?, ?)",
     "meta": "INSERT OR REPLACE INTO meta (key, value) VALUES (?, ?)",
 }
+
+
+_RECEIVED = {"meta", "frames", "can_frames", "estimates", "configs", "chunks", "series", "tracks", "columns"}
 
 
 class SessionWriter:
@@ -117,6 +121,26 @@ class SessionWriter:
         with suppress(sqlite3.OperationalError):
             self._connection.execute("PRAGMA journal_mode = DELETE")
         self._connection.close()
+
+    def copy_other_tables(self, path: Path) -> None:
+        """Take over every table of another session that is neither received nor made of what was received.
+
+        Raises:
+            sqlite3.Error: the disk does not take them, or the file is damaged.
+        """
+        self._connection.execute("ATTACH ? AS other", (str(path),))
+        try:
+            names = {
+                schema: {row[0] for row in self._connection.execute(f"SELECT name FROM {schema}.sqlite_master")}
+                for schema in ("main", "other")
+            }
+            with _Transaction(self._connection):
+                for table in sorted((names["main"] & names["other"]) - _RECEIVED):
+                    if not table.startswith("sqlite_"):
+                        self._connection.execute(f"DELETE FROM main.{table}")
+                        self._connection.execute(f"INSERT INTO main.{table} SELECT * FROM other.{table}")
+        finally:
+            self._connection.execute("DETACH other")
 
     def abandon(self) -> None:
         """Close the file as it is: what was committed stays, the session remains marked as not closed."""
