@@ -12,6 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import __version__
 from app.api import (
+    bringing,
     can,
     commands,
     config,
@@ -21,6 +22,7 @@ from app.api import (
     live,
     metrics,
     problems,
+    recorder,
     session_login,
     sessions,
     simulator,
@@ -98,6 +100,7 @@ def create_app(
     app.state.doorkeeper = doorkeeper
     problems.install(app)
     for module in (
+        bringing,
         can,
         commands,
         config,
@@ -105,6 +108,7 @@ def create_app(
         debrief,
         events,
         live,
+        recorder,
         session_login,
         sessions,
         simulator,

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from app.bringing import Bringing
 from app.config_finding import Finding
 from app.config_history import ConfigHistory
 from app.config_rules import Context, review
@@ -79,6 +80,7 @@ class Runtime:
             lambda text: self.note("info", "session-expired", text),
         )
         self.black_boxes = BlackBoxRecorder(settings.data / "blackboxes.sqlite", self._session_id, self._box_made)
+        self.bringing = Bringing(settings.data / "sessions", self.catalogue, self.note)
         self._inbox: queue.Queue[Item | None] = queue.Queue(INBOX_ITEMS)
         try:
             cell = load_cell(settings.cell)

@@ -1,6 +1,8 @@
 """Sessions: list, record, mark, look into, take away, replay."""
 
+import base64
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,6 +28,7 @@ from app.api.schemas.sessions import (
 from app.runtime import Runtime
 from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
 from app.sessions.export.formats import FORMATS, export
+from app.sessions.files import sha256
 from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
 
@@ -47,6 +50,9 @@ class NewMarker(BaseModel):
 
     text: str = Field(max_length=500)
     kind: str = Field("note", max_length=40)
+    ago_s: float = Field(
+        0.0, ge=0, le=600, description="how long ago it was: a note is written after a key was pressed"
+    )
 
 
 class Replay(BaseModel):
@@ -80,6 +86,7 @@ def session_json(info: SessionInfo, recording_id: str | None) -> dict[str, Any]:
         "event_count": info.events,
         "marker_count": info.markers,
         "version": info.voltwall,
+        "metadata": dict(info.metadata),
     }
 
 
@@ -129,8 +136,20 @@ def stop(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     if _recording_id(runtime) != session_id:
         raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
     runtime.recorder.stop()
+    with suppress(SessionError):  # a full disk: the file is closed as soon as there is room
+        runtime.recorder.flush()
     runtime.note("info", "recording", "recording stopped by hand", user.name)
     return {"stopped": True}
+
+
+@router.post("/sessions/{session_id}/split", status_code=201, response_model=SessionOut)
+def split(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """End the running session and go on in a new one without losing a frame."""
+    if _recording_id(runtime) != session_id:
+        raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
+    info = runtime.recorder.split()
+    runtime.note("info", "recording", "recording split by hand", user.name)
+    return session_json(info, info.id)
 
 
 @router.post("/sessions/{session_id}/markers", status_code=201, response_model=MarkedOut)
@@ -138,7 +157,7 @@ def mark(session_id: str, body: NewMarker, runtime: RuntimeDep, user: UserDep) -
     """Mark this instant of the running session."""
     if _recording_id(runtime) != session_id:
         raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
-    runtime.recorder.marker(body.text, body.kind, user.name)
+    runtime.recorder.marker(body.text, body.kind, user.name, body.ago_s)
     runtime.recorder.flush()
     return {"marked": True}
 
@@ -174,6 +193,7 @@ def series(
 ) -> Response:
     """Signals over a range, smallest and largest per point, so that no dip is lost; null is a gap."""
     with open_session(runtime, session_id) as file:
+        filled = file.filled()
         try:
             found = file.series(signal, t_from, t_to, points)
         except UnknownSignal as error:
@@ -183,6 +203,7 @@ def series(
             name: {"unit": s.unit, "time": s.time_s, "min": s.minimum, "max": s.maximum} for name, s in found.items()
         },
         "gaps": sorted({gap for s in found.values() for gap in s.gaps}),
+        "filled": [span for span in filled if span[1] >= (t_from or 0) and span[0] <= (t_to or MAX_UNIX_S)],
     }
     return Response(orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json")
 
@@ -219,7 +240,17 @@ def download(
 
 @router.get("/sessions/{session_id}/file")
 def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
-    """The session itself, one SQLite file, complete up to now."""
+    """The session itself, one SQLite file; of the one being recorded all up to now.
+
+    With its SHA-256 as ETag and Repr-Digest, and in ranges, so that a download that was cut off goes on.
+    """
+    try:
+        sealed = runtime.catalogue.sealed(session_id)
+    except SessionNotFound as error:
+        raise not_found("session", session_id) from error
+    if sealed is not None:
+        path, digest = sealed
+        return FileResponse(str(path), filename=path.name, headers=_digest_headers(digest))
     with tempfile.NamedTemporaryFile(suffix=".sqlite", delete=False) as target:
         path = Path(target.name)
     try:
@@ -229,8 +260,15 @@ def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
         path.unlink(missing_ok=True)
         raise
     return FileResponse(
-        str(path), filename=f"{session_id}.sqlite", background=BackgroundTask(path.unlink, missing_ok=True)
+        str(path),
+        filename=f"{session_id}.sqlite",
+        headers=_digest_headers(sha256(path)),
+        background=BackgroundTask(path.unlink, missing_ok=True),
     )
+
+
+def _digest_headers(digest: bytes) -> dict[str, str]:
+    return {"ETag": f'"{digest.hex()}"', "Repr-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:"}
 
 
 @router.post("/replay", response_model=ReplayStateOut)

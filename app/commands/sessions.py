@@ -7,7 +7,7 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.commands import debrief
+from app.commands import bringing, debrief
 from app.errors import ConfigError
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionError
@@ -23,20 +23,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "action",
         nargs="?",
         default="list",
-        choices=("list", "show", "markers", "check", "delete", "prune", *debrief.ACTIONS),
+        choices=("list", "show", "markers", "check", "delete", "prune", *bringing.ACTIONS, *debrief.ACTIONS),
         help="list     all sessions, newest first (the default)\n"
         "show     one session: times, counts, signals, configurations, events\n"
         "markers  its markers\n"
         "check    read every byte of it, or of all sessions; exit code 1 where something is wrong\n"
         "delete   delete it for ever (asks for --yes)\n"
-        "prune    what --older-than and --keep-gb leave over; deletes it with --yes\n" + debrief.HELP.rstrip(),
+        "prune    what --older-than and --keep-gb leave over; deletes it with --yes\n"
+        + bringing.HELP
+        + debrief.HELP.rstrip(),
     )
-    parser.add_argument("session", nargs="?", help="the session's id, or its file")
+    parser.add_argument("session", nargs="?", help="the session's id, or its file; fetch: the other service's URL")
     parser.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service")
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.add_argument("--yes", action="store_true", help="delete without asking")
     parser.add_argument("--older-than", type=float, metavar="DAYS", help="prune: sessions that ended longer ago")
     parser.add_argument("--keep-gb", type=float, metavar="GB", help="prune: all but so much of the newest")
+    bringing.add_arguments(parser)
     debrief.add_arguments(parser)
 
 
@@ -71,7 +74,11 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("session", "(none)", f"{args.action} needs a session's id or file")
     if args.action == "delete":
         return _delete(args)
+    if args.action == "fetch":
+        return bringing.fetch(args, data_folder(args.data) / "sessions")
     path = find_session(args.data, args.session)
+    if args.action == "fill":
+        return bringing.fill(args, path, args.source and find_session(args.data, args.source))
     if args.action == "check":
         return _check(path)
     in_use = is_in_use(path)

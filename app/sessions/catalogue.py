@@ -6,7 +6,7 @@ from pathlib import Path
 
 from app.errors import NotNow
 from app.sessions.errors import SessionError, SessionNotFound
-from app.sessions.files import SUFFIX, is_in_use, settle, sha256
+from app.sessions.files import FETCHED, SUFFIX, is_in_use, settle, sha256
 from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
 
@@ -83,7 +83,7 @@ class Catalogue:
         path = self.path(session_id)
         if is_in_use(path):
             raise NotNow(f"session {session_id} is being recorded or read")
-        for name in (path.name, f"{path.name}-wal", f"{path.name}-shm"):
+        for name in (path.name, f"{path.name}-wal", f"{path.name}-shm", path.name + FETCHED):
             path.with_name(name).unlink(missing_ok=True)
         self._known.pop(session_id, None)
         self._digests.pop(session_id, None)

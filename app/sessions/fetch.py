@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 from app.errors import ConfigError
 from app.sessions.errors import FetchFailed, SessionError
-from app.sessions.files import SUFFIX
+from app.sessions.files import FETCHED, SUFFIX
 from app.sessions.reader import SessionFile
 
 TIMEOUT_S = 15.0
@@ -142,7 +142,7 @@ class Remote:
 
     def _paths(self, session: RemoteSession, folder: Path) -> tuple[Path, Path]:
         path = folder / f"{self.local_id(session)}{SUFFIX}"
-        return path, path.with_name(path.name + ".fetched")
+        return path, path.with_name(path.name + FETCHED)
 
     def _continue(self, session: RemoteSession, part: Path, on_progress: Progress) -> bytes | None:
         """Fetch what is missing; return the digest that the whole must have."""

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 SUFFIX = ".sqlite"
+FETCHED = ".fetched"  # behind the name of a session from another service: how long it was there
 
 
 def new_file(folder: Path, wall_ns: int) -> Path:

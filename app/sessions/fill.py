@@ -5,7 +5,9 @@ between, marked by its link number; nothing of the session is changed or lost, a
 """
 
 import shutil
+import sqlite3
 import tempfile
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from heapq import merge
@@ -14,16 +16,20 @@ from operator import attrgetter
 from pathlib import Path
 from statistics import median
 
-from app.errors import NotNow
-from app.sessions.errors import SessionError
-from app.sessions.files import is_in_use, settle
-from app.sessions.info import RecordedCanFrame, RecordedFrame
+from app.errors import AppError, NotNow
+from app.recording_plan import CLOCK_IS_SET_NS
+from app.sessions.catalogue import Catalogue
+from app.sessions.errors import RecordingFailed, SessionError
+from app.sessions.files import FETCHED, is_in_use, settle
+from app.sessions.info import RecordedCanFrame, RecordedFrame, SessionInfo
 from app.sessions.reader import SessionFile
 from app.sessions.session_writer import Item, SessionWriter
 
 FILLED_LINK = 1  # in `frames.link`: came from another recorder
 SPAN_NS = 500_000_000  # from here on, missing frames in a row are a gap worth a line of its own
 NEAR = 25  # common frames on each side of a gap tell what the clocks' difference is there
+MARGIN_NS = 3600 * 10**9  # the clocks of two machines in a paddock are not further apart, once they were set
+NEWEST = 10  # sessions looked at where a clock was never set
 BATCH = 2000
 
 
@@ -39,6 +45,10 @@ class Filled:
     can_frames: int = 0
     estimates: int = 0
     spans: tuple[tuple[float, float], ...] = ()
+
+    def __str__(self) -> str:
+        """What to say about it."""
+        return f"{self.frames} missing frames filled, {self.seconds:.1f} s in {len(self.spans)} gaps,"
 
     @property
     def seconds(self) -> float:
@@ -62,10 +72,49 @@ def fill_gaps(path: Path, other: Path, *, t_wall_ns: int) -> Filled:
         NothingInCommon: not one frame is in both.
         NotNow: the session is being recorded or read.
         NotASession, SchemaTooNew: one of them cannot be read.
-        sqlite3.Error, OSError: the disk does not take the new file; the session stays as it is.
+        RecordingFailed: the disk does not take the new file; the session stays as it is.
     """
     if is_in_use(path):
         raise NotNow(f"session {path.stem} is being recorded or read")
+    try:
+        return _fill(path, other, t_wall_ns)
+    except (sqlite3.Error, OSError) as error:
+        raise RecordingFailed(f"{path.stem} could not be written anew: {error}") from error
+
+
+def fill_from(catalogue: Catalogue, fetched: Path) -> list[str]:
+    """Fill every session recorded here during the fetched one's run; return what was done, in words."""
+    with SessionFile(fetched) as file:
+        info = file.info
+    told = []
+    for session in _candidates(catalogue, info):
+        try:
+            filled = fill_gaps(session.path, fetched, t_wall_ns=time.time_ns())
+        except NothingInCommon:
+            continue
+        except AppError as error:
+            told.append(f"{session.id} could not be filled: {error}")
+            continue
+        if filled.frames:
+            told.append(f"{session.id}: {filled} from {fetched.stem}")
+    return told
+
+
+def _candidates(catalogue: Catalogue, fetched: SessionInfo) -> list[SessionInfo]:
+    """Sessions recorded here that can be of the same run; by time, unless one of the clocks was never set."""
+    own = [info for info in catalogue.list() if not info.path.with_name(info.path.name + FETCHED).exists()]
+    if fetched.started_wall_ns < CLOCK_IS_SET_NS:
+        return own[:NEWEST]
+    start_ns, end_ns = fetched.started_wall_ns - MARGIN_NS, (fetched.ended_wall_ns or 0) + MARGIN_NS
+    return [
+        info
+        for i, info in enumerate(own)
+        if (info.started_wall_ns < end_ns and (info.ended_wall_ns or 0) > start_ns)
+        or (info.started_wall_ns < CLOCK_IS_SET_NS and i < NEWEST)
+    ]
+
+
+def _fill(path: Path, other: Path, t_wall_ns: int) -> Filled:
     with (
         tempfile.TemporaryDirectory(dir=path.parent, prefix=".filling-") as folder,
         SessionFile(path) as session,
@@ -166,7 +215,7 @@ def _estimates(source: SessionFile, missing: list[_Missing]) -> list[Item]:
 def _write(session: SessionFile, copy: Path, new: list[Item], filled: Filled, whence: str, t_wall_ns: int) -> None:
     """Write the session once more, with the new items in their places."""
     info = session.info
-    text = f"{filled.frames} missing frames, {filled.seconds:.1f} s in {len(filled.spans)} gaps, filled from {whence}"
+    text = f"{filled} from {whence}"
     before = info.metadata.get("filled", [])
     spans = [*(before if isinstance(before, list) else []), *filled.spans]
     writer = SessionWriter(replace(info, path=copy, metadata={**info.metadata, "filled": sorted(map(list, spans))}))

@@ -97,11 +97,11 @@ def test_a_file_is_served_with_its_digest_and_in_ranges(car, tmp_path):
 
 def test_a_session_comes_over_a_link_that_breaks_and_no_byte_twice(car, tmp_path):
     url, session_id = car
-    with link(url, 60_000) as broken:
+    with link(url, 15_000) as broken:
         remote = remote_of(broken.url)
         with pytest.raises(FetchFailed):
             Remote(broken.url, label="car", sleep=stop_after(3)).fetch(chosen(remote_of(url), session_id), tmp_path)
-        assert next(tmp_path.glob("*.part")).stat().st_size > 50_000
+        assert next(tmp_path.glob("*.part")).stat().st_size > 30_000
         progress = []
         path = remote.fetch(chosen(remote_of(url), session_id), tmp_path, lambda done, of: progress.append((done, of)))
     assert progress[-1][0] == progress[-1][1] == path.stat().st_size
@@ -151,7 +151,7 @@ def test_bytes_that_are_not_the_file_are_refused(car, tmp_path):
 def test_what_cannot_be_a_recorder_is_named(car, tmp_path):
     with pytest.raises(ConfigError, match="url = car"):
         Remote("car")
-    with pytest.raises(FetchFailed, match="refused|reset"):
+    with pytest.raises(FetchFailed, match=r"refused|reset"):
         Remote("http://127.0.0.1:1", sleep=lambda _: None).sessions()
     shutil.rmtree(tmp_path)
     remote = Remote(car[0], sleep=lambda _: None)

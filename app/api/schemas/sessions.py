@@ -1,6 +1,6 @@
 """Sessions and replay."""
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel
 
@@ -23,6 +23,7 @@ class SessionOut(BaseModel):
     event_count: int
     marker_count: int
     version: str
+    metadata: dict[str, Any]
 
 
 class SessionsOut(BaseModel):
@@ -88,10 +89,11 @@ class SignalSeriesOut(BaseModel):
 
 
 class SessionSeriesOut(BaseModel):
-    """Signals over a range; `gaps` are intervals without data."""
+    """Signals over a range; `gaps` are intervals without data, `filled` those that came from another recorder."""
 
     signals: dict[str, SignalSeriesOut]
     gaps: list[tuple[float, float]]
+    filled: list[tuple[float, float]]
 
 
 class StoppedOut(BaseModel):
@@ -116,3 +118,48 @@ class ReplayStateOut(BaseModel):
     """Where the replay stands; null: the live source is shown."""
 
     replay: ReplayOut | None
+
+
+class FetchOut(BaseModel):
+    """How far a fetch from another service has come."""
+
+    url: str
+    is_running: bool
+    session_id: str
+    done_bytes: int
+    total_bytes: int
+    fetched: list[str]
+    already_here: int
+    filled: list[str]
+    error: str | None
+
+
+class FetchStateOut(BaseModel):
+    """Null before the first fetch."""
+
+    fetch: FetchOut | None
+
+
+class RecordingPlanOut(BaseModel):
+    """What the next sessions are called; empty where nothing was said."""
+
+    event: str
+    driver: str
+    vehicle: str
+    venue: str
+
+
+class RecorderOut(BaseModel):
+    """How the recorder does."""
+
+    state: Literal["idle", "recording", "stalled"]
+    session_id: str | None
+    queued_items: int
+    lost_items: int
+    disk_free_bytes: int | None
+    warning: str | None
+    error: str | None
+    plan: RecordingPlanOut
+    split_mb: int | None
+    keep_days: Number
+    keep_gb: Number

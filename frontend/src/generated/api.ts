@@ -424,6 +424,24 @@ export interface FaultsInForce {
   active: FaultInForce[];
 }
 
+/** How far a fetch from another service has come. */
+export interface Fetch {
+  url: string;
+  is_running: boolean;
+  session_id: string;
+  done_bytes: number;
+  total_bytes: number;
+  fetched: string[];
+  already_here: number;
+  filled: string[];
+  error: string | null;
+}
+
+/** Null before the first fetch. */
+export interface FetchState {
+  fetch: Fetch | null;
+}
+
 /** A field at fault, its value and its limit. */
 export interface FieldError {
   field: string;
@@ -729,12 +747,35 @@ export interface Reader {
   since: number;
 }
 
+/** How the recorder does. */
+export interface Recorder {
+  state: 'idle' | 'recording' | 'stalled';
+  session_id: string | null;
+  queued_items: number;
+  lost_items: number;
+  disk_free_bytes: number | null;
+  warning: string | null;
+  error: string | null;
+  plan: RecordingPlan;
+  split_mb: number | null;
+  keep_days: number | null;
+  keep_gb: number | null;
+}
+
 /** The session being recorded. */
 export interface Recording {
   session_id: string;
   since: number;
   frames: number;
   bytes: number;
+}
+
+/** What the next sessions are called; empty where nothing was said. */
+export interface RecordingPlan {
+  event: string;
+  driver: string;
+  vehicle: string;
+  venue: string;
 }
 
 /** Where a replay stands. */
@@ -827,6 +868,7 @@ export interface SessionDetail {
   event_count: number;
   marker_count: number;
   version: string;
+  metadata: Record<string, unknown>;
   markers: Marker[];
   events: SessionEvent[];
   configs: SessionConfig[];
@@ -862,6 +904,7 @@ export interface Session {
   event_count: number;
   marker_count: number;
   version: string;
+  metadata: Record<string, unknown>;
 }
 
 /** How a session went, what limited, what to look at. */
@@ -879,10 +922,11 @@ export interface SessionReport {
   balancing_s: (number | null)[];
 }
 
-/** Signals over a range; `gaps` are intervals without data. */
+/** Signals over a range; `gaps` are intervals without data, `filled` those that came from another recorder. */
 export interface SessionSeries {
   signals: Record<string, SignalSeries>;
   gaps: [number, number][];
+  filled: [number, number][];
 }
 
 /** Newest first. */
