@@ -32,6 +32,7 @@ from app.api.auth import Doorkeeper, Gate
 from app.api.limits import BodyLimit
 from app.api.schemas.service import ProblemOut
 from app.api.static import serve_front_end
+from app.replaying import Estimates, Playing
 from app.runtime import Runtime
 from app.settings import Settings
 from app.simulator_process import SimulatorProcess
@@ -50,6 +51,7 @@ class Replay(NamedTuple):
 
     path: Path
     speed: float
+    estimates: Estimates = "recomputed"
 
 
 def create_app(
@@ -76,7 +78,7 @@ def create_app(
         try:
             runtime.start()
             if replay is not None:
-                runtime.replaying.start(replay.path, replay.speed)
+                runtime.replaying.start(replay.path, Playing(replay.speed, estimates=replay.estimates))
             yield
         finally:
             await asyncio.to_thread(runtime.stop)

@@ -71,7 +71,7 @@ class Pipeline:
         self._estimator: CellEstimator | None = None
         self._spare: CellEstimator | None = None
         self._skipped = 0  # measurements without a current, without any voltage, or on which the estimator failed
-        self._names = {"filter": filter_name, "cell": cell_name}
+        self.names = {"filter": filter_name, "cell": cell_name}
         self._monitors = {"rs232": rs232_monitor(rs232_url), "can": LinkMonitor(can_url)}
         self._watch = Watch()
         self._watch_lock = threading.Lock()
@@ -310,7 +310,7 @@ class Pipeline:
             },
             charger=charger,
             links={name: monitor.status(t_mono_ns) for name, monitor in self._monitors.items()},  # type: ignore[misc]
-            estimator=self._names
+            estimator=self.names
             | {"step_us": self._step_us, "started": self._estimator is not None, "skipped": self._skipped},
             config=config and config[0],
             config_hash=config and config[1],

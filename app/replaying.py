@@ -4,18 +4,22 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from app.errors import NotNow
+import numpy as np
+
+from app.decode import extreme, mean
+from app.errors import ConfigError, NotNow
 from app.pipeline import Pipeline
 from app.sessions.info import RecordedCanFrame, RecordedFrame
 from app.sessions.reader import SessionFile
-from app.sessions.replay import Pacer
-from app.telemetry import CanItem, Item, LinkChange, SerialItem, Snapshot
+from app.sessions.recorded_estimates import RecordedEstimates
+from app.sessions.replay import MIN_LOOP_S, Pacer
+from app.telemetry import CanItem, FloatArray, Item, LinkChange, SerialItem, Snapshot
 from firmware_protocol.framing import decode_chunk
 
 log = logging.getLogger(__name__)
@@ -23,7 +27,33 @@ IDLE_S = 0.05
 JUMP_S = 0.01
 START_S = 10.0
 REPEAT_S = 0.5  # a replay that stands still says so this often
-Orders = queue.SimpleQueue[Callable[[Pacer, float], None] | None]
+Estimates = Literal["recomputed", "recorded"]
+
+
+@dataclass(frozen=True)
+class Playing:
+    """How a session is played: which filter and cell recompute the estimates, None = the service's; which are shown."""
+
+    speed: float = 1.0
+    filter_name: str | None = None
+    cell_name: str | None = None
+    estimates: Estimates = "recomputed"
+
+
+@dataclass
+class _Replay:
+    """What the replay's thread works on."""
+
+    file: SessionFile
+    pacer: Pacer
+    recorded: RecordedEstimates
+    pipeline: Pipeline
+    playing: Playing
+    is_fresh_chain_due: bool = False
+    compared: dict[str, Any] | None = None
+
+
+Orders = queue.SimpleQueue[Callable[[_Replay, float], None] | None]
 
 
 def item_of(received: RecordedFrame | RecordedCanFrame) -> Item:
@@ -56,23 +86,26 @@ class Replaying:
         self._thread: threading.Thread | None = None
         self._orders: Orders = queue.SimpleQueue()
         self._state: dict[str, Any] | None = None
+        self._latest: Snapshot | None = None
 
     @property
     def is_active(self) -> bool:
         """A replay is shown."""
         return self._thread is not None
 
-    def start(self, path: Path, speed: float) -> None:
+    def start(self, path: Path, playing: Playing) -> None:
         """Begin at the start of a session; another replay ends.
 
         Raises:
-            AppError: the file cannot be played; nothing is shown of it.
+            AppError: the file cannot be played, or not with this filter or cell; nothing is shown of it.
         """
+        pipeline = self._chain(playing)
         with self._lock:
             self._end()
+            self._latest = None
             self._orders = queue.SimpleQueue()
             started: Future[None] = Future()
-            arguments = (path, speed, self._orders, started)
+            arguments = (path, playing, pipeline, self._orders, started)
             self._thread = threading.Thread(target=self._run, args=arguments, name="replay", daemon=True)
             self._thread.start()
             try:
@@ -92,22 +125,44 @@ class Replaying:
             self._thread.join(timeout=5.0)
         self._thread = self._state = None
 
-    def control(self, *, paused: bool | None, speed: float | None, seek_s: float | None) -> None:
-        """Change how it plays.
+    def control(
+        self,
+        *,
+        paused: bool | None = None,
+        speed: float | None = None,
+        seek_s: float | None = None,
+        step: bool = False,
+        loop: tuple[float, float] | Literal["off"] | None = None,
+        estimates: Estimates | None = None,
+    ) -> None:
+        """Change how it plays; only what is given changes.
 
         Raises:
             NotNow: nothing is replayed.
+            ConfigError: the loop does not fit the session.
         """
-        if not self.is_active:
+        state = self._state
+        if not self.is_active or state is None:
             raise NotNow("nothing is replayed")
+        if isinstance(loop, tuple) and not 0.0 <= loop[0] < loop[1] <= state["duration_s"] + MIN_LOOP_S:
+            raise ConfigError("loop", list(loop), f"two times within the session's {state['duration_s']:.1f} s")
 
-        def order(pacer: Pacer, now_s: float) -> None:
+        def order(replay: _Replay, now_s: float) -> None:
+            pacer = replay.pacer
             if speed is not None:
                 pacer.set_speed(speed, now_s)
             if paused is not None:
                 (pacer.pause if paused else pacer.resume)(now_s)
+            if loop == "off":
+                pacer.loop = None
+            elif loop is not None:
+                pacer.set_loop(*loop)
+            if estimates is not None:
+                replay.playing = replace(replay.playing, estimates=estimates)
             if seek_s is not None:
-                pacer.seek(seek_s, now_s)
+                _jump(replay, seek_s, now_s)
+            if step:
+                self._take(replay, pacer.step())
 
         self._orders.put(order)
 
@@ -115,13 +170,20 @@ class Replaying:
         """Where it stands; None without one."""
         return self._state
 
-    def _run(self, path: Path, speed: float, orders: Orders, started: "Future[None]") -> None:
+    def _chain(self, playing: Playing) -> Pipeline:
+        return self._new_pipeline(
+            "replay", "recorded", "recorded", filter_name=playing.filter_name, cell_name=playing.cell_name
+        )
+
+    def _run(self, path: Path, playing: Playing, pipeline: Pipeline, orders: Orders, started: "Future[None]") -> None:
         try:
             with SessionFile(path) as file:
-                pacer = Pacer(file, now_s=time.monotonic(), speed=speed)
-                self._state = _state(pacer, file, time.monotonic())
+                pacer = Pacer(file, now_s=time.monotonic(), speed=playing.speed)
+                replay = _Replay(file, pacer, RecordedEstimates(file), pipeline, playing)
+                prepare(pipeline, file)
+                self._state = _state(replay, time.monotonic())
                 started.set_result(None)
-                self._play(file, pacer, orders)
+                self._play(replay, orders)
         except Exception as error:
             if not started.done():
                 started.set_exception(error)
@@ -132,23 +194,22 @@ class Replaying:
             if threading.current_thread() is self._thread:  # nobody waits for this end: the live source is shown again
                 self._thread = self._state = None
 
-    def _play(self, file: SessionFile, pacer: Pacer, orders: Orders) -> None:
-        pipeline = self._new_pipeline("replay", "recorded", "recorded")
-        prepare(pipeline, file)
-        latest: Snapshot | None = None
-        shown_s = 0.0
+    def _play(self, replay: _Replay, orders: Orders) -> None:
+        pacer, shown_s = replay.pacer, 0.0
         while True:
             now_s = time.monotonic()
-            self._state = _state(pacer, file, now_s)
-            for received in pacer.due(now_s):
-                snapshot = pipeline.feed(item_of(received)).snapshot
-                pipeline.look_ahead()
-                if snapshot is not None:
-                    latest, shown_s = snapshot, now_s
-                    self._show(snapshot)
-            if latest is not None and now_s - shown_s > REPEAT_S:
+            if pacer.loop is not None and pacer.is_loop_over(now_s):
+                _jump(replay, pacer.loop[0], now_s)
+            if replay.is_fresh_chain_due:
+                replay.is_fresh_chain_due = False
+                replay.pipeline = self._chain(replay.playing)
+                prepare(replay.pipeline, replay.file)
+            self._state = _state(replay, now_s)
+            if self._take(replay, pacer.due(now_s)):
                 shown_s = now_s
-                self._show(replace(latest, is_fresh=False))
+            if self._latest is not None and now_s - shown_s > REPEAT_S:
+                shown_s = now_s
+                self._show(replace(self._latest, is_fresh=False))
             wait_s = pacer.wait_s(now_s)
             try:
                 order = orders.get(timeout=IDLE_S if wait_s is None else min(wait_s, IDLE_S))
@@ -156,25 +217,83 @@ class Replaying:
                 continue
             if order is None:
                 return
-            if _jumps(pacer, order):
-                pipeline = self._new_pipeline("replay", "recorded", "recorded")
-                prepare(pipeline, file)
+            order(replay, time.monotonic())
+
+    def _take(self, replay: _Replay, due: Sequence[RecordedFrame | RecordedCanFrame]) -> bool:
+        """Put what is due through the chain; True where something was shown."""
+        shown = False
+        for received in due:
+            snapshot = replay.pipeline.feed(item_of(received)).snapshot
+            replay.pipeline.look_ahead()
+            if snapshot is None:
+                continue
+            recorded = replay.recorded.at(snapshot.t_mono_ns)
+            replay.compared = _compared(snapshot, recorded)
+            if replay.playing.estimates == "recorded":
+                snapshot = as_recorded(snapshot, recorded)
+            self._latest, shown = snapshot, True
+            self._show(snapshot)
+        return shown
 
 
-def _jumps(pacer: Pacer, order: Callable[[Pacer, float], None]) -> bool:
-    """Carry out an order; True where the position jumped, so that a fresh chain is needed."""
-    now_s = time.monotonic()
-    before_s = pacer.position_s(now_s)
-    order(pacer, now_s)
-    return abs(pacer.position_s(now_s) - before_s) > JUMP_S
+def as_recorded(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | None) -> Snapshot:
+    """Return a snapshot with the charge that was estimated when it was recorded; missing where nothing was."""
+    nothing = np.full(len(snapshot.cells.soc), np.nan)
+    soc, sigma = recorded if recorded is not None else (nothing, nothing)
+    low, low_cell = extreme(soc, highest=False)
+    high, high_cell = extreme(soc, highest=True)
+    average = mean(soc)
+    totals = {
+        "soc": average,
+        "soc_source": None if average is None else "filter",
+        "soc_sigma": mean(sigma),
+        "soc_min": low,
+        "soc_min_cell": low_cell,
+        "soc_max": high,
+        "soc_max_cell": high_cell,
+        "soc_spread": None if low is None or high is None else high - low,
+        "driver_soc_percent": None,  # smoothed over samples that a replay may have jumped over
+    }
+    cells = replace(snapshot.cells, soc=soc, soc_sigma=sigma)
+    return replace(snapshot, cells=cells, accumulator=snapshot.accumulator | totals)
 
 
-def _state(pacer: Pacer, file: SessionFile, now_s: float) -> dict[str, Any]:
+def _compared(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | None) -> dict[str, Any]:
+    """Both estimates at one instant, and where they differ the most."""
+    recomputed = snapshot.cells.soc
+    was = np.full(len(recomputed), np.nan) if recorded is None else recorded[0]
+    difference, cell = extreme(np.abs(recomputed - was), highest=True)
     return {
-        "session_id": file.info.id,
+        "recorded_soc": mean(was),
+        "recorded_soc_min": extreme(was, highest=False)[0],
+        "recomputed_soc": mean(recomputed),
+        "recomputed_soc_min": extreme(recomputed, highest=False)[0],
+        "largest_difference": difference,
+        "largest_difference_cell": cell,
+    }
+
+
+def _jump(replay: _Replay, position_s: float, now_s: float) -> None:
+    """Go to a position; from there on a fresh chain is needed."""
+    before_s = replay.pacer.position_s(now_s)
+    replay.pacer.seek(position_s, now_s)
+    if abs(replay.pacer.position_s(now_s) - before_s) > JUMP_S or replay.pacer.position_s(now_s) == 0.0:
+        replay.is_fresh_chain_due = True
+
+
+def _state(replay: _Replay, now_s: float) -> dict[str, Any]:
+    pacer, playing = replay.pacer, replay.playing
+    names = replay.pipeline.names
+    return {
+        "session_id": replay.file.info.id,
         "position_s": round(pacer.position_s(now_s), 3),
         "duration_s": pacer.duration_s,
         "speed": pacer.speed,
         "paused": pacer.is_paused,
         "finished": pacer.is_finished,
+        "loop": pacer.loop,
+        "filter": names["filter"],
+        "cell": names["cell"],
+        "estimates": playing.estimates,
+        "compared": replay.compared,
     }

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 from app.bringing import Bringing
@@ -17,9 +18,9 @@ from app.config_sources import ConfigSources
 from app.configuration import Configuration
 from app.debrief.live import BlackBoxRecorder
 from app.errors import AppError, ConfigError, LinkLost, NotNow
-from app.estimation.cellfile import load_cell
+from app.estimation.cellfile import bundled_cells, load_cell
 from app.estimation.errors import EstimatorError
-from app.estimation.estimators import CellEstimator, make_estimator
+from app.estimation.estimators import FILTERS, CellEstimator, make_estimator
 from app.history import History
 from app.hub import Hub
 from app.links.can import CanLink
@@ -128,18 +129,32 @@ class Runtime:
         can_url: str | None = None,
         lookout: Lookout | None = None,
         start_soc: tuple[FloatArray, FloatArray] | None = None,
+        filter_name: str | None = None,
+        cell_name: str | None = None,
     ) -> Pipeline:
-        """A fresh chain with the configured estimator."""
-        settings = self.settings
+        """A fresh chain with the configured estimator, or with another filter or cell.
+
+        Raises:
+            ConfigError: there is no such filter or cell.
+        """
+        settings, cell, make = self.settings, self._cell, self._new_estimator
+        if filter_name is not None or cell_name is not None:
+            filter_name, cell_name = filter_name or settings.filter, cell_name or settings.cell
+            if filter_name not in FILTERS:
+                raise ConfigError("filter", filter_name, f"one of {', '.join(FILTERS)}")
+            if cell_name not in (*bundled_cells(), settings.cell):
+                raise ConfigError("cell", cell_name, f"one of {', '.join(bundled_cells())}, or the service's own")
+            cell = load_cell(cell_name)
+            make = partial(make_estimator, filter_name, cell, N_CELLS)
         return Pipeline(
             source,
-            self._new_estimator,
-            filter_name=settings.filter,
-            cell_name=settings.cell,
+            make,
+            filter_name=filter_name or settings.filter,
+            cell_name=cell_name or settings.cell,
             rs232_url=serial_url,
             can_url=can_url,
             stopwatch_ns=time.perf_counter_ns,
-            lookout=lookout or Lookout(self._cell, N_CELLS),
+            lookout=lookout or Lookout(cell, N_CELLS),
             start_soc=start_soc,
         )
 

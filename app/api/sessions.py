@@ -25,6 +25,7 @@ from app.api.schemas.sessions import (
     SessionsOut,
     StoppedOut,
 )
+from app.replaying import Playing
 from app.runtime import Runtime
 from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
 from app.sessions.export.formats import FORMATS, export
@@ -60,6 +61,9 @@ class Replay(BaseModel):
 
     session_id: str
     speed: float = Field(1.0, ge=0.1, le=100)
+    filter: str | None = Field(None, max_length=20, description="recompute with this filter; none: the service's")
+    cell: str | None = Field(None, max_length=500, description="recompute with this bundled cell; none: the service's")
+    estimates: Literal["recomputed", "recorded"] = "recomputed"
 
 
 class ReplayControl(BaseModel):
@@ -68,6 +72,9 @@ class ReplayControl(BaseModel):
     paused: bool | None = None
     speed: float | None = Field(None, ge=0.1, le=100)
     seek_s: float | None = Field(None, ge=0, le=1e9)
+    step: bool = Field(False, description="pause, and take one frame more")
+    loop: tuple[float, float] | Literal["off"] | None = Field(None, description="play this stretch again and again, s")
+    estimates: Literal["recomputed", "recorded"] | None = None
 
 
 def session_json(info: SessionInfo, recording_id: str | None) -> dict[str, Any]:
@@ -278,15 +285,22 @@ def replay(body: Replay, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
         path = runtime.catalogue.path(body.session_id)
     except SessionNotFound as error:
         raise not_found("session", body.session_id) from error
-    runtime.replaying.start(path, body.speed)
+    runtime.replaying.start(path, Playing(body.speed, body.filter, body.cell, body.estimates))
     runtime.note("info", "replay", f"replay of {body.session_id} started", user.name)
     return {"replay": runtime.replaying.state()}
 
 
 @router.post("/replay/control", response_model=ReplayStateOut)
 def control(body: ReplayControl, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
-    """Pause, speed, seek."""
-    runtime.replaying.control(paused=body.paused, speed=body.speed, seek_s=body.seek_s)
+    """Pause, speed, seek, step, loop, which estimates are shown."""
+    runtime.replaying.control(
+        paused=body.paused,
+        speed=body.speed,
+        seek_s=body.seek_s,
+        step=body.step,
+        loop=body.loop,
+        estimates=body.estimates,
+    )
     return {"replay": runtime.replaying.state()}
 
 

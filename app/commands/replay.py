@@ -1,26 +1,28 @@
 """`voltwall replay`: a recorded session through the same pipeline, into the browser or as JSON lines."""
 
 import argparse
+import json
 import sys
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from app import log
+from app.analysis.expectations import Expectations
 from app.api.encode import snapshot_json
 from app.commands.serve import serve
+from app.debrief.proof import prove, replay_pipeline
 from app.errors import ConfigError
-from app.estimation.cellfile import load_cell
-from app.estimation.errors import EstimatorError
-from app.estimation.estimators import FILTERS, make_estimator
+from app.estimation.cellfile import DEFAULT_CELL
+from app.estimation.estimators import FILTERS
 from app.main import Replay
-from app.outlook import Lookout
-from app.pipeline import Pipeline
 from app.replaying import item_of, prepare
 from app.sessions.info import RecordedConfig
 from app.sessions.reader import SessionFile
 from app.settings import Settings
-from firmware_protocol.memory_map import N_CELLS
 
+DEFAULT_FILTER = "fused"
 NO_SERVICE = {"recording": None, "replay": None, "last_event_id": 0, "config_stored_hash": None}
 
 
@@ -29,8 +31,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, metavar="FILE", help="a session: one .sqlite file")
     parser.add_argument("--speed", type=float, default=1.0, help="0.1 to 100 times real time (default: 1)")
     parser.add_argument("--json", action="store_true", help="print every snapshot as a line of JSON, without a server")
-    parser.add_argument("--filter", choices=FILTERS, default="fused", help="state estimator (default: fused)")
-    parser.add_argument("--cell", default="samsung-25r-10p", metavar="CELL.toml", help="cell file or name")
+    parser.add_argument(
+        "--assert",
+        dest="expected",
+        type=Path,
+        metavar="FILE",
+        help="check alarms and estimates against a TOML file of expectations, without a server;\n"
+        "exit code 0: all held, 1: one did not, 2: it could not be checked. With --json the verdicts as JSON",
+    )
+    parser.add_argument(
+        "--filter", choices=FILTERS, help=f"recompute with this state estimator (default: {DEFAULT_FILTER})"
+    )
+    parser.add_argument(
+        "--cell", metavar="CELL.toml", help=f"recompute with this cell file or name (default: {DEFAULT_CELL})"
+    )
+    parser.add_argument(
+        "--estimates",
+        choices=("recomputed", "recorded"),
+        default="recomputed",
+        help="which estimates the pages show; both are told (default: recomputed)",
+    )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: 127.0.0.1)")
     parser.add_argument("--port", type=int, default=8000, help="port to listen on; 0 takes a free one (default: 8000)")
 
@@ -44,31 +64,23 @@ def run(args: argparse.Namespace) -> int:
     """
     if not args.file.is_file():
         raise ConfigError("file", args.file, "no such session file")
+    if args.expected is not None:
+        return _prove(args.file, args.expected, args.filter, args.cell, args.json)
+    filter_name: Any = args.filter or DEFAULT_FILTER  # one of FILTERS: the parser has looked
+    cell_name = args.cell or DEFAULT_CELL
     if args.json:
-        return _print_snapshots(args.file, args.filter, args.cell)
+        return _print_snapshots(args.file, filter_name, cell_name)
     log.configure("info")
     with SessionFile(args.file):
         pass  # refuse what is no session before anything starts
     with tempfile.TemporaryDirectory(prefix="voltwall-replay-") as data:
-        settings = Settings(host=args.host, port=args.port, filter=args.filter, cell=args.cell, data=Path(data))
+        settings = Settings(host=args.host, port=args.port, filter=filter_name, cell=cell_name, data=Path(data))
         settings.check()
-        return serve(settings, replay=Replay(args.file, args.speed))
+        return serve(settings, replay=Replay(args.file, args.speed, args.estimates))
 
 
 def _print_snapshots(path: Path, filter_name: str, cell_name: str) -> int:
-    try:
-        cell = load_cell(cell_name)
-    except EstimatorError as error:
-        raise ConfigError("cell", cell_name, str(error)) from error
-    pipeline = Pipeline(
-        "replay",
-        lambda: make_estimator(filter_name, cell, N_CELLS),
-        filter_name=filter_name,
-        cell_name=cell_name,
-        rs232_url="recorded",
-        can_url="recorded",
-        lookout=Lookout(cell, N_CELLS),
-    )
+    pipeline = replay_pipeline(filter_name, cell_name)
     with SessionFile(path) as file:
         prepare(pipeline, file)
         for received in file.received():
@@ -79,3 +91,24 @@ def _print_snapshots(path: Path, filter_name: str, cell_name: str) -> int:
             if snapshot is not None:
                 sys.stdout.buffer.write(snapshot_json(snapshot, NO_SERVICE) + b"\n")
     return 0
+
+
+def _prove(path: Path, expected: Path, filter_name: str | None, cell_name: str | None, as_json: bool) -> int:
+    try:
+        text = expected.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError("--assert", expected, f"a file that can be read: {error}") from error
+    expectations = Expectations(text)
+    pipeline = replay_pipeline(
+        filter_name or expectations.filter_name or DEFAULT_FILTER, cell_name or expectations.cell_name or DEFAULT_CELL
+    )
+    with SessionFile(path) as session:
+        verdicts = prove(session, expectations, pipeline)
+    failed = sum(not verdict.held for verdict in verdicts)
+    if as_json:
+        print(json.dumps({"held": failed == 0, "expectations": [asdict(verdict) for verdict in verdicts]}, indent=2))
+    else:
+        for verdict in verdicts:
+            print(f"{'ok  ' if verdict.held else 'FAIL'}  {verdict.text}: {verdict.found}")
+        print(f"{len(verdicts) - failed} of {len(verdicts)} held")
+    return 1 if failed else 0

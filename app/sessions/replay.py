@@ -10,6 +10,7 @@ from app.sessions.reader import SessionFile
 
 LEAD_S = 5.0  # after a jump, so much from before it comes first: every window of the stream has had its turn
 MIN_SPEED, MAX_SPEED = 0.1, 100.0
+MIN_LOOP_S = 0.5
 MAX_SPEED_ITEMS = 256  # at a time where nothing is waited for
 Received = RecordedFrame | RecordedCanFrame
 
@@ -32,6 +33,7 @@ class Pacer:
         self.duration_s = info.duration_s
         self.speed = _checked(speed)
         self.is_paused = False
+        self.loop: tuple[float, float] | None = None  # begins anew at the first when the second is reached
         self._now_s = now_s
         self._at_s = position_s
         self._items: Iterator[Received] = iter(())
@@ -105,6 +107,22 @@ class Pacer:
         """
         self._hold(now_s)
         self.speed = _checked(speed)
+
+    def set_loop(self, from_s: float, to_s: float) -> None:
+        """Play a stretch again and again.
+
+        Raises:
+            ConfigError: it does not lie within the session, or is shorter than MIN_LOOP_S.
+        """
+        if not (from_s >= 0.0 and from_s + MIN_LOOP_S <= to_s):
+            raise ConfigError("loop", [from_s, to_s], f"from 0 on, and at least {MIN_LOOP_S} s long")
+        if from_s > self.duration_s - MIN_LOOP_S:
+            raise ConfigError("loop", [from_s, to_s], f"within the session's {self.duration_s:.1f} s")
+        self.loop = from_s, min(to_s, self.duration_s)
+
+    def is_loop_over(self, now_s: float) -> bool:
+        """True where the end of the loop was reached: time to `seek` its beginning."""
+        return self.loop is not None and not self.is_paused and self.position_s(now_s) >= self.loop[1]
 
     def seek(self, position_s: float, now_s: float) -> None:
         """Jump; what was received in the LEAD_S before the position is due at once, the rest in its time."""

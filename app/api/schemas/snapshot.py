@@ -227,8 +227,19 @@ class RecordingOut(BaseModel):
     bytes: int
 
 
+class ReplayComparedOut(BaseModel):
+    """State of charge as recorded and as recomputed, at the newest sample."""
+
+    recorded_soc: Number
+    recorded_soc_min: Number
+    recomputed_soc: Number
+    recomputed_soc_min: Number
+    largest_difference: Number
+    largest_difference_cell: int | None
+
+
 class ReplayOut(BaseModel):
-    """Where a replay stands."""
+    """Where a replay stands, and with what it recomputes the estimates."""
 
     session_id: str
     position_s: float
@@ -236,6 +247,11 @@ class ReplayOut(BaseModel):
     speed: float
     paused: bool
     finished: bool
+    loop: tuple[float, float] | None
+    filter: str
+    cell: str
+    estimates: Literal["recomputed", "recorded"]
+    compared: ReplayComparedOut | None
 
 
 class AgeOut(BaseModel):

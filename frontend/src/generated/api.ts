@@ -779,6 +779,17 @@ export interface RecordingPlan {
 }
 
 /** Where a replay stands. */
+/** State of charge as recorded and as recomputed, at the newest sample. */
+export interface ReplayCompared {
+  recorded_soc: number | null;
+  recorded_soc_min: number | null;
+  recomputed_soc: number | null;
+  recomputed_soc_min: number | null;
+  largest_difference: number | null;
+  largest_difference_cell: number | null;
+}
+
+/** Where a replay stands, and with what it recomputes the estimates. */
 export interface Replay {
   session_id: string;
   position_s: number;
@@ -786,6 +797,11 @@ export interface Replay {
   speed: number;
   paused: boolean;
   finished: boolean;
+  loop: [number, number] | null;
+  filter: string;
+  cell: string;
+  estimates: 'recomputed' | 'recorded';
+  compared: ReplayCompared | null;
 }
 
 /** Where the replay stands; null: the live source is shown. */

@@ -1,19 +1,22 @@
 import threading
 import time
 
+import numpy as np
 import pytest
 
-from app.errors import AppError, NotNow
+from app.errors import AppError, ConfigError, NotNow
 from app.estimation.cellfile import load_cell
 from app.estimation.estimators import make_estimator
 from app.pipeline import Pipeline
-from app.replaying import Replaying
+from app.replaying import Playing, Replaying
 from app.sessions.writer import Recorder
+from app.telemetry import SerialItem
 
+RECORDED_SOC = 0.42
 CELL = load_cell("samsung-25r-10p")
 
 
-def new_pipeline(*_):
+def new_pipeline(*_, **__):
     return Pipeline("replay", lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
 
 
@@ -25,6 +28,7 @@ def session(tmp_path, master):
     for _ in range(20):
         item = master.frame()
         recorder.frame(item.t_mono_ns, item.t_wall_ns, 0, item.frame.raw, True)
+        recorder.estimates(item.t_mono_ns, master.uptime_ms, np.full(96, RECORDED_SOC), np.full(96, 0.02))
     recorder.close()
     return info.path
 
@@ -65,17 +69,17 @@ def replaying(shown, failures):
 
 
 def test_it_shows_what_was_recorded(replaying, shown, session):
-    replaying.start(session, 100)
+    replaying.start(session, Playing(100))
     assert replaying.state()["session_id"] == session.stem
     shown.wait(lambda s: s.links["rs232"].frames == 20)
     assert shown.snapshots[-1].cells.voltage_v[3] == pytest.approx(3.7003)
 
 
 def test_a_replay_that_stands_still_goes_on_saying_so(replaying, shown, session):
-    replaying.start(session, 100)
+    replaying.start(session, Playing(100))
     shown.wait(lambda s: s.links["rs232"].frames == 20 and not s.is_fresh)
     assert replaying.state()["finished"]
-    replaying.control(paused=True, speed=None, seek_s=0.5)
+    replaying.control(paused=True, seek_s=0.5)
     deadline = time.monotonic() + 5
     while not replaying.state()["paused"]:
         assert time.monotonic() < deadline
@@ -87,14 +91,22 @@ def test_a_file_that_is_no_session_is_refused_and_the_car_stays_shown(replaying,
     broken = tmp_path / "broken.sqlite"
     broken.write_bytes(b"no database" * 100)
     with pytest.raises(AppError):
-        replaying.start(broken, 1)
+        replaying.start(broken, Playing())
     assert not replaying.is_active
     assert replaying.state() is None
 
 
 def test_one_that_fails_while_it_plays_ends_and_says_so(shown, failures, session):
-    replaying = Replaying(lambda *_: None, shown, failures.append)
-    replaying.start(session, 1)
+    class Broken:
+        def __init__(self):
+            self.names = {"filter": "f", "cell": "c"}
+
+        def feed(self, item):
+            if isinstance(item, SerialItem):
+                raise ValueError("broken")
+
+    replaying = Replaying(lambda *_, **__: Broken(), shown, failures.append)
+    replaying.start(session, Playing(1))
     deadline = time.monotonic() + 5
     while replaying.is_active:
         assert time.monotonic() < deadline
@@ -103,7 +115,7 @@ def test_one_that_fails_while_it_plays_ends_and_says_so(shown, failures, session
 
 
 def test_of_many_started_at_once_one_is_left(replaying, session):
-    threads = [threading.Thread(target=replaying.start, args=(session, 1)) for _ in range(5)]
+    threads = [threading.Thread(target=replaying.start, args=(session, Playing())) for _ in range(5)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -113,5 +125,55 @@ def test_of_many_started_at_once_one_is_left(replaying, session):
 
 def test_without_a_replay_there_is_nothing_to_control(replaying):
     with pytest.raises(NotNow):
-        replaying.control(paused=True, speed=None, seek_s=None)
+        replaying.control(paused=True)
     replaying.stop()
+
+
+def fresh(snapshots):
+    return [(s.t_mono_ns, s.cells.soc.tolist(), s.accumulator, s.alarms) for s in snapshots if s.is_fresh]
+
+
+def test_step_by_step_is_the_same_as_in_one_go(replaying, shown, session):
+    replaying.start(session, Playing(100))
+    shown.wait(lambda s: s.links["rs232"].frames == 20)
+    at_once = fresh(shown.snapshots)
+    shown.snapshots.clear()
+    replaying.start(session, Playing(0.1))
+    replaying.control(paused=True, seek_s=0.0)
+    for frames in range(1, 21):
+        replaying.control(step=True)
+        shown.wait(lambda s, frames=frames: s.is_fresh and s.links["rs232"].frames == frames)
+    assert fresh(shown.snapshots)[-20:] == at_once
+
+
+def test_a_loop_begins_anew_until_it_is_taken_off(replaying, shown, session):
+    replaying.start(session, Playing(100))
+    replaying.control(loop=(0.5, 1.5))
+    shown.wait(lambda s: s.is_fresh)
+    first = shown.snapshots[0].t_mono_ns
+    with shown.changed:
+        assert shown.changed.wait_for(lambda: sum(s.t_mono_ns == first for s in shown.snapshots if s.is_fresh) > 2, 10)
+    assert replaying.state()["loop"] == (0.5, 1.5)
+    replaying.control(loop="off", seek_s=0.0)
+    shown.wait(lambda s: s.links["rs232"].frames == 20 and not s.is_fresh)
+
+
+@pytest.mark.parametrize("loop", [(-1.0, 1.0), (1.0, 0.5), (0.0, 1e6)])
+def test_a_loop_beyond_the_session_is_refused(replaying, session, loop):
+    replaying.start(session, Playing(1))
+    with pytest.raises(ConfigError, match="loop"):
+        replaying.control(loop=loop)
+
+
+def test_both_estimates_are_told_and_either_is_shown(replaying, shown, session):
+    replaying.start(session, Playing(100, estimates="recorded"))
+    shown.wait(lambda s: s.links["rs232"].frames == 20)
+    snapshot = next(s for s in shown.snapshots if s.is_fresh)
+    assert snapshot.cells.soc == pytest.approx(np.full(96, RECORDED_SOC), abs=2e-5)
+    assert snapshot.accumulator["soc"] == pytest.approx(RECORDED_SOC, abs=2e-5)
+    compared = replaying.state()["compared"]
+    assert compared["recorded_soc"] == pytest.approx(RECORDED_SOC, abs=2e-5)
+    assert compared["largest_difference"] >= abs(compared["recomputed_soc"] - RECORDED_SOC) - 2e-5
+    shown.snapshots.clear()
+    replaying.control(estimates="recomputed", seek_s=0.0)
+    shown.wait(lambda s: s.is_fresh and s.accumulator["soc"] == pytest.approx(compared["recomputed_soc"], abs=1e-3))
