@@ -778,7 +778,6 @@ export interface RecordingPlan {
   venue: string;
 }
 
-/** Where a replay stands. */
 /** State of charge as recorded and as recomputed, at the newest sample. */
 export interface ReplayCompared {
   recorded_soc: number | null;
