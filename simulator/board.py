@@ -23,6 +23,7 @@ class Board:
         self.chain = SlaveChain(N_PACKS, rng)
         self.current_sensor = CurrentSensor(rng, self.noise)
         self.cell_inputs = CellInputs(N_CELLS, rng, self.noise)
+        self.link_share = 0.0  # the link's voltage over the accumulator's, compared by the pre-charge board
         self.boots = 0
 
     def sense_voltages(self, accumulator: Accumulator) -> None:

@@ -6,8 +6,11 @@ from typing import Any
 from firmware_protocol.memory_map import CELLS_PER_PACK
 from simulator.director import Director
 from simulator.errors import FaultError, SimulatorError
-from simulator.faults import FAULTS, ActiveFault, Target, cell_index
+from simulator.fault_kinds import FAULTS, Target
+from simulator.faults import ActiveFault, cell_index
 from simulator.library import library
+from simulator.master import VirtualMaster
+from simulator.relays import RelayState
 from simulator.runner import Runner
 
 MAX_SPEED = 1000.0
@@ -52,6 +55,8 @@ class Control:
             "soc": round(float(simulation.accumulator.soc.mean()), 5),
             "current_a": round(simulation.current_a, 2),
             "master_is_running": simulation.master is not None,
+            "relays": _relays(simulation.master),
+            "link_v": round(simulation.link.voltage_v, 1),
             "active": [_fault_json(fault) for fault in self._director.faults.active],
         }
 
@@ -116,6 +121,12 @@ class Control:
             raise FaultError("unplug", "give for_s, the wall seconds without the RS232 cable")
         self._runner.unplug_serial(for_s)
         return {}
+
+
+def _relays(master: VirtualMaster | None) -> str:
+    if master is None:
+        return RelayState.OPEN.value
+    return "precharge failed" if master.has_precharge_failed else master.relay_state.value
 
 
 def _target(name: str, request: Mapping[str, Any]) -> int:

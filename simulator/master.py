@@ -92,6 +92,11 @@ class VirtualMaster:
         return self._relays.state
 
     @property
+    def has_precharge_failed(self) -> bool:
+        """The vehicle's link did not reach its voltage in time."""
+        return self._relays.has_precharge_failed
+
+    @property
     def fan_duty(self) -> float:
         """Duty of the fans, 0..1."""
         return self.memory.charger("fan_duty") / 255
@@ -118,6 +123,7 @@ class VirtualMaster:
             is_ok=self.protection.is_ok and self.is_shutdown_closed,
             drive_requested=self.drive_requested and is_ready,
             charging=self.charging.is_active,
+            link_share=self.board.link_share,
         )
         self._balance(now_s)
         self.memory.set_charger("fan_duty", self.fans.duty(config, reading.t_max))
@@ -212,6 +218,7 @@ class VirtualMaster:
                 if not self.protection.clear():
                     return False
                 self._emit_all(self.charging.stop(now_s))
+                self._relays.retry()
                 self.emit(Event(EventCode.FAULTS_CLEARED, 0, NO_OFFSET, 0, 0))
             case CommandId.SET_SOC:
                 self._soc.set_soc(self.config, argument / SOC_SCALE)

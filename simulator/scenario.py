@@ -14,7 +14,8 @@ from firmware_protocol.errors import EncodeError
 from firmware_protocol.memory_map import CELLS_PER_PACK
 from firmware_protocol.messages import EventCode
 from simulator.errors import FaultError, ParameterError, ScenarioError
-from simulator.faults import Target, cell_index, check_fault, fault_kind
+from simulator.fault_kinds import Target
+from simulator.faults import cell_index, check_fault, fault_kind
 from simulator.recording import read_recording
 
 Item = TypeVar("Item")

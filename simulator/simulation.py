@@ -15,6 +15,7 @@ from simulator.can_bus import CanBus, CanFrame
 from simulator.charger_unit import ChargerUnit
 from simulator.eeprom import Eeprom
 from simulator.line import UartLine
+from simulator.link_circuit import LinkCircuit
 from simulator.loads import Load, Rest
 from simulator.master import PASS_S, VirtualMaster
 from simulator.relays import RelayState
@@ -81,6 +82,7 @@ class Simulation:
         self._master_on_bus = MasterOnBus(self)
         self.charger = ChargerOnBus(ChargerUnit(ambient_degc=parameters.ambient_degc))
         self.bus.nodes += [self._master_on_bus, self.charger]
+        self.link = LinkCircuit()
         self.line = UartLine(self.rng)
         self.serial_out: Callable[[bytes], None] | None = None
         self.before_step: Callable[[float], None] | None = None
@@ -196,9 +198,11 @@ class Simulation:
     def _advance_accumulator(self, dt_s: float) -> None:
         master = self.master
         relays = RelayState.OPEN if master is None else master.relay_state
-        self.current_a = 0.0
+        source_v = self.accumulator.outlet_voltage_v
+        self.current_a = self.link.step(dt_s, source_v, relays)
+        self.board.link_share = self.link.voltage_v / source_v if source_v > 0 else 0.0
         if relays == RelayState.VEHICLE:
-            self.current_a = self.load.current_a(self.load_time_s, self.accumulator)
+            self.current_a += self.load.current_a(self.load_time_s, self.accumulator)
         elif relays == RelayState.CHARGER:
             self.current_a = -self.charger.unit.current_a
         self.accumulator.step(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from simulator.control import Control
 from simulator.director import Director
-from simulator.faults import FAULTS, FaultKind
+from simulator.fault_kinds import FAULTS, FaultKind
 from simulator.library import find_scenario
 from simulator.runner import Runner
 from simulator.scenario import ACTIONS, LOADS

@@ -11,6 +11,7 @@ from firmware_protocol.messages import Event, EventCode, MessageType, Result, de
 from simulator.charging import ChargingState
 from simulator.director import Director
 from simulator.library import find_scenario, library
+from simulator.memory import FLAG
 from simulator.scenario import Scenario
 
 LOOPING_S = 60.0
@@ -134,6 +135,18 @@ def test_loose_bolt_shows_under_load_and_not_at_rest():
     director.simulation.before_step = lambda at_s: (watch(at_s), step(at_s))
     director.run(175)
     assert min(sag_v) > 0.09  # 1 mohm at 100 A and more
+
+
+def test_a_car_whose_precharge_failed_drives_only_after_it_was_mended_and_cleared():
+    director = Director(find_scenario("failed-precharge"))
+    simulation = director.simulation
+    director.run(19.5)
+    assert simulation.master.has_precharge_failed
+    assert (simulation.current_a, simulation.link.voltage_v) == (0.0, 0.0)
+    assert simulation.master.memory.flags & (FLAG["fit"] | FLAG["load"]) == FLAG["fit"]
+    director.run(3.0)
+    assert simulation.current_a == 20.0
+    assert simulation.link.voltage_v > 300.0
 
 
 def test_damaged_frames_of_a_noisy_cable_are_all_found():

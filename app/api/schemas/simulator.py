@@ -29,6 +29,8 @@ class SimulatorStatusOut(BaseModel):
     soc: float
     current_a: float
     master_is_running: bool
+    relays: Literal["open", "precharge", "precharge failed", "vehicle", "charger"]
+    link_v: float  # of the vehicle's capacitor, behind the relays
     active: list[FaultInForceOut]
 
 

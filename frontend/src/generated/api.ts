@@ -976,6 +976,8 @@ export interface SimulatorStatus {
   soc: number;
   current_a: number;
   master_is_running: boolean;
+  relays: 'open' | 'precharge' | 'precharge failed' | 'vehicle' | 'charger';
+  link_v: number;
   active: FaultInForce[];
 }
 

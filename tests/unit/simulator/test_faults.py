@@ -3,7 +3,8 @@ import pytest
 
 from simulator.accumulator import AccumulatorParameters
 from simulator.errors import FaultError
-from simulator.faults import FAULTS, FaultBoard, Target, cell_index
+from simulator.fault_kinds import FAULTS, Target
+from simulator.faults import FaultBoard, cell_index
 from simulator.simulation import Simulation
 
 
@@ -29,6 +30,7 @@ def state(simulation: Simulation) -> list[object]:
         board.chain.bit_error_rate, board.current_sensor.is_unplugged, board.current_sensor.extra_offset_a,
         frozenset(board.eeprom.worn_pages), line.noise_per_byte, line.is_dropping, line.is_stuck,
         simulation.is_shutdown_open,
+        simulation.link.leak_ohm, simulation.link.is_precharge_open, simulation.link.is_discharge_open,
         simulation.is_bus_off, simulation.bus.is_broken, unit.extra_heat_w, unit.has_mains, unit.is_reversed,
         unit.is_silent, unit.has_hardware_fault, simulation.master is None,
     ]  # fmt: skip

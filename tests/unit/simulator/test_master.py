@@ -215,6 +215,7 @@ def test_an_open_shutdown_circuit_opens_the_relays_without_a_trip_and_precharge_
     master = host.simulation.master
     assert (master.relay_state, host.simulation.current_a) == (RelayState.OPEN, 0.0)
     assert master.memory.flags & (FLAG["fit"] | FLAG["load"]) == FLAG["fit"]
+    host.run(1.0)  # the link is discharged meanwhile
     host.simulation.is_shutdown_open = False
     host.run(0.5)
     assert master.relay_state is RelayState.PRECHARGE

@@ -1,0 +1,218 @@
+"""Everything that can be made to go wrong, as a table: name, target, value, and what it does to the simulation."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from simulator.simulation import BROWN_OUT, WATCHDOG, Simulation
+
+
+class Target(Enum):
+    """What a fault hits."""
+
+    NONE = "none"
+    CELL = "cell"
+    PACK = "pack"
+
+
+Apply = Callable[[Simulation, int, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class FaultKind:
+    """One kind of fault; `apply` with `neutral` takes it away again."""
+
+    name: str
+    meaning: str
+    target: Target
+    unit: str
+    minimum: float
+    maximum: float
+    default: float
+    neutral: float
+    apply: Apply
+    is_instant: bool = False  # over as soon as it has happened
+
+
+def _cell_array(name: str) -> Apply:
+    def apply(simulation: Simulation, cell: int, value: float) -> None:
+        getattr(simulation.accumulator, name)[cell] = value
+
+    return apply
+
+
+def _joint(simulation: Simulation, cell: int, milliohm: float) -> None:
+    simulation.accumulator.extra_joint_ohm[cell] = milliohm * 1e-3
+
+
+def _open_wire(simulation: Simulation, cell: int, is_open: float) -> None:
+    wires = simulation.board.chain.converters.open_wires
+    wires.add(cell) if is_open else wires.discard(cell)
+
+
+def _stuck_voltage(simulation: Simulation, cell: int, volts: float) -> None:
+    simulation.board.cell_inputs.stuck_v[cell] = volts
+    simulation.board.cell_inputs.faults_changed()
+
+
+def _noisy_voltage(simulation: Simulation, cell: int, volts: float) -> None:
+    simulation.board.cell_inputs.extra_noise_v[cell] = volts
+    simulation.board.cell_inputs.faults_changed()
+
+
+def _stuck_temperature(simulation: Simulation, cell: int, degc: float) -> None:
+    simulation.board.cell_inputs.temperature_stuck_degc[cell] = degc
+
+
+def _temperature_unplugged(simulation: Simulation, cell: int, is_off: float) -> None:
+    simulation.board.cell_inputs.temperature_unplugged[cell] = bool(is_off)
+
+
+def _fan(simulation: Simulation, _: int, share: float) -> None:
+    simulation.accumulator.fan_blocked = share
+
+
+def _ambient(simulation: Simulation, _: int, degc: float) -> None:
+    simulation.set_ambient(None if np.isnan(degc) else degc)
+
+
+def _slave(simulation: Simulation, pack: int, is_lost: float) -> None:
+    simulation.board.chain.set_powered(pack, not is_lost)
+
+
+def _converter(simulation: Simulation, pack: int, bit: float) -> None:
+    simulation.board.chain.converters.stick(pack, 0 if np.isnan(bit) else 1 << int(bit))
+
+
+def _reference(simulation: Simulation, pack: int, percent: float) -> None:
+    simulation.board.chain.converters.drift(pack, 1 + percent / 100)
+
+
+def _multiplexer(simulation: Simulation, pack: int, has_failed: float) -> None:
+    simulation.board.chain.converters.multiplexer_failed[pack] = bool(has_failed)
+
+
+def _isospi(simulation: Simulation, _: int, rate: float) -> None:
+    simulation.board.chain.bit_error_rate = rate
+
+
+def _current_unplugged(simulation: Simulation, _: int, is_unplugged: float) -> None:
+    simulation.board.current_sensor.is_unplugged = bool(is_unplugged)
+
+
+def _current_offset(simulation: Simulation, _: int, amperes: float) -> None:
+    simulation.board.current_sensor.extra_offset_a = amperes
+
+
+def _eeprom(simulation: Simulation, _: int, is_worn: float) -> None:
+    simulation.board.eeprom.worn_pages = set(range(16)) if is_worn else set()
+
+
+def _shutdown(simulation: Simulation, _: int, is_open: float) -> None:
+    simulation.is_shutdown_open = bool(is_open)
+
+
+def _precharge(simulation: Simulation, _: int, is_open: float) -> None:
+    simulation.link.is_precharge_open = bool(is_open)
+
+
+def _link_leak(simulation: Simulation, _: int, ohms: float) -> None:
+    simulation.link.leak_ohm = ohms
+
+
+def _discharge(simulation: Simulation, _: int, is_open: float) -> None:
+    simulation.link.is_discharge_open = bool(is_open)
+
+
+def _watchdog(simulation: Simulation, _: int, off_s: float) -> None:
+    simulation.reset(WATCHDOG, off_s)
+
+
+def _brown_out(simulation: Simulation, _: int, off_s: float) -> None:
+    simulation.reset(BROWN_OUT, off_s)
+
+
+def _serial_noise(simulation: Simulation, _: int, rate: float) -> None:
+    simulation.line.noise_per_byte = rate
+
+
+def _serial_drop_outs(simulation: Simulation, _: int, is_dropping: float) -> None:
+    simulation.line.is_dropping = bool(is_dropping)
+
+
+def _serial_stuck(simulation: Simulation, _: int, is_stuck: float) -> None:
+    simulation.line.is_stuck = bool(is_stuck)
+
+
+def _bus_off(simulation: Simulation, _: int, is_off: float) -> None:
+    simulation.is_bus_off = bool(is_off)
+
+
+def _bus_broken(simulation: Simulation, _: int, is_broken: float) -> None:
+    simulation.bus.is_broken = bool(is_broken)
+
+
+def _charger_heat(simulation: Simulation, _: int, watts: float) -> None:
+    simulation.charger.unit.extra_heat_w = watts
+
+
+def _charger_mains(simulation: Simulation, _: int, is_off: float) -> None:
+    simulation.charger.unit.has_mains = not is_off
+
+
+def _charger_reversed(simulation: Simulation, _: int, is_reversed: float) -> None:
+    simulation.charger.unit.is_reversed = bool(is_reversed)
+
+
+def _charger_silent(simulation: Simulation, _: int, is_silent: float) -> None:
+    simulation.charger.unit.is_silent = bool(is_silent)
+
+
+def _charger_broken(simulation: Simulation, _: int, is_broken: float) -> None:
+    simulation.charger.unit.has_hardware_fault = bool(is_broken)
+
+
+_NAN, _INFINITE = float("nan"), float("inf")
+_ON = ("", 1, 1, 1, 0)  # unit, minimum, maximum, default, neutral of a fault that is there or not
+_CELL, _PACK, _NONE = Target.CELL, Target.PACK, Target.NONE
+_KINDS = (
+    FaultKind("open-wire", "the wire at the cell's upper end is off", _CELL, *_ON, _open_wire),
+    FaultKind("stuck-sensor", "the cell's voltage input shows this voltage", _CELL, "V", 0, 6, 0, _NAN, _stuck_voltage),
+    FaultKind("noisy-sensor", "noise on the cell's voltage input", _CELL, "V rms", 0, 2, 0.02, 0, _noisy_voltage),
+    FaultKind("stuck-temperature", "the sensor shows this", _CELL, "degC", -60, 200, 60, _NAN, _stuck_temperature),
+    FaultKind("temperature-unplugged", "the temperature sensor is off", _CELL, *_ON, _temperature_unplugged),
+    FaultKind("loose-joint", "more resistance in the cell's busbar", _CELL, "mohm", 0, 50, 2, 0, _joint),
+    FaultKind("weak-cell", "capacity left", _CELL, "of new", 0.05, 1, 0.7, 1, _cell_array("capacity_factor")),
+    FaultKind("high-resistance", "inner resistance", _CELL, "times new", 1, 20, 2, 1, _cell_array("resistance_factor")),
+    FaultKind("internal-short", "current through a short inside", _CELL, "A", 0, 50, 5, 0, _cell_array("leak_a")),
+    FaultKind("hot-cell", "heat from outside", _CELL, "W", 0, 500, 50, 0, _cell_array("heat_w")),
+    FaultKind("blocked-fan", "share of the air that is missing", _NONE, "", 0, 1, 1, 0, _fan),
+    FaultKind("ambient", "another air temperature", _NONE, "degC", -40, 80, 45, _NAN, _ambient),
+    FaultKind("lost-slave", "the pack's slave does not answer", _PACK, *_ON, _slave),
+    FaultKind("broken-converter", "this bit of the slave's converter is stuck", _PACK, "", 0, 15, 7, _NAN, _converter),
+    FaultKind("drifting-reference", "the slave's reference is off", _PACK, "%", -20, 20, 2, 0, _reference),
+    FaultKind("multiplexer-failed", "the slave's multiplexer fails its self-test", _PACK, *_ON, _multiplexer),
+    FaultKind("isospi-noise", "bit errors on the slaves' line", _NONE, "per bit", 0, 0.1, 1e-3, 0, _isospi),
+    FaultKind("current-unplugged", "the current sensor is off", _NONE, *_ON, _current_unplugged),
+    FaultKind("current-offset", "the current sensor is off by this", _NONE, "A", -100, 100, 2, 0, _current_offset),
+    FaultKind("eeprom-worn", "writes to the configuration do not last", _NONE, *_ON, _eeprom),
+    FaultKind("shutdown-open", "a button or the insulation monitor opens the relays", _NONE, *_ON, _shutdown),
+    FaultKind("precharge-open", "the pre-charge resistor is burnt", _NONE, *_ON, _precharge),
+    FaultKind("link-leak", "a load across the vehicle's link", _NONE, "ohm", 100, 1e6, 2000, _INFINITE, _link_leak),
+    FaultKind("discharge-open", "the link keeps its voltage when the relays open", _NONE, *_ON, _discharge),
+    FaultKind("reset", "the watchdog restarts the master", _NONE, "s off", 0, 60, 0.3, 0, _watchdog, is_instant=True),
+    FaultKind("brown-out", "the master loses power", _NONE, "s off", 0, 60, 1, 0, _brown_out, is_instant=True),
+    FaultKind("serial-noise", "flipped bits on the RS232 line", _NONE, "per byte", 0, 1, 1e-3, 0, _serial_noise),
+    FaultKind("serial-drop-outs", "frames break off on the RS232 line", _NONE, *_ON, _serial_drop_outs),
+    FaultKind("serial-stuck", "nothing passes the RS232 line", _NONE, *_ON, _serial_stuck),
+    FaultKind("can-bus-off", "the master's CAN controller is off the bus", _NONE, *_ON, _bus_off),
+    FaultKind("can-broken", "nothing passes the CAN bus", _NONE, *_ON, _bus_broken),
+    FaultKind("charger-hot", "heat in the charger", _NONE, "W", 0, 5000, 2500, 0, _charger_heat),
+    FaultKind("charger-no-mains", "the charger's mains are off", _NONE, *_ON, _charger_mains),
+    FaultKind("charger-reversed", "the charger's plug is reversed", _NONE, *_ON, _charger_reversed),
+    FaultKind("charger-silent", "the charger neither sends nor hears", _NONE, *_ON, _charger_silent),
+    FaultKind("charger-broken", "the charger's hardware fails", _NONE, *_ON, _charger_broken),
+)
+FAULTS: dict[str, FaultKind] = {kind.name: kind for kind in _KINDS}
