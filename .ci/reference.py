@@ -45,7 +45,9 @@ PURPOSE = {
     "playwright": "drives the browser tests",
     "pytest": "tests",
     "pytest-timeout": "no test hangs",
+    "requests": "what schemathesis sends with",
     "ruff": "formatting and lint",
+    "schemathesis": "asks every operation of the OpenAPI document for anything",
     "types-pyserial": "types of pyserial",
 }
 

@@ -16,7 +16,7 @@ from simulator.eeprom import Eeprom
 from simulator.errors import SimulatorError
 from simulator.library import DEFAULT_SCENARIO, find_scenario, library
 from simulator.ports import byte_port
-from simulator.runner import Runner
+from simulator.runner import MAX_SPEED, MIN_SPEED, Runner
 
 DESCRIPTION = """\
 A simulated accumulator of 96 cells behind a simulated master, to be opened like the real thing.
@@ -131,8 +131,8 @@ def _speed(text: str) -> float | None:
         speed = float(text)
     except ValueError:
         speed = 0.0
-    if not 0 < speed < 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r} is neither a positive number nor `max`")
+    if not MIN_SPEED <= speed <= MAX_SPEED:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither {MIN_SPEED:g}..{MAX_SPEED:g} nor `max`")
     return speed
 
 

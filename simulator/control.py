@@ -11,9 +11,9 @@ from simulator.faults import ActiveFault, cell_index
 from simulator.library import library
 from simulator.master import VirtualMaster
 from simulator.relays import RelayState
-from simulator.runner import Runner
+from simulator.runner import MIN_SPEED, Runner
 
-MAX_SPEED = 1000.0
+MAX_SPEED = 1000.0  # what a page may ask for
 
 
 class Control:
@@ -106,8 +106,8 @@ class Control:
             self._runner.set_speed(None)
             return {}
         speed = _number(request, "value")
-        if speed is None or not 0 < speed <= MAX_SPEED:
-            raise FaultError("speed", f"give a value above 0, at most {MAX_SPEED:g}, or `max`")
+        if speed is None or not MIN_SPEED <= speed <= MAX_SPEED:
+            raise FaultError("speed", f"give {MIN_SPEED:g} to {MAX_SPEED:g}, or `max`")
         self._runner.set_speed(speed)
         return {}
 

@@ -145,9 +145,8 @@ def _document(app: FastAPI) -> None:
     def openapi() -> dict[str, Any]:
         document = made()
         for operation in (operation for path in document["paths"].values() for operation in path.values()):
-            content = operation["responses"]["default"]["content"]
-            if "application/json" in content:
-                content[MEDIA_TYPE] = content.pop("application/json")
+            problem = operation["responses"]["default"]
+            problem["content"] = {MEDIA_TYPE: next(iter(problem["content"].values()))}
         return document
 
     app.openapi = openapi  # type: ignore[method-assign]

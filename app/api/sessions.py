@@ -33,6 +33,7 @@ from app.sessions.files import sha256
 from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
 
+SQLITE = "application/vnd.sqlite3"
 router = APIRouter(tags=["sessions"])
 ExportFormat = Literal["csv", "parquet", "mcap", "mf4", "ld", "candump", "asc", "blf"]
 MAX_UNIX_S = 9e9  # beyond it nanoseconds do not fit a 64-bit number
@@ -215,7 +216,11 @@ def series(
     return Response(orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json")
 
 
-@router.get("/sessions/{session_id}/export")
+@router.get(
+    "/sessions/{session_id}/export",
+    response_class=FileResponse,
+    responses={200: {"content": {form.media_type: {} for form in FORMATS.values()}, "description": "the file"}},
+)
 def download(
     session_id: str,
     runtime: RuntimeDep,
@@ -242,10 +247,19 @@ def download(
         path.unlink(missing_ok=True)
         raise
     name = session_id + FORMATS[export_format].suffix
-    return FileResponse(str(path), filename=name, background=BackgroundTask(path.unlink, missing_ok=True))
+    return FileResponse(
+        str(path),
+        filename=name,
+        media_type=FORMATS[export_format].media_type,
+        background=BackgroundTask(path.unlink, missing_ok=True),
+    )
 
 
-@router.get("/sessions/{session_id}/file")
+@router.get(
+    "/sessions/{session_id}/file",
+    response_class=FileResponse,
+    responses={200: {"content": {SQLITE: {}}, "description": "the file"}},
+)
 def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
     """The session itself, one SQLite file; of the one being recorded all up to now.
 
@@ -257,7 +271,7 @@ def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
         raise not_found("session", session_id) from error
     if sealed is not None:
         path, digest = sealed
-        return FileResponse(str(path), filename=path.name, headers=_digest_headers(digest))
+        return FileResponse(str(path), filename=path.name, media_type=SQLITE, headers=_digest_headers(digest))
     with tempfile.NamedTemporaryFile(suffix=".sqlite", delete=False) as target:
         path = Path(target.name)
     try:
@@ -270,6 +284,7 @@ def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
         str(path),
         filename=f"{session_id}.sqlite",
         headers=_digest_headers(sha256(path)),
+        media_type=SQLITE,
         background=BackgroundTask(path.unlink, missing_ok=True),
     )
 

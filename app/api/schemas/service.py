@@ -13,7 +13,7 @@ class FieldErrorOut(BaseModel):
     field: str
     message: str
     element: int | None = None
-    value: float | str | None = None
+    value: bool | float | str | None = None
     limit: float | str | None = None
 
 

@@ -447,7 +447,7 @@ export interface FieldError {
   field: string;
   message: string;
   element?: number | null;
-  value?: number | string | null;
+  value?: boolean | number | string | null;
   limit?: number | string | null;
 }
 

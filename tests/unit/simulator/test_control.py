@@ -53,6 +53,7 @@ def test_catalogue_is_enough_to_build_a_form(control):
         {"do": "inject", "fault": "current-offset", "value": "much"},
         {"do": "inject", "fault": "current-offset", "value": True},
         {"do": "speed", "value": 0},
+        {"do": "speed", "value": 1e-300},
         {"do": "speed"},
         {"do": "unplug"},
         {"do": "unplug", "for_s": -1},

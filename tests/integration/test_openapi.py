@@ -1,0 +1,96 @@
+"""Every operation of the OpenAPI document, asked with what it allows and with what it does not: never a 500.
+
+Each answer must be declared: its media type, its shape, and where something is wrong a problem document.
+"""
+
+import random
+from collections.abc import Iterator
+
+import pytest
+import requests
+import schemathesis
+from hypothesis import HealthCheck, Phase, assume, given, settings
+from hypothesis.errors import Unsatisfiable
+from schemathesis.core.failures import FailureGroup
+from schemathesis.generation import GenerationMode
+from schemathesis.specs.openapi.checks import content_type_conformance, response_schema_conformance
+
+CHECKS = [response_schema_conformance, content_type_conformance]
+N_EXAMPLES = 5
+PROBLEM = "application/problem+json"
+UNAVAILABLE = 503  # a link that is down, which the fuzzing may cause: the simulated cable is pulled, the master reset
+TIMEOUT_S = 30.0
+MAX_REQUEST = 30_000  # what uvicorn takes as one request line
+
+
+@pytest.fixture(scope="module")
+def places(service) -> dict[str, list[str]]:
+    """Values of path parameters that exist."""
+    service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 20)
+    with service.client() as client:
+        finished = client.get("/sessions").json()["sessions"][0]["id"]
+        client.post(f"/sessions/{finished}/stop").raise_for_status()
+        client.post("/sessions", json={}).raise_for_status()
+        sessions = [session["id"] for session in client.get("/sessions").json()["sessions"]]
+        events = [str(event["id"]) for event in client.get("/events?limit=3").json()["events"]]
+    commands = ["fan-override", "set-soc", "can-send", "charge-stop", "clear-faults", "stream-start"]
+    return {"session_id": sessions, "event_id": events, "name": commands}
+
+
+def operations(schema) -> Iterator:
+    """All of them; those that disturb the simulated car last."""
+    found = [result.ok() for result in schema.get_all_operations()]
+    return iter(sorted(found, key=lambda operation: "/simulator" in operation.path or operation.method == "delete"))
+
+
+def faults_of(operation, mode, session, places) -> dict[str, str]:
+    """What is wrong with the answers, each with how to ask for it again."""
+    found: dict[str, str] = {}
+    chance = random.Random(operation.label)
+
+    @settings(
+        max_examples=N_EXAMPLES,
+        deadline=None,
+        derandomize=True,
+        database=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(case=operation.as_strategy(generation_mode=mode))
+    def ask(case):
+        for name in set(case.path_parameters or ()) & places.keys():
+            if chance.random() < 0.7:
+                case.path_parameters[name] = chance.choice(places[name])
+        if operation.method == "put" and chance.random() < 0.8:
+            case.headers["If-Match"] = "*"
+        assume(len(case.as_curl_command()) < MAX_REQUEST)
+        try:
+            answer = case.call(session=session, timeout=TIMEOUT_S)
+        except requests.RequestException as error:
+            found[f"cut off: {error}"[:200]] = case.as_curl_command()[:500]
+            return
+        if answer.status_code >= 400 and answer.headers["content-type"][0] != PROBLEM:
+            found[f"{answer.status_code} is no problem document"] = case.as_curl_command()
+        if answer.status_code >= 500 and answer.status_code != UNAVAILABLE:
+            found[f"{answer.status_code}: {answer.text[:200]}"] = case.as_curl_command()
+        try:
+            case.validate_response(answer, checks=CHECKS)
+        except FailureGroup as error:
+            found[str(error)[:500]] = case.as_curl_command()[:500]
+
+    try:
+        ask()
+    except Unsatisfiable:
+        assert mode is GenerationMode.NEGATIVE, operation.label  # nothing about it can be wrong
+    return found
+
+
+@pytest.mark.timeout(240)
+@pytest.mark.parametrize("mode", [GenerationMode.POSITIVE, GenerationMode.NEGATIVE], ids=["allowed", "not allowed"])
+def test_no_operation_fails_and_every_answer_is_declared(service, places, mode):
+    schema = schemathesis.openapi.from_url(f"{service.base_url}/api/v1/openapi.json")
+    with requests.Session() as session:
+        found = {operation.label: faults_of(operation, mode, session, places) for operation in operations(schema)}
+    faults = [f"{label}: {what}\n    {how}" for label, cases in found.items() for what, how in cases.items()]
+    assert not faults, "\n".join(faults)
+    assert len(found) > 40
