@@ -26,7 +26,8 @@ REFUTED_SIGMAS: Final = 2.0
 REST_CURRENT_C: Final = 0.01  # below this a cell rests
 
 COUNT_ERROR_FRAC: Final = 0.003  # drift of a laboratory's charge counter, of the charge moved
-SPAN_MIN: Final = 0.2  # SOC a stretch has to cover to say something about the capacity
+SPAN_MIN: Final = 0.2  # SOC that has to be covered to say something about the capacity
+COLUMN_SPAN_MIN: Final = 0.03  # of it, what one stretch with a soc column has to cover
 DISAGREEMENT_FRAC: Final = 0.015  # above this two capacities are worth a note
 COARSE_SOC: Final = 0.002  # a soc column in larger steps is smoothed by the charge count
 
@@ -116,7 +117,7 @@ def typical_resistance(recordings: Sequence[Recording]) -> float:
 
 def capacity_from_column(recordings: Sequence[Recording]) -> float | None:
     """Return the capacity [Ah] that makes charge counts and soc columns agree, None without a column that says it."""
-    moved = spanned = 0.0
+    moved = spanned = total = 0.0
     for recording in recordings:
         for rows in stretches(recording):
             known = np.flatnonzero(np.isfinite(recording.soc[rows]))
@@ -124,11 +125,12 @@ def capacity_from_column(recordings: Sequence[Recording]) -> float | None:
                 continue
             low, high = rows[known[0]], rows[known[-1]]
             span = abs(float(recording.soc[low] - recording.soc[high]))
-            if span >= SPAN_MIN:
+            if span >= COLUMN_SPAN_MIN:
                 counted = charge_ah(recording, rows)
                 moved += abs(float(counted[known[-1]] - counted[known[0]])) * span
                 spanned += span * span
-    return moved / spanned if spanned > 0.0 else None
+                total += span
+    return moved / spanned if total >= SPAN_MIN else None
 
 
 def capacity_from_rests(
