@@ -62,8 +62,7 @@ class GaussianEstimator:
         self._filter = MarginalFilter(self.cell, self.states, rule, tuning)
         self._fast = _fast_step(self.cell, self.states, rule, tuning, fused) if wants_numba(engine) else None
         self._soc, self._filter_v2 = self.states.mean[SOC], self.states.cov[SOC, SOC]
-        self._mean_square = self.states.check[1]
-        self._bias = np.array(tuning.bias_share), np.array(tuning.bias_v**2)
+        self._bias_v2 = np.array(tuning.bias_v**2)
         self._is_started = False
 
     @property
@@ -169,11 +168,9 @@ class GaussianEstimator:
     def _soc_variance(self, result: StepResult) -> FloatArray:
         """Return (n,) variance of the SOC with the error that averaging does not remove.
 
-        v_f = P_zz + (bias^2 + share * mean square of the innovation) / slope^2: a model that errs is trusted less.
+        v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less.
         """
-        share, bias_v2 = self._bias
-        variance: FloatArray = np.multiply(self._mean_square, share)
-        np.add(variance, bias_v2, variance)
+        variance: FloatArray = np.add(self.states.bias_v2, self._bias_v2)
         slope_v2 = np.multiply(result.slope_v, result.slope_v)
         np.maximum(slope_v2, SLOPE_FLOOR_V2, out=slope_v2)
         np.divide(variance, slope_v2, variance)

@@ -1,13 +1,13 @@
 """A filter that starts from voltage alone, fused with a charge count: two independent witnesses of the SOC.
 
-While they agree the fusion is their precision-weighted mean: what a filter with the right prior would say. When
-they contradict each other the start was wrong, and the filter rules; a count that stays contradicted is anchored
-anew.
+While they agree the surer one counts: by the cubes of their variances, steeper than the precision-weighted mean, since
+the errors of a model last and do not average out against those of a count. When they contradict each other the start
+was wrong, and the filter rules; a count that stays contradicted is anchored anew.
 
     v_c = v_anchor + (gain q)^2 + (offset t)^2        over charge q and time t: gain and offset are constants
     w   = P(start was right | both)                   from t(d; 0, v_f + v_c) against "anywhere in 0..1"
-    z   = z_f - w g d,  g = v_f / (v_f + v_c),  d = z_f - z_c
-    v   = v_f (1 - w g) + w (1 - w) g^2 d^2
+    z   = z_f - w g d,  g = v_f^3 / (v_f^3 + v_c^3),  d = z_f - z_c
+    v   = v_f + w g (v_c - v_f) + w (1 - w) g^2 d^2        no less than either's where their errors are the same
 
 t is Student's density with 31 degrees of freedom: (1 + d^2 / 32 v)^-16, tails a little heavier than normal and no
 exponential to compute.
@@ -39,7 +39,7 @@ class Fusion:
         self._tuning = tuning
         self._odds = np.array(unknown_odds(tuning))
         self._views = states.mean[SOC], states.count_soc, states.doubt_s
-        self._work = tuple(np.empty((6, states.n_cells)))
+        self._work = tuple(np.empty((8, states.n_cells)))
 
     def fuse(self, dt_s: float, filter_v2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (n,) fused SOC and variance; anchors the count anew where it has been contradicted too long.
@@ -49,8 +49,11 @@ class Fusion:
             filter_v2: (n,) variance of the filter's SOC, model error included.
         """
         filter_soc, count_soc, doubt_s = self._views
-        d, apart, tail, g, w, left = self._work
+        d, apart, tail, g, w, left, cube, wider = self._work
         total = count_variance(self._states)
+        np.multiply(total, total, cube)
+        np.multiply(cube, total, cube)
+        np.subtract(total, filter_v2, wider)
         np.add(total, filter_v2, total)
         np.subtract(filter_soc, count_soc, d)
         np.multiply(d, d, apart)
@@ -64,17 +67,20 @@ class Fusion:
         np.multiply(tail, self._odds, tail)
         np.add(tail, ONE, tail)
         np.reciprocal(tail, w)
-        np.divide(filter_v2, total, g)
+        np.multiply(filter_v2, filter_v2, g)
+        np.multiply(g, filter_v2, g)
+        np.add(cube, g, cube)
+        np.divide(g, cube, g)
         # z = z_f - w g d
         np.multiply(g, d, d)
         np.multiply(w, d, left)
         soc = np.subtract(filter_soc, left)
-        # v = v_f - w g v_f + w g d (g d - w g d)
+        # v = v_f + w g (v_c - v_f) + w g d (g d - w g d)
         np.multiply(w, g, g)
-        np.multiply(g, filter_v2, g)
+        np.multiply(g, wider, g)
         np.subtract(d, left, d)
         np.multiply(left, d, left)
-        np.subtract(left, g, left)
+        np.add(left, g, left)
         variance = np.add(filter_v2, left)
         if w.item(w.argmin()) < 0.5:
             self._doubt(dt_s, w < 0.5, filter_v2)

@@ -44,6 +44,8 @@ from app.estimation.states import (
     DOUBT,
     HYSTERESIS,
     REFUSED,
+    SLOW_MEAN,
+    SLOW_SQUARE,
     TEMPERATURE,
 )
 from app.estimation.tables import N_SOC, SOC_STEP
@@ -56,7 +58,7 @@ from app.estimation.tables import N_SOC, SOC_STEP
 def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temperature_degc, out, flags):
     """Advance all cells of a two-RC model with fixed time constants by one sample, with sigma points."""
     p = Numbers(*to_fixed_tuple(numbers, N_NUMBERS))
-    moved, walk, keep, branch_variance, noise_v2, correlation, over, check_scale, check_weight = common(p, dt, i)
+    moved, walk, keep, branch_variance, noise_v2, correlation, over, check = common(p, dt, i)
     follow = math.exp(-p.hysteresis_rate * abs(moved))
     pull = math.copysign(1.0 - follow, moved)
     a1, a2 = math.exp(-dt / tau[0, 0, 0]), math.exp(-dt / tau[1, 0, 0])
@@ -82,16 +84,13 @@ def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temp
         p11, p12, p22 = block[7, cell] * a11 + q1, block[8, cell] * a12, block[11, cell] * a22 + q2
         sd = math.sqrt(p00)
         reach, per_sd = p.spread * sd, p.spread / sd
-        h0, up, down, r1, r2 = 0.0, 0.0, 0.0, 0.0, 0.0
+        h0, up, down, r1, r2, rise = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for point in range(3):
             away = 0.0 if point == 0 else (per_sd if point == 1 else -per_sd)
             j, f = place_soc(soc + away * p00)
             at = j + N_SOC * row
-            h = (
-                ocv[j, 0]
-                + f * ocv[j, 1]
-                - i * blend(circuit[at, 0, 0], circuit[at, 1, 0], circuit[at, 2, 0], circuit[at, 3, 0], f, g)
-            )
+            rest = ocv[j, 0] + f * ocv[j, 1]
+            h = rest - i * blend(circuit[at, 0, 0], circuit[at, 1, 0], circuit[at, 2, 0], circuit[at, 3, 0], f, g)
             ra = blend(circuit[at, 0, 1], circuit[at, 1, 1], circuit[at, 2, 1], circuit[at, 3, 1], f, g)
             rb = blend(circuit[at, 0, 2], circuit[at, 1, 2], circuit[at, 2, 2], circuit[at, 3, 2], f, g)
             h -= ra * (i1 + away * p01) + rb * (i2 + away * p02)
@@ -100,9 +99,9 @@ def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temp
             if point == 0:
                 h0, r1, r2 = h, ra, rb
             elif point == 1:
-                up = h
+                up, rise = h, rest
             else:
-                down = h
+                down, rise = h, rise - rest
         q = up + down - 2.0 * h0
         predicted = h0 + p.weight * q
         if p.hysteresis_v != 0.0:
@@ -139,13 +138,14 @@ def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temp
         block[9, cell], block[10, cell], block[11, cell] = p02, p12, p22
         (
             soc, variance, valid, block[12 + CHECK_MEAN, cell], block[12 + CHECK_SQUARE, cell],
+            block[12 + SLOW_MEAN, cell], block[12 + SLOW_SQUARE, cell],
             block[12 + COUNT, cell], block[12 + COUNT_GAIN, cell], block[12 + COUNT_OFFSET, cell],
             block[12 + ANCHOR_V2, cell], block[12 + DOUBT, cell],
         ) = finish(
-            p, dt, moved, soc, p00, steep, innovation, used, check_scale, check_weight,
-            block[12 + CHECK_MEAN, cell], block[12 + CHECK_SQUARE, cell], block[12 + COUNT, cell],
-            block[12 + COUNT_GAIN, cell], block[12 + COUNT_OFFSET, cell], block[12 + ANCHOR_V2, cell],
-            block[12 + DOUBT, cell],
+            p, dt, moved, soc, p00, rise * 0.5 / reach, innovation, used, check,
+            block[12 + CHECK_MEAN, cell], block[12 + CHECK_SQUARE, cell], block[12 + SLOW_MEAN, cell],
+            block[12 + SLOW_SQUARE, cell], block[12 + COUNT, cell], block[12 + COUNT_GAIN, cell],
+            block[12 + COUNT_OFFSET, cell], block[12 + ANCHOR_V2, cell], block[12 + DOUBT, cell],
         )  # fmt: skip
         j, f = place_soc(soc)
         out[OUT_SOC, cell] = min(max(soc, 0.0), 1.0)
@@ -162,7 +162,7 @@ def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temp
 def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temperature_degc, out, flags):
     """Advance all cells of a model with 0 to 4 RC pairs by one sample, with sigma points or the tangent."""
     p = Numbers(*to_fixed_tuple(numbers, N_NUMBERS))
-    moved, walk, keep, branch_variance, noise_v2, correlation, over, check_scale, check_weight = common(p, dt, i)
+    moved, walk, keep, branch_variance, noise_v2, correlation, over, check = common(p, dt, i)
     follow = math.exp(-p.hysteresis_rate * abs(moved))
     pull = math.copysign(1.0 - follow, moved)
     m = tau.shape[0]
@@ -207,16 +207,15 @@ def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, tempe
             block[d + k * d + k, cell] += own
         soc, Pz = block[0, cell], block[d, cell]
         sd = math.sqrt(Pz)
-        tangent = 0.0
+        tangent, slope = 0.0, 0.0
         for point in range(3 if p.is_sigma != 0.0 else 1):
             per_sd = 0.0 if point == 0 else (p.spread / sd if point == 1 else -p.spread / sd)
             j, f = place_soc(soc + per_sd * Pz)
             at = j + N_SOC * row
-            value = (
-                ocv[j, 0]
-                + f * ocv[j, 1]
-                - i * blend(circuit[at, 0, 0], circuit[at, 1, 0], circuit[at, 2, 0], circuit[at, 3, 0], f, g)
-            )
+            value = ocv[j, 0] + f * ocv[j, 1]
+            if point > 0:
+                slope = value - slope if point == 2 else value
+            value -= i * blend(circuit[at, 0, 0], circuit[at, 1, 0], circuit[at, 2, 0], circuit[at, 3, 0], f, g)
             for k in range(1, d):
                 rk = blend(circuit[at, 0, k], circuit[at, 1, k], circuit[at, 2, k], circuit[at, 3, k], f, g)
                 if point == 0:
@@ -231,7 +230,8 @@ def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, tempe
                     tangent += (circuit[at, 1, k] + g * circuit[at, 3, k]) * block[k, cell]
                 if has_over:
                     tangent += over * (circuit[at, 1, d] + g * circuit[at, 3, d])
-                tangent = ocv[j, 2] + f * ocv[j, 3] - tangent * (1.0 / SOC_STEP)
+                slope = ocv[j, 2] + f * ocv[j, 3]
+                tangent = slope - tangent * (1.0 / SOC_STEP)
         predicted, steep, Pyy = h[0], tangent, 0.0
         if p.is_sigma != 0.0:
             q = h[1] + h[2] - 2.0 * h[0]
@@ -239,6 +239,7 @@ def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, tempe
             for k in range(m):
                 steep += block[d + k + 1, cell] * (p.spread / sd) * r[k]
             steep /= p.spread * sd
+            slope *= -0.5 / (p.spread * sd)
             predicted, Pyy = h[0] + p.weight * q, p.curvature * q * q
         if p.hysteresis_v != 0.0:
             block[slow + HYSTERESIS, cell] = block[slow + HYSTERESIS, cell] * follow - pull
@@ -271,13 +272,14 @@ def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, tempe
         block[0, cell] = min(max(block[0, cell], SOC_MIN), SOC_MAX)
         (
             soc, variance, valid, block[slow + CHECK_MEAN, cell], block[slow + CHECK_SQUARE, cell],
+            block[slow + SLOW_MEAN, cell], block[slow + SLOW_SQUARE, cell],
             block[slow + COUNT, cell], block[slow + COUNT_GAIN, cell], block[slow + COUNT_OFFSET, cell],
             block[slow + ANCHOR_V2, cell], block[slow + DOUBT, cell],
         ) = finish(
-            p, dt, moved, block[0, cell], block[d, cell], steep, innovation, used, check_scale, check_weight,
-            block[slow + CHECK_MEAN, cell], block[slow + CHECK_SQUARE, cell], block[slow + COUNT, cell],
-            block[slow + COUNT_GAIN, cell], block[slow + COUNT_OFFSET, cell], block[slow + ANCHOR_V2, cell],
-            block[slow + DOUBT, cell],
+            p, dt, moved, block[0, cell], block[d, cell], slope, innovation, used, check,
+            block[slow + CHECK_MEAN, cell], block[slow + CHECK_SQUARE, cell], block[slow + SLOW_MEAN, cell],
+            block[slow + SLOW_SQUARE, cell], block[slow + COUNT, cell], block[slow + COUNT_GAIN, cell],
+            block[slow + COUNT_OFFSET, cell], block[slow + ANCHOR_V2, cell], block[slow + DOUBT, cell],
         )  # fmt: skip
         j, f = place_soc(soc)
         out[OUT_SOC, cell] = min(max(soc, 0.0), 1.0)

@@ -27,17 +27,18 @@ def fuse(p, count, count_v2, soc, variance):
     tail *= tail
     tail *= tail
     w = 1.0 / (tail * math.sqrt(total) * p.unknown_odds + 1.0)
-    share = variance / total
+    cube = variance * variance * variance
+    share = cube / (count_v2 * count_v2 * count_v2 + cube)
     nearer = share * apart
     pulled = w * nearer
-    return soc - pulled, variance + (pulled * (nearer - pulled) - w * share * variance), w
+    return soc - pulled, variance + (pulled * (nearer - pulled) + w * share * (count_v2 - variance)), w
 
 
 @inline
-def finish(p, dt, moved, soc, variance, slope, innovation, used, check_scale, check_weight,
-            mean, square, count, gain, offset, anchor_v2, doubt):  # fmt: skip
+def finish(p, dt, moved, soc, variance, slope, innovation, used, check,
+           mean, square, slow, slow_square, count, gain, offset, anchor_v2, doubt):  # fmt: skip
     """Sigma, fusion and self-check of one cell after its update; returns what is reported and what is remembered."""
-    bias_v2 = p.bias_v * p.bias_v + p.bias_share * square
+    bias_v2 = p.bias_v * p.bias_v + slow_square
     variance = min(variance + bias_v2 / max(slope * slope, SLOPE_FLOOR_V * SLOPE_FLOOR_V), SOC_VARIANCE_MAX)
     if p.is_fused != 0.0:
         count -= moved
@@ -49,8 +50,11 @@ def finish(p, dt, moved, soc, variance, slope, innovation, used, check_scale, ch
         if doubt > p.anchor_s:
             count, gain, offset, anchor_v2, doubt = filter_soc, 0.0, 0.0, filter_v2, 0.0
     if used:
-        scaled = innovation * check_scale
-        mean += check_weight * (scaled - mean)
-        square += check_weight * (scaled * scaled - square)
+        scale, weight, slow_weight = check
+        scaled = innovation * scale
+        mean += weight * (scaled - mean)
+        square += weight * (scaled * scaled - square)
+        slow += slow_weight * (scaled - slow)
+        slow_square += weight * (slow * slow - slow_square)
     valid = square < p.check_rms_v * p.check_rms_v and abs(mean) < p.check_bias_v
-    return soc, variance, valid, mean, square, count, gain, offset, anchor_v2, doubt
+    return soc, variance, valid, mean, square, slow, slow_square, count, gain, offset, anchor_v2, doubt

@@ -44,7 +44,7 @@ class Numbers(NamedTuple):
     model_error_per_a_v: float
     correlation_s: float
     bias_v: float
-    bias_share: float
+    bias_s: float
     cold_factor: float
     soc_walk: float
     branch_rel: float
@@ -129,5 +129,5 @@ def common(p, dt, i):
     branch_variance = (p.branch_rel * i) ** 2 + (p.branch_c * p.capacity_ah) ** 2
     noise_v2 = p.model_error_v**2 + (p.model_error_per_a_v * i) ** 2
     correlation = 1.0 + 2.0 * p.correlation_s / max(dt, 1e-3)
-    check_scale, check_weight = p.model_error_v / math.sqrt(noise_v2), 1.0 - math.exp(-dt / p.check_s)
-    return moved, walk, keep, branch_variance, noise_v2, correlation, math.asinh(i / p.i_ref), check_scale, check_weight
+    check = p.model_error_v / math.sqrt(noise_v2), 1.0 - math.exp(-dt / p.check_s), 1.0 - math.exp(-dt / p.bias_s)
+    return moved, walk, keep, branch_variance, noise_v2, correlation, math.asinh(i / p.i_ref), check

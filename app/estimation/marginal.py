@@ -46,8 +46,7 @@ _SOC_MAX: Final = np.array(SOC_MAX)
 class StepResult(NamedTuple):
     """What the update saw, (n,) each.
 
-    The first two and `accepted` belong to the reader, the rest holds until the next update. `slope_v` is dv/dSOC at
-    held RC currents.
+    The first two and `accepted` belong to the reader, the rest holds until the next update. `slope_v` is dOCV/dSOC.
     """
 
     predicted_v: FloatArray
@@ -73,7 +72,7 @@ class MarginalFilter:
         seen, gain = np.empty((1 + d, n)), np.empty((1 + d, n))  # minus the innovation, then P_xy; the same / sqrt(S)
         self._gain_views = seen, seen[0], seen[1:], gain, gain[:, None], gain[1:], np.empty((1 + d, d, n))
         self._soc = states.mean[SOC]
-        self._slope = H[SOC]
+        self._slope = self._output.ocv_slope_v
         self._expected, self._total, self._limit, self._square = np.empty((4, n))
 
     def update(self, step: StepInput) -> StepResult:

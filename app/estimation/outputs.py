@@ -32,6 +32,7 @@ class SigmaOutput:
 
     Attributes:
         slopes: (d, n) H = [D + p r / P_zz, -r] of the last call.
+        ocv_slope_v: (n,) the OCV's share of D [V].
     """
 
     def __init__(self, cell: PackedCell, states: CellStates, rule: SigmaRule) -> None:
@@ -50,6 +51,8 @@ class SigmaOutput:
         self._blend_views = found[2 * c :], blend, found[1 : 2 * c]
         self._value_views = found[:c], found[c : 2 * c], product
         self._product_rows = list(product)
+        self._ocv_right, self._ocv_left = product[0].reshape(3, n)[1:]
+        self.ocv_slope_v = np.empty(n)
         self._sigma_views = (states.mean[SOC], states.cov[SOC, SOC], *work)
         h = np.empty((3, n))
         self._h_views = (h.reshape(-1), *h)
@@ -102,6 +105,10 @@ class SigmaOutput:
             np.multiply(shift, value, term)
             np.subtract(steep, term, steep)
         np.divide(steep, reach, steep)
+        slope = self.ocv_slope_v
+        np.subtract(self._ocv_right, self._ocv_left, slope)
+        np.multiply(slope, HALF, slope)
+        np.divide(slope, reach, slope)
         np.add(up, down, q)
         np.add(h0, h0, term)
         np.subtract(q, term, q)
@@ -145,12 +152,14 @@ class TangentOutput:
 
     Attributes:
         slopes: (d, n) H of the last call.
+        ocv_slope_v: (n,) the OCV's share of H [V].
     """
 
     def __init__(self, cell: PackedCell, states: CellStates) -> None:
         self._cell = cell
         self._states = states
         self.slopes = np.empty_like(states.mean)
+        self.ocv_slope_v = np.empty(states.n_cells)
 
     def at(self, step: StepInput) -> tuple[FloatArray, FloatArray]:
         """Return output (n,) [V], the reader's, and the zeros that stand for curvature."""
@@ -159,7 +168,8 @@ class TangentOutput:
         j, f = cell.place_soc(x[SOC])
         c = cell.circuit_at(j, f, row, weight)
         slope = cell.circuit_slope_at(j, row, weight)
-        self.slopes[SOC] = cell.ocv_slope_at(j, f) - cell.drop(slope, step.current_a, x[1:])
+        self.ocv_slope_v[:] = cell.ocv_slope_at(j, f)
+        self.slopes[SOC] = self.ocv_slope_v - cell.drop(slope, step.current_a, x[1:])
         np.negative(c[BRANCH : BRANCH + self._states.n_rc], self.slopes[1:])
         return cell.ocv_at(j, f) - cell.drop(c, step.current_a, x[1:]), np.zeros(self._states.n_cells)
 

@@ -1,4 +1,10 @@
-"""Does the model describe this cell? Slow averages of the innovation and of its square answer per cell."""
+"""Does the model describe this cell? Slow averages of the innovation and of its square answer per cell.
+
+    m' = m + (1 - exp(-dt / T)) (y - m)         of y = nu sqrt(r_0 / r), the innovation scaled to rest
+
+over `check_s` for y and y^2, over `bias_s` for y, and over `check_s` again for the square of that: an innovation that
+does not average out is an error the filter takes for charge.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +20,15 @@ FloatArray = NDArray[np.float64]
 
 
 class SelfCheck:
-    """Slow averages over `check_s` seconds of the innovations of one state."""
+    """Slow averages of the innovations of one state."""
 
     def __init__(self, states: CellStates, tuning: Tuning) -> None:
         self._check = states.check
+        self._bias_v2 = states.bias_v2
         self._tuning = tuning
         self._work = np.empty_like(states.check)
         self._views = *states.check, *self._work
+        self._weights = np.empty((3, 1))
         self._limits = np.array(tuning.check_bias_v), np.array(tuning.check_rms_v**2)
 
     def update(
@@ -38,16 +46,26 @@ class SelfCheck:
                 do.
         """
         tuning, moved = self._tuning, self._work
-        mean, square, scaled, scaled2 = self._views
+        mean, square, slow, scaled, scaled2, again = self._views
         if counts is not None:
             innovation_v = np.where(counts, innovation_v, 0.0)
         np.multiply(innovation_v, tuning.model_error_v / math.sqrt(noise_v2), scaled)
         np.multiply(scaled, scaled, scaled2)
+        np.copyto(again, scaled)
         np.subtract(moved, self._check, moved)
-        np.multiply(moved, 1.0 - math.exp(-dt_s / tuning.check_s), moved)
+        weight = 1.0 - math.exp(-dt_s / tuning.check_s)
+        self._weights[:2] = weight
+        self._weights[2] = 1.0 - math.exp(-dt_s / tuning.bias_s)
+        np.multiply(moved, self._weights, moved)
         if counts is not None:
             moved *= counts
         np.add(self._check, moved, self._check)
+        np.multiply(slow, slow, again)
+        np.subtract(again, self._bias_v2, again)
+        np.multiply(again, weight, again)
+        if counts is not None:
+            again *= counts
+        np.add(self._bias_v2, again, self._bias_v2)
         bias_limit, square_limit = self._limits
         np.absolute(mean, scaled)
         valid: NDArray[np.bool_] = np.less(square, square_limit)

@@ -56,6 +56,7 @@ def start_from_voltage(cell: PackedCell, state: CellStates, tuning: Tuning, step
     state.hysteresis[:] = 0.0
     state.refused_s[:] = 0.0
     state.check[:] = 0.0
+    state.bias_v2[:] = tuning.bias_start_v**2
 
 
 def impose_soc(state: CellStates, soc: FloatArray, sigma: FloatArray) -> None:

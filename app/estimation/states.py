@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 SOC: Final = 0  # first row of the mean; the RC currents follow
-N_SLOW: Final = 10
+N_SLOW: Final = 12
 N_MOVING: Final = 4
 (
     HYSTERESIS,
@@ -23,6 +23,8 @@ N_MOVING: Final = 4
     TEMPERATURE,
     CHECK_MEAN,
     CHECK_SQUARE,
+    SLOW_MEAN,
+    SLOW_SQUARE,
 ) = range(N_SLOW)  # rows behind the mean and the covariance; the first N_MOVING of them move without a sample
 
 
@@ -30,7 +32,7 @@ class CellStates:
     """State of n cells with n_rc RC pairs; d = 1 + n_rc.
 
     Attributes:
-        block: (d + d d + 10, n) everything below, one row each.
+        block: (d + d d + 12, n) everything below, one row each.
         moving: (d + d d + 4, n) its part that moves without a sample.
         gaussian: (1 + d, d, n) mean, then covariance.
         mean: (d, n) SOC, then RC currents [A].
@@ -38,7 +40,8 @@ class CellStates:
         hysteresis: (n,) -1 after discharge .. 1 after charge.
         refused_s: (n,) how long the innovations have been refused without a break [s].
         temperature_degc: (n,) last temperature that was measured [degC].
-        check: (2, n) running mean [V] and mean square [V^2] of the scaled innovation.
+        check: (3, n) means of the scaled innovation [V], of its square [V^2], and over a shorter time [V].
+        bias_v2: (n,) mean square of the last of them [V^2].
         count: (3, n) SOC by counting charge, and the sigmas that gain and offset of the sensor have given it.
         count_soc: (n,) its first row.
         drift: (2, n) its other rows.
@@ -59,7 +62,8 @@ class CellStates:
         self.hysteresis = slow[HYSTERESIS]
         self.refused_s = slow[REFUSED]
         self.temperature_degc = slow[TEMPERATURE]
-        self.check = slow[CHECK_MEAN : CHECK_SQUARE + 1]
+        self.check = slow[CHECK_MEAN : SLOW_MEAN + 1]
+        self.bias_v2 = slow[SLOW_SQUARE]
         self.count = slow[COUNT : COUNT_OFFSET + 1]
         self.count_soc = slow[COUNT]
         self.drift = slow[COUNT_GAIN : COUNT_OFFSET + 1]

@@ -21,7 +21,8 @@ class Tuning:
         model_error_rel: growth of it with current, as a share of the drop a lasting current causes.
         correlation_s: time over which the model's error stays [s].
         bias_v: error that no averaging removes; enters the sigma that is reported, not the gain [V].
-        bias_share: share of the innovation's mean square that is such an error.
+        bias_start_v: what innovations that average out over `bias_s` are taken for before there are any [V].
+        bias_s: innovations that do not average out over this time are such an error too [s].
         cold_factor: growth of the model error for every 10 K outside the temperatures of the cell file.
         empty_soc: below this SOC the model error grows ...
         empty_factor: ... up to this many times at SOC 0.
@@ -48,8 +49,9 @@ class Tuning:
     model_error_v: float = 0.010
     model_error_rel: float = 0.15
     correlation_s: float = 12.0
-    bias_v: float = 0.006
-    bias_share: float = 0.5
+    bias_v: float = 0.0025
+    bias_start_v: float = 0.008
+    bias_s: float = 20.0
     cold_factor: float = 1.0
     empty_soc: float = 0.1
     empty_factor: float = 3.0
@@ -63,11 +65,11 @@ class Tuning:
     gate: float = 5.0
     gate_hold_s: float = 2.0
     gate_recovery: float = 0.02
-    counter_soc_sigma: float = 0.008
+    counter_soc_sigma: float = 0.003
     counter_gain: float = 0.007
     counter_offset_c: float = 0.01
-    start_unknown: float = 0.1
-    anchor_s: float = 60.0
+    start_unknown: float = 0.05
+    anchor_s: float = 120.0
     check_s: float = 120.0
     check_rms_v: float = 0.04
     check_bias_v: float = 0.025

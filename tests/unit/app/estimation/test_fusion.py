@@ -20,10 +20,17 @@ def states(filter_soc: float, count_soc: float, count_sigma: float = 0.01) -> Ce
     return state
 
 
-def test_witnesses_that_agree_are_weighed_by_their_precision():
+def test_witnesses_as_sure_as_each_other_meet_halfway_and_are_no_surer_together():
     soc, variance = Fusion(states(0.51, 0.50), TUNING).fuse(0.1, np.array([1e-4]))
     assert soc[0] == pytest.approx(0.505, abs=5e-4)
-    assert variance[0] == pytest.approx(0.5e-4, rel=0.1)
+    assert variance[0] == pytest.approx(1e-4, rel=0.05)
+
+
+@pytest.mark.parametrize(("filter_sigma", "count_sigma", "nearer"), [(0.02, 0.01, 0.50), (0.01, 0.02, 0.51)])
+def test_of_witnesses_that_agree_the_surer_one_counts(filter_sigma, count_sigma, nearer):
+    soc, variance = Fusion(states(0.51, 0.50, count_sigma), TUNING).fuse(0.1, np.array([filter_sigma**2]))
+    assert soc[0] == pytest.approx(nearer, abs=5e-4)
+    assert np.sqrt(variance[0]) == pytest.approx(0.01, rel=0.05)
 
 
 def test_a_count_that_is_contradicted_does_not_count():
