@@ -206,7 +206,7 @@ typedef struct {  /* 180 bytes */
     uint16_t cvr[12];  /* cell voltages as the chip gave them; 65535 no measurement [0.0001 V] */
     uint16_t avr[3];  /* auxiliary voltages [0.0001 V] */
     uint16_t str[6];  /* status register groups */
-    uint16_t com[3];  /* packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer (ours) */
+    uint16_t com[3];  /* packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer, 4 reference (ours) */
     uint16_t temp[24];  /* voltages with the sensors switched in, two phases of 12 (ours) [0.0001 V] */
 } vw_slave_t;
 

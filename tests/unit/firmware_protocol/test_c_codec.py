@@ -2,8 +2,10 @@
 
 import os
 import random
+import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -90,6 +92,16 @@ def test_codec_has_no_heap_and_no_writable_globals(gcc, tmp_path, name):
     used = {line.split()[-1] for line in symbols if " U " in line}
     assert {name for name in used if not name.startswith("vw_")} <= {"memcpy", "memset", "memcmp", "__stack_chk_fail"}
     assert not [line for line in symbols if line[17:18] in tuple("bBdDC")]
+
+
+def test_the_worst_case_stack_is_known_and_small(gcc):
+    """Summed over gcc's call graph: no recursion, no alloca, and less than a quarter of the smallest usual stack."""
+    script = C_FOLDER.parents[1] / "benchmarks" / "firmware" / "cost.py"
+    done = subprocess.run([sys.executable, script, "--cc", "gcc"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    stacks = dict(re.findall(r"-Os stack (\w+): (\d+) bytes", done.stdout))
+    assert len(stacks) == 6
+    assert max(map(int, stacks.values())) < 1024
 
 
 def test_shared_vectors(host_test):
