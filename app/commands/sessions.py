@@ -7,7 +7,7 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.commands import bringing, debrief
+from app.commands import bringing, debrief, importing
 from app.errors import ConfigError
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionError
@@ -16,6 +16,8 @@ from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
 from app.settings import Settings
 
+OWN = ("list", "show", "markers", "check", "delete", "prune")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
@@ -23,7 +25,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "action",
         nargs="?",
         default="list",
-        choices=("list", "show", "markers", "check", "delete", "prune", *bringing.ACTIONS, *debrief.ACTIONS),
+        choices=(
+            "list",
+            "show",
+            "markers",
+            "check",
+            "delete",
+            "prune",
+            *bringing.ACTIONS,
+            *importing.ACTIONS,
+            *debrief.ACTIONS,
+        ),
         help="list     all sessions, newest first (the default)\n"
         "show     one session: times, counts, signals, configurations, events\n"
         "markers  its markers\n"
@@ -31,15 +43,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "delete   delete it for ever (asks for --yes)\n"
         "prune    what --older-than and --keep-gb leave over; deletes it with --yes\n"
         + bringing.HELP
+        + importing.HELP
         + debrief.HELP.rstrip(),
     )
-    parser.add_argument("session", nargs="?", help="the session's id, or its file; fetch: the other service's URL")
+    parser.add_argument("session", nargs="?", help="the session's id or file; fetch: the other service's URL")
     parser.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service")
     parser.add_argument("--json", action="store_true", help="as JSON")
     parser.add_argument("--yes", action="store_true", help="delete without asking")
     parser.add_argument("--older-than", type=float, metavar="DAYS", help="prune: sessions that ended longer ago")
     parser.add_argument("--keep-gb", type=float, metavar="GB", help="prune: all but so much of the newest")
     bringing.add_arguments(parser)
+    importing.add_arguments(parser)
     debrief.add_arguments(parser)
 
 
@@ -76,6 +90,8 @@ def run(args: argparse.Namespace) -> int:
         return _delete(args)
     if args.action == "fetch":
         return bringing.fetch(args, data_folder(args.data) / "sessions")
+    if args.action in importing.ACTIONS:
+        return importing.run(args, data_folder(args.data))
     path = find_session(args.data, args.session)
     if args.action == "fill":
         return bringing.fill(args, path, args.source and find_session(args.data, args.source))

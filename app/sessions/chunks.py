@@ -25,6 +25,7 @@ from firmware_protocol.messages import Data, MessageType
 ESTIMATE_SCALE = 2e-5  # per count of a stored estimate; 65535 is missing
 ESTIMATE_MISSING = 0xFFFF
 ESTIMATES = ("estimate.soc", "estimate.soc_sigma")
+FOREIGN_CAN = "foreign_can"  # in a session's metadata: its CAN frames are not of our master
 SERIAL_LIVE_NS = 1_000_000_000  # a serial frame not longer ago: CAN carries the same memory, less of it
 _RESET_MS = 1000  # the master's clock went back by more than this: it has booted
 _NUMPY_TYPES = {"b": "|i1", "B": "|u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4"}
@@ -102,10 +103,18 @@ class _Group:
 class ChunkBuilder:
     """Collects what was received; `build` gives the columns."""
 
-    def __init__(self, boots: int = 0, last_uptime_ms: int | None = None, last_frame_ns: int | None = None) -> None:
+    def __init__(
+        self,
+        boots: int = 0,
+        last_uptime_ms: int | None = None,
+        last_frame_ns: int | None = None,
+        *,
+        decodes_can: bool = True,
+    ) -> None:
         self._boots = boots
         self._last_uptime_ms = last_uptime_ms
         self._last_frame_ns = last_frame_ns
+        self._decodes_can = decodes_can
         self._can_tables = TableReader(default_image())
         self._restart()
 
@@ -147,6 +156,8 @@ class ChunkBuilder:
 
     def add_can_frame(self, t_mono_ns: int, can_id: int, data: bytes) -> None:
         """Take a CAN frame: what it tells about the struct by the tables in force, where no serial frame tells more."""
+        if not self._decodes_can:
+            return
         if self._last_frame_ns is not None and t_mono_ns - self._last_frame_ns < SERIAL_LIVE_NS:
             return
         windows = self._can_tables.windows(can_id, data)

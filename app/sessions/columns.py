@@ -1,5 +1,6 @@
 """The samples of one signal: from stored chunks, and decoded on the spot for what came after them."""
 
+import json
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.sessions.chunks import ESTIMATES, Chunk, ChunkBuilder
+from app.sessions.chunks import ESTIMATES, FOREIGN_CAN, Chunk, ChunkBuilder
 from app.sessions.errors import NotASession
 from app.sessions.session_writer import IDS_PER_CHUNK
 from app.sessions.signals import Signal
@@ -192,7 +193,13 @@ class ColumnReader:
             ((last_us,),) = stored.rows("SELECT coalesce(max(last_us), ?) FROM chunks", (-_ALWAYS_US,))
             before = "SELECT t_mono_ns FROM frames WHERE id <= ? AND ok ORDER BY id DESC LIMIT 1"
             last_good = stored.rows(before, (last_frame,))
-            builder = ChunkBuilder(boots, last_uptime_ms, last_good[0][0] if last_good else None)
+            metadata = stored.rows("SELECT value FROM meta WHERE key = 'metadata'")
+            builder = ChunkBuilder(
+                boots,
+                last_uptime_ms,
+                last_good[0][0] if last_good else None,
+                decodes_can=not metadata or FOREIGN_CAN not in json.loads(metadata[0][0]),
+            )
             builder.add(
                 stored.rows("SELECT t_mono_ns, raw FROM frames WHERE id > ? AND ok ORDER BY id", (last_frame,)),
                 stored.iterate("can_frames", "t_mono_ns, can_id, data", (last_us + 1) * 1000, None),

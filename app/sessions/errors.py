@@ -8,7 +8,8 @@ SessionError
   RecordingFailed    what was to be recorded is not on the disk
   FetchFailed        another service's session did not come over whole
   ImportFailed       another program's recording cannot be taken over
-  ExportUnavailable  an optional package is missing
+  ExtraMissing       an optional package is missing
+    ExportUnavailable  for an export format
 """
 
 from app.errors import AppError
@@ -76,10 +77,14 @@ class ImportFailed(SessionError):
         super().__init__(f"{source}: {reason}")
 
 
-class ExportUnavailable(SessionError):
+class ExtraMissing(SessionError):
     """A format needs a package that is not installed."""
 
-    def __init__(self, export_format: str, package: str, extra: str) -> None:
-        self.export_format = export_format
+    def __init__(self, what: str, package: str, extra: str) -> None:
+        self.what = what
         self.package = package
-        super().__init__(f"{export_format} needs {package}: pip install 'voltwall[{extra}]'")
+        super().__init__(f"{what} needs {package}: pip install 'voltwall[{extra}]'")
+
+
+class ExportUnavailable(ExtraMissing):
+    """An export format needs a package that is not installed."""

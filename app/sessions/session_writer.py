@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from app.sessions.chunks import Chunk, ChunkBuilder, SeriesKey, encode_estimate
+from app.sessions.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, SeriesKey, encode_estimate
 from app.sessions.database import open_for_writing
 from app.sessions.info import SessionInfo
 from app.sessions.migrate import SESSION
@@ -47,7 +47,7 @@ class SessionWriter:
             sqlite3.Error: the disk does not take it.
         """
         self._connection = open_for_writing(info.path, SESSION)
-        self._builder = ChunkBuilder()
+        self._builder = ChunkBuilder(decodes_can=FOREIGN_CAN not in info.metadata)
         self._chunk_start_ns: int | None = None
         self._chunks = 0
         self._frames = 0

@@ -66,7 +66,7 @@ def test_tables_that_were_changed_count_from_then_on(recorder: Recorder) -> None
 def test_can_counts_only_while_the_serial_link_is_silent(recorder: Recorder, stream) -> None:
     info = recorder.start()
     stream.feed(recorder, 20)
-    send(recorder, SUMMARY, range(60))
+    send(recorder, SUMMARY, range(1, 60))
     recorder.close()
     with SessionFile(info.path) as session:
         current = session.series(["i_fs"])["i_fs"]

@@ -1,0 +1,154 @@
+"""`voltwall sessions import`: other systems' recordings, and CAN logs, as sessions."""
+
+import argparse
+import sys
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from app.errors import ConfigError
+from app.estimation.cellfile import load_cell
+from app.estimation.errors import EstimatorError
+from app.estimation.estimators import FILTERS, make_estimator
+from app.imports.can_log import ENDINGS, signal_names
+from app.imports.columns import guess
+from app.imports.profile import ImportProfile, ProfileShelf, parse_profile, profile_of, profile_text
+from app.imports.session import import_file, read_table
+from app.outlook import Lookout
+from app.pipeline import Pipeline
+from firmware_protocol.memory_map import N_CELLS
+
+HELP = (
+    "import   a recording of another system (CSV, Parquet; candump .log, .asc, .blf with --dbc), estimated, as a\n"
+    "         session; without --dbc a CAN log is taken as of our own master\n"
+    "columns  what is in such a file, and the profile that is guessed for it\n"
+)
+ACTIONS = ("import", "columns")
+_NUMBERS = ("max_rate_hz", "hold_s")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what only these actions take."""
+    parser.add_argument(
+        "--profile", metavar="NAME|FILE", help="import: which columns are what: a kept profile, or TOML"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="FIELD=VALUE",
+        help="import: change the profile, as voltages='Cell {n} V', current='Pack I', charge_positive=true",
+    )
+    parser.add_argument("--save-profile", metavar="NAME", help="import: keep the profile under this name")
+    parser.add_argument("--dbc", type=Path, metavar="FILE", help="import: what the CAN frames mean")
+    parser.add_argument("--name", default="", help="import: what to call the session (default: the file's name)")
+    parser.add_argument("--start", metavar="TIME", help="import: when it began, ISO 8601, where the file does not say")
+    parser.add_argument("--filter", choices=FILTERS, default="fused", help="import: state estimator (default: fused)")
+    parser.add_argument(
+        "--cell", default="samsung-25r-10p", metavar="CELL.toml", help="import: cell file or name of a bundled one"
+    )
+
+
+def run(args: argparse.Namespace, data: Path) -> int:
+    """Import the file that is given in place of a session, or show what is in it.
+
+    Raises:
+        AppError: the file, the profile, the DBC or the cell cannot be used.
+    """
+    path = Path(args.session)
+    if not path.is_file():
+        raise ConfigError("file", path, "no such file")
+    if args.action == "columns":
+        return _columns(path, args.dbc)
+    shelf = ProfileShelf(data / "profiles")
+    is_own_can = path.name.lower().endswith(ENDINGS) and args.dbc is None
+    profile = ImportProfile() if is_own_can else _profile(args, path, shelf)
+    done = import_file(
+        path,
+        profile,
+        data / "sessions",
+        lambda: _pipeline(args.filter, args.cell),
+        dbc=args.dbc,
+        name=args.name,
+        started_unix_s=_start(args.start),
+        on_progress=_show,
+    )
+    for note in done.notes:
+        print(note, file=sys.stderr)
+    if args.save_profile:
+        shelf.save(args.save_profile, profile)
+    of = f"{done.cells} cells" if done.cells else "CAN frames"
+    print(f"{done.info.id}: {done.rows} rows of {of}, {done.info.duration_s / 60:.1f} min")
+    return 0
+
+
+def _columns(path: Path, dbc: Path | None) -> int:
+    if dbc is not None:
+        print("\n".join(signal_names(path, dbc)))
+        return 0
+    table, notes = read_table(path)
+    for i, (name, values) in enumerate(table.columns.items()):
+        known = values[values == values]
+        span = f"{known.min():.6g} to {known.max():.6g}" if len(known) else "empty"
+        print(f"{i + 1:>4}  {name}: {span}")
+    for note in notes:
+        print(f"# {note}")
+    print("# guessed profile\n" + profile_text(guess(table)), end="")
+    return 0
+
+
+def _profile(args: argparse.Namespace, path: Path, shelf: ProfileShelf) -> ImportProfile:
+    if args.profile is None:
+        profile = ImportProfile() if args.dbc is not None else guess(read_table(path)[0])
+    elif Path(args.profile).is_file():
+        profile = parse_profile(Path(args.profile).read_text(encoding="utf-8"), args.profile)
+    else:
+        profile = shelf.load(args.profile)
+    given: dict[str, object] = {}
+    for text in args.set:
+        name, sign, value = text.partition("=")
+        if not sign:
+            raise ConfigError("set", text, "FIELD=VALUE")
+        given[name] = _value(name, value)
+    return replace(profile, **given) if profile_of(given) else profile  # type: ignore[arg-type]
+
+
+def _value(name: str, text: str) -> object:
+    if name == "charge_positive":
+        return text.lower() in ("true", "yes", "1")
+    if name in _NUMBERS:
+        try:
+            return float(text)
+        except ValueError as error:
+            raise ConfigError(name, text, "a number") from error
+    return text
+
+
+def _pipeline(filter_name: str, cell_name: str) -> Pipeline:
+    try:
+        cell = load_cell(cell_name)
+    except EstimatorError as error:
+        raise ConfigError("cell", cell_name, str(error)) from error
+    return Pipeline(
+        "replay",
+        lambda: make_estimator(filter_name, cell, N_CELLS),
+        filter_name=filter_name,
+        cell_name=cell_name,
+        rs232_url="imported",
+        lookout=Lookout(cell, N_CELLS),
+    )
+
+
+def _start(text: str | None) -> float | None:
+    if text is None:
+        return None
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ConfigError("start", text, "ISO 8601, like 2026-07-14T10:30:00Z") from error
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
+
+
+def _show(done: int, of: int) -> None:
+    if sys.stderr.isatty():
+        print(f"\r{100 * done / max(of, 1):5.1f} %", end="\n" if done >= of else "", file=sys.stderr)

@@ -1,0 +1,1 @@
+"""Recordings of other battery management systems, made into sessions."""
