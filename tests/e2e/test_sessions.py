@@ -29,7 +29,7 @@ def test_a_session_is_recorded_marked_viewed_and_downloaded(make_service, open_p
 
     row.get_by_role("link", name="run 3").click()
     expect(page.get_by_role("heading", level=1)).to_have_text("run 3")
-    expect(page.locator("canvas")).to_have_count(6)
+    expect(page.locator("canvas")).to_have_count(7)
     expect(page.get_by_text("driver change")).to_be_visible()
 
 
@@ -48,4 +48,4 @@ def test_a_session_is_replayed_and_the_car_comes_back(make_service, open_page):
 def test_a_session_can_be_looked_at_while_it_is_recorded(service, open_page):
     page = open_page(f"{service.base_url}/#/sessions")
     page.get_by_test_id("sessions").get_by_role("link", name=re.compile("^20")).first.click()
-    expect(page.locator("canvas")).to_have_count(6)
+    expect(page.locator("canvas")).to_have_count(7)

@@ -11,6 +11,13 @@ export interface PlotSeries {
   decimals: number;
 }
 
+/** A vertical line at an instant, named above it. */
+export interface Mark {
+  time: number;
+  label: string;
+  colour: string; // name of a colour token
+}
+
 export interface PlotSpec {
   series: PlotSeries[];
   unit: string;
@@ -19,6 +26,7 @@ export interface PlotSpec {
   sync?: string;
   axis: boolean; // draw the time axis
   onZoom?: (from: number, to: number) => void;
+  onPick?: (time: number) => void;
 }
 
 const LABEL_HEIGHT = 15;
@@ -51,6 +59,7 @@ export class Plot {
   private readonly chart: uPlot;
   private readonly theme: Theme;
   private readonly colours: string[];
+  private marks: readonly Mark[] = [];
 
   constructor(
     host: HTMLElement,
@@ -62,11 +71,10 @@ export class Plot {
     this.chart = new uPlot(this.options(host.clientWidth), [[]] as unknown as uPlot.AlignedData, host);
   }
 
-  set(bands: readonly Band[], from: number, to: number): void {
-    const data: (readonly (number | null)[])[] = [bands[0]?.time ?? []];
-    for (const band of bands) data.push(band.min, band.max);
+  set(bands: readonly Band[], from: number, to: number, marks: readonly Mark[] = []): void {
+    this.marks = marks;
     this.chart.batch(() => {
-      this.chart.setData(data as unknown as uPlot.AlignedData, false);
+      this.chart.setData(aligned(bands), false);
       this.chart.setScale('x', { min: from, max: to });
     });
   }
@@ -124,7 +132,8 @@ export class Plot {
       series,
       bands,
       hooks: {
-        draw: [(u) => this.labels(u)],
+        ready: [(u) => u.over.addEventListener('click', (event) => this.pick(u, event))],
+        draw: [(u) => this.lines(u), (u) => this.labels(u)],
         setCursor: [(u) => u.redraw(false)],
         setSelect: [
           (u) => {
@@ -146,6 +155,35 @@ export class Plot {
     return [middle - span * 0.56, middle + span * 0.56];
   }
 
+  private pick(u: uPlot, event: MouseEvent): void {
+    this.spec.onPick?.(u.posToVal(event.clientX - u.over.getBoundingClientRect().left, 'x'));
+  }
+
+  private lines(u: uPlot): void {
+    const { ctx } = u;
+    const ratio = devicePixelRatio;
+    const style = getComputedStyle(u.root);
+    ctx.save();
+    ctx.lineWidth = ratio;
+    ctx.font = this.font;
+    ctx.textAlign = 'left';
+    for (const mark of this.marks) {
+      const x = Math.round(u.valToPos(mark.time, 'x', true));
+      if (x < u.bbox.left || x > u.bbox.left + u.bbox.width) continue;
+      ctx.strokeStyle = ctx.fillStyle = token(style, `--${mark.colour}`);
+      ctx.beginPath();
+      ctx.moveTo(x, u.bbox.top);
+      ctx.lineTo(x, u.bbox.top + u.bbox.height);
+      ctx.stroke();
+      ctx.fillText(mark.label, x + 3 * ratio, u.bbox.top + 10 * ratio);
+    }
+    ctx.restore();
+  }
+
+  private get font(): string {
+    return this.theme.font.replace(/^\d+/, (px) => String(Number(px) * devicePixelRatio));
+  }
+
   private labels(u: uPlot): void {
     const { ctx } = u;
     const ratio = devicePixelRatio;
@@ -165,7 +203,7 @@ export class Plot {
       rows[i]!.y = Math.max(rows[i]!.y, rows[i - 1]!.y + LABEL_HEIGHT * ratio);
     }
     ctx.save();
-    ctx.font = this.theme.font.replace(/^\d+/, (px) => String(Number(px) * ratio));
+    ctx.font = this.font;
     ctx.textBaseline = 'middle';
     ctx.textAlign = 'left';
     for (const row of rows) {
@@ -187,6 +225,20 @@ export class Plot {
     return last >= 0 && (max ?? 0) - u.data[0][last]! <= late ? last : null;
   }
 }
+
+/** One table for the chart; bands on other times than the first are joined to it without being bridged. */
+function aligned(bands: readonly Band[]): uPlot.AlignedData {
+  const tables = bands.map((b) => [b.time, b.min, b.max] as unknown as uPlot.AlignedData);
+  const first = bands[0];
+  if (!first) return [[]];
+  if (bands.every((b) => b.time === first.time || sameTimes(b.time, first.time))) {
+    return [first.time, ...bands.flatMap((b) => [b.min, b.max])] as unknown as uPlot.AlignedData;
+  }
+  return uPlot.join(tables);
+}
+
+const sameTimes = (a: readonly number[], b: readonly number[]): boolean =>
+  a.length === b.length && a[0] === b[0] && a.at(-1) === b.at(-1) && a[a.length >> 1] === b[a.length >> 1];
 
 function places(splits: readonly number[]): number {
   const gap = splits.length > 1 ? Math.abs(splits[1]! - splits[0]!) : 1;

@@ -28,19 +28,43 @@ export const PAGES: readonly { id: Page; name: Text; icon: string }[] = [
   { id: 'help', name: 'Help', icon: 'help' },
 ];
 
-/** Split "#/packs/3/7" into page and arguments; an unknown page is the overview. */
-export function parseHash(hash: string): { page: Page; args: string[] } {
-  const [first = '', ...args] = hash.replace(/^#\/?/, '').split('/').filter(Boolean).map(decodeURIComponent);
+export interface Place {
+  page: Page;
+  args: string[];
+  query: URLSearchParams;
+}
+
+/** Split "#/packs/3/7?a=1" into page, arguments and query; an unknown page is the overview. */
+export function parseHash(hash: string): Place {
+  const [path = '', query = ''] = hash.replace(/^#\/?/, '').split('?');
+  const [first = '', ...args] = path.split('/').filter(Boolean).map(decodeURIComponent);
   const known = first === 'judge' || PAGES.some((p) => p.id === first);
-  return { page: known ? (first as Page) : 'overview', args };
+  // eslint-disable-next-line svelte/prefer-svelte-reactivity -- made anew with every address, never changed
+  return { page: known ? (first as Page) : 'overview', args, query: new URLSearchParams(query) };
 }
 
 class Route {
   hash = $state(location.hash);
+  arrivals = $state(0); // counts the reader's own steps; what a page notes is none
   here = $derived(parseHash(this.hash));
 
+  /** Put what is shown into the address, so that it can be shared; null takes a value out. The reader stays here. */
+  note(values: Record<string, string | null>): void {
+    const { query } = parseHash(this.hash);
+    for (const [name, value] of Object.entries(values)) {
+      if (value === null) query.delete(name);
+      else query.set(name, value);
+    }
+    const text = query.toString();
+    this.hash = `${this.hash.split('?')[0] || '#/overview'}${text ? `?${text}` : ''}`;
+    history.replaceState(null, '', this.hash);
+  }
+
   start(): void {
-    addEventListener('hashchange', () => (this.hash = location.hash));
+    addEventListener('hashchange', () => {
+      this.hash = location.hash;
+      this.arrivals++;
+    });
   }
 }
 

@@ -18,6 +18,7 @@ export const SERVICE: readonly (readonly [RegExp, string])[] = [
   [/^balancing$/, 'balansering'],
   [/^done$/, 'ferdig'],
   [/^(.+), (pack \d+, cell \d+): (.+)$/, '$1, $2: $3'],
+  [/^(.+), (pack \d+, cell \d+)$/, '$1, $2'],
   [/^cell under-voltage$/, 'underspenning i celle'],
   [/^cell over-voltage$/, 'overspenning i celle'],
   [/^cell too cold$/, 'celle for kald'],

@@ -1,0 +1,104 @@
+// What the session viewer computes from recorded bands and events: readings at cursors, alarm spans, windows.
+
+import type { Maybe, SessionEvent, Severity } from '../link/types';
+import type { Band } from './decimate';
+
+export type Range = readonly [from: number, to: number];
+
+export interface Reading {
+  low: number;
+  high: number;
+}
+
+/** Lowest and highest of a band at an instant: those of the point nearest in time; null in a gap or beyond the ends. */
+export function readingAt(band: Band, time: number): Maybe<Reading> {
+  const { time: times, min, max } = band;
+  if (times.length === 0) return null;
+  let low = 0;
+  let high = times.length - 1;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (times[middle]! < time) low = middle + 1;
+    else high = middle;
+  }
+  if (low > 0 && time - times[low - 1]! < times[low]! - time) low--;
+  const step = times.length > 1 ? (times.at(-1)! - times[0]!) / (times.length - 1) : 1;
+  if (Math.abs(times[low]! - time) > Math.max(2 * step, 1)) return null;
+  const [a, b] = [min[low], max[low]];
+  return a === null || a === undefined || b === null || b === undefined ? null : { low: a, high: b };
+}
+
+/** Lowest and highest of a band between two instants, null where nothing was recorded between them. */
+export function extremesBetween(band: Band, from: number, to: number): Maybe<Reading> {
+  let low = Infinity;
+  let high = -Infinity;
+  band.time.forEach((time, i) => {
+    if (time < from || time > to) return;
+    const [a, b] = [band.min[i], band.max[i]];
+    if (a !== null && a !== undefined && a < low) low = a;
+    if (b !== null && b !== undefined && b > high) high = b;
+  });
+  return low <= high ? { low, high } : null;
+}
+
+export interface AlarmSpan {
+  code: string;
+  severity: Severity;
+  text: string;
+  cell: Maybe<number>;
+  from: number;
+  to: number; // the end of the session where it never ended
+}
+
+const RANK: Record<Severity, number> = { watch: 0, warning: 1, trip: 2 };
+
+/** Alarms as spans: from the event that names one to the info event of the same code that ends it. */
+export function alarmSpans(events: readonly SessionEvent[], end: number): AlarmSpan[] {
+  const open = new Map<string, AlarmSpan>();
+  const spans: AlarmSpan[] = [];
+  for (const e of events) {
+    if (e.severity === 'info') {
+      const span = open.get(e.code);
+      if (span) {
+        span.to = e.time;
+        open.delete(e.code);
+      }
+      continue;
+    }
+    const span: AlarmSpan = {
+      code: e.code,
+      severity: e.severity,
+      text: e.text,
+      cell: e.cell,
+      from: e.time,
+      to: end,
+    };
+    const before = open.get(e.code);
+    if (before) before.to = e.time;
+    open.set(e.code, span);
+    spans.push(span);
+  }
+  return spans;
+}
+
+/** One row per alarm code, worst first, then in order of appearance. */
+export function lanes(spans: readonly AlarmSpan[]): AlarmSpan[][] {
+  const rows = new Map<string, AlarmSpan[]>();
+  for (const span of spans) rows.set(span.code, [...(rows.get(span.code) ?? []), span]);
+  const worst = (row: AlarmSpan[]): number => Math.max(...row.map((s) => RANK[s.severity]));
+  return [...rows.values()].sort((a, b) => worst(b) - worst(a) || a[0]!.from - b[0]!.from);
+}
+
+/** `range` moved and, where it is wider, cut so that it lies within `whole`. */
+export function within(range: Range, whole: Range): Range {
+  if (range[1] - range[0] >= whole[1] - whole[0]) return whole;
+  const width = range[1] - range[0];
+  const from = Math.min(Math.max(range[0], whole[0]), whole[1] - width);
+  return [from, from + width];
+}
+
+/** A band moved in time, for a session that is laid over another. */
+export const shifted = (band: Band, seconds: number): Band => ({
+  ...band,
+  time: band.time.map((t) => t + seconds),
+});
