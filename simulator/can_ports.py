@@ -54,7 +54,7 @@ class SlcanPort:
         """Open the byte port and put the adapter on the bus."""
         adapter = SlcanAdapter(bus, self._port.write)
         self._port.open(selector, lambda data: adapter.feed(data, now_s()))
-        bus.nodes.append(adapter)
+        bus.attach(adapter)
         self._bus, self._adapter = bus, adapter
 
     def poll(self) -> None:
@@ -64,13 +64,18 @@ class SlcanPort:
     def close(self) -> None:
         """Take the adapter off the bus."""
         if self._bus is not None and self._adapter is not None:
-            self._bus.nodes.remove(self._adapter)
+            self._bus.detach(self._adapter)
             self._port.close()
             self._bus = None
 
 
 class PythonCanPort:
-    """A bus that python-can opens, at the bit rate it was given (500 kbit/s unless told otherwise)."""
+    """A bus that python-can opens, at the bit rate it was given (500 kbit/s unless told otherwise).
+
+    Its `virtual` bus shows the error frames of ours; of real ones, each controller makes its own.
+    """
+
+    is_listening_only = False
 
     def __init__(self, interface: str, channel: str, options: dict[str, Any]) -> None:
         self._interface = interface
@@ -97,13 +102,20 @@ class PythonCanPort:
         except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
             raise PortError(self.url, str(error)) from error
         self._bus, self._now_s = bus, now_s
-        bus.nodes.append(self)
+        bus.attach(self)
+        if self._interface == "virtual":
+            bus.error_listeners.append(self._show_error)
+
+    def _show_error(self) -> None:
+        self._send(can.Message(is_error_frame=True))
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:
         """Send a frame of the simulated bus."""
+        self._send(can.Message(arbitration_id=frame.can_id, is_extended_id=frame.is_extended, data=frame.data))
+
+    def _send(self, message: can.Message) -> None:
         if self._device is None:
             return
-        message = can.Message(arbitration_id=frame.can_id, is_extended_id=frame.is_extended, data=frame.data)
         try:
             self._device.send(message, timeout=0)
         except can.CanError as error:
@@ -122,7 +134,9 @@ class PythonCanPort:
     def close(self) -> None:
         """Leave both buses."""
         if self._device is not None and self._bus is not None:
-            self._bus.nodes.remove(self)
+            self._bus.detach(self)
+            if self._show_error in self._bus.error_listeners:
+                self._bus.error_listeners.remove(self._show_error)
             self._device.shutdown()
             self._device = None
 

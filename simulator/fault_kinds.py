@@ -147,11 +147,19 @@ def _serial_stuck(simulation: Simulation, _: int, is_stuck: float) -> None:
 
 
 def _bus_off(simulation: Simulation, _: int, is_off: float) -> None:
-    simulation.is_bus_off = bool(is_off)
+    simulation.master_on_bus.is_held_off = bool(is_off)
 
 
 def _bus_broken(simulation: Simulation, _: int, is_broken: float) -> None:
     simulation.bus.is_broken = bool(is_broken)
+
+
+def _bus_noise(simulation: Simulation, _: int, rate: float) -> None:
+    simulation.bus.noise_per_bit = rate
+
+
+def _bus_babble(simulation: Simulation, _: int, share: float) -> None:
+    simulation.babbler.share = share
 
 
 def _charger_heat(simulation: Simulation, _: int, watts: float) -> None:
@@ -208,7 +216,9 @@ _KINDS = (
     FaultKind("serial-drop-outs", "frames break off on the RS232 line", _NONE, *_ON, _serial_drop_outs),
     FaultKind("serial-stuck", "nothing passes the RS232 line", _NONE, *_ON, _serial_stuck),
     FaultKind("can-bus-off", "the master's CAN controller is off the bus", _NONE, *_ON, _bus_off),
-    FaultKind("can-broken", "nothing passes the CAN bus", _NONE, *_ON, _bus_broken),
+    FaultKind("can-broken", "a short circuit on the CAN bus", _NONE, *_ON, _bus_broken),
+    FaultKind("can-noise", "disturbed bits on the CAN bus", _NONE, "per bit", 0, 0.1, 1e-3, 0, _bus_noise),
+    FaultKind("can-babble", "share of the bus that a node of most weight takes", _NONE, "", 0, 1, 0.9, 0, _bus_babble),
     FaultKind("charger-hot", "heat in the charger", _NONE, "W", 0, 5000, 2500, 0, _charger_heat),
     FaultKind("charger-no-mains", "the charger's mains are off", _NONE, *_ON, _charger_mains),
     FaultKind("charger-reversed", "the charger's plug is reversed", _NONE, *_ON, _charger_reversed),

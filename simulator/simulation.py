@@ -8,9 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from firmware_protocol.elcon import BIT_RATE_6K6, COMMAND_ID, STATUS_ID
+from firmware_protocol.elcon import STATUS_ID
 from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.board import Board
+from simulator.bus_nodes import BabblingNode, ChargerOnBus, MasterOnBus
 from simulator.can_bus import CanBus, CanFrame
 from simulator.charger_unit import ChargerUnit
 from simulator.eeprom import Eeprom
@@ -24,43 +25,6 @@ BOOT_S = 0.3
 POWER_ON, WATCHDOG, BROWN_OUT, COMMANDED = range(4)  # reset causes
 SLOW_PERIOD_S = 0.2  # of the temperatures and of the driver's wishes
 _LINE_RETRY_S = 1e-3  # a free line is asked again this much later when it had nothing, whatever it promised
-
-
-class MasterOnBus:
-    """The master as a node of the bus; off while it is not running."""
-
-    def __init__(self, simulation: "Simulation") -> None:
-        self._simulation = simulation
-
-    @property
-    def bit_rate(self) -> int:
-        """The bit rate of the configuration in force [bit/s]."""
-        master = self._simulation.master
-        return 0 if master is None or self._simulation.is_bus_off else master.can.bit_rate
-
-    def can_received(self, frame: CanFrame, now_s: float) -> None:
-        """Hand a frame to the running master."""
-        if self._simulation.master is not None:
-            self._simulation.master.can.received(frame, now_s)
-
-
-class ChargerOnBus:
-    """The charger as a node of the bus, there while it is plugged in."""
-
-    def __init__(self, unit: ChargerUnit) -> None:
-        self.unit = unit
-        self.is_plugged = False
-        self.bit_rate_plugged = BIT_RATE_6K6
-
-    @property
-    def bit_rate(self) -> int:
-        """The bit rate that the unit was built for [bit/s]."""
-        return self.bit_rate_plugged if self.is_plugged else 0
-
-    def can_received(self, frame: CanFrame, now_s: float) -> None:
-        """Take a command."""
-        if frame.is_extended and frame.can_id == COMMAND_ID:
-            self.unit.receive(frame.data)
 
 
 class Simulation:
@@ -78,10 +42,13 @@ class Simulation:
         self.step_s = step_s
         self.accumulator = Accumulator(parameters, self.rng)
         self.board = Board(eeprom or Eeprom(), self.rng)
-        self.bus = CanBus()
-        self._master_on_bus = MasterOnBus(self)
+        self.bus = CanBus(self.rng)
+        self.master_on_bus = MasterOnBus(lambda: self.master)
         self.charger = ChargerOnBus(ChargerUnit(ambient_degc=parameters.ambient_degc))
-        self.bus.nodes += [self._master_on_bus, self.charger]
+        self.babbler = BabblingNode(lambda: self.master_on_bus.bit_rate)
+        self.bus.attach(self.master_on_bus)
+        self.bus.attach(self.charger)
+        self.bus.attach(self.babbler, max_waiting=4096)
         self.link = LinkCircuit()
         self.line = UartLine(self.rng)
         self.serial_out: Callable[[bytes], None] | None = None
@@ -96,7 +63,6 @@ class Simulation:
         self._boot_at_s = 0.0
         self._boot_cause = 0
         self.current_a = 0.0
-        self.is_bus_off = False
         self.is_shutdown_open = False
         self._ambient_degc: float | None = None
         self.master: VirtualMaster | None = None
@@ -121,7 +87,7 @@ class Simulation:
     def next_due_s(self) -> float:
         """Return the next instant at which something happens by itself [s]."""
         line_s = self.line.busy_until_s if self.line.is_busy else self._line_due_s
-        return min(self._steps * self.step_s, line_s)
+        return min(self._steps * self.step_s, line_s, self.bus.next_due_s())
 
     def run_until(self, until_s: float) -> None:
         """Advance to an instant, everything due until then included."""
@@ -131,6 +97,7 @@ class Simulation:
                 self._step()
             if self.line.is_busy and self.line.busy_until_s <= self.now_s:
                 self._deliver(self.line.take())
+            self.bus.run(self.now_s)
             self._pump()
         self.now_s = max(self.now_s, until_s)
 
@@ -185,13 +152,15 @@ class Simulation:
         if master is None:
             self._step_charger(dt_s, is_connected=False)
             return
-        master.can.is_off = self.is_bus_off
+        master.can.is_off = self.master_on_bus.is_held_off or self.bus.is_off(self.master_on_bus)
+        if self.babbler.share:
+            self.babbler.step(self.bus, now_s, dt_s)
         master.drive_requested = self._wants_drive
         master.is_shutdown_closed = not self.is_shutdown_open
         master.measure(now_s, dt_s, self.current_a)
         self._step_charger(dt_s, is_connected=master.relay_state == RelayState.CHARGER)
         for frame in master.can.due(now_s):
-            self.bus.send(self._master_on_bus, frame, now_s)
+            self.bus.send(self.master_on_bus, frame, now_s)
         if master.reset_due_s is not None and now_s >= master.reset_due_s:
             self.reset(COMMANDED)
 

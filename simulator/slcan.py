@@ -5,7 +5,7 @@ Commands end with CR and are answered with CR or BELL. Frames: `t`iii`l`data, `T
 
 from collections.abc import Callable
 
-from simulator.can_bus import CanBus, CanFrame
+from simulator.can_bus import PASSIVE, WARNING, CanBus, CanFrame
 
 OK = b"\r"
 ERROR = b"\a"
@@ -21,6 +21,7 @@ BIT_RATES = {
     ord("8"): 1_000_000,
 }
 _MAX_COMMAND = 32
+_IS_WARNED, _IS_PASSIVE, _IS_OFF = 0x04, 0x20, 0x80  # status bits
 _DIGITS = {ord("t"): 3, ord("T"): 8}
 
 
@@ -33,7 +34,7 @@ class SlcanAdapter:
         self._buffer = bytearray()
         self._rate = 0
         self._is_open = False
-        self._is_listening_only = False
+        self.is_listening_only = False  # the computer opened the channel so
         self._now_s = 0.0
         self.is_unplugged = False
 
@@ -65,7 +66,7 @@ class SlcanAdapter:
             return OK
         kind = command[0]
         if kind in b"OL" and len(command) == 1:
-            self._is_open, self._is_listening_only = True, kind == ord("L")
+            self._is_open, self.is_listening_only = True, kind == ord("L")
             return OK
         if command == b"C":
             self._is_open = False
@@ -78,13 +79,18 @@ class SlcanAdapter:
         if command == b"N":
             return b"NVW01\r"
         if command == b"F":
-            return b"F00\r"
+            return f"F{self._status():02X}\r".encode()
         if kind in _DIGITS:
             return self._transmit(command)
         return ERROR
 
+    def _status(self) -> int:
+        station = self._bus.station(self)
+        errors = max(station.transmit_errors, station.receive_errors)
+        return _IS_WARNED * (errors >= WARNING) | _IS_PASSIVE * (errors >= PASSIVE) | _IS_OFF * self._bus.is_off(self)
+
     def _transmit(self, command: bytes) -> bytes:
-        if not self._is_open or self._is_listening_only:
+        if not self._is_open or self.is_listening_only:
             return ERROR
         frame = _parse_frame(command)
         if frame is None:

@@ -66,14 +66,18 @@ def test_adapter_takes_any_bytes_in_any_chunks_alike(raw, size):
 
         class Node:
             bit_rate = 500_000
+            is_listening_only = False
 
             def can_received(self, frame: CanFrame, now_s: float) -> None:
                 heard.append(frame)
 
-        bus.nodes += [adapter, Node()]
+        node = Node()
+        bus.attach(adapter)
+        bus.attach(node)
         adapter.feed(b"S6\rO\r", 0.0)
         for chunk in chunks:
             adapter.feed(chunk, 0.0)
+        bus.run(1.0)
         return bytes(sent), heard
 
     lines = [line[:32] for line in raw.split(b"\r")]

@@ -31,7 +31,8 @@ def state(simulation: Simulation) -> list[object]:
         frozenset(board.eeprom.worn_pages), line.noise_per_byte, line.is_dropping, line.is_stuck,
         simulation.is_shutdown_open,
         simulation.link.leak_ohm, simulation.link.is_precharge_open, simulation.link.is_discharge_open,
-        simulation.is_bus_off, simulation.bus.is_broken, unit.extra_heat_w, unit.has_mains, unit.is_reversed,
+        simulation.master_on_bus.is_held_off, simulation.bus.is_broken, simulation.bus.noise_per_bit,
+        simulation.babbler.share, unit.extra_heat_w, unit.has_mains, unit.is_reversed,
         unit.is_silent, unit.has_hardware_fault, simulation.master is None,
     ]  # fmt: skip
 

@@ -5,13 +5,19 @@ from simulator.slcan import SlcanAdapter
 
 
 class Computer:
+    """A computer behind the adapter, and the other node of the bus."""
+
+    is_listening_only = False
+
     def __init__(self) -> None:
         self.bus = CanBus()
         self.received = b""
         self.adapter = SlcanAdapter(self.bus, self.take)
         self.heard: list[CanFrame] = []
         self.bit_rate = 500_000
-        self.bus.nodes += [self.adapter, self]
+        self.bus.attach(self.adapter)
+        self.bus.attach(self)
+        self._now_s = 0.0
 
     def take(self, data: bytes) -> None:
         self.received += data
@@ -21,8 +27,18 @@ class Computer:
 
     def says(self, command: bytes) -> bytes:
         self.received = b""
-        self.adapter.feed(command, 0.0)
-        return self.received
+        self.adapter.feed(command, self._now_s)
+        answer = self.received
+        self.pass_time()
+        return answer
+
+    def pass_time(self) -> None:
+        self._now_s += 0.1
+        self.bus.run(self._now_s)
+
+    def send(self, frame: CanFrame) -> None:
+        self.bus.send(self, frame, self._now_s)
+        self.pass_time()
 
 
 @pytest.fixture
@@ -39,17 +55,17 @@ def test_frames_reach_the_bus_and_are_acknowledged(computer):
 
 
 def test_frames_from_the_bus_are_spelled_out(computer):
-    computer.bus.send(computer, CanFrame(0x100, False, b"\x01\xff"), 0.0)
-    computer.bus.send(computer, CanFrame(0x18FF50E5, True, b""), 0.0)
+    computer.send(CanFrame(0x100, False, b"\x01\xff"))
+    computer.send(CanFrame(0x18FF50E5, True, b""))
     assert computer.received.endswith(b"t100201FF\rT18FF50E50\r")
 
 
 def test_a_closed_or_wrongly_clocked_channel_hears_nothing(computer):
     computer.says(b"C\r")
-    computer.bus.send(computer, CanFrame(0x100, False, b""), 0.0)
+    computer.send(CanFrame(0x100, False, b""))
     assert computer.received == b"\r"
     computer.says(b"S5\rO\r")
-    computer.bus.send(computer, CanFrame(0x100, False, b""), 0.0)
+    computer.send(CanFrame(0x100, False, b""))
     assert computer.received == b"\r\r"
 
 
@@ -69,3 +85,12 @@ def test_listen_only_does_not_send(computer):
 def test_an_endless_line_is_dropped(computer):
     assert b"\a" in computer.says(b"t" * 100)
     assert computer.says(b"V\r") == b"V1013\r"
+
+
+def test_the_status_tells_of_errors(computer):
+    assert computer.says(b"F\r") == b"F00\r"
+    computer.bus.station(computer.adapter).transmit_errors = 100
+    assert computer.says(b"F\r") == b"F04\r"
+    computer.bus.is_broken = True
+    computer.says(b"t1230\r")
+    assert computer.says(b"F\r") == b"FA4\r"
