@@ -18,6 +18,7 @@ from app.api.schemas.sessions import (
     DeletedOut,
     MarkedOut,
     MarkersOut,
+    ReplayChoicesOut,
     ReplayStateOut,
     SessionDetailOut,
     SessionOut,
@@ -25,6 +26,8 @@ from app.api.schemas.sessions import (
     SessionsOut,
     StoppedOut,
 )
+from app.estimation.cellfile import bundled_cells
+from app.estimation.estimators import FILTERS
 from app.replaying import Playing
 from app.runtime import Runtime
 from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
@@ -291,6 +294,13 @@ def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
 
 def _digest_headers(digest: bytes) -> dict[str, str]:
     return {"ETag": f'"{digest.hex()}"', "Repr-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:"}
+
+
+@router.get("/replay", response_model=ReplayChoicesOut)
+def replay_state(runtime: RuntimeDep) -> dict[str, Any]:
+    """Where the replay stands, and the filters and cells that can recompute the estimates."""
+    cells = dict.fromkeys((runtime.settings.cell, *bundled_cells()))
+    return {"replay": runtime.replaying.state(), "filters": FILTERS, "cells": list(cells)}
 
 
 @router.post("/replay", response_model=ReplayStateOut)

@@ -26,6 +26,12 @@ export function fixed(value: number | null | undefined, decimals: number): strin
   return Number(text) === 0 ? text.slice(1) : MINUS + text.slice(1);
 }
 
+/** Fixed decimals with a sign, plus too; a missing value is a dash. */
+export function signed(value: number | null | undefined, decimals: number): string {
+  const text = fixed(value, decimals);
+  return text === DASH || text.startsWith(MINUS) ? text : `+${text}`;
+}
+
 /** A fraction as percent. */
 export const percent = (fraction: number | null | undefined, decimals: number): string =>
   fixed(fraction === null || fraction === undefined ? null : fraction * 100, decimals);

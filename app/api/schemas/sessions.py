@@ -163,3 +163,11 @@ class RecorderOut(BaseModel):
     split_mb: int | None
     keep_days: Number
     keep_gb: Number
+
+
+class ReplayChoicesOut(BaseModel):
+    """Where the replay stands, and with what it can recompute the estimates."""
+
+    replay: ReplayOut | None
+    filters: list[str]
+    cells: list[str]

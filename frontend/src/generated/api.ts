@@ -778,6 +778,13 @@ export interface RecordingPlan {
   venue: string;
 }
 
+/** Where the replay stands, and with what it can recompute the estimates. */
+export interface ReplayChoices {
+  replay: Replay | null;
+  filters: string[];
+  cells: string[];
+}
+
 /** State of charge as recorded and as recomputed, at the newest sample. */
 export interface ReplayCompared {
   recorded_soc: number | null;

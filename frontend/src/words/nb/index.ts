@@ -1,4 +1,5 @@
 // Norwegian (bokmål): every text of the pages, and the sentences of the service by pattern.
+import { DEBRIEF } from './debrief';
 import { HELP } from './help';
 import { OVERVIEW } from './overview';
 import { PACKS } from './packs';
@@ -7,7 +8,7 @@ import { SESSIONS } from './sessions';
 import { SHELL } from './shell';
 import { SYSTEM } from './system';
 
-const ALL = { ...SHELL, ...OVERVIEW, ...PACKS, ...SESSIONS, ...SYSTEM, ...HELP };
+const ALL = { ...SHELL, ...OVERVIEW, ...PACKS, ...SESSIONS, ...DEBRIEF, ...SYSTEM, ...HELP };
 
 export type Words = Record<keyof typeof ALL, string>;
 export type Said = typeof SERVICE;
