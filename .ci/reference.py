@@ -31,6 +31,7 @@ PURPOSE = {
     "pyarrow": "Parquet export and import",
     "mcap": "MCAP export",
     "asammdf": "MDF4 export",
+    "paho-mqtt": "publishing to an MQTT broker",
     "matplotlib": "`--plot`, pictures in the documentation",
     "msgpack": "python-can's UDP multicast bus",
     "hatchling": "builds the wheel",

@@ -26,6 +26,7 @@ from app.hub import Hub
 from app.links.can import CanLink
 from app.links.master import MasterClient
 from app.links.serial import SerialLink
+from app.mqtt import MqttPublisher, parse_broker
 from app.operations import Operator
 from app.outlook import Lookout
 from app.past import Past, load_past, save_past
@@ -81,6 +82,7 @@ class Runtime:
             lambda text: self.note("info", "session-expired", text),
         )
         self.black_boxes = BlackBoxRecorder(settings.data / "blackboxes.sqlite", self._session_id, self._box_made)
+        self.mqtt = self._mqtt()
         self.bringing = Bringing(settings.data / "sessions", self.catalogue, self.note)
         self._inbox: queue.Queue[Item | None] = queue.Queue(INBOX_ITEMS)
         try:
@@ -158,10 +160,20 @@ class Runtime:
             start_soc=start_soc,
         )
 
+    def _mqtt(self) -> MqttPublisher | None:
+        settings = self.settings
+        if settings.mqtt is None:
+            return None
+        password = None if settings.mqtt_password is None else settings.mqtt_password.get_secret_value()
+        broker = parse_broker(settings.mqtt, password, settings.mqtt_ca)
+        return MqttPublisher(broker, lambda: self.service_state()["recording"])
+
     def start(self) -> None:
         """Start the threads; the links are opened as soon as the estimator is ready for what they bring."""
         self._thread.start()
         self.retention.start()
+        if self.mqtt is not None:
+            self.mqtt.start()
         self._jobs.submit(self._open)
 
     def _open(self) -> None:
@@ -198,6 +210,8 @@ class Runtime:
         self._jobs.shutdown(wait=True, cancel_futures=True)
         self.black_boxes.close()
         self.recorder.close()
+        if self.mqtt is not None:
+            self.mqtt.stop()
         self.events.close()
 
     def log_event(self, event: Event) -> None:
@@ -215,6 +229,8 @@ class Runtime:
             t_wall_ns=event.time_ns,
         )
         self.recorder.on_event(event)
+        if self.mqtt is not None:
+            self.mqtt.offer_event(event)
 
     def _uptime_ms(self) -> int | None:
         snapshot = self.pipeline_snapshot
@@ -312,6 +328,8 @@ class Runtime:
         self.pipeline_snapshot = output.snapshot
         self.recorder.on_output(output)
         self.history.add(output.snapshot)
+        if self.mqtt is not None:
+            self.mqtt.offer(output.snapshot)
         if not self.replaying.is_active:
             self._show(output.snapshot)
 
@@ -370,7 +388,10 @@ class Runtime:
             if status.state not in ("off", "live"):
                 reasons.append(f"{name} {status.state}" + (f": {status.error}" if status.error else ""))
         recorder = self.recorder.status
-        return reasons + [trouble for trouble in (recorder.error or recorder.warning, self.events.error) if trouble]
+        mqtt = None if self.mqtt is None else self.mqtt.problem
+        return reasons + [
+            trouble for trouble in (recorder.error or recorder.warning, self.events.error, mqtt) if trouble
+        ]
 
     def review(self, image: bytes) -> list[Finding]:
         """What the rules say about a configuration."""

@@ -47,6 +47,13 @@ class Settings(BaseSettings):
     keep_gb: float | None = Field(
         default=None, gt=0, description="delete the oldest sessions beyond so many gigabytes; without it none is"
     )
+    mqtt: str | None = Field(
+        default=None, description="MQTT broker to publish to: mqtt[s]://[USER@]HOST[:PORT][/PREFIX]"
+    )
+    mqtt_ca: Path | None = Field(
+        default=None, description="certificate authority of an mqtts broker, where the system does not know it"
+    )
+    mqtt_password: SecretStr | None = Field(default=None, description="the password of the MQTT user")
     password: SecretStr | None = Field(default=None, description="the engineer's password: may write and command")
     viewer_password: SecretStr | None = Field(default=None, description="the viewer's password: may read")
     scenario: str | None = Field(

@@ -22,7 +22,11 @@ from app.settings import FilterName, Settings
 from app.simulator_process import SimulatorProcess
 from app.telemetry import Source
 
-SECRETS = ("password", "viewer_password")  # by environment only: a command line is visible to everyone on the machine
+SECRETS = (
+    "password",
+    "viewer_password",
+    "mqtt_password",
+)  # by environment only: a command line is visible to everyone on the machine
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,0 +1,265 @@
+"""What the service publishes, heard through a real broker: plain, with a password, over TLS, killed and back again."""
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import paho.mqtt.client as paho
+import pytest
+
+from app.errors import ConfigError
+from app.estimation.cellfile import load_cell
+from app.estimation.estimators import make_estimator
+from app.mqtt import MqttPublisher, parse_broker
+from app.pipeline import Pipeline
+from app.telemetry import Event, LinkChange
+from tests.unit.app.conftest import FakeMaster
+
+MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
+pytestmark = pytest.mark.skipif(
+    MOSQUITTO is None and os.environ.get("CI") != "true", reason="no mosquitto: apt-get install mosquitto"
+)
+
+
+class Broker:
+    """A mosquitto on a free port of loopback."""
+
+    def __init__(self, folder: Path, extra: str = "") -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = probe.getsockname()[1]
+        self._config = folder / "mosquitto.conf"
+        anonymous = "false" if "password_file" in extra else "true"
+        user = "root" if os.getuid() == 0 else ""
+        self._config.write_text(
+            f"listener {self.port} 127.0.0.1\nallow_anonymous {anonymous}\n{extra}\n"
+            + (f"user {user}\n" if user else "")
+        )
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> "Broker":
+        assert MOSQUITTO is not None, "mosquitto is missing"
+        self.process = subprocess.Popen([MOSQUITTO, "-c", str(self._config)], stderr=subprocess.DEVNULL)
+        deadline = time.monotonic() + 10
+        while True:
+            try:
+                socket.create_connection(("127.0.0.1", self.port), timeout=1).close()
+            except OSError:
+                assert time.monotonic() < deadline, "the broker did not start"
+                time.sleep(0.02)
+            else:
+                return self
+
+    def kill(self) -> None:
+        if self.process is not None:
+            self.process.send_signal(signal.SIGKILL)
+            self.process.wait()
+            self.process = None
+
+
+class Listener:
+    """Subscribes to everything below a prefix and keeps the newest of each topic."""
+
+    def __init__(self, port: int, *, ca: Path | None = None, user: tuple[str, str] | None = None) -> None:
+        self.heard: dict[str, tuple[bytes, bool]] = {}
+        self.events: list[dict[str, Any]] = []
+        self._news = threading.Condition()
+        self._client = paho.Client(paho.CallbackAPIVersion.VERSION2)
+        if ca is not None:
+            self._client.tls_set(str(ca))
+        if user is not None:
+            self._client.username_pw_set(*user)
+        self._client.on_connect = lambda client, *_: client.subscribe("#", qos=1)
+        self._client.on_message = self._on_message
+        self._client.reconnect_delay_set(0.05, 0.05)
+        self._client.connect("127.0.0.1", port)
+        self._client.loop_start()
+
+    def _on_message(self, _client: object, _data: object, message: Any) -> None:
+        with self._news:
+            self.heard[message.topic] = (message.payload, message.retain)
+            if message.topic.endswith("/events"):
+                self.events.append(json.loads(message.payload))
+            self._news.notify_all()
+
+    def wait(self, until: Callable[["Listener"], object], timeout_s: float = 20) -> None:
+        with self._news:
+            assert self._news.wait_for(lambda: until(self), timeout_s), {t: p[0][:80] for t, p in self.heard.items()}
+
+    def json(self, topic: str) -> Any:
+        return json.loads(self.heard[topic][0])
+
+    def close(self) -> None:
+        self._client.disconnect()
+        self._client.loop_stop()
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Broker]:
+    running = Broker(tmp_path).start()
+    yield running
+    running.kill()
+
+
+@pytest.fixture
+def closing() -> Iterator[Callable[[Any], Any]]:
+    """Closes what it was given, at the end."""
+    opened: list[Any] = []
+
+    def keep(each: Any) -> Any:
+        opened.append(each)
+        return each
+
+    yield keep
+    for each in reversed(opened):
+        (each.stop if isinstance(each, MqttPublisher) else each.close)()
+
+
+def publisher(url: str, **more: Any) -> MqttPublisher:
+    made = MqttPublisher(parse_broker(url, **more), lambda: {"session_id": "s1", "frames": 1}, period_s=0.05)
+    made.start()
+    return made
+
+
+@pytest.fixture
+def snapshots() -> Callable[[], Any]:
+    """Snapshots of a master whose current grows; cell 5 is not measured."""
+    cell = load_cell("samsung-25r-10p")
+    pipeline = Pipeline(
+        "serial", lambda: make_estimator("coulomb", cell, 96), filter_name="c", cell_name="c", rs232_url="there"
+    )
+    pipeline.feed(LinkChange(1, 1, "rs232", "open"))
+    master = FakeMaster()
+    master.set("v", [0 if i == 5 else 37000 + i for i in range(96)])
+
+    def make() -> Any:
+        return pipeline.feed(master.frame()).snapshot
+
+    return make
+
+
+def test_state_is_retained_and_complete(broker, closing, snapshots):
+    sender = closing(publisher(f"mqtt://127.0.0.1:{broker.port}/pit"))
+    first = closing(Listener(broker.port))
+    first.wait(lambda x: x.heard.get("pit/status", (b"",))[0] == b"online")
+    sender.offer(snapshots())
+    first.wait(lambda x: "pit/recording" in x.heard)
+    late = closing(Listener(broker.port))
+    late.wait(lambda x: len(x.heard) >= 10)
+    assert all(retained for _, retained in late.heard.values())
+    assert late.json("pit/accumulator")["current_a"] == pytest.approx(10.0)
+    values = late.json("pit/cells/voltage_v")["values"]
+    assert (len(values), values[5], values[6]) == (96, None, pytest.approx(3.7006))
+    assert late.json("pit/cells/soc")["values"][0] > 0
+    assert late.json("pit/master")["fit"] is True
+    assert late.json("pit/links")["rs232"]["state"] == "live"
+    assert late.json("pit/alarms") == []
+    assert late.json("pit/recording")["session_id"] == "s1"
+
+
+def test_events_are_published_as_they_happen_and_not_retained(broker, closing):
+    listener = closing(Listener(broker.port))
+    sender = closing(publisher(f"mqtt://127.0.0.1:{broker.port}"))
+    sender.offer_event(Event(10**18, "trip", "cell-hot", "cell 7", cell=7, value=61.0, limit=60.0, unit="degC"))
+    listener.wait(lambda x: x.events)
+    assert listener.events[0] == {
+        "time": 1e9, "severity": "trip", "code": "cell-hot", "text": "cell 7", "cell": 7, "value": 61.0,
+        "limit": 60.0, "unit": "degC", "who": None,
+    }  # fmt: skip
+    late = closing(Listener(broker.port))
+    late.wait(lambda x: "voltwall/status" in x.heard)
+    assert late.events == []
+
+
+def test_a_broker_that_dies_and_comes_back_has_everything_again(broker, closing, snapshots):
+    sender = closing(publisher(f"mqtt://127.0.0.1:{broker.port}"))
+    listener = closing(Listener(broker.port))
+    sender.offer(snapshots())
+    listener.wait(lambda x: "voltwall/accumulator" in x.heard)
+    broker.kill()
+    while sender.problem is None:
+        time.sleep(0.01)
+    sender.offer_event(Event(1, "info", "while-away", "kept"))
+    listener.heard.clear()
+    broker.start()
+    listener.wait(lambda x: x.heard.get("voltwall/status", (b"",))[0] == b"online")
+    sender.offer(replace(snapshots(), source="serial"))
+    listener.wait(lambda x: {"voltwall/accumulator", "voltwall/alarms", "voltwall/cells/soc"} <= x.heard.keys())
+    listener.wait(lambda x: [event["code"] for event in x.events] == ["while-away"])
+    assert sender.problem is None
+
+
+def test_the_broker_says_offline_for_a_service_that_is_gone(broker, closing):
+    listener = closing(Listener(broker.port))
+    sender = publisher(f"mqtt://127.0.0.1:{broker.port}")
+    listener.wait(lambda x: x.heard.get("voltwall/status", (b"",))[0] == b"online")
+    sender.stop()
+    listener.wait(lambda x: x.heard["voltwall/status"][0] == b"offline")
+    code = f"""
+import os, time
+from app.mqtt import MqttPublisher, parse_broker
+sender = MqttPublisher(parse_broker("mqtt://127.0.0.1:{broker.port}/killed"), lambda: None)
+sender.start()
+while sender.problem:
+    time.sleep(0.01)
+time.sleep(0.2)
+os.kill(os.getpid(), 9)
+"""
+    subprocess.run([sys.executable, "-c", code], check=False, timeout=30)
+    listener.wait(lambda x: x.heard.get("killed/status", (b"",))[0] == b"offline", 30)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # paho drops sockets it was refused on
+def test_tls_with_a_password(tmp_path, closing, snapshots):
+    key, certificate, passwords = tmp_path / "key.pem", tmp_path / "cert.pem", tmp_path / "passwords"
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2",
+         "-subj", "/CN=pit", "-addext", "subjectAltName=IP:127.0.0.1", "-keyout", key, "-out", certificate],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    passwords.touch(mode=0o600)
+    hasher = shutil.which("mosquitto_passwd") or "/usr/bin/mosquitto_passwd"
+    subprocess.run([hasher, "-b", passwords, "pit", "secret"], check=True, capture_output=True)
+    tls = f"certfile {certificate}\nkeyfile {key}\npassword_file {passwords}"
+    broker = Broker(tmp_path, tls).start()
+    try:
+        url = f"mqtts://pit@127.0.0.1:{broker.port}"
+        sender = closing(publisher(url, password="secret", ca=certificate))
+        listener = closing(Listener(broker.port, ca=certificate, user=("pit", "secret")))
+        sender.offer(snapshots())
+        listener.wait(lambda x: "voltwall/accumulator" in x.heard)
+        wrong = closing(publisher(url, password="guess", ca=certificate))
+        stranger = closing(publisher(url, password="secret"))
+        deadline = time.monotonic() + 15
+        while "authori" not in (wrong.problem or "").lower() and time.monotonic() < deadline:
+            time.sleep(0.02)
+        assert "authori" in (wrong.problem or "").lower()
+        assert stranger.problem is not None
+        assert "secret" not in str(stranger.problem)
+    finally:
+        broker.kill()
+
+
+@pytest.mark.parametrize(
+    ("url", "reason"),
+    [
+        ("http://pit", "mqtt.s.://"),
+        ("mqtt://", "mqtt.s.://"),
+        ("mqtt://pit:99999999", "mqtt.s.://"),
+        ("mqtt://a:b@pit", "VOLTWALL_MQTT_PASSWORD"),
+        ("mqtt://pit/a/#", "mqtt.s.://"),
+    ],
+)
+def test_what_is_no_broker_is_refused(url, reason):
+    with pytest.raises(ConfigError, match=reason):
+        parse_broker(url)
