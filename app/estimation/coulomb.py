@@ -85,15 +85,11 @@ class CoulombCounter:
         ocv = cell.ocv_at(j, f)
         predicted = ocv - cell.drop(c, i, state.mean[1:]) + model.hysteresis_v * state.hysteresis
         innovation = step.voltage_v - predicted
+        valid = self._check.update(step.dt_s, innovation, step.noise_v2, ~np.isnan(innovation))
+        soc, sigma = np.clip(state.count_soc, 0.0, 1.0), np.minimum(np.sqrt(count_variance(state)), SIGMA_MAX)
+        expected = np.sqrt(step.noise_v2 * step.climate.noise_scale)
         return Estimates(
-            soc=np.clip(state.count_soc, 0.0, 1.0),
-            soc_sigma=np.minimum(np.sqrt(count_variance(state)), SIGMA_MAX),
-            ocv_v=ocv,
-            voltage_v=predicted,
-            innovation_v=innovation,
-            innovation_sigma_v=np.sqrt(step.noise_v2 * step.climate.noise_scale),
-            model_valid=self._check.update(step.dt_s, innovation, step.noise_v2, ~np.isnan(innovation)),
-            accepted=np.zeros(self.n_cells, dtype=np.bool_),
+            np.array([soc, sigma, ocv, predicted, innovation, expected]), np.array([valid, np.zeros_like(valid)])
         )
 
     def run(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,28 +11,73 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
-class Estimates(NamedTuple):
-    """What one step says about every cell; all arrays are (n_cells,) and belong to the reader.
+OUT_SOC, OUT_SIGMA, OUT_OCV, OUT_VOLTAGE, OUT_INNOVATION, OUT_INNOVATION_SIGMA = range(6)  # rows of the numbers
+N_OUT: Final = 6
+FLAG_VALID, FLAG_ACCEPTED = range(2)  # rows of the flags
+N_FLAGS: Final = 2
+
+
+class Estimates:
+    """What one step says about every cell; all arrays are (n_cells,) views of two that belong to the reader.
 
     Attributes:
-        soc: state of charge, 0..1.
-        soc_sigma: its standard deviation, model error included.
-        ocv_v: open-circuit voltage at that SOC [V].
-        voltage_v: terminal voltage the model predicts for this sample [V].
-        innovation_v: measured minus predicted [V]; NaN where the cell was not measured.
-        innovation_sigma_v: standard deviation the filter expects of the innovation [V].
-        model_valid: False where the model has failed its self-check for this cell: distrust its SOC.
-        accepted: True where this sample's voltage was used; False where it was missing or refused as an outlier.
+        numbers: (6, n_cells) the numbers below, in that order.
+        flags: (2, n_cells) `model_valid` and `accepted`.
     """
 
-    soc: FloatArray
-    soc_sigma: FloatArray
-    ocv_v: FloatArray
-    voltage_v: FloatArray
-    innovation_v: FloatArray
-    innovation_sigma_v: FloatArray
-    model_valid: BoolArray
-    accepted: BoolArray
+    __slots__ = ("flags", "numbers")
+
+    def __init__(self, numbers: FloatArray, flags: BoolArray) -> None:
+        self.numbers = numbers
+        self.flags = flags
+
+    @property
+    def soc(self) -> FloatArray:
+        """State of charge, 0..1."""
+        row: FloatArray = self.numbers[OUT_SOC]
+        return row
+
+    @property
+    def soc_sigma(self) -> FloatArray:
+        """Its standard deviation, model error included."""
+        row: FloatArray = self.numbers[OUT_SIGMA]
+        return row
+
+    @property
+    def ocv_v(self) -> FloatArray:
+        """Open-circuit voltage at that SOC [V]."""
+        row: FloatArray = self.numbers[OUT_OCV]
+        return row
+
+    @property
+    def voltage_v(self) -> FloatArray:
+        """Terminal voltage the model predicts for this sample [V]."""
+        row: FloatArray = self.numbers[OUT_VOLTAGE]
+        return row
+
+    @property
+    def innovation_v(self) -> FloatArray:
+        """Measured minus predicted [V]; NaN where the cell was not measured."""
+        row: FloatArray = self.numbers[OUT_INNOVATION]
+        return row
+
+    @property
+    def innovation_sigma_v(self) -> FloatArray:
+        """Standard deviation the filter expects of the innovation [V]."""
+        row: FloatArray = self.numbers[OUT_INNOVATION_SIGMA]
+        return row
+
+    @property
+    def model_valid(self) -> BoolArray:
+        """False where the model has failed its self-check for this cell: distrust its SOC."""
+        row: BoolArray = self.flags[FLAG_VALID]
+        return row
+
+    @property
+    def accepted(self) -> BoolArray:
+        """True where this sample's voltage was used; False where it was missing or refused as an outlier."""
+        row: BoolArray = self.flags[FLAG_ACCEPTED]
+        return row
 
 
 class CellEstimator(Protocol):

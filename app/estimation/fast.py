@@ -1,57 +1,62 @@
-"""The compiled engine of the filters: one call of a numba kernel for a step, one for a whole record.
-
-Importing this module without numba raises ImportError; `engine_of` in `filters` chooses.
-"""
+"""The compiled engine of the filters: one call of a kernel for a step, one for a whole record."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.circuit import SECONDS_PER_HOUR
-from app.estimation.estimates import Estimates
+from app.estimation.estimates import N_FLAGS, N_OUT, Estimates
 from app.estimation.fusion import unknown_odds
-from app.estimation.kernel_filters import advance_any, advance_pair
-from app.estimation.kernel_parts import N_FLAGS, N_OUT, Numbers
-from app.estimation.kernels import record_any, record_pair
+from app.estimation.kernel_shape import NUMBERS, Shape, columns, layout, table_width
+from app.estimation.native import load
 from app.estimation.record import Record
 from app.estimation.sigma_points import SigmaRule
 from app.estimation.states import CellStates
-from app.estimation.tables import PackedCell
+from app.estimation.tables import BRANCH, R0, PackedCell
 from app.estimation.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
 
-PAIR: Final = 2  # RC pairs of the kernel that is written out
-
 
 class FastStep:
-    """One compiled step over all cells of a state, for one cell model, rule and tuning; compiled when built."""
+    """One compiled step over all cells of a state, for one cell model, rule and tuning; compiled when built.
+
+    Attributes:
+        voltage_v, temperature_degc: (n,) where the sample of the next step is put.
+    """
 
     def __init__(
-        self, cell: PackedCell, states: CellStates, rule: SigmaRule | None, tuning: Tuning, fused: bool
+        self,
+        cell: PackedCell,
+        states: CellStates,
+        rule: SigmaRule | None,
+        tuning: Tuning,
+        fused: bool,
     ) -> None:
-        ocv = np.ascontiguousarray(np.concatenate((cell.ocv, cell.ocv_slope)).T)
-        circuit = np.ascontiguousarray(cell.circuit.transpose(2, 0, 1))
-        tau = cell.tau_s if cell.tau_fixed_s is None else cell.tau_fixed_s.reshape(-1, 1, 1).copy()
-        grid = np.ascontiguousarray(cell.temperature_grid_degc)
-        numbers = _numbers(cell, rule, tuning, fused)
-        self._states = states
-        self._tables = (ocv, circuit, tau, grid, numbers)
-        is_pair = rule is not None and cell.model.n_rc == PAIR and cell.tau_fixed_s is not None
-        self._advance: Any = advance_pair if is_pair else advance_any
-        self._record: Any = record_pair if is_pair else record_any
-        self._warm_up()
+        n, is_fixed = states.n_cells, cell.tau_fixed_s is not None
+        self._shape = Shape(n, states.n_rc, cell.n_t, cell.has_overpotential, is_fixed, rule is not None, fused)
+        at = layout(self._shape)
+        arena = np.zeros(at.end)
+        arena[: at.temperatures] = _numbers(cell, rule, tuning)
+        arena[at.temperatures : at.time_constants] = cell.temperature_grid_degc
+        arena[at.time_constants : at.table] = (cell.tau_s if cell.tau_fixed_s is None else cell.tau_fixed_s).ravel()
+        arena[at.table : at.places] = _table(cell, self._shape)
+        arena[at.places : at.work] = np.nan
+        self.voltage_v = arena[at.voltages : at.temperatures_now]
+        self.temperature_degc = arena[at.temperatures_now : at.answer]
+        self._numbers = arena[at.answer :].reshape(N_OUT, n)
+        self._flags = np.zeros((N_FLAGS, n), dtype=np.bool_)
+        self._held = states.block, arena
+        self._pointers = states.block.ctypes.data, arena.ctypes.data, self._flags.ctypes.data
+        self._step = load("step", self._shape)
 
-    def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> Estimates:
-        """Return the estimates after one sample that `InputGuard` has checked for shape, step and current."""
-        n = voltage_v.size
-        out, flags = np.empty((N_OUT, n)), np.empty((N_FLAGS, n), dtype=np.bool_)
-        self._advance(self._states.block, *self._tables, dt_s, current_a, voltage_v, temperature_degc, out, flags)
-        return Estimates(*out, *flags)
+    def step(self, dt_s: float, current_a: float) -> Estimates:
+        """Return the estimates after the sample whose voltages and temperatures have been put into the arrays here."""
+        self._step(*self._pointers, dt_s, current_a)
+        return Estimates(self._numbers.copy(), self._flags.copy())
 
     def record(
         self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
@@ -65,26 +70,34 @@ class FastStep:
             temperature_degc: (n_steps, n_cells) [degC].
         """
         steps, n = voltage_v.shape
-        out = np.empty((steps, N_OUT, n))
-        flags = np.empty((steps, N_FLAGS, n), dtype=np.bool_)
-        self._record(self._states.block, *self._tables, dt_s, current_a, voltage_v, temperature_degc, out, flags)
-        return Record(*np.moveaxis(out, 1, 0), *np.moveaxis(flags, 1, 0))
-
-    def _warm_up(self) -> None:
-        """Compile, or load from the cache, with a state of no cells."""
-        block = np.zeros((self._states.block.shape[0], 0))
-        none, no_steps = np.zeros(0), np.zeros((0, 0))
-        out, flags = np.zeros((N_OUT, 0)), np.zeros((N_FLAGS, 0), dtype=np.bool_)
-        self._advance(block, *self._tables, 0.1, 0.0, none, none, out, flags)
-        self._record(block, *self._tables, none, none, no_steps, no_steps, out[None], flags[None])
+        numbers, flags = np.empty((steps, N_OUT, n)), np.empty((steps, N_FLAGS, n), dtype=np.bool_)
+        samples = [np.ascontiguousarray(a, dtype=np.float64) for a in (dt_s, current_a, voltage_v, temperature_degc)]
+        block, arena, _ = self._pointers
+        record = load("record", self._shape)
+        record(block, arena, flags.ctypes.data, steps, *(a.ctypes.data for a in samples), numbers.ctypes.data)
+        return Record(np.moveaxis(numbers, 1, 0), np.moveaxis(flags, 1, 0))
 
 
-def _numbers(cell: PackedCell, rule: SigmaRule | None, tuning: Tuning, fused: bool) -> FloatArray:
-    """Return everything scalar that the kernels read, in the order of `Numbers`."""
+def _table(cell: PackedCell, shape: Shape) -> FloatArray:
+    """Return the flat table of `table_width` numbers for each SOC of each temperature."""
+    m = cell.model.n_rc
+    order = [R0, *([BRANCH + m] if shape.has_over else []), *range(BRANCH, BRANCH + m)]
+    value, by_soc, by_temperature, by_both = -cell.circuit[:, order]
+    ocv = np.tile(np.concatenate((cell.ocv, cell.ocv_slope)), (1, cell.n_t))
+    width = columns(shape)
+    table = np.zeros((value.shape[1], table_width(shape)))
+    for k, (first, rest) in enumerate(((ocv[0], value), (ocv[1], by_soc), (0.0, by_temperature), (0.0, by_both))):
+        table[:, k * width] = first
+        table[:, k * width + 1 : k * width + 1 + len(order)] = rest.T
+    if not shape.is_sigma:
+        table[:, 4 * width :] = ocv[2:].T
+    return table.reshape(-1)
+
+
+def _numbers(cell: PackedCell, rule: SigmaRule | None, tuning: Tuning) -> FloatArray:
+    """Return everything scalar that the kernels read, in the order of NUMBERS."""
     model = cell.model
     values: dict[str, float] = {
-        "is_sigma": 0.0 if rule is None else 1.0,
-        "is_fused": 1.0 if fused else 0.0,
         "spread": rule.spread if rule else 0.0,
         "weight": rule.weight if rule else 0.0,
         "curvature": rule.curvature if rule else 0.0,
@@ -95,8 +108,8 @@ def _numbers(cell: PackedCell, rule: SigmaRule | None, tuning: Tuning, fused: bo
         "i_ref": model.overpotential_current_a,
         "hysteresis_v": model.hysteresis_v,
         "hysteresis_rate": model.hysteresis_rate,
-        "model_error_per_a_v": tuning.model_error_rel * model.drop_per_c_v / model.c_rate_a,
+        "drop_per_a_v": model.drop_per_c_v / model.c_rate_a,
         "empty_slope": (tuning.empty_factor - 1.0) / tuning.empty_soc,
     }
     values |= asdict(tuning)
-    return np.array([values[name] for name in Numbers._fields])
+    return np.array([values[name] for name in NUMBERS])

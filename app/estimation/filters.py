@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
-from typing import TYPE_CHECKING, Final, Literal
+import logging
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.estimation.circuit import CellModel
 from app.estimation.errors import EstimatorError
-from app.estimation.estimates import Estimates
+from app.estimation.estimates import FLAG_ACCEPTED, FLAG_VALID, N_FLAGS, N_OUT, Estimates
+from app.estimation.fast import FastStep
 from app.estimation.fusion import Fusion
 from app.estimation.inputs import InputGuard
 from app.estimation.marginal import MarginalFilter, StepResult
@@ -23,15 +25,14 @@ from app.estimation.states import SOC, CellStates
 from app.estimation.tables import PackedCell
 from app.estimation.tuning import Tuning
 
-if TYPE_CHECKING:
-    from app.estimation.fast import FastStep
-
 FloatArray = NDArray[np.float64]
 Engine = Literal["auto", "numpy", "numba"]
 
+logger = logging.getLogger(__name__)
+NOT_STARTED: Final = "the filter has not been started"
 ZERO: Final = np.array(0.0)
 ONE: Final = np.array(1.0)
-SLOPE_FLOOR_V2: Final = np.array(SLOPE_FLOOR_V**2)
+SLOPE_FLOOR_V2: Final = np.array(SLOPE_FLOOR_V * SLOPE_FLOOR_V)
 VARIANCE_MAX: Final = np.array(SOC_VARIANCE_MAX)
 
 
@@ -60,9 +61,16 @@ class GaussianEstimator:
         self._fusion = Fusion(self.states, tuning) if fused else None
         self._check = SelfCheck(self.states, tuning)
         self._filter = MarginalFilter(self.cell, self.states, rule, tuning)
-        self._fast = _fast_step(self.cell, self.states, rule, tuning, fused) if wants_numba(engine) else None
+        self._fast: FastStep | None = None
+        if wants_numba(engine):
+            try:
+                self._fast = FastStep(self.cell, self.states, rule, tuning, fused)
+            except EstimatorError as error:
+                if engine == "numba":
+                    raise
+                logger.warning("estimating with numpy alone: %s", error)
         self._soc, self._filter_v2 = self.states.mean[SOC], self.states.cov[SOC, SOC]
-        self._bias_v2 = np.array(tuning.bias_v**2)
+        self._bias_v2 = np.array(tuning.bias_v * tuning.bias_v)
         self._is_started = False
 
     @property
@@ -112,15 +120,15 @@ class GaussianEstimator:
 
     def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> Estimates:
         """Return the estimates after one sample; see `CellEstimator.step`."""
-        self.require_start()
-        if self._fast is not None:
+        if not self._is_started:
+            raise EstimatorError(NOT_STARTED)
+        fast = self._fast
+        if fast is not None:
             guard = self.guard
-            current = guard.common(dt_s, current_a)
-            voltages, temperatures = (
-                guard.array("voltages_v", voltages_v),
-                guard.array("temperatures_degc", temperatures_degc),
-            )
-            return self._fast.step(dt_s, current, voltages, temperatures)
+            held_a = guard.common(dt_s, current_a)
+            volts, degc = guard.array("voltages_v", voltages_v), guard.array("temperatures_degc", temperatures_degc)
+            fast.voltage_v[:], fast.temperature_degc[:] = volts, degc
+            return fast.step(dt_s, held_a)
         sample = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
         self._process.predict(sample)
         result = self._filter.update(sample)
@@ -130,18 +138,17 @@ class GaussianEstimator:
         model_valid = self._check.update(
             sample.dt_s, result.innovation_v, sample.noise_v2, None if result.all_accepted else result.accepted
         )
-        held = np.maximum(soc, ZERO)
-        np.minimum(held, ONE, out=held)
-        return Estimates(
-            held,
-            np.sqrt(variance),
-            self.cell.ocv_of(soc),
-            result.predicted_v,
-            result.innovation_v,
-            np.sqrt(result.innovation_v2),
-            model_valid,
-            result.accepted,
-        )
+        numbers, flags = np.empty((N_OUT, self.n_cells)), np.empty((N_FLAGS, self.n_cells), dtype=np.bool_)
+        reported, sigma, ocv, predicted, innovation, innovation_sigma = numbers
+        np.maximum(soc, ZERO, out=reported)
+        np.minimum(reported, ONE, out=reported)
+        np.sqrt(variance, sigma)
+        np.copyto(ocv, self.cell.ocv_of(soc))
+        np.copyto(predicted, result.predicted_v)
+        np.copyto(innovation, result.innovation_v)
+        np.sqrt(result.innovation_v2, innovation_sigma)
+        flags[FLAG_VALID], flags[FLAG_ACCEPTED] = model_valid, result.accepted
+        return Estimates(numbers, flags)
 
     def run(
         self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
@@ -158,7 +165,8 @@ class GaussianEstimator:
             ShapeError: the arrays do not fit each other.
             EstimatorError: a step is negative or not finite, or `start` was never called.
         """
-        self.require_start()
+        if not self._is_started:
+            raise EstimatorError(NOT_STARTED)
         check_record(self.n_cells, dt_s, current_a, voltage_v, temperature_degc)
         if self._fast is None:
             return run_steps(self, dt_s, current_a, voltage_v, temperature_degc)
@@ -178,11 +186,6 @@ class GaussianEstimator:
         np.minimum(variance, VARIANCE_MAX, out=variance)
         return variance
 
-    def require_start(self) -> None:
-        """EstimatorError before `start`."""
-        if not self._is_started:
-            raise EstimatorError("the filter has not been started")
-
 
 def wants_numba(engine: Engine) -> bool:
     """Return whether to compile; "auto" does where numba is installed.
@@ -194,9 +197,3 @@ def wants_numba(engine: Engine) -> bool:
     if engine == "numba" and not installed:
         raise EstimatorError("numba is not installed; it comes with voltwall[fast]")
     return engine == "numba" or (engine == "auto" and installed)
-
-
-def _fast_step(cell: PackedCell, states: CellStates, rule: SigmaRule | None, tuning: Tuning, fused: bool) -> FastStep:
-    from app.estimation.fast import FastStep
-
-    return FastStep(cell, states, rule, tuning, fused)

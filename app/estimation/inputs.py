@@ -74,6 +74,7 @@ class InputGuard:
         self._current_max_a = CURRENT_MAX_C * cell.model.capacity_ah
         self._drop_per_a_v = cell.model.drop_per_c_v / cell.model.c_rate_a
         self._current_a = 0.0
+        self._shape = (state.n_cells,)
         self._temperature_raw = b""
         state.temperature_degc[:] = TEMPERATURE_UNKNOWN_DEGC
         self._climate = self._settle_temperature()
@@ -97,8 +98,8 @@ class InputGuard:
             ShapeError: they have another shape.
         """
         array = np.asarray(values, dtype=np.float64)
-        if array.shape != (self._state.n_cells,):
-            raise ShapeError(name, (self._state.n_cells,), array.shape)
+        if array.shape != self._shape:
+            raise ShapeError(name, self._shape, array.shape)
         return array
 
     def check(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> StepInput:

@@ -1,292 +1,379 @@
-"""Compiled: one step of the filter over all cells, its fusion and self-check included.
+"""Compiled: one step of the filter over all cells. The equations are those of `process`, `outputs` and `marginal`.
 
-`advance_pair` writes the algebra of two RC pairs out in scalars that stay in registers, which is what almost every
-cell file holds; `advance_any` loops over 0 to 4 pairs. Both read and write the block of `CellStates`.
+Only the look-ups go from cell to cell; what stands before and after them is written so that the compiler computes
+several cells at a time: loops over cells without branches, over rows it knows to be apart.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
-from numba.np.unsafe.ndarray import to_fixed_tuple
+from numba import carray  # type: ignore[attr-defined]
 
-from app.estimation.inputs import TEMPERATURE_MAX_DEGC, VOLTAGE_MAX_V, VOLTAGE_MIN_V
-from app.estimation.kernel_fusion import finish
-from app.estimation.kernel_parts import (
+from app.estimation.circuit import SECONDS_PER_HOUR
+from app.estimation.estimates import (
     FLAG_ACCEPTED,
-    FLAG_VALID,
-    N_NUMBERS,
+    N_FLAGS,
+    N_OUT,
     OUT_INNOVATION,
     OUT_INNOVATION_SIGMA,
     OUT_OCV,
-    OUT_SIGMA,
     OUT_SOC,
     OUT_VOLTAGE,
-    Numbers,
-    blend,
-    common,
-    gate,
-    jit,
-    noise,
-    place_soc,
-    widened,
+)
+from app.estimation.inputs import TEMPERATURE_MAX_DEGC, VOLTAGE_MAX_V, VOLTAGE_MIN_V
+from app.estimation.kernel_fusion import make_believe
+from app.estimation.kernel_parts import jit, moved_soc, noise_variance, soc_walk
+from app.estimation.kernel_shape import (
+    BRANCH_C,
+    BRANCH_REL,
+    CAPACITY_AH,
+    COLD_FACTOR,
+    CORRELATION_S,
+    COUNTER_GAIN,
+    COUNTER_OFFSET_C,
+    CURVATURE,
+    EMPTY_SLOPE,
+    EMPTY_SOC,
+    GATE,
+    GATE_HOLD_S,
+    GATE_RECOVERY,
+    HERE,
+    HYSTERESIS_RATE,
+    HYSTERESIS_V,
+    I_REF,
+    LEFT,
+    N_WORK,
+    OCV_SLOPE,
+    PLACE_NOISE,
+    PLACE_OFFSET,
+    PLACE_WEIGHT,
+    PLACED,
+    REACH,
+    RIGHT,
+    SPREAD,
+    STEEP,
+    USED,
+    WEIGHT,
+    Shape,
+    columns,
+    layout,
+    table_width,
 )
 from app.estimation.marginal import SOC_MAX, SOC_MIN
-from app.estimation.process import VARIANCE_STEP
-from app.estimation.states import (
-    ANCHOR_V2,
-    CHECK_MEAN,
-    CHECK_SQUARE,
-    COUNT,
-    COUNT_GAIN,
-    COUNT_OFFSET,
-    DOUBT,
-    HYSTERESIS,
-    REFUSED,
-    SLOW_MEAN,
-    SLOW_SQUARE,
-    TEMPERATURE,
-)
-from app.estimation.tables import N_SOC, SOC_STEP
+from app.estimation.process import SOC_VARIANCE_MAX, VARIANCE_STEP
+from app.estimation.states import COUNT, COUNT_GAIN, COUNT_OFFSET, HYSTERESIS, N_SLOW, REFUSED, TEMPERATURE
+from app.estimation.tables import N_SOC, SOC_LOW, SOC_STEP
 
-# mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg"
-# ruff: noqa: ANN001, ANN201
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+# ruff: noqa: ANN001, ANN202
 
 
-@jit
-def advance_pair(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temperature_degc, out, flags):
-    """Advance all cells of a two-RC model with fixed time constants by one sample, with sigma points."""
-    p = Numbers(*to_fixed_tuple(numbers, N_NUMBERS))
-    moved, walk, keep, branch_variance, noise_v2, correlation, over, check = common(p, dt, i)
-    follow = math.exp(-p.hysteresis_rate * abs(moved))
-    pull = math.copysign(1.0 - follow, moved)
-    a1, a2 = math.exp(-dt / tau[0, 0, 0]), math.exp(-dt / tau[1, 0, 0])
-    b1, b2 = (1.0 - a1) * i, (1.0 - a2) * i
-    q1 = (1.0 - a1 * a1) * branch_variance + VARIANCE_STEP * p.capacity_ah**2
-    q2 = (1.0 - a2 * a2) * branch_variance + VARIANCE_STEP * p.capacity_ah**2
-    has_over = circuit.shape[2] > 3
-    a00, a01, a02, a11, a12, a22 = keep * keep, keep * a1, keep * a2, a1 * a1, a1 * a2, a2 * a2
-    for cell in range(block.shape[1]):
-        t = temperature_degc[cell]
-        if abs(t) < TEMPERATURE_MAX_DEGC:
-            block[12 + TEMPERATURE, cell] = t
-        else:
-            t = block[12 + TEMPERATURE, cell]
-        row, g = 0, 0.0
-        if grid.size > 1:
-            while row < grid.size - 2 and t >= grid[row + 1]:
-                row += 1
-            g = min(max((t - grid[row]) / (grid[row + 1] - grid[row]), 0.0), 1.0)
-        soc, i1, i2 = block[0, cell] - moved, a1 * block[1, cell] + b1, a2 * block[2, cell] + b2
-        p00 = block[3, cell] * a00 + walk
-        p01, p02 = block[4, cell] * a01, block[5, cell] * a02
-        p11, p12, p22 = block[7, cell] * a11 + q1, block[8, cell] * a12, block[11, cell] * a22 + q2
-        sd = math.sqrt(p00)
-        reach, per_sd = p.spread * sd, p.spread / sd
-        h0, up, down, r1, r2, rise = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for point in range(3):
-            away = 0.0 if point == 0 else (per_sd if point == 1 else -per_sd)
-            j, f = place_soc(soc + away * p00)
-            at = j + N_SOC * row
-            rest = ocv[j, 0] + f * ocv[j, 1]
-            h = rest - i * blend(circuit[at, 0, 0], circuit[at, 1, 0], circuit[at, 2, 0], circuit[at, 3, 0], f, g)
-            ra = blend(circuit[at, 0, 1], circuit[at, 1, 1], circuit[at, 2, 1], circuit[at, 3, 1], f, g)
-            rb = blend(circuit[at, 0, 2], circuit[at, 1, 2], circuit[at, 2, 2], circuit[at, 3, 2], f, g)
-            h -= ra * (i1 + away * p01) + rb * (i2 + away * p02)
-            if has_over:
-                h -= over * blend(circuit[at, 0, 3], circuit[at, 1, 3], circuit[at, 2, 3], circuit[at, 3, 3], f, g)
-            if point == 0:
-                h0, r1, r2 = h, ra, rb
-            elif point == 1:
-                up, rise = h, rest
+def make_place(shape: Shape) -> Any:
+    """Finds the rows of the table for the temperatures that have changed."""
+    n, d = shape.n, 1 + shape.m
+    KNOWN = (d + d * d + TEMPERATURE) * n
+    AT, OFFSET, WEIGHT, NOISE = PLACED * n, PLACE_OFFSET * n, PLACE_WEIGHT * n, PLACE_NOISE * n
+
+    @jit
+    def place(block, grid, numbers, temperature_degc, placed):
+        for c in range(n):
+            t = temperature_degc[c] if abs(temperature_degc[c]) < TEMPERATURE_MAX_DEGC else block[KNOWN + c]
+            if t == placed[AT + c]:
+                continue
+            block[KNOWN + c] = placed[AT + c] = t
+            row, weight = 0, 0.0
+            if grid.size > 1:
+                while row < grid.size - 2 and t >= grid[row + 1]:
+                    row += 1
+                weight = min(max((t - grid[row]) / (grid[row + 1] - grid[row]), 0.0), 1.0)
+            outside_k = max(grid[0] - t, 0.0) + max(t - grid[grid.size - 1], 0.0)
+            cold = 1.0 + numbers[COLD_FACTOR] * outside_k / 10.0
+            placed[OFFSET + c], placed[WEIGHT + c], placed[NOISE + c] = N_SOC * row, weight, cold * cold
+
+    return place
+
+
+def make_predict(shape: Shape) -> Any:
+    """The equations of `process`, which also says where the sigma points lie."""
+    n, m, d = shape.n, shape.m, 1 + shape.m
+    is_fixed, is_sigma, is_fused = shape.is_fixed, shape.is_sigma, shape.is_fused
+    SLOW = d + d * d
+    HYSTERESIS_AT, COUNTED = (SLOW + HYSTERESIS) * n, (SLOW + COUNT) * n
+    GAIN, OFFSET = (SLOW + COUNT_GAIN) * n, (SLOW + COUNT_OFFSET) * n
+    COV = d * n
+    X, XR, XL, R = HERE * n, RIGHT * n, LEFT * n, REACH * n
+    SHIFT, DECAY = N_WORK * n, (N_WORK + m) * n
+    T_OFFSET, T_WEIGHT = PLACE_OFFSET * n, PLACE_WEIGHT * n
+    TOP, PER_STEP = N_SOC - 1.0, 1.0 / SOC_STEP
+
+    @jit
+    def predict(block, tau, numbers, dt, i, placed, work):
+        moved = moved_soc(numbers, dt, i)
+        walk, keep = soc_walk(numbers, dt)
+        branch_a, branch_floor_a = numbers[BRANCH_REL] * i, numbers[BRANCH_C] * numbers[CAPACITY_AH]
+        branch_variance = branch_a * branch_a + branch_floor_a * branch_floor_a
+        floor_v2 = VARIANCE_STEP * (numbers[CAPACITY_AH] * numbers[CAPACITY_AH])
+        for k in range(m):
+            if is_fixed:
+                a = math.exp(-dt / tau[k])
+                for c in range(n):
+                    work[DECAY + k * n + c] = a
             else:
-                down, rise = h, rise - rest
-        q = up + down - 2.0 * h0
-        predicted = h0 + p.weight * q
-        if p.hysteresis_v != 0.0:
-            block[12 + HYSTERESIS, cell] = block[12 + HYSTERESIS, cell] * follow - pull
-            predicted += p.hysteresis_v * block[12 + HYSTERESIS, cell]
-        steep = ((up - down) * 0.5 + (p01 * r1 + p02 * r2) * per_sd) / reach
-        x0, x1, x2 = (
-            p00 * steep - p01 * r1 - p02 * r2,
-            p01 * steep - p11 * r1 - p12 * r2,
-            p02 * steep - p12 * r1 - p22 * r2,
+                for c in range(n):
+                    x = min(max((block[c] - SOC_LOW) * PER_STEP, 0.0), TOP)
+                    j = int(x)
+                    f, g = x - j, placed[T_WEIGHT + c]
+                    row = k * (tau.size // m) + int(placed[T_OFFSET + c])
+                    up = min(j + 1, N_SOC - 1)
+                    low = tau[row + j] * (1.0 - f) + tau[row + up] * f
+                    row += N_SOC if g > 0.0 else 0
+                    high = tau[row + j] * (1.0 - f) + tau[row + up] * f
+                    work[DECAY + k * n + c] = math.exp(-dt / (low * (1.0 - g) + high * g))
+        if numbers[HYSTERESIS_V] != 0.0:
+            follow = math.exp(-numbers[HYSTERESIS_RATE] * abs(moved))
+            pull = math.copysign(1.0 - follow, moved)
+            for c in range(n):
+                block[HYSTERESIS_AT + c] = block[HYSTERESIS_AT + c] * follow - pull
+        if is_fused:
+            gain, offset = numbers[COUNTER_GAIN] * moved, numbers[COUNTER_OFFSET_C] / SECONDS_PER_HOUR * dt
+            for c in range(n):
+                block[COUNTED + c] -= moved
+                block[GAIN + c] += gain
+                block[OFFSET + c] += offset
+        for c in range(n):
+            soc = block[c] - moved
+            block[c] = soc
+            variance = block[COV + c] * (keep * keep) + walk
+            block[COV + c] = variance
+            sd = math.sqrt(variance)
+            reach, per_sd = sd * numbers[SPREAD], numbers[SPREAD] / sd
+            for k in range(m):
+                a = work[DECAY + k * n + c]
+                block[(1 + k) * n + c] = block[(1 + k) * n + c] * a + (1.0 - a) * i
+                shared = block[COV + (1 + k) * n + c] * (keep * a)
+                block[COV + (1 + k) * n + c] = shared
+                block[COV + (1 + k) * d * n + c] = shared
+                work[SHIFT + k * n + c] = shared * per_sd
+                for q in range(k):
+                    both = block[COV + (1 + k + (1 + q) * d) * n + c] * (a * work[DECAY + q * n + c])
+                    block[COV + (1 + k + (1 + q) * d) * n + c] = both
+                    block[COV + (1 + q + (1 + k) * d) * n + c] = both
+                own = block[COV + (1 + k) * (1 + d) * n + c] * (a * a)
+                block[COV + (1 + k) * (1 + d) * n + c] = own + ((1.0 - a * a) * branch_variance + floor_v2)
+            x = soc - SOC_LOW
+            if is_sigma:
+                work[R + c] = reach
+                right, left = (x + reach) * PER_STEP, (x - reach) * PER_STEP
+                right = right if right > 0.0 else 0.0
+                work[XR + c] = right if right < TOP else TOP
+                left = left if left > 0.0 else 0.0
+                work[XL + c] = left if left < TOP else TOP
+            x *= PER_STEP
+            x = x if x > 0.0 else 0.0
+            work[X + c] = x if x < TOP else TOP
+
+    return predict
+
+
+def make_look_up(shape: Shape) -> Any:
+    """Looks up the terms of the output at the points; for the tangent also its slope."""
+    n, m, is_sigma, has_over = shape.n, shape.m, shape.is_sigma, shape.has_over
+    C = columns(shape)
+    X, STEEP_AT, SLOPE_AT, TERMS = HERE * n, STEEP * n, OCV_SLOPE * n, (N_WORK + 3 * m + 1) * n
+    T_OFFSET, T_WEIGHT = PLACE_OFFSET * n, PLACE_WEIGHT * n
+    WIDTH, BY_SOC, BY_T, BY_BOTH, SLOPE = table_width(shape), C, 2 * C, 3 * C, 4 * C
+    N_POINTS, FIRST = 3 if is_sigma else 1, 2 + has_over
+
+    @jit
+    def look_up(block, table, i, over, placed, work):
+        for point in range(N_POINTS):
+            for c in range(n):
+                x, g = work[X + point * n + c], placed[T_WEIGHT + c]
+                j = int(x)
+                f = x - j
+                at, to = (j + int(placed[T_OFFSET + c])) * WIDTH, TERMS + (point * n + c) * C
+                for q in range(0, C, 4):
+                    a0, a1, a2, a3 = at + q, at + q + 1, at + q + 2, at + q + 3
+                    y0 = table[a0] + table[a0 + BY_T] * g + (table[a0 + BY_SOC] + table[a0 + BY_BOTH] * g) * f
+                    y1 = table[a1] + table[a1 + BY_T] * g + (table[a1 + BY_SOC] + table[a1 + BY_BOTH] * g) * f
+                    y2 = table[a2] + table[a2 + BY_T] * g + (table[a2 + BY_SOC] + table[a2 + BY_BOTH] * g) * f
+                    y3 = table[a3] + table[a3 + BY_T] * g + (table[a3 + BY_SOC] + table[a3 + BY_BOTH] * g) * f
+                    work[to + q], work[to + q + 1], work[to + q + 2], work[to + q + 3] = y0, y1, y2, y3
+                if not is_sigma:
+                    tangent = (table[at + BY_SOC + 1] + table[at + BY_BOTH + 1] * g) * i
+                    for k in range(m):
+                        slope = table[at + BY_SOC + FIRST + k] + table[at + BY_BOTH + FIRST + k] * g
+                        tangent += slope * block[(1 + k) * n + c]
+                    if has_over:
+                        tangent += (table[at + BY_SOC + 2] + table[at + BY_BOTH + 2] * g) * over
+                    slope = table[at + SLOPE] + f * table[at + SLOPE + 1]
+                    work[SLOPE_AT + c], work[STEEP_AT + c] = slope, slope + tangent * (1.0 / SOC_STEP)
+
+    return look_up
+
+
+def make_update(shape: Shape) -> Any:
+    """The equations of `marginal`."""
+    n, m, d, is_sigma = shape.n, shape.m, 1 + shape.m, shape.is_sigma
+    SLOW = d + d * d
+    HYSTERESIS_AT, REFUSED_AT = (SLOW + HYSTERESIS) * n, (SLOW + REFUSED) * n
+    COV = d * n
+    R, STEEP_AT, SLOPE_AT, USED_AT = REACH * n, STEEP * n, OCV_SLOPE * n, USED * n
+    SHIFT, Z, C = N_WORK * n, (N_WORK + 2 * m) * n, columns(shape)
+    TERMS = (N_WORK + 3 * m + 1) * n
+    has_over = shape.has_over
+    FIRST, TO_RIGHT, TO_LEFT = 2 + has_over, n * C, 2 * n * C
+    VOLTAGE_AT, INNOVATION_AT, SIGMA_AT = OUT_VOLTAGE * n, OUT_INNOVATION * n, OUT_INNOVATION_SIGMA * n
+    T_NOISE = PLACE_NOISE * n
+    NAN = np.nan
+
+    @jit
+    def update(block, numbers, dt, i, over, voltage_v, placed, work, out):
+        noise_v2 = noise_variance(numbers, i)
+        correlation = 1.0 + 2.0 * numbers[CORRELATION_S] / max(dt, 1e-3)
+        gate_v2 = numbers[GATE] * numbers[GATE]
+        widening = numbers[GATE_RECOVERY] * numbers[GATE_RECOVERY] * dt
+        hold_s, empty_soc, empty_slope, hysteresis_v = (
+            numbers[GATE_HOLD_S],
+            numbers[EMPTY_SOC],
+            numbers[EMPTY_SLOPE],
+            numbers[HYSTERESIS_V],
         )
-        Pyy = p.curvature * q * q + (steep * x0 - r1 * x1 - r2 * x2)
-        outside_k = max(grid[0] - t, 0.0) + max(t - grid[grid.size - 1], 0.0)
-        model_v2 = noise(p, soc, outside_k, noise_v2)
-        S = Pyy + model_v2 * correlation
-        expected = Pyy + model_v2
-        v = voltage_v[cell]
-        innovation = v - predicted if VOLTAGE_MIN_V < v < VOLTAGE_MAX_V else np.nan
-        used, believed, refused = gate(p, innovation, expected, block[12 + REFUSED, cell], dt)
-        block[12 + REFUSED, cell] = refused
-        if believed:
-            p00 = widened(p, p00, dt)
-        if used:
-            root = 1.0 / math.sqrt(S)
-            z0, z1, z2 = x0 * root, x1 * root, x2 * root
-            pulled = innovation * root
-            soc, i1, i2 = soc + z0 * pulled, i1 + z1 * pulled, i2 + z2 * pulled
-            p00, p01, p02 = p00 - z0 * z0, p01 - z0 * z1, p02 - z0 * z2
-            p11, p12, p22 = p11 - z1 * z1, p12 - z1 * z2, p22 - z2 * z2
-        soc = min(max(soc, SOC_MIN), SOC_MAX)
-        block[0, cell], block[1, cell], block[2, cell] = soc, i1, i2
-        block[3, cell], block[4, cell], block[5, cell] = p00, p01, p02
-        block[6, cell], block[7, cell], block[8, cell] = p01, p11, p12
-        block[9, cell], block[10, cell], block[11, cell] = p02, p12, p22
-        (
-            soc, variance, valid, block[12 + CHECK_MEAN, cell], block[12 + CHECK_SQUARE, cell],
-            block[12 + SLOW_MEAN, cell], block[12 + SLOW_SQUARE, cell],
-            block[12 + COUNT, cell], block[12 + COUNT_GAIN, cell], block[12 + COUNT_OFFSET, cell],
-            block[12 + ANCHOR_V2, cell], block[12 + DOUBT, cell],
-        ) = finish(
-            p, dt, moved, soc, p00, rise * 0.5 / reach, innovation, used, check,
-            block[12 + CHECK_MEAN, cell], block[12 + CHECK_SQUARE, cell], block[12 + SLOW_MEAN, cell],
-            block[12 + SLOW_SQUARE, cell], block[12 + COUNT, cell], block[12 + COUNT_GAIN, cell],
-            block[12 + COUNT_OFFSET, cell], block[12 + ANCHOR_V2, cell], block[12 + DOUBT, cell],
-        )  # fmt: skip
-        j, f = place_soc(soc)
-        out[OUT_SOC, cell] = min(max(soc, 0.0), 1.0)
-        out[OUT_SIGMA, cell] = math.sqrt(variance)
-        out[OUT_OCV, cell] = ocv[j, 0] + f * ocv[j, 1]
-        out[OUT_VOLTAGE, cell] = predicted
-        out[OUT_INNOVATION, cell] = innovation
-        out[OUT_INNOVATION_SIGMA, cell] = math.sqrt(expected)
-        flags[FLAG_VALID, cell] = valid
-        flags[FLAG_ACCEPTED, cell] = used
-
-
-@jit
-def advance_any(block, ocv, circuit, tau, grid, numbers, dt, i, voltage_v, temperature_degc, out, flags):
-    """Advance all cells of a model with 0 to 4 RC pairs by one sample, with sigma points or the tangent."""
-    p = Numbers(*to_fixed_tuple(numbers, N_NUMBERS))
-    moved, walk, keep, branch_variance, noise_v2, correlation, over, check = common(p, dt, i)
-    follow = math.exp(-p.hysteresis_rate * abs(moved))
-    pull = math.copysign(1.0 - follow, moved)
-    m = tau.shape[0]
-    d = m + 1
-    has_over = circuit.shape[2] > d
-    slow = d + d * d
-    fixed = tau.size == m
-    a = np.ones(d)
-    acc = np.empty(d)
-    r = np.empty(m)
-    h = np.empty(3)
-    if fixed:
-        for k in range(m):
-            a[k + 1] = math.exp(-dt / tau[k, 0, 0])
-    for cell in range(block.shape[1]):
-        t = temperature_degc[cell]
-        if abs(t) < TEMPERATURE_MAX_DEGC:
-            block[slow + TEMPERATURE, cell] = t
-        else:
-            t = block[slow + TEMPERATURE, cell]
-        row, g = 0, 0.0
-        if grid.size > 1:
-            while row < grid.size - 2 and t >= grid[row + 1]:
-                row += 1
-            g = min(max((t - grid[row]) / (grid[row + 1] - grid[row]), 0.0), 1.0)
-        if not fixed:
-            j, f = place_soc(block[0, cell])
-            up, top = min(j + 1, N_SOC - 1), min(row + 1, grid.size - 1)
-            for k in range(m):
-                low = tau[k, row, j] * (1.0 - f) + tau[k, row, up] * f
-                high = tau[k, top, j] * (1.0 - f) + tau[k, top, up] * f
-                a[k + 1] = math.exp(-dt / (low * (1.0 - g) + high * g))
-        block[0, cell] -= moved
-        for k in range(1, d):
-            block[k, cell] = a[k] * block[k, cell] + (1.0 - a[k]) * i
-        for u in range(d):
-            for w in range(d):
-                block[d + u * d + w, cell] *= (keep if u == 0 else a[u]) * (keep if w == 0 else a[w])
-        block[d, cell] += walk
-        for k in range(1, d):
-            own = (1.0 - a[k] * a[k]) * branch_variance + VARIANCE_STEP * p.capacity_ah**2
-            block[d + k * d + k, cell] += own
-        soc, Pz = block[0, cell], block[d, cell]
-        sd = math.sqrt(Pz)
-        tangent, slope = 0.0, 0.0
-        for point in range(3 if p.is_sigma != 0.0 else 1):
-            per_sd = 0.0 if point == 0 else (p.spread / sd if point == 1 else -p.spread / sd)
-            j, f = place_soc(soc + per_sd * Pz)
-            at = j + N_SOC * row
-            value = ocv[j, 0] + f * ocv[j, 1]
-            if point > 0:
-                slope = value - slope if point == 2 else value
-            value -= i * blend(circuit[at, 0, 0], circuit[at, 1, 0], circuit[at, 2, 0], circuit[at, 3, 0], f, g)
-            for k in range(1, d):
-                rk = blend(circuit[at, 0, k], circuit[at, 1, k], circuit[at, 2, k], circuit[at, 3, k], f, g)
-                if point == 0:
-                    r[k - 1] = rk
-                value -= rk * (block[k, cell] + per_sd * block[d + k, cell])
+        weight, curvature = numbers[WEIGHT], numbers[CURVATURE]
+        for c in range(n):
+            h0 = work[TERMS + c * C] + work[TERMS + c * C + 1] * i
             if has_over:
-                value -= over * blend(circuit[at, 0, d], circuit[at, 1, d], circuit[at, 2, d], circuit[at, 3, d], f, g)
-            h[point] = value
-            if p.is_sigma == 0.0:
-                tangent = i * (circuit[at, 1, 0] + g * circuit[at, 3, 0])
-                for k in range(1, d):
-                    tangent += (circuit[at, 1, k] + g * circuit[at, 3, k]) * block[k, cell]
+                h0 += work[TERMS + c * C + 2] * over
+            for k in range(m):
+                h0 += work[TERMS + c * C + FIRST + k] * block[(1 + k) * n + c]
+            predicted, Pyy, steep = h0, 0.0, work[STEEP_AT + c]
+            if is_sigma:
+                up = work[TERMS + TO_RIGHT + c * C] + work[TERMS + TO_RIGHT + c * C + 1] * i
+                down = work[TERMS + TO_LEFT + c * C] + work[TERMS + TO_LEFT + c * C + 1] * i
                 if has_over:
-                    tangent += over * (circuit[at, 1, d] + g * circuit[at, 3, d])
-                slope = ocv[j, 2] + f * ocv[j, 3]
-                tangent = slope - tangent * (1.0 / SOC_STEP)
-        predicted, steep, Pyy = h[0], tangent, 0.0
-        if p.is_sigma != 0.0:
-            q = h[1] + h[2] - 2.0 * h[0]
-            steep = (h[1] - h[2]) * 0.5
-            for k in range(m):
-                steep += block[d + k + 1, cell] * (p.spread / sd) * r[k]
-            steep /= p.spread * sd
-            slope *= -0.5 / (p.spread * sd)
-            predicted, Pyy = h[0] + p.weight * q, p.curvature * q * q
-        if p.hysteresis_v != 0.0:
-            block[slow + HYSTERESIS, cell] = block[slow + HYSTERESIS, cell] * follow - pull
-            predicted += p.hysteresis_v * block[slow + HYSTERESIS, cell]
-        for u in range(d):
-            acc[u] = block[d + u, cell] * steep
-            for k in range(m):
-                acc[u] -= block[d + (k + 1) * d + u, cell] * r[k]
-        Pyy += acc[0] * steep
-        for k in range(m):
-            Pyy -= r[k] * acc[k + 1]
-        outside_k = max(grid[0] - t, 0.0) + max(t - grid[grid.size - 1], 0.0)
-        model_v2 = noise(p, soc, outside_k, noise_v2)
-        S = Pyy + model_v2 * correlation
-        expected = Pyy + model_v2
-        v = voltage_v[cell]
-        innovation = v - predicted if VOLTAGE_MIN_V < v < VOLTAGE_MAX_V else np.nan
-        used, believed, refused = gate(p, innovation, expected, block[slow + REFUSED, cell], dt)
-        block[slow + REFUSED, cell] = refused
-        if believed:
-            block[d, cell] = widened(p, Pz, dt)
-        if used:
-            root = 1.0 / math.sqrt(S)
+                    up += work[TERMS + TO_RIGHT + c * C + 2] * over
+                    down += work[TERMS + TO_LEFT + c * C + 2] * over
+                for k in range(m):
+                    current, shift = block[(1 + k) * n + c], work[SHIFT + k * n + c]
+                    up += work[TERMS + TO_RIGHT + c * C + FIRST + k] * (current + shift)
+                    down += work[TERMS + TO_LEFT + c * C + FIRST + k] * (current - shift)
+                steep = (up - down) * 0.5
+                for k in range(m):
+                    steep -= work[SHIFT + k * n + c] * work[TERMS + c * C + FIRST + k]
+                steep /= work[R + c]
+                q = up + down - (h0 + h0)
+                predicted = q * weight + h0
+                Pyy = q * q * curvature
+                work[STEEP_AT + c] = steep
+                rise = work[TERMS + TO_RIGHT + c * C] - work[TERMS + TO_LEFT + c * C]
+                work[SLOPE_AT + c] = rise * 0.5 / work[R + c]
+            predicted += hysteresis_v * block[HYSTERESIS_AT + c]
             for u in range(d):
-                acc[u] *= root
-                block[u, cell] += acc[u] * (innovation * root)
+                Pxy = block[COV + u * n + c] * steep
+                for k in range(m):
+                    Pxy += block[COV + ((1 + k) * d + u) * n + c] * work[TERMS + c * C + FIRST + k]
+                work[Z + u * n + c] = Pxy
+                Pyy += Pxy * (steep if u == 0 else work[TERMS + c * C + FIRST + u - 1])
+            soc = block[c]
+            low = empty_soc - soc
+            low = (low if low > 0.0 else 0.0) * empty_slope + 1.0
+            model_v2 = low * placed[T_NOISE + c] * noise_v2
+            expected = Pyy + model_v2
+            v = voltage_v[c]
+            innovation = (v if (v > VOLTAGE_MIN_V) & (v < VOLTAGE_MAX_V) else NAN) - predicted
+            is_inside = innovation * innovation <= expected * gate_v2
+            is_missing = innovation != innovation
+            refused_s = block[REFUSED_AT + c]
+            refused_s = 0.0 if is_inside else (refused_s if is_missing else refused_s + dt)
+            block[REFUSED_AT + c] = refused_s
+            believed = (not is_inside) & (not is_missing) & (refused_s > hold_s)
+            is_used = is_inside | believed
+            variance = block[COV + c]
+            wide = variance + widening
+            wide = wide if wide < SOC_VARIANCE_MAX else SOC_VARIANCE_MAX
+            block[COV + c] = wide if believed & (wide > variance) else variance
+            root = 1.0 / math.sqrt(Pyy + model_v2 * correlation)
+            pulled = innovation * root if is_used else 0.0
+            root = root if is_used else 0.0
             for u in range(d):
-                for w in range(d):
-                    block[d + u * d + w, cell] -= acc[u] * acc[w]
-        block[0, cell] = min(max(block[0, cell], SOC_MIN), SOC_MAX)
-        (
-            soc, variance, valid, block[slow + CHECK_MEAN, cell], block[slow + CHECK_SQUARE, cell],
-            block[slow + SLOW_MEAN, cell], block[slow + SLOW_SQUARE, cell],
-            block[slow + COUNT, cell], block[slow + COUNT_GAIN, cell], block[slow + COUNT_OFFSET, cell],
-            block[slow + ANCHOR_V2, cell], block[slow + DOUBT, cell],
-        ) = finish(
-            p, dt, moved, block[0, cell], block[d, cell], slope, innovation, used, check,
-            block[slow + CHECK_MEAN, cell], block[slow + CHECK_SQUARE, cell], block[slow + SLOW_MEAN, cell],
-            block[slow + SLOW_SQUARE, cell], block[slow + COUNT, cell], block[slow + COUNT_GAIN, cell],
-            block[slow + COUNT_OFFSET, cell], block[slow + ANCHOR_V2, cell], block[slow + DOUBT, cell],
-        )  # fmt: skip
-        j, f = place_soc(soc)
-        out[OUT_SOC, cell] = min(max(soc, 0.0), 1.0)
-        out[OUT_SIGMA, cell] = math.sqrt(variance)
-        out[OUT_OCV, cell] = ocv[j, 0] + f * ocv[j, 1]
-        out[OUT_VOLTAGE, cell] = predicted
-        out[OUT_INNOVATION, cell] = innovation
-        out[OUT_INNOVATION_SIGMA, cell] = math.sqrt(expected)
-        flags[FLAG_VALID, cell] = valid
-        flags[FLAG_ACCEPTED, cell] = used
+                z = work[Z + u * n + c] * root
+                work[Z + u * n + c] = z
+                block[u * n + c] += z * pulled
+                for w in range(u + 1):
+                    P = block[COV + (w * d + u) * n + c] - z * work[Z + w * n + c]
+                    block[COV + (w * d + u) * n + c] = P
+                    block[COV + (u * d + w) * n + c] = P
+            soc = block[c]
+            soc = soc if soc > SOC_MIN else SOC_MIN
+            block[c] = soc if soc < SOC_MAX else SOC_MAX
+            out[VOLTAGE_AT + c] = predicted
+            out[INNOVATION_AT + c] = innovation
+            out[SIGMA_AT + c] = math.sqrt(expected)
+            work[USED_AT + c] = 1.0 if is_used else 0.0
+
+    return update
+
+
+def make_kernels(shape: Shape) -> tuple[Callable[..., None], Callable[..., None]]:
+    """Return the step and the record of a filter over `shape.n` cells, not compiled yet.
+
+    Both take pointers: to the block of `CellStates`, to the arena, to the flags. A record takes its samples and
+    answers as well.
+    """
+    n, m = shape.n, shape.m
+    WIDTH, BY_SOC, has_over = table_width(shape), columns(shape), shape.has_over
+    SOC_AT, OCV_AT, ACCEPTED_AT, USED_AT, SLOPE_AT = (
+        OUT_SOC * n,
+        OUT_OCV * n,
+        FLAG_ACCEPTED * n,
+        USED * n,
+        OCV_SLOPE * n,
+    )
+    GRID, TAU, TABLE, PLACES, WORK, VOLTS, DEGC, ANSWER, END = layout(shape)
+    BLOCK = ((1 + m) * (2 + m) + N_SLOW) * n
+    FLAGS = N_FLAGS * n
+    place, predict, look_up, update, believe = (
+        make_place(shape),
+        make_predict(shape),
+        make_look_up(shape),
+        make_update(shape),
+        make_believe(shape),
+    )
+
+    @jit
+    def advance(block, arena, dt, i, voltage_v, temperature_degc, out, flags):
+        numbers, table, placed, work = arena[:GRID], arena[TABLE:PLACES], arena[PLACES:WORK], arena[WORK:VOLTS]
+        over = math.asinh(i / numbers[I_REF]) if has_over else 0.0
+        place(block, arena[GRID:TAU], numbers, temperature_degc, placed)
+        predict(block, arena[TAU:TABLE], numbers, dt, i, placed, work)
+        look_up(block, table, i, over, placed, work)
+        update(block, numbers, dt, i, over, voltage_v, placed, work, out)
+        for c in range(n):
+            flags[ACCEPTED_AT + c] = work[USED_AT + c] > 0.0
+        believe(block, work[SLOPE_AT : SLOPE_AT + n], work[USED_AT : USED_AT + n], numbers, dt, i, out, flags)
+        for c in range(n):
+            soc = out[SOC_AT + c]
+            x = min(max((soc - SOC_LOW) * (1.0 / SOC_STEP), 0.0), N_SOC - 1.0)
+            j = int(x)
+            out[OCV_AT + c] = table[j * WIDTH] + (x - j) * table[j * WIDTH + BY_SOC]
+            out[SOC_AT + c] = min(max(soc, 0.0), 1.0)
+
+    def step(block_at, arena_at, flags_at, dt, i):
+        block, arena, flags = carray(block_at, BLOCK), carray(arena_at, END), carray(flags_at, FLAGS)
+        advance(block, arena, dt, i, arena[VOLTS:DEGC], arena[DEGC:ANSWER], arena[ANSWER:END], flags)
+
+    def record(block_at, arena_at, flags_at, steps, dt_at, current_at, voltage_at, temperature_at, out_at):
+        block, arena, flags = carray(block_at, BLOCK), carray(arena_at, END), carray(flags_at, steps * FLAGS)
+        dt_s, current_a, out = carray(dt_at, steps), carray(current_at, steps), carray(out_at, steps * N_OUT * n)
+        volts, degc = carray(voltage_at, steps * n), carray(temperature_at, steps * n)
+        for k in range(steps):
+            now = out[k * N_OUT * n : (k + 1) * N_OUT * n]
+            told = flags[k * FLAGS : (k + 1) * FLAGS]
+            begin, end = k * n, (k + 1) * n
+            advance(block, arena, dt_s[k], current_a[k], volts[begin:end], degc[begin:end], now, told)
+
+    return step, record

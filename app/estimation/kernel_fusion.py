@@ -1,60 +1,113 @@
-"""Compiled: the fusion of filter and charge count, and the self-check, for one cell.
+"""Compiled: sigma, fusion with the charge count and self-check, after the update of all cells.
 
-The equations are those of `fusion` and `self_check`; tests pin both to each other.
+The equations are those of `filters`, `fusion` and `self_check`, in the same order; tests pin both to each other.
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from app.estimation.circuit import SECONDS_PER_HOUR
-from app.estimation.kernel_parts import inline
+from app.estimation.estimates import FLAG_VALID, OUT_INNOVATION, OUT_SIGMA, OUT_SOC
+from app.estimation.kernel_parts import jit, noise_variance
+from app.estimation.kernel_shape import (
+    ANCHOR_S,
+    BIAS_S,
+    BIAS_V,
+    CHECK_BIAS_V,
+    CHECK_RMS_V,
+    CHECK_S,
+    MODEL_ERROR_V,
+    UNKNOWN_ODDS,
+    Shape,
+)
 from app.estimation.process import SOC_VARIANCE_MAX
 from app.estimation.start import SLOPE_FLOOR_V
+from app.estimation.states import (
+    ANCHOR_V2,
+    CHECK_MEAN,
+    CHECK_SQUARE,
+    COUNT,
+    COUNT_GAIN,
+    COUNT_OFFSET,
+    DOUBT,
+    SLOW_MEAN,
+    SLOW_SQUARE,
+)
 
-# mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg"
-# ruff: noqa: ANN001, ANN201
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+# ruff: noqa: ANN001, ANN202
 
-
-@inline
-def fuse(p, count, count_v2, soc, variance):
-    """Return fused SOC, variance, and the probability that the start was right."""
-    total = count_v2 + variance
-    apart = soc - count
-    tail = apart * apart / total * (1.0 / 32.0) + 1.0
-    tail *= tail
-    tail *= tail
-    tail *= tail
-    tail *= tail
-    w = 1.0 / (tail * math.sqrt(total) * p.unknown_odds + 1.0)
-    cube = variance * variance * variance
-    share = cube / (count_v2 * count_v2 * count_v2 + cube)
-    nearer = share * apart
-    pulled = w * nearer
-    return soc - pulled, variance + (pulled * (nearer - pulled) + w * share * (count_v2 - variance)), w
+# ruff: noqa: ANN001
 
 
-@inline
-def finish(p, dt, moved, soc, variance, slope, innovation, used, check,
-           mean, square, slow, slow_square, count, gain, offset, anchor_v2, doubt):  # fmt: skip
-    """Sigma, fusion and self-check of one cell after its update; returns what is reported and what is remembered."""
-    bias_v2 = p.bias_v * p.bias_v + slow_square
-    variance = min(variance + bias_v2 / max(slope * slope, SLOPE_FLOOR_V * SLOPE_FLOOR_V), SOC_VARIANCE_MAX)
-    if p.is_fused != 0.0:
-        count -= moved
-        gain += p.counter_gain * moved
-        offset += (p.counter_offset_c / SECONDS_PER_HOUR) * dt
-        filter_soc, filter_v2 = soc, variance
-        soc, variance, w = fuse(p, count, gain * gain + offset * offset + anchor_v2, soc, variance)
-        doubt = doubt + dt if w < 0.5 else 0.0
-        if doubt > p.anchor_s:
-            count, gain, offset, anchor_v2, doubt = filter_soc, 0.0, 0.0, filter_v2, 0.0
-    if used:
-        scale, weight, slow_weight = check
-        scaled = innovation * scale
-        mean += weight * (scaled - mean)
-        square += weight * (scaled * scaled - square)
-        slow += slow_weight * (scaled - slow)
-        slow_square += weight * (slow * slow - slow_square)
-    valid = square < p.check_rms_v * p.check_rms_v and abs(mean) < p.check_bias_v
-    return soc, variance, valid, mean, square, slow, slow_square, count, gain, offset, anchor_v2, doubt
+def make_believe(shape: Shape) -> Any:
+    """Reports SOC, sigma and validity from what the update left."""
+    n, d = shape.n, 1 + shape.m
+    is_fused = shape.is_fused
+    VARIANCE = d * n  # of the SOC
+    SLOW = d + d * d
+    MEAN, SQUARE = (SLOW + CHECK_MEAN) * n, (SLOW + CHECK_SQUARE) * n
+    SLOW_AT, SLOW_V2 = (SLOW + SLOW_MEAN) * n, (SLOW + SLOW_SQUARE) * n
+    COUNTED, GAIN, OFFSET = (SLOW + COUNT) * n, (SLOW + COUNT_GAIN) * n, (SLOW + COUNT_OFFSET) * n
+    ANCHOR, DOUBTED = (SLOW + ANCHOR_V2) * n, (SLOW + DOUBT) * n
+    SOC_AT, SIGMA_AT, INNOVATION_AT, VALID_AT = OUT_SOC * n, OUT_SIGMA * n, OUT_INNOVATION * n, FLAG_VALID * n
+
+    @jit
+    def believe(block, slope, used, numbers, dt, i, out, flags):
+        bias_v2 = numbers[BIAS_V] * numbers[BIAS_V]
+        floor_v2 = SLOPE_FLOOR_V * SLOPE_FLOOR_V
+        scale = numbers[MODEL_ERROR_V] / math.sqrt(noise_variance(numbers, i))
+        share = 1.0 - math.exp(-dt / numbers[CHECK_S])
+        slow_share = 1.0 - math.exp(-dt / numbers[BIAS_S])
+        rms_v2, bias_v = numbers[CHECK_RMS_V] * numbers[CHECK_RMS_V], numbers[CHECK_BIAS_V]
+        odds, anchor_s = numbers[UNKNOWN_ODDS], numbers[ANCHOR_S]
+        for c in range(n):
+            slope_v2 = slope[c] * slope[c]
+            slope_v2 = slope_v2 if slope_v2 > floor_v2 else floor_v2
+            variance = (block[SLOW_V2 + c] + bias_v2) / slope_v2 + block[VARIANCE + c]
+            variance = variance if variance < SOC_VARIANCE_MAX else SOC_VARIANCE_MAX
+            soc = block[c]
+            if is_fused:
+                gain, offset = block[GAIN + c], block[OFFSET + c]
+                count_v2 = gain * gain + offset * offset + block[ANCHOR + c]
+                total = count_v2 + variance
+                d = soc - block[COUNTED + c]
+                tail = d * d / total * (1.0 / 32.0) + 1.0
+                tail *= tail
+                tail *= tail
+                tail *= tail
+                tail *= tail
+                w = 1.0 / (tail * math.sqrt(total) * odds + 1.0)
+                cube = variance * variance * variance
+                g = cube / (count_v2 * count_v2 * count_v2 + cube)
+                nearer = g * d
+                pulled = w * nearer
+                fused_v2 = variance + (pulled * (nearer - pulled) + w * g * (count_v2 - variance))
+                doubt = block[DOUBTED + c] + dt if w < 0.5 else 0.0
+                anchor = doubt > anchor_s
+                block[COUNTED + c] = soc if anchor else block[COUNTED + c]
+                block[GAIN + c] = 0.0 if anchor else gain
+                block[OFFSET + c] = 0.0 if anchor else offset
+                block[ANCHOR + c] = variance if anchor else block[ANCHOR + c]
+                block[DOUBTED + c] = 0.0 if anchor else doubt
+                soc -= pulled
+                variance = fused_v2
+            out[SOC_AT + c] = soc
+            out[SIGMA_AT + c] = math.sqrt(variance)
+        for c in range(n):
+            counts = used[c] > 0.0
+            scaled = out[INNOVATION_AT + c] * scale if counts else 0.0
+            mean, square = block[MEAN + c], block[SQUARE + c]
+            mean += (scaled - mean) * share if counts else 0.0
+            square += (scaled * scaled - square) * share if counts else 0.0
+            slow, slow_v2 = block[SLOW_AT + c], block[SLOW_V2 + c]
+            slow += (scaled - slow) * slow_share if counts else 0.0
+            slow_v2 += (slow * slow - slow_v2) * share if counts else 0.0
+            block[MEAN + c], block[SQUARE + c] = mean, square
+            block[SLOW_AT + c], block[SLOW_V2 + c] = slow, slow_v2
+            slope[c] = 1.0 if (square < rms_v2) & (abs(mean) < bias_v) else 0.0
+        for c in range(n):
+            flags[VALID_AT + c] = slope[c] > 0.0
+
+    return believe

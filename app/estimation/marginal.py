@@ -66,7 +66,7 @@ class MarginalFilter:
         self._tuning = tuning
         self._output = SigmaOutput(cell, states, rule) if rule else TangentOutput(cell, states)
         d, n = states.mean.shape
-        self._gate_v2 = np.array(tuning.gate**2)
+        self._gate_v2 = np.array(tuning.gate * tuning.gate)
         PH, HPH, H = np.empty((d, d, n)), np.empty((d, n)), self._output.slopes
         self._H_views = H, H[:, None], PH, list(PH), HPH, list(HPH)
         seen, gain = np.empty((1 + d, n)), np.empty((1 + d, n))  # minus the innovation, then P_xy; the same / sqrt(S)
@@ -139,6 +139,6 @@ class MarginalFilter:
         refused_s[:] = np.where(refused, refused_s + step.dt_s, np.where(missing, refused_s, 0.0))
         believed = refused & (refused_s > tuning.gate_hold_s)
         Pz = self._states.cov[SOC, SOC]
-        widened = np.minimum(Pz + tuning.gate_recovery**2 * step.dt_s, SOC_VARIANCE_MAX)
+        widened = np.minimum(Pz + tuning.gate_recovery * tuning.gate_recovery * step.dt_s, SOC_VARIANCE_MAX)
         Pz[:] = np.where(believed, np.maximum(widened, Pz), Pz)
         return inside | believed, False

@@ -44,8 +44,9 @@ class Process:
         self._tuning = tuning
         self._counts = counts
         self._slow = states.mean.shape[0] * (1 + states.mean.shape[0])  # row of HYSTERESIS
-        self._branch_floor_v2 = (tuning.branch_c * cell.model.c_rate_a) ** 2
-        self._current_floor_v2 = VARIANCE_STEP * cell.model.c_rate_a**2
+        c_rate_a = cell.model.c_rate_a
+        self._branch_floor_v2 = (tuning.branch_c * c_rate_a) * (tuning.branch_c * c_rate_a)
+        self._current_floor_v2 = VARIANCE_STEP * (c_rate_a * c_rate_a)
         rows = states.moving.shape[0]
         is_fixed = cell.tau_fixed_s is not None
         self._change = np.zeros(rows if is_fixed else (rows, states.n_cells))
@@ -85,7 +86,7 @@ class Process:
 
     def _factors(self, step: StepInput) -> _Factors:
         cell, states, dt = self._cell, self._states, step.dt_s
-        walk = min(self._tuning.soc_walk**2 * dt, SOC_VARIANCE_MAX) + VARIANCE_STEP
+        walk = min(self._tuning.soc_walk * self._tuning.soc_walk * dt, SOC_VARIANCE_MAX) + VARIANCE_STEP
         d = states.mean.shape[0]
         A = np.ones((d, states.n_cells))
         decay: list[float] | list[FloatArray]

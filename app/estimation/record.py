@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.errors import EstimatorError, ShapeError
-from app.estimation.estimates import CellEstimator, Estimates
+from app.estimation.estimates import N_FLAGS, N_OUT, CellEstimator, Estimates
 
 FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class Record:
-    """`Estimates` of every step; each array is (n_steps, n_cells)."""
+class Record(Estimates):
+    """`Estimates` of every step: each array is (n_steps, n_cells), `numbers` and `flags` have their rows in front."""
 
-    soc: FloatArray
-    soc_sigma: FloatArray
-    ocv_v: FloatArray
-    voltage_v: FloatArray
-    innovation_v: FloatArray
-    innovation_sigma_v: FloatArray
-    model_valid: BoolArray
-    accepted: BoolArray
+    __slots__ = ()
 
 
 def check_record(
@@ -58,10 +47,10 @@ def run_steps(
     temperature_degc: FloatArray,
 ) -> Record:
     """Return the estimates of a record by calling `step` for every sample."""
-    rows = np.empty((dt_s.size, len(Estimates._fields), estimator.n_cells))
-    for k in range(dt_s.size):
+    steps, n = voltage_v.shape
+    numbers, flags = np.empty((N_OUT, steps, n)), np.empty((N_FLAGS, steps, n), dtype=np.bool_)
+    for k in range(steps):
         estimates = estimator.step(float(dt_s[k]), float(current_a[k]), voltage_v[k], temperature_degc[k])
-        for row, values in zip(rows[k], estimates, strict=True):
-            row[:] = values
-    soc, sigma, ocv, predicted, innovation, innovation_sigma, valid, accepted = np.moveaxis(rows, 1, 0)
-    return Record(soc, sigma, ocv, predicted, innovation, innovation_sigma, valid != 0.0, accepted != 0.0)
+        numbers[:, k] = estimates.numbers
+        flags[:, k] = estimates.flags
+    return Record(numbers, flags)

@@ -29,7 +29,7 @@ class SelfCheck:
         self._work = np.empty_like(states.check)
         self._views = *states.check, *self._work
         self._weights = np.empty((3, 1))
-        self._limits = np.array(tuning.check_bias_v), np.array(tuning.check_rms_v**2)
+        self._limits = np.array(tuning.check_bias_v), np.array(tuning.check_rms_v * tuning.check_rms_v)
 
     def update(
         self, dt_s: float, innovation_v: FloatArray, noise_v2: float, counts: NDArray[np.bool_] | None

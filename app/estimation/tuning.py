@@ -76,7 +76,8 @@ class Tuning:
 
     def voltage_variance(self, drop_v: float) -> float:
         """Return the variance of the model's voltage [V^2] where a lasting current would drop `drop_v`."""
-        return self.model_error_v**2 + (self.model_error_rel * drop_v) ** 2
+        with_current_v = self.model_error_rel * drop_v
+        return self.model_error_v * self.model_error_v + with_current_v * with_current_v
 
     def correlation_factor(self, dt_s: float) -> float:
         """Return the growth of one sample's variance that keeps the information per second honest."""
