@@ -57,7 +57,7 @@ def header_text() -> str:
 
 
 def _constants() -> Iterator[str]:
-    hash_bytes = ", ".join(f"0x{byte:02x}" for byte in mm.MAP_HASH)
+    hash_bytes = ", ".join(f"0x{byte:02x}u" for byte in mm.MAP_HASH)
     values: tuple[tuple[str, object], ...] = (
         ("PROTOCOL_VERSION", messages.PROTOCOL_VERSION),
         ("MAP_HASH", f"{{ {hash_bytes} }}"),
@@ -68,21 +68,21 @@ def _constants() -> Iterator[str]:
         ("N_CELLS", mm.N_CELLS),
         ("N_CAN_MESSAGES", mm.N_CAN_MESSAGES),
         ("CAN_DATA_BYTES", mm.CAN_DATA_BYTES),
-        ("CAN_ID_EXTENDED", f"0x{mm.CAN_ID_EXTENDED:08x}"),
-        ("BYTE_UNUSED", f"0x{mm.BYTE_UNUSED:04x}"),
-        ("NO_RESPONSE", f"0x{mm.NO_RESPONSE:02x}"),
-        ("NO_OFFSET", f"0x{messages.NO_OFFSET:04x}"),
+        ("CAN_ID_EXTENDED", f"0x{mm.CAN_ID_EXTENDED:08x}u"),
+        ("BYTE_UNUSED", f"0x{mm.BYTE_UNUSED:04x}u"),
+        ("NO_RESPONSE", f"0x{mm.NO_RESPONSE:02x}u"),
+        ("NO_OFFSET", f"0x{messages.NO_OFFSET:04x}u"),
         ("V_MISSING", mm.V_MISSING),
         ("T_MISSING", f"({mm.T_MISSING})"),
-        ("CHIP_MISSING", f"0x{mm.CHIP_MISSING:04x}"),
-        ("START_STREAM", f"0x{framing.START_STREAM:02x}"),
-        ("STOP_STREAM", f"0x{framing.STOP_STREAM:02x}"),
+        ("CHIP_MISSING", f"0x{mm.CHIP_MISSING:04x}u"),
+        ("START_STREAM", f"0x{framing.START_STREAM:02x}u"),
+        ("STOP_STREAM", f"0x{framing.STOP_STREAM:02x}u"),
         ("HEADER_SIZE", framing.HEADER_SIZE),
         ("MAX_BODY", framing.MAX_BODY),
         ("MAX_PAYLOAD", framing.MAX_PAYLOAD),
         ("MAX_ENCODED", framing.MAX_ENCODED),
         ("MAX_READ", messages.MAX_READ),
-        ("EEPROM_READ_BASE", f"0x{messages.EEPROM_READ_BASE:04x}"),
+        ("EEPROM_READ_BASE", f"0x{messages.EEPROM_READ_BASE:04x}u"),
         ("EEPROM_SIZE", eeprom.EEPROM_SIZE),
         ("EEPROM_PAGE_SIZE", eeprom.PAGE_SIZE),
         ("EEPROM_SLOT_SIZE", eeprom.SLOT_SIZE),
@@ -114,10 +114,10 @@ def _enums() -> Iterator[str]:
         ("event", "EVENT", messages.EventCode),
     )
     for name, prefix, members in kinds:
-        yield from _enum(name, ((f"VW_{prefix}_{m.name}", f"0x{m.value:02x}") for m in members))
+        yield from _enum(name, ((f"VW_{prefix}_{m.name}", f"0x{m.value:02x}u") for m in members))
     for name, flags in mm.FLAGS.items():
         word = name.partition(".")[0]
-        yield from _enum(f"{word}_flag", ((f"VW_{word}_{f}".upper(), f"1 << {bit}") for bit, f in enumerate(flags)))
+        yield from _enum(f"{word}_flag", ((f"VW_{word}_{f}".upper(), f"0x{1 << bit:x}") for bit, f in enumerate(flags)))
     for name, values in mm.VALUES.items():
         word = name.replace(".", "_")
         yield from _enum(word, ((f"VW_{word}_{text}".upper(), str(value)) for value, text in values.items()))

@@ -31,7 +31,7 @@ static inline int32_t vw_get_i32(const uint8_t *in)
 {
     uint32_t raw = vw_get_u32(in);
     int32_t value;
-    memcpy(&value, &raw, sizeof value);
+    (void)memcpy(&value, &raw, sizeof value);
     return value;
 }
 

@@ -18,7 +18,7 @@ size_t vw_data_append(uint8_t body[VW_MAX_BODY], size_t length, const uint8_t *m
     }
     vw_put_u16(body + length, offset);
     vw_put_u16(body + length + 2, count);
-    memcpy(body + length + WINDOW_HEADER, master + offset, count);
+    (void)memcpy(body + length + WINDOW_HEADER, master + offset, count);
     return length + WINDOW_HEADER + count;
 }
 
@@ -33,7 +33,7 @@ size_t vw_reply_body(uint8_t body[VW_MAX_BODY], const vw_frame_t *request, uint8
     body[2] = result;
     vw_put_u16(body + 3, offset);
     if (length != 0u) {
-        memcpy(body + VW_REPLY_HEADER_SIZE, data, length);
+        (void)memcpy(body + VW_REPLY_HEADER_SIZE, data, length);
     }
     return VW_REPLY_HEADER_SIZE + length;
 }
@@ -51,8 +51,8 @@ size_t vw_event_body(uint8_t body[VW_MAX_BODY], const vw_event_t *event)
 size_t vw_ident_data(uint8_t data[VW_IDENT_SIZE], const vw_ident_t *ident)
 {
     vw_put_u16(data, ident->protocol);
-    memcpy(data + 2, ident->firmware, 3);
-    memcpy(data + 5, ident->map_hash, 8);
+    (void)memcpy(data + 2, ident->firmware, 3);
+    (void)memcpy(data + 5, ident->map_hash, 8);
     data[13] = ident->reset_cause;
     vw_put_u32(data + 14, ident->boots);
     return VW_IDENT_SIZE;
@@ -63,7 +63,7 @@ enum vw_result vw_request_parse(const vw_frame_t *frame, vw_request_t *request, 
     const uint8_t *body = frame->body;
     uint32_t limit;
 
-    memset(request, 0, sizeof *request);
+    (void)memset(request, 0, sizeof *request);
     request->type = frame->type;
     *offset = VW_NO_OFFSET;
     switch (frame->type) {
@@ -121,7 +121,7 @@ size_t vw_request_body(uint8_t body[VW_MAX_BODY], const vw_request_t *request)
         }
         vw_put_u16(body, request->offset);
         vw_put_u16(body + 2, request->length);
-        memcpy(body + WINDOW_HEADER, request->data, request->length);
+        (void)memcpy(body + WINDOW_HEADER, request->data, request->length);
         return WINDOW_HEADER + (size_t)request->length;
     case VW_MSG_COMMAND:
         body[0] = request->command;
@@ -195,8 +195,8 @@ bool vw_ident_parse(const uint8_t *data, size_t length, vw_ident_t *ident)
         return false;
     }
     ident->protocol = vw_get_u16(data);
-    memcpy(ident->firmware, data + 2, 3);
-    memcpy(ident->map_hash, data + 5, 8);
+    (void)memcpy(ident->firmware, data + 2, 3);
+    (void)memcpy(ident->map_hash, data + 5, 8);
     ident->reset_cause = data[13];
     ident->boots = vw_get_u32(data + 14);
     return true;

@@ -209,9 +209,10 @@ void vw_journal_read(const vw_board_t *board, vw_journal_t *newest)
 
 bool vw_journal_write(const vw_board_t *board, vw_journal_t *newest, uint32_t dod, uint16_t soc)
 {
-    uint8_t entry[JOURNAL_SIZE] = { 0u };
+    uint8_t entry[JOURNAL_SIZE];
     uint32_t page = newest->counter % VW_EEPROM_JOURNAL_PAGES;
     uint16_t address = (uint16_t)(VW_EEPROM_JOURNAL_OFFSET + page * VW_EEPROM_PAGE_SIZE);
+    (void)memset(entry, 0, sizeof entry);
     newest->counter++;
     newest->dod = dod;
     newest->soc = soc;
