@@ -178,10 +178,12 @@ def _offset_assertion(struct: str, member: str, offset: int) -> str:
 
 
 def _config_macro() -> Iterator[str]:
-    yield "/* X(name, offset, type, count, minimum, maximum) for every configuration field, in raw counts */"
+    yield "/* X(name, offset, type, count, minimum, maximum, live) for every configuration field, in raw counts;"
+    yield " * live: 1 where it may be changed while the car drives or charges\n */"
     yield "#define VW_CONFIG_FIELDS(X) \\"
     rows = [
-        f"    X({f.name}, {f.offset}u, {_C_TYPES[f.fmt]}, {f.count}u, {_literal(f.minimum)}, {_literal(f.maximum)})"
+        f"    X({f.name}, {f.offset}u, {_C_TYPES[f.fmt]}, {f.count}u, {_literal(f.minimum)}, {_literal(f.maximum)},"
+        f" {int(f.is_live)})"
         for f in mm.CONFIG_FIELDS
     ]
     yield " \\\n".join(rows)

@@ -1,7 +1,6 @@
 """What tests of every kind share: the real service as a process, and the C reference built into a master on this PC.
 
-A module whose tests shall hold on either master says so in one line:
-`pytestmark = pytest.mark.parametrize("master", ["simulated", "c"], indirect=True, scope="module")`.
+A module whose tests shall hold on either master says so: `MASTERS = ("simulated", "c")`.
 """
 
 import os
@@ -174,6 +173,13 @@ def c_master_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program `firmware_protocol/c/host/master.c`, built once."""
     sources = (*sorted(C_FOLDER.glob("vw_*.c")), *sorted((C_FOLDER / "host").glob("*.c")))
     return build_c(tmp_path_factory.mktemp("c-master") / "master", *sources)
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run what needs a master once on each that its module names."""
+    masters = getattr(metafunc.module, "MASTERS", None)
+    if masters is not None and "master" in metafunc.fixturenames:
+        metafunc.parametrize("master", masters, indirect=True, scope="module")
 
 
 @pytest.fixture(scope="module")

@@ -344,42 +344,44 @@ VW_ASSERT(master_r_fc, offsetof(vw_master_t, r_fc) == 2790u);
 VW_ASSERT(master_soc, offsetof(vw_master_t, soc) == 2982u);
 VW_ASSERT(master_size, sizeof(vw_master_t) == 2984u);
 
-/* X(name, offset, type, count, minimum, maximum) for every configuration field, in raw counts */
+/* X(name, offset, type, count, minimum, maximum, live) for every configuration field, in raw counts;
+ * live: 1 where it may be changed while the car drives or charges
+ */
 #define VW_CONFIG_FIELDS(X) \
-    X(ts, 0u, uint16_t, 1u, 20, 10000) \
-    X(v_cell_min, 2u, uint16_t, 1u, 15000, 40000) \
-    X(v_cell_max, 4u, uint16_t, 1u, 30000, 45000) \
-    X(v_cell_chrg, 6u, uint16_t, 1u, 30000, 45000) \
-    X(t_cell_min, 8u, int8_t, 1u, -40, 40) \
-    X(t_cell_max, 9u, int8_t, 1u, 0, 100) \
-    X(i_offset, 10u, uint16_t, 1u, 0, 40950) \
-    X(i_gain, 12u, uint16_t, 1u, 1, 65535) \
-    X(i_disc_min, 14u, int16_t, 1u, -32767, 0) \
-    X(i_disc_max, 16u, int16_t, 1u, 0, 32767) \
-    X(i_chrg_min, 18u, int16_t, 1u, -32767, 32767) \
-    X(i_chrg_max, 20u, int16_t, 1u, 0, 32767) \
-    X(c_avg, 22u, int16_t, 1u, 10, 32767) \
-    X(r_fs_avg, 24u, int16_t, 1u, 0, 32767) \
-    X(r_fc_avg, 26u, int16_t, 1u, 0, 32767) \
-    X(fc_avg, 28u, int16_t, 1u, 0, 1000) \
-    X(fan_ramp_start, 30u, int8_t, 1u, -40, 100) \
-    X(fan_ramp_stop, 31u, int8_t, 1u, -40, 100) \
-    X(fan_ramp_min, 32u, uint8_t, 1u, 0, 255) \
-    X(fan_ramp_max, 33u, uint8_t, 1u, 0, 255) \
-    X(balance_threshold, 34u, uint16_t, 1u, 10, 5000) \
-    X(v_alpha, 36u, uint16_t, 1u, 1, 1000) \
-    X(can_brp, 38u, uint8_t, 1u, 3, 255) \
-    X(can_tx_msg_en_startup, 39u, uint8_t, 1u, 0, 255) \
-    X(can_tx_msg_id, 40u, uint32_t, 8u, 0, 4294967295u) \
-    X(can_tx_msg_timing, 72u, uint16_t, 8u, 0, 60000) \
-    X(can_tx_msg_len, 88u, uint8_t, 8u, 0, 8) \
-    X(can_tx_msg_data, 96u, uint16_t, 64u, 0, 65535) \
-    X(can_rx_msg_en_startup, 224u, uint8_t, 1u, 0, 255) \
-    X(can_rx_msg_id, 228u, uint32_t, 8u, 0, 4294967295u) \
-    X(can_rx_msg_timeout, 260u, uint16_t, 8u, 0, 60000) \
-    X(can_rx_msg_len, 276u, uint8_t, 8u, 0, 8) \
-    X(can_rx_msg_response, 284u, uint8_t, 8u, 0, 255) \
-    X(can_rx_msg_data, 292u, uint16_t, 64u, 0, 65535)
+    X(ts, 0u, uint16_t, 1u, 20, 10000, 1) \
+    X(v_cell_min, 2u, uint16_t, 1u, 15000, 40000, 0) \
+    X(v_cell_max, 4u, uint16_t, 1u, 30000, 45000, 0) \
+    X(v_cell_chrg, 6u, uint16_t, 1u, 30000, 45000, 0) \
+    X(t_cell_min, 8u, int8_t, 1u, -40, 40, 0) \
+    X(t_cell_max, 9u, int8_t, 1u, 0, 100, 0) \
+    X(i_offset, 10u, uint16_t, 1u, 0, 40950, 0) \
+    X(i_gain, 12u, uint16_t, 1u, 1, 65535, 0) \
+    X(i_disc_min, 14u, int16_t, 1u, -32767, 0, 0) \
+    X(i_disc_max, 16u, int16_t, 1u, 0, 32767, 0) \
+    X(i_chrg_min, 18u, int16_t, 1u, -32767, 32767, 0) \
+    X(i_chrg_max, 20u, int16_t, 1u, 0, 32767, 0) \
+    X(c_avg, 22u, int16_t, 1u, 10, 32767, 0) \
+    X(r_fs_avg, 24u, int16_t, 1u, 0, 32767, 0) \
+    X(r_fc_avg, 26u, int16_t, 1u, 0, 32767, 0) \
+    X(fc_avg, 28u, int16_t, 1u, 0, 1000, 0) \
+    X(fan_ramp_start, 30u, int8_t, 1u, -40, 100, 1) \
+    X(fan_ramp_stop, 31u, int8_t, 1u, -40, 100, 1) \
+    X(fan_ramp_min, 32u, uint8_t, 1u, 0, 255, 1) \
+    X(fan_ramp_max, 33u, uint8_t, 1u, 0, 255, 1) \
+    X(balance_threshold, 34u, uint16_t, 1u, 10, 5000, 1) \
+    X(v_alpha, 36u, uint16_t, 1u, 1, 1000, 0) \
+    X(can_brp, 38u, uint8_t, 1u, 3, 255, 0) \
+    X(can_tx_msg_en_startup, 39u, uint8_t, 1u, 0, 255, 0) \
+    X(can_tx_msg_id, 40u, uint32_t, 8u, 0, 4294967295u, 0) \
+    X(can_tx_msg_timing, 72u, uint16_t, 8u, 0, 60000, 0) \
+    X(can_tx_msg_len, 88u, uint8_t, 8u, 0, 8, 0) \
+    X(can_tx_msg_data, 96u, uint16_t, 64u, 0, 65535, 0) \
+    X(can_rx_msg_en_startup, 224u, uint8_t, 1u, 0, 255, 0) \
+    X(can_rx_msg_id, 228u, uint32_t, 8u, 0, 4294967295u, 0) \
+    X(can_rx_msg_timeout, 260u, uint16_t, 8u, 0, 60000, 0) \
+    X(can_rx_msg_len, 276u, uint8_t, 8u, 0, 8, 0) \
+    X(can_rx_msg_response, 284u, uint8_t, 8u, 0, 255, 0) \
+    X(can_rx_msg_data, 292u, uint16_t, 64u, 0, 65535, 0)
 
 /* initializer of vw_config_t */
 #define VW_CONFIG_DEFAULTS { \

@@ -28,7 +28,7 @@ typedef struct {
     void (*lock)(void *context);
     void (*unlock)(void *context);
 
-    /* Whether a WRITE, STORE or LOAD may be done now; NULL allows it always. */
+    /* Whether a STORE, a LOAD, or a WRITE of what is not live may be done now; NULL allows it always. */
     bool (*may_configure)(void *context);
 
     /* The configuration in force, `conf` of the struct, is another one now. May be NULL. */

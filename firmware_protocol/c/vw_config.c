@@ -18,10 +18,11 @@ typedef struct {
     uint8_t count;
     int64_t minimum;
     int64_t maximum;
+    bool is_live;
 } rule_t;
 
-#define RULE(name, offset, type, count, minimum, maximum) \
-    { offset, (uint8_t)sizeof(type), (type)-1 < (type)1, count, minimum, maximum },
+#define RULE(name, offset, type, count, minimum, maximum, live) \
+    { offset, (uint8_t)sizeof(type), (type)-1 < (type)1, count, minimum, maximum, (live) != 0 },
 static const rule_t rules[] = { VW_CONFIG_FIELDS(RULE) };
 
 typedef struct {
@@ -105,6 +106,19 @@ uint16_t vw_config_check(const uint8_t image[VW_CONFIG_SIZE])
         }
     }
     return first;
+}
+
+bool vw_config_is_live(const uint8_t before[VW_CONFIG_SIZE], const uint8_t after[VW_CONFIG_SIZE])
+{
+    size_t i;
+    for (i = 0; i < sizeof rules / sizeof rules[0]; i++) {
+        const rule_t *rule = &rules[i];
+        size_t size = (size_t)rule->size * rule->count;
+        if (!rule->is_live && memcmp(before + rule->offset, after + rule->offset, size) != 0) {
+            return false;
+        }
+    }
+    return true;
 }
 
 void vw_config_clear_padding(uint8_t image[VW_CONFIG_SIZE])

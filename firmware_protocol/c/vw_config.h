@@ -10,6 +10,9 @@
 /* Offset of the first element that must be refused with OUT_OF_RANGE, VW_NO_OFFSET where the image is good. */
 uint16_t vw_config_check(const uint8_t image[VW_CONFIG_SIZE]);
 
+/* Whether two images differ only in fields that may be changed while the car drives or charges. */
+bool vw_config_is_live(const uint8_t before[VW_CONFIG_SIZE], const uint8_t after[VW_CONFIG_SIZE]);
+
 /* Set what lies between the fields to 0. */
 void vw_config_clear_padding(uint8_t image[VW_CONFIG_SIZE]);
 

@@ -81,11 +81,11 @@ static enum vw_result write_config(vw_link_t *link, const vw_request_t *request,
 {
     enum vw_result result;
     uint8_t *image = link->body; /* free outside vw_link_next */
-    if (!may_configure(link)) {
-        return VW_RESULT_NOT_NOW;
-    }
     (void)memcpy(image, &link->master->conf, VW_CONFIG_SIZE);
     (void)memcpy(image + request->offset, request->data, request->length);
+    if (!vw_config_is_live((const uint8_t *)&link->master->conf, image) && !may_configure(link)) {
+        return VW_RESULT_NOT_NOW;
+    }
     result = use_config(link, image, offset);
     if (result == VW_RESULT_DONE) {
         vw_link_event(link, VW_EVENT_CONFIG_WRITTEN, NO_CELL, request->offset, request->length);

@@ -5,7 +5,7 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 
-pytestmark = pytest.mark.parametrize("master", ["simulated", "c"], indirect=True, scope="module")
+MASTERS = ("simulated", "c")
 
 
 @pytest.fixture(scope="module")

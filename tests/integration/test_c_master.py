@@ -159,6 +159,17 @@ def test_a_refusal_has_a_code_and_an_offset_and_changes_nothing(line, request_, 
     assert master.config() == before
 
 
+def test_while_driving_only_live_fields_are_taken(line):
+    master = line("--driving")
+    live = with_value(default_image(), "fan_ramp_max", 1.0)
+    assert result_of(master.ask(Write(0, with_value(live, "t_cell_max", 50)))) == (Result.NOT_NOW, NO_OFFSET)
+    assert master.config() == default_image()
+    assert result_of(master.ask(Write(0, live))) == (Result.DONE, NO_OFFSET)
+    assert master.config() == live
+    assert result_of(master.ask(Store())) == (Result.NOT_NOW, NO_OFFSET)
+    assert result_of(master.ask(Load())) == (Result.NOT_NOW, NO_OFFSET)
+
+
 def test_a_write_is_in_force_at_once_and_forgotten_at_a_reset(line):
     master = line()
     assert result_of(master.ask(Write(0, NEW))) == (Result.DONE, NO_OFFSET)

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+MASTERS = ("simulated", "c")
+
 
 def voltwall_config(url, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(

@@ -7,16 +7,19 @@ import pytest
 from firmware_protocol.config_image import default_image, image_hash
 
 OCTETS = {"Accept": "application/octet-stream"}
+MASTERS = ("simulated", "c")
 ENGINEER, VIEWER = "correct horse battery", "may only look at it"
 
 
 @pytest.fixture(scope="module")
-def resting(tmp_path_factory):
-    from tests.conftest import Service
+def resting(tmp_path_factory, master, request):
+    from tests.conftest import Service, c_master_for
 
     arguments = ["--scenario", "in-the-pit"]
     secrets = {"VOLTWALL_PASSWORD": ENGINEER, "VOLTWALL_VIEWER_PASSWORD": VIEWER}
-    running = Service(tmp_path_factory.mktemp("resting") / "data", arguments, secrets).start()
+    folder = tmp_path_factory.mktemp("resting")
+    c_master = c_master_for(master, folder, request)
+    running = Service(folder / "data", arguments, secrets, c_master=c_master).start()
     with running.client(auth=("ada", ENGINEER)) as client:
         for _ in range(400):
             snapshot = client.get("/snapshot")
@@ -159,7 +162,11 @@ def test_any_two_configurations_are_compared(ada):
     assert ada.get("/config/compare", params={"a": "what", "b": "stored"}).status_code == 422
 
 
-def test_while_the_car_drives_only_what_is_safe_is_written(service):
+def test_while_the_car_drives_only_what_is_safe_is_written(make_service, master):
+    service = make_service(start=False)
+    if master == "c":
+        service.c_master.options = ("--driving",)
+    service.start()
     service.wait_for(lambda s: s["master"]["state"] == "drive" and s["master"]["map_matches"] and s["config_hash"])
     with service.client() as client:
         refused = put(client, {"t_cell_max": 50})

@@ -6,6 +6,7 @@ import pytest
 
 from firmware_protocol import can_tables, config_image, eeprom, exchange, framing, messages, schedule, spec_tables
 from firmware_protocol.framing import Frame, FrameDecoder
+from firmware_protocol.memory_map import CONFIG_FIELDS
 from firmware_protocol.messages import CommandId, EventCode, MessageType, Result
 
 TEXT = spec_tables.SPEC.read_text(encoding="utf-8")
@@ -88,6 +89,11 @@ def test_numbers_in_the_text():
     assert f"If {schedule.FAST_PER_SLOW} fast frames" in SECTIONS["8"]
     assert f"0x{eeprom.crc32(b'123456789'):08X}" in SECTIONS["9"]
     assert f"each of {eeprom.JOURNAL_PAGES} pages" in SECTIONS["9"]
+
+
+def test_live_fields_are_named():
+    named = re.findall(r"`(\w+)`", SECTIONS["6"].partition("live ones:")[2].partition(".")[0])
+    assert named == [field.name for field in CONFIG_FIELDS if field.is_live]
 
 
 def test_default_can_messages():
