@@ -87,7 +87,8 @@ class MasterClient:
                 return due
             if due is not None:
                 self._send(due)
-            self._changed.wait(max(0.0, (self._exchange.deadline_s or 0.0) - time.monotonic()))
+            if self._reply is None:  # a master in this very process answers before `send` returns
+                self._changed.wait(max(0.0, (self._exchange.deadline_s or 0.0) - time.monotonic()))
             due = None if self._reply is not None else self._exchange.poll(time.monotonic())
         return self._reply
 
