@@ -18,6 +18,8 @@ from firmware_protocol.memory_map import (
     MASTER_SIZE,
     N_CAN_MESSAGES,
     NO_RESPONSE,
+    Field,
+    element_name,
 )
 from firmware_protocol.messages import Window
 
@@ -29,6 +31,9 @@ _SIGNED = {  # start and size of each signed number of several bytes
     for field in FIELDS.values()
     if field.fmt in "hi"
     for element in range(field.count)
+}
+_BY_NAME = {
+    element_name(field, element): (field, element) for field in FIELDS.values() for element in range(field.count)
 }
 
 
@@ -127,6 +132,25 @@ def with_rx_messages(config: Image, messages: Iterable[RxMessage]) -> bytes:
     out = with_raw(out, "can_rx_msg_len", [m.length for m in table])
     out = with_raw(out, "can_rx_msg_response", [NO_RESPONSE if m.response is None else m.response for m in table])
     return with_raw(out, "can_rx_msg_data", [list(m.data_offsets) for m in table])
+
+
+def offsets_of(field: Field, element: int, *, is_big_endian: bool) -> tuple[int, ...]:
+    """Return the offsets that put one element into a message, first byte sent first."""
+    start = field.offset + element * field.item_size
+    offsets = tuple(range(start, start + field.item_size))
+    return offsets[::-1] if is_big_endian else offsets
+
+
+def named_element(name: str) -> tuple[Field, int]:
+    """Return the field and the element that a name means: `v_tot`, `v[36]`, `slave[3].cvr[5]`.
+
+    Raises:
+        EncodeError: the struct has nothing of this name.
+    """
+    found = _BY_NAME.get(name)
+    if found is None:
+        raise EncodeError("signal", name[:60], "a value of the master's struct, as v_tot, v[36], slave[3].cvr[5]")
+    return found
 
 
 def message_bytes(tx: TxMessage, image: Image) -> bytes:

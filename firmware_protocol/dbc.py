@@ -16,11 +16,24 @@ from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG, FLAGS, VALUES,
 MASTER_NODE = "MASTER"
 CHARGER_NODE = "CHARGER"
 _NOBODY = "Vector__XXX"
+CYCLE_TIME = "GenMsgCycleTime"
+TABLE_INDEX = "VoltwallIndex"  # what a DBC has no word for, so that importing our own gives the same tables
+ENABLED = "VoltwallEnabled"
+TIMEOUT = "VoltwallTimeout"
+ANSWER = "VoltwallAnswer"
 _ATTRIBUTES = (
-    'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;',
+    f'BA_DEF_ BO_ "{CYCLE_TIME}" INT 0 65535;',
     'BA_DEF_ "Baudrate" INT 0 1000000;',
-    'BA_DEF_DEF_ "GenMsgCycleTime" 0;',
+    f'BA_DEF_ BO_ "{TABLE_INDEX}" INT -1 7;',
+    f'BA_DEF_ BO_ "{ENABLED}" INT 0 1;',
+    f'BA_DEF_ BO_ "{TIMEOUT}" INT 0 65535;',
+    f'BA_DEF_ BO_ "{ANSWER}" INT -1 7;',
+    f'BA_DEF_DEF_ "{CYCLE_TIME}" 0;',
     'BA_DEF_DEF_ "Baudrate" 500000;',
+    f'BA_DEF_DEF_ "{TABLE_INDEX}" -1;',
+    f'BA_DEF_DEF_ "{ENABLED}" 0;',
+    f'BA_DEF_DEF_ "{TIMEOUT}" 0;',
+    f'BA_DEF_DEF_ "{ANSWER}" -1;',
 )
 
 
@@ -63,7 +76,8 @@ def signals(message: TxMessage | RxMessage) -> tuple[Signal, ...]:
             continue
         field, element, byte = located
         if (flags := FLAGS.get(field.name)) is not None:
-            found += _flag_signals(field, flags, byte, position)
+            named = list(_flag_signals(field, flags, byte, position))
+            found += named or [_signal(field, element, position, 1, False, byte)]
             position += 1
             continue
         n_bytes, is_big_endian = _run(offsets, position, field, offsets[position] - byte)
@@ -96,14 +110,21 @@ def to_dbc(config: Image) -> str:
     lines += _ATTRIBUTES
     lines.append(f'BA_ "Baudrate" {bit_rate(CONFIG["can_brp"].unpack(config)[0])};')
     for dbc_id, message in messages.items():
-        if isinstance(message, TxMessage) and message.period_ms:
-            lines.append(f'BA_ "GenMsgCycleTime" BO_ {dbc_id} {message.period_ms};')
+        lines += [f'BA_ "{key}" BO_ {dbc_id} {value};' for key, value in _attributes(message).items()]
     for dbc_id, message in messages.items():
         for signal in signals(message):
             if signal.values:
                 table = " ".join(f'{value} "{text}"' for value, text in signal.values)
                 lines.append(f"VAL_ {dbc_id} {signal.name} {table} ;")
     return "\n".join([*lines, ""])
+
+
+def _attributes(message: TxMessage | RxMessage) -> dict[str, int]:
+    shared = {TABLE_INDEX: message.index, ENABLED: int(message.enabled)}
+    if isinstance(message, TxMessage):
+        return {CYCLE_TIME: message.period_ms} | shared
+    answer = {} if message.response is None else {ANSWER: message.response}
+    return shared | {TIMEOUT: message.timeout_ms} | answer
 
 
 def _run(offsets: tuple[int, ...], position: int, field: Field, start: int) -> tuple[int, bool]:
@@ -129,7 +150,7 @@ def _run(offsets: tuple[int, ...], position: int, field: Field, start: int) -> t
 
 
 def _signal(field: Field, element: int, position: int, n_bytes: int, is_big_endian: bool, byte: int) -> Signal:
-    name = _identifier(element_name(field, element))
+    name = identifier(element_name(field, element))
     is_number = n_bytes == field.item_size or n_bytes > 1
     if not is_number:
         meaning = f"byte {byte} of {field.name}"
@@ -150,11 +171,12 @@ def _signal(field: Field, element: int, position: int, n_bytes: int, is_big_endi
 
 def _flag_signals(field: Field, flags: tuple[str, ...], byte: int, position: int) -> Iterator[Signal]:
     for bit, flag in enumerate(flags[8 * byte : 8 * byte + 8]):
-        name = _identifier(f"{field.name.partition('.')[0]}_{flag}")
+        name = identifier(f"{field.name.partition('.')[0]}_{flag}")
         yield Signal(name, position, 1, False, False, 1.0, "", f"{flag} flag in {field.name}", first_bit=bit)
 
 
-def _identifier(name: str) -> str:
+def identifier(name: str) -> str:
+    """Return a name of the struct as a DBC can spell it: `v[36]` is `v_36`."""
     return re.sub(r"\W+", "_", name).strip("_")
 
 
