@@ -14,6 +14,7 @@ from app import __version__
 from app.api import (
     bringing,
     can,
+    can_bus,
     commands,
     config,
     config_library,
@@ -104,6 +105,7 @@ def create_app(
     for module in (
         bringing,
         can,
+        can_bus,
         commands,
         config,
         config_library,

@@ -15,13 +15,14 @@ from app.estimation.driver import DriverSoc
 from app.estimation.errors import EstimatorError
 from app.estimation.estimators import CellEstimator, Estimates
 from app.estimation.power import Limits
+from app.links.agreement import Agreement
 from app.links.monitor import LIVE_S, LinkMonitor, rs232_monitor
 from app.master_events import describe
 from app.outlook import Lookout, Outlook
 from app.shadow import ShadowImage
-from app.telemetry import CanItem, Event, FloatArray, Identity, Item, LinkChange, SerialItem, Snapshot, Source
+from app.telemetry import CanFault, CanItem, Event, FloatArray, Identity, Item, LinkChange, SerialItem, Snapshot, Source
 from app.watch.alarms import Watch
-from firmware_protocol.can_tables import TableReader
+from firmware_protocol.can_tables import TableReader, tx_messages
 from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BadFrame, Frame
@@ -35,6 +36,12 @@ UPTIME_WRAP_MS = 1 << 32
 MAX_STEP_S = 3600.0
 MIN_CURRENT_LIMIT_A = 1.0
 MAX_ENERGY_STEP_S = 10.0  # what flowed in a longer gap is not known, and not made up
+_BUS_STATES = {
+    "active": ("info", "CAN bus is well again"),
+    "warning": ("watch", "CAN bus with many errors"),
+    "passive": ("warning", "CAN controller error-passive"),
+    "off": ("warning", "CAN controller off the bus"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +98,7 @@ class Pipeline:
         self._config: tuple[bytes, str] | None = None
         self._config_from_ns = 0  # bytes that arrived before are of an older configuration
         self._estimator_error: str | None = None
+        self._agreement = Agreement()
         self.use_can_tables(default_image())
 
     def warm_up(self) -> None:
@@ -103,6 +111,8 @@ class Pipeline:
             return self._on_serial(item)
         if isinstance(item, CanItem):
             return self._on_can(item)
+        if isinstance(item, CanFault):
+            return self._on_fault(item)
         return self._on_change(item)
 
     def tick(self, t_mono_ns: int, t_wall_ns: int) -> Output:
@@ -155,6 +165,13 @@ class Pipeline:
         event = Event(change.t_wall_ns, severity, f"{change.link}-{change.state}", text)  # type: ignore[arg-type]
         return Output(events=(event,))
 
+    def _on_fault(self, fault: CanFault) -> Output:
+        if not self._monitors["can"].on_fault(fault):
+            return Output()
+        severity, text = _BUS_STATES[fault.bus_state]
+        event = Event(fault.t_wall_ns, severity, f"can-{fault.bus_state}", f"{text} ({fault.errors} errors)")  # type: ignore[arg-type]
+        return Output(events=(event,))
+
     def _on_serial(self, item: SerialItem) -> Output:
         self._monitors["rs232"].on_frame(item.t_mono_ns, item.frame)
         if isinstance(item.frame, BadFrame):
@@ -165,6 +182,7 @@ class Pipeline:
             return Output()
         if isinstance(message, Data):
             self.shadow.write(message.windows, item.t_mono_ns)
+            self._agreement.on_rs232(self.shadow, item.t_mono_ns)
             if any(w.offset <= VOLTAGE_OFFSET < w.offset + len(w.data) for w in message.windows):
                 self._monitors["rs232"].on_snapshot(item.t_mono_ns)
                 return self._on_measurement(item, item.frame)
@@ -245,8 +263,11 @@ class Pipeline:
         if item.sent:
             return Output()
         windows = self._can_tables.windows(item.can_id, item.data)
-        if not windows or self._monitors["rs232"].is_live(item.t_mono_ns):
-            return Output()  # RS232 carries the same memory, sampled together
+        if not windows:
+            return Output()
+        if self._monitors["rs232"].is_live(item.t_mono_ns):  # it carries the same memory, sampled together
+            self._agreement.on_can(windows, item.t_mono_ns)
+            return Output()
         self.shadow.write_whole_elements(windows, item.t_mono_ns)
         if item.t_mono_ns - self._last_can_snapshot_ns < CAN_SNAPSHOT_NS:
             return Output()
@@ -256,6 +277,7 @@ class Pipeline:
     def use_can_tables(self, image: bytes) -> None:
         """Decode CAN by the tables of a configuration image."""
         self._can_tables = TableReader(image)
+        self._agreement.watch(tx_messages(image))
 
     def _config_in_force(self) -> tuple[bytes, str] | None:
         """Image and hash as last heard as a whole: never the pieces of two configurations."""
@@ -314,6 +336,7 @@ class Pipeline:
             | {"step_us": self._step_us, "started": self._estimator is not None, "skipped": self._skipped},
             config=config and config[0],
             config_hash=config and config[1],
+            disagreements=self._agreement.disagreements(t_mono_ns),
             is_fresh=fresh,
         )
         with self._watch_lock:

@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 from app.bringing import Bringing
+from app.can_sender import CanSender
 from app.config_finding import Finding
 from app.config_history import ConfigHistory
 from app.config_rules import Context, review
@@ -39,7 +40,7 @@ from app.sessions.catalogue import Catalogue
 from app.sessions.eventlog import EventLog
 from app.sessions.writer import DiskLimits
 from app.settings import Settings
-from app.telemetry import CanItem, Event, FloatArray, Item, SerialItem, Snapshot, Source
+from app.telemetry import CanItem, Event, FloatArray, Item, LinkChange, SerialItem, Snapshot, Source
 from app.trace import CanTrace
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.framing import BadFrame
@@ -103,6 +104,7 @@ class Runtime:
         self.pipeline = self.new_pipeline(source, serial_url, can_url, self._lookout, start_soc)
         self.serial = SerialLink(serial_url, self.put) if serial_url else None
         self.can = CanLink(can_url, self.put) if can_url else None
+        self.can_sender = CanSender(self._send_can)
         self.master = MasterClient(self._send)
         self.configuration = Configuration(self.master, lambda: self.pipeline.identity, self._rule_context)
         self.config_history = ConfigHistory(settings.data)
@@ -198,6 +200,7 @@ class Runtime:
         self.replaying.stop()
         self.retention.stop()
         self.master.close()
+        self.can_sender.stop()
         for link in (self.serial, self.can):
             if link is not None:
                 link.stop()
@@ -259,6 +262,11 @@ class Runtime:
             raise LinkLost("no RS232 port is configured")
         self.serial.write(data)
 
+    def _send_can(self, can_id: int, data: bytes) -> None:
+        if self.can is None:
+            raise LinkLost("no CAN bus is configured")
+        self.can.send(can_id, data)
+
     def _run(self) -> None:
         published_ns = 0
         while True:
@@ -305,7 +313,7 @@ class Runtime:
             self.master.on_reply(output.reply)
         if isinstance(item, SerialItem) and not isinstance(item.frame, BadFrame):
             self._greet_if_new(item.frame.type, item.frame.body)
-        elif not isinstance(item, SerialItem | CanItem) and item.link == "rs232" and item.state != "open":
+        elif isinstance(item, LinkChange) and item.link == "rs232" and item.state != "open":
             self._greeted, self._greet_from_ns = False, 0
         if output.snapshot is None:
             return None

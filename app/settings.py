@@ -59,6 +59,9 @@ class Settings(BaseSettings):
     scenario: str | None = Field(
         default=None, description="scenario of the simulated accumulator, where no hardware is named"
     )
+    bench: bool = Field(
+        default=False, description="the CAN bus is a bench's, no car's: frames may be sent onto it by hand"
+    )
     seed: int | None = Field(default=None, description="seed of the simulated accumulator")
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="what is logged")
 

@@ -12,6 +12,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 LinkName = Literal["rs232", "can"]
 LinkState = Literal["off", "connecting", "silent", "live", "lost"]
+BusState = Literal["active", "warning", "passive", "off"]
 Severity = Literal["info", "watch", "warning", "trip"]
 Source = Literal["simulator", "serial", "can", "replay"]
 MasterState = Literal["unknown", "idle", "drive", "charge", "balance", "fault"]
@@ -48,7 +49,17 @@ class LinkChange:
     error: str | None = None
 
 
-Item = SerialItem | CanItem | LinkChange
+@dataclass(frozen=True, slots=True)
+class CanFault:
+    """The CAN controller saw errors; counts since the bus was opened."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    bus_state: BusState
+    errors: int
+
+
+Item = SerialItem | CanItem | CanFault | LinkChange
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +79,19 @@ class LinkStatus:
     line_load: float | None = None  # share of the line's capacity
     reconnects: int = 0
     error: str | None = None
+    errors: int = 0  # error frames of a CAN controller
+    bus_state: BusState | None = None  # of a CAN controller, None while it reported nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Disagreement:
+    """One value of which the links say two things, in its unit."""
+
+    name: str
+    rs232: float
+    can: float
+    unit: str
+    since_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,4 +179,5 @@ class Snapshot:
     replay: dict[str, Any] | None = None
     config: bytes | None = None  # in force, as last heard as a whole
     config_hash: str | None = None
+    disagreements: tuple[Disagreement, ...] = ()  # between RS232 and CAN
     is_fresh: bool = True  # made from new bytes, not only aged

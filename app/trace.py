@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from app.telemetry import CanItem
 
-LENGTH = 2000
+LENGTH = 20_000  # twenty seconds of a busy bus
 MAX_IDS = 4096  # a bus with noise on its ids must not fill the memory
 
 
@@ -47,10 +47,10 @@ class CanTrace:
             )
             self._ids[item.can_id] = TracedId(item, before.count + 1, period_s, changed)
 
-    def latest(self, limit: int) -> list[CanItem]:
-        """The newest frames, oldest first."""
+    def latest(self, limit: int | None) -> list[CanItem]:
+        """The newest frames, oldest first; None gives all that are kept."""
         with self._lock:
-            return list(self._frames)[-limit:]
+            return list(self._frames)[-limit:] if limit is not None else list(self._frames)
 
     def by_id(self) -> dict[int, TracedId]:
         """One entry an id."""

@@ -86,6 +86,18 @@ def signals(message: TxMessage | RxMessage) -> tuple[Signal, ...]:
     return tuple(_distinct(found))
 
 
+def decode(signal: Signal, data: bytes) -> tuple[float, str | None] | None:
+    """Return a signal's value in its unit and the word that it stands for; None where the data ends before it."""
+    raw_bytes = data[signal.start_byte : signal.start_byte + signal.length]
+    if len(raw_bytes) < signal.length:
+        return None
+    if signal.n_bits < 8:
+        raw = raw_bytes[0] >> signal.first_bit & (1 << signal.n_bits) - 1
+    else:
+        raw = int.from_bytes(raw_bytes, "big" if signal.is_big_endian else "little", signed=signal.is_signed)
+    return float(f"{raw * signal.scale:.10g}"), dict(signal.values).get(raw)
+
+
 def message_name(message: TxMessage | RxMessage) -> str:
     """Return the message's name: what it is where its id tells, else its place in the tables."""
     if message.is_extended and message.can_id == elcon.COMMAND_ID:

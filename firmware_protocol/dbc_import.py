@@ -4,10 +4,20 @@ What cannot be placed is told, never guessed: its bytes stay unused.
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from firmware_protocol.can_tables import RxMessage, TxMessage, offsets_of
+from firmware_protocol.can_tables import (
+    RxMessage,
+    TxMessage,
+    offsets_of,
+    rx_messages,
+    tx_messages,
+    with_rx_messages,
+    with_tx_messages,
+)
+from firmware_protocol.config_image import Image
 from firmware_protocol.dbc import ANSWER, CYCLE_TIME, ENABLED, MASTER_NODE, TABLE_INDEX, TIMEOUT, identifier
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.memory_map import (
@@ -66,6 +76,33 @@ def from_dbc(text: str, master_node: str = MASTER_NODE) -> Imported:
     tx = [_tx(m, notes) for m in messages if m.sender == master_node]
     rx = [_rx(m, notes) for m in messages if m.sender != master_node]
     return Imported(tuple(_placed(tx, "sent", notes)), tuple(_placed(rx, "received", notes)), tuple(notes))
+
+
+def into_tables(config: Image, imported: Imported) -> tuple[bytes, tuple[str, ...]]:
+    """Return the image with imported messages in its tables, and notes.
+
+    One of the same id is replaced, else a free place is taken, its own where that is free. The others stay.
+    """
+    notes = list(imported.notes)
+    tx = _merged(tx_messages(config), imported.tx, "sent", notes)
+    rx = _merged(rx_messages(config), imported.rx, "received", notes)
+    return with_rx_messages(with_tx_messages(config, tx), rx), tuple(notes)
+
+
+def _merged(table: Sequence[M], found: Sequence[M], words: str, notes: list[str]) -> list[M]:
+    places = {(m.can_id, m.is_extended): m.index for m in table if m.length}
+    free = [m.index for m in table if not m.length]
+    merged: list[M] = []
+    for message in found:
+        index = places.get((message.can_id, message.is_extended))
+        if index is None and not free:
+            notes.append(f"id {message.can_id:#x}: all {N_CAN_MESSAGES} messages {words} are taken; left out")
+            continue
+        if index is None:
+            index = message.index if message.index in free else free[0]
+            free.remove(index)
+        merged.append(replace(message, index=index))
+    return merged
 
 
 def _parse(text: str) -> list[_Message]:

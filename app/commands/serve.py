@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         flag = "--" + name.replace("_", "-")
         default = "" if field.is_required() or field.default is None else f" (default: {_default(name)})"
         text = f"{field.description}{default}".replace("%", "%%")
-        if name == "record":
+        if field.annotation is bool:
             parser.add_argument(flag, action=argparse.BooleanOptionalAction, default=None, help=text)
             continue
         choices = get_args(FilterName) if name == "filter" else None

@@ -8,9 +8,9 @@ import time
 from collections.abc import Callable
 from urllib.parse import parse_qsl
 
-from app.errors import ConfigError
+from app.errors import ConfigError, LinkLost
 from app.links.backoff import Backoff
-from app.telemetry import CanItem, Item, LinkChange
+from app.telemetry import BusState, CanFault, CanItem, Item, LinkChange
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 # python-can tries to import asammdf for files that nobody reads here; where that is installed (for exports) it brings
@@ -26,6 +26,9 @@ finally:
 
 log = logging.getLogger(__name__)
 _POLL_S = 0.2
+_SEND_S = 0.5
+_BUS_OFF, _CONTROLLER = 0x40, 0x04  # bits of an error frame's id (linux/can/error.h)
+_PASSIVE, _WARNING = 0x30, 0x0C  # bits of its second byte
 DEFAULT_BIT_RATE = 500_000
 
 
@@ -58,6 +61,18 @@ def _convert(value: str) -> str | int | float | bool:
     return value
 
 
+def bus_state(message: can.Message) -> BusState:
+    """Return what an error frame says of the controller, in the words of SocketCAN, which python-can passes on."""
+    if message.arbitration_id & _BUS_OFF:
+        return "off"
+    if message.arbitration_id & _CONTROLLER and len(message.data) > 1:
+        if message.data[1] & _PASSIVE:
+            return "passive"
+        if message.data[1] & _WARNING:
+            return "warning"
+    return "active"
+
+
 class CanLink:
     """Delivers data frames to `sink`, from its own thread."""
 
@@ -66,6 +81,9 @@ class CanLink:
         self._arguments = parse_bus(url)
         self._sink = sink
         self._stopping = threading.Event()
+        self._sending = threading.Lock()
+        self._bus: can.BusABC | None = None
+        self._errors = 0
         self._thread = threading.Thread(target=self._run, name="can", daemon=True)
 
     def start(self) -> None:
@@ -89,24 +107,49 @@ class CanLink:
                 self._stopping.wait(backoff.next_s())
                 continue
             self._tell("open")
+            self._errors = 0
+            with self._sending:
+                self._bus = bus
             try:
                 self._read_until_lost(bus, backoff.reset)
             except Exception as error:  # noqa: BLE001  every driver raises its own
                 if not self._stopping.is_set():
                     self._tell("lost", str(error) or type(error).__name__)
             finally:
-                with contextlib.suppress(Exception):
+                with self._sending, contextlib.suppress(Exception):
+                    self._bus = None
                     bus.shutdown()
             self._stopping.wait(backoff.next_s())
 
     def _read_until_lost(self, bus: can.BusABC, on_data: Callable[[], None]) -> None:
         while not self._stopping.is_set():
             message = bus.recv(_POLL_S)
+            if message is not None and message.is_error_frame:
+                self._errors += 1
+                self._sink(CanFault(time.monotonic_ns(), time.time_ns(), bus_state(message), self._errors))
             if message is None or message.is_error_frame or message.is_remote_frame:
                 continue
             on_data()
             can_id = message.arbitration_id | (CAN_ID_EXTENDED if message.is_extended_id else 0)
             self._sink(CanItem(time.monotonic_ns(), time.time_ns(), can_id, bytes(message.data)))
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Send a frame; bit 31 of the id marks a 29-bit one. It is delivered to the sink as sent.
+
+        Raises:
+            LinkLost: the bus is not open, or refuses the frame.
+        """
+        message = can.Message(
+            arbitration_id=can_id & ~CAN_ID_EXTENDED, is_extended_id=bool(can_id & CAN_ID_EXTENDED), data=data
+        )
+        with self._sending:
+            if self._bus is None:
+                raise LinkLost("the CAN bus is not open")
+            try:
+                self._bus.send(message, timeout=_SEND_S)
+            except Exception as error:  # every driver raises its own
+                raise LinkLost(f"the CAN bus refused a frame: {error or type(error).__name__}") from error
+        self._sink(CanItem(time.monotonic_ns(), time.time_ns(), can_id, bytes(data), sent=True))
 
     def _tell(self, state: str, error: str | None = None) -> None:
         self._sink(LinkChange(time.monotonic_ns(), time.time_ns(), "can", state, error))  # type: ignore[arg-type]

@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, field
 
-from app.telemetry import LinkChange, LinkState, LinkStatus
+from app.telemetry import CanFault, LinkChange, LinkState, LinkStatus
 from firmware_protocol.framing import LINE_BYTES_PER_S, BadFrame, BadReason, Frame
 
 LIVE_S = 1.0
@@ -43,6 +43,7 @@ class LinkMonitor:
         self._uptime_ms = 0
         self._rate = _Rate()
         self._bytes_rate = _Rate()
+        self._fault: CanFault | None = None
         self.frames = self.lost = self.crc_errors = self.resyncs = self.bytes = self.reconnects = 0
 
     def on_change(self, change: LinkChange) -> bool:
@@ -55,6 +56,7 @@ class LinkMonitor:
             self._opened = True
             self._open_state = "silent"
             self._sequence = None
+            self._fault = None
         else:
             self._open_state = change.state
         return is_news
@@ -80,6 +82,11 @@ class LinkMonitor:
         self._last_good_ns = t_ns
         self._rate.add(t_ns, 1)
         self._add_bytes(t_ns, length)
+
+    def on_fault(self, fault: CanFault) -> bool:
+        """The controller saw errors; True where its state is another one now."""
+        before, self._fault = self._fault, fault
+        return fault.bus_state != ("active" if before is None else before.bus_state)
 
     def on_snapshot(self, t_ns: int) -> None:
         """A fast frame made a snapshot."""
@@ -113,6 +120,8 @@ class LinkMonitor:
             line_load=bytes_per_s / self._line_bytes_per_s if self._line_bytes_per_s else None,
             reconnects=self.reconnects,
             error=self._error,
+            errors=0 if self._fault is None else self._fault.errors,
+            bus_state=None if self._fault is None else self._fault.bus_state,
         )
 
 

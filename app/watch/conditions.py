@@ -91,6 +91,16 @@ def _links(snapshot: Snapshot) -> Iterator[Condition]:
         elif status.state == "silent" and status.frames:
             yield Condition(f"{name}-silent", "warning", f"{label} silent", value=status.age_s, limit=1.0, unit="s")
 
+    can = snapshot.links["can"]
+    if can.bus_state in ("passive", "off"):
+        text = "CAN controller off the bus" if can.bus_state == "off" else "CAN controller error-passive"
+        yield Condition(f"can-bus-{can.bus_state}", "warning", text, value=float(can.errors), unit="errors")
+    if snapshot.disagreements:
+        first = snapshot.disagreements[0]
+        more = f", and {len(snapshot.disagreements) - 1} more" if len(snapshot.disagreements) > 1 else ""
+        text = f"RS232 and CAN disagree on {first.name}{more}: by RS232 {first.rs232:.6g} {first.unit}"
+        yield Condition("links-disagree", "warning", text.rstrip(), value=first.can, unit=first.unit)
+
 
 def _limits(snapshot: Snapshot, slack: float) -> Iterator[Condition]:
     total = snapshot.accumulator

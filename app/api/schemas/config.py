@@ -223,6 +223,8 @@ class CanTxOut(CanMessageOut):
     """What the master sends."""
 
     period_ms: int
+    latency_ms: Number  # at worst, from due to sent; null: not cyclic, or the bus is too busy for it
+    load: float
 
 
 class CanRxOut(CanMessageOut):

@@ -183,6 +183,8 @@ class LinkOut(BaseModel):
     line_load: Number
     reconnects: int
     error: str | None
+    errors: int  # error frames of a CAN controller
+    bus_state: Literal["active", "warning", "passive", "off"] | None
 
 
 class LinksOut(BaseModel):

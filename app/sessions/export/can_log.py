@@ -1,10 +1,12 @@
 """The recorded CAN frames as logs that other CAN tools read, by python-can: candump, Vector ASC and BLF."""
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import can
 
 from app.sessions.export.table import SignalTable
+from app.telemetry import CanItem
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 CHANNEL = "can0"
@@ -27,6 +29,28 @@ def write_blf(table: SignalTable, path: Path) -> None:
     """Write a Vector BLF file."""
     with can.BLFWriter(str(path)) as writer:
         _write(table, writer, 0)
+
+
+def write_items(write: Callable[[Path], Writer], path: Path, items: Iterable[CanItem]) -> None:
+    """Write frames that are in memory; `write` opens one of LOG_FORMATS."""
+    with write(path) as writer:
+        for item in items:
+            message = can.Message(
+                timestamp=item.t_wall_ns / 1e9,
+                arbitration_id=item.can_id & ~CAN_ID_EXTENDED,
+                is_extended_id=bool(item.can_id & CAN_ID_EXTENDED),
+                data=item.data,
+                channel=CHANNEL if isinstance(writer, can.CanutilsLogWriter) else 0,
+                is_rx=not item.sent,
+            )
+            writer.on_message_received(message)
+
+
+LOG_FORMATS: dict[str, tuple[str, Callable[[Path], Writer]]] = {
+    "candump": (".log", lambda path: can.CanutilsLogWriter(str(path))),
+    "asc": (".asc", lambda path: can.ASCWriter(str(path))),
+    "blf": (".blf", lambda path: can.BLFWriter(str(path))),
+}
 
 
 def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:

@@ -154,6 +154,17 @@ export interface BoxSamples {
   load: (number | null)[];
 }
 
+/** The bus monitor. */
+export interface CanBus {
+  ids: CanId[];
+  bit_rate: number;
+  load: number;
+  errors: number;
+  bus_state: 'active' | 'warning' | 'passive' | 'off' | null;
+  rs232_live: boolean;
+  disagreements: Disagreement[];
+}
+
 /** A frame on the bus; `data` in hexadecimal. */
 export interface CanFrame {
   time: number;
@@ -162,6 +173,23 @@ export interface CanFrame {
   direction: 'rx' | 'tx';
   data: string;
   name: string | null;
+}
+
+/** One id on the bus, or in the tables and not heard; periods in milliseconds, `changed` a bit for each byte. */
+export interface CanId {
+  id: number;
+  extended: boolean;
+  name: string | null;
+  direction: 'rx' | 'tx' | null;
+  sender: 'master' | 'other' | 'voltwall';
+  count: number;
+  age_s: number | null;
+  period_ms: number | null;
+  configured_ms: number | null;
+  late: boolean;
+  data: string | null;
+  changed: number;
+  values: CanValue[];
 }
 
 /** What the master listens for; `active` null while the master has not said. */
@@ -235,6 +263,16 @@ export interface CanTx {
   name: string;
   signals: CanSignal[];
   period_ms: number;
+  latency_ms: number | null;
+  load: number;
+}
+
+/** A signal of a frame, decoded; `text` where the number stands for a word. */
+export interface CanValue {
+  name: string;
+  value: number;
+  unit: string;
+  text: string | null;
 }
 
 /** A cell whose resistance changed against the others' change. */
@@ -352,6 +390,15 @@ export interface Difference {
   to: number;
   unit: string;
   offset: number;
+}
+
+/** One value of which RS232 and CAN say two things. */
+export interface Disagreement {
+  name: string;
+  rs232: number;
+  can: number;
+  unit: string;
+  since: number;
 }
 
 /** The disk that the sessions are on; hours at the rate of the recording in progress. */
@@ -501,6 +548,13 @@ export interface History {
   series: Record<string, (number | null)[]>;
 }
 
+/** Tables made of a DBC: those in force with the file's messages in their places, and what did not fit. */
+export interface ImportedTables {
+  tx: CanTx[];
+  rx: CanRx[];
+  notes: string[];
+}
+
 /** One lap and what it cost. */
 export interface LapFigures {
   lap: Lap;
@@ -574,6 +628,8 @@ export interface Link {
   line_load: number | null;
   reconnects: number;
   error: string | null;
+  errors: number;
+  bus_state: 'active' | 'warning' | 'passive' | 'off' | null;
 }
 
 /** Both links. */
@@ -1063,6 +1119,18 @@ export interface System {
   disk: Disk | null;
   clock: Clock;
   readers: Reader[];
+}
+
+/** Whether frames may be sent, and what is being sent, or was last. */
+export interface Transmit {
+  allowed: boolean;
+  hindrance: string | null;
+  running: boolean;
+  what: string | null;
+  who: string | null;
+  sent: number;
+  total: number | null;
+  error: string | null;
 }
 
 /** Seconds until a limit is met; null: not within an hour. */
