@@ -30,6 +30,6 @@ export type RawConfig = StoredConfig['raw'];
 export type RawValue = RawConfig[string];
 
 /** An entry of either CAN table, as it is edited. */
-export type CanMessage = Omit<CanTx, 'period_ms' | 'name' | 'signals'> &
-  Partial<Pick<CanTx, 'period_ms' | 'name' | 'signals'>> &
+export type CanMessage = Omit<CanTx, 'period_ms' | 'name' | 'signals' | 'latency_ms' | 'load'> &
+  Partial<Pick<CanTx, 'period_ms' | 'name' | 'signals' | 'latency_ms' | 'load'>> &
   Partial<Pick<CanRx, 'timeout_ms' | 'response' | 'active'>>;

@@ -1,6 +1,6 @@
 // Draft, in force, stored: three configurations that the page never confuses. The draft survives reconnects and reloads.
 
-import { call, get, post, Problem, put } from '../link/rest';
+import { call, get, post, Problem } from '../link/rest';
 import type { Config, Difference, Finding, Schema, StoredConfig, WriteResult } from '../link/types';
 import { live } from './live.svelte';
 import { changes, draftOf, rawBody, rebase, type Draft } from './draft';
@@ -145,16 +145,6 @@ class ConfigStore {
       };
       await this.load();
     });
-  }
-
-  /** Write other bodies (CAN tables) with the same lock; returns the result or null after reporting. */
-  async putOther(path: string, body: unknown): Promise<WriteResult | null> {
-    let result: WriteResult | null = null;
-    await this.act('writing', async (hash) => {
-      result = await put<WriteResult>(path, body, hash);
-      await this.load();
-    });
-    return result;
   }
 
   private request(hash: string, reason = ''): { method: 'PUT'; body: unknown; ifMatch: string } {
