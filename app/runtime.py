@@ -18,6 +18,7 @@ from app.config_rules import Context, review
 from app.config_sources import ConfigSources
 from app.configuration import Configuration
 from app.debrief.live import BlackBoxRecorder
+from app.debrief.passport import PassportKeeper
 from app.errors import AppError, ConfigError, LinkLost, NotNow
 from app.estimation.cellfile import bundled_cells, load_cell
 from app.estimation.errors import EstimatorError
@@ -96,6 +97,7 @@ class Runtime:
 
         self._new_estimator: Callable[[], CellEstimator] = new_estimator
         self._cell = cell
+        self.passports = PassportKeeper(settings.data / "passport.sqlite", self.catalogue, cell)
         self._past_path = settings.data / "cells.npz"
         self._past_saved_ns = time.monotonic_ns()
         past = load_past(self._past_path)
@@ -212,6 +214,7 @@ class Runtime:
         self._keep_past()
         self._jobs.shutdown(wait=True, cancel_futures=True)
         self.black_boxes.close()
+        self.passports.close()
         self.recorder.close()
         if self.mqtt is not None:
             self.mqtt.stop()

@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             *bringing.ACTIONS,
             *importing.ACTIONS,
             *debrief.ACTIONS,
+            *debrief.OF_ALL,
         ),
         help="list     all sessions, newest first (the default)\n"
         "show     one session: times, counts, signals, configurations, events\n"
@@ -84,6 +85,8 @@ def run(args: argparse.Namespace) -> int:
         return _check_all(args)
     if args.action == "prune":
         return _prune(args)
+    if args.action in debrief.OF_ALL:
+        return debrief.run_of_all(args, data_folder(args.data), Settings.model_validate({}).cell)
     if args.session is None:
         raise ConfigError("session", "(none)", f"{args.action} needs a session's id or file")
     if args.action == "delete":

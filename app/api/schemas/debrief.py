@@ -253,3 +253,66 @@ class SessionComparisonOut(BaseModel):
     a: SessionComparedOut
     b: SessionComparedOut
     cells: list[CellChangeOut]
+
+
+class DriftOut(BaseModel):
+    """A cell that moves away from the others; `weeks` until its limit, 0: it is passed."""
+
+    cell: int
+    what: Literal["capacity", "resistance", "self-discharge"]
+    per_week: float
+    now: float
+    limit: float
+    weeks: float
+    text: str
+
+
+class SwapOut(BaseModel):
+    """Modules that were replaced; `time_s` in unix seconds."""
+
+    id: int
+    time_s: float
+    cells: list[int]
+    note: str
+    who: str | None
+
+
+class PassportsOut(BaseModel):
+    """Every cell as it is now, out of all sessions read; `reading` of `to_read` while more are read."""
+
+    sessions: int
+    reading: int
+    to_read: int
+    capacity_ah: PerCell
+    capacity_sigma_ah: PerCell
+    resistance_ohm: PerCell
+    resistance_relative: PerCell
+    self_discharge_per_day: PerCell
+    balancing_h: PerCell
+    rank: PerCell
+    drifts: list[DriftOut]
+    swaps: list[SwapOut]
+
+
+class PassportEntryOut(BaseModel):
+    """What one session told about a cell; `line` counts its modules from 0."""
+
+    session_id: str
+    time_s: float
+    line: int
+    capacity_ah: Number
+    capacity_sigma_ah: Number
+    resistance_ohm: Number
+    resistance_relative: Number
+    self_discharge_per_day: Number
+    balancing_h: Number
+
+
+class CellPassportOut(BaseModel):
+    """The life of one cell's place, the oldest session first."""
+
+    cell: int
+    rank: Number
+    entries: list[PassportEntryOut]
+    drifts: list[DriftOut]
+    swaps: list[SwapOut]

@@ -283,6 +283,15 @@ export interface CellChange {
   resistance_b_ohm: number;
 }
 
+/** The life of one cell's place, the oldest session first. */
+export interface CellPassport {
+  cell: number;
+  rank: number | null;
+  entries: PassportEntry[];
+  drifts: Drift[];
+  swaps: Swap[];
+}
+
 /** Arrays of 96, index = pack * 12 + position. */
 export interface Cells {
   voltage_v: (number | null)[];
@@ -412,6 +421,17 @@ export interface Disk {
 /** The master did it. */
 export interface Done {
   done: true;
+}
+
+/** A cell that moves away from the others; `weeks` until its limit, 0: it is passed. */
+export interface Drift {
+  cell: number;
+  what: 'capacity' | 'resistance' | 'self-discharge';
+  per_week: number;
+  now: number;
+  limit: number;
+  weeks: number;
+  text: string;
 }
 
 /** Means over a driver's laps that count. */
@@ -735,6 +755,35 @@ export interface Pack {
   temperature_max_degc: number | null;
   temperature_min_degc: number | null;
   slave_status: number | null;
+}
+
+/** What one session told about a cell; `line` counts its modules from 0. */
+export interface PassportEntry {
+  session_id: string;
+  time_s: number;
+  line: number;
+  capacity_ah: number | null;
+  capacity_sigma_ah: number | null;
+  resistance_ohm: number | null;
+  resistance_relative: number | null;
+  self_discharge_per_day: number | null;
+  balancing_h: number | null;
+}
+
+/** Every cell as it is now, out of all sessions read; `reading` of `to_read` while more are read. */
+export interface Passports {
+  sessions: number;
+  reading: number;
+  to_read: number;
+  capacity_ah: (number | null)[];
+  capacity_sigma_ah: (number | null)[];
+  resistance_ohm: (number | null)[];
+  resistance_relative: (number | null)[];
+  self_discharge_per_day: (number | null)[];
+  balancing_h: (number | null)[];
+  rank: (number | null)[];
+  drifts: Drift[];
+  swaps: Swap[];
 }
 
 /** The phase that runs now. */
@@ -1110,6 +1159,15 @@ export interface StructField {
   unit: string;
   scale: number;
   meaning: string;
+}
+
+/** Modules that were replaced; `time_s` in unix seconds. */
+export interface Swap {
+  id: number;
+  time_s: number;
+  cells: number[];
+  note: string;
+  who: string | null;
 }
 
 /** The service's surroundings. */
