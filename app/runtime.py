@@ -25,6 +25,7 @@ from app.estimation.errors import EstimatorError
 from app.estimation.estimators import FILTERS, CellEstimator, make_estimator
 from app.history import History
 from app.hub import Hub
+from app.importing import Importing
 from app.links.can import CanLink
 from app.links.master import MasterClient
 from app.links.serial import SerialLink
@@ -86,6 +87,7 @@ class Runtime:
         self.black_boxes = BlackBoxRecorder(settings.data / "blackboxes.sqlite", self._session_id, self._box_made)
         self.mqtt = self._mqtt()
         self.bringing = Bringing(settings.data / "sessions", self.catalogue, self.note)
+        self.importing = Importing(settings.data, lambda: self.new_pipeline("replay", "imported"), self.note)
         self._inbox: queue.Queue[Item | None] = queue.Queue(INBOX_ITEMS)
         try:
             cell = load_cell(settings.cell)

@@ -8,6 +8,10 @@ from app.api.problems import Problem
 MAX_BODY_BYTES = 1 << 20  # a configuration is 420 bytes, all CAN tables as JSON a few kilobytes
 
 
+UPLOAD_PATH = "/api/v1/imports"
+MAX_UPLOAD_BYTES = 1 << 31  # a recording of another system; it goes to the disk piece by piece
+
+
 class BodyLimit:
     """ASGI middleware: 413 by the announced length, or as soon as more has come."""
 
@@ -20,9 +24,10 @@ class BodyLimit:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+        limit = MAX_UPLOAD_BYTES if scope["path"] == UPLOAD_PATH else self._max_bytes
         announced = next((value for name, value in scope["headers"] if name == b"content-length"), b"0")
-        detail = f"a request may have {self._max_bytes} bytes"
-        if announced.isdigit() and int(announced) > self._max_bytes:
+        detail = f"a request may have {limit} bytes"
+        if announced.isdigit() and int(announced) > limit:
             await Problem(413, "too-large", "Too large", detail).response()(scope, receive, send)
             return
         taken = 0
@@ -31,7 +36,7 @@ class BodyLimit:
             nonlocal taken
             message = await receive()
             taken += len(message.get("body", b""))
-            if taken > self._max_bytes:
+            if taken > limit:
                 raise HTTPException(413, detail)
             return message
 

@@ -63,7 +63,7 @@ def _totals(snapshot: Snapshot) -> Iterator[Metric]:
     for name, metric in _ENERGY.items():
         way = "out" if name == "energy_out_wh" else "in"
         yield CounterMetricFamily(metric, f"energy that flowed {way}", snapshot.accumulator[name] * _JOULES_PER_WH)
-    active = [alarm.severity for alarm in snapshot.alarms if alarm.active]
+    active: list[str] = [alarm.severity for alarm in snapshot.alarms if alarm.active]
     yield GaugeMetricFamily("voltwall_alarms_active", "alarms that hold", len(active))
     by_severity = GaugeMetricFamily("voltwall_alarms", "alarms that hold, by severity", labels=["severity"])
     for severity in _SEVERITIES:

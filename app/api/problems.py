@@ -15,7 +15,7 @@ from app.config_sources import NoSource
 from app.configuration import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
 from app.errors import AppError, ConfigError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow
 from app.profiles import NoProfile
-from app.sessions.errors import NotASession, SchemaTooNew, SessionError, SessionNotFound
+from app.sessions.errors import ExtraMissing, ImportFailed, NotASession, SchemaTooNew, SessionError, SessionNotFound
 from firmware_protocol.config_image import difference, image_hash
 from firmware_protocol.errors import EncodeError
 from firmware_protocol.memory_map import CONFIG_SIZE, element_name, locate
@@ -97,6 +97,10 @@ def _of_app_error(error: AppError) -> Problem:
             return Problem(503, "link-lost", "Link lost", str(error))
         case NoProfile() | NoSource() | SessionNotFound():
             return Problem(404, "not-found", "Not found", str(error))
+        case ImportFailed():
+            return Problem(422, "not-importable", "Cannot be imported", str(error))
+        case ExtraMissing():
+            return Problem(501, "extra-missing", "Optional package missing", str(error))
         case NotASession() | SchemaTooNew():
             return Problem(422, "unreadable-session", "Unreadable session", str(error))
         case SessionError():

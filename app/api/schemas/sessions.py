@@ -171,3 +171,50 @@ class ReplayChoicesOut(BaseModel):
     replay: ReplayOut | None
     filters: list[str]
     cells: list[str]
+
+
+class ImportProfileOut(BaseModel):
+    """Which column is what; empty: not there."""
+
+    time: str
+    time_unit: str
+    current: str
+    current_unit: str
+    charge_positive: bool
+    voltages: str
+    voltage_unit: str
+    temperatures: str
+    temperature_unit: str
+    soc: str
+    soc_unit: str
+    max_rate_hz: float
+    hold_s: float
+
+
+class UploadOut(BaseModel):
+    """A file that came in, and the profile that its header suggests."""
+
+    id: int
+    filename: str
+    is_can: bool
+    columns: list[str]
+    guessed: ImportProfileOut | None
+
+
+class ImportStateOut(BaseModel):
+    """How far an import has come, in rows."""
+
+    filename: str
+    is_running: bool
+    done: int
+    total: int
+    session_id: str | None
+    notes: list[str]
+    error: str | None
+
+
+class ImportsOut(BaseModel):
+    """The last import, null before the first, and the profiles that are kept."""
+
+    last: ImportStateOut | None
+    profiles: list[str]

@@ -568,11 +568,45 @@ export interface History {
   series: Record<string, (number | null)[]>;
 }
 
+/** Which column is what; empty: not there. */
+export interface ImportProfile {
+  time: string;
+  time_unit: string;
+  current: string;
+  current_unit: string;
+  charge_positive: boolean;
+  voltages: string;
+  voltage_unit: string;
+  temperatures: string;
+  temperature_unit: string;
+  soc: string;
+  soc_unit: string;
+  max_rate_hz: number;
+  hold_s: number;
+}
+
+/** How far an import has come, in rows. */
+export interface ImportState {
+  filename: string;
+  is_running: boolean;
+  done: number;
+  total: number;
+  session_id: string | null;
+  notes: string[];
+  error: string | null;
+}
+
 /** Tables made of a DBC: those in force with the file's messages in their places, and what did not fit. */
 export interface ImportedTables {
   tx: CanTx[];
   rx: CanRx[];
   notes: string[];
+}
+
+/** The last import, null before the first, and the profiles that are kept. */
+export interface Imports {
+  last: ImportState | null;
+  profiles: string[];
 }
 
 /** One lap and what it cost. */
@@ -1207,6 +1241,15 @@ export interface Unplugged {
 export interface UnreadableScenario {
   name: string;
   reason: string;
+}
+
+/** A file that came in, and the profile that its header suggests. */
+export interface Upload {
+  id: number;
+  filename: string;
+  is_can: boolean;
+  columns: string[];
+  guessed: ImportProfile | null;
 }
 
 /** What a write, or a dry run, came to. */

@@ -34,6 +34,8 @@ WRITES = [
     ("DELETE", "/sessions/x/laps"),
     ("PUT", "/recorder"),
     ("POST", "/fetch"),
+    ("POST", "/imports"),
+    ("POST", "/imports/x"),
     ("POST", "/sessions/x/markers"),
     ("DELETE", "/sessions/x"),
     ("POST", "/replay"),

@@ -1,0 +1,61 @@
+"""Another team's file through the running service: uploaded, mapped, imported, kept as a profile."""
+
+import time
+
+import httpx
+import pytest
+
+
+@pytest.fixture(scope="module")
+def csv() -> bytes:
+    lines = ["t [s],Pack Current [A]," + ",".join(f"Cell {i + 1} [V]" for i in range(12))]
+    cells = ",".join(f"{3.6 + c / 1000}" for c in range(12))
+    lines += [f"{1_780_000_000 + i / 10},{20 + i % 3},{cells}" for i in range(300)]
+    return "\n".join(lines).encode()
+
+
+def done(client: httpx.Client) -> dict:
+    deadline = time.monotonic() + 30
+    while (state := client.get("/imports").json()["last"])["is_running"]:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return state
+
+
+def test_a_file_becomes_a_session_and_its_mapping_a_profile(service, csv):
+    with service.client() as client:
+        upload = client.post("/imports", params={"filename": "../their run.csv"}, content=csv).json()
+        assert (upload["filename"], upload["is_can"], len(upload["columns"])) == ("their run.csv", False, 14)
+        guessed = upload["guessed"]
+        assert (guessed["time"], guessed["voltages"]) == ("t [s]", "Cell {n} [V]")
+        assert (guessed["current"], guessed["current_unit"]) == ("Pack Current [A]", "A")
+        body = {"profile": guessed, "save_as": "their bms", "name": "their run"}
+        assert client.post(f"/imports/{upload['id']}", json=body).status_code == 202
+        state = done(client)
+        assert (state["error"], state["done"]) == (None, 300)
+        session = client.get(f"/sessions/{state['session_id']}").json()
+        assert (session["name"], session["frames"], session["closed"]) == ("their run", 300, True)
+        assert "estimate.soc" in session["signals"]
+        assert "their bms" in client.get("/imports").json()["profiles"]
+        again = client.post("/imports", params={"filename": "next.csv"}, content=csv).json()
+        client.post(f"/imports/{again['id']}", json={"profile_name": "their bms"})
+        assert done(client)["error"] is None
+        assert client.post(f"/imports/{again['id']}", json={"profile_name": "their bms"}).status_code == 422
+
+
+def test_what_is_wrong_is_said(service, csv):
+    with service.client() as client:
+        nothing = client.post("/imports", params={"filename": "x.csv"}, content=b"no table at all")
+        assert (nothing.status_code, nothing.json()["title"]) == (422, "Cannot be imported")
+        upload = client.post("/imports", params={"filename": "x.csv"}, content=csv).json()
+        unknown = client.post(f"/imports/{upload['id']}", json={"profile": {"wheels": 4}})
+        assert "no such field" in unknown.json()["detail"]
+        client.post(f"/imports/{upload['id']}", json={"profile": {**upload["guessed"], "current": "Strom"}})
+        assert "no such column" in done(client)["error"]
+
+
+def test_an_upload_larger_than_other_requests_is_taken(service):
+    rows = b"t,I,C1,C2\n" + b"0,1,3.6,3.7\n" * 200_000
+    with service.client() as client:
+        assert client.post("/imports", params={"filename": "large.csv"}, content=rows).status_code == 201
+        assert client.post("/sessions", content=rows).status_code == 413
