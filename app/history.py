@@ -13,8 +13,8 @@ from firmware_protocol.memory_map import N_CELLS
 
 LENGTH_S = 900
 TOTALS_LENGTH = LENGTH_S * 28  # the line carries no more than 28 snapshots a second
-CELLS_EVERY_NS = 90_000_000  # 96 cells fill memory: at most 11 of them a second
-CELLS_LENGTH = LENGTH_S * 11
+CELLS_EVERY_NS = 180_000_000  # 96 cells fill memory: of more than two samples in this time, lowest and highest
+CELLS_LENGTH = LENGTH_S * 12  # rows, two for each such time
 TOTALS = (
     "voltage_v",
     "current_a",
@@ -99,6 +99,7 @@ class History:
         self._lock = threading.Lock()
         self._totals = _Ring({name: np.empty(TOTALS_LENGTH, np.float32) for name in TOTALS})
         self._cells = _Ring({name: np.empty((CELLS_LENGTH, N_CELLS), np.int16) for name in PER_CELL})
+        self._held: list[tuple[int, dict[str, NDArray[np.int16]]]] = []  # samples of cells that are not in the ring yet
         self._wall_minus_mono_ns = 0
 
     def add(self, snapshot: Snapshot) -> None:
@@ -110,13 +111,27 @@ class History:
             self._wall_minus_mono_ns = snapshot.t_wall_ns - t_ns
             totals = ((name, snapshot.accumulator[name]) for name in TOTALS)
             self._totals.add(t_ns, {name: np.nan if value is None else value for name, value in totals})
-            newest_ns = self._cells.newest_ns
-            if newest_ns is None or t_ns - newest_ns >= CELLS_EVERY_NS:
-                self._cells.add(t_ns, {name: kept.of(getattr(snapshot.cells, name)) for name, kept in PER_CELL.items()})
+            if self._held and t_ns - self._held[0][0] >= CELLS_EVERY_NS:
+                self._keep_held()
+            counts = {name: kept.of(getattr(snapshot.cells, name)) for name, kept in PER_CELL.items()}
+            self._held.append((t_ns, counts))
+
+    def _keep_held(self) -> None:
+        """Move what is held into the ring: one or two samples as they are, more as their lowest and highest."""
+        held, self._held = self._held, []
+        if len(held) <= 2:
+            for t_ns, counts in held:
+                self._cells.add(t_ns, counts)
+            return
+        stacks = {name: np.stack([counts[name] for _, counts in held]) for name in PER_CELL}
+        self._cells.add(held[0][0], {name: _lowest(stack) for name, stack in stacks.items()})
+        self._cells.add(held[-1][0], {name: stack.max(axis=0) for name, stack in stacks.items()})
 
     def read(self, seconds: float, cell: int | None, points: int = 2000) -> dict[str, Any]:
         """Return {"time", "series"} of the last `seconds`; more than `points` are thinned, extremes kept."""
         with self._lock:
+            if cell is not None:
+                self._keep_held()
             ring = self._totals if cell is None else self._cells
             t_ns, columns = ring.since((ring.newest_ns or 0) - int(seconds * 1e9), cell)
             time_s = (t_ns + self._wall_minus_mono_ns) / 1e9
@@ -128,6 +143,12 @@ class History:
             time_s, values = _thin(time_s, values, points)
         digits = {name: np.round(column, 5) for name, column in values.items()}
         return {"time": time_s, "series": digits}
+
+
+def _lowest(stack: NDArray[np.int16]) -> NDArray[np.int16]:
+    """Lowest of (samples, cells) that is not missing; MISSING is the smallest count there is."""
+    lowest = np.where(stack == MISSING, np.iinfo(np.int16).max, stack).min(axis=0)
+    return np.where((stack == MISSING).all(axis=0), MISSING, lowest).astype(np.int16)
 
 
 def _thin(time_s: FloatArray, columns: dict[str, FloatArray], points: int) -> tuple[FloatArray, dict[str, FloatArray]]:

@@ -19,6 +19,7 @@ from app.links.agreement import Agreement
 from app.links.monitor import LIVE_S, LinkMonitor, rs232_monitor
 from app.master_events import describe
 from app.outlook import Lookout, Outlook
+from app.plausibility import Plausibility
 from app.shadow import ShadowImage
 from app.telemetry import CanFault, CanItem, Event, FloatArray, Identity, Item, LinkChange, SerialItem, Snapshot, Source
 from app.watch.alarms import Watch
@@ -83,6 +84,7 @@ class Pipeline:
         self._watch = Watch()
         self._watch_lock = threading.Lock()
         self._driver = DriverSoc(N_CELLS)
+        self._plausibility = Plausibility()
         self._estimates: Estimates | None = None
         self._uptime_ms: int | None = None
         self._last_can_snapshot_ns = 0
@@ -216,6 +218,7 @@ class Pipeline:
         if current_a is not None and not np.isnan(voltages_v).all():
             estimates, events = self._estimate(item, dt_s, current_a, voltages_v, decoder.temperatures_degc())
             power_w = float(np.nansum(voltages_v)) * current_a
+            self._plausibility.step(dt_s, current_a, voltages_v, decoder)
             if self._lookout is not None:
                 self._lookout.step(dt_s or 0.0, current_a, voltages_v, power_w)
                 self._measured = current_a, decoder.temperatures_degc()
@@ -334,6 +337,7 @@ class Pipeline:
             links={name: monitor.status(t_mono_ns) for name, monitor in self._monitors.items()},  # type: ignore[misc]
             estimator=self.names
             | {"step_us": self._step_us, "started": self._estimator is not None, "skipped": self._skipped},
+            plausibility=self._plausibility.verdicts(cells, decoder),
             config=config and config[0],
             config_hash=config and config[1],
             disagreements=self._agreement.disagreements(t_mono_ns),

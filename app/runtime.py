@@ -44,6 +44,7 @@ from app.sessions.writer import DiskLimits
 from app.settings import Settings
 from app.telemetry import CanItem, Event, FloatArray, Item, LinkChange, SerialItem, Snapshot, Source
 from app.trace import CanTrace
+from app.trend import Trend
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.framing import BadFrame
 from firmware_protocol.memory_map import N_CELLS
@@ -67,6 +68,7 @@ class Runtime:
         self.started_at = time.monotonic()
         self.hub: Hub[Snapshot] = Hub()
         self.history = History()
+        self.trend = Trend()
         self.trace = CanTrace()
         settings.data.mkdir(parents=True, exist_ok=True)
         self.events = EventLog(settings.data / "events.sqlite")
@@ -343,6 +345,7 @@ class Runtime:
         self.history.add(output.snapshot)
         if self.mqtt is not None:
             self.mqtt.offer(output.snapshot)
+        self.trend.add(output.snapshot)
         if not self.replaying.is_active:
             self._show(output.snapshot)
 

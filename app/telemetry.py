@@ -1,6 +1,6 @@
 """What flows through the service: items from the links, snapshots to the readers. Frozen, SI units, no behaviour."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -180,4 +180,5 @@ class Snapshot:
     config: bytes | None = None  # in force, as last heard as a whole
     config_hash: str | None = None
     disagreements: tuple[Disagreement, ...] = ()  # between RS232 and CAN
+    plausibility: dict[str, dict[str, Any]] = field(default_factory=dict)  # by check: verdict, value, limit, unit, cell
     is_fresh: bool = True  # made from new bytes, not only aged

@@ -66,6 +66,7 @@ def snapshot_json(snapshot: Snapshot, service: dict[str, Any]) -> bytes:
         "charger": _numbers(snapshot.charger),
         "links": {name: _numbers(asdict(status)) | _UNKNOWN.get(name, {}) for name, status in snapshot.links.items()},
         "estimator": _numbers(snapshot.estimator),
+        "plausibility": {name: _numbers(check) for name, check in snapshot.plausibility.items()},
         "alarms": [alarm_json(alarm) for alarm in snapshot.alarms],
         "config_hash": snapshot.config_hash,
     }

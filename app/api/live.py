@@ -13,7 +13,7 @@ from app.api.auth import Doorkeeper
 from app.api.deps import RuntimeDep
 from app.api.encode import snapshot_json
 from app.api.problems import Problem
-from app.api.schemas.service import HealthOut, HistoryOut
+from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
 from app.api.system import Readers
 from app.runtime import Runtime
@@ -71,6 +71,14 @@ def history(
     """The last minutes of the main values, or of one cell, for charts that open late; extremes are kept."""
     body = runtime.history.read(seconds, cell)
     return Response(orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json")
+
+
+@router.get("/trend", responses={200: {"model": TrendOut}})
+def trend(runtime: RuntimeDep, cell: Annotated[int, Query(ge=0, le=95)]) -> Response:
+    """Slow values of one cell over six hours, and how long it was balanced since the service started."""
+    return Response(
+        orjson.dumps(runtime.trend.read(cell), option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json"
+    )
 
 
 @router.websocket("/live")

@@ -54,6 +54,14 @@ class HistoryOut(BaseModel):
     series: dict[str, list[Number]]
 
 
+class TrendOut(BaseModel):
+    """Columns of one length, one row every ten seconds; balancing is the share of the time that the cell was bled."""
+
+    time: list[float]
+    series: dict[str, list[Number]]
+    balanced_s: float
+
+
 class LogEventOut(BaseModel):
     """An entry of the event log."""
 

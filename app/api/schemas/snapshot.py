@@ -269,6 +269,24 @@ class AgeOut(BaseModel):
     config: Number
 
 
+class CheckOut(BaseModel):
+    """Two numbers that ought to agree: whether they do (null: not known), the value judged, its limit."""
+
+    verdict: bool | None
+    value: Number
+    limit: float
+    unit: str
+    cell: int | None
+
+
+class PlausibilityOut(BaseModel):
+    """Sum of the cells against the total, resistance by current and voltage, chips against the master."""
+
+    sum: CheckOut
+    current: CheckOut
+    chips: CheckOut
+
+
 class SnapshotOut(BaseModel):
     """All that is known at one instant."""
 
@@ -285,6 +303,7 @@ class SnapshotOut(BaseModel):
     charger: ChargerOut
     links: LinksOut
     estimator: EstimatorOut
+    plausibility: PlausibilityOut
     recording: RecordingOut | None
     replay: ReplayOut | None
     alarms: list[AlarmOut]

@@ -320,6 +320,15 @@ export interface Charger {
   flags: string[];
 }
 
+/** Two numbers that ought to agree: whether they do (null: not known), the value judged, its limit. */
+export interface Check {
+  verdict: boolean | null;
+  value: number | null;
+  limit: number;
+  unit: string;
+  cell: number | null;
+}
+
 /** A profile that was saved, and what the rules say about it. */
 export interface CheckedProfile {
   name: string;
@@ -825,6 +834,13 @@ export interface Phase {
   phase: string;
 }
 
+/** Sum of the cells against the total, resistance by current and voltage, chips against the master. */
+export interface Plausibility {
+  sum: Check;
+  current: Check;
+  chips: Check;
+}
+
 /** What can be held for one horizon, and what limits it. */
 export interface PowerLimit {
   horizon_s: number;
@@ -1142,6 +1158,7 @@ export interface Snapshot {
   charger: Charger;
   links: Links;
   estimator: Estimator;
+  plausibility: Plausibility;
   recording: Recording | null;
   replay: Replay | null;
   alarms: Alarm[];
@@ -1223,6 +1240,13 @@ export interface Transmit {
   sent: number;
   total: number | null;
   error: string | null;
+}
+
+/** Columns of one length, one row every ten seconds; balancing is the share of the time that the cell was bled. */
+export interface Trend {
+  time: number[];
+  series: Record<string, (number | null)[]>;
+  balanced_s: number;
 }
 
 /** Seconds until a limit is met; null: not within an hour. */

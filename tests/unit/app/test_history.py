@@ -5,7 +5,7 @@ import pytest
 
 from app.estimation.cellfile import load_cell
 from app.estimation.estimators import make_estimator
-from app.history import History
+from app.history import CELLS_LENGTH, LENGTH_S, History
 from app.pipeline import Pipeline
 
 CELL = load_cell("samsung-25r-10p")
@@ -103,3 +103,37 @@ def test_a_value_beyond_its_range_is_held_at_the_end(snapshot):
     history.add(replace(later(snapshot, 0), cells=cells))
     series = history.read(900, 5)["series"]
     assert (series["residual_v"][0], series["temperature_degc"][0]) == (3.2767, -327.67)
+
+
+def with_voltage(snapshot, cell: int, value: float):
+    voltage_v = snapshot.cells.voltage_v.copy()
+    voltage_v[cell] = value
+    return replace(snapshot, cells=replace(snapshot.cells, voltage_v=voltage_v))
+
+
+def test_a_cells_single_sample_dip_at_the_highest_rate_is_kept(snapshot):
+    history = History()
+    for i in range(28 * 60):
+        history.add(with_voltage(later(snapshot, i / 28), 36, 2.5 if i == 777 else 3.7))
+    body = history.read(900, 36)
+    assert np.nanmin(body["series"]["voltage_v"]) == pytest.approx(2.5)
+    assert body["time"][int(np.nanargmin(body["series"]["voltage_v"]))] == pytest.approx(
+        snapshot.t_wall_ns / 1e9 + 777 / 28, abs=0.2
+    )
+    assert (np.diff(body["time"]) >= 0).all()
+
+
+def test_cells_at_the_highest_rate_take_no_more_rows_than_a_quarter_of_an_hour_has_room_for(snapshot):
+    history, seconds = History(), 60
+    for i in range(28 * seconds):
+        history.add(later(snapshot, i / 28))
+    rows = len(history.read(900, 0, points=100_000)["time"])
+    assert rows * LENGTH_S / seconds <= CELLS_LENGTH
+
+
+def test_a_sample_that_is_missing_among_others_is_not_taken_for_the_lowest(snapshot):
+    history = History()
+    for i in range(12):
+        history.add(with_voltage(later(snapshot, i / 28), 36, np.nan if i % 2 else 3.7))
+    values = history.read(900, 36)["series"]["voltage_v"]
+    assert np.nanmin(values) == pytest.approx(3.7)

@@ -60,4 +60,25 @@ export const PACKS = {
   Stop: 'Stopp',
   'Stop balancing?': 'Stoppe balansering?',
   'All bleed resistors are switched off.': 'Alle tappemotstander slås av.',
+  Trend: 'Trend',
+  'Trend over {time}': 'Trend over {time}',
+  'bled for {time} since the service started': 'tappet i {time} siden tjenesten startet',
+  'R0, joint included': 'R0, med skjøt',
+  'Joint beyond its neighbours': 'Skjøt ut over naboene',
+  'Share of the time bled': 'Andel av tiden tappet',
+  'Why no charge flows': 'Hvorfor ingen lading går',
+  'Time to full': 'Tid til full',
+  'Nothing is heard of the charger or the master.': 'Ingenting høres fra laderen eller masteren.',
+  'The master holds the shutdown circuit open: {why}': 'Masteren holder sikkerhetskretsen åpen: {why}',
+  'No charger is heard on CAN: check its plug, its mains and the bit rate.':
+    'Ingen lader høres på CAN: sjekk støpselet, nettspenningen og bitraten.',
+  'The charger complains: {flag}': 'Laderen klager: {flag}',
+  'It is done: the cells are as full as the master allows.':
+    'Ferdig: cellene er så fulle som masteren tillater.',
+  'Charging was not started.': 'Lading er ikke startet.',
+  'The master waits for the charger to answer.': 'Masteren venter på svar fra laderen.',
+  'The charger pauses while {cell} and others are bled: {v} between highest and lowest.':
+    'Laderen venter mens {cell} og andre tappes: {v} mellom høyeste og laveste.',
+  'The charging ended in a fault.': 'Ladingen endte i en feil.',
+  'The master asks for {a} A, none flows.': 'Masteren ber om {a} A, ingenting går.',
 } as const;

@@ -1,7 +1,6 @@
 // Norwegian: the system page.
 export const SYSTEM = {
   'The service does not answer': 'Tjenesten svarer ikke',
-  'The service is not sure of everything': 'Tjenesten er ikke sikker på alt',
   'The firmware’s memory map differs from this service’s': 'Fastvarens minnekart er et annet enn tjenestens',
   'Values may be read from the wrong place. Writing is refused until both agree.':
     'Verdier kan leses fra feil sted. Skriving nektes til begge er enige.',
@@ -79,4 +78,40 @@ export const SYSTEM = {
   '{n} s from this device’s': '{n} s fra denne enhetens',
   'Set since the start': 'Stilt siden start',
   'Who reads now': 'Hvem leser nå',
+  'What the service is unsure of': 'Det tjenesten er usikker på',
+  'Asking.': 'Spør.',
+  'Nothing now: what it shows is measured, recent, and agrees with itself.':
+    'Ingenting nå: det den viser er målt, ferskt og stemmer med seg selv.',
+  'The cells do not add up to the master’s total: {v} apart.':
+    'Cellene gir ikke masterens sum: {v} fra hverandre.',
+  'Voltages move while the current stands still: the current sensor may be dead.':
+    'Spenningene endrer seg mens strømmen står stille: strømsensoren kan være død.',
+  'Current and voltage do not fit: together they give {r} mΩ a cell.':
+    'Strøm og spenning passer ikke: sammen gir de {r} mΩ per celle.',
+  'A chip and the master disagree on {cell} by {v} mV.':
+    'En brikke og masteren er uenige om {cell} med {v} mV.',
+  '{n} cells have no voltage.': '{n} celler har ingen spenning.',
+  'No estimate of the charge yet.': 'Ingen estimert ladning ennå.',
+  'The model does not fit {n} cells: their charge is less sure.':
+    'Modellen passer ikke {n} celler: ladningen deres er mindre sikker.',
+  'The charge shown is the master’s own count, not an estimate.':
+    'Ladningen som vises er masterens egen telling, ikke et estimat.',
+  '{n} % of the RS232 frames were lost.': '{n} % av RS232-rammene gikk tapt.',
+  'The service’s clock and this device’s are {n} s apart.':
+    'Tjenestens klokke og denne enhetens er {n} s fra hverandre.',
+  'The service’s clock was set by {n} s since it started.':
+    'Tjenestens klokke er stilt {n} s siden den startet.',
+  'The disk is full in {n} h.': 'Disken er full om {n} t.',
+  'The disk is nearly full.': 'Disken er nesten full.',
+  'Cells and total': 'Celler og sum',
+  'The 96 cells add up to the master’s own total.': 'De 96 cellene gir masterens egen sum.',
+  'Current and voltage': 'Strøm og spenning',
+  'Steps of the current move the voltages as a battery’s resistance does.':
+    'Sprang i strømmen flytter spenningene slik motstanden i et batteri gjør.',
+  'Chips and master': 'Brikker og master',
+  'What the slaves’ chips measured is what the master reports.':
+    'Det slavenes brikker målte, er det masteren melder.',
+  agree: 'stemmer',
+  contradict: 'motsier',
+  'not judged': 'ikke vurdert',
 } as const;

@@ -1,0 +1,53 @@
+// Why the accumulator is not being charged, and how long until it is full.
+
+import type { Maybe, Snapshot } from '../link/types';
+import { cellName, fixed, quantity } from '../format';
+import { said, t } from '../words/words.svelte';
+
+const LEAST_A = 0.2; // below it nothing is charged
+
+/** Reasons in the order in which they have to be dealt with; empty while charge flows. */
+export function whyNot(snapshot: Maybe<Snapshot>, known: boolean): string[] {
+  if (!snapshot || !known) return [t('Nothing is heard of the charger or the master.')];
+  const { charger, master, accumulator, cells } = snapshot;
+  const flowing = accumulator.current_a !== null && accumulator.current_a < -LEAST_A;
+  if (flowing) return [];
+  const reasons: string[] = [];
+  if (master.fit === false)
+    reasons.push(t('The master holds the shutdown circuit open: {why}', { why: said(master.why) }));
+  if (master.flags && !master.flags['charger']) {
+    reasons.push(t('No charger is heard on CAN: check its plug, its mains and the bit rate.'));
+  }
+  for (const flag of charger.flags) reasons.push(t('The charger complains: {flag}', { flag: said(flag) }));
+  const missing = cells.voltage_v.filter((v) => v === null).length;
+  if (missing > 0) reasons.push(t('{n} cells have no voltage.', { n: missing }));
+  if (charger.state === 'done') reasons.push(t('It is done: the cells are as full as the master allows.'));
+  else if (charger.state === 'off' || charger.state === null) reasons.push(t('Charging was not started.'));
+  else if (charger.state === 'waiting') reasons.push(t('The master waits for the charger to answer.'));
+  else if (charger.state === 'balancing') {
+    reasons.push(
+      t('The charger pauses while {cell} and others are bled: {v} between highest and lowest.', {
+        cell: cellName(accumulator.voltage_max_cell),
+        v: quantity((accumulator.voltage_delta_v ?? 0) * 1000, 'mV'),
+      }),
+    );
+  } else if (charger.state === 'fault') reasons.push(t('The charging ended in a fault.'));
+  if (reasons.length === 0 && charger.asked_current_a !== null) {
+    reasons.push(t('The master asks for {a} A, none flows.', { a: fixed(charger.asked_current_a, 1) }));
+  }
+  return reasons;
+}
+
+/** Seconds at the present current until the first cell is full, null where none is charged or nothing is known. */
+export function secondsToFull(snapshot: Maybe<Snapshot>): Maybe<number> {
+  const current = snapshot?.accumulator.current_a ?? null;
+  if (!snapshot || current === null || current > -LEAST_A) return null;
+  let least: Maybe<number> = null;
+  snapshot.cells.soc.forEach((soc, i) => {
+    const capacity = snapshot.cells.capacity_ah[i];
+    if (soc === null || capacity === null || capacity === undefined) return;
+    const seconds = (Math.max(0, 1 - soc) * capacity * 3600) / -current;
+    if (least === null || seconds < least) least = seconds;
+  });
+  return least;
+}

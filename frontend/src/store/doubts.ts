@@ -1,0 +1,75 @@
+// What the service and this page are unsure of, in plain words.
+
+import type { Maybe, Snapshot, System } from '../link/types';
+import { cellName, fixed, quantity } from '../format';
+import { t } from '../words/words.svelte';
+
+const CLOCK_OFF_S = 2;
+const DISK_HOURS = 4;
+const DISK_FREE_BYTES = 2e9;
+const LOST_SHARE = 0.01;
+
+/** Sentences on checks that contradict each other; empty while all that can be judged agrees. */
+export function contradictions(snapshot: Maybe<Snapshot>): string[] {
+  const p = snapshot?.plausibility;
+  if (!p) return [];
+  const found: string[] = [];
+  if (p.sum.verdict === false) {
+    found.push(
+      t('The cells do not add up to the master’s total: {v} apart.', { v: quantity(p.sum.value, 'V') }),
+    );
+  }
+  if (p.current.verdict === false) {
+    found.push(
+      p.current.value === null
+        ? t('Voltages move while the current stands still: the current sensor may be dead.')
+        : t('Current and voltage do not fit: together they give {r} mΩ a cell.', {
+            r: fixed(p.current.value * 1000, 2),
+          }),
+    );
+  }
+  if (p.chips.verdict === false) {
+    found.push(
+      t('A chip and the master disagree on {cell} by {v} mV.', {
+        cell: cellName(p.chips.cell),
+        v: fixed((p.chips.value ?? 0) * 1000, 0),
+      }),
+    );
+  }
+  return found;
+}
+
+/** Everything to doubt now, besides what the service itself names. */
+export function doubts(snapshot: Maybe<Snapshot>, system: Maybe<System>, clockOffS: Maybe<number>): string[] {
+  const found = contradictions(snapshot);
+  if (snapshot) {
+    const { links, estimator, cells, accumulator } = snapshot;
+    const missing = 96 - (accumulator.loaded_cells ?? 0);
+    if (missing > 0) found.push(t('{n} cells have no voltage.', { n: missing }));
+    if (!estimator.started) found.push(t('No estimate of the charge yet.'));
+    const untrusted = cells.model_valid.filter((v) => v === false).length;
+    if (untrusted > 0)
+      found.push(t('The model does not fit {n} cells: their charge is less sure.', { n: untrusted }));
+    if (accumulator.soc_source === 'master')
+      found.push(t('The charge shown is the master’s own count, not an estimate.'));
+    const { lost, frames } = links.rs232;
+    if (lost > LOST_SHARE * frames) {
+      found.push(t('{n} % of the RS232 frames were lost.', { n: fixed((100 * lost) / (lost + frames), 1) }));
+    }
+  }
+  if (clockOffS !== null && Math.abs(clockOffS) > CLOCK_OFF_S) {
+    found.push(t('The service’s clock and this device’s are {n} s apart.', { n: fixed(clockOffS, 0) }));
+  }
+  if (system?.clock.was_set) {
+    found.push(
+      t('The service’s clock was set by {n} s since it started.', { n: fixed(system.clock.moved_s, 0) }),
+    );
+  }
+  if (system?.disk) {
+    const hours = system.disk.recording_hours_left;
+    if (hours !== null && hours < DISK_HOURS)
+      found.push(t('The disk is full in {n} h.', { n: fixed(hours, 1) }));
+    else if (system.disk.free_bytes < DISK_FREE_BYTES) found.push(t('The disk is nearly full.'));
+  }
+  return found;
+}

@@ -1,0 +1,81 @@
+import { describe, expect, it } from 'vitest';
+import { makeSnapshot } from '../fixtures/snapshot';
+import type { Snapshot } from '../src/link/types';
+import { secondsToFull, whyNot } from '../src/store/charging';
+import { contradictions, doubts } from '../src/store/doubts';
+
+const made = (): Snapshot => makeSnapshot('drive', 10, 1_790_000_000, 1);
+
+function charging(currentA: number): Snapshot {
+  const s = made();
+  s.accumulator.current_a = currentA;
+  s.cells.soc = s.cells.soc.map((_, i) => (i === 40 ? 0.9 : 0.5));
+  s.cells.capacity_ah = s.cells.capacity_ah.map(() => 25);
+  return s;
+}
+
+describe('secondsToFull', () => {
+  it('is the time of the first cell that is full, at the present current', () => {
+    expect(secondsToFull(charging(-10))).toBeCloseTo((0.1 * 25 * 3600) / 10);
+  });
+
+  it('is unknown while nothing flows in', () => {
+    expect(secondsToFull(charging(5))).toBeNull();
+    expect(secondsToFull(charging(0))).toBeNull();
+    expect(secondsToFull(null)).toBeNull();
+  });
+});
+
+describe('whyNot', () => {
+  it('says nothing while charge flows', () => {
+    expect(whyNot(charging(-10), true)).toEqual([]);
+  });
+
+  it('names what is missing, the worst first', () => {
+    const s = charging(0);
+    s.master.fit = false;
+    s.master.why = 'cell too hot';
+    s.master.flags = { ...s.master.flags!, charger: false };
+    s.charger.flags = ['input voltage'];
+    s.charger.state = 'off';
+    expect(whyNot(s, true)).toEqual([
+      'The master holds the shutdown circuit open: cell too hot',
+      'No charger is heard on CAN: check its plug, its mains and the bit rate.',
+      'The charger complains: input voltage',
+      'Charging was not started.',
+    ]);
+  });
+
+  it('does not guess from what is old', () => {
+    expect(whyNot(charging(0), false)).toEqual(['Nothing is heard of the charger or the master.']);
+  });
+});
+
+describe('doubts', () => {
+  it('are those of the checks that contradict each other', () => {
+    const s = made();
+    expect(contradictions(s)).toEqual([]);
+    s.plausibility.sum = { ...s.plausibility.sum, verdict: false, value: 3.2 };
+    s.plausibility.chips = { ...s.plausibility.chips, verdict: null, value: null };
+    expect(contradictions(s)).toEqual(['The cells do not add up to the master’s total: 3.2000 V apart.']);
+  });
+
+  it('tell of clocks, the disk and lost frames', () => {
+    const s = made();
+    s.links.rs232.frames = 900;
+    s.links.rs232.lost = 100;
+    const system = {
+      listens_on: '127.0.0.1',
+      addresses: [],
+      disk: { folder: '/data', free_bytes: 5e8, total_bytes: 1e11, recording_hours_left: 1.5 },
+      clock: { time: 0, moved_s: -3600, was_set: true },
+      readers: [],
+    };
+    expect(doubts(s, system, 7.4)).toEqual([
+      '10.0 % of the RS232 frames were lost.',
+      'The service’s clock and this device’s are 7 s apart.',
+      'The service’s clock was set by −3600 s since it started.',
+      'The disk is full in 1.5 h.',
+    ]);
+  });
+});
