@@ -7,6 +7,7 @@
 #include "vw_time.h"
 
 #define NO_CELL 0xFFFFu
+#define BOOT_POLLS 2000u /* of 25 us at 400 kHz: longer than the 10 ms of the slowest page */
 #define EEPROM_ADDRESS(offset) ((uint16_t)((offset) - VW_EEPROM_READ_BASE))
 
 static const vw_config_t default_config = VW_CONFIG_DEFAULTS;
@@ -325,6 +326,7 @@ static void on_item(void *context, vw_item_t item, const vw_frame_t *frame)
 void vw_link_init(vw_link_t *link, const vw_board_t *board, vw_master_t *master, vw_can_t *can, const vw_ident_t *ident)
 {
     static const uint8_t map_hash[8] = VW_MAP_HASH;
+    uint32_t polls;
     (void)memset(link, 0, sizeof *link);
     link->board = board;
     link->master = master;
@@ -335,13 +337,15 @@ void vw_link_init(vw_link_t *link, const vw_board_t *board, vw_master_t *master,
     vw_decoder_init(&link->decoder, VW_SIDE_MASTER, on_item, link);
     vw_store_init(&link->store, board);
     vw_link_event(link, VW_EVENT_BOOT, NO_CELL, ident->reset_cause, 0);
-    lock(link);
-    if (vw_store_read(&link->store, true) == VW_RESULT_DONE) {
-        (void)memcpy(&master->conf, link->store.image, VW_CONFIG_SIZE);
-    } else {
-        master->conf = default_config;
+    for (polls = 0u; polls < BOOT_POLLS && board->eeprom_is_busy(board->context); polls++) {
+        /* a reset may have come in the middle of a page write */
+    }
+    if (vw_store_read(&link->store, true) != VW_RESULT_DONE) {
+        (void)memcpy(link->store.image, &default_config, VW_CONFIG_SIZE);
         vw_link_event(link, VW_EVENT_EEPROM_INVALID, NO_CELL, 0, 0);
     }
+    lock(link);
+    (void)memcpy(&master->conf, link->store.image, VW_CONFIG_SIZE);
     unlock(link);
     if (can != NULL) {
         vw_can_init(can, board, master);

@@ -83,6 +83,13 @@ def test_codec_compiles_without_a_conversion_warning(gcc, tmp_path, name):
     assert built.returncode == 0, built.stderr
 
 
+def test_the_stm32_port_compiles_against_the_hal_that_it_names(gcc, tmp_path):
+    hal = ("-I", str(Path(__file__).parent / "hal"), "-Wconversion", "-Wsign-conversion")
+    source = str(C_FOLDER / "stm32f4" / "vw_stm32f4.c")
+    built = compile_c("-std=c99", "-O2", *STRICT, *hal, "-c", source, "-o", str(tmp_path / "port.o"))
+    assert built.returncode == 0, built.stderr
+
+
 @pytest.mark.parametrize("name", SOURCES)
 def test_codec_has_no_heap_and_no_writable_globals(gcc, tmp_path, name):
     compile_c("-std=c99", "-Os", *STRICT, "-c", str(C_FOLDER / name), "-o", str(tmp_path / "codec.o"))
