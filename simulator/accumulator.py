@@ -95,6 +95,7 @@ class Accumulator:
         )
         self._capacity_ah = np.empty(n)
         self._measured_v = np.empty(n)
+        self._sum_v: float | None = None  # of `_measured_v`, once asked for
         self._leak_now_a = np.zeros(n)
         self._cell_a = np.zeros(n)
         self._bleed_a = np.zeros(n)
@@ -128,7 +129,9 @@ class Accumulator:
     @property
     def voltage_v(self) -> float:
         """Sum of the measured cell voltages, joints included [V]."""
-        return float(self._measured_v.sum())
+        if self._sum_v is None:
+            self._sum_v = float(add.reduce(self._measured_v))
+        return self._sum_v
 
     @property
     def outlet_voltage_v(self) -> float:
@@ -188,6 +191,7 @@ class Accumulator:
             add(self._leak_j, self._work, self._leak_j)
         multiply(self._joint_now_ohm, current_a, self._work)
         subtract(cells.voltage_v, self._work, measured)
+        self._sum_v = None
         self.current_a = current_a
         self._current2_s += current_a * current_a * dt_s
         self._elapsed_s += dt_s

@@ -66,6 +66,7 @@ class Control:
                 {
                     "fault": kind.name,
                     "meaning": kind.meaning,
+                    "area": kind.area,
                     "target": kind.target.value,
                     "unit": kind.unit,
                     "minimum": kind.minimum,

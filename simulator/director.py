@@ -83,16 +83,19 @@ class Director:
         self.faults.step(now_s)
         while self._timeline and self._timeline[0].at_s <= now_s:
             self._play(self._timeline.popleft())
-        if self.phase.load == "charge":
+        plan = self.phase
+        if plan.load == "charge":
             self._charge(now_s)
         self._follow_ambient()
-        if not self.is_over and self._phase_is_over(now_s):
+        if not self.is_over and self._is_over(plan, now_s):
             self.next_phase()
 
     def _follow_ambient(self) -> None:
         """Let the air be as warm as a recording says, unless a fault says otherwise."""
         load = self.simulation.load
-        if isinstance(load, Recorded) and not any(fault.name == "ambient" for fault in self.faults.active):
+        if not isinstance(load, Recorded):
+            return
+        if not any(fault.name == "ambient" for fault in self.faults.active):
             degc = load.ambient_at_degc(self.simulation.load_time_s)
             if degc is not None:
                 self.simulation.set_ambient(degc)
@@ -121,8 +124,8 @@ class Director:
         self._charge_retry_s = now_s + CHARGE_RETRY_S
         self._has_charged = master.charging.is_active or self._command(CommandId.CHARGE_START)
 
-    def _phase_is_over(self, now_s: float) -> bool:
-        plan, elapsed_s = self.phase, now_s - self._phase_start_s
+    def _is_over(self, plan: PhasePlan, now_s: float) -> bool:
+        elapsed_s = now_s - self._phase_start_s
         if plan.for_s is not None and elapsed_s >= plan.for_s:
             return True
         if plan.until_soc is not None and float(self.simulation.accumulator.soc.mean()) <= plan.until_soc:

@@ -1,7 +1,7 @@
 """Everything that can be made to go wrong, as a table: name, target, value, and what it does to the simulation."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -34,6 +34,7 @@ class FaultKind:
     neutral: float
     apply: Apply
     is_instant: bool = False  # over as soon as it has happened
+    area: str = ""  # of the car, for people who look for it
 
 
 def _cell_array(name: str) -> Apply:
@@ -185,44 +186,61 @@ def _charger_broken(simulation: Simulation, _: int, is_broken: float) -> None:
 _NAN, _INFINITE = float("nan"), float("inf")
 _ON = ("", 1, 1, 1, 0)  # unit, minimum, maximum, default, neutral of a fault that is there or not
 _CELL, _PACK, _NONE = Target.CELL, Target.PACK, Target.NONE
-_KINDS = (
-    FaultKind("open-wire", "the wire at the cell's upper end is off", _CELL, *_ON, _open_wire),
-    FaultKind("stuck-sensor", "the cell's voltage input shows this voltage", _CELL, "V", 0, 6, 0, _NAN, _stuck_voltage),
-    FaultKind("noisy-sensor", "noise on the cell's voltage input", _CELL, "V rms", 0, 2, 0.02, 0, _noisy_voltage),
-    FaultKind("stuck-temperature", "the sensor shows this", _CELL, "degC", -60, 200, 60, _NAN, _stuck_temperature),
-    FaultKind("temperature-unplugged", "the temperature sensor is off", _CELL, *_ON, _temperature_unplugged),
-    FaultKind("loose-joint", "more resistance in the cell's busbar", _CELL, "mohm", 0, 50, 2, 0, _joint),
-    FaultKind("weak-cell", "capacity left", _CELL, "of new", 0.05, 1, 0.7, 1, _cell_array("capacity_factor")),
-    FaultKind("high-resistance", "inner resistance", _CELL, "times new", 1, 20, 2, 1, _cell_array("resistance_factor")),
-    FaultKind("internal-short", "current through a short inside", _CELL, "A", 0, 50, 5, 0, _cell_array("leak_a")),
-    FaultKind("hot-cell", "heat from outside", _CELL, "W", 0, 500, 50, 0, _cell_array("heat_w")),
-    FaultKind("blocked-fan", "share of the air that is missing", _NONE, "", 0, 1, 1, 0, _fan),
-    FaultKind("ambient", "another air temperature", _NONE, "degC", -40, 80, 45, _NAN, _ambient),
-    FaultKind("lost-slave", "the pack's slave does not answer", _PACK, *_ON, _slave),
-    FaultKind("broken-converter", "this bit of the slave's converter is stuck", _PACK, "", 0, 15, 7, _NAN, _converter),
-    FaultKind("drifting-reference", "the slave's reference is off", _PACK, "%", -20, 20, 2, 0, _reference),
-    FaultKind("multiplexer-failed", "the slave's multiplexer fails its self-test", _PACK, *_ON, _multiplexer),
-    FaultKind("isospi-noise", "bit errors on the slaves' line", _NONE, "per bit", 0, 0.1, 1e-3, 0, _isospi),
-    FaultKind("current-unplugged", "the current sensor is off", _NONE, *_ON, _current_unplugged),
-    FaultKind("current-offset", "the current sensor is off by this", _NONE, "A", -100, 100, 2, 0, _current_offset),
-    FaultKind("eeprom-worn", "writes to the configuration do not last", _NONE, *_ON, _eeprom),
-    FaultKind("shutdown-open", "a button or the insulation monitor opens the relays", _NONE, *_ON, _shutdown),
-    FaultKind("precharge-open", "the pre-charge resistor is burnt", _NONE, *_ON, _precharge),
-    FaultKind("link-leak", "a load across the vehicle's link", _NONE, "ohm", 100, 1e6, 2000, _INFINITE, _link_leak),
-    FaultKind("discharge-open", "the link keeps its voltage when the relays open", _NONE, *_ON, _discharge),
-    FaultKind("reset", "the watchdog restarts the master", _NONE, "s off", 0, 60, 0.3, 0, _watchdog, is_instant=True),
-    FaultKind("brown-out", "the master loses power", _NONE, "s off", 0, 60, 1, 0, _brown_out, is_instant=True),
-    FaultKind("serial-noise", "flipped bits on the RS232 line", _NONE, "per byte", 0, 1, 1e-3, 0, _serial_noise),
-    FaultKind("serial-drop-outs", "frames break off on the RS232 line", _NONE, *_ON, _serial_drop_outs),
-    FaultKind("serial-stuck", "nothing passes the RS232 line", _NONE, *_ON, _serial_stuck),
-    FaultKind("can-bus-off", "the master's CAN controller is off the bus", _NONE, *_ON, _bus_off),
-    FaultKind("can-broken", "a short circuit on the CAN bus", _NONE, *_ON, _bus_broken),
-    FaultKind("can-noise", "disturbed bits on the CAN bus", _NONE, "per bit", 0, 0.1, 1e-3, 0, _bus_noise),
-    FaultKind("can-babble", "share of the bus that a node of most weight takes", _NONE, "", 0, 1, 0.9, 0, _bus_babble),
-    FaultKind("charger-hot", "heat in the charger", _NONE, "W", 0, 5000, 2500, 0, _charger_heat),
-    FaultKind("charger-no-mains", "the charger's mains are off", _NONE, *_ON, _charger_mains),
-    FaultKind("charger-reversed", "the charger's plug is reversed", _NONE, *_ON, _charger_reversed),
-    FaultKind("charger-silent", "the charger neither sends nor hears", _NONE, *_ON, _charger_silent),
-    FaultKind("charger-broken", "the charger's hardware fails", _NONE, *_ON, _charger_broken),
-)
-FAULTS: dict[str, FaultKind] = {kind.name: kind for kind in _KINDS}
+_Kind = FaultKind
+_AREAS = {
+    "cells and sensors": (
+        _Kind("open-wire", "the wire at the cell's upper end is off", _CELL, *_ON, _open_wire),
+        _Kind("stuck-sensor", "the cell's voltage input shows this voltage", _CELL, "V", 0, 6, 0, _NAN, _stuck_voltage),
+        _Kind("noisy-sensor", "noise on the cell's voltage input", _CELL, "V rms", 0, 2, 0.02, 0, _noisy_voltage),
+        _Kind("stuck-temperature", "the sensor shows this", _CELL, "degC", -60, 200, 60, _NAN, _stuck_temperature),
+        _Kind("temperature-unplugged", "the temperature sensor is off", _CELL, *_ON, _temperature_unplugged),
+        _Kind("loose-joint", "more resistance in the cell's busbar", _CELL, "mohm", 0, 50, 2, 0, _joint),
+        _Kind("weak-cell", "capacity left", _CELL, "of new", 0.05, 1, 0.7, 1, _cell_array("capacity_factor")),
+        _Kind("high-resistance", "inner resistance", _CELL, "times new", 1, 20, 2, 1, _cell_array("resistance_factor")),
+        _Kind("internal-short", "current through a short inside", _CELL, "A", 0, 50, 5, 0, _cell_array("leak_a")),
+        _Kind("hot-cell", "heat from outside", _CELL, "W", 0, 500, 50, 0, _cell_array("heat_w")),
+    ),
+    "air": (
+        _Kind("blocked-fan", "share of the air that is missing", _NONE, "", 0, 1, 1, 0, _fan),
+        _Kind("ambient", "another air temperature", _NONE, "degC", -40, 80, 45, _NAN, _ambient),
+    ),
+    "slaves": (
+        _Kind("lost-slave", "the pack's slave does not answer", _PACK, *_ON, _slave),
+        _Kind("broken-converter", "this bit of the slave's converter is stuck", _PACK, "", 0, 15, 7, _NAN, _converter),
+        _Kind("drifting-reference", "the slave's reference is off", _PACK, "%", -20, 20, 2, 0, _reference),
+        _Kind("multiplexer-failed", "the slave's multiplexer fails its self-test", _PACK, *_ON, _multiplexer),
+        _Kind("isospi-noise", "bit errors on the slaves' line", _NONE, "per bit", 0, 0.1, 1e-3, 0, _isospi),
+    ),
+    "current and relays": (
+        _Kind("current-unplugged", "the current sensor is off", _NONE, *_ON, _current_unplugged),
+        _Kind("current-offset", "the current sensor is off by this", _NONE, "A", -100, 100, 2, 0, _current_offset),
+        _Kind("shutdown-open", "a button or the insulation monitor opens the relays", _NONE, *_ON, _shutdown),
+        _Kind("precharge-open", "the pre-charge resistor is burnt", _NONE, *_ON, _precharge),
+        _Kind("link-leak", "a load across the vehicle's link", _NONE, "ohm", 100, 1e6, 2000, _INFINITE, _link_leak),
+        _Kind("discharge-open", "the link keeps its voltage when the relays open", _NONE, *_ON, _discharge),
+    ),
+    "master": (
+        _Kind("eeprom-worn", "writes to the configuration do not last", _NONE, *_ON, _eeprom),
+        _Kind("reset", "the watchdog restarts the master", _NONE, "s off", 0, 60, 0.3, 0, _watchdog, is_instant=True),
+        _Kind("brown-out", "the master loses power", _NONE, "s off", 0, 60, 1, 0, _brown_out, is_instant=True),
+    ),
+    "RS232": (
+        _Kind("serial-noise", "flipped bits on the RS232 line", _NONE, "per byte", 0, 1, 1e-3, 0, _serial_noise),
+        _Kind("serial-drop-outs", "frames break off on the RS232 line", _NONE, *_ON, _serial_drop_outs),
+        _Kind("serial-stuck", "nothing passes the RS232 line", _NONE, *_ON, _serial_stuck),
+    ),
+    "CAN": (
+        _Kind("can-bus-off", "the master's CAN controller is off the bus", _NONE, *_ON, _bus_off),
+        _Kind("can-broken", "a short circuit on the CAN bus", _NONE, *_ON, _bus_broken),
+        _Kind("can-noise", "disturbed bits on the CAN bus", _NONE, "per bit", 0, 0.1, 1e-3, 0, _bus_noise),
+        _Kind("can-babble", "share of the bus that a node of most weight takes", _NONE, "", 0, 1, 0.9, 0, _bus_babble),
+    ),
+    "charger": (
+        _Kind("charger-hot", "heat in the charger", _NONE, "W", 0, 5000, 2500, 0, _charger_heat),
+        _Kind("charger-no-mains", "the charger's mains are off", _NONE, *_ON, _charger_mains),
+        _Kind("charger-reversed", "the charger's plug is reversed", _NONE, *_ON, _charger_reversed),
+        _Kind("charger-silent", "the charger neither sends nor hears", _NONE, *_ON, _charger_silent),
+        _Kind("charger-broken", "the charger's hardware fails", _NONE, *_ON, _charger_broken),
+    ),
+}
+FAULTS: dict[str, FaultKind] = {kind.name: replace(kind, area=area) for area, kinds in _AREAS.items() for kind in kinds}

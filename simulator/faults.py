@@ -76,6 +76,8 @@ class FaultBoard:
 
     def step(self, now_s: float) -> None:
         """Clear what is over."""
+        if not self._active:
+            return
         for fault in self.active:
             if fault.until_s is not None and now_s >= fault.until_s:
                 self.clear(fault.name, fault.target)

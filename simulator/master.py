@@ -42,6 +42,9 @@ RESET_DELAY_S = 0.1  # so that the reply to the command leaves first
 SLAVE_REFRESH_S = 1.0
 NO_CHARGER = 255
 POWER_ON = 0
+_FIT, _I2C1, _USART1, _CAN1, _CHARGER, _CHARGING, _BALANCING, _LOAD = (
+    FLAG[name] for name in ("fit", "i2c1", "usart1", "can1", "charger", "charging", "balancing", "load")
+)
 _CHARGER_FLAGS_OFFSET = FIELDS["charger.flags"].offset
 
 
@@ -156,15 +159,16 @@ class VirtualMaster:
             self._measurement.reader.configure(self.config, self._balancer.cells)
 
     def _write_status(self, charger_alive: bool) -> None:
-        flags = FLAG["fit"] * self.protection.is_ok
-        flags |= FLAG["i2c1"] * (not self.board.eeprom.worn_pages)
-        flags |= FLAG["usart1"] * self.is_streaming
-        flags |= FLAG["can1"] * (self.can.bit_rate > 0)
-        flags |= FLAG["charger"] * charger_alive
-        flags |= FLAG["charging"] * self.charging.is_active
-        flags |= FLAG["balancing"] * self._balancer.is_active
-        flags |= FLAG["load"] * (self._relays.state == RelayState.VEHICLE)
-        self.memory.flags = flags
+        self.memory.flags = (
+            _FIT * self.protection.is_ok
+            | _I2C1 * (not self.board.eeprom.worn_pages)
+            | _USART1 * self.is_streaming
+            | _CAN1 * (self.can.bit_rate > 0)
+            | _CHARGER * charger_alive
+            | _CHARGING * self.charging.is_active
+            | _BALANCING * self._balancer.is_active
+            | _LOAD * (self._relays.state is RelayState.VEHICLE)
+        )
         self.memory.set_can_masks(self.can.tx_enabled, self.can.rx_enabled, self.can.rx_active)
         self.memory.set_charger_status(self.memory.charger("flags") if charger_alive else NO_CHARGER)
 

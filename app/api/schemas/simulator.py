@@ -54,6 +54,7 @@ class FaultKindOut(BaseModel):
 
     name: str
     meaning: str
+    area: str
     target: Literal["none", "pack", "cell"]
     unit: str
     minimum: float

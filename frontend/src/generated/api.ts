@@ -487,6 +487,7 @@ export interface FaultInForce {
 export interface FaultKind {
   name: string;
   meaning: string;
+  area: string;
   target: 'none' | 'pack' | 'cell';
   unit: string;
   minimum: number;
