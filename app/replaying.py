@@ -183,6 +183,8 @@ class Replaying:
                 prepare(pipeline, file)
                 self._state = _state(replay, time.monotonic())
                 started.set_result(None)
+                pipeline.warm_up()  # compiling a filter takes seconds, which are not the session's
+                pacer.seek(0.0, time.monotonic())
                 self._play(replay, orders)
         except Exception as error:
             if not started.done():

@@ -11,7 +11,7 @@ from app.sessions.reader import SessionFile
 LEAD_S = 5.0  # after a jump, so much from before it comes first: every window of the stream has had its turn
 MIN_SPEED, MAX_SPEED = 0.1, 100.0
 MIN_LOOP_S = 0.5
-MAX_SPEED_ITEMS = 256  # at a time where nothing is waited for
+MAX_ITEMS = 256  # at a time
 Received = RecordedFrame | RecordedCanFrame
 
 
@@ -54,19 +54,22 @@ class Pacer:
         return min(self._at_s + (now_s - self._now_s) * self.speed, self.duration_s)
 
     def due(self, now_s: float) -> list[Received]:
-        """Return what is to be played by now and has not been."""
+        """Return what is to be played by now and has not been, at most MAX_ITEMS.
+
+        Who takes longer to play than the items lie apart plays slower than asked for; nothing is left out.
+        """
         found: list[Received] = []
         if self.is_paused:
             return found
         hurries = math.isinf(self.speed)
         position_s = self.position_s(now_s)
         while (item := self._next) is not None:
-            if len(found) >= MAX_SPEED_ITEMS if hurries else self._position_of(item) > position_s:
+            if len(found) >= MAX_ITEMS or (not hurries and self._position_of(item) > position_s):
                 break
             found.append(item)
             self._next = next(self._items, None)
-        if hurries and found:
-            self._at_s = max(self._at_s, self._position_of(found[-1]))
+        if found and (hurries or len(found) >= MAX_ITEMS):
+            self._at_s, self._now_s = max(self._at_s, self._position_of(found[-1])), now_s
         return found
 
     def wait_s(self, now_s: float) -> float | None:

@@ -101,6 +101,9 @@ def test_one_that_fails_while_it_plays_ends_and_says_so(shown, failures, session
         def __init__(self):
             self.names = {"filter": "f", "cell": "c"}
 
+        def warm_up(self):
+            pass
+
         def feed(self, item):
             if isinstance(item, SerialItem):
                 raise ValueError("broken")

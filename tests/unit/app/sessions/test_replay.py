@@ -6,7 +6,7 @@ import pytest
 from app.errors import ConfigError
 from app.sessions.info import RecordedCanFrame, RecordedFrame
 from app.sessions.reader import SessionFile
-from app.sessions.replay import LEAD_S, Pacer
+from app.sessions.replay import LEAD_S, MAX_ITEMS, Pacer
 from app.sessions.writer import Recorder
 
 MONO_NS = 5_000 * 10**9
@@ -109,3 +109,19 @@ def test_an_empty_session_is_finished_at_once(recorder: Recorder, tmp_path: Path
         pacer = Pacer(session, now_s=0.0)
         assert pacer.is_finished
         assert pacer.due(1.0) == []
+
+
+def test_who_is_slow_plays_slower_and_leaves_nothing_out(recorder: Recorder, stream) -> None:
+    info = recorder.start()
+    stream.feed(recorder, 2 * MAX_ITEMS)
+    recorder.flush()
+    with SessionFile(info.path) as session:
+        pacer = Pacer(session, now_s=0.0, speed=100.0)
+        played, now_s = pacer.due(0.0), 0.0
+        while not pacer.is_finished:
+            now_s += 10.0  # a thousand seconds of the session
+            found = pacer.due(now_s)
+            assert 0 < len(found) <= MAX_ITEMS
+            played += found
+            assert pacer.is_finished or pacer.position_s(now_s) == (found[-1].t_mono_ns - MONO_NS) / 1e9
+        assert len(played) == 2 * MAX_ITEMS
