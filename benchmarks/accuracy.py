@@ -1,0 +1,217 @@
+"""How right the filters are on cells that were not tuned on: `python -m benchmarks.accuracy [--data ../shared/data]`.
+
+Every cell is identified from some recordings and judged on others, with the sensor errors of a car: 1.2 mV and 0.1 mV
+steps; 0.02C of noise, gain +-0.5 %, offset +-0.0067C, all four signs. Tuning looked at the runs marked "training" only.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.dataset import load_recording
+from app.estimation.circuit import SECONDS_PER_HOUR, CellModel
+from app.estimation.estimators import make_estimator
+from app.estimation.identify import identify
+from app.estimation.importer import Recording
+from app.estimation.record import Record
+from app.estimation.scoring import SocScore, score_soc
+from app.estimation.whiteness import InnovationScore, score_innovations
+
+FloatArray = NDArray[np.float64]
+
+DATA = Path("../shared/data")
+SIGNS = tuple((gain, offset) for gain in (-1.0, 1.0) for offset in (-1.0, 1.0))
+GAIN_ERROR = 0.005
+OFFSET_C = 0.0067
+CURRENT_NOISE_C = 0.02
+VOLTAGE_NOISE_V = 1.2e-3
+MIDDLES = (0.2, 0.35, 0.5)  # of the run, where a filter wakes up under load
+WRONG_SOC = 0.5
+WRONG_SOC_MIDDLE = 0.45
+TEMPERATURE_UNKNOWN_DEGC = 25.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A cell's recordings: what it is identified from, and what it is judged on."""
+
+    name: str
+    is_training: bool
+    slow: Sequence[Recording]
+    pulses: Sequence[Recording]
+    drives: Sequence[Recording]
+    runs: Sequence[Recording]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One run from one start, four signs of the sensor errors, (4,) each; RMSE in points of SOC.
+
+    `excess` is how much worse the fusion is than the better of count and filter.
+    """
+
+    count: FloatArray
+    filter: FloatArray
+    fused: FloatArray
+    scores: tuple[SocScore, ...]
+    innovations: tuple[InnovationScore | None, ...]
+
+    @property
+    def excess(self) -> FloatArray:
+        """(4,) points of RMSE."""
+        return np.asarray(self.fused - np.minimum(self.count, self.filter))
+
+
+def part(recording: Recording, start_s: float, stop_s: float) -> Recording:
+    """Return the rows from start_s to stop_s after the first."""
+    elapsed_s = recording.time_s - recording.time_s[0]
+    rows = (elapsed_s >= start_s) & (elapsed_s < stop_s)
+    fields = ("time_s", "current_a", "voltage_v", "temperature_degc", "soc")
+    return replace(recording, **{name: getattr(recording, name)[rows] for name in fields})
+
+
+def shared_cases(data: Path) -> Iterator[Case]:
+    """Yield the cases of the shared data."""
+    folder = data / "panasonic-18650pf"
+    if folder.is_dir():
+        names = ("c20_ocv", "hppc5pulse", "cycle1", "us06")
+        slow, pulses, cycle, us06 = (load_recording(folder / f"{name}_25degC.csv.gz") for name in names)
+        yield Case("Panasonic, pulses only", True, [slow], [pulses], [], [cycle])
+        yield Case("Panasonic", False, [slow], [pulses], [cycle], [us06])
+    folder = data / "physics"
+    for cell in ("Mohtat2020", "Chen2020") if folder.is_dir() else ():
+        slow, pulses, warm, train = (
+            load_recording(folder / f"{cell}_{name}.csv.gz") for name in ("c30", "hppc", "hppc40", "train")
+        )
+        yield Case(f"{cell}, pulses only", True, [slow], [pulses, warm], [], [train])
+        half = [part(train, 0.0, 900.0)]
+        yield Case(f"{cell}, first half", True, [slow], [pulses, warm], half, [part(train, 880.0, 1e9)])
+
+
+def disturbed(recording: Recording, capacity_ah: float, gain: float, offset: float) -> tuple[FloatArray, FloatArray]:
+    """Return voltage [V] and current [A] as a car measures them."""
+    rng = np.random.default_rng(7)
+    n = recording.time_s.size
+    voltage = np.round(recording.voltage_v + VOLTAGE_NOISE_V * rng.normal(size=n), 4)
+    current = recording.current_a * (1.0 + GAIN_ERROR * gain) + OFFSET_C * offset * capacity_ah
+    return voltage, current + CURRENT_NOISE_C * capacity_ah * rng.normal(size=n)
+
+
+def estimate(
+    model: CellModel,
+    recording: Recording,
+    sensed: tuple[FloatArray, FloatArray],
+    name: str,
+    soc: float | None,
+    soc_sigma: float | None = None,
+) -> Record:
+    """Return what a filter says along a recording as sensed; SOC None = from the first voltage."""
+    voltage, current = sensed
+    estimator = make_estimator(name, model, 1)
+    known = np.isfinite(recording.temperature_degc)
+    degc = np.where(known, recording.temperature_degc, TEMPERATURE_UNKNOWN_DEGC)
+    estimator.start(voltage[:1], degc[:1], float(current[0]), soc, soc_sigma)
+    return estimator.run(recording.step_s, current, voltage[:, None], degc[:, None])
+
+
+def counted(model: CellModel, recording: Recording, current_a: FloatArray, soc: float) -> FloatArray:
+    """Return (n,) SOC by counting charge alone."""
+    kept = np.where(current_a < 0.0, model.coulombic_efficiency, 1.0)
+    return np.asarray(soc - np.cumsum(kept * current_a * recording.step_s) / (SECONDS_PER_HOUR * model.capacity_ah))
+
+
+def rmse_points(soc: FloatArray, reference: FloatArray) -> float:
+    """Return the root mean square error in points of SOC, rows without a reference left out."""
+    return float(100.0 * np.sqrt(np.nanmean((soc - reference) ** 2)))
+
+
+def judge(model: CellModel, recording: Recording, off: float) -> Judgement:
+    """Return how right count, filter and fusion are from a start SOC that is wrong by `off`."""
+    start = float(recording.soc[0]) + (off if recording.soc[0] + off > 0.0 else -off)
+    count, alone, fused, scores, innovations = [], [], [], [], []
+    for gain, offset in SIGNS:
+        sensed = disturbed(recording, model.capacity_ah, gain, offset)
+        count.append(rmse_points(counted(model, recording, sensed[1], start), recording.soc))
+        by_voltage = estimate(model, recording, sensed, "cdkf", None).soc[:, 0]
+        given = estimate(model, recording, sensed, "cdkf", start).soc[:, 0]
+        alone.append(min(rmse_points(by_voltage, recording.soc), rmse_points(given, recording.soc)))
+        found = estimate(model, recording, sensed, "fused", start)
+        score = score_soc(recording.time_s, found.soc[:, 0], found.soc_sigma[:, 0], recording.soc)
+        if score is None:
+            raise ValueError(f"{recording.source} has no soc column")
+        fused.append(100.0 * score.soc_rmse)
+        scores.append(score)
+        innovations.append(
+            score_innovations(recording.time_s, found.innovation_v[:, 0], found.innovation_sigma_v[:, 0])
+        )
+    return Judgement(np.array(count), np.array(alone), np.array(fused), tuple(scores), tuple(innovations))
+
+
+HEADER = (
+    f"{'run':44} {'start':10} {'count':>9} {'filter':>9} {'fused':>9} {'excess':>6} {'5 % / 2 % after':>16} "
+    f"{'max>60s':>7} {'in 3 s':>6} {'NEES':>5} {'NIS':>5} {'white':>5} {'lasts':>6}"
+)
+
+
+def line(what: str, start: str, found: Judgement) -> str:
+    """Return a line of the table: medians / worst over the signs, the worst where there is one figure."""
+
+    def pair(values: FloatArray) -> str:
+        return f"{np.median(values):.2f}/{values.max():.2f}"
+
+    def slowest(values: list[float | None]) -> str:
+        known = [value for value in values if value is not None]
+        return f"{max(known):.0f}" if len(known) == len(values) else "never"
+
+    lasting = [score for score in found.innovations if score is not None]
+    settled = f"{slowest([s.settle_5_s for s in found.scores])} / {slowest([s.settle_2_s for s in found.scores])} s"
+    return (
+        f"{what:44} {start:10} {pair(found.count):>9} {pair(found.filter):>9} {pair(found.fused):>9} "
+        f"{found.excess.max():6.2f} {settled:>16} {100 * max(s.soc_max_error_after_60s for s in found.scores):7.2f} "
+        f"{min(s.inside_3_sigma for s in found.scores):6.3f} {np.mean([s.nees for s in found.scores]):5.2f} "
+        f"{np.mean([s.nis for s in lasting]):5.2f} {np.mean([s.innovation_white_share for s in lasting]):5.2f} "
+        f"{np.mean([s.innovation_correlation_s for s in lasting]):5.1f}s"
+    )
+
+
+def judge_case(case: Case, middles: Sequence[float] = MIDDLES) -> dict[str, tuple[CellModel, list[Judgement]]]:
+    """Identify a cell, print a line a run and start, and return the judgements of its whole runs by run."""
+    model = identify(case.slow, case.pulses, case.drives, 2, case.name).model
+    found = {}
+    for run in case.runs:
+        label = f"{case.name}: {run.source.removesuffix('.gz').removesuffix('.csv')}"
+        label += " (training)" if case.is_training else ""
+        whole = [judge(model, run, 0.0), judge(model, run, -WRONG_SOC)]
+        for start, judged in zip(("right", "50 off"), whole, strict=True):
+            print(line(label[-44:], start, judged), flush=True)
+        lasted_s = float(run.time_s[-1] - run.time_s[0])
+        for share in middles:
+            rest = part(run, share * lasted_s, max(share * lasted_s + 600.0, (share + 0.45) * lasted_s))
+            print(line(label[-44:], f"45 at {share:.0%}", judge(model, rest, -WRONG_SOC_MIDDLE)), flush=True)
+        found[run.source] = model, whole
+    return found
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=DATA, help="folder with panasonic-18650pf/ and physics/")
+    args = parser.parse_args()
+    print(HEADER)
+    excess = [
+        judged.excess for case in shared_cases(args.data) for _, whole in judge_case(case).values() for judged in whole
+    ]
+    if not excess:
+        print(f"skipped: nothing in {args.data}")
+        return
+    print(f"whole runs: the fusion is worse than the better of its parts by {np.max(excess):.2f} points at most")
+
+
+if __name__ == "__main__":
+    main()
