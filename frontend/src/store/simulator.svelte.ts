@@ -16,8 +16,8 @@ export interface FaultDraft {
 /** Where a fault in force is cleared. */
 export function faultPath(fault: FaultInForce): string {
   const place = [
-    fault.pack === undefined ? '' : `pack=${fault.pack}`,
-    fault.cell === undefined ? '' : `cell=${fault.cell}`,
+    typeof fault.pack === 'number' ? `pack=${fault.pack}` : '',
+    typeof fault.cell === 'number' ? `cell=${fault.cell}` : '',
   ].filter(Boolean);
   const query = place.join('&');
   return `simulator/faults/${encodeURIComponent(fault.fault)}${query ? `?${query}` : ''}`;
