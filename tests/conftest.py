@@ -23,7 +23,7 @@ C_FLAGS = ("-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Werror")
 C_SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
-def build_c(program: Path, *sources: Path) -> Path:
+def compile_c(program: Path, *sources: Path) -> Path:
     """Compile sources of the C reference, with sanitizers where gcc has them; skips without gcc, in CI it fails."""
     if shutil.which("gcc") is None:
         missing = "gcc is missing; install it (Debian: apt-get install gcc)"
@@ -169,10 +169,16 @@ class Service:
 
 
 @pytest.fixture(scope="session")
+def build_c() -> Callable[..., Path]:
+    """Compile: program, sources."""
+    return compile_c
+
+
+@pytest.fixture(scope="session")
 def c_master_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program `firmware_protocol/c/host/master.c`, built once."""
     sources = (*sorted(C_FOLDER.glob("vw_*.c")), *sorted((C_FOLDER / "host").glob("*.c")))
-    return build_c(tmp_path_factory.mktemp("c-master") / "master", *sources)
+    return compile_c(tmp_path_factory.mktemp("c-master") / "master", *sources)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -9,6 +9,7 @@
  *     check IMAGE                    offset of the first refused element of a configuration, 65535 for none
  *     slot COUNTER IMAGE             the EEPROM slot
  *     newest SLOT SLOT               index, counter and image of the newest valid slot, or -1
+ *     stream TS N                    N frames of the stream on a free line, each "ms:offset+length[,offset+length...]"
  * Numbers are decimal, bytes hex, no bytes "-".
  */
 #include <stdio.h>
@@ -18,6 +19,7 @@
 #include "vw_codec.h"
 #include "vw_config.h"
 #include "vw_messages.h"
+#include "vw_stream.h"
 
 #define MAX_TEXT 65536u
 
@@ -407,9 +409,39 @@ static void drive_newest(char *words)
     print_hex(image, VW_CONFIG_SIZE);
 }
 
+/* A frame holds the line for as long as its bytes take, rounded up. */
+static void drive_stream(char *words)
+{
+    vw_stream_t stream;
+    vw_span_t spans[VW_STREAM_MAX_SPANS];
+    unsigned long ts = strtoul(strtok(words, " "), NULL, 10);
+    unsigned long n = strtoul(strtok(NULL, " \n"), NULL, 10);
+    uint32_t now_ms = 0u;
+    vw_stream_start(&stream, (uint16_t)ts, now_ms);
+    while (n != 0u) {
+        uint8_t count = vw_stream_take(&stream, now_ms, spans);
+        uint32_t length = 12u;
+        uint8_t i;
+        if (count == 0u) {
+            now_ms++;
+            continue;
+        }
+        printf("%lu:", (unsigned long)now_ms);
+        for (i = 0; i < count; i++) {
+            printf("%s%u+%u", i != 0u ? "," : "", (unsigned)spans[i].offset, (unsigned)spans[i].length);
+            length += 4u + spans[i].length;
+        }
+        printf(" ");
+        now_ms += length * VW_BITS_PER_BYTE * 1000u / VW_BAUD_RATE + 1u;
+        n--;
+    }
+    printf("\n");
+}
+
 static int run_driver(void)
 {
     static char line[MAX_TEXT];
+    (void)setvbuf(stdout, NULL, _IOLBF, MAX_TEXT);
     while (fgets(line, sizeof line, stdin) != NULL) {
         if (strncmp(line, "feed ", 5u) == 0) {
             drive_feed(line + 5);
@@ -425,6 +457,8 @@ static int run_driver(void)
             drive_slot(line + 5);
         } else if (strncmp(line, "newest ", 7u) == 0) {
             drive_newest(line + 7);
+        } else if (strncmp(line, "stream ", 7u) == 0) {
+            drive_stream(line + 7);
         } else {
             fprintf(stderr, "unknown: %s", line);
             return 2;

@@ -3,7 +3,7 @@
 #include "vw_time.h"
 
 #define WINDOW_HEADER 4u
-#define FRAME_OVERHEAD 12u /* header 6, CRC 2, two delimiters, one byte of COBS, and one more beyond 254 */
+#define FRAME_OVERHEAD 11u /* header 6, CRC 2, two delimiters, one byte of COBS: a slow frame is shorter than 254 */
 #define MAX_ROOM_MS 1000u
 
 static const vw_span_t fast_windows[] = VW_STREAM_FAST_WINDOWS;

@@ -14,7 +14,7 @@ from simulator.library import find_scenario
 
 C_FOLDER = Path(c_header.__file__).parent / "c"
 PIECE = 3000  # the driver reads lines of limited length
-SOURCES = ("vw_codec.c", "vw_messages.c", "vw_config.c", "host_test.c")
+SOURCES = (*sorted(path.name for path in C_FOLDER.glob("vw_*.c")), "host_test.c")
 
 
 @pytest.fixture(scope="module")
