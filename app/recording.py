@@ -12,7 +12,7 @@ from app.pipeline import Output
 from app.recording_plan import RecordingPlan, load_plan, next_part, save_plan
 from app.sessions.info import RecorderStatus, SessionInfo
 from app.sessions.writer import DiskLimits, Recorder
-from app.telemetry import CanItem, Event, Item, SerialItem
+from app.telemetry import CanItem, Event, Item, SerialItem, Source
 from firmware_protocol.framing import Frame
 
 log = logging.getLogger(__name__)
@@ -37,8 +37,11 @@ class AutoRecorder:
         on_event: Callable[[Event], None],
         event: str | None = None,
         limits: DiskLimits | None = None,
+        source: Source | None = None,
     ) -> None:
         """Open the folder; what the page was told of the next sessions lies beside it.
+
+        `source` is kept in every session, so that a simulated car is never taken for a real one.
 
         Raises:
             ConfigError: the event's name is too long.
@@ -46,6 +49,7 @@ class AutoRecorder:
         folder.mkdir(parents=True, exist_ok=True)
         self._plan_path = folder.parent / "recording.json"
         self._plan = load_plan(self._plan_path, event)
+        self._source: dict[str, object] = {} if source is None else {"source": source}
         self._recorder = Recorder(folder, version=__version__, limits=limits, next_name=next_part)
         self._automatic = automatic
         self._on_event = on_event
@@ -80,7 +84,7 @@ class AutoRecorder:
         """
         with self._lock:
             plan = self._plan
-            info = self._recorder.start(name or plan.name(time.time_ns()), plan.metadata())
+            info = self._recorder.start(name or plan.name(time.time_ns()), plan.metadata() | self._source)
             self._held_back = False
             self._config = None
             self._status = None
@@ -102,7 +106,7 @@ class AutoRecorder:
             RecordingFailed: the new file cannot be created; the session goes on.
         """
         with self._lock:
-            info = self._recorder.split(self._plan.metadata())
+            info = self._recorder.split(self._plan.metadata() | self._source)
             self._status = None
         self._tell_split()
         return info

@@ -80,6 +80,7 @@ class Runtime:
             on_event=self.log_event,
             event=settings.event,
             limits=DiskLimits(session_bytes=split_bytes),
+            source=source,
         )
         self.retention = Retention(
             self.catalogue,
@@ -101,7 +102,7 @@ class Runtime:
 
         self._new_estimator: Callable[[], CellEstimator] = new_estimator
         self._cell = cell
-        self.passports = PassportKeeper(settings.data / "passport.sqlite", self.catalogue, cell)
+        self.passports = PassportKeeper(settings.data, self.catalogue, cell, simulated=source == "simulator")
         self._past_path = settings.data / "cells.npz"
         self._past_saved_ns = time.monotonic_ns()
         past = load_past(self._past_path)

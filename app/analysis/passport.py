@@ -200,7 +200,7 @@ def _row_median(values: FloatArray) -> FloatArray:
     medians = np.full((len(values), 1), np.nan)
     for k, row in enumerate(values):
         known = row[np.isfinite(row)]
-        if known.size:
+        if known.size and np.median(known) > 0.0:  # without a resistance there is nothing to compare with
             medians[k] = np.median(known)
     return medians
 

@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--with", dest="other", metavar="SESSION", help="compare: the other session's id or file")
     parser.add_argument("--swap", metavar="CELLS", help="passport: pack/cell of swapped modules, as 3/7,3/8")
     parser.add_argument("--at", metavar="TIME", help="passport: when they were swapped, as 2026-07-14T10:30 (UTC)")
+    parser.add_argument("--simulated", action="store_true", help="passport: of the simulated car")
     parser.add_argument("--note", default="", help="passport: about the swap")
 
 
@@ -195,7 +196,7 @@ def run_of_all(args: argparse.Namespace, data: Path, cell_name: str) -> int:
         cell = load_cell(cell_name)
     except EstimatorError as error:
         raise ConfigError("cell", cell_name, str(error)) from error
-    keeper = PassportKeeper(data / "passport.sqlite", Catalogue(data / "sessions"), cell)
+    keeper = PassportKeeper(data, Catalogue(data / "sessions"), cell, simulated=args.simulated)
     try:
         if args.swap is not None:
             keeper.swap([_cell_index(part) for part in args.swap.split(",")], _time(args.at), args.note, None)

@@ -83,13 +83,14 @@ def record_of(session: SessionFile, cell: CellModel) -> SessionRecord:
 class PassportKeeper:
     """Reads sessions that are new in the background; answers with what is known so far."""
 
-    def __init__(self, path: Path, catalogue: Catalogue, cell: CellModel) -> None:
-        """Keep passports in the file at `path`.
+    def __init__(self, folder: Path, catalogue: Catalogue, cell: CellModel, *, simulated: bool = False) -> None:
+        """Keep passports in a data folder: those of the car, or those of the simulated one, never mixed.
 
         Raises:
             AppError: the file cannot be used.
         """
-        self.store = PassportStore(path)
+        self.store = PassportStore(folder / ("passport-simulated.sqlite" if simulated else "passport.sqlite"))
+        self._is_simulated = simulated
         self._catalogue = catalogue
         self._cell = cell
         self._lock = threading.Lock()
@@ -114,7 +115,11 @@ class PassportKeeper:
     def read_new(self) -> int:
         """Read every finished session that is not in the store yet; return how many."""
         known = self.store.known() | self._unreadable
-        new = [info for info in self._catalogue.list() if info.is_closed and info.id not in known]
+        new = [
+            info
+            for info in self._catalogue.list()
+            if info.is_closed and info.id not in known and self._is_ours(info.metadata.get("source"))
+        ]
         done = 0
         for k, info in enumerate(reversed(new)):
             if self._is_closing:
@@ -130,6 +135,10 @@ class PassportKeeper:
                 log.warning("session %s is not in the passports: %s", info.id, error)
         self._progress = (0, 0)
         return done
+
+    def _is_ours(self, source: object) -> bool:
+        """A session that does not say where it comes from is taken for the car's."""
+        return (source == "simulator") == self._is_simulated
 
     def passports(self) -> Passports:
         """Return the life of every cell, out of what has been read."""

@@ -40,13 +40,13 @@ def sessions(make_session):
 
 
 def test_passports_are_read_once_and_outlive_their_sessions(sessions, tmp_path):
-    keeper = PassportKeeper(tmp_path / "passport.sqlite", Catalogue(tmp_path / "sessions"), CELL)
+    keeper = PassportKeeper(tmp_path, Catalogue(tmp_path / "sessions"), CELL)
     assert keeper.read_new() == 3
     assert keeper.read_new() == 0
     before = keeper.passports()
     Catalogue(tmp_path / "sessions").delete(sessions[0])
     keeper.close()
-    keeper = PassportKeeper(tmp_path / "passport.sqlite", Catalogue(tmp_path / "sessions"), CELL)
+    keeper = PassportKeeper(tmp_path, Catalogue(tmp_path / "sessions"), CELL)
     after = keeper.passports()
     keeper.close()
     assert after.sessions == tuple(sessions)
@@ -61,7 +61,7 @@ def test_a_damaged_session_is_left_out_and_the_others_are_read(sessions, tmp_pat
     raw = bytearray(path.read_bytes())
     raw[20_000:-4096] = bytes(len(raw) - 24_096)
     path.write_bytes(raw)
-    keeper = PassportKeeper(tmp_path / "passport.sqlite", Catalogue(tmp_path / "sessions"), CELL)
+    keeper = PassportKeeper(tmp_path, Catalogue(tmp_path / "sessions"), CELL)
     assert keeper.read_new() == 2
     keeper.close()
 
@@ -93,3 +93,15 @@ def test_a_swap_that_cannot_be_is_refused(client, body):
     answer = client.post("/api/v1/passport/swaps", json=body)
     assert answer.status_code == 422
     assert client.get("/api/v1/passport").json()["swaps"] == []
+
+
+def test_a_simulated_car_has_passports_of_its_own(make_session, tmp_path):
+    make_session(TIME_S[:100], CURRENT_A[:100], metadata={"source": "simulator"})
+    real = make_session(TIME_S[:100], CURRENT_A[:100], metadata={"source": "serial"}).stem
+    unnamed = make_session(TIME_S[:100], CURRENT_A[:100]).stem
+    catalogue = Catalogue(tmp_path / "sessions")
+    cars, simulated = (PassportKeeper(tmp_path, catalogue, CELL, simulated=which) for which in (False, True))
+    assert (cars.read_new(), simulated.read_new()) == (2, 1)
+    assert set(cars.passports().sessions) == {real, unnamed}
+    cars.close()
+    simulated.close()
