@@ -16,8 +16,10 @@ from app.commands.recordings import add_reading_arguments, read_recording, write
 from app.estimation.cellfile import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.estimators import FILTERS, CellEstimator, make_estimator
+from app.estimation.filters import GaussianEstimator
 from app.estimation.importer import DatasetError, FloatArray, Recording
 from app.estimation.scoring import SocScore, score_soc
+from app.estimation.sensor_offset import OffsetTracker, SensorOffset
 from app.estimation.whiteness import InnovationScore, score_innovations
 
 DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
@@ -34,6 +36,7 @@ class Run:
     innovation_sigma_v: FloatArray
     model_valid_frac: float
     us_per_step: float
+    sensor: SensorOffset | None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -105,15 +108,20 @@ def run_filter(
     estimator.start(voltages[0], temperatures[0], current[0], initial_soc, initial_sigma)
     table = np.empty((5, len(steps)))
     valid = 0
+    hears = estimator if isinstance(estimator, GaussianEstimator) and (initial_soc is None or estimator.fused) else None
+    offset = None if hears is None else OffsetTracker(hears.model.capacity_ah)
     begun = time.perf_counter()
     for k, (dt_s, current_a) in enumerate(zip(steps, current, strict=True)):
         e = estimator.step(dt_s, current_a, voltages[k], temperatures[k])
         table[0, k], table[1, k], table[2, k] = e.soc[0], e.soc_sigma[0], e.voltage_v[0]
         table[3, k], table[4, k] = e.innovation_v[0], e.innovation_sigma_v[0]
         valid += bool(e.model_valid[0])
+        if hears is not None and offset is not None and offset.step(dt_s, current_a):
+            offset.look(*hears.heard())
     took_s = time.perf_counter() - begun
     soc, sigma, voltage, innovation, innovation_sigma = table
-    return Run(soc, sigma, voltage, innovation, innovation_sigma, valid / len(steps), 1e6 * took_s / len(steps))
+    sensor = None if offset is None else offset.estimate()
+    return Run(soc, sigma, voltage, innovation, innovation_sigma, valid / len(steps), 1e6 * took_s / len(steps), sensor)
 
 
 def summary(
@@ -137,6 +145,9 @@ def summary(
         "soc_sigma_last": float(result.soc_sigma[-1]),
         "innovation_rms_v": float(np.sqrt(np.mean(innovation**2))) if innovation.size else None,
         **lasting,
+        "current_offset_a": None if result.sensor is None else result.sensor.offset_a,
+        "current_offset_sigma_a": None if result.sensor is None else result.sensor.sigma_a,
+        "current_offset_observed": None if result.sensor is None else result.sensor.is_observed,
         "model_valid": result.model_valid_frac,
         "us_per_step": result.us_per_step,
         "notes": list(recording.notes),
@@ -178,6 +189,12 @@ def _print_report(report: dict[str, Any]) -> None:
         print(
             f"  innovations: {1e3 * report['innovation_rms_v']:.1f} mV RMS, NIS {report['nis']:.2f}, last "
             f"{report['innovation_correlation_s']:.1f} s, {percent('innovation_white_share')} of 20 lags look white"
+        )
+    if report["current_offset_sigma_a"] is not None:
+        said = "" if report["current_offset_observed"] else ": not observable in this run"
+        print(
+            f"  offset of the current sensor {report['current_offset_a']:+.3g} A, "
+            f"sigma {report['current_offset_sigma_a']:.2g} A{said}"
         )
     print(f"  {report['us_per_step']:.0f} us for a step")
     if report["soc_rmse"] is None:

@@ -98,6 +98,13 @@ class GaussianEstimator:
         """(n_cells,) SOC of the charge count, where there is one; a copy."""
         return np.array(self.states.count_soc)
 
+    def heard(self) -> tuple[FloatArray, FloatArray]:
+        """Return (n_cells,) SOC of the filter alone and its sigma, which a fusion's count has no part in."""
+        soc = self.states.mean[SOC].copy()
+        slope_v = np.maximum(self.model.ocv.slope(np.clip(soc, 0.0, 1.0)), SLOPE_FLOOR_V)
+        variance = self.states.cov[SOC, SOC] + (self.tuning.bias_v**2 + self.states.bias_v2) / slope_v**2
+        return soc, np.sqrt(np.minimum(variance, SOC_VARIANCE_MAX))
+
     def start(
         self,
         voltages_v: ArrayLike,
