@@ -116,11 +116,12 @@ class ControlServer:
     def _answer(self, line: bytes) -> dict[str, Any]:
         try:
             request = json.loads(line)
-        except ValueError:
+        except (ValueError, RecursionError):
             return refusal("a line is one JSON object")
         if not isinstance(request, dict):
             return refusal("a line is one JSON object")
-        if self._is_tcp and not hmac.compare_digest(str(request.get("token")), self._token):
+        given = str(request.get("token")).encode("utf-8", "backslashreplace")
+        if self._is_tcp and not hmac.compare_digest(given, self._token.encode()):
             return refusal("the token of the token file is missing")
         return self._control.answer(request)
 
