@@ -88,9 +88,7 @@ class CoulombCounter:
         valid = self._check.update(step.dt_s, innovation, step.noise_v2, ~np.isnan(innovation))
         soc, sigma = np.clip(state.count_soc, 0.0, 1.0), np.minimum(np.sqrt(count_variance(state)), SIGMA_MAX)
         expected = np.sqrt(step.noise_v2 * step.climate.noise_scale)
-        return Estimates(
-            np.array([soc, sigma, ocv, predicted, innovation, expected]), np.array([valid, np.zeros_like(valid)])
-        )
+        return Estimates(np.array([soc, sigma, ocv, predicted, innovation, expected, valid, np.zeros(self.n_cells)]))
 
     def run(
         self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray

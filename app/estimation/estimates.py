@@ -11,25 +11,21 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
-OUT_SOC, OUT_SIGMA, OUT_OCV, OUT_VOLTAGE, OUT_INNOVATION, OUT_INNOVATION_SIGMA = range(6)  # rows of the numbers
-N_OUT: Final = 6
-FLAG_VALID, FLAG_ACCEPTED = range(2)  # rows of the flags
-N_FLAGS: Final = 2
+N_OUT: Final = 8
+OUT_SOC, OUT_SIGMA, OUT_OCV, OUT_VOLTAGE, OUT_INNOVATION, OUT_INNOVATION_SIGMA, OUT_VALID, OUT_ACCEPTED = range(N_OUT)
 
 
 class Estimates:
-    """What one step says about every cell; all arrays are (n_cells,) views of two that belong to the reader.
+    """What one step says about every cell; all arrays are (n_cells,) and belong to the reader.
 
     Attributes:
-        numbers: (6, n_cells) the numbers below, in that order.
-        flags: (2, n_cells) `model_valid` and `accepted`.
+        numbers: (8, n_cells) what is below, in that order; the last two rows are 0 or 1.
     """
 
-    __slots__ = ("flags", "numbers")
+    __slots__ = ("numbers",)
 
-    def __init__(self, numbers: FloatArray, flags: BoolArray) -> None:
+    def __init__(self, numbers: FloatArray) -> None:
         self.numbers = numbers
-        self.flags = flags
 
     @property
     def soc(self) -> FloatArray:
@@ -70,13 +66,13 @@ class Estimates:
     @property
     def model_valid(self) -> BoolArray:
         """False where the model has failed its self-check for this cell: distrust its SOC."""
-        row: BoolArray = self.flags[FLAG_VALID]
+        row: BoolArray = self.numbers[OUT_VALID] != 0.0
         return row
 
     @property
     def accepted(self) -> BoolArray:
         """True where this sample's voltage was used; False where it was missing or refused as an outlier."""
-        row: BoolArray = self.flags[FLAG_ACCEPTED]
+        row: BoolArray = self.numbers[OUT_ACCEPTED] != 0.0
         return row
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.circuit import SECONDS_PER_HOUR
-from app.estimation.estimates import N_FLAGS, N_OUT, Estimates
+from app.estimation.estimates import N_OUT, Estimates
 from app.estimation.fusion import unknown_odds
 from app.estimation.kernel_shape import NUMBERS, Shape, columns, layout, table_width
 from app.estimation.native import load
@@ -25,7 +25,7 @@ class FastStep:
     """One compiled step over all cells of a state, for one cell model, rule and tuning; compiled when built.
 
     Attributes:
-        voltage_v, temperature_degc: (n,) where the sample of the next step is put.
+        voltage_v, temperature_degc: (n,) where those of the next step are put.
     """
 
     def __init__(
@@ -45,18 +45,20 @@ class FastStep:
         arena[at.time_constants : at.table] = (cell.tau_s if cell.tau_fixed_s is None else cell.tau_fixed_s).ravel()
         arena[at.table : at.places] = _table(cell, self._shape)
         arena[at.places : at.work] = np.nan
+        self._sample = arena[at.step : at.voltages]
         self.voltage_v = arena[at.voltages : at.temperatures_now]
         self.temperature_degc = arena[at.temperatures_now : at.answer]
         self._numbers = arena[at.answer :].reshape(N_OUT, n)
-        self._flags = np.zeros((N_FLAGS, n), dtype=np.bool_)
         self._held = states.block, arena
-        self._pointers = states.block.ctypes.data, arena.ctypes.data, self._flags.ctypes.data
+        self._pointers = states.block.ctypes.data, arena.ctypes.data
         self._step = load("step", self._shape)
 
     def step(self, dt_s: float, current_a: float) -> Estimates:
         """Return the estimates after the sample whose voltages and temperatures have been put into the arrays here."""
-        self._step(*self._pointers, dt_s, current_a)
-        return Estimates(self._numbers.copy(), self._flags.copy())
+        sample = self._sample
+        sample[0], sample[1] = dt_s, current_a
+        self._step(*self._pointers)
+        return Estimates(self._numbers.copy())
 
     def record(
         self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
@@ -70,12 +72,11 @@ class FastStep:
             temperature_degc: (n_steps, n_cells) [degC].
         """
         steps, n = voltage_v.shape
-        numbers, flags = np.empty((steps, N_OUT, n)), np.empty((steps, N_FLAGS, n), dtype=np.bool_)
+        numbers = np.empty((steps, N_OUT, n))
         samples = [np.ascontiguousarray(a, dtype=np.float64) for a in (dt_s, current_a, voltage_v, temperature_degc)]
-        block, arena, _ = self._pointers
         record = load("record", self._shape)
-        record(block, arena, flags.ctypes.data, steps, *(a.ctypes.data for a in samples), numbers.ctypes.data)
-        return Record(np.moveaxis(numbers, 1, 0), np.moveaxis(flags, 1, 0))
+        record(*self._pointers, steps, *(a.ctypes.data for a in samples), numbers.ctypes.data)
+        return Record(np.moveaxis(numbers, 1, 0))
 
 
 def _table(cell: PackedCell, shape: Shape) -> FloatArray:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from app.estimation.circuit import CellModel
 from app.estimation.errors import EstimatorError
-from app.estimation.estimates import FLAG_ACCEPTED, FLAG_VALID, N_FLAGS, N_OUT, Estimates
+from app.estimation.estimates import N_OUT, Estimates
 from app.estimation.fast import FastStep
 from app.estimation.fusion import Fusion
 from app.estimation.inputs import InputGuard
@@ -71,6 +71,8 @@ class GaussianEstimator:
                 logger.warning("estimating with numpy alone: %s", error)
         self._soc, self._filter_v2 = self.states.mean[SOC], self.states.cov[SOC, SOC]
         self._bias_v2 = np.array(tuning.bias_v * tuning.bias_v)
+        self._out_shape = N_OUT, n_cells
+        self._slope_v2 = np.empty(n_cells)
         self._is_started = False
 
     @property
@@ -133,29 +135,28 @@ class GaussianEstimator:
         if fast is not None:
             guard = self.guard
             held_a = guard.common(dt_s, current_a)
-            volts, degc = guard.array("voltages_v", voltages_v), guard.array("temperatures_degc", temperatures_degc)
-            fast.voltage_v[:], fast.temperature_degc[:] = volts, degc
+            guard.put("voltages_v", voltages_v, fast.voltage_v)
+            guard.put("temperatures_degc", temperatures_degc, fast.temperature_degc)
             return fast.step(dt_s, held_a)
         sample = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
+        numbers = np.empty(self._out_shape)
+        reported, sigma, ocv, predicted, innovation, innovation_sigma, valid, accepted = numbers
         self._process.predict(sample)
-        result = self._filter.update(sample)
+        result = self._filter.update(sample, predicted, innovation, innovation_sigma)
         soc, variance = self._soc, self._soc_variance(result)
         if self._fusion is not None:
             soc, variance = self._fusion.fuse(sample.dt_s, variance)
-        model_valid = self._check.update(
-            sample.dt_s, result.innovation_v, sample.noise_v2, None if result.all_accepted else result.accepted
-        )
-        numbers, flags = np.empty((N_OUT, self.n_cells)), np.empty((N_FLAGS, self.n_cells), dtype=np.bool_)
-        reported, sigma, ocv, predicted, innovation, innovation_sigma = numbers
+        if result.all_accepted:
+            accepted.fill(1.0)
+            valid[:] = self._check.update(sample.dt_s, innovation, sample.noise_v2, None)
+        else:
+            accepted[:] = result.accepted
+            valid[:] = self._check.update(sample.dt_s, innovation, sample.noise_v2, result.accepted)
         np.maximum(soc, ZERO, out=reported)
         np.minimum(reported, ONE, out=reported)
         np.sqrt(variance, sigma)
-        np.copyto(ocv, self.cell.ocv_of(soc))
-        np.copyto(predicted, result.predicted_v)
-        np.copyto(innovation, result.innovation_v)
-        np.sqrt(result.innovation_v2, innovation_sigma)
-        flags[FLAG_VALID], flags[FLAG_ACCEPTED] = model_valid, result.accepted
-        return Estimates(numbers, flags)
+        ocv[:] = self.cell.ocv_of(soc)
+        return Estimates(numbers)
 
     def run(
         self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
@@ -186,7 +187,8 @@ class GaussianEstimator:
         v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less.
         """
         variance: FloatArray = np.add(self.states.bias_v2, self._bias_v2)
-        slope_v2 = np.multiply(result.slope_v, result.slope_v)
+        slope_v2 = self._slope_v2
+        np.multiply(result.slope_v, result.slope_v, slope_v2)
         np.maximum(slope_v2, SLOPE_FLOOR_V2, out=slope_v2)
         np.divide(variance, slope_v2, variance)
         np.add(variance, self._filter_v2, variance)

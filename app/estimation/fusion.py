@@ -38,8 +38,9 @@ class Fusion:
         self._states = states
         self._tuning = tuning
         self._odds = np.array(unknown_odds(tuning))
-        self._views = states.mean[SOC], states.count_soc, states.doubt_s
-        self._work = tuple(np.empty((8, states.n_cells)))
+        self._pair, self._cubes = np.empty((2, 2, states.n_cells))  # of count and filter
+        self._views = states.mean[SOC], states.count_soc, states.doubt_s, *self._pair, *self._cubes
+        self._work = tuple(np.empty((6, states.n_cells)))
 
     def fuse(self, dt_s: float, filter_v2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (n,) fused SOC and variance; anchors the count anew where it has been contradicted too long.
@@ -48,16 +49,17 @@ class Fusion:
             dt_s: step [s].
             filter_v2: (n,) variance of the filter's SOC, model error included.
         """
-        filter_soc, count_soc, doubt_s = self._views
-        d, apart, tail, g, w, left, cube, wider = self._work
-        total = count_variance(self._states)
-        np.multiply(total, total, cube)
-        np.multiply(cube, total, cube)
-        np.subtract(total, filter_v2, wider)
-        np.add(total, filter_v2, total)
+        pair, cubes = self._pair, self._cubes
+        filter_soc, count_soc, doubt_s, count_v2, own_v2, count_cube, cube = self._views
+        d, tail, g, w, left, total = self._work
+        count_variance(self._states, count_v2)
+        np.copyto(own_v2, filter_v2)
+        np.multiply(pair, pair, cubes)
+        np.multiply(cubes, pair, cubes)
+        np.add(count_v2, filter_v2, total)
         np.subtract(filter_soc, count_soc, d)
-        np.multiply(d, d, apart)
-        np.divide(apart, total, tail)
+        np.multiply(d, d, tail)
+        np.divide(tail, total, tail)
         np.multiply(tail, PER_TAIL, tail)
         np.add(tail, ONE, tail)
         for _ in range(4):
@@ -67,17 +69,16 @@ class Fusion:
         np.multiply(tail, self._odds, tail)
         np.add(tail, ONE, tail)
         np.reciprocal(tail, w)
-        np.multiply(filter_v2, filter_v2, g)
-        np.multiply(g, filter_v2, g)
-        np.add(cube, g, cube)
-        np.divide(g, cube, g)
+        np.add(count_cube, cube, g)
+        np.divide(cube, g, g)
         # z = z_f - w g d
         np.multiply(g, d, d)
         np.multiply(w, d, left)
         soc = np.subtract(filter_soc, left)
         # v = v_f + w g (v_c - v_f) + w g d (g d - w g d)
         np.multiply(w, g, g)
-        np.multiply(g, wider, g)
+        np.subtract(count_v2, filter_v2, count_v2)
+        np.multiply(g, count_v2, g)
         np.subtract(d, left, d)
         np.multiply(left, d, left)
         np.add(left, g, left)
@@ -89,8 +90,8 @@ class Fusion:
         return soc, variance
 
     def _doubt(self, dt_s: float, doubted: BoolArray, filter_v2: FloatArray) -> None:
-        filter_soc, _, doubt_s = self._views
         state = self._states
+        filter_soc, doubt_s = state.mean[SOC], state.doubt_s
         doubt_s[:] = np.where(doubted, doubt_s + dt_s, 0.0)
         anchor = doubt_s > self._tuning.anchor_s
         np.copyto(state.count_soc, filter_soc, where=anchor)
@@ -99,10 +100,10 @@ class Fusion:
         np.copyto(doubt_s, 0.0, where=anchor)
 
 
-def count_variance(state: CellStates) -> FloatArray:
-    """Return (n,) variance of the counted SOC; a new array."""
+def count_variance(state: CellStates, out: FloatArray | None = None) -> FloatArray:
+    """Return (n,) variance of the counted SOC, in `out` or a new array."""
     squares = np.square(state.drift)
-    total: FloatArray = np.add(squares[0], squares[1])
+    total: FloatArray = np.add(squares[0], squares[1], out)
     np.add(total, state.anchor_v2, total)
     return total
 

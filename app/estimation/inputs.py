@@ -102,6 +102,17 @@ class InputGuard:
             raise ShapeError(name, self._shape, array.shape)
         return array
 
+    def put(self, name: str, values: ArrayLike, row: FloatArray) -> None:
+        """Copy values into a row of (n_cells,) floats.
+
+        Raises:
+            ShapeError: they have another shape.
+        """
+        if type(values) is np.ndarray and values.shape == self._shape:
+            row[:] = values
+        else:
+            row[:] = self.array(name, values)
+
     def check(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> StepInput:
         """Return one sample as a filter wants it.
 

@@ -17,10 +17,10 @@ from app.estimation.native import ENTRY, LIBRARY_CALLS, target_machine
 
 # mypy: disable-error-code="no-untyped-call"
 
-_NUMBERS, _FLAGS, _F8, _I8 = types.CPointer(types.float64), types.CPointer(types.uint8), types.float64, types.int64
+_NUMBERS = types.CPointer(types.float64)
 SIGNATURES: Final = {
-    "step": types.void(_NUMBERS, _NUMBERS, _FLAGS, _F8, _F8),
-    "record": types.void(_NUMBERS, _NUMBERS, _FLAGS, _I8, *[_NUMBERS] * 5),
+    "step": types.void(_NUMBERS, _NUMBERS),
+    "record": types.void(_NUMBERS, _NUMBERS, types.int64, *[_NUMBERS] * 5),
 }
 
 

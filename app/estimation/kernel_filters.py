@@ -15,9 +15,8 @@ from numba import carray  # type: ignore[attr-defined]
 
 from app.estimation.circuit import SECONDS_PER_HOUR
 from app.estimation.estimates import (
-    FLAG_ACCEPTED,
-    N_FLAGS,
     N_OUT,
+    OUT_ACCEPTED,
     OUT_INNOVATION,
     OUT_INNOVATION_SIGMA,
     OUT_OCV,
@@ -56,7 +55,6 @@ from app.estimation.kernel_shape import (
     RIGHT,
     SPREAD,
     STEEP,
-    USED,
     WEIGHT,
     Shape,
     columns,
@@ -222,7 +220,7 @@ def make_update(shape: Shape) -> Any:
     SLOW = d + d * d
     HYSTERESIS_AT, REFUSED_AT = (SLOW + HYSTERESIS) * n, (SLOW + REFUSED) * n
     COV = d * n
-    R, STEEP_AT, SLOPE_AT, USED_AT = REACH * n, STEEP * n, OCV_SLOPE * n, USED * n
+    R, STEEP_AT, SLOPE_AT, ACCEPTED_AT = REACH * n, STEEP * n, OCV_SLOPE * n, OUT_ACCEPTED * n
     SHIFT, Z, C = N_WORK * n, (N_WORK + 2 * m) * n, columns(shape)
     TERMS = (N_WORK + 3 * m + 1) * n
     has_over = shape.has_over
@@ -313,7 +311,7 @@ def make_update(shape: Shape) -> Any:
             out[VOLTAGE_AT + c] = predicted
             out[INNOVATION_AT + c] = innovation
             out[SIGMA_AT + c] = math.sqrt(expected)
-            work[USED_AT + c] = 1.0 if is_used else 0.0
+            out[ACCEPTED_AT + c] = 1.0 if is_used else 0.0
 
     return update
 
@@ -321,21 +319,14 @@ def make_update(shape: Shape) -> Any:
 def make_kernels(shape: Shape) -> tuple[Callable[..., None], Callable[..., None]]:
     """Return the step and the record of a filter over `shape.n` cells, not compiled yet.
 
-    Both take pointers: to the block of `CellStates`, to the arena, to the flags. A record takes its samples and
-    answers as well.
+    Both take pointers: to the block of `CellStates` and to the arena, which holds sample and answer of a step. A
+    record takes its own.
     """
     n, m = shape.n, shape.m
     WIDTH, BY_SOC, has_over = table_width(shape), columns(shape), shape.has_over
-    SOC_AT, OCV_AT, ACCEPTED_AT, USED_AT, SLOPE_AT = (
-        OUT_SOC * n,
-        OUT_OCV * n,
-        FLAG_ACCEPTED * n,
-        USED * n,
-        OCV_SLOPE * n,
-    )
-    GRID, TAU, TABLE, PLACES, WORK, VOLTS, DEGC, ANSWER, END = layout(shape)
+    SOC_AT, OCV_AT, SLOPE_AT = OUT_SOC * n, OUT_OCV * n, OCV_SLOPE * n
+    GRID, TAU, TABLE, PLACES, WORK, STEP, VOLTS, DEGC, ANSWER, END = layout(shape)
     BLOCK = ((1 + m) * (2 + m) + N_SLOW) * n
-    FLAGS = N_FLAGS * n
     place, predict, look_up, update, believe = (
         make_place(shape),
         make_predict(shape),
@@ -345,16 +336,14 @@ def make_kernels(shape: Shape) -> tuple[Callable[..., None], Callable[..., None]
     )
 
     @jit
-    def advance(block, arena, dt, i, voltage_v, temperature_degc, out, flags):
-        numbers, table, placed, work = arena[:GRID], arena[TABLE:PLACES], arena[PLACES:WORK], arena[WORK:VOLTS]
+    def advance(block, arena, dt, i, voltage_v, temperature_degc, out):
+        numbers, table, placed, work = arena[:GRID], arena[TABLE:PLACES], arena[PLACES:WORK], arena[WORK:STEP]
         over = math.asinh(i / numbers[I_REF]) if has_over else 0.0
         place(block, arena[GRID:TAU], numbers, temperature_degc, placed)
         predict(block, arena[TAU:TABLE], numbers, dt, i, placed, work)
         look_up(block, table, i, over, placed, work)
         update(block, numbers, dt, i, over, voltage_v, placed, work, out)
-        for c in range(n):
-            flags[ACCEPTED_AT + c] = work[USED_AT + c] > 0.0
-        believe(block, work[SLOPE_AT : SLOPE_AT + n], work[USED_AT : USED_AT + n], numbers, dt, i, out, flags)
+        believe(block, work[SLOPE_AT : SLOPE_AT + n], numbers, dt, i, out)
         for c in range(n):
             soc = out[SOC_AT + c]
             x = min(max((soc - SOC_LOW) * (1.0 / SOC_STEP), 0.0), N_SOC - 1.0)
@@ -362,18 +351,17 @@ def make_kernels(shape: Shape) -> tuple[Callable[..., None], Callable[..., None]
             out[OCV_AT + c] = table[j * WIDTH] + (x - j) * table[j * WIDTH + BY_SOC]
             out[SOC_AT + c] = min(max(soc, 0.0), 1.0)
 
-    def step(block_at, arena_at, flags_at, dt, i):
-        block, arena, flags = carray(block_at, BLOCK), carray(arena_at, END), carray(flags_at, FLAGS)
-        advance(block, arena, dt, i, arena[VOLTS:DEGC], arena[DEGC:ANSWER], arena[ANSWER:END], flags)
+    def step(block_at, arena_at):
+        block, arena = carray(block_at, BLOCK), carray(arena_at, END)
+        dt, i = arena[STEP], arena[STEP + 1]
+        advance(block, arena, dt, i, arena[VOLTS:DEGC], arena[DEGC:ANSWER], arena[ANSWER:END])
 
-    def record(block_at, arena_at, flags_at, steps, dt_at, current_at, voltage_at, temperature_at, out_at):
-        block, arena, flags = carray(block_at, BLOCK), carray(arena_at, END), carray(flags_at, steps * FLAGS)
-        dt_s, current_a, out = carray(dt_at, steps), carray(current_at, steps), carray(out_at, steps * N_OUT * n)
+    def record(block_at, arena_at, steps, dt_at, current_at, voltage_at, temperature_at, out_at):
+        block, arena, out = carray(block_at, BLOCK), carray(arena_at, END), carray(out_at, steps * N_OUT * n)
+        dt_s, current_a = carray(dt_at, steps), carray(current_at, steps)
         volts, degc = carray(voltage_at, steps * n), carray(temperature_at, steps * n)
         for k in range(steps):
-            now = out[k * N_OUT * n : (k + 1) * N_OUT * n]
-            told = flags[k * FLAGS : (k + 1) * FLAGS]
-            begin, end = k * n, (k + 1) * n
-            advance(block, arena, dt_s[k], current_a[k], volts[begin:end], degc[begin:end], now, told)
+            now, begin, end = out[k * N_OUT * n : (k + 1) * N_OUT * n], k * n, (k + 1) * n
+            advance(block, arena, dt_s[k], current_a[k], volts[begin:end], degc[begin:end], now)
 
     return step, record

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from app.estimation.estimates import FLAG_VALID, OUT_INNOVATION, OUT_SIGMA, OUT_SOC
+from app.estimation.estimates import OUT_ACCEPTED, OUT_INNOVATION, OUT_SIGMA, OUT_SOC, OUT_VALID
 from app.estimation.kernel_parts import jit, noise_variance
 from app.estimation.kernel_shape import (
     ANCHOR_S,
@@ -51,10 +51,11 @@ def make_believe(shape: Shape) -> Any:
     SLOW_AT, SLOW_V2 = (SLOW + SLOW_MEAN) * n, (SLOW + SLOW_SQUARE) * n
     COUNTED, GAIN, OFFSET = (SLOW + COUNT) * n, (SLOW + COUNT_GAIN) * n, (SLOW + COUNT_OFFSET) * n
     ANCHOR, DOUBTED = (SLOW + ANCHOR_V2) * n, (SLOW + DOUBT) * n
-    SOC_AT, SIGMA_AT, INNOVATION_AT, VALID_AT = OUT_SOC * n, OUT_SIGMA * n, OUT_INNOVATION * n, FLAG_VALID * n
+    SOC_AT, SIGMA_AT, INNOVATION_AT = OUT_SOC * n, OUT_SIGMA * n, OUT_INNOVATION * n
+    VALID_AT, ACCEPTED_AT = OUT_VALID * n, OUT_ACCEPTED * n
 
     @jit
-    def believe(block, slope, used, numbers, dt, i, out, flags):
+    def believe(block, slope, numbers, dt, i, out):
         bias_v2 = numbers[BIAS_V] * numbers[BIAS_V]
         floor_v2 = SLOPE_FLOOR_V * SLOPE_FLOOR_V
         scale = numbers[MODEL_ERROR_V] / math.sqrt(noise_variance(numbers, i))
@@ -96,18 +97,16 @@ def make_believe(shape: Shape) -> Any:
             out[SOC_AT + c] = soc
             out[SIGMA_AT + c] = math.sqrt(variance)
         for c in range(n):
-            counts = used[c] > 0.0
+            counts = out[ACCEPTED_AT + c] > 0.0
             scaled = out[INNOVATION_AT + c] * scale if counts else 0.0
             mean, square = block[MEAN + c], block[SQUARE + c]
             mean += (scaled - mean) * share if counts else 0.0
             square += (scaled * scaled - square) * share if counts else 0.0
             slow, slow_v2 = block[SLOW_AT + c], block[SLOW_V2 + c]
-            slow += (scaled - slow) * slow_share if counts else 0.0
             slow_v2 += (slow * slow - slow_v2) * share if counts else 0.0
+            slow += (scaled - slow) * slow_share if counts else 0.0
             block[MEAN + c], block[SQUARE + c] = mean, square
             block[SLOW_AT + c], block[SLOW_V2 + c] = slow, slow_v2
-            slope[c] = 1.0 if (square < rms_v2) & (abs(mean) < bias_v) else 0.0
-        for c in range(n):
-            flags[VALID_AT + c] = slope[c] > 0.0
+            out[VALID_AT + c] = 1.0 if (square < rms_v2) & (abs(mean) < bias_v) else 0.0
 
     return believe

@@ -1,7 +1,8 @@
 """What a kernel is compiled for and how the arrays it works on are laid out; known with or without numba.
 
 Every array is flat; row r of n cells begins at r n. The arena holds, one after the other, what stays the same
-(NUMBERS, temperatures, time constants, table), then places, work, the sample and the answer.
+(NUMBERS, temperatures, time constants, table), then places, work, the sample (step, current, voltages, temperatures)
+and the answer.
 """
 
 from __future__ import annotations
@@ -105,8 +106,8 @@ NUMBERS: Final = (
 ) = range(len(NUMBERS))
 
 
-N_WORK: Final = 7  # rows of work that every model has
-HERE, RIGHT, LEFT, REACH, STEEP, OCV_SLOPE, USED = range(N_WORK)
+N_WORK: Final = 6  # rows of work that every model has
+HERE, RIGHT, LEFT, REACH, STEEP, OCV_SLOPE = range(N_WORK)
 
 
 def work_rows(shape: Shape) -> int:
@@ -136,6 +137,7 @@ class Layout(NamedTuple):
     table: int
     places: int
     work: int
+    step: int
     voltages: int
     temperatures_now: int
     answer: int
@@ -151,6 +153,7 @@ def layout(shape: Shape) -> Layout:
         table_width(shape) * shape.n_t * N_SOC,
         N_PLACE * shape.n,
         work_rows(shape) * shape.n,
+        2,
         shape.n,
         shape.n,
         N_OUT * shape.n,

@@ -39,19 +39,17 @@ BoolArray = NDArray[np.bool_]
 
 SOC_MIN: Final = -0.05  # the mean is held here
 SOC_MAX: Final = 1.05
-_SOC_MIN: Final = np.array(SOC_MIN)
-_SOC_MAX: Final = np.array(SOC_MAX)
 
 
 class StepResult(NamedTuple):
-    """What the update saw, (n,) each.
+    """What the update saw, (n,) each, good until the next one.
 
-    The first two and `accepted` belong to the reader, the rest holds until the next update. `slope_v` is dOCV/dSOC.
+    Attributes:
+        slope_v: dOCV/dSOC [V].
+        accepted: which samples were used.
+        all_accepted: whether all were.
     """
 
-    predicted_v: FloatArray
-    innovation_v: FloatArray
-    innovation_v2: FloatArray
     slope_v: FloatArray
     accepted: BoolArray
     all_accepted: bool
@@ -75,10 +73,19 @@ class MarginalFilter:
         self._slope = self._output.ocv_slope_v
         self._expected, self._total, self._limit, self._square = np.empty((4, n))
 
-    def update(self, step: StepInput) -> StepResult:
-        """Condition the state on one sample of voltages, in place."""
+    def update(
+        self, step: StepInput, predicted: FloatArray, innovation: FloatArray, innovation_sigma: FloatArray
+    ) -> StepResult:
+        """Condition the state on one sample of voltages, in place.
+
+        Args:
+            step: the sample.
+            predicted: (n,) where the predicted voltage goes [V].
+            innovation: (n,) likewise measured minus predicted [V].
+            innovation_sigma: (n,) likewise its standard deviation [V].
+        """
         states, expected, total = self._states, self._expected, self._total
-        predicted, Pyy = self._output.at(step)
+        Pyy = self._output.at(step, predicted)
         if self._hysteresis_v:
             predicted += self._hysteresis_v * states.hysteresis
         # P_xy = P H,  P_yy = H P H + k q^2
@@ -97,7 +104,8 @@ class MarginalFilter:
         model_v2 = self._model_variance(step)
         np.add(Pyy, model_v2, expected)
         np.add(Pyy, model_v2 * step.correlation, total)
-        innovation = np.subtract(step.voltage_v, predicted)
+        np.subtract(step.voltage_v, predicted, innovation)
+        np.sqrt(expected, innovation_sigma)
         accepted, all_accepted = self._gate(step, innovation)
         # x' = x + P_xy nu / S,  P' = P - P_xy P_xy' / S: with z = P_xy / sqrt(S) it stays symmetric to the last bit
         np.negative(innovation, seen_first)
@@ -109,9 +117,10 @@ class MarginalFilter:
         np.multiply(gain_column, z, change)
         np.subtract(states.gaussian, change, states.gaussian)
         soc = self._soc
-        np.maximum(soc, _SOC_MIN, out=soc)
-        np.minimum(soc, _SOC_MAX, out=soc)
-        return StepResult(predicted, innovation, expected, self._slope, accepted, all_accepted)
+        if soc.item(soc.argmin()) < SOC_MIN or soc.item(soc.argmax()) > SOC_MAX:
+            np.maximum(soc, SOC_MIN, out=soc)
+            np.minimum(soc, SOC_MAX, out=soc)
+        return StepResult(self._slope, accepted, all_accepted)
 
     def _model_variance(self, step: StepInput) -> FloatArray | float:
         """Return the variance of the model's error [V^2]: it grows below `empty_soc` and outside the tables."""

@@ -31,8 +31,8 @@ ENTRY: Final = "voltwall_kernel"
 LIBRARY_CALLS: Final = frozenset({"exp", "asinh", "sqrt", "memset", "memcpy", "memmove"})
 _POINTER: Final = ctypes.c_void_p
 _ARGUMENTS: Final = {
-    "step": (_POINTER, _POINTER, _POINTER, ctypes.c_double, ctypes.c_double),
-    "record": (_POINTER, _POINTER, _POINTER, ctypes.c_int64, *[_POINTER] * 5),
+    "step": (_POINTER, _POINTER),
+    "record": (_POINTER, _POINTER, ctypes.c_int64, *[_POINTER] * 5),
 }
 _loaded: list[Any] = []  # code stays where it is as long as the process lives
 

@@ -58,23 +58,23 @@ class SigmaOutput:
         self._h_views = (h.reshape(-1), *h)
         self._factors = np.ones((c, 3 * n))
         self._current_row = self._factors[1 + R0]
-        self.slopes = np.empty((1 + m, n))
+        # -R_k at the centre are slopes where they stand; the column before them has been used when D takes its place
+        self.slopes = found[c - m - 1 : c, :n]
         shift = np.empty((m, n))
         self._branches = [
             (
                 states.mean[k + 1],
                 states.cov[SOC, k + 1],
                 shift[k],
-                found[c - m + k, :n],
                 self.slopes[k + 1],
                 *self._factors[c - m + k].reshape(3, n),
             )
             for k in range(m)
         ]
-        self._curvature_views = self.slopes[SOC], *np.empty((2, n))
+        self._curvature_views: tuple[FloatArray, ...] = (self.slopes[SOC], *np.empty((2, n)))
 
-    def at(self, step: StepInput) -> tuple[FloatArray, FloatArray]:
-        """Return mean output (n,) [V], the reader's, and k q^2 (n,) [V^2], good until the next call."""
+    def at(self, step: StepInput, mean: FloatArray) -> FloatArray:
+        """Put the mean output [V] into a row (n,) and return k q^2 (n,) [V^2], good until the next call."""
         spread, weight, curvature = self._constants
         soc, variance, sd, reach, per_sd, term = self._sigma_views
         np.sqrt(variance, sd)
@@ -84,7 +84,7 @@ class SigmaOutput:
         self._current_row.fill(step.current_a)
         if self._over_a is not None:
             self._factors[2] = math.asinh(step.current_a / self._over_a)
-        for current, covariance, shift, _, _, centre, right, left in self._branches:
+        for current, covariance, shift, _, centre, right, left in self._branches:
             np.multiply(covariance, per_sd, shift)
             np.copyto(centre, current)
             np.add(current, shift, right)
@@ -100,9 +100,8 @@ class SigmaOutput:
         steep, q, q2 = self._curvature_views
         np.subtract(up, down, steep)
         np.multiply(steep, HALF, steep)
-        for _, _, shift, value, slope, *_ in self._branches:
-            np.copyto(slope, value)
-            np.multiply(shift, value, term)
+        for _, _, shift, slope, *_ in self._branches:
+            np.multiply(shift, slope, term)
             np.subtract(steep, term, steep)
         np.divide(steep, reach, steep)
         slope = self.ocv_slope_v
@@ -112,11 +111,11 @@ class SigmaOutput:
         np.add(up, down, q)
         np.add(h0, h0, term)
         np.subtract(q, term, q)
-        mean = np.multiply(q, weight)
+        np.multiply(q, weight, mean)
         np.add(mean, h0, mean)
         np.multiply(q, q, q2)
         np.multiply(q2, curvature, q2)
-        return mean, q2
+        return q2
 
     def _look_up(self, step: StepInput, centre: FloatArray, reach: FloatArray) -> None:
         """Fill the first columns of `found` with the table's values at the centre and `reach` right and left of it."""
@@ -125,8 +124,9 @@ class SigmaOutput:
         np.add(soc, reach, right)
         np.subtract(soc, reach, left)
         np.multiply(points, PER_STEP, points)
-        np.maximum(points, ZERO, out=points)
-        np.minimum(points, TOP, out=points)
+        if points.item(points.argmin()) < 0.0 or points.item(points.argmax()) > N_SOC - 1.0:
+            np.maximum(points, ZERO, out=points)
+            np.minimum(points, TOP, out=points)
         np.floor(points, floor)
         np.subtract(points, floor, fraction)
         np.copyto(index, floor, casting="unsafe")
@@ -161,8 +161,8 @@ class TangentOutput:
         self.slopes = np.empty_like(states.mean)
         self.ocv_slope_v = np.empty(states.n_cells)
 
-    def at(self, step: StepInput) -> tuple[FloatArray, FloatArray]:
-        """Return output (n,) [V], the reader's, and the zeros that stand for curvature."""
+    def at(self, step: StepInput, output: FloatArray) -> FloatArray:
+        """Put the output [V] into a row (n,) and return the zeros that stand for curvature."""
         cell, x = self._cell, self._states.mean
         row, weight = step.climate.row, step.climate.row_weight
         j, f = cell.place_soc(x[SOC])
@@ -171,7 +171,8 @@ class TangentOutput:
         self.ocv_slope_v[:] = cell.ocv_slope_at(j, f)
         self.slopes[SOC] = self.ocv_slope_v - cell.drop(slope, step.current_a, x[1:])
         np.negative(c[BRANCH : BRANCH + self._states.n_rc], self.slopes[1:])
-        return cell.ocv_at(j, f) - cell.drop(c, step.current_a, x[1:]), np.zeros(self._states.n_cells)
+        np.subtract(cell.ocv_at(j, f), cell.drop(c, step.current_a, x[1:]), output)
+        return np.zeros(self._states.n_cells)
 
 
 def _stacked(cell: PackedCell) -> tuple[FloatArray, int]:

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.errors import EstimatorError, ShapeError
-from app.estimation.estimates import N_FLAGS, N_OUT, CellEstimator, Estimates
+from app.estimation.estimates import N_OUT, CellEstimator, Estimates
 
 FloatArray = NDArray[np.float64]
 
 
 class Record(Estimates):
-    """`Estimates` of every step: each array is (n_steps, n_cells), `numbers` and `flags` have their rows in front."""
+    """`Estimates` of every step: each array is (n_steps, n_cells), and `numbers` is (8, n_steps, n_cells)."""
 
     __slots__ = ()
 
@@ -48,9 +48,7 @@ def run_steps(
 ) -> Record:
     """Return the estimates of a record by calling `step` for every sample."""
     steps, n = voltage_v.shape
-    numbers, flags = np.empty((N_OUT, steps, n)), np.empty((N_FLAGS, steps, n), dtype=np.bool_)
+    numbers = np.empty((N_OUT, steps, n))
     for k in range(steps):
-        estimates = estimator.step(float(dt_s[k]), float(current_a[k]), voltage_v[k], temperature_degc[k])
-        numbers[:, k] = estimates.numbers
-        flags[:, k] = estimates.flags
-    return Record(numbers, flags)
+        numbers[:, k] = estimator.step(float(dt_s[k]), float(current_a[k]), voltage_v[k], temperature_degc[k]).numbers
+    return Record(numbers)

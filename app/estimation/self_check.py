@@ -18,23 +18,28 @@ from app.estimation.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
 
+_, SQUARE, SLOW, _ = range(4)  # rows of the averages
+
 
 class SelfCheck:
     """Slow averages of the innovations of one state."""
 
     def __init__(self, states: CellStates, tuning: Tuning) -> None:
-        self._check = states.check
-        self._bias_v2 = states.bias_v2
+        self._averages = states.averages
         self._tuning = tuning
-        self._work = np.empty_like(states.check)
-        self._views = *states.check, *self._work
-        self._weights = np.empty((3, 1))
-        self._limits = np.array(tuning.check_bias_v), np.array(tuning.check_rms_v * tuning.check_rms_v)
+        self._moved = np.empty_like(states.averages)
+        self._views = states.averages[SLOW], *self._moved
+        self._dt_s = math.nan
+        self._weights = np.empty_like(states.averages)
+        limits = np.array([[tuning.check_bias_v], [tuning.check_rms_v * tuning.check_rms_v]])
+        self._limits = np.repeat(limits, states.n_cells, axis=1)
+        self._checked = states.averages[: SQUARE + 1], np.empty_like(self._limits)
+        self._within = np.empty(self._limits.shape, dtype=np.bool_)
 
     def update(
         self, dt_s: float, innovation_v: FloatArray, noise_v2: float, counts: NDArray[np.bool_] | None
     ) -> NDArray[np.bool_]:
-        """Return (n,) True while the model is valid, and move the averages on.
+        """Return (n,) True while the model is valid, and move the averages on; good until the next call.
 
         The limits stand for rest and low current; at high current an error in proportion to the assumed one passes.
 
@@ -45,29 +50,26 @@ class SelfCheck:
             counts: (n,) False where the sample is missing or was refused: it says nothing about the model. None = all
                 do.
         """
-        tuning, moved = self._tuning, self._work
-        mean, square, slow, scaled, scaled2, again = self._views
+        tuning, moved, averages = self._tuning, self._moved, self._averages
+        slow, scaled, scaled2, scaled_again, slow2 = self._views
         if counts is not None:
             innovation_v = np.where(counts, innovation_v, 0.0)
+        if dt_s != self._dt_s:
+            self._dt_s = dt_s
+            self._weights[:] = 1.0 - math.exp(-dt_s / tuning.check_s)
+            self._weights[SLOW] = 1.0 - math.exp(-dt_s / tuning.bias_s)
         np.multiply(innovation_v, tuning.model_error_v / math.sqrt(noise_v2), scaled)
         np.multiply(scaled, scaled, scaled2)
-        np.copyto(again, scaled)
-        np.subtract(moved, self._check, moved)
-        weight = 1.0 - math.exp(-dt_s / tuning.check_s)
-        self._weights[:2] = weight
-        self._weights[2] = 1.0 - math.exp(-dt_s / tuning.bias_s)
+        np.copyto(scaled_again, scaled)
+        np.multiply(slow, slow, slow2)
+        np.subtract(moved, averages, moved)
         np.multiply(moved, self._weights, moved)
         if counts is not None:
             moved *= counts
-        np.add(self._check, moved, self._check)
-        np.multiply(slow, slow, again)
-        np.subtract(again, self._bias_v2, again)
-        np.multiply(again, weight, again)
-        if counts is not None:
-            again *= counts
-        np.add(self._bias_v2, again, self._bias_v2)
-        bias_limit, square_limit = self._limits
-        np.absolute(mean, scaled)
-        valid: NDArray[np.bool_] = np.less(square, square_limit)
-        np.logical_and(valid, np.less(scaled, bias_limit), valid)
+        np.add(averages, moved, averages)
+        values, sizes = self._checked
+        np.absolute(values, sizes)
+        within = np.less(sizes, self._limits, self._within)
+        valid: NDArray[np.bool_] = within[0]
+        np.logical_and(valid, within[1], valid)
         return valid

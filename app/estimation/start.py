@@ -55,7 +55,7 @@ def start_from_voltage(cell: PackedCell, state: CellStates, tuning: Tuning, step
     state.mean[SOC] = np.clip(soc, SOC_MIN, SOC_MAX)
     state.hysteresis[:] = 0.0
     state.refused_s[:] = 0.0
-    state.check[:] = 0.0
+    state.averages[:] = 0.0
     state.bias_v2[:] = tuning.bias_start_v**2
 
 

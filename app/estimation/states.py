@@ -40,8 +40,9 @@ class CellStates:
         hysteresis: (n,) -1 after discharge .. 1 after charge.
         refused_s: (n,) how long the innovations have been refused without a break [s].
         temperature_degc: (n,) last temperature that was measured [degC].
-        check: (3, n) means of the scaled innovation [V], of its square [V^2], and over a shorter time [V].
-        bias_v2: (n,) mean square of the last of them [V^2].
+        averages: (4, n) means of the scaled innovation [V], of its square [V^2], over a shorter time [V], and of the
+            square of that [V^2].
+        bias_v2: (n,) the last of them.
         count: (3, n) SOC by counting charge, and the sigmas that gain and offset of the sensor have given it.
         count_soc: (n,) its first row.
         drift: (2, n) its other rows.
@@ -62,7 +63,7 @@ class CellStates:
         self.hysteresis = slow[HYSTERESIS]
         self.refused_s = slow[REFUSED]
         self.temperature_degc = slow[TEMPERATURE]
-        self.check = slow[CHECK_MEAN : SLOW_MEAN + 1]
+        self.averages = slow[CHECK_MEAN : SLOW_SQUARE + 1]
         self.bias_v2 = slow[SLOW_SQUARE]
         self.count = slow[COUNT : COUNT_OFFSET + 1]
         self.count_soc = slow[COUNT]

@@ -97,7 +97,7 @@ def test_three_points_equal_the_full_set(name, n_rc, soc_value, sd, current_c, d
         noise_v2,
         volts,
     )
-    filt.update(sample)
+    filt.update(sample, *np.empty((3, 1)))
     assert states.mean[SOC, 0] == pytest.approx(np.clip(wanted[SOC], -0.05, 1.05), abs=1e-12)
     np.testing.assert_allclose(states.mean[1:, 0], wanted[1:], rtol=0, atol=1e-9)
     assert states.cov[SOC, SOC, 0] == pytest.approx(wanted_cov[SOC, SOC], abs=1e-12)

@@ -39,8 +39,7 @@ def test_fused_keeps_the_soc_as_a_second_opinion():
 def test_every_array_of_an_estimate_is_one_value_a_cell(name):
     estimator, rest = started(name)
     estimates = estimator.step(0.1, 5.0, rest, np.full(N, 25.0))
-    assert estimates.numbers.shape == (6, N)
-    assert estimates.flags.shape == (2, N)
+    assert estimates.numbers.shape == (8, N)
     assert estimates.soc.shape == estimates.accepted.shape == (N,)
     assert estimator.state_mean.shape == (3, N)
     assert estimator.state_cov.shape == (N, 3, 3)
