@@ -80,7 +80,7 @@ def _type(schema: dict[str, Any]) -> str:
     if "$ref" in schema:
         return str(schema["$ref"]).removeprefix(REF).removesuffix("Out")
     if "anyOf" in schema:
-        return " | ".join(_type(inner) for inner in schema["anyOf"])
+        return " | ".join(dict.fromkeys(_type(inner) for inner in schema["anyOf"]))
     if "enum" in schema or "const" in schema:
         values = schema.get("enum", [schema.get("const")])
         return " | ".join(json.dumps(value).replace('"', "'") for value in values)

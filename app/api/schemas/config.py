@@ -81,8 +81,8 @@ class DifferenceOut(BaseModel):
 
     field: str
     element: int | None
-    from_: float = Field(alias="from")
-    to: float
+    from_: int | float = Field(alias="from")  # whole where the unit has no decimals
+    to: int | float
     unit: str
     offset: int
 
