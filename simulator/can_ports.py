@@ -8,12 +8,14 @@ from urllib.parse import parse_qsl
 
 import can
 
-from simulator.can_bus import CanBus, CanFrame
+from simulator.can_bus import PASSIVE, WARNING, CanBus, CanFrame
 from simulator.errors import PortError
 from simulator.ports import BytePort, byte_port
 from simulator.slcan import SlcanAdapter
 
 log = logging.getLogger(__name__)
+_BUS_ERROR, _OFF, _CONTROLLER = 0x80, 0x40, 0x04  # bits of an error frame's id (linux/can/error.h)
+_PASSIVE_BITS, _WARNING_BITS = 0x30, 0x0C  # of its second byte
 
 
 class CanPort(Protocol):
@@ -72,7 +74,8 @@ class SlcanPort:
 class PythonCanPort:
     """A bus that python-can opens, at the bit rate it was given (500 kbit/s unless told otherwise).
 
-    Its `virtual` bus shows the error frames of ours; of real ones, each controller makes its own.
+    Its `virtual` bus shows the error frames of ours in SocketCAN's form, with what this node's counters say of it; on
+    real buses each controller makes its own.
     """
 
     is_listening_only = False
@@ -107,7 +110,13 @@ class PythonCanPort:
             bus.error_listeners.append(self._show_error)
 
     def _show_error(self) -> None:
-        self._send(can.Message(is_error_frame=True))
+        if self._bus is None:
+            return
+        station = self._bus.station(self)
+        errors = max(station.transmit_errors, station.receive_errors)
+        of_controller = _PASSIVE_BITS if errors >= PASSIVE else _WARNING_BITS if errors >= WARNING else 0
+        kind = _BUS_ERROR | _CONTROLLER * bool(of_controller) | _OFF * self._bus.is_off(self)
+        self._send(can.Message(is_error_frame=True, arbitration_id=kind, data=bytes((0, of_controller, *[0] * 6))))
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:
         """Send a frame of the simulated bus."""

@@ -1,0 +1,93 @@
+import selectors
+from collections.abc import Iterator
+
+import can
+import pytest
+
+from app.links.can import bus_state
+from simulator.can_bus import BUS_OFF, PASSIVE, CanBus, CanFrame
+from simulator.can_ports import PythonCanPort, can_port
+
+FRAME = CanFrame(0x123, False, b"\1\2")
+
+
+class Node:
+    bit_rate = 500_000
+    is_listening_only = False
+
+    def __init__(self) -> None:
+        self.heard: list[CanFrame] = []
+
+    def can_received(self, frame: CanFrame, now_s: float) -> None:
+        self.heard.append(frame)
+
+
+@pytest.fixture
+def bus() -> CanBus:
+    return CanBus()
+
+
+@pytest.fixture
+def node(bus) -> Node:
+    node = Node()
+    bus.attach(node)
+    return node
+
+
+@pytest.fixture
+def port(bus, request) -> Iterator[PythonCanPort]:
+    port = can_port(f"virtual:{request.node.name}")
+    with selectors.DefaultSelector() as selector:
+        port.open(selector, bus, lambda: 0.0)
+        yield port
+        port.close()
+
+
+@pytest.fixture
+def computer(port, request) -> Iterator[can.BusABC]:
+    with can.Bus(interface="virtual", channel=request.node.name) as computer:
+        yield computer
+
+
+def test_frames_go_both_ways(bus, node, port, computer):
+    bus.send(node, FRAME, 0.0)
+    bus.run(0.1)
+    message = computer.recv(0)
+    assert (message.arbitration_id, bytes(message.data), message.is_extended_id) == (0x123, b"\1\2", False)
+    computer.send(can.Message(arbitration_id=0x18FF50E5, data=b"\7", is_extended_id=True))
+    port.poll()
+    bus.run(0.2)
+    assert node.heard == [CanFrame(0x18FF50E5, True, b"\7")]
+
+
+@pytest.mark.parametrize(("errors", "state"), [(0, "active"), (100, "warning"), (PASSIVE, "passive")])
+def test_the_virtual_bus_shows_error_frames_with_the_state_of_the_node(bus, node, port, computer, errors, state):
+    bus.is_broken = True
+    bus.station(port).receive_errors = errors
+    bus.send(node, FRAME, 0.0)
+    bus.run(0.1)
+    message = computer.recv(0)
+    assert message.is_error_frame
+    assert bus_state(message) == state
+
+
+def test_a_port_that_errors_took_off_the_bus_says_so(bus, node, port, computer):
+    bus.is_broken = True
+    bus.station(port).transmit_errors = BUS_OFF - 1
+    computer.send(can.Message(arbitration_id=1, is_extended_id=False))
+    port.poll()
+    bus.run(0.001)
+    bus.send(node, FRAME, 0.002)
+    bus.run(0.1)
+    states = []
+    while (message := computer.recv(0)) is not None:
+        states.append(bus_state(message))
+    assert states[-1] == "off"
+
+
+def test_a_closed_port_hears_and_tells_nothing(bus, node, port, computer):
+    port.close()
+    bus.is_broken = True
+    bus.send(node, FRAME, 0.0)
+    bus.run(0.1)
+    assert computer.recv(0) is None
