@@ -69,6 +69,7 @@ class Unverified(LinkError):
 
 LIVE_FIELDS = [name for name, field in CONFIG.items() if field.is_live]
 MAX_SHOWN = 64
+SENSOR_FIELDS = {"i_offset", "i_gain"}
 REST_A = 2.0  # more than the sensor's noise
 
 
@@ -228,7 +229,7 @@ class Configuration:
 
     def _require_rest(self, changes: list[Change]) -> None:
         fields = sorted({change.field for change in changes} - set(LIVE_FIELDS))
-        if fields and (doing := self._doing()) is not None:
+        if fields and (doing := self._doing(sensor_only=set(fields) <= SENSOR_FIELDS)) is not None:
             raise Occupied(doing, fields)
 
     def _hindrance(self, changes: list[Change]) -> str | None:
@@ -240,8 +241,11 @@ class Configuration:
             return str(error)
         return None
 
-    def _doing(self) -> str | None:
-        """What the accumulator does that forbids a change, asked of the master itself; None at rest."""
+    def _doing(self, *, sensor_only: bool) -> str | None:
+        """What the accumulator does that forbids a change, asked of the master itself; None at rest.
+
+        With relays open no current flows, whatever a sensor says that is about to be calibrated.
+        """
         flags_field, current = FIELDS["status.flags"], FIELDS["i_fs"]
         (bits,) = flags_field.unpack(self._master.read(flags_field.offset, flags_field.size), -flags_field.offset)
         flags = {name for bit, name in enumerate(STATUS_FLAGS) if bits >> bit & 1}
@@ -250,7 +254,7 @@ class Configuration:
             return "the accumulator is being charged"
         if "load" in flags:
             return "the relays are closed"
-        if abs(raw * current.scale) > REST_A:
+        if abs(raw * current.scale) > REST_A and not sensor_only:
             return f"a current of {raw * current.scale:.1f} A flows"
         return None
 

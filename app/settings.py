@@ -59,6 +59,9 @@ class Settings(BaseSettings):
     scenario: str | None = Field(
         default=None, description="scenario of the simulated accumulator, where no hardware is named"
     )
+    balance_open: bool = Field(
+        default=True, description="allow balancing with the relays open; some competitions' rules forbid it"
+    )
     bench: bool = Field(
         default=False, description="the CAN bus is a bench's, no car's: frames may be sent onto it by hand"
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from firmware_protocol.errors import DecodeError, EncodeError
 from firmware_protocol.framing import MAX_BODY, Frame
-from firmware_protocol.memory_map import CONFIG_SIZE, MAP_HASH, MASTER_SIZE, N_CAN_MESSAGES
+from firmware_protocol.memory_map import CELLS_PER_PACK, CONFIG_SIZE, MAP_HASH, MASTER_SIZE, N_CAN_MESSAGES, N_PACKS
 
 PROTOCOL_VERSION = 1
 EEPROM_READ_BASE = 0x8000
@@ -65,20 +65,26 @@ class CommandId(enum.IntEnum):
     CHARGE_STOP = 2
     BALANCE_START = 3
     BALANCE_STOP = 4
-    FAN_OVERRIDE = 5  # duty 0..255, -1 gives the fans back to the ramp
+    FAN_OVERRIDE = 5  # duty 0..255, + 256 s to end by itself (0: never); -1 gives the fans back to the ramp
     CLEAR_FAULTS = 6
     SET_SOC = 7  # 0.01 %, 0..10000
     CAN_TX_ENABLE = 8  # bit mask of messages to send
     CAN_SEND = 9  # index of a tx message, sent once
     RESET = 10
+    BALANCE_CELLS = 11  # by hand: the cells of one pack to bleed, pack << 12 | mask; ends by itself
+    SOC_FROM_OCV = 12  # start the count again from the voltage at rest
 
+
+MAX_FAN_OVERRIDE_S = 3600
+BALANCE_BY_HAND_S = 600  # cells chosen by hand are bled no longer than this without being chosen again
 
 # Lowest and highest argument of each command that has one; the others take any.
 COMMAND_ARGUMENTS: dict[CommandId, tuple[int, int]] = {
-    CommandId.FAN_OVERRIDE: (-1, 255),
+    CommandId.FAN_OVERRIDE: (-1, MAX_FAN_OVERRIDE_S << 8 | 0xFF),
     CommandId.SET_SOC: (0, 10_000),
     CommandId.CAN_TX_ENABLE: (0, (1 << N_CAN_MESSAGES) - 1),
     CommandId.CAN_SEND: (0, N_CAN_MESSAGES - 1),
+    CommandId.BALANCE_CELLS: (0, (N_PACKS << CELLS_PER_PACK) - 1),
 }
 
 

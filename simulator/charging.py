@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_protocol.elcon import ChargerFlags
-from firmware_protocol.memory_map import CHARGER_STATES, N_CELLS
-from firmware_protocol.messages import NO_OFFSET, Event, EventCode
+from firmware_protocol.memory_map import CELLS_PER_PACK, CHARGER_STATES, N_CELLS
+from firmware_protocol.messages import BALANCE_BY_HAND_S, NO_OFFSET, Event, EventCode
 from simulator.memory import Config, MasterMemory
 
 BoolArray = NDArray[np.bool_]
@@ -60,6 +60,30 @@ class Balancer:
     def __init__(self) -> None:
         self.cells: BoolArray = np.zeros(N_CELLS, dtype=bool)
         self.is_active = False
+        self._by_hand_until_s: float | None = None
+
+    @property
+    def is_by_hand(self) -> bool:
+        """The cells were chosen by hand."""
+        return self._by_hand_until_s is not None
+
+    def choose_by_hand(self, pack: int, mask: int, now_s: float) -> None:
+        """Bleed these cells of a pack, and of the other packs what was chosen by hand before."""
+        if not self.is_by_hand:
+            self.stop()
+        first = pack * CELLS_PER_PACK
+        self.cells[first : first + CELLS_PER_PACK] = [bool(mask >> cell & 1) for cell in range(CELLS_PER_PACK)]
+        self.is_active = bool(self.cells.any())
+        self._by_hand_until_s = now_s + BALANCE_BY_HAND_S if self.is_active else None
+
+    def watch_by_hand(self, config: Config, v: NDArray[np.uint16], now_s: float) -> None:
+        """End what was chosen by hand: after its time, and cell by cell at the lowest voltage allowed."""
+        if self._by_hand_until_s is None:
+            return
+        self.cells &= v > config.v_cell_min
+        self.is_active = bool(self.cells.any())
+        if now_s >= self._by_hand_until_s or not self.is_active:
+            self.stop()
 
     def choose(self, config: Config, v: NDArray[np.uint16]) -> bool:
         """Update `cells` from voltages at rest [100 uV], 0 = missing; return whether any cell is bled."""
@@ -74,6 +98,7 @@ class Balancer:
 
     def stop(self) -> None:
         """Bleed nothing."""
+        self._by_hand_until_s = None
         if self.is_active:
             self.cells = np.zeros(N_CELLS, dtype=bool)
             self.is_active = False

@@ -1,5 +1,7 @@
 """The fan curve: duty over the hottest cell's temperature."""
 
+import math
+
 from simulator.memory import Config
 
 AUTOMATIC = -1
@@ -20,7 +22,16 @@ class Fans:
 
     def __init__(self) -> None:
         self.override = AUTOMATIC
+        self._until_s = math.inf
 
-    def duty(self, config: Config, t_max_degc: int) -> int:
+    def command(self, argument: int, now_s: float) -> None:
+        """Take the argument of FAN_OVERRIDE: a duty and for how many seconds, or AUTOMATIC."""
+        self.override = AUTOMATIC if argument == AUTOMATIC else argument & 0xFF
+        seconds = 0 if argument == AUTOMATIC else argument >> 8
+        self._until_s = now_s + seconds if seconds else math.inf
+
+    def duty(self, config: Config, t_max_degc: int, now_s: float) -> int:
         """Return the duty in force [1/255]."""
+        if now_s >= self._until_s:
+            self.override, self._until_s = AUTOMATIC, math.inf
         return ramp_duty(config, t_max_degc) if self.override == AUTOMATIC else self.override

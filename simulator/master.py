@@ -10,7 +10,7 @@ import numpy as np
 
 from firmware_protocol.config_image import default_image
 from firmware_protocol.framing import LINE_SILENCE_S, CommandDecoder, Frame, StreamCommand, encode_frame
-from firmware_protocol.memory_map import FIELDS
+from firmware_protocol.memory_map import CELLS_PER_PACK, FIELDS
 from firmware_protocol.messages import (
     NO_OFFSET,
     CommandId,
@@ -129,7 +129,7 @@ class VirtualMaster:
             link_share=self.board.link_share,
         )
         self._balance(now_s)
-        self.memory.set_charger("fan_duty", self.fans.duty(config, reading.t_max))
+        self.memory.set_charger("fan_duty", self.fans.duty(config, reading.t_max, now_s))
         self._write_status(charger_alive)
         self._emit_all(events)
         self._run_store(now_s)
@@ -152,6 +152,7 @@ class VirtualMaster:
             self._balancer.stop()
 
     def _balance(self, now_s: float) -> None:
+        self._balancer.watch_by_hand(self.config, self.memory.v, now_s)
         if self._balance_asked and self.charging.state != ChargingState.BALANCING:
             self._balance_asked = self._balancer.choose(self.config, self.memory.v)
         if now_s >= self._slave_refresh_s:
@@ -213,11 +214,25 @@ class VirtualMaster:
             case CommandId.BALANCE_START:
                 if is_driving or self.charging.is_active or not self.protection.is_ok:
                     return False
+                self._balancer.stop()
                 self._balance_asked = True
+            case CommandId.BALANCE_CELLS:
+                if is_driving or self.charging.is_active or not self.protection.is_ok:
+                    return False
+                self._balance_asked = False
+                self._balancer.choose_by_hand(argument >> CELLS_PER_PACK, argument & 0xFFF, now_s)
+                self._slave_refresh_s = 0.0
+            case CommandId.SOC_FROM_OCV:
+                if not self._measurement.is_ready or not self._soc.restart(
+                    self.config, self._measurement.v_avg, FIELDS["i_fc"].unpack(self.memory.image)[0]
+                ):
+                    return False
+                soc = self._soc.soc_counts(self.config)
+                self.emit(Event(EventCode.SOC_SET, 0, NO_OFFSET, soc, 0))
             case CommandId.BALANCE_STOP:
                 self._stop_balancing()
             case CommandId.FAN_OVERRIDE:
-                self.fans.override = argument
+                self.fans.command(argument, now_s)
             case CommandId.CLEAR_FAULTS:
                 if not self.protection.clear():
                     return False

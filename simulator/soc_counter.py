@@ -33,6 +33,13 @@ class SocCounter:
         if v_avg and abs(i_fc) < AT_REST_COUNTS:
             self.set_soc(config, soc_from_rest(v_avg * 1e-4))
 
+    def restart(self, config: Config, v_avg: int, i_fc: int) -> bool:
+        """Start again from the voltage at rest; False where there is none, or a current flows."""
+        if not v_avg or abs(i_fc) >= AT_REST_COUNTS:
+            return False
+        self.start_from_rest(config, v_avg, i_fc)
+        return True
+
     def start_from_journal(self, dod_mas: int) -> None:
         """Go on from a remembered count."""
         self.dod_mas = float(dod_mas)

@@ -1,23 +1,32 @@
-"""Named commands to the master."""
+"""Named commands to the master, and the guided calibration of its current sensor."""
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import asdict
+from typing import Any, Literal
 
 from fastapi import APIRouter
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict, Field
 
 from app.api.deps import RuntimeDep, UserDep
-from app.api.problems import invalid, not_found
-from app.api.schemas.service import CommandsOut, DoneOut
-from firmware_protocol.messages import Command, CommandId
+from app.api.problems import Problem, invalid, not_found
+from app.api.schemas.service import CalibrationOut, CommandsOut, DoneOut, IdentityOut
+from app.calibration import measure, propose_gain, propose_zero
+from app.runtime import Runtime
+from firmware_protocol.memory_map import CELLS_PER_PACK, N_CELLS
+from firmware_protocol.messages import MAX_FAN_OVERRIDE_S, Command, CommandId
 
-router = APIRouter(prefix="/commands", tags=["commands"])
+router = APIRouter(tags=["commands"])
+STREAM = ("stream-start", "stream-stop")
 
 
 class Argument(BaseModel):
     """A command's argument, where it takes one."""
 
     argument: float | None = None
+    duration_s: int | None = Field(
+        default=None, ge=1, le=MAX_FAN_OVERRIDE_S, description="fan-override: then automatic again"
+    )
+    cells: list[int] | None = Field(default=None, max_length=N_CELLS, description="balance-cells: indices 0..95")
 
 
 def _none(argument: float | None) -> int:
@@ -47,28 +56,110 @@ COMMANDS: dict[str, tuple[CommandId, Callable[[float | None], int]]] = {
     "fan-override": (CommandId.FAN_OVERRIDE, _within(0, 1, 255, automatic=-1)),
     "clear-faults": (CommandId.CLEAR_FAULTS, _none),
     "set-soc": (CommandId.SET_SOC, _within(0, 1, 10000)),
+    "soc-from-ocv": (CommandId.SOC_FROM_OCV, _none),
     "can-tx-enable": (CommandId.CAN_TX_ENABLE, _within(0, 255, 1)),
     "can-send": (CommandId.CAN_SEND, _within(0, 7, 1)),
     "reset": (CommandId.RESET, _none),
 }
 
 
-@router.get("", response_model=CommandsOut)
+@router.get("/commands", response_model=CommandsOut)
 def names() -> dict[str, Any]:
     """The commands there are."""
-    return {"commands": [*COMMANDS, "stream-start", "stream-stop"]}
+    return {"commands": [*COMMANDS, "balance-cells", *STREAM]}
 
 
-@router.post("/{name}", response_model=DoneOut)
+@router.post("/commands/{name}", response_model=DoneOut)
 def command(name: str, runtime: RuntimeDep, user: UserDep, body: Argument | None = None) -> dict[str, Any]:
     """Send a command and wait for the master's answer."""
-    argument = body.argument if body else None
-    if name in ("stream-start", "stream-stop"):
-        _none(argument)
+    asked = body or Argument()
+    if asked.duration_s is not None and (name != "fan-override" or asked.argument is None):
+        raise invalid("duration_s", asked.duration_s, "only with fan-override and a duty")
+    if asked.cells is not None and name != "balance-cells":
+        raise invalid("cells", len(asked.cells), "only with balance-cells")
+    if name.startswith("balance-") and name != "balance-stop":
+        _require_balancing(runtime)
+    if name in STREAM:
+        _none(asked.argument)
         runtime.operator.stream(user.name, on=name == "stream-start")
+    elif name == "balance-cells":
+        _none(asked.argument)
+        _balance(runtime, asked.cells or [], user.name)
     elif name in COMMANDS:
         command_id, convert = COMMANDS[name]
-        runtime.operator.command(name, Command(command_id, convert(argument)), user.name)
+        argument = convert(asked.argument) | (asked.duration_s or 0) << 8
+        runtime.operator.command(name, Command(command_id, argument), user.name, _in_words(asked))
     else:
         raise not_found("command", name)
     return {"done": True}
+
+
+def _in_words(asked: Argument) -> str:
+    duration = f" for {asked.duration_s} s" if asked.duration_s else ""
+    return "" if asked.argument is None else f"{asked.argument:g}{duration}"
+
+
+def _require_balancing(runtime: Runtime) -> None:
+    """Refuse with relays open where the competition's rules do."""
+    snapshot = runtime.pipeline_snapshot
+    flags = None if snapshot is None else snapshot.master["flags"]
+    if not runtime.settings.balance_open and (flags is None or not flags["load"]):
+        raise Problem(
+            409,
+            "rules",
+            "Not by the rules",
+            "the relays are open, and this service was told that the rules forbid balancing then (balance_open)",
+        )
+
+
+def _balance(runtime: Runtime, cells: list[int], who: str) -> None:
+    """Bleed exactly these cells: what was chosen before ends, then each pack is told its own."""
+    if not cells:
+        raise invalid("cells", "none", "at least one; balance-stop ends it")
+    for cell in cells:
+        if not 0 <= cell < N_CELLS:
+            raise invalid("cells", cell, f"0..{N_CELLS - 1}")
+    runtime.operator.command("balance-stop", Command(CommandId.BALANCE_STOP), who)
+    for pack in sorted({cell // CELLS_PER_PACK for cell in cells}):
+        positions = sorted({cell % CELLS_PER_PACK for cell in cells if cell // CELLS_PER_PACK == pack})
+        mask = sum(1 << position for position in positions)
+        details = f"pack {pack + 1}, cells {', '.join(str(position + 1) for position in positions)}"
+        request = Command(CommandId.BALANCE_CELLS, pack << CELLS_PER_PACK | mask)
+        runtime.operator.command("balance-cells", request, who, details)
+
+
+@router.post("/identify", response_model=IdentityOut)
+def identify(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Ask the master who it is, now."""
+    runtime.master.identify()
+    identity = runtime.pipeline.identity
+    if identity is None:
+        raise Problem(504, "no-reply", "No reply from the master", "the answer was no identity")
+    runtime.note("info", "command", f"identify: firmware {identity.firmware}, boots {identity.boots}", user.name)
+    return asdict(identity)
+
+
+class CalibrationIn(BaseModel):
+    """What is calibrated: the zero with relays open, or the gain against a reference meter."""
+
+    model_config = ConfigDict(extra="forbid")
+    what: Literal["measure", "zero", "gain"]
+    reference_a: float | None = Field(None, ge=-1000, le=1000, description="gain: the meter, positive on discharge")
+
+
+@router.post("/calibration/current", response_model=CalibrationOut)
+def calibrate(body: CalibrationIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Average the current over a second, and propose the offset or gain that corrects it. Nothing is written."""
+    if body.what == "gain" and body.reference_a is None:
+        raise invalid("reference_a", None, "the reference meter's current")
+    image = runtime.configuration.read()
+    measured = measure(runtime.master)
+    proposal = None
+    if body.what == "zero":
+        proposal = propose_zero(image, measured)
+    elif body.what == "gain" and body.reference_a is not None:
+        proposal = propose_gain(image, measured, body.reference_a)
+    said = f"{measured.mean_a:.2f} A, sigma {measured.sigma_a:.2f} A"
+    change = "" if proposal is None else f"; {proposal.field} {proposal.before_raw} -> {proposal.after_raw} proposed"
+    runtime.note("info", "calibration", f"current {body.what}: {said}{change}", user.name)
+    return {"measured": asdict(measured), "proposal": None if proposal is None else asdict(proposal)}

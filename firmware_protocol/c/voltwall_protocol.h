@@ -81,6 +81,8 @@ enum vw_command {
     VW_COMMAND_CAN_TX_ENABLE = 0x08u,
     VW_COMMAND_CAN_SEND = 0x09u,
     VW_COMMAND_RESET = 0x0au,
+    VW_COMMAND_BALANCE_CELLS = 0x0bu,
+    VW_COMMAND_SOC_FROM_OCV = 0x0cu,
 };
 
 enum vw_event {
@@ -427,11 +429,13 @@ VW_ASSERT(master_size, sizeof(vw_master_t) == 2984u);
     X(charge_stop, VW_COMMAND_CHARGE_STOP, INT32_MIN, INT32_MAX) \
     X(balance_start, VW_COMMAND_BALANCE_START, INT32_MIN, INT32_MAX) \
     X(balance_stop, VW_COMMAND_BALANCE_STOP, INT32_MIN, INT32_MAX) \
-    X(fan_override, VW_COMMAND_FAN_OVERRIDE, -1, 255) \
+    X(fan_override, VW_COMMAND_FAN_OVERRIDE, -1, 921855) \
     X(clear_faults, VW_COMMAND_CLEAR_FAULTS, INT32_MIN, INT32_MAX) \
     X(set_soc, VW_COMMAND_SET_SOC, 0, 10000) \
     X(can_tx_enable, VW_COMMAND_CAN_TX_ENABLE, 0, 255) \
     X(can_send, VW_COMMAND_CAN_SEND, 0, 7) \
-    X(reset, VW_COMMAND_RESET, INT32_MIN, INT32_MAX)
+    X(reset, VW_COMMAND_RESET, INT32_MIN, INT32_MAX) \
+    X(balance_cells, VW_COMMAND_BALANCE_CELLS, 0, 32767) \
+    X(soc_from_ocv, VW_COMMAND_SOC_FROM_OCV, INT32_MIN, INT32_MAX)
 
 #endif

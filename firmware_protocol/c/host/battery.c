@@ -86,6 +86,7 @@ enum vw_result battery_command(battery_t *battery, uint8_t command, int32_t argu
     switch (command) {
     case VW_COMMAND_CHARGE_START:
     case VW_COMMAND_BALANCE_START:
+    case VW_COMMAND_BALANCE_CELLS:
     case VW_COMMAND_RESET:
         if (battery->is_driving) {
             return VW_RESULT_NOT_NOW;
@@ -104,7 +105,12 @@ enum vw_result battery_command(battery_t *battery, uint8_t command, int32_t argu
         set_flag(battery, VW_STATUS_BALANCING, command == VW_COMMAND_BALANCE_START);
         break;
     case VW_COMMAND_FAN_OVERRIDE:
-        battery->master->charger.fan_duty = argument < 0 ? battery->master->conf.fan_ramp_min : (uint8_t)argument;
+        /* the time in the upper bytes is left out here: this car has no clock for it */
+        battery->master->charger.fan_duty =
+            argument < 0 ? battery->master->conf.fan_ramp_min : (uint8_t)((uint32_t)argument & 0xFFu);
+        break;
+    case VW_COMMAND_BALANCE_CELLS:
+        set_flag(battery, VW_STATUS_BALANCING, ((uint32_t)argument & 0xFFFu) != 0u);
         break;
     case VW_COMMAND_CLEAR_FAULTS:
         vw_link_event(battery->link, VW_EVENT_FAULTS_CLEARED, VW_NO_OFFSET, 0, 0);

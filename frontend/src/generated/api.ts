@@ -154,6 +154,12 @@ export interface BoxSamples {
   load: (number | null)[];
 }
 
+/** A reading of the current sensor, and what would correct it. */
+export interface Calibration {
+  measured: Measured;
+  proposal: Proposal | null;
+}
+
 /** The bus monitor. */
 export interface CanBus {
   ids: CanId[];
@@ -578,6 +584,15 @@ export interface History {
   series: Record<string, (number | null)[]>;
 }
 
+/** Who the master says it is. */
+export interface Identity {
+  firmware: string;
+  protocol: number;
+  map_hash: string;
+  is_compatible: boolean;
+  boots: number;
+}
+
 /** Which column is what; empty: not there. */
 export interface ImportProfile {
   time: string;
@@ -780,6 +795,14 @@ export interface Me {
   password_required: boolean;
 }
 
+/** The current by the master, averaged; positive on discharge. */
+export interface Measured {
+  mean_a: number;
+  sigma_a: number;
+  samples: number;
+  relays_closed: boolean;
+}
+
 /** A cell that is unlike the others. */
 export interface OddCell {
   cell: number;
@@ -893,6 +916,15 @@ export interface Profile {
 export interface Profiles {
   profiles: Profile[];
   broken: string[];
+}
+
+/** What to change, in raw counts, and what the same reading would be then. */
+export interface Proposal {
+  field: 'i_offset' | 'i_gain';
+  before_raw: number;
+  after_raw: number;
+  before_a: number;
+  after_a: number;
 }
 
 /** One open live stream. */

@@ -3,7 +3,16 @@ import pytest
 
 from firmware_protocol.framing import LINE_BYTES_PER_S
 from firmware_protocol.memory_map import FIELDS, T_MISSING
-from firmware_protocol.messages import Command, CommandId, EventCode, MessageType, Result, Write
+from firmware_protocol.messages import (
+    BALANCE_BY_HAND_S,
+    Command,
+    CommandId,
+    EventCode,
+    MessageType,
+    Result,
+    Write,
+)
+from simulator.charging import Balancer
 from simulator.loads import ConstantCurrent, Rest
 from simulator.memory import FLAG
 from simulator.relays import RelayState
@@ -177,6 +186,47 @@ def test_balancing_by_command_bleeds_high_cells_and_ends_by_itself(make_host):
     host.run(2.0)
     assert not host.simulation.board.chain.discharging.any()
     assert not host.simulation.master.memory.flags & FLAG["balancing"]
+
+
+def test_cells_are_bled_by_hand_pack_by_pack(host):
+    chosen = [3, 12 * 5 + 1, 12 * 5 + 11]
+    assert host.ask(Command(CommandId.BALANCE_CELLS, 1 << 3)).result == Result.DONE
+    assert host.ask(Command(CommandId.BALANCE_CELLS, 5 << 12 | 1 << 1 | 1 << 11)).result == Result.DONE
+    host.run(2.0)
+    assert list(np.flatnonzero(host.simulation.board.chain.discharging)) == chosen
+    assert host.simulation.master.memory.flags & FLAG["balancing"]
+    host.ask(Command(CommandId.BALANCE_CELLS, 5 << 12))
+    host.run(2.0)
+    assert list(np.flatnonzero(host.simulation.board.chain.discharging)) == [3]
+    host.ask(Command(CommandId.BALANCE_STOP))
+    host.run(2.0)
+    assert not host.simulation.board.chain.discharging.any()
+
+
+def test_bleeding_by_hand_ends_by_itself_and_spares_an_empty_cell(host):
+    config, volts = host.simulation.master.config, np.full(96, 37000, dtype=np.uint16)
+    balancer = Balancer()
+    balancer.choose_by_hand(0, 0b11, now_s=0.0)
+    volts[1] = config.v_cell_min
+    balancer.watch_by_hand(config, volts, now_s=1.0)
+    assert list(np.flatnonzero(balancer.cells)) == [0]
+    balancer.watch_by_hand(config, volts, now_s=BALANCE_BY_HAND_S - 1.0)
+    assert balancer.is_active
+    balancer.watch_by_hand(config, volts, now_s=BALANCE_BY_HAND_S)
+    assert not balancer.is_active
+    assert not balancer.cells.any()
+
+
+def test_the_count_starts_again_from_the_voltage_at_rest(host):
+    host.ask(Command(CommandId.SET_SOC, 100))
+    assert host.ask(Command(CommandId.SOC_FROM_OCV)).result == Result.DONE
+    assert [event.value for event in host.events if event.code == EventCode.SOC_SET][-1] == pytest.approx(7000, abs=500)
+
+
+def test_neither_is_done_while_the_car_drives(host):
+    start_driving(host)
+    assert host.ask(Command(CommandId.SOC_FROM_OCV)).result == Result.NOT_NOW
+    assert host.ask(Command(CommandId.BALANCE_CELLS, 1)).result == Result.NOT_NOW
 
 
 def test_fan_override_holds_until_given_back(host):

@@ -150,7 +150,9 @@ def test_eeprom_can_be_read_over_the_line(host):
 @pytest.mark.parametrize(
     ("command", "argument"),
     [
-        (CommandId.FAN_OVERRIDE, 256),
+        (CommandId.FAN_OVERRIDE, 3601 << 8),
+        (CommandId.BALANCE_CELLS, 8 << 12),
+        (CommandId.BALANCE_CELLS, -1),
         (CommandId.FAN_OVERRIDE, -2),
         (CommandId.SET_SOC, 10_001),
         (CommandId.CAN_TX_ENABLE, 256),

@@ -27,6 +27,8 @@ WRITES = [
     ("DELETE", "/config/profiles/x"),
     ("POST", "/config/history/1/rollback"),
     ("POST", "/commands/clear-faults"),
+    ("POST", "/identify"),
+    ("POST", "/calibration/current"),
     ("POST", "/sessions"),
     ("POST", "/sessions/x/stop"),
     ("POST", "/sessions/x/split"),
