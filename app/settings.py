@@ -99,5 +99,7 @@ class Settings(BaseSettings):
                 raise ConfigError(name, "(hidden)", f"at least {MIN_PASSWORD_LENGTH} characters")
         if self.viewer_password is not None and self.password is None:
             raise ConfigError("viewer_password", "(hidden)", "needs password to be set too, or everyone may write")
+        if self.viewer_password is not None and self.viewer_password == self.password:
+            raise ConfigError("viewer_password", "(hidden)", "other than password, or every viewer is an engineer")
         if self.can is not None and ":" not in self.can:
             raise ConfigError("can", self.can, "INTERFACE:CHANNEL, for example socketcan:can0")

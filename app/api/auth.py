@@ -23,7 +23,7 @@ from app.settings import Settings
 
 COOKIE = "voltwall"
 SESSION_S = 24 * 3600.0
-MAX_SESSIONS = 1000
+MAX_SESSIONS = 1000  # of each role: viewers cannot log the engineer out
 MAX_SOURCES = 10_000  # of failed tries
 MAX_FAILURES = 10  # in FAILURE_WINDOW_S, per source
 FAILURE_WINDOW_S = 60.0
@@ -70,7 +70,8 @@ class Doorkeeper:
             for role in ROLES:
                 secret = self.settings.password if role == "engineer" else self.settings.viewer_password
                 if secret is not None and _is_equal(secret.get_secret_value(), password):
-                    self._failures.pop(source, None)
+                    if role == "engineer":  # a viewer could else guess the engineer's for ever, logging in in between
+                        self._failures.pop(source, None)
                     return User(name.strip()[:40] or role, role)
             self._failures.pop(source, None)  # to the end: the oldest leaves first
             self._failures[source] = [*recent, now]
@@ -84,8 +85,9 @@ class Doorkeeper:
         token = secrets.token_urlsafe(32)
         with self._lock:
             self._sessions = {t: s for t, s in self._sessions.items() if s[1] > now}
-            while len(self._sessions) >= MAX_SESSIONS:
-                self._sessions.pop(next(iter(self._sessions)))
+            same_role = [t for t, (held_by, _) in self._sessions.items() if held_by.role == user.role]
+            for oldest in same_role[: len(same_role) - MAX_SESSIONS + 1]:
+                self._sessions.pop(oldest)
             self._sessions[token] = (user, now + SESSION_S)
         return token
 

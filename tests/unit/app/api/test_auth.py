@@ -10,6 +10,7 @@ from starlette.websockets import WebSocketDisconnect
 from app.api import auth
 from app.api.auth import MAX_FAILURES, Doorkeeper, User, is_own_host, is_same_origin
 from app.api.problems import Problem
+from app.errors import ConfigError
 from app.settings import Settings
 
 ENGINEER, VIEWER = "correct horse", "battery staple"
@@ -89,6 +90,26 @@ def test_guessing_is_stopped_for_a_minute_also_over_basic(keeper, clock):
     assert keeper.user_of(basic(ENGINEER), "10.0.0.2").role == "engineer"
     clock[0] += 61
     assert keeper.user_of(basic(ENGINEER), "10.0.0.1").role == "engineer"
+
+
+def test_logging_in_as_viewer_gives_no_new_tries_at_the_engineers_password(keeper, clock):
+    for _ in range(auth.MAX_FAILURES):
+        assert keeper.login("eve", VIEWER, "10.0.0.9").role == "viewer"
+        assert keeper.login("eve", "guess", "10.0.0.9") is None
+    with pytest.raises(Problem):
+        keeper.login("eve", "guess", "10.0.0.9")
+
+
+def test_many_viewers_do_not_log_the_engineer_out(keeper):
+    token = keeper.open_session(User("ada", "engineer"))
+    tokens = [keeper.open_session(User("eve", "viewer")) for _ in range(auth.MAX_SESSIONS + 5)]
+    asked = [keeper.user_of(Headers({"cookie": f"{auth.COOKIE}={t}"}), "a") for t in (token, tokens[0], tokens[-1])]
+    assert asked == [User("ada", "engineer"), None, User("eve", "viewer")]
+
+
+def test_one_password_for_both_roles_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="every viewer is an engineer"):
+        Settings(data=tmp_path, password=ENGINEER, viewer_password=ENGINEER).check()
 
 
 def test_a_network_of_ipv6_addresses_is_one_guesser(keeper):
