@@ -35,6 +35,8 @@ WRITES = [
     ("POST", "/sessions/x/split"),
     ("PUT", "/sessions/x/laps"),
     ("DELETE", "/sessions/x/laps"),
+    ("POST", "/passport/swaps"),
+    ("DELETE", "/passport/swaps/x"),
     ("PUT", "/recorder"),
     ("POST", "/fetch"),
     ("POST", "/imports"),
