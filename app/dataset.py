@@ -146,7 +146,7 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
 
 def _csv_table(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | None, list[FloatArray]]:
     try:
-        text = raw.decode("utf-8-sig")
+        text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
     lines = [line for line in text.splitlines() if line.strip()]

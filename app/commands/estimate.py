@@ -17,7 +17,8 @@ from app.estimation.cellfile import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.estimators import FILTERS, CellEstimator, make_estimator
 from app.estimation.filters import GaussianEstimator
-from app.estimation.importer import DatasetError, FloatArray, Recording
+from app.estimation.identify_parts import GAP_S
+from app.estimation.importer import GAP_STEPS, DatasetError, FloatArray, Recording
 from app.estimation.scoring import SocScore, score_soc
 from app.estimation.sensor_offset import OffsetTracker, SensorOffset
 from app.estimation.whiteness import InnovationScore, score_innovations
@@ -150,11 +151,20 @@ def summary(
         "current_offset_observed": None if result.sensor is None else result.sensor.is_observed,
         "model_valid": result.model_valid_frac,
         "us_per_step": result.us_per_step,
-        "notes": list(recording.notes),
+        "notes": [*recording.notes, *_gap_notes(recording)],
     }
     return {
         key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in report.items()
     }
+
+
+def _gap_notes(recording: Recording) -> list[str]:
+    """Say what was assumed of gaps: the current of the row after each has flowed all the time."""
+    in_gap = recording.step_s > max(GAP_S, GAP_STEPS * recording.usual_step_s)
+    charge_ah = float(np.sum((recording.current_a * recording.step_s)[in_gap])) / 3600.0
+    if abs(charge_ah) < 1e-3:
+        return []
+    return [f"in gaps the current of the row after counts: {charge_ah:+.3g} Ah that were not measured"]
 
 
 def _columns(recording: Recording, result: Run) -> dict[str, FloatArray]:

@@ -127,3 +127,10 @@ def test_measured_files_of_a_foreign_laboratory_load():
     assert np.nanmax(pulses.soc) == pytest.approx(1.0, abs=0.01)
     with pytest.raises(DatasetError, match="no time column"):
         load_recording(SAMSUNG / "DNN01_HPPC_2C_20amb.csv.gz")
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig", "latin-1"])
+def test_text_of_other_encodings_reads_the_same(tmp_path, encoding):
+    path = tmp_path / "run.csv"
+    path.write_text("time_s,current_a,voltage_v,temperature_c\n0,1,3.7,25\n1,1,3.6,25\n", encoding=encoding)
+    assert load_recording(path).voltage_v.tolist() == [3.7, 3.6]

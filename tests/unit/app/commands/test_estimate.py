@@ -94,3 +94,24 @@ def test_initial_soc_that_is_no_fraction_is_refused(text):
 def test_unknown_ending_is_refused(tmp_path):
     with pytest.raises(DatasetError, match="parquet"):
         write_table(tmp_path / "a.xlsx", {"soc": np.zeros(2)})
+
+
+def test_charge_that_a_gap_hides_is_named(tmp_path, capsys):
+    time_s = np.concatenate((np.arange(100.0), 3700.0 + np.arange(100.0)))
+    path = tmp_path / "gap.csv"
+    write_table(path, {"time_s": time_s, "current_a": np.full(200, 2.5), "voltage_v": np.full(200, 3.7)})
+    assert run(path, "--cell", CELL, "--json") == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert any("+2.5 Ah that were not measured" in note for note in notes)
+
+
+def test_whiteness_and_the_offset_of_the_sensor_are_in_the_report(drive, capsys):
+    assert run(drive, "--cell", CELL, "--initial-soc", "0.9", "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert 0.0 <= report["innovation_white_share"] <= 1.0
+    assert report["nis"] > 0.0
+    assert report["innovation_correlation_s"] > 0.0
+    assert report["current_offset_observed"] is False
+    assert report["current_offset_sigma_a"] > 0.1
+    assert run(drive, "--cell", CELL, "--filter", "coulomb", "--initial-soc", "0.9", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["current_offset_a"] is None
