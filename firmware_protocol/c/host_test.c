@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "vw_can.h"
 #include "vw_codec.h"
 #include "vw_config.h"
 #include "vw_messages.h"
@@ -275,6 +276,51 @@ static unsigned check_slots(const char *folder)
     return count;
 }
 
+/* One message in either direction: its bytes and the bytes of the struct. */
+static unsigned check_can(const char *folder)
+{
+    static vw_master_t master, expected;
+    static const vw_board_t board;
+    const char *v;
+    unsigned count = 0;
+    for (v = first_vector(folder, "can_messages.json"); v != NULL; v = next_vector(v), count++) {
+        bool is_tx = strcmp(value_of(v, "direction"), "tx") == 0;
+        vw_can_frame_t frame = { 0 };
+        vw_can_t can;
+        char *at = (char *)value_of(v, "offsets");
+        char *windows = (char *)value_of(v, "struct");
+        unsigned i;
+        memset(&master, 0, sizeof master);
+        memset(&expected, 0, sizeof expected);
+        for (at = strtok(at, " "), i = 0; at != NULL && i < VW_CAN_DATA_BYTES; at = strtok(NULL, " "), i++) {
+            uint16_t offset = (uint16_t)strtoul(at, NULL, 10);
+            master.conf.can_tx_msg_data[0][i] = offset;
+            master.conf.can_rx_msg_data[0][i] = offset;
+        }
+        for (at = strtok(windows, " "); at != NULL; at = strtok(NULL, " ")) {
+            uint8_t *target = is_tx ? (uint8_t *)&master : (uint8_t *)&expected;
+            (void)from_hex(strchr(at, ':') + 1, target + strtoul(at, NULL, 10));
+        }
+        frame.length = (uint8_t)from_hex(value_of(v, "data"), frame.data);
+        master.conf.can_tx_msg_len[0] = frame.length;
+        master.conf.can_rx_msg_len[0] = frame.length;
+        master.conf.can_rx_msg_en_startup = 1u;
+        vw_can_init(&can, &board, &master);
+        if (is_tx) {
+            vw_can_frame_t sent;
+            vw_can_send_once(&can, 0u);
+            expect(vw_can_next(&can, 0u, &sent) && sent.length == frame.length
+                       && memcmp(sent.data, frame.data, sent.length) == 0,
+                   "can_messages.json", v);
+        } else {
+            vw_can_received(&can, 0u, &frame);
+            expect(memcmp(&master.charger, &expected.charger, sizeof master.charger) == 0 && can.rx_active == 1u,
+                   "can_messages.json", v);
+        }
+    }
+    return count;
+}
+
 static int run_vectors(const char *folder)
 {
     unsigned count = check_frames(folder);
@@ -283,6 +329,7 @@ static int run_vectors(const char *folder)
     count += check_messages(folder);
     count += check_config(folder);
     count += check_slots(folder);
+    count += check_can(folder);
     printf("%u vectors agree\n", count);
     return 0;
 }
