@@ -1,7 +1,7 @@
 """How long it takes to look back on a session of hours: `python -m benchmarks.analysis [--hours 4]`.
 
 The session is the master's own stream at 10 Hz with numbers as noisy as real ones and a power that repeats in laps,
-recorded as fast as the disk takes it. Each figure is the shortest of a few runs.
+recorded as fast as the disk takes it. Each figure is the CPU time of the shortest of a few runs.
 """
 
 import argparse
@@ -54,12 +54,12 @@ def record(folder: Path, hours: float) -> Path:
 
 
 def shortest_s(runs: int, action: Callable[[], object]) -> float:
-    """Return the shortest time of some runs."""
+    """Return the least CPU time of some runs: what else the machine does makes no difference."""
     times = []
     for _ in range(runs):
-        started = time.perf_counter()
+        started = time.process_time()
         action()
-        times.append(time.perf_counter() - started)
+        times.append(time.process_time() - started)
     return min(times)
 
 

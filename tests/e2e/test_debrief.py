@@ -1,0 +1,79 @@
+"""Looking back in the browser: laps, report, black box, comparison, passports."""
+
+import re
+
+import numpy as np
+import pytest
+from playwright.sync_api import expect
+
+from benchmarks.record_arrays import SessionMaker
+
+LAP_S = 60.0
+TIME_S = np.arange(0.0, 4 * LAP_S, 0.5)
+CURRENT_A = np.where(np.sin(TIME_S / LAP_S * 44) + np.sin(TIME_S / LAP_S * 19 + 1) > 0, 120.0, -20.0)
+TRIP = {"severity": "trip", "code": "trip-v-min", "text": "cell under-voltage", "cell": 30}
+PHONE = "phone"
+
+
+@pytest.fixture
+def looked_back(make_service, tmp_path):
+    """A service with two finished sessions; in the second a cell trips."""
+    make = SessionMaker(tmp_path / "data" / "sessions")
+    volts = 3.7 - 0.002 * CURRENT_A[:, None] * np.ones(96)
+    markers = [(k * LAP_S, "lap", "") for k in range(4)] + [(-1.0, "driver", "Anna"), (2 * LAP_S, "driver", "Bo")]
+    first = make(TIME_S, CURRENT_A, volts, 25, 0.8, markers=markers, metadata={"source": "simulator"}).stem
+    low = volts.copy()
+    low[(TIME_S > 99) & (TIME_S < 101), 30] = 2.3
+    event = TRIP | {"at_s": 100.0, "value": 2.3, "limit": 2.5, "unit": "V"}
+    second = make(TIME_S, CURRENT_A, low, 25, 0.8, events=[event], start_s=1.79e9 + 86400).stem
+    return make_service("--seed", "4", "--no-record"), first, second
+
+
+def test_laps_are_compared_corrected_and_kept(looked_back, open_page):
+    service, first, _ = looked_back
+    page = open_page(f"{service.base_url}/#/sessions/{first}/laps")
+    rows = page.get_by_test_id("laps").get_by_role("row")
+    expect(rows).to_have_count(4)  # three laps under their head
+    expect(page.get_by_test_id("drivers")).to_contain_text("Anna")
+    expect(page.get_by_role("img", name=re.compile("^Power"))).to_be_visible()
+    page.get_by_role("button", name="Correct the laps").click()
+    page.get_by_role("button", name="Remove lap 1").click()
+    page.get_by_role("button", name="Keep in the session").click()
+    expect(rows).to_have_count(3)
+    page.reload()
+    expect(page.get_by_text("2 laps, as settled")).to_be_visible()
+    page.get_by_role("button", name="Find them again").click()
+    expect(rows).to_have_count(4)
+
+
+def test_a_black_box_has_an_address_and_a_page_to_print(looked_back, open_page):
+    service, _, second = looked_back
+    page = open_page(f"{service.base_url}/#/sessions/{second}/boxes")
+    page.get_by_test_id("boxes").get_by_role("link", name="cell under-voltage").click()
+    expect(page.get_by_test_id("box-summary")).to_contain_text("Pack 3, cell 7 was beyond the limit of 2.5 V")
+    page.reload()  # the address is enough
+    expect(page.get_by_test_id("box-summary")).to_be_visible()
+    with page.context.expect_page() as opened:
+        page.get_by_role("link", name="Page to print").click()
+    expect(opened.value.get_by_role("heading", level=1)).to_contain_text("pack 3, cell 7")
+    expect(opened.value.locator("svg")).to_have_count(3)
+
+
+def test_a_report_and_a_comparison_are_read(looked_back, open_page):
+    service, first, second = looked_back
+    page = open_page(f"{service.base_url}/#/sessions/{second}/report")
+    expect(page.get_by_test_id("headline")).to_contain_text("kWh out")
+    expect(page.get_by_text("Tripped: cell under-voltage")).to_be_visible()
+    page.get_by_role("link", name="Compare").click()
+    page.get_by_test_id("compare-with").select_option(first)
+    expect(page.get_by_test_id("comparison")).to_contain_text("Energy out")
+
+
+def test_a_swap_is_recorded_on_a_phone(looked_back, open_page):
+    service, _, _ = looked_back
+    page = open_page(f"{service.base_url}/#/sessions/passport/30", PHONE)
+    expect(page.get_by_test_id("passport-state")).to_contain_text("1 sessions read")
+    page.get_by_role("textbox", name="Note").fill("spare 4")
+    page.get_by_test_id("swap").click()
+    expect(page.get_by_text("spare 4")).to_be_visible()
+    expect(page.get_by_test_id("passport-history").get_by_role("row")).to_have_count(2)
