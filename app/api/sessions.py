@@ -26,6 +26,7 @@ from app.api.schemas.sessions import (
     SessionsOut,
     StoppedOut,
 )
+from app.debrief.laps import lap_times
 from app.estimation.cellfile import bundled_cells
 from app.estimation.estimators import FILTERS
 from app.replaying import Playing
@@ -38,7 +39,7 @@ from app.sessions.reader import SessionFile
 
 SQLITE = "application/vnd.sqlite3"
 router = APIRouter(tags=["sessions"])
-ExportFormat = Literal["csv", "parquet", "mcap", "mf4", "ld", "candump", "asc", "blf"]
+ExportFormat = Literal["csv", "parquet", "mcap", "mf4", "ld", "ldx", "candump", "asc", "blf"]
 MAX_UNIX_S = 9e9  # beyond it nanoseconds do not fit a 64-bit number
 From = Annotated[float | None, Query(alias="from", ge=0, le=MAX_UNIX_S, description="unix time, s")]
 To = Annotated[float | None, Query(alias="to", ge=0, le=MAX_UNIX_S, description="unix time, s")]
@@ -239,7 +240,8 @@ def download(
         path = Path(target.name)
     try:
         with open_session(runtime, session_id) as file:
-            export(file, path, export_format, signals=signal, t_from_s=t_from, t_to_s=t_to)
+            laps = lap_times(file) if export_format == "ldx" else None
+            export(file, path, export_format, signals=signal, t_from_s=t_from, t_to_s=t_to, lap_times_s=laps)
     except UnknownSignal as error:
         path.unlink(missing_ok=True)
         raise invalid("signal", ", ".join(signal or [])[:200], str(error)) from error

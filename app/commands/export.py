@@ -1,12 +1,14 @@
 """`voltwall export`: a session's signals as a file for another program."""
 
 import argparse
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
 from app.commands.sessions import find_session
+from app.debrief.laps import lap_times
 from app.errors import ConfigError
-from app.sessions.export import FORMATS, SignalTable, export, write_laps
+from app.sessions.export import FORMATS, export
 from app.sessions.reader import SessionFile
 
 
@@ -48,9 +50,12 @@ def run(args: argparse.Namespace) -> int:
             _unix_s(session, option, text) for option, text in (("from", args.t_from), ("to", args.t_to))
         )
         try:
-            export(session, args.out, name, signals=args.signal, t_from_s=t_from_s, t_to_s=t_to_s)
+            laps = lap_times(session) if name in ("ld", "ldx") else None
+            wanted = {"signals": args.signal, "t_from_s": t_from_s, "t_to_s": t_to_s, "lap_times_s": laps}
+            export(session, args.out, name, **wanted)
             if name == "ld":
-                write_laps(SignalTable(session, args.signal, t_from_s, t_to_s), args.out)
+                with suppress(ConfigError):  # no lap in this range
+                    export(session, args.out.with_suffix(".ldx"), "ldx", **wanted)
         except OSError as error:
             raise ConfigError("out", args.out, error.strerror or str(error)) from error
     print(f"{args.out}: {args.out.stat().st_size / 1e6:.1f} MB")

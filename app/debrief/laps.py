@@ -79,6 +79,12 @@ def lap_table(session: SessionFile, source: Source | None = None, counter: CanCo
     return LapTable(chosen, figures, compare_drivers(figures))
 
 
+def lap_times(session: SessionFile) -> list[float]:
+    """Return the unix times at which laps begin and end, as they count: settled, marked, or seen in the power."""
+    _, laps = find_laps(session, read_totals(session), None, None)
+    return sorted({time_s for lap in laps for time_s in (lap.start_s, lap.end_s)})
+
+
 def find_laps(
     session: SessionFile, totals: Totals, source: Source | None, counter: CanCounter | None
 ) -> tuple[Source, list[Lap]]:

@@ -49,3 +49,31 @@ def test_a_session_can_be_looked_at_while_it_is_recorded(service, open_page):
     page = open_page(f"{service.base_url}/#/sessions")
     page.get_by_test_id("sessions").get_by_role("link", name=re.compile("^20")).first.click()
     expect(page.locator("canvas")).to_have_count(7)
+
+
+def test_a_moment_is_marked_by_key_and_a_file_of_another_system_is_brought_in(make_service, open_page, tmp_path):
+    service = make_service("--seed", "5")
+    service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 20)
+    page = open_page(f"{service.base_url}/#/overview")
+    expect(page.get_by_test_id("recording")).to_contain_text("REC")
+    page.keyboard.press("k")
+    page.get_by_role("button", name="Driver change").click()
+    page.get_by_label("Marker text").fill("Anna")
+    page.keyboard.press("Enter")
+    expect(page.get_by_test_id("mark")).to_have_count(0)
+    with service.client() as client:
+        session_id = client.get("/sessions").json()["sessions"][0]["id"]
+        marker = client.get(f"/sessions/{session_id}/markers").json()["markers"][-1]
+    assert (marker["kind"], marker["text"]) == ("driver", "Anna")
+    page.goto(f"{service.base_url}/#/sessions/{session_id}/take")
+    page.get_by_text("candump").first.click()
+    with page.expect_download() as download:
+        page.get_by_test_id("take").click()
+    assert download.value.suggested_filename == f"{session_id}.log"
+    rows = "\n".join(f"{i / 10},12,3.7,3.71" for i in range(50))
+    (tmp_path / "theirs.csv").write_text(f"t,I,Cell 1 [V],Cell 2 [V]\n{rows}\n")
+    page.goto(f"{service.base_url}/#/sessions/bring")
+    page.get_by_test_id("import-file").set_input_files(tmp_path / "theirs.csv")
+    page.get_by_test_id("import").click()
+    page.get_by_role("link", name="theirs.csv is a session now").click(timeout=30_000)
+    expect(page.get_by_role("heading", name="theirs.csv")).to_be_visible()

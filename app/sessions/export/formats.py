@@ -7,7 +7,7 @@ from pathlib import Path
 from app.errors import ConfigError
 from app.sessions.export.can_log import write_asc, write_blf, write_candump
 from app.sessions.export.csv_file import csv_parts
-from app.sessions.export.ld_file import write_ld
+from app.sessions.export.ld_file import write_ld, write_ldx
 from app.sessions.export.mcap_file import write_mcap
 from app.sessions.export.mf4_file import write_mf4
 from app.sessions.export.parquet_file import write_parquet
@@ -38,6 +38,7 @@ FORMATS = {
     "mcap": Format(".mcap", "application/octet-stream", "MCAP with JSON, for Foxglove (needs mcap)", write_mcap),
     "mf4": Format(".mf4", "application/octet-stream", "ASAM MDF 4 (needs asammdf)", write_mf4),
     "ld": Format(".ld", "application/octet-stream", "MoTeC i2, resampled; laps beside it as .ldx", write_ld),
+    "ldx": Format(".ldx", "application/xml", "MoTeC i2: the laps, to lie beside an .ld of its name", write_ldx),
     "candump": Format(".log", "text/plain", "the CAN frames as candump -L writes them", write_candump),
     "asc": Format(".asc", "text/plain", "the CAN frames as Vector ASC", write_asc),
     "blf": Format(".blf", "application/octet-stream", "the CAN frames as Vector BLF", write_blf),
@@ -52,18 +53,19 @@ def export(
     signals: Sequence[str] | None = None,
     t_from_s: float | None = None,
     t_to_s: float | None = None,
+    lap_times_s: Sequence[float] | None = None,
 ) -> None:
     """Write signals of a range, both ends in unix time and included, as a file; a failure leaves no file behind.
 
     Raises:
-        ConfigError: there is no such format.
+        ConfigError: there is no such format, or nothing for it.
         UnknownSignal: a name means nothing.
         ExportUnavailable: the format needs a package that is not installed.
         OSError: the file cannot be written.
     """
     if export_format not in FORMATS:
         raise ConfigError("format", export_format, "one of " + ", ".join(FORMATS))
-    table = SignalTable(session, signals, t_from_s, t_to_s)
+    table = SignalTable(session, signals, t_from_s, t_to_s, lap_times_s=lap_times_s)
     try:
         FORMATS[export_format].write(table, path)
     except BaseException:

@@ -12,6 +12,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from app.errors import ConfigError
 from app.sessions.export.table import FloatArray, SignalTable
 from app.sessions.series import find_gaps
 from app.sessions.signals import Signal
@@ -124,16 +125,17 @@ def _channel(i: int, n: int, signal: Signal, data_at: int, n_samples: int, rate_
     )
 
 
-def write_laps(table: SignalTable, path: Path) -> Path | None:
-    """Write the markers of the kind "lap" as the .ldx file that i2 looks for beside `path`; None without any."""
+def write_ldx(table: SignalTable, path: Path) -> None:
+    """Write where laps begin and end as the .ldx file that i2 looks for beside a .ld of the same name.
+
+    Raises:
+        ConfigError: there is no lap in the table's range.
+    """
     times, _ = _extent(table)
-    if times is None:
-        return None
-    start_s, end_s = times
-    marked_s = [table.session.unix_s(m.t_mono_ns) for m in table.session.markers() if m.kind == "lap"]
-    beacons = [time_s - start_s for time_s in marked_s if start_s <= time_s <= end_s]
+    start_s, end_s = times if times is not None else (0.0, -1.0)
+    beacons = [time_s - start_s for time_s in _beacons(table) if start_s < time_s <= end_s]
     if not beacons:
-        return None
+        raise ConfigError("format", "ldx", "a session with laps: set markers of the kind lap, or settle its laps")
     lines = [
         f'<Marker Version="100" ClassName="BCN" Name={quoteattr(f"Lap.{i + 1}")} Flags="77" Time="{at_s * 1e6:.6e}"/>'
         for i, at_s in enumerate(beacons)
@@ -141,8 +143,7 @@ def write_laps(table: SignalTable, path: Path) -> Path | None:
     laps = np.diff([0.0, *beacons])
     fastest = int(np.argmin(laps))
     minutes, seconds = divmod(float(laps[fastest]), 60)
-    target = path.with_suffix(".ldx")
-    target.write_text(
+    path.write_text(
         '<?xml version="1.0"?>\n<LDXFile Locale="C" DefaultLocale="C" Version="1.6"><Layers><Layer><MarkerBlock>'
         f'<MarkerGroup Name="Beacons" Index="3">{"".join(lines)}</MarkerGroup></MarkerBlock><RangeBlock/></Layer>'
         f'<Details><String Id="Total Laps" Value="{len(beacons) + 1}"/>'
@@ -150,4 +151,10 @@ def write_laps(table: SignalTable, path: Path) -> Path | None:
         f'<String Id="Fastest Lap" Value="{fastest + 1}"/></Details></Layers></LDXFile>\n',
         encoding="utf-8",
     )
-    return target
+
+
+def _beacons(table: SignalTable) -> list[float]:
+    """Unix times at which laps meet; markers of the kind "lap" where the table knows no laps."""
+    if table.lap_times_s is not None:
+        return sorted(set(table.lap_times_s))
+    return [table.session.unix_s(m.t_mono_ns) for m in table.session.markers() if m.kind == "lap"]

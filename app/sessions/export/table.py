@@ -42,8 +42,10 @@ class SignalTable:
         signals: Sequence[str] | None = None,
         t_from_s: float | None = None,
         t_to_s: float | None = None,
+        *,
+        lap_times_s: Sequence[float] | None = None,
     ) -> None:
-        """Choose signals and range, both ends included.
+        """Choose signals and range, both ends included; `lap_times_s` are where laps meet, for formats with laps.
 
         Raises:
             UnknownSignal: a name means nothing.
@@ -56,6 +58,7 @@ class SignalTable:
             self.signals = [s for s in map(find_signal, default_signals()) if s.field in present]
         self.info = session.info
         self.t_from_s, self.t_to_s = t_from_s, t_to_s
+        self.lap_times_s = lap_times_s
 
     def blocks(self) -> Iterator[Block]:
         """Yield the rows."""

@@ -82,3 +82,19 @@ export const put = <T>(path: string, body: unknown, ifMatch: string): Promise<T>
 export const remove = (path: string): Promise<unknown> => call(path, { method: 'DELETE' });
 export const command = (name: string, argument?: number | null): Promise<unknown> =>
   post(`commands/${name}`, argument === undefined ? {} : { argument });
+
+/** Send a file as it is and return the answer's JSON; throws Problem. */
+export async function send<T>(path: string, file: Blob): Promise<T> {
+  let response: Response;
+  try {
+    response = await fetch(apiUrl(path), {
+      method: 'POST',
+      headers: { Accept: 'application/json', 'Content-Type': 'application/octet-stream' },
+      body: file,
+    });
+  } catch {
+    throw new Problem(0, 'The file did not arrive', { detail: 'The file did not arrive at the service.' });
+  }
+  if (response.ok) return (await response.json()) as T;
+  throw await problemOf(response);
+}

@@ -7,6 +7,7 @@ import { openAlarms } from './alarms';
 import { attention } from './attention.svelte';
 import { Kept } from './kept.svelte';
 import { live } from './live.svelte';
+import { mark } from './mark.svelte';
 import { route, type Page } from './route.svelte';
 import { THEMES, user } from './user.svelte';
 
@@ -57,6 +58,7 @@ export const SHORTCUTS: readonly Shortcut[] = [
     does: 'Mute the sound for 5 minutes, or end it',
     act: () => attention.mute(attention.mutedUntil ? 0 : 5),
   },
+  { key: 'k', does: 'Mark this moment', act: () => mark.begin() },
   { key: '[', does: 'Cell before', act: () => step(-1) },
   { key: ']', does: 'Cell after', act: () => step(1) },
   {

@@ -3,12 +3,13 @@ import { DEBRIEF } from './debrief';
 import { HELP } from './help';
 import { OVERVIEW } from './overview';
 import { PACKS } from './packs';
+import { RECORDING } from './recording';
 import { SERVICE } from './service';
 import { SESSIONS } from './sessions';
 import { SHELL } from './shell';
 import { SYSTEM } from './system';
 
-const ALL = { ...SHELL, ...OVERVIEW, ...PACKS, ...SESSIONS, ...DEBRIEF, ...SYSTEM, ...HELP };
+const ALL = { ...SHELL, ...OVERVIEW, ...PACKS, ...SESSIONS, ...RECORDING, ...DEBRIEF, ...SYSTEM, ...HELP };
 
 export type Words = Record<keyof typeof ALL, string>;
 export type Said = typeof SERVICE;

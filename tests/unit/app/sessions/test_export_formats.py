@@ -9,7 +9,8 @@ import can
 import numpy as np
 import pytest
 
-from app.sessions.export import FORMATS, SignalTable, export, write_laps
+from app.errors import ConfigError
+from app.sessions.export import FORMATS, export
 from app.sessions.reader import SessionFile
 from app.sessions.writer import Recorder
 
@@ -126,17 +127,20 @@ def test_ld_has_every_channel_at_one_rate_with_gaps_left_empty(session: SessionF
 
 
 def test_laps_stand_beside_the_ld_file_as_beacons(session: SessionFile, tmp_path: Path) -> None:
-    table = SignalTable(session, ["i_fs"])
-    path = write_laps(table, tmp_path / "a.ld")
-    assert path == tmp_path / "a.ldx"
+    path = tmp_path / "a.ldx"
+    export(session, path, "ldx", signals=["i_fs"])
     root = ElementTree.parse(path).getroot()
     assert [float(marker.attrib["Time"]) for marker in root.iter("Marker")] == pytest.approx([4e6, 25e6])
     details = {each.attrib["Id"]: each.attrib["Value"] for each in root.iter("String")}
     assert details == {"Total Laps": "3", "Fastest Time": "0:04.000", "Fastest Lap": "1"}
-    assert write_laps(SignalTable(session, ["i_fs"], WALL_S, WALL_S + 3), tmp_path / "b.ld") is None
+    with pytest.raises(ConfigError, match="a session with laps"):
+        export(session, tmp_path / "b.ldx", "ldx", signals=["i_fs"], t_to_s=WALL_S + 3)
+    export(session, path, "ldx", lap_times_s=[WALL_S + 10, WALL_S + 20])
+    root = ElementTree.parse(path).getroot()
+    assert [float(marker.attrib["Time"]) for marker in root.iter("Marker")] == pytest.approx([10e6, 20e6])
 
 
-@pytest.mark.parametrize("name", sorted(FORMATS))
+@pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"ldx"}))
 def test_a_session_without_samples_gives_a_file(recorder: Recorder, tmp_path: Path, name: str) -> None:
     if name in ("mcap", "mf4"):
         pytest.importorskip({"mcap": "mcap", "mf4": "asammdf"}[name])
