@@ -45,8 +45,9 @@ def test_page_renders_and_fits(service, open_page, path, heading, size):
 
 
 @pytest.mark.skipif(not AXE.exists(), reason="axe-core is not installed: run `make frontend`")
-def test_no_page_has_an_accessibility_violation(service, open_page):
-    page = open_page(f"{service.base_url}/#/overview")
+@pytest.mark.parametrize("size", ["desktop", "phone"])
+def test_no_page_has_an_accessibility_violation(service, open_page, size):
+    page = open_page(f"{service.base_url}/#/overview", size)
     page.evaluate(AXE.read_text())
     found = {}
     for path, heading in PAGES.items():
@@ -71,12 +72,18 @@ def test_the_keyboard_reaches_every_page(service, open_page):
 def test_every_target_on_a_phone_is_large_enough_for_a_finger(service, open_page):
     page = open_page(f"{service.base_url}/#/parameters", "phone")
     expect(page.get_by_test_id("write")).to_be_visible()
-    small = page.evaluate(
-        """[...document.querySelectorAll('.btn, nav a, nav button, input.field, summary')]
-           .filter((e) => e.offsetParent && e.getBoundingClientRect().height < 44)
-           .map((e) => e.outerHTML.slice(0, 80))"""
-    )
-    assert small == []
+    found = {}
+    for path, heading in PAGES.items():
+        page.goto(f"{service.base_url}/#/{path}")
+        expect(page.get_by_role("heading", level=1)).to_have_text(heading)
+        small = page.evaluate(
+            """[...document.querySelectorAll('.btn, nav a, nav button, input.field, select.field, summary')]
+               .filter((e) => e.offsetParent && e.getBoundingClientRect().height < 44)
+               .map((e) => e.outerHTML.slice(0, 80))"""
+        )
+        if small:
+            found[path] = small
+    assert not found, json.dumps(found, indent=1)
 
 
 def test_the_theme_is_remembered(service, open_page):

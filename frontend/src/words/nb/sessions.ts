@@ -91,4 +91,7 @@ export const SESSIONS = {
   'No cursors': 'Ingen linjer',
   'Share this view': 'Del visningen',
   'Link copied': 'Lenken er kopiert',
+  'That moment': 'Det øyeblikket',
+  'Look at {time}': 'Se på {time}',
+  Look: 'Se',
 } as const;
