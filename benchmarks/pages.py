@@ -20,15 +20,17 @@ import tempfile
 import threading
 import time
 import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from playwright.sync_api import Browser, CDPSession, Page, expect, sync_playwright
+from playwright.sync_api import Browser, CDPSession, Page, ViewportSize, expect, sync_playwright
 
 from benchmarks.recording import long_session
 
 STATIC = Path(__file__).resolve().parents[1] / "app" / "static"
 FLAGS = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync"]
-SIZE = {"width": 1440, "height": 900}
+SIZE = ViewportSize(width=1440, height=900)
 FASTEST_MS = 35
 WARM_UP_S = 90.0
 COUNTED = ("ScriptDuration", "LayoutDuration", "RecalcStyleDuration")
@@ -41,22 +43,23 @@ requestAnimationFrame(count);
 """
 
 
-def start_service(data: Path, *arguments: str) -> tuple[subprocess.Popen[str], str]:
-    """Start the service on a free port; return it and its address."""
-    command = [sys.executable, "-m", "app.cli", "serve", "--port", "0", "--data", str(data), *arguments]
+@contextmanager
+def served(data: Path) -> Iterator[str]:
+    """The service on a free port, for the length of a with-block; yields its address."""
+    command = [sys.executable, "-m", "app.cli", "serve", "--port", "0", "--data", str(data), "--no-record"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ)
     assert process.stdout is not None
-    for line in process.stdout:
-        if found := re.search(r"http://127\S+", line):
-            threading.Thread(target=process.stdout.read, daemon=True).start()  # a full pipe would stop it
-            return process, found[0]
-    raise SystemExit("the service did not start")
-
-
-def drain(process: subprocess.Popen[str]) -> None:
-    """End the service."""
-    process.terminate()
-    process.wait(timeout=30)
+    try:
+        found = None
+        while found is None and (line := process.stdout.readline()):
+            found = re.search(r"http://127\S+", line)
+        if found is None:
+            raise SystemExit("the service did not start")
+        threading.Thread(target=process.stdout.read, daemon=True).start()  # a full pipe would stop it
+        yield found[0]
+    finally:
+        process.terminate()
+        process.wait(timeout=30)
 
 
 def call(url: str, method: str = "GET", body: object = None, **headers: str) -> tuple[object, dict[str, str]]:
@@ -218,16 +221,14 @@ def main() -> None:
     with sync_playwright() as playwright, tempfile.TemporaryDirectory() as folder:
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         if args.only != "session":
-            service, url = start_service(Path(folder) / "live", "--no-record")
-            stream_fast(url)
-            live(browser, url, args.minutes)
-            drain(service)
+            with served(Path(folder) / "live") as url:
+                stream_fast(url)
+                live(browser, url, args.minutes)
         if args.only != "live":
             data = Path(folder) / "long"
             path = long_session(data / "sessions", args.ts, args.hours)
-            service, url = start_service(data, "--no-record")
-            scrub(browser, url, path.stem)
-            drain(service)
+            with served(data) as url:
+                scrub(browser, url, path.stem)
         browser.close()
 
 
