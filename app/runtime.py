@@ -17,6 +17,7 @@ from app.config_history import ConfigHistory
 from app.config_rules import Context, review
 from app.config_sources import ConfigSources
 from app.configuration import Configuration
+from app.debrief.blackbox import keep_black_boxes
 from app.debrief.live import BlackBoxRecorder
 from app.debrief.passport import PassportKeeper
 from app.errors import AppError, ConfigError, LinkLost, NotNow
@@ -102,7 +103,13 @@ class Runtime:
 
         self._new_estimator: Callable[[], CellEstimator] = new_estimator
         self._cell = cell
-        self.passports = PassportKeeper(settings.data, self.catalogue, cell, simulated=source == "simulator")
+        self.passports = PassportKeeper(
+            settings.data,
+            self.catalogue,
+            cell,
+            simulated=source == "simulator",
+            also=lambda session: keep_black_boxes(session, self.black_boxes.store),
+        )
         self._past_path = settings.data / "cells.npz"
         self._past_saved_ns = time.monotonic_ns()
         past = load_past(self._past_path)
@@ -218,8 +225,8 @@ class Runtime:
             self._thread.join(timeout=5.0)
         self._keep_past()
         self._jobs.shutdown(wait=True, cancel_futures=True)
-        self.black_boxes.close()
         self.passports.close()
+        self.black_boxes.close()
         self.recorder.close()
         if self.mqtt is not None:
             self.mqtt.stop()

@@ -116,7 +116,8 @@ def overlay(
 
 @router.get("/blackboxes", response_model=BoxItemsOut)
 def black_boxes(runtime: RuntimeDep) -> dict[str, Any]:
-    """What happened around every trip, newest first; outlives the sessions."""
+    """What happened around every trip, newest first; outlives the sessions. Old sessions are read meanwhile."""
+    runtime.passports.update()
     return {"boxes": runtime.black_boxes.store.stored()}
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -83,14 +84,25 @@ def record_of(session: SessionFile, cell: CellModel) -> SessionRecord:
 class PassportKeeper:
     """Reads sessions that are new in the background; answers with what is known so far."""
 
-    def __init__(self, folder: Path, catalogue: Catalogue, cell: CellModel, *, simulated: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        catalogue: Catalogue,
+        cell: CellModel,
+        *,
+        simulated: bool = False,
+        also: Callable[[SessionFile], object] | None = None,
+    ) -> None:
         """Keep passports in a data folder: those of the car, or those of the simulated one, never mixed.
+
+        `also` is given every session that is read, while it is open.
 
         Raises:
             AppError: the file cannot be used.
         """
         self.store = PassportStore(folder / ("passport-simulated.sqlite" if simulated else "passport.sqlite"))
         self._is_simulated = simulated
+        self._also = also
         self._catalogue = catalogue
         self._cell = cell
         self._lock = threading.Lock()
@@ -128,6 +140,8 @@ class PassportKeeper:
             try:
                 with SessionFile(info.path) as session:
                     record = record_of(session, self._cell)
+                    if self._also is not None:
+                        self._also(session)
                 self.store.add_record(info.id, info.started_wall_ns, _to_json(record))
                 done += 1
             except SessionError as error:

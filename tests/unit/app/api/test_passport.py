@@ -105,3 +105,11 @@ def test_a_simulated_car_has_passports_of_its_own(make_session, tmp_path):
     assert set(cars.passports().sessions) == {real, unnamed}
     cars.close()
     simulated.close()
+
+
+def test_the_black_boxes_of_old_sessions_are_made_on_the_way(client, make_session):
+    event = {"at_s": 20.0, "severity": "trip", "code": "trip-v-min", "text": "under-voltage", "cell": 3}
+    session_id = make_session(TIME_S[:100], CURRENT_A[:100], events=[event]).stem
+    client.app.state.runtime.passports.read_new()
+    (box,) = client.get("/api/v1/blackboxes").json()["boxes"]
+    assert (box["session_id"], box["cell"]) == (session_id, 3)
