@@ -143,9 +143,11 @@ def _id_json(
     period_s = None if known is None else known.period_s
     configured_s = None if cyclic is None else cyclic.period_s
     sender = "voltwall" if item is not None and item.sent else "master" if isinstance(message, TxMessage) else "other"
-    is_late = configured_s is not None and (age_s is None or age_s > LATE_PERIODS * configured_s)
-    if isinstance(message, RxMessage) and message.enabled and message.timeout_ms:
-        is_late = age_s is None or age_s > message.timeout_ms / 1000
+    is_late = False
+    if isinstance(message, TxMessage) and message.enabled and configured_s is not None:
+        is_late = age_s is None or age_s > LATE_PERIODS * configured_s
+    elif isinstance(message, RxMessage) and message.enabled and message.timeout_ms and age_s is not None:
+        is_late = age_s > message.timeout_ms / 1000  # a node that was never there is not late
     return {
         "id": can_id & ~CAN_ID_EXTENDED,
         "extended": bool(can_id & CAN_ID_EXTENDED),
