@@ -10,6 +10,9 @@
  *     slot COUNTER IMAGE             the EEPROM slot
  *     newest SLOT SLOT               index, counter and image of the newest valid slot, or -1
  *     stream TS N                    N frames of the stream on a free line, each "ms:offset+length[,offset+length...]"
+ *     can IMAGE STEP...              CAN over a struct whose bytes behind the configuration are 7 times their offset; steps:
+ *                                    n:MS send what is due, o:INDEX on demand, r:MS:ID:DATA receive, x:MS time-outs.
+ *                                    Answers "id:data" and "lost:index", at the end the three masks
  * Numbers are decimal, bytes hex, no bytes "-".
  */
 #include <stdio.h>
@@ -485,6 +488,53 @@ static void drive_stream(char *words)
     printf("\n");
 }
 
+static void drive_can_step(vw_can_t *can, const char *step)
+{
+    char *end = NULL;
+    unsigned long first = strtoul(step + 2, &end, 10);
+    vw_can_frame_t frame = { 0 };
+    uint8_t index;
+    if (step[0] == 'n') {
+        while (vw_can_next(can, (uint32_t)first, &frame)) {
+            items.length = 0;
+            items.text[0] = '\0';
+            add_hex(frame.data, frame.length);
+            printf("%lu:%s ", (unsigned long)(frame.id | (frame.is_extended ? VW_CAN_ID_EXTENDED : 0u)), items.text);
+        }
+    } else if (step[0] == 'o') {
+        vw_can_send_once(can, (uint8_t)first);
+    } else if (step[0] == 'r') {
+        unsigned long id = strtoul(end + 1, &end, 10);
+        frame.id = (uint32_t)id & ~VW_CAN_ID_EXTENDED;
+        frame.is_extended = ((uint32_t)id & VW_CAN_ID_EXTENDED) != 0u;
+        frame.length = (uint8_t)from_hex(end + 1, frame.data);
+        vw_can_received(can, (uint32_t)first, &frame);
+    } else {
+        while ((index = vw_can_expire(can, (uint32_t)first)) < VW_N_CAN_MESSAGES) {
+            printf("lost:%u ", (unsigned)index);
+        }
+    }
+}
+
+static void drive_can(char *words)
+{
+    static const vw_board_t board;
+    static vw_master_t master;
+    char *step;
+    vw_can_t can;
+    size_t i;
+    for (i = VW_CONFIG_SIZE; i < VW_MASTER_SIZE; i++) {
+        ((uint8_t *)&master)[i] = (uint8_t)(7u * i);
+    }
+    (void)from_hex(strtok(words, " "), (uint8_t *)&master);
+    vw_can_init(&can, &board, &master);
+    for (step = strtok(NULL, " \n"); step != NULL; step = strtok(NULL, " \n")) {
+        drive_can_step(&can, step);
+    }
+    printf("%u %u %u ", (unsigned)can.tx_enabled, (unsigned)can.rx_enabled, (unsigned)can.rx_active);
+    print_hex((const uint8_t *)&master + 1884, VW_MASTER_SIZE - 1884u);
+}
+
 static int run_driver(void)
 {
     static char line[MAX_TEXT];
@@ -504,6 +554,8 @@ static int run_driver(void)
             drive_slot(line + 5);
         } else if (strncmp(line, "newest ", 7u) == 0) {
             drive_newest(line + 7);
+        } else if (strncmp(line, "can ", 4u) == 0) {
+            drive_can(line + 4);
         } else if (strncmp(line, "stream ", 7u) == 0) {
             drive_stream(line + 7);
         } else {

@@ -11,12 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol import c_header, schedule
+from firmware_protocol.can_tables import RxMessage, TxMessage, with_rx_messages, with_tx_messages
+from firmware_protocol.config_image import default_image
 from firmware_protocol.framing import BadFrame, CommandDecoder, Frame, FrameDecoder, StreamCommand, encode_frame
-from firmware_protocol.memory_map import CONFIG_FIELDS, CONFIG_SIZE, MASTER_SIZE
+from firmware_protocol.memory_map import BYTE_UNUSED, CAN_ID_EXTENDED, CONFIG_FIELDS, CONFIG_SIZE, MASTER_SIZE
 from firmware_protocol.messages import MessageType, Reply, decode_message
 from simulator.board import Board
+from simulator.can_bus import CanFrame
+from simulator.can_node import CanNode
 from simulator.eeprom import Eeprom
 from simulator.master import VirtualMaster
+from simulator.memory import MasterMemory
 
 C_FOLDER = Path(c_header.__file__).parent / "c"
 
@@ -107,6 +112,78 @@ def python_stream(ts_ms):
 @settings(max_examples=25)
 def test_both_schedules_send_the_same(driver, ts_ms):
     assert driver(f"stream {ts_ms} {FRAMES}") == python_stream(ts_ms)
+
+
+# -- CAN
+
+OFFSETS = st.lists(st.integers(1884, MASTER_SIZE - 1) | st.just(BYTE_UNUSED), min_size=8, max_size=8).map(tuple)
+IDS = st.one_of(st.tuples(st.integers(0, 0x7FF), st.just(False)), st.tuples(st.integers(0, 0x1FFFFFFF), st.just(True)))
+PERIODS = st.sampled_from((0, 20, 30, 70, 100))
+TIMEOUTS = st.sampled_from((0, 33, 57, 121))  # never on a step, where the last digit of a float would decide
+STEP_MS = 10
+
+
+@st.composite
+def tables(draw):
+    """A configuration with messages both ways, the received ones told apart by their ids."""
+    ids = draw(st.lists(IDS, min_size=8, max_size=8, unique=True))
+    image = default_image()
+    image = with_tx_messages(
+        image,
+        [
+            TxMessage(i, draw(st.booleans()), *draw(IDS), draw(PERIODS), draw(st.integers(0, 8)), draw(OFFSETS))
+            for i in range(8)
+        ],
+    )
+    response = st.none() | st.integers(0, 7)
+    rx = [
+        RxMessage(
+            i, draw(st.booleans()), *ids[i], draw(TIMEOUTS), draw(st.integers(1, 8)), draw(OFFSETS), draw(response)
+        )
+        for i in range(8)
+    ]
+    return with_rx_messages(image, rx), rx
+
+
+STEPS = st.lists(
+    st.one_of(
+        st.just(("n",)),
+        st.tuples(st.just("o"), st.integers(0, 7)),
+        st.tuples(st.just("r"), st.integers(0, 7), st.binary(max_size=8)),
+        st.just(("x",)),
+    ),
+    max_size=40,
+)
+
+
+def raw_id(can_id, is_extended):
+    return can_id | (CAN_ID_EXTENDED if is_extended else 0)
+
+
+@given(table=tables(), steps=STEPS)
+@settings(max_examples=40)
+def test_both_can_nodes_send_and_take_the_same(driver, table, steps):
+    config, rx = table
+    memory = MasterMemory()
+    memory.image[CONFIG_SIZE:] = bytes(7 * i & 0xFF for i in range(CONFIG_SIZE, MASTER_SIZE))
+    memory.config = config
+    node, words, said = CanNode(memory), [], []
+    for index, (kind, *rest) in enumerate(steps):
+        now_ms, now_s = index * STEP_MS, index * STEP_MS / 1000 + index * 1e-9
+        if kind == "o":
+            words.append(f"o:{rest[0]}")
+            node.send_once(rest[0])
+        elif kind == "r":
+            message = rx[rest[0]]
+            words.append(f"r:{now_ms}:{raw_id(message.can_id, message.is_extended)}:{rest[1].hex() or '-'}")
+            node.received(CanFrame(message.can_id, message.is_extended, rest[1]), now_s)
+        elif kind == "x":
+            words.append(f"x:{now_ms}")
+            said += [f"lost:{event.value}" for event in node.expire(now_s)]
+        words.append(f"n:{now_ms}")
+        said += [f"{raw_id(f.can_id, f.is_extended)}:{f.data.hex() or '-'}" for f in node.due(now_s)]
+    said += [str(node.tx_enabled), str(node.rx_enabled), str(node.rx_active), memory.image[1884:].hex()]
+    assert driver(f"can {config.hex()} {' '.join(words)}") == said
 
 
 # -- requests
