@@ -108,9 +108,9 @@ def to_raw(field: Field, value: Number) -> int:
     Raises:
         EncodeError: not a finite number, or outside the field's range.
     """
-    counts = value / field.scale
-    if not abs(counts) < 1 << 40:
+    if not abs(value) < 1 << 40:  # an integer beyond it may not even be a float
         raise EncodeError(field.name, value, limit_text(field))
+    counts = value / field.scale
     raw = round(counts)
     if not _in_range(field, raw):
         raise EncodeError(field.name, value, limit_text(field))

@@ -102,6 +102,15 @@ def test_what_is_wrong_is_named(change, field):
     assert caught.value.field == field
 
 
+@pytest.mark.parametrize("value", [10**400, -(10**400), float("nan"), float("inf"), True, "4.2", [4.2], None])
+def test_a_value_that_is_no_number_of_the_field_is_named(value):
+    document = json.loads(text_of(DEFAULT))
+    document["values"]["v_cell_max"]["value"] = value
+    with pytest.raises(ConfigError) as caught:
+        parse_profile(json.dumps(document))
+    assert caught.value.field == "v_cell_max"
+
+
 def test_a_value_in_another_unit_is_not_taken_for_ours():
     document = json.loads(text_of(DEFAULT))
     document["values"]["v_cell_max"] = {"value": 4200, "unit": "mV"}
