@@ -1,0 +1,192 @@
+"""Hundreds of kills and power cuts at random instants: nothing that was acknowledged is lost, every file opens.
+
+VOLTWALL_CAMPAIGN_KILLS and VOLTWALL_CAMPAIGN_CUTS make the campaigns longer.
+"""
+
+import os
+import random
+import shutil
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.sessions.errors import NotASession
+from app.sessions.reader import SessionFile
+
+PROJECT = Path(__file__).parents[2]
+KILLS = int(os.environ.get("VOLTWALL_CAMPAIGN_KILLS", "200"))
+CUTS = int(os.environ.get("VOLTWALL_CAMPAIGN_CUTS", "300"))
+SECTOR = 512
+
+KILL = """
+import os, random, signal, sys, time
+from pathlib import Path
+from app.sessions.reader import SessionFile
+from app.sessions.writer import Recorder
+
+def record(folder, acknowledged):
+    recorder = Recorder(folder, version="test")
+    recorder.start()
+    sent = 0
+    while True:
+        for _ in range(20):
+            now = time.monotonic_ns()
+            recorder.frame(now, time.time_ns(), 0, sent.to_bytes(4, "little") * 60, True)
+            sent += 1
+        recorder.flush()
+        os.write(acknowledged, sent.to_bytes(4, "little"))
+
+rng = random.Random(1)
+total = 0
+for number in range(int(sys.argv[2])):
+    folder = Path(sys.argv[1]) / str(number)
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        record(folder, writing)
+    os.close(writing)
+    heard = os.read(reading, 4)  # it has begun
+    time.sleep(rng.uniform(0.0, 0.05))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    while more := os.read(reading, 65536):
+        heard += more
+    os.close(reading)
+    acknowledged = int.from_bytes(heard[len(heard) // 4 * 4 - 4:len(heard) // 4 * 4], "little")
+    (path,) = folder.glob("*.sqlite")
+    with SessionFile(path) as session:
+        stored = [int.from_bytes(frame.raw[:4], "little") for frame in session.frames()]
+        assert session.problems() == [], session.problems()
+    assert stored == list(range(len(stored))), number
+    assert len(stored) >= acknowledged > 0, (number, len(stored), acknowledged)
+    total += acknowledged
+print(total)
+"""
+
+RECORD = """
+import ctypes, sys, time
+from pathlib import Path
+from app.sessions.writer import Recorder
+from firmware_protocol.framing import encode_frame
+from firmware_protocol.messages import Data, MessageType, Window
+
+acknowledged = ctypes.CDLL(None).acknowledged
+now = 0
+WALL = 1790000000 * 10**9
+recorder = Recorder(Path(sys.argv[1]), version="test", monotonic_ns=lambda: now, wall_ns=lambda: WALL + now)
+recorder.start()
+sent = 0
+for batch in range(120):
+    for _ in range(30):
+        body = Data((Window(1896, sent.to_bytes(4, "little") * 48),)).to_body()
+        now = sent * 100_000_000
+        raw = encode_frame(MessageType.DATA, sent & 255, sent * 100, body)[1:-1]
+        recorder.frame(now, WALL + now, 0, raw, True)
+        sent += 1
+    recorder.flush()
+    acknowledged(sent)
+recorder.close()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is POSIX")
+@pytest.mark.timeout(60 + KILLS)
+def test_a_kill_at_any_instant_loses_nothing_that_was_acknowledged(tmp_path: Path) -> None:
+    run = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", KILL, str(tmp_path), str(KILLS)],
+        capture_output=True, text=True, cwd=PROJECT, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr[-2000:]
+    assert int(run.stdout) > KILLS * 20
+
+
+class Disk:
+    """The files of a session as a disk holds them: what was forced, and sectors of the rest that may have arrived."""
+
+    def __init__(self) -> None:
+        self.forced = [bytearray(), bytearray()]
+        self.waiting: list[list[tuple[int, bytes | None]]] = [[], []]
+
+    def apply(self, op: int, file: int, offset: int, data: bytes) -> None:
+        if op == 1:
+            self.waiting[file].append((offset, data))
+        elif op == 2:
+            self.waiting[file].append((offset, None))
+        elif op == 3:
+            for each in self.waiting[file]:
+                put(self.forced[file], *each)
+            self.waiting[file].clear()
+
+    def after_cut(self, rng: random.Random) -> list[bytearray]:
+        """Forced bytes, and of what waited some writes, whole, torn at a sector, or not at all, in any order."""
+        found = [bytearray(each) for each in self.forced]
+        for content, waiting in zip(found, self.waiting, strict=True):
+            chosen = [each for each in waiting if rng.random() < 0.6]
+            rng.shuffle(chosen)
+            for offset, data in chosen:
+                if data is not None and rng.random() < 0.4:
+                    data = data[: rng.randrange(0, len(data) + SECTOR, SECTOR)]
+                put(content, offset, data)
+        return found
+
+
+def put(content: bytearray, offset: int, data: bytes | None) -> None:
+    if data is None:
+        del content[offset:]
+        content.extend(bytes(max(0, offset - len(content))))
+    elif data:
+        content.extend(bytes(max(0, offset - len(content))))
+        content[offset : offset + len(data)] = data
+
+
+@pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="needs Linux and gcc")
+@pytest.mark.timeout(60 + CUTS)
+def test_a_power_cut_at_any_instant_loses_nothing_that_was_acknowledged(tmp_path: Path) -> None:
+    library, log = tmp_path / "write_log.so", tmp_path / "writes"
+    source = Path(__file__).with_name("write_log.c")
+    subprocess.run(["gcc", "-shared", "-fPIC", "-O1", "-o", library, source, "-ldl"], check=True)
+    environment = os.environ | {"LD_PRELOAD": str(library), "WRITE_LOG": str(log)}
+    subprocess.run([sys.executable, "-c", RECORD, str(tmp_path / "live")], env=environment, cwd=PROJECT, check=True)
+    raw = log.read_bytes()
+    operations, at = [], 0
+    while at < len(raw):
+        op, file, offset, length = struct.unpack_from("<BBQI", raw, at)
+        at += 14
+        operations.append((op, file, offset, raw[at : at + length]))
+        at += length
+    assert sum(op == 3 for op, *_ in operations) > 100
+    assert any(op == 1 and file == 0 for op, file, *_ in operations)
+    rng = random.Random(7)
+    instants = iter(sorted(rng.sample(range(len(operations)), min(CUTS, len(operations)))))
+    disk, acknowledged, opened = Disk(), 0, 0
+    due = next(instants, None)
+    for number, (op, file, offset, data) in enumerate(operations):
+        if op == 5:
+            acknowledged = offset
+        disk.apply(op, file, offset, data)
+        if number != due:
+            continue
+        due = next(instants, None)
+        folder = tmp_path / "cut"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        database, wal = disk.after_cut(rng)
+        (folder / "cut.sqlite").write_bytes(database)
+        if wal:
+            (folder / "cut.sqlite-wal").write_bytes(wal)
+        try:
+            with SessionFile(folder / "cut.sqlite") as session:
+                stored = [frame.t_mono_ns // 100_000_000 for frame in session.frames()]
+                assert session.problems() == []
+                samples = session.series(["v[0]"])["v[0]"].time_s
+            opened += 1
+        except NotASession:
+            assert acknowledged == 0, "the file does not open"
+            continue
+        assert stored == list(range(len(stored)))
+        assert len(stored) >= acknowledged, number
+        assert len(samples) == min(len(stored), 2000) or len(stored) > 2000
+    assert opened > 0.8 * min(CUTS, len(operations))
