@@ -92,13 +92,18 @@ class Simulation:
     def run_until(self, until_s: float) -> None:
         """Advance to an instant, everything due until then included."""
         while (due_s := self.next_due_s()) <= until_s:
-            self.now_s = max(self.now_s, due_s)
-            if self._steps * self.step_s <= self.now_s:
+            self.now_s = now_s = max(self.now_s, due_s)
+            has_news = self._line_due_s <= now_s
+            if self._steps * self.step_s <= now_s:
                 self._step()
-            if self.line.is_busy and self.line.busy_until_s <= self.now_s:
+                has_news = True
+            if self.line.is_busy and self.line.busy_until_s <= now_s:
                 self._deliver(self.line.take())
-            self.bus.run(self.now_s)
-            self._pump()
+                has_news = True
+            if self.bus.next_due_s() <= now_s:
+                self.bus.run(now_s)
+            if has_news:
+                self._pump()
         self.now_s = max(self.now_s, until_s)
 
     def receive(self, data: bytes) -> None:
