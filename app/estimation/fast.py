@@ -25,7 +25,7 @@ class FastStep:
     """One compiled step over all cells of a state, for one cell model, rule and tuning; compiled when built.
 
     Attributes:
-        voltage_v, temperature_degc: (n,) where those of the next step are put.
+        sample: (2 n,) where voltages [V] and temperatures [degC] of the next step are put.
     """
 
     def __init__(
@@ -45,18 +45,17 @@ class FastStep:
         arena[at.time_constants : at.table] = (cell.tau_s if cell.tau_fixed_s is None else cell.tau_fixed_s).ravel()
         arena[at.table : at.places] = _table(cell, self._shape)
         arena[at.places : at.work] = np.nan
-        self._sample = arena[at.step : at.voltages]
-        self.voltage_v = arena[at.voltages : at.temperatures_now]
-        self.temperature_degc = arena[at.temperatures_now : at.answer]
+        self._now = arena[at.step : at.voltages]
+        self.sample = arena[at.voltages : at.answer]
         self._numbers = arena[at.answer :].reshape(N_OUT, n)
         self._held = states.block, arena
         self._pointers = states.block.ctypes.data, arena.ctypes.data
         self._step = load("step", self._shape)
 
     def step(self, dt_s: float, current_a: float) -> Estimates:
-        """Return the estimates after the sample whose voltages and temperatures have been put into the arrays here."""
-        sample = self._sample
-        sample[0], sample[1] = dt_s, current_a
+        """Return the estimates after the sample whose voltages and temperatures have been put here."""
+        now = self._now
+        now[0], now[1] = dt_s, current_a
         self._step(*self._pointers)
         return Estimates(self._numbers.copy())
 

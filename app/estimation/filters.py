@@ -135,8 +135,7 @@ class GaussianEstimator:
         if fast is not None:
             guard = self.guard
             held_a = guard.common(dt_s, current_a)
-            guard.put("voltages_v", voltages_v, fast.voltage_v)
-            guard.put("temperatures_degc", temperatures_degc, fast.temperature_degc)
+            guard.put(voltages_v, temperatures_degc, fast.sample)
             return fast.step(dt_s, held_a)
         sample = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
         numbers = np.empty(self._out_shape)

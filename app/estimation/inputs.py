@@ -102,16 +102,19 @@ class InputGuard:
             raise ShapeError(name, self._shape, array.shape)
         return array
 
-    def put(self, name: str, values: ArrayLike, row: FloatArray) -> None:
-        """Copy values into a row of (n_cells,) floats.
+    def put(self, voltages_v: ArrayLike, temperatures_degc: ArrayLike, sample: FloatArray) -> None:
+        """Copy voltages and temperatures one after the other into a row of (2 n_cells,) floats.
 
         Raises:
-            ShapeError: they have another shape.
+            ShapeError: one of them is not (n_cells,).
         """
-        if type(values) is np.ndarray and values.shape == self._shape:
-            row[:] = values
-        else:
-            row[:] = self.array(name, values)
+        n, shape = self._shape[0], self._shape
+        if type(voltages_v) is not np.ndarray or voltages_v.shape != shape:
+            voltages_v = self.array("voltages_v", voltages_v)
+        if type(temperatures_degc) is not np.ndarray or temperatures_degc.shape != shape:
+            temperatures_degc = self.array("temperatures_degc", temperatures_degc)
+        sample[:n] = voltages_v
+        sample[n:] = temperatures_degc
 
     def check(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> StepInput:
         """Return one sample as a filter wants it.

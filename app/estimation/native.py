@@ -49,7 +49,9 @@ def load(what: str, shape: Shape) -> Callable[..., None]:
     if code is None:
         code = _compiled(what, shape)
         _keep(path, code)
-    return ctypes.CFUNCTYPE(None, *_ARGUMENTS[what])(_address(code))
+    # a step is over before another thread could take its turn; a record is not
+    prototype = ctypes.PYFUNCTYPE if what == "step" else ctypes.CFUNCTYPE
+    return prototype(None, *_ARGUMENTS[what])(_address(code))
 
 
 def kernel_folder() -> Path:
