@@ -21,6 +21,7 @@ from app.estimation.health import CapacityTracker
 from app.outlook import CapacityBetweenRests
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionError
+from app.sessions.info import SessionInfo
 from app.sessions.passport_store import PassportStore
 from app.sessions.reader import SessionFile
 from firmware_protocol.memory_map import N_CELLS
@@ -117,23 +118,31 @@ class PassportKeeper:
         return self._progress
 
     def update(self) -> None:
-        """Begin to read what is new, in the background; nothing where that is under way already."""
+        """Begin to read what is new, in the background; nothing where there is none, or that is under way already."""
         with self._lock:
             if self._is_closing or (self._thread is not None and self._thread.is_alive()):
                 return
-            self._thread = threading.Thread(target=self.read_new, name="passport", daemon=True)
-            self._thread.start()
+            new = self._new()
+            if new:
+                self._progress = (0, len(new))  # before anybody asks
+                self._thread = threading.Thread(target=self.read_new, name="passport", daemon=True)
+                self._thread.start()
 
-    def read_new(self) -> int:
-        """Read every finished session that is not in the store yet; return how many."""
+    def _new(self) -> list[SessionInfo]:
+        """Finished sessions of this car that are not in the store yet, the oldest first."""
         known = self.store.known() | self._unreadable
-        new = [
+        found = [
             info
             for info in self._catalogue.list()
             if info.is_closed and info.id not in known and self._is_ours(info.metadata.get("source"))
         ]
+        return found[::-1]
+
+    def read_new(self) -> int:
+        """Read every finished session that is not in the store yet; return how many."""
+        new = self._new()
         done = 0
-        for k, info in enumerate(reversed(new)):
+        for k, info in enumerate(new):
             if self._is_closing:
                 break
             self._progress = (k, len(new))

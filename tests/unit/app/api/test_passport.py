@@ -113,3 +113,13 @@ def test_the_black_boxes_of_old_sessions_are_made_on_the_way(client, make_sessio
     client.app.state.runtime.passports.read_new()
     (box,) = client.get("/api/v1/blackboxes").json()["boxes"]
     assert (box["session_id"], box["cell"]) == (session_id, 3)
+
+
+def test_who_asks_first_is_told_that_sessions_are_being_read(client, make_session):
+    make_session(TIME_S[:100], CURRENT_A[:100])
+    first = client.get("/api/v1/passport").json()
+    assert first["sessions"] + first["to_read"] >= 1  # read already, or to come: never nothing
+    keeper = client.app.state.runtime.passports
+    keeper._thread.join()
+    done = client.get("/api/v1/passport").json()
+    assert (done["sessions"], done["to_read"]) == (1, 0)
