@@ -6,7 +6,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import can
 import numpy as np
 
 from app.imports.columns import FloatArray, Table, matching
@@ -24,6 +23,7 @@ def read_frames(path: Path) -> Iterator[Frame]:
     Raises:
         ImportFailed: the file cannot be read as what its name says.
     """
+    can = import_module("can")  # brings the libraries of every format it knows, hundreds of files
     try:
         options = {"relative_timestamp": False} if path.name.lower().endswith(".asc") else {}
         reader: Any = can.LogReader(path, **options)
