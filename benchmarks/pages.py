@@ -162,7 +162,10 @@ def live(browser: Browser, url: str, minutes: float) -> None:
             last, frames, at = metrics(session), page.evaluate("frames_drawn"), time.monotonic()
     after_mb = heap_mb(session)
     rate_hz = (count_frames(url) - first_frame) / (time.monotonic() - began_s)
-    print(f"stream {rate_hz:.1f} Hz for {minutes:g} min, {statistics.median(rates):.0f} animation frames a second")
+    print(
+        f"{minutes:g} min of {rate_hz:.1f} snapshots a second, those that only aged among them; "
+        f"{statistics.median(rates):.0f} animation frames a second"
+    )
     print(f"heap after warm-up {before_mb:.2f} MB, at the end {after_mb:.2f} MB: {after_mb - before_mb:+.2f} MB")
     print(f"  each minute: {', '.join(f'{mb:.1f}' for mb in heaps[:: max(1, len(heaps) // 15)])}")
     print(f"scripting a frame: {statistics.median(script_ms):.2f} ms of processor time, median of seconds")
@@ -201,7 +204,7 @@ def scrub(browser: Browser, url: str, session_id: str) -> None:
             page.keyboard.press(key)
         drawn(page)
         moves_s.append(time.perf_counter() - start_s)
-    print(f"four hours, opened with 7 charts: {min(opening_s):.2f} s at best, {max(opening_s):.2f} s at worst of 3")
+    print(f"the session, opened with 7 charts: {min(opening_s):.2f} s at best, {max(opening_s):.2f} s at worst of 3")
     print(f"  scrubbed: median {statistics.median(moves_s):.2f} s, worst {max(moves_s):.2f} s of {len(moves_s)} moves")
     context.close()
 
