@@ -12,7 +12,7 @@ const SRC = join(import.meta.dirname, '../src');
 const PENDING = /views\/(parameters|can|simulator)\/|views\/(Parameters|Can|Simulator)\.svelte/;
 // Names, units and formats are the same in every language.
 const SAME =
-  /^(V|A|B − A|Hz|µs|\(3 sigma\)|kW|kWh|Wh|Ah|mV|mΩ|°C|s|min|RS232|CAN|CSV|Parquet|SQLite|MF4|LD|MCAP|DBC|Voltwall|REC|P|C|SOC|EEPROM)$/;
+  /^(https?\/\/\S+|car|V|A|B − A|Hz|µs|\(3 sigma\)|kW|kWh|Wh|Ah|mV|mΩ|°C|s|min|RS232|CAN|CSV|Parquet|SQLite|MF4|LD|MCAP|DBC|Voltwall|REC|P|C|SOC|EEPROM)$/;
 const SHOWN = new Set([
   'title',
   'text',
