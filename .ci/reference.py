@@ -28,6 +28,7 @@ PURPOSE = {
     "platformdirs": "the data folder each system expects",
     "prometheus-client": "`/metrics`",
     "numba": "the compiled filter",
+    "llvmlite": "loads the compiled filter, without numba",
     "pyarrow": "Parquet export and import",
     "mcap": "MCAP export",
     "asammdf": "MDF4 export",
