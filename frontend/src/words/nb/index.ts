@@ -7,9 +7,20 @@ import { RECORDING } from './recording';
 import { SERVICE } from './service';
 import { SESSIONS } from './sessions';
 import { SHELL } from './shell';
+import { SIMULATOR } from './simulator';
 import { SYSTEM } from './system';
 
-const ALL = { ...SHELL, ...OVERVIEW, ...PACKS, ...SESSIONS, ...RECORDING, ...DEBRIEF, ...SYSTEM, ...HELP };
+const ALL = {
+  ...SHELL,
+  ...OVERVIEW,
+  ...PACKS,
+  ...SESSIONS,
+  ...RECORDING,
+  ...DEBRIEF,
+  ...SYSTEM,
+  ...HELP,
+  ...SIMULATOR,
+};
 
 export type Words = Record<keyof typeof ALL, string>;
 export type Said = typeof SERVICE;

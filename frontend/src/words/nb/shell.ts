@@ -37,7 +37,6 @@ export const SHELL = {
   connecting: 'kobler til',
   lost: 'tapt',
   off: 'av',
-  open: 'åpen',
   engineer: 'ingeniør',
   viewer: 'leser',
   nobody: 'ingen',
