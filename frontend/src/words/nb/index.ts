@@ -1,4 +1,5 @@
 // Norwegian (bokmål): every text of the pages, and the sentences of the service by pattern.
+import { CAN } from './can';
 import { DEBRIEF } from './debrief';
 import { HELP } from './help';
 import { OVERVIEW } from './overview';
@@ -20,6 +21,7 @@ const ALL = {
   ...SYSTEM,
   ...HELP,
   ...SIMULATOR,
+  ...CAN,
 };
 
 export type Words = Record<keyof typeof ALL, string>;

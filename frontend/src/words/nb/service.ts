@@ -72,4 +72,9 @@ export const SERVICE: readonly (readonly [RegExp, string])[] = [
   [/^configuration written: (.+)$/, 'konfigurasjon skrevet: $1'],
   [/^configuration (\S+) stored in the EEPROM$/, 'konfigurasjon $1 lagret i EEPROM'],
   [/^configuration (\S+) loaded from the EEPROM$/, 'konfigurasjon $1 hentet fra EEPROM'],
+  [/^no CAN bus is configured$/, 'ingen CAN-buss er satt opp'],
+  [
+    /^frames are only sent onto the simulated bus, or onto a bench's: start the service with --bench$/,
+    'rammer sendes bare ut på den simulerte bussen eller på en testbenk: start tjenesten med --bench',
+  ],
 ];
