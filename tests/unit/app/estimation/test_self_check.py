@@ -49,5 +49,5 @@ def test_what_averages_out_is_no_lasting_error_and_what_stays_is():
 
 def test_samples_that_do_not_count_move_nothing():
     states, _ = judged(np.full(50, 1.0), counts=np.array([False]))
-    assert not states.check.any()
+    assert not states.averages.any()
     assert states.bias_v2[0] == 0.0
