@@ -212,9 +212,11 @@ def _signal_bytes(
     name: str, start_bit: int, n_bits: int, is_big: bool, is_signed: bool
 ) -> tuple[int, list[int], float | None] | str:
     """Return (first byte, offsets, scale to compare) of a signal, or why it has no place."""
-    if name in _FLAG_BYTES and n_bits == 1:
-        return start_bit // 8, [_FLAG_BYTES[name]], None
-    known = _ELEMENTS.get(name) or _ELEMENTS.get(re.sub(r"_\d+$", "", name))
+    first = re.sub(r"_\d+$", "", name)  # what a message carries twice has a number behind its name
+    flag = _FLAG_BYTES.get(name) or _FLAG_BYTES.get(first)
+    if flag is not None and n_bits == 1:
+        return start_bit // 8, [flag], None
+    known = _ELEMENTS.get(name) or _ELEMENTS.get(first)
     if part := re.fullmatch(r"(\w+)_byte(\d)(_\d+)?", name):
         known = _ELEMENTS.get(part[1])
         if known and n_bits == 8 and int(part[2]) < known[0].item_size:

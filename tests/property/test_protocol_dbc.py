@@ -68,6 +68,13 @@ def image_of(tx, rx):
     return with_rx_messages(with_tx_messages(empty, tx), rx)
 
 
+def test_flags_picked_twice_come_back_twice():
+    flags = FIELDS["status.flags"].offset
+    row = (flags, flags + 1, flags, *UNUSED[3:])
+    tx = [TxMessage(0, True, 0x10, False, 100, 3, row)]
+    assert list(from_dbc(to_dbc(image_of(tx, []))).tx) == tx
+
+
 @given(tables())
 def test_our_own_dbc_gives_the_same_tables_again(both):
     tx, rx = both
