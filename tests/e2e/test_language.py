@@ -14,3 +14,18 @@ def test_norwegian_is_chosen_remembered_and_left_again(service, open_page):
     page.goto(f"{service.base_url}/#/system")
     page.get_by_role("button", name="English").click()
     expect(page.get_by_role("heading", name="Age of each part")).to_be_visible()
+
+
+def test_a_limit_is_edited_in_norwegian(service, open_page):
+    page = open_page(f"{service.base_url}/#/system", quiet=False)
+    page.get_by_role("button", name="Norsk").click()
+    page.goto(f"{service.base_url}/#/parameters")
+    expect(page.get_by_role("heading", name="cellegrenser")).to_be_visible()
+    limit = page.get_by_role("textbox", name="v_cell_max", exact=True)
+    limit.fill("4.6")
+    expect(page.get_by_test_id("param-v_cell_max")).to_contain_text("over grensen på 4.5000 V")
+    limit.fill("4.19")
+    expect(page.get_by_test_id("draft-state")).to_have_text("1 verdi endret")
+    page.get_by_test_id("discard").click()
+    page.get_by_test_id("confirm").click()
+    expect(page.get_by_test_id("draft-state")).to_have_text("som gjeldende")

@@ -4,11 +4,13 @@ import { call, get, post, Problem } from '../link/rest';
 import type { Config, Difference, Finding, Schema, StoredConfig, WriteResult } from '../link/types';
 import { live } from './live.svelte';
 import { changes, draftOf, rawBody, rebase, type Draft } from './draft';
+import { t } from '../words/words.svelte';
 
 const KEY = 'voltwall.draft';
-const NOT_READ = new Problem(503, 'Not read yet', {
-  detail: 'The master has not sent its configuration yet. This page reads it as soon as it has.',
-});
+const notRead = (): Problem =>
+  new Problem(503, t('Not read yet'), {
+    detail: t('The master has not sent its configuration yet. This page reads it as soon as it has.'),
+  });
 
 export type Outcome = {
   kind: 'good' | 'bad' | 'conflict';
@@ -54,7 +56,7 @@ class ConfigStore {
   private async readInForce(): Promise<void> {
     try {
       this.schema ??= await get<Schema>('config/schema');
-      if ((live.snapshot?.config_hash ?? null) === null) throw NOT_READ;
+      if ((live.snapshot?.config_hash ?? null) === null) throw notRead();
       this.config = await get<Config>('config');
       this.problem = null;
       this.draft = rebase(this.draft, this.schema.fields, this.config.raw);
@@ -87,7 +89,7 @@ class ConfigStore {
     const result = await this.attempt('writing', (hash) =>
       call<WriteResult>('config', this.request(hash, reason)),
     );
-    if (result) await this.written(result, 'Written and read back');
+    if (result) await this.written(result, t('Written and read back'));
   }
 
   /** Say that a write came to its end, and show what is in force now. */
@@ -97,8 +99,14 @@ class ConfigStore {
     this.checked = null;
     this.outcome = {
       kind: result.verified ? 'good' : 'bad',
-      title: result.verified ? title : 'Written, but the read-back differs',
-      text: `${n} ${n === 1 ? 'value is' : 'values are'} now in force. The EEPROM still holds the old configuration until it is stored.`,
+      title: result.verified ? title : t('Written, but the read-back differs'),
+      text:
+        n === 1
+          ? t('1 value is now in force. The EEPROM still holds the old configuration until it is stored.')
+          : t(
+              '{n} values are now in force. The EEPROM still holds the old configuration until it is stored.',
+              { n },
+            ),
       difference: result.difference,
     };
   }
@@ -113,11 +121,13 @@ class ConfigStore {
     const n = this.changes.length;
     this.outcome = {
       kind: 'good',
-      title: n === 0 ? 'The same as what is in force' : 'Taken as the draft',
+      title: n === 0 ? t('The same as what is in force') : t('Taken as the draft'),
       text:
         n === 0
           ? ''
-          : `${n} ${n === 1 ? 'value differs' : 'values differ'} from what is in force. Nothing is written yet.`,
+          : n === 1
+            ? t('1 value differs from what is in force. Nothing is written yet.')
+            : t('{n} values differ from what is in force. Nothing is written yet.', { n }),
     };
   }
 
@@ -127,9 +137,9 @@ class ConfigStore {
       this.outcome = {
         kind: result.verified ? 'good' : 'bad',
         title: result.verified
-          ? 'Stored in the EEPROM and read back'
-          : 'The EEPROM differs from what was stored',
-        text: `Store number ${result.counter}. The master starts with this configuration.`,
+          ? t('Stored in the EEPROM and read back')
+          : t('The EEPROM differs from what was stored'),
+        text: t('Store number {n}. The master starts with this configuration.', { n: result.counter }),
       };
       await this.load();
     });
@@ -140,8 +150,8 @@ class ConfigStore {
       await post('config/load');
       this.outcome = {
         kind: 'good',
-        title: 'Loaded from the EEPROM',
-        text: 'The stored configuration is in force again.',
+        title: t('Loaded from the EEPROM'),
+        text: t('The stored configuration is in force again.'),
       };
       await this.load();
     });
@@ -181,14 +191,16 @@ class ConfigStore {
       await this.load();
       this.outcome = {
         kind: 'conflict',
-        title: 'Somebody else changed the configuration meanwhile',
-        text: 'Nothing was written. What is in force was read again; your draft is kept. Look at the differences, then write again.',
+        title: t('Somebody else changed the configuration meanwhile'),
+        text: t(
+          'Nothing was written. What is in force was read again; your draft is kept. Look at the differences, then write again.',
+        ),
         difference,
         meanwhile,
       };
     } else {
       const findings = problem.errors.filter((e): e is Finding & typeof e => 'level' in e);
-      const text = findings.length > 0 ? 'Nothing was written.' : problem.detail;
+      const text = findings.length > 0 ? t('Nothing was written.') : problem.detail;
       this.outcome = { kind: 'bad', title: problem.message, text, findings };
       if (problem.body['in_force'] !== undefined) await this.load();
     }

@@ -2,6 +2,7 @@
 
 import type { Maybe, RawConfig, RawValue, SchemaField } from '../link/types';
 import { decimalsOf, displayUnit, fixed } from '../format';
+import { t } from '../words/words.svelte';
 
 export type Draft = Record<string, Record<number, string>>; // field -> element -> text as typed
 
@@ -29,14 +30,20 @@ export function rawText(field: SchemaField, raw: Maybe<number>): string {
 export function judge(field: SchemaField, text: string): Verdict {
   const plain = text.trim().replace('−', '-').replace(',', '.');
   const value = plain === '' ? NaN : Number(plain);
-  if (!Number.isFinite(value)) return { raw: null, error: 'not a number' };
+  if (!Number.isFinite(value)) return { raw: null, error: t('not a number') };
   const raw = Math.round(value / (field.scale * displayUnit(field.unit).factor));
   const unit = displayUnit(field.unit).label;
   if (field.minimum !== null && raw < field.minimum) {
-    return { raw, error: `below the limit of ${rawText(field, field.minimum)} ${unit}`.trim() };
+    return {
+      raw,
+      error: t('below the limit of {limit}', { limit: `${rawText(field, field.minimum)} ${unit}`.trim() }),
+    };
   }
   if (field.maximum !== null && raw > field.maximum) {
-    return { raw, error: `above the limit of ${rawText(field, field.maximum)} ${unit}`.trim() };
+    return {
+      raw,
+      error: t('above the limit of {limit}', { limit: `${rawText(field, field.maximum)} ${unit}`.trim() }),
+    };
   }
   return { raw, error: null };
 }

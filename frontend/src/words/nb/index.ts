@@ -4,6 +4,7 @@ import { DEBRIEF } from './debrief';
 import { HELP } from './help';
 import { OVERVIEW } from './overview';
 import { PACKS } from './packs';
+import { PARAMETERS } from './parameters';
 import { RECORDING } from './recording';
 import { SERVICE } from './service';
 import { SESSIONS } from './sessions';
@@ -22,6 +23,7 @@ const ALL = {
   ...HELP,
   ...SIMULATOR,
   ...CAN,
+  ...PARAMETERS,
 };
 
 export type Words = Record<keyof typeof ALL, string>;
