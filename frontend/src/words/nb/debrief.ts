@@ -130,7 +130,7 @@ export const DEBRIEF = {
   'Cell temperature': 'Celletemperatur',
   'Closed (1) or open (0)': 'Lukket (1) eller åpen (0)',
   'Shutdown circuit': 'Nødstoppkrets',
-  Relays: 'Reléer',
+  Relays: 'Releer',
   'All cells at the trip, V': 'Alle celler ved utløsning, V',
   'What was reported': 'Hva som ble meldt',
   'One frame': 'Én ramme',

@@ -36,7 +36,7 @@ export const SIMULATOR = {
   '1 to 8': '1 til 8',
   '1 to 8, 1 to 12': '1 til 8, 1 til 12',
   For: 'Varighet',
-  ever: 'alltid',
+  ever: 'for godt',
   's of the car’s time; empty: until it is cleared': 's av bilens tid; tomt: til den fjernes',
   'Inject {fault}': 'Sett inn {fault}',
   Scenarios: 'Scenarier',
