@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from fastapi import APIRouter, Response
+from fastapi.responses import PlainTextResponse
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
@@ -115,7 +116,7 @@ def _recorder(runtime: Runtime) -> Iterator[Metric]:
         yield GaugeMetricFamily("voltwall_disk_free_bytes", "free where sessions are recorded", status.disk_free_bytes)
 
 
-@router.get("/metrics")
+@router.get("/metrics", response_class=PlainTextResponse)
 def metrics(runtime: RuntimeDep) -> Response:
     """Prometheus text."""
     registry = CollectorRegistry(auto_describe=False)
