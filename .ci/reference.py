@@ -81,17 +81,20 @@ def _section(title: str, text: str, parser: argparse.ArgumentParser, level: str)
 
 def settings_reference() -> str:
     """Return the page with every setting of the service: flag, environment variable, default, meaning."""
+    from app.commands.serve import SECRETS
     from app.settings import Settings
 
     rows = []
     for name, field in Settings.model_fields.items():
         default = "the user's data folder" if field.default_factory is not None else _default(field.default)
-        rows.append((f"`--{name.replace('_', '-')}`", f"`VOLTWALL_{name.upper()}`", default, field.description or ""))
+        flag = "none" if name in SECRETS else f"`--{name.replace('_', '-')}`"
+        rows.append((flag, f"`VOLTWALL_{name.upper()}`", default, field.description or ""))
     head = [
         NOTICE,
         "# Settings of `voltwall serve`",
         "",
-        "A flag wins over the variable, the variable over the default.",
+        "A flag wins over the variable, the variable over the default. Passwords have no flag:",
+        "a command line is visible to everyone on the machine.",
     ]
     return "\n".join([*head, "", *_table(("Flag", "Variable", "Default", "Meaning"), rows)]) + "\n"
 
@@ -163,6 +166,9 @@ def _meaning(action: argparse.Action) -> str:
     required = "required; " if action.required and action.option_strings else ""
     folder = platformdirs.user_data_dir("voltwall", appauthor=False)
     lines = [_sentence(line) for line in text.replace(folder, "the user's data folder").splitlines()]
+    if action.choices is not None:  # a line that begins with a choice explains it
+        words = [line.partition(" ") for line in lines]
+        lines = [f"`{word}`: {rest}" if word in action.choices else word + gap + rest for word, gap, rest in words]
     return required + "<br>".join(lines).replace("|", "\\|")
 
 
