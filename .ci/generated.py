@@ -13,12 +13,13 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / ".ci")]
 
 from reference import cli_reference, dependency_reference, settings_reference  # noqa: E402
-from typescript import api_types, memory_map_types  # noqa: E402
+from typescript import api_types, fixture_schema, memory_map_types  # noqa: E402
 
 GENERATED: dict[str, Callable[[], str]] = {
     "docs/reference/cli.md": cli_reference,
     "docs/reference/settings.md": settings_reference,
     "docs/reference/dependencies.md": dependency_reference,
+    "frontend/fixtures/schema.json": fixture_schema,
     "frontend/src/generated/api.ts": api_types,
     "frontend/src/generated/memory_map.ts": memory_map_types,
 }

@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from app.api.config_json import schema_json
 from app.main import create_app
 from app.settings import Settings
 from firmware_protocol.memory_map import (
@@ -54,6 +55,11 @@ def memory_map_types() -> str:
         _union("StructField", list(FIELDS)),
     ]
     return HEAD.format("the memory map") + "\n" + "\n".join(lines) + "\n"
+
+
+def fixture_schema() -> str:
+    """The answer of GET config/schema, for the fixture server."""
+    return json.dumps(schema_json(), separators=(",", ":")) + "\n"
 
 
 def _interface(name: str, schema: dict[str, Any]) -> str:

@@ -45,8 +45,8 @@ def record(folder: Path, hours: float) -> Path:
             recorder.estimates(at_ns, round(at_s * 1000), soc - at_s * 4e-5, np.full(N_CELLS, 0.01))
         if at_s > next_trip_s:
             next_trip_s += TRIP_EVERY_S
-            values = {"cell": 30, "value": 2.4, "limit": 2.5, "unit": "V"}
-            recorder.event(at_ns, EPOCH_NS + at_ns, "trip", "trip-v-min", "cell under-voltage", **values)
+            now = at_ns, EPOCH_NS + at_ns
+            recorder.event(*now, "trip", "trip-v-min", "cell under-voltage", cell=30, value=2.4, limit=2.5, unit="V")
         if count % 5000 == 0:
             recorder.flush(60.0)
     recorder.close(60.0)
