@@ -99,7 +99,7 @@ def simulate(
     drawn = np.concatenate(([0.0], np.cumsum(0.5 * (current[1:] + current[:-1]) * dt_s))) / 3600.0
     below = np.flatnonzero(voltage < low - 0.05)
     stop = int(below[0]) if below.size else time_s.size
-    columns = (time_s, current, voltage, kelvin - KELVIN, soc - drawn / cell.capacity_ah)
+    columns: tuple[FloatArray, ...] = (time_s, current, voltage, kelvin - KELVIN, soc - drawn / cell.capacity_ah)
     time_s, current, voltage, degrees, truth = (column[:stop] for column in columns)
     return Recording(name, time_s, current, voltage, degrees, truth, notes=())
 

@@ -1,6 +1,6 @@
 """Sessions made of arrays: what is said about the car becomes frames in a file, for tests and measurements."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +62,7 @@ class SessionMaker:
             at_ns = round(at_s * 1e9)
             counts = np.where(np.isnan(volts[i]), 0, volts[i] * 1e4).round().astype(int)
             heat = np.where(np.isnan(degrees[i]), -128, degrees[i]).round().astype(int)
-            values: dict[str, Iterable[Any]] = {
+            values: dict[str, Any] = {
                 "i_fs": [round(float(current_a[i]) * 100)],
                 "v": counts,
                 "t": heat,
