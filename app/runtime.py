@@ -5,13 +5,12 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any
 
 from app.bringing import Bringing
 from app.can_sender import CanSender
+from app.chain import Chain
 from app.config_finding import Finding
 from app.config_history import ConfigHistory
 from app.config_rules import Context, review
@@ -21,9 +20,8 @@ from app.debrief.blackbox import keep_black_boxes
 from app.debrief.live import BlackBoxRecorder
 from app.debrief.passport import PassportKeeper
 from app.errors import AppError, ConfigError, LinkLost, NotNow
-from app.estimation.cellfile import bundled_cells, load_cell
+from app.estimation.cellfile import bundled_cells
 from app.estimation.errors import EstimatorError
-from app.estimation.estimators import FILTERS, CellEstimator, make_estimator
 from app.history import History
 from app.hub import Hub
 from app.importing import Importing
@@ -93,16 +91,8 @@ class Runtime:
         self.bringing = Bringing(settings.data / "sessions", self.catalogue, self.note)
         self.importing = Importing(settings.data, lambda: self.new_pipeline("replay", "imported"), self.note)
         self._inbox: queue.Queue[Item | None] = queue.Queue(INBOX_ITEMS)
-        try:
-            cell = load_cell(settings.cell)
-        except EstimatorError as error:
-            raise ConfigError("cell", settings.cell, str(error)) from error
-
-        def new_estimator() -> CellEstimator:
-            return make_estimator(settings.filter, cell, N_CELLS)
-
-        self._new_estimator: Callable[[], CellEstimator] = new_estimator
-        self._cell = cell
+        self._chain = Chain(settings.filter, settings.cell)
+        cell = self._chain.cell
         self.passports = PassportKeeper(
             settings.data,
             self.catalogue,
@@ -155,25 +145,14 @@ class Runtime:
         Raises:
             ConfigError: there is no such filter or cell.
         """
-        settings, cell, make = self.settings, self._cell, self._new_estimator
+        settings, chain = self.settings, self._chain
         if filter_name is not None or cell_name is not None:
-            filter_name, cell_name = filter_name or settings.filter, cell_name or settings.cell
-            if filter_name not in FILTERS:
-                raise ConfigError("filter", filter_name, f"one of {', '.join(FILTERS)}")
+            cell_name = cell_name or settings.cell
             if cell_name not in (*bundled_cells(), settings.cell):
                 raise ConfigError("cell", cell_name, f"one of {', '.join(bundled_cells())}, or the service's own")
-            cell = load_cell(cell_name)
-            make = partial(make_estimator, filter_name, cell, N_CELLS)
-        return Pipeline(
-            source,
-            make,
-            filter_name=filter_name or settings.filter,
-            cell_name=cell_name or settings.cell,
-            rs232_url=serial_url,
-            can_url=can_url,
-            stopwatch_ns=time.perf_counter_ns,
-            lookout=lookout or Lookout(cell, N_CELLS),
-            start_soc=start_soc,
+            chain = Chain(filter_name or settings.filter, cell_name)
+        return chain.pipeline(
+            source, serial_url, can_url, lookout=lookout, start_soc=start_soc, stopwatch_ns=time.perf_counter_ns
         )
 
     def _mqtt(self) -> MqttPublisher | None:
@@ -423,7 +402,7 @@ class Runtime:
 
     def _rule_context(self) -> Context:
         heard = {can_id: known.period_s for can_id, known in self.trace.by_id().items() if known.period_s is not None}
-        return Context(self._cell, heard)
+        return Context(self._chain.cell, heard)
 
     def config_in_force(self) -> bytes | None:
         """The 420 bytes as last heard or read, None before the first time."""

@@ -6,17 +6,13 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from app.chain import Chain
 from app.errors import ConfigError
-from app.estimation.cellfile import load_cell
-from app.estimation.errors import EstimatorError
-from app.estimation.estimators import FILTERS, make_estimator
+from app.estimation.estimators import FILTERS
 from app.imports.can_log import ENDINGS, signal_names
 from app.imports.columns import guess
 from app.imports.profile import ImportProfile, ProfileShelf, parse_profile, profile_of, profile_text
 from app.imports.session import import_file, read_table
-from app.outlook import Lookout
-from app.pipeline import Pipeline
-from firmware_protocol.memory_map import N_CELLS
 
 HELP = (
     "import   a recording of another system (CSV, Parquet; candump .log, .asc, .blf with --dbc), estimated, as a\n"
@@ -60,6 +56,7 @@ def run(args: argparse.Namespace, data: Path) -> int:
         raise ConfigError("file", path, "no such file")
     if args.action == "columns":
         return _columns(path, args.dbc)
+    chain = Chain(args.filter, args.cell)
     shelf = ProfileShelf(data / "profiles")
     is_own_can = path.name.lower().endswith(ENDINGS) and args.dbc is None
     profile = ImportProfile() if is_own_can else _profile(args, path, shelf)
@@ -67,7 +64,7 @@ def run(args: argparse.Namespace, data: Path) -> int:
         path,
         profile,
         data / "sessions",
-        lambda: _pipeline(args.filter, args.cell),
+        lambda: chain.pipeline("replay", "imported"),
         dbc=args.dbc,
         name=args.name,
         started_unix_s=_start(args.start),
@@ -122,21 +119,6 @@ def _value(name: str, text: str) -> object:
         except ValueError as error:
             raise ConfigError(name, text, "a number") from error
     return text
-
-
-def _pipeline(filter_name: str, cell_name: str) -> Pipeline:
-    try:
-        cell = load_cell(cell_name)
-    except EstimatorError as error:
-        raise ConfigError("cell", cell_name, str(error)) from error
-    return Pipeline(
-        "replay",
-        lambda: make_estimator(filter_name, cell, N_CELLS),
-        filter_name=filter_name,
-        cell_name=cell_name,
-        rs232_url="imported",
-        lookout=Lookout(cell, N_CELLS),
-    )
 
 
 def _start(text: str | None) -> float | None:

@@ -11,8 +11,9 @@ from typing import Any
 from app import log
 from app.analysis.expectations import Expectations
 from app.api.encode import snapshot_json
+from app.chain import Chain
 from app.commands.serve import serve
-from app.debrief.proof import prove, replay_pipeline
+from app.debrief.proof import prove
 from app.errors import ConfigError
 from app.estimation.cellfile import DEFAULT_CELL
 from app.estimation.estimators import FILTERS
@@ -80,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print_snapshots(path: Path, filter_name: str, cell_name: str) -> int:
-    pipeline = replay_pipeline(filter_name, cell_name)
+    pipeline = Chain(filter_name, cell_name).pipeline("replay", "recorded", "recorded")
     with SessionFile(path) as file:
         prepare(pipeline, file)
         for received in file.received():
@@ -99,11 +100,11 @@ def _prove(path: Path, expected: Path, filter_name: str | None, cell_name: str |
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError("--assert", expected, f"a file that can be read: {error}") from error
     expectations = Expectations(text)
-    pipeline = replay_pipeline(
+    chain = Chain(
         filter_name or expectations.filter_name or DEFAULT_FILTER, cell_name or expectations.cell_name or DEFAULT_CELL
     )
     with SessionFile(path) as session:
-        verdicts = prove(session, expectations, pipeline)
+        verdicts = prove(session, expectations, chain.pipeline("replay", "recorded", "recorded"))
     failed = sum(not verdict.held for verdict in verdicts)
     if as_json:
         print(json.dumps({"held": failed == 0, "expectations": [asdict(verdict) for verdict in verdicts]}, indent=2))

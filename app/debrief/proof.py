@@ -4,40 +4,11 @@ from __future__ import annotations
 
 from app.analysis.expectations import PER_CELL, Expectations, Raised, Values, Verdict
 from app.decode import mean
-from app.errors import ConfigError
-from app.estimation.cellfile import load_cell
-from app.estimation.errors import EstimatorError
-from app.estimation.estimators import FILTERS, make_estimator
-from app.outlook import Lookout
 from app.pipeline import Output, Pipeline
 from app.replaying import item_of, prepare
 from app.sessions.info import RecordedConfig
 from app.sessions.reader import SessionFile
 from app.sessions.recorded_estimates import RecordedEstimates
-from firmware_protocol.memory_map import N_CELLS
-
-
-def replay_pipeline(filter_name: str, cell_name: str) -> Pipeline:
-    """Return a fresh chain for recorded items.
-
-    Raises:
-        ConfigError: there is no such filter, or the cell cannot be used.
-    """
-    if filter_name not in FILTERS:
-        raise ConfigError("filter", filter_name, f"one of {', '.join(FILTERS)}")
-    try:
-        cell = load_cell(cell_name)
-    except EstimatorError as error:
-        raise ConfigError("cell", cell_name, str(error)) from error
-    return Pipeline(
-        "replay",
-        lambda: make_estimator(filter_name, cell, N_CELLS),
-        filter_name=filter_name,
-        cell_name=cell_name,
-        rs232_url="recorded",
-        can_url="recorded",
-        lookout=Lookout(cell, N_CELLS),
-    )
 
 
 def prove(session: SessionFile, expectations: Expectations, pipeline: Pipeline) -> list[Verdict]:
