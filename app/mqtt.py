@@ -20,6 +20,7 @@ import numpy as np
 import orjson
 
 from app.errors import ConfigError
+from app.settings import Settings
 from app.telemetry import Event, Snapshot
 
 PERIOD_S = 1.0
@@ -211,3 +212,15 @@ def _alarm(alarm: Any) -> dict[str, Any]:
 
 def _json(body: object) -> bytes:
     return orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def configured_publisher(settings: Settings, recording: Callable[[], dict[str, Any] | None]) -> MqttPublisher | None:
+    """Return a publisher to the broker of the settings, None where they name none.
+
+    Raises:
+        ConfigError: the broker cannot be used, or paho-mqtt is not installed.
+    """
+    if settings.mqtt is None:
+        return None
+    password = None if settings.mqtt_password is None else settings.mqtt_password.get_secret_value()
+    return MqttPublisher(parse_broker(settings.mqtt, password, settings.mqtt_ca), recording)

@@ -19,16 +19,18 @@ from app.configuration import Configuration
 from app.debrief.blackbox import keep_black_boxes
 from app.debrief.live import BlackBoxRecorder
 from app.debrief.passport import PassportKeeper
-from app.errors import AppError, ConfigError, LinkLost, NotNow
+from app.errors import ConfigError, LinkLost, NotNow
 from app.estimation.cellfile import bundled_cells
 from app.estimation.errors import EstimatorError
+from app.failures import Failures
+from app.greeting import Greeter
 from app.history import History
 from app.hub import Hub
 from app.importing import Importing
 from app.links.can import CanLink
 from app.links.master import MasterClient
 from app.links.serial import SerialLink
-from app.mqtt import MqttPublisher, parse_broker
+from app.mqtt import configured_publisher
 from app.operations import Operator
 from app.outlook import Lookout
 from app.past import Past, load_past, save_past
@@ -47,15 +49,12 @@ from app.trend import Trend
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.framing import BadFrame
 from firmware_protocol.memory_map import N_CELLS
-from firmware_protocol.messages import EventCode, MessageType
 
 log = logging.getLogger(__name__)
 TICK_S = 1.0
 KEEP_PAST_S = 300.0
 STALL_S = 3 * TICK_S  # without a snapshot for so long, the pipeline stands still
 INBOX_ITEMS = 4096  # beyond it the links wait, and what the line cannot hold shows up as a gap in the sequence
-FAILURE_SHOWN_S = 60.0
-GREET_AGAIN_S = 10.0  # a master that does not know IDENT is not asked at every frame
 
 
 class Runtime:
@@ -87,7 +86,7 @@ class Runtime:
             lambda text: self.note("info", "session-expired", text),
         )
         self.black_boxes = BlackBoxRecorder(settings.data / "blackboxes.sqlite", self._session_id, self._box_made)
-        self.mqtt = self._mqtt()
+        self.mqtt = configured_publisher(settings, lambda: self.service_state()["recording"])
         self.bringing = Bringing(settings.data / "sessions", self.catalogue, self.note)
         self.importing = Importing(settings.data, lambda: self.new_pipeline("replay", "imported"), self.note)
         self._inbox: queue.Queue[Item | None] = queue.Queue(INBOX_ITEMS)
@@ -121,13 +120,11 @@ class Runtime:
             self.new_pipeline, self._show, lambda text: self.note("warning", "replay-failed", text)
         )
         self._jobs = ThreadPoolExecutor(max_workers=1, thread_name_prefix="greet")
+        self._greeter = Greeter(self.master, self.configuration, self._jobs)
         self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
-        self._greeted = False
-        self._greet_from_ns = 0
         self._stopped = threading.Event()
         self._is_closing = False
-        self._failures = 0
-        self._failure: tuple[int, str] | None = None
+        self._failures = Failures()
         self.pipeline_snapshot: Snapshot | None = None  # of the live source, also while a replay is shown
 
     def new_pipeline(
@@ -154,14 +151,6 @@ class Runtime:
         return chain.pipeline(
             source, serial_url, can_url, lookout=lookout, start_soc=start_soc, stopwatch_ns=time.perf_counter_ns
         )
-
-    def _mqtt(self) -> MqttPublisher | None:
-        settings = self.settings
-        if settings.mqtt is None:
-            return None
-        password = None if settings.mqtt_password is None else settings.mqtt_password.get_secret_value()
-        broker = parse_broker(settings.mqtt, password, settings.mqtt_ca)
-        return MqttPublisher(broker, lambda: self.service_state()["recording"])
 
     def start(self) -> None:
         """Start the threads; the links are opened as soon as the estimator is ready for what they bring."""
@@ -283,21 +272,13 @@ class Runtime:
                     self._deliver(output)
                     self.black_boxes.take(output.events, output.snapshot, now_ns)
             except Exception as error:  # noqa: BLE001  the supervisor: one item must not end the thread
-                self._on_failure(error)
-
-    def _on_failure(self, error: Exception) -> None:
-        """One item failed, the next may not; health says so, the log at most once a second."""
-        now_ns = time.monotonic_ns()
-        self._failures += 1
-        if self._failure is None or now_ns - self._failure[0] > 1e9:
-            log.error("the pipeline failed on an item and goes on (failure %d)", self._failures, exc_info=error)
-        self._failure = now_ns, f"{type(error).__name__}: {error}"
+                self._failures.add(error)
 
     def _take(self, item: Item) -> int | None:
         try:
             self.recorder.on_item(item)
         except Exception as error:  # noqa: BLE001  what is not recorded is shown all the same
-            self._on_failure(error)
+            self._failures.add(error)
         if isinstance(item, CanItem):
             self.trace.add(item)
         output = self.pipeline.feed(item)
@@ -306,9 +287,9 @@ class Runtime:
         if output.reply is not None:
             self.master.on_reply(output.reply)
         if isinstance(item, SerialItem) and not isinstance(item.frame, BadFrame):
-            self._greet_if_new(item.frame.type, item.frame.body)
+            self._greeter.heard(item.frame.type, item.frame.body)
         elif isinstance(item, LinkChange) and item.link == "rs232" and item.state != "open":
-            self._greeted, self._greet_from_ns = False, 0
+            self._greeter.forget()
         if output.snapshot is None:
             return None
         self.pipeline.look_ahead()
@@ -339,27 +320,6 @@ class Runtime:
     def _show(self, snapshot: Snapshot) -> None:
         self.hub.publish_threadsafe(snapshot)
 
-    def _greet_if_new(self, frame_type: int, body: bytes) -> None:
-        """Ask a master that appeared, or started again, who it is and what it has stored."""
-        if frame_type == MessageType.EVENT and body[:1] in (
-            bytes([EventCode.BOOT]),
-            bytes([EventCode.CONFIG_STORED]),
-        ):
-            self._greeted, self._greet_from_ns = False, 0
-        if not self._greeted and time.monotonic_ns() >= self._greet_from_ns:
-            self._greeted = True
-            with contextlib.suppress(RuntimeError):  # shutting down
-                self._jobs.submit(self._greet)
-
-    def _greet(self) -> None:
-        try:
-            self.master.identify()
-            self.configuration.read_stored()
-        except AppError as error:
-            log.info("the master did not introduce itself: %s", error)
-            self._greet_from_ns = time.monotonic_ns() + int(GREET_AGAIN_S * 1e9)
-            self._greeted = False
-
     def service_state(self) -> dict[str, Any]:
         """What a snapshot is sent with that is the service's, not the battery's."""
         session = self.recorder.session
@@ -385,8 +345,8 @@ class Runtime:
             return ["no snapshot yet"]
         if now_ns - snapshot.t_mono_ns > STALL_S * 1e9:
             reasons.append(f"no snapshot for {(now_ns - snapshot.t_mono_ns) / 1e9:.0f} s: the pipeline stands still")
-        if self._failure is not None and now_ns - self._failure[0] < FAILURE_SHOWN_S * 1e9:
-            reasons.append(f"the pipeline failed on {self._failures} item(s), the last time with {self._failure[1]}")
+        if self._failures.reason is not None:
+            reasons.append(self._failures.reason)
         for name, status in snapshot.links.items():
             if status.state not in ("off", "live"):
                 reasons.append(f"{name} {status.state}" + (f": {status.error}" if status.error else ""))
@@ -442,24 +402,3 @@ class Runtime:
         """Hash of what the EEPROM holds, None where it was not read or holds nothing."""
         stored = self.configuration.stored
         return None if stored is None else image_hash(stored.image)
-
-    def query_events(self, *, after: int, limit: int, severity: str | None, cell: int | None) -> list[dict[str, Any]]:
-        """Events of the log as JSON, newest first."""
-        found = self.events.query(after, limit, severity, cell)
-        return [
-            {
-                "id": event.id,
-                "time": event.t_wall_ns / 1e9,
-                "uptime_s": None if event.uptime_ms is None else event.uptime_ms / 1000,
-                "severity": event.severity,
-                "code": event.code,
-                "text": event.text,
-                "cell": event.cell,
-                "value": event.value,
-                "limit": event.limit,
-                "unit": event.unit,
-                "who": event.who,
-                "acknowledged_by": event.acknowledged_by,
-            }
-            for event in found
-        ]

@@ -7,10 +7,28 @@ from fastapi import APIRouter, Path, Query
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import not_found
 from app.api.schemas.service import AcknowledgedOut, EventsOut
+from app.sessions.eventlog import LoggedEvent
 
 router = APIRouter(tags=["events"])
 MAX_ID = (1 << 63) - 1
 Id = Annotated[int, Path(ge=0, le=MAX_ID)]
+
+
+def _event_json(event: LoggedEvent) -> dict[str, Any]:
+    return {
+        "id": event.id,
+        "time": event.t_wall_ns / 1e9,
+        "uptime_s": None if event.uptime_ms is None else event.uptime_ms / 1000,
+        "severity": event.severity,
+        "code": event.code,
+        "text": event.text,
+        "cell": event.cell,
+        "value": event.value,
+        "limit": event.limit,
+        "unit": event.unit,
+        "who": event.who,
+        "acknowledged_by": event.acknowledged_by,
+    }
 
 
 @router.get("/events", response_model=EventsOut)
@@ -22,7 +40,7 @@ def events(
     cell: Annotated[int | None, Query(ge=0, le=95)] = None,
 ) -> dict[str, Any]:
     """Newest first."""
-    return {"events": runtime.query_events(after=after, limit=limit, severity=severity, cell=cell)}
+    return {"events": [_event_json(event) for event in runtime.events.query(after, limit, severity, cell)]}
 
 
 @router.post("/events/{event_id}/acknowledge", response_model=AcknowledgedOut)

@@ -97,8 +97,8 @@ def test_events_carry_the_masters_clock_while_it_speaks(runtime, master):
     runtime.note("info", "before", "nobody speaks")
     runtime.put(now(master.frame()))
     wait(lambda: fresh(runtime))
-    by_code = {e["code"]: e for e in runtime.query_events(after=0, limit=10, severity=None, cell=None)}
-    assert by_code["before"]["uptime_s"] is None
+    by_code = {event.code: event for event in runtime.events.query(0, 10, None, None)}
+    assert by_code["before"].uptime_ms is None
 
 
 def test_stopping_is_quick_also_with_an_inbox_that_is_full(tmp_path, master, monkeypatch):
