@@ -100,11 +100,11 @@ def decode(signal: Signal, data: bytes) -> tuple[float, str | None] | None:
 
 def message_name(message: TxMessage | RxMessage) -> str:
     """Return the message's name: what it is where its id tells, else its place in the tables."""
-    if message.is_extended and message.can_id == elcon.COMMAND_ID:
-        return "CHARGER_COMMAND"
-    if message.is_extended and message.can_id == elcon.STATUS_ID:
-        return "CHARGER_STATUS"
-    return f"MASTER_{'TX' if isinstance(message, TxMessage) else 'RX'}_{message.index}"
+    if isinstance(message, TxMessage):
+        is_command = message.is_extended and message.can_id == elcon.COMMAND_ID
+        return "CHARGER_COMMAND" if is_command else f"MASTER_TX_{message.index}"
+    is_status = message.is_extended and message.can_id == elcon.STATUS_ID
+    return "CHARGER_STATUS" if is_status else f"MASTER_RX_{message.index}"
 
 
 def to_dbc(config: Image) -> str:

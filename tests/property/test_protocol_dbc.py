@@ -5,6 +5,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firmware_protocol import elcon
 from firmware_protocol.can_tables import (
     RxMessage,
     TxMessage,
@@ -73,6 +74,13 @@ def test_flags_picked_twice_come_back_twice():
     row = (flags, flags + 1, flags, *UNUSED[3:])
     tx = [TxMessage(0, True, 0x10, False, 100, 3, row)]
     assert list(from_dbc(to_dbc(image_of(tx, []))).tx) == tx
+
+
+def test_the_chargers_ids_in_the_other_table_stay_there():
+    tx = [TxMessage(0, True, elcon.STATUS_ID, True, 100, 1, tuple(UNUSED))]
+    rx = [RxMessage(0, True, elcon.COMMAND_ID, True, 100, 1, tuple(UNUSED), None)]
+    imported = from_dbc(to_dbc(image_of(tx, rx)))
+    assert (list(imported.tx), list(imported.rx)) == (tx, rx)
 
 
 @given(tables())
