@@ -71,13 +71,12 @@ class Runtime:
         settings.data.mkdir(parents=True, exist_ok=True)
         self.events = EventLog(settings.data / "events.sqlite")
         self.catalogue = Catalogue(settings.data / "sessions")
-        split_bytes = None if settings.split_mb is None else settings.split_mb * 1_000_000
         self.recorder = AutoRecorder(
             settings.data / "sessions",
             automatic=settings.record,
             on_event=self.log_event,
             event=settings.event,
-            limits=DiskLimits(session_bytes=split_bytes),
+            limits=DiskLimits(session_bytes=settings.split_bytes),
             source=source,
         )
         self.retention = Retention(
@@ -117,7 +116,9 @@ class Runtime:
         )
         self.operator = Operator(self.configuration, self.master, self.serial, self.note, self.config_history)
         self.replaying = Replaying(
-            self.new_pipeline, self._show, lambda text: self.note("warning", "replay-failed", text)
+            self.new_pipeline,
+            self.hub.publish_threadsafe,
+            lambda text: self.note("warning", "replay-failed", text),
         )
         self._jobs = ThreadPoolExecutor(max_workers=1, thread_name_prefix="greet")
         self._greeter = Greeter(self.master, self.configuration, self._jobs)
@@ -315,10 +316,7 @@ class Runtime:
             self.mqtt.offer(output.snapshot)
         self.trend.add(output.snapshot)
         if not self.replaying.is_active:
-            self._show(output.snapshot)
-
-    def _show(self, snapshot: Snapshot) -> None:
-        self.hub.publish_threadsafe(snapshot)
+            self.hub.publish_threadsafe(output.snapshot)
 
     def service_state(self) -> dict[str, Any]:
         """What a snapshot is sent with that is the service's, not the battery's."""

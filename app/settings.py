@@ -74,6 +74,11 @@ class Settings(BaseSettings):
         return self.serial is None and self.can is None
 
     @property
+    def split_bytes(self) -> int | None:
+        """Size at which the recorder begins another session, or None."""
+        return None if self.split_mb is None else self.split_mb * 1_000_000
+
+    @property
     def is_loopback(self) -> bool:
         """Only this machine can reach the service."""
         if self.host == "localhost":
