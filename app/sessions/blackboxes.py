@@ -1,16 +1,11 @@
 """Black boxes on the disk: one file of their own in the data folder, so that they outlive their sessions."""
 
-import json
-import sqlite3
-import threading
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.sessions.database import open_for_writing
-from app.sessions.errors import NotASession, RecordingFailed
 from app.sessions.migrate import BLACKBOXES
+from app.sessions.store import Store, packed
 
 _COLUMNS = "id, t_wall_ns, session_id, code, severity, cell, text, is_complete"
 
@@ -39,17 +34,11 @@ class BlackBoxStore:
             NotASession, SchemaTooNew: the file is something else, or a newer program's.
             RecordingFailed: the disk does not take it.
         """
-        self._path = path
-        self._lock = threading.Lock()
-        try:
-            self._connection = open_for_writing(path, BLACKBOXES)
-        except sqlite3.Error as error:
-            raise RecordingFailed(f"{path}: {error}") from error
+        self._store = Store(path, BLACKBOXES)
 
     def close(self) -> None:
         """Close the file."""
-        with self._lock:
-            self._connection.close()
+        self._store.close()
 
     def add(self, box: dict[str, Any]) -> bool:
         """Keep a box; False where one that is at least as complete is there.
@@ -66,26 +55,22 @@ class BlackBoxStore:
             box["cell"],
             box["text"],
             int(box["is_complete"]),
-            zlib.compress(json.dumps(box, allow_nan=False, separators=(",", ":")).encode(), 6),
+            packed(box),
         )
-        with self._lock:
-            try:
-                cursor = self._connection.execute(
-                    f"INSERT INTO blackboxes ({_COLUMNS}, body) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id)"
-                    " DO UPDATE SET body = excluded.body, is_complete = excluded.is_complete,"
-                    " session_id = coalesce(excluded.session_id, session_id)"
-                    " WHERE excluded.is_complete > blackboxes.is_complete",
-                    row,
-                )
-            except sqlite3.Error as error:
-                raise RecordingFailed(f"{self._path}: {error}") from error
-        return cursor.rowcount > 0
+        changed = self._store.change(
+            f"INSERT INTO blackboxes ({_COLUMNS}, body) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id)"
+            " DO UPDATE SET body = excluded.body, is_complete = excluded.is_complete,"
+            " session_id = coalesce(excluded.session_id, session_id)"
+            " WHERE excluded.is_complete > blackboxes.is_complete",
+            row,
+        )
+        return changed > 0
 
     def stored(self, session_id: str | None = None) -> list[StoredBox]:
         """All of them, or of one session, newest first."""
         where = "" if session_id is None else " WHERE session_id = ?"
         values = () if session_id is None else (session_id,)
-        rows = self._rows(f"SELECT {_COLUMNS} FROM blackboxes{where} ORDER BY t_wall_ns DESC, id DESC", values)
+        rows = self._store.rows(f"SELECT {_COLUMNS} FROM blackboxes{where} ORDER BY t_wall_ns DESC, id DESC", values)
         return [StoredBox(row[0], row[1] / 1e9, row[2], row[3], row[4], row[5], row[6], bool(row[7])) for row in rows]
 
     def get(self, box_id: str) -> dict[str, Any] | None:
@@ -94,18 +79,5 @@ class BlackBoxStore:
         Raises:
             NotASession: it cannot be read.
         """
-        rows = self._rows("SELECT body FROM blackboxes WHERE id = ?", (box_id,))
-        if not rows:
-            return None
-        try:
-            found: dict[str, Any] = json.loads(zlib.decompress(rows[0][0]))
-        except (zlib.error, ValueError) as error:
-            raise NotASession(str(self._path), f"black box {box_id} is damaged: {error}") from error
-        return found
-
-    def _rows(self, query: str, values: tuple[object, ...]) -> list[tuple[Any, ...]]:
-        with self._lock:
-            try:
-                return self._connection.execute(query, values).fetchall()
-            except sqlite3.DatabaseError as error:
-                raise NotASession(str(self._path), f"damaged: {error}") from error
+        rows = self._store.rows("SELECT body FROM blackboxes WHERE id = ?", (box_id,))
+        return self._store.unpacked(rows[0][0], f"black box {box_id}") if rows else None

@@ -1,16 +1,12 @@
 """What sessions told about cells, and swaps of modules, on the disk: one file in the data folder."""
 
 import json
-import sqlite3
-import threading
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.sessions.database import open_for_writing
-from app.sessions.errors import NotASession, RecordingFailed
 from app.sessions.migrate import PASSPORT
+from app.sessions.store import Store, packed
 
 
 @dataclass(frozen=True)
@@ -34,17 +30,11 @@ class PassportStore:
             NotASession, SchemaTooNew: the file is something else, or a newer program's.
             RecordingFailed: the disk does not take it.
         """
-        self._path = path
-        self._lock = threading.Lock()
-        try:
-            self._connection = open_for_writing(path, PASSPORT)
-        except sqlite3.Error as error:
-            raise RecordingFailed(f"{path}: {error}") from error
+        self._store = Store(path, PASSPORT)
 
     def close(self) -> None:
         """Close the file."""
-        with self._lock:
-            self._connection.close()
+        self._store.close()
 
     def add_record(self, session_id: str, start_wall_ns: int, body: dict[str, Any]) -> None:
         """Keep what a session told; an older record of it is replaced.
@@ -52,12 +42,12 @@ class PassportStore:
         Raises:
             RecordingFailed: the disk does not take it.
         """
-        packed = zlib.compress(json.dumps(body, allow_nan=False, separators=(",", ":")).encode(), 6)
-        self._change("INSERT OR REPLACE INTO records VALUES (?, ?, ?)", (session_id, start_wall_ns, packed))
+        row = (session_id, start_wall_ns, packed(body))
+        self._store.change("INSERT OR REPLACE INTO records VALUES (?, ?, ?)", row)
 
     def known(self) -> set[str]:
         """Sessions of which there is a record."""
-        return {row[0] for row in self._rows("SELECT session_id FROM records")}
+        return {row[0] for row in self._store.rows("SELECT session_id FROM records")}
 
     def records(self) -> list[dict[str, Any]]:
         """All records, the oldest first.
@@ -65,13 +55,8 @@ class PassportStore:
         Raises:
             NotASession: one cannot be read.
         """
-        try:
-            return [
-                json.loads(zlib.decompress(row[0]))
-                for row in self._rows("SELECT body FROM records ORDER BY start_wall_ns, session_id")
-            ]
-        except (zlib.error, ValueError) as error:
-            raise NotASession(str(self._path), f"damaged: {error}") from error
+        rows = self._store.rows("SELECT session_id, body FROM records ORDER BY start_wall_ns, session_id")
+        return [self._store.unpacked(body, f"the record of {session_id}") for session_id, body in rows]
 
     def add_swap(self, t_wall_ns: int, cells: list[int], note: str, who: str | None) -> None:
         """Record that modules were swapped.
@@ -80,27 +65,13 @@ class PassportStore:
             RecordingFailed: the disk does not take it.
         """
         row = (t_wall_ns, json.dumps(sorted(set(cells))), note, who)
-        self._change("INSERT INTO swaps (t_wall_ns, cells, note, who) VALUES (?, ?, ?, ?)", row)
+        self._store.change("INSERT INTO swaps (t_wall_ns, cells, note, who) VALUES (?, ?, ?, ?)", row)
 
     def remove_swap(self, swap_id: int) -> bool:
         """Take a swap back; False where there is none."""
-        return self._change("DELETE FROM swaps WHERE id = ?", (swap_id,)) > 0
+        return self._store.change("DELETE FROM swaps WHERE id = ?", (swap_id,)) > 0
 
     def swaps(self) -> list[StoredSwap]:
         """All swaps, the oldest first."""
-        rows = self._rows("SELECT id, t_wall_ns, cells, note, who FROM swaps ORDER BY t_wall_ns, id")
+        rows = self._store.rows("SELECT id, t_wall_ns, cells, note, who FROM swaps ORDER BY t_wall_ns, id")
         return [StoredSwap(row[0], row[1] / 1e9, json.loads(row[2]), row[3], row[4]) for row in rows]
-
-    def _change(self, query: str, values: tuple[object, ...]) -> int:
-        with self._lock:
-            try:
-                return self._connection.execute(query, values).rowcount
-            except sqlite3.Error as error:
-                raise RecordingFailed(f"{self._path}: {error}") from error
-
-    def _rows(self, query: str) -> list[tuple[Any, ...]]:
-        with self._lock:
-            try:
-                return self._connection.execute(query).fetchall()
-            except sqlite3.DatabaseError as error:
-                raise NotASession(str(self._path), f"damaged: {error}") from error
