@@ -33,6 +33,14 @@ class MasterSilent(LinkError):
     """The port is open, the master did not answer in time."""
 
 
+MEANINGS = {  # of results that carry no offset
+    "UNKNOWN_REQUEST": "its firmware does not know it",
+    "NOT_NOW": "its state forbids it: driving, charging, a fault, or a store under way",
+    "EEPROM_FAILED": "the EEPROM does not answer, or does not keep what is written",
+    "NOTHING_STORED": "its EEPROM holds no valid configuration",
+}
+
+
 class MasterRefused(LinkError):
     """The master answered with a refusal."""
 
@@ -41,7 +49,8 @@ class MasterRefused(LinkError):
         self.result = result
         self.offset = offset
         where = "" if offset is None else f" (offset {offset})"
-        super().__init__(f"the master refused {request}: {result}{where}")
+        means = f", {MEANINGS[result]}" if result in MEANINGS else ""
+        super().__init__(f"the master refused {request}: {result}{where}{means}")
 
 
 class NotNow(AppError):

@@ -104,6 +104,11 @@ class VirtualMaster:
         """Duty of the fans, 0..1."""
         return self.memory.charger("fan_duty") / 255
 
+    @property
+    def is_at_work(self) -> bool:
+        """Relays are closed or closing, or the charger is asked: of the configuration only live fields may change."""
+        return self._relays.state is not RelayState.OPEN or self.charging.is_active
+
     # --- one pass
 
     def measure(self, now_s: float, dt_s: float, true_current_a: float) -> None:

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from firmware_protocol.config_image import canonical, check
+from firmware_protocol.config_image import canonical, check, is_live_change
 from firmware_protocol.eeprom import newest
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.exchange import RepeatFilter
@@ -125,12 +125,14 @@ class RequestHandler:
             raise Refused(Result.OUT_OF_BOUNDS, offset)
         config = bytearray(self._master.memory.config)
         config[offset : offset + len(data)] = data
+        if self._master.is_at_work and not is_live_change(self._master.memory.config, config):
+            raise Refused(Result.NOT_NOW)
         self._use(bytes(config))
         self._master.emit(Event(EventCode.CONFIG_WRITTEN, 0, NO_OFFSET, offset, len(data)))
         return b""
 
     def _load(self) -> bytes:
-        if self._master.store.is_busy:
+        if self._master.store.is_busy or self._master.is_at_work:
             raise Refused(Result.NOT_NOW)
         stored = newest(bytes(self._master.board.eeprom.content))
         if stored is None:

@@ -170,6 +170,16 @@ def test_while_driving_only_live_fields_are_taken(line):
     assert result_of(master.ask(Load())) == (Result.NOT_NOW, NO_OFFSET)
 
 
+def test_while_charging_too(line):
+    master = line()
+    assert result_of(master.ask(Command(CommandId.CHARGE_START, 0))) == (Result.DONE, NO_OFFSET)
+    assert result_of(master.ask(Write(0, NEW))) == (Result.NOT_NOW, NO_OFFSET)
+    assert result_of(master.ask(Load())) == (Result.NOT_NOW, NO_OFFSET)
+    assert master.config() == default_image()
+    master.ask(Command(CommandId.CHARGE_STOP, 0))
+    assert result_of(master.ask(Write(0, NEW))) == (Result.DONE, NO_OFFSET)
+
+
 def test_a_write_is_in_force_at_once_and_forgotten_at_a_reset(line):
     master = line()
     assert result_of(master.ask(Write(0, NEW))) == (Result.DONE, NO_OFFSET)

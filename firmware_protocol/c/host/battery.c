@@ -68,7 +68,7 @@ void battery_measure(battery_t *battery, uint32_t now_ms)
 
 bool battery_may_configure(const battery_t *battery)
 {
-    return !battery->is_driving;
+    return (battery->master->status.flags & (VW_STATUS_LOAD | VW_STATUS_CHARGING)) == 0u;
 }
 
 static void set_charging(battery_t *battery, bool on)

@@ -6,6 +6,7 @@ from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE, MAP_HASH, MASTER_SIZE
 from firmware_protocol.messages import (
     EEPROM_READ_BASE,
+    NO_OFFSET,
     Command,
     CommandId,
     EventCode,
@@ -18,6 +19,8 @@ from firmware_protocol.messages import (
     Store,
     Write,
 )
+from simulator.loads import ConstantCurrent
+from simulator.relays import RelayState
 
 
 def config_of(host) -> bytes:
@@ -122,6 +125,39 @@ def test_a_stored_configuration_that_a_write_would_refuse_is_not_loaded(host):
         eeprom.write(page.offset, page.data)
     assert host.ask(Load()).result == Result.OUT_OF_RANGE
     assert config_of(host) == default_image()
+
+
+def drive(host) -> None:
+    host.simulation.set_load(ConstantCurrent(20.0))
+    host.run(2.0)
+
+
+def charge(host) -> None:
+    host.ask(Command(CommandId.CHARGE_START))
+
+
+@pytest.mark.parametrize("work", [drive, charge])
+def test_at_work_only_live_fields_are_taken(host, work):
+    host.ask(Store())
+    work(host)
+    live = host.config(fan_ramp_max=1.0, ts=50)
+    reply = host.ask(Write(0, host.config(fan_ramp_max=1.0, t_cell_max=50)))
+    assert (reply.result, reply.offset) == (Result.NOT_NOW, NO_OFFSET)
+    assert host.ask(Load()).result == Result.NOT_NOW
+    assert config_of(host) == default_image()
+    assert host.ask(Write(0, live)).result == Result.DONE
+    assert config_of(host) == live
+
+
+def test_from_the_precharge_on_the_car_is_at_work_and_at_rest_when_the_relays_have_opened(host):
+    wanted = host.config(t_cell_max=50)
+    host.simulation.set_load(ConstantCurrent(20.0))
+    host.run(0.05)
+    assert host.simulation.master.relay_state is RelayState.PRECHARGE
+    assert host.ask(Write(0, wanted)).result == Result.NOT_NOW
+    host.simulation.is_shutdown_open = True
+    host.run(0.1)
+    assert host.ask(Write(0, wanted)).result == Result.DONE
 
 
 def test_load_without_a_stored_configuration_is_refused(host):
