@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from app.commands.config_service import JSON, OCTETS, ConfigService, Refusal
+from app.commands.config_service import JSON, OCTETS, REFUSED, ConfigService, Refusal
 from app.config_profile import is_profile
 from app.config_sources import WORDS
 from app.errors import ConfigError
@@ -200,7 +200,7 @@ def _roll_back(service: ConfigService, number: int | None, reason: str) -> int:
         done = (r["number"] for r in records if r["action"] != "store" and r["from_hash"] and r["result"] == "done")
         number = next(done, None)
         if number is None:
-            raise ConfigError("record", "last", "the history knows no write")
+            raise Refusal("nothing to roll back: the history holds no write that was done", REFUSED)
     _, etag = service.ask(headers={"Accept": OCTETS})
     _print_written(service.send(f"/history/{number}/rollback", "POST", {"reason": reason}, etag=etag))
     return 0

@@ -84,6 +84,15 @@ def test_profiles_go_out_to_git_and_come_back(config, tmp_path):
     assert config("compare", "nonsense", "stored").returncode == 2
 
 
+def test_without_an_earlier_write_there_is_nothing_to_roll_back(config):
+    nothing = config("rollback")
+    assert (nothing.returncode, nothing.stdout) == (2, "")
+    assert nothing.stderr == "voltwall config: nothing to roll back: the history holds no write that was done\n"
+    unknown = config("rollback", "7")
+    assert unknown.returncode == 2
+    assert "record 7" in unknown.stderr
+
+
 def test_nobody_there_is_told_by_the_exit_code():
     result = voltwall_config("http://127.0.0.1:9", "store")
     assert (result.returncode, result.stderr.count("\n")) == (3, 1)
