@@ -190,6 +190,17 @@ class _Row:
         if self.number("message", N_CAN_MESSAGES) != index + 1:
             raise ConfigError(f"{self._where}.message", entry.get("message"), f"{index + 1}: messages stay in order")
 
+    def shared(self, index: int) -> dict[str, Any]:
+        """What both kinds of message have."""
+        return {
+            "index": index,
+            "enabled": self.truth("on_from_start"),
+            "can_id": self.can_id(),
+            "is_extended": self.truth("extended"),
+            "length": self.number("length", CAN_DATA_BYTES),
+            "data_offsets": self.offsets(),
+        }
+
     def number(self, key: str, highest: int) -> int:
         value = self._entry.get(key)
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= highest:
@@ -233,31 +244,13 @@ class _Row:
 
 def _tx(entry: object, index: int) -> TxMessage:
     row = _Row(entry, "can_sent", index, _TX_KEYS)
-    longest = CONFIG["can_tx_msg_timing"].maximum or 0
-    return TxMessage(
-        index,
-        row.truth("on_from_start"),
-        row.can_id(),
-        row.truth("extended"),
-        row.number("period_ms", longest),
-        row.number("length", CAN_DATA_BYTES),
-        row.offsets(),
-    )
+    return TxMessage(**row.shared(index), period_ms=row.number("period_ms", CONFIG["can_tx_msg_timing"].maximum or 0))
 
 
 def _rx(entry: object, index: int) -> RxMessage:
     row = _Row(entry, "can_received", index, _RX_KEYS)
-    longest = CONFIG["can_rx_msg_timeout"].maximum or 0
-    return RxMessage(
-        index,
-        row.truth("on_from_start"),
-        row.can_id(),
-        row.truth("extended"),
-        row.number("timeout_ms", longest),
-        row.number("length", CAN_DATA_BYTES),
-        row.offsets(),
-        row.answer(),
-    )
+    timeout_ms = row.number("timeout_ms", CONFIG["can_rx_msg_timeout"].maximum or 0)
+    return RxMessage(**row.shared(index), timeout_ms=timeout_ms, response=row.answer())
 
 
 def _shown(value: object) -> str:
