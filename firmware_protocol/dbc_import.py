@@ -4,7 +4,7 @@ What cannot be placed is told, never guessed: its bytes stay unused.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -69,10 +69,11 @@ def from_dbc(text: str, master_node: str = MASTER_NODE) -> Imported:
     """
     if len(text) > MAX_CHARACTERS:
         raise DecodeError("DBC", f"{len(text)} characters, at most {MAX_CHARACTERS}")
-    messages = _parse(text)
-    if not messages:
-        raise DecodeError("DBC", "no message (BO_) in it")
     notes: list[str] = []
+    found = _parse(text, notes)
+    if not found:
+        raise DecodeError("DBC", "no message (BO_) in it")
+    messages = [message for message in found if _has_place(message, notes)]
     tx = [_tx(m, notes) for m in messages if m.sender == master_node]
     rx = [_rx(m, notes) for m in messages if m.sender != master_node]
     return Imported(tuple(_placed(tx, "sent", notes)), tuple(_placed(rx, "received", notes)), tuple(notes))
@@ -86,13 +87,32 @@ def into_tables(config: Image, imported: Imported) -> tuple[bytes, tuple[str, ..
     notes = list(imported.notes)
     tx = _merged(tx_messages(config), imported.tx, "sent", notes)
     rx = _merged(rx_messages(config), imported.rx, "received", notes)
-    return with_rx_messages(with_tx_messages(config, tx), rx), tuple(notes)
+    image = with_tx_messages(config, tx.values())
+    image = with_rx_messages(image, [_answering(message, tx, notes) for message in rx.values()])
+    sent = {(m.can_id, m.is_extended) for m in tx_messages(image) if m.length}
+    notes += [
+        f"id {m.can_id:#x}: now both sent and received, which no write allows: remove one of them"
+        for m in rx_messages(image)
+        if m.length and (m.can_id, m.is_extended) in sent
+    ]
+    return image, tuple(notes)
 
 
-def _merged(table: Sequence[M], found: Sequence[M], words: str, notes: list[str]) -> list[M]:
+def _answering(message: RxMessage, tx: Mapping[int, TxMessage], notes: list[str]) -> RxMessage:
+    """The received message, its answer where the file's own message of that index has come to stand."""
+    if message.response is None:
+        return message
+    answer = tx.get(message.response)
+    if answer is None:
+        notes.append(f"id {message.can_id:#x}: its answer, message {message.response + 1} sent, is not in the file")
+    return replace(message, response=None if answer is None else answer.index)
+
+
+def _merged(table: Sequence[M], found: Sequence[M], words: str, notes: list[str]) -> dict[int, M]:
+    """Return the messages in their places, by the index that they had."""
     places = {(m.can_id, m.is_extended): m.index for m in table if m.length}
     free = [m.index for m in table if not m.length]
-    merged: list[M] = []
+    merged: dict[int, M] = {}
     for message in found:
         index = places.get((message.can_id, message.is_extended))
         if index is None and not free:
@@ -101,11 +121,11 @@ def _merged(table: Sequence[M], found: Sequence[M], words: str, notes: list[str]
         if index is None:
             index = message.index if message.index in free else free[0]
             free.remove(index)
-        merged.append(replace(message, index=index))
+        merged[message.index] = replace(message, index=index)
     return merged
 
 
-def _parse(text: str) -> list[_Message]:
+def _parse(text: str, notes: list[str]) -> list[_Message]:
     messages: dict[int, _Message] = {}
     current: _Message | None = None
     for line in text.splitlines():
@@ -113,8 +133,8 @@ def _parse(text: str) -> list[_Message]:
             current = _Message(int(match[1]), match[2], int(match[3]), match[4])
             if current.name == _INDEPENDENT:
                 current = None
-            else:
-                messages.setdefault(current.dbc_id, current)
+            elif messages.setdefault(current.dbc_id, current) is not current:
+                notes.append(f"{current.name}: {messages[current.dbc_id].name} has its id already; left out")
         elif current is not None and (match := _SIGNAL.match(line)):
             try:
                 scale = float(match[7])
@@ -127,13 +147,19 @@ def _parse(text: str) -> list[_Message]:
     return list(messages.values())
 
 
-def _id(message: _Message, notes: list[str]) -> tuple[int, bool]:
-    is_extended = bool(message.dbc_id & CAN_ID_EXTENDED)
-    highest = 0x1FFFFFFF if is_extended else 0x7FF
-    can_id = message.dbc_id & ~CAN_ID_EXTENDED
-    if can_id > highest:
-        notes.append(f"{message.name}: id {can_id:#x} is none of {29 if is_extended else 11} bits; cut")
-    return can_id & highest, is_extended
+def _has_place(message: _Message, notes: list[str]) -> bool:
+    """Whether a table can hold the message; a place without bytes is a free one."""
+    can_id, is_extended = _id(message)
+    if can_id > (0x1FFFFFFF if is_extended else 0x7FF):
+        notes.append(f"{message.name}: id {can_id:#x} is none of {29 if is_extended else 11} bits; left out")
+        return False
+    if not message.length:
+        notes.append(f"{message.name}: it has no bytes; left out")
+    return message.length > 0
+
+
+def _id(message: _Message) -> tuple[int, bool]:
+    return message.dbc_id & ~CAN_ID_EXTENDED, bool(message.dbc_id & CAN_ID_EXTENDED)
 
 
 def _clamped(message: _Message, key: str, highest: int, default: int, notes: list[str]) -> int:
@@ -145,7 +171,7 @@ def _clamped(message: _Message, key: str, highest: int, default: int, notes: lis
 
 
 def _tx(message: _Message, notes: list[str]) -> TxMessage:
-    can_id, is_extended = _id(message, notes)
+    can_id, is_extended = _id(message)
     longest = CONFIG["can_tx_msg_timing"].maximum or 0
     period_ms = _clamped(message, CYCLE_TIME, longest, 0, notes)
     enabled = message.attributes.get(ENABLED, 1 if period_ms else 0) == 1
@@ -155,7 +181,7 @@ def _tx(message: _Message, notes: list[str]) -> TxMessage:
 
 
 def _rx(message: _Message, notes: list[str]) -> RxMessage:
-    can_id, is_extended = _id(message, notes)
+    can_id, is_extended = _id(message)
     longest = CONFIG["can_rx_msg_timeout"].maximum or 0
     silent_ms = min(longest, 5 * message.attributes.get(CYCLE_TIME, 0)) if TIMEOUT not in message.attributes else 0
     timeout_ms = _clamped(message, TIMEOUT, longest, max(0, silent_ms), notes)
