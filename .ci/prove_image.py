@@ -194,14 +194,17 @@ def check_service(stage: Stage) -> None:
         user_id = Path(f"/proc/{service.pid}").stat().st_uid
         if user_id == 0:
             raise RuntimeError("the service runs as root")
+        volume = Path(stage.root + stage.volume)
+        while not list(volume.rglob("sessions/*.sqlite")):
+            if service.poll() is not None or time.monotonic() - started_s > DEADLINE_S:
+                raise RuntimeError(f"no session file in {stage.volume}")
+            time.sleep(0.2)
+        print(f"recording {time.monotonic() - started_s:.1f} s after the start")
         time.sleep(RECORDING_S)
     finally:
         service.terminate()
         status = service.wait(timeout=20)
-    volume = Path(stage.root + stage.volume)
     files = sorted(volume.rglob("sessions/*.sqlite"))
-    if not files:
-        raise RuntimeError(f"no session file in {stage.volume}")
     with sqlite3.connect(f"file:{files[0]}?mode=ro", uri=True) as session:
         sound = session.execute("PRAGMA integrity_check").fetchone()[0]
         frames = session.execute("SELECT count(*) FROM frames").fetchone()[0]
