@@ -85,17 +85,19 @@ class Passports:
         sessions: ids, the oldest first.
         times_s: (n_sessions,) unix time of their starts.
         line: (n_sessions, n_cells) number of the line that a session belongs to, 0 before any swap.
+        line_now: (n_cells,) the line that the next session will belong to.
         capacity_ah: after each session.
         resistance_ohm: in each session; resistance_relative against its median.
         self_discharge_per_day: SOC a day beyond the median, over all pauses so far.
         balancing_h: hours bled so far.
-        rank: (n_cells,) 1 = soundest.
+        rank: (n_cells,) 1 = soundest; NaN of a cell that nothing was measured of.
         drifts: the nearest to its limit first.
     """
 
     sessions: tuple[str, ...]
     times_s: FloatArray
     line: FloatArray
+    line_now: FloatArray
     capacity_ah: FloatArray
     capacity_sigma_ah: FloatArray
     resistance_ohm: FloatArray
@@ -104,6 +106,10 @@ class Passports:
     balancing_h: FloatArray
     rank: FloatArray
     drifts: tuple[Drift, ...]
+
+    def now(self, name: str) -> FloatArray:
+        """Return (n_cells,) the newest of a history; NaN of a module of which there is no session yet."""
+        return latest(getattr(self, name), self.line, self.line_now)
 
 
 def passports(
@@ -154,6 +160,8 @@ def passports(
         line[k], bled[k] = lines, hours
         self_rate[k] = np.where(days > 0.0, lost / np.maximum(days, 1e-9), np.nan)
         before = record
+    for swap in pending:
+        lines[list(swap.cells)] += 1
     times_s = np.array([record.start_s for record in ordered])
     resistance = np.array([record.resistance_ohm for record in ordered]).reshape(shape)
     relative = resistance / _row_median(resistance) - 1.0
@@ -161,13 +169,14 @@ def passports(
         tuple(record.session_id for record in ordered),
         times_s,
         line,
+        lines,
         capacity,
         sigma,
         resistance,
         relative,
         self_rate,
         bled,
-        _rank(latest(capacity, line), latest(relative, line), latest(self_rate, line)),
+        _rank(*(latest(values, line, lines) for values in (capacity, relative, self_rate))),
         (),
     )
     return Passports(**{**vars(made), "drifts": tuple(_drifts(made))})
@@ -205,18 +214,18 @@ def _row_median(values: FloatArray) -> FloatArray:
     return medians
 
 
-def latest(values: FloatArray, line: FloatArray) -> FloatArray:
+def latest(values: FloatArray, line: FloatArray, line_now: FloatArray) -> FloatArray:
     """Return (n_cells,) the newest known value of every cell within its present line."""
     found = np.full(values.shape[1], np.nan)
     for k in range(len(values)):
-        fresh = np.isfinite(values[k]) & (line[k] == line[-1])
+        fresh = np.isfinite(values[k]) & (line[k] == line_now)
         found[fresh] = values[k][fresh]
     return found
 
 
 def _rank(capacity: FloatArray, relative: FloatArray, self_rate: FloatArray) -> FloatArray:
     """1 = soundest: little resistance, much capacity, little self-discharge, each in robust standard deviations."""
-    badness = np.zeros(len(capacity))
+    badness, judged = np.zeros(len(capacity)), np.zeros(len(capacity), dtype=bool)
     for values, sign in ((capacity, -1.0), (relative, 1.0), (self_rate, 1.0)):
         known = values[np.isfinite(values)]
         if known.size > 2:
@@ -224,8 +233,10 @@ def _rank(capacity: FloatArray, relative: FloatArray, self_rate: FloatArray) -> 
             sigma = MAD_TO_SIGMA * float(np.median(np.abs(known - median)))
             if sigma > 0.0:
                 badness += sign * np.nan_to_num((values - median) / sigma)
-    rank = np.empty(len(capacity))
-    rank[np.argsort(badness, kind="stable")] = np.arange(1, len(capacity) + 1)
+                judged |= np.isfinite(values)
+    cells = np.flatnonzero(judged)
+    rank = np.full(len(capacity), np.nan)
+    rank[cells[np.argsort(badness[cells], kind="stable")]] = np.arange(1, len(cells) + 1)
     return rank
 
 
@@ -235,7 +246,7 @@ def _drifts(made: Passports) -> list[Drift]:
     found = []
     capacity_relative = made.capacity_ah / _row_median(made.capacity_ah) - 1.0
     for cell in range(made.rank.size):
-        inside = made.line[:, cell] == made.line[-1, cell]
+        inside = made.line[:, cell] == made.line_now[cell]
         days = made.times_s[inside] / DAY_S
         for what, values, limit in (
             ("capacity", capacity_relative, CAPACITY_LOW),
@@ -244,7 +255,7 @@ def _drifts(made: Passports) -> list[Drift]:
             drift = _trend(cell, what, days, values[inside, cell], limit)
             if drift is not None:
                 found.append(drift)
-    rates = latest(made.self_discharge_per_day, made.line)
+    rates = made.now("self_discharge_per_day")
     for cell in np.flatnonzero(np.nan_to_num(rates) > SELF_DISCHARGE_HIGH).tolist():
         rate = float(rates[cell])
         text = f"loses {100 * rate:.2f} % of its charge a day more than the others: look for a leak"

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path
 from pydantic import BaseModel, Field
 
-from app.analysis.passport import Passports, latest
 from app.analysis.totals import FloatArray, number
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import not_found
@@ -36,7 +35,7 @@ def all_cells(runtime: RuntimeDep) -> dict[str, Any]:
         "sessions": len(made.sessions),
         "reading": reading,
         "to_read": to_read,
-        **{name: _listed(_now(made, name)) for name in _HISTORIES},
+        **{name: _listed(made.now(name)) for name in _HISTORIES},
         "rank": _listed(made.rank),
         "drifts": made.drifts,
         "swaps": runtime.passports.store.swaps(),
@@ -91,11 +90,6 @@ _HISTORIES = (
     "self_discharge_per_day",
     "balancing_h",
 )
-
-
-def _now(made: Passports, name: str) -> FloatArray:
-    values: FloatArray = getattr(made, name)
-    return latest(values, made.line)
 
 
 def _listed(values: FloatArray) -> list[float | None]:

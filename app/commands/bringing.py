@@ -4,55 +4,46 @@ import argparse
 import os
 import sys
 import time
-from pathlib import Path
 
 from app.bringing import Brought, Fetch
-from app.errors import ConfigError
-from app.sessions.catalogue import Catalogue
+from app.commands.chosen_session import add_session_argument, catalogue, data_folder, find_session, new_action
 from app.sessions.fetch import Remote
 from app.sessions.fill import fill_gaps
 
-ACTIONS = ("fetch", "fill")
-HELP = (
-    "fetch    bring the finished sessions of another voltwall, a recorder in the car, here, as LABEL-ID;\n"
-    "         goes on where it was cut off, and fills gaps of the sessions recorded here;\n"
-    "         its password in VOLTWALL_REMOTE_PASSWORD\n"
-    "fill     put into a session what its link lost and the session --from has\n"
-)
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what only these actions take."""
-    parser.add_argument("--label", default="", help="fetch: what its sessions are called here (default: its host name)")
-    parser.add_argument(
-        "--only", action="append", default=[], metavar="ID", help="fetch: this session, even while it is recorded"
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the actions."""
+    fetch = new_action(
+        actions, "fetch", "bring the finished sessions of another voltwall, a recorder in the car, here", _fetch
     )
-    parser.add_argument("--no-fill", action="store_true", help="fetch: leave the sessions recorded here as they are")
-    parser.add_argument("--from", dest="source", metavar="SESSION", help="fill: the other recorder's, id or file")
+    fetch.epilog = (
+        "They are called LABEL-ID here. A transfer that was cut off goes on, and gaps of the sessions recorded here\n"
+        "are filled. The other service's password in VOLTWALL_REMOTE_PASSWORD."
+    )
+    fetch.add_argument("url", metavar="URL", help="the other service, as http://car.local:8000")
+    fetch.add_argument("--label", default="", help="what its sessions are called here (default: its host name)")
+    fetch.add_argument(
+        "--only", action="append", default=[], metavar="ID", help="this session, even while it is recorded"
+    )
+    fetch.add_argument("--no-fill", action="store_true", help="leave the sessions recorded here as they are")
+    fill = new_action(actions, "fill", "put into a session what its link lost and another recorder has", _fill)
+    add_session_argument(fill)
+    fill.add_argument(
+        "--from", dest="source", required=True, metavar="SESSION", help="the other recorder's, id or file"
+    )
 
 
-def fetch(args: argparse.Namespace, folder: Path) -> int:
-    """Fetch from the service at the URL given in place of a session.
-
-    Raises:
-        AppError: it does not answer, or a session did not come over whole.
-    """
-    remote = Remote(args.session, label=args.label, password=os.environ.get("VOLTWALL_REMOTE_PASSWORD"))
+def _fetch(args: argparse.Namespace) -> int:
+    remote = Remote(args.url, label=args.label, password=os.environ.get("VOLTWALL_REMOTE_PASSWORD"))
+    folder = data_folder(args) / "sessions"
     shown = _Progress()
-    done = Fetch(remote, folder, Catalogue(folder), shown.show).run(args.only, fill=not args.no_fill)
+    done = Fetch(remote, folder, catalogue(args), shown.show).run(args.only, fill=not args.no_fill)
     print(f"{len(done.fetched)} fetched, {done.already_here} were here")
     return 0
 
 
-def fill(args: argparse.Namespace, path: Path, source: Path | None) -> int:
-    """Fill one session from another.
-
-    Raises:
-        ConfigError: no source is named.
-        AppError: they are not of the same run, or cannot be read or written.
-    """
-    if source is None:
-        raise ConfigError("from", "(none)", "fill needs --from SESSION, the other recorder's")
+def _fill(args: argparse.Namespace) -> int:
+    path, source = find_session(args, args.session), find_session(args, args.source)
     filled = fill_gaps(path, source, t_wall_ns=time.time_ns())
     print(f"{path.stem}: {filled} from {source.stem}")
     return 0

@@ -5,7 +5,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.commands.sessions import find_session
+from app.commands.chosen_session import add_data_argument, add_session_argument, find_session
 from app.debrief.laps import lap_times
 from app.errors import ConfigError
 from app.sessions.export import FORMATS, export
@@ -14,7 +14,7 @@ from app.sessions.reader import SessionFile
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("session", help="the session's id, or its file")
+    add_session_argument(parser)
     parser.add_argument(
         "--format",
         choices=tuple(FORMATS),
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a signal, as v[36], i_fs, slave[3].cvr[5], conf.ts, estimate.soc[36]; may be repeated.\n"
         "Without it: voltages, temperatures, current, the master's SOC and the estimates",
     )
-    parser.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service")
+    add_data_argument(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     name = args.format or next((n for n, each in FORMATS.items() if args.out.name.endswith(each.suffix)), None)
     if name is None:
         raise ConfigError("out", args.out.name, "the ending is no format's: say --format")
-    with SessionFile(find_session(args.data, args.session)) as session:
+    with SessionFile(find_session(args, args.session)) as session:
         t_from_s, t_to_s = (
             _unix_s(session, option, text) for option, text in (("from", args.t_from), ("to", args.t_to))
         )

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.chain import Chain
+from app.commands.chosen_session import data_folder, new_action
 from app.errors import ConfigError
 from app.estimation.estimators import FILTERS
 from app.imports.can_log import ENDINGS, signal_names
@@ -14,48 +15,39 @@ from app.imports.columns import guess
 from app.imports.profile import ImportProfile, ProfileShelf, parse_profile, profile_of, profile_text
 from app.imports.session import import_file, read_table
 
-HELP = (
-    "import   a recording of another system (CSV, Parquet; candump .log, .asc, .blf with --dbc), estimated, as a\n"
-    "         session; without --dbc a CAN log is taken as of our own master\n"
-    "columns  what is in such a file, and the profile that is guessed for it\n"
-)
-ACTIONS = ("import", "columns")
 _NUMBERS = ("max_rate_hz", "hold_s")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare what only these actions take."""
-    parser.add_argument(
-        "--profile", metavar="NAME|FILE", help="import: which columns are what: a kept profile, or TOML"
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the actions."""
+    taking = new_action(actions, "import", "make a session of another system's recording, estimated", _import)
+    taking.epilog = (
+        "CSV or Parquet; or candump .log, .asc, .blf with --dbc. Without --dbc a CAN log is taken as of our own master."
     )
-    parser.add_argument(
+    columns = new_action(actions, "columns", "what is in such a file, and the profile that is guessed for it", _columns)
+    for action in (taking, columns):
+        action.add_argument("file", type=Path, metavar="FILE", help="the recording")
+        action.add_argument("--dbc", type=Path, metavar="FILE", help="what the CAN frames mean")
+    taking.add_argument("--profile", metavar="NAME|FILE", help="which columns are what: a kept profile, or TOML")
+    taking.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="FIELD=VALUE",
-        help="import: change the profile, as voltages='Cell {n} V', current='Pack I', charge_positive=true",
+        help="change the profile, as voltages='Cell {n} V', current='Pack I', charge_positive=true",
     )
-    parser.add_argument("--save-profile", metavar="NAME", help="import: keep the profile under this name")
-    parser.add_argument("--dbc", type=Path, metavar="FILE", help="import: what the CAN frames mean")
-    parser.add_argument("--name", default="", help="import: what to call the session (default: the file's name)")
-    parser.add_argument("--start", metavar="TIME", help="import: when it began, ISO 8601, where the file does not say")
-    parser.add_argument("--filter", choices=FILTERS, default="fused", help="import: state estimator (default: fused)")
-    parser.add_argument(
-        "--cell", default="samsung-25r-10p", metavar="CELL.toml", help="import: cell file or name of a bundled one"
+    taking.add_argument("--save-profile", metavar="NAME", help="keep the profile under this name")
+    taking.add_argument("--name", default="", help="what to call the session (default: the file's name)")
+    taking.add_argument("--start", metavar="TIME", help="when it began, ISO 8601, where the file does not say")
+    taking.add_argument("--filter", choices=FILTERS, default="fused", help="state estimator (default: fused)")
+    taking.add_argument(
+        "--cell", default="samsung-25r-10p", metavar="CELL.toml", help="cell file or name of a bundled one"
     )
 
 
-def run(args: argparse.Namespace, data: Path) -> int:
-    """Import the file that is given in place of a session, or show what is in it.
-
-    Raises:
-        AppError: the file, the profile, the DBC or the cell cannot be used.
-    """
-    path = Path(args.session)
-    if not path.is_file():
-        raise ConfigError("file", path, "no such file")
-    if args.action == "columns":
-        return _columns(path, args.dbc)
+def _import(args: argparse.Namespace) -> int:
+    path = _existing(args.file)
+    data = data_folder(args)
     chain = Chain(args.filter, args.cell)
     shelf = ProfileShelf(data / "profiles")
     is_own_can = path.name.lower().endswith(ENDINGS) and args.dbc is None
@@ -79,9 +71,16 @@ def run(args: argparse.Namespace, data: Path) -> int:
     return 0
 
 
-def _columns(path: Path, dbc: Path | None) -> int:
-    if dbc is not None:
-        print("\n".join(signal_names(path, dbc)))
+def _existing(path: Path) -> Path:
+    if not path.is_file():
+        raise ConfigError("file", path, "no such file")
+    return path
+
+
+def _columns(args: argparse.Namespace) -> int:
+    path = _existing(args.file)
+    if args.dbc is not None:
+        print("\n".join(signal_names(path, args.dbc)))
         return 0
     table, notes = read_table(path)
     for i, (name, values) in enumerate(table.columns.items()):

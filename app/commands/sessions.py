@@ -7,70 +7,49 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.commands import bringing, debrief, importing
+from app.commands import bringing, debrief, importing, passport
+from app.commands.chosen_session import (
+    add_data_argument,
+    add_json_argument,
+    add_session_argument,
+    catalogue,
+    find_session,
+    new_action,
+)
 from app.errors import ConfigError
-from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionError
 from app.sessions.files import is_in_use
 from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
-from app.settings import Settings
-
-OWN = ("list", "show", "markers", "check", "delete", "prune")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
-    parser.add_argument(
-        "action",
-        nargs="?",
-        default="list",
-        choices=(
-            "list",
-            "show",
-            "markers",
-            "check",
-            "delete",
-            "prune",
-            *bringing.ACTIONS,
-            *importing.ACTIONS,
-            *debrief.ACTIONS,
-            *debrief.OF_ALL,
-        ),
-        help="list     all sessions, newest first (the default)\n"
-        "show     one session: times, counts, signals, configurations, events\n"
-        "markers  its markers\n"
-        "check    read every byte of it, or of all sessions; exit code 1 where something is wrong\n"
-        "delete   delete it for ever (asks for --yes)\n"
-        "prune    what --older-than and --keep-gb leave over; deletes it with --yes\n"
-        + bringing.HELP
-        + importing.HELP
-        + debrief.HELP.rstrip(),
+    """Declare the actions; without one the sessions are listed."""
+    add_data_argument(parser)
+    add_json_argument(parser, default=False)
+    parser.set_defaults(do=_list)
+    actions = parser.add_subparsers(dest="action", metavar="ACTION")
+    add_json_argument(new_action(actions, "list", "all sessions, newest first (the default)", _list))
+    show = new_action(
+        actions, "show", "one session: times, counts, signals, markers, configurations, events", _show_one
     )
-    parser.add_argument("session", nargs="?", help="the session's id or file; fetch: the other service's URL")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service")
-    parser.add_argument("--json", action="store_true", help="as JSON")
-    parser.add_argument("--yes", action="store_true", help="delete without asking")
-    parser.add_argument("--older-than", type=float, metavar="DAYS", help="prune: sessions that ended longer ago")
-    parser.add_argument("--keep-gb", type=float, metavar="GB", help="prune: all but so much of the newest")
-    bringing.add_arguments(parser)
-    importing.add_arguments(parser)
-    debrief.add_arguments(parser)
-
-
-def data_folder(chosen: Path | None) -> Path:
-    """Return the data folder: the one chosen, else the service's."""
-    return chosen if chosen is not None else Settings.model_validate({}).data
-
-
-def find_session(data: Path | None, session: str) -> Path:
-    """Return the file of a session given by id or by path.
-
-    Raises:
-        SessionNotFound: neither is there.
-    """
-    path = Path(session)
-    return path if path.is_file() else Catalogue(data_folder(data) / "sessions").path(session)
+    markers = new_action(actions, "markers", "the markers of a session", _markers)
+    for action in (show, markers):
+        add_session_argument(action)
+        add_json_argument(action)
+    check = new_action(
+        actions, "check", "read every byte of a session, or of all; exit code 1 where something is wrong", _check
+    )
+    check.add_argument("session", metavar="SESSION", nargs="?", help="the session's id, or its file (default: all)")
+    delete = new_action(actions, "delete", "delete a session for ever", _delete)
+    add_session_argument(delete)
+    prune = new_action(actions, "prune", "say what --older-than and --keep-gb leave over; delete it with --yes", _prune)
+    prune.add_argument("--older-than", type=float, metavar="DAYS", help="sessions that ended longer ago")
+    prune.add_argument("--keep-gb", type=float, metavar="GB", help="all but so much of the newest")
+    for action in (delete, prune):
+        action.add_argument("--yes", action="store_true", help="delete without asking")
+    for module in (debrief, passport, bringing, importing):
+        module.add_actions(actions)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -79,36 +58,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         AppError: the session is missing or damaged, or must not be touched now.
     """
-    if args.action == "list":
-        return _list(args)
-    if args.action == "check" and args.session is None:
-        return _check_all(args)
-    if args.action == "prune":
-        return _prune(args)
-    if args.action in debrief.OF_ALL:
-        return debrief.run_of_all(args, data_folder(args.data), Settings.model_validate({}).cell)
-    if args.session is None:
-        raise ConfigError("session", "(none)", f"{args.action} needs a session's id or file")
-    if args.action == "delete":
-        return _delete(args)
-    if args.action == "fetch":
-        return bringing.fetch(args, data_folder(args.data) / "sessions")
-    if args.action in importing.ACTIONS:
-        return importing.run(args, data_folder(args.data))
-    path = find_session(args.data, args.session)
-    if args.action == "fill":
-        return bringing.fill(args, path, args.source and find_session(args.data, args.source))
-    if args.action == "check":
-        return _check(path)
-    in_use = is_in_use(path)
-    with SessionFile(path) as session:
-        if args.action in debrief.ACTIONS:
-            return debrief.run(args, session, find_session)
-        if args.action == "show":
-            _show(session, in_use, args.json)
-        else:
-            _markers(session, args.json)
-    return 0
+    return int(args.do(args))
 
 
 def _when(wall_ns: int | None) -> str:
@@ -141,7 +91,7 @@ def _facts(info: SessionInfo, in_use: bool) -> dict[str, object]:
 
 
 def _list(args: argparse.Namespace) -> int:
-    sessions, problems = Catalogue(data_folder(args.data) / "sessions").survey()
+    sessions, problems = catalogue(args).survey()
     if args.json:
         print(json.dumps([_facts(info, is_in_use(info.path)) for info in sessions], indent=2))
     else:
@@ -157,9 +107,18 @@ def _list(args: argparse.Namespace) -> int:
     return 0
 
 
+def _show_one(args: argparse.Namespace) -> int:
+    path = find_session(args, args.session)
+    in_use = is_in_use(path)
+    with SessionFile(path) as session:
+        _show(session, in_use, args.json)
+    return 0
+
+
 def _show(session: SessionFile, in_use: bool, as_json: bool) -> None:
     facts = _facts(session.info, in_use) | {
         "signals": session.signal_names(),
+        "marker_list": _marker_facts(session),
         "configurations": [{"time": _when(c.t_wall_ns), "why": c.why} for c in session.configs()],
         "event_list": [
             {"time": _when(int(str(e["t_wall_ns"]))), "severity": e["severity"], "text": e["text"], "cell": e["cell"]}
@@ -180,9 +139,9 @@ def _show(session: SessionFile, in_use: bool, as_json: bool) -> None:
             print(f"{name}: {value}")
 
 
-def _markers(session: SessionFile, as_json: bool) -> None:
+def _marker_facts(session: SessionFile) -> list[dict[str, object]]:
     start_ns = session.info.started_mono_ns
-    found = [
+    return [
         {
             "at_s": round((marker.t_mono_ns - start_ns) / 1e9, 3),
             "time": _when(marker.t_wall_ns),
@@ -192,7 +151,12 @@ def _markers(session: SessionFile, as_json: bool) -> None:
         }
         for marker in session.markers()
     ]
-    if as_json:
+
+
+def _markers(args: argparse.Namespace) -> int:
+    with SessionFile(find_session(args, args.session)) as session:
+        found = _marker_facts(session)
+    if args.json:
         print(json.dumps(found, indent=2))
     else:
         for each in found:
@@ -200,9 +164,19 @@ def _markers(session: SessionFile, as_json: bool) -> None:
                 f"{each['at_s']:>10} s  {each['time']}  {each['kind']}: {each['text']}"
                 + (f" ({each['who']})" if each["who"] else "")
             )
+    return 0
 
 
-def _check(path: Path) -> int:
+def _check(args: argparse.Namespace) -> int:
+    if args.session is not None:
+        return _check_one(find_session(args, args.session))
+    sessions, problems = catalogue(args).survey()
+    for problem in problems:
+        print(problem)
+    return max([_check_one(info.path) for info in sessions], default=0) or int(bool(problems))
+
+
+def _check_one(path: Path) -> int:
     in_use = is_in_use(path)
     with SessionFile(path) as session:
         problems = session.problems()
@@ -211,19 +185,12 @@ def _check(path: Path) -> int:
     return 1 if problems else 0
 
 
-def _check_all(args: argparse.Namespace) -> int:
-    sessions, problems = Catalogue(data_folder(args.data) / "sessions").survey()
-    for problem in problems:
-        print(problem)
-    return max([_check(info.path) for info in sessions], default=0) or int(bool(problems))
-
-
 def _delete(args: argparse.Namespace) -> int:
-    catalogue = Catalogue(data_folder(args.data) / "sessions")
-    catalogue.path(args.session)
+    sessions = catalogue(args)
+    sessions.path(args.session)
     if not args.yes:
         raise SessionError(f"{args.session} would be deleted for ever: say so with --yes")
-    catalogue.delete(args.session)
+    sessions.delete(args.session)
     print(f"{args.session} deleted")
     return 0
 
@@ -231,15 +198,15 @@ def _delete(args: argparse.Namespace) -> int:
 def _prune(args: argparse.Namespace) -> int:
     if args.older_than is None and args.keep_gb is None:
         raise ConfigError("prune", "(nothing)", "say --older-than DAYS, --keep-gb GB or both")
-    catalogue = Catalogue(data_folder(args.data) / "sessions")
-    found = catalogue.expired(
+    sessions = catalogue(args)
+    found = sessions.expired(
         time.time_ns(),
         older_than_s=None if args.older_than is None else args.older_than * 86400,
         keep_bytes=None if args.keep_gb is None else round(args.keep_gb * 1e9),
     )
     for info in found:
         if args.yes:
-            catalogue.delete(info.id)
+            sessions.delete(info.id)
         print(
             f"{info.id}  {info.size_bytes / 1e6:.1f} MB  {info.name}: {'deleted' if args.yes else 'kept without --yes'}"
         )

@@ -115,3 +115,31 @@ def test_a_mistake_is_one_line(data: Path, tmp_path: Path, capsys, options: list
     error = capsys.readouterr().err
     assert complaint in error
     assert error.count("\n") == 1
+
+
+def test_every_action_has_a_help_of_its_own(capsys) -> None:
+    for action, said in (("laps", "--laps-from"), ("import", "--profile"), ("passport", "--swap"), ("fetch", "URL")):
+        with pytest.raises(SystemExit, match="0"):
+            main(["sessions", action, "--help"])
+        shown = capsys.readouterr().out
+        assert said in shown
+        assert "--older-than" not in shown
+
+
+def test_a_swap_is_confirmed_listed_and_taken_back(data: Path, capsys) -> None:
+    command = ["sessions", "passport", "--data", str(data)]
+    assert main([*command, "--swap", "3/8,3/7", "--at", "2026-09-21T10:00", "--note", "spare box"]) == 0
+    shown = capsys.readouterr()
+    assert "recorded: 3/7, 3/8 replaced 2026-09-21 10:00Z: spare box" in shown.err
+    assert "1 finished session\nswap 1: 3/7, 3/8 replaced 2026-09-21 10:00Z: spare box" in shown.out
+    assert main([*command, "--take-back", "1"]) == 0
+    assert "swap" not in capsys.readouterr().out
+    assert main([*command, "--take-back", "1"]) == 2
+    assert "a swap that is listed" in capsys.readouterr().err
+
+
+def test_without_a_finished_session_no_cell_is_ranked(tmp_path: Path, capsys) -> None:
+    assert main(["sessions", "passport", "--data", str(tmp_path)]) == 0
+    assert capsys.readouterr().out == "0 finished sessions\n"
+    assert main(["sessions", "passport", "--data", str(tmp_path), "--json"]) == 0
+    assert set(json.loads(capsys.readouterr().out)["rank"]) == {None}

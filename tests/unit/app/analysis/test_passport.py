@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.analysis.passport import SessionRecord, Stretch, Swap, latest, passports
+from app.analysis.passport import SessionRecord, Stretch, Swap, passports
 
 N = 96
 DAY_S = 86_400.0
@@ -64,7 +64,7 @@ def test_a_sound_season_names_no_cell():
     assert made.drifts == ()
     assert sorted(made.rank) == list(range(1, N + 1))
     assert made.balancing_h[-1, [4, 5]].tolist() == [0, 8]
-    np.testing.assert_allclose(latest(made.self_discharge_per_day, made.line), 0.0, atol=1e-9)
+    np.testing.assert_allclose(made.now("self_discharge_per_day"), 0.0, atol=1e-9)
 
 
 def test_a_cell_that_ages_is_named_weeks_before_its_limit():
@@ -86,7 +86,7 @@ def test_capacity_that_fades_is_seen_in_spite_of_noise():
 
 def test_a_leak_shows_between_sessions():
     made = judged(season(leak=0.004))
-    assert latest(made.self_discharge_per_day, made.line)[LEAK] == pytest.approx(0.004, rel=0.05)
+    assert made.now("self_discharge_per_day")[LEAK] == pytest.approx(0.004, rel=0.05)
     assert [(drift.cell, drift.what) for drift in made.drifts] == [(LEAK, "self-discharge")]
 
 
@@ -120,4 +120,16 @@ def test_what_was_not_known_stays_unknown():
     assert np.isnan(made.capacity_ah).all()
     assert np.isnan(made.resistance_relative).all()
     assert made.drifts == ()
+    assert np.isnan(made.rank).all()
     assert judged([]).drifts == ()
+    assert np.isnan(judged([]).rank).all()
+
+
+def test_a_module_that_was_just_put_in_has_no_figures_of_the_one_before():
+    records = season(8, growth=0.03)
+    made = judged(records, [Swap(records[-1].end_s + 60.0, (OLD,), "new")])
+    assert np.isnan(made.now("capacity_ah")[OLD])
+    assert np.isnan(made.rank[OLD])
+    assert np.isfinite(made.now("capacity_ah")[0])
+    assert sorted(made.rank[np.isfinite(made.rank)]) == list(range(1, N))
+    assert made.drifts == ()
