@@ -1,9 +1,7 @@
 """The samples of one signal: from stored chunks, and decoded on the spot for what came after them."""
 
 import json
-import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.sessions.chunks import ESTIMATES, FOREIGN_CAN, Chunk, ChunkBuilder
-from app.sessions.errors import NotASession
 from app.sessions.session_writer import IDS_PER_CHUNK
 from app.sessions.signals import Signal
 from app.sessions.stored import StoredSession
@@ -94,7 +91,7 @@ class ColumnReader:
                 if row:
                     track_id, ends, data = row[0]
                     times_us = self._track(track_id, "times_us")
-                    with self._sound():
+                    with self._stored.sound():
                         counts = unpack_block(ends, data, dtype, len(times_us))
                     found.setdefault(field, []).append(_cut(Block(times_us, counts, first_element), first_us, last_us))
             yield found
@@ -116,7 +113,7 @@ class ColumnReader:
                     (chunk_id * IDS_PER_CHUNK, name),
                 ):
                     times_us, instants = self._track(track_id, "times_us"), self._track(track_id, "instants")
-                    with self._sound():
+                    with self._stored.sound():
                         pair.append(unpack_block(ends, data, "<u2", len(times_us)))
             if len(pair) == len(ESTIMATES):
                 uptimes_ms = instants & 0xFFFFFFFF
@@ -124,7 +121,9 @@ class ColumnReader:
         for t_ns, uptime_ms, soc, sigma in self._stored.rows(
             "SELECT t_mono_ns, uptime_ms, soc, sigma FROM estimates ORDER BY id"
         ):
-            yield t_ns, uptime_ms, np.frombuffer(soc, "<u2"), np.frombuffer(sigma, "<u2")
+            with self._stored.sound():
+                pair = [np.frombuffer(counts, "<u2") for counts in (soc, sigma)]
+            yield t_ns, uptime_ms, *pair
 
     def spans_us(self) -> list[tuple[int, int]]:
         """First and last sample time of each chunk and of what came after them, monotonic microseconds."""
@@ -158,22 +157,16 @@ class ColumnReader:
     def _track(self, track_id: int, column: str) -> TimeArray:
         key = (track_id, column)
         if key not in self._tracks:
-            ((n, stream),) = self._stored.rows(f"SELECT samples, {column} FROM tracks WHERE id = ?", (track_id,))
+            with self._stored.sound():
+                ((n, stream),) = self._stored.rows(f"SELECT samples, {column} FROM tracks WHERE id = ?", (track_id,))
             while len(self._tracks) >= _CACHED_TRACKS:
                 del self._tracks[next(iter(self._tracks))]
             self._tracks[key] = self._unpack(stream, "<i8", n).astype(np.int64, copy=False)
         return self._tracks[key]
 
     def _unpack(self, stream: bytes, dtype: str, n_samples: int) -> IntArray:
-        with self._sound():
+        with self._stored.sound():
             return unpack_stream(stream, dtype, n_samples)
-
-    @contextmanager
-    def _sound(self) -> Iterator[None]:
-        try:
-            yield
-        except (ValueError, zlib.error) as error:
-            raise NotASession(str(self._stored.path), f"damaged: {error}") from error
 
     def _from_tail(self, signal: Signal) -> list[_Part]:
         tail = self._build_tail()
@@ -185,6 +178,10 @@ class ColumnReader:
 
     def _build_tail(self) -> Chunk:
         """Decode what came after the last chunk."""
+        with self._stored.sound():
+            return self._decode_tail()
+
+    def _decode_tail(self) -> Chunk:
         stored = self._stored
         state = tuple(stored.last_id(table) for table in ("frames", "can_frames", "estimates", "chunks"))
         if self._tail is None or self._tail[0] != state:
@@ -218,7 +215,8 @@ class ColumnReader:
         last_frame = self._stored.rows("SELECT t_mono_ns FROM frames ORDER BY id DESC LIMIT 1")
         end_ns = max(row[0] for row in (rows[-1], *last_frame))
         times_us = np.array([*(row[0] for row in rows), end_ns], np.int64) // 1000
-        values = [FIELDS[signal.field].unpack(row[1])[signal.element] for row in rows]
+        with self._stored.sound():
+            values = [FIELDS[signal.field].unpack(row[1])[signal.element] for row in rows]
         return [(times_us, np.array([*values, values[-1]], np.int64), -times_us)]
 
 

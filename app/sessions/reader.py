@@ -78,12 +78,13 @@ class SessionFile:
     @property
     def info(self) -> SessionInfo:
         """What there is to say about the session; quick however long it is."""
-        with self.consistent():
+        with self.consistent(), self._stored.sound():
             meta = self._meta()
             counts = {table: self._stored.last_id(table) for table in ("frames", "can_frames", "events", "markers")}
             is_closed = "end_mono_ns" in meta
             start = int(meta["start_mono_ns"])
             end = int(meta["end_mono_ns"]) if is_closed else max([start, *self._last_times()])
+            metadata = json.loads(meta["metadata"])
         return SessionInfo(
             id=self.path.stem,
             path=self.path,
@@ -96,7 +97,7 @@ class SessionFile:
             size_bytes=size_on_disk(self.path),
             voltwall=meta["voltwall"],
             map_hash=meta["map_hash"],
-            metadata=json.loads(meta["metadata"]),
+            metadata=metadata,
             **counts,
         )
 
@@ -264,10 +265,11 @@ class SessionFile:
 
     def _wall_offset_ns(self) -> int:
         last = self._stored.rows("SELECT t_wall_ns - t_mono_ns FROM clock ORDER BY id DESC LIMIT 1")
-        if last:
-            return int(last[0][0])
-        meta = self._meta()
-        return int(meta["start_wall_ns"]) - int(meta["start_mono_ns"])
+        with self._stored.sound():
+            if last:
+                return int(last[0][0])
+            meta = self._meta()
+            return int(meta["start_wall_ns"]) - int(meta["start_mono_ns"])
 
     def _range_ns(self, t_from_s: float | None, t_to_s: float | None) -> tuple[int | None, int | None]:
         first_ns = None if t_from_s is None else self.mono_us(t_from_s) * 1000 - 500

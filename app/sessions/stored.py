@@ -1,7 +1,9 @@
 """Queries on a session's file: by any thread, of one instant where that matters, with our own errors."""
 
 import sqlite3
+import struct
 import threading
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -112,8 +114,16 @@ class StoredSession:
         return low
 
     @contextmanager
+    def sound(self) -> Iterator[None]:
+        """What does not have the shape that it was written in is damage: NotASession."""
+        try:
+            yield
+        except (ArithmeticError, LookupError, TypeError, ValueError, struct.error, zlib.error) as error:
+            raise NotASession(str(self.path), f"damaged: {error}") from error
+
+    @contextmanager
     def _translated(self) -> Iterator[None]:
         try:
             yield
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
             raise NotASession(str(self.path), f"damaged: {error}") from error
