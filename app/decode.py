@@ -123,7 +123,7 @@ def cells_of(decoder: Decoder, estimate: Estimates | None, outlook: Outlook) -> 
     """Everything per cell; estimates are NaN without an estimator's result, and where the cell has no voltage."""
     voltages_v = decoder.voltages_v()
     resistance_ohm = decoder.array("r_fs", (0,))
-    joints, health = outlook.joints, outlook.health
+    joints, health, growth = outlook.joints, outlook.health, outlook.learned
     if joints is not None:
         resistance_ohm = np.where(np.isfinite(joints.resistance_ohm), joints.resistance_ohm, resistance_ohm)
     none = _NO_CELLS
@@ -139,6 +139,7 @@ def cells_of(decoder: Decoder, estimate: Estimates | None, outlook: Outlook) -> 
         balancing=decoder.balancing(),
         model_valid=None if estimate is None else estimate.model_valid,
         soh_capacity=none if health is None else health.capacity,
+        resistance_factor=none if growth is None else np.where(growth.has_resistance, growth.resistance_factor, np.nan),
         joint_excess_ohm=none if joints is None else joints.joint_excess_ohm,
         joint_loose=outlook.loose,
     )

@@ -13,11 +13,14 @@ import numpy as np
 
 from app.estimation.circuit import CellModel
 from app.estimation.estimators import CellEstimator, Estimates
-from app.estimation.health import SOC_MOVED_MIN, CapacityTracker, StateOfHealth, state_of_health
+from app.estimation.health import CapacityTracker, StateOfHealth, state_of_health
 from app.estimation.joint_watch import JUDGE_S, JointWatch
 from app.estimation.joints import JointReport
+from app.estimation.learned import Learned, learned
 from app.estimation.power import CellStates, Limits, PowerModel, StatePower, TimeToTrip
 from app.estimation.prediction import EnergyLeft, LapsLeft, energy_left, lap_energies_wh, lap_period_s, laps_left
+from app.estimation.resistance_scale import ResistanceScale
+from app.estimation.rest_capacity import CapacityBetweenRests
 from app.telemetry import BoolArray, FloatArray
 from firmware_protocol.memory_map import CELLS_PER_PACK
 
@@ -27,11 +30,6 @@ TRACE_STEP_S = 0.5
 LAPS_KEPT = 8
 STOPPED_LAP_SHARE = 0.25  # of the median lap's energy: a driver change, not a lap
 DRIVING_A = 2.0
-REST_A = 1.0  # below, no current flows: what is left is the sensor's noise and offset
-REST_S = 120.0  # then the RC pairs have settled to a few millivolts
-REST_SOC_SIGMA = 0.015
-COUNT_GAIN_SIGMA = 0.005  # of the charge counted
-COUNT_OFFSET_A = 0.5  # of the current sensor
 
 
 @dataclass(frozen=True)
@@ -48,6 +46,7 @@ class Outlook:
     loose: BoolArray | None = None  # confirmed
     health: StateOfHealth | None = None
     capacity_ah: FloatArray | None = None
+    learned: Learned | None = None  # what power, times, energy and laps were counted with
     prediction: dict[str, Any] | None = None  # the above that is not per cell, as the API shows it
 
 
@@ -57,42 +56,6 @@ class CellPast:
 
     capacity_state: FloatArray  # (6, n_cells), of CapacityTracker
     joint_baseline_ohm: FloatArray  # (n_cells,), of JointWatch
-
-
-class CapacityBetweenRests:
-    """Capacity of every cell from what was counted between two rests, whose SOC the voltage tells."""
-
-    def __init__(self, cell: CellModel, tracker: CapacityTracker) -> None:
-        self._cell = cell
-        self.tracker = tracker
-        self._rest_s = 0.0
-        self._charge_ah = 0.0
-        self._elapsed_s = 0.0
-        self._anchor: FloatArray | None = None
-
-    def step(self, dt_s: float, current_a: float, voltages_v: FloatArray) -> bool:
-        """Count; True where a rest closed a stretch and the capacities are new."""
-        self._charge_ah += current_a * dt_s / 3600.0
-        self._elapsed_s += dt_s
-        self._rest_s = self._rest_s + dt_s if abs(current_a) < REST_A else 0.0
-        if self._rest_s < REST_S:
-            return False
-        self._rest_s = 0.0
-        soc = self._cell.ocv.soc_at(voltages_v)
-        if self._anchor is None:
-            self._begin(soc)
-            return False
-        moved = self._anchor - soc
-        if not (np.abs(moved) >= SOC_MOVED_MIN).any():
-            return False  # go on counting from the older rest
-        sigma_ah = abs(self._charge_ah) * COUNT_GAIN_SIGMA + COUNT_OFFSET_A * self._elapsed_s / 3600.0 + 1e-3
-        self.tracker.observe(moved, REST_SOC_SIGMA * np.sqrt(2.0), self._charge_ah, sigma_ah)
-        self._begin(soc)
-        return True
-
-    def _begin(self, soc: FloatArray) -> None:
-        self._anchor = soc
-        self._charge_ah = self._elapsed_s = 0.0
 
 
 class Lookout:
@@ -105,7 +68,8 @@ class Lookout:
         self._capacities = CapacityBetweenRests(
             cell, CapacityTracker(cell.capacity_ah, n_cells, None if past is None else past.capacity_state)
         )
-        self._new_resistance_ohm = float(cell.parameters(0.5, 25.0)[0])
+        self._scale = ResistanceScale(n_cells)
+        self.learned = self._learned()
         self._trace: deque[tuple[float, float]] = deque(maxlen=round(TRACE_S / TRACE_STEP_S))
         self._t_s = 0.0
         self._trace_s = self._looked_s = self._judged_s = -1e9
@@ -121,9 +85,13 @@ class Lookout:
         """What to keep for the next session of the same cells."""
         return CellPast(self._capacities.tracker.state, self._joint_watch.baseline_ohm)
 
-    def step(self, dt_s: float, current_a: float, voltages_v: FloatArray, power_w: float) -> None:
-        """Take one measurement."""
+    def step(
+        self, dt_s: float, current_a: float, voltages_v: FloatArray, power_w: float, estimates: Estimates | None
+    ) -> None:
+        """Take one measurement, with what the estimator said of it if it did."""
         self._t_s += dt_s
+        if estimates is not None:
+            self._scale.step(dt_s, estimates.ocv_v, estimates.voltage_v, voltages_v)
         self._joint_watch.step(dt_s, current_a, voltages_v)
         if abs(current_a) > DRIVING_A:
             self._square_a2 += min(1.0, dt_s / 60.0) * (current_a * current_a - self._square_a2)
@@ -153,9 +121,19 @@ class Lookout:
         if branches.shape[0] != self.cell.n_rc:
             branches = np.zeros((self.cell.n_rc, len(estimates.soc)))
         states = CellStates(estimates.soc, branches, temperatures_degc)
-        model = PowerModel(self.cell, limits)
-        rms_a = float(np.sqrt(self._square_a2))
-        energy = energy_left(self.cell, estimates.soc, estimates.soc_sigma, temperatures_degc, rms_a, limits.soc_min)
+        known = self.learned
+        model = PowerModel(self.cell, limits, known.resistance_factor, known.capacity_ah)
+        energy = energy_left(
+            self.cell,
+            estimates.soc,
+            estimates.soc_sigma,
+            temperatures_degc,
+            float(np.sqrt(self._square_a2)),
+            limits.soc_min,
+            capacity_ah=known.capacity_ah,
+            resistance_factor=known.resistance_factor,
+            capacity_sigma_ah=known.capacity_sigma_ah,
+        )
         outlook = Outlook(
             power=model.state_of_power(states),
             to_trip=model.times_to_trip(states, current_a),
@@ -167,6 +145,7 @@ class Lookout:
             loose=self._joint_watch.loose,
             health=self._health,
             capacity_ah=self._capacity_ah,
+            learned=known,
         )
         self.outlook = replace(outlook, prediction=_prediction(outlook))
 
@@ -174,15 +153,17 @@ class Lookout:
         self._judged_s = self._t_s
         self._joints = self._joint_watch.judge()
         tracker = self._capacities.tracker
+        self.learned = known = self._learned()
         self._capacity_ah = tracker.capacity_ah()
+        resistance_factor = np.where(known.has_resistance, known.resistance_factor, np.nan)
         self._health = state_of_health(
-            self._capacity_ah,
-            tracker.sigma_ah(),
-            tracker.nominal_ah,
-            self._joints.resistance_ohm,
-            self._new_resistance_ohm,
+            self._capacity_ah, known.capacity_sigma_ah, tracker.nominal_ah, resistance_factor
         )
         self._find_laps()
+
+    def _learned(self) -> Learned:
+        tracker, scale = self._capacities.tracker, self._scale
+        return learned(tracker.nominal_ah, tracker.capacity_ah(), tracker.sigma_ah(), scale.factor(), scale.sigma())
 
     def _find_laps(self) -> None:
         if len(self._trace) < 2:
@@ -204,7 +185,7 @@ def _prediction(outlook: Outlook) -> dict[str, Any]:
         return [asdict(trip) | {"seconds": trip.seconds if isfinite(trip.seconds) else None} for trip in found]
 
     nearest = min(outlook.to_trip, key=lambda trip: trip.seconds, default=None)
-    power, energy, laps = outlook.power, outlook.energy, outlook.laps
+    power, energy, laps, known = outlook.power, outlook.energy, outlook.laps, outlook.learned
     return {
         "power": power
         and {
@@ -217,5 +198,18 @@ def _prediction(outlook: Outlook) -> dict[str, Any]:
         "energy_left_wh": energy and energy.energy_wh,
         "energy_left_sigma_wh": energy and energy.sigma_wh,
         "energy_left_cell": energy and energy.cell,
+        "counted_with": known and _counted_with(known),
         "laps": laps and asdict(laps) | {"period_s": outlook.lap_period_s},
+    }
+
+
+def _counted_with(known: Learned) -> dict[str, Any]:
+    """How many cells are counted with what was learned of them, and how far those lie from the cell file on average."""
+    capacity, resistance = known.has_capacity, known.has_resistance
+    share = known.capacity_ah / known.nominal_ah
+    return {
+        "capacity_cells": int(capacity.sum()),
+        "capacity_factor": float(share[capacity].mean()) if capacity.any() else None,
+        "resistance_cells": int(resistance.sum()),
+        "resistance_factor": float(known.resistance_factor[resistance].mean()) if resistance.any() else None,
     }

@@ -133,6 +133,7 @@ class Pipeline:
         current_a, temperatures_degc = self._measured
         self._measured = None
         self._lookout.look(self._estimator, self._estimates, temperatures_degc, current_a, self._limits())
+        self._estimator.use_capacity(self._lookout.learned.capacity_ah)
 
     def _limits(self) -> Limits:
         """The configuration's, the cell's own where none was heard."""
@@ -220,7 +221,7 @@ class Pipeline:
             power_w = float(np.nansum(voltages_v)) * current_a
             self._plausibility.step(dt_s, current_a, voltages_v, decoder)
             if self._lookout is not None:
-                self._lookout.step(dt_s or 0.0, current_a, voltages_v, power_w)
+                self._lookout.step(dt_s or 0.0, current_a, voltages_v, power_w, estimates)
                 self._measured = current_a, decoder.temperatures_degc()
             if dt_s is not None and dt_s <= MAX_ENERGY_STEP_S:
                 self._energy_wh["energy_out_wh" if power_w > 0 else "energy_in_wh"] += abs(power_w) * dt_s / 3600
@@ -245,6 +246,8 @@ class Pipeline:
             if self._estimator is None:
                 estimator, self._spare = self._spare or self._make_estimator(), None
                 _start(estimator, voltages_v, degc, current_a, self._start_soc)
+                if self._lookout is not None:
+                    estimator.use_capacity(self._lookout.learned.capacity_ah)
                 self._estimator, dt_s = estimator, 0.0
             self._estimates = self._estimator.step(dt_s or 0.0, current_a, voltages_v, degc)
         except (EstimatorError, ArithmeticError, ValueError) as error:

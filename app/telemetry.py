@@ -141,6 +141,7 @@ class Cells:
     balancing: BoolArray | None
     model_valid: BoolArray | None
     soh_capacity: FloatArray  # against new
+    resistance_factor: FloatArray  # against the cell file at the same charge and temperature; NaN until learned
     joint_excess_ohm: FloatArray  # of the busbar joint, against its own past and its peers
     joint_loose: BoolArray | None
 

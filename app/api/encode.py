@@ -20,6 +20,7 @@ _DECIMALS = {
     "resistance_ohm": 6,
     "capacity_ah": 3,
     "soh_capacity": 4,
+    "resistance_factor": 3,
     "joint_excess_ohm": 6,
 }
 

@@ -18,7 +18,7 @@ from app.debrief.survey import survey_session
 from app.errors import ConfigError
 from app.estimation.circuit import CellModel
 from app.estimation.health import CapacityTracker
-from app.outlook import CapacityBetweenRests
+from app.estimation.rest_capacity import CapacityBetweenRests
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo

@@ -10,6 +10,7 @@ from app.estimation.errors import EstimatorError
 from app.estimation.estimates import Estimates
 from app.estimation.fusion import count_variance
 from app.estimation.inputs import InputGuard
+from app.estimation.own_capacity import OwnCapacity
 from app.estimation.process import Process
 from app.estimation.record import Record, check_record, run_steps
 from app.estimation.self_check import SelfCheck
@@ -32,6 +33,7 @@ class CoulombCounter:
         self.cell = PackedCell(model)
         self.states = CellStates(model.n_rc, n_cells)
         self.guard = InputGuard(self.cell, self.states, tuning)
+        self._capacity = OwnCapacity(model, self.states)
         self._process = Process(self.cell, self.states, tuning, counts=True)
         self._check = SelfCheck(self.states, tuning)
         self._is_started = False
@@ -53,6 +55,10 @@ class CoulombCounter:
         cov[:, SOC, :] = cov[:, :, SOC] = 0.0
         cov[:, SOC, SOC] = count_variance(self.states)
         return cov
+
+    def use_capacity(self, capacity_ah: ArrayLike) -> None:
+        """Count with capacities of the cells' own; see `CellEstimator.use_capacity`."""
+        self._capacity.use(capacity_ah)
 
     def start(
         self,
@@ -78,6 +84,7 @@ class CoulombCounter:
         state, model, cell = self.states, self.model, self.cell
         step = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
         i = step.current_a
+        self._capacity.take(i, step.dt_s)
         self._process.predict(step)
         state.mean[SOC] = state.count_soc
         j, f = cell.place_soc(state.count_soc)

@@ -116,6 +116,18 @@ class CellEstimator(Protocol):
         """
         ...
 
+    def use_capacity(self, capacity_ah: ArrayLike) -> None:
+        """From the next step on count with capacities of the cells' own instead of the cell file's.
+
+        Args:
+            capacity_ah: (n_cells,) or scalar [Ah].
+
+        Raises:
+            ShapeError: it is neither.
+            EstimatorError: one is not finite and positive.
+        """
+        ...
+
     def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> Estimates:
         """Return the estimates after one sample.
 

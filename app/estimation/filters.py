@@ -16,6 +16,7 @@ from app.estimation.fast import FastStep
 from app.estimation.fusion import Fusion
 from app.estimation.inputs import InputGuard
 from app.estimation.marginal import MarginalFilter, StepResult
+from app.estimation.own_capacity import OwnCapacity
 from app.estimation.process import SOC_VARIANCE_MAX, Process
 from app.estimation.record import Record, check_record, run_steps
 from app.estimation.self_check import SelfCheck
@@ -57,6 +58,7 @@ class GaussianEstimator:
         self.cell = PackedCell(model)
         self.states = CellStates(model.n_rc, n_cells)
         self.guard = InputGuard(self.cell, self.states, tuning)
+        self._capacity = OwnCapacity(model, self.states)
         self._process = Process(self.cell, self.states, tuning, counts=fused)
         self._fusion = Fusion(self.states, tuning) if fused else None
         self._check = SelfCheck(self.states, tuning)
@@ -107,6 +109,10 @@ class GaussianEstimator:
         variance = self.states.cov[SOC, SOC] + (self.tuning.bias_v**2 + self.states.bias_v2) / slope_v**2
         return soc, np.sqrt(np.minimum(variance, SOC_VARIANCE_MAX))
 
+    def use_capacity(self, capacity_ah: ArrayLike) -> None:
+        """Count with capacities of the cells' own; see `CellEstimator.use_capacity`."""
+        self._capacity.use(capacity_ah)
+
     def start(
         self,
         voltages_v: ArrayLike,
@@ -135,11 +141,15 @@ class GaussianEstimator:
         if fast is not None:
             guard = self.guard
             held_a = guard.common(dt_s, current_a)
+            if self._capacity.is_used:
+                self._capacity.take(held_a, dt_s)
             guard.put(voltages_v, temperatures_degc, fast.sample)
             return fast.step(dt_s, held_a)
         sample = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
         numbers = np.empty(self._out_shape)
         reported, sigma, ocv, predicted, innovation, innovation_sigma, valid, accepted = numbers
+        if self._capacity.is_used:
+            self._capacity.take(sample.current_a, sample.dt_s)
         self._process.predict(sample)
         result = self._filter.update(sample, predicted, innovation, innovation_sigma)
         soc, variance = self._soc, self._soc_variance(result)
@@ -175,7 +185,7 @@ class GaussianEstimator:
         if not self._is_started:
             raise EstimatorError(NOT_STARTED)
         check_record(self.n_cells, dt_s, current_a, voltage_v, temperature_degc)
-        if self._fast is None:
+        if self._fast is None or self._capacity.is_used:
             return run_steps(self, dt_s, current_a, voltage_v, temperature_degc)
         held = np.array([self.guard.common(0.0, i) for i in current_a])
         return self._fast.record(dt_s, held, voltage_v, temperature_degc)

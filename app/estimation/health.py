@@ -167,8 +167,7 @@ def state_of_health(
     capacity_ah: FloatArray,
     capacity_sigma_ah: FloatArray,
     new_capacity_ah: ArrayLike,
-    resistance_ohm: ArrayLike,
-    new_resistance_ohm: ArrayLike,
+    resistance_factor: ArrayLike,
 ) -> StateOfHealth:
     """Return capacity and resistance against new.
 
@@ -176,10 +175,9 @@ def state_of_health(
         capacity_ah: (n_cells,) present capacity [Ah].
         capacity_sigma_ah: (n_cells,) its standard deviation [Ah].
         new_capacity_ah: (n_cells,) or scalar, when new [Ah].
-        resistance_ohm: (n_cells,) present resistance [ohm], NaN where not known.
-        new_resistance_ohm: (n_cells,) or scalar, when new at the same temperature [ohm].
+        resistance_factor: (n_cells,) present resistance over the new one at the same temperature, NaN where not known.
     """
     new_ah = np.asarray(new_capacity_ah, dtype=np.float64)
-    growth = np.asarray(resistance_ohm, dtype=np.float64) / np.asarray(new_resistance_ohm, dtype=np.float64)
+    growth = np.asarray(resistance_factor, dtype=np.float64)
     left = (RESISTANCE_END_OF_LIFE - growth) / (RESISTANCE_END_OF_LIFE - 1.0)
     return StateOfHealth(capacity_ah / new_ah, capacity_sigma_ah / new_ah, np.clip(left, 0.0, 1.0))

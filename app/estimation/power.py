@@ -117,13 +117,23 @@ class _Bracket:
 
 
 class PowerModel:
-    """The circuit carried forward in closed form, for cells of one model with resistances of their own."""
+    """The circuit carried forward in closed form, for cells of one model with resistances and capacities of their own.
 
-    def __init__(self, cell: CellModel, limits: Limits, resistance_factor: ArrayLike = 1.0) -> None:
-        """Keep model and limits; `resistance_factor` (n_cells,) or scalar scales all resistances of a cell."""
+    `resistance_factor` (n_cells,) or scalar scales all resistances of a cell; `capacity_ah` (n_cells,) or scalar [Ah],
+    None = the model's.
+    """
+
+    def __init__(
+        self,
+        cell: CellModel,
+        limits: Limits,
+        resistance_factor: ArrayLike = 1.0,
+        capacity_ah: ArrayLike | None = None,
+    ) -> None:
         self.cell = cell
         self.limits = limits
         self.resistance_factor = np.asarray(resistance_factor, dtype=np.float64)
+        self.capacity_ah = np.asarray(cell.capacity_ah if capacity_ah is None else capacity_ah, dtype=np.float64)
 
     def ahead(self, states: CellStates, current_a: FloatArray, time_s: FloatArray) -> tuple[FloatArray, ...]:
         """Return voltage [V], SOC and temperature [degC] after a constant current.
@@ -140,7 +150,7 @@ class PowerModel:
         if states.branch_a.shape != (cell.n_rc, n) or states.temperature_degc.shape != (n,):
             raise ShapeError("branch_a", (cell.n_rc, n), states.branch_a.shape)
         current, seconds = np.broadcast_arrays(current_a, time_s)
-        moved = current * seconds / (SECONDS_PER_HOUR * cell.capacity_ah)
+        moved = current * seconds / (SECONDS_PER_HOUR * self.capacity_ah)
         soc = states.soc - np.where(moved < 0.0, cell.coulombic_efficiency * moved, moved)
         temperature = np.where(np.isnan(states.temperature_degc), 25.0, states.temperature_degc)
         values = cell.parameters(np.clip(soc, 0.0, 1.0), temperature)
@@ -256,9 +266,11 @@ class PowerModel:
         return _Bracket(low, high, np.where(never, -1, cells[margin.argmin(axis=1)]))
 
     def _subset(self, states: CellStates, known: IntArray) -> tuple[PowerModel, CellStates]:
-        factor = self.resistance_factor
+        factor, capacity_ah = (
+            own if own.ndim == 0 else own[known] for own in (self.resistance_factor, self.capacity_ah)
+        )
         part = CellStates(states.soc[known], states.branch_a[:, known], states.temperature_degc[known])
-        return PowerModel(self.cell, self.limits, factor if factor.ndim == 0 else factor[known]), part
+        return PowerModel(self.cell, self.limits, factor, capacity_ah), part
 
 
 def _known(states: CellStates) -> IntArray:

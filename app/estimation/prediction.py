@@ -31,7 +31,7 @@ class EnergyLeft:
 
     Attributes:
         energy_wh: energy the terminals still deliver at the given current [Wh].
-        sigma_wh: its standard deviation, from the SOC sigma of the cell that ends it [Wh].
+        sigma_wh: its standard deviation, from those of SOC and capacity of the cell that ends it [Wh].
         charge_ah: charge until then [Ah].
         cell: the cell that ends it.
     """
@@ -62,6 +62,7 @@ def energy_left(
     soc_min: float = 0.0,
     capacity_ah: ArrayLike | None = None,
     resistance_factor: ArrayLike = 1.0,
+    capacity_sigma_ah: ArrayLike = 0.0,
 ) -> EnergyLeft:
     """Return the energy until the first cell reaches the lowest SOC.
 
@@ -76,6 +77,7 @@ def energy_left(
         soc_min: where a cell counts as empty.
         capacity_ah: (n_cells,) or scalar [Ah]; None = the model's.
         resistance_factor: (n_cells,) or scalar, growth of all resistances.
+        capacity_sigma_ah: (n_cells,) or scalar, standard deviation of the capacities [Ah].
 
     Raises:
         ModelError: no cell has an SOC.
@@ -101,8 +103,11 @@ def energy_left(
     drop_v = factor * (drop_v + values[1] * np.arcsinh(current_a / cell.overpotential_current_a))
     voltage_v = (cell.ocv.voltage(path) - drop_v).sum(axis=1)
     mean_v = float(np.trapezoid(voltage_v, share[:, 0]))
-    # one sigma of SOC of the cell that ends it is so much charge, drawn at the voltage of the end
-    sigma_wh = float(soc_sigma[known][first] * capacity[first] * voltage_v[-1])
+    # sigmas of SOC and capacity of the cell that ends it are so much charge, drawn at the voltage of the end
+    by_soc_ah = float(soc_sigma[known][first] * capacity[first])
+    sigma_ah = np.broadcast_to(np.asarray(capacity_sigma_ah, dtype=np.float64), soc.shape)[known]
+    by_capacity_ah = float(max(z[first] - soc_min, 0.0) * sigma_ah[first])
+    sigma_wh = float(np.hypot(by_soc_ah, by_capacity_ah) * voltage_v[-1])
     return EnergyLeft(max(mean_v * charge_ah, 0.0), sigma_wh, charge_ah, int(known[first]))
 
 

@@ -22,6 +22,7 @@ class CellsOut(BaseModel):
     resistance_ohm: PerCell
     capacity_ah: PerCell
     soh_capacity: PerCell
+    resistance_factor: PerCell
     joint_excess_ohm: PerCell
     balancing: list[bool | None]
     model_valid: list[bool | None]
@@ -108,6 +109,15 @@ class LapsOut(BaseModel):
     period_s: Number
 
 
+class CountedWithOut(BaseModel):
+    """How many cells are counted with a learned capacity and resistance; the factors are against the cell file."""
+
+    capacity_cells: int
+    capacity_factor: Number
+    resistance_cells: int
+    resistance_factor: Number
+
+
 class PredictionOut(BaseModel):
     """What lies ahead, judged once a second."""
 
@@ -118,6 +128,7 @@ class PredictionOut(BaseModel):
     energy_left_wh: Number
     energy_left_sigma_wh: Number
     energy_left_cell: int | None
+    counted_with: CountedWithOut | None
     laps: LapsOut | None
 
 

@@ -309,6 +309,7 @@ export interface Cells {
   resistance_ohm: (number | null)[];
   capacity_ah: (number | null)[];
   soh_capacity: (number | null)[];
+  resistance_factor: (number | null)[];
   joint_excess_ohm: (number | null)[];
   balancing: (boolean | null)[];
   model_valid: (boolean | null)[];
@@ -399,6 +400,14 @@ export interface ConfigRecord {
   to_hash: string | null;
   difference: Difference[];
   genuine: boolean;
+}
+
+/** How many cells are counted with a learned capacity and resistance; the factors are against the cell file. */
+export interface CountedWith {
+  capacity_cells: number;
+  capacity_factor: number | null;
+  resistance_cells: number;
+  resistance_factor: number | null;
 }
 
 /** The session is gone. */
@@ -889,6 +898,7 @@ export interface Prediction {
   energy_left_wh: number | null;
   energy_left_sigma_wh: number | null;
   energy_left_cell: number | null;
+  counted_with: CountedWith | null;
   laps: Laps | null;
 }
 

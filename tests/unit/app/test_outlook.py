@@ -6,7 +6,8 @@ import pytest
 from app.estimation.cellfile import load_cell
 from app.estimation.estimators import make_estimator
 from app.estimation.health import CapacityTracker
-from app.outlook import REST_S, CapacityBetweenRests, Lookout
+from app.estimation.rest_capacity import REST_S, CapacityBetweenRests
+from app.outlook import Lookout
 from app.past import Past, load_past, save_past
 from app.pipeline import Pipeline
 

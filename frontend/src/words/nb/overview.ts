@@ -18,6 +18,14 @@ export const OVERVIEW = {
   'Not known: no cell voltage arrives.': 'Ukjent: ingen cellespenning kommer inn.',
   'No estimator has started: nothing can be foretold.':
     'Ingen estimator har startet: ingenting kan forutsies.',
+  'Counted with the learned capacity, {capacity} % of the cell file, and resistance, {resistance} %':
+    'Regnet med lært kapasitet, {capacity} % av cellefilen, og motstand, {resistance} %',
+  'Counted with the learned capacity, {capacity} % of the cell file':
+    'Regnet med lært kapasitet, {capacity} % av cellefilen',
+  'Counted with the learned resistance, {resistance} % of the cell file':
+    'Regnet med lært motstand, {resistance} % av cellefilen',
+  'Counted with the capacity and resistance of the cell file':
+    'Regnet med kapasitet og motstand fra cellefilen',
   'lowest voltage': 'laveste spenning',
   'highest voltage': 'høyeste spenning',
   empty: 'tom',

@@ -18,6 +18,8 @@ export const PACKS = {
   'beyond its neighbours': 'ut over naboene',
   loose: 'løs',
   'capacity against new': 'kapasitet mot ny',
+  Resistance: 'Motstand',
+  'against the cell file': 'mot cellefilen',
   'Model trusted': 'Modellen stoles på',
   bleeding: 'tapper',
   'In the car': 'I bilen',

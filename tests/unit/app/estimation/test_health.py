@@ -93,7 +93,7 @@ def test_errors_that_cannot_be_are_refused():
 
 
 def test_health_against_new():
-    health = state_of_health(np.array([25.0, 20.0]), np.array([0.25, 0.5]), 25.0, np.array([2e-3, 3e-3]), 2e-3)
+    health = state_of_health(np.array([25.0, 20.0]), np.array([0.25, 0.5]), 25.0, np.array([1.0, 1.5]))
     np.testing.assert_allclose(health.capacity, [1.0, 0.8])
     np.testing.assert_allclose(health.capacity_sigma, [0.01, 0.02])
     np.testing.assert_allclose(health.resistance, [1.0, 0.5])

@@ -126,3 +126,12 @@ def test_states_of_another_shape_are_refused():
     bad = CellStates(np.full(96, 0.5), np.zeros((CELL.n_rc, 95)), np.full(96, 25.0))
     with pytest.raises(ShapeError):
         PowerModel(CELL, WIDE).ahead(bad, np.array(1.0), np.array(1.0))
+
+
+def test_a_small_cell_is_the_first_to_be_empty():
+    capacity = np.full(96, CELL.capacity_ah)
+    capacity[40] *= 0.7
+    model = PowerModel(CELL, Limits(soc_min=0.1), capacity_ah=capacity)
+    trip = {trip.limit: trip for trip in model.times_to_trip(states(0.4), 50.0)}["soc_min"]
+    assert trip.cell == 40
+    assert trip.seconds == pytest.approx(0.3 * 0.7 * CELL.capacity_ah * 3600 / 50.0, rel=0.01)

@@ -134,3 +134,11 @@ def test_power_that_does_not_repeat_has_no_laps():
 def test_lap_energy_is_the_integral_between_marks():
     time_s = np.arange(0.0, 201.0)
     np.testing.assert_allclose(lap_energies_wh(time_s, np.full(201, 3600.0), [10.0, 60.0, 160.0]), [50.0, 100.0])
+
+
+def test_an_uncertain_capacity_makes_the_energy_uncertain():
+    sure, unsure = left(sigma=0.0), left(sigma=0.0, capacity_sigma_ah=0.02 * CELL.capacity_ah)
+    assert sure.sigma_wh == 0.0
+    assert unsure.energy_wh == sure.energy_wh
+    charge_sigma_ah = 0.02 * 0.6 * CELL.capacity_ah
+    assert 96 * CELL.v_min_v * charge_sigma_ah < unsure.sigma_wh < 0.02 * unsure.energy_wh, "drawn at the end"

@@ -1,0 +1,94 @@
+"""How much more every cell resists than its cell file says, from the drops of driving.
+
+    y = v_ocv - v,   x = v_ocv - v_model          y = f x + error; both without what is slower than `DRIFT_S`
+
+All resistances of a cell are taken to grow alike. What is slow is SOC, heat and overpotential and tells nothing. The
+model's error is not white and lasts about `LASTING_S`, so closer samples repeat each other.
+"""
+
+from __future__ import annotations
+
+from math import exp
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.estimation.errors import ShapeError
+
+FloatArray = NDArray[np.float64]
+
+DRIFT_S: Final = 40.0
+MEMORY_S: Final = 300.0  # four or five laps; heat changes resistances, and the model follows heat only in part
+LASTING_S: Final = 6.0  # of an error from which the drift has been taken
+RESTART_S: Final = 2.0  # a hole this long begins the drift anew
+PRIOR_SIGMA: Final = 0.3
+QUIET_V: Final = 2e-3  # where no cell's drop moves more, nothing can be learnt and nothing is forgotten
+DROP_MAX_V: Final = 1.5  # a larger difference of voltages is a measurement that failed
+
+
+class ResistanceScale:
+    """Regression through the origin of measured on modelled drops, with fading memory; call `step` every sample."""
+
+    def __init__(self, n_cells: int) -> None:
+        self._shape = (n_cells,)
+        self._drift = np.zeros((2, n_cells))  # of y and x [V]
+        self._sums = np.zeros((3, n_cells))  # weights times x x, x y, y y, times seconds [V^2 s]
+        self._weight_s = np.zeros(n_cells)
+        self._has_drift = np.zeros(n_cells, dtype=np.bool_)
+        self._gains = (-1.0, 0.0, 1.0)
+
+    def step(self, dt_s: float, ocv_v: FloatArray, model_v: FloatArray, voltages_v: FloatArray) -> None:
+        """Take one sample.
+
+        Args:
+            dt_s: since the previous one, >= 0 [s].
+            ocv_v: (n_cells,) open-circuit voltage of the estimate [V].
+            model_v: (n_cells,) terminal voltage the cell file predicts [V].
+            voltages_v: (n_cells,) measured [V]; NaN = missing.
+
+        Raises:
+            ShapeError: an array is not (n_cells,).
+        """
+        for name, array in (("ocv_v", ocv_v), ("model_v", model_v), ("voltages_v", voltages_v)):
+            if array.shape != self._shape:
+                raise ShapeError(name, self._shape, array.shape)
+        drops = np.array((ocv_v - voltages_v, ocv_v - model_v))
+        if dt_s > RESTART_S:
+            self._has_drift[:] = False
+        if dt_s != self._gains[0]:
+            self._gains = dt_s, 1.0 - exp(-dt_s / DRIFT_S), exp(-dt_s / MEMORY_S)
+        _, share, fade = self._gains
+        known = (np.abs(drops) < DROP_MAX_V).all(axis=0)
+        fresh = known & ~self._has_drift
+        if fresh.any():
+            self._drift[:, fresh] = drops[:, fresh]
+            self._has_drift |= fresh
+        if not known.all():
+            drops = np.where(known, drops, self._drift)
+        drops -= self._drift
+        self._drift += share * drops
+        y, x = drops
+        if float(np.abs(x).max()) < QUIET_V:
+            return
+        self._sums *= fade
+        self._sums += dt_s * np.array((x * x, x * y, y * y))
+        self._weight_s *= fade
+        self._weight_s += dt_s * known
+
+    def factor(self) -> FloatArray:
+        """Return (n_cells,) resistance over that of the cell file; 1 where nothing has shown it."""
+        xx, xy, _ = self._sums
+        error_v2s, prior = self._error_v2s(), 1.0 / PRIOR_SIGMA**2
+        return np.asarray((xy / error_v2s + prior) / (xx / error_v2s + prior))
+
+    def sigma(self) -> FloatArray:
+        """Return (n_cells,) its standard deviation."""
+        return np.asarray(1.0 / np.sqrt(self._sums[0] / self._error_v2s() + 1.0 / PRIOR_SIGMA**2))
+
+    def _error_v2s(self) -> FloatArray:
+        """Return (n_cells,) variance of the error times the time over which it repeats itself [V^2 s]."""
+        xx, xy, yy = self._sums
+        with np.errstate(divide="ignore", invalid="ignore"):
+            left = np.where(xx > 0.0, yy - xy * xy / xx, yy) / self._weight_s
+        return np.asarray(2.0 * LASTING_S * np.maximum(np.nan_to_num(left), 1e-6))

@@ -1,0 +1,90 @@
+"""An aged accumulator: what lies ahead is counted with what was learned of the cells, not with their cell file."""
+
+import numpy as np
+import pytest
+
+from app.estimation.cellfile import load_cell
+from app.estimation.estimators import make_estimator
+from app.estimation.health import CapacityTracker
+from app.estimation.joint_watch import JointWatch
+from app.estimation.power import Limits
+from app.outlook import CellPast, Lookout
+from simulator.accumulator import Accumulator, AccumulatorParameters
+from simulator.race import endurance
+
+CELL = load_cell("samsung-25r-10p")
+STEP_S = 0.1
+SOC_MIN = 0.05
+
+
+def past_of(true_ah):
+    """What four sessions of a full charge taught, rests good to 1.5 % and the count to 0.5 %."""
+    tracker = CapacityTracker(CELL.capacity_ah, 96)
+    rng = np.random.default_rng(5)
+    for moved in (0.8, -0.8, 0.7, -0.7):
+        drawn_ah = moved * CELL.capacity_ah * 0.8
+        tracker.observe(drawn_ah / true_ah + 0.01 * rng.normal(size=96), 0.02, drawn_ah, 0.1)
+    return CellPast(tracker.state, JointWatch(96, 12).baseline_ohm)
+
+
+def raced(seconds, past_for=None, **aged):
+    """Return the lookout after a race so far, the last outlook, the accumulator, and voltages against foretold ones."""
+    rng = np.random.default_rng(2)
+    accumulator = Accumulator(AccumulatorParameters(start_soc=0.9, **aged), rng)
+    event = endurance(rng, n_laps=10)
+    lookout = Lookout(CELL, 96, None if past_for is None else past_for(accumulator.capacity_ah))
+    estimator = make_estimator("fused", CELL, 96)
+    estimator.start(accumulator.terminal_voltage_v, accumulator.temperature_degc, 0.0)
+    estimator.use_capacity(lookout.learned.capacity_ah)
+    late = []
+    for k in range(round(seconds / STEP_S)):
+        current = event.current_a(k * STEP_S, accumulator)
+        accumulator.step(STEP_S, current, fan_duty=0.5)
+        volts = np.round(accumulator.terminal_voltage_v + 2e-4 * rng.normal(size=96), 4)
+        said = estimator.step(STEP_S, current, volts, accumulator.temperature_degc)
+        lookout.step(STEP_S, current, volts, float(volts.sum() * current), said)
+        lookout.look(estimator, said, accumulator.temperature_degc, current, Limits(soc_min=SOC_MIN))
+        if k * STEP_S > seconds - 30.0:
+            drop = said.ocv_v - said.voltage_v
+            late.append((volts - said.voltage_v, volts - said.ocv_v + lookout.learned.resistance_factor * drop))
+    return lookout, accumulator, np.array(late)
+
+
+@pytest.fixture(scope="module")
+def aged():
+    return raced(150.0, past_of, capacity_ageing=0.8, resistance_ageing=1.6)
+
+
+def charge_left_ah(accumulator):
+    return float(((accumulator.soc - SOC_MIN) * accumulator.capacity_ah).min())
+
+
+def test_charge_left_is_that_of_the_aged_cells(aged):
+    lookout, accumulator, _ = aged
+    truth = charge_left_ah(accumulator)
+    assert lookout.outlook.energy.charge_ah == pytest.approx(truth, rel=0.05)
+    nominal = CELL.capacity_ah * (accumulator.soc.min() - SOC_MIN)
+    assert nominal > 1.15 * truth, "the cell file alone would be far off"
+    assert lookout.outlook.prediction["counted_with"]["capacity_cells"] == 96
+    assert lookout.outlook.prediction["counted_with"]["capacity_factor"] == pytest.approx(
+        accumulator.capacity_ah.mean() / CELL.capacity_ah, abs=0.02
+    )
+
+
+def test_voltages_under_load_are_foretold_better_with_the_learned_resistance(aged):
+    lookout, _, late = aged
+    by_file, by_learned = np.moveaxis(late - late.mean(axis=0), 1, 0)
+    assert by_learned.std() < 0.6 * by_file.std()
+    assert lookout.outlook.prediction["counted_with"]["resistance_cells"] == 96
+
+
+def test_aged_cells_give_less_power_and_less_energy_than_new_ones(aged):
+    new, accumulator, _ = raced(150.0)
+    old = aged[0].outlook
+    assert new.outlook.prediction["counted_with"]["capacity_cells"] == 0, "no rest has shown a capacity"
+    assert new.outlook.energy.charge_ah == pytest.approx(charge_left_ah(accumulator), rel=0.05)
+    ratio = old.learned.resistance_factor.mean() / new.outlook.learned.resistance_factor.mean()
+    assert 1.3 < ratio < 1.7, "cells resist 1.6 times as much, joints as before"
+    assert old.power.discharge[2].power_w < new.outlook.power.discharge[2].power_w
+    assert old.energy.energy_wh < 0.85 * new.outlook.energy.energy_wh
+    assert (old.health.resistance < new.outlook.health.resistance).all()

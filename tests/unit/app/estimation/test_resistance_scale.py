@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+
+from app.estimation.errors import ShapeError
+from app.estimation.resistance_scale import PRIOR_SIGMA, ResistanceScale
+
+GROWN = np.array([1.0, 1.4, 0.9, 1.15])
+DT_S = 0.1
+
+
+def driven(scale, seconds, seed=1, slow_error_v=0.0, missing=()):
+    """Laps of 20 s on an OCV that falls slowly; the cells resist GROWN times 2 mohm, the model 2 mohm."""
+    rng = np.random.default_rng(seed)
+    for k in range(round(seconds / DT_S)):
+        t = k * DT_S
+        current = 80.0 + 70.0 * np.sin(2 * np.pi * t / 20.0) + 30.0 * np.sign(np.sin(2 * np.pi * t / 3.0))
+        ocv = 3.9 - 1e-4 * t
+        volts = ocv + slow_error_v * np.sin(2 * np.pi * t / 600.0) - 2e-3 * GROWN * current
+        volts = volts + 1.2e-3 * rng.normal(size=4)
+        volts[list(missing)] = np.nan
+        scale.step(DT_S, np.full(4, ocv), np.full(4, ocv - 2e-3 * current), volts)
+    return scale
+
+
+def test_growth_is_found_and_sigma_covers_the_error():
+    scale = driven(ResistanceScale(4), 120.0)
+    np.testing.assert_allclose(scale.factor(), GROWN, atol=0.02)
+    assert (np.abs(scale.factor() - GROWN) < 3.0 * scale.sigma()).all()
+    assert (scale.sigma() < 0.05).all()
+
+
+def test_a_slow_error_of_the_soc_is_not_taken_for_resistance():
+    np.testing.assert_allclose(driven(ResistanceScale(4), 300.0, slow_error_v=0.05).factor(), GROWN, atol=0.05)
+
+
+def test_nothing_is_claimed_before_driving():
+    scale = ResistanceScale(4)
+    for _ in range(600):
+        scale.step(DT_S, np.full(4, 3.9), np.full(4, 3.9), np.full(4, 3.8))
+    np.testing.assert_allclose(scale.factor(), 1.0)
+    np.testing.assert_allclose(scale.sigma(), PRIOR_SIGMA, rtol=0.01)
+
+
+def test_a_rest_forgets_nothing():
+    scale = driven(ResistanceScale(4), 120.0)
+    before = scale.factor()
+    for _ in range(36_000):
+        scale.step(DT_S, np.full(4, 3.9), np.full(4, 3.9), np.full(4, 3.9))
+    np.testing.assert_allclose(scale.factor(), before, atol=0.01)
+
+
+def test_a_cell_without_a_voltage_says_nothing_and_disturbs_none():
+    scale = driven(ResistanceScale(4), 120.0, missing=(2,))
+    assert scale.sigma()[2] == pytest.approx(PRIOR_SIGMA, rel=0.01)
+    np.testing.assert_allclose(scale.factor()[[0, 1, 3]], GROWN[[0, 1, 3]], atol=0.02)
+    assert np.isfinite(driven(scale, 60.0, seed=2).factor()).all()
+
+
+def test_a_gap_and_a_failed_measurement_are_no_drop():
+    scale = driven(ResistanceScale(4), 120.0)
+    scale.step(600.0, np.full(4, 3.5), np.full(4, 3.5), np.full(4, 3.45))
+    scale.step(DT_S, np.full(4, 3.5), np.full(4, 3.3), np.zeros(4))
+    np.testing.assert_allclose(scale.factor(), GROWN, atol=0.02)
+
+
+def test_wrong_shape_is_refused():
+    with pytest.raises(ShapeError, match="voltages_v"):
+        ResistanceScale(4).step(DT_S, np.zeros(4), np.zeros(4), np.zeros(3))
