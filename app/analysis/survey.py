@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR, FloatArray
 from app.estimation.joints import ResistanceTracker
@@ -209,12 +210,13 @@ class Surveyor:
         return Histogram(unit, edges, counts[1:-1], float(counts[0]), float(counts[-1]))
 
     def _track(self, piece: Piece) -> None:
-        for at_s, current_a, row in zip(piece.time_s.tolist(), piece.current_a.tolist(), piece.voltage_v, strict=True):
-            before_s = at_s if self._tracked_s is None else self._tracked_s
-            if self._tracked_s is not None and at_s - before_s < TRACKER_STEP_S:
-                continue
-            self._tracked_s = at_s
-            self._tracker.step(max(at_s - before_s, 0.0), current_a, row)
+        time_s = piece.time_s
+        before_s = time_s[0] if self._tracked_s is None else self._tracked_s
+        chosen = _spaced(time_s, before_s - TRACKER_STEP_S if self._tracked_s is None else before_s)
+        if len(chosen):
+            dt_s = np.maximum(np.diff(time_s[chosen], prepend=before_s), 0.0)
+            self._tracked_s = float(time_s[chosen[-1]])
+            self._tracker.take(dt_s, piece.current_a[chosen], piece.voltage_v[chosen])
 
     def _rests(self, piece: Piece) -> None:
         quiet = np.abs(piece.current_a) < REST_A
@@ -249,6 +251,18 @@ def survey_of(pieces: Sequence[Piece], n_cells: int) -> Survey:
     for piece in pieces:
         surveyor.add(piece)
     return surveyor.result()
+
+
+def _spaced(time_s: FloatArray, before_s: float) -> NDArray[np.intp]:
+    """Indices of samples at least TRACKER_STEP_S apart, and from the time before them."""
+    if (np.diff(time_s, prepend=before_s) >= TRACKER_STEP_S).all():
+        return np.arange(len(time_s))
+    chosen = []
+    for k, at_s in enumerate(time_s.tolist()):
+        if at_s - before_s >= TRACKER_STEP_S:
+            before_s = at_s
+            chosen.append(k)
+    return np.array(chosen, dtype=np.intp)
 
 
 def _keep_extreme(

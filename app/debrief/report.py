@@ -24,7 +24,7 @@ from app.analysis.survey import Histogram, Survey
 from app.analysis.totals import Totals
 from app.debrief.blackbox import limits_of
 from app.debrief.laps import LapTable, find_laps
-from app.debrief.reading import read_totals
+from app.debrief.reading import TotalsCollector
 from app.debrief.survey import survey_session
 from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
@@ -65,7 +65,9 @@ class Comparison:
 
 def report_of(session: SessionFile) -> Report:
     """Read a session and judge it."""
-    info, totals, survey = session.info, read_totals(session), survey_session(session)
+    info, collector = session.info, TotalsCollector()
+    survey = survey_session(session, totals=collector)
+    totals = collector.totals()
     source, found = find_laps(session, totals, None, None)
     laps = [figures_of(lap, totals) for lap in found]
     configs = session.configs()

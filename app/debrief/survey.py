@@ -8,6 +8,7 @@ import numpy as np
 
 from app.analysis.survey import Piece, Survey, Surveyor
 from app.analysis.totals import FloatArray
+from app.debrief.reading import TOTALS_FIELDS, TotalsCollector
 from app.sessions.reader import FieldSamples, SessionFile
 from firmware_protocol.memory_map import CELLS_PER_PACK, N_CELLS, N_PACKS
 
@@ -15,19 +16,24 @@ _BALANCING = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))
 _FIELDS = ("i_fs", "v", "t", "estimate.soc", *_BALANCING)
 
 
-def read_pieces(session: SessionFile) -> Iterator[Piece]:
-    """Yield the session a minute at a time on the time axis of the cell voltages."""
+def read_pieces(session: SessionFile, totals: TotalsCollector | None = None) -> Iterator[Piece]:
+    """Yield the session a minute at a time on the time axis of the cell voltages; `totals` is collected meanwhile."""
     held: dict[str, FloatArray] = {}  # the last row of each field: slow windows do not come every minute
-    for found in session.fields(_FIELDS):
+    names = _FIELDS if totals is None else tuple(dict.fromkeys((*_FIELDS, *TOTALS_FIELDS)))
+    for found in session.fields(names):
+        if totals is not None:
+            totals.add(found)
         axis = found.get("v") or found.get("i_fs")
         if axis is not None:
             yield _piece(axis.time_s, found, held)
 
 
-def survey_session(session: SessionFile, also: Callable[[Piece], None] | None = None) -> Survey:
-    """Return the survey of a session; `also` is given every piece."""
+def survey_session(
+    session: SessionFile, also: Callable[[Piece], None] | None = None, totals: TotalsCollector | None = None
+) -> Survey:
+    """Return the survey of a session; `also` is given every piece, and `totals` is collected in the same pass."""
     surveyor = Surveyor(N_CELLS)
-    for piece in read_pieces(session):
+    for piece in read_pieces(session, totals):
         surveyor.add(piece)
         if also is not None:
             also(piece)

@@ -24,6 +24,7 @@ DRIFT_S: Final = 40.0  # slower than this is SOC and heat and is taken away from
 MEMORY_S: Final = 60.0  # of the regression: about one lap of a Formula Student track
 RESTART_S: Final = 2.0  # after a hole this long the signals start anew
 SETTLE_S: Final = 30.0  # after a start: the pair's current was not known then and has to be forgotten
+BLOCK: Final = 64  # samples taken at once; RESTART_S each, they last 13 PAIR_S: exp of that is a number
 SAMPLES_MIN: Final = 20.0  # effective number of samples below which nothing is known
 MAD_TO_SIGMA: Final = 1.4826  # of a normal distribution
 POLISH_ROUNDS: Final = 6
@@ -33,7 +34,7 @@ SLOPE_MAX: Final = 5.0  # ohmic over pair resistance; more means that the pair w
 class ResistanceTracker:
     """Regression of every cell's voltage on current and RC current, with fading memory.
 
-    Call `step` with every sample (about 20 us for 96 cells); read the resistances at leisure.
+    Call `step` with every sample (about 20 us for 96 cells), or `take` with many; read the resistances at leisure.
     """
 
     def __init__(self, n_cells: int, pair_s: float = PAIR_S, memory_s: float = MEMORY_S) -> None:
@@ -94,6 +95,32 @@ class ResistanceTracker:
         x, p = current_a - self._drift_a, self._pair_a - self._drift_pair_a
         self._accumulate(x, p, fade, is_missing if has_missing else None)
 
+    def take(self, dt_s: FloatArray, current_a: FloatArray, voltages_v: FloatArray) -> None:
+        """Take n samples: the same as `step` with each, ten times as fast where nothing is missing.
+
+        Args:
+            dt_s: (n,) time since the previous sample, >= 0 [s].
+            current_a: (n,) positive on discharge [A]; a sample without a finite current is left out.
+            voltages_v: (n, n_cells) [V]; NaN where not measured.
+
+        Raises:
+            ShapeError: voltages_v is not (n, n_cells).
+            EstimatorError: a dt_s is negative or not finite.
+        """
+        if voltages_v.shape != (len(dt_s), self.n_cells):
+            raise ShapeError("voltages_v", (len(dt_s), self.n_cells), voltages_v.shape)
+        is_plain = (dt_s > 0.0) & (dt_s <= RESTART_S) & (np.abs(current_a) < 1e9) & np.isfinite(voltages_v).all(axis=1)
+        k = 0
+        while k < len(dt_s):
+            block = is_plain[k : k + BLOCK]
+            n = len(block) if block.all() else int(block.argmin())
+            if n > 1 and self._has_settled and not self._has_unknown:
+                self._take_plain(dt_s[k : k + n], current_a[k : k + n], voltages_v[k : k + n])
+                k += n
+            else:
+                self.step(float(dt_s[k]), float(current_a[k]), voltages_v[k])
+                k += 1
+
     def resistance_ohm(self) -> FloatArray:
         """Return (2, n_cells): ohmic resistance with the joint, and that of the pair [ohm]; NaN while not known."""
         return self._solved()[0]
@@ -137,6 +164,27 @@ class ResistanceTracker:
         self._has_unknown = bool(np.isnan(self._drift_v).any())
         return np.where(is_missing, self._drift_v, voltages_v)
 
+    def _take_plain(self, dt_s: FloatArray, current_a: FloatArray, voltages_v: FloatArray) -> None:
+        """Samples of which nothing is missing; the low passes of `step` as matrices over the block."""
+        time_s = np.cumsum(dt_s)
+        pair_a = _low_passed(time_s, dt_s, self._pair_s, np.array([self._pair_a]), current_a[:, None])[:, 0]
+        before = np.concatenate((self._drift_v, [self._drift_a, self._drift_pair_a]))
+        drifting = np.column_stack((voltages_v, current_a, pair_a))
+        drift = _low_passed(time_s, dt_s, DRIFT_S, before, drifting)
+        self._pair_a = float(pair_a[-1])
+        self._drift_v[:] = drift[-1, : self.n_cells]
+        self._drift_a, self._drift_pair_a = drift[-1, self.n_cells :].tolist()
+        self._since_s = (self._since_s or 0.0) + float(time_s[-1])
+        y = drift[:, : self.n_cells] - voltages_v
+        x, p = (drifting - drift)[:, self.n_cells :].T
+        fade = np.exp((time_s - time_s[-1]) / self._memory_s)
+        left = exp(-time_s[-1] / self._memory_s)
+        self._weight[0] = self._weight[0] * left + fade.sum()
+        self._weight[1] = self._weight[1] * left**2 + (fade**2).sum()
+        self._sums *= left
+        self._sums[:3] += np.array([fade @ (x * x), fade @ (x * p), fade @ (p * p)])[:, None]
+        self._sums[3:] += [(fade * x) @ y, (fade * p) @ y, fade @ (y * y)]
+
     def _accumulate(self, x: float, p: float, fade: float, is_missing: BoolArray | None) -> None:
         y, new = self._y, self._new
         new[0], new[1], new[2] = x * x, x * p, p * p
@@ -152,6 +200,16 @@ class ResistanceTracker:
             new[:, is_missing] = 0.0
             self._weight += ~is_missing
         self._sums += new
+
+
+def _low_passed(
+    time_s: FloatArray, dt_s: FloatArray, constant_s: float, before: FloatArray, values: FloatArray
+) -> FloatArray:
+    """Return (n, columns) a first-order low pass over samples at (n,) times, from its (columns,) output before them."""
+    decay = np.exp(-time_s / constant_s)
+    weights = np.tril(np.outer(decay, (1.0 - np.exp(-dt_s / constant_s)) / decay))
+    filtered: FloatArray = decay[:, None] * before + weights @ values
+    return filtered
 
 
 @dataclass(frozen=True)

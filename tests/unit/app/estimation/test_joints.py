@@ -155,3 +155,36 @@ def test_step_is_cheap():
         tracker.step(0.1, 10.0, v)
         took.append(time.perf_counter() - begun)
     assert np.median(took) < 2e-4
+
+
+@pytest.mark.parametrize("memory_s", [60.0, 1e9])
+def test_many_samples_at_once_are_the_same_as_one_by_one(memory_s):
+    """Also across holes, missing cells, a missing current, and samples at uneven times."""
+    rng = np.random.default_rng(4)
+    n, n_cells = 3000, 7
+    current = np.concatenate([lap(rng) for _ in range(4)])[:n]
+    dt = rng.uniform(0.05, 0.15, n)
+    volts = 3.8 - np.outer(current, np.linspace(1e-3, 2e-3, n_cells)) + 1e-3 * rng.normal(size=(n, n_cells))
+    volts[400:420, 2] = np.nan
+    volts[:900, 5] = np.nan
+    volts[rng.integers(0, n, 10), rng.integers(0, n_cells, 10)] = np.nan
+    current[1200] = np.nan
+    dt[1800] = 5.0
+    dt[2000] = 0.0
+    one_by_one, at_once = (ResistanceTracker(n_cells, memory_s=memory_s) for _ in range(2))
+    for step_s, amperes, row in zip(dt, current, volts, strict=True):
+        one_by_one.step(float(step_s), float(amperes), row)
+    for first in range(0, n, 850):
+        piece = slice(first, first + 850)
+        at_once.take(dt[piece], current[piece], volts[piece])
+    np.testing.assert_allclose(at_once.resistance_ohm(), one_by_one.resistance_ohm(), rtol=1e-9)
+    np.testing.assert_allclose(at_once.sigma_ohm(), one_by_one.sigma_ohm(), rtol=1e-6)
+    assert np.isfinite(at_once.resistance_ohm()).all()
+
+
+def test_many_samples_of_the_wrong_shape_are_refused():
+    tracker = ResistanceTracker(4)
+    with pytest.raises(ShapeError, match="voltages_v"):
+        tracker.take(np.ones(3), np.ones(3), np.ones((3, 5)))
+    with pytest.raises(EstimatorError, match="dt_s"):
+        tracker.take(np.array([0.1, -0.1]), np.ones(2), np.ones((2, 4)))
