@@ -29,6 +29,7 @@ from app.api import (
     session_login,
     sessions,
     simulator,
+    slave_check,
     system,
 )
 from app.api.auth import Doorkeeper, Gate
@@ -120,6 +121,7 @@ def create_app(
         session_login,
         sessions,
         simulator,
+        slave_check,
         system,
     ):
         app.include_router(module.router, prefix="/api/v1")

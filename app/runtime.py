@@ -43,6 +43,7 @@ from app.sessions.catalogue import Catalogue
 from app.sessions.eventlog import EventLog
 from app.sessions.writer import DiskLimits
 from app.settings import Settings
+from app.slave_check_log import SlaveCheckLog
 from app.telemetry import CanItem, Event, FloatArray, Item, LinkChange, SerialItem, Snapshot, Source
 from app.trace import CanTrace
 from app.trend import Trend
@@ -110,6 +111,7 @@ class Runtime:
         self.master = MasterClient(self._send)
         self.configuration = Configuration(self.master, lambda: self.pipeline.identity, self._rule_context)
         self.config_history = ConfigHistory(settings.data)
+        self.slave_checks = SlaveCheckLog(settings.data)
         self.profiles = Profiles(settings.data / "profiles")
         self.sources = ConfigSources(
             self.configuration, self.config_in_force, self.profiles, self.config_history, self.catalogue

@@ -45,7 +45,7 @@ def check(connection: sqlite3.Connection, schema: Schema, path: str) -> int:
     mark = connection.execute("PRAGMA application_id").fetchone()[0]
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
     is_used = mark or version or connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-    if is_used and mark != schema.application_id:
+    if is_used and (mark != schema.application_id or version < 0):
         raise NotASession(path, "not a file of this kind")
     if version > schema.version:
         raise SchemaTooNew(path, version, schema.version)

@@ -186,3 +186,30 @@ def test_the_current_sensor_is_zeroed_and_cells_are_bled_by_hand(service, open_p
     page.get_by_test_id("by-hand").get_by_test_id("command-balance-stop").click()
     page.get_by_test_id("confirm").click()
     service.wait_for(lambda s: not any(s["cells"]["balancing"]))
+
+
+def test_a_slave_is_checked_against_a_meter_on_the_page(service, open_page):
+    page = open_page(f"{service.base_url}/#/parameters/commands")
+    panel = page.get_by_test_id("slave-check")
+    panel.get_by_label("Pack").select_option("2")
+    panel.get_by_test_id("slave-read").click()
+    row = panel.get_by_role("row").nth(1)
+    expect(row.get_by_role("cell").nth(0)).to_have_text(re.compile(r"^[34]\.\d{4}$"))
+    read = float(row.get_by_role("cell").nth(0).inner_text())
+    panel.get_by_label("Meter at cell 1", exact=True).fill(f"{read + 0.02:.4f}".replace(".", ","))
+    panel.get_by_test_id("slave-compare").click()
+    expect(panel.get_by_test_id("slave-verdict")).to_contain_text("Out of tolerance: cells 1.")
+    panel.get_by_label("Meter at cell 1", exact=True).fill(f"{read:.4f}")
+    panel.get_by_label("It may be off, mV").fill("2")
+    panel.get_by_test_id("slave-compare").click()
+    expect(panel.get_by_test_id("slave-verdict")).to_contain_text("All compared cells are within 3.2 mV")
+    expect(row.get_by_role("cell").nth(3)).to_have_text(re.compile(r"^−(19|20|21)\.\d$"))
+
+
+def test_charging_offers_every_way_to_balance(service, open_page):
+    page = open_page(f"{service.base_url}/#/charging")
+    for name in ("charge-start", "charge-stop", "balance-start", "balance-cells"):
+        expect(page.get_by_test_id(f"command-{name}")).to_be_visible()
+    page.get_by_role("link", name="all commands").click()
+    expect(page.get_by_test_id("slave-check")).to_be_visible()
+    expect(page.get_by_test_id("tab-commands")).to_have_attribute("aria-pressed", "true")

@@ -80,3 +80,52 @@ def test_balancing_with_open_relays_is_refused_where_the_rules_forbid_it(make_se
             assert (answer.status_code, answer.json()["type"]) == (409, "urn:voltwall:rules")
             assert "the rules forbid" in answer.json()["detail"]
         assert client.post("/commands/balance-stop").status_code == 200
+
+
+def volts(read):
+    return [reading["value"] for reading in read["readings"]]
+
+
+def test_a_slave_is_checked_against_a_meter_before_and_after_its_repair(client, service):
+    asked = {"pack": 4, "quantity": "voltage"}
+    meter = volts(client.post("/calibration/slave", json=asked).json())  # the board as it left the factory
+    assert all(3.0 < value < 4.3 for value in meter)
+    assert client.get("/calibration/slave").json() == {"checks": []}, "reading alone keeps nothing"
+
+    drifting = {"fault": "drifting-reference", "pack": 5, "value": 0.3}  # the board's self-test finds it from 0.4 % on
+    client.post("/simulator/faults", json=drifting).raise_for_status()
+    service.wait_for(lambda s: s["cells"]["voltage_v"][48] < meter[0] * 0.998)
+    found = client.post("/calibration/slave", json=asked | {"reference": meter, "meter_error": 0.0005}).json()
+    verdict = found["check"]["verdict"]
+    assert (verdict["cause"], len(verdict["out"]), found["before"]) == ("reference", 12, None)
+    assert verdict["share"] == pytest.approx(-0.003, abs=0.0003)
+    assert verdict["limit"] == pytest.approx(0.0017)
+
+    client.delete("/simulator/faults").raise_for_status()
+    service.wait_for(lambda s: s["cells"]["voltage_v"][48] > meter[0] * 0.999)
+    some = [meter[0], *[None] * 10, meter[11]]
+    after = client.post("/calibration/slave", json=asked | {"reference": some, "note": "board replaced"}).json()
+    assert after["check"]["verdict"]["cause"] == "none"
+    assert [cell["is_good"] for cell in after["check"]["verdict"]["cells"]] == [True, *[None] * 10, True]
+    assert after["before"]["number"] == found["check"]["number"]
+    kept = client.get("/calibration/slave", params={"pack": 4}).json()["checks"]
+    assert [check["note"] for check in kept] == ["board replaced", ""]
+    texts = [e["text"] for e in client.get("/events").json()["events"] if e["code"] == "slave-check"]
+    assert "2 cells compared" in texts[0]
+    assert texts[0].endswith("all in tolerance")
+    assert "out of tolerance: cells 1, 2, 3" in texts[1]
+
+
+def test_what_would_mislead_a_check_is_refused_with_its_reason(client, service):
+    asked = {"pack": 0, "quantity": "voltage", "reference": [3.8] * 12}
+    for wrong in ({"pack": 8}, {"quantity": "current"}, {"reference": [3.8]}, {"reference": [380.0] * 12}):
+        assert client.post("/calibration/slave", json=asked | wrong).status_code == 422
+    blunt = client.post("/calibration/slave", json=asked | {"meter_error": 0.02})
+    assert (blunt.status_code, blunt.json()["errors"][0]["field"]) == (422, "meter_error")
+    client.post("/commands/balance-cells", json={"cells": [3]}).raise_for_status()
+    service.wait_for(lambda s: s["cells"]["balancing"][3])
+    bled = client.post("/calibration/slave", json=asked)
+    assert (bled.status_code, bled.json()["type"]) == (409, "urn:voltwall:not-now")
+    assert "stop balancing first" in bled.json()["detail"]
+    client.post("/commands/balance-stop").raise_for_status()
+    service.wait_for(lambda s: not any(s["cells"]["balancing"]))

@@ -1186,6 +1186,66 @@ export interface SimulatorStatus {
   active: FaultInForce[];
 }
 
+/** A reading beside the meter's. */
+export interface SlaveCell {
+  cell: number;
+  value: number | null;
+  sigma: number | null;
+  reference: number | null;
+  error: number | null;
+  is_good: boolean | null;
+}
+
+/** A check that was kept. */
+export interface SlaveCheck {
+  number: number;
+  time: number;
+  who: string;
+  pack: number;
+  quantity: 'voltage' | 'temperature';
+  unit: string;
+  meter: string;
+  meter_error: number;
+  note: string;
+  verdict: SlaveVerdict;
+}
+
+/** What was read; with a meter's readings also the check, and the one before it. */
+export interface SlaveCheckResult {
+  readings: SlaveReading[];
+  limits: SlaveLimits;
+  check: SlaveCheck | null;
+  before: SlaveCheck | null;
+}
+
+/** Newest first. */
+export interface SlaveChecks {
+  checks: SlaveCheck[];
+}
+
+/** What a slave may be off, and a meter at most, to judge it. */
+export interface SlaveLimits {
+  unit: string;
+  tolerance: number;
+  meter_error_max: number;
+}
+
+/** One cell by its slave, averaged; null where it has no measurement. */
+export interface SlaveReading {
+  cell: number;
+  value: number | null;
+  sigma: number | null;
+}
+
+/** What the errors say together. */
+export interface SlaveVerdict {
+  cells: SlaveCell[];
+  cause: 'none' | 'reference' | 'wire' | 'cells';
+  out: number[];
+  share: number | null;
+  limit: number;
+}
+
 /** All that is known at one instant. */
 export interface Snapshot {
   seq: number;

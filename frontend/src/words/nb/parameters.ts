@@ -63,6 +63,32 @@ export const PARAMETERS = {
     'Tillatt {from} til {to}. CAN-siden redigerer de samme verdiene ved navn.',
   'Write it with the relays open, then measure once more.':
     'Skriv det med åpne releer, og mål så en gang til.',
+  'Fans, state of charge, calibration and the check of a slave:':
+    'Vifter, ladetilstand, kalibrering og kontroll av en slave:',
+  'all commands': 'alle kommandoer',
+  'Check a slave': 'Kontroller en slave',
+  'Check a slave against a meter': 'Kontroller en slave mot et instrument',
+  'At rest, nothing being bled. The converter may be off by 1.2 mV and cannot be trimmed: what is further off is repaired, and checked again. Nothing is changed here. A multimeter of 0.5 % is off by 20 mV and tells nothing.':
+    'I hvile, ingenting tappes. Omformeren kan ta feil av 1,2 mV og kan ikke justeres: det som er lenger unna, repareres og kontrolleres på nytt. Ingenting endres her. Et multimeter på 0,5 % tar feil av 20 mV og sier ingenting.',
+  Compared: 'Sammenlignet',
+  'Which meter': 'Hvilket instrument',
+  'It may be off, {unit}': 'Det kan ta feil av, {unit}',
+  'Read the slave': 'Les slaven',
+  'Compare and keep': 'Sammenlign og ta vare på',
+  'All compared cells are within {limit} {unit}, the meter’s own error included.':
+    'Alle sammenlignede celler er innenfor {limit} {unit}, instrumentets egen feil medregnet.',
+  'Every cell is off by the same share, {share} %: the board’s voltage reference. Replace the board.':
+    'Hver celle er like mye feil, {share} %: kortets spenningsreferanse. Bytt kortet.',
+  'Cells {cells} are off to either side: look at the wire between them, its crimp and its fuse.':
+    'Cellene {cells} er feil til hver sin side: se på ledningen mellom dem, krympingen og sikringen.',
+  'Out of tolerance: cells {cells}. Look at their wires, filters and connector.':
+    'Utenfor toleransen: cellene {cells}. Se på ledningene, filtrene og kontakten deres.',
+  'Slave, {unit}': 'Slave, {unit}',
+  'Meter, {unit}': 'Instrument, {unit}',
+  'Error, {unit}': 'Feil, {unit}',
+  'Before, {unit}': 'Før, {unit}',
+  'Meter at cell {n}': 'Instrument ved celle {n}',
+  'Before: {when}, {who}': 'Før: {when}, {who}',
   'Calibrate the current': 'Kalibrer strømmen',
   'Calibrate the current sensor': 'Kalibrer strømsensoren',
   'Relays open, nothing connected:': 'Åpne releer, ingenting tilkoblet:',
