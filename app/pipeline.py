@@ -23,11 +23,11 @@ from app.plausibility import Plausibility
 from app.shadow import ShadowImage
 from app.telemetry import CanFault, CanItem, Event, FloatArray, Identity, Item, LinkChange, SerialItem, Snapshot, Source
 from app.watch.alarms import Watch
-from firmware_protocol.can_tables import TableReader, tx_messages
+from firmware_protocol.can_tables import TableReader, bit_rate, tx_messages
 from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BadFrame, Frame
-from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE, N_CELLS
+from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG, CONFIG_SIZE, N_CELLS
 from firmware_protocol.messages import Data, EventCode, Ident, MessageType, Reply, decode_message
 from firmware_protocol.messages import Event as MasterEvent
 
@@ -265,7 +265,7 @@ class Pipeline:
 
     def _on_can(self, item: CanItem) -> Output:
         monitor = self._monitors["can"]
-        monitor.on_can_frame(item.t_mono_ns, len(item.data))
+        monitor.on_can_frame(item.t_mono_ns, len(item.data), is_extended=bool(item.can_id & CAN_ID_EXTENDED))
         if item.sent:
             return Output()
         windows = self._can_tables.windows(item.can_id, item.data)
@@ -284,6 +284,7 @@ class Pipeline:
         """Decode CAN by the tables of a configuration image."""
         self._can_tables = TableReader(image)
         self._agreement.watch(tx_messages(image))
+        self._monitors["can"].bit_rate = bit_rate(CONFIG["can_brp"].unpack(image)[0])
 
     def _config_in_force(self) -> tuple[bytes, str] | None:
         """Image and hash as last heard as a whole: never the pieces of two configurations."""

@@ -349,7 +349,7 @@ class Runtime:
             reasons.append(self._failures.reason)
         for name, status in snapshot.links.items():
             if status.state not in ("off", "live"):
-                reasons.append(f"{name} {status.state}" + (f": {status.error}" if status.error else ""))
+                reasons.append(f"{name.upper()} {status.state}" + (f": {status.error}" if status.error else ""))
         recorder = self.recorder.status
         mqtt = None if self.mqtt is None else self.mqtt.problem
         return reasons + [

@@ -76,7 +76,7 @@ class LinkStatus:
     bytes: int = 0
     rate_hz: float = 0.0  # snapshots (rs232) or frames (can) in the last second
     bytes_per_s: float = 0.0
-    line_load: float | None = None  # share of the line's capacity
+    line_load: float | None = None  # share of the line's capacity; of CAN's, with the most bits that stuffing can add
     reconnects: int = 0
     error: str | None = None
     errors: int = 0  # error frames of a CAN controller

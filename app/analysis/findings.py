@@ -92,7 +92,7 @@ def odd_cells(survey: Survey) -> list[Odd]:
         text = f"sags {1000 * (value - usual):.0f} mV more than the others above 50 A"
         found.append(Odd(cell, "sag", value, usual, "V", text))
     for cell, value, usual in _outliers(survey.resistance_ohm, LEAST_GROWTH * _median(survey.resistance_ohm)):
-        text = f"has {1000 * value:.2f} mohm with its joint, the others {1000 * usual:.2f}"
+        text = f"has {1000 * value:.2f} m\u03a9 with its joint, the others {1000 * usual:.2f}"
         found.append(Odd(cell, "resistance", value, usual, "ohm", text))
     for cell, value, usual in _outliers(survey.temperature_max_degc, LEAST_HEAT_K):
         text = f"came to {value:.0f} \u00b0C, the median cell to {usual:.0f}"
@@ -113,8 +113,8 @@ def headline(survey: Survey, n_laps: int) -> str:
     """Return the run in one sentence."""
     if not survey.samples:
         return "Nothing was measured."
-    length = f"{(survey.end_s - survey.start_s) / 60:.0f} min"
-    driven = f", {survey.driving_s / 60:.0f} of them with current" if survey.driving_s >= 30 else ""
+    length = _span(survey.end_s - survey.start_s)
+    driven = f", {_span(survey.driving_s)} of it with current" if survey.driving_s >= 30 else ""
     laps = f", {n_laps} laps" if n_laps else ""
     said = [f"{length}{driven}{laps}: {survey.energy_out_wh / 1000:.2f} kWh out"]
     if survey.energy_in_wh >= 1.0:
@@ -246,6 +246,10 @@ def _extreme(values: FloatArray, *, lowest: bool) -> int | None:
     if not known.size:
         return None
     return int(known[values[known].argmin() if lowest else values[known].argmax()])
+
+
+def _span(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
 
 
 def _capital(text: str) -> str:

@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from app.telemetry import CanFault, LinkChange, LinkState, LinkStatus
+from firmware_protocol.can_tables import worst_case_bits
 from firmware_protocol.framing import LINE_BYTES_PER_S, BadFrame, BadReason, Frame
 
 LIVE_S = 1.0
@@ -43,6 +44,8 @@ class LinkMonitor:
         self._uptime_ms = 0
         self._rate = _Rate()
         self._bytes_rate = _Rate()
+        self._bits_rate = _Rate()
+        self.bit_rate: int | None = None  # of the CAN bus [bit/s], by the master's tables
         self._fault: CanFault | None = None
         self.frames = self.lost = self.crc_errors = self.resyncs = self.bytes = self.reconnects = 0
 
@@ -76,11 +79,12 @@ class LinkMonitor:
         self.frames += 1
         self._last_good_ns = t_ns
 
-    def on_can_frame(self, t_ns: int, length: int) -> None:
+    def on_can_frame(self, t_ns: int, length: int, *, is_extended: bool = False) -> None:
         """A CAN frame was heard."""
         self.frames += 1
         self._last_good_ns = t_ns
         self._rate.add(t_ns, 1)
+        self._bits_rate.add(t_ns, worst_case_bits(length, is_extended))
         self._add_bytes(t_ns, length)
 
     def on_fault(self, fault: CanFault) -> bool:
@@ -117,12 +121,17 @@ class LinkMonitor:
             bytes=self.bytes,
             rate_hz=self._rate.per_s(now_ns),
             bytes_per_s=bytes_per_s,
-            line_load=bytes_per_s / self._line_bytes_per_s if self._line_bytes_per_s else None,
+            line_load=self._load(bytes_per_s, now_ns),
             reconnects=self.reconnects,
             error=self._error,
             errors=0 if self._fault is None else self._fault.errors,
             bus_state=None if self._fault is None else self._fault.bus_state,
         )
+
+    def _load(self, bytes_per_s: float, now_ns: int) -> float | None:
+        if self._line_bytes_per_s:
+            return bytes_per_s / self._line_bytes_per_s
+        return self._bits_rate.per_s(now_ns) / self.bit_rate if self.url and self.bit_rate else None
 
 
 def rs232_monitor(url: str | None) -> LinkMonitor:

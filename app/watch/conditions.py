@@ -153,7 +153,7 @@ def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     missing = np.flatnonzero(np.isnan(voltage_v))
     if len(missing) and (len(missing) < N_CELLS or _is_recent(snapshot)):
         cell = int(missing[0])
-        yield Condition("cell-missing", "warning", f"{len(missing)} cell(s) without a voltage", cell)
+        yield Condition("cell-missing", "warning", f"{_count(len(missing))} without a voltage", cell)
     loose = snapshot.cells.joint_loose
     if loose is not None and loose.any():
         cell = int(np.flatnonzero(loose)[0])
@@ -165,5 +165,9 @@ def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     if snapshot.cells.model_valid is not None:
         invalid = np.flatnonzero(~snapshot.cells.model_valid & ~np.isnan(voltage_v))
         if len(invalid):
-            text = f"model not valid for {len(invalid)} cell(s): charge and sigma there are widened"
+            text = f"model not valid for {_count(len(invalid))}: charge and sigma there are widened"
             yield Condition("model-not-valid", "watch", text, int(invalid[0]))
+
+
+def _count(n: int) -> str:
+    return f"{n} cell" if n == 1 else f"{n} cells"

@@ -70,6 +70,16 @@ export function duration(seconds: number | null | undefined): string {
   return hours > 0 ? `${hours}:${rest}` : rest;
 }
 
+/** A length of time in words: 34 s, 12 min, 2 h 05 min. */
+export function span(seconds: number | null | undefined): string {
+  if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return DASH;
+  const s = Math.max(0, Math.round(seconds));
+  if (s < 90) return `${s} s`;
+  const minutes = Math.round(s / 60);
+  if (minutes < 120) return `${minutes} min`;
+  return `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, '0')} min`;
+}
+
 /** Time ahead in at most six characters: 4.2 s, 87 s, 12 min; null is beyond the hour that is looked at. */
 export function ahead(seconds: number | null | undefined): string {
   if (seconds === undefined) return DASH;

@@ -10,6 +10,20 @@ describe('numbers', () => {
     expect(f.age(null)).toBe('–');
     expect(f.duration(null)).toBe('–');
     expect(f.bytes(undefined)).toBe('–');
+    expect(f.span(null)).toBe('–');
+  });
+
+  it('says a length of time in the unit that people would', () => {
+    expect([0, 34.4, 89, 90, 150, 3600, 7260, 45_000].map(f.span)).toEqual([
+      '0 s',
+      '34 s',
+      '89 s',
+      '2 min',
+      '3 min',
+      '60 min',
+      '2 h 01 min',
+      '12 h 30 min',
+    ]);
   });
 
   it('keeps its decimals and uses a true minus, without a negative zero', () => {

@@ -127,7 +127,12 @@ export class Plot {
               splits.length > 1 && splits[1]! - splits[0]! < 60 ? clock(t) : clock(t).slice(0, 5),
             ),
         },
-        { ...axis, size: 52, space: 26, values: (_u, splits) => splits.map((v) => fixed(v, places(splits))) },
+        {
+          ...axis,
+          size: 52,
+          space: 26,
+          values: (u, splits) => splits.map((v) => (isEmpty(u.data) ? '' : fixed(v, places(splits)))),
+        },
       ],
       series,
       bands,
@@ -236,6 +241,13 @@ function aligned(bands: readonly Band[]): uPlot.AlignedData {
   }
   return uPlot.join(tables);
 }
+
+/** Whether there is nothing to draw: an axis without values has no numbers. */
+export const isEmpty = (columns: readonly (ArrayLike<unknown> | undefined)[]): boolean =>
+  columns.slice(1).every((column) => {
+    for (let i = 0; i < (column?.length ?? 0); i++) if (column![i] != null) return false;
+    return true;
+  });
 
 const sameTimes = (a: readonly number[], b: readonly number[]): boolean =>
   a.length === b.length && a[0] === b[0] && a.at(-1) === b.at(-1) && a[a.length >> 1] === b[a.length >> 1];

@@ -45,10 +45,12 @@ export function doubts(snapshot: Maybe<Snapshot>, system: Maybe<System>, clockOf
   if (snapshot) {
     const { links, estimator, cells, accumulator } = snapshot;
     const missing = 96 - (accumulator.loaded_cells ?? 0);
-    if (missing > 0) found.push(t('{n} cells have no voltage.', { n: missing }));
+    if (missing === 1) found.push(t('One cell has no voltage.'));
+    else if (missing > 1) found.push(t('{n} cells have no voltage.', { n: missing }));
     if (!estimator.started) found.push(t('No estimate of the charge yet.'));
     const untrusted = cells.model_valid.filter((v) => v === false).length;
-    if (untrusted > 0)
+    if (untrusted === 1) found.push(t('The model does not fit one cell: its charge is less sure.'));
+    else if (untrusted > 1)
       found.push(t('The model does not fit {n} cells: their charge is less sure.', { n: untrusted }));
     if (accumulator.soc_source === 'master')
       found.push(t('The charge shown is the master’s own count, not an estimate.'));

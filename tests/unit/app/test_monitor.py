@@ -1,4 +1,6 @@
-from app.links.monitor import rs232_monitor
+import pytest
+
+from app.links.monitor import LinkMonitor, rs232_monitor
 from app.telemetry import LinkChange
 from firmware_protocol.framing import BadFrame, BadReason, Frame
 
@@ -80,3 +82,14 @@ def test_an_age_is_never_negative():
     monitor = opened()
     monitor.on_frame(100, frame(0))
     assert monitor.status(50).age_s == 0.0
+
+
+def test_the_load_of_a_can_bus_is_its_frames_at_their_longest_against_the_bit_rate():
+    monitor = LinkMonitor("slcan:x")
+    assert monitor.status(0).line_load is None  # without a bit rate nothing can be said
+    monitor.bit_rate = 500_000
+    for i in range(200):  # 100 a second: 135 bits with 11-bit ids, 160 with 29-bit ones (CiA's worst cases)
+        monitor.on_can_frame(i * 10_000_000, 8, is_extended=i % 2 == 1)
+    load = monitor.status(1_990_000_000).line_load
+    assert load == pytest.approx(100 * (135 + 160) / 2 / 500_000)
+    assert LinkMonitor(None).status(0).line_load is None

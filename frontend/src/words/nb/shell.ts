@@ -91,6 +91,7 @@ export const SHELL = {
     'Ingen spenninger er mottatt ennå. Sjekk kabelen og masterens forsyning.',
   'Last voltages at {time}. Old values are shown as old, then not at all.':
     'Siste spenninger kl. {time}. Gamle verdier vises som gamle, deretter ikke.',
+  'nothing in this time': 'ingenting i denne tiden',
   '{title} over time, in {unit}': '{title} over tid, i {unit}',
   yes: 'ja',
   no: 'nei',

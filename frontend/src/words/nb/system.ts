@@ -91,6 +91,9 @@ export const SYSTEM = {
   'A chip and the master disagree on {cell} by {v} mV.':
     'En brikke og masteren er uenige om {cell} med {v} mV.',
   '{n} cells have no voltage.': '{n} celler har ingen spenning.',
+  'One cell has no voltage.': 'Én celle har ingen spenning.',
+  'The model does not fit one cell: its charge is less sure.':
+    'Modellen passer ikke for én celle: ladningen er mindre sikker.',
   'No estimate of the charge yet.': 'Ingen estimert ladning ennå.',
   'The model does not fit {n} cells: their charge is less sure.':
     'Modellen passer ikke {n} celler: ladningen deres er mindre sikker.',

@@ -49,7 +49,7 @@ def test_a_calm_run_limits_nothing_and_nothing_stands_out():
     assert what_limited(near, [])[0].startswith("Nothing came near a limit; nearest was")
     assert what_to_look_at(calm, odd_cells(calm), [], 0) == ["Nothing stands out."]
     assert headline(calm, 12) == (
-        "20 min, 15 of them with current, 12 laps: 5.00 kWh out, 0.40 kWh in (8 %), charge from 90 to 40 %, "
+        "20 min, 15 min of it with current, 12 laps: 5.00 kWh out, 0.40 kWh in (8 %), charge from 90 to 40 %, "
         "hottest cell 36 \u00b0C."
     )
 
