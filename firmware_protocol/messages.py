@@ -1,4 +1,4 @@
-"""What the bodies of frames mean: frozen dataclasses to bytes and back.
+"""What the bodies of frames mean: immutable values to bytes and back.
 
 Master to host: Data, Reply, Event. Host to master: IdentRequest, Read, Write, Store, Load, Command.
 READ offsets below 0x8000 address the master struct, from 0x8000 on the 32 kB EEPROM.
@@ -7,6 +7,7 @@ READ offsets below 0x8000 address the master struct, from 0x8000 on the 32 kB EE
 import enum
 import struct
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from firmware_protocol.errors import DecodeError, EncodeError
 from firmware_protocol.framing import MAX_BODY, Frame
@@ -109,8 +110,7 @@ class EventCode(enum.IntEnum):
     SOC_SET = 16  # value: 0.01 %
 
 
-@dataclass(frozen=True, slots=True)
-class Window:
+class Window(NamedTuple):
     """A byte range of the master struct."""
 
     offset: int

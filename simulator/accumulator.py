@@ -96,7 +96,9 @@ class Accumulator:
         self._capacity_ah = np.empty(n)
         self._measured_v = np.empty(n)
         self._sum_v: float | None = None  # of `_measured_v`, once asked for
+        self._outlet_v: float | None = None
         self._leak_now_a = np.zeros(n)
+        self._string_a = np.zeros(n)
         self._cell_a = np.zeros(n)
         self._bleed_a = np.zeros(n)
         self._bleed_j = np.zeros(n)
@@ -136,7 +138,9 @@ class Accumulator:
     @property
     def outlet_voltage_v(self) -> float:
         """Voltage at the accumulator's terminals: `voltage_v` less the drop over relays, fuse and cables [V]."""
-        return self.voltage_v - self.current_a * self.parameters.path_resistance_ohm
+        if self._outlet_v is None:
+            self._outlet_v = self.voltage_v - self.current_a * self.parameters.path_resistance_ohm
+        return self._outlet_v
 
     @property
     def resistance_ohm(self) -> FloatArray:
@@ -168,7 +172,9 @@ class Accumulator:
         if not 0.0 <= dt_s < np.inf:
             raise ParameterError("dt_s", dt_s, "a step is finite and not negative")
         cells, measured = self._cells, self._measured_v
-        add(self._leak_now_a, current_a, self._cell_a)
+        string_a = self._string_a
+        string_a.fill(current_a)
+        add(self._leak_now_a, string_a, self._cell_a)
         if bleeding is not None:
             multiply(measured, bleeding, self._bleed_a)
             multiply(self._bleed_a, self._bleed_s, self._bleed_a)
@@ -189,9 +195,9 @@ class Accumulator:
             multiply(self._leak_now_a, cells.voltage_v, self._work)
             multiply(self._work, dt_s, self._work)
             add(self._leak_j, self._work, self._leak_j)
-        multiply(self._joint_now_ohm, current_a, self._work)
+        multiply(self._joint_now_ohm, string_a, self._work)
         subtract(cells.voltage_v, self._work, measured)
-        self._sum_v = None
+        self._sum_v = self._outlet_v = None
         self.current_a = current_a
         self._current2_s += current_a * current_a * dt_s
         self._elapsed_s += dt_s

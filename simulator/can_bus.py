@@ -98,7 +98,7 @@ class CanBus:
         self.error_frames = 0
         self.error_listeners: list[Callable[[], None]] = []  # told of each error frame
         self._current: tuple[Station, Waiting] | None = None
-        self._due_s = math.inf
+        self.due_s = math.inf  # when something happens on the bus by itself [s]
         self._free_s = 0.0
         self._order = itertools.count()
 
@@ -139,23 +139,19 @@ class CanBus:
             return
         heapq.heappush(station.waiting, (frame.priority, next(self._order), now_s, frame))
         if self._current is None:
-            self._due_s = min(self._due_s, max(now_s, self._free_s))
-
-    def next_due_s(self) -> float:
-        """Return when something happens on the bus by itself [s]."""
-        return self._due_s
+            self.due_s = min(self.due_s, max(now_s, self._free_s))
 
     def run(self, now_s: float) -> None:
         """Let everything happen that is due until now."""
         self._now_s = now_s
-        while self._due_s <= now_s:
-            at_s = self._due_s
+        while self.due_s <= now_s:
+            at_s = self.due_s
             if self._current is not None:
                 (sender, item), self._current = self._current, None
                 self._free_s = self._end(sender, item, at_s)
             self._recover(at_s)
             if self._free_s > at_s:
-                self._due_s = self._free_s
+                self.due_s = self._free_s
             else:
                 self._begin(at_s)
 
@@ -171,11 +167,11 @@ class CanBus:
             if waiting and (weightiest is None or waiting[0] < weightiest.waiting[0]):
                 weightiest = station
         if weightiest is None:
-            self._due_s = self._next_recovery_s()
+            self.due_s = self._next_recovery_s()
             return
         item = heapq.heappop(weightiest.waiting)
         self._current = (weightiest, item)
-        self._due_s = now_s + item[3].bits / weightiest.node.bit_rate
+        self.due_s = now_s + item[3].bits / weightiest.node.bit_rate
 
     def _end(self, sender: Station, item: Waiting, now_s: float) -> float:
         """Deliver a frame, or let it wait again where it failed; return when the bus is free again [s]."""

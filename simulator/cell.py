@@ -7,8 +7,7 @@ a current that is constant over the step (exponentials, not differences), so no 
 from __future__ import annotations
 
 import numpy as np
-from numpy import abs as absolute
-from numpy import add, arcsinh, copysign, copyto, expm1, multiply, subtract
+from numpy import add, arcsinh, copysign, expm1, multiply, subtract
 
 from simulator.cell_data import (
     FARADAY_C_PER_MOL,
@@ -25,7 +24,7 @@ from simulator.cell_data import (
 SECONDS_PER_HOUR = 3600.0
 _REFERENCE_K = REFERENCE_DEGC + ZERO_DEGC_IN_K
 _SOC_STEP = (SOC_GRID_STOP - SOC_GRID_START) / (OCV_GRID_POINTS - 1)
-_END, _MEAN = range(2)  # of a step
+_TURN, _OHMIC, _TRANSFER = range(3)  # drops after those of the RC pairs
 
 
 class CellArray:
@@ -40,8 +39,6 @@ class CellArray:
         self.n_cells = n = n_cells
         self.n_pairs = len(model.rc_f)
         self.soc = np.full(n, 0.5)
-        self.hysteresis_v = np.zeros(n)
-        self.rc_v = np.zeros((self.n_pairs, n))
         self.voltage_v = np.empty(n)
         self.ocv_v = np.empty(n)
         self._resistances_ohm = np.empty((2 + self.n_pairs, n))
@@ -58,7 +55,6 @@ class CellArray:
         self._activation_j_per_mol = np.array(
             [[model.ohmic_j_per_mol], [model.charge_transfer_j_per_mol], *[[model.rc_j_per_mol]] * self.n_pairs]
         )
-        self._has_charge_transfer = any(model.charge_transfer_ohm.value)
         self._wasted_per_amp = 1.0 - model.coulombic_efficiency
         self._dt_s = -1.0
         self._n_steps = 0
@@ -67,32 +63,50 @@ class CellArray:
         self._stored_j = self.stored_energy_j()
         self.rest_at(self.soc)
 
+    @property
+    def hysteresis_v(self) -> FloatArray:
+        """(n,) offset of each cell's equilibrium voltage from the mean of the branches [V]."""
+        offset_v: FloatArray = -self._drop_v[self.n_pairs + _TURN]
+        return offset_v
+
     def rest_at(self, soc: FloatArray | float) -> None:
         """Set the (n,) SOC with everything relaxed and half way between the branches of the OCV."""
         self.soc[:] = soc
-        self.rc_v[:] = 0.0
-        self.hysteresis_v[:] = 0.0
+        self._drop_v[:] = 0.0
         self.ocv_v[:] = np.interp(self.soc, self._soc_grid, self._ocv_table)
         self.voltage_v[:] = self.ocv_v
         self.take_heat_j()
 
     def _allocate_work(self) -> None:
+        """Lay out the drops: each relaxes towards what the current drives it to, v' = v + closing (v - driven).
+
+        RC pairs first, then hysteresis, the ohmic drop and that of charge transfer, which have no memory.
+        """
         n, pairs = self.n_cells, self.n_pairs
-        self._decay = np.empty((2, pairs, n))
-        self._gain = np.empty((2, pairs, n))
-        self._rc_pair = np.zeros((2, pairs, n))
-        self._rc_drive = np.empty((2, pairs, n))
-        self._rc_sum = np.empty((2, n))
-        self._rc_end, self._rc_sum_end, self._rc_sum_mean = self._rc_pair[_END], self._rc_sum[_END], self._rc_sum[_MEAN]
-        self._soc_per_amp = np.empty(n)
-        self._soc_per_amp_charging = np.empty(n)
-        self._turn_per_amp = np.empty(n)
-        self._asinh_per_amp = np.empty(n)
+        n_drops = pairs + 3
+        self._drop_v = np.zeros((n_drops, n))
+        self._kept_v = self._drop_v[: pairs + 1]
+        self.rc_v = self._drop_v[:pairs]
+        self._closing = np.full((2, n_drops, n), -1.0)
+        self._closing_end, self._closing_mean = self._closing
+        self._turn_closing = self._closing_end[pairs + _TURN]
+        self._per_amp = np.empty((n_drops + 1, n))
+        self._driven = np.empty((n_drops + 1, n))
+        self._driven_v = self._driven[:n_drops]
+        self._driven_turn = self._driven[pairs + _TURN]
+        self._driven_transfer = self._driven[pairs + _TRANSFER]
+        self._driven_soc = self._driven[n_drops]
+        self._away_v = np.empty((n_drops, n))
+        self._stepped_v = np.empty((2, n_drops, n))
+        self._end_v, self._mean_v = self._stepped_v
+        self._kept_end_v = self._end_v[: pairs + 1]
+        self._turned_v = self._end_v[pairs + _TURN]
+        self._sum_v = np.empty((2, n))
+        self._sum_end_v, self._sum_mean_v = self._sum_v
         self._asinh_v = np.empty(n)
-        self._loss_v = np.empty(n)
+        self._hysteresis_limit_v = np.full(n, self.model.hysteresis_v)
+        self._negative = np.full(n, -1.0)
         self._work = np.empty(n)
-        self._sign_v = np.empty(n)
-        self._turn = np.empty(n)
         self._heat_w = np.zeros(n)
         self._turned_v2 = np.zeros(n)
         self._loss_j = np.zeros(n)
@@ -118,7 +132,6 @@ class CellArray:
         np.multiply(self._resistances_ohm, resistance_scale, out=self._resistances_ohm)
         # 2RT/F asinh(i R F / 2RT)
         np.multiply(kelvin, 2.0 * GAS_CONSTANT_J_PER_MOL_K / FARADAY_C_PER_MOL, out=self._asinh_v)
-        np.divide(self.charge_transfer_ohm, self._asinh_v, out=self._asinh_per_amp)
         self._settle()
         np.multiply(capacity_ah, SECONDS_PER_HOUR, out=self._capacity_coulomb)
         np.multiply(self._capacity_coulomb, self.model.hysteresis_soc, out=self._turning_coulomb)
@@ -126,27 +139,31 @@ class CellArray:
             self._prepare(self._dt_s)
 
     def _prepare(self, dt_s: float) -> None:
-        """Lay out what depends on the step length: v_end = a v + (1-a) R i, v_mean = g v + (1-g) R i."""
+        """Lay out what depends on the step length: v_end = v + (a-1) (v - R i), v_mean = v + (g-1) (v - R i)."""
         self._dt_s = dt_s
+        pairs = self.n_pairs
+        end, mean = self._closing[:, :pairs]  # of the step
         if dt_s > 0.0:
             x = dt_s / (self.rc_ohm * self._rc_f)
-            closing = np.expm1(-x)
-            np.add(closing, 1.0, out=self._decay[_END])
+            np.expm1(-x, out=end)
             # g = (1 - exp(-x)) / x
-            np.divide(closing, np.negative(x, out=x), out=self._decay[_MEAN])
+            np.divide(end, np.negative(x, out=x), out=mean)
+            np.subtract(mean, 1.0, out=mean)
         else:
-            self._decay[:] = 1.0
-        np.multiply(1.0 - self._decay, self.rc_ohm, out=self._gain)
-        np.divide(dt_s, self._capacity_coulomb, out=self._soc_per_amp)
-        np.multiply(self._soc_per_amp, self.model.coulombic_efficiency, out=self._soc_per_amp_charging)
-        np.divide(-dt_s, self._turning_coulomb, out=self._turn_per_amp)
+            end[:] = mean[:] = 0.0
+        per_amp = self._per_amp
+        per_amp[:pairs] = self.rc_ohm
+        np.divide(dt_s, self._turning_coulomb, out=per_amp[pairs + _TURN])
+        per_amp[pairs + _OHMIC] = self.ohmic_ohm
+        np.divide(self.charge_transfer_ohm, self._asinh_v, out=per_amp[pairs + _TRANSFER])
+        np.divide(dt_s, self._capacity_coulomb, out=per_amp[-1])
 
     def step(self, dt_s: float, current_a: FloatArray, *, is_charging: bool = False) -> None:
         """Advance by `dt_s` >= 0 with a current that is constant over the step; afterwards `voltage_v` is up to date.
 
-        RC pair: v' = (R i - v) / (R C). Hysteresis, with h the offset from the mean OCV and k Q the charge that turns
-        it: h' = -|i| (h + h_max sign i) / (k Q). Its loss is |i| h^2 / h_max and its store k Q h^2 / (2 h_max), whose
-        sum is the power -i h at every instant, so no closed loop can yield energy.
+        RC pair: v' = (R i - v) / (R C). Hysteresis, with h the drop below the mean OCV and k Q the charge that turns
+        it: h' = |i| (h_max sign i - h) / (k Q). Its loss is |i| h^2 / h_max and its store k Q h^2 / (2 h_max), whose
+        sum is the power i h at every instant, so no closed loop can yield energy.
 
         Args:
             dt_s: length of the step [s].
@@ -156,53 +173,40 @@ class CellArray:
         if dt_s != self._dt_s:
             self._settle()
             self._prepare(dt_s)
-        work, loss_v, pair = self._work, self._loss_v, self._rc_pair
+        work, heat_w, turn_v = self._work, self._heat_w, self._driven_turn
+        drop_v, away_v, end_v, mean_v = self._drop_v, self._away_v, self._end_v, self._mean_v
+        is_wasting = is_charging and self._wasted_per_amp > 0.0
 
-        multiply(current_a, self._soc_per_amp_charging if is_charging else self._soc_per_amp, work)
-        subtract(self.soc, work, self.soc)
-        copyto(self.ocv_v, np.interp(self.soc, self._soc_grid, self._ocv_table))
-        if is_charging and self._wasted_per_amp > 0.0:
+        multiply(self._per_amp, current_a, self._driven)
+        if is_wasting:
+            multiply(self._driven_soc, self.model.coulombic_efficiency, self._driven_soc)
+        subtract(self.soc, self._driven_soc, self.soc)
+        self.ocv_v[:] = np.interp(self.soc, self._soc_grid, self._ocv_table)
+        if is_wasting:
             multiply(self.ocv_v, current_a, work)
             multiply(work, self._wasted_per_amp, work)
-            subtract(self._heat_w, work, self._heat_w)
+            subtract(heat_w, work, heat_w)
 
-        multiply(self._decay, self.rc_v, pair)
-        multiply(self._gain, current_a, self._rc_drive)
-        add(pair, self._rc_drive, pair)
-        copyto(self.rc_v, self._rc_end)
-        add.reduce(pair, 1, out=self._rc_sum)
+        copysign(turn_v, self._negative, work)
+        expm1(work, self._turn_closing)
+        copysign(self._hysteresis_limit_v, current_a, turn_v)
+        arcsinh(self._driven_transfer, self._driven_transfer)
+        multiply(self._driven_transfer, self._asinh_v, self._driven_transfer)
 
-        multiply(current_a, self.ohmic_ohm, loss_v)
-        if self._has_charge_transfer:
-            multiply(current_a, self._asinh_per_amp, work)
-            arcsinh(work, work)
-            multiply(work, self._asinh_v, work)
-            add(loss_v, work, loss_v)
-        subtract(self.ocv_v, loss_v, self.voltage_v)
-        subtract(self.voltage_v, self._rc_sum_end, self.voltage_v)
-
-        add(loss_v, self._rc_sum_mean, loss_v)
-        if self.model.hysteresis_v > 0.0:
-            self._turn_hysteresis(current_a)
-        multiply(loss_v, current_a, loss_v)
-        add(self._heat_w, loss_v, self._heat_w)
+        subtract(drop_v, self._driven_v, away_v)
+        multiply(self._closing_end, away_v, end_v)
+        # i h dt = |i| h_max dt - sign(i) k Q dh
+        multiply(self._turned_v, turn_v, work)
+        subtract(self._turned_v2, work, self._turned_v2)
+        add(end_v, drop_v, end_v)
+        multiply(self._closing_mean, away_v, mean_v)
+        add(mean_v, drop_v, mean_v)
+        self._kept_v[:] = self._kept_end_v
+        add.reduce(self._stepped_v, 1, out=self._sum_v)
+        subtract(self.ocv_v, self._sum_end_v, self.voltage_v)
+        multiply(self._sum_mean_v, current_a, work)
+        add(heat_w, work, heat_w)
         self._n_steps += 1
-
-    def _turn_hysteresis(self, current_a: FloatArray) -> None:
-        work, turn, sign_v = self._work, self._turn, self._sign_v
-        copysign(self.model.hysteresis_v, current_a, sign_v)
-        # dh = (h + h_max sign i) (exp(-|i| dt / kQ) - 1)
-        absolute(current_a, turn)
-        multiply(turn, self._turn_per_amp, turn)
-        expm1(turn, turn)
-        add(self.hysteresis_v, sign_v, work)
-        multiply(turn, work, turn)
-        add(self.hysteresis_v, turn, self.hysteresis_v)
-        add(self.voltage_v, self.hysteresis_v, self.voltage_v)
-        # -i h dt = |i| h_max dt + sign(i) k Q dh
-        add(self._loss_v, sign_v, self._loss_v)
-        multiply(turn, sign_v, turn)
-        add(self._turned_v2, turn, self._turned_v2)
 
     def predict(self, dt_s: float, current_a: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return what a step would lead to, without taking it: (n,) voltages [V] and -dV/di at that current [ohm].
@@ -212,23 +216,25 @@ class CellArray:
         if dt_s != self._dt_s:
             self._settle()
             self._prepare(dt_s)
-        soc = self.soc - current_a * self._soc_per_amp
+        pairs = self.n_pairs
+        soc_per_amp, turn_per_amp = self._per_amp[-1], self._per_amp[pairs + _TURN]
+        soc = self.soc - current_a * soc_per_amp
         position = np.clip((soc - SOC_GRID_START) / _SOC_STEP, 0.0, OCV_GRID_POINTS - 1.001).astype(np.intp)
         slope_v = (self._ocv_table[position + 1] - self._ocv_table[position]) / _SOC_STEP
-        decay, gain = self._decay[_END], self._gain[_END]
+        closing = self._closing_end[:pairs]
         sign_v = np.copysign(self.model.hysteresis_v, current_a)
-        turned_v = (self.hysteresis_v + sign_v) * np.exp(np.abs(current_a) * self._turn_per_amp) - sign_v
-        scaled = current_a * self._asinh_per_amp
+        turned_v = (self.hysteresis_v + sign_v) * np.exp(-np.abs(current_a) * turn_per_amp) - sign_v
+        scaled = current_a * self._per_amp[pairs + _TRANSFER]
         voltage_v = (
             np.interp(soc, self._soc_grid, self._ocv_table)
             + turned_v
-            - (decay * self.rc_v + gain * current_a).sum(axis=0)
+            - (self.rc_v + closing * (self.rc_v - self.rc_ohm * current_a)).sum(axis=0)
             - current_a * self.ohmic_ohm
             - np.arcsinh(scaled) * self._asinh_v
         )
         slope_ohm = (
-            slope_v * self._soc_per_amp
-            + gain.sum(axis=0)
+            slope_v * soc_per_amp
+            - (closing * self.rc_ohm).sum(axis=0)
             + self.ohmic_ohm
             + self.charge_transfer_ohm / np.sqrt(1.0 + scaled**2)
         )

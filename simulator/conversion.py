@@ -39,27 +39,33 @@ class Conversion(NamedTuple):
     kind: int  # ADCV, ADOW, ADAX, ADSTAT or DIAGN; a self-test has the kind whose registers it fills
     mode: AdcMode
     columns: slice  # of the kind's registers
-    n: int  # conversions one after the other
+    times_s: tuple[float, float]  # of a chip with its reference up, by its adcopt
     discharge_permitted: bool = False
     pull_up: bool = False
     self_test: SelfTest | None = None
 
     def time_s(self, *, adc_option: bool = False) -> float:
         """Return how long a chip with its reference up takes [s]."""
-        if self.kind == Command.DIAGN:
-            return DIAGNOSIS_S
-        one_us, six_us = _ONE_AND_SIX_US[self.mode, adc_option]
-        return (one_us + (self.n - 1) * (six_us - one_us) / (_CELL_PAIRS - 1)) * 1e-6
+        return self.times_s[adc_option]
+
+
+def _times_s(mode: AdcMode, n: int) -> tuple[float, float]:
+    """Return the times of n conversions one after the other, by adcopt [s]."""
+    without, with_option = (
+        (one_us + (n - 1) * (six_us - one_us) / (_CELL_PAIRS - 1)) * 1e-6
+        for one_us, six_us in (_ONE_AND_SIX_US[mode, option] for option in (False, True))
+    )
+    return without, with_option
 
 
 @functools.lru_cache(maxsize=256)
 def decode_conversion(command: int) -> Conversion | None:
     """Return what a command converts, None where it is another command or none that the chip knows."""
     if command == Command.DIAGN:
-        return Conversion(Command.DIAGN, AdcMode.NORMAL, slice(0), 1)
+        return Conversion(Command.DIAGN, AdcMode.NORMAL, slice(0), (DIAGNOSIS_S, DIAGNOSIS_S))
     if (test := decode_self_test(command)) is not None:
         kind, n = {CVST: (ADCV, _CELL_PAIRS), AXST: (ADAX, N_AUXILIARY)}.get(test.kind, (ADSTAT, N_STATUS))
-        return Conversion(kind, test.mode, slice(None), n, self_test=test)
+        return Conversion(kind, test.mode, slice(None), _times_s(test.mode, n), self_test=test)
     mode, channel = command >> 7 & 3, command & _CHANNEL_BITS
     kind = command & ~(_MODE_BITS | _CHANNEL_BITS)
     permitted = bool(kind & _DISCHARGE_PERMITTED)
@@ -75,4 +81,5 @@ def decode_conversion(command: int) -> Conversion | None:
     if mode == 0 or channel > n_channels:
         return None
     columns = slice(channel - 1, None if period == _CELL_PAIRS else channel, period) if channel else slice(None)
-    return Conversion(base, AdcMode(mode), columns, 1 if channel else n_channels, permitted, pull_up)
+    times_s = _times_s(AdcMode(mode), 1 if channel else n_channels)
+    return Conversion(base, AdcMode(mode), columns, times_s, permitted, pull_up)

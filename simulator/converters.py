@@ -3,6 +3,7 @@
 Volts at the inputs come in, register words are there to be read; commands, packets and power are `simulator.slave`'s.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,8 +64,16 @@ class Converters:
         self._has_faults = False
         self.everyone: BoolArray = np.ones(n_slaves, dtype=bool)  # given as `chips`, conversions are stored faster
         self.everyone.flags.writeable = False
+        self._counts_per_v: FloatArray = np.full(n_cells, _COUNTS_PER_V)
+        self._counts_max: FloatArray = np.full(n_cells, CELL_INPUT_MAX_V * _COUNTS_PER_V)
+        self._counts_min: FloatArray = np.zeros(n_cells)
+        self._auxiliary_v: FloatArray = np.tile((*GPIO_V, REFERENCE_V), (n_slaves, 1))
+        self._status_v: FloatArray = np.tile((0.0, 0.0, SUPPLY_V, DIGITAL_V), (n_slaves, 1))
+        self._flagged_by: bytes | None = None  # the configuration that the next two are of
+        self._under_counts: FloatArray = np.zeros((n_slaves, 1))
+        self._over_counts: FloatArray = np.zeros((n_slaves, 1))
         self._running: list[_Running] = []
-        self._next_ready_s = np.inf
+        self._next_ready_s = math.inf
         self._compared: FloatArray = np.zeros((n_slaves, CELLS_PER_PACK))  # counts of the last conversion of cells
         self._unflagged: BoolArray | None = None  # chips whose conversion was not compared with the thresholds yet
 
@@ -113,7 +122,8 @@ class Converters:
                 running.chips = running.chips & ~chips
             self._running = [running for running in self._running if running.chips.any()]
         self._running.append(_Running(ready_s, chips, conversion, self._inputs(conversion, discharging), adc_option))
-        self._next_ready_s = min(self._next_ready_s, ready_s)
+        if ready_s < self._next_ready_s:
+            self._next_ready_s = ready_s
 
     def finish(self, now_s: float) -> None:
         """Put the results of conversions that are over into the registers."""
@@ -121,7 +131,7 @@ class Converters:
         if self._next_ready_s > limit_s:
             return
         over, self._running = self._running, []
-        self._next_ready_s = np.inf
+        self._next_ready_s = math.inf
         for running in over:
             if running.ready_s <= limit_s:
                 self._store(running)
@@ -159,15 +169,26 @@ class Converters:
         if chips is None:
             return
         self._unflagged = None
-        group = cfgr[chips].astype(np.uint32)
-        under = ((group[:, 2] & 0x0F) << 8 | group[:, 1]) + 1
-        over = group[:, 3] << 4 | group[:, 2] >> 4
-        cells = self._compared[chips]
-        pairs = np.stack((cells < under[:, None] * _THRESHOLD_COUNTS, cells > over[:, None] * _THRESHOLD_COUNTS), -1)
-        words = np.zeros((len(cells), 2), dtype="<u2")
-        words.view(np.uint8)[:, :3] = np.packbits(pairs.reshape(len(cells), -1), axis=1, bitorder="little")
-        kept = self.str[chips, _FLAGS:] & ~_CELL_FLAGS
-        self.str[chips, _FLAGS:] = kept | words
+        under, over = self._thresholds(cfgr)
+        pairs = np.empty((self.n_slaves, CELLS_PER_PACK, 2), dtype=bool)
+        np.less(self._compared, under, out=pairs[..., 0])
+        np.greater(self._compared, over, out=pairs[..., 1])
+        words = np.zeros((self.n_slaves, 2), dtype="<u2")
+        words.view(np.uint8)[:, :3] = np.packbits(pairs.reshape(self.n_slaves, -1), axis=1, bitorder="little")
+        words |= self.str[:, _FLAGS:] & ~_CELL_FLAGS
+        np.copyto(self.str[:, _FLAGS:], words, where=chips[:, None])
+
+    def _thresholds(self, cfgr: ByteArray) -> tuple[FloatArray, FloatArray]:
+        """Return (n_slaves, 1) the counts below and above which a cell is flagged."""
+        written = cfgr.tobytes()
+        if written != self._flagged_by:
+            self._flagged_by = written
+            group = cfgr.astype(np.uint32)
+            under = ((group[:, 2] & 0x0F) << 8 | group[:, 1]) + 1
+            over = group[:, 3] << 4 | group[:, 2] >> 4
+            self._under_counts = _THRESHOLD_COUNTS * under[:, None].astype(np.float64)
+            self._over_counts = _THRESHOLD_COUNTS * over[:, None].astype(np.float64)
+        return self._under_counts, self._over_counts
 
     # --- what they see
 
@@ -200,34 +221,31 @@ class Converters:
         if conversion.self_test is not None:
             code = conversion.self_test.code(adc_option=running.adc_option)
             registers = {ADCV: self.cvr, ADAX: self.avr}.get(conversion.kind, self.str[:, :N_STATUS])
-            registers[chips] = (np.uint16(code) | self.stuck_bits[chips])[:, None]
+            np.copyto(registers, (self.stuck_bits | np.uint16(code))[:, None], where=chips[:, None])
         elif running.inputs_v is not None:
             self._store_cells(running.inputs_v, running)
         elif conversion.kind == Command.DIAGN:
             self.str[chips, _LAST] &= ~_MULTIPLEXER_FAILED
             self.str[chips & self.multiplexer_failed, _LAST] |= _MULTIPLEXER_FAILED
         elif conversion.kind == ADAX:
-            volts = np.tile((*GPIO_V, REFERENCE_V), (self.n_slaves, 1))
-            self._store_columns(self.avr, volts, conversion.columns, chips)
+            self._store_columns(self.avr, self._auxiliary_v, conversion.columns, chips)
         else:
-            total = self.cell_v.reshape(self.n_slaves, -1).sum(axis=1) / 20
-            die = np.full(self.n_slaves, (self.board_degc + 273) * 7.5e-3)
-            supplies = np.tile((SUPPLY_V, DIGITAL_V), (self.n_slaves, 1))
-            volts = np.column_stack((total, die, supplies))
-            self._store_columns(self.str[:, :N_STATUS], volts, conversion.columns, chips)
+            self._status_v[:, 0] = self.cell_v.reshape(self.n_slaves, -1).sum(axis=1) / 20
+            self._status_v[:, 1] = (self.board_degc + 273) * 7.5e-3
+            self._store_columns(self.str[:, :N_STATUS], self._status_v, conversion.columns, chips)
 
     def _store_columns(self, registers: Words, volts: FloatArray, columns: slice, chips: BoolArray) -> None:
         codes = np.rint(volts * _COUNTS_PER_V / self.reference_factor[:, None]).astype(np.uint16)
         codes |= self.stuck_bits[:, None]
-        registers[chips, columns] = codes[chips, columns]
+        np.copyto(registers[:, columns], codes[:, columns], where=chips[:, None])
 
     def _store_cells(self, inputs_v: FloatArray, running: _Running) -> None:
-        counts = inputs_v * _COUNTS_PER_V
+        counts = inputs_v * self._counts_per_v
         if self._has_faults:
             counts /= np.repeat(self.reference_factor, CELLS_PER_PACK)
         np.rint(counts, out=counts)
-        np.minimum(counts, CELL_INPUT_MAX_V * _COUNTS_PER_V, out=counts)
-        np.maximum(counts, 0, out=counts)
+        np.minimum(counts, self._counts_max, out=counts)
+        np.maximum(counts, self._counts_min, out=counts)
         rows = counts.reshape(self.n_slaves, CELLS_PER_PACK)
         columns, chips = running.conversion.columns, running.chips
         if chips is self.everyone and columns == _ALL and not self._has_faults:
@@ -235,7 +253,7 @@ class Converters:
             compared = rows
         else:
             codes = rows.astype(np.uint16) | self.stuck_bits[:, None]
-            self.cvr[chips, columns] = codes[chips, columns]
+            np.copyto(self.cvr[:, columns], codes[:, columns], where=chips[:, None])
             compared = self.cvr.astype(np.float64)
         if running.conversion.kind == ADCV:
             self._compared = compared

@@ -16,25 +16,21 @@ class UartLine:
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
         self._in_flight: bytes = b""
+        self.is_busy = False  # a frame is on the wire
         self.busy_until_s = 0.0
         self.bytes_sent = 0
         self.noise_per_byte = 0.0
         self.is_stuck = False
         self.is_dropping = False
 
-    @property
-    def is_busy(self) -> bool:
-        """A frame is on the wire."""
-        return bool(self._in_flight)
-
     def send(self, frame: bytes, now_s: float) -> None:
         """Put the next frame on the wire; the caller waits until it is free."""
-        self._in_flight = frame
+        self._in_flight, self.is_busy = frame, bool(frame)
         self.busy_until_s = max(now_s, self.busy_until_s) + len(frame) / LINE_BYTES_PER_S
 
     def take(self) -> bytes:
         """Return what arrives of the frame whose last byte has just left, and free the wire."""
-        frame, self._in_flight = self._in_flight, b""
+        frame, self._in_flight, self.is_busy = self._in_flight, b"", False
         self.bytes_sent += len(frame)
         return self.disturb(frame)
 

@@ -31,10 +31,14 @@ class Measurement:
         self._start_s = now_s
         self._temperature_due_s = now_s
         self._self_check_due_s = now_s
-        self._counts = np.zeros(_MAX_SAMPLES)
-        self._n_counts = 0
+        self._counts = np.zeros(0)
         self._i_fc_hp = 0.0
         self._filtered = np.zeros(N_CELLS)
+        self._raw = np.empty(N_CELLS)
+        self._raw_by_slave = self._raw.reshape(memory.slave_cvr.shape)
+        self._rounded = np.empty(N_CELLS)
+        self._alpha = np.empty(N_CELLS)
+        self._alpha_raw: int | None = None  # of which `_alpha` is full
         self._known: BoolArray = np.zeros(N_CELLS, dtype=bool)
         self._all_known = False
         self._voltages = (_U16, 0, 0, 0)
@@ -79,10 +83,10 @@ class Measurement:
         counts = self._board.current_sensor.sample(true_current_a, n)
         if config.fc_avg > n:
             counts = self._kept_with(counts)
-        averaged = counts[-max(config.fc_avg, 1) :]
-        latest = int(counts[-1])
+        averaged = counts[-max(config.fc_avg, 1) :].tolist()
+        latest = int(averaged[-1])
         i_fs = _amperes_raw(config, latest)
-        i_fc = _amperes_raw(config, float(np.add.reduce(averaged)) / len(averaged))
+        i_fc = _amperes_raw(config, sum(averaged) / len(averaged))
         self._i_fc_hp += (i_fc - self._i_fc_hp) * min(dt_s / HIGH_PRECISION_TIME_S, 1.0)
         self._memory.set_currents(i_fs, i_fc, round(self._i_fc_hp))
         return i_fc, latest in (0, ADC_MAX)
@@ -90,21 +94,22 @@ class Measurement:
     def _kept_with(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Keep the samples of this pass for an average longer than a pass; return all that are kept."""
         n = len(counts)
-        self._counts[:-n] = self._counts[n:]
-        self._counts[-n:] = counts
-        self._n_counts = min(self._n_counts + n, _MAX_SAMPLES)
-        return self._counts[-self._n_counts :]
+        self._counts = np.concatenate((self._counts[n - _MAX_SAMPLES :], counts))
+        return self._counts
 
     def _filter_voltages(self, config: Config, silent: BoolArray) -> int | None:
         """Filter and summarise; return the first cell without a voltage although its slave answers."""
-        memory, filtered = self._memory, self._filtered
-        raw = memory.slave_cvr.reshape(-1)
+        memory, filtered, raw = self._memory, self._filtered, self._raw
+        self._raw_by_slave[:] = memory.slave_cvr
         lost = self._find_known(raw, silent)
+        if config.v_alpha != self._alpha_raw:
+            self._alpha_raw = config.v_alpha
+            self._alpha[:] = config.v_alpha * 1e-3
         # v' = v + alpha (sample - v)
-        change = raw - filtered
-        change *= config.v_alpha * 1e-3
-        filtered += change
-        rounded = np.rint(filtered)
+        np.subtract(raw, filtered, raw)
+        np.multiply(raw, self._alpha, raw)
+        np.add(filtered, raw, filtered)
+        rounded = np.rint(filtered, self._rounded)
         n_known, lowest = N_CELLS, rounded
         if not self._all_known:
             n_known = int(np.count_nonzero(self._known))
@@ -119,9 +124,9 @@ class Measurement:
         memory.set_voltage_summary(v_min, self._voltages[2], self.v_avg, min_id, max_id, min(round(total / 100), _U16))
         return lost
 
-    def _find_known(self, raw: NDArray[np.uint16], silent: BoolArray) -> int | None:
+    def _find_known(self, raw: NDArray[np.float64], silent: BoolArray) -> int | None:
         """Update which cells have a voltage, and what the struct says of the slaves."""
-        is_undisturbed = self.reader.is_whole and not self.reader.has_doubts and int(raw.max()) != CHIP_MISSING
+        is_undisturbed = self.reader.is_whole and not self.reader.has_doubts and raw[raw.argmax()] != CHIP_MISSING
         if is_undisturbed and self._all_known:
             return None
         answered = np.repeat(~silent, CELLS_PER_PACK)

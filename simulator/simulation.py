@@ -87,22 +87,23 @@ class Simulation:
     def next_due_s(self) -> float:
         """Return the next instant at which something happens by itself [s]."""
         line_s = self.line.busy_until_s if self.line.is_busy else self._line_due_s
-        return min(self._steps * self.step_s, line_s, self.bus.next_due_s())
+        return min(self._steps * self.step_s, line_s, self.bus.due_s)
 
     def run_until(self, until_s: float) -> None:
         """Advance to an instant, everything due until then included."""
+        line, bus = self.line, self.bus
         while (due_s := self.next_due_s()) <= until_s:
             self.now_s = now_s = max(self.now_s, due_s)
             has_news = self._line_due_s <= now_s
             if self._steps * self.step_s <= now_s:
                 self._step()
                 has_news = True
-            if self.line.is_busy and self.line.busy_until_s <= now_s:
-                self._deliver(self.line.take())
+            if line.is_busy and line.busy_until_s <= now_s:
+                self._deliver(line.take())
                 has_news = True
-            if self.bus.next_due_s() <= now_s:
-                self.bus.run(now_s)
-            if has_news:
+            if bus.due_s <= now_s:
+                bus.run(now_s)
+            if has_news and not line.is_busy:
                 self._pump()
         self.now_s = max(self.now_s, until_s)
 
@@ -110,7 +111,8 @@ class Simulation:
         """Take bytes that reach the master's UART now."""
         if self.master is not None:
             self.master.receive(self.line.disturb(data), self.now_s)
-            self._pump()
+            if not self.line.is_busy:
+                self._pump()
 
     def reset(self, cause: int, off_s: float = BOOT_S) -> None:
         """Take the master's power, or let it restart; it boots after a while."""
@@ -128,8 +130,7 @@ class Simulation:
             self.serial_out(data)
 
     def _pump(self) -> None:
-        if self.line.is_busy:
-            return
+        """Give the free line what the master has for it."""
         if self.master is None:
             self._line_due_s = math.inf
             return

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.ltc6804 import (
     DISCHARGE_MINUTES,
+    GROUP_SIZE,
     READ_CELLS,
     Command,
     Configuration,
@@ -230,18 +231,21 @@ class SlaveChain:
         group = _decoded_configuration(body)
         if group is None:
             return
-        if (self.cfgr[chips, 1:4] != group[1:4]).any():
-            self.converters.flag(self.cfgr)  # by the thresholds of the conversion
-        before = self.cfgr[:, 0].copy()
-        self.cfgr[chips] = group
-        if (before != self.cfgr[:, 0]).any():
+        before = self.cfgr
+        self.cfgr = np.where(chips[:, None], group, before)
+        old, new = before.tobytes(), self.cfgr.tobytes()
+        changed = [old[at::GROUP_SIZE] != new[at::GROUP_SIZE] for at in range(GROUP_SIZE)]
+        if any(changed[1:_SWITCHES]):
+            self.converters.flag(before)  # by the thresholds of the conversion
+        if changed[0]:
             if not group[0] & _REFERENCE_ON:
                 self._references_change(np.inf, chips)
             else:
-                self._references_change(now_s + REFERENCE_START_S, chips & (before & _REFERENCE_ON == 0))
+                self._references_change(now_s + REFERENCE_START_S, chips & (before[:, 0] & _REFERENCE_ON == 0))
         if self.has_timer_pin:
             self._timer_end_s[chips] = now_s + 60 * DISCHARGE_MINUTES[group[5] >> 4]
-        self._update_switches()
+        if any(changed[_SWITCHES:]):
+            self._update_switches()
 
     def _references_change(self, up_s: float, chips: BoolArray | slice | int) -> None:
         self._reference_up_s[chips] = up_s
@@ -254,11 +258,11 @@ class SlaveChain:
         if not self._all_listen:
             bits = bits & self.is_powered[:, None]
         self.discharging = bits.reshape(-1).view(bool)
-        self.is_discharging = bool(self.discharging.any())
+        self.is_discharging = int(np.count_nonzero(self.discharging)) > 0
 
     def _start(self, conversion: Conversion, chips: BoolArray, now_s: float) -> None:
         """Begin a conversion; chips differ in how long it takes by adcopt, and by references that are not up yet."""
-        took_s = conversion.time_s()
+        took_s = conversion.times_s[False]
         if self._are_plain and self._references_up_s <= now_s:
             self.converters.start(conversion, chips, now_s + took_s, self.discharging)
         else:

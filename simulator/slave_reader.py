@@ -202,11 +202,12 @@ class SlaveReader:
             self._convert(packet)
         code = _SELF_TESTS[index][0].code()
         cells = self._read_cells()
-        wrong = (cells.words != code).any(axis=(1, 2)) & cells.intact.all(axis=1)
+        wrong = np.logical_and.reduce(cells.intact, axis=1)
+        wrong &= np.logical_or.reduce(cells.words.reshape(len(wrong), -1) != code, axis=1)
         failures: WordArray = _CELLS_FAILED * wrong
         words, whole = self._read_auxiliary()
-        failures |= _AUXILIARY_FAILED * ((words[:, :6] != code).any(axis=1) & whole)
-        failures |= _STATUS_FAILED * ((words[:, 6:10] != code).any(axis=1) & whole)
+        failures |= _AUXILIARY_FAILED * (np.logical_or.reduce(words[:, :6] != code, axis=1) & whole)
+        failures |= _STATUS_FAILED * (np.logical_or.reduce(words[:, 6:10] != code, axis=1) & whole)
         return failures
 
     def _find_open_wires(self) -> None:

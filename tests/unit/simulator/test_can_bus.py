@@ -54,7 +54,7 @@ def test_a_frame_arrives_when_its_last_bit_has_passed(bus, sender, listener, fra
     bus.run(1.01)
     assert least <= (listener.heard[0][0] - 1.0) * RATE <= most
     assert sender.heard == []
-    assert bus.next_due_s() == float("inf")
+    assert bus.due_s == float("inf")
 
 
 def test_the_lower_identifier_goes_first_and_standard_before_extended(bus, sender, listener):
