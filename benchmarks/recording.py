@@ -120,21 +120,22 @@ def cpu_percent(ts_s: float, seconds: float) -> float:
     return 100 * (spent[1] - spent[0]) / seconds
 
 
-def long_session(folder: Path, ts_s: float, hours: float) -> Path:
-    """Record hours and return the closed file."""
+def long_session(folder: Path, ts_s: float, hours: float) -> tuple[Path, int]:
+    """Record hours and return the closed file, and how many frames were handed over."""
     now_ns = 0
     recorder = Recorder(folder, version="bench", monotonic_ns=lambda: now_ns, wall_ns=lambda: EPOCH_NS + now_ns)
     info = recorder.start()
     feed = Feed(recorder)
-    next_flush_s = 0.0
+    next_flush_s, sent = 0.0, 0
     for t_s, is_fast, raw in stream(ts_s, hours * 3600):
         feed.hand_over(t_s, is_fast, raw)
+        sent += 1
         now_ns = round(t_s * 1e9)
         if t_s >= next_flush_s:
             recorder.flush(60)
             next_flush_s = t_s + 10
     recorder.close(60)
-    return info.path
+    return info.path, sent
 
 
 def opening_s(path: Path) -> float:
@@ -172,11 +173,12 @@ def main() -> None:
         print(f"CPU at {1 / ts_s:4.1f} Hz: {used:.2f} % of a core ({args.seconds:.0f} s in real time)")
     with tempfile.TemporaryDirectory() as folder:
         for ts_s in args.ts:
-            path = long_session(Path(folder), ts_s, args.hours)
+            path, sent = long_session(Path(folder), ts_s, args.hours)
             with SessionFile(path) as session:
-                frames = session.info.frames
+                stored = sum(1 for _ in session.frames())
             size = path.stat().st_size / 1e6
-            print(f"{args.hours:g} h at {1 / ts_s:4.1f} Hz: {frames} frames, {size / args.hours:.1f} MB an hour")
+            print(f"{args.hours:g} h at {1 / ts_s:4.1f} Hz: {sent} frames, {sent - stored} of them lost")
+            print(f"  {size / args.hours:.1f} MB an hour")
             print(f"  open: {1000 * statistics.median(opening_s(path) for _ in range(5)):.1f} ms")
             for signal in SIGNALS:
                 answers = ", ".join(answer_ms(path, signal, part) for part in (1, 0.1, 0.002))

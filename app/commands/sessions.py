@@ -65,13 +65,14 @@ def _when(wall_ns: int | None) -> str:
     return "?" if wall_ns is None else datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%SZ")
 
 
-def _state(info: SessionInfo, in_use: bool) -> str:
+def _state(info: SessionInfo, in_use: bool | None = None) -> str:
+    """`in_use` where somebody has asked before; who reads the file is a user of it."""
     if info.is_closed:
         return "closed"
-    return "recording" if in_use else "cut off"
+    return "recording" if (is_in_use(info.path) if in_use is None else in_use) else "cut off"
 
 
-def _facts(info: SessionInfo, in_use: bool) -> dict[str, object]:
+def _facts(info: SessionInfo, in_use: bool | None = None) -> dict[str, object]:
     return {
         "id": info.id,
         "name": info.name,
@@ -93,14 +94,14 @@ def _facts(info: SessionInfo, in_use: bool) -> dict[str, object]:
 def _list(args: argparse.Namespace) -> int:
     sessions, problems = catalogue(args).survey()
     if args.json:
-        print(json.dumps([_facts(info, is_in_use(info.path)) for info in sessions], indent=2))
+        print(json.dumps([_facts(info) for info in sessions], indent=2))
     else:
         print(f"{'id':20} {'started':20} {'length':>9} {'frames':>9} {'MB':>7} {'state':9} name")
         for info in sessions:
             length = f"{info.duration_s / 60:.1f} min"
             print(
                 f"{info.id:20} {_when(info.started_wall_ns):20} {length:>9} {info.frames:>9}"
-                f" {info.size_bytes / 1e6:>7.1f} {_state(info, is_in_use(info.path)):9} {info.name}"
+                f" {info.size_bytes / 1e6:>7.1f} {_state(info):9} {info.name}"
             )
     for problem in problems:
         print(problem, file=sys.stderr)

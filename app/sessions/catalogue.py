@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from app.errors import NotNow
+from app.sessions.catalogue_index import Known, State, load_index, save_index
 from app.sessions.errors import SessionError, SessionNotFound
 from app.sessions.files import FETCHED, SUFFIX, is_in_use, settle, sha256
 from app.sessions.info import SessionInfo
@@ -14,12 +15,15 @@ _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 
 
 class Catalogue:
-    """Finds sessions by their id. What is known of closed ones is kept as long as their file does not change."""
+    """Finds sessions by their id. What is known of closed ones is kept as long as their file does not change.
+
+    Also over restarts: in an index beside them, which is only a shortcut.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._known: dict[str, tuple[tuple[int, int], SessionInfo]] = {}
-        self._digests: dict[str, tuple[tuple[int, int], bytes]] = {}
+        self._known: Known | None = None  # the index is read when first asked for
+        self._digests: dict[str, tuple[State, bytes]] = {}
 
     def list(self) -> list[SessionInfo]:
         """All readable sessions, newest first."""
@@ -29,11 +33,16 @@ class Catalogue:
         """All readable sessions, newest first, and why the other files are not."""
         found: list[SessionInfo] = []
         problems: list[SessionError] = []
+        before = load_index(self._folder) if self._known is None else self._known
+        known: Known = {}
         for path in self._folder.glob(f"*{SUFFIX}") if self._folder.is_dir() else ():
             try:
-                found.append(self._info(path))
+                found.append(_info(path, before, known))
             except SessionError as error:
                 problems.append(error)
+        if known != before:
+            save_index(self._folder, known)
+        self._known = known
         found.sort(key=lambda info: (info.started_wall_ns, info.id), reverse=True)
         return found, problems
 
@@ -85,7 +94,6 @@ class Catalogue:
             raise NotNow(f"session {session_id} is being recorded or read")
         for name in (path.name, f"{path.name}-wal", f"{path.name}-shm", path.name + FETCHED):
             path.with_name(name).unlink(missing_ok=True)
-        self._known.pop(session_id, None)
         self._digests.pop(session_id, None)
 
     def expired(
@@ -106,14 +114,15 @@ class Catalogue:
                 found.insert(0, info)
         return found
 
-    def _info(self, path: Path) -> SessionInfo:
-        stat = path.stat()
-        state = (stat.st_mtime_ns, stat.st_size)
-        known = self._known.get(path.stem)
-        if known is not None and known[0] == state:
-            return known[1]
+
+def _info(path: Path, before: Known, known: Known) -> SessionInfo:
+    """What there is to say about a session; of a closed one put into `known`, out of `before` where it is there."""
+    stat = path.stat()
+    state = (stat.st_mtime_ns, stat.st_size)
+    row = before.get(path.stem)
+    if row is None or row[0] != state:
         with SessionFile(path) as session:
-            info = session.info
-        if info.is_closed:
-            self._known[path.stem] = (state, info)
-        return info
+            row = (state, session.info)
+    if row[1].is_closed:
+        known[path.stem] = row
+    return row[1]

@@ -1,9 +1,12 @@
+import os
+import sqlite3
 from pathlib import Path
 
 import pytest
 
 from app.errors import NotNow
 from app.sessions.catalogue import Catalogue
+from app.sessions.catalogue_index import INDEX
 from app.sessions.errors import SessionNotFound
 from app.sessions.files import is_in_use
 from app.sessions.writer import Recorder
@@ -39,6 +42,43 @@ def test_the_list_follows_a_session_that_grows(recorder: Recorder, folder: Path,
     recorder.flush()
     assert catalogue.list()[0].is_closed
     assert catalogue.list() == Catalogue(folder).list()
+
+
+@pytest.mark.parametrize(
+    "index",
+    ["", "[]", "{}", '{"version": 1}', '{"version": 99, "sessions": {}}', '{"version": 1, "sessions": {"x": {}}}'],
+)
+def test_an_index_that_is_damaged_or_newer_is_passed_over(recorder: Recorder, folder: Path, stream, index: str) -> None:
+    info = recorder.start()
+    stream.feed(recorder, 5)
+    recorder.close()
+    assert Catalogue(folder).list()[0].frames == 5
+    (folder / INDEX).write_text(index)
+    assert [each.id for each in Catalogue(folder).list()] == [info.id]
+
+
+def test_a_session_that_changed_since_the_index_is_opened_again(recorder: Recorder, folder: Path, stream) -> None:
+    info = recorder.start("before")
+    stream.feed(recorder, 5)
+    recorder.close()
+    assert Catalogue(folder).list()[0].name == "before"
+    connection = sqlite3.connect(info.path)
+    connection.execute("UPDATE meta SET value = 'after' WHERE key = 'name'")
+    connection.commit()
+    connection.close()
+    os.utime(info.path, ns=(1, 1))
+    assert Catalogue(folder).list()[0].name == "after"
+    Catalogue(folder).delete(info.id)
+    assert Catalogue(folder).list() == []
+
+
+def test_a_folder_that_cannot_be_written_is_listed_all_the_same(recorder: Recorder, folder: Path, stream) -> None:
+    recorder.start()
+    stream.feed(recorder, 5)
+    recorder.close()
+    (folder / INDEX).mkdir()  # in the index's place: it can be neither read nor replaced
+    assert Catalogue(folder).list()[0].frames == 5
+    assert [path.name for path in folder.glob(f"{INDEX}*")] == [INDEX]
 
 
 def test_a_running_session_is_in_use_and_cannot_be_deleted(recorder: Recorder, folder: Path, stream) -> None:

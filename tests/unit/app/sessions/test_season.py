@@ -19,12 +19,14 @@ def test_a_season_of_a_hundred_sessions_is_listed_quickly(recorder: Recorder, st
     for number in range(N):
         shutil.copy(info.path, folder / f"run-{number}.sqlite")
     catalogue = Catalogue(folder)
-    started, cpu = time.perf_counter(), time.process_time()
-    assert len(catalogue.list()) == N
-    first_s, first_cpu_s = time.perf_counter() - started, time.process_time() - cpu
     cpu = time.process_time()
+    assert len(catalogue.list()) == N
+    first_s, cpu = time.process_time() - cpu, time.process_time()
     assert {session.frames for session in catalogue.list()} == {700}
-    again_s = time.process_time() - cpu
-    assert first_cpu_s < 1.0, first_s
+    again_s, cpu = time.process_time() - cpu, time.process_time()
+    assert Catalogue(folder).list() == catalogue.list()  # of a program that was just started
+    restarted_s = time.process_time() - cpu
+    assert first_s < 1.0
     assert again_s < 0.1
-    print(f"{N} sessions: {first_s * 1000:.0f} ms, then {again_s * 1000:.0f} ms of CPU")
+    assert restarted_s < 0.1
+    print(f"{N} sessions, CPU: {1e3 * first_s:.0f} ms, then {1e3 * again_s:.0f}, restarted {1e3 * restarted_s:.0f} ms")
