@@ -36,6 +36,7 @@ PARTS: dict[str, tuple[int, int]] = {
 }
 _FLAGS_OFFSET = FIELDS["status.flags"].offset
 CHARGER_FLAGS = ("hardware", "over-temperature", "input voltage", "battery", "time-out")
+_CONNECTED = sum(1 << STATUS_FLAGS.index(name) for name in ("charger", "charging", "load"))
 _NO_CELLS = np.full(N_CELLS, np.nan)
 _NO_CELLS.flags.writeable = False
 
@@ -104,6 +105,11 @@ class Decoder:
             return None
         first = self._shadow.image[_FLAGS_OFFSET]
         return {name: bool(first >> bit & 1) if bit < 8 else None for bit, name in enumerate(STATUS_FLAGS)}
+
+    def relays_open(self) -> bool:
+        """Whether no current can flow, neither into the car nor from a charger; False while that is not known."""
+        raw = self.integer("status.flags")
+        return raw is not None and not raw & _CONNECTED
 
     def charger(self) -> dict[str, Any]:
         """The charger block."""

@@ -21,6 +21,7 @@ from app.estimation.power import CellStates, Limits, PowerModel, StatePower, Tim
 from app.estimation.prediction import EnergyLeft, LapsLeft, energy_left, lap_energies_wh, lap_period_s, laps_left
 from app.estimation.resistance_scale import ResistanceScale
 from app.estimation.rest_capacity import CapacityBetweenRests
+from app.estimation.sensor_offset import OffsetTracker
 from app.telemetry import BoolArray, FloatArray
 from firmware_protocol.memory_map import CELLS_PER_PACK
 
@@ -28,6 +29,7 @@ LOOK_S = 1.0
 TRACE_S = 600.0  # of power, for laps
 TRACE_STEP_S = 0.5
 LAPS_KEPT = 8
+UNKNOWN_S = 10.0  # what flowed in a longer gap is not known
 STOPPED_LAP_SHARE = 0.25  # of the median lap's energy: a driver change, not a lap
 DRIVING_A = 2.0
 
@@ -70,6 +72,9 @@ class Lookout:
         )
         self._scale = ResistanceScale(n_cells)
         self.learned = self._learned()
+        self._offset = OffsetTracker(float(self.learned.capacity_ah.mean()))
+        self._has_to_hear = False  # voltages, to compare the current with
+        self.sensor = self._offset.estimate()
         self._trace: deque[tuple[float, float]] = deque(maxlen=round(TRACE_S / TRACE_STEP_S))
         self._t_s = 0.0
         self._trace_s = self._looked_s = self._judged_s = -1e9
@@ -81,14 +86,38 @@ class Lookout:
         self._lap_energies_wh: FloatArray = np.empty(0)
 
     @property
+    def offset_a(self) -> float:
+        """What to take off the measured current [A]: the sensor's offset where it is observable, else 0."""
+        return self.sensor.offset_a if self.sensor.is_observed else 0.0
+
+    @property
     def past(self) -> CellPast:
         """What to keep for the next session of the same cells."""
         return CellPast(self._capacities.tracker.state, self._joint_watch.baseline_ohm)
 
     def step(
-        self, dt_s: float, current_a: float, voltages_v: FloatArray, power_w: float, estimates: Estimates | None
+        self,
+        dt_s: float | None,
+        current_a: float,
+        voltages_v: FloatArray,
+        power_w: float,
+        estimates: Estimates | None,
+        relays_open: bool = False,
     ) -> None:
-        """Take one measurement, with what the estimator said of it if it did."""
+        """Take one measurement, with what the estimator said of it if it did.
+
+        Args:
+            dt_s: since the one before; None = not known [s].
+            current_a: measured, positive on discharge [A].
+            voltages_v: (n_cells,) [V]; NaN = missing.
+            power_w: of the accumulator, positive on discharge [W].
+            estimates: of this measurement.
+            relays_open: no current can flow.
+        """
+        if dt_s is None or dt_s > UNKNOWN_S:
+            self._offset.interrupt()
+        dt_s = dt_s or 0.0
+        self._has_to_hear |= self._offset.step(dt_s, current_a, relays_open)
         self._t_s += dt_s
         if estimates is not None:
             self._scale.step(dt_s, estimates.ocv_v, estimates.voltage_v, voltages_v)
@@ -115,6 +144,10 @@ class Lookout:
         if not np.isfinite(estimates.soc).any():
             self.outlook = Outlook()
             return
+        if self._has_to_hear and (heard := estimator.heard()) is not None:
+            self._has_to_hear = False
+            self._offset.look(*heard)
+            self.sensor = self._offset.estimate()
         if self._t_s - self._judged_s >= JUDGE_S:
             self._judge()
         branches = estimator.state_mean[1 : 1 + self.cell.n_rc]
@@ -154,6 +187,7 @@ class Lookout:
         self._joints = self._joint_watch.judge()
         tracker = self._capacities.tracker
         self.learned = known = self._learned()
+        self._offset.use_capacity(float(known.capacity_ah.mean()))
         self._capacity_ah = tracker.capacity_ah()
         resistance_factor = np.where(known.has_resistance, known.resistance_factor, np.nan)
         self._health = state_of_health(

@@ -6,6 +6,7 @@ Replaying recorded items through a fresh Pipeline gives the same snapshots again
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from app.estimation.driver import DriverSoc
 from app.estimation.errors import EstimatorError
 from app.estimation.estimators import CellEstimator, Estimates
 from app.estimation.power import Limits
+from app.estimation.sensor_offset import SensorOffset
 from app.links.agreement import Agreement
 from app.links.monitor import LIVE_S, LinkMonitor, rs232_monitor
 from app.master_events import describe
@@ -54,6 +56,9 @@ class Output:
     reply: Reply | None = None
     estimates: Estimates | None = None  # where this item made the estimator step
     uptime_ms: int = 0
+
+
+_NO_SENSOR = {"current_offset_a": None, "current_offset_sigma_a": None}
 
 
 class Pipeline:
@@ -217,11 +222,12 @@ class Pipeline:
         estimates: Estimates | None = None
         events: tuple[Event, ...] = ()
         if current_a is not None and not np.isnan(voltages_v).all():
-            estimates, events = self._estimate(item, dt_s, current_a, voltages_v, decoder.temperatures_degc())
+            true_a = current_a if self._lookout is None else current_a - self._lookout.offset_a
+            estimates, events = self._estimate(item, dt_s, true_a, voltages_v, decoder.temperatures_degc())
             power_w = float(np.nansum(voltages_v)) * current_a
             self._plausibility.step(dt_s, current_a, voltages_v, decoder)
             if self._lookout is not None:
-                self._lookout.step(dt_s or 0.0, current_a, voltages_v, power_w, estimates)
+                self._lookout.step(dt_s, current_a, voltages_v, power_w, estimates, decoder.relays_open())
                 self._measured = current_a, decoder.temperatures_degc()
             if dt_s is not None and dt_s <= MAX_ENERGY_STEP_S:
                 self._energy_wh["energy_out_wh" if power_w > 0 else "energy_in_wh"] += abs(power_w) * dt_s / 3600
@@ -340,7 +346,8 @@ class Pipeline:
             charger=charger,
             links={name: monitor.status(t_mono_ns) for name, monitor in self._monitors.items()},  # type: ignore[misc]
             estimator=self.names
-            | {"step_us": self._step_us, "started": self._estimator is not None, "skipped": self._skipped},
+            | {"step_us": self._step_us, "started": self._estimator is not None, "skipped": self._skipped}
+            | (_NO_SENSOR if self._lookout is None else _sensor(self._lookout.sensor)),
             plausibility=self._plausibility.verdicts(cells, decoder),
             config=config and config[0],
             config_hash=config and config[1],
@@ -350,6 +357,13 @@ class Pipeline:
         with self._watch_lock:
             alarms, events = self._watch.step(snapshot)
         return Output(replace(snapshot, alarms=alarms), tuple(events))
+
+
+def _sensor(sensor: SensorOffset) -> dict[str, Any]:
+    return {
+        "current_offset_a": sensor.offset_a if sensor.is_observed else None,
+        "current_offset_sigma_a": sensor.sigma_a,
+    }
 
 
 def _start(

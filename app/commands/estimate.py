@@ -16,7 +16,6 @@ from app.commands.recordings import add_reading_arguments, read_recording, write
 from app.estimation.cellfile import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.estimators import FILTERS, CellEstimator, make_estimator
-from app.estimation.filters import GaussianEstimator
 from app.estimation.identify_parts import GAP_S
 from app.estimation.importer import GAP_STEPS, DatasetError, FloatArray, Recording
 from app.estimation.scoring import SocScore, score_soc
@@ -66,7 +65,8 @@ def run(args: argparse.Namespace) -> int:
     try:
         recording = read_recording(args.file, args)
         cell = load_cell(args.cell)
-        result = run_filter(make_estimator(args.filter, cell, 1), recording, args.initial_soc, args.initial_sigma)
+        estimator = make_estimator(args.filter, cell, 1)
+        result = run_filter(estimator, recording, cell.capacity_ah, args.initial_soc, args.initial_sigma)
         score = score_soc(recording.time_s, result.soc, result.soc_sigma, recording.soc)
         white = score_innovations(recording.time_s, result.innovation_v, result.innovation_sigma_v)
         report = summary(args, recording, result, score, white)
@@ -89,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
 def run_filter(
     estimator: CellEstimator,
     recording: Recording,
+    capacity_ah: float,
     initial_soc: float | None = None,
     initial_sigma: float | None = None,
 ) -> Run:
@@ -97,6 +98,7 @@ def run_filter(
     Args:
         estimator: a filter for one cell; it is started at the first row.
         recording: the measurements.
+        capacity_ah: of the cell [Ah].
         initial_soc: SOC believed at the first row, 0..1; None = from the voltage there.
         initial_sigma: standard deviation of that; None = the filter's default.
 
@@ -109,16 +111,15 @@ def run_filter(
     estimator.start(voltages[0], temperatures[0], current[0], initial_soc, initial_sigma)
     table = np.empty((5, len(steps)))
     valid = 0
-    hears = estimator if isinstance(estimator, GaussianEstimator) and (initial_soc is None or estimator.fused) else None
-    offset = None if hears is None else OffsetTracker(hears.model.capacity_ah)
+    offset = None if estimator.heard() is None else OffsetTracker(capacity_ah)
     begun = time.perf_counter()
     for k, (dt_s, current_a) in enumerate(zip(steps, current, strict=True)):
         e = estimator.step(dt_s, current_a, voltages[k], temperatures[k])
         table[0, k], table[1, k], table[2, k] = e.soc[0], e.soc_sigma[0], e.voltage_v[0]
         table[3, k], table[4, k] = e.innovation_v[0], e.innovation_sigma_v[0]
         valid += bool(e.model_valid[0])
-        if hears is not None and offset is not None and offset.step(dt_s, current_a):
-            offset.look(*hears.heard())
+        if offset is not None and offset.step(dt_s, current_a) and (heard := estimator.heard()) is not None:
+            offset.look(*heard)
     took_s = time.perf_counter() - begun
     soc, sigma, voltage, innovation, innovation_sigma = table
     sensor = None if offset is None else offset.estimate()

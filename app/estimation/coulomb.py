@@ -56,6 +56,10 @@ class CoulombCounter:
         cov[:, SOC, SOC] = count_variance(self.states)
         return cov
 
+    def heard(self) -> None:
+        """Return None: a count hears no voltage."""
+        return
+
     def use_capacity(self, capacity_ah: ArrayLike) -> None:
         """Count with capacities of the cells' own; see `CellEstimator.use_capacity`."""
         self._capacity.use(capacity_ah)

@@ -116,6 +116,10 @@ class CellEstimator(Protocol):
         """
         ...
 
+    def heard(self) -> tuple[FloatArray, FloatArray] | None:
+        """Return (n_cells,) SOC by voltages alone and its sigma; None where a count or a given SOC has a part in it."""
+        ...
+
     def use_capacity(self, capacity_ah: ArrayLike) -> None:
         """From the next step on count with capacities of the cells' own instead of the cell file's.
 

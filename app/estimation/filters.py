@@ -76,6 +76,7 @@ class GaussianEstimator:
         self._out_shape = N_OUT, n_cells
         self._slope_v2 = np.empty(n_cells)
         self._is_started = False
+        self._was_told = False  # a SOC, which a filter without a count goes on from
 
     @property
     def engine(self) -> str:
@@ -102,8 +103,10 @@ class GaussianEstimator:
         """(n_cells,) SOC of the charge count, where there is one; a copy."""
         return np.array(self.states.count_soc)
 
-    def heard(self) -> tuple[FloatArray, FloatArray]:
-        """Return (n_cells,) SOC of the filter alone and its sigma, which a fusion's count has no part in."""
+    def heard(self) -> tuple[FloatArray, FloatArray] | None:
+        """Return what voltages alone say; see `CellEstimator.heard`."""
+        if self._was_told:
+            return None
         soc = self.states.mean[SOC].copy()
         slope_v = np.maximum(self.model.ocv.slope(np.clip(soc, 0.0, 1.0)), SLOPE_FLOOR_V)
         variance = self.states.cov[SOC, SOC] + (self.tuning.bias_v**2 + self.states.bias_v2) / slope_v**2
@@ -127,6 +130,7 @@ class GaussianEstimator:
         sigma = per_cell("soc_sigma", soc_sigma, tuning.counter_soc_sigma if self.fused else tuning.start_soc_sigma, n)
         sample = self.guard.check(0.0, current_a, voltages_v, temperatures_degc)
         start_from_voltage(self.cell, self.states, tuning, sample)
+        self._was_told = not self.fused and bool(np.isfinite(given).any())
         if self.fused:
             start_count(self.states, given, sigma)
         else:

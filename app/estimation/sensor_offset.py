@@ -6,7 +6,8 @@ z_f is the SOC of a filter that started from voltage alone, Q the measured charg
 the error of gain and capacity. e is the filter's error; it lasts, so looks closer than `LASTING_S` repeat each other.
 A start, a gain and an offset are estimated together with priors, so that what the run cannot tell apart stays as
 uncertain as it was: after half an hour of driving an offset of 0.0067C has moved 0.3 points of SOC, less than any
-model's error. A rest of hours, or a day of driving with rests, shows it.
+model's error. A rest of hours, or a day of driving with rests, shows it; a minute with the relays open shows it at
+once, because then no current can flow.
 """
 
 from __future__ import annotations
@@ -25,9 +26,12 @@ LASTING_S: Final = 300.0  # correlation time of a filter's error in SOC
 START_SIGMA: Final = 0.5
 GAIN_SIGMA: Final = 0.01
 OFFSET_SIGMA_C: Final = 0.01
+OFFSET_WALK_C: Final = 0.001  # how far it wanders in an hour, with its heat
+OPEN_SIGMA_C: Final = 0.001  # of a mean over a look with the relays open
 OBSERVED_SHARE: Final = 0.5  # of the prior: a smaller sigma means that the run has shown the offset
 SIGMA_MIN: Final = 1e-3  # of a filter's SOC
-OFFSET: Final = 2  # its place among start, gain and offset
+START: Final = 0  # its place before gain and offset
+OFFSET: Final = 2
 
 
 class SensorOffset(NamedTuple):
@@ -48,27 +52,43 @@ class OffsetTracker:
     """Estimates the offset along a run; cells that share the sensor are one witness, their mean."""
 
     def __init__(self, capacity_ah: float) -> None:
-        self._coulomb = SECONDS_PER_HOUR * capacity_ah
         self._prior_a = OFFSET_SIGMA_C * capacity_ah
-        sigma = np.array([START_SIGMA, GAIN_SIGMA, self._prior_a])
-        self._information = np.diag(1.0 / sigma**2)
-        self._moment = np.array([0.5 / START_SIGMA**2, 0.0, 0.0])
-        self._elapsed_s = 0.0
+        self._mean = np.array([0.5, 0.0, 0.0])
+        self._cov = np.diag([START_SIGMA, GAIN_SIGMA, self._prior_a]) ** 2
+        self._capacity_ah = capacity_ah
         self._since_s = 0.0
         self._drawn = 0.0
+        self._per_a = 0.0  # SOC that one ampere has moved since the start
+        self._open_s = 0.0
+        self._open_as = 0.0
 
-    def step(self, dt_s: float, current_a: float) -> bool:
+    def use_capacity(self, capacity_ah: float) -> None:
+        """Count the charge from now on over another capacity, the mean of the cells' [Ah]."""
+        self._capacity_ah = capacity_ah
+
+    def step(self, dt_s: float, current_a: float, is_open: bool = False) -> bool:
         """Count one sample; True when the next look is due.
 
         Args:
             dt_s: since the last sample [s].
             current_a: measured, positive on discharge; not finite = not counted [A].
+            is_open: the relays are open: whatever is measured is offset.
         """
-        self._elapsed_s += dt_s
         self._since_s += dt_s
+        share = dt_s / (SECONDS_PER_HOUR * self._capacity_ah)
+        self._per_a += share
         if np.isfinite(current_a):
-            self._drawn += current_a * dt_s / self._coulomb
+            self._drawn += current_a * share
+            self._open_s = self._open_s + dt_s if is_open else 0.0
+            self._open_as = self._open_as + current_a * dt_s if is_open else 0.0
         return self._since_s >= LOOK_S
+
+    def interrupt(self) -> None:
+        """What flowed since the last sample is not known: the SOC to count from is a new one."""
+        self._mean[START] = 0.5
+        self._cov[START] = self._cov[:, START] = 0.0
+        self._cov[START, START] = START_SIGMA**2
+        self._drawn = self._per_a = self._since_s = self._open_s = self._open_as = 0.0
 
     def look(self, soc: FloatArray, soc_sigma: FloatArray) -> None:
         """Compare with what the filter says now.
@@ -77,15 +97,25 @@ class OffsetTracker:
             soc: (n,) SOC of a filter that never heard the count.
             soc_sigma: (n,) its standard deviation, model error included.
         """
-        row = np.array([1.0, self._drawn, self._elapsed_s / self._coulomb])
+        walk_a = OFFSET_WALK_C * self._capacity_ah
+        self._cov[OFFSET, OFFSET] += walk_a * walk_a * self._since_s / SECONDS_PER_HOUR
+        row = np.array([1.0, self._drawn, self._per_a])
         repeated = max(1.0, 2.0 * LASTING_S / max(self._since_s, 1e-9))
         variance = repeated * max(float(np.mean(soc_sigma)), SIGMA_MIN) ** 2
-        self._information += np.outer(row, row) / variance
-        self._moment += row * ((float(np.mean(soc)) + self._drawn) / variance)
+        self._learn(row, float(np.mean(soc)) + self._drawn, variance)
+        if self._open_s >= LOOK_S:
+            open_v2 = (OPEN_SIGMA_C * self._capacity_ah) ** 2
+            self._learn(np.array([0.0, 0.0, 1.0]), self._open_as / self._open_s, open_v2)
+            self._open_s = self._open_as = 0.0
         self._since_s = 0.0
 
     def estimate(self) -> SensorOffset:
         """Return what the looks so far say."""
-        column = np.linalg.solve(self._information, np.eye(3)[OFFSET])
-        sigma_a = float(np.sqrt(column[OFFSET]))
-        return SensorOffset(float(column @ self._moment), sigma_a, sigma_a < OBSERVED_SHARE * self._prior_a)
+        sigma_a = float(np.sqrt(self._cov[OFFSET, OFFSET]))
+        return SensorOffset(float(self._mean[OFFSET]), sigma_a, sigma_a < OBSERVED_SHARE * self._prior_a)
+
+    def _learn(self, row: FloatArray, value: float, variance: float) -> None:
+        column = self._cov @ row
+        total = float(row @ column) + variance
+        self._mean += column * ((value - float(row @ self._mean)) / total)
+        self._cov -= np.outer(column, column) / total

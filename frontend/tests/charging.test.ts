@@ -60,6 +60,21 @@ describe('doubts', () => {
     expect(contradictions(s)).toEqual(['The cells do not add up to the master’s total: 3.2000 V apart.']);
   });
 
+  it('tell of an offset of the current sensor that is large and sure', () => {
+    const s = made();
+    const offset = (a: number | null, sigma: number): string[] => {
+      s.estimator.current_offset_a = a;
+      s.estimator.current_offset_sigma_a = sigma;
+      return doubts(s, null, null);
+    };
+    expect(offset(null, 0.25)).toEqual([]);
+    expect(offset(0.4, 0.05)).toEqual([]);
+    expect(offset(1.5, 0.8)).toEqual([]);
+    expect(offset(-3, 0.05)).toEqual([
+      'The current sensor reads 3.00 ± 0.05 A too little; the charge is counted without it.',
+    ]);
+  });
+
   it('tell of clocks, the disk and lost frames', () => {
     const s = made();
     s.links.rs232.frames = 900;

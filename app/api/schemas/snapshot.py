@@ -213,6 +213,8 @@ class EstimatorOut(BaseModel):
     step_us: Number
     started: bool
     skipped: int
+    current_offset_a: Number
+    current_offset_sigma_a: Number
 
 
 class AlarmOut(BaseModel):

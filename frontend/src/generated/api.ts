@@ -481,6 +481,8 @@ export interface Estimator {
   step_us: number | null;
   started: boolean;
   skipped: number;
+  current_offset_a: number | null;
+  current_offset_sigma_a: number | null;
 }
 
 /** Newest first. */

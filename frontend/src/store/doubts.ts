@@ -7,6 +7,7 @@ import { t } from '../words/words.svelte';
 const CLOCK_OFF_S = 2;
 const DISK_HOURS = 4;
 const DISK_FREE_BYTES = 2e9;
+const OFFSET_A = 1; // of the current sensor: 4 points of charge in an hour
 const LOST_SHARE = 0.01;
 
 /** Sentences on checks that contradict each other; empty while all that can be judged agrees. */
@@ -54,6 +55,15 @@ export function doubts(snapshot: Maybe<Snapshot>, system: Maybe<System>, clockOf
       found.push(t('The model does not fit {n} cells: their charge is less sure.', { n: untrusted }));
     if (accumulator.soc_source === 'master')
       found.push(t('The charge shown is the master’s own count, not an estimate.'));
+    const { current_offset_a: offset, current_offset_sigma_a: sigma } = estimator;
+    if (offset !== null && Math.abs(offset) > Math.max(OFFSET_A, 3 * (sigma ?? 0))) {
+      const said = { a: fixed(Math.abs(offset), 2), sigma: fixed(sigma, 2) };
+      found.push(
+        offset > 0
+          ? t('The current sensor reads {a} ± {sigma} A too much; the charge is counted without it.', said)
+          : t('The current sensor reads {a} ± {sigma} A too little; the charge is counted without it.', said),
+      );
+    }
     const { lost, frames } = links.rs232;
     if (lost > LOST_SHARE * frames) {
       found.push(t('{n} % of the RS232 frames were lost.', { n: fixed((100 * lost) / (lost + frames), 1) }));

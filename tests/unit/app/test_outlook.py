@@ -108,3 +108,34 @@ def test_a_damaged_past_is_ignored(tmp_path, content):
     path.write_bytes(content)
     assert load_past(path) is None
     assert load_past(tmp_path / "missing") is None
+
+
+def test_the_offset_of_the_current_sensor_is_found_with_open_relays_and_not_counted(pipeline, master):
+    master.set("status.flags", [0b1])  # fit, relays open
+    master.set("i_fs", [200])
+
+    def wait(seconds):
+        for _ in range(seconds // 5):
+            snapshot = pipeline.feed(master.frame(ms=5000)).snapshot
+            pipeline.look_ahead()
+        return snapshot
+
+    before = wait(50).estimator
+    assert before["current_offset_a"] is None, "not observable yet"
+    assert before["current_offset_sigma_a"] == pytest.approx(0.01 * CELL.capacity_ah)
+    after = wait(20)
+    assert after.estimator["current_offset_a"] == pytest.approx(2.0, abs=3 * after.estimator["current_offset_sigma_a"])
+    assert after.accumulator["current_a"] == pytest.approx(2.0), "what the master says is shown as it says it"
+    counted = pipeline._estimator.counted_soc
+    wait(150)
+    drawn = counted - pipeline._estimator.counted_soc
+    assert np.abs(drawn).max() < 0.1 * 2.0 * 150 / 3600 / CELL.capacity_ah
+
+
+def test_the_offset_is_not_taken_off_where_it_is_not_observable(pipeline, master):
+    master.set("i_fs", [200])
+    for _ in range(24):
+        snapshot = pipeline.feed(master.frame(ms=5000)).snapshot
+        pipeline.look_ahead()
+    assert snapshot.estimator["current_offset_a"] is None
+    assert pipeline._lookout.offset_a == 0.0

@@ -52,6 +52,12 @@ export const SYSTEM = {
   Estimator: 'Estimator',
   '{filter}, cell {cell}': '{filter}, celle {cell}',
   'Pass of 96 cells': 'Runde over 96 celler',
+  'Current sensor’s offset': 'Strømfølerens nullpunktsfeil',
+  'not observable yet': 'ikke observerbar ennå',
+  'The current sensor reads {a} ± {sigma} A too much; the charge is counted without it.':
+    'Strømføleren viser {a} ± {sigma} A for mye; ladningen telles uten.',
+  'The current sensor reads {a} ± {sigma} A too little; the charge is counted without it.':
+    'Strømføleren viser {a} ± {sigma} A for lite; ladningen telles uten.',
   'Passes skipped': 'Overhoppede runder',
   Recorder: 'Opptaker',
   'This page': 'Denne siden',
