@@ -1,6 +1,6 @@
 """Resolves pyproject.toml into the three lock files: exact versions with hashes, for every platform, no index address.
 
-`run` is the program with what its pages offer, `build` makes the wheel, `dev` holds both and all tools. The extra
+`run` is the program with what its pages offer and a logger needs, `build` makes the wheel, `dev` holds both and all tools. The extra
 `pybamm` is in none: 800 MB for one benchmark.
 Versions already locked stay; `--upgrade` takes the newest that pyproject.toml allows.
 """
@@ -13,8 +13,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 EXTRAS = ("fast", "parquet", "mcap", "mf4", "dbc", "mqtt", "plot", "multicast")
+RUN_EXTRAS = ("fast", "parquet", "mcap", "mqtt", "dbc")
 LOCKS = {
-    "run": ["pyproject.toml", "--extra", "fast", "--extra", "parquet", "--extra", "mcap"],
+    "run": ["pyproject.toml", *(word for extra in RUN_EXTRAS for word in ("--extra", extra))],
     "build": ["--group", "build", "--constraint", "requirements/run.lock"],
     "dev": [
         *("pyproject.toml", "--group", "dev", "--group", "bench"),

@@ -17,7 +17,7 @@ MIN_PASSWORD_LENGTH = 8
 class Settings(BaseSettings):
     """Flag over environment over default."""
 
-    model_config = SettingsConfigDict(env_prefix="VOLTWALL_", frozen=True, extra="ignore")
+    model_config = SettingsConfigDict(env_prefix="VOLTWALL_", env_ignore_empty=True, frozen=True, extra="ignore")
 
     serial: str | None = Field(
         default=None, description="RS232 of the master: any pySerial URL, as /dev/ttyUSB0, COM6, socket://host:port"

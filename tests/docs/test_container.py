@@ -39,6 +39,25 @@ def test_image_and_compose_set_only_settings_that_exist() -> None:
     assert named - VARIABLES == set()
 
 
+def test_compose_passes_on_every_setting_that_the_image_does_not_fix() -> None:
+    passed = set(re.findall(r"^      (VOLTWALL_[A-Z_]+):", COMPOSE, re.MULTILINE))
+    fixed = set(re.findall(r"^ENV (VOLTWALL_[A-Z_]+)=", LAST_STAGE, re.MULTILINE))
+    assert passed | fixed == VARIABLES
+    assert not passed & fixed
+
+
+def test_a_variable_that_is_passed_on_empty_counts_as_not_set(monkeypatch) -> None:
+    for name in ("SERIAL", "CAN", "KEEP_GB", "RECORD"):
+        monkeypatch.setenv(f"VOLTWALL_{name}", "")
+    assert Settings().simulates
+    assert Settings().record
+
+
+def test_what_the_image_installs_publishes_and_reads_a_dbc() -> None:
+    lock = (ROOT / "requirements" / "run.lock").read_text(encoding="utf-8")
+    assert {"paho-mqtt", "cantools", "pyarrow", "mcap", "numba"} <= set(re.findall(r"^([a-z-]+)==", lock, re.MULTILINE))
+
+
 def test_compose_restarts_by_itself_and_asks_for_a_password() -> None:
     assert re.search(r"^    restart: unless-stopped$", COMPOSE, re.MULTILINE)
     assert "${VOLTWALL_PASSWORD:?" in COMPOSE
