@@ -98,7 +98,7 @@ def rises_s(time_s: FloatArray, values: FloatArray) -> list[float]:
 
     Args:
         time_s: (n,) rising [s].
-        values: (n,) whole numbers.
+        values: (n,) of the counter or the bit.
     """
     if values.size < 2:
         return []

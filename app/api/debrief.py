@@ -29,12 +29,16 @@ from app.debrief.report_page import report_page
 from app.runtime import Runtime
 from app.sessions.errors import UnknownSignal
 from app.sessions.info import SessionInfo
+from app.sessions.reader import SessionFile
 
 router = APIRouter(tags=["debrief"])
 SourceQuery = Annotated[Source | None, Query(description="none: settled, else markers, else the power's pattern")]
 CanId = Annotated[int | None, Query(ge=0, lt=1 << 32, description="frame that counts laps; bit 31 marks a 29-bit id")]
 CanByte = Annotated[int, Query(ge=0, le=63)]
 CanMask = Annotated[int, Query(ge=1, le=255)]
+LapSignal = Annotated[
+    str | None, Query(max_length=100, description="with source=signal: a signal that goes up when a lap begins")
+]
 
 
 class LapIn(BaseModel):
@@ -53,6 +57,13 @@ class LapsIn(BaseModel):
     laps: list[LapIn] = Field(max_length=2000)
 
 
+def _table(file: SessionFile, source: Source | None, counter: CanCounter | None, lap_signal: str | None) -> LapTable:
+    try:
+        return lap_table(file, source, lap_signal if source == "signal" else counter)
+    except UnknownSignal as error:
+        raise invalid("lap_signal", lap_signal, str(error)) from error
+
+
 def _counter(can_id: int | None, byte: int, mask: int) -> CanCounter | None:
     return None if can_id is None else CanCounter(can_id, byte, mask)
 
@@ -65,10 +76,11 @@ def laps(
     can_id: CanId = None,
     can_byte: CanByte = 0,
     can_mask: CanMask = 255,
+    lap_signal: LapSignal = None,
 ) -> LapTable:
     """Laps with what each one cost, and drivers against each other."""
     with open_session(runtime, session_id) as file:
-        return lap_table(file, source, _counter(can_id, can_byte, can_mask))
+        return _table(file, source, _counter(can_id, can_byte, can_mask), lap_signal)
 
 
 @router.put("/sessions/{session_id}/laps", response_model=LapTableOut)
@@ -104,10 +116,11 @@ def overlay(
     can_id: CanId = None,
     can_byte: CanByte = 0,
     can_mask: CanMask = 255,
+    lap_signal: LapSignal = None,
 ) -> Overlay:
     """One signal over laps laid on each other, part by part of the lap's time."""
     with open_session(runtime, session_id) as file:
-        table = lap_table(file, source, _counter(can_id, can_byte, can_mask))
+        table = _table(file, source, _counter(can_id, can_byte, can_mask), lap_signal)
         try:
             return overlay_laps(file, [each.lap for each in table.laps], lap, signal, points)
         except UnknownSignal as error:

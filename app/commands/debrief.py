@@ -11,10 +11,11 @@ from app.analysis.blackbox import short_place
 from app.commands.chosen_session import add_json_argument, add_session_argument, find_session, new_action
 from app.debrief.blackbox import black_boxes
 from app.debrief.blackbox_page import blackbox_page
-from app.debrief.laps import CanCounter, LapTable, lap_table
+from app.debrief.laps import CanCounter, Counter, Counts, LapTable, lap_table
 from app.debrief.report import compare_sessions, histogram_json, report_of
 from app.debrief.report_page import report_page
 from app.errors import ConfigError
+from app.imports.can_log import one_signal
 from app.sessions.reader import SessionFile
 
 _NUMBER = r"(0[xX][0-9a-fA-F]+|[0-9]+)"
@@ -35,17 +36,19 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     laps.add_argument(
         "--laps-from",
         metavar="WHERE",
-        help="settled, markers, pattern, or can:ID:BYTE[:MASK], a byte that goes up when a lap begins\n"
-        "(default: the first of settled, markers, pattern that there is)",
+        help="settled, markers, pattern, or what goes up when a lap begins: can:ID:BYTE[:MASK], a byte of a frame;\n"
+        "dbc:[MESSAGE.]SIGNAL, a signal of CAN frames by --dbc; signal:NAME, a signal of the session, as\n"
+        "signal:charger.flags (default: the first of settled, markers, pattern that there is)",
     )
+    laps.add_argument("--dbc", type=Path, metavar="FILE", help="what the CAN frames mean")
     boxes.add_argument("--html", type=Path, metavar="FOLDER", help="write a page to print for each")
     report.add_argument("--html", type=Path, metavar="FOLDER", help="write the whole report with its charts")
     compare.add_argument("--with", dest="other", required=True, metavar="SESSION", help="the other one, id or file")
 
 
 def _laps(args: argparse.Namespace) -> int:
-    source, counter = _source(args.laps_from)
     with SessionFile(find_session(args, args.session)) as session:
+        source, counter = _source(args.laps_from, session, args.dbc)
         table = lap_table(session, source, counter)  # type: ignore[arg-type]
         start_s = session.info.started_wall_ns / 1e9
     if args.json:
@@ -122,12 +125,21 @@ def _black_boxes(args: argparse.Namespace) -> int:
     return 0
 
 
-def _source(text: str | None) -> tuple[str | None, CanCounter | None]:
+def _source(text: str | None, session: SessionFile, dbc: Path | None) -> tuple[str | None, Counter | None]:
     if text is None or text in ("settled", "markers", "pattern"):
         return text, None
+    if text.startswith("signal:"):
+        return "signal", text.removeprefix("signal:")
+    if text.startswith("dbc:"):
+        if dbc is None:
+            raise ConfigError("--dbc", "(none)", "the DBC file that names the signal")
+        frames = ((session.unix_s(f.t_mono_ns), f.can_id, f.data) for f in session.can_frames())
+        return "can", Counts(*one_signal(frames, session.info.id, dbc, text.removeprefix("dbc:")))
     match = _COUNTER.fullmatch(text)
     if match is None:
-        raise ConfigError("--laps-from", text, "settled, markers, pattern or can:ID:BYTE[:MASK]")
+        raise ConfigError(
+            "--laps-from", text, "settled, markers, pattern, can:ID:BYTE[:MASK], dbc:SIGNAL or signal:NAME"
+        )
     can_id, byte, mask = (None if part is None else int(part, 0) for part in match.groups())
     return "can", CanCounter(can_id or 0, byte or 0, 0xFF if mask is None else mask)
 

@@ -11,14 +11,15 @@ import numpy as np
 
 from app.analysis.lap_marks import laps_by_marks, laps_by_pattern, rises_s, stints
 from app.analysis.laps import DriverFigures, Lap, LapFigures, compare_drivers, figures_of, overlay, with_drivers
-from app.analysis.totals import Totals, number
+from app.analysis.totals import FloatArray, Totals, number
 from app.debrief.reading import read_totals
 from app.errors import ConfigError
 from app.sessions.info import Marker
 from app.sessions.notes import write_note
 from app.sessions.reader import MAX_POINTS, SessionFile
+from app.sessions.signals import find_signal
 
-Source = Literal["settled", "markers", "pattern", "can"]
+Source = Literal["settled", "markers", "pattern", "can", "signal"]
 NOTE = "laps"
 LAP_KINDS = ("lap", "laps")
 DRIVER_KIND = "driver"  # and kinds that begin with it
@@ -34,6 +35,17 @@ class CanCounter:
     can_id: int  # bit 31 marks a 29-bit id
     byte: int
     mask: int = 0xFF
+
+
+@dataclass(frozen=True)
+class Counts:
+    """A number that goes up when a lap begins, as somebody decoded it: (n,) rising unix times [s] and values."""
+
+    time_s: FloatArray
+    values: FloatArray
+
+
+Counter = CanCounter | Counts | str  # the name of a signal of the session that goes up in the same way
 
 
 @dataclass(frozen=True)
@@ -64,14 +76,15 @@ class LapTable:
     drivers: list[DriverFigures]
 
 
-def lap_table(session: SessionFile, source: Source | None = None, counter: CanCounter | None = None) -> LapTable:
+def lap_table(session: SessionFile, source: Source | None = None, counter: Counter | None = None) -> LapTable:
     """Return the laps of a session with their figures.
 
     Without a source the first that there is counts: what was settled, the markers of kind `lap`, the pattern of the
     power.
 
     Raises:
-        ConfigError: the source needs a counter, which was not named.
+        ConfigError: the source needs a counter or a signal, which was not named.
+        UnknownSignal: the name means nothing.
     """
     totals = read_totals(session)
     chosen, laps = find_laps(session, totals, source, counter)
@@ -86,7 +99,7 @@ def lap_times(session: SessionFile) -> list[float]:
 
 
 def find_laps(
-    session: SessionFile, totals: Totals, source: Source | None, counter: CanCounter | None
+    session: SessionFile, totals: Totals, source: Source | None, counter: Counter | None
 ) -> tuple[Source, list[Lap]]:
     """Return where the laps come from, and them."""
     if source in (None, "settled"):
@@ -98,9 +111,16 @@ def find_laps(
     markers = session.markers()
     marks = [session.unix_s(marker.t_mono_ns) for marker in markers if marker.kind in LAP_KINDS]
     if source == "can":
-        if counter is None:
+        if isinstance(counter, CanCounter):
+            counter = _counted(session, counter)
+        if not isinstance(counter, Counts):
             raise ConfigError("can_id", None, "name the frame and the byte that counts laps")
-        marks = _counted(session, counter)
+        marks = rises_s(counter.time_s, counter.values)
+    elif source == "signal":
+        if not isinstance(counter, str):
+            raise ConfigError("lap_signal", None, "name the signal that goes up when a lap begins")
+        risen = _sampled(session, counter)
+        marks = rises_s(risen.time_s, risen.values)
     elif source is None:
         source = "markers" if len(marks) > 1 else "pattern"
     power_w = totals.power_w
@@ -180,13 +200,22 @@ def _checked(laps: Sequence[Lap]) -> list[Lap]:
     return ordered
 
 
-def _counted(session: SessionFile, counter: CanCounter) -> list[float]:
+def _counted(session: SessionFile, counter: CanCounter) -> Counts:
     times, values = [], []
     for frame in session.can_frames():
         if frame.can_id == counter.can_id and counter.byte < len(frame.data):
             times.append(session.unix_s(frame.t_mono_ns))
             values.append(frame.data[counter.byte] & counter.mask)
-    return rises_s(np.array(times), np.array(values, dtype=np.int64))
+    return Counts(np.array(times), np.array(values, dtype=np.float64))
+
+
+def _sampled(session: SessionFile, name: str) -> Counts:
+    signal = find_signal(name)
+    samples = session.samples(signal)
+    values = signal.physical(samples.counts)
+    known = np.isfinite(values)
+    times_s = [session.unix_s(int(us) * 1000) for us in samples.times_us[known]]
+    return Counts(np.array(times_s), values[known])
 
 
 def _driver_name(text: str) -> str:

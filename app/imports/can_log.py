@@ -1,7 +1,7 @@
 """CAN logs of other tools, candump, Vector ASC and BLF: as frames, and by a DBC as a table of signals."""
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -44,7 +44,7 @@ def signal_table(path: Path, dbc: Path, profile: ImportProfile) -> Table:
         ImportFailed: the log or the DBC cannot be read, or a signal is in none of the frames.
     """
     profile.check_complete()
-    heard = _heard(path, dbc)
+    heard = _heard(read_frames(path), path.name, dbc)
     source = path.name
     times_s, current = _signal(source, "current", profile.current, heard)
     columns: dict[str, FloatArray] = {"time": times_s, profile.current: current}
@@ -78,26 +78,46 @@ def signal_names(path: Path, dbc: Path) -> list[str]:
         ExtraMissing: cantools is not installed.
         ImportFailed: the log or the DBC cannot be read.
     """
-    return sorted(_heard(path, dbc))
+    return sorted(_heard(read_frames(path), path.name, dbc))
 
 
-def _heard(path: Path, dbc: Path) -> dict[str, tuple[list[float], list[float]]]:
-    """Times and values of each signal; under its own name where only one message has one of that name."""
+def one_signal(frames: Iterable[Frame], source: str, dbc: Path, name: str) -> tuple[FloatArray, FloatArray]:
+    """Return the (n,) times and values of a signal, SIGNAL or MESSAGE.SIGNAL, in frames of `source`.
+
+    Raises:
+        ExtraMissing: cantools is not installed.
+        ImportFailed: the DBC cannot be read, or the signal is not in it or in no frame.
+    """
+    heard = _heard(frames, source, dbc, only=name.rpartition(".")[2])
+    return _signal(source, "signal", name, heard)
+
+
+def _heard(
+    frames: Iterable[Frame], source: str, dbc: Path, only: str | None = None
+) -> dict[str, tuple[list[float], list[float]]]:
+    """Times and values of each signal; under its own name where only one message has one of that name.
+
+    With `only`, of messages that have a signal of this name.
+    """
     database = _database(dbc)
-    by_id = {m.frame_id | (CAN_ID_EXTENDED if m.is_extended_frame else 0): m for m in database.messages}
+    by_id = {
+        m.frame_id | (CAN_ID_EXTENDED if m.is_extended_frame else 0): m
+        for m in database.messages
+        if only is None or any(signal.name == only for signal in m.signals)
+    }
     uses: dict[str, int] = defaultdict(int)
     for message in database.messages:
         for signal in message.signals:
             uses[signal.name] += 1
     heard: dict[str, tuple[list[float], list[float]]] = defaultdict(lambda: ([], []))
-    for at_s, can_id, data in read_frames(path):
+    for at_s, can_id, data in frames:
         message = by_id.get(can_id)
         if message is None:
             continue
         try:
             values = message.decode(data, decode_choices=False, allow_truncated=True)
         except Exception as error:
-            raise ImportFailed(path.name, f"message {message.name} at {at_s:.3f} s: {error}") from error
+            raise ImportFailed(source, f"message {message.name} at {at_s:.3f} s: {error}") from error
         numbers = {name: float(value) for name, value in values.items() if isinstance(value, int | float)}
         for name, value in numbers.items():
             names = [f"{message.name}.{name}"] + ([name] if uses[name] == 1 else [])
@@ -107,7 +127,8 @@ def _heard(path: Path, dbc: Path) -> dict[str, tuple[list[float], list[float]]]:
                 times.append(at_s)
                 found.append(value)
     if not heard:
-        raise ImportFailed(path.name, f"none of its frames is in {dbc.name}")
+        what = "its frames" if only is None else f"its frames with a signal {only}"
+        raise ImportFailed(source, f"none of {what} is in {dbc.name}")
     return heard
 
 

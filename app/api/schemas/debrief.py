@@ -6,7 +6,7 @@ from pydantic import BaseModel
 
 from app.api.schemas.snapshot import Number, PerCell, Severity
 
-LapSource = Literal["settled", "markers", "pattern", "can"]
+LapSource = Literal["settled", "markers", "pattern", "can", "signal"]
 
 
 class LapOut(BaseModel):

@@ -681,7 +681,7 @@ export interface LapOverlay {
 
 /** Laps of a session and where they come from; drivers, the quickest first. */
 export interface LapTable {
-  source: 'settled' | 'markers' | 'pattern' | 'can';
+  source: 'settled' | 'markers' | 'pattern' | 'can' | 'signal';
   laps: LapFigures[];
   drivers: DriverFigures[];
 }

@@ -12,6 +12,7 @@ export const DEBRIEF = {
   'by markers': 'etter markører',
   "by the power's pattern": 'etter effektens mønster',
   'by a counter on CAN': 'etter en teller på CAN',
+  'by a signal that goes up': 'etter et signal som øker',
   'CAN id': 'CAN-id',
   Byte: 'Byte',
   '{n} laps': '{n} runder',

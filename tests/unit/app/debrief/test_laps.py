@@ -1,10 +1,15 @@
+import json
+
 import numpy as np
 import pytest
 
 from app.analysis.laps import Lap
+from app.cli import main
 from app.debrief.laps import CanCounter, lap_table, overlay_laps, settle_laps
 from app.errors import ConfigError
+from app.sessions.errors import UnknownSignal
 from app.sessions.reader import SessionFile
+from firmware_protocol.memory_map import FIELDS
 
 START_S = 1_790_000_000.0
 LAP_S = 60.0
@@ -65,6 +70,38 @@ def test_a_counter_on_can_marks_laps(path):
         assert lap_table(session, "can", CanCounter(0x310, 2)).laps == []
         with pytest.raises(ConfigError, match="can_id"):
             lap_table(session, "can")
+
+
+def test_a_signal_of_the_session_that_goes_up_marks_laps(make_session):
+    flags = np.floor(TIME_S / LAP_S).astype(int)[:, None]
+    windows = ((FIELDS["charger.flags"].offset, 1), (420, 20), (1884, 204), (2280, 116))
+    path = make_session(TIME_S, CURRENT_A, fields={"charger.flags": flags}, windows=windows)
+    with SessionFile(path) as session:
+        table = lap_table(session, "signal", "charger.flags")
+        assert (table.source, [lap.lap.start_s - START_S for lap in table.laps]) == (
+            "signal",
+            pytest.approx([60, 120, 180, 240], abs=0.01),
+        )
+        assert lap_table(session, "signal", "n_slaves").laps == []
+        with pytest.raises(ConfigError, match="lap_signal"):
+            lap_table(session, "signal")
+        with pytest.raises(UnknownSignal, match="speed"):
+            lap_table(session, "signal", "speed")
+
+
+def test_a_signal_of_a_dbc_marks_laps(path, tmp_path, capsys):
+    dbc = tmp_path / "dash.dbc"
+    dbc.write_text(
+        'VERSION ""\nBS_:\nBU_: Dash\nBO_ 784 Dash: 2 Dash\n SG_ Lap : 8|8@1+ (1,0) [0|255] "" Vector__XXX\n'
+        ' SG_ Seven : 0|8@1+ (1,0) [0|255] "" Vector__XXX\n'
+    )
+    command = ["sessions", "laps", str(path), "--dbc", str(dbc), "--json", "--laps-from"]
+    for name in ("dbc:Lap", "dbc:Dash.Lap"):
+        assert main([*command, name]) == 0
+        starts = [each["lap"]["start_s"] - START_S for each in json.loads(capsys.readouterr().out)["laps"]]
+        assert starts == pytest.approx([60, 120, 180, 240])
+    assert main([*command, "dbc:Speed"]) == 2
+    assert "Speed" in capsys.readouterr().err
 
 
 def test_the_pattern_finds_them_without_any_mark(path):
