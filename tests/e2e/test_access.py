@@ -33,3 +33,37 @@ def test_an_engineer_may_write(guarded, open_page):
     log_in(page, "ola", "engineer-pass-1")
     expect(page.get_by_test_id("user")).to_contain_text("engineer")
     expect(page.get_by_test_id("store")).to_be_enabled()
+
+
+def test_two_engineers_and_a_viewer_work_at_once(make_service, open_page):
+    passwords = {"VOLTWALL_PASSWORD": "engineer-pass-1", "VOLTWALL_VIEWER_PASSWORD": "viewer-pass-1"}
+    service = make_service("--seed", "7", "--scenario", "in-the-pit", **passwords)
+    people = {}
+    for name, password in (("ada", "engineer-pass-1"), ("bob", "engineer-pass-1"), ("eve", "viewer-pass-1")):
+        people[name] = open_page(f"{service.base_url}/#/parameters", quiet=False)
+        log_in(people[name], name, password)
+        expect(people[name].get_by_test_id("inforce-t_cell_max")).to_contain_text("45")
+    ada, bob, eve = people.values()
+
+    def write(page, name, value):
+        page.get_by_role("textbox", name=name, exact=True).fill(value)
+        page.get_by_test_id("write").click()
+        page.get_by_test_id("confirm").click()
+        expect(page.get_by_test_id("outcome")).to_contain_text("Written and read back")
+
+    bob.get_by_role("textbox", name="fan_ramp_stop", exact=True).fill("48")
+    write(ada, "t_cell_max", "50")
+    for page in (bob, eve):
+        expect(page.get_by_test_id("inforce-t_cell_max")).to_contain_text("50")
+    expect(bob.get_by_test_id("draft-state")).to_have_text("1 value changed")
+    write(bob, "fan_ramp_stop", "48")
+    for page in (ada, eve):
+        expect(page.get_by_test_id("inforce-fan_ramp_stop")).to_contain_text("48")
+        expect(page.get_by_test_id("inforce-t_cell_max")).to_contain_text("50")
+    for button in ("check", "write", "store"):
+        expect(eve.get_by_test_id(button)).to_be_disabled()
+    eve.get_by_test_id("tab-history").click()
+    history = eve.get_by_test_id("history")
+    for who in ("ada", "bob"):
+        expect(history).to_contain_text(who)
+    expect(history.get_by_role("button", name="Roll back").first).to_be_disabled()

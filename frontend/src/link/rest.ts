@@ -53,7 +53,10 @@ export async function call<T>(path: string, options: Call = {}): Promise<T> {
   } catch (error) {
     if (error instanceof DOMException && error.name === 'AbortError') throw error;
     throw new Problem(0, 'The service does not answer', {
-      detail: 'The service does not answer. Nothing was changed by this page.',
+      detail:
+        request.method === 'GET'
+          ? 'The service does not answer.'
+          : 'The service does not answer. Whether it was done is not known.',
     });
   }
   if (response.ok) {

@@ -4,6 +4,7 @@ import { call, get, post, Problem } from '../link/rest';
 import type { Config, Difference, Finding, Schema, StoredConfig, WriteResult } from '../link/types';
 import { live } from './live.svelte';
 import { changes, draftOf, rawBody, rebase, type Draft } from './draft';
+import { standing, storedAfterAll, storeInDoubt, type Doubt, type InForce, type Outcome } from './outcome';
 import { t } from '../words/words.svelte';
 
 const KEY = 'voltwall.draft';
@@ -11,15 +12,6 @@ const notRead = (): Problem =>
   new Problem(503, t('Not read yet'), {
     detail: t('The master has not sent its configuration yet. This page reads it as soon as it has.'),
   });
-
-export type Outcome = {
-  kind: 'good' | 'bad' | 'conflict';
-  title: string;
-  text: string;
-  difference?: Difference[];
-  meanwhile?: Difference[];
-  findings?: Finding[];
-};
 
 class ConfigStore {
   schema = $state.raw<Schema | null>(null);
@@ -30,6 +22,7 @@ class ConfigStore {
   problem = $state.raw<Problem | null>(null);
   outcome = $state.raw<Outcome | null>(null);
   checked = $state.raw<WriteResult | null>(null);
+  doubt = $state.raw<Doubt | null>(null);
   serverErrors = $state.raw<Record<string, string>>({});
   busy = $state<string | null>(null);
 
@@ -74,6 +67,21 @@ class ConfigStore {
       this.nothingStored = false;
       this.stored = null;
     }
+  }
+
+  /** After a write or a store whose end nobody heard: say what became of it, once the master is heard again. */
+  async settle(configAgeS: number | null): Promise<void> {
+    const doubt = this.doubt;
+    if (!doubt || this.busy || configAgeS === null) return;
+    if (configAgeS * 1000 > Date.now() - doubt.sinceMs) return;
+    this.doubt = null;
+    await this.load();
+    if (this.problem) this.doubt = doubt;
+    else if (doubt.what === 'storing') this.outcome = storedAfterAll(this.unstored);
+    else
+      this.outcome = standing(
+        this.config?.hash === doubt.old ? 'old' : this.changes.length === 0 ? 'new' : 'other',
+      );
   }
 
   /** Let the service check the draft without writing it. */
@@ -177,13 +185,16 @@ class ConfigStore {
     try {
       await action(this.config.hash);
     } catch (error) {
-      await this.explain(asProblem(error));
+      await this.explain(asProblem(error), what);
     } finally {
       this.busy = null;
     }
   }
 
-  private async explain(problem: Problem): Promise<void> {
+  private async explain(problem: Problem, what: string): Promise<void> {
+    const lost = problem.status === 0 && what === 'writing';
+    const inForce = lost ? 'unknown' : (problem.body['in_force'] as InForce | undefined);
+    const unanswered = problem.status === 0 || problem.status >= 503;
     this.serverErrors = Object.fromEntries(problem.errors.map((e) => [e.field, e.message]));
     if (problem.status === 412) {
       const difference = (problem.body['difference'] ?? []) as Difference[];
@@ -198,11 +209,20 @@ class ConfigStore {
         difference,
         meanwhile,
       };
+    } else if (unanswered && (inForce !== undefined || what === 'storing')) {
+      const old = this.config?.hash ?? '';
+      await this.load();
+      this.outcome = what === 'storing' ? storeInDoubt(problem.detail) : standing(inForce ?? 'unknown');
+      if (what === 'storing' || (what === 'writing' && inForce === 'unknown'))
+        this.doubt = { what, old, sinceMs: Date.now() };
     } else {
       const findings = problem.errors.filter((e): e is Finding & typeof e => 'level' in e);
-      const text = findings.length > 0 ? t('Nothing was written.') : problem.detail;
+      const nothing =
+        findings.length > 0 || (unanswered && what === 'writing') ? t('Nothing was written.') : '';
+      const text = [findings.length > 0 ? '' : `${problem.detail}${nothing && '.'}`, nothing]
+        .filter(Boolean)
+        .join(' ');
       this.outcome = { kind: 'bad', title: problem.message, text, findings };
-      if (problem.body['in_force'] !== undefined) await this.load();
     }
   }
 }

@@ -66,6 +66,25 @@ export const PARAMETERS = {
   'Fans, state of charge, calibration and the check of a slave:':
     'Vifter, ladetilstand, kalibrering og kontroll av en slave:',
   'all commands': 'alle kommandoer',
+  'Not known which configuration is stored': 'Ikke kjent hvilken konfigurasjon som er lagret',
+  'The EEPROM holds the old one or the new one, never a mixture. It is read again as soon as the master answers.':
+    'EEPROM holder den gamle eller den nye, aldri en blanding. Den leses på nytt så snart masteren svarer.',
+  'The EEPROM holds the old configuration': 'EEPROM holder den gamle konfigurasjonen',
+  'The store did not come to its end, and left what was there before. Storing again is safe.':
+    'Lagringen kom ikke til ende og lot det som var der før, stå. Det er trygt å lagre på nytt.',
+  'The EEPROM holds the configuration in force': 'EEPROM holder den gjeldende konfigurasjonen',
+  'Only the answer was lost; the EEPROM was read again.': 'Bare svaret gikk tapt; EEPROM ble lest på nytt.',
+  'Not written: the old configuration is in force': 'Ikke skrevet: den gamle konfigurasjonen gjelder',
+  'The master was read again. Your draft is kept; writing again is safe.':
+    'Masteren ble lest på nytt. Utkastet ditt er beholdt; det er trygt å skrive på nytt.',
+  'Written: the new configuration is in force': 'Skrevet: den nye konfigurasjonen gjelder',
+  'Only the answer was lost; the master was read again.': 'Bare svaret gikk tapt; masteren ble lest på nytt.',
+  'Another configuration is in force': 'En annen konfigurasjon gjelder',
+  'Neither the old one nor the new one: the master has started again, or somebody else wrote. Look at what differs from your draft.':
+    'Verken den gamle eller den nye: masteren har startet på nytt, eller noen andre skrev. Se på hva som avviker fra utkastet ditt.',
+  'Not known which configuration is in force': 'Ikke kjent hvilken konfigurasjon som gjelder',
+  'No answer came. The master holds the old one or the new one, never a mixture. It is read again as soon as it answers; writing again then is safe.':
+    'Det kom ikke noe svar. Masteren holder den gamle eller den nye, aldri en blanding. Den leses på nytt så snart den svarer; da er det trygt å skrive på nytt.',
   'Check a slave': 'Kontroller en slave',
   'Check a slave against a meter': 'Kontroller en slave mot et instrument',
   'At rest, nothing being bled. The converter may be off by 1.2 mV and cannot be trimmed: what is further off is repaired, and checked again. Nothing is changed here. A multimeter of 0.5 % is off by 20 mV and tells nothing.':
