@@ -1,5 +1,8 @@
 """The pages in another language than English."""
 
+import re
+
+import pytest
 from playwright.sync_api import expect
 
 
@@ -29,3 +32,31 @@ def test_a_limit_is_edited_in_norwegian(service, open_page):
     page.get_by_test_id("discard").click()
     page.get_by_test_id("confirm").click()
     expect(page.get_by_test_id("draft-state")).to_have_text("som gjeldende")
+
+
+ENGLISH = r"\b(the|and|with|was|were|this|that|cell|cells|pack|while|has)\b"
+PAGES = (
+    "overview",
+    "packs",
+    "packs/3/7",
+    "charging",
+    "parameters",
+    "sessions",
+    "events",
+    "system",
+    "simulator",
+    "help",
+)
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_no_english_is_left_on_a_norwegian_page(service, open_page, path):
+    page = open_page(f"{service.base_url}/#/system")
+    page.get_by_role("button", name="Norsk").click()
+    page.goto(f"{service.base_url}/#/{path}")
+    expect(page.locator("html")).to_have_attribute("lang", "nb")
+    expect(page.locator("main h1")).to_be_visible()
+    expect(page.locator("main")).to_contain_text(re.compile(".{120}", re.DOTALL))
+    lines = page.locator("main").inner_text().splitlines()
+    names = re.compile(r"\b\w+(-\w+)+\b")  # of scenarios and faults, as the command line takes them
+    assert [line for line in lines if re.search(ENGLISH, names.sub("", line))] == []

@@ -1,5 +1,7 @@
 // The REST client: every failure is a Problem that says what happened and which field it concerns.
 
+import { said } from '../words/words.svelte';
+
 const BASE = '/api/v1';
 
 export interface FieldError {
@@ -24,9 +26,9 @@ export class Problem extends Error {
     this.body = body;
   }
 
-  /** One sentence for the page. */
+  /** One sentence for the page, in its language. */
   get sentence(): string {
-    return this.detail || this.message;
+    return said(this.detail || this.message);
   }
 }
 

@@ -47,11 +47,31 @@ export const fill = (text: string, values: Values): string =>
   text.replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));
 
 /** A sentence of the service in the chosen language; one that no catalogue knows stays as it came. */
-export function said(sentence: string): string {
-  if (!chosen.said) return sentence;
-  for (const [pattern, translation] of chosen.said) {
-    const found = pattern.exec(sentence);
-    if (found) return translation.replace(/\$(\d)/g, (_, n: string) => said(found[Number(n)] ?? ''));
-  }
-  return sentence;
+export function said(text: string): string {
+  const sentence = text.replace(/\s+/g, ' ').trim(); // some come with the line breaks of their file
+  return translated(sentence, chosen.said) ?? tidied(sentence);
 }
+
+function translated(sentence: string, catalogue: Said | null): string | null {
+  if (!catalogue) return null;
+  const whole = catalogue.texts[sentence];
+  if (whole !== undefined) return whole;
+  for (const [pattern, words] of catalogue.patterns) {
+    const found = pattern.exec(sentence);
+    if (found) {
+      return words
+        .replace(/\$(\d)/g, (_, n: string) => said(found[Number(n)] ?? ''))
+        .replace(/ +(?=[ :,.])/g, '');
+    }
+  }
+  const opened = /^(\p{Lu})(.*?)(\.?)$/u.exec(sentence); // a text of the log as a sentence of a report
+  const inner = opened && translated(opened[1]!.toLowerCase() + opened[2]!, catalogue);
+  return inner ? inner[0]!.toUpperCase() + inner.slice(1) + opened[3]! : null;
+}
+
+/** Units as people write them, and no mark-up of programs. */
+const tidied = (sentence: string): string =>
+  sentence
+    .replace(/\bdegC\b/g, '°C')
+    .replace(/\bmohm\b/g, 'mΩ')
+    .replaceAll('`', '');

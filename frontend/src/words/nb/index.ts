@@ -6,7 +6,7 @@ import { OVERVIEW } from './overview';
 import { PACKS } from './packs';
 import { PARAMETERS } from './parameters';
 import { RECORDING } from './recording';
-import { SERVICE } from './service';
+import service from './service.json';
 import { SESSIONS } from './sessions';
 import { SHELL } from './shell';
 import { SIMULATOR } from './simulator';
@@ -27,7 +27,15 @@ const ALL = {
 };
 
 export type Words = Record<keyof typeof ALL, string>;
-export type Said = typeof SERVICE;
+
+/** Sentences that the service composes: whole texts, and patterns of which the first that fits is taken. */
+export interface Said {
+  texts: Readonly<Record<string, string>>;
+  patterns: readonly (readonly [RegExp, string])[]; // $1 is what the pattern found, itself translated
+}
 
 export const NB: Words = ALL;
-export const SAID: Said = SERVICE;
+export const SAID: Said = {
+  texts: service.texts,
+  patterns: service.patterns.map(([pattern, words]) => [new RegExp(`^${pattern}$`), words!] as const),
+};
