@@ -27,7 +27,9 @@ REST_CURRENT_C: Final = 0.01  # below this a cell rests
 
 COUNT_ERROR_FRAC: Final = 0.003  # drift of a laboratory's charge counter, of the charge moved
 SPAN_MIN: Final = 0.2  # SOC that has to be covered to say something about the capacity
-COLUMN_SPAN_MIN: Final = 0.03  # of it, what one stretch with a soc column has to cover
+COLUMN_STEP_MIN: Final = 0.01  # of it, what one stretch with a soc column has to cover
+COLUMN_ERROR_SOC: Final = 1e-4  # of a soc column, at either end of a stretch
+UNSURE_RATIO: Final = 3.0  # between the errors of stretches that count alike
 DISAGREEMENT_FRAC: Final = 0.015  # above this two capacities are worth a note
 COARSE_SOC: Final = 0.002  # a soc column in larger steps is smoothed by the charge count
 
@@ -55,6 +57,12 @@ def charge_ah(recording: Recording, rows: IntArray) -> FloatArray:
     current, time_s = recording.current_a[rows], recording.time_s[rows]
     moved = np.cumsum(0.5 * (current[1:] + current[:-1]) * np.diff(time_s)) / 3600.0
     return np.concatenate(([0.0], moved))
+
+
+def edge_charge_ah(recording: Recording, rows: IntArray) -> float:
+    """Return how far the charge between the first and last of the rows depends on when the current changed [Ah]."""
+    current, time_s = recording.current_a[rows], recording.time_s[rows]
+    return abs(float(np.sum(0.5 * np.diff(current) * np.diff(time_s)))) / 3600.0
 
 
 @dataclass(frozen=True)
@@ -116,21 +124,28 @@ def typical_resistance(recordings: Sequence[Recording]) -> float:
 
 
 def capacity_from_column(recordings: Sequence[Recording]) -> float | None:
-    """Return the capacity [Ah] that makes charge counts and soc columns agree, None without a column that says it."""
-    moved = spanned = total = 0.0
+    """Return the capacity [Ah] that makes charge counts and soc columns agree, None without a column that says it.
+
+    Between a row under load and one at rest the current may have ended anywhere. Stretches in which that matters are
+    left out where others say the same better; of the rest, long ones count most.
+    """
+    found = []
     for recording in recordings:
         for rows in stretches(recording):
             known = np.flatnonzero(np.isfinite(recording.soc[rows]))
             if known.size < 2:
                 continue
-            low, high = rows[known[0]], rows[known[-1]]
-            span = abs(float(recording.soc[low] - recording.soc[high]))
-            if span >= COLUMN_SPAN_MIN:
-                counted = charge_ah(recording, rows)
-                moved += abs(float(counted[known[-1]] - counted[known[0]])) * span
-                spanned += span * span
-                total += span
-    return moved / spanned if total >= SPAN_MIN else None
+            between = rows[known[0] : known[-1] + 1]
+            span = abs(float(recording.soc[between[0]] - recording.soc[between[-1]]))
+            if span >= COLUMN_STEP_MIN:
+                moved = abs(float(charge_ah(recording, between)[-1]))
+                found.append((moved, span, edge_charge_ah(recording, between) / span))
+    moved, span, unsure = np.array(found).T if found else np.zeros((3, 0))
+    if span.sum() < SPAN_MIN:
+        return None
+    error_ah = np.hypot(unsure, COLUMN_ERROR_SOC / span * (moved / span))
+    best = error_ah <= UNSURE_RATIO * error_ah.min()
+    return float(np.sum(moved[best] * span[best]) / np.sum(span[best] ** 2))
 
 
 def capacity_from_rests(

@@ -40,6 +40,23 @@ def test_many_short_stretches_with_a_soc_column_tell_the_capacity_together():
     assert capacity_from_column(short[:2]) is None
 
 
+def test_pulses_whose_end_fell_between_rows_do_not_outvote_a_plain_stretch():
+    """Rows every 0.1 s under load and every 10 s at rest: the trapezium counts 5 s of load that never flowed."""
+    pulse = discharge(np.repeat([0.0, 9.0], [2, 400]), dt_s=0.1)
+    after = Recording(
+        "test",
+        np.append(pulse.time_s, pulse.time_s[-1] + 10.0 * np.arange(1, 9)),
+        np.append(pulse.current_a, np.zeros(8)),
+        np.full(410, 3.7),
+        np.full(410, 25.0),
+        np.append(pulse.soc, np.full(8, pulse.soc[-1])),
+        (),
+    )
+    plain = [discharge(np.full(361, 1.2), start_soc=1.0 - 0.1 * k) for k in range(2)]
+    assert charge_ah(after, np.arange(410))[-1] > 1.1 * CAPACITY_AH * (after.soc[0] - after.soc[-1])
+    assert capacity_from_column([after] * 4 + plain) == pytest.approx(CAPACITY_AH, rel=1e-4)
+
+
 def test_no_soc_column_tells_no_capacity():
     recording = discharge(np.full(1000, 3.0))
     recording.soc[:] = np.nan
