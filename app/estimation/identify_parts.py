@@ -140,12 +140,12 @@ def capacity_from_column(recordings: Sequence[Recording]) -> float | None:
             if span >= COLUMN_STEP_MIN:
                 moved = abs(float(charge_ah(recording, between)[-1]))
                 found.append((moved, span, edge_charge_ah(recording, between) / span))
-    moved, span, unsure = np.array(found).T if found else np.zeros((3, 0))
-    if span.sum() < SPAN_MIN:
+    moved_ah, spans, unsure_ah = np.array(found).T if found else np.zeros((3, 0))
+    if spans.sum() < SPAN_MIN:
         return None
-    error_ah = np.hypot(unsure, COLUMN_ERROR_SOC / span * (moved / span))
+    error_ah = np.hypot(unsure_ah, COLUMN_ERROR_SOC / spans * (moved_ah / spans))
     best = error_ah <= UNSURE_RATIO * error_ah.min()
-    return float(np.sum(moved[best] * span[best]) / np.sum(span[best] ** 2))
+    return float(np.sum(moved_ah[best] * spans[best]) / np.sum(spans[best] ** 2))
 
 
 def capacity_from_rests(
