@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import ConfigError
-from app.sessions.export.table import FloatArray, SignalTable
+from app.sessions.export.table import FILLED, FloatArray, SignalTable
 from app.sessions.series import find_gaps
 from app.sessions.signals import Signal
 
@@ -50,6 +50,8 @@ def _extent(table: SignalTable) -> tuple[tuple[float, float] | None, int]:
     """First and last sample time, and the rate of the quickest signal in whole hertz, rounded up."""
     first, last, rate_hz = [], [], 1
     for signal in table.signals:
+        if signal is FILLED:
+            continue
         times_us = table.session.samples(signal, table.t_from_s, table.t_to_s).times_us
         if len(times_us):
             first.append(table.session.unix_s(int(times_us[0]) * 1000))
@@ -62,6 +64,8 @@ def _extent(table: SignalTable) -> tuple[tuple[float, float] | None, int]:
 
 def _resampled(table: SignalTable, signal: Signal, grid_s: FloatArray) -> FloatArray:
     """The (n,) last value before each grid time, NaN before the first one and in gaps."""
+    if signal is FILLED:
+        return table.is_filled(grid_s)
     found = table.session.samples(signal, table.t_from_s, table.t_to_s)
     values = np.full(len(grid_s), np.nan)
     if len(found.times_us):

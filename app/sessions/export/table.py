@@ -16,6 +16,8 @@ from app.sessions.signals import Signal, default_signals, find_signal
 FloatArray = NDArray[np.float64]
 BLOCK_S = 240.0
 _MARGIN_S = 1.0  # what belongs to one instant arrives within this time
+_SAME_S = 1e-4  # a span is told to the millisecond
+FILLED = Signal("filled", "filled", 0, "", 1.0)  # 1 where the row came from another recorder of the same run
 
 
 def column_name(signal: Signal) -> str:
@@ -34,7 +36,10 @@ class Block:
 
 
 class SignalTable:
-    """Some signals over a range; without `signals` the default ones that the session holds."""
+    """Some signals over a range; without `signals` the default ones that the session holds.
+
+    Where gaps of the session were filled from another recorder the last signal is FILLED.
+    """
 
     def __init__(
         self,
@@ -56,6 +61,10 @@ class SignalTable:
         else:
             present = set(session.signal_names())
             self.signals = [s for s in map(find_signal, default_signals()) if s.field in present]
+        self._filled = session.filled()
+        self._recorded = self.signals
+        if self._filled:
+            self.signals = [*self.signals, FILLED]
         self.info = session.info
         self.t_from_s, self.t_to_s = t_from_s, t_to_s
         self.lap_times_s = lap_times_s
@@ -70,6 +79,13 @@ class SignalTable:
             if len(block.time_s):
                 yield block
             first_us = end_us
+
+    def is_filled(self, time_s: FloatArray) -> FloatArray:
+        """Return (n,) 1 where a time lies in a gap that was filled, else 0."""
+        inside = np.zeros(len(time_s))
+        for first_s, last_s in self._filled:
+            inside[(time_s >= first_s - _SAME_S) & (time_s <= last_s + _SAME_S)] = 1.0
+        return inside
 
     def _range_us(self, start_us: int) -> tuple[int, int]:
         spans = self.session.chunk_spans_us()
@@ -92,7 +108,7 @@ class SignalTable:
         low_s = self.session.unix_s(first_us * 1000) - _MARGIN_S
         high_s = self.session.unix_s(end_us * 1000) + _MARGIN_S
         with self.session.consistent():
-            samples = [self.session.samples(signal, low_s, high_s, instants=True) for signal in self.signals]
+            samples = [self.session.samples(signal, low_s, high_s, instants=True) for signal in self._recorded]
         found = np.concatenate([np.empty(0, np.int64), *(s.instants for s in samples if s.instants is not None)])
         if not len(found):
             empty = np.empty(0)
@@ -102,7 +118,7 @@ class SignalTable:
         np.minimum.at(row_us, rows, np.concatenate([s.times_us for s in samples]))
         values = np.full((len(instants), len(samples)), np.nan)
         position = 0
-        for column, (signal, of_signal) in enumerate(zip(self.signals, samples, strict=True)):
+        for column, (signal, of_signal) in enumerate(zip(self._recorded, samples, strict=True)):
             end = position + len(of_signal.times_us)
             values[rows[position:end], column] = signal.physical(of_signal.counts)
             position = end
@@ -110,4 +126,7 @@ class SignalTable:
         order = order[(row_us[order] >= first_us) & (row_us[order] < end_us)]
         uptime_s = np.where(instants[order] >= 0, (instants[order] & 0xFFFFFFFF) / 1000, np.nan)
         elapsed_s = (row_us[order] - start_us) / 1e6
-        return Block(self.session.unix_s(start_us * 1000) + elapsed_s, elapsed_s, uptime_s, values[order])
+        time_s, values = self.session.unix_s(start_us * 1000) + elapsed_s, values[order]
+        if self._filled:
+            values = np.column_stack((values, self.is_filled(time_s)))
+        return Block(time_s, elapsed_s, uptime_s, values)

@@ -18,6 +18,9 @@ export interface Mark {
   colour: string; // name of a colour token
 }
 
+/** A stretch of time that is not like the others: from, to. */
+export type Shade = readonly [number, number];
+
 export interface PlotSpec {
   series: PlotSeries[];
   unit: string;
@@ -60,6 +63,7 @@ export class Plot {
   private readonly theme: Theme;
   private readonly colours: string[];
   private marks: readonly Mark[] = [];
+  private shades: readonly Shade[] = [];
 
   constructor(
     host: HTMLElement,
@@ -71,8 +75,15 @@ export class Plot {
     this.chart = new uPlot(this.options(host.clientWidth), [[]] as unknown as uPlot.AlignedData, host);
   }
 
-  set(bands: readonly Band[], from: number, to: number, marks: readonly Mark[] = []): void {
+  set(
+    bands: readonly Band[],
+    from: number,
+    to: number,
+    marks: readonly Mark[] = [],
+    shades: readonly Shade[] = [],
+  ): void {
     this.marks = marks;
+    this.shades = shades;
     this.chart.batch(() => {
       this.chart.setData(aligned(bands), false);
       this.chart.setScale('x', { min: from, max: to });
@@ -138,6 +149,7 @@ export class Plot {
       bands,
       hooks: {
         ready: [(u) => u.over.addEventListener('click', (event) => this.pick(u, event))],
+        drawClear: [(u) => this.shade(u)],
         draw: [(u) => this.lines(u), (u) => this.labels(u)],
         setCursor: [(u) => u.redraw(false)],
         setSelect: [
@@ -162,6 +174,18 @@ export class Plot {
 
   private pick(u: uPlot, event: MouseEvent): void {
     this.spec.onPick?.(u.posToVal(event.clientX - u.over.getBoundingClientRect().left, 'x'));
+  }
+
+  private shade(u: uPlot): void {
+    const { ctx, bbox } = u;
+    ctx.save();
+    ctx.fillStyle = this.theme.line;
+    for (const [from, to] of this.shades) {
+      const left = Math.max(bbox.left, u.valToPos(from, 'x', true));
+      const right = Math.min(bbox.left + bbox.width, u.valToPos(to, 'x', true));
+      if (right > left) ctx.fillRect(left, bbox.top, Math.max(right - left, devicePixelRatio), bbox.height);
+    }
+    ctx.restore();
   }
 
   private lines(u: uPlot): void {

@@ -49,6 +49,8 @@ export const RECORDING = {
   'for Foxglove and Lichtblick': 'for Foxglove og Lichtblick',
   'for i2, all channels at one rate': 'for i2, alle kanaler med samme rate',
   'for pandas, Polars, DuckDB': 'for pandas, Polars, DuckDB',
+  'Shaded: lost by this link, filled from another recorder.':
+    'Skyggelagt: mistet av denne lenken, fylt fra en annen opptaker.',
   'gaps filled from another recorder': 'hull fylt fra en annen opptaker',
   imported: 'importert',
   'of {time}': 'av {time}',

@@ -43,7 +43,6 @@ def test_an_overlay_has_a_trace_a_lap(client, session_id):
         ("sessions/{id}/laps?source=guess", 422),
         ("sessions/{id}/laps?source=signal", 422),
         ("sessions/{id}/laps?source=signal&lap_signal=speed", 422),
-        ("sessions/{id}/laps?source=signal&lap_signal=n_slaves", 200),
         ("sessions/{id}/laps/overlay?lap=7", 422),
         ("sessions/{id}/laps/overlay?lap=0&signal=speed", 422),
         ("sessions/{id}/laps/overlay", 422),

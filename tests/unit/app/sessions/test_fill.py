@@ -1,12 +1,18 @@
 """The pit's recording of a run with a bad radio, filled from the recorder in the car, whose clocks are others."""
 
+import csv
+import json
 import random
+import struct
 from pathlib import Path
 
+import mcap.reader
 import numpy as np
 import pytest
+from pyarrow import parquet
 
 from app.errors import NotNow
+from app.sessions.export import export
 from app.sessions.fill import FILLED_LINK, NothingInCommon, fill_gaps
 from app.sessions.notes import write_note
 from app.sessions.reader import SessionFile
@@ -161,3 +167,40 @@ def test_a_session_that_was_cut_off_stays_one(run, tmp_path, stream):
     with SessionFile(cut) as session:
         assert not session.info.is_closed
         assert session.series(["i_fs"])["i_fs"].gaps == ()
+
+
+@pytest.mark.parametrize("name", ["csv", "parquet", "mcap", "ld"])
+def test_exports_mark_what_was_filled(run, tmp_path, name):
+    pit, car, lost = run
+    out = tmp_path / f"out.{name}"
+    with SessionFile(pit) as session:
+        export(session, out, name, signals=["v[3]"])
+    before = out.read_bytes()
+    assert b"filled" not in before
+    fill_gaps(pit, car, t_wall_ns=1)
+    with SessionFile(pit) as session:
+        export(session, out, name, signals=["v[3]"])
+        started_s = session.info.started_wall_ns / 1e9
+    in_gaps = {n for n in lost if not 300 < n < 600}  # single frames are no gap
+    at_edges = 6 if name == "ld" else 0  # its rows are on a grid of their own
+    assert len(in_gaps ^ set(filled_rows(out, name, started_s))) <= at_edges
+
+
+def filled_rows(path, name, started_s):
+    """Numbers of the frames that a file says came from elsewhere, by their time."""
+    if name == "csv":
+        with path.open(newline="") as file:
+            times = [float(row["elapsed_s"]) for row in csv.DictReader(file) if row["filled"] == "1"]
+    elif name == "parquet":
+        table = parquet.read_table(path)
+        times = [row["elapsed_s"] for row in table.select(["elapsed_s", "filled"]).to_pylist() if row["filled"]]
+    elif name == "mcap":
+        with path.open("rb") as file:
+            found = mcap.reader.make_reader(file).iter_messages(topics=["/filled"])
+            times = [m.log_time / 1e9 - started_s for _, _, m in found if json.loads(m.data)["value"] == 1]
+    else:
+        content = path.read_bytes()
+        second = struct.unpack_from("<4I", content, 11336 + 124)  # the last channel's header: chain, data, samples
+        values = np.frombuffer(content, "<f4", second[3], second[2])
+        times = (np.flatnonzero(values == 1) / 10).tolist()
+    return [round(t * 10) for t in times]
