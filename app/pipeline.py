@@ -174,10 +174,11 @@ class Pipeline:
         return Output(events=(event,))
 
     def _on_fault(self, fault: CanFault) -> Output:
-        if not self._monitors["can"].on_fault(fault):
+        if not self._monitors["can"].on_fault(fault) or fault.bus_state is None:
             return Output()
         severity, text = _BUS_STATES[fault.bus_state]
-        event = Event(fault.t_wall_ns, severity, f"can-{fault.bus_state}", f"{text} ({fault.errors} errors)")  # type: ignore[arg-type]
+        errors = "" if fault.errors is None else f" ({fault.errors} errors)"
+        event = Event(fault.t_wall_ns, severity, f"can-{fault.bus_state}", f"{text}{errors}")  # type: ignore[arg-type]
         return Output(events=(event,))
 
     def _on_serial(self, item: SerialItem) -> Output:

@@ -51,12 +51,14 @@ class LinkChange:
 
 @dataclass(frozen=True, slots=True)
 class CanFault:
-    """The CAN controller saw errors; counts since the bus was opened."""
+    """What the CAN adapter's controller says, None where it does not; `errors` since the bus was opened."""
 
     t_mono_ns: int
     t_wall_ns: int
-    bus_state: BusState
-    errors: int
+    bus_state: BusState | None
+    errors: int | None
+    tx_errors: int | None = None  # the controller's error counters, 0..255
+    rx_errors: int | None = None
 
 
 Item = SerialItem | CanItem | CanFault | LinkChange
@@ -79,8 +81,10 @@ class LinkStatus:
     line_load: float | None = None  # share of the line's capacity; of CAN's, with the most bits that stuffing can add
     reconnects: int = 0
     error: str | None = None
-    errors: int = 0  # error frames of a CAN controller
-    bus_state: BusState | None = None  # of a CAN controller, None while it reported nothing
+    errors: int | None = None  # error frames of a CAN adapter, None where it passes none on
+    tx_errors: int | None = None  # its controller's error counters
+    rx_errors: int | None = None
+    bus_state: BusState | None = None  # None while it said nothing
 
 
 @dataclass(frozen=True, slots=True)

@@ -121,7 +121,9 @@ def bus_json(runtime: Runtime) -> dict[str, Any]:
         "ids": ids,
         "bit_rate": rate,
         "load": load,
-        "errors": 0 if can is None else can.errors,
+        "errors": None if can is None else can.errors,
+        "tx_errors": None if can is None else can.tx_errors,
+        "rx_errors": None if can is None else can.rx_errors,
         "bus_state": None if can is None else can.bus_state,
         "rs232_live": snapshot is not None and snapshot.links["rs232"].state == "live",
         "disagreements": [

@@ -10,7 +10,8 @@ from urllib.parse import parse_qsl
 
 from app.errors import ConfigError, LinkLost
 from app.links.backoff import Backoff
-from app.telemetry import BusState, CanFault, CanItem, Item, LinkChange
+from app.links.can_controller import ControllerWatch
+from app.telemetry import CanFault, CanItem, Item, LinkChange
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 # python-can tries to import asammdf for files that nobody reads here; where that is installed (for exports) it brings
@@ -27,8 +28,7 @@ finally:
 log = logging.getLogger(__name__)
 _POLL_S = 0.2
 _SEND_S = 0.5
-_BUS_OFF, _CONTROLLER = 0x40, 0x04  # bits of an error frame's id (linux/can/error.h)
-_PASSIVE, _WARNING = 0x30, 0x0C  # bits of its second byte
+_ASK_S = 1.0  # between two questions to the adapter's controller
 DEFAULT_BIT_RATE = 500_000
 
 
@@ -61,18 +61,6 @@ def _convert(value: str) -> str | int | float | bool:
     return value
 
 
-def bus_state(message: can.Message) -> BusState:
-    """Return what an error frame says of the controller, in the words of SocketCAN, which python-can passes on."""
-    if message.arbitration_id & _BUS_OFF:
-        return "off"
-    if message.arbitration_id & _CONTROLLER and len(message.data) > 1:
-        if message.data[1] & _PASSIVE:
-            return "passive"
-        if message.data[1] & _WARNING:
-            return "warning"
-    return "active"
-
-
 class CanLink:
     """Delivers data frames to `sink`, from its own thread."""
 
@@ -83,7 +71,6 @@ class CanLink:
         self._stopping = threading.Event()
         self._sending = threading.Lock()
         self._bus: can.BusABC | None = None
-        self._errors = 0
         self._thread = threading.Thread(target=self._run, name="can", daemon=True)
 
     def start(self) -> None:
@@ -107,7 +94,6 @@ class CanLink:
                 self._stopping.wait(backoff.next_s())
                 continue
             self._tell("open")
-            self._errors = 0
             with self._sending:
                 self._bus = bus
             try:
@@ -122,11 +108,18 @@ class CanLink:
             self._stopping.wait(backoff.next_s())
 
     def _read_until_lost(self, bus: can.BusABC, on_data: Callable[[], None]) -> None:
+        watch, asked_s = ControllerWatch(str(self._arguments["interface"])), time.monotonic()
+        watch.ask(bus)
+        self._tell_fault(watch)
         while not self._stopping.is_set():
             message = bus.recv(_POLL_S)
             if message is not None and message.is_error_frame:
-                self._errors += 1
-                self._sink(CanFault(time.monotonic_ns(), time.time_ns(), bus_state(message), self._errors))
+                watch.on_error_frame(message)
+                self._tell_fault(watch)
+            if time.monotonic() - asked_s > _ASK_S:
+                asked_s = time.monotonic()
+                if watch.ask(bus):
+                    self._tell_fault(watch)
             if message is None or message.is_error_frame or message.is_remote_frame:
                 continue
             on_data()
@@ -150,6 +143,10 @@ class CanLink:
             except Exception as error:  # every driver raises its own
                 raise LinkLost(f"the CAN bus refused a frame: {error or type(error).__name__}") from error
         self._sink(CanItem(time.monotonic_ns(), time.time_ns(), can_id, bytes(data), sent=True))
+
+    def _tell_fault(self, watch: ControllerWatch) -> None:
+        now_ns, wall_ns = time.monotonic_ns(), time.time_ns()
+        self._sink(CanFault(now_ns, wall_ns, watch.state, watch.errors, watch.tx_errors, watch.rx_errors))
 
     def _tell(self, state: str, error: str | None = None) -> None:
         self._sink(LinkChange(time.monotonic_ns(), time.time_ns(), "can", state, error))  # type: ignore[arg-type]

@@ -88,9 +88,10 @@ class LinkMonitor:
         self._add_bytes(t_ns, length)
 
     def on_fault(self, fault: CanFault) -> bool:
-        """The controller saw errors; True where its state is another one now."""
+        """What the controller says; True where its state is another one now."""
         before, self._fault = self._fault, fault
-        return fault.bus_state != ("active" if before is None else before.bus_state)
+        was = None if before is None else before.bus_state
+        return fault.bus_state is not None and fault.bus_state != (was or "active")
 
     def on_snapshot(self, t_ns: int) -> None:
         """A fast frame made a snapshot."""
@@ -124,7 +125,9 @@ class LinkMonitor:
             line_load=self._load(bytes_per_s, now_ns),
             reconnects=self.reconnects,
             error=self._error,
-            errors=0 if self._fault is None else self._fault.errors,
+            errors=None if self._fault is None else self._fault.errors,
+            tx_errors=None if self._fault is None else self._fault.tx_errors,
+            rx_errors=None if self._fault is None else self._fault.rx_errors,
             bus_state=None if self._fault is None else self._fault.bus_state,
         )
 

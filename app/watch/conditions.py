@@ -94,7 +94,13 @@ def _links(snapshot: Snapshot) -> Iterator[Condition]:
     can = snapshot.links["can"]
     if can.bus_state in ("passive", "off"):
         text = "CAN controller off the bus" if can.bus_state == "off" else "CAN controller error-passive"
-        yield Condition(f"can-bus-{can.bus_state}", "warning", text, value=float(can.errors), unit="errors")
+        yield Condition(
+            f"can-bus-{can.bus_state}",
+            "warning",
+            text,
+            value=None if can.errors is None else float(can.errors),
+            unit="errors",
+        )
     if snapshot.disagreements:
         first = snapshot.disagreements[0]
         more = f", and {len(snapshot.disagreements) - 1} more" if len(snapshot.disagreements) > 1 else ""

@@ -51,7 +51,9 @@ class CanBusOut(BaseModel):
     ids: list[CanIdOut]
     bit_rate: int
     load: float  # of what was heard lately, worst-case frames
-    errors: int
+    errors: int | None  # null: the adapter does not say
+    tx_errors: int | None
+    rx_errors: int | None
     bus_state: Literal["active", "warning", "passive", "off"] | None
     rs232_live: bool
     disagreements: list[DisagreementOut]

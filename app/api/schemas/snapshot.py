@@ -194,7 +194,9 @@ class LinkOut(BaseModel):
     line_load: Number
     reconnects: int
     error: str | None
-    errors: int  # error frames of a CAN controller
+    errors: int | None  # error frames of a CAN adapter; null where it passes none on
+    tx_errors: int | None
+    rx_errors: int | None
     bus_state: Literal["active", "warning", "passive", "off"] | None
 
 

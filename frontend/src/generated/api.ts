@@ -165,7 +165,9 @@ export interface CanBus {
   ids: CanId[];
   bit_rate: number;
   load: number;
-  errors: number;
+  errors: number | null;
+  tx_errors: number | null;
+  rx_errors: number | null;
   bus_state: 'active' | 'warning' | 'passive' | 'off' | null;
   rs232_live: boolean;
   disagreements: Disagreement[];
@@ -718,7 +720,9 @@ export interface Link {
   line_load: number | null;
   reconnects: number;
   error: string | null;
-  errors: number;
+  errors: number | null;
+  tx_errors: number | null;
+  rx_errors: number | null;
   bus_state: 'active' | 'warning' | 'passive' | 'off' | null;
 }
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from app.links.can import bus_state
+from app.links.can_controller import told_state
 from simulator.can_bus import BUS_OFF, PASSIVE, CanBus, CanFrame
 from simulator.can_ports import PythonCanPort, can_port
 
@@ -60,7 +60,7 @@ def test_frames_go_both_ways(bus, node, port, computer):
     assert node.heard == [CanFrame(0x18FF50E5, True, b"\7")]
 
 
-@pytest.mark.parametrize(("errors", "state"), [(0, "active"), (100, "warning"), (PASSIVE, "passive")])
+@pytest.mark.parametrize(("errors", "state"), [(0, None), (100, "warning"), (PASSIVE, "passive")])
 def test_the_virtual_bus_shows_error_frames_with_the_state_of_the_node(bus, node, port, computer, errors, state):
     bus.is_broken = True
     bus.station(port).receive_errors = errors
@@ -68,7 +68,7 @@ def test_the_virtual_bus_shows_error_frames_with_the_state_of_the_node(bus, node
     bus.run(0.1)
     message = computer.recv(0)
     assert message.is_error_frame
-    assert bus_state(message) == state
+    assert told_state(message) == state
 
 
 def test_a_port_that_errors_took_off_the_bus_says_so(bus, node, port, computer):
@@ -81,7 +81,7 @@ def test_a_port_that_errors_took_off_the_bus_says_so(bus, node, port, computer):
     bus.run(0.1)
     states = []
     while (message := computer.recv(0)) is not None:
-        states.append(bus_state(message))
+        states.append(told_state(message))
     assert states[-1] == "off"
 
 
