@@ -53,7 +53,7 @@ class CoulombCounter:
         """(n_cells, n_states, n_states) covariance; the RC currents are as good as the model says."""
         cov = np.moveaxis(self.states.cov, 2, 0).copy()
         cov[:, SOC, :] = cov[:, :, SOC] = 0.0
-        cov[:, SOC, SOC] = count_variance(self.states)
+        cov[:, SOC, SOC] = count_variance(self.states.drift, self.states.anchor_v2)
         return cov
 
     def heard(self) -> None:
@@ -97,7 +97,10 @@ class CoulombCounter:
         predicted = ocv - cell.drop(c, i, state.mean[1:]) + model.hysteresis_v * state.hysteresis
         innovation = step.voltage_v - predicted
         valid = self._check.update(step.dt_s, innovation, step.noise_v2, ~np.isnan(innovation))
-        soc, sigma = np.clip(state.count_soc, 0.0, 1.0), np.minimum(np.sqrt(count_variance(state)), SIGMA_MAX)
+        soc, sigma = (
+            np.clip(state.count_soc, 0.0, 1.0),
+            np.minimum(np.sqrt(count_variance(state.drift, state.anchor_v2)), SIGMA_MAX),
+        )
         expected = np.sqrt(step.noise_v2 * step.climate.noise_scale)
         return Estimates(np.array([soc, sigma, ocv, predicted, innovation, expected, valid, np.zeros(self.n_cells)]))
 

@@ -15,7 +15,7 @@ from app.estimation.estimates import N_OUT, Estimates
 from app.estimation.fast import FastStep
 from app.estimation.fusion import Fusion
 from app.estimation.inputs import InputGuard
-from app.estimation.marginal import MarginalFilter, StepResult
+from app.estimation.marginal import MarginalFilter
 from app.estimation.own_capacity import OwnCapacity
 from app.estimation.process import SOC_VARIANCE_MAX, Process
 from app.estimation.record import Record, check_record, run_steps
@@ -31,6 +31,7 @@ Engine = Literal["auto", "numpy", "numba"]
 
 logger = logging.getLogger(__name__)
 NOT_STARTED: Final = "the filter has not been started"
+BLOCK_STEPS: Final = 64  # of a record: what a block needs fits a processor's cache
 ZERO: Final = np.array(0.0)
 ONE: Final = np.array(1.0)
 SLOPE_FLOOR_V2: Final = np.array(SLOPE_FLOOR_V * SLOPE_FLOOR_V)
@@ -72,9 +73,7 @@ class GaussianEstimator:
                     raise
                 logger.warning("estimating with numpy alone: %s", error)
         self._soc, self._filter_v2 = self.states.mean[SOC], self.states.cov[SOC, SOC]
-        self._bias_v2 = np.array(tuning.bias_v * tuning.bias_v)
         self._out_shape = N_OUT, n_cells
-        self._slope_v2 = np.empty(n_cells)
         self._is_started = False
         self._was_told = False  # a SOC, which a filter without a count goes on from
 
@@ -156,9 +155,9 @@ class GaussianEstimator:
             self._capacity.take(sample.current_a, sample.dt_s)
         self._process.predict(sample)
         result = self._filter.update(sample, predicted, innovation, innovation_sigma)
-        soc, variance = self._soc, self._soc_variance(result)
+        soc, variance = self._soc, soc_variance(self.tuning, self._filter_v2, self.states.bias_v2, result.slope_v)
         if self._fusion is not None:
-            soc, variance = self._fusion.fuse(sample.dt_s, variance)
+            soc, variance = self._fusion.fuse(sample.dt_s, soc, variance)
         if result.all_accepted:
             accepted.fill(1.0)
             valid[:] = self._check.update(sample.dt_s, innovation, sample.noise_v2, None)
@@ -189,24 +188,80 @@ class GaussianEstimator:
         if not self._is_started:
             raise EstimatorError(NOT_STARTED)
         check_record(self.n_cells, dt_s, current_a, voltage_v, temperature_degc)
-        if self._fast is None or self._capacity.is_used:
+        if self._fast is None:
+            return self._in_blocks(dt_s, current_a, voltage_v, temperature_degc)
+        if self._capacity.is_used:
             return run_steps(self, dt_s, current_a, voltage_v, temperature_degc)
         held = np.array([self.guard.common(0.0, i) for i in current_a])
         return self._fast.record(dt_s, held, voltage_v, temperature_degc)
 
-    def _soc_variance(self, result: StepResult) -> FloatArray:
-        """Return (n,) variance of the SOC with the error that averaging does not remove.
+    def _in_blocks(
+        self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
+    ) -> Record:
+        """Return what `step` would: only what feeds back goes sample by sample, the rest by the block."""
+        steps, n = voltage_v.shape
+        numbers = np.empty((N_OUT, steps, n))
+        for begin in range(0, steps, BLOCK_STEPS):
+            part = slice(begin, begin + BLOCK_STEPS)
+            self._block(dt_s[part], current_a[part], voltage_v[part], temperature_degc[part], numbers[:, part])
+        return Record(numbers)
 
-        v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less.
-        """
-        variance: FloatArray = np.add(self.states.bias_v2, self._bias_v2)
-        slope_v2 = self._slope_v2
-        np.multiply(result.slope_v, result.slope_v, slope_v2)
-        np.maximum(slope_v2, SLOPE_FLOOR_V2, out=slope_v2)
-        np.divide(variance, slope_v2, variance)
-        np.add(variance, self._filter_v2, variance)
-        np.minimum(variance, VARIANCE_MAX, out=variance)
-        return variance
+    def _block(
+        self,
+        dt_s: FloatArray,
+        current_a: FloatArray,
+        voltage_v: FloatArray,
+        temperature_degc: FloatArray,
+        numbers: FloatArray,
+    ) -> None:
+        reported, sigma, ocv, predicted, innovation, innovation_sigma, valid, accepted = numbers
+        states, steps, times_s = self.states, dt_s.size, dt_s.tolist()
+        soc, filter_v2, slope_v = np.empty((3, *voltage_v.shape))
+        counts, before = np.empty((steps, *states.count.shape)), states.count.copy()
+        noise_v2 = np.empty(steps)
+        all_accepted = True
+        for k, (dt, current) in enumerate(zip(times_s, current_a.tolist(), strict=True)):
+            sample = self.guard.check(dt, current, voltage_v[k], temperature_degc[k])
+            if self._capacity.is_used:
+                self._capacity.take(sample.current_a, dt)
+            self._process.predict(sample)
+            result = self._filter.update(sample, predicted[k], innovation[k], innovation_sigma[k])
+            soc[k], filter_v2[k], slope_v[k] = self._soc, self._filter_v2, result.slope_v
+            counts[k] = states.count
+            noise_v2[k] = sample.noise_v2
+            if result.all_accepted:
+                accepted[k] = 1.0
+            else:
+                all_accepted = False
+                accepted[k] = result.accepted
+        used = None if all_accepted else accepted != 0.0
+        valid[:], bias_v2 = self._check.update_block(times_s, innovation, noise_v2, used)
+        variance = soc_variance(self.tuning, filter_v2, bias_v2, slope_v)
+        if self._fusion is not None:
+            soc, variance = self._fusion.fuse_block(times_s, soc, variance, counts, before)
+        np.clip(soc, 0.0, 1.0, out=reported)
+        np.sqrt(variance, sigma)
+        ocv[:] = self.cell.ocv_of(soc)
+
+
+def soc_variance(tuning: Tuning, filter_v2: FloatArray, bias_v2: FloatArray, slope_v: FloatArray) -> FloatArray:
+    """Return (...) variance of the SOC with the error that averaging does not remove.
+
+    v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less.
+
+    Args:
+        tuning: which says what the model errs by.
+        filter_v2: (...) variance of the filter's SOC.
+        bias_v2: (...) mean square of the lasting innovation before the sample [V^2].
+        slope_v: (...) dOCV/dSOC [V].
+    """
+    slope_v2 = slope_v * slope_v
+    np.maximum(slope_v2, SLOPE_FLOOR_V2, out=slope_v2)
+    variance: FloatArray = bias_v2 + tuning.bias_v * tuning.bias_v
+    np.divide(variance, slope_v2, variance)
+    np.add(variance, filter_v2, variance)
+    np.minimum(variance, VARIANCE_MAX, out=variance)
+    return variance
 
 
 def wants_numba(engine: Engine) -> bool:

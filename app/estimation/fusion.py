@@ -21,7 +21,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from app.estimation.states import SOC, CellStates
+from app.estimation.states import CellStates
 from app.estimation.tuning import Tuning
 
 FloatArray = NDArray[np.float64]
@@ -31,28 +31,24 @@ ONE: Final = np.array(1.0)
 PER_TAIL: Final = np.array(1.0 / 32.0)
 
 
-class Fusion:
-    """Fuses the filter of one state with its charge count."""
+class Mixer:
+    """Mixes arrays of one shape; results are good until the next call.
 
-    def __init__(self, states: CellStates, tuning: Tuning) -> None:
-        self._states = states
-        self._tuning = tuning
+    Attributes:
+        count_v2: (shape) where the variance of the count is put before.
+    """
+
+    def __init__(self, shape: tuple[int, ...], tuning: Tuning) -> None:
         self._odds = np.array(unknown_odds(tuning))
-        self._pair, self._cubes = np.empty((2, 2, states.n_cells))  # of count and filter
-        self._views = states.mean[SOC], states.count_soc, states.doubt_s, *self._pair, *self._cubes
-        self._work = tuple(np.empty((6, states.n_cells)))
+        pair, cubes = np.empty((2, 2, *shape))  # of count and filter
+        self.count_v2 = pair[0]
+        self._views = pair, cubes, *pair, *cubes, *np.empty((6, *shape))
 
-    def fuse(self, dt_s: float, filter_v2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (n,) fused SOC and variance; anchors the count anew where it has been contradicted too long.
-
-        Args:
-            dt_s: step [s].
-            filter_v2: (n,) variance of the filter's SOC, model error included.
-        """
-        pair, cubes = self._pair, self._cubes
-        filter_soc, count_soc, doubt_s, count_v2, own_v2, count_cube, cube = self._views
-        d, tail, g, w, left, total = self._work
-        count_variance(self._states, count_v2)
+    def mix(
+        self, filter_soc: FloatArray, filter_v2: FloatArray, count_soc: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return fused SOC and variance, new arrays, and the odds w that the start was right."""
+        pair, cubes, count_v2, own_v2, count_cube, cube, d, tail, g, w, left, total = self._views
         np.copyto(own_v2, filter_v2)
         np.multiply(pair, pair, cubes)
         np.multiply(cubes, pair, cubes)
@@ -82,16 +78,69 @@ class Fusion:
         np.subtract(d, left, d)
         np.multiply(left, d, left)
         np.add(left, g, left)
-        variance = np.add(filter_v2, left)
+        return soc, np.add(filter_v2, left), w
+
+
+class Fusion:
+    """Fuses the filter of one state with its charge count."""
+
+    def __init__(self, states: CellStates, tuning: Tuning) -> None:
+        self._states = states
+        self._tuning = tuning
+        self._mixer = Mixer((states.n_cells,), tuning)
+        self._block_mixer: Mixer | None = None
+
+    def fuse(self, dt_s: float, filter_soc: FloatArray, filter_v2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (n,) fused SOC and variance; anchors the count anew where it has been contradicted too long.
+
+        Args:
+            dt_s: step [s].
+            filter_soc: (n,) the filter's SOC.
+            filter_v2: (n,) its variance, model error included.
+        """
+        states, mixer = self._states, self._mixer
+        count_variance(states.drift, states.anchor_v2, mixer.count_v2)
+        soc, variance, w = mixer.mix(filter_soc, filter_v2, states.count_soc)
         if w.item(w.argmin()) < 0.5:
-            self._doubt(dt_s, w < 0.5, filter_v2)
+            self._doubt(dt_s, w < 0.5, filter_soc, filter_v2)
         else:
-            doubt_s.fill(0.0)
+            states.doubt_s.fill(0.0)
         return soc, variance
 
-    def _doubt(self, dt_s: float, doubted: BoolArray, filter_v2: FloatArray) -> None:
+    def fuse_block(
+        self, dt_s: list[float], filter_soc: FloatArray, filter_v2: FloatArray, counts: FloatArray, before: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return (k, n) fused SOC and variance of k samples in a row.
+
+        Where a count is contradicted it may be anchored anew, and what follows then depends on it: those blocks are
+        fused sample by sample.
+
+        Args:
+            dt_s: k steps [s].
+            filter_soc: (k, n) the filter's SOC.
+            filter_v2: (k, n) its variance, model error included.
+            counts: (k, 3, n) the count after each step, not anchored meanwhile.
+            before: (3, n) the count before the first.
+        """
+        states, shape = self._states, filter_soc.shape
+        mixer = self._block_mixer
+        if mixer is None or mixer.count_v2.shape != shape:
+            mixer = self._block_mixer = Mixer(shape, self._tuning)
+        count_variance(np.moveaxis(counts[:, 1:], 1, 0), states.anchor_v2, mixer.count_v2)
+        soc, variance, w = mixer.mix(filter_soc, filter_v2, counts[:, 0])
+        if not (w < 0.5).any():
+            states.doubt_s.fill(0.0)
+            return soc, variance
+        moved = np.diff(counts, axis=0, prepend=before[None])
+        np.copyto(states.count, before)
+        for k, dt in enumerate(dt_s):
+            np.add(states.count, moved[k], states.count)
+            soc[k], variance[k] = self.fuse(dt, filter_soc[k], filter_v2[k])
+        return soc, variance
+
+    def _doubt(self, dt_s: float, doubted: BoolArray, filter_soc: FloatArray, filter_v2: FloatArray) -> None:
         state = self._states
-        filter_soc, doubt_s = state.mean[SOC], state.doubt_s
+        doubt_s = state.doubt_s
         doubt_s[:] = np.where(doubted, doubt_s + dt_s, 0.0)
         anchor = doubt_s > self._tuning.anchor_s
         np.copyto(state.count_soc, filter_soc, where=anchor)
@@ -100,11 +149,17 @@ class Fusion:
         np.copyto(doubt_s, 0.0, where=anchor)
 
 
-def count_variance(state: CellStates, out: FloatArray | None = None) -> FloatArray:
-    """Return (n,) variance of the counted SOC, in `out` or a new array."""
-    squares = np.square(state.drift)
+def count_variance(drift: FloatArray, anchor_v2: FloatArray, out: FloatArray | None = None) -> FloatArray:
+    """Return the variance of a counted SOC, in `out` or a new array.
+
+    Args:
+        drift: (2, ...) sigmas that gain and offset of the sensor have given the count.
+        anchor_v2: (n,) variance of the SOC where the count began.
+        out: (...) where it goes.
+    """
+    squares = np.square(drift)
     total: FloatArray = np.add(squares[0], squares[1], out)
-    np.add(total, state.anchor_v2, total)
+    np.add(total, anchor_v2, total)
     return total
 
 

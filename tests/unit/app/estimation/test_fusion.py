@@ -21,20 +21,22 @@ def states(filter_soc: float, count_soc: float, count_sigma: float = 0.01) -> Ce
 
 
 def test_witnesses_as_sure_as_each_other_meet_halfway_and_are_no_surer_together():
-    soc, variance = Fusion(states(0.51, 0.50), TUNING).fuse(0.1, np.array([1e-4]))
+    soc, variance = Fusion(states(0.51, 0.50), TUNING).fuse(0.1, np.array([0.51]), np.array([1e-4]))
     assert soc[0] == pytest.approx(0.505, abs=5e-4)
     assert variance[0] == pytest.approx(1e-4, rel=0.05)
 
 
 @pytest.mark.parametrize(("filter_sigma", "count_sigma", "nearer"), [(0.02, 0.01, 0.50), (0.01, 0.02, 0.51)])
 def test_of_witnesses_that_agree_the_surer_one_counts(filter_sigma, count_sigma, nearer):
-    soc, variance = Fusion(states(0.51, 0.50, count_sigma), TUNING).fuse(0.1, np.array([filter_sigma**2]))
+    soc, variance = Fusion(states(0.51, 0.50, count_sigma), TUNING).fuse(
+        0.1, np.array([0.51]), np.array([filter_sigma**2])
+    )
     assert soc[0] == pytest.approx(nearer, abs=5e-4)
     assert np.sqrt(variance[0]) == pytest.approx(0.01, rel=0.05)
 
 
 def test_a_count_that_is_contradicted_does_not_count():
-    soc, variance = Fusion(states(0.90, 0.40), TUNING).fuse(0.1, np.array([4e-4]))
+    soc, variance = Fusion(states(0.90, 0.40), TUNING).fuse(0.1, np.array([0.90]), np.array([4e-4]))
     assert soc[0] == pytest.approx(0.90, abs=1e-4)
     assert variance[0] == pytest.approx(4e-4, rel=0.01)
 
@@ -43,7 +45,7 @@ def test_between_agreement_and_contradiction_sigma_covers_both():
     state = states(0.60, 0.50, 0.01)
     for gap in np.linspace(0.0, 0.2, 81):
         state.count_soc[0] = 0.6 - gap
-        soc, variance = Fusion(state, TUNING).fuse(0.0, np.array([4e-4]))
+        soc, variance = Fusion(state, TUNING).fuse(0.0, state.mean[SOC], np.array([4e-4]))
         assert variance[0] > 0.0
         assert 0.6 - gap - 1e-12 <= soc[0] <= 0.6 + 1e-12
 
@@ -51,13 +53,13 @@ def test_between_agreement_and_contradiction_sigma_covers_both():
 def test_a_count_contradicted_without_a_break_is_anchored_anew():
     state = states(0.90, 0.40)
     for _ in range(61):
-        Fusion(state, TUNING).fuse(1.0, np.array([4e-4]))
+        Fusion(state, TUNING).fuse(1.0, state.mean[SOC], np.array([4e-4]))
     assert state.count_soc[0] == 0.90
-    assert count_variance(state)[0] == pytest.approx(4e-4)
+    assert count_variance(state.drift, state.anchor_v2)[0] == pytest.approx(4e-4)
     state = states(0.90, 0.40)
     for k in range(200):
         state.mean[SOC] = 0.40 if k % 50 == 49 else 0.90
-        Fusion(state, TUNING).fuse(1.0, np.array([4e-4]))
+        Fusion(state, TUNING).fuse(1.0, state.mean[SOC], np.array([4e-4]))
     assert state.count_soc[0] == 0.40
 
 
@@ -71,5 +73,7 @@ def test_the_count_grows_uncertain_with_charge_and_with_time():
         )
     offset_v2 = TUNING.counter_offset_c**2
     assert moved.count_soc[0] == pytest.approx(0.1)
-    assert count_variance(moved)[0] == pytest.approx(1e-4 + (0.4 * TUNING.counter_gain) ** 2 + offset_v2)
-    assert count_variance(waited)[0] == pytest.approx(1e-4 + offset_v2)
+    assert count_variance(moved.drift, moved.anchor_v2)[0] == pytest.approx(
+        1e-4 + (0.4 * TUNING.counter_gain) ** 2 + offset_v2
+    )
+    assert count_variance(waited.drift, waited.anchor_v2)[0] == pytest.approx(1e-4 + offset_v2)
