@@ -42,7 +42,7 @@ export function serviceWorker(): Plugin {
     apply: 'build',
     generateBundle(_, bundle) {
       const folder = join(import.meta.dirname, 'public');
-      const own = readdirSync(folder).filter((name) => /\.(svg|png|webmanifest)$/.test(name));
+      const own = readdirSync(folder).filter((name) => /\.(svg|png|webmanifest|js)$/.test(name));
       const files = ['index.html', ...own, ...Object.keys(bundle)]
         .filter((f, i, all) => all.indexOf(f) === i)
         .sort();

@@ -13,6 +13,25 @@ export default defineConfig(({ mode }) => ({
     target: 'es2022',
     assetsInlineLimit: 0,
     modulePreload: { polyfill: false },
+    cssCodeSplit: false, // one small style sheet: nothing is asked for twice, and a page opens with its style
+    rolldownOptions: {
+      output: {
+        codeSplitting: {
+          groups: [
+            { name: 'libraries', test: /node_modules/ },
+            {
+              name: 'shared',
+              test: /src[\\/](link|store|theme|charts|format|words[\\/]words)/,
+              minShareCount: 2,
+            },
+            {
+              name: 'parts',
+              test: /src[\\/]parts[\\/](AgeTag|AlarmRow|CellLink|HeatMap|Icon|Plausible|Shape|Value)/,
+            },
+          ],
+        },
+      },
+    },
   },
   server: mode === 'fixtures' ? {} : { proxy: { '/api': { target: 'http://127.0.0.1:8000', ws: true } } },
   resolve: mode === 'test' ? { conditions: ['browser'] } : {},

@@ -21,4 +21,6 @@ if (import.meta.env.PROD && 'serviceWorker' in navigator) {
 }
 
 await chosen.start();
-mount(App, { target: document.getElementById('app')! });
+const target = document.getElementById('app')!;
+target.replaceChildren(); // the frame that index.html shows meanwhile
+mount(App, { target });

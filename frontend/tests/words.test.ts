@@ -10,7 +10,7 @@ import { NB, SAID } from '../src/words/nb';
 const SRC = join(import.meta.dirname, '../src');
 // Names, units and formats are the same in every language.
 const SAME =
-  /^(https?\/\/\S+|car|V|A|B − A|Hz|µs|\(3 sigma\)|kW|kWh|Wh|Ah|mV|mΩ|°C|s|ms|min|kbit\/s|tx|18FF50E5|0E 74 00 00|RS232|CAN|CSV|Parquet|SQLite|MF4|LD|MCAP|DBC|Voltwall|REC|P|C|SOC|EEPROM)$/;
+  /^(https?\/\/\S+|car|V|A|B − A|Hz|µs|\(3 sigma\)|kW|kWh|Wh|Ah|mV|mΩ|°C|s|ms|min|kbit\/s|tx|18FF50E5|0E 74 00 00|RS232|CAN|CSV|Parquet|SQLite|MF4|LD|MCAP|DBC|Voltwall|REC|P|C|SOC|EEPROM|chargerflags)$/;
 const SHOWN = new Set([
   'title',
   'text',
