@@ -16,6 +16,7 @@ AFTER_S: Final = 5.0
 LONGEST_S: Final = 15.0  # from the first trigger to the last that still belongs to it
 CELLS_PER_PACK: Final = 12
 FAULTS: Final = ("cell-missing", "joint-loose", "charger-")  # warnings of the battery itself
+_MEASURED: Final = ("voltage_min_v", "temperature_at_degc")
 Quantity = Literal["voltage", "temperature", "current"]
 _QUANTITIES: dict[str, Quantity] = {"V": "voltage", "degC": "temperature", "A": "current"}
 
@@ -168,6 +169,8 @@ def summary(box: dict[str, Any]) -> list[str]:
     opened = box["cells"]["opened_s"]
     if opened is not None:
         said.append(f"The shutdown circuit was seen open {opened:+.2f} s from the trip.")
+    if not any(value is not None for name in _MEASURED for value in box["cells"][name]):
+        said.append("No single cell was heard in this time: over CAN alone come totals and extremes, no cells.")
     if not box["is_complete"]:
         said.append("The samples do not cover the whole of the time around it.")
     return said

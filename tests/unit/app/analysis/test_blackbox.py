@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,6 +55,15 @@ def test_one_that_never_recovers_is_said_to_be_still_beyond():
     box = boxed(around=window(np.where(TIME_S > 99.95, 2.3, 3.4)))
     assert box["beyond"]["ended"] is False
     assert "and still" in " ".join(box["summary"])
+
+
+def test_a_box_over_can_alone_says_that_no_cell_was_heard():
+    unknown = np.full((len(TIME_S), 96), np.nan)
+    around = replace(window(), voltage_v=unknown, temperature_degc=unknown, soc=unknown)
+    box = boxed(around=around)
+    assert "over CAN alone" in " ".join(box["summary"])
+    assert box["cells"]["current_at_trip_a"] == 120.0
+    assert "over CAN alone" not in " ".join(boxed()["summary"])
 
 
 def test_a_limit_that_was_not_seen_to_be_passed_is_said_so():
