@@ -1,12 +1,14 @@
 """A filter that starts from voltage alone, fused with a charge count: two independent witnesses of the SOC.
 
-While they agree the surer one counts: by the cubes of their variances, steeper than the precision-weighted mean, since
-the errors of a model last and do not average out against those of a count. When they contradict each other the start
-was wrong, and the filter rules; a count that stays contradicted is anchored anew.
+While they agree the surer one counts: by the squares of their variances, steeper than the precision-weighted mean,
+since the errors of a model last and do not average out against those of a count. When they contradict each other the
+start was wrong, and the filter rules; a count that stays contradicted is anchored anew. Within minutes a count cannot
+wander, whatever its start: how far the filter wanders against it is an error that the filter does not know of.
 
+    v_f = v_filter + S,  S' = S + a (1 - a) ((d - m)^2 - S),  m' = m + a (d - m),  a = 1 - exp(-dt / wander_s)
     v_c = v_anchor + (gain q)^2 + (offset t)^2        over charge q and time t: gain and offset are constants
     w   = P(start was right | both)                   from t(d; 0, v_f + v_c) against "anywhere in 0..1"
-    z   = z_f - w g d,  g = v_f^3 / (v_f^3 + v_c^3),  d = z_f - z_c
+    z   = z_f - w g d,  g = v_f^2 / (v_f^2 + v_c^2),  d = z_f - z_c
     v   = v_f + w g (v_c - v_f) + w (1 - w) g^2 d^2        no less than either's where their errors are the same
 
 t is Student's density with 31 degrees of freedom: (1 + d^2 / 32 v)^-16, tails a little heavier than normal and no
@@ -21,6 +23,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from app.estimation.process import SOC_VARIANCE_MAX
 from app.estimation.states import CellStates
 from app.estimation.tuning import Tuning
 
@@ -28,6 +31,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 ONE: Final = np.array(1.0)
+VARIANCE_MAX: Final = np.array(SOC_VARIANCE_MAX)
 PER_TAIL: Final = np.array(1.0 / 32.0)
 
 
@@ -40,18 +44,17 @@ class Mixer:
 
     def __init__(self, shape: tuple[int, ...], tuning: Tuning) -> None:
         self._odds = np.array(unknown_odds(tuning))
-        pair, cubes = np.empty((2, 2, *shape))  # of count and filter
+        pair, squares = np.empty((2, 2, *shape))  # of count and filter
         self.count_v2 = pair[0]
-        self._views = pair, cubes, *pair, *cubes, *np.empty((6, *shape))
+        self._views = pair, squares, *pair, *squares, *np.empty((6, *shape))
 
     def mix(
         self, filter_soc: FloatArray, filter_v2: FloatArray, count_soc: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return fused SOC and variance, new arrays, and the odds w that the start was right."""
-        pair, cubes, count_v2, own_v2, count_cube, cube, d, tail, g, w, left, total = self._views
+        pair, squares, count_v2, own_v2, count_square, square, d, tail, g, w, left, total = self._views
         np.copyto(own_v2, filter_v2)
-        np.multiply(pair, pair, cubes)
-        np.multiply(cubes, pair, cubes)
+        np.multiply(pair, pair, squares)
         np.add(count_v2, filter_v2, total)
         np.subtract(filter_soc, count_soc, d)
         np.multiply(d, d, tail)
@@ -65,8 +68,8 @@ class Mixer:
         np.multiply(tail, self._odds, tail)
         np.add(tail, ONE, tail)
         np.reciprocal(tail, w)
-        np.add(count_cube, cube, g)
-        np.divide(cube, g, g)
+        np.add(count_square, square, g)
+        np.divide(square, g, g)
         # z = z_f - w g d
         np.multiply(g, d, d)
         np.multiply(w, d, left)
@@ -89,6 +92,9 @@ class Fusion:
         self._tuning = tuning
         self._mixer = Mixer((states.n_cells,), tuning)
         self._block_mixer: Mixer | None = None
+        self._dt_s = math.nan
+        self._shares = np.empty((2, 1))
+        self._gap, self._moved = np.empty(states.n_cells), np.empty((2, states.n_cells))
 
     def fuse(self, dt_s: float, filter_soc: FloatArray, filter_v2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (n,) fused SOC and variance; anchors the count anew where it has been contradicted too long.
@@ -99,6 +105,9 @@ class Fusion:
             filter_v2: (n,) its variance, model error included.
         """
         states, mixer = self._states, self._mixer
+        self._wander(dt_s, np.subtract(filter_soc, states.count_soc, self._gap))
+        filter_v2 = np.add(filter_v2, states.wander_v2)
+        np.minimum(filter_v2, VARIANCE_MAX, out=filter_v2)
         count_variance(states.drift, states.anchor_v2, mixer.count_v2)
         soc, variance, w = mixer.mix(filter_soc, filter_v2, states.count_soc)
         if w.item(w.argmin()) < 0.5:
@@ -127,16 +136,39 @@ class Fusion:
         if mixer is None or mixer.count_v2.shape != shape:
             mixer = self._block_mixer = Mixer(shape, self._tuning)
         count_variance(np.moveaxis(counts[:, 1:], 1, 0), states.anchor_v2, mixer.count_v2)
-        soc, variance, w = mixer.mix(filter_soc, filter_v2, counts[:, 0])
+        wander_before = states.wander.copy()
+        gaps = filter_soc - counts[:, 0]
+        heard_v2 = np.empty(shape)
+        for dt, one, row in zip(dt_s, gaps, heard_v2, strict=True):
+            self._wander(dt, one)
+            np.copyto(row, states.wander_v2)
+        np.add(heard_v2, filter_v2, heard_v2)
+        np.minimum(heard_v2, VARIANCE_MAX, out=heard_v2)
+        soc, variance, w = mixer.mix(filter_soc, heard_v2, counts[:, 0])
         if not (w < 0.5).any():
             states.doubt_s.fill(0.0)
             return soc, variance
+        np.copyto(states.wander, wander_before)
         moved = np.diff(counts, axis=0, prepend=before[None])
         np.copyto(states.count, before)
         for k, dt in enumerate(dt_s):
             np.add(states.count, moved[k], states.count)
             soc[k], variance[k] = self.fuse(dt, filter_soc[k], filter_v2[k])
         return soc, variance
+
+    def _wander(self, dt_s: float, d: FloatArray) -> None:
+        """Follow the mean of d = z_f - z_c, and the mean square of what d does beyond it."""
+        if dt_s != self._dt_s:
+            share = 1.0 - math.exp(-dt_s / self._tuning.wander_s)
+            self._dt_s = dt_s
+            self._shares[:] = [[share], [share * (1.0 - share)]]
+        moved = self._moved
+        beyond, beyond2 = moved
+        np.subtract(d, self._states.apart, beyond)
+        np.multiply(beyond, beyond, beyond2)
+        np.subtract(beyond2, self._states.wander_v2, beyond2)
+        np.multiply(moved, self._shares, moved)
+        np.add(self._states.wander, moved, self._states.wander)
 
     def _doubt(self, dt_s: float, doubted: BoolArray, filter_soc: FloatArray, filter_v2: FloatArray) -> None:
         state = self._states
@@ -146,6 +178,7 @@ class Fusion:
         np.copyto(state.count_soc, filter_soc, where=anchor)
         np.copyto(state.count[1:], 0.0, where=anchor)
         np.copyto(state.anchor_v2, filter_v2, where=anchor)
+        np.copyto(state.apart, 0.0, where=anchor)
         np.copyto(doubt_s, 0.0, where=anchor)
 
 

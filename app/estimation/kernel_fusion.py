@@ -19,12 +19,14 @@ from app.estimation.kernel_shape import (
     CHECK_S,
     MODEL_ERROR_V,
     UNKNOWN_ODDS,
+    WANDER_S,
     Shape,
 )
 from app.estimation.process import SOC_VARIANCE_MAX
 from app.estimation.start import SLOPE_FLOOR_V
 from app.estimation.states import (
     ANCHOR_V2,
+    APART,
     CHECK_MEAN,
     CHECK_SQUARE,
     COUNT,
@@ -33,6 +35,7 @@ from app.estimation.states import (
     DOUBT,
     SLOW_MEAN,
     SLOW_SQUARE,
+    WANDER,
 )
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -50,6 +53,7 @@ def make_believe(shape: Shape) -> Any:
     MEAN, SQUARE = (SLOW + CHECK_MEAN) * n, (SLOW + CHECK_SQUARE) * n
     SLOW_AT, SLOW_V2 = (SLOW + SLOW_MEAN) * n, (SLOW + SLOW_SQUARE) * n
     COUNTED, GAIN, OFFSET = (SLOW + COUNT) * n, (SLOW + COUNT_GAIN) * n, (SLOW + COUNT_OFFSET) * n
+    APART_AT, WANDER_AT = (SLOW + APART) * n, (SLOW + WANDER) * n
     ANCHOR, DOUBTED = (SLOW + ANCHOR_V2) * n, (SLOW + DOUBT) * n
     SOC_AT, SIGMA_AT, INNOVATION_AT = OUT_SOC * n, OUT_SIGMA * n, OUT_INNOVATION * n
     VALID_AT, ACCEPTED_AT = OUT_VALID * n, OUT_ACCEPTED * n
@@ -62,6 +66,8 @@ def make_believe(shape: Shape) -> Any:
         share = 1.0 - math.exp(-dt / numbers[CHECK_S])
         slow_share = 1.0 - math.exp(-dt / numbers[BIAS_S])
         rms_v2, bias_v = numbers[CHECK_RMS_V] * numbers[CHECK_RMS_V], numbers[CHECK_BIAS_V]
+        wander_share = 1.0 - math.exp(-dt / numbers[WANDER_S])
+        wander2_share = wander_share * (1.0 - wander_share)
         odds, anchor_s = numbers[UNKNOWN_ODDS], numbers[ANCHOR_S]
         for c in range(n):
             slope_v2 = slope[c] * slope[c]
@@ -72,16 +78,23 @@ def make_believe(shape: Shape) -> Any:
             if is_fused:
                 gain, offset = block[GAIN + c], block[OFFSET + c]
                 count_v2 = gain * gain + offset * offset + block[ANCHOR + c]
-                total = count_v2 + variance
                 d = soc - block[COUNTED + c]
+                apart, wander = block[APART_AT + c], block[WANDER_AT + c]
+                beyond = d - apart
+                wander += (beyond * beyond - wander) * wander2_share
+                apart += beyond * wander_share
+                variance += wander
+                variance = variance if variance < SOC_VARIANCE_MAX else SOC_VARIANCE_MAX
+                block[WANDER_AT + c] = wander
+                total = count_v2 + variance
                 tail = d * d / total * (1.0 / 32.0) + 1.0
                 tail *= tail
                 tail *= tail
                 tail *= tail
                 tail *= tail
                 w = 1.0 / (tail * math.sqrt(total) * odds + 1.0)
-                cube = variance * variance * variance
-                g = cube / (count_v2 * count_v2 * count_v2 + cube)
+                square = variance * variance
+                g = square / (count_v2 * count_v2 + square)
                 nearer = g * d
                 pulled = w * nearer
                 fused_v2 = variance + (pulled * (nearer - pulled) + w * g * (count_v2 - variance))
@@ -92,6 +105,7 @@ def make_believe(shape: Shape) -> Any:
                 block[OFFSET + c] = 0.0 if anchor else offset
                 block[ANCHOR + c] = variance if anchor else block[ANCHOR + c]
                 block[DOUBTED + c] = 0.0 if anchor else doubt
+                block[APART_AT + c] = 0.0 if anchor else apart
                 soc -= pulled
                 variance = fused_v2
             out[SOC_AT + c] = soc

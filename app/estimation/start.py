@@ -76,6 +76,8 @@ def start_count(state: CellStates, soc: FloatArray, sigma: FloatArray) -> None:
     state.count_soc[:] = np.where(given, np.clip(soc, SOC_MIN, SOC_MAX), state.mean[SOC])
     state.anchor_v2[:] = np.where(given, np.clip(sigma * sigma, 1e-8, SOC_VARIANCE_MAX), state.cov[SOC, SOC])
     state.doubt_s[:] = 0.0
+    state.apart[:] = state.mean[SOC] - state.count_soc
+    state.wander_v2[:] = 0.0
 
 
 def per_cell(name: str, values: ArrayLike | None, default: float, n_cells: int) -> FloatArray:

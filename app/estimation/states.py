@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 SOC: Final = 0  # first row of the mean; the RC currents follow
-N_SLOW: Final = 12
+N_SLOW: Final = 14
 N_MOVING: Final = 4
 (
     HYSTERESIS,
@@ -25,6 +25,8 @@ N_MOVING: Final = 4
     CHECK_SQUARE,
     SLOW_MEAN,
     SLOW_SQUARE,
+    APART,
+    WANDER,
 ) = range(N_SLOW)  # rows behind the mean and the covariance; the first N_MOVING of them move without a sample
 
 
@@ -32,7 +34,7 @@ class CellStates:
     """State of n cells with n_rc RC pairs; d = 1 + n_rc.
 
     Attributes:
-        block: (d + d d + 12, n) everything below, one row each.
+        block: (d + d d + 14, n) everything below, one row each.
         moving: (d + d d + 4, n) its part that moves without a sample.
         gaussian: (1 + d, d, n) mean, then covariance.
         mean: (d, n) SOC, then RC currents [A].
@@ -43,6 +45,9 @@ class CellStates:
         averages: (4, n) means of the scaled innovation [V], of its square [V^2], over a shorter time [V], and of the
             square of that [V^2].
         bias_v2: (n,) the last of them.
+        wander: (2, n) mean of the filter's SOC minus the count's, and mean square of what comes on top of it.
+        apart: (n,) its first row.
+        wander_v2: (n,) its second row.
         count: (3, n) SOC by counting charge, and the sigmas that gain and offset of the sensor have given it.
         count_soc: (n,) its first row.
         drift: (2, n) its other rows.
@@ -65,6 +70,9 @@ class CellStates:
         self.temperature_degc = slow[TEMPERATURE]
         self.averages = slow[CHECK_MEAN : SLOW_SQUARE + 1]
         self.bias_v2 = slow[SLOW_SQUARE]
+        self.wander = slow[APART : WANDER + 1]
+        self.apart = slow[APART]
+        self.wander_v2 = slow[WANDER]
         self.count = slow[COUNT : COUNT_OFFSET + 1]
         self.count_soc = slow[COUNT]
         self.drift = slow[COUNT_GAIN : COUNT_OFFSET + 1]

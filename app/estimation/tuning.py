@@ -40,6 +40,7 @@ class Tuning:
         counter_gain: relative error of charge over capacity.
         counter_offset_c: offset of the current sensor, in C.
         start_unknown: probability that a start SOC is simply wrong.
+        wander_s: a count does not move within this time, so what the filter moves against it is the filter's error [s].
         anchor_s: the count is anchored anew when it has been less likely than not for this long without a break [s].
         check_s: time constant of the self-check [s].
         check_rms_v: RMS innovation above which the model is not valid for the cell [V].
@@ -69,6 +70,7 @@ class Tuning:
     counter_gain: float = 0.007
     counter_offset_c: float = 0.01
     start_unknown: float = 0.05
+    wander_s: float = 200.0
     anchor_s: float = 120.0
     check_s: float = 120.0
     check_rms_v: float = 0.04

@@ -31,8 +31,29 @@ def test_of_witnesses_that_agree_the_surer_one_counts(filter_sigma, count_sigma,
     soc, variance = Fusion(states(0.51, 0.50, count_sigma), TUNING).fuse(
         0.1, np.array([0.51]), np.array([filter_sigma**2])
     )
-    assert soc[0] == pytest.approx(nearer, abs=5e-4)
-    assert np.sqrt(variance[0]) == pytest.approx(0.01, rel=0.05)
+    by_precision = (0.51 * count_sigma**2 + 0.50 * filter_sigma**2) / (count_sigma**2 + filter_sigma**2)
+    assert abs(soc[0] - nearer) < 0.5 * abs(by_precision - nearer)
+    assert np.sqrt(variance[0]) == pytest.approx(0.01, rel=0.1)
+
+
+def test_a_filter_that_wanders_against_the_count_is_taken_for_less_sure_and_one_that_is_only_apart_is_not():
+    wandering, apart = states(0.52, 0.50), states(0.52, 0.50)
+    swing, still = Fusion(wandering, TUNING), Fusion(apart, TUNING)
+    for k in range(1200):
+        swung = swing.fuse(1.0, np.array([0.52 + 0.03 * np.sin(2 * np.pi * k / 200.0)]), np.array([1e-4]))
+        stood = still.fuse(1.0, np.array([0.52]), np.array([1e-4]))
+    assert np.sqrt(wandering.wander_v2[0]) == pytest.approx(0.03 / np.sqrt(2.0), rel=0.3)
+    assert abs(swung[0][0] - 0.50) < 0.005
+    assert np.sqrt(apart.wander_v2[0]) < 1e-3
+    assert stood[0][0] > 0.505
+
+
+def test_what_a_filter_learns_in_a_long_gap_is_not_its_wander():
+    state = states(0.52, 0.50)
+    fusion = Fusion(state, TUNING)
+    fusion.fuse(20.0 * 3600.0, np.array([0.70]), np.array([1e-2]))
+    assert np.sqrt(state.wander_v2[0]) < 1e-3
+    assert state.apart[0] == pytest.approx(0.20)
 
 
 def test_a_count_that_is_contradicted_does_not_count():
