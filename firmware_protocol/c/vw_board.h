@@ -7,6 +7,7 @@
 #define VW_BOARD_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "voltwall_protocol.h"
@@ -46,5 +47,19 @@ typedef struct {
 
     vw_commands_t commands;
 } vw_board_t;
+
+static inline void vw_lock(const vw_board_t *board)
+{
+    if (board->lock != NULL) {
+        board->lock(board->context);
+    }
+}
+
+static inline void vw_unlock(const vw_board_t *board)
+{
+    if (board->unlock != NULL) {
+        board->unlock(board->context);
+    }
+}
 
 #endif

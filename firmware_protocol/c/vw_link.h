@@ -14,6 +14,7 @@
 #include "vw_stream.h"
 
 #define VW_MAX_EVENTS 16u
+#define VW_NO_CELL 0xFFFFu /* an event that concerns no cell */
 
 /* The last request that changed something, by which a repeated one is known, and how it ended. */
 typedef struct {

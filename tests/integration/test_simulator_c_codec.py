@@ -14,7 +14,7 @@ from simulator.library import find_scenario
 
 C_FOLDER = Path(c_header.__file__).parent / "c"
 PIECE = 3000  # the driver reads lines of limited length
-SOURCES = (*sorted(path.name for path in C_FOLDER.glob("vw_*.c")), "host_test.c")
+SOURCES = sorted((*C_FOLDER.glob("vw_*.c"), *C_FOLDER.glob("host_test/*.c")))
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def program(tmp_path_factory):
         missing = "gcc is missing; install it (Debian: apt-get install gcc)"
         pytest.fail(missing) if os.environ.get("CI") else pytest.skip(missing)
     path = tmp_path_factory.mktemp("c") / "host_test"
-    sources = [str(C_FOLDER / name) for name in SOURCES]
+    sources = [str(path) for path in SOURCES]
     command = ["gcc", "-std=c99", "-O1", "-I", str(C_FOLDER), *sources, "-o", str(path)]
     built = subprocess.run(command, capture_output=True, text=True, check=False)
     assert built.returncode == 0, built.stderr

@@ -29,7 +29,7 @@ C_FOLDER = Path(c_header.__file__).parent / "c"
 @pytest.fixture(scope="module")
 def driver(build_c, tmp_path_factory):
     """Ask host_test one line at a time."""
-    sources = (*sorted(C_FOLDER.glob("vw_*.c")), C_FOLDER / "host_test.c")
+    sources = sorted((*C_FOLDER.glob("vw_*.c"), *C_FOLDER.glob("host_test/*.c")))
     program = build_c(tmp_path_factory.mktemp("c") / "host_test", *sources)
     with subprocess.Popen([program, "driver"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
 

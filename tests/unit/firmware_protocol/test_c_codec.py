@@ -18,6 +18,7 @@ from firmware_protocol.messages import MAX_READ, NO_OFFSET, MessageType, Read, R
 
 C_FOLDER = Path(c_header.__file__).parent / "c"
 VECTORS = Path(__file__).parents[2] / "vectors"
+HOST_TEST = sorted((C_FOLDER / "host_test").glob("*.c"))
 SOURCES = tuple(sorted(path.name for path in C_FOLDER.glob("vw_*.c")))
 STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
 SANITIZE = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -38,7 +39,7 @@ def gcc():
 @pytest.fixture(scope="module")
 def host_test(gcc, tmp_path_factory):
     program = tmp_path_factory.mktemp("c") / "host_test"
-    sources = [str(C_FOLDER / name) for name in (*SOURCES, "host_test.c")] + ["-o", str(program)]
+    sources = [*(str(C_FOLDER / name) for name in SOURCES), *map(str, HOST_TEST), "-o", str(program)]
     built = compile_c("-std=c99", "-O1", *STRICT, *SANITIZE, *sources)
     if built.returncode and "cannot find" in built.stderr:  # a gcc without its sanitizers
         built = compile_c("-std=c99", "-O1", *STRICT, *sources)
