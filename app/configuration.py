@@ -164,7 +164,7 @@ class Configuration:
             if not reason.strip() and (asked := [found for found in findings if found.needs_reason]):
                 raise ReasonRequired(asked)
             self._require_rest(changes)
-            self._write_and_verify(before, wanted)
+            self._and_verify(lambda: self._master.write(0, wanted), before, wanted)
             return Written(before, wanted, changes, findings, None, written=True)
 
     def store(self) -> StoredConfig:
@@ -188,7 +188,8 @@ class Configuration:
 
         Raises:
             NotNow: nothing is stored, the accumulator is at work, or the memory map is another one.
-            MasterRefused, LinkError: see MasterClient.request.
+            Unverified: link lost or master reset; says what is in force now.
+            MasterRefused, LinkError: see MasterClient.request; nothing was changed.
         """
         with self._editing():
             self._require_same_map()
@@ -196,8 +197,8 @@ class Configuration:
             if stored is None:
                 raise NotNow("the EEPROM holds no valid configuration")
             self._require_rest(difference(before, stored.image))
-            self._master.load()
-            return before, self.read()
+            self._and_verify(self._master.load, before, stored.image)
+            return before, stored.image
 
     @contextmanager
     def _editing(self) -> Iterator[None]:
@@ -208,15 +209,16 @@ class Configuration:
         finally:
             self._one_editor.release()
 
-    def _write_and_verify(self, before: bytes, wanted: bytes) -> None:
+    def _and_verify(self, change: Callable[[], None], before: bytes, wanted: bytes) -> None:
+        """Change what is in force, and read it back."""
         try:
-            self._master.write(0, wanted)
+            change()
         except (LinkLost, MasterSilent) as error:
             raise Unverified(self._outcome(before, wanted), f"{error}; what is in force was read again") from error
         try:
             in_force = self.read()
         except (LinkError, NotNow) as error:
-            raise Unverified(self._outcome(before, wanted), f"written, not read back: {error}") from error
+            raise Unverified(self._outcome(before, wanted), f"done, but not read back: {error}") from error
         if in_force != wanted:
             raise Unverified("old" if in_force == before else "other", "the master did not take the configuration")
 

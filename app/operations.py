@@ -94,7 +94,13 @@ class Operator:
 
     def load_config(self, who: str) -> bytes:
         """Configuration.load, in the event log and in the history."""
-        before, image = self._configuration.load()
+        try:
+            before, image = self._configuration.load()
+        except (LinkError, NotNow) as error:
+            self._note("warning", "config-load-failed", f"configuration not loaded: {error}", who)
+            if isinstance(error, Unverified | MasterRefused):
+                self._remember(who, "load", "EEPROM", "", NO_IMAGE, NO_IMAGE, _outcome(error))
+            raise
         changed = _in_words(difference(before, image)) or "nothing changed"
         self._note("info", "config-loaded", f"configuration loaded from the EEPROM: {changed}", who)
         self._remember(who, "load", "EEPROM", "", before, image, "done")

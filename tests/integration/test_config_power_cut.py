@@ -165,6 +165,26 @@ def test_the_page_is_told_which_of_the_two_is_in_force_when_the_line_comes_back(
     assert said == {("old", False), ("new", True)}
 
 
+def load_after_a_write(car: Car) -> None:
+    write(car)
+    car.configuration.load()
+
+
+@pytest.mark.parametrize("resets", [False, True], ids=["line", "power"])
+@pytest.mark.parametrize("cut_at", range(frames_of(write), frames_of(load_after_a_write)))
+def test_a_cut_at_any_frame_of_a_load_leaves_one_of_the_two_and_says_which(cut_at, resets):
+    car = Car()
+    car.cut_at, car.resets = cut_at, resets
+    with pytest.raises(LinkError) as caught:
+        load_after_a_write(car)
+    assert car.in_force in (OLD, NEW)
+    if isinstance(caught.value, Unverified):
+        told = {"old": NEW, "new": OLD}[caught.value.outcome]
+        assert car.in_force == told
+    car.configuration.load()
+    assert car.in_force == OLD
+
+
 def pages_of_a_store() -> int:
     car = Car(slots=1)
     write(car)

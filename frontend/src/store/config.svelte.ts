@@ -78,10 +78,10 @@ class ConfigStore {
     await this.load();
     if (this.problem) this.doubt = doubt;
     else if (doubt.what === 'storing') this.outcome = storedAfterAll(this.unstored);
-    else
-      this.outcome = standing(
-        this.config?.hash === doubt.old ? 'old' : this.changes.length === 0 ? 'new' : 'other',
-      );
+    else {
+      const isWanted = doubt.what === 'loading' ? !this.unstored : this.changes.length === 0;
+      this.outcome = standing(this.config?.hash === doubt.old ? 'old' : isWanted ? 'new' : 'other');
+    }
   }
 
   /** Let the service check the draft without writing it. */
@@ -192,7 +192,7 @@ class ConfigStore {
   }
 
   private async explain(problem: Problem, what: string): Promise<void> {
-    const lost = problem.status === 0 && what === 'writing';
+    const lost = problem.status === 0 && (what === 'writing' || what === 'loading');
     const inForce = lost ? 'unknown' : (problem.body['in_force'] as InForce | undefined);
     const unanswered = problem.status === 0 || problem.status >= 503;
     this.serverErrors = Object.fromEntries(problem.errors.map((e) => [e.field, e.message]));
@@ -213,7 +213,8 @@ class ConfigStore {
       const old = this.config?.hash ?? '';
       await this.load();
       this.outcome = what === 'storing' ? storeInDoubt(problem.detail) : standing(inForce ?? 'unknown');
-      if (what === 'storing' || (what === 'writing' && inForce === 'unknown'))
+      const isSettled = what !== 'storing' && inForce !== 'unknown';
+      if (!isSettled && (what === 'writing' || what === 'storing' || what === 'loading'))
         this.doubt = { what, old, sinceMs: Date.now() };
     } else {
       const findings = problem.errors.filter((e): e is Finding & typeof e => 'level' in e);

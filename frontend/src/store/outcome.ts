@@ -15,9 +15,9 @@ export type Outcome = {
 /** What the service found in force after a write that it could not verify. */
 export type InForce = 'old' | 'new' | 'other' | 'unknown';
 
-/** A write or a store whose end nobody heard, until the master is heard again. */
+/** A write, a load or a store whose end nobody heard, until the master is heard again. */
 export interface Doubt {
-  what: 'writing' | 'storing';
+  what: 'writing' | 'loading' | 'storing';
   old: string; // hash of what was in force
   sinceMs: number;
 }
