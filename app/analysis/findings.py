@@ -138,7 +138,9 @@ def what_limited(found: Sequence[Margin], trips: Sequence[str]) -> list[str]:
         amount = f"{abs(each.margin):.3g} {each.unit}".replace("degC", "K")
         seen = f"{each.seen:.4g} {each.unit}".replace("degC", "\u00b0C")
         how = f"{amount} beyond the limit" if each.margin < 0 else f"{amount} from the limit"
-        lead = f"Near its limit was {each.name}" if near else f"Nothing came near a limit; nearest was {each.name}"
+        lead = f"{'Beyond' if each.margin < 0 else 'Near'} its limit was {each.name}"
+        if not near:
+            lead = f"Nothing came near a limit; nearest was {each.name}"
         said.append(f"{lead}{where}: {seen}, {how} of {each.allowed:g}.".replace("-", "\u2212"))
     return said or ["No limits were heard, so nothing can be said of them."]
 
@@ -156,9 +158,10 @@ def what_to_look_at(survey: Survey, odd: Sequence[Odd], warnings: Sequence[str],
     known = survey.soc_last[np.isfinite(survey.soc_last)]
     if known.size and float(np.ptp(known)) > SPREAD_SOC:
         low = _extreme(survey.soc_last, lowest=True)
-        said.append(
-            f"The cells ended {100 * float(np.ptp(known)):.1f} % apart in charge, {place(low)} lowest: balance them."
-        )
+        began = survey.soc_first[np.isfinite(survey.soc_first)]
+        apart, before = float(np.ptp(known)), float(np.ptp(began)) if began.size else float("nan")
+        advice = f", having begun {100 * before:.1f} % apart" if before < apart - SPREAD_SOC else ": balance them"
+        said.append(f"The cells ended {100 * apart:.1f} % apart in charge, {place(low)} lowest{advice}.")
     said += [f"{_capital(text)}." for text in dict.fromkeys(warnings)]
     if survey.gap_s > 0.0:
         said.append(f"Nothing was received for {survey.gap_s:.0f} s in all.")

@@ -161,6 +161,7 @@ def report(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
     survey = found.survey
     return {
         "headline": found.headline,
+        "why": found.why,
         "limited": found.limited,
         "look_at": found.look_at,
         "margins": found.margins,

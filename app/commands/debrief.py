@@ -63,13 +63,16 @@ def _report(args: argparse.Namespace) -> int:
     with SessionFile(find_session(args, args.session)) as session:
         report = report_of(session)
     if args.json:
-        shown = {"headline": report.headline, "limited": report.limited, "look_at": report.look_at}
+        shown = {"headline": report.headline, "why": report.why, "limited": report.limited, "look_at": report.look_at}
         histograms = {name: histogram_json(histogram) for name, histogram in report.survey.histograms.items()}
         json.dump(shown | {"figures": report.figures, "histograms": histograms}, sys.stdout, indent=2)
         print()
     else:
         print(report.headline)
-        for title, sentences in (("What limited", report.limited), ("What to look at", report.look_at)):
+        parts = (("Why", report.why), ("What limited", report.limited), ("What to look at", report.look_at))
+        for title, sentences in parts:
+            if not sentences:
+                continue
             print(f"\n{title}")
             for sentence in sentences:
                 print(f"  {sentence}")

@@ -12,6 +12,7 @@ from app import log
 from app.analysis.expectations import Expectations
 from app.api.encode import snapshot_json
 from app.chain import Chain
+from app.commands.chosen_session import add_data_argument, add_session_argument, find_session
 from app.commands.serve import serve
 from app.debrief.proof import prove
 from app.errors import ConfigError
@@ -29,7 +30,8 @@ NO_SERVICE = {"recording": None, "replay": None, "last_event_id": 0, "config_sto
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What and how."""
-    parser.add_argument("file", type=Path, metavar="FILE", help="a session: one .sqlite file")
+    add_session_argument(parser)
+    add_data_argument(parser)
     parser.add_argument("--speed", type=float, default=1.0, help="0.1 to 100 times real time (default: 1)")
     parser.add_argument("--json", action="store_true", help="print every snapshot as a line of JSON, without a server")
     parser.add_argument(
@@ -60,24 +62,23 @@ def run(args: argparse.Namespace) -> int:
     """Print or serve.
 
     Raises:
-        SessionError: the file is no session.
+        SessionError: there is no such session, or the file is none.
         ConfigError: a cell, a speed or a port that cannot be used.
     """
-    if not args.file.is_file():
-        raise ConfigError("file", args.file, "no such session file")
+    path = find_session(args, args.session)
     if args.expected is not None:
-        return _prove(args.file, args.expected, args.filter, args.cell, args.json)
+        return _prove(path, args.expected, args.filter, args.cell, args.json)
     filter_name: Any = args.filter or DEFAULT_FILTER  # one of FILTERS: the parser has looked
     cell_name = args.cell or DEFAULT_CELL
     if args.json:
-        return _print_snapshots(args.file, filter_name, cell_name)
+        return _print_snapshots(path, filter_name, cell_name)
     log.configure("info")
-    with SessionFile(args.file):
+    with SessionFile(path):
         pass  # refuse what is no session before anything starts
     with tempfile.TemporaryDirectory(prefix="voltwall-replay-") as data:
         settings = Settings(host=args.host, port=args.port, filter=filter_name, cell=cell_name, data=Path(data))
         settings.check()
-        return serve(settings, replay=Replay(args.file, args.speed, args.estimates))
+        return serve(settings, replay=Replay(path, args.speed, args.estimates))
 
 
 def _print_snapshots(path: Path, filter_name: str, cell_name: str) -> int:

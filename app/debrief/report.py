@@ -22,6 +22,7 @@ from app.analysis.findings import (
 from app.analysis.laps import compare_drivers, figures_of
 from app.analysis.survey import Histogram, Survey
 from app.analysis.totals import Totals
+from app.analysis.verdict import verdicts
 from app.debrief.blackbox import limits_of
 from app.debrief.laps import LapTable, find_laps
 from app.debrief.reading import TotalsCollector
@@ -37,6 +38,7 @@ class Report:
 
     info: SessionInfo
     headline: str
+    why: list[str]
     limited: list[str]
     look_at: list[str]
     margins: list[Margin]
@@ -74,17 +76,14 @@ def report_of(session: SessionFile) -> Report:
     image = configs[-1].image if configs else None
     limits, events = limits_of(image), session.events()
     near, odd = margins(survey, limits), odd_cells(survey)
-    trips = [_told(event) for event in events if event["severity"] == "trip" and event["code"] != "master-fault"]
-    warnings = [
-        _told(event)
-        for event in events
-        if event["severity"] == "warning" and is_trigger(event["severity"], event["code"])
-    ]
+    trips = [event for event in events if event["severity"] == "trip" and event["code"] != "master-fault"]
+    warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
     return Report(
         info=info,
         headline=headline(survey, len(found)),
-        limited=what_limited(near, list(dict.fromkeys(trips))),
-        look_at=what_to_look_at(survey, odd, warnings, session.bad_frames()),
+        why=verdicts(survey, odd, _cells(trips), _cells([each for each in warned if each["code"] == "joint-loose"])),
+        limited=what_limited(near, list(dict.fromkeys(map(_told, trips)))),
+        look_at=what_to_look_at(survey, odd, [_told(event) for event in warned], session.bad_frames()),
         margins=near,
         odd=odd,
         figures=key_figures(survey),
@@ -116,6 +115,10 @@ def histogram_json(histogram: Histogram) -> dict[str, Any]:
         "below_s": histogram.below_s,
         "above_s": histogram.above_s,
     }
+
+
+def _cells(events: list[dict[str, Any]]) -> list[int]:
+    return [event["cell"] for event in events if event["cell"] is not None]
 
 
 def _told(event: dict[str, Any]) -> str:

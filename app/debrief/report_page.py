@@ -29,6 +29,7 @@ def report_page(report: Report) -> str:
         f"<h1>{escape(name)}</h1>",
         f'<p class="soft">{utc(info.started_wall_ns / 1e9)}, session {escape(info.id)}</p>',
         f'<p class="lead">{escape(report.headline)}</p>',
+        *(["<section><h2>Why</h2>", _list(report.why), "</section>"] if report.why else []),
         "<section><h2>What limited</h2>",
         _list(report.limited),
         "</section><section><h2>What to look at</h2>",

@@ -213,9 +213,10 @@ class OddCellOut(BaseModel):
 
 
 class SessionReportOut(BaseModel):
-    """How a session went, what limited, what to look at."""
+    """How a session went; `why`: which cell failed, and why, empty where none did; what limited, what to look at."""
 
     headline: str
+    why: list[str]
     limited: list[str]
     look_at: list[str]
     margins: list[MarginOut]

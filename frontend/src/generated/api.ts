@@ -1133,9 +1133,10 @@ export interface Session {
   metadata: Record<string, unknown>;
 }
 
-/** How a session went, what limited, what to look at. */
+/** How a session went; `why`: which cell failed, and why, empty where none did; what limited, what to look at. */
 export interface SessionReport {
   headline: string;
+  why: string[];
   limited: string[];
   look_at: string[];
   margins: Margin[];

@@ -3,6 +3,7 @@ export const DEBRIEF = {
   Charts: 'Kurver',
   Laps: 'Runder',
   Report: 'Rapport',
+  Why: 'Hvorfor',
   'Black boxes': 'Ferdsskrivere',
   Compare: 'Sammenlign',
   'Parts of the session': 'Deler av økten',

@@ -87,10 +87,17 @@ def test_the_odd_cell_is_found_and_no_other(name, value, what):
 
 def test_an_unbalanced_end_lost_time_and_damage_are_told():
     made = with_cell("soc_last", 30, 0.30)
+    made.soc_first[30] = 0.80
     made.gap_s = 12.0
     said = " ".join(what_to_look_at(made, [], ["busbar joint has grown"], 3))
     for told in ("pack 3, cell 7 lowest: balance them", "Busbar joint has grown.", "12 s", "3 frames arrived damaged"):
         assert told in said
+
+
+def test_cells_that_came_apart_on_the_way_are_not_told_to_be_balanced():
+    (said,) = what_to_look_at(with_cell("soc_last", 30, 0.2), [], [], 0)
+    assert "pack 3, cell 7 lowest, having begun 0.0 % apart" in said
+    assert "balance" not in said
 
 
 def test_of_two_sessions_the_cell_that_changed_comes_first():
