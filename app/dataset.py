@@ -19,10 +19,30 @@ import numpy as np
 from app.estimation.importer import FIELDS, DatasetError, FloatArray, Recording, clean
 
 NAMES = {
-    "time_s": ("time", "testtime", "t", "elapsed", "elapsedtime", "timestamp", "seconds", "totaltime"),
-    "current_a": ("current", "i", "cellcurrent", "ibatt", "amps", "batterycurrent"),
-    "voltage_v": ("voltage", "v", "u", "cellvoltage", "terminalvoltage", "vbatt", "volts", "ewe", "batteryvoltage"),
-    "temperature_degc": ("temperature", "temp", "celltemperature", "celltemp", "tcell", "batterytemperature"),
+    "time_s": ("time", "testtime", "t", "elapsed", "elapsedtime", "timestamp", "seconds", "totaltime", "zeit", "tid"),
+    "current_a": ("current", "i", "cellcurrent", "ibatt", "amps", "batterycurrent", "strom", "strøm"),
+    "voltage_v": (
+        "voltage",
+        "v",
+        "u",
+        "cellvoltage",
+        "terminalvoltage",
+        "vbatt",
+        "volts",
+        "ewe",
+        "batteryvoltage",
+        "spannung",
+        "spenning",
+    ),
+    "temperature_degc": (
+        "temperature",
+        "temp",
+        "celltemperature",
+        "celltemp",
+        "tcell",
+        "batterytemperature",
+        "temperatur",
+    ),
     "soc": ("soc", "stateofcharge"),
 }
 UNITS = {
@@ -42,7 +62,11 @@ UNITS = {
     "soc": {"1": 1.0, "frac": 1.0, "%": 0.01, "percent": 0.01, "pct": 0.01},
 }
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
+DELIMITERS = (";", "\t", ",")
+CLOCK = re.compile(r"(?:(\d+)d ?)?(\d{1,4}):([0-5]?\d)(?::([0-5]?\d(?:\.\d+)?))?")
+DATE = re.compile(r"(\d{1,2})([./])(\d{1,2})\2(\d{4})(?=[ T])")
 PREAMBLE_LIMIT = 100  # lines of remarks a rig may write before its table
+UNUSED_NAMED = 6  # columns without a use that a note names
 GZIP_MAGIC = b"\x1f\x8b"
 PARQUET_MAGIC = b"PAR1"
 
@@ -152,7 +176,11 @@ def _csv_table(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | N
     lines = [line for line in text.splitlines() if line.strip()]
     if not lines:
         raise DatasetError(source, "the file is empty")
+    if not any(delimiter in line for line in lines[:PREAMBLE_LIMIT] for delimiter in DELIMITERS):
+        lines = ["\t".join(line.split()) for line in lines]
     delimiter, start = _find_table(source, lines)
+    if _ends_every_row(lines, start, delimiter):
+        lines = [line.removesuffix(delimiter) for line in lines]
     header, header_lines = _header_above(lines, start, delimiter)
     body = lines[start:]
     width = len(body[0].split(delimiter))
@@ -168,12 +196,33 @@ def _csv_table(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | N
 def _find_table(source: str, lines: list[str]) -> tuple[str, int]:
     """Return the delimiter and the index of the first line that is a row of numbers."""
     for k, line in enumerate(lines[:PREAMBLE_LIMIT]):
-        for delimiter in (";", "\t", ","):
+        for delimiter in DELIMITERS:
             tokens = line.replace(",", ".").split(";") if delimiter == ";" else line.split(delimiter)
             values = [_number(token) for token in tokens]
             if len(tokens) >= 2 and None not in values and any(value == value for value in values):
-                return delimiter, k
-    raise DatasetError(source, f"no row of numbers in the first {min(len(lines), PREAMBLE_LIMIT)} lines")
+                return delimiter, _with_broken_rows(lines, k, delimiter)
+    last = min(len(lines), PREAMBLE_LIMIT)
+    raise DatasetError(source, f"no row of numbers in the first {last} lines; line {last} is {lines[last - 1][:60]!r}")
+
+
+def _ends_every_row(lines: list[str], start: int, delimiter: str) -> bool:
+    """Return whether the delimiter stands after the last column too, and not before one that is empty."""
+    above = lines[start - 1] if start else ""
+    width = lines[start].count(delimiter)
+    is_named = above.count(delimiter) == width and not above.endswith(delimiter)
+    return not is_named and all(line.endswith(delimiter) for line in lines[start:])
+
+
+def _with_broken_rows(lines: list[str], start: int, delimiter: str) -> int:
+    """Return where the table begins: rows above `start` of which only some fields are numbers belong to it."""
+    width = len(lines[start].split(delimiter))
+    while start > 0:
+        tokens = lines[start - 1].split(delimiter)
+        values = [_number(token) for token in tokens]
+        if len(tokens) != width or not any(value is not None and value == value for value in values):
+            break
+        start -= 1
+    return start
 
 
 def _number(token: str) -> float | None:
@@ -185,12 +234,28 @@ def _number(token: str) -> float | None:
         return float(token)
     except ValueError:
         pass
-    if token[:4].isdigit() and token[4:5] == "-":
-        try:
-            return datetime.fromisoformat(token).timestamp()
-        except ValueError:
-            return None
-    return None
+    return _stamp_s(token) if token[:1].isdigit() else None
+
+
+def _stamp_s(token: str) -> float | None:
+    """Return a date with its time, or hours, minutes and seconds, in seconds; None for something else.
+
+    2026-05-01T12:00:00, 2026/05/01 12:00:00, 01.05.2026 12:00:00 (day first), 05/01/2026 12:00:00 (month first, as
+    long as it can be one), 12:00:00.5, 2d 12:00:00.
+    """
+    clock = CLOCK.fullmatch(token)
+    if clock is not None:
+        days, hours, minutes, seconds = clock.groups()
+        return 86400.0 * float(days or 0) + 3600.0 * float(hours) + 60.0 * float(minutes) + float(seconds or 0)
+    date = DATE.match(token)
+    if date is not None:
+        first, separator, second, year = date.groups()
+        day, month = (second, first) if separator == "/" and int(first) <= 12 else (first, second)
+        token = f"{year}-{int(month):02d}-{int(day):02d}{token[date.end() :]}"
+    try:
+        return datetime.fromisoformat(token.replace("/", "-", 2)).timestamp()
+    except ValueError:
+        return None
 
 
 def _header_above(lines: list[str], start: int, delimiter: str) -> tuple[list[str] | None, int]:
@@ -258,12 +323,22 @@ def _assign(
             )
         notes.append(f"no header: columns taken as {', '.join(FIELDS[: len(columns)])}")
         return dict(zip(FIELDS, columns, strict=False))
+    taken = {wanted.column for wanted in mapping.values()}
+    unused = []
     for name, values in zip(header, columns, strict=True):
         found = _field_of(name)
-        if found is not None and found[0] not in fields:
+        if found is None:
+            unused += [name] if name and name not in taken else []
+        elif found[0] in fields:
+            if found[0] not in mapping:
+                notes.append(f"{found[0]} is in more than one column: {name!r} not used")
+        else:
             fields[found[0]] = values * found[1]
             if found[1] != 1.0:
                 notes.append(f"column {name!r} multiplied by {found[1]:g} into {found[0]}")
+    if unused:
+        more = f" and {len(unused) - UNUSED_NAMED} more" if len(unused) > UNUSED_NAMED else ""
+        notes.append(f"columns not used: {', '.join(unused[:UNUSED_NAMED])}{more}")
     return fields
 
 

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.commands.recordings import add_reading_arguments, read_recording, write_table
 from app.estimation.cellfile import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.estimators import FILTERS, CellEstimator, make_estimator
 from app.estimation.identify_parts import GAP_S
-from app.estimation.importer import GAP_STEPS, DatasetError, FloatArray, Recording
+from app.estimation.importer import GAP_STEPS, DatasetError, FloatArray, Recording, check_currents
 from app.estimation.scoring import SocScore, score_soc
 from app.estimation.sensor_offset import OffsetTracker, SensorOffset
 from app.estimation.whiteness import InnovationScore, score_innovations
@@ -65,11 +66,12 @@ def run(args: argparse.Namespace) -> int:
     try:
         recording = read_recording(args.file, args)
         cell = load_cell(args.cell)
+        check_currents(recording, cell.capacity_ah)
         estimator = make_estimator(args.filter, cell, 1)
         result = run_filter(estimator, recording, cell.capacity_ah, args.initial_soc, args.initial_sigma)
         score = score_soc(recording.time_s, result.soc, result.soc_sigma, recording.soc)
         white = score_innovations(recording.time_s, result.innovation_v, result.innovation_sigma_v)
-        report = summary(args, recording, result, score, white)
+        report = summary(args, recording, result, cell.capacity_ah, score, white)
         if args.out is not None:
             write_table(args.out, _columns(recording, result))
         if args.plot is not None:
@@ -113,7 +115,15 @@ def run_filter(
     valid = 0
     offset = None if estimator.heard() is None else OffsetTracker(capacity_ah)
     begun = time.perf_counter()
+    in_gap = _in_gap(recording).tolist()
+    unheard = np.full(1, np.nan)
     for k, (dt_s, current_a) in enumerate(zip(steps, current, strict=True)):
+        if in_gap[k]:
+            gap_a = _gap_current_a(current[k - 1], current_a, dt_s, capacity_ah)
+            dt_s = recording.usual_step_s
+            estimator.step(steps[k] - dt_s, gap_a, unheard, temperatures[k])
+            if offset is not None:
+                offset.interrupt()
         e = estimator.step(dt_s, current_a, voltages[k], temperatures[k])
         table[0, k], table[1, k], table[2, k] = e.soc[0], e.soc_sigma[0], e.voltage_v[0]
         table[3, k], table[4, k] = e.innovation_v[0], e.innovation_sigma_v[0]
@@ -127,7 +137,12 @@ def run_filter(
 
 
 def summary(
-    args: argparse.Namespace, recording: Recording, result: Run, score: SocScore | None, white: InnovationScore | None
+    args: argparse.Namespace,
+    recording: Recording,
+    result: Run,
+    capacity_ah: float,
+    score: SocScore | None,
+    white: InnovationScore | None,
 ) -> dict[str, Any]:
     """Return the result as plain JSON values; what cannot be said is None."""
     names = ("soc_rmse", "soc_bias", "soc_max_error_after_60s", "settle_5_s", "settle_2_s", "inside_3_sigma", "nees")
@@ -152,20 +167,38 @@ def summary(
         "current_offset_observed": None if result.sensor is None else result.sensor.is_observed,
         "model_valid": result.model_valid_frac,
         "us_per_step": result.us_per_step,
-        "notes": [*recording.notes, *_gap_notes(recording)],
+        "notes": [*recording.notes, *_gap_notes(recording, capacity_ah)],
     }
     return {
         key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in report.items()
     }
 
 
-def _gap_notes(recording: Recording) -> list[str]:
-    """Say what was assumed of gaps: the current of the row after each has flowed all the time."""
-    in_gap = recording.step_s > max(GAP_S, GAP_STEPS * recording.usual_step_s)
-    charge_ah = float(np.sum((recording.current_a * recording.step_s)[in_gap])) / 3600.0
+def _in_gap(recording: Recording) -> NDArray[np.bool_]:
+    """Return (n,) True for rows before which nothing was measured for long."""
+    return np.asarray(recording.step_s > max(GAP_S, GAP_STEPS * recording.usual_step_s))
+
+
+def _gap_current_a(before_a: float, after_a: float, gap_s: float, capacity_ah: float) -> float:
+    """Return the current taken to have flowed in a gap [A]: the smaller one at its ends.
+
+    None, where they differ in sign or would have moved half of the capacity: then nothing is known of it.
+    """
+    smaller_a = min(before_a, after_a, key=abs) if before_a * after_a > 0.0 else 0.0
+    return smaller_a if abs(smaller_a) * gap_s < 0.5 * 3600.0 * capacity_ah else 0.0
+
+
+def _gap_notes(recording: Recording, capacity_ah: float) -> list[str]:
+    """Say what was assumed of gaps."""
+    current, steps = recording.current_a.tolist(), recording.step_s
+    after = np.flatnonzero(_in_gap(recording)).tolist()
+    charge_ah = 0.0
+    for k in after:
+        gap_s = float(steps[k])
+        charge_ah += _gap_current_a(current[k - 1], current[k], gap_s, capacity_ah) * gap_s / 3600.0
     if abs(charge_ah) < 1e-3:
         return []
-    return [f"in gaps the current of the row after counts: {charge_ah:+.3g} Ah that were not measured"]
+    return [f"in gaps the smaller current of their two ends counts: {charge_ah:+.3g} Ah that were not measured"]
 
 
 def _columns(recording: Recording, result: Run) -> dict[str, FloatArray]:

@@ -19,6 +19,8 @@ FIELDS = ("time_s", "current_a", "voltage_v", "temperature_degc", "soc")
 LATE_ROWS = 5  # a stamp this many rows late is a row out of place; more is a clock that started again
 BACKWARD_LIMIT_FRAC = 0.05  # more backward steps than this and the column is not a time
 GAP_STEPS = 10.0  # a step this many times the usual one is a gap
+CURRENT_MAX_C = 60.0  # a usual current above it is no cell's
+CELL_VOLTAGE_MIN_V = 0.5  # no cell is below it for half of a recording
 CELL_VOLTAGE_LIMIT_V = 10.0  # above this the column cannot be the volts of one cell
 
 
@@ -107,7 +109,7 @@ def clean(
         raise DatasetError(source, "voltage_v holds no number")
 
     table = _in_time_order(source, table, notes)
-    table = _without_repeats(table, notes)
+    table = _without_repeats(source, table, notes)
     if charge_positive:
         table[:, 1] = -table[:, 1]
         notes.append("current was positive on charge: sign turned")
@@ -121,6 +123,19 @@ def clean(
         notes.append(doubt)
     time_s, current_a, voltage_v, temperature_degc, soc = (np.ascontiguousarray(c) for c in table.T)
     return Recording(source, time_s, current_a, voltage_v, _held(temperature_degc), soc, tuple(notes))
+
+
+def check_currents(recording: Recording, capacity_ah: float) -> None:
+    """Refuse a recording whose currents no cell of this capacity can give: they are in another unit.
+
+    Raises:
+        DatasetError: the median of the currents that flow is beyond `CURRENT_MAX_C`.
+    """
+    flowing = np.abs(recording.current_a[recording.current_a != 0.0])
+    usual_a = float(np.median(flowing)) if flowing.size else 0.0
+    if usual_a > CURRENT_MAX_C * capacity_ah:
+        problem = f"current_a is usually {usual_a:.4g} A, {usual_a / capacity_ah:.3g} times the capacity of the cell"
+        raise DatasetError(recording.source, f"{problem}: if it is in mA, pass --map current_a=COLUMN*0.001")
 
 
 def _check_columns(source: str, columns: Mapping[str, FloatArray], period_s: float | None) -> None:
@@ -176,13 +191,15 @@ def _in_time_order(source: str, table: FloatArray, notes: list[str]) -> FloatArr
     return table[order]
 
 
-def _without_repeats(table: FloatArray, notes: list[str]) -> FloatArray:
+def _without_repeats(source: str, table: FloatArray, notes: list[str]) -> FloatArray:
     """Return the rows without exact repeats; a coarse clock is spread evenly, a step may keep its two rows."""
     same = np.flatnonzero(np.diff(table[:, 0]) == 0.0)
     if same.size == 0:
         return table
     if same.size > 0.5 * len(table):
         stamps, first, count = np.unique(table[:, 0], return_index=True, return_counts=True)
+        if stamps.size == 1:
+            raise DatasetError(source, "time_s is the same in every row: give --period SECONDS between rows instead")
         usual = float(np.median(np.diff(stamps))) if stamps.size > 1 else 1.0
         width = np.append(np.minimum(np.diff(stamps), usual), usual)
         place = np.arange(len(table)) - np.repeat(first, count)
@@ -208,7 +225,7 @@ def _scale_to_units(source: str, table: FloatArray, notes: list[str]) -> None:
     if 1000.0 < voltage < 1000.0 * CELL_VOLTAGE_LIMIT_V:
         table[:, 2] *= 1e-3
         notes.append("voltage looks like millivolts: divided by 1000")
-    elif voltage > CELL_VOLTAGE_LIMIT_V:
+    elif not CELL_VOLTAGE_MIN_V < voltage < CELL_VOLTAGE_LIMIT_V:
         raise DatasetError(source, f"voltage_v is about {voltage:.4g}: not the volts of one cell")
     temperature = table[:, 3]
     if np.isfinite(temperature).any() and float(np.nanmedian(temperature)) > 200.0:

@@ -134,3 +134,55 @@ def test_text_of_other_encodings_reads_the_same(tmp_path, encoding):
     path = tmp_path / "run.csv"
     path.write_text("time_s,current_a,voltage_v,temperature_c\n0,1,3.7,25\n1,1,3.6,25\n", encoding=encoding)
     assert load_recording(path).voltage_v.tolist() == [3.7, 3.6]
+
+
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        ("2026-05-01T12:00:00", "2026-05-01T12:00:01.5"),
+        ("2026-05-01 12:00:00", "2026-05-01 12:00:01.5"),
+        ("2026/05/01 12:00:00", "2026/05/01 12:00:01.5"),
+        ("31.05.2026 23:59:59", "01.06.2026 00:00:00.5"),
+        ("05/31/2026 23:59:59", "06/01/2026 00:00:00.5"),
+        ("31/05/2026 23:59:59", "31/05/2026 23:59:00"),
+        ("12:00:00", "12:00:01.5"),
+        ("1d 23:59:59", "2d 00:00:00.5"),
+    ],
+)
+def test_dates_and_clocks_are_times(tmp_path, stamps):
+    recording = load_recording(write(tmp_path, f"time,current,voltage\n{stamps[0]},0,4.1\n{stamps[1]},2,4.0\n"))
+    expected = 59.0 if stamps[1].endswith("59:00") else 1.5
+    assert recording.step_s[1] == pytest.approx(expected)
+
+
+def test_a_table_apart_by_spaces_is_read(tmp_path):
+    recording = load_recording(write(tmp_path, "time current  voltage\n0  0 4.1\n1  2 4.0\n"))
+    np.testing.assert_array_equal(recording.voltage_v, [4.1, 4.0])
+
+
+def test_a_delimiter_after_the_last_column_is_no_column(tmp_path):
+    recording = load_recording(write(tmp_path, "time_s,current_a,voltage_v\n0,0,4.1,\n1,2,4.0,\n"))
+    np.testing.assert_array_equal(recording.current_a, [0, 2])
+    empty = load_recording(write(tmp_path, "time_s,current_a,voltage_v,soc\n0,0,4.1,\n1,2,4.0,\n"))
+    assert np.isnan(empty.soc).all()
+
+
+def test_a_broken_first_row_does_not_hide_the_header(tmp_path):
+    rows = "".join(f"{k},{'err' if k == 0 else 2},4.0\n" for k in range(10))
+    recording = load_recording(write(tmp_path, f"Zeit,Strom,Spannung\n{rows}"))
+    np.testing.assert_array_equal(recording.time_s, np.arange(1, 10))
+    assert any("1 rows" in note for note in recording.notes)
+
+
+def test_columns_that_are_left_out_are_named(tmp_path):
+    recording = load_recording(
+        write(tmp_path, "time_s,current_a,voltage_v,Voltage [V],strain\n0,0,4.1,9,1\n1,2,4.0,9,1\n")
+    )
+    np.testing.assert_array_equal(recording.voltage_v, [4.1, 4.0])
+    assert any("voltage_v is in more than one column" in note for note in recording.notes)
+    assert any("columns not used: strain" in note for note in recording.notes)
+
+
+def test_a_file_without_numbers_says_what_stands_there(tmp_path):
+    with pytest.raises(DatasetError, match="line 2 is 'no numbers, here'"):
+        load_recording(write(tmp_path, "a,b\nno numbers, here\n"))

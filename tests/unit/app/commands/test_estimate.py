@@ -96,13 +96,22 @@ def test_unknown_ending_is_refused(tmp_path):
         write_table(tmp_path / "a.xlsx", {"soc": np.zeros(2)})
 
 
-def test_charge_that_a_gap_hides_is_named(tmp_path, capsys):
-    time_s = np.concatenate((np.arange(100.0), 3700.0 + np.arange(100.0)))
-    path = tmp_path / "gap.csv"
-    write_table(path, {"time_s": time_s, "current_a": np.full(200, 2.5), "voltage_v": np.full(200, 3.7)})
-    assert run(path, "--cell", CELL, "--json") == 0
-    notes = json.loads(capsys.readouterr().out)["notes"]
-    assert any("+2.5 Ah that were not measured" in note for note in notes)
+@pytest.mark.parametrize(
+    ("gap_s", "after_a", "hidden"),
+    [(1000.0, 2.5, "+0.694 Ah"), (1000.0, 1.0, "+0.278 Ah"), (1000.0, -2.5, None), (86400.0, 2.5, None)],
+)
+def test_charge_that_a_gap_hides_is_named_and_never_made_up(tmp_path, capsys, gap_s, after_a, hidden):
+    time_s = np.concatenate((np.arange(100.0), 99.0 + gap_s + np.arange(100.0)))
+    path, out = tmp_path / "gap.csv", tmp_path / "out.csv"
+    write_table(path, {"time_s": time_s, "current_a": np.repeat([2.5, after_a], 100), "voltage_v": np.full(200, 3.7)})
+    assert run(path, "--cell", CELL, "--json", "--filter", "coulomb", "--initial-soc", "0.6", "--out", out) == 0
+    report = json.loads(capsys.readouterr().out)
+    told = [note for note in report["notes"] if "not measured" in note]
+    assert not told if hidden is None else hidden in told[0]
+    soc = load_recording(out).soc
+    moved_ah = (soc[99] - soc[100]) * load_cell(CELL).capacity_ah
+    expected_ah = float(hidden.split()[0]) if hidden else 0.0
+    assert moved_ah == pytest.approx(expected_ah + after_a / 3600.0, abs=2e-3)
 
 
 def test_whiteness_and_the_offset_of_the_sensor_are_in_the_report(drive, capsys):

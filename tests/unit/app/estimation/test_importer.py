@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.estimation.importer import DatasetError, clean
+from app.estimation.importer import DatasetError, check_currents, clean
 
 
 def columns(**changes):
@@ -128,3 +128,21 @@ def test_gap_is_reported_and_kept():
 def test_missing_temperature_is_held():
     recording = clean("a", columns(temperature_degc=[np.nan, 20, np.nan, 22, np.nan, np.nan]))
     np.testing.assert_array_equal(recording.temperature_degc, [20, 20, 20, 22, 22, 22])
+
+
+def test_a_clock_that_stands_still_is_refused_with_a_way_out():
+    with pytest.raises(DatasetError, match="--period"):
+        clean("x", {"time_s": np.zeros(20), "current_a": np.arange(20.0), "voltage_v": np.full(20, 3.7)})
+
+
+def test_a_column_of_zeros_is_no_cell_voltage():
+    with pytest.raises(DatasetError, match="voltage_v"):
+        clean("x", {"time_s": np.arange(20.0), "current_a": np.ones(20), "voltage_v": np.zeros(20)})
+
+
+def test_milliamperes_taken_for_amperes_are_refused_by_field_and_factor():
+    columns = {"time_s": np.arange(20.0), "current_a": np.full(20, 5000.0), "voltage_v": np.full(20, 3.7)}
+    with pytest.raises(DatasetError, match=r"x: current_a is usually 5000 A.*0\.001"):
+        check_currents(clean("x", columns), 3.0)
+    check_currents(clean("x", columns | {"current_a": np.full(20, 5.0)}), 3.0)
+    check_currents(clean("x", columns | {"current_a": np.zeros(20)}), 3.0)
