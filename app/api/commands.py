@@ -16,6 +16,7 @@ from firmware_protocol.memory_map import CELLS_PER_PACK, N_CELLS
 from firmware_protocol.messages import MAX_FAN_OVERRIDE_S, Command, CommandId
 
 router = APIRouter(tags=["commands"])
+BALANCING = ("balance-start", "balance-cells")
 STREAM = ("stream-start", "stream-stop")
 
 
@@ -64,9 +65,11 @@ COMMANDS: dict[str, tuple[CommandId, Callable[[float | None], int]]] = {
 
 
 @router.get("/commands", response_model=CommandsOut)
-def names() -> dict[str, Any]:
-    """The commands there are."""
-    return {"commands": [*COMMANDS, "balance-cells", *STREAM]}
+def names(runtime: RuntimeDep) -> dict[str, Any]:
+    """The commands there are, and why some would be refused by this service now."""
+    hindrance = _against_balancing(runtime)
+    hindrances = {} if hindrance is None else dict.fromkeys(BALANCING, hindrance)
+    return {"commands": [*COMMANDS, "balance-cells", *STREAM], "hindrances": hindrances}
 
 
 @router.post("/commands/{name}", response_model=DoneOut)
@@ -77,8 +80,8 @@ def command(name: str, runtime: RuntimeDep, user: UserDep, body: Argument | None
         raise invalid("duration_s", asked.duration_s, "only with fan-override and a duty")
     if asked.cells is not None and name != "balance-cells":
         raise invalid("cells", len(asked.cells), "only with balance-cells")
-    if name.startswith("balance-") and name != "balance-stop":
-        _require_balancing(runtime)
+    if name in BALANCING and (hindrance := _against_balancing(runtime)) is not None:
+        raise Problem(409, "rules", "Not by the rules", hindrance)
     if name in STREAM:
         _none(asked.argument)
         runtime.operator.stream(user.name, on=name == "stream-start")
@@ -99,17 +102,13 @@ def _in_words(asked: Argument) -> str:
     return "" if asked.argument is None else f"{asked.argument:g}{duration}"
 
 
-def _require_balancing(runtime: Runtime) -> None:
-    """Refuse with relays open where the competition's rules do."""
+def _against_balancing(runtime: Runtime) -> str | None:
+    """Why the competition's rules forbid balancing now: the relays are open, or not known to be closed."""
     snapshot = runtime.pipeline_snapshot
     flags = None if snapshot is None else snapshot.master["flags"]
-    if not runtime.settings.balance_open and (flags is None or not flags["load"]):
-        raise Problem(
-            409,
-            "rules",
-            "Not by the rules",
-            "the relays are open, and this service was told that the rules forbid balancing then (balance_open)",
-        )
+    if runtime.settings.balance_open or (flags is not None and flags["load"]):
+        return None
+    return "the relays are open, and this service was told that the rules forbid balancing then (balance_open)"
 
 
 def _balance(runtime: Runtime, cells: list[int], who: str) -> None:

@@ -213,3 +213,15 @@ def test_charging_offers_every_way_to_balance(service, open_page):
     page.get_by_role("link", name="all commands").click()
     expect(page.get_by_test_id("slave-check")).to_be_visible()
     expect(page.get_by_test_id("tab-commands")).to_have_attribute("aria-pressed", "true")
+
+
+def test_where_the_rules_forbid_balancing_with_open_relays_the_page_says_so(make_service, open_page):
+    strict = make_service("--scenario", "in-the-pit", "--no-balance-open")
+    strict.wait_for(lambda s: s["master"]["flags"] is not None)
+    page = open_page(f"{strict.base_url}/#/charging")
+    expect(page.get_by_test_id("forbidden")).to_contain_text("the rules forbid balancing")
+    page.get_by_label("pack 2, cell 3").check()
+    for name in ("balance-start", "balance-cells"):
+        expect(page.get_by_test_id(f"command-{name}")).to_be_disabled()
+    for stop in page.get_by_test_id("command-balance-stop").all():
+        expect(stop).to_be_enabled()

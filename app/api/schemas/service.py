@@ -92,9 +92,10 @@ class AcknowledgedOut(BaseModel):
 
 
 class CommandsOut(BaseModel):
-    """The names of the commands."""
+    """The names of the commands, and why some would be refused now."""
 
     commands: list[str]
+    hindrances: dict[str, str]
 
 
 class DoneOut(BaseModel):

@@ -356,9 +356,10 @@ export interface Clock {
   was_set: boolean;
 }
 
-/** The names of the commands. */
+/** The names of the commands, and why some would be refused now. */
 export interface Commands {
   commands: string[];
+  hindrances: Record<string, string>;
 }
 
 /** One side of a comparison. */
