@@ -68,7 +68,7 @@ def test_what_the_rules_forbid_is_refused_with_the_reason_why(service, open_page
     page = open_page(f"{service.base_url}/#/parameters", quiet=False)
     field(page, "t_cell_max").fill("65")
     page.get_by_test_id("write").click()
-    expect(page.get_by_test_id("outcome")).to_contain_text("t_cell_max = 65 degC, allowed: at most 60 degC: the rules")
+    expect(page.get_by_test_id("outcome")).to_contain_text("t_cell_max = 65 °C, allowed: at most 60 °C: the rules")
     expect(page.get_by_test_id("write-dialog")).to_have_count(0)
 
 
