@@ -26,6 +26,7 @@ log = logging.getLogger(__name__)
 IDLE_S = 0.05
 JUMP_S = 0.01
 START_S = 10.0
+END_S = 1.0
 REPEAT_S = 0.5  # a replay that stands still says so this often
 Estimates = Literal["recomputed", "recorded"]
 
@@ -87,6 +88,7 @@ class Replaying:
         self._orders: Orders = queue.SimpleQueue()
         self._state: dict[str, Any] | None = None
         self._latest: Snapshot | None = None
+        self._telling = threading.Lock()  # between being asked whether it is wanted and saying it
 
     @property
     def is_active(self) -> bool:
@@ -120,10 +122,21 @@ class Replaying:
             self._end()
 
     def _end(self) -> None:
-        if self._thread is not None:
+        with self._telling:
+            thread, self._thread, self._state = self._thread, None, None
+        if thread is not None:
             self._orders.put(None)
-            self._thread.join(timeout=5.0)
-        self._thread = self._state = None
+            thread.join(timeout=END_S)  # one that compiles a filter ends later, and says nothing more
+
+    def _is_wanted(self) -> bool:
+        """The thread that asks is the replay that is shown, not one that was told to end."""
+        return threading.current_thread() is self._thread
+
+    def _tell(self, replay: _Replay, now_s: float) -> None:
+        state = _state(replay, now_s)
+        with self._telling:
+            if self._is_wanted():
+                self._state = state
 
     def control(
         self,
@@ -181,7 +194,7 @@ class Replaying:
                 pacer = Pacer(file, now_s=time.monotonic(), speed=playing.speed)
                 replay = _Replay(file, pacer, RecordedEstimates(file), pipeline, playing)
                 prepare(pipeline, file)
-                self._state = _state(replay, time.monotonic())
+                self._tell(replay, time.monotonic())
                 started.set_result(None)
                 pipeline.warm_up()  # compiling a filter takes seconds, which are not the session's
                 pacer.seek(0.0, time.monotonic())
@@ -193,12 +206,13 @@ class Replaying:
             log.exception("the replay failed")
             self._on_failure(f"the replay of {path.stem} failed: {error}")
         finally:
-            if threading.current_thread() is self._thread:  # nobody waits for this end: the live source is shown again
-                self._thread = self._state = None
+            with self._telling:
+                if self._is_wanted():  # nobody waits for this end: the live source is shown again
+                    self._thread = self._state = None
 
     def _play(self, replay: _Replay, orders: Orders) -> None:
         pacer, shown_s = replay.pacer, 0.0
-        while True:
+        while self._is_wanted():
             now_s = time.monotonic()
             if pacer.loop is not None and pacer.is_loop_over(now_s):
                 _jump(replay, pacer.loop[0], now_s)
@@ -206,7 +220,7 @@ class Replaying:
                 replay.is_fresh_chain_due = False
                 replay.pipeline = self._chain(replay.playing)
                 prepare(replay.pipeline, replay.file)
-            self._state = _state(replay, now_s)
+            self._tell(replay, now_s)
             if self._take(replay, pacer.due(now_s)):
                 shown_s = now_s
             if self._latest is not None and now_s - shown_s > REPEAT_S:
@@ -225,9 +239,11 @@ class Replaying:
         """Put what is due through the chain; True where something was shown."""
         shown = False
         for received in due:
+            if not self._is_wanted():
+                break
             snapshot = replay.pipeline.feed(item_of(received)).snapshot
             replay.pipeline.look_ahead()
-            if snapshot is None:
+            if snapshot is None or not self._is_wanted():
                 continue
             recorded = replay.recorded.at(snapshot.t_mono_ns)
             replay.compared = _compared(snapshot, recorded)

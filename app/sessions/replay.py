@@ -11,7 +11,7 @@ from app.sessions.reader import SessionFile
 LEAD_S = 5.0  # after a jump, so much from before it comes first: every window of the stream has had its turn
 MIN_SPEED, MAX_SPEED = 0.1, 100.0
 MIN_LOOP_S = 0.5
-MAX_ITEMS = 256  # at a time
+MAX_ITEMS = 64  # at a time: orders are heard in between
 Received = RecordedFrame | RecordedCanFrame
 
 

@@ -170,7 +170,7 @@ def test_a_loop_beyond_the_session_is_refused(replaying, session, loop):
 
 def test_both_estimates_are_told_and_either_is_shown(replaying, shown, session):
     replaying.start(session, Playing(100, estimates="recorded"))
-    shown.wait(lambda s: s.links["rs232"].frames == 20)
+    shown.wait(lambda s: s.links["rs232"].frames == 20 and not s.is_fresh)  # the state is told before it is repeated
     snapshot = next(s for s in shown.snapshots if s.is_fresh)
     assert snapshot.cells.soc == pytest.approx(np.full(96, RECORDED_SOC), abs=2e-5)
     assert snapshot.accumulator["soc"] == pytest.approx(RECORDED_SOC, abs=2e-5)
@@ -180,3 +180,30 @@ def test_both_estimates_are_told_and_either_is_shown(replaying, shown, session):
     shown.snapshots.clear()
     replaying.control(estimates="recomputed", seek_s=0.0)
     shown.wait(lambda s: s.is_fresh and s.accumulator["soc"] == pytest.approx(compared["recomputed_soc"], abs=1e-3))
+
+
+def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, failures, session, monkeypatch):
+    monkeypatch.setattr("app.replaying.END_S", 0.05)
+    release = threading.Event()
+    made = []
+
+    def pipeline(*_, **__):
+        built = new_pipeline()
+        if not made:
+            monkeypatch.setattr(built, "warm_up", lambda: release.wait(10))
+        made.append(built)
+        return built
+
+    replaying = Replaying(pipeline, shown, failures.append)
+    replaying.start(session, Playing(100))
+    (compiling,) = [thread for thread in threading.enumerate() if thread.name == "replay"]
+    replaying.control(seek_s=1.0, paused=True)
+    replaying.start(session, Playing(0.1))
+    release.set()
+    compiling.join(10)
+    assert not compiling.is_alive()
+    state = replaying.state()
+    assert (state["speed"], state["paused"]) == (0.1, False)
+    replaying.stop()
+    assert replaying.state() is None
+    assert failures == []
