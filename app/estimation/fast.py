@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from app.estimation.circuit import SECONDS_PER_HOUR
 from app.estimation.estimates import N_OUT, Estimates
 from app.estimation.fusion import unknown_odds
+from app.estimation.inputs import cell_array
 from app.estimation.kernel_shape import NUMBERS, Shape, columns, layout, table_width
 from app.estimation.native import load
 from app.estimation.record import Record
@@ -22,11 +23,7 @@ FloatArray = NDArray[np.float64]
 
 
 class FastStep:
-    """One compiled step over all cells of a state, for one cell model, rule and tuning; compiled when built.
-
-    Attributes:
-        sample: (2 n,) where voltages [V] and temperatures [degC] of the next step are put.
-    """
+    """One compiled step over all cells of a state, for one cell model, rule and tuning; compiled when built."""
 
     def __init__(
         self,
@@ -45,18 +42,42 @@ class FastStep:
         arena[at.time_constants : at.table] = (cell.tau_s if cell.tau_fixed_s is None else cell.tau_fixed_s).ravel()
         arena[at.table : at.places] = _table(cell, self._shape)
         arena[at.places : at.work] = np.nan
+        self._cells = (n,)
         self._now = arena[at.step : at.voltages]
-        self.sample = arena[at.voltages : at.answer]
+        self._voltages_v = arena[at.voltages : at.temperatures_now]
+        self._temperatures_degc = arena[at.temperatures_now : at.answer]
         self._numbers = arena[at.answer :].reshape(N_OUT, n)
         self._held = states.block, arena
         self._pointers = states.block.ctypes.data, arena.ctypes.data
         self._step = load("step", self._shape)
 
-    def step(self, dt_s: float, current_a: float) -> Estimates:
-        """Return the estimates after the sample whose voltages and temperatures have been put here."""
+    def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> Estimates:
+        """Return the estimates after one sample.
+
+        Args:
+            dt_s: step, >= 0 [s].
+            current_a: held current, finite [A].
+            voltages_v: (n,) [V].
+            temperatures_degc: (n,) [degC].
+
+        Raises:
+            ShapeError: an array is not (n,).
+        """
+        shape = self._cells
+        try:
+            fits = voltages_v.shape == shape and temperatures_degc.shape == shape  # type: ignore[union-attr]
+        except AttributeError:
+            fits = False
+        if not fits:
+            voltages_v = cell_array("voltages_v", voltages_v, shape)
+            temperatures_degc = cell_array("temperatures_degc", temperatures_degc, shape)
+        self._voltages_v[...] = voltages_v
+        self._temperatures_degc[...] = temperatures_degc
         now = self._now
-        now[0], now[1] = dt_s, current_a
-        self._step(*self._pointers)
+        now[0] = dt_s
+        now[1] = current_a
+        block_at, arena_at = self._pointers
+        self._step(block_at, arena_at)
         return Estimates(self._numbers.copy())
 
     def record(

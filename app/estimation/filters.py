@@ -142,12 +142,10 @@ class GaussianEstimator:
             raise EstimatorError(NOT_STARTED)
         fast = self._fast
         if fast is not None:
-            guard = self.guard
-            held_a = guard.common(dt_s, current_a)
+            held_a = self.guard.common(dt_s, current_a)
             if self._capacity.is_used:
                 self._capacity.take(held_a, dt_s)
-            guard.put(voltages_v, temperatures_degc, fast.sample)
-            return fast.step(dt_s, held_a)
+            return fast.step(dt_s, held_a, voltages_v, temperatures_degc)
         sample = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
         numbers = np.empty(self._out_shape)
         reported, sigma, ocv, predicted, innovation, innovation_sigma, valid, accepted = numbers

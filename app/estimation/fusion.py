@@ -93,8 +93,9 @@ class Fusion:
         self._mixer = Mixer((states.n_cells,), tuning)
         self._block_mixer: Mixer | None = None
         self._dt_s = math.nan
-        self._shares = np.empty((2, 1))
-        self._gap, self._moved = np.empty(states.n_cells), np.empty((2, states.n_cells))
+        self._gap = np.empty(states.n_cells)
+        self._moved, self._shares = np.empty((2, 2, states.n_cells))
+        self._wander_views = *self._moved, states.apart, states.wander, states.wander_v2
 
     def fuse(self, dt_s: float, filter_soc: FloatArray, filter_v2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (n,) fused SOC and variance; anchors the count anew where it has been contradicted too long.
@@ -162,13 +163,13 @@ class Fusion:
             share = 1.0 - math.exp(-dt_s / self._tuning.wander_s)
             self._dt_s = dt_s
             self._shares[:] = [[share], [share * (1.0 - share)]]
+        beyond, beyond2, apart, wander, wander_v2 = self._wander_views
         moved = self._moved
-        beyond, beyond2 = moved
-        np.subtract(d, self._states.apart, beyond)
+        np.subtract(d, apart, beyond)
         np.multiply(beyond, beyond, beyond2)
-        np.subtract(beyond2, self._states.wander_v2, beyond2)
+        np.subtract(beyond2, wander_v2, beyond2)
         np.multiply(moved, self._shares, moved)
-        np.add(self._states.wander, moved, self._states.wander)
+        np.add(wander, moved, wander)
 
     def _doubt(self, dt_s: float, doubted: BoolArray, filter_soc: FloatArray, filter_v2: FloatArray) -> None:
         state = self._states

@@ -64,6 +64,18 @@ class StepInput(NamedTuple):
     climate: Climate
 
 
+def cell_array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Return values as floats of a shape.
+
+    Raises:
+        ShapeError: they have another shape.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise ShapeError(name, shape, array.shape)
+    return array
+
+
 class InputGuard:
     """Checks samples for the cells of one state and remembers the last current and the last temperatures."""
 
@@ -85,36 +97,11 @@ class InputGuard:
         Raises:
             EstimatorError: dt_s is negative or not finite.
         """
-        if not (math.isfinite(dt_s) and dt_s >= 0.0):
+        if not 0.0 <= dt_s < math.inf:
             raise EstimatorError(f"a step of {dt_s} s is no step")
         if abs(current_a) <= self._current_max_a:
             self._current_a = float(current_a)
         return self._current_a
-
-    def array(self, name: str, values: ArrayLike) -> FloatArray:
-        """Return values as (n_cells,) floats.
-
-        Raises:
-            ShapeError: they have another shape.
-        """
-        array = np.asarray(values, dtype=np.float64)
-        if array.shape != self._shape:
-            raise ShapeError(name, self._shape, array.shape)
-        return array
-
-    def put(self, voltages_v: ArrayLike, temperatures_degc: ArrayLike, sample: FloatArray) -> None:
-        """Copy voltages and temperatures one after the other into a row of (2 n_cells,) floats.
-
-        Raises:
-            ShapeError: one of them is not (n_cells,).
-        """
-        n, shape = self._shape[0], self._shape
-        if type(voltages_v) is not np.ndarray or voltages_v.shape != shape:
-            voltages_v = self.array("voltages_v", voltages_v)
-        if type(temperatures_degc) is not np.ndarray or temperatures_degc.shape != shape:
-            temperatures_degc = self.array("temperatures_degc", temperatures_degc)
-        sample[:n] = voltages_v
-        sample[n:] = temperatures_degc
 
     def check(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> StepInput:
         """Return one sample as a filter wants it.
@@ -124,8 +111,8 @@ class InputGuard:
             EstimatorError: dt_s is negative or not finite.
         """
         current = self.common(dt_s, current_a)
-        voltage = self.array("voltages_v", voltages_v)
-        temperature = self.array("temperatures_degc", temperatures_degc)
+        voltage = cell_array("voltages_v", voltages_v, self._shape)
+        temperature = cell_array("temperatures_degc", temperatures_degc, self._shape)
         # argmin and argmax find a NaN first
         if not (voltage.item(voltage.argmin()) > VOLTAGE_MIN_V and voltage.item(voltage.argmax()) < VOLTAGE_MAX_V):
             voltage = np.where((voltage > VOLTAGE_MIN_V) & (voltage < VOLTAGE_MAX_V), voltage, np.nan)

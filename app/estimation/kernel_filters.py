@@ -78,6 +78,12 @@ def make_place(shape: Shape) -> Any:
 
     @jit
     def place(block, grid, numbers, temperature_degc, placed):
+        n_moved = 0
+        for c in range(n):
+            t = temperature_degc[c]
+            n_moved += 0 if (t == placed[AT + c]) & (t == block[KNOWN + c]) else 1
+        if n_moved == 0:
+            return
         for c in range(n):
             t = temperature_degc[c] if abs(temperature_degc[c]) < TEMPERATURE_MAX_DEGC else block[KNOWN + c]
             if t == placed[AT + c]:

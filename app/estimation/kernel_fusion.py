@@ -92,9 +92,12 @@ def make_believe(shape: Shape) -> Any:
                 tail *= tail
                 tail *= tail
                 tail *= tail
-                w = 1.0 / (tail * math.sqrt(total) * odds + 1.0)
+                against = tail * math.sqrt(total) * odds + 1.0
                 square = variance * variance
-                g = square / (count_v2 * count_v2 + square)
+                squares = count_v2 * count_v2 + square
+                # one division for two: w = 1 / against, g = square / squares
+                each = 1.0 / (against * squares)
+                w, g = squares * each, square * against * each
                 nearer = g * d
                 pulled = w * nearer
                 fused_v2 = variance + (pulled * (nearer - pulled) + w * g * (count_v2 - variance))
