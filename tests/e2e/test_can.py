@@ -90,3 +90,27 @@ def test_a_charger_is_played_by_hand(service, open_page):
     service.wait_for(lambda s: s["charger"]["voltage_v"] == 370.0)
     panel.get_by_role("button", name="Stop").click()
     expect(panel.get_by_role("status")).to_contain_text("Sent list of 1")
+
+
+def test_the_master_sends_a_message_once_and_from_now_on(service, open_page):
+    page = open_page(f"{service.base_url}/#/can")
+    row = page.get_by_test_id("can-tx-2")
+    row.get_by_role("button", expanded=False).click()
+    now = page.get_by_test_id("send-now-2")
+    expect(now).to_contain_text("The master is not sending it")
+    with service.client() as client:
+
+        def heard() -> int:
+            return {i["id"]: i["count"] for i in client.get("/can/bus").json()["ids"]}[0x101]
+
+        before = heard()
+        now.get_by_test_id("command-can-send").click()
+        page.get_by_test_id("confirm").click()
+        expect(now).to_contain_text("done")
+        service.wait_for(lambda _: heard() == before + 1)
+    now.get_by_test_id("command-can-tx-enable").click()
+    page.get_by_test_id("confirm").click()
+    expect(now).to_contain_text("The master is sending it")
+    now.get_by_test_id("command-can-tx-enable").click()
+    page.get_by_test_id("confirm").click()
+    expect(now).to_contain_text("The master is not sending it")

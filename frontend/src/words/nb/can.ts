@@ -64,6 +64,18 @@ export const CAN = {
   '{share} % of {rate} kbit/s heard': '{share} % av {rate} kbit/s hørt',
   'errors: this adapter does not say': 'feil: denne adapteren sier det ikke',
   '{n} errors': '{n} feil',
+  'The master is sending it': 'Masteren sender den',
+  'The master is not sending it': 'Masteren sender den ikke',
+  'Send once': 'Send én gang',
+  'Let the master send {id} once?': 'La masteren sende {id} én gang?',
+  'With its values as they are now, to every controller on the bus.':
+    'Med verdiene som de er nå, til alle kontrollere på bussen.',
+  'Stop sending': 'Slutt å sende',
+  'Send from now on': 'Send fra nå av',
+  'Stop sending {id}?': 'Slutte å sende {id}?',
+  'Send {id} from now on?': 'Sende {id} fra nå av?',
+  'Until the master starts again, or a message that it answers comes or goes. The tables are not changed. Whoever waits for the message notices.':
+    'Til masteren starter på nytt, eller en melding som den svarer på, kommer eller uteblir. Tabellene endres ikke. Den som venter på meldingen, merker det.',
   '(counters: sent {tx}, received {rx})': '(tellere: sendt {tx}, mottatt {rx})',
   'Save the trace': 'Lagre sporet',
   'The bus could not be read': 'Bussen kunne ikke leses',
