@@ -22,6 +22,12 @@ FLAGS = [
 ]
 SIZES = {"desktop": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
 PATIENCE_MS = 20_000
+AXE = ROOT / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
+RULES = {
+    "light": ["color-contrast"],
+    "sun": ["color-contrast"],
+    "dark": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"],
+}
 
 expect.set_options(timeout=PATIENCE_MS)
 
@@ -76,3 +82,22 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
     for context in contexts:
         context.close()
     assert complaints == []
+
+
+@pytest.fixture(scope="session")
+def violations() -> Callable[[Page], dict[str, list[str]]]:
+    """What axe-core finds on a page: WCAG 2.2 AA in the dark, contrast in every theme; rule to the places at fault."""
+    if not AXE.exists():
+        missing("axe-core", "run `make frontend`")
+    source = AXE.read_text()
+
+    def look(page: Page) -> dict[str, list[str]]:
+        page.evaluate(source)
+        found = {}
+        for theme, what in RULES.items():
+            page.evaluate("(theme) => (document.documentElement.dataset.theme = theme)", theme)
+            for violation in page.evaluate("(what) => axe.run({runOnly: what})", what)["violations"]:
+                found[f"{theme}: {violation['id']}"] = [node["html"][:160] for node in violation["nodes"][:3]]
+        return found
+
+    return look

@@ -28,6 +28,19 @@ def test_nothing_is_shown_before_the_login_and_a_viewer_cannot_write(guarded, op
     expect(page.get_by_text("writing needs the engineer role")).to_be_visible()
 
 
+@pytest.mark.parametrize("size", ["desktop", "phone"])
+def test_the_login_page_is_for_everybody(guarded, open_page, violations, size):
+    page = open_page(f"{guarded.base_url}/#/overview", size, quiet=False)
+    expect(page.get_by_test_id("login")).to_be_visible()
+    assert violations(page) == {}
+    page.get_by_role("textbox", name="Name").focus()
+    page.keyboard.type("ola")
+    page.keyboard.press("Tab")
+    page.keyboard.type("engineer-pass-1")
+    page.keyboard.press("Enter")
+    expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "live")
+
+
 def test_an_engineer_may_write(guarded, open_page):
     page = open_page(f"{guarded.base_url}/#/parameters", quiet=False)
     log_in(page, "ola", "engineer-pass-1")

@@ -77,3 +77,37 @@ def test_a_swap_is_recorded_on_a_phone(looked_back, open_page):
     page.get_by_test_id("swap").click()
     expect(page.get_by_text("spare 4")).to_be_visible()
     expect(page.get_by_test_id("passport-history").get_by_role("row")).to_have_count(2)
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("size", ["desktop", PHONE])
+def test_no_page_of_a_session_has_an_accessibility_violation(looked_back, open_page, violations, size):
+    service, first, second = looked_back
+    with service.client() as client:
+        box = client.get(f"/sessions/{second}/blackboxes").json()["boxes"][0]["id"]
+    places = {
+        f"sessions/{second}": page_has("canvas"),
+        f"sessions/{first}/laps": page_has('[data-testid="laps"]'),
+        f"sessions/{second}/report": page_has('[data-testid="headline"]'),
+        f"sessions/{second}/boxes": page_has('[data-testid="boxes"]'),
+        f"sessions/box/{box}": page_has('[data-testid="box-summary"]'),
+        f"sessions/{second}/compare/{first}": page_has('[data-testid="comparison"]'),
+        f"sessions/{second}/take": page_has("main h1"),
+        "sessions/boxes": page_has('[data-testid="boxes"]'),
+        "sessions/passport": page_has('[data-testid="passport-state"]'),
+        "sessions/passport/30": page_has('[data-testid="passport-history"]'),
+        "sessions/bring": page_has("main h1"),
+    }
+    page = open_page(f"{service.base_url}/#/sessions", size)
+    found = {}
+    for path, shown in places.items():
+        page.goto(f"{service.base_url}/#/{path}")
+        shown(page)
+        assert page.evaluate("document.documentElement.scrollWidth") <= page.viewport_size["width"], path
+        found |= {f"{path}, {rule}": where for rule, where in violations(page).items()}
+    assert found == {}
+
+
+def page_has(selector):
+    """Wait until a page shows what it is for."""
+    return lambda page: expect(page.locator(selector).first).to_be_visible()

@@ -129,3 +129,18 @@ def test_another_session_is_laid_over(viewed, open_page):
     page = open_page(f"{service.base_url}/#/sessions/{found['dip']}?with={found['calm']}")
     expect(page.get_by_test_id("over")).to_have_value(found["calm"])
     expect(page.get_by_label("moved by")).to_be_visible()
+
+
+def test_a_move_asks_for_the_new_view_and_nothing_else(viewed, open_page):
+    service, found = viewed
+    page = open_page(f"{service.base_url}/#/sessions/{found['calm']}")
+    expect(page.locator("canvas").nth(6)).to_be_visible()
+    page.get_by_test_id("scrubber").focus()
+    page.wait_for_load_state("networkidle")
+    asked = []
+    page.on("request", lambda request: "/api/" in request.url and asked.append(request.url))
+    with page.expect_response(re.compile("/series.*i_fs")):
+        page.keyboard.press("+")
+    expect(page).to_have_url(re.compile("from="))
+    page.wait_for_load_state("networkidle")
+    assert [url.split("?")[0].rsplit("/", 1)[1] for url in asked] == ["series"]

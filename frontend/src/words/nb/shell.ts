@@ -46,8 +46,6 @@ export const SHELL = {
   'the service does not answer': 'tjenesten svarer ikke',
   'waiting for the first values': 'venter på de første verdiene',
   alarms: 'alarmer',
-  '{n} alarms': '{n} alarmer',
-  '{n} alarms, worst: {worst}': '{n} alarmer, verst: {worst}',
   'Theme: {theme}. Change it': 'Tema: {theme}. Bytt',
   dark: 'mørk',
   light: 'lys',

@@ -1,0 +1,12 @@
+// An element that scrolls sideways can be reached by the keyboard while it does, and is no stop on the way otherwise.
+
+export function scrollable(node: HTMLElement): () => void {
+  const look = (): void => {
+    if (node.scrollWidth > node.clientWidth) node.tabIndex = 0;
+    else node.removeAttribute('tabindex');
+  };
+  const observer = new ResizeObserver(look);
+  observer.observe(node);
+  for (const child of node.children) observer.observe(child);
+  return () => observer.disconnect();
+}
