@@ -106,12 +106,13 @@ def to_raw(field: Field, value: Number) -> int:
     """Return the nearest count to a value in the field's unit.
 
     Raises:
-        EncodeError: not a finite number, or outside the field's range.
+        EncodeError: not a finite number, outside the field's range, or a fraction of what is counted in whole units.
     """
     if not abs(value) < 1 << 40:  # an integer beyond it may not even be a float
         raise EncodeError(field.name, value, limit_text(field))
-    counts = value / field.scale
-    raw = round(counts)
+    if field.scale == 1 and value != int(value):
+        raise EncodeError(field.name, value, f"a whole number, {limit_text(field)}")
+    raw = round(value / field.scale)
     if not _in_range(field, raw):
         raise EncodeError(field.name, value, limit_text(field))
     return raw
@@ -151,10 +152,11 @@ def with_raw(image: Image, name: str, value: Value) -> bytes:
         EncodeError: no field has this name, the shape differs, or a count does not fit the field's type.
     """
     field = _field(name)
+    low, high = _type_range(field)
     raws: list[int] = []
     for element, number in enumerate(_flatten(field, value)):
-        if not isinstance(number, int) or not _fits(field, number):
-            raise EncodeError(element_name(field, element), number, f"an integer that fits {field.fmt!r}")
+        if not isinstance(number, int) or not low <= number <= high:
+            raise EncodeError(element_name(field, element), number, f"a whole number of counts, {low}..{high}")
         raws.append(number)
     return _replaced(image, field, raws)
 
@@ -261,20 +263,19 @@ def field_error(field: Field, element: int, raw: int, limit: str, why: str) -> F
     return FieldError(field.name, element if field.shape else None, to_unit(field, raw), limit.strip(), offset, why)
 
 
-def _range(field: Field) -> tuple[int, int]:
+def _type_range(field: Field) -> tuple[int, int]:
     bits = 8 * field.item_size
-    low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if field.fmt.islower() else (0, (1 << bits) - 1)
+    return (-(1 << bits - 1), (1 << bits - 1) - 1) if field.fmt.islower() else (0, (1 << bits) - 1)
+
+
+def _range(field: Field) -> tuple[int, int]:
+    low, high = _type_range(field)
     return (low if field.minimum is None else field.minimum, high if field.maximum is None else field.maximum)
 
 
 def _in_range(field: Field, raw: int) -> bool:
     low, high = _range(field)
     return low <= raw <= high
-
-
-def _fits(field: Field, raw: int) -> bool:
-    bits = 8 * field.item_size
-    return -(1 << bits - 1) <= raw < 1 << bits - 1 if field.fmt.islower() else 0 <= raw < 1 << bits
 
 
 def _field(name: str) -> Field:

@@ -102,7 +102,7 @@ def test_error_speaks_the_fields_unit():
         ("v_cell_max", 4.15, 41500),
         ("v_cell_max", 4.15004, 41500),
         ("v_cell_max", 4.15006, 41501),
-        ("t_cell_min", -7.4, -7),
+        ("t_cell_min", -7.0, -7),
         ("i_disc_min", -100, -10000),
         ("i_gain", 0.2424, 12120),
         ("fan_ramp_max", 224 / 255, 224),
@@ -110,6 +110,12 @@ def test_error_speaks_the_fields_unit():
 )
 def test_value_in_unit_rounds_to_the_nearest_count(name, value, raw):
     assert config_image.raw_value(config_image.with_value(DEFAULT, name, value), name) == raw
+
+
+@pytest.mark.parametrize(("name", "value"), [("t_cell_min", -7.4), ("ts", 100.5), ("t_cell_max", 59.999)])
+def test_a_fraction_of_what_is_counted_whole_is_refused(name, value):
+    with pytest.raises(EncodeError, match="whole number"):
+        config_image.with_value(DEFAULT, name, value)
 
 
 @pytest.mark.parametrize("value", [4.50006, 0, float("nan"), float("inf"), 1e300])
