@@ -204,7 +204,8 @@ class Runtime:
         self.events.close()
 
     def log_event(self, event: Event) -> None:
-        """Put an event into the log and into the recording."""
+        """Put an event into the log, into the recording, and on the console."""
+        log.log(logging.INFO if event.severity == "info" else logging.WARNING, "%s: %s", event.code, event.text)
         self.events.append(
             event.severity,
             event.code,

@@ -20,10 +20,13 @@ class Settings(BaseSettings):
     model_config = SettingsConfigDict(env_prefix="VOLTWALL_", env_ignore_empty=True, frozen=True, extra="ignore")
 
     serial: str | None = Field(
-        default=None, description="RS232 of the master: any pySerial URL, as /dev/ttyUSB0, COM6, socket://host:port"
+        default=None,
+        min_length=1,
+        description="RS232 of the master: any pySerial URL, as /dev/ttyUSB0, COM6, socket://host:port",
     )
     can: str | None = Field(
         default=None,
+        min_length=1,
         description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, as socketcan:can0, slcan:/dev/ttyACM0",
     )
     host: str = Field(default="127.0.0.1", description="address to listen on; anything but loopback needs a password")
@@ -106,5 +109,3 @@ class Settings(BaseSettings):
             raise ConfigError("viewer_password", "(hidden)", "needs password to be set too, or everyone may write")
         if self.viewer_password is not None and self.viewer_password == self.password:
             raise ConfigError("viewer_password", "(hidden)", "other than password, or every viewer is an engineer")
-        if self.can is not None and ":" not in self.can:
-            raise ConfigError("can", self.can, "INTERFACE:CHANNEL, for example socketcan:can0")

@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -14,6 +15,7 @@ from app.config_sources import WORDS
 from app.errors import ConfigError
 
 DIFFERS = 1
+_URL = "http://127.0.0.1:8000"
 _EPILOG = f"""\
 SOURCE is {WORDS}.
 Exit codes: 0 done; 1 diff or compare found differences; 2 refused or not allowed; 3 service or master not reachable,
@@ -23,16 +25,18 @@ Where the service wants a password: VOLTWALL_PASSWORD in the environment."""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Actions and where the service is."""
-    parser.add_argument("--url", default="http://127.0.0.1:8000", help="the running service (default: %(default)s)")
+    where = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
+    where.add_argument("--url", help=f"the running service (default: {_URL})")
+    parser.add_argument("--url", default=_URL, help="the running service (default: %(default)s)")
     parser.epilog = _EPILOG
-    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    read = actions.add_parser("read", help="print a configuration as JSON in units, or save it")
+    add = partial(parser.add_subparsers(dest="action", metavar="ACTION", required=True).add_parser, parents=[where])
+    read = add("read", help="print a configuration as JSON in units, or save it")
     read.add_argument(
         "source", nargs="?", default="in-force", metavar="SOURCE", help="where from (default: %(default)s)"
     )
     read.add_argument("--out", type=Path, metavar="FILE", help="save to FILE: .json as JSON, anything else as image")
-    diff = actions.add_parser("diff", help="what a write would change, and what the rules say; exit code 1 if anything")
-    write = actions.add_parser("write", help="check, write, read back byte for byte")
+    diff = add("diff", help="what a write would change, and what the rules say; exit code 1 if anything")
+    write = add("write", help="check, write, read back byte for byte")
     for action in (diff, write):
         action.add_argument(
             "edits",
@@ -42,17 +46,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
         action.add_argument("--reason", default="", help="why it is right in spite of warnings")
     write.add_argument("--store", action="store_true", help="then store in the EEPROM and read it back")
-    compare = actions.add_parser("compare", help="what differs between two SOURCEs; exit code 1 if anything")
+    compare = add("compare", help="what differs between two SOURCEs; exit code 1 if anything")
     compare.add_argument("a", metavar="FROM", help="a SOURCE, as stored")
     compare.add_argument("b", metavar="TO", help="a SOURCE, as in-force")
-    actions.add_parser("store", help="store what is in force in the EEPROM and read it back")
-    actions.add_parser("load", help="put what the EEPROM holds in force")
-    rollback = actions.add_parser("rollback", help="put back what was in force before a write")
+    add("store", help="store what is in force in the EEPROM and read it back")
+    add("load", help="put what the EEPROM holds in force")
+    rollback = add("rollback", help="put back what was in force before a write")
     rollback.add_argument("record", nargs="?", type=int, help="number in the history (default: the last write)")
     rollback.add_argument("--reason", default="", help="why")
-    history = actions.add_parser("history", help="every write: who, when, what, why, with what result")
+    history = add("history", help="every write: who, when, what, why, with what result")
     history.add_argument("--json", action="store_true", help="as JSON")
-    profiles = actions.add_parser("profiles", help="named configurations: list, save, get, put, delete")
+    profiles = add("profiles", help="named configurations: list, save, get, put, delete")
     profiles.add_argument(
         "do", nargs="?", choices=("list", "save", "get", "put", "delete"), default="list", help="default: list"
     )
@@ -65,9 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Exit codes as --help says."""
-    service = ConfigService(args.url)
     try:
-        return _run(service, args)
+        return _run(ConfigService(args.url), args)
     except Refusal as refusal:
         print(f"voltwall config: {refusal}", file=sys.stderr)
         return refusal.exit_code

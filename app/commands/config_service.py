@@ -29,6 +29,9 @@ class ConfigService:
     """Talks to `/api/v1/config` of a running service."""
 
     def __init__(self, url: str) -> None:
+        """Raises Refusal where no service can be at such a URL."""
+        if not url.startswith(("http://", "https://")):
+            raise Refusal(f"url = {url}: has to be http://HOST:PORT", REFUSED)
         self._base = url.rstrip("/") + "/api/v1/config"
 
     def ask(

@@ -49,6 +49,8 @@ def run(args: argparse.Namespace) -> int:
         t_from_s, t_to_s = (
             _unix_s(session, option, text) for option, text in (("from", args.t_from), ("to", args.t_to))
         )
+        if t_from_s is not None and t_to_s is not None and t_to_s < t_from_s:
+            raise ConfigError("to", args.t_to, f"not before --from {args.t_from}")
         try:
             laps = lap_times(session) if name in ("ld", "ldx") else None
             wanted = {"signals": args.signal, "t_from_s": t_from_s, "t_to_s": t_to_s, "lap_times_s": laps}

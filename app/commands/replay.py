@@ -22,6 +22,7 @@ from app.main import Replay
 from app.replaying import item_of, prepare
 from app.sessions.info import RecordedConfig
 from app.sessions.reader import SessionFile
+from app.sessions.replay import MAX_SPEED, MIN_SPEED
 from app.settings import Settings
 
 DEFAULT_FILTER = "fused"
@@ -32,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What and how."""
     add_session_argument(parser)
     add_data_argument(parser)
-    parser.add_argument("--speed", type=float, default=1.0, help="0.1 to 100 times real time (default: 1)")
+    parser.add_argument("--speed", type=_speed, default=1.0, help="0.1 to 100 times real time (default: 1)")
     parser.add_argument("--json", action="store_true", help="print every snapshot as a line of JSON, without a server")
     parser.add_argument(
         "--assert",
@@ -56,6 +57,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: 127.0.0.1)")
     parser.add_argument("--port", type=int, default=8000, help="port to listen on; 0 takes a free one (default: 8000)")
+
+
+def _speed(text: str) -> float:
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = 0.0
+    if not MIN_SPEED <= speed <= MAX_SPEED:
+        raise argparse.ArgumentTypeError(f"{text!r} is not {MIN_SPEED:g} to {MAX_SPEED:g} times real time")
+    return speed
 
 
 def run(args: argparse.Namespace) -> int:

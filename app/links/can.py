@@ -36,11 +36,13 @@ def parse_bus(text: str) -> dict[str, str | int | float | bool]:
     """Return python-can's arguments for INTERFACE:CHANNEL[?key=value&...]; numbers and true/false are converted.
 
     Raises:
-        ConfigError: no colon, or a part that is not key=value.
+        ConfigError: no colon, an interface that python-can does not have, or a part that is not key=value.
     """
     interface, colon, rest = text.partition(":")
     if not colon or not interface or not rest:
         raise ConfigError("can", text, "INTERFACE:CHANNEL[?key=value], for example socketcan:can0")
+    if interface not in can.VALID_INTERFACES:
+        raise ConfigError("can", text, "an interface of python-can: " + ", ".join(sorted(can.VALID_INTERFACES)))
     channel, _, query = rest.partition("?")
     arguments: dict[str, str | int | float | bool] = {"bitrate": DEFAULT_BIT_RATE}
     try:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import serial
 
-from app.errors import LinkLost
+from app.errors import ConfigError, LinkLost
 from app.links.backoff import Backoff
 from app.telemetry import Item, LinkChange, SerialItem
 from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM, FrameDecoder
@@ -23,10 +23,25 @@ SILENCE_S = 1.0
 _POLL_S = 0.1
 
 
+def check_url(url: str) -> None:
+    """Refuse what no port can ever be opened from; a device that is not there yet is none of that.
+
+    Raises:
+        ConfigError: an unknown scheme, or a network address without its port.
+    """
+    try:
+        port = serial.serial_for_url(url, do_not_open=True)
+        if url.startswith(("socket://", "rfc2217://")):
+            port.from_url(url)  # type: ignore[attr-defined]  # these two have it
+    except (ValueError, TypeError, LookupError, serial.SerialException) as error:
+        raise ConfigError("serial", url, "a device as /dev/ttyUSB0 or COM6, or as socket://host:port") from error
+
+
 class SerialLink:
     """Delivers frames to `sink`, from its own thread."""
 
     def __init__(self, url: str, sink: Callable[[Item], None]) -> None:
+        check_url(url)
         self.url = url
         self.streams = True  # false: the crew asked for silence, `x` is not repeated
         self._sink = sink

@@ -46,6 +46,30 @@ def test_config_without_a_service_is_one_line():
     assert len(result.stderr.splitlines()) == 1
 
 
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["serve", "--serial", ""], "serial"),
+        (["serve", "--serial", "bogus://x"], "serial"),
+        (["serve", "--serial", "socket://127.0.0.1"], "serial"),
+        (["serve", "--serial", "socket://127.0.0.1:99999"], "serial"),
+        (["serve", "--can", "zz:0"], "socketcan"),
+        (["replay", "x.sqlite", "--speed", "0"], "0.1 to 100"),
+        (["replay", "x.sqlite", "--speed", "nan"], "0.1 to 100"),
+        (["dbc", "--out", "/nowhere/x.dbc"], "out"),
+        (["config", "--url", "bogus", "read"], "http://"),
+        (["config", "read", "--url", "bogus"], "http://"),
+        (["bench", "--cell", "zz"], "cell"),
+        (["bench", "--seconds", "-1"], "seconds"),
+    ],
+)
+def test_what_cannot_work_is_one_line_that_names_it(words, named, tmp_path):
+    result = voltwall(*words, environment={"VOLTWALL_DATA": str(tmp_path), "VOLTWALL_PORT": "0"})
+    assert result.returncode == 2
+    assert named in result.stderr.splitlines()[-1]
+    assert "Traceback" not in result.stderr
+
+
 def test_dbc_opens_in_cantools(tmp_path):
     path = tmp_path / "voltwall.dbc"
     assert voltwall("dbc", "--out", str(path)).returncode == 0

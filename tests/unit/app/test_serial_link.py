@@ -127,8 +127,8 @@ def test_a_driver_that_raises_its_own_errors_does_not_end_the_link(plug, seen, m
         tries.append(1)
         raise termios.error(5, "Input/output error")
 
-    monkeypatch.setattr("app.links.serial.serial.serial_for_url", broken)
     link = SerialLink("/dev/x", seen)
+    monkeypatch.setattr("app.links.serial.serial.serial_for_url", broken)
     link.start()
     seen.wait(lambda items: len(changes(items, "lost")) >= 3)
     link.stop()
