@@ -33,6 +33,7 @@ from app.api import (
     system,
 )
 from app.api.auth import Doorkeeper, Gate
+from app.api.head import HeadAsGet
 from app.api.limits import BodyLimit
 from app.api.schemas.service import ProblemOut
 from app.api.static import serve_front_end
@@ -127,6 +128,7 @@ def create_app(
         app.include_router(module.router, prefix="/api/v1")
     app.include_router(metrics.router)
     serve_front_end(app, STATIC)
+    app.add_middleware(HeadAsGet)
     app.add_middleware(BodyLimit)
     app.add_middleware(Gate, doorkeeper=doorkeeper)
     app.add_middleware(SecurityHeaders)

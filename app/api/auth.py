@@ -175,7 +175,7 @@ class Gate:
             if scope["type"] == "http":
                 await problem.response()(scope, receive, send)
             else:
-                await self._close(receive, send, 4401 if problem.status == 401 else 4403, problem.detail)
+                await self._close(receive, send, 4000 + problem.status, problem.detail)
             return
         scope.setdefault("state", {})["user"] = user
         await self._app(scope, receive, send)
@@ -188,12 +188,15 @@ class Gate:
         path, method = scope["path"], scope.get("method", "GET")
         guarded = path.startswith("/api/") or path == "/metrics"
         if (guarded or scope["type"] == "websocket") and not is_same_origin(headers):
-            raise Problem(403, "foreign-origin", "Foreign origin", f"requests from {headers.get('origin')} are refused")
+            whose = headers.get("origin", "another site")
+            raise Problem(403, "foreign-origin", "Foreign origin", f"requests from {whose} are refused")
         user = keeper.user_of(headers, scope["client"][0] if scope.get("client") else "")
         if not guarded or path in OPEN_PATHS:
             return user
         if user is None:
-            raise Problem(401, "login-required", "Login required", "log in, or send HTTP Basic")
+            # To a browser no challenge: it would put its own dialog over the page's.
+            challenge = {} if "sec-fetch-mode" in headers else {"WWW-Authenticate": 'Basic realm="voltwall"'}
+            raise Problem(401, "login-required", "Login required", "log in, or send HTTP Basic", challenge)
         if method in _WRITES and user.role != "engineer" and path != "/api/v1/logout":
             raise Problem(403, "engineer-required", "Engineer required", "a viewer may read, not write or command")
         return user

@@ -4,8 +4,9 @@ from dataclasses import asdict
 from typing import Any
 
 from fastapi import APIRouter
-from pydantic import BaseModel, Field, SecretStr
+from pydantic import Field, SecretStr
 
+from app.api.body import Body
 from app.api.deps import RuntimeDep, UserDep
 from app.api.schemas.sessions import FetchStateOut
 from app.sessions.fetch import Remote
@@ -13,7 +14,7 @@ from app.sessions.fetch import Remote
 router = APIRouter(tags=["sessions"])
 
 
-class FetchIn(BaseModel):
+class FetchIn(Body):
     """Where from, and what; without `sessions` all that are finished there and not here."""
 
     url: str = Field(max_length=200, description="the other service, as http://car.local:8000")

@@ -7,6 +7,7 @@ from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
+from app.api.body import Body
 from app.api.can_json import heard_messages, tables_json, traced_json
 from app.api.config import Wish, require_match, run_write
 from app.api.deps import RuntimeDep, UserDep
@@ -102,11 +103,11 @@ class RxIn(MessageIn):
         )
 
 
-class TablesIn(BaseModel):
+class TablesIn(Body):
     """Messages to change; those not named stay."""
 
-    tx: list[TxIn] = []
-    rx: list[RxIn] = []
+    tx: list[TxIn] = Field(default_factory=list)
+    rx: list[RxIn] = Field(default_factory=list)
     bit_rate: int | None = None
     reason: str = Field("", max_length=500)
 

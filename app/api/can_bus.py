@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse
 
+from app.api.body import Body
 from app.api.can_json import bus_json
+from app.api.config import OCTETS
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import Problem
 from app.api.schemas.can import CanBusOut, TransmitOut
@@ -26,10 +28,9 @@ router = APIRouter(prefix="/can", tags=["can"])
 MAX_LIST = 64
 
 
-class FrameIn(BaseModel):
+class FrameIn(Body):
     """A frame to send: once, or every `period_ms`, `count` times (0: until it is stopped)."""
 
-    model_config = ConfigDict(extra="forbid")
     id: int = Field(ge=0, lt=1 << 29)
     extended: bool = False
     data: str = Field("", pattern=r"^([0-9A-Fa-f]{2}){0,8}$", description="hexadecimal")
@@ -51,17 +52,15 @@ class FrameIn(BaseModel):
         return Outgoing(wire_id, bytes.fromhex(self.data), period_s, self.count)
 
 
-class TransmitIn(BaseModel):
+class TransmitIn(Body):
     """A list to send."""
 
-    model_config = ConfigDict(extra="forbid")
     frames: list[FrameIn] = Field(min_length=1, max_length=MAX_LIST)
 
 
-class ReplayFramesIn(BaseModel):
+class ReplayFramesIn(Body):
     """A recorded session's CAN frames, sent onto the bus in their own time."""
 
-    model_config = ConfigDict(extra="forbid")
     session: str = Field(max_length=120)
     speed: float = Field(1.0, ge=0.1, le=100)
 
@@ -82,7 +81,7 @@ def export(
         path = Path(file.name)
     write_items(write, path, runtime.trace.latest(None))
     name = f"voltwall-can{suffix}"
-    return FileResponse(path, filename=name, background=BackgroundTask(path.unlink, missing_ok=True))
+    return FileResponse(path, filename=name, media_type=OCTETS, background=BackgroundTask(path.unlink, missing_ok=True))
 
 
 def _hindrance(runtime: Runtime) -> str | None:

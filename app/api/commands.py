@@ -5,8 +5,9 @@ from dataclasses import asdict
 from typing import Any, Literal
 
 from fastapi import APIRouter
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from app.api.body import Body
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import Problem, invalid, not_found
 from app.api.schemas.service import CalibrationOut, CommandsOut, DoneOut, IdentityOut
@@ -20,7 +21,7 @@ BALANCING = ("balance-start", "balance-cells")
 STREAM = ("stream-start", "stream-stop")
 
 
-class Argument(BaseModel):
+class Argument(Body):
     """A command's argument, where it takes one."""
 
     argument: float | None = None
@@ -138,10 +139,9 @@ def identify(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     return asdict(identity)
 
 
-class CalibrationIn(BaseModel):
+class CalibrationIn(Body):
     """What is calibrated: the zero with relays open, or the gain against a reference meter."""
 
-    model_config = ConfigDict(extra="forbid")
     what: Literal["measure", "zero", "gain"]
     reference_a: float | None = Field(None, ge=-1000, le=1000, description="gain: the meter, positive on discharge")
 

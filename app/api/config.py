@@ -5,9 +5,10 @@ from typing import Annotated, Any, NamedTuple, cast
 
 import orjson
 from fastapi import APIRouter, Header, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
+from app.api.body import Body
 from app.api.config_json import change_json, config_json, finding_json, schema_json
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import Problem, invalid
@@ -23,15 +24,14 @@ router = APIRouter(prefix="/config", tags=["config"])
 OCTETS = "application/octet-stream"
 
 
-class ConfigEdit(BaseModel):
+class ConfigEdit(Body):
     """Fields to change, in units or in raw counts; what is not named stays.
 
     Or everything from a named source: `profile:wet-race`, `record:7:before`, `stored`, `default`, `session:ID`.
     """
 
-    model_config = ConfigDict(extra="forbid")
-    values: dict[str, Any] = {}
-    raw: dict[str, Any] = {}
+    values: dict[str, Any] = Field(default_factory=dict)
+    raw: dict[str, Any] = Field(default_factory=dict)
     source: str | None = None
     reason: str = Field("", max_length=500, description="why it is right in spite of warnings")
 
@@ -74,7 +74,8 @@ def require_match(if_match: str | None) -> str:
     """Return the hash that the client's draft started from."""
     if if_match is None:
         raise Problem(428, "if-match-required", "If-Match required", "send If-Match with the ETag of GET config")
-    return if_match.removeprefix("W/").strip('"')
+    tag = if_match.strip()
+    return "" if tag.startswith("W/") else tag.strip('"')  # a weak one never matches: RFC 9110, 13.1.1
 
 
 @router.get("/schema", response_model=SchemaOut)
@@ -149,6 +150,8 @@ class Wish(NamedTuple):
 
 
 def _wish(edit: ConfigEdit, runtime: Runtime, reason: str) -> Wish:
+    for name in edit.values.keys() & edit.raw.keys():
+        raise invalid(name, edit.raw[name], "in values or in raw, not in both")
     name = edit.source
     if name is None:
         return Wish(lambda image: edited(image, edit), edit.reason or reason)

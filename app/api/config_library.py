@@ -3,8 +3,9 @@
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Path, Query, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from app.api.body import Body
 from app.api.config import Wish, require_match, run_write
 from app.api.config_json import change_json, config_json, finding_json
 from app.api.deps import RuntimeDep, UserDep
@@ -30,16 +31,15 @@ Name = Annotated[str, Path(max_length=40)]
 Reference = Annotated[str, Query(max_length=120, description=WORDS)]
 
 
-class ProfileIn(BaseModel):
+class ProfileIn(Body):
     """What to keep under a name: a source, or a profile's file as it is."""
 
-    model_config = ConfigDict(extra="forbid")
     source: str = Field("in-force", max_length=120, description=WORDS)
     profile: dict[str, Any] | None = Field(None, description="a profile's file; then the source does not count")
     comment: str | None = Field(None, max_length=500)
 
 
-class RollbackIn(BaseModel):
+class RollbackIn(Body):
     """Why."""
 
     reason: str = Field("", max_length=500)

@@ -5,11 +5,12 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from app.analysis.laps import OVERLAY_POINTS, Lap
 from app.analysis.survey import Histogram
 from app.analysis.totals import FloatArray, number
+from app.api.body import Body
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import invalid, not_found
 from app.api.schemas.debrief import (
@@ -41,7 +42,7 @@ LapSignal = Annotated[
 ]
 
 
-class LapIn(BaseModel):
+class LapIn(Body):
     """A lap as somebody settles it; times in unix seconds."""
 
     start_s: float = Field(ge=0, le=MAX_UNIX_S)
@@ -51,7 +52,7 @@ class LapIn(BaseModel):
     counts: bool = True
 
 
-class LapsIn(BaseModel):
+class LapsIn(Body):
     """All laps of a session; they replace what was settled before."""
 
     laps: list[LapIn] = Field(max_length=2000)

@@ -5,8 +5,9 @@ from dataclasses import asdict
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
-from pydantic import BaseModel, Field
+from pydantic import Field
 
+from app.api.body import Body
 from app.api.deps import RuntimeDep, UserDep
 from app.api.schemas.sessions import ImportsOut, ImportStateOut, UploadOut
 from app.imports.profile import ImportProfile, profile_of
@@ -14,7 +15,7 @@ from app.imports.profile import ImportProfile, profile_of
 router = APIRouter(tags=["sessions"])
 
 
-class ImportIn(BaseModel):
+class ImportIn(Body):
     """How an upload is to be read: fields of a profile, or the name of a kept one."""
 
     profile: dict[str, str | float | bool] = Field(default_factory=dict, max_length=40)

@@ -4,9 +4,10 @@ import time
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from app.analysis.totals import FloatArray, number
+from app.api.body import Body
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import not_found
 from app.api.schemas.debrief import CellPassportOut, PassportsOut
@@ -17,7 +18,7 @@ from firmware_protocol.memory_map import N_CELLS
 router = APIRouter(tags=["passport"])
 
 
-class NewSwap(BaseModel):
+class NewSwap(Body):
     """Modules that were replaced."""
 
     cells: list[int] = Field(min_length=1, max_length=N_CELLS, description="indices from 0")

@@ -182,9 +182,9 @@ def install(app: FastAPI) -> None:
     async def on_validation(_: Request, error: RequestValidationError) -> JSONResponse:
         errors = [
             {
-                "field": ".".join(str(part) for part in e["loc"] if part not in ("body", "query", "path")),
+                "field": ".".join(str(part) for part in e["loc"][1:]) or str(e["loc"][0]),
                 "value": _shown(e["input"]) if isinstance(e.get("input"), str) else _number(e.get("input")),
-                "limit": e["msg"],
+                "limit": e["msg"].removeprefix("Input should be "),
                 "message": e["msg"],
             }
             for e in error.errors()

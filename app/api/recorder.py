@@ -4,8 +4,9 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from fastapi import APIRouter
-from pydantic import BaseModel, Field
+from pydantic import Field
 
+from app.api.body import Body
 from app.api.deps import RuntimeDep, UserDep
 from app.api.schemas.sessions import RecorderOut
 from app.recording_plan import MAX_CHARACTERS
@@ -14,7 +15,7 @@ from app.runtime import Runtime
 router = APIRouter(tags=["sessions"])
 
 
-class PlanIn(BaseModel):
+class PlanIn(Body):
     """Only what is named changes."""
 
     event: str | None = Field(None, max_length=MAX_CHARACTERS)

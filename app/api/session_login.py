@@ -3,9 +3,10 @@
 from typing import Any
 
 from fastapi import APIRouter, Request, Response
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from app.api.auth import COOKIE, SESSION_S, User, token_of
+from app.api.body import Body
 from app.api.deps import DoorkeeperDep
 from app.api.problems import Problem
 from app.api.schemas.service import MeOut
@@ -13,7 +14,7 @@ from app.api.schemas.service import MeOut
 router = APIRouter(tags=["login"])
 
 
-class Login(BaseModel):
+class Login(Body):
     """Whoever knows the engineer's password is one; the name goes into the event log."""
 
     name: str = Field("", max_length=40)

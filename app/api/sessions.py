@@ -9,9 +9,10 @@ from typing import Annotated, Any, Literal
 import orjson
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse
-from pydantic import BaseModel, Field
+from pydantic import Field
 from starlette.background import BackgroundTask
 
+from app.api.body import Body
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import Problem, invalid, not_found
 from app.api.schemas.sessions import (
@@ -29,7 +30,7 @@ from app.api.schemas.sessions import (
 from app.debrief.laps import lap_times
 from app.estimation.cellfile import bundled_cells
 from app.estimation.estimators import FILTERS
-from app.replaying import Playing
+from app.replaying import MAX_SPEED, MIN_SPEED, Playing
 from app.runtime import Runtime
 from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
 from app.sessions.export.formats import FORMATS, export
@@ -45,13 +46,13 @@ From = Annotated[float | None, Query(alias="from", ge=0, le=MAX_UNIX_S, descript
 To = Annotated[float | None, Query(alias="to", ge=0, le=MAX_UNIX_S, description="unix time, s")]
 
 
-class NewSession(BaseModel):
+class NewSession(Body):
     """What to call it."""
 
     name: str | None = Field(None, max_length=120)
 
 
-class NewMarker(BaseModel):
+class NewMarker(Body):
     """A note at this instant."""
 
     text: str = Field(max_length=500)
@@ -61,24 +62,27 @@ class NewMarker(BaseModel):
     )
 
 
-class Replay(BaseModel):
+class Replay(Body):
     """Which session, how fast."""
 
     session_id: str
-    speed: float = Field(1.0, ge=0.1, le=100)
+    speed: float = Field(1.0, ge=MIN_SPEED, le=MAX_SPEED)
     filter: str | None = Field(None, max_length=20, description="recompute with this filter; none: the service's")
     cell: str | None = Field(None, max_length=500, description="recompute with this bundled cell; none: the service's")
     estimates: Literal["recomputed", "recorded"] = "recomputed"
 
 
-class ReplayControl(BaseModel):
+Stretch = Annotated[tuple[float, float], Field(strict=False)]  # JSON has no tuples
+
+
+class ReplayControl(Body):
     """Only what is named changes."""
 
     paused: bool | None = None
-    speed: float | None = Field(None, ge=0.1, le=100)
+    speed: float | None = Field(None, ge=MIN_SPEED, le=MAX_SPEED)
     seek_s: float | None = Field(None, ge=0, le=1e9)
     step: bool = Field(False, description="pause, and take one frame more")
-    loop: tuple[float, float] | Literal["off"] | None = Field(None, description="play this stretch again and again, s")
+    loop: Stretch | Literal["off"] | None = Field(None, description="play this stretch again and again, s")
     estimates: Literal["recomputed", "recorded"] | None = None
 
 
@@ -107,12 +111,23 @@ def _recording_id(runtime: Runtime) -> str | None:
     return None if session is None else session.id
 
 
+def _require_recording(runtime: Runtime, session_id: str) -> None:
+    if _recording_id(runtime) != session_id:
+        with open_session(runtime, session_id):  # 404 where there is none
+            raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
+
+
 def open_session(runtime: Runtime, session_id: str) -> SessionFile:
     """Open a session for reading; where there is none, the answer is 404."""
     try:
         return runtime.catalogue.open(session_id)
     except SessionNotFound as error:
         raise not_found("session", session_id) from error
+
+
+def _require_order(t_from: float | None, t_to: float | None) -> None:
+    if t_from is not None and t_to is not None and t_to < t_from:
+        raise invalid("to", t_to, f"not before from = {t_from:.15g}")
 
 
 @router.get("/sessions", response_model=SessionsOut)
@@ -145,8 +160,7 @@ def session(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
 @router.post("/sessions/{session_id}/stop", response_model=StoppedOut)
 def stop(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Stop recording."""
-    if _recording_id(runtime) != session_id:
-        raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
+    _require_recording(runtime, session_id)
     runtime.recorder.stop()
     with suppress(SessionError):  # a full disk: the file is closed as soon as there is room
         runtime.recorder.flush()
@@ -157,8 +171,7 @@ def stop(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
 @router.post("/sessions/{session_id}/split", status_code=201, response_model=SessionOut)
 def split(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """End the running session and go on in a new one without losing a frame."""
-    if _recording_id(runtime) != session_id:
-        raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
+    _require_recording(runtime, session_id)
     info = runtime.recorder.split()
     runtime.note("info", "recording", "recording split by hand", user.name)
     return session_json(info, info.id)
@@ -167,8 +180,7 @@ def split(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]
 @router.post("/sessions/{session_id}/markers", status_code=201, response_model=MarkedOut)
 def mark(session_id: str, body: NewMarker, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
     """Mark this instant of the running session."""
-    if _recording_id(runtime) != session_id:
-        raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
+    _require_recording(runtime, session_id)
     runtime.recorder.marker(body.text, body.kind, user.name, body.ago_s)
     runtime.recorder.flush()
     return {"marked": True}
@@ -204,6 +216,7 @@ def series(
     points: Annotated[int, Query(ge=1, le=20000)] = 2000,
 ) -> Response:
     """Signals over a range, smallest and largest per point, so that no dip is lost; null is a gap."""
+    _require_order(t_from, t_to)
     with open_session(runtime, session_id) as file:
         filled = file.filled()
         try:
@@ -234,6 +247,7 @@ def download(
     t_to: To = None,
 ) -> FileResponse:
     """Signals of a range as a file; without `signal` all fast ones and the estimates."""
+    _require_order(t_from, t_to)
     if export_format not in FORMATS:
         raise invalid("format", export_format, "one of " + ", ".join(FORMATS))
     with tempfile.NamedTemporaryFile(suffix=FORMATS[export_format].suffix, delete=False) as target:

@@ -3,9 +3,10 @@
 from typing import Annotated, Any, Literal, cast
 
 from fastapi import APIRouter, Depends, Query
-from pydantic import BaseModel, Field
+from pydantic import Field
 from starlette.requests import HTTPConnection
 
+from app.api.body import Body
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import Problem, invalid, not_found
 from app.api.schemas.simulator import (
@@ -34,7 +35,7 @@ Pack = Annotated[int | None, Field(ge=1, le=8)]
 Cell = Annotated[int | None, Field(ge=1, le=12)]
 
 
-class FaultIn(BaseModel):
+class FaultIn(Body):
     """What goes wrong, where, how badly, for how long."""
 
     fault: str = Field(max_length=60)
@@ -44,19 +45,19 @@ class FaultIn(BaseModel):
     for_s: float | None = Field(default=None, gt=0, le=1e6)
 
 
-class SpeedIn(BaseModel):
+class SpeedIn(Body):
     """Times real time."""
 
     value: Annotated[float, Field(gt=0, le=1000)] | Literal["max"]
 
 
-class UnplugIn(BaseModel):
+class UnplugIn(Body):
     """Seconds without the RS232 cable."""
 
     for_s: float = Field(gt=0, le=3600)
 
 
-class ScenarioIn(BaseModel):
+class ScenarioIn(Body):
     """One of the library."""
 
     name: str = Field(max_length=60)

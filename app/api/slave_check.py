@@ -5,8 +5,9 @@ from dataclasses import asdict
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from app.api.body import Body
 from app.api.deps import RuntimeDep, UserDep
 from app.api.problems import Problem
 from app.api.schemas.slave_check import SlaveCheckResultOut, SlaveChecksOut
@@ -20,10 +21,9 @@ MAX_CHECKS = 200
 Pack = Annotated[int | None, Query(ge=0, lt=N_PACKS)]
 
 
-class SlaveCheckIn(BaseModel):
+class SlaveCheckIn(Body):
     """Which slave; with the meter's readings it is judged and kept, without them only read."""
 
-    model_config = ConfigDict(extra="forbid")
     pack: int = Field(ge=0, lt=N_PACKS)
     quantity: QuantityName = "voltage"
     reference: list[float | None] | None = Field(

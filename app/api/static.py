@@ -33,7 +33,7 @@ def find_file(root: Traversable, path: str) -> Path | None:
 def serve_front_end(app: FastAPI, root: Traversable) -> None:
     """Add the catch-all route; it has to be the last one."""
 
-    @app.api_route("/{path:path}", methods=["GET", "HEAD"], include_in_schema=False)
+    @app.get("/{path:path}", include_in_schema=False)
     def page(path: str) -> Response:
         if path.startswith("api/"):
             raise not_found("route", "/" + path)

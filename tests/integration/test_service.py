@@ -83,6 +83,8 @@ def test_dry_run_compares_and_writes_nothing(service):
     [
         ({"v_cell_max": 5.5}, "v_cell_max", "4.5"),
         ({"ts": "fast"}, "ts", "number"),
+        ({"ts": 100.5}, "ts", "whole number"),
+        ({"can_tx_msg_id": [1.5, 0, 0, 0, 0, 0, 0, 0]}, "can_tx_msg_id[0]", "whole number"),
         ({"no_such": 1}, "no_such", ""),
         ({"v_cell_min": 4.0, "v_cell_max": 3.5}, "v_cell_min", "v_cell_max"),
     ],
@@ -102,6 +104,8 @@ def test_a_write_without_the_right_hash_is_refused(service):
     with service.client() as client:
         missing = client.put("/config", json={"values": {"ts": 100}})
         wrong = client.put("/config", json={"values": {"ts": 90}}, headers={"If-Match": '"0000000000000000"'})
+        weak = {"If-Match": "W/" + client.get("/config").headers["ETag"]}
+        assert client.put("/config", json={"values": {"ts": 90}}, headers=weak).status_code == 412
     assert missing.status_code == 428
     assert wrong.status_code == 412
     assert wrong.json()["difference"][0]["to"] == 90

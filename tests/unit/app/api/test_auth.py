@@ -30,6 +30,7 @@ WRITES = [
     ("POST", "/commands/clear-faults"),
     ("POST", "/identify"),
     ("POST", "/calibration/current"),
+    ("POST", "/calibration/slave"),
     ("POST", "/sessions"),
     ("POST", "/sessions/x/stop"),
     ("POST", "/sessions/x/split"),

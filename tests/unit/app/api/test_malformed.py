@@ -31,6 +31,45 @@ def test_a_body_that_is_no_object_of_ours(client, text):
     refused(client.post(f"{PREFIX}/commands/set-soc", content=text, headers=JSON), 400, 422)
 
 
+@pytest.mark.parametrize(
+    ("path", "body", "field"),
+    [
+        ("/commands/fan-override", {"argument": 0.5, "duration": 3}, "duration"),
+        ("/commands/set-soc", {"argument": True}, "argument"),
+        ("/commands/can-tx-enable", {"argument": True}, "argument"),
+        ("/sessions", {"nam": "race"}, "nam"),
+        ("/replay/control", {"zz": 1}, "zz"),
+        ("/sessions/x/markers", None, "body"),
+    ],
+)
+def test_what_is_misspelt_or_of_another_kind_is_not_guessed_at(client, path, body, field):
+    answer = refused(client.post(PREFIX + path, json=body), 422)
+    assert answer["errors"][0]["field"] == field
+    assert answer["errors"][0]["limit"]
+
+
+def test_a_stretch_to_loop_is_a_list_of_two(client):
+    refused(
+        client.post(f"{PREFIX}/replay/control", json={"loop": [1, 2.5]}), 409
+    )  # understood, but nothing is replayed
+    refused(client.post(f"{PREFIX}/replay/control", json={"loop": [1]}), 422)
+
+
+@pytest.mark.parametrize("query", ["series?signal=v[0]&from=5&to=2", "export?from=5&to=2"])
+def test_a_range_that_ends_before_it_begins(client, query):
+    assert refused(client.get(f"{PREFIX}/sessions/x/{query}"), 422)["errors"][0]["field"] == "to"
+
+
+@pytest.mark.parametrize("what", ["stop", "split", "markers"])
+def test_a_session_that_is_not_there(client, what):
+    refused(client.post(f"{PREFIX}/sessions/zz/{what}", json={"text": "x"}), 404)
+
+
+@pytest.mark.parametrize("path", ["/health", "/snapshot", "/config/schema", "/nothing", "/commands/reset"])
+def test_head_answers_as_get(client, path):
+    assert client.head(PREFIX + path).status_code == client.get(PREFIX + path).status_code
+
+
 def test_a_fraction_is_no_index(client):
     refused(client.post(f"{PREFIX}/commands/can-send", json={"argument": 0.4}), 422)
 
@@ -98,3 +137,8 @@ def test_a_rate_that_is_none_closes_the_stream(client, rate):
     with pytest.raises(WebSocketDisconnect) as closed:
         listen()
     assert closed.value.code == 1008
+
+
+def test_a_field_is_given_in_one_way(client):
+    body = {"values": {"ts": 110}, "raw": {"ts": 120}}
+    assert refused(client.put(f"{PREFIX}/config", json=body, headers=EDIT), 422)["errors"][0]["field"] == "ts"
