@@ -150,8 +150,8 @@ class Wish(NamedTuple):
 
 
 def _wish(edit: ConfigEdit, runtime: Runtime, reason: str) -> Wish:
-    for name in edit.values.keys() & edit.raw.keys():
-        raise invalid(name, edit.raw[name], "in values or in raw, not in both")
+    for twice in edit.values.keys() & edit.raw.keys():
+        raise invalid(twice, edit.raw[twice], "in values or in raw, not in both")
     name = edit.source
     if name is None:
         return Wish(lambda image: edited(image, edit), edit.reason or reason)

@@ -30,13 +30,14 @@ from app.api.schemas.sessions import (
 from app.debrief.laps import lap_times
 from app.estimation.cellfile import bundled_cells
 from app.estimation.estimators import FILTERS
-from app.replaying import MAX_SPEED, MIN_SPEED, Playing
+from app.replaying import Playing
 from app.runtime import Runtime
 from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
 from app.sessions.export.formats import FORMATS, export
 from app.sessions.files import sha256
 from app.sessions.info import SessionInfo
 from app.sessions.reader import SessionFile
+from app.sessions.replay import MAX_SPEED, MIN_SPEED
 
 SQLITE = "application/vnd.sqlite3"
 router = APIRouter(tags=["sessions"])
