@@ -13,7 +13,7 @@ import numpy.typing as npt
 from numpy import add, multiply, subtract
 
 from simulator.cell import SECONDS_PER_HOUR, CellArray
-from simulator.cell_data import SAMSUNG_25R_10P, ZERO_DEGC_IN_K, BoolArray, CellModel, FloatArray
+from simulator.cell_data import EMPTY_SOC, SAMSUNG_25R_10P, ZERO_DEGC_IN_K, BoolArray, CellModel, FloatArray
 from simulator.errors import ParameterError
 from simulator.thermal import ThermalNetwork, ThermalParameters
 
@@ -58,9 +58,9 @@ class AccumulatorParameters:
 class Accumulator:
     """N cells in series. Public arrays are (n_cells,), current is positive on discharge.
 
-    To be changed at run time, by writing into them: `extra_joint_ohm`, `capacity_factor`, `resistance_factor`, `leak_a`
-    (a short inside the cell), `heat_w` (from outside), `ambient_degc`, `sun_w`, `fan_blocked` (0..1). Joints and heat
-    count at once, the others from the next slow period on.
+    To be changed at run time, by writing into them: `extra_joint_ohm`, `capacity_factor`, `resistance_factor`,
+    `short_s` (conductance of a short inside the cell [S]), `heat_w` (from outside), `ambient_degc`, `sun_w`,
+    `fan_blocked` (0..1). Joints and heat count at once, the others from the next slow period on.
     """
 
     def __init__(self, parameters: AccumulatorParameters, rng: np.random.Generator) -> None:
@@ -84,7 +84,7 @@ class Accumulator:
         self.extra_joint_ohm = np.zeros(n)
         self.capacity_factor = np.ones(n)
         self.resistance_factor = np.ones(n)
-        self.leak_a = np.zeros(n)
+        self.short_s = np.zeros(n)
         self.heat_w = np.zeros(n)
 
         self._cells = CellArray(p.cell, n)
@@ -97,7 +97,8 @@ class Accumulator:
         self._measured_v = np.empty(n)
         self._sum_v: float | None = None  # of `_measured_v`, once asked for
         self._outlet_v: float | None = None
-        self._leak_now_a = np.zeros(n)
+        self._short_now_s = np.zeros(n)
+        self._leak_a = np.zeros(n)
         self._string_a = np.zeros(n)
         self._cell_a = np.zeros(n)
         self._bleed_a = np.zeros(n)
@@ -174,25 +175,28 @@ class Accumulator:
         cells, measured = self._cells, self._measured_v
         string_a = self._string_a
         string_a.fill(current_a)
-        add(self._leak_now_a, string_a, self._cell_a)
+        cell_a = string_a
+        if self._is_leaking:
+            self._leak(dt_s)
+            cell_a = add(self._leak_a, string_a, self._cell_a)
         if bleeding is not None:
             multiply(measured, bleeding, self._bleed_a)
             multiply(self._bleed_a, self._bleed_s, self._bleed_a)
-            add(self._cell_a, self._bleed_a, self._cell_a)
+            cell_a = add(cell_a, self._bleed_a, self._cell_a)
             self._is_bleeding = True
         elif self._is_bleeding:
             self._bleed_a[:] = 0.0
             self._is_bleeding = False
         if cell_current_a is not None:
-            add(self._cell_a, cell_current_a, self._cell_a)
+            cell_a = add(cell_a, cell_current_a, self._cell_a)
 
-        cells.step(dt_s, self._cell_a, is_charging=current_a < 0.0)
+        cells.step(dt_s, cell_a, is_charging=current_a < 0.0 or cell_current_a is not None)
         if self._is_bleeding:
             multiply(self._bleed_a, cells.voltage_v, self._work)
             self._work *= dt_s
             add(self._bleed_j, self._work, self._bleed_j)
         if self._is_leaking:
-            multiply(self._leak_now_a, cells.voltage_v, self._work)
+            multiply(self._leak_a, cells.voltage_v, self._work)
             multiply(self._work, dt_s, self._work)
             add(self._leak_j, self._work, self._leak_j)
         multiply(self._joint_now_ohm, string_a, self._work)
@@ -206,17 +210,26 @@ class Accumulator:
 
     def predict(self, dt_s: float, current_a: float) -> tuple[float, float]:
         """Return the outlet voltage [V] that a step at this current would end with, and -dV/dI there [ohm]."""
-        voltage_v, slope_ohm = self._cells.predict(dt_s, self._leak_now_a + current_a)
+        if self._is_leaking:
+            self._leak(dt_s)
+        voltage_v, slope_ohm = self._cells.predict(dt_s, self._leak_a + current_a)
         series_ohm = float(self._joint_now_ohm.sum()) + self.parameters.path_resistance_ohm
         return float(voltage_v.sum()) - current_a * series_ohm, float(slope_ohm.sum()) + series_ohm
 
     def chemical_energy_j(self) -> float:
-        """Energy that the cells can give at equilibrium, counted from an empty cell's collapse at -10 % SOC [J]."""
+        """Energy that the cells can give at equilibrium, counted from where an empty cell has collapsed to 0 V [J]."""
         return float(self._cells.chemical_energy_j().sum())
 
     def stored_energy_j(self) -> float:
         """Energy held by RC pairs and hysteresis, which comes back as heat or work [J]."""
         return float(self._cells.stored_energy_j().sum())
+
+    def _leak(self, dt_s: float) -> None:
+        """Find what shorts draw at the last voltage, in a long step no more than empties the cell."""
+        multiply(self._cells.voltage_v, self._short_now_s, self._leak_a)
+        if dt_s > 0.0:
+            left_coulomb = np.maximum(self._cells.soc - EMPTY_SOC, 0.0) * (self._capacity_ah * SECONDS_PER_HOUR)
+            np.minimum(self._leak_a, left_coulomb / dt_s, out=self._leak_a)
 
     def _slow_step(self, fan_duty: float) -> None:
         """Turn the losses gathered since the last time into temperatures, then look resistances up again."""
@@ -253,8 +266,10 @@ class Accumulator:
         self._capacity_ah[:] = self._built_capacity_ah * self.capacity_factor
         self._cells.refresh(self.temperature_degc, self._capacity_ah, self._built_resistance * self.resistance_factor)
         add(self._joint_ohm, self.extra_joint_ohm, self._joint_now_ohm)
-        self._leak_now_a[:] = self.leak_a
-        self._is_leaking = bool(self.leak_a.any())
+        self._short_now_s[:] = self.short_s
+        self._is_leaking = bool(self.short_s.any())
+        if not self._is_leaking:
+            self._leak_a[:] = 0.0
         self._slow_soc[:] = self._cells.soc
 
 

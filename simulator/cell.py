@@ -48,10 +48,9 @@ class CellArray:
         self.entropy_v_per_k = np.empty(n)
         self._rc_f = np.repeat(np.asarray(model.rc_f)[:, None], n, axis=1)
         self._capacity_coulomb = np.full(n, model.capacity_ah * SECONDS_PER_HOUR)
-        self._soc_grid = model.soc_grid
-        self._ocv_table = model.ocv_v.at(self._soc_grid)
+        self._ocv_soc, self._ocv_table = model.equilibrium()
         tables = (model.ohmic_ohm, model.charge_transfer_ohm, *model.rc_ohm, model.entropy_v_per_k)
-        self._tables = np.stack([table.at(self._soc_grid) for table in tables])
+        self._tables = np.stack([table.at(model.soc_grid) for table in tables])
         self._activation_j_per_mol = np.array(
             [[model.ohmic_j_per_mol], [model.charge_transfer_j_per_mol], *[[model.rc_j_per_mol]] * self.n_pairs]
         )
@@ -73,7 +72,7 @@ class CellArray:
         """Set the (n,) SOC with everything relaxed and half way between the branches of the OCV."""
         self.soc[:] = soc
         self._drop_v[:] = 0.0
-        self.ocv_v[:] = np.interp(self.soc, self._soc_grid, self._ocv_table)
+        self.ocv_v[:] = np.interp(self.soc, self._ocv_soc, self._ocv_table)
         self.voltage_v[:] = self.ocv_v
         self.take_heat_j()
 
@@ -107,6 +106,7 @@ class CellArray:
         self._hysteresis_limit_v = np.full(n, self.model.hysteresis_v)
         self._negative = np.full(n, -1.0)
         self._work = np.empty(n)
+        self._wasted_a = np.empty(n)
         self._heat_w = np.zeros(n)
         self._turned_v2 = np.zeros(n)
         self._loss_j = np.zeros(n)
@@ -168,7 +168,7 @@ class CellArray:
         Args:
             dt_s: length of the step [s].
             current_a: (n,) current through each cell, positive on discharge [A].
-            is_charging: the string is being charged, so the coulombic efficiency applies.
+            is_charging: some cell may be charged: of what flows into it the coulombic efficiency arrives.
         """
         if dt_s != self._dt_s:
             self._settle()
@@ -179,12 +179,14 @@ class CellArray:
 
         multiply(self._per_amp, current_a, self._driven)
         if is_wasting:
-            multiply(self._driven_soc, self.model.coulombic_efficiency, self._driven_soc)
+            np.minimum(current_a, 0.0, out=self._wasted_a)
+            multiply(self._wasted_a, self._wasted_per_amp, self._wasted_a)
+            multiply(self._wasted_a, self._per_amp[-1], work)
+            subtract(self._driven_soc, work, self._driven_soc)
         subtract(self.soc, self._driven_soc, self.soc)
-        self.ocv_v[:] = np.interp(self.soc, self._soc_grid, self._ocv_table)
+        self.ocv_v[:] = np.interp(self.soc, self._ocv_soc, self._ocv_table)
         if is_wasting:
-            multiply(self.ocv_v, current_a, work)
-            multiply(work, self._wasted_per_amp, work)
+            multiply(self.ocv_v, self._wasted_a, work)
             subtract(heat_w, work, heat_w)
 
         copysign(turn_v, self._negative, work)
@@ -218,15 +220,18 @@ class CellArray:
             self._prepare(dt_s)
         pairs = self.n_pairs
         soc_per_amp, turn_per_amp = self._per_amp[-1], self._per_amp[pairs + _TURN]
+        soc_per_amp = np.where(current_a < 0.0, soc_per_amp * self.model.coulombic_efficiency, soc_per_amp)
         soc = self.soc - current_a * soc_per_amp
-        position = np.clip((soc - SOC_GRID_START) / _SOC_STEP, 0.0, OCV_GRID_POINTS - 1.001).astype(np.intp)
-        slope_v = (self._ocv_table[position + 1] - self._ocv_table[position]) / _SOC_STEP
+        table_soc, table_v = self._ocv_soc, self._ocv_table
+        right = np.clip(np.searchsorted(table_soc, soc), 1, len(table_soc) - 1)
+        slope_v = (table_v[right] - table_v[right - 1]) / (table_soc[right] - table_soc[right - 1])
+        slope_v[(soc < table_soc[0]) | (soc > table_soc[-1])] = 0.0
         closing = self._closing_end[:pairs]
         sign_v = np.copysign(self.model.hysteresis_v, current_a)
         turned_v = (self.hysteresis_v + sign_v) * np.exp(-np.abs(current_a) * turn_per_amp) - sign_v
         scaled = current_a * self._per_amp[pairs + _TRANSFER]
         voltage_v = (
-            np.interp(soc, self._soc_grid, self._ocv_table)
+            np.interp(soc, self._ocv_soc, self._ocv_table)
             + turned_v
             - (self.rc_v + closing * (self.rc_v - self.rc_ohm * current_a)).sum(axis=0)
             - current_a * self.ohmic_ohm
@@ -248,13 +253,14 @@ class CellArray:
         return stored
 
     def chemical_energy_j(self) -> FloatArray:
-        """Return (n,) energy of the equilibrium curve from the bottom of the SOC grid up to the present SOC [J]."""
-        table = self._ocv_table
-        below = np.concatenate(([0.0], np.cumsum(0.5 * (table[1:] + table[:-1]) * _SOC_STEP)))
-        position = np.clip((self.soc - SOC_GRID_START) / _SOC_STEP, 0.0, OCV_GRID_POINTS - 1.0)
-        left = np.minimum(position.astype(np.intp), OCV_GRID_POINTS - 2)
-        inside = (position - left) * _SOC_STEP
-        area = below[left] + inside * table[left] + 0.5 * inside**2 * (table[left + 1] - table[left]) / _SOC_STEP
+        """Return (n,) energy of the equilibrium curve from an empty cell, which holds none, to the present SOC [J]."""
+        soc, volts = self._ocv_soc, self._ocv_table
+        below = np.concatenate(([0.0], np.cumsum(0.5 * (volts[1:] + volts[:-1]) * np.diff(soc))))
+        left = np.clip(np.searchsorted(soc, self.soc, side="right") - 1, 0, len(soc) - 2)
+        inside = np.clip(self.soc, soc[0], soc[-1]) - soc[left]
+        slope_v = (volts[left + 1] - volts[left]) / (soc[left + 1] - soc[left])
+        area = below[left] + inside * volts[left] + 0.5 * inside**2 * slope_v
+        area += np.maximum(self.soc - soc[-1], 0.0) * volts[-1]
         energy: FloatArray = area * self._capacity_coulomb
         return energy
 

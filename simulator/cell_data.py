@@ -25,6 +25,11 @@ REFERENCE_DEGC = 25.0
 SOC_GRID_START = -0.10
 SOC_GRID_STOP = 1.10
 OCV_GRID_POINTS = 1201  # 0.1 % apart
+# beyond the grid a cell is empty: its voltage collapses to nothing, from where it gives no energy whatever is drawn
+EMPTY_SOC = SOC_GRID_START - 0.03
+# or overfull: it rises this far within this charge, where the electrolyte decomposes and holds it
+OVERFULL_SOC = SOC_GRID_STOP + 0.05
+OVERFULL_RISE_V = 0.65
 
 
 @dataclass(frozen=True)
@@ -109,6 +114,15 @@ class CellModel:
             raise ParameterError("rc_f", self.rc_f, "needs one capacitance per RC pair, at least one pair")
         if min(self.rc_f) <= 0.0 or min(min(table.value) for table in self.rc_ohm) <= 0.0:
             raise ParameterError("rc_ohm, rc_f", self.rc_f, "an RC pair without resistance or capacitance is none")
+
+    def equilibrium(self) -> tuple[FloatArray, FloatArray]:
+        """Return the (1203,) SOC points and voltages [V] of an even curve with its two ends, held flat outside them."""
+        grid = self.soc_grid
+        ocv_v = self.ocv_v.at(grid)
+        return (
+            np.concatenate(([EMPTY_SOC], grid, [OVERFULL_SOC])),
+            np.concatenate(([0.0], ocv_v, [ocv_v[-1] + OVERFULL_RISE_V])),
+        )
 
     @property
     def soc_grid(self) -> FloatArray:

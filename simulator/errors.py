@@ -2,6 +2,7 @@
 
 SimulatorError
   ParameterError   a physical parameter or input is outside what the model means
+  ConvergenceError equations without a solution that was found
   ScenarioError    a scenario that cannot be read or makes no sense
   FaultError       a fault that does not exist or cannot take this value
   PortError        a port that cannot be opened
@@ -20,6 +21,15 @@ class ParameterError(SimulatorError):
         self.value = value
         self.rule = rule
         super().__init__(f"{name} = {value!r}: {rule}")
+
+
+class ConvergenceError(SimulatorError):
+    """Equations whose solution was not found; `residual` is what remained."""
+
+    def __init__(self, name: str, residual: float) -> None:
+        self.name = name
+        self.residual = residual
+        super().__init__(f"{name}: not found, {residual:g} remains")
 
 
 class ScenarioError(SimulatorError):

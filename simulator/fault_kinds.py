@@ -17,6 +17,7 @@ class Target(Enum):
     PACK = "pack"
 
 
+_SHORT_REFERENCE_V = 3.6
 Apply = Callable[[Simulation, int, float], None]
 
 
@@ -42,6 +43,10 @@ def _cell_array(name: str) -> Apply:
         getattr(simulation.accumulator, name)[cell] = value
 
     return apply
+
+
+def _internal_short(simulation: Simulation, cell: int, amperes: float) -> None:
+    simulation.accumulator.short_s[cell] = amperes / _SHORT_REFERENCE_V
 
 
 def _joint(simulation: Simulation, cell: int, milliohm: float) -> None:
@@ -197,7 +202,7 @@ _AREAS = {
         _Kind("loose-joint", "more resistance in the cell's busbar", _CELL, "mohm", 0, 50, 2, 0, _joint),
         _Kind("weak-cell", "capacity left", _CELL, "of new", 0.05, 1, 0.7, 1, _cell_array("capacity_factor")),
         _Kind("high-resistance", "inner resistance", _CELL, "times new", 1, 20, 2, 1, _cell_array("resistance_factor")),
-        _Kind("internal-short", "current through a short inside", _CELL, "A", 0, 50, 5, 0, _cell_array("leak_a")),
+        _Kind("internal-short", "a short inside that draws this at 3.6 V", _CELL, "A", 0, 50, 5, 0, _internal_short),
         _Kind("hot-cell", "heat from outside", _CELL, "W", 0, 500, 50, 0, _cell_array("heat_w")),
     ),
     "air": (

@@ -39,7 +39,7 @@ def test_everything_stays_finite_and_losses_only_grow(course, fan_duty, ambient_
     accumulator.resistance_factor[3] = 3.0
     accumulator.capacity_factor[5] = 0.5
     accumulator.extra_joint_ohm[7] = 1e-3
-    accumulator.leak_a[9] = 2.0
+    accumulator.short_s[9] = 0.5
     lost_j = 0.0
     for dt_s, current_a in course:
         accumulator.step(dt_s, current_a, fan_duty=fan_duty)

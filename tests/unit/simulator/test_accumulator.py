@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simulator.accumulator import Accumulator, AccumulatorParameters
-from simulator.cell_data import SAMSUNG_25R_10P, Table
+from simulator.cell_data import EMPTY_SOC, SAMSUNG_25R_10P, Table
 from simulator.errors import ParameterError
 
 EVEN = AccumulatorParameters(
@@ -126,10 +126,61 @@ def test_resistive_cell_sags_most_and_recovers():
 
 def test_internal_short_drains_and_heats_one_cell():
     accumulator = make()
-    accumulator.leak_a[50] = 5.0
+    accumulator.short_s[50] = 1.4
+    at_start_v = float(accumulator.terminal_voltage_v[50])
     run(accumulator, 720.0, 0.0)
-    assert accumulator.soc[51] - accumulator.soc[50] == pytest.approx(5.0 * 719.0 / 3600.0 / 25.5, rel=0.01)
+    drained_ah = (accumulator.soc[51] - accumulator.soc[50]) * 25.5
+    lowest_ah, highest_ah = 1.4 * np.array([accumulator.terminal_voltage_v[50], at_start_v]) * 719.0 / 3600.0
+    assert lowest_ah < drained_ah < highest_ah
     assert accumulator.temperature_degc.argmax() == 50
+
+
+@pytest.mark.parametrize("dt_s", [2.0, 20.0, 3600.0])
+def test_a_short_ends_when_it_has_emptied_its_cell(dt_s):
+    accumulator = make(replace(EVEN, start_soc=0.1, n_cells=12))
+    accumulator.step(1.0, 0.0)
+    accumulator.short_s[5] = 50.0 / 3.6
+    before_j, loss_j = accumulator.chemical_energy_j(), accumulator.loss_energy_j
+    run(accumulator, 7200.0, 0.0, dt_s=dt_s)
+    assert accumulator.soc[5] == pytest.approx(EMPTY_SOC, abs=0.01)
+    assert abs(accumulator.terminal_voltage_v[5]) < 0.1
+    if dt_s < 10.0:
+        assert accumulator.loss_energy_j - loss_j == pytest.approx(before_j - accumulator.chemical_energy_j(), rel=2e-3)
+
+
+def test_an_empty_cell_gives_no_energy_however_far_it_is_driven():
+    accumulator = make(replace(EVEN, start_soc=0.0, n_cells=12))
+    run(accumulator, 600.0, 25.0)
+    assert accumulator.soc.max() < EMPTY_SOC
+    held_j = accumulator.stored_energy_j()
+    before_j, work_j = accumulator.chemical_energy_j(), 0.0
+    assert before_j == 0.0
+    for _ in range(100):
+        accumulator.step(1.0, 25.0)
+        work_j += accumulator.voltage_v * 25.0
+    assert accumulator.chemical_energy_j() == 0.0
+    assert work_j <= held_j - accumulator.stored_energy_j()
+
+
+def test_an_overfull_cell_rises_steeply():
+    accumulator = make(replace(EVEN, start_soc=1.0, n_cells=12))
+    run(accumulator, 0.14 * 25.5 * 3600 / 25.0, -25.0, dt_s=2.0)
+    run(accumulator, 1800.0, 0.0, dt_s=5.0)
+    assert accumulator.soc.min() > 1.13
+    assert accumulator.terminal_voltage_v.min() > 4.7
+
+
+def test_what_a_cell_wastes_in_charging_follows_its_own_current():
+    wasteful = replace(SAMSUNG_25R_10P, coulombic_efficiency=0.9, self_discharge_a=0.0)
+    even = replace(EVEN, cell=wasteful, n_cells=12)
+    accumulator = make(replace(even, start_soc=0.6))
+    moved = np.zeros(12)
+    moved[3], moved[4] = 3.0, -1.0
+    start = accumulator.soc.copy()
+    for _ in range(360):
+        accumulator.step(1.0, -2.0, cell_current_a=moved)
+    gained_ah = (accumulator.soc - start) * accumulator.capacity_ah
+    np.testing.assert_allclose(gained_ah[[0, 3, 4]], [0.18, -0.1, 0.27], rtol=1e-9)
 
 
 def test_heat_from_outside_and_ambient_arrive():
@@ -206,7 +257,7 @@ def test_energy_balances_over_joints_bleeding_leak_and_loss():
     """What the cells give = work at the rails + all heat + what pairs and hysteresis hold, to 1e-6 of what moved."""
     athermal = replace(SAMSUNG_25R_10P, entropy_v_per_k=Table((0.0, 1.0), (0.0, 0.0)), self_discharge_a=0.0)
     accumulator = make(replace(AccumulatorParameters(start_soc=0.8), cell=athermal, slow_period_s=0.0, n_cells=12))
-    accumulator.leak_a[3] = 2.0
+    accumulator.short_s[3] = 0.5
     accumulator.extra_joint_ohm[4] = 1e-3
     accumulator.step(1e-9, 0.0)
     bleeding = np.arange(12) % 3 == 0

@@ -18,7 +18,7 @@ def state(simulation: Simulation) -> list[object]:
     accumulator, board = simulation.accumulator, simulation.board
     converters = board.chain.converters
     arrays = (
-        accumulator.extra_joint_ohm, accumulator.capacity_factor, accumulator.resistance_factor, accumulator.leak_a,
+        accumulator.extra_joint_ohm, accumulator.capacity_factor, accumulator.resistance_factor, accumulator.short_s,
         accumulator.heat_w, board.cell_inputs.stuck_v, board.cell_inputs.extra_noise_v,
         board.cell_inputs.temperature_stuck_degc, board.cell_inputs.temperature_unplugged, board.chain.is_powered,
         converters.stuck_bits, converters.reference_factor, converters.multiplexer_failed,

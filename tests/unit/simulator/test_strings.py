@@ -31,6 +31,30 @@ def test_shares_add_up_and_voltages_agree():
         assert max(rails) - min(rails) < 1e-6
 
 
+@pytest.mark.parametrize(
+    ("dt_s", "current_a"), [(3600.0, 100.0), (1e5, 0.0), (3600.0, -200.0), (1e4, 40.0), (600.0, 300.0), (1e6, 1.0)]
+)
+def test_rails_come_together_whatever_the_step(dt_s, current_a):
+    spread = AccumulatorParameters(n_cells=6, cells_per_pack=6, start_soc_spread=0.05, start_soc=0.5)
+    strings = ParallelStrings(spread, 6, np.random.default_rng(2))
+    for _ in range(6):
+        strings.step(dt_s, current_a)
+        assert strings.string_current_a.sum() == pytest.approx(current_a, abs=1e-6)
+        rails = [string.outlet_voltage_v for string in strings.strings]
+        assert max(rails) - min(rails) < 1e-6
+
+
+def test_a_full_string_does_not_take_the_charge_of_the_others():
+    strings = ParallelStrings(SIX, 2, np.random.default_rng(1))
+    first, second = strings.strings
+    for _ in range(3):
+        first.step(600.0, -4.0)
+        second.step(600.0, 4.0)
+    while strings.soc.max() < 1.12:
+        strings.step(60.0, -20.0)
+    assert strings.soc.min() > 1.05
+
+
 def test_a_string_of_twice_the_resistance_takes_half_as_much_at_first():
     strings = ParallelStrings(SIX, 2, np.random.default_rng(1))
     weak = strings.strings[1]
