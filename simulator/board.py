@@ -1,4 +1,4 @@
-"""The hardware around the master that outlives its resets: sensors, slaves, EEPROM, the count of boots."""
+"""The hardware around the master that outlives its resets: sensors, slaves, EEPROM, the latch, the count of boots."""
 
 import numpy as np
 
@@ -6,6 +6,7 @@ from firmware_protocol.memory_map import N_CELLS, N_PACKS
 from firmware_protocol.temperature_sensor import FIRST_DEGC, POINTS_V, STEP_DEGC
 from simulator.accumulator import Accumulator
 from simulator.eeprom import Eeprom
+from simulator.protection import Latch
 from simulator.sensors import TEMPERATURE_NOISE_V, CellInputs, CurrentSensor, NoisePool
 from simulator.slave import SlaveChain
 
@@ -23,6 +24,7 @@ class Board:
         self.chain = SlaveChain(N_PACKS, rng)
         self.current_sensor = CurrentSensor(rng, self.noise)
         self.cell_inputs = CellInputs(N_CELLS, rng, self.noise)
+        self.latch = Latch()
         self.link_share = 0.0  # the link's voltage over the accumulator's, compared by the pre-charge board
         self.boots = 0
 

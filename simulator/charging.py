@@ -22,12 +22,18 @@ DONE_PERSISTENCE_S = 20.0
 SETTLE_S = 30.0  # of rest before balancing is judged, so that polarisation does not count as imbalance
 RISE_PER_PERIOD = 3.0  # [0.1 A]
 FALL_PER_PERIOD = 20.0
-# [0.1 A per 100 uV and period]: a cell of 3 mohm answers a period's change with a fifth, or half, of what is missing
-RISE_GAIN = 0.06
-FALL_GAIN = 0.15
+# of what is missing, that a period's change closes
+RISE_SHARE = 0.18
+FALL_SHARE = 0.45
+CELL_SLOPE = 3.0  # 3 mohm, what a sound cell answers [100 uV per 0.1 A]
+UNKNOWN_SLOPE = 30.0  # taken for it at first: a loose joint and all
+UNKNOWN_DECAY = 0.9  # a period of it: where the cells are so full that no current flows, nothing is learned
+SLOPE_CURRENT = 5  # 0.5 A, from which on the slope of a cell is known [0.1 A]
 HEADROOM_COUNTS = 5  # held below the limit, for the time that a command takes to act [100 uV]
-FULL_COUNTS = 20  # a cell this near the limit counts as having reached it [100 uV]
+FULL_COUNTS = 15  # a cell this near what is held counts as having reached it [100 uV]
+TRIP_MARGIN_COUNTS = 20  # 2 mV between the charge's end and the trip, whatever is configured
 STRING_MARGIN = 40_000  # 4 V [100 uV]: cables and the charger's own error must not end the charge before the cells do
+CABLE_MARGIN = 10_000  # 1 V of it, where no more is left below the sum of all trips [100 uV]
 BALANCE_HYSTERESIS = 0.8  # of the threshold: a cell is bled until it is this near the lowest
 _FATAL = ChargerFlags.HARDWARE | ChargerFlags.OVER_TEMPERATURE | ChargerFlags.INPUT_VOLTAGE | ChargerFlags.BATTERY
 
@@ -115,12 +121,17 @@ class Charging:
         self._since_s = 0.0
         self._next_control_s = 0.0
         self._current = 0.0  # asked, [0.1 A]
+        self._rest_v = np.zeros(N_CELLS)  # before the current rose [100 uV]
+        self._slope, self._is_slope_known = UNKNOWN_SLOPE, False
         self._below_since_s: float | None = None
         self._write(0, 0, stop=True)
 
     def start(self, now_s: float) -> list[Event]:
         """Begin; the charger has to show itself first."""
-        return [] if self.is_active else self._enter(ChargingState.WAITING, now_s)
+        if self.is_active:
+            return []
+        self._slope, self._is_slope_known = UNKNOWN_SLOPE, False
+        return self._enter(ChargingState.WAITING, now_s)
 
     def stop(self, now_s: float, *, fault: bool = False) -> list[Event]:
         """End, because somebody asked or because something is wrong."""
@@ -139,7 +150,7 @@ class Charging:
                 if charger_alive and not self._memory.charger("flags") & _FATAL:
                     return self._enter(ChargingState.CONSTANT_CURRENT, now_s)
             case ChargingState.CONSTANT_CURRENT:
-                if v_max >= config.v_cell_chrg:
+                if v_max >= self._reached(config):
                     return self._enter(ChargingState.BALANCING, now_s)
                 self._control(config, now_s, v_max)
             case ChargingState.BALANCING:
@@ -151,7 +162,7 @@ class Charging:
 
     def _hold(self, config: Config, now_s: float, v_max: int) -> list[Event]:
         self._control(config, now_s, v_max)
-        is_full = v_max >= config.v_cell_chrg - FULL_COUNTS and self._memory.charger("i_out") < DONE_CURRENT
+        is_full = v_max >= self._reached(config) - FULL_COUNTS and self._memory.charger("i_out") < DONE_CURRENT
         if not is_full:
             self._below_since_s = None
         elif self._below_since_s is None:
@@ -160,17 +171,50 @@ class Charging:
             return self._enter(ChargingState.DONE, now_s)
         return []
 
+    def _held(self, config: Config) -> float:
+        """Return what the highest cell is held at [100 uV], further below its top the more a count of current lifts it.
+
+        Both phases aim at it, so that a current which is trimmed on the way there ends constant current all the same.
+        """
+        return _top(config) - HEADROOM_COUNTS - 0.5 * (self._slope - CELL_SLOPE)
+
+    def _reached(self, config: Config) -> float:
+        """Return from where on the highest cell counts as held: one count more of current may not fit in between."""
+        return self._held(config) - (self._slope - CELL_SLOPE)
+
     def _control(self, config: Config, now_s: float, v_max: int) -> None:
-        """Trim the asked current: an integrator on the highest cell's distance to the limit, slower up than down."""
+        """Trim the asked current: an integrator on the highest cell's distance to what is held, slower up than down."""
         if now_s < self._next_control_s:
             return
         self._next_control_s = now_s + CONTROL_PERIOD_S
-        missing = config.v_cell_chrg - HEADROOM_COUNTS - v_max
-        change = missing * (RISE_GAIN if missing > 0 else FALL_GAIN)
+        self._learn_slope()
+        missing = self._held(config) - v_max
+        if missing < 0:
+            change = missing * FALL_SHARE / self._slope
+        else:
+            change = missing * RISE_SHARE / self._slope if missing > self._slope else 0.0  # a count fits, or none
         self._current += min(max(change, -FALL_PER_PERIOD), RISE_PER_PERIOD)
         self._current = min(max(self._current, 0.0), config.i_chrg_max / 10)
-        string = min(N_CELLS * config.v_cell_chrg + STRING_MARGIN, N_CELLS * config.v_cell_max)
+        top = _top(config)
+        string = min(N_CELLS * top + STRING_MARGIN, N_CELLS * config.v_cell_max + CABLE_MARGIN)
         self._write(round(string / 1000), int(self._current), stop=False)
+
+    def _learn_slope(self) -> None:
+        """Find how much the highest cell rises with the current, by what it has risen more than the mean cell.
+
+        A loose joint inside the span of one cell makes it many times stiffer than the others.
+        """
+        current = self._memory.charger("i_out")
+        if current < SLOPE_CURRENT and self._is_slope_known:
+            return
+        self._is_slope_known = current >= SLOPE_CURRENT
+        if current > 0:
+            v = self._memory.v
+            risen = v - self._rest_v
+            more = float(risen[v.argmax()]) - float(np.median(risen))
+            self._slope = CELL_SLOPE + max(more, 0.0) / current
+        else:
+            self._slope = CELL_SLOPE + UNKNOWN_DECAY * (self._slope - CELL_SLOPE)
 
     def _enter(self, state: ChargingState, now_s: float) -> list[Event]:
         self.state = state
@@ -179,6 +223,8 @@ class Charging:
         self._next_control_s = now_s
         self._below_since_s = None
         self.balancer.stop()
+        if state in (ChargingState.CONSTANT_CURRENT, ChargingState.CONSTANT_VOLTAGE):
+            self._rest_v[:] = self._memory.v
         if state in (ChargingState.WAITING, ChargingState.BALANCING) or not self.is_active:
             self._current = 0.0
             self._write(0, 0, stop=True)
@@ -189,3 +235,8 @@ class Charging:
         self._memory.set_charger("v_set", v_set)
         self._memory.set_charger("i_set", i_set)
         self._memory.set_charger("control", int(stop))
+
+
+def _top(config: Config) -> int:
+    """Return the voltage that no cell is charged beyond [100 uV]: configured, and with a margin below the trip."""
+    return min(config.v_cell_chrg, config.v_cell_max - TRIP_MARGIN_COUNTS)

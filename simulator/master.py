@@ -78,7 +78,7 @@ class VirtualMaster:
             self._soc.start_from_journal(self.store.journal.dod_raw)
         self._balancer = Balancer()
         self.charging = Charging(self.memory, self._balancer)
-        self.protection = Protection()
+        self.protection = Protection(board.latch)
         self._relays = Relays()
         self.fans = Fans()
         self._balance_asked = False

@@ -1,6 +1,7 @@
 """Limits with persistence, latched: 500 ms for voltage and current, 1 s for temperature (FS rules EV 5.8.7).
 
-A lost measurement is critical like a passed limit. Once tripped, the OK signal stays off until faults are cleared.
+A lost measurement is critical like a passed limit. Once tripped, the OK signal stays off until faults are cleared: a
+flip-flop on the board holds it, which no restart of the firmware and no loss of power resets (EV 6.1.6).
 """
 
 from collections.abc import Iterable, Iterator
@@ -85,10 +86,18 @@ def _current_violations(config: Config, reading: Reading) -> Iterator[Violation]
         yield Violation(EventCode.TRIP_I_DISC, FAST_PERSISTENCE_S, NO_OFFSET, reading.i_fc, config.i_disc_min)
 
 
+class Latch:
+    """The flip-flop in the shutdown circuit: opened by a trip, closed by hand."""
+
+    def __init__(self) -> None:
+        self.is_open = False
+
+
 class Protection:
     """The OK signal: drops when something critical persists, stays off until cleared."""
 
-    def __init__(self) -> None:
+    def __init__(self, latch: Latch) -> None:
+        self._latch = latch
         self._since_s: dict[EventCode, float] = {}
         self._critical: tuple[Violation, ...] = ()
         self._tripped: set[EventCode] = set()
@@ -96,7 +105,7 @@ class Protection:
     @property
     def is_ok(self) -> bool:
         """The OK signal."""
-        return not self._tripped
+        return not self._latch.is_open
 
     def judge(self, found: Iterable[Violation], now_s: float) -> list[Event]:
         """Take this pass's violations and return an event for each that has just tripped."""
@@ -112,6 +121,7 @@ class Protection:
             # a microsecond of slack: times are sums of steps
             if violation.code not in self._tripped and now_s - since_s >= violation.persistence_s - 1e-6:
                 self._tripped.add(violation.code)
+                self._latch.is_open = True
                 events.append(violation.to_event())
         return events
 
@@ -120,4 +130,5 @@ class Protection:
         if self._critical:
             return False
         self._tripped.clear()
+        self._latch.is_open = False
         return True

@@ -13,6 +13,7 @@ from firmware_protocol.messages import (
     Write,
 )
 from simulator.charging import Balancer
+from simulator.faults import FaultBoard
 from simulator.loads import ConstantCurrent, Rest
 from simulator.memory import FLAG
 from simulator.relays import RelayState
@@ -124,6 +125,24 @@ def test_a_trip_opens_the_relays_and_stays_until_cleared(host):
     host.simulation.board.chain.set_powered(2, True)
     host.run(1.0)
     assert host.simulation.master.relay_state is RelayState.OPEN
+    assert host.ask(Command(CommandId.CLEAR_FAULTS)).result == Result.DONE
+    host.run(2.0)
+    assert host.simulation.master.relay_state is RelayState.VEHICLE
+
+
+@pytest.mark.parametrize("cause", ["reset", "brown-out"])
+def test_a_trip_outlives_the_master_s_restart(host, cause):
+    start_driving(host)
+    faults = FaultBoard(host.simulation)
+    faults.inject("stuck-temperature", 5, 80)
+    host.run(2.0)
+    faults.clear("stuck-temperature", 5)
+    faults.inject(cause)
+    host.run(4.0)
+    assert host.simulation.board.boots == 2
+    assert host.simulation.master.relay_state is RelayState.OPEN
+    assert not host.simulation.master.memory.flags & FLAG["fit"]
+    assert host.simulation.current_a == 0.0
     assert host.ask(Command(CommandId.CLEAR_FAULTS)).result == Result.DONE
     host.run(2.0)
     assert host.simulation.master.relay_state is RelayState.VEHICLE

@@ -5,7 +5,7 @@ import pytest
 from firmware_protocol.config_image import default_image
 from firmware_protocol.messages import NO_OFFSET, EventCode
 from simulator.memory import Config
-from simulator.protection import CHARGE_TOLERANCE, Protection, Reading, violations
+from simulator.protection import CHARGE_TOLERANCE, Latch, Protection, Reading, violations
 
 CONFIG = Config.from_image(default_image())
 GOOD = Reading(
@@ -15,7 +15,7 @@ GOOD = Reading(
 
 
 def trip_time_s(reading: Reading, step_s: float = 0.02) -> tuple[float, int, int]:
-    protection = Protection()
+    protection = Protection(Latch())
     for tick in range(200):
         events = protection.judge(violations(CONFIG, reading), tick * step_s)
         if events:
@@ -61,7 +61,7 @@ def test_a_value_at_its_limit_is_allowed(changes):
 
 
 def test_a_violation_that_ends_in_time_does_not_trip_and_the_next_starts_anew():
-    protection = Protection()
+    protection = Protection(Latch())
     bad = replace(GOOD, v_min=20_000)
     for start_s in (0.0, 1.0):
         assert protection.judge(violations(CONFIG, bad), start_s) == []
@@ -71,7 +71,7 @@ def test_a_violation_that_ends_in_time_does_not_trip_and_the_next_starts_anew():
 
 
 def test_a_trip_stays_until_cleared_and_cannot_be_cleared_while_it_lasts():
-    protection = Protection()
+    protection = Protection(Latch())
     bad = replace(GOOD, t_max=60)
     protection.judge(violations(CONFIG, bad), 0.0)
     assert len(protection.judge(violations(CONFIG, bad), 1.0)) == 1
@@ -84,8 +84,22 @@ def test_a_trip_stays_until_cleared_and_cannot_be_cleared_while_it_lasts():
 
 
 def test_two_faults_at_once_are_both_told():
-    protection = Protection()
+    protection = Protection(Latch())
     bad = replace(GOOD, v_min=20_000, i_fc=30_000)
     protection.judge(violations(CONFIG, bad), 0.0)
     codes = {event.code for event in protection.judge(violations(CONFIG, bad), 0.5)}
     assert codes == {EventCode.TRIP_V_MIN, EventCode.TRIP_I_DISC}
+
+
+def test_a_restart_does_not_close_the_latch():
+    latch = Latch()
+    before = Protection(latch)
+    bad = replace(GOOD, t_max=60)
+    before.judge(violations(CONFIG, bad), 0.0)
+    before.judge(violations(CONFIG, bad), 1.0)
+    after = Protection(latch)
+    after.judge(violations(CONFIG, GOOD), 2.0)
+    assert not after.is_ok
+    assert after.clear()
+    assert after.is_ok
+    assert before.is_ok
