@@ -59,12 +59,12 @@ def pass_s(name: str, engine: Any) -> float:
 def record_s(engine: Any) -> float:
     """Return the time to estimate half an hour of 96 cells at 10 Hz again [s]; numpy is timed on a part."""
     volts, degc = sample()
-    steps = RECORD_STEPS if engine == "numba" else RECORD_STEPS // 20
+    steps = RECORD_STEPS if engine == "numba" else RECORD_STEPS // 60
     estimator = make_estimator("fused", load_cell(), N_CELLS, engine=engine)
     estimator.start(volts, degc, 0.0, soc=0.6)
     current = 25.0 * np.random.default_rng(1).uniform(-1.0, 4.0, steps)
     arrays = np.full(steps, DT_S), current, np.tile(volts, (steps, 1)), np.tile(degc, (steps, 1))
-    return best_s(lambda: estimator.run(*arrays), 1, 3) * RECORD_STEPS / steps
+    return best_s(lambda: estimator.run(*arrays), 1, 3 if engine == "numba" else ROUNDS) * RECORD_STEPS / steps
 
 
 def textbook_s(augmented: bool) -> float:

@@ -217,6 +217,7 @@ class GaussianEstimator:
         soc, filter_v2, slope_v = np.empty((3, *voltage_v.shape))
         counts, before = np.empty((steps, *states.count.shape)), states.count.copy()
         noise_v2 = np.empty(steps)
+        accepted[:] = 1.0
         all_accepted = True
         for k, (dt, current) in enumerate(zip(times_s, current_a.tolist(), strict=True)):
             sample = self.guard.check(dt, current, voltage_v[k], temperature_degc[k])
@@ -227,9 +228,7 @@ class GaussianEstimator:
             soc[k], filter_v2[k], slope_v[k] = self._soc, self._filter_v2, result.slope_v
             counts[k] = states.count
             noise_v2[k] = sample.noise_v2
-            if result.all_accepted:
-                accepted[k] = 1.0
-            else:
+            if not result.all_accepted:
                 all_accepted = False
                 accepted[k] = result.accepted
         used = None if all_accepted else accepted != 0.0
