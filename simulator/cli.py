@@ -11,9 +11,10 @@ from pathlib import Path
 from simulator.can_ports import can_port
 from simulator.control import Control
 from simulator.control_server import ControlServer
-from simulator.director import Director
+from simulator.director import Director, Notice
 from simulator.eeprom import Eeprom
 from simulator.errors import SimulatorError
+from simulator.inputs import FOR_S, SEED, number_option
 from simulator.library import DEFAULT_SCENARIO, find_scenario, library
 from simulator.ports import byte_port
 from simulator.runner import MAX_SPEED, MIN_SPEED, Runner
@@ -52,9 +53,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenario", metavar="NAME|FILE", default=DEFAULT_SCENARIO, help="what happens (default: %(default)s)"
     )
-    parser.add_argument("--seed", type=int, help="another draw of cells, sensors and drivers (default: the scenario's)")
+    parser.add_argument(
+        "--seed",
+        type=number_option(SEED),
+        metavar="N",
+        help="another draw of cells, sensors and drivers, 0 to 4294967295 (default: the scenario's)",
+    )
     parser.add_argument("--speed", type=_speed, default=1.0, metavar="N|max", help="times real time (default: 1)")
-    parser.add_argument("--duration", type=float, metavar="S", help="end after so many simulated seconds")
+    parser.add_argument(
+        "--duration", type=number_option(FOR_S), metavar="S", help="end after so many simulated seconds"
+    )
     parser.add_argument(
         "--control", metavar="PORT|PATH", help="take faults while running: a port on 127.0.0.1, or a Unix socket"
     )
@@ -92,7 +100,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _simulate(arguments: argparse.Namespace) -> None:
     scenario = find_scenario(arguments.scenario)
-    director = Director(scenario, eeprom=Eeprom(arguments.eeprom), seed=arguments.seed)
+    seed = None if arguments.seed is None else int(arguments.seed)
+    director = Director(scenario, eeprom=Eeprom(arguments.eeprom), seed=seed)
+    director.on_notice = _print_notice
     serial = None if arguments.serial is None else byte_port(arguments.serial)
     can = [can_port(text) for text in arguments.can]
     runner = Runner(director.simulation, serial=serial, can=can, speed=arguments.speed)
@@ -116,6 +126,10 @@ def _simulate(arguments: argparse.Namespace) -> None:
         if control is not None:
             control.close()
         runner.close()
+
+
+def _print_notice(notice: Notice) -> None:
+    print(f"voltwall simulate: {notice}", file=sys.stderr, flush=True)
 
 
 def _stop_with_parent(runner: Runner) -> None:

@@ -5,15 +5,30 @@ from typing import Any
 
 from firmware_protocol.memory_map import CELLS_PER_PACK
 from simulator.director import Director
-from simulator.errors import FaultError, SimulatorError
-from simulator.fault_kinds import FAULTS, Target
-from simulator.faults import ActiveFault, cell_index
+from simulator.errors import SimulatorError
+from simulator.fault_kinds import FAULTS, FaultKind, Target
+from simulator.faults import ActiveFault, read_target
+from simulator.inputs import FOR_S, Limits, read_choice, read_number, read_optional, refuse_unknown
 from simulator.library import library
 from simulator.master import VirtualMaster
 from simulator.relays import RelayState
 from simulator.runner import MIN_SPEED, Runner
 
 MAX_SPEED = 1000.0  # what a page may ask for
+MAX_UNPLUGGED_S = 3600.0
+_SPEED = Limits(MIN_SPEED, MAX_SPEED)
+_UNPLUGGED = Limits(0, MAX_UNPLUGGED_S, "s", is_above=True)
+_KEYS = {
+    "status": (),
+    "faults": (),
+    "scenarios": (),
+    "inject": ("fault", "pack", "cell", "value", "for_s"),
+    "clear": ("fault", "pack", "cell"),
+    "clear-all": (),
+    "speed": ("value",),
+    "next": (),
+    "unplug": ("for_s",),
+}
 
 
 class Control:
@@ -36,11 +51,13 @@ class Control:
             "next": self._next,
             "unplug": self._unplug,
         }
-        action = actions.get(str(request.get("do")))
-        if action is None:
+        do = request.get("do")
+        if not isinstance(do, str) or do not in actions:
             return refusal(f"`do` is one of {', '.join(actions)}")
+        given = {key: value for key, value in request.items() if value is not None}
         try:
-            return {"ok": True, **action(request)}
+            refuse_unknown(given, {"do", *_KEYS[do]}, f"to {do!r}")
+            return {"ok": True, **actions[do](given)}
         except SimulatorError as error:
             return refusal(str(error))
 
@@ -57,6 +74,7 @@ class Control:
             "master_is_running": simulation.master is not None,
             "relays": _relays(simulation.master),
             "link_v": round(simulation.link.voltage_v, 1),
+            "notices": [{"at_s": round(notice.at_s, 3), "text": notice.text} for notice in self._director.notices],
             "active": [_fault_json(fault) for fault in self._director.faults.active],
         }
 
@@ -89,13 +107,14 @@ class Control:
         }
 
     def _inject(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        name = str(request.get("fault"))
-        self._director.faults.inject(name, _target(name, request), _number(request, "value"), _number(request, "for_s"))
+        kind = _kind(request)
+        value, for_s = request.get("value"), read_optional(request, "for_s", FOR_S)
+        self._director.faults.inject(kind.name, read_target(kind.target, request), value, for_s)
         return {}
 
     def _clear(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        name = str(request.get("fault"))
-        self._director.faults.clear(name, _target(name, request))
+        kind = _kind(request)
+        self._director.faults.clear(kind.name, read_target(kind.target, request))
         return {}
 
     def _clear_all(self, _: Mapping[str, Any]) -> dict[str, Any]:
@@ -106,10 +125,7 @@ class Control:
         if request.get("value") == "max":
             self._runner.set_speed(None)
             return {}
-        speed = _number(request, "value")
-        if speed is None or not MIN_SPEED <= speed <= MAX_SPEED:
-            raise FaultError("speed", f"give {MIN_SPEED:g} to {MAX_SPEED:g}, or `max`")
-        self._runner.set_speed(speed)
+        self._runner.set_speed(read_number(request, "value", _SPEED))
         return {}
 
     def _next(self, _: Mapping[str, Any]) -> dict[str, Any]:
@@ -117,40 +133,18 @@ class Control:
         return {}
 
     def _unplug(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        for_s = _number(request, "for_s")
-        if for_s is None or not 0 < for_s <= 3600:
-            raise FaultError("unplug", "give for_s, the wall seconds without the RS232 cable")
-        self._runner.unplug_serial(for_s)
+        self._runner.unplug_serial(read_number(request, "for_s", _UNPLUGGED))
         return {}
+
+
+def _kind(request: Mapping[str, Any]) -> FaultKind:
+    return FAULTS[read_choice(request, "fault", FAULTS)]
 
 
 def _relays(master: VirtualMaster | None) -> str:
     if master is None:
         return RelayState.OPEN.value
     return "precharge failed" if master.has_precharge_failed else master.relay_state.value
-
-
-def _target(name: str, request: Mapping[str, Any]) -> int:
-    kind = FAULTS.get(name)
-    if kind is None or kind.target is Target.NONE:
-        return 0
-    pack = _number(request, "pack")
-    cell = _number(request, "cell") if kind.target is Target.CELL else 1
-    if pack is None or cell is None or pack != int(pack) or cell != int(cell):
-        raise FaultError(
-            name, f"give the {'pack and the cell' if kind.target is Target.CELL else 'pack'} as people count"
-        )
-    index = cell_index(int(pack), int(cell))
-    return index if kind.target is Target.CELL else index // CELLS_PER_PACK
-
-
-def _number(request: Mapping[str, Any], key: str) -> float | None:
-    value = request.get(key)
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise FaultError(key, f"{value!r} is no number")
-    return float(value)
 
 
 def _fault_json(fault: ActiveFault) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from simulator.ports import LOOPBACK
 
 MAX_REQUEST = 4096
 MAX_CLIENTS = 4
+MAX_PORT = 0xFFFF
 
 
 class ControlServer:
@@ -48,6 +49,8 @@ class ControlServer:
         Raises:
             PortError: the port is taken, or the path cannot be used.
         """
+        if self._is_tcp and (len(self._where) > 5 or int(self._where) > MAX_PORT):
+            raise PortError(f"control {self._where}", f"a port is 0..{MAX_PORT}")
         try:
             self._listener = self._listen()
         except (OSError, ValueError, AttributeError) as error:
@@ -120,7 +123,7 @@ class ControlServer:
             return refusal("a line is one JSON object")
         if not isinstance(request, dict):
             return refusal("a line is one JSON object")
-        given = str(request.get("token")).encode("utf-8", "backslashreplace")
+        given = str(request.pop("token", None)).encode("utf-8", "backslashreplace")
         if self._is_tcp and not hmac.compare_digest(given, self._token.encode()):
             return refusal("the token of the token file is missing")
         return self._control.answer(request)

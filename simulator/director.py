@@ -1,6 +1,12 @@
-"""Plays a scenario on a simulation: its start, its phases one after the other, its faults and its operator."""
+"""Plays a scenario on a simulation: its start, its phases one after the other, its faults and its operator.
+
+A looping scenario starts again after its last phase, its faults and actions included; what state the accumulator is in,
+and faults that are for good, stay as they are.
+"""
 
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,17 +16,18 @@ from firmware_protocol.messages import CommandId
 from simulator.accumulator import AccumulatorParameters
 from simulator.charging import ChargingState
 from simulator.eeprom import Eeprom
-from simulator.errors import ParameterError, ScenarioError
+from simulator.errors import InputError
 from simulator.faults import FaultBoard
 from simulator.loads import ConstantCurrent, Idle, Load, Pattern, Recorded, Rest
 from simulator.master import PASS_S
 from simulator.race import acceleration, endurance, skid_pad
-from simulator.recording import load_recording
 from simulator.scenario import ActionPlan, FaultPlan, PhasePlan, Scenario
 from simulator.simulation import Simulation
+from simulator.soc_counter import SOC_SCALE
 
 CHARGE_RETRY_S = 1.0
 STANDBY_S = 2.0  # from high voltage on to driving
+MAX_NOTICES = 20
 _COMMANDS = {
     "charge-start": CommandId.CHARGE_START,
     "charge-stop": CommandId.CHARGE_STOP,
@@ -30,6 +37,17 @@ _COMMANDS = {
     "soc": CommandId.SET_SOC,
     "reset": CommandId.RESET,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """Something of the scenario that did not happen as it was planned."""
+
+    at_s: float
+    text: str
+
+    def __str__(self) -> str:
+        return f"at {self.at_s:g} s: {self.text}"
 
 
 class Director:
@@ -43,11 +61,7 @@ class Director:
         seed: int | None = None,
         step_s: float = PASS_S,
     ) -> None:
-        """Build the simulation that the scenario starts with.
-
-        Raises:
-            ScenarioError: a load that it names cannot be made.
-        """
+        """Build the simulation that the scenario starts with."""
         self.scenario = scenario
         eeprom = eeprom or Eeprom()
         if scenario.config is not None:
@@ -58,8 +72,10 @@ class Director:
         self.simulation.accumulator.sun_w = scenario.start.sun_w
         self.faults = FaultBoard(self.simulation)
         self._loads_rng = np.random.default_rng(used_seed + 1)
-        plans: list[FaultPlan | ActionPlan] = [*scenario.faults, *scenario.actions]
-        self._timeline = deque(sorted(plans, key=lambda plan: plan.at_s))
+        self.notices: deque[Notice] = deque(maxlen=MAX_NOTICES)
+        self.on_notice: Callable[[Notice], None] | None = None
+        self._timeline: deque[FaultPlan | ActionPlan] = deque()
+        self._round_start_s = 0.0
         self._phase_index = -1
         self._phase_start_s = 0.0
         self._charge_retry_s = 0.0
@@ -71,7 +87,7 @@ class Director:
     @property
     def phase(self) -> PhasePlan:
         """What the car is doing."""
-        return self.scenario.phases[min(self._phase_index, len(self.scenario.phases) - 1)]
+        return self.scenario.phases[self._phase_index]
 
     def run(self, for_s: float) -> None:
         """Play for a virtual while, or to the scenario's end [s]."""
@@ -81,7 +97,7 @@ class Director:
 
     def _step(self, now_s: float) -> None:
         self.faults.step(now_s)
-        while self._timeline and self._timeline[0].at_s <= now_s:
+        while self._timeline and self._timeline[0].at_s <= now_s - self._round_start_s:
             self._play(self._timeline.popleft())
         plan = self.phase
         if plan.load == "charge":
@@ -103,19 +119,29 @@ class Director:
     def _play(self, plan: FaultPlan | ActionPlan) -> None:
         if isinstance(plan, FaultPlan):
             self.faults.inject(plan.name, plan.target, plan.value, plan.for_s)
-        elif plan.name == "store":
-            self._request_store()
-        else:
-            self._command(_COMMANDS[plan.name], round(plan.argument * (10_000 if plan.name == "soc" else 1)))
+        elif self.simulation.master is None:
+            self._notice(f"{plan} did nothing: the master is off")
+        elif not self._act(plan):
+            self._notice(f"the master refused {plan}: not in its state")
+
+    def _act(self, plan: ActionPlan) -> bool:
+        if plan.name == "store":
+            return self._request_store()
+        return self._command(_COMMANDS[plan.name], round((plan.argument or 0.0) * SOC_SCALE))
+
+    def _notice(self, text: str) -> None:
+        notice = Notice(self.simulation.now_s, text)
+        self.notices.append(notice)
+        if self.on_notice is not None:
+            self.on_notice(notice)
 
     def _command(self, command: CommandId, argument: int = 0) -> bool:
         master = self.simulation.master
         return master is not None and master.command(command, argument, self.simulation.now_s)
 
-    def _request_store(self) -> None:
+    def _request_store(self) -> bool:
         master = self.simulation.master
-        if master is not None:
-            master.store.start(0, master.memory.config, self.simulation.now_s)
+        return master is not None and master.store.start(0, master.memory.config, self.simulation.now_s)
 
     def _charge(self, now_s: float) -> None:
         master = self.simulation.master
@@ -128,8 +154,10 @@ class Director:
         elapsed_s = now_s - self._phase_start_s
         if plan.for_s is not None and elapsed_s >= plan.for_s:
             return True
-        if plan.until_soc is not None and float(self.simulation.accumulator.soc.mean()) <= plan.until_soc:
-            return True
+        if plan.until_soc is not None:
+            left = float(self.simulation.accumulator.soc.mean()) - plan.until_soc
+            if (left >= 0.0) if plan.is_filling else (left <= 0.0):
+                return True
         if plan.load == "charge":
             master = self.simulation.master
             ended = (ChargingState.DONE, ChargingState.FAULT)
@@ -137,17 +165,25 @@ class Director:
         return elapsed_s >= self.simulation.load.duration_s
 
     def next_phase(self) -> None:
-        """Go on to the next phase, or to the end."""
+        """Go on to the next phase, or to the end.
+
+        Raises:
+            InputError: the scenario is over.
+        """
+        if self.is_over:
+            raise InputError("next", "the scenario is over")
         master = self.simulation.master
         if master is not None and master.charging.is_active:
             self._command(CommandId.CHARGE_STOP)
         self._phase_index += 1
         if self._phase_index == len(self.scenario.phases):
-            if not self.scenario.loop:
-                self.is_over = True
-                self.simulation.set_load(Rest())
+            self._end_round()
+            if self.is_over:
                 return
-            self._phase_index = 0
+        if self._phase_index == 0:
+            self._round_start_s = self.simulation.now_s
+            plans: list[FaultPlan | ActionPlan] = [*self.scenario.faults, *self.scenario.actions]
+            self._timeline.extend(sorted(plans, key=lambda plan: plan.at_s))
         self._phase_start_s = self.simulation.now_s
         self._has_charged = False
         self._charge_retry_s = 0.0
@@ -155,13 +191,18 @@ class Director:
         self.simulation.charger.is_plugged = plan.load in ("charge", "charge-by-hand")
         self.simulation.set_load(self._load(plan))
 
-    def _load(self, plan: PhasePlan) -> Load:
-        try:
-            return self._made_load(plan)
-        except (ParameterError, OSError) as error:
-            raise ScenarioError(self.scenario.name, f"load {plan.load!r}: {error}") from error
+    def _end_round(self) -> None:
+        for plan in self._timeline:
+            self._notice(f"{plan} at {plan.at_s:g} s never came: the phases were over")
+        self._timeline.clear()
+        if self.scenario.loop:
+            self._phase_index = 0
+            return
+        self._phase_index -= 1
+        self.is_over = True
+        self.simulation.set_load(Rest())
 
-    def _made_load(self, plan: PhasePlan) -> Load:
+    def _load(self, plan: PhasePlan) -> Load:
         match plan.load:
             case "idle":
                 return Idle()
@@ -176,9 +217,7 @@ class Director:
             case "pattern":
                 capacity_ah = float(self.simulation.accumulator.capacity_ah.mean())
                 return Pattern(plan.pattern, capacity_ah, scale=plan.power_scale)
-            case "recorded":
-                return load_recording(self.scenario.folder / plan.file)
-        return Rest()
+        return plan.recording or Rest()
 
 
 def _parameters(scenario: Scenario) -> AccumulatorParameters:

@@ -5,6 +5,7 @@ SimulatorError
   ConvergenceError equations without a solution that was found
   ScenarioError    a scenario that cannot be read or makes no sense
   FaultError       a fault that does not exist or cannot take this value
+  InputError       a key of a file or a request that is missing, foreign, or has a value that it cannot have
   PortError        a port that cannot be opened
 """
 
@@ -48,6 +49,15 @@ class FaultError(SimulatorError):
         self.fault = fault
         self.reason = reason
         super().__init__(f"fault {fault!r}: {reason}")
+
+
+class InputError(SimulatorError):
+    """A key of a file or a request that is missing, foreign, or has a value that it cannot have."""
+
+    def __init__(self, key: str, reason: str) -> None:
+        self.key = key
+        self.reason = reason
+        super().__init__(reason)
 
 
 class PortError(SimulatorError):

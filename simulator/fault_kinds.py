@@ -35,6 +35,7 @@ class FaultKind:
     neutral: float
     apply: Apply
     is_instant: bool = False  # over as soon as it has happened
+    is_whole: bool = False  # only whole numbers are values
     area: str = ""  # of the car, for people who look for it
 
 
@@ -211,7 +212,10 @@ _AREAS = {
     ),
     "slaves": (
         _Kind("lost-slave", "the pack's slave does not answer", _PACK, *_ON, _slave),
-        _Kind("broken-converter", "this bit of the slave's converter is stuck", _PACK, "", 0, 15, 7, _NAN, _converter),
+        _Kind(
+            *("broken-converter", "this bit of the slave's converter is stuck", _PACK, "", 0, 15, 7, _NAN, _converter),
+            is_whole=True,
+        ),
         _Kind("drifting-reference", "the slave's reference is off", _PACK, "%", -20, 20, 2, 0, _reference),
         _Kind("multiplexer-failed", "the slave's multiplexer fails its self-test", _PACK, *_ON, _multiplexer),
         _Kind("isospi-noise", "bit errors on the slaves' line", _NONE, "per bit", 0, 0.1, 1e-3, 0, _isospi),

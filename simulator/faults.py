@@ -1,10 +1,13 @@
 """Faults in force on a simulation: injected, over after their time or when cleared; what may be asked of each."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from firmware_protocol.memory_map import CELLS_PER_PACK, N_CELLS, N_PACKS
-from simulator.errors import FaultError
+from simulator.errors import FaultError, InputError
 from simulator.fault_kinds import FAULTS, FaultKind, Target
+from simulator.inputs import FOR_S, Limits, check_number, read_number
 from simulator.simulation import Simulation
 
 
@@ -20,17 +23,33 @@ class ActiveFault:
 
 
 _N_TARGETS = {Target.NONE: 1, Target.CELL: N_CELLS, Target.PACK: N_PACKS}
+_PLACE_KEYS: dict[Target, tuple[str, ...]] = {Target.NONE: (), Target.PACK: ("pack",), Target.CELL: ("pack", "cell")}
+_PLACE_LIMITS = {"pack": Limits(1, N_PACKS, is_whole=True), "cell": Limits(1, CELLS_PER_PACK, is_whole=True)}
 
 
 def cell_index(pack: int, cell: int) -> int:
     """Return the index of a cell that people call pack 1..8, cell 1..12.
 
     Raises:
-        FaultError: there is no such cell.
+        InputError: there is no such cell.
     """
     if not (1 <= pack <= N_PACKS and 1 <= cell <= CELLS_PER_PACK):
-        raise FaultError("cell", f"pack {pack}, cell {cell}: packs are 1..{N_PACKS}, cells 1..{CELLS_PER_PACK}")
+        raise InputError("cell", f"pack {pack}, cell {cell}: packs are 1..{N_PACKS}, cells 1..{CELLS_PER_PACK}")
     return (pack - 1) * CELLS_PER_PACK + cell - 1
+
+
+def read_target(target: Target, table: Mapping[str, Any]) -> int:
+    """Return the index of the cell or pack that the keys `pack` and `cell` name as people count; 0 where none is hit.
+
+    Raises:
+        InputError: one is missing, or means nothing for this target, or there is no such cell or pack.
+    """
+    needed = _PLACE_KEYS[target]
+    if {"pack", "cell"} & set(table) != set(needed):
+        raise InputError("pack", f"needs {' and '.join(needed) or 'neither pack nor cell'}")
+    place = {key: int(read_number(table, key, _PLACE_LIMITS[key])) for key in needed}
+    index = cell_index(place.get("pack", 1), place.get("cell", 1))
+    return index // CELLS_PER_PACK if target is Target.PACK else index
 
 
 class FaultBoard:
@@ -103,9 +122,13 @@ def check_fault(kind: FaultKind, target: int, value: float | None, for_s: float 
     n_targets = _N_TARGETS[kind.target]
     if not 0 <= target < n_targets:
         raise FaultError(kind.name, f"{kind.target.value} index {target} is outside 0..{n_targets - 1}")
-    given = kind.default if value is None else value
-    if not kind.minimum <= given <= kind.maximum:
-        raise FaultError(kind.name, f"{given} is outside {kind.minimum:g}..{kind.maximum:g} {kind.unit}".rstrip())
-    if for_s is not None and not 0 < for_s < float("inf"):
-        raise FaultError(kind.name, f"a time of {for_s} s")
+    limits = Limits(kind.minimum, kind.maximum, kind.unit, is_whole=kind.is_whole)
+    try:
+        given = kind.default if value is None else check_number("value", value, limits)
+        if for_s is not None:
+            check_number("for_s", for_s, FOR_S)
+    except InputError as error:
+        raise FaultError(kind.name, error.reason) from error
+    if for_s is not None and kind.is_instant:
+        raise FaultError(kind.name, "for_s means nothing: it is over as soon as it has happened")
     return given

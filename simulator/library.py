@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from simulator.errors import ScenarioError
-from simulator.scenario import Scenario, load_scenario, recorded_scenario
+from simulator.scenario import Scenario
+from simulator.scenario_file import load_scenario, recorded_scenario
 
 DEFAULT_SCENARIO = "race-day"
 LIBRARY = Path(__file__).parent / "scenarios"

@@ -7,18 +7,29 @@ cooling below ambient are never colder than their air, and at the start of a day
 import csv
 import gzip
 import math
+import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from simulator.cell_data import FloatArray
-from simulator.errors import ParameterError
+from simulator.errors import InputError, ParameterError
+from simulator.inputs import AMBIENT_DEGC, CURRENT_A, SHARE, Limits, check_number
 from simulator.loads import Recorded
 
 _CURRENT_COLUMNS = ("current_a", "i_fc (A)", "i_fs (A)")  # ours first, then those of an exported session
 _AMBIENT_COLUMNS = ("ambient_degc", "t_min (degC)")
 _SOC_COLUMNS = ("soc",)
+_TIME_S = Limits(-1e11, 1e11, "s")  # since any beginning, 1970 among them
+_SENSOR_DEGC = Limits(-128, 255, "degC")  # a broken one shows anything; as air it counts within AMBIENT_DEGC
+_LIMITS = {
+    "time_s": _TIME_S,
+    **dict.fromkeys(_CURRENT_COLUMNS, CURRENT_A),
+    **dict(zip(_AMBIENT_COLUMNS, (AMBIENT_DEGC, _SENSOR_DEGC), strict=True)),
+    **dict.fromkeys(_SOC_COLUMNS, SHARE),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +46,8 @@ def read_recording(path: Path) -> Recording:
     """Read a CSV file (plain or .gz); rows without a current are skipped, repeated times keep the last one.
 
     Raises:
-        ParameterError: it cannot be read, has no column for time or current, a value is no number, or there are fewer
-            than two rows.
+        ParameterError: it cannot be read, has no column for time or current, a value is no number or outside what it
+            can be, time goes back, or there are fewer than two rows.
     """
     opener = gzip.open if path.suffix == ".gz" else open
     try:
@@ -48,11 +59,11 @@ def read_recording(path: Path) -> Recording:
                 raise ParameterError("columns", names, f"needs time_s and one of {', '.join(_CURRENT_COLUMNS)}")
             ambient, soc = _first(_AMBIENT_COLUMNS, names), _first(_SOC_COLUMNS, names)
             columns = [name for name in ("time_s", current, ambient, soc) if name is not None]
-            values = [[_number(row[name]) for name in columns] for row in rows if row[current]]
-    except (OSError, EOFError, UnicodeDecodeError, csv.Error) as error:
+            values = list(_rows(rows, columns))
+    except (OSError, EOFError, UnicodeDecodeError, zlib.error, csv.Error) as error:
         raise ParameterError("file", str(path), str(error)) from error
-    except ValueError as error:
-        raise ParameterError("file", str(path), f"not a number: {error}") from error
+    except InputError as error:
+        raise ParameterError("file", str(path), f"line {rows.line_num}: {error}") from error
     table = np.array(values, dtype=float).reshape(-1, len(columns))
     table = table[np.append(np.diff(table[:, 0]) > 0, True)[: len(table)]]
     if len(table) < 2:
@@ -80,13 +91,32 @@ def _first(wanted: tuple[str, ...], names: list[str]) -> str | None:
     return next((name for name in wanted if name in names), None)
 
 
-def _number(text: str | None) -> float:
-    return float(text) if text else math.nan
+def _rows(rows: "csv.DictReader[str]", columns: list[str]) -> Iterator[list[float]]:
+    """Yield the columns of each row that has a current, NaN for an empty value of one that may be."""
+    last_s = -math.inf
+    for row in rows:
+        if not row[columns[1]]:
+            continue
+        values = [_number(name, row[name], may_be_empty=name not in columns[:2]) for name in columns]
+        if values[0] < last_s:
+            raise InputError("time_s", f"time_s = {values[0]!r} goes back, the row before has {last_s!r}")
+        last_s = values[0]
+        yield values
+
+
+def _number(name: str, text: str | None, *, may_be_empty: bool) -> float:
+    if not text and may_be_empty:
+        return math.nan
+    try:
+        value = float(text or "")
+    except ValueError:
+        raise InputError(name, f"{name} = {text!r} is no number") from None
+    return check_number(name, value, _LIMITS[name])
 
 
 def _air(degc: FloatArray, *, is_measured: bool) -> FloatArray | None:
     """Return the air's temperature in every row, None where no row has one: gaps hold what was last known."""
-    known = np.isfinite(degc)
+    known = (degc >= AMBIENT_DEGC.minimum) & (degc <= AMBIENT_DEGC.maximum)
     if not known.any():
         return None
     if not is_measured:

@@ -10,7 +10,7 @@ from app.sessions.writer import Recorder
 from firmware_protocol.framing import Frame, FrameDecoder
 from simulator.director import Director
 from simulator.library import find_scenario
-from simulator.scenario import load_scenario
+from simulator.scenario_file import load_scenario
 
 WALL_NS = 1_790_000_000 * 10**9
 STANDBY_S = 5.0

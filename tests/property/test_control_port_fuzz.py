@@ -1,6 +1,7 @@
 """The simulator's control port: whatever a client sends, it is answered in JSON, and the simulation goes on."""
 
 import json
+import math
 import selectors
 import socket
 from pathlib import Path
@@ -63,15 +64,24 @@ VALUES = (
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8) | st.lists(st.integers(), max_size=2)
 )
 KEYS = st.sampled_from(("value", "fault", "pack", "cell", "for_s", "token", "sensor"))
+BOLT = {"do": "inject", "fault": "loose-joint", "pack": 1, "cell": 1}
 REQUESTS = st.builds(
     lambda do, rest: rest | {"do": do},
-    st.sampled_from(("status", "faults", "scenarios", "inject", "clear", "clear-all", "speed", "unplug")) | VALUES,
+    st.sampled_from(("status", "faults", "scenarios", "inject", "clear", "clear-all", "speed", "next", "unplug"))
+    | VALUES,
     st.dictionaries(KEYS, VALUES | st.sampled_from(sorted(FAULTS)), max_size=5),
-)
+) | st.builds(lambda rest: BOLT | rest, st.dictionaries(st.sampled_from(("pack", "cell", "value", "for_s")), VALUES))
 
 
 @given(request=REQUESTS)
 @example(request={"do": "speed", "value": 5e-324})
+@example(request=BOLT | {"pack": math.inf})
+@example(request=BOLT | {"pack": math.nan})
+@example(request=BOLT | {"cell": -math.inf})
+@example(request=BOLT | {"value": 10**400})
+@example(request=BOLT | {"value": math.nan})
+@example(request=BOLT | {"for_s": math.inf})
+@example(request={"do": "next"})
 @settings(max_examples=120)
 def test_any_request_is_answered(port, request):
     assert port(request)["ok"] in (True, False)
@@ -79,6 +89,9 @@ def test_any_request_is_answered(port, request):
 
 @given(line=st.binary(max_size=200).map(lambda raw: raw.replace(b"\n", b"")))
 @example(line=b"[" * (MAX_REQUEST - 1))
+@example(line=b'{"do":"inject","fault":"loose-joint","pack":1e400,"cell":1}')
+@example(line=b'{"do":"inject","fault":"loose-joint","pack":NaN,"cell":1}')
+@example(line=b'{"do":"inject","fault":"current-offset","value":' + b"9" * 401 + b"}")
 @example(line=b'{"a":' * 800)
 @settings(max_examples=60)
 def test_any_line_is_answered_or_refused(port, line):

@@ -42,7 +42,36 @@ def test_an_unreadable_file_of_the_library_is_named_beside_the_others(capsys, tm
     assert "bad.toml" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("speed", ["0", "-1", "fast", "nan"])
-def test_a_speed_that_is_none_is_refused(speed):
+@pytest.mark.parametrize(
+    ("option", "value", "limit"),
+    [
+        *(("--speed", value, "0.01..1e+06") for value in ("0", "-1", "fast", "nan")),
+        *(
+            ("--seed", value, "the whole numbers 0..4294967295")
+            for value in ("-1", "1.5", "4294967296", "x", "9" * 5000)
+        ),
+        *(("--duration", value, "0..100000000 s (0 left out)") for value in ("-5", "0", "nan", "inf", "x")),
+    ],
+    ids=lambda text: text[:20],
+)
+def test_an_option_that_makes_no_sense_is_refused_with_its_limit(capsys, option, value, limit):
     with pytest.raises(SystemExit):
-        main(["--speed", speed])
+        main([f"{option}={value}"])
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert f"argument {option}: " in last
+    assert limit in last
+
+
+def test_a_control_port_that_is_none_is_one_line(capsys):
+    assert main(["--control", "99999"]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_an_action_that_the_master_refuses_is_told(capsys, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'title = "t"\ndescription = "d"\n[[phase]]\nload = "idle"\nfor_s = 4\n'
+        '[[action]]\nat_s = 3\nname = "charge-start"\n'
+    )
+    assert main(["--scenario", str(path), "--speed", "max"]) == 0
+    assert capsys.readouterr().err == "voltwall simulate: at 3 s: the master refused charge-start: not in its state\n"

@@ -1,4 +1,5 @@
 import json
+import math
 import selectors
 import socket
 import stat
@@ -37,32 +38,49 @@ def test_catalogue_is_enough_to_build_a_form(control):
     assert {"fault", "meaning", "target", "unit", "minimum", "maximum", "default"} <= set(faults[0])
     for fault in faults:
         places = {"none": {}, "pack": {"pack": 1}, "cell": {"pack": 1, "cell": 1}}[fault["target"]]
-        request = {"do": "inject", "fault": fault["fault"], "value": fault["default"], "for_s": 5, **places}
+        for_s = None if fault["is_instant"] else 5
+        request = {"do": "inject", "fault": fault["fault"], "value": fault["default"], "for_s": for_s, **places}
         assert control.answer(request) == {"ok": True}, fault
 
 
+BOLT = {"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 7}
+
+
 @pytest.mark.parametrize(
-    "request_",
+    ("request_", "reason"),
     [
-        {},
-        {"do": "explode"},
-        {"do": "inject"},
-        {"do": "inject", "fault": "loose-joint"},
-        {"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 13},
-        {"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 1.5},
-        {"do": "inject", "fault": "current-offset", "value": "much"},
-        {"do": "inject", "fault": "current-offset", "value": True},
-        {"do": "speed", "value": 0},
-        {"do": "speed", "value": 1e-300},
-        {"do": "speed"},
-        {"do": "unplug"},
-        {"do": "unplug", "for_s": -1},
+        ({}, "`do` is one of"),
+        ({"do": "explode"}, "`do` is one of"),
+        ({"do": []}, "`do` is one of"),
+        ({"do": "inject"}, "fault is missing"),
+        ({"do": "inject", "fault": "loose-joint"}, "needs pack and cell"),
+        (BOLT | {"cell": 13}, "cell = 13 is outside the whole numbers 1..12"),
+        (BOLT | {"cell": 1.5}, "cell = 1.5 is outside"),
+        (BOLT | {"pack": math.inf}, "pack = inf is outside the whole numbers 1..8"),
+        (BOLT | {"pack": math.nan}, "pack = nan is outside"),
+        (BOLT | {"value": 10**400}, "is outside 0..50 mohm"),
+        (BOLT | {"vlaue": 2}, "'vlaue' means nothing to 'inject'"),
+        (BOLT | {"for_s": math.inf}, "for_s = inf is outside 0..100000000 s"),
+        ({"do": "inject", "fault": "current-offset", "value": "much"}, "value = 'much' is no number"),
+        ({"do": "inject", "fault": "current-offset", "value": True}, "value = True is no number"),
+        ({"do": "inject", "fault": "current-offset", "pack": 1}, "needs neither pack nor cell"),
+        ({"do": "inject", "fault": "lost-slave", "pack": 1, "cell": 1}, "needs pack"),
+        ({"do": "inject", "fault": "reset", "for_s": 5}, "for_s means nothing"),
+        ({"do": "clear", "fault": "loose-joint", "pack": 3, "cell": 7, "value": 2}, "'value' means nothing to 'clear'"),
+        ({"do": "status", "pack": 3}, "'pack' means nothing to 'status'"),
+        ({"do": "speed", "value": 0}, "value = 0 is outside 0.01..1000"),
+        ({"do": "speed", "value": 1e-300}, "outside 0.01..1000"),
+        ({"do": "speed", "value": math.nan}, "outside 0.01..1000"),
+        ({"do": "speed"}, "value is missing"),
+        ({"do": "unplug"}, "for_s is missing"),
+        ({"do": "unplug", "for_s": -1}, "for_s = -1 is outside 0..3600 s (0 left out)"),
     ],
 )
-def test_requests_that_make_no_sense_are_refused_with_a_reason(control, request_):
+def test_requests_that_make_no_sense_are_refused_with_key_and_limit(control, director, request_, reason):
     answer = control.answer(request_)
     assert answer["ok"] is False
-    assert answer["error"]
+    assert reason in answer["error"]
+    assert director.faults.active == ()
 
 
 def test_next_goes_on_to_the_next_phase():
@@ -71,6 +89,12 @@ def test_next_goes_on_to_the_next_phase():
     assert control.answer({"do": "status"})["phase"] == "endurance"
     control.answer({"do": "next"})
     assert control.answer({"do": "status"})["phase"] == "rest"
+
+
+def test_next_after_the_end_is_refused(control, director):
+    assert control.answer({"do": "next"})["ok"]
+    assert director.is_over
+    assert control.answer({"do": "next"}) == {"ok": False, "error": "the scenario is over"}
 
 
 class Client:

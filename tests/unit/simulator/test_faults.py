@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from simulator.accumulator import AccumulatorParameters
-from simulator.errors import FaultError
+from simulator.errors import FaultError, InputError
 from simulator.fault_kinds import FAULTS, Target
 from simulator.faults import FaultBoard, cell_index
 from simulator.simulation import Simulation
@@ -81,6 +81,10 @@ def test_the_same_fault_again_replaces_the_first(simulation):
         ("loose-joint", 0, 51.0, None),
         ("loose-joint", 0, float("nan"), None),
         ("loose-joint", 0, 1.0, 0.0),
+        ("loose-joint", 0, 1.0, float("nan")),
+        ("loose-joint", 0, 1.0, 1e9),
+        ("broken-converter", 0, 7.5, None),
+        ("brown-out", 0, 1.0, 5.0),
     ],
 )
 def test_what_cannot_be_is_refused(simulation, name, target, value, for_s):
@@ -91,5 +95,5 @@ def test_what_cannot_be_is_refused(simulation, name, target, value, for_s):
 def test_cells_are_named_as_people_count():
     assert cell_index(1, 1) == 0
     assert cell_index(8, 12) == 95
-    with pytest.raises(FaultError):
+    with pytest.raises(InputError):
         cell_index(0, 1)

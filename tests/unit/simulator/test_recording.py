@@ -6,7 +6,7 @@ from simulator.director import Director
 from simulator.errors import ParameterError, ScenarioError
 from simulator.library import find_scenario
 from simulator.recording import load_recording, read_recording
-from simulator.scenario import load_scenario
+from simulator.scenario_file import load_scenario
 
 OURS = "time_s,current_a,ambient_degc\n0,10,20\n1,20,21\n2,0,22\n"
 EXPORTED = (
@@ -52,26 +52,40 @@ def test_what_a_recording_does_not_have_is_missing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text",
+    ("text", "reason"),
     [
-        "",
-        "time_s,power\n1,2\n",
-        "time_s,current_a\n0,1\n",
-        "time_s,current_a\n0,a\n1,b\n",
-        "time_s,current_a\n0,1\n0,2\n",
-        "time_s,current_a\n\xff",
+        ("", "needs time_s and one of current_a"),
+        ("time_s,power\n1,2\n", "needs time_s and one of current_a"),
+        ("time_s,current_a\n0,1\n", "two rows"),
+        ("time_s,current_a\n0,a\n1,b\n", "line 2: current_a = 'a' is no number"),
+        ("time_s,current_a\n0,1\n0,2\n", "two rows"),
+        ("time_s,current_a\n\xff", "utf-8"),
+        ("time_s,current_a\n0,1\n1,nan\n2,1\n", r"line 3: current_a = nan is outside -1000\.\.1000 A"),
+        ("time_s,current_a\n0,1\n1,1e9\n", "line 3: current_a = "),
+        ("time_s,current_a\n0,1\n,2\n", "line 3: time_s = '' is no number"),
+        ("time_s,current_a\n0,1\ninf,2\n", "line 3: time_s = inf"),
+        ("time_s,current_a\n0,1\n5,2\n3,2\n6,1\n", r"line 4: time_s = 3\.0 goes back, the row before has 5\.0"),
+        ("time_s,current_a,soc\n0,1,95\n1,1,94\n", r"line 2: soc = 95\.0 is outside 0\.\.1"),
+        ("time_s,current_a,ambient_degc\n0,1,20\n1,1,-400\n", r"line 3: ambient_degc = -400\.0 is outside -40\.\.80"),
     ],
 )
-def test_what_is_no_recording_is_refused(tmp_path, text):
+def test_what_is_no_recording_is_refused_with_its_line(tmp_path, text, reason):
     path = tmp_path / "run.csv"
     path.write_text(text, encoding="latin-1")
-    with pytest.raises(ParameterError):
+    with pytest.raises(ParameterError, match=reason):
         load_recording(path)
 
 
-def test_a_damaged_archive_is_refused(tmp_path):
+def test_a_broken_sensor_of_a_session_is_not_taken_for_the_air(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time_s,i_fc (A),t_min (degC)\n0,1,-60\n1,1,25\n2,1,-60\n3,1,24\n")
+    assert read_recording(path).ambient_degc.tolist() == [25.0, 25.0, 25.0, 24.0]
+
+
+@pytest.mark.parametrize("damage", [lambda raw: raw[:-9], lambda raw: raw[:12] + b"\xff\xff\xff" + raw[15:]])
+def test_a_damaged_archive_is_refused(tmp_path, damage):
     path = tmp_path / "run.csv.gz"
-    path.write_bytes(gzip.compress(OURS.encode())[:-9])
+    path.write_bytes(damage(gzip.compress(OURS.encode())))
     with pytest.raises(ParameterError):
         load_recording(path)
 

@@ -1,0 +1,230 @@
+"""Reads scenario files: what is accepted can be played to its end, everything else is refused with its place.
+
+docs/simulator.md describes the format.
+"""
+
+import contextlib
+import re
+import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+from firmware_protocol.config_image import check, default_image, with_value
+from firmware_protocol.errors import EncodeError
+from firmware_protocol.memory_map import CELLS_PER_PACK
+from firmware_protocol.messages import EventCode
+from simulator.errors import FaultError, InputError, ParameterError, ScenarioError
+from simulator.fault_kinds import FAULTS, Target
+from simulator.faults import cell_index, check_fault, read_target
+from simulator.inputs import (
+    AMBIENT_DEGC,
+    AT_S,
+    CURRENT_A,
+    FOR_S,
+    SEED,
+    SHARE,
+    Limits,
+    check_number,
+    read_choice,
+    read_number,
+    read_optional,
+    read_text,
+    refuse_unknown,
+    shown,
+)
+from simulator.loads import PATTERNS_C
+from simulator.recording import load_recording, read_recording
+from simulator.scenario import ACTIONS, LOADS, ActionPlan, Expectation, FaultPlan, PhasePlan, Scenario, Start
+
+Item = TypeVar("Item")
+
+START_LIMITS = {
+    "soc": SHARE,
+    "soc_spread": Limits(0, 0.25),
+    "ambient_degc": AMBIENT_DEGC,
+    "sun_w": Limits(0, 5000, "W"),
+    "capacity_spread": Limits(0, 0.3),  # cells lie within three spreads: a tenth of the capacity is left
+    "resistance_spread": Limits(0, 0.3),
+    "capacity_ageing": Limits(0.05, 1.2, "of new"),
+    "resistance_ageing": Limits(0.5, 20, "times new"),
+}
+_POWER_SCALE = Limits(0.01, 4)
+_LAPS = Limits(1, 100, is_whole=True)
+_EVENT_VALUE = Limits(-(2**31), 2**32 - 1, is_whole=True)
+_RELAYS_S = 5.0  # until the relays are closed and a recorded current can flow
+_CELL_PLACE = re.compile(r"([1-9]\d?)/([1-9]\d?)", re.ASCII)
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Read a scenario file, and the recordings that it names.
+
+    Raises:
+        ScenarioError: it cannot be read, is no TOML, or says something that has no meaning.
+    """
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ScenarioError(str(path), str(error)) from error
+    return _scenario(document, path)
+
+
+def recorded_scenario(path: Path) -> Scenario:
+    """Return the scenario that replays a recorded drive from the state it began with.
+
+    Raises:
+        ScenarioError: the file is no recording.
+    """
+    return _scenario(
+        {
+            "title": f"{path.name} again",
+            "description": "A recorded current over the physics, from the charge and in the air of its first row.",
+            "start": {"recording": path.name},
+            "phase": [{"load": "idle", "for_s": _RELAYS_S}, {"load": "recorded", "file": path.name}],
+        },
+        path,
+    )
+
+
+def _scenario(document: dict[str, Any], path: Path) -> Scenario:
+    where, folder = path.name, path.parent
+    phases = _each(document, "phase", where, lambda table: _phase(table, folder))
+    faults = _each(document, "fault", where, _fault)
+    actions = _each(document, "action", where, _action)
+    expected = _each(document, "expect", where, _expect)
+    with _place(f"{where} [start]"):
+        start = _start(_table(document, "start"), folder)
+    with _place(f"{where} [config]"):
+        config = _config(_table(document, "config"))
+    with _place(where):
+        known = {"title", "description", "seed", "loop", "start", "config", "phase", "fault", "action", "expect"}
+        refuse_unknown(document, known)
+        if not phases:
+            raise InputError("phase", "no [[phase]]: nothing would happen")
+        loop = document.get("loop", False)
+        if not isinstance(loop, bool):
+            raise InputError("loop", f"loop = {shown(loop)} is neither true nor false")
+        return Scenario(
+            name=path.stem,
+            title=read_text(document, "title"),
+            description=read_text(document, "description"),
+            seed=int(read_number(document, "seed", SEED, 1)),
+            loop=loop,
+            start=start,
+            config=config,
+            phases=phases,
+            faults=faults,
+            actions=actions,
+            expected=expected,
+        )
+
+
+@contextlib.contextmanager
+def _place(where: str) -> Iterator[None]:
+    """Say where in the file something was refused."""
+    try:
+        yield
+    except (InputError, FaultError, ParameterError, EncodeError) as error:
+        raise ScenarioError(where, str(error)) from error
+
+
+def _each(document: dict[str, Any], key: str, where: str, parse: Callable[[dict[str, Any]], Item]) -> tuple[Item, ...]:
+    items = document.get(key, [])
+    if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
+        raise ScenarioError(where, f"{key} is written as [[{key}]], one table each")
+    parsed = []
+    for n, item in enumerate(items, 1):
+        with _place(f"{where} [[{key}]] {n}"):
+            parsed.append(parse(item))
+    return tuple(parsed)
+
+
+def _table(document: dict[str, Any], key: str) -> dict[str, Any]:
+    table = document.get(key, {})
+    if not isinstance(table, dict):
+        raise InputError(key, f"{key} is written as [{key}], not {key} = {shown(table)}")
+    return table
+
+
+def _start(table: dict[str, Any], folder: Path) -> Start:
+    refuse_unknown(table, {item.name for item in fields(Start)} | {"recording"})
+    recorded = _recorded_start(folder / read_text(table, "recording")) if "recording" in table else {}
+    cells = {}
+    for place, soc in _table(table, "cells").items():
+        match = _CELL_PLACE.fullmatch(place)
+        if match is None:
+            raise InputError("cells", f'cells: write "pack/cell" = soc, not {shown(place)} = {shown(soc)}')
+        cells[str(cell_index(int(match[1]), int(match[2])))] = check_number(f'cells "{place}"', soc, SHARE)
+    defaults = Start()
+    numbers = {
+        name: read_number(table, name, limits, recorded.get(name, getattr(defaults, name)))
+        for name, limits in START_LIMITS.items()
+    }
+    return Start(**numbers, cells=cells)
+
+
+def _recorded_start(path: Path) -> dict[str, float]:
+    recording = read_recording(path)
+    ambient = recording.ambient_degc
+    found = {"soc": recording.start_soc, "ambient_degc": None if ambient is None else float(ambient[0])}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _config(table: dict[str, Any]) -> bytes | None:
+    if not table:
+        return None
+    image = default_image()
+    for name, value in table.items():
+        image = with_value(image, name, value)
+    if errors := check(image):
+        raise InputError("config", errors[0].message)
+    return image
+
+
+def _phase(table: dict[str, Any], folder: Path) -> PhasePlan:
+    load = read_choice(table, "load", LOADS)
+    ends = {"for_s"} if load == "rest" else {"for_s", "until_soc"}
+    refuse_unknown(table, {"load", *ends, *LOADS[load]}, f"with load {load!r}")
+    return PhasePlan(
+        load,
+        for_s=read_optional(table, "for_s", FOR_S),
+        until_soc=read_optional(table, "until_soc", SHARE),
+        current_a=read_number(table, "current_a", CURRENT_A) if load == "constant" else 0.0,
+        power_scale=read_number(table, "power_scale", _POWER_SCALE, 1.0),
+        pattern=read_choice({"pattern": "medium", **table}, "pattern", PATTERNS_C),
+        laps=int(read_number(table, "laps", _LAPS, 22)),
+        recording=load_recording(folder / read_text(table, "file")) if load == "recorded" else None,
+    )
+
+
+def _fault(table: dict[str, Any]) -> FaultPlan:
+    refuse_unknown(table, {"at_s", "name", "pack", "cell", "value", "for_s"})
+    kind = FAULTS[read_choice(table, "name", FAULTS)]
+    target = read_target(kind.target, table)
+    value, for_s = table.get("value"), table.get("for_s")
+    check_fault(kind, target, value, for_s)
+    return FaultPlan(read_number(table, "at_s", AT_S, 0), kind.name, target, value, for_s)
+
+
+def _action(table: dict[str, Any]) -> ActionPlan:
+    name = read_choice(table, "name", ACTIONS)
+    refuse_unknown(table, {"at_s", "name"} | ({"argument"} if name == "soc" else set()), f"with {name!r}")
+    argument = read_number(table, "argument", SHARE) if name == "soc" else None
+    return ActionPlan(read_number(table, "at_s", AT_S, 0), name, argument)
+
+
+def _expect(table: dict[str, Any]) -> Expectation:
+    refuse_unknown(table, {"event", "pack", "cell", "value", "after_s", "before_s"})
+    event = read_choice(table, "event", EventCode.__members__)
+    cell = None
+    if "cell" in table:
+        cell = read_target(Target.CELL, table)
+    elif "pack" in table:
+        cell = read_target(Target.PACK, table) * CELLS_PER_PACK
+    value = read_optional(table, "value", _EVENT_VALUE)
+    after_s = read_number(table, "after_s", AT_S, 0)
+    before_s = float("inf") if "before_s" not in table else read_number(table, "before_s", AT_S)
+    if before_s < after_s:
+        raise InputError("before_s", f"before_s = {before_s:g} is before after_s = {after_s:g}")
+    return Expectation(EventCode[event], cell, None if value is None else int(value), after_s, before_s)
