@@ -136,6 +136,24 @@ describe('the preview of bytes', () => {
     }
   });
 
+  it('packs the flags as the master does, the ninth only where it is known', () => {
+    const snapshot = structuredClone(base);
+    const { offset } = fieldOf('status.flags');
+    const flags = (): (number | null)[] =>
+      [0, 1].map((i) => new Image(struct, snapshot, null).at(offset + i));
+    snapshot.master.flags!.load = true;
+    expect(flags()).toEqual([0b11111101, 1]);
+    snapshot.master.flags!.load = null;
+    expect(flags()).toEqual([0b11111101, null]);
+    snapshot.master.flags = null;
+    expect(flags()).toEqual([null, null]);
+  });
+
+  it('knows the whole charger command', () => {
+    const image = new Image(struct, base, null);
+    expect(image.at(fieldOf('charger.control').offset)).toBe(0);
+  });
+
   it('does not make up what it cannot know', () => {
     expect(new Image(struct, makeSnapshot('empty', 0, 0, 0), null).at(fieldOf('v').offset)).toBeNull();
     expect(new Image(struct, null, null).at(UNUSED)).toBe(0);

@@ -1,7 +1,7 @@
 // CAN tables, pure: which byte of the struct an offset is, what a run of bytes spells, and the bytes as they are now.
 
 import { MASTER_SIZE } from '../generated/memory_map';
-import type { CanMessage, Maybe, RawConfig, Snapshot, StructField } from '../link/types';
+import type { CanMessage, Flags, Maybe, RawConfig, Snapshot, StructField } from '../link/types';
 import { flatRaw } from './draft';
 
 export const UNUSED = 0xffff;
@@ -91,6 +91,18 @@ export function offsetsOf(field: StructField, element: number, order: 'little' |
   return order === 'little' ? up : up.reverse();
 }
 
+const FLAGS: readonly (keyof Flags)[] = [
+  'fit',
+  'usb',
+  'i2c1',
+  'usart1',
+  'can1',
+  'charger',
+  'charging',
+  'balancing',
+  'load',
+];
+
 /** As much of the master's struct as the page can rebuild from what it knows; NaN where it cannot. */
 export class Image {
   private readonly bytes = new Float64Array(MASTER_SIZE).fill(NaN);
@@ -127,6 +139,21 @@ export class Image {
     put('charger.i_set', [charger.asked_current_a]);
     put('charger.v_out', [charger.voltage_v]);
     put('charger.i_out', [charger.current_a]);
+    put('charger.control', [charger.enabled === null ? null : Number(!charger.enabled)]);
+    put('charger.fan_duty', [a.fan_duty]);
+    put('status.can_tx_msg_en', [master.can_tx_enabled]);
+    put('status.can_rx_msg_en', [master.can_rx_enabled]);
+    put('status.can_rx_msg_active', [master.can_rx_active]);
+    put('dod', [master.charge_drawn_ah]);
+    const flags = byName.get('status.flags');
+    if (flags && master.flags) this.writeFlags(flags.offset, master.flags);
+  }
+
+  /** CAN alone may have brought the first eight: then the byte of the ninth is not known. */
+  private writeFlags(offset: number, flags: Flags): void {
+    const bits = FLAGS.reduce((sum, name, bit) => sum | (Number(flags[name] ?? false) << bit), 0);
+    this.bytes[offset] = bits & 0xff;
+    if (flags.load !== null) this.bytes.set([bits >> 8, 0, 0], offset + 1);
   }
 
   /** The byte at an offset, 0 for an unused place, null when it is not known here. */
