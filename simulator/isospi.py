@@ -14,6 +14,7 @@ from firmware_protocol.ltc6804 import GROUP_SIZE, pec15
 
 DATA_WORDS = GROUP_SIZE // 2
 PACKET_WORDS = DATA_WORDS + 1
+_COMMAND_BYTES = 4
 WordArray = NDArray[np.uint16]
 BoolArray = NDArray[np.bool_]
 
@@ -70,18 +71,26 @@ def is_intact(packets: WordArray) -> BoolArray:
     return np.asarray(check_words(packets) == packets[..., DATA_WORDS])
 
 
-def flip_bits(packets: WordArray, rate: float, rng: np.random.Generator) -> None:
+def flip_bits(packets: WordArray | NDArray[np.uint8], rate: float, rng: np.random.Generator) -> None:
     """Disturb packets in place: each bit flips at this rate, at most one a byte."""
     flat = packets.view(np.uint8).reshape(-1)
     hits = np.flatnonzero(rng.random(flat.size) < 8 * rate)
     flat[hits] ^= np.left_shift(1, rng.integers(0, 8, hits.size)).astype(np.uint8)
 
 
+def damaged(packet: bytes, rate: float, rng: np.random.Generator) -> bytes:
+    """Return what arrives of one packet."""
+    arrived = np.frombuffer(packet, dtype=np.uint8).copy()
+    flip_bits(arrived, rate, rng)
+    return arrived.tobytes()
+
+
 def carry(registers: WordArray, silent: BoolArray | None, bit_error_rate: float, rng: np.random.Generator) -> Answers:
     """Return what arrives of all slaves' registers.
 
-    Nothing on a quiet pair changes a packet, and a packet that nothing changed carries the check word that it was
-    made with: then packets need not be made.
+    Each group is asked for by a command of its own; a slave that gets it damaged does not answer. Nothing on a quiet
+    pair changes a packet, and a packet that nothing changed carries the check word that it was made with: then packets
+    need not be made.
 
     Args:
         registers: (n_slaves, words), a multiple of three words.
@@ -93,10 +102,12 @@ def carry(registers: WordArray, silent: BoolArray | None, bit_error_rate: float,
     if silent is None and not bit_error_rate:
         return Answers(groups, _all_intact(groups.shape[:2]), is_whole=True)
     packets = to_packets(groups)
-    if silent is not None:
-        packets[silent] = 0xFFFF
     if bit_error_rate:
         flip_bits(packets, bit_error_rate, rng)
+        unheard = rng.random(groups.shape[:2]) > (1 - 8 * bit_error_rate) ** _COMMAND_BYTES
+        packets[unheard] = 0xFFFF
+    if silent is not None:
+        packets[silent] = 0xFFFF
     intact = is_intact(packets)
     return Answers(packets[..., :DATA_WORDS], intact, is_whole=bool(intact.all()))
 

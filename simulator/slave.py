@@ -22,7 +22,7 @@ from firmware_protocol.ltc6804 import (
 from firmware_protocol.memory_map import CELLS_PER_PACK
 from simulator.conversion import ADCV, ADOW, REFERENCE_START_S, Conversion, decode_conversion
 from simulator.converters import BoolArray, ByteArray, Converters, FloatArray
-from simulator.isospi import PACKET_WORDS, Answers, WordArray, carry, flip_bits
+from simulator.isospi import PACKET_WORDS, Answers, WordArray, carry, damaged, flip_bits
 
 WATCHDOG_S = 2.0
 PORT_IDLE_S = 5.5e-3  # without traffic, then the port has to be woken
@@ -146,8 +146,15 @@ class SlaveChain:
             command, address = _decoded(packet[:4])
         except DecodeError:
             return b""
+        nothing = _IDLE_LINE if command in _READS else b""
         if not self._hears(now_s):
-            return _IDLE_LINE if command in _READS else b""
+            return nothing
+        if self.bit_error_rate:
+            packet = damaged(packet, self.bit_error_rate, self._rng)
+            try:
+                command, address = decode_command(packet)
+            except DecodeError:
+                return nothing
         slaves = _ALL if address is None else slice(address, address + 1)
         if command == Command.WRCFG:
             self._write_configuration(self._chips(slaves), packet[4:], now_s)

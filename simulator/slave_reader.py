@@ -51,6 +51,11 @@ _CONVERSION_TIME_S = {
     )
     if (conversion := decode_conversion(decode_command(packet)[0])) is not None
 }
+_POLL = command_packet(Command.PLADC)
+_BUSY = b"\x00"
+_TRIES = 3
+_WATCHFUL_S = 60.0  # after a damaged packet
+_SWITCHES = 4  # of the configuration, from this byte on
 _BYTE_S = 8e-6  # at 1 MHz
 _COMMAND_S, _GROUP_S = 4 * _BYTE_S, 12 * _BYTE_S
 CHECK_STAGES = 4  # of the self-check: a pattern each, references and multiplexer, wires
@@ -116,6 +121,8 @@ class SlaveReader:
         self.failed_self_test: BoolArray = np.zeros(chain.n_slaves, dtype=bool)
         self._phase = 0
         self._stage = 0
+        self._is_noisy = False  # packets arrived damaged lately: commands may have as well
+        self._quiet_from_s = 0.0
         self._failures: NDArray[np.uint16] = np.zeros(chain.n_slaves, dtype=np.uint16)  # of the check under way
         self.busy_until_s = 0.0
         memory.slave_cvr[:] = memory.slave_temp[:] = CHIP_MISSING
@@ -148,7 +155,10 @@ class SlaveReader:
     def read_temperatures(self) -> None:
         """Read one phase: every other cell's sensor, switched in by its balancing output."""
         selected = _PHASES[self._phase]
-        self._write(selected, None)
+        for _ in range(_TRIES):
+            self._write(selected, None)
+            if not self._is_noisy or self._has_arrived(selected):
+                break
         self._convert(_CONVERT_SENSORS)
         half = self._memory.slave_temp[:, self._phase * CELLS_PER_PACK : (self._phase + 1) * CELLS_PER_PACK]
         self._read_cells_into(half)
@@ -229,9 +239,16 @@ class SlaveReader:
         self.open_wire_cells.reshape(shape)[whole] = is_open[whole]
 
     def _convert(self, packet: bytes) -> None:
-        """Start a conversion and wait until it is over."""
-        self._chain.execute(packet, self.busy_until_s + _COMMAND_S)
-        self.busy_until_s += _COMMAND_S + _CONVERSION_TIME_S[packet]
+        """Start a conversion and wait until it is over; on a noisy pair ask whether it has begun, if not once more."""
+        for _ in range(_TRIES):
+            self.busy_until_s += _COMMAND_S
+            self._chain.execute(packet, self.busy_until_s)
+            if not self._is_noisy:
+                break
+            self.busy_until_s += _COMMAND_S + _BYTE_S
+            if self._chain.execute(_POLL, self.busy_until_s) == _BUSY:
+                break
+        self.busy_until_s += _CONVERSION_TIME_S[packet]
 
     def _read_cells(self) -> Answers:
         return self._received(self._chain.read_cells(self.busy_until_s + _COMMAND_S))
@@ -258,7 +275,10 @@ class SlaveReader:
         n = answers.intact.size
         self.busy_until_s += _GROUP_S * n
         self.packets += n
-        if not answers.is_whole:
+        if answers.is_whole:
+            self._is_noisy = self._is_noisy and self.busy_until_s < self._quiet_from_s
+        else:
+            self._is_noisy, self._quiet_from_s = True, self.busy_until_s + _WATCHFUL_S
             self.packet_errors += n - int(np.count_nonzero(answers.intact))
             self._bad_packets += np.count_nonzero(~answers.intact, axis=1)
             self._memory.slave_com[:, 0] = np.minimum(self._bad_packets, _U16)
@@ -277,10 +297,19 @@ class SlaveReader:
             self._write(row, slave)
 
     def _read_configuration(self) -> None:
-        answers = self._received(self._chain.read_configuration(self.busy_until_s + _COMMAND_S))
-        whole = answers.intact[:, 0]
-        groups = answers.words[:, 0].copy().view(np.uint8)
+        groups, whole = self._configurations()
         self._memory.slave_cfgr[whole] = groups[whole]
+
+    def _configurations(self) -> tuple[NDArray[np.uint8], BoolArray]:
+        """Return (n_slaves, 6) what the chips hold, and which of it arrived intact."""
+        answers = self._received(self._chain.read_configuration(self.busy_until_s + _COMMAND_S))
+        return answers.words[:, 0].copy().view(np.uint8), answers.intact[:, 0]
+
+    def _has_arrived(self, discharging: BoolArray) -> bool:
+        """Return whether the chips that can be read back hold these switches, and there are such."""
+        groups, whole = self._configurations()
+        bits = np.unpackbits(groups[whole, _SWITCHES:], axis=1, bitorder="little")[:, :CELLS_PER_PACK]
+        return bool(whole.any() and (bits == discharging).all())
 
 
 @functools.lru_cache(maxsize=1024)

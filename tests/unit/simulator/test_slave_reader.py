@@ -66,13 +66,28 @@ def test_bleeding_goes_on_after_the_temperatures_were_read(chain, memory, reader
 
 
 def test_a_damaged_packet_keeps_the_old_voltages_and_is_counted(chain, memory, reader):
-    read_voltages(reader, 0.0)
+    read_voltages(reader, 0.1)
+    assert set(np.unique(memory.slave_cvr)) == {37_000}
     chain.bit_error_rate = 5e-3
     chain.converters.cell_v = np.full(96, 3.8)
-    for _ in range(3):
-        read_voltages(reader, 0.02)
+    for k in range(3):
+        read_voltages(reader, 0.12 + 0.02 * k)
     assert reader.packet_errors > 0
     assert set(np.unique(memory.slave_cvr)) <= {37_000, 38_000}
+
+
+def test_damaged_commands_neither_fail_a_self_test_nor_lose_a_temperature(chain, memory, reader):
+    chain.bit_error_rate = 1e-3
+    missing = 0
+    for k in range(50):
+        read_voltages(reader, 1.0 * k)
+        check(reader, 1.0 * k + 0.1)
+        read_temperatures(reader, 1.0 * k + 0.3)
+        read_temperatures(reader, 1.0 * k + 0.5)
+        assert not reader.failed_self_test.any()
+        missing += int(np.count_nonzero(reader.temperatures_degc() == T_MISSING))
+    assert memory.slave_com[:, 0].min() > 100
+    assert missing < 200  # of 4800; every damaged command loses 48
 
 
 def test_damaged_packets_are_counted_in_the_struct_of_their_slave(chain, memory, reader):
