@@ -6,13 +6,12 @@ import pytest
 from playwright.sync_api import expect
 
 
-@pytest.fixture
-def page(service, open_page):
-    return open_page(f"{service.base_url}/#/simulator", quiet=False)  # a refusal is logged by the browser
+@pytest.fixture(params=["desktop", "phone"])
+def page(service, open_page, request):
+    return open_page(f"{service.base_url}/#/simulator", request.param, quiet=False)  # the browser logs a refusal
 
 
 def test_it_tells_what_the_car_does(page):
-    expect(page.get_by_role("link", name="Simulator")).to_be_visible()
     expect(page.get_by_test_id("simulator-scenario")).to_have_text("race-day")
     expect(page.get_by_test_id("scenario-clean-endurance")).to_contain_text("Nothing may trip")
 
