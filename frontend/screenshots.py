@@ -1,18 +1,22 @@
 """Make the documentation's screenshots from a running service: python frontend/screenshots.py URL [FOLDER].
 
-Debian's Chromium does it, driven by Playwright; log-in is not handled, so point it at a service on loopback.
+Debian's Chromium does it, driven by Playwright; log-in is not handled, so point it at a service on loopback. The pages
+of a session show the finished one with most events, so let the service have one, with a trip.
 """
 
 import argparse
 import base64
+import json
 import shutil
 import sys
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from playwright.sync_api import Browser, expect, sync_playwright
 
-PAGES = (
+PAGES = (  # the address is the name of the picture
     "overview",
     "packs",
     "packs/3/7",
@@ -33,26 +37,48 @@ QUALITY = 92
 SETTLE_MS = 3000  # charts have lines and the scales have settled
 
 
-def shots() -> Iterator[tuple[str, str, str, dict[str, int]]]:
-    """Page, theme, name of the size, size: every page dark, light and on a phone, the first two in sunlight too."""
-    for page in PAGES:
-        yield page, "dark", "desktop", DESKTOP
-        yield page, "light", "desktop", DESKTOP
-        yield page, "dark", "phone", PHONE
+def session_pages(url: str) -> dict[str, str]:
+    """Name of the picture to address, of the pages that look back; none where no session is finished."""
+
+    def ask(path: str) -> dict[str, Any]:
+        with urllib.request.urlopen(f"{url.rstrip('/')}/api/v1/{path}", timeout=60) as answer:
+            return dict(json.load(answer))
+
+    finished = [each for each in ask("sessions")["sessions"] if not each["recording"]]
+    if not finished:
+        return {}
+    session = max(finished, key=lambda each: int(each["event_count"]))["id"]
+    pages = {"session": f"sessions/{session}", "passports": "sessions/passport", "bring": "sessions/bring"}
+    pages |= {f"session-{tab}": f"sessions/{session}/{tab}" for tab in ("laps", "report", "take")}
+    boxes = ask(f"sessions/{session}/blackboxes")["boxes"]
+    if boxes:
+        pages["blackbox"] = f"sessions/box/{boxes[0]['id']}"
+        if boxes[0]["cell"] is not None:
+            pages["passport"] = f"sessions/passport/{boxes[0]['cell']}"
+    return pages
+
+
+def shots(url: str) -> Iterator[tuple[str, str, str, str, dict[str, int]]]:
+    """Name, address, theme, name of the size, size: all dark, light and on a phone, the first two in sunlight too."""
+    pages = {page.replace("/", "-"): page for page in PAGES} | session_pages(url)
+    for name, page in pages.items():
+        yield name, page, "dark", "desktop", DESKTOP
+        yield name, page, "light", "desktop", DESKTOP
+        yield name, page, "dark", "phone", PHONE
     for page in PAGES[:2]:
-        yield page, "sun", "desktop", DESKTOP
+        yield page, page, "sun", "desktop", DESKTOP
 
 
 def take(browser: Browser, url: str, folder: Path) -> None:
     """Take all pictures into `folder`."""
-    for page, theme, name, size in shots():
+    for name, page, theme, size_name, size in shots(url):
         context = browser.new_context(viewport=size)
         context.add_init_script(f"localStorage.setItem('voltwall.theme', '{theme}')")
         tab = context.new_page()
         tab.goto(f"{url.rstrip('/')}/#/{page}")
         expect(tab.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live")
         tab.wait_for_timeout(SETTLE_MS)
-        path = folder / f"{page.replace('/', '-')}-{theme}-{name}.webp"
+        path = folder / f"{name}-{theme}-{size_name}.webp"
         session = context.new_cdp_session(tab)
         picture = session.send("Page.captureScreenshot", {"format": "webp", "quality": QUALITY})
         path.write_bytes(base64.b64decode(picture["data"]))
