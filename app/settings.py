@@ -68,7 +68,9 @@ class Settings(BaseSettings):
     bench: bool = Field(
         default=False, description="the CAN bus is a bench's, no car's: frames may be sent onto it by hand"
     )
-    seed: int | None = Field(default=None, description="seed of the simulated accumulator")
+    seed: int | None = Field(
+        default=None, ge=0, le=2**32 - 1, description="seed of the simulated accumulator, 0 to 4294967295"
+    )
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="what is logged")
 
     @property

@@ -210,7 +210,7 @@ def byte_port(text: str) -> BytePort:
     kind, _, rest = text.partition(":")
     if kind == "pty" and rest:
         return PtyPort(rest)
-    if kind == "tcp" and rest.isdecimal() and int(rest) <= 0xFFFF:
+    if kind == "tcp" and rest.isdecimal() and len(rest) <= 5 and int(rest) <= 0xFFFF:
         return TcpPort(int(rest))
     raise PortError(text, "give pty:LINK or tcp:PORT")
 

@@ -60,7 +60,7 @@ def read_recording(path: Path) -> Recording:
             ambient, soc = _first(_AMBIENT_COLUMNS, names), _first(_SOC_COLUMNS, names)
             columns = [name for name in ("time_s", current, ambient, soc) if name is not None]
             values = list(_rows(rows, columns))
-    except (OSError, EOFError, UnicodeDecodeError, zlib.error, csv.Error) as error:
+    except (OSError, EOFError, ValueError, zlib.error, csv.Error) as error:
         raise ParameterError("file", str(path), str(error)) from error
     except InputError as error:
         raise ParameterError("file", str(path), f"line {rows.line_num}: {error}") from error

@@ -10,8 +10,10 @@ from app.decode import CHARGER_FLAGS
 from app.master_events import describe
 from firmware_protocol.memory_map import CONFIG
 from firmware_protocol.messages import Event, EventCode
+from simulator.director import Director
 from simulator.faults import FAULTS
 from simulator.library import library
+from simulator.scenario_file import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 NORWEGIAN = json.loads((ROOT / "frontend/src/words/nb/service.json").read_text())
@@ -34,6 +36,21 @@ def test_every_scenario_fault_and_parameter_is_explained_in_norwegian():
 def test_every_event_of_the_master_is_told_in_norwegian(code):
     event, _ = describe(Event(code, 30, 1, 2, 0), 0)
     assert is_known(event.text), event.text
+
+
+@pytest.mark.parametrize(
+    ("load", "at_s", "action"), [("idle", 4, "charge-start"), ("rest", 2, "store"), ("rest", 9, "reset")]
+)
+def test_what_a_scenario_could_not_do_is_told_in_norwegian(tmp_path, load, at_s, action):
+    path = tmp_path / "any.toml"
+    path.write_text(
+        f'title = "t"\ndescription = "d"\n[[phase]]\nload = "{load}"\nfor_s = 5\n'
+        '[[fault]]\nat_s = 1\nname = "brown-out"\nvalue = 2\n'
+        f'[[action]]\nat_s = {at_s}\nname = "{action}"\n'
+    )
+    director = Director(load_scenario(path), step_s=0.1)
+    director.run(6.0)
+    assert [is_known(notice.text) for notice in director.notices] == [True]
 
 
 def test_the_words_of_the_sources_are_known():

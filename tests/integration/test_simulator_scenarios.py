@@ -85,6 +85,7 @@ def test_what_the_file_expects_happens_and_no_other_trip(name):
         assert matching, f"{item} did not happen; there were {played.events}"
         unexpected = [pair for pair in unexpected if pair not in matching]
     assert unexpected == []
+    assert list(played.director.notices) == []
     if any(phase.load == "charge" for phase in scenario.phases):
         limit_v = played.simulation.master.config.v_cell_chrg * 1e-4
         assert played.highest_v < limit_v + 2e-3

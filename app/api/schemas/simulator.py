@@ -18,6 +18,13 @@ class FaultInForceOut(BaseModel):
     cell: int | None = None
 
 
+class NoticeOut(BaseModel):
+    """Something of the scenario that did not happen as it was planned, and when it should have."""
+
+    at_s: float
+    text: str
+
+
 class SimulatorStatusOut(BaseModel):
     """What happens in the simulated car; `speed` null: as fast as possible."""
 
@@ -31,6 +38,7 @@ class SimulatorStatusOut(BaseModel):
     master_is_running: bool
     relays: Literal["open", "precharge", "precharge failed", "vehicle", "charger"]
     link_v: float  # of the vehicle's capacitor, behind the relays
+    notices: list[NoticeOut]
     active: list[FaultInForceOut]
 
 

@@ -819,6 +819,12 @@ export interface Measured {
   relays_closed: boolean;
 }
 
+/** Something of the scenario that did not happen as it was planned, and when it should have. */
+export interface Notice {
+  at_s: number;
+  text: string;
+}
+
 /** A cell that is unlike the others. */
 export interface OddCell {
   cell: number;
@@ -1191,6 +1197,7 @@ export interface SimulatorStatus {
   master_is_running: boolean;
   relays: 'open' | 'precharge' | 'precharge failed' | 'vehicle' | 'charger';
   link_v: number;
+  notices: Notice[];
   active: FaultInForce[];
 }
 

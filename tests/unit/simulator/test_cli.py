@@ -62,8 +62,9 @@ def test_an_option_that_makes_no_sense_is_refused_with_its_limit(capsys, option,
     assert limit in last
 
 
-def test_a_control_port_that_is_none_is_one_line(capsys):
-    assert main(["--control", "99999"]) == 1
+@pytest.mark.parametrize("option", ["--control=99999", "--serial=tcp:99999", f"--serial=tcp:{'9' * 5000}"], ids=len)
+def test_a_port_that_is_none_is_one_line(capsys, option):
+    assert main([option]) == 1
     assert capsys.readouterr().err.count("\n") == 1
 
 

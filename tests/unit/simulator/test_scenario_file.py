@@ -105,6 +105,7 @@ def test_a_file_is_read_as_people_wrote_it(tmp_path):
         ('load = "constant"\ncurrent_a = 20', 'load = "pattern"\npattern = "brutal"', "'brutal' is none of hard"),
         ('load = "constant"\ncurrent_a = 20', 'load = "recorded"', "file is missing"),
         ('load = "constant"\ncurrent_a = 20', 'load = "recorded"\nfile = "no.csv"', r"no\.csv"),
+        ('load = "constant"\ncurrent_a = 20', 'load = "recorded"\nfile = "a\\u0000b"', "null byte"),
         ("at_s = 10", "at_s = -5", r"at_s = -5 is outside 0\.\."),
         ("at_s = 10", "at_s = nan", "at_s = nan is outside"),
         ("pack = 3", "pack = 3.7", r"pack = 3\.7 is outside the whole numbers 1\.\.8"),

@@ -19,6 +19,7 @@ export const SIMULATOR = {
   Link: 'Mellomkrets',
   'not answering: {why}': 'svarer ikke: {why}',
   'Next phase': 'Neste fase',
+  'Not as planned': 'Ikke som planlagt',
   'Pull the RS232 cable for': 'Trekk ut RS232-kabelen i',
   's, at most 3600': 's, høyst 3600',
   Unplug: 'Trekk ut',
