@@ -8,7 +8,7 @@ from simulator.board import Board
 from simulator.converters import BoolArray
 from simulator.memory import Config, MasterMemory
 from simulator.protection import Reading
-from simulator.sensors import ADC_MAX
+from simulator.sensors import ADC_MAX, UNPLUGGED_COUNT, UNPLUGGED_WIDTH
 from simulator.slave_reader import CHECK_STAGE_S, CHECK_STAGES, STATUS_ACTIVE, STATUS_FAULT, SlaveReader
 
 READY_S = 0.5  # both temperature phases read, the voltage filter settled
@@ -89,7 +89,9 @@ class Measurement:
         i_fc = _amperes_raw(config, sum(averaged) / len(averaged))
         self._i_fc_hp += (i_fc - self._i_fc_hp) * min(dt_s / HIGH_PRECISION_TIME_S, 1.0)
         self._memory.set_currents(i_fs, i_fc, round(self._i_fc_hp))
-        return i_fc, latest in (0, ADC_MAX)
+        # an open input stands still there; a current does not for as long as it takes to trip
+        is_open = abs(latest - UNPLUGGED_COUNT) <= UNPLUGGED_WIDTH
+        return i_fc, is_open or latest in (0, ADC_MAX)
 
     def _kept_with(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Keep the samples of this pass for an average longer than a pass; return all that are kept."""

@@ -1,6 +1,7 @@
 """Multi-winding transformer, forward: the fullest cell drives its winding and the stack takes what comes out.
 
-Solved as a circuit of voltages and resistances; ideal coupling, the magnetising current returns through the stack.
+Solved as a circuit of voltages and resistances; ideal coupling. A winding of its own returns the magnetising current to
+the stack through a second diode, and with it the flux to where it began, before the next period.
 """
 
 from __future__ import annotations
@@ -15,21 +16,28 @@ from simulator.errors import ParameterError
 
 @dataclass(frozen=True)
 class TransformerParameters:
-    """One primary winding with its switch per cell, one secondary with a diode over the whole stack."""
+    """One primary winding with its switch per cell; a secondary and a reset winding, each with a diode, over the stack."""
 
     switch_ohm: float = 0.5
     primary_ohm: float = 0.02
     secondary_ohm: float = 0.3
     diode_v: float = 0.45
     turns_per_cell: float = 1.35  # turns ratio over the number of cells; above 1 by what the losses need
+    reset_turns_per_cell: float = 1.0  # of the reset winding; fewer reset the core sooner, at a higher voltage
     duty: float = 0.45  # the core resets in the rest of the period
+    highest_over_mean: float = 1.2  # voltage of the cell that drives over the mean of the stack, up to which it does
     magnetising_h: float = 2.0e-4
     frequency_hz: float = 20e3
     soc_difference: float = 1e-3
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.duty <= 0.5:
-            raise ParameterError("duty", self.duty, "0 to 0.5: the core has to reset")
+        if not self.reset_turns_per_cell > 0.0:
+            raise ParameterError("reset_turns_per_cell", self.reset_turns_per_cell, "above 0")
+        longest = 1.0 / (1.0 + self.highest_over_mean * self.reset_turns_per_cell)
+        if not 0.0 < self.duty <= longest:
+            raise ParameterError(
+                "duty", self.duty, f"above 0, at most {longest:.3g}: the core has to reset in the rest"
+            )
 
 
 @dataclass(frozen=True)
@@ -39,6 +47,7 @@ class Transfer:
     cell_current_a: FloatArray  # (n,) mean current out of each cell, negative into it
     loss_w: float  # in switch, windings and diode
     efficiency: float  # power into the stack over power out of the cell
+    reset_share: float  # of the period, until the magnetising current is back at zero
 
 
 class MultiWindingTransformer:
@@ -56,8 +65,9 @@ class MultiWindingTransformer:
         """Return the mean currents with the winding of `cell` switched, at the (n,) voltages.
 
         Switch closed: m (V - R_p I_p) = V_stack + V_d + R_s I_s with I_p = m I_s, m the turns ratio; nothing flows if
-        the left side cannot reach the right. The magnetising current rises to V D T / L and falls back into the stack
-        through the diode, with the energy it holds.
+        the left side cannot reach the right. The magnetising current rises to V D T / L. When the switch opens it flows
+        through the reset winding into the stack, with the energy it holds, against (V_stack + V_d) / m_r, m_r the turns
+        ratio of that winding: volt-seconds are equal after D V m_r / (V_stack + V_d) of the period.
         """
         p = self.parameters
         ratio = p.turns_per_cell * self.n_cells
@@ -75,4 +85,5 @@ class MultiWindingTransformer:
         current_a[cell] += drawn_a
         given_w = cell_v * drawn_a
         taken_w = stack_v * (secondary_a * p.duty + returned_a)
-        return Transfer(current_a, given_w - taken_w, taken_w / given_w)
+        reset_share = p.duty * cell_v * p.reset_turns_per_cell * self.n_cells / (stack_v + p.diode_v)
+        return Transfer(current_a, given_w - taken_w, taken_w / given_w, reset_share)

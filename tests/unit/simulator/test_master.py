@@ -148,6 +148,25 @@ def test_a_trip_outlives_the_master_s_restart(host, cause):
     assert host.simulation.master.relay_state is RelayState.VEHICLE
 
 
+def test_a_current_sensor_that_is_off_trips_whatever_the_limit(host):
+    host.ask(Write(0, host.config(i_disc_max=320)))
+    start_driving(host)
+    FaultBoard(host.simulation).inject("current-unplugged")
+    host.run(0.7)
+    trips = [code for event in host.events if (code := EventCode(event.code)).name.startswith("TRIP_")]
+    assert trips == [EventCode.TRIP_SENSOR_LOST]
+    assert host.simulation.master.relay_state is RelayState.OPEN
+
+
+def test_a_current_that_passes_where_an_open_input_stands_does_not_trip(host):
+    host.ask(Write(0, host.config(i_disc_max=320)))
+    start_driving(host, 290.0)
+    for amperes in (306.0, 308.0, 310.0, 312.0):
+        host.simulation.set_load(ConstantCurrent(amperes))
+        host.run(0.3)
+    assert host.simulation.master.protection.is_ok
+
+
 def test_cells_of_a_lost_slave_are_missing_and_not_zero_volts_for_the_minimum(host):
     host.simulation.receive(b"x")
     host.simulation.board.chain.set_powered(7, False)

@@ -38,6 +38,25 @@ def test_too_few_turns_move_nothing_but_the_magnetising_energy():
     assert np.abs(moved.cell_current_a).max() < 1e-6
 
 
-def test_a_core_that_cannot_reset_is_refused():
+def test_the_core_is_reset_before_the_next_period_at_any_voltage_it_is_meant_for():
+    p = TransformerParameters()
+    for over_mean in (1.0, 1.1, p.highest_over_mean):
+        others_v = 3.5
+        cell_v = 5 * others_v * over_mean / (6 - over_mean)
+        moved = MultiWindingTransformer(p, 6).transfer(0, np.array([cell_v, *[others_v] * 5]))
+        assert p.duty + moved.reset_share <= 1.0
+
+
+def test_volt_seconds_of_the_reset_are_those_of_the_on_time():
+    p = TransformerParameters(reset_turns_per_cell=0.8)
+    moved = MultiWindingTransformer(p, 6).transfer(0, VOLTS)
+    reset_v = (VOLTS.sum() + p.diode_v) / (0.8 * 6)
+    assert moved.reset_share * reset_v == pytest.approx(p.duty * VOLTS[0])
+
+
+@pytest.mark.parametrize(
+    "changes", [{"duty": 0.6}, {"duty": 0.0}, {"reset_turns_per_cell": 1.35}, {"reset_turns_per_cell": 0.0}]
+)
+def test_a_core_that_cannot_reset_is_refused(changes):
     with pytest.raises(ParameterError):
-        TransformerParameters(duty=0.6)
+        TransformerParameters(**changes)
