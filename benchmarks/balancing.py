@@ -7,6 +7,7 @@ pictures (needs matplotlib). Parts: charging, passive, threshold, transformer, c
 from __future__ import annotations
 
 import argparse
+import itertools
 import time
 from pathlib import Path
 
@@ -32,6 +33,11 @@ from simulator.balancing.transformer import TransformerParameters
 CELL_OHM = 0.0082
 RESISTORS_OHM = (10, 20, 30, 40, 50, 60, 70, 80)
 PASSIVE_C = (0.25, 0.5, 1.0, 2.0)
+# of the search for switched capacitors, and values between them that were looked at besides
+SWEEP_MICRO = (22.0, 100.0, 470.0, 1000.0, 4700.0)  # capacitors [uF]
+SWEEP_KILO = (10.0, 50.0, 100.0)  # [kHz]
+SWEEP_MILLI = (1.0, 3.0, 10.0, 100.0)  # switches [mohm]
+SWEEP_BETWEEN = ((150.0, 100.0, 3.0), (200.0, 100.0, 3.0))
 TRANSFORMER_C = (0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 # Hours, highest temperature [degC], final difference [%]; None where the thesis's run was stopped at 40 degC.
 THESIS_PASSIVE = {
@@ -173,22 +179,20 @@ def capacitor(folder: Path | None) -> None:
         "|---|---|---|---|---|---|"
     )
     sweep = []
-    for micro in (22.0, 100.0, 470.0, 1000.0, 4700.0):
-        for kilo in (10.0, 50.0, 100.0):
-            for milli in (1.0, 3.0, 10.0, 100.0):
-                values = SwitchedCapacitorParameters(micro * 1e-6, milli * 1e-3, kilo * 1e3, cell_ohm=CELL_OHM)
-                plan = ChargePlan(RATED_AH, dt_s=10.0, control_period_s=10.0)
-                accumulator = cells()
-                balancer = CapacitorBalancing(accumulator, values)
-                result = charge(accumulator, balancer, plan)
-                equaliser = balancer.equalisers[0]
-                slowest_ohm = equaliser.slowest_pattern_ohm()
-                sweep.append((slowest_ohm, 100 * result.soc_difference))
-                if kilo == 100.0 and milli in (1.0, 3.0, 10.0):
-                    print(
-                        f"| {micro:g} | {kilo:g} | {milli:g} | {1e3 * equaliser.transfer_ohm():.1f} |"
-                        f" {1e3 * slowest_ohm:.0f} | {100 * result.soc_difference:.3f} |"
-                    )
+    for micro, kilo, milli in sorted({*itertools.product(SWEEP_MICRO, SWEEP_KILO, SWEEP_MILLI), *SWEEP_BETWEEN}):
+        values = SwitchedCapacitorParameters(micro * 1e-6, milli * 1e-3, kilo * 1e3, cell_ohm=CELL_OHM)
+        plan = ChargePlan(RATED_AH, dt_s=10.0, control_period_s=10.0)
+        accumulator = cells()
+        balancer = CapacitorBalancing(accumulator, values)
+        result = charge(accumulator, balancer, plan)
+        equaliser = balancer.equalisers[0]
+        slowest_ohm = equaliser.slowest_pattern_ohm()
+        sweep.append((slowest_ohm, 100 * result.soc_difference))
+        if kilo == 100.0 and milli in (1.0, 3.0, 10.0):
+            print(
+                f"| {micro:g} | {kilo:g} | {milli:g} | {1e3 * equaliser.transfer_ohm():.1f} |"
+                f" {1e3 * slowest_ohm:.0f} | {100 * result.soc_difference:.3f} |"
+            )
     if folder:
         plots.capacitor(trials, sweep, folder / "balancing-capacitor.svg")
 
@@ -197,7 +201,7 @@ def accumulator_96(folder: Path | None) -> None:
     """Balance all 96 modules at rest by each method, from one start."""
     parts = {
         "passive 23.5 ohm": "96 MOSFETs, 192 resistors (in the slaves already)",
-        "transformer per pack": "8 transformers of 13 windings, 96 MOSFETs, 8 diodes",
+        "transformer per pack": "8 transformers of 14 windings, 96 MOSFETs, 16 diodes",
         "capacitors per pack": "88 capacitor banks, 192 MOSFETs",
         "capacitors, one chain": "95 capacitor banks, 192 MOSFETs",
     }

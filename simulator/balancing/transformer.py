@@ -16,7 +16,7 @@ from simulator.errors import ParameterError
 
 @dataclass(frozen=True)
 class TransformerParameters:
-    """One primary winding with its switch per cell; a secondary and a reset winding, each with a diode, over the stack."""
+    """A primary winding with its switch per cell; over the stack a secondary and a reset winding, each with a diode."""
 
     switch_ohm: float = 0.5
     primary_ohm: float = 0.02

@@ -2,15 +2,18 @@
 
 import functools
 import math
+from dataclasses import replace
 
 import pytest
 
 from firmware_protocol.eeprom import newest
 from firmware_protocol.framing import BadFrame, FrameDecoder
+from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import Event, EventCode, MessageType, Result, decode_message
 from simulator.charging import ChargingState
 from simulator.director import Director
 from simulator.library import find_scenario, library
+from simulator.master import PASS_S
 from simulator.memory import FLAG
 from simulator.scenario import Scenario
 
@@ -21,8 +24,10 @@ LIMIT_S = 30_000.0
 class Played:
     """A scenario from its start to its end, with everything that the master told."""
 
-    def __init__(self, scenario: Scenario, *, listen: bool = False) -> None:
-        self.director = Director(scenario, step_s=step_s(scenario))
+    def __init__(
+        self, scenario: Scenario, *, listen: bool = False, pass_s: float | None = None, until_s: float = LIMIT_S
+    ) -> None:
+        self.director = Director(scenario, step_s=pass_s or step_s(scenario))
         self.simulation = self.director.simulation
         self.simulation.serial_out = self._take
         self._decoder = FrameDecoder()
@@ -33,10 +38,16 @@ class Played:
         if listen:
             self.director.run(1.0)
             self.simulation.receive(b"x")
-        end_s = LOOPING_S if scenario.loop else LIMIT_S
+        before_step = self.simulation.before_step
+
+        def watch(at_s: float) -> None:
+            self.highest_v = max(self.highest_v, float(self.simulation.accumulator.terminal_voltage_v.max()))
+            before_step(at_s)
+
+        self.simulation.before_step = watch
+        end_s = LOOPING_S if scenario.loop else until_s
         while not self.director.is_over and self.simulation.now_s < end_s:
             self.director.run(5.0)
-            self.highest_v = max(self.highest_v, float(self.simulation.accumulator.terminal_voltage_v.max()))
 
     def _take(self, data: bytes) -> None:
         for item in self._decoder.feed(data):
@@ -104,6 +115,29 @@ def test_charging_goes_through_its_states_once(name):
     ]
     accumulator = played.simulation.accumulator
     assert accumulator.soc.min() > 0.9
+
+
+@pytest.mark.parametrize(
+    ("name", "start_soc", "until_s"), [("charging", 0.952, 300.0), ("charging-cold", 0.925, 240.0)]
+)
+def test_at_the_master_s_own_pass_no_cell_is_overcharged(name, start_soc, until_s):
+    """The minutes in which the first cell reaches its limit, and those in which the current comes back."""
+    scenario = find_scenario(name)
+    full = replace(scenario, start=replace(scenario.start, soc=start_soc), expected=())
+    played = Played(full, pass_s=PASS_S, until_s=until_s)
+    states = [ChargingState(event.value) for _, event in played.happened(EventCode.CHARGER_STATE)]
+    assert ChargingState.CONSTANT_VOLTAGE in states
+    limit_v = played.simulation.master.config.v_cell_chrg * 1e-4
+    assert limit_v - 2e-3 < played.highest_v < limit_v + 2e-3
+
+
+def test_a_drifting_current_sensor_shows_in_the_count_and_not_in_the_cells():
+    played = played_once("drifting-sensor")
+    memory, accumulator = played.simulation.master.memory, played.simulation.accumulator
+    counted_soc = FIELDS["soc"].unpack(memory.image)[0] * 1e-4
+    missed_soc = 3.0 * 595.0 / 3600.0 / accumulator.capacity_ah.mean()
+    assert counted_soc - accumulator.soc.mean() == pytest.approx(missed_soc, abs=0.6 * missed_soc)
+    assert played.simulation.master.protection.is_ok
 
 
 def test_unbalanced_cells_are_brought_together():

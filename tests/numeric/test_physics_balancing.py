@@ -81,9 +81,10 @@ def test_a_milliohm_and_empty_capacitors_discharge_the_cells():
     assert accumulator.soc.mean() < 0.2
 
 
-def test_small_fast_capacitors_balance_in_one_charge():
+@pytest.mark.parametrize("farad", [200e-6, 1e-3])
+def test_small_fast_capacitors_balance_in_one_charge(farad):
     accumulator = cells()
-    values = SwitchedCapacitorParameters(1e-3, 0.003, 1e5, cell_ohm=CELL_OHM)
+    values = SwitchedCapacitorParameters(farad, 0.003, 1e5, cell_ohm=CELL_OHM)
     result = charge(accumulator, CapacitorBalancing(accumulator, values), plan(1.0))
     assert result.soc_difference < 0.001
     assert result.max_degc < 26.0
