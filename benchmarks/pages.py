@@ -252,7 +252,7 @@ def main() -> None:
                 live(browser, url, args.minutes)
         if args.only != "live":
             data = Path(folder) / "long"
-            path = long_session(data / "sessions", args.ts, args.hours)
+            path, _ = long_session(data / "sessions", args.ts, args.hours)
             with served(data) as url:
                 scrub(browser, url, path.stem)
         browser.close()

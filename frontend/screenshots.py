@@ -77,6 +77,7 @@ def take(browser: Browser, url: str, folder: Path) -> None:
         tab = context.new_page()
         tab.goto(f"{url.rstrip('/')}/#/{page}")
         expect(tab.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live")
+        expect(tab.get_by_text("Reading the whole session.")).to_have_count(0, timeout=60_000)
         tab.wait_for_timeout(SETTLE_MS)
         path = folder / f"{name}-{theme}-{size_name}.webp"
         session = context.new_cdp_session(tab)

@@ -58,6 +58,24 @@ describe('alarmSpans', () => {
     ]);
   });
 
+  it('of the master end with its own words, and a start has no length', () => {
+    const own = alarmSpans(
+      [
+        event(1, 'boot', 'watch'),
+        event(2, 'eeprom-invalid', 'warning'),
+        event(3, 'trip-t-max', 'trip'),
+        event(5, 'faults-cleared', 'info'),
+        event(7, 'config-stored', 'info'),
+      ],
+      60,
+    );
+    expect(own.map((s) => [s.code, s.from, s.to])).toEqual([
+      ['boot', 1, 1],
+      ['eeprom-invalid', 2, 7],
+      ['trip-t-max', 3, 5],
+    ]);
+  });
+
   it('lie in one lane a code, the worst on top', () => {
     const again = alarmSpans([event(1, 'a', 'watch'), event(2, 'b', 'trip'), event(3, 'a', 'watch')], 9);
     expect(lanes(again).map((row) => [row[0]!.code, row.length])).toEqual([

@@ -52,16 +52,22 @@ export interface AlarmSpan {
 
 const RANK: Record<Severity, number> = { watch: 0, warning: 1, trip: 2 };
 
-/** Alarms as spans: from the event that names one to the info event of the same code that ends it. */
+const MOMENTARY = new Set(['boot', 'can-rx-timeout']);
+const ends = (info: string, code: string): boolean =>
+  info === code ||
+  (info === 'faults-cleared' && code.startsWith('trip-')) ||
+  (info === 'config-stored' && code === 'eeprom-invalid');
+
+/** Alarms as spans: from the event that names one to the info event that ends it; what only happened has no length. */
 export function alarmSpans(events: readonly SessionEvent[], end: number): AlarmSpan[] {
   const open = new Map<string, AlarmSpan>();
   const spans: AlarmSpan[] = [];
   for (const e of events) {
     if (e.severity === 'info') {
-      const span = open.get(e.code);
-      if (span) {
+      for (const [code, span] of open) {
+        if (!ends(e.code, code)) continue;
         span.to = e.time;
-        open.delete(e.code);
+        open.delete(code);
       }
       continue;
     }
@@ -71,11 +77,11 @@ export function alarmSpans(events: readonly SessionEvent[], end: number): AlarmS
       text: e.text,
       cell: e.cell,
       from: e.time,
-      to: end,
+      to: MOMENTARY.has(e.code) ? e.time : end,
     };
     const before = open.get(e.code);
     if (before) before.to = e.time;
-    open.set(e.code, span);
+    if (!MOMENTARY.has(e.code)) open.set(e.code, span);
     spans.push(span);
   }
   return spans;
