@@ -85,7 +85,8 @@ def check(race: DayRace) -> list[str]:
             for part in (1.0, 0.1, 0.002):
                 end_s = info.started_wall_ns / 1e9 + info.duration_s * part
                 answered_s, series = timed(partial(session.series, [signal], None, end_s))
-                print(f"2,000 points of {signal} over {part:g} of it: {1000 * answered_s:.0f} ms, {len(series[signal].time_s)}")
+                points = len(series[signal].time_s)
+                print(f"2,000 points of {signal} over {part:g} of it: {1000 * answered_s:.0f} ms, {points}")
         reported_s, report = timed(lambda: report_of(session))
         print(f"report in {reported_s:.1f} s: {report.headline}")
         print(f"{len(report.laps.laps)} laps, {len(report.events)} events")
