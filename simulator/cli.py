@@ -32,7 +32,7 @@ examples:
   voltwall simulate --serial pty:/tmp/master --can socketcan:vcan0 --eeprom eeprom.bin
   voltwall simulate --list
 """
-EXIT_OK, EXIT_FAILED = 0, 1
+EXIT_OK, EXIT_FAILED = 0, 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -118,6 +118,8 @@ def _simulate(arguments: argparse.Namespace) -> None:
         if control is not None:
             control.open(runner.selector)
             print(f"control: {control.url}", flush=True)
+        if serial is None and not can and control is None:
+            print("voltwall simulate: nothing can reach it: give --serial, --can or --control", file=sys.stderr)
         print("ready", flush=True)
         if arguments.with_parent:
             threading.Thread(target=_stop_with_parent, args=(runner,), daemon=True).start()

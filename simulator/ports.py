@@ -72,7 +72,6 @@ class PtyPort:
             self._master, self._slave = pty.openpty()
             tty.setraw(self._slave)
             os.set_blocking(self._master, False)
-            self._link.parent.mkdir(parents=True, exist_ok=True)
             self._link.unlink(missing_ok=True)
             self._link.symlink_to(os.ttyname(self._slave))
         except OSError as error:

@@ -200,7 +200,7 @@ def test_a_file_in_the_way_is_left_alone(tmp_path):
         text=True,
         timeout=WAIT_S,
     )
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "in the way" in done.stderr
     assert path.read_text() == "precious"
 
@@ -274,6 +274,7 @@ def test_as_fast_as_possible_is_faster_than_the_clock(simulator):
     [
         ["--serial", "serial:/dev/null"],
         ["--serial", "tcp:70000"],
+        ["--serial", "pty:/nowhere/master"],
         ["--can", "nonsense"],
         ["--can", "slcan-tcp:x"],
         ["--can", "no-such-interface:0"],
@@ -285,7 +286,7 @@ def test_what_cannot_be_opened_is_said_in_one_line(arguments):
     done = subprocess.run(
         [sys.executable, "-m", "simulator.cli", *arguments], capture_output=True, text=True, timeout=WAIT_S
     )
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert done.stderr.startswith("voltwall simulate: ")
     assert len(done.stderr.splitlines()) == 1
 
