@@ -7,7 +7,7 @@ a current that is constant over the step (exponentials, not differences), so no 
 from __future__ import annotations
 
 import numpy as np
-from numpy import add, arcsinh, copysign, expm1, multiply, subtract
+from numpy import add, arcsinh, copysign, expm1, minimum, multiply, subtract
 
 from simulator.cell_data import (
     FARADAY_C_PER_MOL,
@@ -106,7 +106,10 @@ class CellArray:
         self._hysteresis_limit_v = np.full(n, self.model.hysteresis_v)
         self._negative = np.full(n, -1.0)
         self._work = np.empty(n)
-        self._wasted_a = np.empty(n)
+        self._charging_a = np.empty(n)
+        self._charging_w = np.zeros(n)  # into the equilibrium, waste included
+        self._wasted_soc = np.empty(n)  # an ampere and step
+        self._zeros = np.zeros(n)
         self._heat_w = np.zeros(n)
         self._turned_v2 = np.zeros(n)
         self._loss_j = np.zeros(n)
@@ -157,6 +160,7 @@ class CellArray:
         per_amp[pairs + _OHMIC] = self.ohmic_ohm
         np.divide(self.charge_transfer_ohm, self._asinh_v, out=per_amp[pairs + _TRANSFER])
         np.divide(dt_s, self._capacity_coulomb, out=per_amp[-1])
+        np.multiply(per_amp[-1], self._wasted_per_amp, out=self._wasted_soc)
 
     def step(self, dt_s: float, current_a: FloatArray, *, is_charging: bool = False) -> None:
         """Advance by `dt_s` >= 0 with a current that is constant over the step; afterwards `voltage_v` is up to date.
@@ -179,15 +183,14 @@ class CellArray:
 
         multiply(self._per_amp, current_a, self._driven)
         if is_wasting:
-            np.minimum(current_a, 0.0, out=self._wasted_a)
-            multiply(self._wasted_a, self._wasted_per_amp, self._wasted_a)
-            multiply(self._wasted_a, self._per_amp[-1], work)
+            minimum(current_a, self._zeros, out=self._charging_a)
+            multiply(self._charging_a, self._wasted_soc, work)
             subtract(self._driven_soc, work, self._driven_soc)
         subtract(self.soc, self._driven_soc, self.soc)
         self.ocv_v[:] = np.interp(self.soc, self._ocv_soc, self._ocv_table)
         if is_wasting:
-            multiply(self.ocv_v, self._wasted_a, work)
-            subtract(heat_w, work, heat_w)
+            multiply(self.ocv_v, self._charging_a, work)
+            subtract(self._charging_w, work, self._charging_w)
 
         copysign(turn_v, self._negative, work)
         expm1(work, self._turn_closing)
@@ -275,9 +278,10 @@ class CellArray:
 
     def _settle(self) -> None:
         if self._n_steps:
-            self._loss_j += self._heat_w * self._dt_s
+            self._loss_j += (self._heat_w + self._wasted_per_amp * self._charging_w) * self._dt_s
             if self.model.hysteresis_v > 0.0:
                 self._loss_j += self._turned_v2 * (self._turning_coulomb / self.model.hysteresis_v)
             self._heat_w[:] = 0.0
+            self._charging_w[:] = 0.0
             self._turned_v2[:] = 0.0
             self._n_steps = 0
