@@ -11,6 +11,7 @@ from typing import Any
 from app.bench.numerics import CHIP_US, chain_rates, filter_pass_us
 from app.bench.service import at_line_limit, simulated
 from app.chain import Chain
+from app.commands.number import between
 from app.errors import ConfigError
 
 MIN_SECONDS, MAX_SECONDS = 1.0, 86400.0
@@ -19,20 +20,15 @@ Row = tuple[str, str, str]  # what, figure, method
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What to measure and for how long."""
-    parser.add_argument("--seconds", type=_seconds, default=30.0, help="of each run of the service (default: 30)")
+    parser.add_argument(
+        "--seconds",
+        type=between(MIN_SECONDS, MAX_SECONDS, "s"),
+        default=30.0,
+        help="of each run of the service (default: 30)",
+    )
     parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or name (default: %(default)s)")
     parser.add_argument("--estimation", action="store_true", help="the estimators beside their peers (from a checkout)")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = 0.0
-    if not MIN_SECONDS <= seconds <= MAX_SECONDS:
-        raise argparse.ArgumentTypeError(f"{text!r} is not {MIN_SECONDS:g} to {MAX_SECONDS:g} s")
-    return seconds
 
 
 def run(args: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from app.analysis.expectations import Expectations
 from app.api.encode import snapshot_json
 from app.chain import Chain
 from app.commands.chosen_session import add_data_argument, add_session_argument, find_session
+from app.commands.number import between
 from app.commands.serve import serve
 from app.debrief.proof import prove
 from app.errors import ConfigError
@@ -33,7 +34,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What and how."""
     add_session_argument(parser)
     add_data_argument(parser)
-    parser.add_argument("--speed", type=_speed, default=1.0, help="0.1 to 100 times real time (default: 1)")
+    parser.add_argument(
+        "--speed",
+        type=between(MIN_SPEED, MAX_SPEED, "times real time"),
+        default=1.0,
+        help="0.1 to 100 times real time (default: 1)",
+    )
     parser.add_argument("--json", action="store_true", help="print every snapshot as a line of JSON, without a server")
     parser.add_argument(
         "--assert",
@@ -57,16 +63,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: 127.0.0.1)")
     parser.add_argument("--port", type=int, default=8000, help="port to listen on; 0 takes a free one (default: 8000)")
-
-
-def _speed(text: str) -> float:
-    try:
-        speed = float(text)
-    except ValueError:
-        speed = 0.0
-    if not MIN_SPEED <= speed <= MAX_SPEED:
-        raise argparse.ArgumentTypeError(f"{text!r} is not {MIN_SPEED:g} to {MAX_SPEED:g} times real time")
-    return speed
 
 
 def run(args: argparse.Namespace) -> int:
