@@ -5,6 +5,7 @@ from pathlib import Path
 
 import can
 
+from app.errors import ConfigError
 from app.sessions.export.table import SignalTable
 from app.telemetry import CanItem
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
@@ -54,8 +55,12 @@ LOG_FORMATS: dict[str, tuple[str, Callable[[Path], Writer]]] = {
 
 
 def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
-    """Write the frames of the table's range; its signals have no part in it."""
-    session = table.session
+    """Write the frames of the table's range; its signals have no part in it.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    session, is_empty = table.session, True
     for frame in session.can_frames(table.t_from_s, table.t_to_s):
         message = can.Message(
             timestamp=session.unix_s(frame.t_mono_ns),
@@ -65,3 +70,6 @@ def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
             channel=channel,
         )
         writer.on_message_received(message)
+        is_empty = False
+    if is_empty:
+        raise ConfigError("session", session.info.id, "one with CAN frames in this range")

@@ -51,6 +51,13 @@ def test_can_logs_are_read_by_python_can(session: SessionFile, tmp_path: Path, n
     assert [m.timestamp for m in messages] == pytest.approx([session.unix_s(f.t_mono_ns) for f in expected], abs=2e-3)
 
 
+@pytest.mark.parametrize("name", ["candump", "asc", "blf"])
+def test_a_range_without_can_frames_is_said_and_leaves_no_file(session: SessionFile, tmp_path: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match="CAN frames"):
+        export(session, tmp_path / "log", name, t_from_s=WALL_S + 20)
+    assert not (tmp_path / "log").exists()
+
+
 def test_an_asc_log_is_read_by_python_can(session: SessionFile, tmp_path: Path) -> None:
     export(session, tmp_path / "log.asc", "asc")
     with can.ASCReader(str(tmp_path / "log.asc")) as log:
@@ -140,7 +147,7 @@ def test_laps_stand_beside_the_ld_file_as_beacons(session: SessionFile, tmp_path
     assert [float(marker.attrib["Time"]) for marker in root.iter("Marker")] == pytest.approx([10e6, 20e6])
 
 
-@pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"ldx"}))
+@pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"ldx", "candump", "asc", "blf"}))
 def test_a_session_without_samples_gives_a_file(recorder: Recorder, tmp_path: Path, name: str) -> None:
     if name in ("mcap", "mf4"):
         pytest.importorskip({"mcap": "mcap", "mf4": "asammdf"}[name])
