@@ -70,5 +70,3 @@ def test_a_step_that_is_none_is_refused(guard, dt_s):
 def test_arrays_of_another_length_are_refused_by_name(guard, volts, degc, name):
     with pytest.raises(ShapeError, match=name):
         guard.check(0.1, 0.0, volts, degc)
-    with pytest.raises(ShapeError, match=name):
-        guard.put(volts, degc, np.empty(4))
