@@ -2,7 +2,6 @@
 
 import contextlib
 import logging
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -11,19 +10,9 @@ from urllib.parse import parse_qsl
 from app.errors import ConfigError, LinkLost
 from app.links.backoff import Backoff
 from app.links.can_controller import ControllerWatch
+from app.links.python_can import can
 from app.telemetry import CanFault, CanItem, Item, LinkChange
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
-
-# python-can tries to import asammdf for files that nobody reads here; where that is installed (for exports) it brings
-# pandas and pyarrow along: 80 MB and two seconds of every start.
-_hides_asammdf = "asammdf" not in sys.modules
-if _hides_asammdf:
-    sys.modules["asammdf"] = None  # type: ignore[assignment]
-try:
-    import can
-finally:
-    if _hides_asammdf:
-        del sys.modules["asammdf"]
 
 log = logging.getLogger(__name__)
 _POLL_S = 0.2

@@ -7,8 +7,7 @@ serial ones do neither. What a form means is only read where the form is known.
 import contextlib
 from typing import Any
 
-import can
-
+from app.links.python_can import can
 from app.telemetry import BusState
 
 # bits of an error frame's id and of its bytes, linux/can/error.h
