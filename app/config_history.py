@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from app.json_lines import JsonLines
+
 Action = Literal["write", "load", "store", "rollback"]
 KEY_BYTES = 32
 
@@ -42,7 +44,7 @@ class ConfigHistory:
     """The file and its key; thread-safe."""
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / "config-history.jsonl"
+        self._file = JsonLines(folder / "config-history.jsonl")
         self._key_path = folder / "config-history.key"
         self._lock = threading.Lock()
 
@@ -63,7 +65,7 @@ class ConfigHistory:
             OSError: it cannot be kept.
         """
         with self._lock:
-            lines = self._lines()
+            lines = self._file.lines()
             number = len(lines) + 1
             body = {
                 "number": number,
@@ -77,12 +79,7 @@ class ConfigHistory:
                 "result": result,
             }
             signature = _signature(self._key(), body, _signature_of(lines[-1]) if lines else "")
-            with self._path.open("ab") as file:
-                if lines and not lines[-1].endswith(b"\n"):  # cut while it was written
-                    file.write(b"\n")
-                file.write(json.dumps(body | {"signature": signature}, ensure_ascii=False).encode() + b"\n")
-                file.flush()
-                os.fsync(file.fileno())
+            self._file.append(body | {"signature": signature}, after=lines)
             return number
 
     def records(self) -> list[Record]:
@@ -95,7 +92,7 @@ class ConfigHistory:
         return next((record for record in self.records() if record.number == number), None)
 
     def _read(self) -> Iterator[Record]:
-        lines = self._lines()
+        lines = self._file.lines()
         key, last = (self._key() if lines else b""), ""
         for line in lines:
             record = _parse(line)
@@ -106,9 +103,6 @@ class ConfigHistory:
             genuine = hmac.compare_digest(_signature(key, body, last), signature)
             last = signature
             yield _record(body, is_genuine=genuine)
-
-    def _lines(self) -> list[bytes]:
-        return self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
 
     def _key(self) -> bytes:
         if not self._key_path.exists():

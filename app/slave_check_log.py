@@ -1,12 +1,12 @@
 """Every check of a slave against a meter, in a file that only grows: one line of JSON each, `slave-checks.jsonl`."""
 
 import json
-import os
 import threading
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from app.json_lines import JsonLines
 from app.slave_check import CheckedCell, QuantityName, Verdict
 
 
@@ -29,7 +29,7 @@ class SlaveCheckLog:
     """The file; thread-safe."""
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / "slave-checks.jsonl"
+        self._file = JsonLines(folder / "slave-checks.jsonl")
         self._lock = threading.Lock()
 
     def append(
@@ -49,24 +49,16 @@ class SlaveCheckLog:
             OSError: it cannot be kept.
         """
         with self._lock:
-            lines = self._lines()
+            lines = self._file.lines()
             check = SlaveCheck(len(lines) + 1, t_wall_ns, who, pack, quantity, meter, meter_error, note, verdict)
-            with self._path.open("ab") as file:
-                if lines and not lines[-1].endswith(b"\n"):  # cut while it was written
-                    file.write(b"\n")
-                file.write(json.dumps(asdict(check), ensure_ascii=False).encode() + b"\n")
-                file.flush()
-                os.fsync(file.fileno())
+            self._file.append(asdict(check), after=lines)
             return check
 
     def checks(self, pack: int | None = None, quantity: QuantityName | None = None) -> list[SlaveCheck]:
         """Return the checks, newest first; lines that are none are left out."""
         with self._lock:
-            found = [check for line in self._lines() if (check := _parse(line)) is not None]
+            found = [check for line in self._file.lines() if (check := _parse(line)) is not None]
         return [check for check in reversed(found) if pack in (None, check.pack) and quantity in (None, check.quantity)]
-
-    def _lines(self) -> list[bytes]:
-        return self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
 
 
 def _parse(line: bytes) -> SlaveCheck | None:

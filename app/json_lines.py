@@ -1,0 +1,29 @@
+"""A file that only grows, one line a record; a line that was cut while it was written spoils no other."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+
+class JsonLines:
+    """The file; whoever owns it holds the lock."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def lines(self) -> list[bytes]:
+        """Return every line with its end; the last one may have none. Empty where there is no file."""
+        return self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else []
+
+    def append(self, record: dict[str, Any], *, after: list[bytes]) -> None:
+        """Add a record after the lines that were read; it is on the disk when this returns.
+
+        Raises:
+            OSError: it cannot be kept.
+        """
+        is_cut = bool(after) and not after[-1].endswith(b"\n")
+        with self._path.open("ab") as file:
+            file.write((b"\n" if is_cut else b"") + json.dumps(record, ensure_ascii=False).encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
