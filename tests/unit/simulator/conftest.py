@@ -2,15 +2,18 @@
 
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from firmware_protocol.config_image import default_image, with_value
 from firmware_protocol.framing import BadFrame, Frame, FrameDecoder, encode_frame
+from firmware_protocol.ltc6804 import Command, Configuration, write_packet
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
 from firmware_protocol.messages import Data, Event, Reply, Request, decode_message, encode_request
 from simulator.accumulator import AccumulatorParameters
 from simulator.eeprom import Eeprom
 from simulator.simulation import Simulation
+from simulator.slave import SlaveChain
 
 
 class Host:
@@ -85,3 +88,13 @@ def host() -> Host:
     host = Host()
     host.run(1.0)
     return host
+
+
+@pytest.fixture
+def chain() -> SlaveChain:
+    """Eight slaves that were configured once, every cell at a voltage of its own."""
+    chain = SlaveChain(8, np.random.default_rng(1))
+    chain.converters.cell_v = 3.0 + 0.01 * np.arange(96)
+    chain.converters.sensor_v = np.full(96, 1.86)
+    chain.execute(write_packet(Command.WRCFG, Configuration().to_bytes()), chain.wake(0.0))
+    return chain
