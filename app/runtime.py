@@ -6,6 +6,7 @@ import queue
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 from app.bringing import Bringing
@@ -117,11 +118,8 @@ class Runtime:
             self.configuration, self.config_in_force, self.profiles, self.config_history, self.catalogue
         )
         self.operator = Operator(self.configuration, self.master, self.serial, self.note, self.config_history)
-        self.replaying = Replaying(
-            self.new_pipeline,
-            self.hub.publish_threadsafe,
-            lambda text: self.note("warning", "replay-failed", text),
-        )
+        tell = partial(self.note, "warning", "replay-failed")
+        self.replaying = Replaying(self.new_pipeline, self.hub.publish_threadsafe, tell)
         self._jobs = ThreadPoolExecutor(max_workers=1, thread_name_prefix="greet")
         self._greeter = Greeter(self.master, self.configuration, self._jobs)
         self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
@@ -341,11 +339,11 @@ class Runtime:
         """What is missing, in words; empty while all is well."""
         snapshot = self.pipeline_snapshot
         reasons = []
-        now_ns = time.monotonic_ns()
         if snapshot is None:
             return ["no snapshot yet"]
-        if now_ns - snapshot.t_mono_ns > STALL_S * 1e9:
-            reasons.append(f"no snapshot for {(now_ns - snapshot.t_mono_ns) / 1e9:.0f} s: the pipeline stands still")
+        silent_s = (time.monotonic_ns() - snapshot.t_mono_ns) / 1e9
+        if silent_s > STALL_S:
+            reasons.append(f"no snapshot for {silent_s:.0f} s: the pipeline stands still")
         if self._failures.reason is not None:
             reasons.append(self._failures.reason)
         for name, status in snapshot.links.items():
@@ -353,9 +351,7 @@ class Runtime:
                 reasons.append(f"{name.upper()} {status.state}" + (f": {status.error}" if status.error else ""))
         recorder = self.recorder.status
         mqtt = None if self.mqtt is None else self.mqtt.problem
-        return reasons + [
-            trouble for trouble in (recorder.error or recorder.warning, self.events.error, mqtt) if trouble
-        ]
+        return reasons + [text for text in (recorder.error or recorder.warning, self.events.error, mqtt) if text]
 
     def review(self, image: bytes) -> list[Finding]:
         """What the rules say about a configuration."""
@@ -401,5 +397,4 @@ class Runtime:
 
     def stored_hash(self) -> str | None:
         """Hash of what the EEPROM holds, None where it was not read or holds nothing."""
-        stored = self.configuration.stored
-        return None if stored is None else image_hash(stored.image)
+        return None if (stored := self.configuration.stored) is None else image_hash(stored.image)
