@@ -107,8 +107,11 @@ def message_name(message: TxMessage | RxMessage) -> str:
     return "CHARGER_STATUS" if is_status else f"MASTER_RX_{message.index}"
 
 
-def to_dbc(config: Image) -> str:
-    """Return the DBC text for a configuration image: every message with at least one byte, each id once."""
+def to_dbc(config: Image, comment: str = "") -> str:
+    """Return the DBC text for a configuration image: every message with at least one byte, each id once.
+
+    The comment is the file's own: where its tables come from. It holds no double quote.
+    """
     messages: dict[int, TxMessage | RxMessage] = {}
     configured: list[TxMessage | RxMessage] = [*tx_messages(config), *rx_messages(config)]
     for message in configured:
@@ -117,6 +120,8 @@ def to_dbc(config: Image) -> str:
     lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", f"BU_: {MASTER_NODE} {CHARGER_NODE}", ""]
     for dbc_id, message in messages.items():
         lines += _message_lines(dbc_id, message)
+    if comment:
+        lines.append(f'CM_ "{comment}";')
     for dbc_id, message in messages.items():
         lines += [f'CM_ SG_ {dbc_id} {s.name} "{s.meaning}";' for s in signals(message) if s.meaning]
     lines += _ATTRIBUTES

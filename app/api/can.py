@@ -31,6 +31,7 @@ from firmware_protocol.memory_map import BYTE_UNUSED, CAN_DATA_BYTES
 
 router = APIRouter(prefix="/can", tags=["can"])
 _DBC_BODY = {"requestBody": {"required": True, "content": {"text/plain": {"schema": {"type": "string"}}}}}
+_NEVER_READ = "The default tables: this master's configuration was never read."
 Offsets = Annotated[list[int], Field(min_length=CAN_DATA_BYTES, max_length=CAN_DATA_BYTES)]
 
 
@@ -153,8 +154,9 @@ async def write(
 
 @router.get("/dbc", response_class=PlainTextResponse)
 def dbc(runtime: RuntimeDep) -> Response:
-    """The tables in force as a DBC file."""
-    text = to_dbc(runtime.config_in_force() or default_image())
+    """The tables in force as a DBC file; its comment says so where they are the defaults."""
+    image = runtime.config_in_force()
+    text = to_dbc(default_image(), _NEVER_READ) if image is None else to_dbc(image)
     headers = {"Content-Disposition": 'attachment; filename="voltwall.dbc"'}
     return Response(text, media_type="text/plain; charset=utf-8", headers=headers)
 

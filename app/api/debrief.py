@@ -62,7 +62,7 @@ def _table(file: SessionFile, source: Source | None, counter: CanCounter | None,
     try:
         return lap_table(file, source, lap_signal if source == "signal" else counter)
     except UnknownSignal as error:
-        raise invalid("lap_signal", lap_signal, str(error)) from error
+        raise invalid("lap_signal", error.name, error.reason) from error
 
 
 def _counter(can_id: int | None, byte: int, mask: int) -> CanCounter | None:
@@ -125,7 +125,7 @@ def overlay(
         try:
             return overlay_laps(file, [each.lap for each in table.laps], lap, signal, points)
         except UnknownSignal as error:
-            raise invalid("signal", signal, str(error)) from error
+            raise invalid("signal", error.name, error.reason) from error
 
 
 @router.get("/blackboxes", response_model=BoxItemsOut)

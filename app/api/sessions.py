@@ -223,7 +223,7 @@ def series(
         try:
             found = file.series(signal, t_from, t_to, points)
         except UnknownSignal as error:
-            raise invalid("signal", ", ".join(signal)[:200], str(error)) from error
+            raise invalid("signal", error.name, error.reason) from error
     body = {
         "signals": {
             name: {"unit": s.unit, "time": s.time_s, "min": s.minimum, "max": s.maximum} for name, s in found.items()
@@ -259,7 +259,7 @@ def download(
             export(file, path, export_format, signals=signal, t_from_s=t_from, t_to_s=t_to, lap_times_s=laps)
     except UnknownSignal as error:
         path.unlink(missing_ok=True)
-        raise invalid("signal", ", ".join(signal or [])[:200], str(error)) from error
+        raise invalid("signal", error.name, error.reason) from error
     except ExportUnavailable as error:
         path.unlink(missing_ok=True)
         raise Problem(501, "extra-missing", "Optional package missing", str(error)) from error

@@ -184,6 +184,8 @@ def test_a_session_is_recorded_by_itself_listed_marked_and_exported(service):
         assert [m["text"] for m in client.get(f"/sessions/{session_id}/markers").json()["markers"]] == ["driver change"]
         assert client.get("/sessions/no-such").status_code == 404
         assert client.get(f"/sessions/{session_id}/series?signal=nonsense").status_code == 422
+        beyond = client.get(f"/sessions/{session_id}/series?signal=i_fs&signal=v[96]").json()
+        assert beyond["detail"] == "signal = v[96]: index 96 is beyond 95"
         restarted = client.post("/sessions", json={"name": "second"}).json()
         assert restarted["name"] == "second"
 

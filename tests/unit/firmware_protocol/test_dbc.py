@@ -27,6 +27,12 @@ def struct_with(values):
     return image
 
 
+def test_a_comment_of_the_file_leaves_it_readable():
+    text = dbc.to_dbc(DEFAULT, "The default tables.")
+    assert 'CM_ "The default tables.";' in text.splitlines()
+    assert len(cantools.database.load_string(text, "dbc", strict=True).messages) == len(database(DEFAULT).messages)
+
+
 def test_default_messages_are_all_there():
     db = database(DEFAULT)
     assert {(m.name, m.frame_id, m.is_extended_frame, m.length, m.cycle_time) for m in db.messages} == {
