@@ -18,6 +18,8 @@ export function freshness(ageS: number | null): Freshness {
   return ageS >= STALE_S ? 'stale' : 'live';
 }
 
+export const isLive = (ageS: number | null): boolean => freshness(ageS) === 'live';
+
 /** Fixed decimals with a true minus sign; a missing value is a dash. */
 export function fixed(value: number | null | undefined, decimals: number): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return DASH;

@@ -191,6 +191,7 @@ export class Plot {
   private lines(u: uPlot): void {
     const { ctx } = u;
     const ratio = devicePixelRatio;
+    if (this.marks.length === 0) return; // asking for a style makes the browser work it out at once
     const style = getComputedStyle(u.root);
     ctx.save();
     ctx.lineWidth = ratio;

@@ -4,7 +4,8 @@
 import { LiveSocket, liveUrl, type Connection } from '../link/socket';
 import { get } from '../link/rest';
 import type { History, Maybe, Part, Snapshot } from '../link/types';
-import { freshness, type Freshness } from '../format';
+import { freshness, isLive, type Freshness } from '../format';
+import { Pace } from './pace';
 import { Ring } from './ring';
 
 export const SERIES = [
@@ -19,25 +20,33 @@ export const SERIES = [
 ] as const;
 export type SeriesName = (typeof SERIES)[number];
 
+const PARTS: Record<SeriesName, Part> = {
+  voltage_v: 'voltage',
+  current_a: 'current',
+  power_w: 'current',
+  soc: 'voltage',
+  voltage_min_v: 'voltage',
+  voltage_max_v: 'voltage',
+  temperature_min_degc: 'temperature',
+  temperature_max_degc: 'temperature',
+};
+
 const HISTORY_S = 900;
 const HISTORY_SAMPLES = 30 * HISTORY_S;
-const FRAME_MS = 60; // eyes read no faster; charts and numbers share this beat
-const TICK_MS = 250;
 
 class Live {
   snapshot = $state.raw<Snapshot | null>(null);
+  cells = $state.raw<Snapshot | null>(null); // the same for tables of all cells, one frame later
   connection = $state<Connection>('connecting');
   now = $state(performance.now() / 1000);
-  beat = $state(0);
+  beat = $state(0); // of the charts
   readonly ring = new Ring(HISTORY_SAMPLES, SERIES.length);
   latest: Snapshot | null = null;
   private readonly listeners = new Set<(snapshot: Snapshot) => void>();
   private receivedAt = 0;
-  private drawnAt = 0;
-  private tickedAt = 0;
+  private readonly pace = new Pace();
   private backfilled = false;
   private socket: LiveSocket | null = null;
-  private hurried = false;
 
   start(): void {
     this.socket ??= new LiveSocket(
@@ -61,13 +70,13 @@ class Live {
   }
 
   /** Seconds since the bytes of a part left the line, grown by the time since the snapshot came. */
-  age(part: Part): Maybe<number> {
-    const age = this.snapshot?.age[part] ?? null;
+  age(part: Part, of: Maybe<Snapshot> = this.snapshot): Maybe<number> {
+    const age = of?.age[part] ?? null;
     return age === null ? null : age + this.behind;
   }
 
-  freshness(part: Part): Freshness {
-    return freshness(this.age(part));
+  freshness(part: Part, of: Maybe<Snapshot> = this.snapshot): Freshness {
+    return freshness(this.age(part, of));
   }
 
   /** Seconds since the last message from the service. */
@@ -83,16 +92,10 @@ class Live {
   private take(snapshot: Snapshot): void {
     this.latest = snapshot;
     this.receivedAt = performance.now() / 1000;
-    const a = snapshot.accumulator;
-    const fresh = (part: Part): boolean => freshness(snapshot.age[part]) === 'live';
-    if (fresh('voltage') || fresh('current')) {
-      this.ring.push(
-        snapshot.time,
-        SERIES.map((name) => a[name]),
-      );
-    }
+    const { accumulator, age } = snapshot;
+    const row = SERIES.map((name) => (isLive(age[PARTS[name]]) ? accumulator[name] : null));
+    if (row.some((value) => value !== null)) this.ring.push(snapshot.time, row); // what is only older is no sample
     for (const listener of this.listeners) listener(snapshot);
-    if (document.hidden) this.hurried = true;
   }
 
   private connected(state: Connection): void {
@@ -124,16 +127,14 @@ class Live {
 
   private readonly frame = (stamp: number): void => {
     requestAnimationFrame(this.frame);
-    const changed = this.latest !== this.snapshot;
-    if ((changed && stamp - this.drawnAt >= FRAME_MS) || (this.hurried && changed)) {
+    const step = this.pace.next(stamp, this.latest !== this.snapshot);
+    if (step === 'numbers') {
       this.snapshot = this.latest;
-      this.drawnAt = this.tickedAt = stamp;
-      this.hurried = false;
       this.now = stamp / 1000;
+    } else if (step === 'cells') {
+      this.cells = this.snapshot;
+    } else if (step === 'charts') {
       this.beat++;
-    } else if (stamp - this.tickedAt >= TICK_MS) {
-      this.tickedAt = stamp;
-      this.now = stamp / 1000;
     }
   };
 }

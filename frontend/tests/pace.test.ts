@@ -1,0 +1,34 @@
+import { describe, expect, it } from 'vitest';
+import { Pace } from '../src/store/pace';
+
+const FRAME_MS = 1000 / 60;
+
+const steps = (frames: number, changed: (frame: number) => boolean): (string | null)[] => {
+  const pace = new Pace();
+  return Array.from({ length: frames }, (_, frame) => pace.next(frame * FRAME_MS, changed(frame)));
+};
+
+describe('the pace of drawing', () => {
+  it('draws a snapshot in three frames, each part once', () => {
+    expect(steps(5, (frame) => frame === 0)).toEqual(['numbers', 'cells', 'charts', null, null]);
+  });
+
+  it('finishes what it began while new snapshots come in', () => {
+    const found = steps(60, () => true);
+    const count = (step: string): number => found.filter((each) => each === step).length;
+    expect(count('numbers')).toBeGreaterThanOrEqual(14);
+    expect(count('cells')).toBe(count('numbers'));
+    expect(count('charts')).toBe(count('numbers'));
+  });
+
+  it('goes on a few times a second while nothing arrives', () => {
+    const found = steps(60, () => false);
+    expect(found.filter((each) => each === 'numbers')).toHaveLength(4);
+    expect(found.filter((each) => each === 'charts')).toHaveLength(4);
+  });
+
+  it('draws the first snapshot after a long silence at once', () => {
+    const pace = new Pace();
+    expect(pace.next(10_000, true)).toBe('numbers');
+  });
+});
