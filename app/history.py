@@ -15,21 +15,22 @@ LENGTH_S = 900
 TOTALS_LENGTH = LENGTH_S * 28  # the line carries no more than 28 snapshots a second
 CELLS_EVERY_NS = 180_000_000  # 96 cells fill memory: of more than two samples in this time, lowest and highest
 CELLS_LENGTH = LENGTH_S * 12  # rows, two for each such time
-TOTALS = (
-    "voltage_v",
-    "current_a",
-    "power_w",
-    "soc",
-    "driver_soc_percent",
-    "soc_sigma",
-    "soc_min",
-    "soc_max",
-    "voltage_min_v",
-    "voltage_max_v",
-    "voltage_delta_v",
-    "temperature_min_degc",
-    "temperature_max_degc",
-)
+STALE_S = 1.0  # a part that is older is no sample: another link may have brought the snapshot
+TOTALS = {  # name to the part of the shadow that it is made of
+    "voltage_v": "voltage",
+    "current_a": "current",
+    "power_w": "current",
+    "soc": "voltage",
+    "driver_soc_percent": "voltage",
+    "soc_sigma": "voltage",
+    "soc_min": "voltage",
+    "soc_max": "voltage",
+    "voltage_min_v": "voltage",
+    "voltage_max_v": "voltage",
+    "voltage_delta_v": "voltage",
+    "temperature_min_degc": "temperature",
+    "temperature_max_degc": "temperature",
+}
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Counts:
 
     step: float
     zero: float = 0.0
+    part: str = "voltage"  # of the shadow that it is made of
 
     def of(self, values: FloatArray) -> NDArray[np.int16]:
         """Values as counts, held at the ends; NaN as MISSING."""
@@ -53,7 +55,7 @@ class Counts:
 MISSING = -32768
 PER_CELL = {
     "voltage_v": Counts(1e-4, zero=3.0),  # as fine as the struct's
-    "temperature_degc": Counts(0.01),
+    "temperature_degc": Counts(0.01, part="temperature"),
     "soc": Counts(4e-5),
     "soc_sigma": Counts(4e-5),
     "residual_v": Counts(1e-4),
@@ -109,11 +111,17 @@ class History:
         t_ns = snapshot.t_mono_ns
         with self._lock:
             self._wall_minus_mono_ns = snapshot.t_wall_ns - t_ns
-            totals = ((name, snapshot.accumulator[name]) for name in TOTALS)
+            old = {part for part, age_s in snapshot.age_s.items() if age_s is None or age_s >= STALE_S}
+            totals = ((name, None if part in old else snapshot.accumulator[name]) for name, part in TOTALS.items())
             self._totals.add(t_ns, {name: np.nan if value is None else value for name, value in totals})
             if self._held and t_ns - self._held[0][0] >= CELLS_EVERY_NS:
                 self._keep_held()
-            counts = {name: kept.of(getattr(snapshot.cells, name)) for name, kept in PER_CELL.items()}
+            counts = {
+                name: np.full(N_CELLS, MISSING, np.int16)
+                if kept.part in old
+                else kept.of(getattr(snapshot.cells, name))
+                for name, kept in PER_CELL.items()
+            }
             self._held.append((t_ns, counts))
 
     def _keep_held(self) -> None:

@@ -40,6 +40,21 @@ def test_what_only_aged_is_not_kept(snapshot):
     assert len(history.read(900, None)["time"]) == 0
 
 
+def test_a_part_that_is_old_is_a_gap_while_another_goes_on(snapshot):
+    history = History()
+    old = replace(later(snapshot, 1, current_a=7.0), age_s=snapshot.age_s | {"voltage": 1.5, "temperature": 1.5})
+    for each in (snapshot, old):
+        history.add(each)
+    totals, cell = history.read(900, None)["series"], history.read(900, 40)["series"]
+    assert totals["current_a"][-1] == 7.0
+    for name in ("voltage_v", "soc", "voltage_min_v", "temperature_max_degc"):
+        assert not np.isnan(totals[name][0])
+        assert np.isnan(totals[name][1]), name
+    for name in ("voltage_v", "temperature_degc"):
+        assert not np.isnan(cell[name][0])
+        assert np.isnan(cell[name][1]), name
+
+
 def test_only_the_last_seconds_are_returned(snapshot):
     history = History()
     for i in range(100):
