@@ -32,6 +32,8 @@ LAPS_KEPT = 8
 UNKNOWN_S = 10.0  # what flowed in a longer gap is not known
 STOPPED_LAP_SHARE = 0.25  # of the median lap's energy: a driver change, not a lap
 DRIVING_A = 2.0
+LOAD_S = 10.0  # time constant of the load that the next limit is told for: throttle and brake take turns
+RESTING_A = 1.0  # of that load: no direction, so no limit comes nearer
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ class Lookout:
         self._t_s = 0.0
         self._trace_s = self._looked_s = self._judged_s = -1e9
         self._square_a2 = 0.0  # mean square of the current while driving
+        self._load_a: float | None = None  # mean of the last seconds
         self._joints: JointReport | None = None
         self._health: StateOfHealth | None = None
         self._capacity_ah: FloatArray | None = None
@@ -122,6 +125,8 @@ class Lookout:
         if estimates is not None:
             self._scale.step(dt_s, estimates.ocv_v, estimates.voltage_v, voltages_v)
         self._joint_watch.step(dt_s, current_a, voltages_v)
+        before = current_a if self._load_a is None else self._load_a
+        self._load_a = before + min(1.0, dt_s / LOAD_S) * (current_a - before)
         if abs(current_a) > DRIVING_A:
             self._square_a2 += min(1.0, dt_s / 60.0) * (current_a * current_a - self._square_a2)
         if self._t_s - self._trace_s >= TRACE_STEP_S:
@@ -154,6 +159,7 @@ class Lookout:
         if branches.shape[0] != self.cell.n_rc:
             branches = np.zeros((self.cell.n_rc, len(estimates.soc)))
         states = CellStates(estimates.soc, branches, temperatures_degc)
+        load_a = current_a if self._load_a is None else self._load_a
         known = self.learned
         model = PowerModel(self.cell, limits, known.resistance_factor, known.capacity_ah)
         energy = energy_left(
@@ -169,7 +175,7 @@ class Lookout:
         )
         outlook = Outlook(
             power=model.state_of_power(states),
-            to_trip=model.times_to_trip(states, current_a),
+            to_trip=model.times_to_trip(states, load_a if abs(load_a) >= RESTING_A else 0.0),
             to_trip_full=model.times_to_trip(states, limits.discharge_max_a),
             energy=energy,
             laps=laps_left(energy, self._lap_energies_wh),

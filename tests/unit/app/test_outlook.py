@@ -51,6 +51,23 @@ def test_power_time_and_energy_are_told_with_cell_and_reason(pipeline, master):
     assert prediction["laps"] is None, "no lap was driven yet"
 
 
+def test_the_next_limit_is_of_the_load_not_of_one_touch_of_the_brake(pipeline, master):
+    drive(pipeline, master, 300, current_raw=12000)
+    for _ in range(5):
+        braking = drive(pipeline, master, 11, current_raw=-2000).prediction
+        assert {trip["limit"] for trip in braking["to_trip"]} == {"v_min", "soc_min", "temperature_max"}
+        drive(pipeline, master, 30, current_raw=12000)
+    charging = drive(pipeline, master, 600, current_raw=-2000).prediction
+    assert {trip["limit"] for trip in charging["to_trip"]} == {"v_max", "soc_max", "temperature_max"}
+
+
+def test_at_rest_no_limit_comes_nearer(pipeline, master):
+    master.set("v", [41950] * 96)
+    prediction = drive(pipeline, master, 60, current_raw=-40).prediction
+    assert prediction["nearest"] is None
+    assert all(trip["seconds"] is None for trip in prediction["to_trip"])
+
+
 def test_nothing_is_foretold_without_voltages(pipeline, master):
     master.set("v", [0] * 96)
     assert drive(pipeline, master, 25).prediction is None
