@@ -6,66 +6,19 @@ Which column means what is settled here; what the numbers mean and how they are 
 from __future__ import annotations
 
 import gzip
-import re
 import zlib
 from collections.abc import Mapping, Sequence
-from datetime import datetime
-from io import BytesIO, StringIO
+from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from app.estimation.importer import FIELDS, DatasetError, FloatArray, Recording, clean
+from app.column_names import field_of, is_wall_clock
+from app.csv_table import read_csv
+from app.estimation.errors import DatasetError
+from app.estimation.importer import FIELDS, FloatArray, Recording, clean
 
-NAMES = {
-    "time_s": ("time", "testtime", "t", "elapsed", "elapsedtime", "timestamp", "seconds", "totaltime", "zeit", "tid"),
-    "current_a": ("current", "i", "cellcurrent", "ibatt", "amps", "batterycurrent", "strom", "strøm"),
-    "voltage_v": (
-        "voltage",
-        "v",
-        "u",
-        "cellvoltage",
-        "terminalvoltage",
-        "vbatt",
-        "volts",
-        "ewe",
-        "batteryvoltage",
-        "spannung",
-        "spenning",
-    ),
-    "temperature_degc": (
-        "temperature",
-        "temp",
-        "celltemperature",
-        "celltemp",
-        "tcell",
-        "batterytemperature",
-        "temperatur",
-    ),
-    "soc": ("soc", "stateofcharge"),
-}
-UNITS = {
-    "time_s": {
-        "s": 1.0,
-        "sec": 1.0,
-        "seconds": 1.0,
-        "ms": 1e-3,
-        "min": 60.0,
-        "h": 3600.0,
-        "hr": 3600.0,
-        "hours": 3600.0,
-    },
-    "current_a": {"a": 1.0, "ma": 1e-3, "amps": 1.0},
-    "voltage_v": {"v": 1.0, "mv": 1e-3, "volts": 1.0},
-    "temperature_degc": {"c": 1.0, "degc": 1.0, "°c": 1.0, "oc": 1.0, "k": 1.0},
-    "soc": {"1": 1.0, "frac": 1.0, "%": 0.01, "percent": 0.01, "pct": 0.01},
-}
-MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
-DELIMITERS = (";", "\t", ",")
-CLOCK = re.compile(r"(?:(\d+)d ?)?(\d{1,4}):([0-5]?\d)(?::([0-5]?\d(?:\.\d+)?))?")
-DATE = re.compile(r"(\d{1,2})([./])(\d{1,2})\2(\d{4})(?=[ T])")
-PREAMBLE_LIMIT = 100  # lines of remarks a rig may write before its table
 UNUSED_NAMED = 6  # columns without a use that a note names
 GZIP_MAGIC = b"\x1f\x8b"
 PARQUET_MAGIC = b"PAR1"
@@ -141,7 +94,7 @@ def load_table(path: Path) -> tuple[list[str] | None, list[FloatArray], list[str
     notes: list[str] = []
     if raw[:4] == PARQUET_MAGIC:
         return *_parquet_table(source, raw), notes
-    header, columns = _csv_table(source, raw, notes)
+    header, columns = read_csv(source, raw, notes)
     return header, columns, notes
 
 
@@ -168,140 +121,6 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
     return list(table.column_names), columns
 
 
-def _csv_table(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | None, list[FloatArray]]:
-    try:
-        text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")
-    lines = [line for line in text.splitlines() if line.strip()]
-    if not lines:
-        raise DatasetError(source, "the file is empty")
-    if not any(delimiter in line for line in lines[:PREAMBLE_LIMIT] for delimiter in DELIMITERS):
-        lines = ["\t".join(line.split()) for line in lines]
-    delimiter, start = _find_table(source, lines)
-    if _ends_every_row(lines, start, delimiter):
-        lines = [line.removesuffix(delimiter) for line in lines]
-    header, header_lines = _header_above(lines, start, delimiter)
-    body = lines[start:]
-    width = len(body[0].split(delimiter))
-    if delimiter == ";" and any("," in line for line in body[:20]):
-        body = [line.replace(",", ".") for line in body]
-        notes.append("decimal commas read as points")
-    skipped = start - header_lines
-    if skipped:
-        notes.append(f"{skipped} lines above the table left out")
-    return header, _numbers(source, body, delimiter, width, notes)
-
-
-def _find_table(source: str, lines: list[str]) -> tuple[str, int]:
-    """Return the delimiter and the index of the first line that is a row of numbers."""
-    for k, line in enumerate(lines[:PREAMBLE_LIMIT]):
-        for delimiter in DELIMITERS:
-            tokens = line.replace(",", ".").split(";") if delimiter == ";" else line.split(delimiter)
-            values = [_number(token) for token in tokens]
-            if len(tokens) >= 2 and None not in values and any(value == value for value in values):
-                return delimiter, _with_broken_rows(lines, k, delimiter)
-    last = min(len(lines), PREAMBLE_LIMIT)
-    raise DatasetError(source, f"no row of numbers in the first {last} lines; line {last} is {lines[last - 1][:60]!r}")
-
-
-def _ends_every_row(lines: list[str], start: int, delimiter: str) -> bool:
-    """Return whether the delimiter stands after the last column too, and not before one that is empty."""
-    above = lines[start - 1] if start else ""
-    width = lines[start].count(delimiter)
-    is_named = above.count(delimiter) == width and not above.endswith(delimiter)
-    return not is_named and all(line.endswith(delimiter) for line in lines[start:])
-
-
-def _with_broken_rows(lines: list[str], start: int, delimiter: str) -> int:
-    """Return where the table begins: rows above `start` of which only some fields are numbers belong to it."""
-    width = len(lines[start].split(delimiter))
-    while start > 0:
-        tokens = lines[start - 1].split(delimiter)
-        values = [_number(token) for token in tokens]
-        if len(tokens) != width or not any(value is not None and value == value for value in values):
-            break
-        start -= 1
-    return start
-
-
-def _number(token: str) -> float | None:
-    """Return the number a token holds, NaN for a missing one, a time stamp in seconds, None for a word."""
-    token = token.strip().strip('"')
-    if token.lower() in MISSING:
-        return float("nan")
-    try:
-        return float(token)
-    except ValueError:
-        pass
-    return _stamp_s(token) if token[:1].isdigit() else None
-
-
-def _stamp_s(token: str) -> float | None:
-    """Return a date with its time, or hours, minutes and seconds, in seconds; None for something else.
-
-    2026-05-01T12:00:00, 2026/05/01 12:00:00, 01.05.2026 12:00:00 (day first), 05/01/2026 12:00:00 (month first, as
-    long as it can be one), 12:00:00.5, 2d 12:00:00.
-    """
-    clock = CLOCK.fullmatch(token)
-    if clock is not None:
-        days, hours, minutes, seconds = clock.groups()
-        return 86400.0 * float(days or 0) + 3600.0 * float(hours) + 60.0 * float(minutes) + float(seconds or 0)
-    date = DATE.match(token)
-    if date is not None:
-        first, separator, second, year = date.groups()
-        day, month = (second, first) if separator == "/" and int(first) <= 12 else (first, second)
-        token = f"{year}-{int(month):02d}-{int(day):02d}{token[date.end() :]}"
-    try:
-        return datetime.fromisoformat(token.replace("/", "-", 2)).timestamp()
-    except ValueError:
-        return None
-
-
-def _header_above(lines: list[str], start: int, delimiter: str) -> tuple[list[str] | None, int]:
-    """Return the names above the first row of numbers, None where there are none, and the lines they take up."""
-    width = len(lines[start].split(delimiter))
-    above = [[token.strip().strip('"') for token in line.split(delimiter)] for line in lines[max(start - 2, 0) : start]]
-    above = [tokens for tokens in above if len(tokens) == width]
-    if not above:
-        return None, 0
-    known_units = {unit for units in UNITS.values() for unit in units}
-    if len(above) == 2 and all(token.strip("[]() ").lower() in known_units | {""} for token in above[1]):
-        return [f"{name} [{unit.strip('[]() ')}]" if unit else name for name, unit in zip(*above, strict=True)], 2
-    return above[-1], 1
-
-
-def _numbers(source: str, body: list[str], delimiter: str, width: int, notes: list[str]) -> list[FloatArray]:
-    text = "\n".join(body)
-    empty = delimiter * 2
-    while empty in text:
-        text = text.replace(empty, f"{delimiter}nan{delimiter}")
-    text = text.replace(f"{delimiter}\n", f"{delimiter}nan\n").replace(f"\n{delimiter}", f"\nnan{delimiter}")
-    text = f"nan{text}" if text.startswith(delimiter) else text
-    text = f"{text}nan" if text.endswith(delimiter) else text
-    try:
-        table = np.loadtxt(StringIO(text), delimiter=delimiter, ndmin=2, comments=None)
-    except ValueError:
-        return _numbers_row_by_row(source, body, delimiter, width, notes)
-    return list(table.T)
-
-
-def _numbers_row_by_row(source: str, body: list[str], delimiter: str, width: int, notes: list[str]) -> list[FloatArray]:
-    rows, broken = [], 0
-    for line in body:
-        values = [_number(token) for token in line.split(delimiter)]
-        if len(values) != width:
-            broken += 1
-            continue
-        broken += None in values
-        rows.append([float("nan") if value is None else value for value in values])
-    if broken > 0.5 * len(body):
-        raise DatasetError(source, f"{broken} of {len(body)} rows are not {width} numbers apart by {delimiter!r}")
-    if broken:
-        notes.append(f"{broken} rows are not {width} numbers: read as missing or left out")
-    return list(np.array(rows, dtype=np.float64).T)
-
-
 def _assign(
     source: str,
     header: list[str] | None,
@@ -326,7 +145,7 @@ def _assign(
     taken = {wanted.column for wanted in mapping.values()}
     unused = []
     for name, values in zip(header, columns, strict=True):
-        found = _field_of(name)
+        found = field_of(name)
         if found is None:
             unused += [name] if name and name not in taken else []
         elif found[0] in fields:
@@ -336,6 +155,11 @@ def _assign(
             fields[found[0]] = values * found[1]
             if found[1] != 1.0:
                 notes.append(f"column {name!r} multiplied by {found[1]:g} into {found[0]}")
+    if "time_s" not in fields:
+        wall = [(name, values) for name, values in zip(header, columns, strict=True) if is_wall_clock(name)]
+        if wall:
+            fields["time_s"] = wall[0][1]
+            unused.remove(wall[0][0])
     if unused:
         more = f" and {len(unused) - UNUSED_NAMED} more" if len(unused) > UNUSED_NAMED else ""
         notes.append(f"columns not used: {', '.join(unused[:UNUSED_NAMED])}{more}")
@@ -349,20 +173,3 @@ def _mapped_index(source: str, field: str, wanted: Source, header: list[str] | N
         return int(wanted.column) - 1
     have = f"the header has {', '.join(header)}" if header else f"there is no header; number them 1 to {width}"
     raise DatasetError(source, f"--map {field}={wanted.column}: no such column; {have}")
-
-
-def _field_of(name: str) -> tuple[str, float] | None:
-    """Return the field a header text names and the factor of its unit, None for a column that is not ours."""
-    if name.strip() == "T":
-        return "temperature_degc", 1.0
-    words = [word for word in re.split(r"[\s_/()\[\]{}]+", name.strip().lower()) if word]
-    for field, known in NAMES.items():
-        for cut in (len(words), len(words) - 1):
-            if cut < 1 or "".join(words[:cut]) not in known:
-                continue
-            unit = words[cut] if cut < len(words) else None
-            if unit is None:
-                return field, 1.0
-            if unit in UNITS[field]:
-                return field, UNITS[field][unit]
-    return None

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.estimation.importer import DatasetError, Recording
+from app.estimation.errors import DatasetError
+from app.estimation.importer import Recording
 
 if TYPE_CHECKING:
-    from app.commands.estimate import Run
+    from app.commands.filter_run import Run
     from app.estimation.identify import Identification
 
 MEASURED = "#8a94a6"
@@ -19,11 +20,23 @@ REFERENCE = "#202630"
 POINTS_LIMIT = 20_000  # more are thinned: they cannot be told apart on paper
 
 
-def _figure(path: Path, rows: int, title: str) -> tuple[Any, Any]:
+def check_picture_name(path: Path) -> None:
+    """Raise DatasetError unless a picture can be written there: the extra, the ending, the folder."""
     try:
-        from matplotlib.figure import Figure
+        from matplotlib.backend_bases import FigureCanvasBase
     except ImportError as exc:
         raise DatasetError(str(path), "drawing needs the extra: pip install voltwall[plot]") from exc
+    known = sorted(FigureCanvasBase.get_supported_filetypes())
+    if path.suffix.lower().removeprefix(".") not in known:
+        raise DatasetError(str(path), f"a picture's name ends in one of .{', .'.join(known)}")
+    if not path.parent.is_dir():
+        raise DatasetError(str(path), "its folder does not exist")
+
+
+def _figure(path: Path, rows: int, title: str) -> tuple[Any, Any]:
+    check_picture_name(path)
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(10, 2.6 * rows), layout="constrained")
     axes = figure.subplots(rows, 1, squeeze=False)[:, 0]
     for axis in axes:
@@ -31,13 +44,6 @@ def _figure(path: Path, rows: int, title: str) -> tuple[Any, Any]:
         axis.grid(visible=True, alpha=0.25, linewidth=0.6)
     axes[0].set_title(title, loc="left", fontsize=11)
     return figure, axes
-
-
-def _save(figure: Any, path: Path) -> None:
-    try:
-        figure.savefig(path, dpi=110)
-    except ValueError as exc:
-        raise DatasetError(str(path), str(exc)) from exc
 
 
 def draw_estimate(path: Path, recording: Recording, run: Run) -> None:
@@ -67,7 +73,7 @@ def draw_estimate(path: Path, recording: Recording, run: Run) -> None:
     axes[2].set_xlabel("time / min")
     for axis in axes:
         axis.legend(loc="upper right", frameon=False, fontsize=8, ncols=3)
-    _save(figure, path)
+    figure.savefig(path, dpi=110)
 
 
 def draw_identification(path: Path, found: Identification) -> None:
@@ -99,4 +105,4 @@ def draw_identification(path: Path, found: Identification) -> None:
     axes[2].set_xlabel("SOC / %")
     for axis in axes[1:]:
         axis.legend(loc="upper right", frameon=False, fontsize=8)
-    _save(figure, path)
+    figure.savefig(path, dpi=110)

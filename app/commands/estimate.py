@@ -5,39 +5,22 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from app.commands.recordings import add_reading_arguments, read_recording, write_table
+from app.commands.charts import check_picture_name, draw_estimate
+from app.commands.filter_run import Run, gap_notes, outside_notes, run_filter
+from app.commands.recordings import add_reading_arguments, check_table_name, read_recording, write_table
 from app.estimation.cellfile import load_cell
-from app.estimation.errors import EstimatorError
-from app.estimation.estimators import FILTERS, CellEstimator, make_estimator
-from app.estimation.identify_parts import GAP_S
-from app.estimation.importer import GAP_STEPS, DatasetError, FloatArray, Recording, check_currents
+from app.estimation.circuit import CellModel
+from app.estimation.errors import DatasetError, EstimatorError
+from app.estimation.estimators import FILTERS, make_estimator
+from app.estimation.importer import FloatArray, Recording, believable
 from app.estimation.scoring import SocScore, score_soc
-from app.estimation.sensor_offset import OffsetTracker, SensorOffset
 from app.estimation.whiteness import InnovationScore, score_innovations
-
-DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
-
-
-@dataclass(frozen=True)
-class Run:
-    """What a filter said along a recording, every array (n,); `innovation_v` is measured minus predicted [V]."""
-
-    soc: FloatArray
-    soc_sigma: FloatArray
-    voltage_v: FloatArray
-    innovation_v: FloatArray
-    innovation_sigma_v: FloatArray
-    model_valid_frac: float
-    us_per_step: float
-    sensor: SensorOffset | None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -61,22 +44,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_reading_arguments(parser)
 
 
+def check_outputs(args: argparse.Namespace) -> None:
+    """Raise DatasetError for a file that could not be written at the end."""
+    if args.out is not None:
+        check_table_name(args.out)
+    if args.plot is not None:
+        check_picture_name(args.plot)
+
+
 def run(args: argparse.Namespace) -> int:
     """Run the command; 0 when done, 2 when a file cannot be used."""
     try:
-        recording = read_recording(args.file, args)
+        check_outputs(args)
         cell = load_cell(args.cell)
-        check_currents(recording, cell.capacity_ah)
+        recording = believable(read_recording(args.file, args), cell.capacity_ah)
         estimator = make_estimator(args.filter, cell, 1)
         result = run_filter(estimator, recording, cell.capacity_ah, args.initial_soc, args.initial_sigma)
         score = score_soc(recording.time_s, result.soc, result.soc_sigma, recording.soc)
         white = score_innovations(recording.time_s, result.innovation_v, result.innovation_sigma_v)
-        report = summary(args, recording, result, cell.capacity_ah, score, white)
+        report = summary(args, recording, result, cell, score, white)
         if args.out is not None:
             write_table(args.out, _columns(recording, result))
         if args.plot is not None:
-            from app.commands.charts import draw_estimate
-
             draw_estimate(args.plot, recording, result)
     except (DatasetError, EstimatorError, OSError) as exc:
         print(f"voltwall estimate: {exc}", file=sys.stderr)
@@ -88,59 +77,11 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def run_filter(
-    estimator: CellEstimator,
-    recording: Recording,
-    capacity_ah: float,
-    initial_soc: float | None = None,
-    initial_sigma: float | None = None,
-) -> Run:
-    """Return what a one-cell estimator says at every row of a recording.
-
-    Args:
-        estimator: a filter for one cell; it is started at the first row.
-        recording: the measurements.
-        capacity_ah: of the cell [Ah].
-        initial_soc: SOC believed at the first row, 0..1; None = from the voltage there.
-        initial_sigma: standard deviation of that; None = the filter's default.
-
-    Raises:
-        EstimatorError: the filter refuses the numbers.
-    """
-    temperature = np.where(np.isnan(recording.temperature_degc), DEFAULT_TEMPERATURE_DEGC, recording.temperature_degc)
-    voltages, temperatures = recording.voltage_v[:, None], temperature[:, None]
-    current, steps = recording.current_a.tolist(), recording.step_s.tolist()
-    estimator.start(voltages[0], temperatures[0], current[0], initial_soc, initial_sigma)
-    table = np.empty((5, len(steps)))
-    valid = 0
-    offset = None if estimator.heard() is None else OffsetTracker(capacity_ah)
-    begun = time.perf_counter()
-    in_gap = _in_gap(recording).tolist()
-    unheard = np.full(1, np.nan)
-    for k, (dt_s, current_a) in enumerate(zip(steps, current, strict=True)):
-        if in_gap[k]:
-            gap_a = _gap_current_a(current[k - 1], current_a, dt_s, capacity_ah)
-            dt_s = recording.usual_step_s
-            estimator.step(steps[k] - dt_s, gap_a, unheard, temperatures[k])
-            if offset is not None:
-                offset.interrupt()
-        e = estimator.step(dt_s, current_a, voltages[k], temperatures[k])
-        table[0, k], table[1, k], table[2, k] = e.soc[0], e.soc_sigma[0], e.voltage_v[0]
-        table[3, k], table[4, k] = e.innovation_v[0], e.innovation_sigma_v[0]
-        valid += bool(e.model_valid[0])
-        if offset is not None and offset.step(dt_s, current_a) and (heard := estimator.heard()) is not None:
-            offset.look(*heard)
-    took_s = time.perf_counter() - begun
-    soc, sigma, voltage, innovation, innovation_sigma = table
-    sensor = None if offset is None else offset.estimate()
-    return Run(soc, sigma, voltage, innovation, innovation_sigma, valid / len(steps), 1e6 * took_s / len(steps), sensor)
-
-
 def summary(
     args: argparse.Namespace,
     recording: Recording,
     result: Run,
-    capacity_ah: float,
+    cell: CellModel,
     score: SocScore | None,
     white: InnovationScore | None,
 ) -> dict[str, Any]:
@@ -167,38 +108,11 @@ def summary(
         "current_offset_observed": None if result.sensor is None else result.sensor.is_observed,
         "model_valid": result.model_valid_frac,
         "us_per_step": result.us_per_step,
-        "notes": [*recording.notes, *_gap_notes(recording, capacity_ah)],
+        "notes": [*recording.notes, *gap_notes(recording, cell.capacity_ah), *outside_notes(recording, cell)],
     }
     return {
         key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in report.items()
     }
-
-
-def _in_gap(recording: Recording) -> NDArray[np.bool_]:
-    """Return (n,) True for rows before which nothing was measured for long."""
-    return np.asarray(recording.step_s > max(GAP_S, GAP_STEPS * recording.usual_step_s))
-
-
-def _gap_current_a(before_a: float, after_a: float, gap_s: float, capacity_ah: float) -> float:
-    """Return the current taken to have flowed in a gap [A]: the smaller one at its ends.
-
-    None, where they differ in sign or would have moved half of the capacity: then nothing is known of it.
-    """
-    smaller_a = min(before_a, after_a, key=abs) if before_a * after_a > 0.0 else 0.0
-    return smaller_a if abs(smaller_a) * gap_s < 0.5 * 3600.0 * capacity_ah else 0.0
-
-
-def _gap_notes(recording: Recording, capacity_ah: float) -> list[str]:
-    """Say what was assumed of gaps."""
-    current, steps = recording.current_a.tolist(), recording.step_s
-    after = np.flatnonzero(_in_gap(recording)).tolist()
-    charge_ah = 0.0
-    for k in after:
-        gap_s = float(steps[k])
-        charge_ah += _gap_current_a(current[k - 1], current[k], gap_s, capacity_ah) * gap_s / 3600.0
-    if abs(charge_ah) < 1e-3:
-        return []
-    return [f"in gaps the smaller current of their two ends counts: {charge_ah:+.3g} Ah that were not measured"]
 
 
 def _columns(recording: Recording, result: Run) -> dict[str, FloatArray]:

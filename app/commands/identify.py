@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from app.commands.charts import check_picture_name, draw_identification
 from app.commands.recordings import add_reading_arguments, read_recording
 from app.estimation.cellfile import save_cell
-from app.estimation.errors import EstimatorError
+from app.estimation.errors import DatasetError, EstimatorError
 from app.estimation.identify import Identification, identify
-from app.estimation.importer import DatasetError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,14 +41,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command; 0 when the cell file is written, 2 when the files cannot be used."""
     try:
+        if args.plot is not None:
+            check_picture_name(args.plot)
         slow, pulses, drives = (
             [read_recording(path, args) for path in paths] for paths in (args.ocv, args.pulses, args.drive)
         )
         found = identify(slow, pulses, drives, args.rc, args.name or args.out.stem)
         save_cell(found.model, args.out)
         if args.plot is not None:
-            from app.commands.charts import draw_identification
-
             draw_identification(args.plot, found)
     except (DatasetError, EstimatorError, OSError) as exc:
         print(f"voltwall identify: {exc}", file=sys.stderr)

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from app.dataset import load_recording, parse_map
-from app.estimation.importer import DatasetError, FloatArray, Recording
+from app.estimation.errors import DatasetError
+from app.estimation.importer import FloatArray, Recording
 
 
 def add_reading_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +39,14 @@ def read_recording(path: Path, args: argparse.Namespace) -> Recording:
     return load_recording(path, parse_map(args.map), charge_positive=args.charge_positive, period_s=args.period)
 
 
+def check_table_name(path: Path) -> None:
+    """Raise DatasetError unless `write_table` knows the ending and the folder is there: before hours of work."""
+    if not path.name.endswith((".csv", ".csv.gz", ".parquet")):
+        raise DatasetError(str(path), "write to a name ending in .csv, .csv.gz or .parquet")
+    if not path.parent.is_dir():
+        raise DatasetError(str(path), "its folder does not exist")
+
+
 def write_table(path: Path, columns: Mapping[str, FloatArray]) -> None:
     """Write (n,) columns as CSV, gzip CSV or Parquet by the ending of the name; NaN becomes an empty field in CSV.
 
@@ -45,11 +54,10 @@ def write_table(path: Path, columns: Mapping[str, FloatArray]) -> None:
         DatasetError: the ending is none of them, or Parquet is not installed.
         OSError: the file cannot be written.
     """
+    check_table_name(path)
     if path.name.endswith(".parquet"):
         _write_parquet(path, columns)
         return
-    if not path.name.endswith((".csv", ".csv.gz")):
-        raise DatasetError(str(path), "write to a name ending in .csv, .csv.gz or .parquet")
     buffer = StringIO()
     np.savetxt(buffer, np.column_stack(list(columns.values())), fmt="%.9g", delimiter=",")
     text = ",".join(columns) + "\n" + buffer.getvalue().replace("nan", "")

@@ -4,6 +4,7 @@ EstimatorError
   ModelError      a cell model's numbers do not describe a cell (field, reason)
     CellFileError a cell file cannot be used (path, line, field, reason)
   ShapeError      an array does not have the shape the call needs (name, expected, received)
+  DatasetError    a recording cannot be used (source, problem)
 """
 
 from __future__ import annotations
@@ -41,3 +42,12 @@ class ShapeError(EstimatorError):
         self.expected = expected
         self.received = received
         super().__init__(f"{name} has shape {received}, expected {expected}")
+
+
+class DatasetError(EstimatorError):
+    """A recording cannot be used; the message names the source, the column and what to do."""
+
+    def __init__(self, source: str, problem: str) -> None:
+        self.source = source
+        self.problem = problem
+        super().__init__(f"{source}: {problem}")

@@ -18,7 +18,7 @@ from app.estimation.identify_design import OVERPOTENTIAL_SOC, REFERENCE_DEGC, RE
 from app.estimation.identify_parts import REST_CURRENT_C, Part, choose_capacity, reference_soc, typical_resistance
 from app.estimation.identify_problem import DEFAULT_ACTIVATION, Activation, Problem, Solution
 from app.estimation.identify_slow import SlowCurves, read_slow
-from app.estimation.importer import FloatArray, Recording, check_currents
+from app.estimation.importer import FloatArray, Recording, believable
 from app.estimation.ocv import OcvCurve
 
 ACTIVATION_STEPS: Final = (10e3, 4e3)  # J/mol, of the search
@@ -102,8 +102,7 @@ def identify(
     notes = list(slow.notes)
     typical_ohm = typical_resistance([*pulses, *drives])
     capacity_ah = choose_capacity(slow, [*slow_tests, *pulses, *drives], typical_ohm, notes)
-    for recording in (*pulses, *drives):
-        check_currents(recording, capacity_ah)
+    pulses, drives = ([believable(r, capacity_ah) for r in given] for given in (pulses, drives))
     parts = [
         Part(r, reference_soc(r, capacity_ah, slow, typical_ohm, notes), is_drive=k >= len(pulses))
         for k, r in enumerate((*pulses, *drives))

@@ -7,30 +7,28 @@ cannot be repaired is a `DatasetError` that names the column and the way out.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from app.estimation.errors import DatasetError
+from app.estimation.time_axis import in_time_order, usual_step, without_repeats
 
 FloatArray = NDArray[np.float64]
 
 REQUIRED = ("current_a", "voltage_v")
 FIELDS = ("time_s", "current_a", "voltage_v", "temperature_degc", "soc")
-LATE_ROWS = 5  # a stamp this many rows late is a row out of place; more is a clock that started again
-BACKWARD_LIMIT_FRAC = 0.05  # more backward steps than this and the column is not a time
 GAP_STEPS = 10.0  # a step this many times the usual one is a gap
 CURRENT_MAX_C = 60.0  # a usual current above it is no cell's
 CELL_VOLTAGE_MIN_V = 0.5  # no cell is below it for half of a recording
 CELL_VOLTAGE_LIMIT_V = 10.0  # above this the column cannot be the volts of one cell
-
-
-class DatasetError(ValueError):
-    """A recording cannot be used; the message names the source, the column and what to do."""
-
-    def __init__(self, source: str, problem: str) -> None:
-        self.source = source
-        self.problem = problem
-        super().__init__(f"{source}: {problem}")
+TEMPERATURE_RANGE_DEGC = (-60.0, 150.0)  # outside, a sensor is broken or not there
+HOT_DEGC = 65.0  # a cell that is usually warmer is rather written in Fahrenheit
+SHORT_STEP_S = 0.005  # rows that lie closer are rather minutes or hours taken for seconds
+SWING_DOUBT = 1.3  # of the capacity: more charge between the highest and lowest point of a run is a wrong count ...
+SWING_MAX = 5.0  # ... and so much more another unit, clock or cell
+SOC_MAX = 1.05
 
 
 @dataclass(frozen=True)
@@ -57,13 +55,21 @@ class Recording:
     @property
     def usual_step_s(self) -> float:
         """The median of the steps that are not zero [s], 1 where there is none."""
-        return _usual_step(self.time_s)
+        return usual_step(self.time_s)
 
     @property
     def charge_ah(self) -> FloatArray:
         """(n,) charge drawn since the first row [Ah], trapezoidal, over gaps as well."""
         mean_a = 0.5 * (self.current_a[1:] + self.current_a[:-1])
         return np.concatenate(([0.0], np.cumsum(mean_a * np.diff(self.time_s)) / 3600.0))
+
+    @property
+    def seen_charge_ah(self) -> FloatArray:
+        """(n,) charge drawn since the first row [Ah], trapezoidal, with nothing counted over gaps."""
+        mean_a = 0.5 * (self.current_a[1:] + self.current_a[:-1])
+        steps = np.diff(self.time_s)
+        steps = np.where(steps > GAP_STEPS * self.usual_step_s, 0.0, steps)
+        return np.concatenate(([0.0], np.cumsum(mean_a * steps) / 3600.0))
 
 
 def clean(
@@ -108,34 +114,47 @@ def clean(
     if not np.isfinite(table[:, 2]).any():
         raise DatasetError(source, "voltage_v holds no number")
 
-    table = _in_time_order(source, table, notes)
-    table = _without_repeats(source, table, notes)
+    table = in_time_order(source, table, notes)
+    table = without_repeats(source, table, notes)
     if charge_positive:
         table[:, 1] = -table[:, 1]
         notes.append("current was positive on charge: sign turned")
     _scale_to_units(source, table, notes)
-    _note_gaps(table, notes)
     missing = int(np.isnan(table[:, 2]).sum())
     if missing:
         notes.append(f"{missing} rows have no voltage: kept as missing")
-    doubt = _sign_doubt(table[:, 1], table[:, 2])
-    if doubt:
-        notes.append(doubt)
+    _drop_impossible(table, notes)
+    _note_gaps(table, notes)
+    notes += _doubts(table)
     time_s, current_a, voltage_v, temperature_degc, soc = (np.ascontiguousarray(c) for c in table.T)
     return Recording(source, time_s, current_a, voltage_v, _held(temperature_degc), soc, tuple(notes))
 
 
-def check_currents(recording: Recording, capacity_ah: float) -> None:
-    """Refuse a recording whose currents no cell of this capacity can give: they are in another unit.
+def believable(recording: Recording, capacity_ah: float) -> Recording:
+    """Return the recording without the rows whose current no cell of this capacity can give.
 
     Raises:
-        DatasetError: the median of the currents that flow is beyond `CURRENT_MAX_C`.
+        DatasetError: the usual current, or the charge that moved, is beyond such a cell: another unit or clock.
     """
-    flowing = np.abs(recording.current_a[recording.current_a != 0.0])
-    usual_a = float(np.median(flowing)) if flowing.size else 0.0
-    if usual_a > CURRENT_MAX_C * capacity_ah:
+    limit_a = CURRENT_MAX_C * capacity_ah
+    size_a = np.abs(recording.current_a)
+    usual_a = float(np.median(size_a[size_a > 0.0])) if size_a.any() else 0.0
+    if usual_a > limit_a:
         problem = f"current_a is usually {usual_a:.4g} A, {usual_a / capacity_ah:.3g} times the capacity of the cell"
         raise DatasetError(recording.source, f"{problem}: if it is in mA, pass --map current_a=COLUMN*0.001")
+    keep = size_a <= limit_a
+    if not keep.all():
+        arrays = {name: getattr(recording, name)[keep] for name in FIELDS}
+        note = f"{int((~keep).sum())} rows with a current beyond {limit_a:.4g} A left out"
+        recording = replace(recording, **arrays, notes=(*recording.notes, note))
+    moved_ah = float(np.ptp(recording.seen_charge_ah))
+    problem = f"{moved_ah:.4g} Ah flow one way, the cell holds {capacity_ah:.4g} Ah"
+    question = "is time_s in seconds, current_a in amperes, and is it this cell?"
+    if moved_ah > SWING_MAX * capacity_ah:
+        raise DatasetError(recording.source, f"{problem}: {question}")
+    if moved_ah > SWING_DOUBT * capacity_ah:
+        recording = replace(recording, notes=(*recording.notes, f"warning: {problem}: {question}"))
+    return recording
 
 
 def _check_columns(source: str, columns: Mapping[str, FloatArray], period_s: float | None) -> None:
@@ -154,72 +173,6 @@ def _check_columns(source: str, columns: Mapping[str, FloatArray], period_s: flo
         raise DatasetError(source, f"columns of different length: {lengths}")
 
 
-def _usual_step(time_s: FloatArray) -> float:
-    steps = np.diff(time_s)
-    steps = steps[steps > 0.0]
-    return float(np.median(steps)) if steps.size else 1.0
-
-
-def _in_time_order(source: str, table: FloatArray, notes: list[str]) -> FloatArray:
-    """Return the rows in time order: reversed files, rows out of place and clocks that start again are put right."""
-    steps = np.diff(table[:, 0])
-    back = int((steps < 0.0).sum())
-    if back == 0:
-        return table
-    if back >= 0.9 * np.count_nonzero(steps):
-        notes.append("the newest row came first: order reversed")
-        table = table[::-1].copy()
-        steps = np.diff(table[:, 0])
-        back = int((steps < 0.0).sum())
-    if back > max(BACKWARD_LIMIT_FRAC * len(table), 1):
-        raise DatasetError(
-            source, f"time runs backwards {back} times in {len(table)} rows: is time_s the right column?"
-        )
-    restarts = 0
-    usual = _usual_step(table[:, 0])
-    for k in np.flatnonzero(steps < 0.0):
-        ahead = table[k + 1 : k + 2 + LATE_ROWS, 0]
-        if ahead.size > LATE_ROWS and ahead.max() < table[k, 0]:
-            table[k + 1 :, 0] += table[k, 0] - table[k + 1, 0] + usual
-            restarts += 1
-    if restarts:
-        notes.append(f"the clock started again {restarts} times: parts joined {usual:g} s apart")
-    order = np.argsort(table[:, 0], kind="stable")
-    moved = int(np.count_nonzero(np.diff(table[:, 0]) < 0.0))
-    if moved:
-        notes.append(f"time ran backwards {moved} times: rows sorted")
-    return table[order]
-
-
-def _without_repeats(source: str, table: FloatArray, notes: list[str]) -> FloatArray:
-    """Return the rows without exact repeats; a coarse clock is spread evenly, a step may keep its two rows."""
-    same = np.flatnonzero(np.diff(table[:, 0]) == 0.0)
-    if same.size == 0:
-        return table
-    if same.size > 0.5 * len(table):
-        stamps, first, count = np.unique(table[:, 0], return_index=True, return_counts=True)
-        if stamps.size == 1:
-            raise DatasetError(source, "time_s is the same in every row: give --period SECONDS between rows instead")
-        usual = float(np.median(np.diff(stamps))) if stamps.size > 1 else 1.0
-        width = np.append(np.minimum(np.diff(stamps), usual), usual)
-        place = np.arange(len(table)) - np.repeat(first, count)
-        table = table.copy()
-        table[:, 0] += place * np.repeat(width / count, count)
-        notes.append(f"the clock counts in steps of {usual:g} s: rows within a step spread evenly")
-        return table
-    repeat = np.zeros(len(table), dtype=bool)
-    repeat[same + 1] = np.all((table[same, 1:3] == table[same + 1, 1:3]) | np.isnan(table[same + 1, 1:3]), axis=1)
-    inner = np.zeros(len(table), dtype=bool)
-    inner[same[1:][np.diff(same) == 1]] = True
-    drop = repeat | inner
-    kept = same.size - int(drop.sum())
-    if drop.any():
-        notes.append(f"{int(drop.sum())} rows with the stamp of another left out")
-    if kept > 0:
-        notes.append(f"{kept} stamps occur twice with different values: kept as before and after a step")
-    return table[~drop]
-
-
 def _scale_to_units(source: str, table: FloatArray, notes: list[str]) -> None:
     voltage = float(np.nanmedian(np.abs(table[:, 2])))
     if 1000.0 < voltage < 1000.0 * CELL_VOLTAGE_LIMIT_V:
@@ -235,20 +188,54 @@ def _scale_to_units(source: str, table: FloatArray, notes: list[str]) -> None:
     if np.isfinite(soc).any() and float(np.nanmax(soc)) > 1.5:
         soc /= 100.0
         notes.append("soc looks like percent: divided by 100")
+    if np.isfinite(soc).any() and float(np.nanmax(soc)) > SOC_MAX:
+        notes.append(f"warning: soc goes up to {np.nanmax(soc):.4g}: 1 is full")
+
+
+def _drop_impossible(table: FloatArray, notes: list[str]) -> None:
+    """Set to missing what a broken channel wrote: volts no cell has, temperatures no cell lives at."""
+    for column, name, (low, high) in (
+        (2, "voltage_v", (CELL_VOLTAGE_MIN_V, CELL_VOLTAGE_LIMIT_V)),
+        (3, "temperature", TEMPERATURE_RANGE_DEGC),
+    ):
+        values = table[:, column]
+        impossible = (values < low) | (values > high)
+        if impossible.any():
+            values[impossible] = np.nan
+            notes.append(f"{int(impossible.sum())} rows have a {name} outside {low:g} to {high:g}: taken as missing")
+    temperature = table[:, 3]
+    if np.isfinite(temperature).any() and float(np.nanmedian(temperature)) > HOT_DEGC:
+        notes.append(f"warning: temperature is usually {np.nanmedian(temperature):.0f} degC: is it in Fahrenheit?")
+
+
+def _doubts(table: FloatArray) -> list[str]:
+    """Return warnings about what was read but can hardly be meant."""
+    doubts = []
+    if not table[:, 1].any():
+        doubts.append("warning: the current is zero in every row")
+    step_s = usual_step(table[:, 0])
+    if step_s < SHORT_STEP_S:
+        doubts.append(
+            f"warning: rows lie {1e3 * step_s:.3g} ms apart; if time is in minutes, pass --map time_s=COLUMN*60"
+        )
+    doubt = _sign_doubt(table[:, 1], table[:, 2])
+    return [*doubts, doubt] if doubt else doubts
 
 
 def _note_gaps(table: FloatArray, notes: list[str]) -> None:
     steps = np.diff(table[:, 0])
-    gaps = steps[steps > GAP_STEPS * _usual_step(table[:, 0])]
+    gaps = steps[steps > GAP_STEPS * usual_step(table[:, 0])]
     if gaps.size:
-        notes.append(f"{gaps.size} gaps, the longest {gaps.max():.6g} s")
+        notes.append(f"gaps: {gaps.size}, the longest {gaps.max():.6g} s")
 
 
 def _sign_doubt(current_a: FloatArray, voltage_v: FloatArray) -> str | None:
     """Return a warning when the voltage rises with the discharge current over the large steps of the current."""
     step_a, step_v = np.diff(current_a), np.diff(voltage_v)
-    large = (np.abs(step_a) > 0.2 * max(float(np.abs(current_a).max()), 1e-12)) & np.isfinite(step_v)
-    if not large.any() or float(np.sum(step_a[large] * step_v[large])) <= 0.0:
+    third = min(3, current_a.size)  # one row or two may be a spike
+    largest_a = float(np.partition(np.abs(current_a), -third)[-third])
+    large = (np.abs(step_a) > 0.2 * max(largest_a, 1e-12)) & np.isfinite(step_v)
+    if not large.any() or float(np.median(step_v[large] / step_a[large])) <= 0.0:
         return None
     return "warning: the voltage rises with the discharge current; if charging is positive, pass --charge-positive"
 

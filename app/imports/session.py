@@ -8,7 +8,7 @@ import numpy as np
 
 from app import __version__
 from app.dataset import load_table
-from app.estimation.importer import DatasetError
+from app.estimation.errors import DatasetError
 from app.imports import can_log
 from app.imports.battery_log import BatteryLog, battery_log
 from app.imports.columns import FloatArray, Table

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from app.dataset import load_recording, parse_map
-from app.estimation.importer import DatasetError
+from app.estimation.errors import DatasetError
 
 SAMSUNG = Path(__file__).parents[4] / "shared" / "data" / "samsung-30q"
 PLAIN = "time_s,current_a,voltage_v,temperature_c,soc\n0,0,4.1,25,1\n1,2,4.0,25,\n2,2,3.99,25.5,0.99\n"
@@ -186,3 +186,40 @@ def test_columns_that_are_left_out_are_named(tmp_path):
 def test_a_file_without_numbers_says_what_stands_there(tmp_path):
     with pytest.raises(DatasetError, match="line 2 is 'no numbers, here'"):
         load_recording(write(tmp_path, "a,b\nno numbers, here\n"))
+
+
+RIG = "Rec,Step,Test time (hh:mm:ss),I/mA,Potential/V,State\n" + "".join(
+    f"{k},1,0:00:{k:06.3f},{500 * (k % 2)},{4.0 - 0.05 * (k % 2)},{'run' if k else 'pause'}\n" for k in range(8)
+)
+
+
+def test_columns_of_words_do_not_hide_the_numbers(tmp_path):
+    recording = load_recording(write(tmp_path, RIG))
+    np.testing.assert_array_equal(recording.time_s, np.arange(8.0))
+    np.testing.assert_allclose(recording.current_a, 0.5 * (np.arange(8) % 2))
+    np.testing.assert_allclose(recording.voltage_v, 4.0 - 0.05 * (np.arange(8) % 2))
+
+
+def test_a_row_of_another_width_among_words_is_left_out_aloud(tmp_path):
+    recording = load_recording(write(tmp_path, RIG + "8,1,0:00:08.000,0,4.0,run,9,9\n"))
+    assert len(recording.time_s) == 8
+    assert any("1 rows are not 6 columns" in note for note in recording.notes)
+
+
+def test_a_date_is_the_time_only_where_there_is_no_other(tmp_path):
+    row = "2026-05-01 12:00:{:02d},{},{},4.0\n"
+    stamped = "DateTime,{},Current(A),Voltage(V)\n" + "".join(row.format(k, 10 * k, 1) for k in range(4))
+    by_date = load_recording(write(tmp_path, stamped.format("Cycle")))
+    assert by_date.time_s[-1] - by_date.time_s[0] == 3.0
+    by_clock = load_recording(write(tmp_path, stamped.format("Test_Time(s)")))
+    assert by_clock.time_s[-1] - by_clock.time_s[0] == 30.0
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["Test (Sec),Amps,Volts", "time/s,<I>/A,Ecell/V", "Total Time,Cur(A),Voltage(V)", "t [s],I_cell [A],U_cell [V]"],
+)
+def test_headers_of_common_test_rigs_are_understood(tmp_path, header):
+    recording = load_recording(write(tmp_path, header + "\n0,0,4.1\n1,2,4.0\n2,2,3.9\n"))
+    np.testing.assert_array_equal(recording.current_a, [0, 2, 2])
+    np.testing.assert_array_equal(recording.voltage_v, [4.1, 4.0, 3.9])

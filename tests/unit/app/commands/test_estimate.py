@@ -1,5 +1,6 @@
 import argparse
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,9 +8,9 @@ import pytest
 from app.commands import estimate
 from app.commands.recordings import write_table
 from app.dataset import load_recording
-from app.estimation.cellfile import load_cell
+from app.estimation.cellfile import format_cell, load_cell
 from app.estimation.circuit import simulate
-from app.estimation.importer import DatasetError
+from app.estimation.errors import DatasetError
 
 CELL = "samsung-25r-10p"
 
@@ -124,3 +125,47 @@ def test_whiteness_and_the_offset_of_the_sensor_are_in_the_report(drive, capsys)
     assert report["current_offset_sigma_a"] > 0.1
     assert run(drive, "--cell", CELL, "--filter", "coulomb", "--initial-soc", "0.9", "--json") == 0
     assert json.loads(capsys.readouterr().out)["current_offset_a"] is None
+
+
+def test_a_first_row_without_voltage_does_not_hide_the_next(drive, tmp_path, capsys):
+    recording = load_recording(drive)
+    voltage = recording.voltage_v.copy()
+    voltage[:3] = np.nan
+    path = tmp_path / "late.csv"
+    write_table(path, {"time_s": recording.time_s, "current_a": recording.current_a, "voltage_v": voltage})
+    assert run(path, "--cell", CELL, "--json") == 0
+    assert abs(json.loads(capsys.readouterr().out)["soc_first"] - 0.9) < 0.02
+
+
+def test_what_lies_outside_the_cell_file_is_said(drive, tmp_path, capsys):
+    cell = tmp_path / "weak.toml"
+    text = format_cell(replace(load_cell(CELL), fit_current_max_a=50.0))
+    cell.write_text(text)
+    assert run(drive, "--cell", cell, "--json") == 0
+    notes = json.loads(capsys.readouterr().out)["notes"]
+    assert "no temperature: 25 degC taken" in notes
+    assert "warning: up to 120 A, the cell file is fitted to 50 A at most" in notes
+    recording = load_recording(drive)
+    path = tmp_path / "cold.csv"
+    columns = {name: getattr(recording, name) for name in ("time_s", "current_a", "voltage_v")}
+    write_table(path, columns | {"temperature_c": np.full(len(recording.time_s), -39.0)})
+    assert run(path, "--cell", CELL, "--json") == 0
+    assert any("-39 to -39 degC" in note for note in json.loads(capsys.readouterr().out)["notes"])
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "problem"),
+    [
+        ("--out", "out.txt", ".parquet"),
+        ("--out", "none/out.csv", "folder"),
+        ("--plot", "a.doc", ".png"),
+        ("--plot", "none/a.png", "folder"),
+    ],
+)
+def test_a_result_that_could_not_be_written_is_refused_before_the_work(tmp_path, capsys, option, name, problem):
+    if option == "--plot":
+        pytest.importorskip("matplotlib")
+    assert run(tmp_path / "absent.csv", "--cell", CELL, option, tmp_path / name) == 2
+    said = capsys.readouterr().err
+    assert problem in said
+    assert "absent" not in said

@@ -1,7 +1,10 @@
+import re
+
 import numpy as np
 import pytest
 
-from app.estimation.importer import DatasetError, check_currents, clean
+from app.estimation.errors import DatasetError
+from app.estimation.importer import believable, clean
 
 
 def columns(**changes):
@@ -143,6 +146,61 @@ def test_a_column_of_zeros_is_no_cell_voltage():
 def test_milliamperes_taken_for_amperes_are_refused_by_field_and_factor():
     columns = {"time_s": np.arange(20.0), "current_a": np.full(20, 5000.0), "voltage_v": np.full(20, 3.7)}
     with pytest.raises(DatasetError, match=r"x: current_a is usually 5000 A.*0\.001"):
-        check_currents(clean("x", columns), 3.0)
-    check_currents(clean("x", columns | {"current_a": np.full(20, 5.0)}), 3.0)
-    check_currents(clean("x", columns | {"current_a": np.zeros(20)}), 3.0)
+        believable(clean("x", columns), 3.0)
+    believable(clean("x", columns | {"current_a": np.full(20, 5.0)}), 3.0)
+    believable(clean("x", columns | {"current_a": np.zeros(20)}), 3.0)
+
+
+def test_values_of_a_broken_channel_become_missing_aloud():
+    voltage = [4.0, 3.9, 65.535, 0.0, 3.95, 3.96]
+    recording = clean("a", columns(voltage_v=voltage, temperature_degc=[25, 25, 25, -300, 25, 25]))
+    np.testing.assert_array_equal(np.isnan(recording.voltage_v), [False, False, True, True, False, False])
+    np.testing.assert_array_equal(recording.temperature_degc, 25.0)
+    assert any("2 rows have a voltage_v outside" in note for note in recording.notes)
+    assert any("1 rows have a temperature outside" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "warning"),
+    [
+        ({"temperature_degc": np.full(6, 77.0)}, "Fahrenheit"),
+        ({"soc": np.full(6, 1.2)}, "soc goes up to 1.2"),
+        ({"current_a": np.zeros(6)}, "zero in every row"),
+        ({"time_s": np.arange(6) / 600.0}, r"time_s=COLUMN\*60"),
+    ],
+)
+def test_what_can_hardly_be_meant_is_warned_of(changes, warning):
+    notes = [note for note in clean("a", columns(**changes)).notes if note.startswith("warning: ")]
+    assert len(notes) == 1
+    assert re.search(warning, notes[0])
+
+
+def test_a_spike_of_the_current_is_left_out_and_raises_no_doubt_of_the_sign():
+    n = 40
+    current = np.where(np.arange(n) % 10 < 5, 2.0, 0.0)
+    recording = clean("a", columns(time_s=np.arange(n), current_a=current, voltage_v=4.0 - 0.03 * current))
+    spiked = current.copy()
+    spiked[7] = 1e9
+    doubted = clean(
+        "a", columns(time_s=np.arange(n), current_a=spiked, voltage_v=4.0 - 0.03 * current + spiked * 1e-12)
+    )
+    assert recording.notes == doubted.notes == ()
+    kept = believable(doubted, 3.0)
+    np.testing.assert_array_equal(kept.current_a, np.delete(current, 7))
+    assert any("1 rows with a current beyond 180 A" in note for note in kept.notes)
+
+
+def test_more_charge_than_the_cell_holds_is_doubted_and_much_more_refused():
+    n = 100
+    run = clean("x", columns(time_s=60.0 * np.arange(n), current_a=np.full(n, 3.0), voltage_v=np.full(n, 3.7)))
+    assert believable(run, 4.0).notes == run.notes
+    assert any("4.95 Ah flow one way" in note for note in believable(run, 3.0).notes)
+    with pytest.raises(DatasetError, match=r"x: 4\.95 Ah flow one way, the cell holds 0\.5 Ah"):
+        believable(run, 0.5)
+
+
+def test_charge_in_a_gap_was_not_seen():
+    time_s = np.concatenate((np.arange(10.0), 3600.0 + np.arange(10.0)))
+    run = clean("x", columns(time_s=time_s, current_a=np.full(20, 3.0), voltage_v=np.full(20, 3.7)))
+    assert run.seen_charge_ah[-1] == pytest.approx(18.0 * 3.0 / 3600.0)
+    assert run.charge_ah[-1] == pytest.approx(3609.0 * 3.0 / 3600.0)
