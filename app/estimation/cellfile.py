@@ -9,31 +9,21 @@ import re
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.estimation.cell_document import SECTIONS, CellDocument
 from app.estimation.circuit import CellLimits, CellModel
 from app.estimation.errors import CellFileError, ModelError
 from app.estimation.ocv import OcvCurve
 
 DEFAULT_CELL: Final = "samsung-25r-10p"
-_TOP: Final = {"name", "source", "capacity_ah", "coulombic_efficiency", "v_min_v", "v_max_v"}
-_SECTIONS: Final = {
-    "ocv": {"method", "soc", "voltage_v"},
-    "circuit": {"soc", "temperature_degc", "r0_ohm", "rc"},
-    "asinh": {"current_a", "voltage_v"},
-    "hysteresis": {"voltage_v", "rate"},
-    "fit": {"voltage_rms_v", "current_max_a"},
-    "limits": {"temperature_min_degc", "temperature_max_degc", "discharge_max_a", "charge_max_a"},
-}
 _FIELD_OF_ATTRIBUTE: Final = {
     "soc_grid": "circuit.soc",
     "temperature_grid_degc": "circuit.temperature_degc",
     "r0_ohm": "circuit.r0_ohm",
-    "r_ohm": "circuit.rc.r_ohm",
-    "tau_s": "circuit.rc.tau_s",
     "overpotential_v": "asinh.voltage_v",
     "overpotential_current_a": "asinh.current_a",
     "hysteresis_v": "hysteresis.voltage_v",
@@ -63,7 +53,7 @@ def load_cell(path_or_name: str | Path = DEFAULT_CELL) -> CellModel:
         if name in bundled_cells():
             text = (resources.files("app.estimation") / "cells" / f"{name}.toml").read_text(encoding="utf-8")
         else:
-            text = path.read_text(encoding="utf-8")
+            text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as exc:
         reason = f"cannot be read ({exc}); bundled cells: {', '.join(bundled_cells())}"
         raise CellFileError(name, None, "", reason) from exc
@@ -81,8 +71,9 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
     except tomllib.TOMLDecodeError as exc:
         found = re.search(r"line (\d+)", str(exc))
         raise CellFileError(path, int(found.group(1)) if found else None, "", f"not TOML: {exc}") from exc
-    reader = _Reader(document, text, path)
+    reader = CellDocument(document, text, path)
     reader.refuse_unknown()
+    reader.refuse_alone("asinh", "voltage_v", "current_a")
     try:
         ocv = OcvCurve(reader.row("ocv", "soc"), reader.row("ocv", "voltage_v"), reader.word("ocv", "method"))
         soc = reader.row("circuit", "soc", np.array([0.5]))
@@ -108,12 +99,14 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
             hysteresis_rate=reader.number("hysteresis", "rate", 50.0),
             fit_voltage_rms_v=reader.number("fit", "voltage_rms_v", 0.0),
             fit_current_max_a=reader.number("fit", "current_max_a", 0.0),
-            limits=CellLimits(**{name: reader.known("limits", name) for name in sorted(_SECTIONS["limits"])}),
+            limits=CellLimits(**{name: reader.known("limits", name) for name in sorted(SECTIONS["limits"])}),
         )
     except CellFileError:
         raise
     except ModelError as exc:
         field = _FIELD_OF_ATTRIBUTE.get(exc.field, exc.field)
+        if pair := re.fullmatch(r"(r_ohm|tau_s)\[(\d)\]", exc.field):
+            field = f"circuit.rc[{pair.group(2)}].{pair.group(1)}"
         raise CellFileError(path, reader.line_of(field), field, exc.reason) from exc
 
 
@@ -152,117 +145,10 @@ def format_cell(model: CellModel) -> str:
         lines.append(f"rate = {_number(model.hysteresis_rate)}")
     lines += ["", "[fit]", f"voltage_rms_v = {_number(model.fit_voltage_rms_v)}"]
     lines.append(f"current_max_a = {_number(model.fit_current_max_a)}")
-    limits = {name: getattr(model.limits, name) for name in sorted(_SECTIONS["limits"])}
+    limits = {name: getattr(model.limits, name) for name in sorted(SECTIONS["limits"])}
     if known := [f"{name} = {_number(value)}" for name, value in limits.items() if value is not None]:
         lines += ["", "[limits]  # of the data sheet", *known]
     return "\n".join(lines) + "\n"
-
-
-class _Reader:
-    """Takes typed values out of a parsed document and knows on which line each of them stands."""
-
-    def __init__(self, document: dict[str, Any], text: str, path: str) -> None:
-        self._document = document
-        self._lines = text.splitlines()
-        self._path = path
-
-    def refuse_unknown(self) -> None:
-        for key, value in self._document.items():
-            if key not in _TOP | set(_SECTIONS):
-                raise self._error("", key, "is not a field of a cell file")
-            if key in _SECTIONS and not isinstance(value, dict):
-                raise self._error("", key, "has to be a section")
-            for inner in value if key in _SECTIONS else ():
-                if inner not in _SECTIONS[key]:
-                    raise self._error(key, inner, "is not a field of this section")
-
-    def pairs(self) -> range:
-        rc = self._section("circuit").get("rc", [])
-        if not isinstance(rc, list) or not all(isinstance(pair, dict) for pair in rc):
-            raise self._error("circuit", "rc", "has to be a list of [[circuit.rc]] sections")
-        for k, pair in enumerate(rc):
-            for key in pair:
-                if key not in ("r_ohm", "tau_s"):
-                    raise self._error(f"circuit.rc[{k}]", key, "is not a field of this section")
-        return range(len(rc))
-
-    def take(self, section: str, key: str, kind: type | tuple[type, ...], default: Any = None) -> Any:
-        value = self._section(section).get(key, default)
-        if value is None:
-            raise self._error(section, key, "is missing")
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise self._error(section, key, f"has the wrong type ({type(value).__name__})")
-        return value
-
-    def number(self, section: str, key: str, default: float | None = None) -> float:
-        return float(self.take(section, key, (int, float), default))
-
-    def known(self, section: str, key: str) -> float | None:
-        return self.number(section, key) if key in self._section(section) else None
-
-    def word(self, section: str, key: str) -> Any:
-        return self.take(section, key, str, "interpolation")
-
-    def row(self, section: str, key: str, default: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-        value = self.take(section, key, (list, np.ndarray), default)
-        return self._array(section, key, value, 1)
-
-    def table(
-        self, section: str, key: str, shape: tuple[int, int], default: float | None = None
-    ) -> NDArray[np.float64]:
-        """A single number, one row over SOC, or one row for each temperature."""
-        value = self.take(section, key, (list, int, float), default)
-        array = self._array(section, key, value, 2)
-        try:
-            return np.array(np.broadcast_to(array, shape))
-        except ValueError as exc:
-            raise self._error(section, key, f"has shape {array.shape}, the grids ask for {shape}") from exc
-
-    def line_of(self, field: str) -> int | None:
-        section, _, key = field.rpartition(".")
-        return self._line(section, key)
-
-    def _section(self, section: str) -> dict[str, Any]:
-        at: Any = self._document
-        for part in section.split(".") if section else ():
-            name, _, index = part.partition("[")
-            at = at.get(name, {})
-            if index:
-                at = at[int(index[:-1])]
-        return at if isinstance(at, dict) else {}
-
-    def _array(self, section: str, key: str, value: Any, ndim: int) -> NDArray[np.float64]:
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (ValueError, TypeError) as exc:
-            raise self._error(section, key, "has to hold numbers, every row as long as the first") from exc
-        if array.ndim > ndim or array.size == 0:
-            raise self._error(section, key, f"has {array.ndim} dimensions and {array.size} numbers")
-        return array
-
-    def _error(self, section: str, key: str, reason: str) -> CellFileError:
-        field = f"{section}.{key}" if section else key
-        return CellFileError(self._path, self._line(section, key), field, reason)
-
-    def _line(self, section: str, key: str) -> int | None:
-        """The line of the field; else of its section; else None (the field is missing at the top)."""
-        name, _, index = section.partition("[")
-        header = re.compile(r"\s*\[\[?\s*" + re.escape(name) + r"\s*\]\]?\s*(#|$)")
-        other = re.compile(r"\s*\[\[?[\w.]+\]\]?\s*(#|$)")
-        if not section:
-            named = re.compile(r"\s*\[\[?\s*" + re.escape(key) + r"\s*\]\]?\s*(#|$)")
-            for number, line in enumerate(self._lines, 1):
-                if named.match(line):
-                    return number
-        start, skip = (0, 0) if not section else (None, int(index[:-1]) if index else 0)
-        for number, line in enumerate(self._lines, 1):
-            if section and header.match(line):
-                start, skip = (number, skip) if skip == 0 else (None, skip - 1)
-            elif start is not None and other.match(line):
-                break
-            elif start is not None and re.match(rf"\s*{re.escape(key)}\s*=", line):
-                return number
-        return start or None
 
 
 def _quote(text: str) -> str:

@@ -19,11 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.estimation.errors import ModelError
-from app.estimation.ocv import OcvCurve
+from app.estimation.ocv import OVERSHOOT, OcvCurve
 
 FloatArray = NDArray[np.float64]
 MAX_RC_PAIRS: Final = 4
 SECONDS_PER_HOUR: Final = 3600.0
+TEMPERATURE_DEGC: Final = (-60.0, 150.0)  # of any cell that is still one
+VOLTAGE_MAX_V: Final = 10.0  # no single cell has more
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +36,19 @@ class CellLimits:
     temperature_max_degc: float | None = None
     discharge_max_a: float | None = None  # continuous
     charge_max_a: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("temperature_min_degc", "temperature_max_degc"):
+            value = getattr(self, name)
+            if value is not None and not TEMPERATURE_DEGC[0] <= value <= TEMPERATURE_DEGC[1]:
+                raise ModelError(f"limits.{name}", f"has to lie in {TEMPERATURE_DEGC[0]:g}..{TEMPERATURE_DEGC[1]:g}")
+        for name in ("discharge_max_a", "charge_max_a"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise ModelError(f"limits.{name}", "has to be finite and positive; charging counts as positive here")
+        low, high = self.temperature_min_degc, self.temperature_max_degc
+        if low is not None and high is not None and not low < high:
+            raise ModelError("limits.temperature_min_degc", "has to lie below temperature_max_degc")
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +235,11 @@ def _check(model: CellModel, shape: tuple[int, int]) -> None:
         grid = getattr(model, name)
         if grid.ndim != 1 or grid.size < 1 or not np.isfinite(grid).all() or not (np.diff(grid) > 0).all():
             raise ModelError(name, "has to be one rising row of finite numbers")
+    if model.soc_grid[0] < -OVERSHOOT or model.soc_grid[-1] > 1.0 + OVERSHOOT:
+        raise ModelError("soc_grid", "has to lie inside -0.05..1.05: 1 is full")
+    low, high = TEMPERATURE_DEGC
+    if model.temperature_grid_degc[0] < low or model.temperature_grid_degc[-1] > high:
+        raise ModelError("temperature_grid_degc", f"has to lie in {low:g}..{high:g}")
     for name in ("r0_ohm", "overpotential_v"):
         table = getattr(model, name)
         if table.shape != shape:
@@ -232,10 +252,11 @@ def _check(model: CellModel, shape: tuple[int, int]) -> None:
             "r_ohm",
             f"needs 0 to {MAX_RC_PAIRS} tables of {shape}, and tau_s alike: {model.r_ohm.shape}, {model.tau_s.shape}",
         )
-    if not (np.isfinite(model.r_ohm).all() and (model.r_ohm >= 0).all()):
-        raise ModelError("r_ohm", "has to be finite and not negative")
-    if not (np.isfinite(model.tau_s).all() and (model.tau_s > 0).all()):
-        raise ModelError("tau_s", "has to be finite and positive")
+    for k, (r_ohm, tau_s) in enumerate(zip(model.r_ohm, model.tau_s, strict=True)):
+        if not (np.isfinite(r_ohm).all() and (r_ohm >= 0).all()):
+            raise ModelError(f"r_ohm[{k}]", "has to be finite and not negative")
+        if not (np.isfinite(tau_s).all() and (tau_s > 0).all()):
+            raise ModelError(f"tau_s[{k}]", "has to be finite and positive")
     for name in ("capacity_ah", "overpotential_current_a", "hysteresis_rate"):
         if not (np.isfinite(getattr(model, name)) and getattr(model, name) > 0):
             raise ModelError(name, "has to be finite and positive")
@@ -244,5 +265,12 @@ def _check(model: CellModel, shape: tuple[int, int]) -> None:
             raise ModelError(name, "has to be finite and not negative")
     if not 0.5 <= model.coulombic_efficiency <= 1.0:
         raise ModelError("coulombic_efficiency", "has to lie in 0.5..1")
+    for name in ("v_min_v", "v_max_v"):
+        if not 0.0 <= getattr(model, name) <= VOLTAGE_MAX_V:
+            raise ModelError(name, f"has to lie in 0..{VOLTAGE_MAX_V:g} V, the volts of one cell")
     if not model.v_min_v < model.v_max_v:
         raise ModelError("v_min_v", "has to lie below v_max_v")
+    if model.ocv.voltage_v[0] < 0.0 or model.ocv.voltage_v[-1] > VOLTAGE_MAX_V:
+        raise ModelError("ocv", f"has to lie in 0..{VOLTAGE_MAX_V:g} V, the volts of one cell")
+    if float(model.r0_ohm.min()) * model.capacity_ah > model.v_max_v - model.v_min_v:
+        raise ModelError("r0_ohm", "would take all of the voltage at 1C: is it in milliohms?")

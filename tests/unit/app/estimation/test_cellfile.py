@@ -80,7 +80,22 @@ def test_what_is_saved_is_what_is_loaded(tmp_path):
         ("[ocv]", '[ocv]\nmethod = "spline"', 7, "ocv.method"),
         ("r0_ohm = [[0.03, 0.02], [0.02, 0.01]]", "r0_ohm = [[0.03, 0.02, 1], [0.02, 0.01, 1]]", 13, "circuit.r0_ohm"),
         ("r0_ohm = [[0.03, 0.02], [0.02, 0.01]]", "r0_ohm = [[0.03, 0.02], [0.02]]", 13, "circuit.r0_ohm"),
-        ("tau_s = 10.0", "tau_s = 0.0", 17, "circuit.rc.tau_s"),
+        ("tau_s = 10.0", "tau_s = 0.0", 17, "circuit.rc[0].tau_s"),
+        ("tau_s = 10.0", "tau_s = 10.0\n[[circuit.rc]]\nr_ohm = -0.01\ntau_s = 2.0", 19, "circuit.rc[1].r_ohm"),
+        ("tau_s = 10.0", "tau_s = 10.0" + 4 * "\n[[circuit.rc]]\nr_ohm = 0.01\ntau_s = 2.0", 28, "circuit.rc[4].r_ohm"),
+        ("capacity_ah = 2.5", "capacity_ah = 1" + 400 * "0", 2, "capacity_ah"),
+        ("v_max_v = 4.2", "v_max_v = inf", 4, "v_max_v"),
+        ("voltage_v = [3.0, 3.6, 4.2]", "voltage_v = [3000.0, 3600.0, 4200.0]", 8, "ocv.voltage_v"),
+        (
+            "soc = [0.0, 0.5, 1.0]\nvoltage_v = [3.0, 3.6, 4.2]",
+            "soc = [0, 1]\nvoltage_v = [false, true]",
+            8,
+            "ocv.voltage_v",
+        ),
+        ("r0_ohm = [[0.03, 0.02], [0.02, 0.01]]", "r0_ohm = 20.0", 13, "circuit.r0_ohm"),
+        ("[circuit]", "[asinh]\nvoltage_v = 0.01\n[circuit]", 10, "asinh.current_a"),
+        ("[circuit]", "[limits]\ncharge_max_a = -4.0\n[circuit]", 11, "limits.charge_max_a"),
+        ("[circuit]", "[limits]\ntemperature_max_degc = 333.0\n[circuit]", 11, "limits.temperature_max_degc"),
         ("tau_s = 10.0", "", 15, "circuit.rc[0].tau_s"),
         ("tau_s = 10.0", "tau = 10.0", 17, "circuit.rc[0].tau"),
         ("[circuit]", "[circuits]", 10, "circuits"),
@@ -105,3 +120,9 @@ def test_text_that_is_not_toml_names_the_line():
 def test_a_missing_file_lists_the_bundled_cells():
     with pytest.raises(CellFileError, match=DEFAULT_CELL):
         load_cell("no-such-cell")
+
+
+def test_a_byte_order_mark_is_no_part_of_the_file(tmp_path):
+    path = tmp_path / "marked.toml"
+    path.write_text(GOOD, encoding="utf-8-sig")
+    assert load_cell(path).capacity_ah == 2.5
