@@ -173,10 +173,12 @@ class Lookout:
             resistance_factor=known.resistance_factor,
             capacity_sigma_ah=known.capacity_sigma_ah,
         )
+        steady_a = load_a if abs(load_a) >= RESTING_A else 0.0
+        power, (to_trip, to_trip_full) = model.foretell(states, (steady_a, limits.discharge_max_a))
         outlook = Outlook(
-            power=model.state_of_power(states),
-            to_trip=model.times_to_trip(states, load_a if abs(load_a) >= RESTING_A else 0.0),
-            to_trip_full=model.times_to_trip(states, limits.discharge_max_a),
+            power=power,
+            to_trip=to_trip,
+            to_trip_full=to_trip_full,
             energy=energy,
             laps=laps_left(energy, self._lap_energies_wh),
             lap_period_s=self._lap_period_s,

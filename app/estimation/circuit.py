@@ -132,13 +132,15 @@ class CellModel:
 
         Linear in both; held at the edge of the tables.
         """
-        s, t = np.broadcast_arrays(np.asarray(soc, dtype=np.float64), np.asarray(temperature_degc, dtype=np.float64))
-        js, ws = _weights(self.soc_grid, s)
-        jt, wt = _weights(self.temperature_grid_degc, t)
-        table = self._static
-        ks, kt = np.minimum(js + 1, self.soc_grid.size - 1), np.minimum(jt + 1, self.temperature_grid_degc.size - 1)
-        low = table[:, jt, js] * (1 - ws) + table[:, jt, ks] * ws
-        high = table[:, kt, js] * (1 - ws) + table[:, kt, ks] * ws
+        js, ws = _weights(self.soc_grid, np.asarray(soc, dtype=np.float64))
+        jt, wt = _weights(self.temperature_grid_degc, np.asarray(temperature_degc, dtype=np.float64))
+        n_soc, n_t = self.soc_grid.size, self.temperature_grid_degc.size
+        table = self._static.reshape(-1, n_t * n_soc)
+        ks = np.minimum(js + 1, n_soc - 1)
+        here, above = jt * n_soc, np.minimum(jt + 1, n_t - 1) * n_soc
+        one_minus_ws = 1 - ws
+        low = table.take(here + js, axis=1) * one_minus_ws + table.take(here + ks, axis=1) * ws
+        high = table.take(above + js, axis=1) * one_minus_ws + table.take(above + ks, axis=1) * ws
         return np.asarray(low * (1 - wt) + high * wt)
 
     def terminal_voltage(
@@ -226,8 +228,9 @@ def simulate(
 def _weights(grid: FloatArray, x: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
     if grid.size == 1:
         return np.zeros(x.shape, dtype=np.intp), np.zeros(x.shape)
-    j = np.clip(np.searchsorted(grid, x, side="right") - 1, 0, grid.size - 2)
-    return j, np.clip((x - grid[j]) / (grid[j + 1] - grid[j]), 0.0, 1.0)
+    j = np.minimum(np.maximum(grid.searchsorted(x, side="right") - 1, 0), grid.size - 2)
+    start = grid.take(j)
+    return j, np.minimum(np.maximum((x - start) / (grid.take(j + 1) - start), 0.0), 1.0)
 
 
 def _check(model: CellModel, shape: tuple[int, int]) -> None:

@@ -46,6 +46,7 @@ class OcvCurve:
     voltage_v: FloatArray
     method: OcvMethod = "interpolation"
     _knots: FloatArray = field(init=False, repr=False)  # knot slopes, polynomial or smoothed slope
+    _edges: tuple[FloatArray, FloatArray] = field(init=False, repr=False)  # value and slope at both ends
     _inverse: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -61,6 +62,8 @@ class OcvCurve:
         else:
             knots = _smoothed_slope(soc, voltage)
         object.__setattr__(self, "_knots", knots)
+        edge_value, edge_slope = self._inside(soc[[0, -1]])
+        object.__setattr__(self, "_edges", (edge_value, np.clip(edge_slope, SLOPE_MIN_V, SLOPE_MAX_V)))
         fine = np.linspace(-OVERSHOOT, 1.0 + OVERSHOOT, 1101)
         values = np.maximum.accumulate(self.voltage(fine)) + 1e-9 * np.arange(fine.size)
         object.__setattr__(self, "_inverse", (values, fine))
@@ -86,10 +89,8 @@ class OcvCurve:
 
     def _evaluate(self, soc: FloatArray) -> tuple[FloatArray, FloatArray]:
         low, high = self.soc_range
-        inside = np.clip(soc, low, high)
-        value, slope = self._inside(inside)
-        edge_value, edge_slope = self._inside(np.array([low, high]))
-        edge_slope = np.clip(edge_slope, SLOPE_MIN_V, SLOPE_MAX_V)
+        value, slope = self._inside(np.minimum(np.maximum(soc, low), high))
+        edge_value, edge_slope = self._edges
         below, above = soc < low, soc > high
         value = np.where(below, edge_value[0] + edge_slope[0] * (soc - low), value)
         value = np.where(above, edge_value[1] + edge_slope[1] * (soc - high), value)
@@ -209,10 +210,12 @@ def _end_slope(h0: float, h1: float, d0: float, d1: float) -> float:
 
 
 def _hermite(x: FloatArray, knots: FloatArray, y: FloatArray, m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    j = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, knots.size - 2)
-    h = knots[j + 1] - knots[j]
-    t = (x - knots[j]) / h
-    y0, y1, m0, m1 = y[j], y[j + 1], m[j] * h, m[j + 1] * h
+    j = np.minimum(np.maximum(knots.searchsorted(x, side="right") - 1, 0), knots.size - 2)
+    k = j + 1
+    start = knots.take(j)
+    h = knots.take(k) - start
+    t = (x - start) / h
+    y0, y1, m0, m1 = y.take(j), y.take(k), m.take(j) * h, m.take(k) * h
     c2, c3 = 3 * (y1 - y0) - 2 * m0 - m1, 2 * (y0 - y1) + m0 + m1
     return y0 + t * (m0 + t * (c2 + t * c3)), (m0 + t * (2 * c2 + 3 * t * c3)) / h
 

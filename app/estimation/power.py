@@ -5,13 +5,13 @@ Every cell is carried forward at a constant current by the closed form of the ci
     v(t) = OCV(z - i t / Q) - R0 i - e asinh(i / i_ref) - sum R_k (a_k i_k + (1 - a_k) i),   a_k = exp(-t / tau_k)
     T(t) = T + (OCV(z) - v(t)) i t / C_th                    without cooling, so a little too warm
 
-The largest current and the time to a limit are found by bisection over the cells that could be the first to meet it;
-call it once a second.
+The largest currents and the times to the limits are found together, in a few rounds, over the cells that could be
+the first to meet one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -23,6 +23,7 @@ from app.estimation.errors import ModelError, ShapeError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
 Reason = Literal["voltage", "soc", "temperature", "current"]
 Limit = Literal["v_min", "v_max", "soc_min", "soc_max", "temperature_max"]
 
@@ -31,7 +32,9 @@ DISCHARGE_LIMITS: Final[tuple[Limit, ...]] = ("v_min", "soc_min", "temperature_m
 CHARGE_LIMITS: Final[tuple[Limit, ...]] = ("v_max", "soc_max", "temperature_max")
 
 HORIZONS_S: Final = (1.0, 10.0, 30.0)
-HALVINGS: Final = 13  # 1/8192 of the current limit or of the hour
+RESOLUTION: Final = 1.0 / 8192.0  # of the current limit or of the hour
+ROUND_VALUES: Final = 1500  # looked at in one round: fewer cost the calls, more the values
+MAX_PARTS: Final = 16
 TIME_LIMIT_S: Final = 3600.0  # later trips are not foretold
 
 
@@ -108,6 +111,29 @@ class TimeToTrip:
 
 
 @dataclass(frozen=True)
+class _Search:
+    """Questions of how far an argument x in 0..1 can go before a cell passes a limit; arrays over the questions.
+
+    Attributes:
+        current_a, seconds: at x = 1; positive on discharge [A], [s].
+        in_current: (n,) True where x scales the current, False where it scales the time.
+        counts: (3, n) which of the margins of voltage, SOC and temperature are asked for.
+    """
+
+    current_a: FloatArray
+    seconds: FloatArray
+    in_current: BoolArray
+    counts: BoolArray
+
+    def at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return currents [A] and times [s], both (n, m, 1), for x (n, m)."""
+        in_current = self.in_current[:, None]
+        current = np.where(in_current, x, 1.0) * self.current_a[:, None]
+        seconds = np.where(in_current, 1.0, x) * self.seconds[:, None]
+        return current[..., None], seconds[..., None]
+
+
+@dataclass(frozen=True)
 class _Bracket:
     """Arguments just within and just beyond the limit, and the cell that passes it; -1 = none does."""
 
@@ -153,7 +179,7 @@ class PowerModel:
         moved = current * seconds / (SECONDS_PER_HOUR * self.capacity_ah)
         soc = states.soc - np.where(moved < 0.0, cell.coulombic_efficiency * moved, moved)
         temperature = np.where(np.isnan(states.temperature_degc), 25.0, states.temperature_degc)
-        values = cell.parameters(np.clip(soc, 0.0, 1.0), temperature)
+        values = cell.parameters(soc, temperature)
         drop = values[0] * current + values[1] * np.arcsinh(current / cell.overpotential_current_a)
         for k in range(cell.n_rc):
             decay = np.exp(-seconds / values[2 + cell.n_rc + k])
@@ -166,7 +192,7 @@ class PowerModel:
         """Return (3, ..., n_cells) distance to the voltage, SOC and temperature limit; below 0 = passed."""
         limits = self.limits
         voltage, soc, temperature = self.ahead(states, current, seconds)
-        is_charge = np.broadcast_to(current < 0.0, voltage.shape)
+        is_charge = current < 0.0
         return np.stack(
             (
                 np.where(is_charge, limits.v_max_v - voltage, voltage - limits.v_min_v),
@@ -182,8 +208,7 @@ class PowerModel:
             ModelError: no cell has an SOC.
             ShapeError: the states do not fit the model.
         """
-        discharge = self._largest(states, horizons_s, 1.0, self.limits.discharge_max_a)
-        return StatePower(discharge, self._largest(states, horizons_s, -1.0, self.limits.charge_max_a))
+        return self.foretell(states, (), horizons_s)[0]
 
     def times_to_trip(self, states: CellStates, current_a: float) -> tuple[TimeToTrip, ...]:
         """Return when each limit is met at a constant current, in the order voltage, SOC, temperature.
@@ -196,73 +221,101 @@ class PowerModel:
             ModelError: no cell has an SOC.
             ShapeError: the states do not fit the model.
         """
-        names: tuple[Limit, ...] = CHARGE_LIMITS if current_a < 0.0 else DISCHARGE_LIMITS
-        current = np.array(current_a)
-        rows = np.arange(3)
+        return self.foretell(states, (current_a,), ())[1][0]
 
-        def margins(model: PowerModel, part: CellStates, seconds: FloatArray) -> FloatArray:
-            return model._margins(part, current, seconds[:, None])[rows, rows]
+    def foretell(
+        self, states: CellStates, currents_a: tuple[float, ...], horizons_s: tuple[float, ...] = HORIZONS_S
+    ) -> tuple[StatePower, tuple[tuple[TimeToTrip, ...], ...]]:
+        """Return the state of power, and the times to trip at each current: all in one search.
 
-        found = self._first_to_pass(states, margins, np.full(3, TIME_LIMIT_S))
-        return tuple(
-            TimeToTrip(name, float(low), int(cell)) if cell >= 0 else TimeToTrip(name, float("inf"), None)
-            for name, low, cell in zip(names, found.low, found.cell, strict=True)
+        Raises:
+            ModelError: no cell has an SOC.
+            ShapeError: the states do not fit the model.
+        """
+        n_power, n_trips = 2 * len(horizons_s), 3 * len(currents_a)
+        directions = (self.limits.discharge_max_a, -self.limits.charge_max_a)
+        search = _Search(
+            current_a=np.concatenate((np.repeat(directions, len(horizons_s)), np.repeat(currents_a, 3))),
+            seconds=np.concatenate((horizons_s, horizons_s, np.full(n_trips, TIME_LIMIT_S))),
+            in_current=np.arange(n_power + n_trips) < n_power,
+            counts=np.hstack(
+                (np.ones((3, n_power), dtype=np.bool_), np.tile(np.eye(3, dtype=np.bool_), len(currents_a)))
+            ),
+        )
+        found = self._first_to_pass(states, search)
+        power = self._power_limits(states, search, found, n_power)
+        trips = [
+            TimeToTrip(name, float(low) * TIME_LIMIT_S, int(cell)) if cell >= 0 else TimeToTrip(name, math.inf, None)
+            for name, low, cell in zip(
+                (name for a in currents_a for name in (CHARGE_LIMITS if a < 0.0 else DISCHARGE_LIMITS)),
+                found.low[n_power:],
+                found.cell[n_power:],
+                strict=True,
+            )
+        ]
+        return (
+            StatePower(power[: len(horizons_s)], power[len(horizons_s) :]),
+            tuple(tuple(trips[k : k + 3]) for k in range(0, n_trips, 3)),
         )
 
-    def _largest(
-        self, states: CellStates, horizons_s: tuple[float, ...], sign: float, current_max_a: float
+    def _power_limits(
+        self, states: CellStates, search: _Search, found: _Bracket, n_power: int
     ) -> tuple[PowerLimit, ...]:
-        ahead_s = np.array(horizons_s)[:, None]
-
-        def margins(model: PowerModel, part: CellStates, current_a: FloatArray) -> FloatArray:
-            return np.asarray(model._margins(part, sign * current_a[:, None], ahead_s).min(axis=0))
-
-        found = self._first_to_pass(states, margins, np.full(len(horizons_s), current_max_a))
         known = _known(states)
         model, part = self._subset(states, known)
-        voltage, _, _ = model.ahead(part, sign * found.low[:, None], ahead_s)
-        passed = model._margins(part, sign * found.high[:, None], ahead_s) < 0.0
+        current, seconds = search.at(found.low[:, None])
+        voltage = model.ahead(part, current[:n_power, 0], seconds[:n_power, 0])[0]
+        beyond, seconds = search.at(found.high[:, None])
+        passed = model._margins(part, beyond[:n_power, 0], seconds[:n_power, 0]) < 0.0
         results = []
-        for h, horizon in enumerate(horizons_s):
-            current_a = float(found.low[h])
-            power_w = float(voltage[h].sum() * current_a)
-            if found.cell[h] < 0:
-                results.append(PowerLimit(horizon, power_w, current_a, None, "current"))
+        for q in range(n_power):
+            current_a = abs(float(current[q, 0, 0]))
+            power_w = float(voltage[q].sum() * current_a)
+            cell = int(found.cell[q])
+            if cell < 0:
+                results.append(PowerLimit(float(search.seconds[q]), power_w, current_a, None, "current"))
             else:
-                cell = int(found.cell[h])
-                reason = REASONS[int(passed[:, h, int(np.searchsorted(known, cell))].argmax())]
-                results.append(PowerLimit(horizon, power_w, current_a, cell, reason))
+                which = int(passed[:, q, int(np.searchsorted(known, cell))].argmax())
+                results.append(PowerLimit(float(search.seconds[q]), power_w, current_a, cell, REASONS[which]))
         return tuple(results)
 
-    def _first_to_pass(
-        self,
-        states: CellStates,
-        margins: Callable[[PowerModel, CellStates, FloatArray], FloatArray],
-        largest: FloatArray,
-    ) -> _Bracket:
-        """Return where the margin of the first cell passes zero between 0 and `largest`, row by row.
+    def _first_to_pass(self, states: CellStates, search: _Search) -> _Bracket:
+        """Return for each question where in 0..1 the margin of the first cell passes zero.
 
         Margins fall with the argument, so a cell within its limits at the upper end cannot be the first to pass: it is
-        left out of the halvings that follow, and after a few of them hardly any cell is left.
+        left out of the rounds that follow, and after the first of them hardly any cell is left.
         """
         cells = _known(states)
         model, part = self._subset(states, cells)
-        low, high = np.zeros_like(largest), largest.copy()
-        margin = margins(model, part, high)
+
+        def margins(x: FloatArray) -> FloatArray:
+            every = model._margins(part, *search.at(x))
+            return np.asarray(np.where(search.counts[:, :, None, None], every, np.inf).min(axis=0))
+
+        n = search.current_a.size
+        low, high, width = np.zeros(n), np.ones(n), 1.0
+        margin = margins(high[:, None])[:, 0]
         never = np.asarray((margin >= 0.0).all(axis=1))
-        low[never] = largest[never]
-        for _ in range(HALVINGS):
+        low[never] = 1.0
+        rows = np.arange(n)
+        while width > RESOLUTION:
             could_pass = np.flatnonzero((margin < 0.0).any(axis=0))
             if could_pass.size == 0:
                 break
             if could_pass.size < cells.size:
                 cells, margin = cells[could_pass], margin[:, could_pass]
                 model, part = self._subset(states, cells)
-            middle = 0.5 * (low + high)
-            trial = margins(model, part, middle)
-            passes = np.asarray((trial < 0.0).any(axis=1) & ~never)
-            margin = np.where(passes[:, None], trial, margin)
-            low, high = np.where(passes | never, low, middle), np.where(passes, middle, high)
+            parts = min(max(2, ROUND_VALUES // (n * cells.size)), MAX_PARTS)
+            width /= parts
+            x = low[:, None] + width * np.arange(1, parts)
+            trial = margins(x)
+            passes = np.asarray((trial < 0.0).any(axis=2))
+            first = passes.argmax(axis=1)
+            inside = passes[rows, first] & ~never  # else it passes in the last part, whose end is known
+            margin = np.where(inside[:, None], trial[rows, first], margin)
+            ends = np.column_stack((low, x, high))
+            last = np.where(inside, first, parts - 1)
+            low, high = np.where(never, low, ends[rows, last]), np.where(never, high, ends[rows, last + 1])
         return _Bracket(low, high, np.where(never, -1, cells[margin.argmin(axis=1)]))
 
     def _subset(self, states: CellStates, known: IntArray) -> tuple[PowerModel, CellStates]:

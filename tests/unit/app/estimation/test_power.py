@@ -135,3 +135,31 @@ def test_a_small_cell_is_the_first_to_be_empty():
     trip = {trip.limit: trip for trip in model.times_to_trip(states(0.4), 50.0)}["soc_min"]
     assert trip.cell == 40
     assert trip.seconds == pytest.approx(0.3 * 0.7 * CELL.capacity_ah * 3600 / 50.0, rel=0.01)
+
+
+def test_asked_together_or_alone_the_answers_are_the_same():
+    rng = np.random.default_rng(5)
+    cells = states(rng.uniform(0.3, 0.6, 96), 30.0)
+    model = PowerModel(CELL, WIDE, rng.uniform(0.9, 1.4, 96), CELL.capacity_ah * rng.uniform(0.9, 1.0, 96))
+    power, trips = model.foretell(cells, (40.0, -25.0))
+    alone = model.state_of_power(cells)
+    for one, other in zip(power.discharge + power.charge, alone.discharge + alone.charge, strict=True):
+        assert (one.cell, one.reason) == (other.cell, other.reason)
+        assert one.current_a == pytest.approx(other.current_a, abs=WIDE.discharge_max_a / 4096)
+    for found, current_a in zip(trips, (40.0, -25.0), strict=True):
+        for one, other in zip(found, model.times_to_trip(cells, current_a), strict=True):
+            assert (one.limit, one.cell) == (other.limit, other.cell)
+            assert one.seconds == pytest.approx(other.seconds, abs=3600.0 / 4096)
+
+
+def test_at_the_largest_current_every_cell_keeps_its_limits_and_a_little_more_passes_one():
+    rng = np.random.default_rng(6)
+    cells = states(rng.uniform(0.3, 0.6, 96), 30.0)
+    model = PowerModel(CELL, WIDE, rng.uniform(0.9, 1.4, 96))
+    for limit in model.state_of_power(cells).discharge:
+        within = model.ahead(cells, np.array(limit.current_a), np.array(limit.horizon_s))[0]
+        more = np.array(limit.current_a + WIDE.discharge_max_a / 8192)
+        beyond = model.ahead(cells, more, np.array(limit.horizon_s))[0]
+        assert limit.reason == "voltage"
+        assert within.min() >= WIDE.v_min_v > beyond.min()
+        assert beyond.argmin() == limit.cell
