@@ -4,7 +4,7 @@ Chromium without a GPU reads a service with the simulated car at the fastest the
 96 cells and three charts. Heap is what is left after a collection. Scripting, style and layout are the browser's own
 counters of processor time over one-second windows, divided by the frames drawn in them; tasks are traced for a few
 seconds every minute, by processor time too, so that other work on the machine does not count. Then four hours of
-recording are opened and scrubbed through, by the clock.
+recording, more than two million points in the charts, are opened, scrubbed through, zoomed and dragged.
 """
 
 import argparse
@@ -20,12 +20,15 @@ import tempfile
 import threading
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 from playwright.sync_api import Browser, CDPSession, Page, ViewportSize, expect, sync_playwright
 
+from app.sessions.reader import SessionFile
+from app.sessions.signals import find_signal
 from benchmarks.recording import long_session
 
 STATIC = Path(__file__).resolve().parents[1] / "app" / "static"
@@ -46,7 +49,14 @@ requestAnimationFrame(look);
 """
 WATCH = """
 window.frames_drawn = 0;
-const count = () => { window.frames_drawn++; requestAnimationFrame(count); };
+window.gaps_ms = [];
+let before_ms = performance.now();
+const count = (at_ms) => {
+  window.frames_drawn++;
+  if (gaps_ms.push(at_ms - before_ms) > 5000) gaps_ms.length = 0;
+  before_ms = at_ms;
+  requestAnimationFrame(count);
+};
 requestAnimationFrame(count);
 """
 
@@ -122,10 +132,10 @@ def heap_mb(session: CDPSession) -> float:
     return float(session.send("Runtime.getHeapUsage")["usedSize"]) / 1e6
 
 
-def traced_tasks_ms(browser: Browser, page: Page) -> list[float]:
-    """Processor time of each task of the page's main thread over a few seconds [ms]."""
+def traced_tasks_ms(browser: Browser, page: Page, act: Callable[[], None]) -> list[float]:
+    """Processor time of each task of the page's main thread while `act` runs [ms]."""
     browser.start_tracing(page=page, categories=["toplevel", "devtools.timeline", "__metadata"])
-    time.sleep(TRACED_S)
+    act()
     events = json.loads(browser.stop_tracing())["traceEvents"]
     threads = {
         (e["pid"], e["tid"])
@@ -180,7 +190,7 @@ def live(browser: Browser, url: str, minutes: float) -> None:
         last, frames, at = now, drawn, now_s
         if now_s >= next_heap:
             next_heap += 60
-            tasks_ms += traced_tasks_ms(browser, page)
+            tasks_ms += traced_tasks_ms(browser, page, lambda: time.sleep(TRACED_S))
             heaps.append(heap_mb(session))
             last, frames, at = metrics(session), page.evaluate("frames_drawn"), time.monotonic()
     after_mb = heap_mb(session)
@@ -193,10 +203,15 @@ def live(browser: Browser, url: str, minutes: float) -> None:
     print(f"  each minute: {', '.join(f'{mb:.1f}' for mb in heaps[:: max(1, len(heaps) // 15)])}")
     print(f"scripting a frame: {statistics.median(script_ms):.2f} ms of processor time, median of seconds")
     print(f"  with style and layout: {statistics.median(per_frame_ms):.2f} ms")
-    over = [length for length in tasks_ms if length > LONG_MS]
-    print(f"tasks over {LONG_MS:.0f} ms of processor time: {len(over)} of {len(tasks_ms)} traced", end="")
-    print(f", the longest {max(tasks_ms):.0f} ms" if tasks_ms else "")
+    tell_tasks(tasks_ms)
     context.close()
+
+
+def tell_tasks(tasks_ms: list[float]) -> None:
+    """Print how many tasks were long."""
+    over = sum(length > LONG_MS for length in tasks_ms)
+    print(f"tasks over {LONG_MS:.0f} ms of processor time: {over} of {len(tasks_ms)} traced", end="")
+    print(f", the longest {max(tasks_ms):.0f} ms" if tasks_ms else "")
 
 
 def drawn(page: Page) -> None:
@@ -232,12 +247,68 @@ def scrub(browser: Browser, url: str, session_id: str) -> None:
     context.close()
 
 
+def samples_behind(page: Page, path: Path) -> tuple[int, bool]:
+    """How many samples the charts of the whole session stand for, and whether each shows the extremes of all of its."""
+    with page.expect_response(re.compile("/series.*i_fs")) as waited:
+        page.get_by_role("button", name="Whole session").click()
+    count, kept = 0, True
+    with SessionFile(path) as session:
+        for name, shown in waited.value.json()["signals"].items():
+            signal = find_signal(name)
+            every = signal.physical(session.samples(signal).counts)
+            if every.size == 0:
+                continue
+            count += every.size
+            least = min(value for value in shown["min"] if value is not None)
+            most = max(value for value in shown["max"] if value is not None)
+            kept &= np.allclose((least, most), (np.nanmin(every), np.nanmax(every)), rtol=0, atol=1e-6)
+    return count, kept
+
+
+def drag(page: Page) -> None:
+    """Zoom in and out of a session, drag the window in view over it, drag its end: 300 moves, one a frame."""
+    strip = page.get_by_test_id("scrubber")
+    strip.focus()
+    for key in ("+", "+", "-", "+", "+", "-", "+"):
+        page.keyboard.press(key)
+        drawn(page)
+    box = strip.bounding_box()
+    assert box is not None
+    middle = box["y"] + box["height"] / 2
+    for start, end in ((0.5, 0.9), (0.9, 0.1), (0.1, 0.5)):
+        page.mouse.move(box["x"] + start * box["width"], middle)
+        page.mouse.down()
+        for step in range(1, 101):
+            page.mouse.move(box["x"] + (start + (end - start) * step / 100) * box["width"], middle)
+            drawn(page)
+        page.mouse.up()
+
+
+def millions(browser: Browser, url: str, path: Path) -> None:
+    """Measure panning and zooming with every sample of a long session behind the charts."""
+    context = browser.new_context(viewport=SIZE)
+    context.add_init_script(WATCH)
+    page = context.new_page()
+    page.goto(f"{url}/#/sessions/{path.stem}")
+    page.locator("canvas").nth(6).wait_for()
+    drawn(page)
+    page.evaluate("gaps_ms.length = 0")
+    tasks_ms = traced_tasks_ms(browser, page, lambda: drag(page))
+    gaps_ms = sorted(page.evaluate("gaps_ms"))
+    count, kept = samples_behind(page, path)
+    print(f"{count / 1e6:.2f} million points in view, zoomed and dragged: a frame every", end=" ")
+    print(f"{statistics.median(gaps_ms):.0f} ms, of 100 one after {gaps_ms[int(0.99 * len(gaps_ms))]:.0f} ms or later")
+    tell_tasks(tasks_ms)
+    print(f"extremes of all of them in the picture of the whole: {'kept' if kept else 'LOST'}")
+    context.close()
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=30.0, help="of the live stream (default %(default)s)")
     parser.add_argument("--hours", type=float, default=4.0, help="of the recorded session (default %(default)s)")
-    parser.add_argument("--ts", type=float, default=0.05, help="its sampling time [s] (default %(default)s)")
+    parser.add_argument("--ts", type=float, default=0.035, help="its sampling time [s] (default %(default)s)")
     parser.add_argument("--only", choices=("live", "session"), help="one of the two halves")
     args = parser.parse_args()
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
@@ -255,6 +326,7 @@ def main() -> None:
             path, _ = long_session(data / "sessions", args.ts, args.hours)
             with served(data) as url:
                 scrub(browser, url, path.stem)
+                millions(browser, url, path)
         browser.close()
 
 

@@ -4,6 +4,7 @@ import uPlot from 'uplot';
 import 'uplot/dist/uPlot.min.css';
 import { clock, fixed } from '../format';
 import type { Band } from '../store/decimate';
+import { Turns } from './turns';
 
 export interface PlotSeries {
   label: string;
@@ -57,6 +58,8 @@ function readTheme(host: Element): Theme {
   };
 }
 
+const turns = new Turns((draw) => requestAnimationFrame(draw));
+
 /** One chart in `host`; `set` gives it one band per series, all on the same times. */
 export class Plot {
   private readonly chart: uPlot;
@@ -82,11 +85,13 @@ export class Plot {
     marks: readonly Mark[] = [],
     shades: readonly Shade[] = [],
   ): void {
-    this.marks = marks;
-    this.shades = shades;
-    this.chart.batch(() => {
-      this.chart.setData(aligned(bands), false);
-      this.chart.setScale('x', { min: from, max: to });
+    turns.ask(this, () => {
+      this.marks = marks;
+      this.shades = shades;
+      this.chart.batch(() => {
+        this.chart.setData(aligned(bands), false);
+        this.chart.setScale('x', { min: from, max: to });
+      });
     });
   }
 
@@ -95,6 +100,7 @@ export class Plot {
   }
 
   destroy(): void {
+    turns.forget(this);
     this.chart.destroy();
   }
 

@@ -1,0 +1,40 @@
+// Charts take turns: what many of them have to draw at once is spread over frames, so that none of these is long.
+
+const BUDGET_MS = 6; // of a frame; the rest is the page's
+
+export class Turns {
+  private readonly waiting = new Map<object, () => void>();
+  private asked = false;
+
+  constructor(
+    private readonly nextFrame: (draw: () => void) => void,
+    private readonly now: () => number = () => performance.now(),
+  ) {}
+
+  /** Draw for `who` when its turn comes; what it asked before and was not drawn yet is replaced. */
+  ask(who: object, draw: () => void): void {
+    this.waiting.set(who, draw);
+    this.call();
+  }
+
+  forget(who: object): void {
+    this.waiting.delete(who);
+  }
+
+  private call(): void {
+    if (this.asked || this.waiting.size === 0) return;
+    this.asked = true;
+    this.nextFrame(() => this.draw());
+  }
+
+  private draw(): void {
+    this.asked = false;
+    const until = this.now() + BUDGET_MS;
+    for (const [who, draw] of this.waiting) {
+      this.waiting.delete(who);
+      draw();
+      if (this.now() >= until) break;
+    }
+    this.call();
+  }
+}
