@@ -2,16 +2,19 @@
 
 While they agree the surer one counts: by the squares of their variances, steeper than the precision-weighted mean,
 since the errors of a model last and do not average out against those of a count. When they contradict each other the
-start was wrong, and the filter rules; a count that stays contradicted is anchored anew. Within minutes a count cannot
-wander, whatever its start: how far the filter wanders against it is an error that the filter does not know of.
+start was wrong, and the filter rules; a count that stays contradicted is anchored anew. A smaller contradiction that
+lasts widens the count's sigma until both allow it. Within minutes a count cannot wander, whatever its start: how far
+the filter wanders against it is an error that the filter does not know of.
 
-    v_f = v_filter + S,  S' = S + a (1 - a) ((d - m)^2 - S),  m' = m + a (d - m),  a = 1 - exp(-dt / wander_s)
+    v_f = v_filter + S,  S' = S + a (1 - a) (f (d - m)^2 - S),  m' = m + a (d - m),  a = 1 - exp(-dt / wander_s)
     v_c = v_anchor + (gain q)^2 + (offset t)^2        over charge q and time t: gain and offset are constants
-    w   = P(start was right | both)                   from t(d; 0, v_f + v_c) against "anywhere in 0..1"
+    v_t = min(v_f + v_c, doubt_soc^2)
+    w   = P(start was right | both)                   from t(d; 0, v_t) against "anywhere in 0..1"
+    v_anchor' = v_anchor + b max(min(d^2, start_off^2) - v_t, 0),  b = 1 - exp(-dt / start_off_s)
     z   = z_f - w g d,  g = v_f^2 / (v_f^2 + v_c^2),  d = z_f - z_c
     v   = v_f + w g (v_c - v_f) + w (1 - w) g^2 d^2        no less than either's where their errors are the same
 
-t is Student's density with 31 degrees of freedom: (1 + d^2 / 32 v)^-16, tails a little heavier than normal and no
+t is Student's density with 31 degrees of freedom: (1 + d^2 / 32 v_t)^-16, tails a little heavier than normal and no
 exponential to compute.
 """
 
@@ -30,6 +33,7 @@ from app.estimation.tuning import Tuning
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+ZERO: Final = np.array(0.0)
 ONE: Final = np.array(1.0)
 VARIANCE_MAX: Final = np.array(SOC_VARIANCE_MAX)
 PER_TAIL: Final = np.array(1.0 / 32.0)
@@ -40,10 +44,15 @@ class Mixer:
 
     Attributes:
         count_v2: (shape) where the variance of the count is put before.
+        beyond_v2: (shape) by how much the square of the disagreement, as far as a start that is a little off explains
+            it, exceeds what both variances allow; of the last call.
     """
 
     def __init__(self, shape: tuple[int, ...], tuning: Tuning) -> None:
         self._odds = np.array(unknown_odds(tuning))
+        self._total_max = np.array(tuning.doubt_soc * tuning.doubt_soc)
+        self._off2_max = np.array(tuning.start_off * tuning.start_off)
+        self.beyond_v2 = np.empty(shape)
         pair, squares = np.empty((2, 2, *shape))  # of count and filter
         self.count_v2 = pair[0]
         self._views = pair, squares, *pair, *squares, *np.empty((6, *shape))
@@ -58,6 +67,9 @@ class Mixer:
         np.add(count_v2, filter_v2, total)
         np.subtract(filter_soc, count_soc, d)
         np.multiply(d, d, tail)
+        np.minimum(total, self._total_max, out=total)
+        np.minimum(tail, self._off2_max, out=self.beyond_v2)
+        np.subtract(self.beyond_v2, total, self.beyond_v2)
         np.divide(tail, total, tail)
         np.multiply(tail, PER_TAIL, tail)
         np.add(tail, ONE, tail)
@@ -93,6 +105,8 @@ class Fusion:
         self._mixer = Mixer((states.n_cells,), tuning)
         self._block_mixer: Mixer | None = None
         self._dt_s = math.nan
+        self._off_share = 0.0
+        self._wander_factor = np.array(tuning.wander_factor)
         self._gap = np.empty(states.n_cells)
         self._moved, self._shares = np.empty((2, 2, states.n_cells))
         self._wander_views = *self._moved, states.apart, states.wander, states.wander_v2
@@ -111,6 +125,10 @@ class Fusion:
         np.minimum(filter_v2, VARIANCE_MAX, out=filter_v2)
         count_variance(states.drift, states.anchor_v2, mixer.count_v2)
         soc, variance, w = mixer.mix(filter_soc, filter_v2, states.count_soc)
+        beyond_v2 = mixer.beyond_v2
+        if beyond_v2.item(beyond_v2.argmax()) > 0.0:
+            np.maximum(beyond_v2, ZERO, out=beyond_v2)
+            states.anchor_v2 += self._off_share * beyond_v2
         if w.item(w.argmin()) < 0.5:
             self._doubt(dt_s, w < 0.5, filter_soc, filter_v2)
         else:
@@ -122,8 +140,8 @@ class Fusion:
     ) -> tuple[FloatArray, FloatArray]:
         """Return (k, n) fused SOC and variance of k samples in a row.
 
-        Where a count is contradicted it may be anchored anew, and what follows then depends on it: those blocks are
-        fused sample by sample.
+        Where a count is contradicted its anchor changes, and what follows then depends on it: those blocks are fused
+        sample by sample.
 
         Args:
             dt_s: k steps [s].
@@ -146,7 +164,7 @@ class Fusion:
         np.add(heard_v2, filter_v2, heard_v2)
         np.minimum(heard_v2, VARIANCE_MAX, out=heard_v2)
         soc, variance, w = mixer.mix(filter_soc, heard_v2, counts[:, 0])
-        if not (w < 0.5).any():
+        if not ((w < 0.5).any() or (mixer.beyond_v2 > 0.0).any()):
             states.doubt_s.fill(0.0)
             return soc, variance
         np.copyto(states.wander, wander_before)
@@ -158,15 +176,17 @@ class Fusion:
         return soc, variance
 
     def _wander(self, dt_s: float, d: FloatArray) -> None:
-        """Follow the mean of d = z_f - z_c, and the mean square of what d does beyond it."""
+        """Follow the mean of d = z_f - z_c, and what the mean square of d beyond it tells of the filter's error."""
         if dt_s != self._dt_s:
             share = 1.0 - math.exp(-dt_s / self._tuning.wander_s)
             self._dt_s = dt_s
             self._shares[:] = [[share], [share * (1.0 - share)]]
+            self._off_share = 1.0 - math.exp(-dt_s / self._tuning.start_off_s)
         beyond, beyond2, apart, wander, wander_v2 = self._wander_views
         moved = self._moved
         np.subtract(d, apart, beyond)
-        np.multiply(beyond, beyond, beyond2)
+        np.multiply(beyond, self._wander_factor, beyond2)
+        np.multiply(beyond2, beyond, beyond2)
         np.subtract(beyond2, wander_v2, beyond2)
         np.multiply(moved, self._shares, moved)
         np.add(wander, moved, wander)
@@ -178,7 +198,7 @@ class Fusion:
         anchor = doubt_s > self._tuning.anchor_s
         np.copyto(state.count_soc, filter_soc, where=anchor)
         np.copyto(state.count[1:], 0.0, where=anchor)
-        np.copyto(state.anchor_v2, filter_v2, where=anchor)
+        np.copyto(state.anchor_v2, self._tuning.anchor_factor * filter_v2, where=anchor)
         np.copyto(state.apart, 0.0, where=anchor)
         np.copyto(doubt_s, 0.0, where=anchor)
 

@@ -11,14 +11,19 @@ from typing import Any
 from app.estimation.estimates import OUT_ACCEPTED, OUT_INNOVATION, OUT_SIGMA, OUT_SOC, OUT_VALID
 from app.estimation.kernel_parts import jit, noise_variance
 from app.estimation.kernel_shape import (
+    ANCHOR_FACTOR,
     ANCHOR_S,
     BIAS_S,
     BIAS_V,
     CHECK_BIAS_V,
     CHECK_RMS_V,
     CHECK_S,
+    DOUBT_SOC,
     MODEL_ERROR_V,
+    START_OFF,
+    START_OFF_S,
     UNKNOWN_ODDS,
+    WANDER_FACTOR,
     WANDER_S,
     Shape,
 )
@@ -68,7 +73,9 @@ def make_believe(shape: Shape) -> Any:
         rms_v2, bias_v = numbers[CHECK_RMS_V] * numbers[CHECK_RMS_V], numbers[CHECK_BIAS_V]
         wander_share = 1.0 - math.exp(-dt / numbers[WANDER_S])
         wander2_share = wander_share * (1.0 - wander_share)
-        odds, anchor_s = numbers[UNKNOWN_ODDS], numbers[ANCHOR_S]
+        odds, anchor_s, anchor_factor = numbers[UNKNOWN_ODDS], numbers[ANCHOR_S], numbers[ANCHOR_FACTOR]
+        wander_factor, off_share = numbers[WANDER_FACTOR], 1.0 - math.exp(-dt / numbers[START_OFF_S])
+        total_max, off2_max = numbers[DOUBT_SOC] * numbers[DOUBT_SOC], numbers[START_OFF] * numbers[START_OFF]
         for c in range(n):
             slope_v2 = slope[c] * slope[c]
             slope_v2 = slope_v2 if slope_v2 > floor_v2 else floor_v2
@@ -81,13 +88,17 @@ def make_believe(shape: Shape) -> Any:
                 d = soc - block[COUNTED + c]
                 apart, wander = block[APART_AT + c], block[WANDER_AT + c]
                 beyond = d - apart
-                wander += (beyond * beyond - wander) * wander2_share
+                wander += (beyond * wander_factor * beyond - wander) * wander2_share
                 apart += beyond * wander_share
                 variance += wander
                 variance = variance if variance < SOC_VARIANCE_MAX else SOC_VARIANCE_MAX
                 block[WANDER_AT + c] = wander
                 total = count_v2 + variance
-                tail = d * d / total * (1.0 / 32.0) + 1.0
+                total = total if total < total_max else total_max
+                d2 = d * d
+                over_v2 = (d2 if d2 < off2_max else off2_max) - total
+                anchor_v2 = block[ANCHOR + c] + off_share * (over_v2 if over_v2 > 0.0 else 0.0)
+                tail = d2 / total * (1.0 / 32.0) + 1.0
                 tail *= tail
                 tail *= tail
                 tail *= tail
@@ -106,7 +117,7 @@ def make_believe(shape: Shape) -> Any:
                 block[COUNTED + c] = soc if anchor else block[COUNTED + c]
                 block[GAIN + c] = 0.0 if anchor else gain
                 block[OFFSET + c] = 0.0 if anchor else offset
-                block[ANCHOR + c] = variance if anchor else block[ANCHOR + c]
+                block[ANCHOR + c] = anchor_factor * variance if anchor else anchor_v2
                 block[DOUBTED + c] = 0.0 if anchor else doubt
                 block[APART_AT + c] = 0.0 if anchor else apart
                 soc -= pulled

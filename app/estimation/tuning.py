@@ -37,11 +37,17 @@ class Tuning:
         gate_hold_s: ... for at most this long; then they are believed [s].
         gate_recovery: and the SOC sigma grows by this much per square root of a second.
         counter_soc_sigma: sigma of a SOC given without one, for the charge count.
+        start_off: a start may be off by this much and more than its sigma says ...
+        start_off_s: ... which a filter that keeps contradicting it shows over this time [s].
         counter_gain: relative error of charge over capacity.
         counter_offset_c: offset of the current sensor, in C.
         start_unknown: probability that a start SOC is simply wrong.
+        doubt_soc: largest sigma of a disagreement: what lies many of them apart is no accident, however little the
+            filter knows.
         wander_s: a count does not move within this time, so what the filter moves against it is the filter's error [s].
+        wander_factor: variance of that error over the part of it that shows within the time: errors last longer.
         anchor_s: the count is anchored anew when it has been less likely than not for this long without a break [s].
+        anchor_factor: variance of a new anchor over the filter's: a filter that finds its way leads.
         check_s: time constant of the self-check [s].
         check_rms_v: RMS innovation above which the model is not valid for the cell [V].
         check_bias_v: mean innovation above which it is not [V].
@@ -66,12 +72,17 @@ class Tuning:
     gate: float = 5.0
     gate_hold_s: float = 2.0
     gate_recovery: float = 0.02
-    counter_soc_sigma: float = 0.003
+    counter_soc_sigma: float = 0.007
+    start_off: float = 0.025
+    start_off_s: float = 600.0
     counter_gain: float = 0.007
     counter_offset_c: float = 0.01
     start_unknown: float = 0.05
+    doubt_soc: float = 0.06
     wander_s: float = 200.0
+    wander_factor: float = 3.0
     anchor_s: float = 120.0
+    anchor_factor: float = 4.0
     check_s: float = 120.0
     check_rms_v: float = 0.04
     check_bias_v: float = 0.025
