@@ -60,6 +60,7 @@ class CellPast:
 
     capacity_state: FloatArray  # (6, n_cells), of CapacityTracker
     joint_baseline_ohm: FloatArray  # (n_cells,), of JointWatch
+    resistance: FloatArray | None = None  # (2, n_cells), factor and sigma of ResistanceScale
 
 
 class Lookout:
@@ -72,8 +73,9 @@ class Lookout:
         self._capacities = CapacityBetweenRests(
             cell, CapacityTracker(cell.capacity_ah, n_cells, None if past is None else past.capacity_state)
         )
-        self._scale = ResistanceScale(n_cells)
+        self._scale = ResistanceScale(n_cells, None if past is None else past.resistance)
         self.learned = self._learned()
+        self._taught = np.ones(n_cells)  # resistance factors that the estimator counts with
         self._offset = OffsetTracker(float(self.learned.capacity_ah.mean()))
         self._has_to_hear = False  # voltages, to compare the current with
         self.sensor = self._offset.estimate()
@@ -96,7 +98,14 @@ class Lookout:
     @property
     def past(self) -> CellPast:
         """What to keep for the next session of the same cells."""
-        return CellPast(self._capacities.tracker.state, self._joint_watch.baseline_ohm)
+        resistance = np.array((self._scale.factor(), self._scale.sigma()))
+        return CellPast(self._capacities.tracker.state, self._joint_watch.baseline_ohm, resistance)
+
+    def teach(self, estimator: CellEstimator) -> None:
+        """Let an estimator count with what was learned of its cells."""
+        self._taught = self.learned.resistance_factor
+        estimator.use_capacity(self.learned.capacity_ah)
+        estimator.use_resistance(self._taught)
 
     def step(
         self,
@@ -114,7 +123,7 @@ class Lookout:
             current_a: measured, positive on discharge [A].
             voltages_v: (n_cells,) [V]; NaN = missing.
             power_w: of the accumulator, positive on discharge [W].
-            estimates: of this measurement.
+            estimates: of this measurement, by an estimator taught last.
             relays_open: no current can flow.
         """
         if dt_s is None or dt_s > UNKNOWN_S:
@@ -123,7 +132,8 @@ class Lookout:
         self._has_to_hear |= self._offset.step(dt_s, current_a, relays_open)
         self._t_s += dt_s
         if estimates is not None:
-            self._scale.step(dt_s, estimates.ocv_v, estimates.voltage_v, voltages_v)
+            drop_v = (estimates.ocv_v - estimates.voltage_v) / self._taught
+            self._scale.step(dt_s, estimates.ocv_v, estimates.ocv_v - drop_v, voltages_v)
         self._joint_watch.step(dt_s, current_a, voltages_v)
         before = current_a if self._load_a is None else self._load_a
         self._load_a = before + min(1.0, dt_s / LOAD_S) * (current_a - before)

@@ -16,6 +16,7 @@ log = logging.getLogger(__name__)
 REST_SIGMA = 0.01  # of a charge that was known when the service ended: what happened since is not
 SELF_DISCHARGE_SIGMA_PER_DAY = 0.001
 DAY_NS = 86_400_000_000_000
+NOTHING = np.empty((2, 0))
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,11 @@ def load_past(path: Path) -> Past | None:
                 int(file["saved_wall_ns"]),
                 file["soc"],
                 file["soc_sigma"],
-                CellPast(file["capacity_state"], file["joint_baseline_ohm"]),
+                CellPast(
+                    file["capacity_state"],
+                    file["joint_baseline_ohm"],
+                    file.get("resistance"),  # older versions saved none
+                ),
             )
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         log.warning("%s cannot be read and is ignored: %s", path, error)
@@ -68,6 +73,7 @@ def save_past(path: Path, past: Past) -> None:
                 soc_sigma=past.soc_sigma,
                 capacity_state=past.cells.capacity_state,
                 joint_baseline_ohm=past.cells.joint_baseline_ohm,
+                resistance=NOTHING if past.cells.resistance is None else past.cells.resistance,
             )
             file.flush()
             os.fsync(file.fileno())

@@ -138,7 +138,7 @@ class Pipeline:
         current_a, temperatures_degc = self._measured
         self._measured = None
         self._lookout.look(self._estimator, self._estimates, temperatures_degc, current_a, self._limits())
-        self._estimator.use_capacity(self._lookout.learned.capacity_ah)
+        self._lookout.teach(self._estimator)
 
     def _limits(self) -> Limits:
         """The configuration's, the cell's own where none was heard."""
@@ -252,9 +252,9 @@ class Pipeline:
         try:
             if self._estimator is None:
                 estimator, self._spare = self._spare or self._make_estimator(), None
-                _start(estimator, voltages_v, degc, current_a, self._start_soc)
                 if self._lookout is not None:
-                    estimator.use_capacity(self._lookout.learned.capacity_ah)
+                    self._lookout.teach(estimator)
+                _start(estimator, voltages_v, degc, current_a, self._start_soc)
                 self._estimator, dt_s = estimator, 0.0
             self._estimates = self._estimator.step(dt_s or 0.0, current_a, voltages_v, degc)
         except (EstimatorError, ArithmeticError, ValueError) as error:

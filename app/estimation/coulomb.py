@@ -10,7 +10,7 @@ from app.estimation.errors import EstimatorError
 from app.estimation.estimates import Estimates
 from app.estimation.fusion import count_variance
 from app.estimation.inputs import InputGuard
-from app.estimation.own_capacity import OwnCapacity
+from app.estimation.own_cells import OwnCapacity, use_resistance
 from app.estimation.process import Process
 from app.estimation.record import Record, check_record, run_steps
 from app.estimation.self_check import SelfCheck
@@ -64,6 +64,10 @@ class CoulombCounter:
         """Count with capacities of the cells' own; see `CellEstimator.use_capacity`."""
         self._capacity.use(capacity_ah)
 
+    def use_resistance(self, factor: ArrayLike) -> None:
+        """Foretell voltages with resistances of the cells' own; see `CellEstimator.use_resistance`."""
+        use_resistance(self.states, factor)
+
     def start(
         self,
         voltages_v: ArrayLike,
@@ -94,7 +98,7 @@ class CoulombCounter:
         j, f = cell.place_soc(state.count_soc)
         c = cell.circuit_at(j, f, step.climate.row, step.climate.row_weight)
         ocv = cell.ocv_at(j, f)
-        predicted = ocv - cell.drop(c, i, state.mean[1:]) + model.hysteresis_v * state.hysteresis
+        predicted = ocv - state.resistance * cell.drop(c, i, state.mean[1:]) + model.hysteresis_v * state.hysteresis
         innovation = step.voltage_v - predicted
         valid = self._check.update(step.dt_s, innovation, step.noise_v2, ~np.isnan(innovation))
         soc, sigma = (

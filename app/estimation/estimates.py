@@ -132,6 +132,18 @@ class CellEstimator(Protocol):
         """
         ...
 
+    def use_resistance(self, factor: ArrayLike) -> None:
+        """From the next step on foretell voltages with resistances that differ from the cell file's.
+
+        Args:
+            factor: (n_cells,) or scalar, all resistances of a cell over those of the cell file.
+
+        Raises:
+            ShapeError: it is neither.
+            EstimatorError: one is not finite and positive.
+        """
+        ...
+
     def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> Estimates:
         """Return the estimates after one sample.
 

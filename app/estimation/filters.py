@@ -16,7 +16,7 @@ from app.estimation.fast import FastStep
 from app.estimation.fusion import Fusion
 from app.estimation.inputs import InputGuard
 from app.estimation.marginal import MarginalFilter
-from app.estimation.own_capacity import OwnCapacity
+from app.estimation.own_cells import OwnCapacity, use_resistance
 from app.estimation.process import SOC_VARIANCE_MAX, Process
 from app.estimation.record import Record, check_record, run_steps
 from app.estimation.self_check import SelfCheck
@@ -114,6 +114,10 @@ class GaussianEstimator:
     def use_capacity(self, capacity_ah: ArrayLike) -> None:
         """Count with capacities of the cells' own; see `CellEstimator.use_capacity`."""
         self._capacity.use(capacity_ah)
+
+    def use_resistance(self, factor: ArrayLike) -> None:
+        """Foretell voltages with resistances of the cells' own; see `CellEstimator.use_resistance`."""
+        use_resistance(self.states, factor)
 
     def start(
         self,

@@ -63,7 +63,16 @@ from app.estimation.kernel_shape import (
 )
 from app.estimation.marginal import SOC_MAX, SOC_MIN
 from app.estimation.process import SOC_VARIANCE_MAX, VARIANCE_STEP
-from app.estimation.states import COUNT, COUNT_GAIN, COUNT_OFFSET, HYSTERESIS, N_SLOW, REFUSED, TEMPERATURE
+from app.estimation.states import (
+    COUNT,
+    COUNT_GAIN,
+    COUNT_OFFSET,
+    HYSTERESIS,
+    N_SLOW,
+    REFUSED,
+    RESISTANCE,
+    TEMPERATURE,
+)
 from app.estimation.tables import N_SOC, SOC_LOW, SOC_STEP
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -191,12 +200,14 @@ def make_look_up(shape: Shape) -> Any:
     T_OFFSET, T_WEIGHT = PLACE_OFFSET * n, PLACE_WEIGHT * n
     WIDTH, BY_SOC, BY_T, BY_BOTH, SLOPE = table_width(shape), C, 2 * C, 3 * C, 4 * C
     N_POINTS, FIRST = 3 if is_sigma else 1, 2 + has_over
+    d = 1 + m
+    RESISTANCE_AT = (d + d * d + RESISTANCE) * n
 
     @jit
     def look_up(block, table, i, over, placed, work):
         for point in range(N_POINTS):
             for c in range(n):
-                x, g = work[X + point * n + c], placed[T_WEIGHT + c]
+                x, g, resistance = work[X + point * n + c], placed[T_WEIGHT + c], block[RESISTANCE_AT + c]
                 j = int(x)
                 f = x - j
                 at, to = (j + int(placed[T_OFFSET + c])) * WIDTH, TERMS + (point * n + c) * C
@@ -206,7 +217,9 @@ def make_look_up(shape: Shape) -> Any:
                     y1 = table[a1] + table[a1 + BY_T] * g + (table[a1 + BY_SOC] + table[a1 + BY_BOTH] * g) * f
                     y2 = table[a2] + table[a2 + BY_T] * g + (table[a2 + BY_SOC] + table[a2 + BY_BOTH] * g) * f
                     y3 = table[a3] + table[a3 + BY_T] * g + (table[a3 + BY_SOC] + table[a3 + BY_BOTH] * g) * f
-                    work[to + q], work[to + q + 1], work[to + q + 2], work[to + q + 3] = y0, y1, y2, y3
+                    work[to + q] = y0 * resistance if q else y0
+                    work[to + q + 1], work[to + q + 2] = y1 * resistance, y2 * resistance
+                    work[to + q + 3] = y3 * resistance
                 if not is_sigma:
                     tangent = (table[at + BY_SOC + 1] + table[at + BY_BOTH + 1] * g) * i
                     for k in range(m):
@@ -215,7 +228,7 @@ def make_look_up(shape: Shape) -> Any:
                     if has_over:
                         tangent += (table[at + BY_SOC + 2] + table[at + BY_BOTH + 2] * g) * over
                     slope = table[at + SLOPE] + f * table[at + SLOPE + 1]
-                    work[SLOPE_AT + c], work[STEEP_AT + c] = slope, slope + tangent * (1.0 / SOC_STEP)
+                    work[SLOPE_AT + c], work[STEEP_AT + c] = slope, slope + tangent * resistance * (1.0 / SOC_STEP)
 
     return look_up
 

@@ -50,6 +50,8 @@ class SigmaOutput:
         self._found = found
         self._blend_views = found[2 * c :], blend, found[1 : 2 * c]
         self._value_views = found[:c], found[c : 2 * c], product
+        self._states = states
+        self._resistances = found[1:c].reshape(c - 1, 3, n)
         self._product_rows = list(product)
         self._ocv_right, self._ocv_left = product[0].reshape(3, n)[1:]
         self.ocv_slope_v = np.empty(n)
@@ -145,6 +147,8 @@ class SigmaOutput:
         values, by_soc, product = self._value_views
         np.multiply(by_soc, fraction, product)
         np.add(values, product, values)
+        if self._states.has_resistance:
+            np.multiply(self._resistances, self._states.resistance, self._resistances)
 
 
 class TangentOutput:
@@ -169,9 +173,10 @@ class TangentOutput:
         c = cell.circuit_at(j, f, row, weight)
         slope = cell.circuit_slope_at(j, row, weight)
         self.ocv_slope_v[:] = cell.ocv_slope_at(j, f)
-        self.slopes[SOC] = self.ocv_slope_v - cell.drop(slope, step.current_a, x[1:])
-        np.negative(c[BRANCH : BRANCH + self._states.n_rc], self.slopes[1:])
-        np.subtract(cell.ocv_at(j, f), cell.drop(c, step.current_a, x[1:]), output)
+        resistance = self._states.resistance
+        self.slopes[SOC] = self.ocv_slope_v - resistance * cell.drop(slope, step.current_a, x[1:])
+        np.multiply(c[BRANCH : BRANCH + self._states.n_rc], -resistance, self.slopes[1:])
+        np.subtract(cell.ocv_at(j, f), resistance * cell.drop(c, step.current_a, x[1:]), output)
         return np.zeros(self._states.n_cells)
 
 

@@ -1,8 +1,9 @@
-"""Cells that count with a capacity of their own: what that makes of a charge beyond what the model's capacity makes.
+"""Cells with a capacity and resistances of their own, which they differ by from their common model.
 
     z -= eta i dt / 3600 (1 / C_own - 1 / C_model)
 
-taken before a step. What moves afterwards is linear, so the two add up and no filter has to know.
+taken before a step. What moves afterwards is linear, so the two add up and no filter has to know. Resistances enter
+where a voltage is foretold: every drop of a cell is so many times that of the model.
 """
 
 from __future__ import annotations
@@ -28,9 +29,7 @@ class OwnCapacity:
 
     def use(self, capacity_ah: ArrayLike) -> None:
         """Count with these from now on; see `CellEstimator.use_capacity`."""
-        own = per_cell("capacity_ah", capacity_ah, np.nan, self._states.n_cells)
-        if not (np.isfinite(own).all() and (own > 0.0).all()):
-            raise EstimatorError("a capacity has to be finite and positive")
+        own = _positive("capacity_ah", capacity_ah, self._states.n_cells)
         beyond = 1.0 / own - 1.0 / self._model.capacity_ah
         self._beyond = beyond if beyond.any() else None
 
@@ -46,3 +45,16 @@ class OwnCapacity:
             moved = moved_ah * self._beyond
             self._states.mean[SOC] -= moved
             self._states.count_soc -= moved
+
+
+def use_resistance(states: CellStates, factor: ArrayLike) -> None:
+    """Let the cells of one state resist so many times what their model says; see `CellEstimator.use_resistance`."""
+    states.resistance[:] = _positive("factor", factor, states.n_cells)
+    states.has_resistance = bool((states.resistance != 1.0).any())
+
+
+def _positive(name: str, values: ArrayLike, n_cells: int) -> FloatArray:
+    own = per_cell(name, values, np.nan, n_cells)
+    if not (np.isfinite(own).all() and (own > 0.0).all()):
+        raise EstimatorError(f"{name} has to be finite and positive")
+    return own

@@ -3,7 +3,8 @@
     y = v_ocv - v,   x = v_ocv - v_model          y = f x + error; both without what is slower than `DRIFT_S`
 
 All resistances of a cell are taken to grow alike. What is slow is SOC, heat and overpotential and tells nothing. The
-model's error is not white and lasts about `LASTING_S`, so closer samples repeat each other.
+model's error is not white and lasts about `LASTING_S`, so closer samples repeat each other. What an earlier session
+found is where the next one begins, less sure by what temperature and age may have changed.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ MEMORY_S: Final = 300.0  # four or five laps; heat changes resistances, and the 
 LASTING_S: Final = 6.0  # of an error from which the drift has been taken
 RESTART_S: Final = 2.0  # a hole this long begins the drift anew
 PRIOR_SIGMA: Final = 0.3
+CHANGED_SIGMA: Final = 0.05  # from one session to the next
+FACTOR_MIN, FACTOR_MAX = 0.2, 10.0  # beyond it, it is no resistance
 QUIET_V: Final = 2e-3  # where no cell's drop moves more, nothing can be learnt and nothing is forgotten
 DROP_MAX_V: Final = 1.5  # a larger difference of voltages is a measurement that failed
 
@@ -30,7 +33,20 @@ DROP_MAX_V: Final = 1.5  # a larger difference of voltages is a measurement that
 class ResistanceScale:
     """Regression through the origin of measured on modelled drops, with fading memory; call `step` every sample."""
 
-    def __init__(self, n_cells: int) -> None:
+    def __init__(self, n_cells: int, past: FloatArray | None = None) -> None:
+        """Begin.
+
+        Args:
+            n_cells: number of cells.
+            past: (2, n_cells) factor and sigma at the end of an earlier session; None = there was none.
+        """
+        if past is None or past.shape != (2, n_cells):  # of another accumulator, or of none
+            past = np.tile([[1.0], [PRIOR_SIGMA]], n_cells)
+        factor, sigma = past
+        is_known = (factor > FACTOR_MIN) & (factor < FACTOR_MAX) & (sigma > 0.0)
+        self._prior = np.where(is_known, factor, 1.0)
+        sigma = np.where(is_known, np.hypot(sigma, CHANGED_SIGMA), PRIOR_SIGMA)
+        self._prior_weight = 1.0 / np.minimum(sigma, PRIOR_SIGMA) ** 2
         self._shape = (n_cells,)
         self._drift = np.zeros((2, n_cells))  # of y and x [V]
         self._sums = np.zeros((3, n_cells))  # weights times x x, x y, y y, times seconds [V^2 s]
@@ -77,14 +93,15 @@ class ResistanceScale:
         self._weight_s += dt_s * known
 
     def factor(self) -> FloatArray:
-        """Return (n_cells,) resistance over that of the cell file; 1 where nothing has shown it."""
+        """Return (n_cells,) resistance over that of the cell file; the past or 1 where nothing has shown it."""
         xx, xy, _ = self._sums
-        error_v2s, prior = self._error_v2s(), 1.0 / PRIOR_SIGMA**2
-        return np.asarray((xy / error_v2s + prior) / (xx / error_v2s + prior))
+        error_v2s, weight = self._error_v2s(), self._prior_weight
+        factor = (xy / error_v2s + weight * self._prior) / (xx / error_v2s + weight)
+        return np.asarray(np.clip(factor, FACTOR_MIN, FACTOR_MAX))
 
     def sigma(self) -> FloatArray:
         """Return (n_cells,) its standard deviation."""
-        return np.asarray(1.0 / np.sqrt(self._sums[0] / self._error_v2s() + 1.0 / PRIOR_SIGMA**2))
+        return np.asarray(1.0 / np.sqrt(self._sums[0] / self._error_v2s() + self._prior_weight))
 
     def _error_v2s(self) -> FloatArray:
         """Return (n_cells,) variance of the error times the time over which it repeats itself [V^2 s]."""

@@ -35,7 +35,7 @@ def start_from_voltage(cell: PackedCell, state: CellStates, tuning: Tuning, step
     for _ in range(3):
         j, f = cell.place_soc(soc)
         c = cell.circuit_at(j, f, step.climate.row, step.climate.row_weight)
-        soc = np.where(seen, model.ocv.soc_at(v + cell.drop(c, i, halfway)), soc)
+        soc = np.where(seen, model.ocv.soc_at(v + state.resistance * cell.drop(c, i, halfway)), soc)
     soc = np.where(seen, soc, soc[seen].mean() if seen.any() else 0.5)
     slope = np.maximum(model.ocv.slope(soc), SLOPE_FLOOR_V)
     branch_v2 = (tuning.start_branch_c * model.c_rate_a) ** 2 + (tuning.start_branch_rel * i) ** 2
@@ -43,7 +43,7 @@ def start_from_voltage(cell: PackedCell, state: CellStates, tuning: Tuning, step
     P[:] = 0.0
     z = step.noise_v2 * step.climate.noise_scale / slope**2 + tuning.start_voltage_sigma**2
     for k in range(model.n_rc):
-        share = c[BRANCH + k] / slope
+        share = state.resistance * c[BRANCH + k] / slope
         z += share * share * branch_v2
         P[SOC, k + 1] = P[k + 1, SOC] = share * branch_v2 * seen
         P[k + 1, k + 1] = branch_v2

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 SOC: Final = 0  # first row of the mean; the RC currents follow
-N_SLOW: Final = 14
+N_SLOW: Final = 15
 N_MOVING: Final = 4
 (
     HYSTERESIS,
@@ -27,6 +27,7 @@ N_MOVING: Final = 4
     SLOW_SQUARE,
     APART,
     WANDER,
+    RESISTANCE,
 ) = range(N_SLOW)  # rows behind the mean and the covariance; the first N_MOVING of them move without a sample
 
 
@@ -34,7 +35,7 @@ class CellStates:
     """State of n cells with n_rc RC pairs; d = 1 + n_rc.
 
     Attributes:
-        block: (d + d d + 14, n) everything below, one row each.
+        block: (d + d d + 15, n) everything below, one row each.
         moving: (d + d d + 4, n) its part that moves without a sample.
         gaussian: (1 + d, d, n) mean, then covariance.
         mean: (d, n) SOC, then RC currents [A].
@@ -45,7 +46,7 @@ class CellStates:
         averages: (4, n) means of the scaled innovation [V], of its square [V^2], over a shorter time [V], and of the
             square of that [V^2].
         bias_v2: (n,) the last of them.
-        wander: (2, n) mean of the filter's SOC minus the count's, and mean square of what comes on top of it.
+        wander: (2, n) mean of the filter's SOC minus the count's, and the variance that what comes on top of it shows.
         apart: (n,) its first row.
         wander_v2: (n,) its second row.
         count: (3, n) SOC by counting charge, and the sigmas that gain and offset of the sensor have given it.
@@ -53,6 +54,8 @@ class CellStates:
         drift: (2, n) its other rows.
         anchor_v2: (n,) variance of the SOC where the count began.
         doubt_s: (n,) for how long the count has been less likely than not [s].
+        resistance: (n,) resistances of the cells over those of their model.
+        has_resistance: whether one of them is not 1.
     """
 
     def __init__(self, n_rc: int, n_cells: int) -> None:
@@ -78,3 +81,6 @@ class CellStates:
         self.drift = slow[COUNT_GAIN : COUNT_OFFSET + 1]
         self.anchor_v2 = slow[ANCHOR_V2]
         self.doubt_s = slow[DOUBT]
+        self.resistance = slow[RESISTANCE]
+        self.resistance[:] = 1.0
+        self.has_resistance = False

@@ -66,3 +66,20 @@ def test_a_gap_and_a_failed_measurement_are_no_drop():
 def test_wrong_shape_is_refused():
     with pytest.raises(ShapeError, match="voltages_v"):
         ResistanceScale(4).step(DT_S, np.zeros(4), np.zeros(4), np.zeros(3))
+
+
+def test_the_next_session_begins_with_what_the_last_one_found_and_learns_on():
+    before = driven(ResistanceScale(4), 300.0)
+    after = ResistanceScale(4, np.array((before.factor(), before.sigma())))
+    np.testing.assert_allclose(after.factor(), before.factor())
+    assert (after.sigma() > before.sigma()).all(), "temperature and age may have changed it"
+    assert (after.sigma() < 0.08).all(), "well enough known to be counted with at once"
+    warmer = ResistanceScale(4, np.array((1.3 * GROWN, before.sigma())))
+    np.testing.assert_allclose(driven(warmer, 300.0).factor(), GROWN, atol=0.03)
+
+
+def test_a_past_that_cannot_be_is_none():
+    absurd = np.array([[np.nan, -1.0, 1e6, 1.0], [0.01, 0.01, 0.01, np.nan]])
+    np.testing.assert_allclose(ResistanceScale(4, absurd).factor(), 1.0)
+    np.testing.assert_allclose(ResistanceScale(4, absurd).sigma(), PRIOR_SIGMA)
+    np.testing.assert_allclose(ResistanceScale(4, np.ones((2, 3))).factor(), 1.0)
