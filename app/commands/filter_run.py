@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.estimation.circuit import CellModel
 from app.estimation.estimators import CellEstimator
-from app.estimation.identify_parts import GAP_S
+from app.estimation.identify_branches import GAP_S
 from app.estimation.importer import GAP_STEPS, FloatArray, Recording
 from app.estimation.sensor_offset import OffsetTracker, SensorOffset
 

@@ -30,6 +30,9 @@ TAU_COUNT: Final = 7  # candidates, each twice the one before: 1 to 64 s at 10 H
 OCV_POINTS: Final = 101
 JUDGED_SOC: Final = 0.05  # below, the voltage falls so fast that its error says nothing about the SOC
 VOLTAGE_RMS_LIMIT_V: Final = 0.03  # above, estimates drift: see docs/identification.md
+SOC_BEYOND: Final = 0.05  # a recording further beyond full or empty is not on the SOC axis
+FLAT_V: Final = 0.15  # per unit of SOC: an OCV that rises less tells little
+FLAT_SHARE: Final = 0.25  # of the range: less is a dip that a drive passes
 EXTRAPOLATION_COLD_K: Final = 15.0  # the activation energies are believed this far beyond the data
 EXTRAPOLATION_HOT_K: Final = 20.0
 TEMPERATURE_STEP_K: Final = 10.0
@@ -117,7 +120,7 @@ def identify(
         fit_voltage_rms_v=float(np.sqrt(np.mean([fit.voltage_rms_v**2 for fit in judged]))),
         fit_current_max_a=max(fit.current_max_a for fit in fits),
     )
-    warnings = _warnings(fits, capacity_ah)
+    warnings = [*slow.warnings, *_warnings(fits, capacity_ah), *_flat(slow)]
     return Identification(
         model, fits, solution.tau_s, solution.activation, slow.counted_ah, tuple(notes), tuple(warnings)
     )
@@ -133,9 +136,8 @@ def _search(problem: Problem, parts: Sequence[Part], capacity_ah: float, n_rc: i
         solution = _search_activation(problem, solution)
         solution = problem.choose_tau(candidates, n_rc, solution.activation)
     else:
-        notes.append(
-            f"one temperature only: resistances follow an activation energy of {DEFAULT_ACTIVATION[0]:g} J/mol"
-        )
+        known = "one temperature only" if temperatures.size else f"no temperatures, {REFERENCE_DEGC:g} degC taken"
+        notes.append(f"{known}: resistances follow an activation energy of {DEFAULT_ACTIVATION[0]:g} J/mol")
     if n_rc:
         near = sorted({tau * factor for tau in solution.tau_s for factor in (2**-0.5, 1.0, 2**0.5)})
         solution = problem.choose_tau(near, n_rc, solution.activation)
@@ -253,7 +255,27 @@ def _warnings(fits: Sequence[PartFit], capacity_ah: float) -> list[str]:
         )
     elif drive_max < RATED_C * capacity_ah:
         warnings.append(f"the drive stays below {drive_max:.3g} A: a harder race lies outside the data")
-    worst = max(fits, key=lambda fit: fit.voltage_rms_v)
-    if worst.voltage_rms_v > VOLTAGE_RMS_LIMIT_V:
-        warnings.append(f"{worst.name}: the model misses the voltage by {1e3 * worst.voltage_rms_v:.0f} mV RMS")
+    for fit in fits:
+        if fit.voltage_rms_v > VOLTAGE_RMS_LIMIT_V:
+            warnings.append(f"{fit.name}: the model misses the voltage by {1e3 * fit.voltage_rms_v:.0f} mV RMS")
+        low, high = fit.soc_range
+        if low < -SOC_BEYOND or high > 1.0 + SOC_BEYOND:
+            warnings.append(
+                f"{fit.name}: runs from {100.0 * low:.0f} to {100.0 * high:.0f} % SOC: the slow test does not cover "
+                "the cell, or the count is wrong"
+            )
     return warnings
+
+
+def _flat(slow: SlowCurves) -> list[str]:
+    """Warn of a cell whose voltage hardly tells its SOC."""
+    slope_v = np.diff(slow.rested_v) / np.diff(slow.soc)
+    share = float(np.mean(slope_v < FLAT_V))
+    if share < FLAT_SHARE:
+        return []
+    gap_v = float(np.median(slow.charge_v - slow.discharge_v))
+    hysteresis = f", and charge and discharge lie {1e3 * gap_v:.0f} mV apart" if slow.has_charge else ""
+    return [
+        f"the OCV rises by less than {100.0 * FLAT_V:.0f} mV per 10 % of SOC over {100.0 * share:.0f} % of the range"
+        f"{hysteresis}: there the SOC rests on counted charge, and a wrong start is corrected late"
+    ]

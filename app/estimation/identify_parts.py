@@ -7,22 +7,19 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.estimation.errors import ModelError
+from app.estimation.identify_branches import REST_S, IntArray, stretches
 from app.estimation.identify_slow import SlowCurves
-from app.estimation.importer import GAP_STEPS, FloatArray, Recording
+from app.estimation.importer import FloatArray, Recording
 
-IntArray = NDArray[np.intp]
-
-GAP_S: Final = 60.0  # a shorter hole in the record cannot hide a discharge
-REST_S: Final = 600.0  # a rest this long ends near the OCV
-REST_SIGMA_V: Final = 0.003  # how near
+REST_SIGMA_V: Final = 0.003  # how near the OCV a rest of `REST_S` ends
 SHORT_REST_S: Final = 60.0  # a rest this long ends not far from it
 SHORT_REST_SIGMA_V: Final = 0.01
 LOADED_SIGMA_V: Final = 0.015  # of a first row under load, its ohmic drop given back
 SLOPE_MIN_V: Final = 1e-3  # of the OCV over SOC: flatter tells nothing
 REFUTED_SIGMAS: Final = 2.0
+FOREIGN_FRAC: Final = 0.5  # of the SOC moved: further apart than that, count and voltage are not of one cell
 REST_CURRENT_C: Final = 0.01  # below this a cell rests
 
 COUNT_ERROR_FRAC: Final = 0.003  # drift of a laboratory's charge counter, of the charge moved
@@ -41,15 +38,6 @@ class Part:
     recording: Recording
     soc: FloatArray
     is_drive: bool
-
-
-def stretches(recording: Recording) -> list[IntArray]:
-    """Return the rows of each stretch in which no charge can have moved unseen."""
-    steps = recording.step_s
-    hole = steps > max(GAP_S, GAP_STEPS * recording.usual_step_s)
-    idle = np.abs(recording.current_a) < 1e-3 * max(float(np.abs(recording.current_a).max()), 1e-9)
-    hole[1:] &= ~(idle[1:] & idle[:-1]) | (steps[1:] > REST_S)
-    return [rows for rows in np.split(np.arange(steps.size), np.flatnonzero(hole)) if rows.size]
 
 
 def charge_ah(recording: Recording, rows: IntArray) -> FloatArray:
@@ -112,15 +100,15 @@ def typical_resistance(recordings: Sequence[Recording]) -> float:
     ratios = []
     for r in recordings:
         step_a, step_v = np.diff(r.current_a), np.diff(r.voltage_v)
-        large = (np.abs(step_a) > 0.2 * np.abs(r.current_a).max()) & np.isfinite(step_v) & (step_a != 0.0)
-        ratios.append(-step_v[large] / step_a[large])
+        large = (np.abs(step_a) > 0.2 * r.largest_a) & np.isfinite(step_v) & (step_a != 0.0)
+        found = -step_v[large] / step_a[large]
+        if found.size and float(np.median(found)) <= 0.0:
+            raise ModelError(r.source, "the voltage rises with the discharge current; pass --charge-positive")
+        ratios.append(found)
     steps = np.concatenate(ratios)
     if steps.size == 0:
         raise ModelError("--pulses", "the current never steps: nothing says what the resistance is")
-    typical = float(np.median(steps))
-    if not typical > 0.0:
-        raise ModelError("--pulses", "the voltage rises with the discharge current; pass --charge-positive")
-    return typical
+    return float(np.median(steps))
 
 
 def capacity_from_column(recordings: Sequence[Recording]) -> float | None:
@@ -151,7 +139,11 @@ def capacity_from_column(recordings: Sequence[Recording]) -> float | None:
 def capacity_from_rests(
     recordings: Sequence[Recording], slow: SlowCurves, resistance_ohm: float
 ) -> tuple[float, float] | None:
-    """Return the capacity by charge counted between anchors on the OCV curve and its sigma [Ah]; None without any."""
+    """Return the capacity by charge counted between anchors on the OCV curve and its sigma [Ah]; None without any.
+
+    Raises:
+        ModelError: a recording's count and its rest voltages cannot belong to the cell of the slow test.
+    """
     moved = spanned = 0.0
     for recording in recordings:
         for rows in stretches(recording):
@@ -160,15 +152,27 @@ def capacity_from_rests(
                 continue
             soc, sigma = _soc_of(slow, anchors)
             span = float(soc[0] - soc[-1])
+            counted = charge_ah(recording, rows)[anchors.rows - rows[0]]
+            span_sigma = float(np.hypot(sigma[0], sigma[-1]))
+            _check_count(recording.source, float(counted[-1] - counted[0]), span, span_sigma, slow)
             if abs(span) >= SPAN_MIN:
-                counted = charge_ah(recording, rows)[anchors.rows - rows[0]]
-                weight = 1.0 / float(sigma[0] ** 2 + sigma[-1] ** 2)
+                weight = 1.0 / span_sigma**2
                 moved += float(counted[-1] - counted[0]) * span * weight
                 spanned += span * span * weight
     if spanned == 0.0:
         return None
     capacity_ah = moved / spanned
     return capacity_ah, abs(capacity_ah) / float(np.sqrt(spanned))
+
+
+def _check_count(source: str, counted_ah: float, span: float, sigma: float, slow: SlowCurves) -> None:
+    counted = counted_ah / slow.counted_ah
+    if abs(counted - span) > FOREIGN_FRAC * max(abs(span), abs(counted), SPAN_MIN) + 3.0 * sigma:
+        raise ModelError(
+            source,
+            f"counts {counted_ah:.4g} Ah between rests that lie {100.0 * span:.0f} % apart on the OCV of the slow "
+            f"test, which counts {slow.counted_ah:.4g} Ah from full to empty: another unit, clock, sign or cell?",
+        )
 
 
 def choose_capacity(
@@ -183,7 +187,7 @@ def choose_capacity(
             )
         return column
     rests = capacity_from_rests(recordings, slow, resistance_ohm)
-    if rests is not None:
+    if rests is not None and not slow.is_loaded:
         capacity_ah, sigma_ah = rests
         limit = max(DISAGREEMENT_FRAC * slow.counted_ah, REFUTED_SIGMAS * sigma_ah)
         if abs(capacity_ah - slow.counted_ah) > limit and 0.5 < capacity_ah / slow.counted_ah < 2.0:

@@ -1,7 +1,8 @@
-"""What a slow test says about a cell: its branches over SOC, and the charge between full and empty.
+"""What slow tests say about a cell: its branches over SOC, and the charge between full and empty.
 
-A slow test is a discharge of C/10 or less, a charge, or both, in one or several recordings. The charge counter of the
-rig is not trusted blindly: branches are laid on the SOC axis by their ends, which are states of the cell.
+A slow test is a discharge of C/10 or less, a charge, or both, in one or several recordings. Where nothing was that
+slow, the rests of a stepwise discharge stand for it, or discharges at two currents. The charge counter of the rig is
+not trusted blindly: branches are laid on the SOC axis by their ends, which are states of the cell.
 """
 
 from __future__ import annotations
@@ -11,18 +12,22 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.estimation.errors import ModelError
-from app.estimation.importer import GAP_STEPS, FloatArray, Recording
+from app.estimation.identify_branches import Branch, find_branches, rest_after, rests_of
+from app.estimation.importer import FloatArray, Recording
+from app.estimation.ocv import from_rests, from_two_currents
 
-BranchPoints = tuple[FloatArray, FloatArray]
-
-BRANCH_CURRENT_FRAC: Final = 0.3  # of the largest current: below, the test rests or holds the voltage
-BRANCH_CHARGE_FRAC: Final = 0.3  # of the largest charge moved one way: a branch moves at least this much
+SLOW_C: Final = 0.15  # faster, the drop at the current is no longer small
+FAST_C: Final = 1.5  # a discharge from full to empty at more than this is a piece of a drive or of a pulse test
+ALIKE_FRAC: Final = 0.8  # of the largest charge moved: discharges that went as far
+RESTS_MIN: Final = 5  # rested points that make a curve
+CURRENTS_RATIO: Final = 1.5  # between two discharges that tell the drop
 COUNT_TOLERANCE: Final = 0.03  # of the capacity: more disagreement of count and rest voltage and the count is wrong
 REST_SHARE: Final = 0.3  # of the way from discharge to charge branch: half for diffusion, less with hysteresis
 GRID_POINTS: Final = 401
+END_SOC: Final = 0.02  # the last part of the discharge ...
+END_STEEPNESS: Final = 3.0  # ... falls at least this many times as fast as the middle where a cell is empty
 
 
 @dataclass(frozen=True)
@@ -35,9 +40,10 @@ class SlowCurves:
         charge_v: (n,) voltage while charging [V], rising; equal to `discharge_v` where no charge was recorded.
         counted_ah: charge the discharge counted from full to empty [Ah].
         current_a: magnitude of the discharge current [A].
-        temperature_degc: mean temperature [degC], NaN if not recorded.
-        has_charge: a charging branch was recorded.
+        has_charge: a charging branch was recorded beside a discharge.
         notes: what was assumed, in plain words.
+        warnings: what makes the curves doubtful.
+        is_loaded: the curves hold the drop of a current that was not slow: rests do not lie on them.
     """
 
     soc: FloatArray
@@ -45,9 +51,10 @@ class SlowCurves:
     charge_v: FloatArray
     counted_ah: float
     current_a: float
-    temperature_degc: float
     has_charge: bool
-    notes: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    is_loaded: bool = False
 
     @property
     def rested_v(self) -> FloatArray:
@@ -60,115 +67,150 @@ def read_slow(recordings: Sequence[Recording]) -> SlowCurves:
 
     SOC comes from the soc column where the branch has one. Without it the discharge runs from SOC 1 to 0, and the
     charge starts where its count says and ends where the rest voltage after it lies on the discharge curve, unless the
-    count agrees within 3 %.
+    count agrees within 3 %. A charge alone runs from SOC 0 to 1.
 
     Args:
         recordings: one or more slow tests of the same cell.
 
     Raises:
-        ModelError: no recording holds a discharge, or a branch has too few samples.
+        ModelError: no recording holds a branch, one has too few samples, or its current is no slow test's.
     """
-    branches = [(r, b) for r in recordings for b in _branches(r)]
-    discharges = [(r, b) for r, b in branches if r.current_a[b].mean() > 0.0]
-    charges = [(r, b) for r, b in branches if r.current_a[b].mean() < 0.0]
-    if not discharges:
-        raise ModelError("--ocv", "no slow discharge found: positive current over most of the capacity")
+    discharges, charges = find_branches(recordings)
+    if not discharges and not charges:
+        raise ModelError("--ocv", "no current flows one way for long: a slow discharge or charge is needed")
     notes: list[str] = []
-    recording, rows = max(discharges, key=lambda item: _moved_ah(*item))
-    counted_ah = _moved_ah(recording, rows)
-    soc = _column_soc(recording, rows)
-    if soc is None:
-        soc = 1.0 - (_charge(recording)[rows] - _charge(recording)[rows[0]]) / counted_ah
-    else:
-        counted_ah /= max(float(soc[0] - soc[-1]), 1e-6)
+    warnings: list[str] = []
+    is_loaded = False
+    base = _slowest(discharges or charges)
+    soc, counted_ah = _base_soc(base)
     grid = np.linspace(0.0, 1.0, GRID_POINTS)
-    discharge_v = _on_grid(grid, soc, recording.voltage_v[rows])
+    rate_c = base.current_a / counted_ah
+    if rate_c <= SLOW_C:
+        discharge_v = _on_grid(grid, soc, base.recording.voltage_v[base.rows])
+    else:
+        at_rest_v = _without_slow(discharges, base, counted_ah, grid, notes)
+        is_loaded = at_rest_v is None
+        if is_loaded:
+            warnings.append(
+                f"{base.recording.source} ran at {rate_c:.2g} C, not at C/10 or less: its OCV is off by the drop at "
+                "that current; add a discharge at another current, or a stepwise one with rests"
+            )
+        discharge_v = _on_grid(grid, soc, base.recording.voltage_v[base.rows]) if at_rest_v is None else at_rest_v
+        charges = []
+    if base.moved_ah < 0.0:
+        notes.append(f"{base.recording.source}: no slow discharge: the OCV follows the charge")
+    _doubt_the_end(grid, discharge_v, base, warnings)
     charge_v = discharge_v
-    if charges:
-        other, charge_rows = max(charges, key=lambda item: _moved_ah(*item))
-        charge_soc = _column_soc(other, charge_rows)
+    if discharges and charges:
+        charge = charges[0]
+        charge_soc = charge.soc
         if charge_soc is None:
-            charge_soc = _charge_soc(other, charge_rows, counted_ah, grid, discharge_v, notes)
-        charge_v = _on_grid(grid, charge_soc, other.voltage_v[charge_rows], discharge_v)
-    temperatures = recording.temperature_degc[rows]
+            charge_soc = _charge_soc(charge, counted_ah, grid, discharge_v, notes)
+        charge_v = _on_grid(grid, charge_soc, charge.recording.voltage_v[charge.rows], discharge_v)
     return SlowCurves(
         soc=grid,
         discharge_v=discharge_v,
         charge_v=np.maximum(charge_v, discharge_v),
         counted_ah=counted_ah,
-        current_a=float(np.median(recording.current_a[rows])),
-        temperature_degc=float(temperatures.mean()),
-        has_charge=bool(charges),
+        current_a=base.current_a,
+        has_charge=bool(discharges and charges),
         notes=tuple(notes),
+        warnings=tuple(warnings),
+        is_loaded=is_loaded,
     )
 
 
-def _branches(recording: Recording) -> list[NDArray[np.intp]]:
-    """Return the row numbers of every long run of current of one sign."""
-    current = recording.current_a
-    sign = np.sign(current) * (np.abs(current) > BRANCH_CURRENT_FRAC * np.abs(current).max())
-    edges = np.flatnonzero(np.diff(sign)) + 1
-    runs = [run for run in np.split(np.arange(len(sign)), edges) if sign[run[0]] != 0.0 and len(run) >= 10]
-    if not runs:
-        return []
-    moved = [_moved_ah(recording, run) for run in runs]
-    return [run for run, ah in zip(runs, moved, strict=True) if ah >= BRANCH_CHARGE_FRAC * max(moved)]
+def _slowest(branches: Sequence[Branch]) -> Branch:
+    far = [branch for branch in branches if abs(branch.moved_ah) >= ALIKE_FRAC * abs(branches[0].moved_ah)]
+    return min(far, key=lambda branch: branch.current_a)
 
 
-def _charge(recording: Recording) -> FloatArray:
-    """Return the (n,) charge drawn [Ah], with nothing counted over gaps."""
-    mean_a = 0.5 * (recording.current_a[1:] + recording.current_a[:-1])
-    steps = np.diff(recording.time_s)
-    steps = np.where(steps > GAP_STEPS * recording.usual_step_s, 0.0, steps)
-    return np.concatenate(([0.0], np.cumsum(mean_a * steps) / 3600.0))
+def _base_soc(base: Branch) -> tuple[FloatArray, float]:
+    """Return the (n,) SOC of the branch that the others are laid on, and its charge from full to empty [Ah]."""
+    counted_ah = abs(base.moved_ah)
+    soc = base.soc
+    if soc is not None:
+        return soc, counted_ah / max(float(abs(soc[0] - soc[-1])), 1e-6)
+    return (1.0 if base.moved_ah > 0.0 else 0.0) - base.drawn_ah / counted_ah, counted_ah
 
 
-def _moved_ah(recording: Recording, rows: NDArray[np.intp]) -> float:
-    charge = _charge(recording)
-    return abs(float(charge[rows[-1]] - charge[rows[0]]))
+def _without_slow(
+    discharges: Sequence[Branch],
+    base: Branch,
+    counted_ah: float,
+    grid: FloatArray,
+    notes: list[str],
+) -> FloatArray | None:
+    """Return the voltage at rest over the grid where no branch is slow: from rests, from two currents, else None.
+
+    Raises:
+        ModelError: the only branch is too fast to be one from full to empty.
+    """
+    source, rate_c = base.recording.source, base.current_a / counted_ah
+    rests = rests_of(base)
+    if rests.size >= RESTS_MIN:
+        notes.append(f"{source}: no slow test: the OCV runs through {rests.size} rests of a stepwise discharge")
+        charge = base.recording.seen_charge_ah
+        base_soc, _ = _base_soc(base)
+        soc = base_soc[0] - (charge[rests] - charge[base.rows[0]]) / counted_ah
+        inside = (soc >= -0.05) & (soc <= 1.05)
+        curve = from_rests(soc[inside], base.recording.voltage_v[rests][inside])
+        return np.maximum.accumulate(curve.voltage(grid))
+    faster = [b for b in discharges if b.current_a >= CURRENTS_RATIO * base.current_a]
+    if faster:
+        other = faster[0]
+        notes.append(
+            f"no slow test: the OCV is extrapolated from {source} at {base.current_a:.3g} A "
+            f"and {other.recording.source} at {other.current_a:.3g} A"
+        )
+        return _from_two(base, other, counted_ah, grid)
+    if rate_c > FAST_C:
+        raise ModelError(source, f"its longest run of current is at {rate_c:.3g} C: no slow test, and without rests")
+    return None
 
 
-def _column_soc(recording: Recording, rows: NDArray[np.intp]) -> FloatArray | None:
-    soc = recording.soc[rows]
-    return soc if bool(np.isfinite(soc).all()) and float(np.ptp(soc)) > 0.0 else None
+def _from_two(low: Branch, high: Branch, counted_ah: float, grid: FloatArray) -> FloatArray:
+    """Return the voltage at no current from discharges at two; below the end of the faster its drop is held."""
+    low_soc, _ = _base_soc(low)
+    low_v = _on_grid(grid, low_soc, low.recording.voltage_v[low.rows])
+    high_soc = low_soc[0] - high.drawn_ah / counted_ah if high.soc is None else high.soc
+    high_v = _on_grid(grid, high_soc, high.recording.voltage_v[high.rows])
+    covered = (grid >= high_soc.min()) & (grid <= high_soc.max())
+    drop_v = np.interp(grid, grid[covered], np.maximum(low_v - high_v, 0.0)[covered])
+    return from_two_currents(grid, low_v, low_v - drop_v, low.current_a, high.current_a).voltage(grid)
+
+
+def _doubt_the_end(grid: FloatArray, curve_v: FloatArray, base: Branch, warnings: list[str]) -> None:
+    """Warn where the curve ends without the steep fall of an empty cell: then SOC 0 is not empty."""
+    end = float(np.interp(END_SOC, grid, curve_v) - curve_v[0]) / END_SOC
+    usual = float(np.median(np.diff(curve_v) / np.diff(grid)))
+    if end < END_STEEPNESS * usual:
+        warnings.append(
+            f"{base.recording.source} ends at {curve_v[0]:.2f} V, before the steep fall of an empty cell: "
+            "SOC 0 and the capacity mean that voltage"
+        )
 
 
 def _charge_soc(
-    recording: Recording,
-    rows: NDArray[np.intp],
-    counted_ah: float,
-    grid: FloatArray,
-    discharge_v: FloatArray,
-    notes: list[str],
+    charge: Branch, counted_ah: float, grid: FloatArray, discharge_v: FloatArray, notes: list[str]
 ) -> FloatArray:
-    charge = _charge(recording)
-    start = float(np.interp(recording.voltage_v[rows[0] - 1], discharge_v, grid)) if rows[0] > 0 else 0.0
-    moved: FloatArray = (charge[rows[0]] - charge[rows]) / counted_ah
-    rest = _rest_after(recording, int(rows[-1]))
-    if rest is None:
+    recording, first = charge.recording, int(charge.rows[0])
+    start = float(np.interp(recording.voltage_v[first - 1], discharge_v, grid)) if first > 0 else 0.0
+    start = start if np.isfinite(start) else 0.0
+    moved = -charge.drawn_ah / counted_ah
+    rest = rest_after(recording, int(charge.rows[-1]))
+    if rest is None or not np.isfinite(recording.voltage_v[rest]):
         return start + moved
-    counted = (charge[rows[0]] - charge[rest]) / counted_ah
+    drawn_ah = recording.seen_charge_ah
+    counted = float(drawn_ah[first] - drawn_ah[rest]) / counted_ah
     rested = float(np.interp(recording.voltage_v[rest], discharge_v, grid)) - start
-    if abs(rested - counted) <= COUNT_TOLERANCE:
+    if abs(rested - counted) <= COUNT_TOLERANCE or rested <= COUNT_TOLERANCE:
         return start + moved
     notes.append(
         f"{recording.source}: the charge counts {100.0 * (counted / rested - 1.0):+.1f} % against the rest voltage "
         "after it: laid on the SOC axis by its ends"
     )
-    scale = rested / float(counted)
-    return start + moved * scale
-
-
-def _rest_after(recording: Recording, row: int) -> int | None:
-    """Return the last row of the rest that follows a branch, before any gap; None without a rest."""
-    idle = np.abs(recording.current_a) < 0.05 * np.abs(recording.current_a).max()
-    after = np.flatnonzero(idle[row:])
-    if after.size == 0:
-        return None
-    begin = row + int(after[0])
-    stop = np.flatnonzero(~idle[begin:] | (recording.step_s[begin:] > GAP_STEPS * recording.usual_step_s))
-    stop = stop[stop > 0]
-    return begin + int(stop[0]) - 1 if stop.size else len(idle) - 1
+    return start + moved * rested / counted
 
 
 def _on_grid(

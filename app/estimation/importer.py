@@ -25,6 +25,8 @@ CELL_VOLTAGE_MIN_V = 0.5  # no cell is below it for half of a recording
 CELL_VOLTAGE_LIMIT_V = 10.0  # above this the column cannot be the volts of one cell
 TEMPERATURE_RANGE_DEGC = (-60.0, 150.0)  # outside, a sensor is broken or not there
 HOT_DEGC = 65.0  # a cell that is usually warmer is rather written in Fahrenheit
+SPIKE_RATIO = 20.0  # times the third largest current: one row or two beyond are no current
+SPIKE_EVIDENCE = 0.01  # share of the rows under a like current that it takes to call those two a spike
 SHORT_STEP_S = 0.005  # rows that lie closer are rather minutes or hours taken for seconds
 SWING_DOUBT = 1.3  # of the capacity: more charge between the highest and lowest point of a run is a wrong count ...
 SWING_MAX = 5.0  # ... and so much more another unit, clock or cell
@@ -56,6 +58,11 @@ class Recording:
     def usual_step_s(self) -> float:
         """The median of the steps that are not zero [s], 1 where there is none."""
         return usual_step(self.time_s)
+
+    @property
+    def largest_a(self) -> float:
+        """The third largest magnitude of the current [A]: one row or two may be a spike."""
+        return _third_largest(self.current_a)
 
     @property
     def charge_ah(self) -> FloatArray:
@@ -124,6 +131,7 @@ def clean(
     if missing:
         notes.append(f"{missing} rows have no voltage: kept as missing")
     _drop_impossible(table, notes)
+    table = _without_spikes(table, notes)
     _note_gaps(table, notes)
     notes += _doubts(table)
     time_s, current_a, voltage_v, temperature_degc, soc = (np.ascontiguousarray(c) for c in table.T)
@@ -208,6 +216,18 @@ def _drop_impossible(table: FloatArray, notes: list[str]) -> None:
         notes.append(f"warning: temperature is usually {np.nanmedian(temperature):.0f} degC: is it in Fahrenheit?")
 
 
+def _without_spikes(table: FloatArray, notes: list[str]) -> FloatArray:
+    """Return the rows without the one or two whose current is far beyond that of all others."""
+    size_a = np.abs(table[:, 1])
+    usual_a = _third_largest(size_a)
+    if usual_a == 0.0 or float(np.mean(size_a > 0.5 * usual_a)) < SPIKE_EVIDENCE:
+        return table
+    spike = size_a > SPIKE_RATIO * usual_a
+    if spike.any():
+        notes.append(f"{int(spike.sum())} rows with a current of up to {size_a.max():.4g} A, a spike, left out")
+    return table[~spike]
+
+
 def _doubts(table: FloatArray) -> list[str]:
     """Return warnings about what was read but can hardly be meant."""
     doubts = []
@@ -232,12 +252,15 @@ def _note_gaps(table: FloatArray, notes: list[str]) -> None:
 def _sign_doubt(current_a: FloatArray, voltage_v: FloatArray) -> str | None:
     """Return a warning when the voltage rises with the discharge current over the large steps of the current."""
     step_a, step_v = np.diff(current_a), np.diff(voltage_v)
-    third = min(3, current_a.size)  # one row or two may be a spike
-    largest_a = float(np.partition(np.abs(current_a), -third)[-third])
-    large = (np.abs(step_a) > 0.2 * max(largest_a, 1e-12)) & np.isfinite(step_v)
+    large = (np.abs(step_a) > 0.2 * max(_third_largest(current_a), 1e-12)) & np.isfinite(step_v)
     if not large.any() or float(np.median(step_v[large] / step_a[large])) <= 0.0:
         return None
     return "warning: the voltage rises with the discharge current; if charging is positive, pass --charge-positive"
+
+
+def _third_largest(current_a: FloatArray) -> float:
+    rank = min(3, current_a.size)
+    return float(np.partition(np.abs(current_a), -rank)[-rank])
 
 
 def _held(values: FloatArray) -> FloatArray:

@@ -190,11 +190,34 @@ def test_wrong_sign_is_named():
         identify([slow(model)], [turned])
 
 
-def test_missing_discharge_is_named():
+def test_a_slow_charge_alone_is_enough():
     model = cell()
-    charge = record(model, "charge", [(-1 / 20, 3600 * 18)], 0.05, step_s=60.0)
-    with pytest.raises(ModelError, match="slow discharge"):
-        identify([charge], [pulses(model)])
+    charge = record(model, "charge", [(-1 / 20, 3600 * 19.9)], 0.0, step_s=60.0)
+    result = identify([charge], [pulses(model)], [drive(model)])
+    inside = np.linspace(0.1, 0.95, 20)
+    np.testing.assert_allclose(result.model.ocv.voltage(inside), model.ocv.voltage(inside), atol=0.008)
+
+
+def test_counts_that_cannot_be_of_the_slow_tests_cell_are_refused_by_name():
+    model = cell()
+    milliamperes = pulses(model, with_soc=False)
+    milliamperes.current_a[:] *= 1000.0
+    with pytest.raises(ModelError, match=r"pulses: counts .* Ah between rests"):
+        identify([slow(model, with_soc=False)], [milliamperes])
+
+
+def test_a_flat_cell_is_warned_of():
+    model = cell(ocv_v=FLAT_V)
+    warnings = identify([slow(model)], [pulses(model)], [drive(model)]).warnings
+    assert any("rests on counted charge" in warning for warning in warnings)
+
+
+def test_every_part_that_misses_the_voltage_is_warned_of():
+    model, other = cell(), cell(factors=(4.0, 4.0, 4.0))
+    result = identify([slow(model)], [pulses(other)], [drive(model, with_soc=False)])
+    missed = {part.name for part in result.parts if part.voltage_rms_v > 0.03}
+    assert missed
+    assert missed == {w.split(":")[0] for w in result.warnings if "misses the voltage" in w}
 
 
 def test_time_constants_start_above_the_sampling():

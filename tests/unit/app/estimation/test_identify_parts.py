@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from app.estimation.errors import ModelError
-from app.estimation.identify_parts import capacity_from_column, charge_ah, stretches, typical_resistance
+from app.estimation.identify_branches import stretches
+from app.estimation.identify_parts import capacity_from_column, charge_ah, typical_resistance
 from app.estimation.importer import Recording
 
 CAPACITY_AH = 3.0

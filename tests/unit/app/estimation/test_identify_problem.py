@@ -12,7 +12,7 @@ from app.estimation.importer import Recording
 
 CAPACITY_AH = 3.0
 GRID = np.linspace(0.0, 1.0, 101)
-SLOW = SlowCurves(GRID, 3.0 + GRID, 3.04 + GRID, CAPACITY_AH, 0.1, 25.0, True, ())
+SLOW = SlowCurves(GRID, 3.0 + GRID, 3.04 + GRID, CAPACITY_AH, 0.1, True)
 R0_OHM, R_OHM, TAU_S = 0.02, 0.012, 16.0
 SEEN = slice(4, 12)  # knots between which the drive takes place
 

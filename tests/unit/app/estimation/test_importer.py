@@ -184,10 +184,25 @@ def test_a_spike_of_the_current_is_left_out_and_raises_no_doubt_of_the_sign():
     doubted = clean(
         "a", columns(time_s=np.arange(n), current_a=spiked, voltage_v=4.0 - 0.03 * current + spiked * 1e-12)
     )
-    assert recording.notes == doubted.notes == ()
-    kept = believable(doubted, 3.0)
-    np.testing.assert_array_equal(kept.current_a, np.delete(current, 7))
-    assert any("1 rows with a current beyond 180 A" in note for note in kept.notes)
+    assert recording.notes == ()
+    assert doubted.notes == ("1 rows with a current of up to 1e+09 A, a spike, left out",)
+    np.testing.assert_array_equal(doubted.current_a, np.delete(current, 7))
+
+
+def test_a_short_pulse_after_a_long_rest_is_no_spike():
+    current = np.zeros(400)
+    current[300:302] = 5.0
+    pulse = clean("a", columns(time_s=np.arange(400), current_a=current, voltage_v=4.0 - 0.03 * current))
+    np.testing.assert_array_equal(pulse.current_a, current)
+
+
+def test_rows_beyond_what_the_cell_can_give_are_left_out_aloud():
+    current = np.where(np.arange(40) % 10 < 5, 2.0, 0.0)
+    current[[7, 17, 27, 37]] = 500.0
+    run = clean("a", columns(time_s=np.arange(40), current_a=current, voltage_v=4.0 - 1e-3 * current))
+    kept = believable(run, 3.0)
+    assert kept.current_a.max() == 2.0
+    assert any("4 rows with a current beyond 180 A" in note for note in kept.notes)
 
 
 def test_more_charge_than_the_cell_holds_is_doubted_and_much_more_refused():
