@@ -152,7 +152,8 @@ def tau_candidates(recordings: Sequence[Recording], capacity_ah: float) -> tuple
         if under_load.any():
             steps.append(float(np.median(r.step_s[under_load])))
     if not steps:
-        raise ModelError("--pulses", "no current flows in them")
+        problem = f"no current flows in them that counts for a cell of {capacity_ah:.4g} Ah, as the slow test has it"
+        raise ModelError("--pulses", f"{problem}: is one of them in mA?")
     shortest = max(TAU_MIN_S, 2.0 * min(steps))
     return tuple(float(shortest * 2.0**k) for k in range(TAU_COUNT))
 

@@ -19,7 +19,8 @@ SHORT_REST_SIGMA_V: Final = 0.01
 LOADED_SIGMA_V: Final = 0.015  # of a first row under load, its ohmic drop given back
 SLOPE_MIN_V: Final = 1e-3  # of the OCV over SOC: flatter tells nothing
 REFUTED_SIGMAS: Final = 2.0
-FOREIGN_FRAC: Final = 0.5  # of the SOC moved: further apart than that, count and voltage are not of one cell
+FOREIGN_FRAC: Final = 0.5  # of the charge moved: further apart than that, count and voltage are not of one cell
+COUNT_DRIFT_FRAC: Final = 0.25  # of the charge moved to and fro: a counter may be as bad as that
 REST_CURRENT_C: Final = 0.01  # below this a cell rests
 
 COUNT_ERROR_FRAC: Final = 0.003  # drift of a laboratory's charge counter, of the charge moved
@@ -152,9 +153,12 @@ def capacity_from_rests(
                 continue
             soc, sigma = _soc_of(slow, anchors)
             span = float(soc[0] - soc[-1])
-            counted = charge_ah(recording, rows)[anchors.rows - rows[0]]
+            drawn = charge_ah(recording, rows)
+            counted = drawn[anchors.rows - rows[0]]
             span_sigma = float(np.hypot(sigma[0], sigma[-1]))
-            _check_count(recording.source, float(counted[-1] - counted[0]), span, span_sigma, slow)
+            drift_ah = COUNT_DRIFT_FRAC * float(np.abs(np.diff(drawn)).sum())
+            sigma_ah = 3.0 * span_sigma * slow.counted_ah + drift_ah
+            _check_count(recording.source, float(counted[-1] - counted[0]), span, sigma_ah, slow.counted_ah)
             if abs(span) >= SPAN_MIN:
                 weight = 1.0 / span_sigma**2
                 moved += float(counted[-1] - counted[0]) * span * weight
@@ -165,13 +169,13 @@ def capacity_from_rests(
     return capacity_ah, abs(capacity_ah) / float(np.sqrt(spanned))
 
 
-def _check_count(source: str, counted_ah: float, span: float, sigma: float, slow: SlowCurves) -> None:
-    counted = counted_ah / slow.counted_ah
-    if abs(counted - span) > FOREIGN_FRAC * max(abs(span), abs(counted), SPAN_MIN) + 3.0 * sigma:
+def _check_count(source: str, counted_ah: float, span: float, unsure_ah: float, capacity_ah: float) -> None:
+    expected_ah = span * capacity_ah
+    if abs(counted_ah - expected_ah) > FOREIGN_FRAC * max(abs(expected_ah), abs(counted_ah)) + unsure_ah:
         raise ModelError(
             source,
             f"counts {counted_ah:.4g} Ah between rests that lie {100.0 * span:.0f} % apart on the OCV of the slow "
-            f"test, which counts {slow.counted_ah:.4g} Ah from full to empty: another unit, clock, sign or cell?",
+            f"test, which counts {capacity_ah:.4g} Ah from full to empty: another unit, clock, sign or cell?",
         )
 
 
