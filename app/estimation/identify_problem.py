@@ -22,6 +22,7 @@ DEFAULT_ACTIVATION: Final = (20e3, 20e3, 20e3)  # the usual size for lithium-ion
 ACTIVATION_SIGMA: Final = 15e3  # how far from the default a cell may be expected
 SMOOTH_FRAC: Final = 0.5  # how far a resistance may bend from knot to knot, of the typical resistance
 RESISTANCE_LIMIT_FRAC: Final = 100.0
+R0_FLOOR_FRAC: Final = 0.3  # of the typical resistance: a fast pair may not take all of R0 where data is thin
 OVERPOTENTIAL_SIGMA_V: Final = 0.1
 OFFSET_SIGMA_V: Final = 0.0005  # the two slow branches bracket the OCV ...
 OFFSET_SIGMA_ALONE_V: Final = 0.02  # ... a discharge alone does not
@@ -134,7 +135,9 @@ class Problem:
         self, gram: FloatArray, moment: FloatArray, tau_s: tuple[float, ...], activation: Activation
     ) -> Solution:
         is_free = np.arange(moment.size) >= moment.size - OFFSET_SOC.size
-        x = non_negative_least_squares(gram, moment, is_free)
+        least = np.zeros(moment.size)
+        least[: RESISTANCE_SOC.size] = R0_FLOOR_FRAC * self._typical_ohm
+        x = least + non_negative_least_squares(gram, moment - gram @ least, is_free)
         cost = float(x @ gram @ x - 2.0 * x @ moment)
         cost += sum(((e - d) / ACTIVATION_SIGMA) ** 2 for e, d in zip(activation, DEFAULT_ACTIVATION, strict=True))
         return Solution(cost, tau_s, activation, x)

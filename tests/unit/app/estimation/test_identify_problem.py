@@ -83,3 +83,8 @@ def test_activation_energies_far_from_the_usual_cost():
     this = problem()
     usual, odd = (this.solve((TAU_S,), energies) for energies in (DEFAULT_ACTIVATION, (80e3, 20e3, 20e3)))
     assert odd.cost > usual.cost, "at 25 degC nothing else tells them apart"
+
+
+def test_a_fast_pair_never_takes_all_of_the_ohmic_resistance():
+    fast = problem().solve((0.1,), DEFAULT_ACTIVATION)
+    np.testing.assert_array_less(0.3 * R0_OHM - 1e-12, fast.r0_ohm)
