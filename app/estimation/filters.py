@@ -73,7 +73,9 @@ class GaussianEstimator:
                     raise
                 logger.warning("estimating with numpy alone: %s", error)
         self._soc, self._filter_v2 = self.states.mean[SOC], self.states.cov[SOC, SOC]
-        self._out_shape = N_OUT, n_cells
+        self._numbers = np.empty((N_OUT, n_cells))
+        self._rows = tuple(self._numbers)
+        self._bias_v2 = np.array(tuning.bias_v * tuning.bias_v)
         self._is_started = False
         self._was_told = False  # a SOC, which a filter without a count goes on from
 
@@ -151,26 +153,25 @@ class GaussianEstimator:
                 self._capacity.take(held_a, dt_s)
             return fast.step(dt_s, held_a, voltages_v, temperatures_degc)
         sample = self.guard.check(dt_s, current_a, voltages_v, temperatures_degc)
-        numbers = np.empty(self._out_shape)
-        reported, sigma, ocv, predicted, innovation, innovation_sigma, valid, accepted = numbers
+        reported, sigma, ocv, predicted, innovation, innovation_sigma, valid, accepted = self._rows
         if self._capacity.is_used:
             self._capacity.take(sample.current_a, sample.dt_s)
         self._process.predict(sample)
-        result = self._filter.update(sample, predicted, innovation, innovation_sigma)
-        soc, variance = self._soc, soc_variance(self.tuning, self._filter_v2, self.states.bias_v2, result.slope_v)
+        used = self._filter.update(sample, predicted, innovation, innovation_sigma)
+        slope_v = self._filter.ocv_slope_v
+        soc, variance = self._soc, soc_variance(self._bias_v2, self._filter_v2, self.states.bias_v2, slope_v)
         if self._fusion is not None:
             soc, variance = self._fusion.fuse(sample.dt_s, soc, variance)
-        if result.all_accepted:
+        if used is None:
             accepted.fill(1.0)
-            valid[:] = self._check.update(sample.dt_s, innovation, sample.noise_v2, None)
         else:
-            accepted[:] = result.accepted
-            valid[:] = self._check.update(sample.dt_s, innovation, sample.noise_v2, result.accepted)
+            accepted[:] = used
+        valid[...] = self._check.update(sample.dt_s, innovation, sample.noise_v2, used)
         np.maximum(soc, ZERO, out=reported)
         np.minimum(reported, ONE, out=reported)
         np.sqrt(variance, sigma)
-        ocv[:] = self.cell.ocv_of(soc)
-        return Estimates(numbers)
+        ocv[...] = self.cell.ocv_of(soc)
+        return Estimates(self._numbers.copy())
 
     def run(
         self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
@@ -228,16 +229,16 @@ class GaussianEstimator:
             if self._capacity.is_used:
                 self._capacity.take(sample.current_a, dt)
             self._process.predict(sample)
-            result = self._filter.update(sample, predicted[k], innovation[k], innovation_sigma[k])
-            soc[k], filter_v2[k], slope_v[k] = self._soc, self._filter_v2, result.slope_v
+            used = self._filter.update(sample, predicted[k], innovation[k], innovation_sigma[k])
+            soc[k], filter_v2[k], slope_v[k] = self._soc, self._filter_v2, self._filter.ocv_slope_v
             counts[k] = states.count
             noise_v2[k] = sample.noise_v2
-            if not result.all_accepted:
+            if used is not None:
                 all_accepted = False
-                accepted[k] = result.accepted
-        used = None if all_accepted else accepted != 0.0
-        valid[:], bias_v2 = self._check.update_block(times_s, innovation, noise_v2, used)
-        variance = soc_variance(self.tuning, filter_v2, bias_v2, slope_v)
+                accepted[k] = used
+        counting = None if all_accepted else accepted != 0.0
+        valid[:], bias_v2 = self._check.update_block(times_s, innovation, noise_v2, counting)
+        variance = soc_variance(self._bias_v2, filter_v2, bias_v2, slope_v)
         if self._fusion is not None:
             soc, variance = self._fusion.fuse_block(times_s, soc, variance, counts, before)
         np.clip(soc, 0.0, 1.0, out=reported)
@@ -245,20 +246,20 @@ class GaussianEstimator:
         ocv[:] = self.cell.ocv_of(soc)
 
 
-def soc_variance(tuning: Tuning, filter_v2: FloatArray, bias_v2: FloatArray, slope_v: FloatArray) -> FloatArray:
+def soc_variance(model_v2: FloatArray, filter_v2: FloatArray, bias_v2: FloatArray, slope_v: FloatArray) -> FloatArray:
     """Return (...) variance of the SOC with the error that averaging does not remove.
 
     v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less.
 
     Args:
-        tuning: which says what the model errs by.
+        model_v2: () what the model errs by in any case [V^2].
         filter_v2: (...) variance of the filter's SOC.
         bias_v2: (...) mean square of the lasting innovation before the sample [V^2].
         slope_v: (...) dOCV/dSOC [V].
     """
     slope_v2 = slope_v * slope_v
     np.maximum(slope_v2, SLOPE_FLOOR_V2, out=slope_v2)
-    variance: FloatArray = bias_v2 + tuning.bias_v * tuning.bias_v
+    variance: FloatArray = np.add(bias_v2, model_v2)
     np.divide(variance, slope_v2, variance)
     np.add(variance, filter_v2, variance)
     np.minimum(variance, VARIANCE_MAX, out=variance)

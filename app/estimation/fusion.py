@@ -12,7 +12,7 @@ the filter wanders against it is an error that the filter does not know of.
     w   = P(start was right | both)                   from t(d; 0, v_t) against "anywhere in 0..1"
     v_anchor' = v_anchor + b max(min(d^2, start_off^2) - v_t, 0),  b = 1 - exp(-dt / start_off_s)
     z   = z_f - w g d,  g = v_f^2 / (v_f^2 + v_c^2),  d = z_f - z_c
-    v   = v_f + w g (v_c - v_f) + w (1 - w) g^2 d^2        no less than either's where their errors are the same
+    v   = v_f + w g (v_c - v_f + (1 - w) g d^2)        no less than either's where their errors are the same
 
 t is Student's density with 31 degrees of freedom: (1 + d^2 / 32 v_t)^-16, tails a little heavier than normal and no
 exponential to compute.
@@ -44,56 +44,57 @@ class Mixer:
 
     Attributes:
         count_v2: (shape) where the variance of the count is put before.
+        filter_v2: (shape) where that of the filter is, model error and wandering included.
         beyond_v2: (shape) by how much the square of the disagreement, as far as a start that is a little off explains
-            it, exceeds what both variances allow; of the last call.
+            it, exceeds what both variances allow; of the last call, None where it does not.
     """
 
     def __init__(self, shape: tuple[int, ...], tuning: Tuning) -> None:
         self._odds = np.array(unknown_odds(tuning))
         self._total_max = np.array(tuning.doubt_soc * tuning.doubt_soc)
         self._off2_max = np.array(tuning.start_off * tuning.start_off)
-        self.beyond_v2 = np.empty(shape)
-        pair, squares = np.empty((2, 2, *shape))  # of count and filter
-        self.count_v2 = pair[0]
-        self._views = pair, squares, *pair, *squares, *np.empty((6, *shape))
+        self.beyond_v2: FloatArray | None = None
+        upper, lower, ratios = np.empty((3, 2, *shape))
+        self._views = upper, upper[0], lower, lower[0], ratios, *ratios, *np.empty((2, *shape))
+        self.count_v2, self.filter_v2 = upper[1], lower[1]
 
-    def mix(
-        self, filter_soc: FloatArray, filter_v2: FloatArray, count_soc: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return fused SOC and variance, new arrays, and the odds w that the start was right."""
-        pair, squares, count_v2, own_v2, count_square, square, d, tail, g, w, left, total = self._views
-        np.copyto(own_v2, filter_v2)
-        np.multiply(pair, pair, squares)
+    def mix(self, filter_soc: FloatArray, d: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return fused SOC and variance, new arrays, and the odds w that the start was right.
+
+        Args:
+            filter_soc: (shape) the filter's SOC.
+            d: (shape) how far it lies above the count's.
+        """
+        upper, d2, lower, total, ratios, w, g, share, left = self._views
+        count_v2, filter_v2 = self.count_v2, self.filter_v2
         np.add(count_v2, filter_v2, total)
-        np.subtract(filter_soc, count_soc, d)
-        np.multiply(d, d, tail)
         np.minimum(total, self._total_max, out=total)
-        np.minimum(tail, self._off2_max, out=self.beyond_v2)
-        np.subtract(self.beyond_v2, total, self.beyond_v2)
-        np.divide(tail, total, tail)
-        np.multiply(tail, PER_TAIL, tail)
-        np.add(tail, ONE, tail)
-        for _ in range(4):
-            np.multiply(tail, tail, tail)
-        np.sqrt(total, w)
-        np.multiply(tail, w, tail)
-        np.multiply(tail, self._odds, tail)
-        np.add(tail, ONE, tail)
-        np.reciprocal(tail, w)
-        np.add(count_square, square, g)
-        np.divide(square, g, g)
-        # z = z_f - w g d
-        np.multiply(g, d, d)
-        np.multiply(w, d, left)
-        soc = np.subtract(filter_soc, left)
-        # v = v_f + w g (v_c - v_f) + w g d (g d - w g d)
-        np.multiply(w, g, g)
-        np.subtract(count_v2, filter_v2, count_v2)
-        np.multiply(g, count_v2, g)
-        np.subtract(d, left, d)
-        np.multiply(left, d, left)
+        np.multiply(d, d, d2)
+        # d^2 / v_t and v_c / v_f: 1 / w - 1 = odds sqrt(v_t) (1 + d^2 / 32 v_t)^16, and 1 / g - 1 is a square
+        np.divide(upper, lower, ratios)
+        self.beyond_v2 = None
+        if w.item(w.argmax()) > 1.0:
+            self.beyond_v2 = np.maximum(np.minimum(d2, self._off2_max) - total, ZERO)
+        np.multiply(w, PER_TAIL, w)
+        np.add(w, ONE, w)
+        for _ in range(3):
+            np.multiply(w, w, w)
+        np.multiply(ratios, ratios, ratios)
+        np.sqrt(total, left)
+        np.multiply(left, self._odds, left)
+        np.multiply(w, left, w)
+        np.add(ratios, ONE, ratios)
+        np.reciprocal(ratios, ratios)
+        # v = v_f + w g (v_c - v_f + (g - w g) d^2)
+        np.multiply(w, g, share)
+        np.subtract(g, share, g)
+        np.multiply(g, d2, g)
+        np.subtract(count_v2, filter_v2, left)
         np.add(left, g, left)
-        return soc, np.add(filter_v2, left), w
+        np.multiply(left, share, left)
+        # z = z_f - w g d
+        np.multiply(share, d, share)
+        return np.subtract(filter_soc, share), np.add(filter_v2, left), w
 
 
 class Fusion:
@@ -119,18 +120,18 @@ class Fusion:
             filter_soc: (n,) the filter's SOC.
             filter_v2: (n,) its variance, model error included.
         """
-        states, mixer = self._states, self._mixer
-        self._wander(dt_s, np.subtract(filter_soc, states.count_soc, self._gap))
-        filter_v2 = np.add(filter_v2, states.wander_v2)
-        np.minimum(filter_v2, VARIANCE_MAX, out=filter_v2)
+        states, mixer, gap = self._states, self._mixer, self._gap
+        np.subtract(filter_soc, states.count_soc, gap)
+        self._wander(dt_s, gap)
+        heard_v2 = mixer.filter_v2
+        np.add(filter_v2, states.wander_v2, heard_v2)
+        np.minimum(heard_v2, VARIANCE_MAX, out=heard_v2)
         count_variance(states.drift, states.anchor_v2, mixer.count_v2)
-        soc, variance, w = mixer.mix(filter_soc, filter_v2, states.count_soc)
-        beyond_v2 = mixer.beyond_v2
-        if beyond_v2.item(beyond_v2.argmax()) > 0.0:
-            np.maximum(beyond_v2, ZERO, out=beyond_v2)
-            states.anchor_v2 += self._off_share * beyond_v2
+        soc, variance, w = mixer.mix(filter_soc, gap)
+        if mixer.beyond_v2 is not None:
+            states.anchor_v2 += self._off_share * mixer.beyond_v2
         if w.item(w.argmin()) < 0.5:
-            self._doubt(dt_s, w < 0.5, filter_soc, filter_v2)
+            self._doubt(dt_s, w < 0.5, filter_soc, heard_v2)
         else:
             states.doubt_s.fill(0.0)
         return soc, variance
@@ -157,14 +158,14 @@ class Fusion:
         count_variance(np.moveaxis(counts[:, 1:], 1, 0), states.anchor_v2, mixer.count_v2)
         wander_before = states.wander.copy()
         gaps = filter_soc - counts[:, 0]
-        heard_v2 = np.empty(shape)
+        heard_v2 = mixer.filter_v2
         for dt, one, row in zip(dt_s, gaps, heard_v2, strict=True):
             self._wander(dt, one)
-            np.copyto(row, states.wander_v2)
+            row[...] = states.wander_v2
         np.add(heard_v2, filter_v2, heard_v2)
         np.minimum(heard_v2, VARIANCE_MAX, out=heard_v2)
-        soc, variance, w = mixer.mix(filter_soc, heard_v2, counts[:, 0])
-        if not ((w < 0.5).any() or (mixer.beyond_v2 > 0.0).any()):
+        soc, variance, w = mixer.mix(filter_soc, gaps)
+        if mixer.beyond_v2 is None and not (w < 0.5).any():
             states.doubt_s.fill(0.0)
             return soc, variance
         np.copyto(states.wander, wander_before)

@@ -39,7 +39,7 @@ class Climate(NamedTuple):
 
     row: IntArray
     row_weight: FloatArray
-    offset3: IntArray
+    offset3: FloatArray
     noise_scale: FloatArray
     is_inside: bool
 
@@ -138,4 +138,4 @@ class InputGuard:
         row, weight = self._cell.place(t)
         outside_k = np.maximum(grid[0] - t, 0.0) + np.maximum(t - grid[-1], 0.0)
         cold = 1.0 + self._tuning.cold_factor * outside_k / 10.0
-        return Climate(row, weight, np.tile(N_SOC * row, 3), cold * cold, bool((cold == 1.0).all()))
+        return Climate(row, weight, np.tile(float(N_SOC) * row, 3), cold * cold, bool((cold == 1.0).all()))

@@ -62,6 +62,7 @@ from app.estimation.kernel_shape import (
     table_width,
 )
 from app.estimation.marginal import SOC_MAX, SOC_MIN
+from app.estimation.outputs import SOC_HIGH
 from app.estimation.process import SOC_VARIANCE_MAX, VARIANCE_STEP
 from app.estimation.states import (
     COUNT,
@@ -121,7 +122,7 @@ def make_predict(shape: Shape) -> Any:
     X, XR, XL, R = HERE * n, RIGHT * n, LEFT * n, REACH * n
     SHIFT, DECAY = N_WORK * n, (N_WORK + m) * n
     T_OFFSET, T_WEIGHT = PLACE_OFFSET * n, PLACE_WEIGHT * n
-    TOP, PER_STEP = N_SOC - 1.0, 1.0 / SOC_STEP
+    TOP, PER_STEP, ORIGIN = N_SOC - 1.0, 1.0 / SOC_STEP, -SOC_LOW / SOC_STEP
 
     @jit
     def predict(block, tau, numbers, dt, i, placed, work):
@@ -163,7 +164,8 @@ def make_predict(shape: Shape) -> Any:
             variance = block[COV + c] * (keep * keep) + walk
             block[COV + c] = variance
             sd = math.sqrt(variance)
-            reach, per_sd = sd * numbers[SPREAD], numbers[SPREAD] / sd
+            per_sd = numbers[SPREAD] / sd
+            reach = variance * per_sd
             for k in range(m):
                 a = work[DECAY + k * n + c]
                 block[(1 + k) * n + c] = block[(1 + k) * n + c] * a + (1.0 - a) * i
@@ -177,17 +179,15 @@ def make_predict(shape: Shape) -> Any:
                     block[COV + (1 + q + (1 + k) * d) * n + c] = both
                 own = block[COV + (1 + k) * (1 + d) * n + c] * (a * a)
                 block[COV + (1 + k) * (1 + d) * n + c] = own + ((1.0 - a * a) * branch_variance + floor_v2)
-            x = soc - SOC_LOW
             if is_sigma:
                 work[R + c] = reach
-                right, left = (x + reach) * PER_STEP, (x - reach) * PER_STEP
-                right = right if right > 0.0 else 0.0
-                work[XR + c] = right if right < TOP else TOP
-                left = left if left > 0.0 else 0.0
-                work[XL + c] = left if left < TOP else TOP
-            x *= PER_STEP
-            x = x if x > 0.0 else 0.0
-            work[X + c] = x if x < TOP else TOP
+                right, left = soc + reach, soc - reach
+                right = right if right > SOC_LOW else SOC_LOW
+                work[XR + c] = (right if right < SOC_HIGH else SOC_HIGH) * PER_STEP + ORIGIN
+                left = left if left > SOC_LOW else SOC_LOW
+                work[XL + c] = (left if left < SOC_HIGH else SOC_HIGH) * PER_STEP + ORIGIN
+            x = soc if soc > SOC_LOW else SOC_LOW
+            work[X + c] = (x if x < SOC_HIGH else SOC_HIGH) * PER_STEP + ORIGIN
 
     return predict
 
@@ -251,7 +251,7 @@ def make_update(shape: Shape) -> Any:
     @jit
     def update(block, numbers, dt, i, over, voltage_v, placed, work, out):
         noise_v2 = noise_variance(numbers, i)
-        correlation = 1.0 + 2.0 * numbers[CORRELATION_S] / max(dt, 1e-3)
+        lasting_v2 = noise_v2 * (1.0 + 2.0 * numbers[CORRELATION_S] / max(dt, 1e-3))
         gate_v2 = numbers[GATE] * numbers[GATE]
         widening = numbers[GATE_RECOVERY] * numbers[GATE_RECOVERY] * dt
         hold_s, empty_soc, empty_slope, hysteresis_v = (
@@ -263,31 +263,37 @@ def make_update(shape: Shape) -> Any:
         weight, curvature = numbers[WEIGHT], numbers[CURVATURE]
         for c in range(n):
             h0 = work[TERMS + c * C] + work[TERMS + c * C + 1] * i
-            if has_over:
-                h0 += work[TERMS + c * C + 2] * over
             for k in range(m):
                 h0 += work[TERMS + c * C + FIRST + k] * block[(1 + k) * n + c]
+            if has_over:
+                h0 += work[TERMS + c * C + 2] * over
             predicted, Pyy, steep = h0, 0.0, work[STEEP_AT + c]
             if is_sigma:
-                up = work[TERMS + TO_RIGHT + c * C] + work[TERMS + TO_RIGHT + c * C + 1] * i
-                down = work[TERMS + TO_LEFT + c * C] + work[TERMS + TO_LEFT + c * C + 1] * i
+                # beyond the centre's values, so that small differences keep their digits
+                right, left = work[TERMS + TO_RIGHT + c * C], work[TERMS + TO_LEFT + c * C]
+                right -= work[TERMS + c * C]
+                left -= work[TERMS + c * C]
+                work[SLOPE_AT + c] = (right - left) * 0.5 / work[R + c]
+                here = work[TERMS + c * C + 1]
+                right += (work[TERMS + TO_RIGHT + c * C + 1] - here) * i
+                left += (work[TERMS + TO_LEFT + c * C + 1] - here) * i
+                for k in range(m):
+                    current, shift, here = (
+                        block[(1 + k) * n + c],
+                        work[SHIFT + k * n + c],
+                        work[TERMS + c * C + FIRST + k],
+                    )
+                    right += (work[TERMS + TO_RIGHT + c * C + FIRST + k] - here) * (current + shift)
+                    left += (work[TERMS + TO_LEFT + c * C + FIRST + k] - here) * (current - shift)
                 if has_over:
-                    up += work[TERMS + TO_RIGHT + c * C + 2] * over
-                    down += work[TERMS + TO_LEFT + c * C + 2] * over
-                for k in range(m):
-                    current, shift = block[(1 + k) * n + c], work[SHIFT + k * n + c]
-                    up += work[TERMS + TO_RIGHT + c * C + FIRST + k] * (current + shift)
-                    down += work[TERMS + TO_LEFT + c * C + FIRST + k] * (current - shift)
-                steep = (up - down) * 0.5
-                for k in range(m):
-                    steep -= work[SHIFT + k * n + c] * work[TERMS + c * C + FIRST + k]
-                steep /= work[R + c]
-                q = up + down - (h0 + h0)
+                    here = work[TERMS + c * C + 2]
+                    right += (work[TERMS + TO_RIGHT + c * C + 2] - here) * over
+                    left += (work[TERMS + TO_LEFT + c * C + 2] - here) * over
+                steep = (right - left) * 0.5 / work[R + c]
+                q = right + left
                 predicted = q * weight + h0
                 Pyy = q * q * curvature
                 work[STEEP_AT + c] = steep
-                rise = work[TERMS + TO_RIGHT + c * C] - work[TERMS + TO_LEFT + c * C]
-                work[SLOPE_AT + c] = rise * 0.5 / work[R + c]
             predicted += hysteresis_v * block[HYSTERESIS_AT + c]
             for u in range(d):
                 Pxy = block[COV + u * n + c] * steep
@@ -298,8 +304,8 @@ def make_update(shape: Shape) -> Any:
             soc = block[c]
             low = empty_soc - soc
             low = (low if low > 0.0 else 0.0) * empty_slope + 1.0
-            model_v2 = low * placed[T_NOISE + c] * noise_v2
-            expected = Pyy + model_v2
+            growth = low * placed[T_NOISE + c]
+            expected = Pyy + growth * noise_v2
             v = voltage_v[c]
             innovation = (v if (v > VOLTAGE_MIN_V) & (v < VOLTAGE_MAX_V) else NAN) - predicted
             is_inside = innovation * innovation <= expected * gate_v2
@@ -313,7 +319,7 @@ def make_update(shape: Shape) -> Any:
             wide = variance + widening
             wide = wide if wide < SOC_VARIANCE_MAX else SOC_VARIANCE_MAX
             block[COV + c] = wide if believed & (wide > variance) else variance
-            root = 1.0 / math.sqrt(Pyy + model_v2 * correlation)
+            root = 1.0 / math.sqrt(Pyy + growth * lasting_v2)
             pulled = innovation * root if is_used else 0.0
             root = root if is_used else 0.0
             for u in range(d):

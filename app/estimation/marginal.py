@@ -21,7 +21,7 @@ kept, because at 96 cells a call of numpy costs more than its arithmetic.
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,42 +41,36 @@ SOC_MIN: Final = -0.05  # the mean is held here
 SOC_MAX: Final = 1.05
 
 
-class StepResult(NamedTuple):
-    """What the update saw, (n,) each, good until the next one.
-
-    Attributes:
-        slope_v: dOCV/dSOC [V].
-        accepted: which samples were used.
-        all_accepted: whether all were.
-    """
-
-    slope_v: FloatArray
-    accepted: BoolArray
-    all_accepted: bool
-
-
 class MarginalFilter:
     """Conditions the states of one cell model on voltages; `rule` None makes it the extended Kalman filter."""
 
     def __init__(self, cell: PackedCell, states: CellStates, rule: SigmaRule | None, tuning: Tuning) -> None:
-        self._hysteresis_v = cell.model.hysteresis_v
         self._states = states
         self._tuning = tuning
-        self._output = SigmaOutput(cell, states, rule) if rule else TangentOutput(cell, states)
+        self._output = output = SigmaOutput(cell, states, rule) if rule else TangentOutput(cell, states)
+        self._hysteresis_v = cell.model.hysteresis_v
         d, n = states.mean.shape
-        self._gate_v2 = np.array(tuning.gate * tuning.gate)
-        PH, HPH, H = np.empty((d, d, n)), np.empty((d, n)), self._output.slopes
-        self._H_views = H, H[:, None], PH, list(PH), HPH, list(HPH)
-        seen, gain = np.empty((1 + d, n)), np.empty((1 + d, n))  # minus the innovation, then P_xy; the same / sqrt(S)
-        self._gain_views = seen, seen[0], seen[1:], gain, gain[:, None], gain[1:], np.empty((1 + d, d, n))
+        seen, gain = np.empty((2, 1 + d, n))  # minus the innovation, then P_xy; the same over sqrt(S)
+        # a factor is written out for every product it has a part in, because a ufunc that broadcasts costs more
+        columns, rows = np.empty((2, 1 + d, d, n))
+        PH = columns[:d]
+        self._product_views = output.slopes[:, None], rows[:d], PH, *PH[:1], list(PH[1:])
+        self._seen_views = seen, seen[0], seen[1:]
+        self._gain_views = gain, gain[:, None], gain[1:], columns, rows
+        HPH = np.empty((d, n))
+        self._term_views = np.empty(n), HPH, list(HPH)
+        # of the model's error, then of the innovation; each without and with correlation
+        self._noise_v2 = np.empty((2, 1))
+        errors, variances, roots = np.empty((3, 2, n))
+        self._variance_views = errors, variances, roots, *roots
+        self._scaled = np.empty(n)
         self._soc = states.mean[SOC]
-        self._slope = self._output.ocv_slope_v
-        self._expected, self._total, self._limit, self._square = np.empty((4, n))
+        self.ocv_slope_v = output.ocv_slope_v
 
     def update(
         self, step: StepInput, predicted: FloatArray, innovation: FloatArray, innovation_sigma: FloatArray
-    ) -> StepResult:
-        """Condition the state on one sample of voltages, in place.
+    ) -> BoolArray | None:
+        """Condition the state on one sample of voltages, in place; return (n,) which of them were used, None = all.
 
         Args:
             step: the sample.
@@ -84,65 +78,74 @@ class MarginalFilter:
             innovation: (n,) likewise measured minus predicted [V].
             innovation_sigma: (n,) likewise its standard deviation [V].
         """
-        states, expected, total = self._states, self._expected, self._total
-        Pyy = self._output.at(step, predicted)
+        states, output = self._states, self._output
+        Pyy, HPH, HPH_rows = self._term_views
+        output.at(step, predicted, Pyy)
         if self._hysteresis_v:
             predicted += self._hysteresis_v * states.hysteresis
         # P_xy = P H,  P_yy = H P H + k q^2
-        H, H_column, PH, PH_rows, HPH, HPH_rows = self._H_views
-        seen, seen_first, Pxy, gain, gain_column, z, change = self._gain_views
-        np.multiply(states.cov, H_column, PH)
-        if len(PH_rows) == 1:
-            np.copyto(Pxy, PH)
-        else:
-            np.add(PH_rows[0], PH_rows[1], Pxy)
-            for row in PH_rows[2:]:
-                np.add(Pxy, row, Pxy)
-        np.multiply(H, Pxy, HPH)
+        seen, seen_first, Pxy = self._seen_views
+        slopes, H, PH, PH_first, PH_others = self._product_views
+        H[...] = slopes
+        np.multiply(states.cov, H, PH)
+        Pxy[...] = PH_first
+        for row in PH_others:
+            np.add(Pxy, row, Pxy)
+        np.multiply(output.slopes, Pxy, HPH)
         for row in HPH_rows:
             np.add(Pyy, row, Pyy)
-        model_v2 = self._model_variance(step)
-        np.add(Pyy, model_v2, expected)
-        np.add(Pyy, model_v2 * step.correlation, total)
+        errors, variances, roots, expected_sigma, root = self._variance_views
+        self._model_variances(step, errors)
+        variances[...] = Pyy
+        np.add(variances, errors, variances)
+        np.sqrt(variances, roots)
+        innovation_sigma[...] = expected_sigma
         np.subtract(step.voltage_v, predicted, innovation)
-        np.sqrt(expected, innovation_sigma)
-        accepted, all_accepted = self._gate(step, innovation)
+        accepted = self._gate(step, innovation, expected_sigma)
         # x' = x + P_xy nu / S,  P' = P - P_xy P_xy' / S: with z = P_xy / sqrt(S) it stays symmetric to the last bit
         np.negative(innovation, seen_first)
-        np.sqrt(total, total)
-        np.reciprocal(total, total)
-        np.multiply(seen, total, gain)
-        if not all_accepted:
+        gain, gain_column, z, columns, rows = self._gain_views
+        np.reciprocal(root, root)
+        gain[...] = root
+        np.multiply(seen, gain, gain)
+        if accepted is not None:
             gain[:, ~accepted] = 0.0
-        np.multiply(gain_column, z, change)
-        np.subtract(states.gaussian, change, states.gaussian)
+        columns[...] = gain_column
+        rows[...] = z
+        np.multiply(columns, rows, rows)
+        np.subtract(states.gaussian, rows, states.gaussian)
         soc = self._soc
         if soc.item(soc.argmin()) < SOC_MIN or soc.item(soc.argmax()) > SOC_MAX:
             np.maximum(soc, SOC_MIN, out=soc)
             np.minimum(soc, SOC_MAX, out=soc)
-        return StepResult(self._slope, accepted, all_accepted)
+        return accepted
 
-    def _model_variance(self, step: StepInput) -> FloatArray | float:
-        """Return the variance of the model's error [V^2]: it grows below `empty_soc` and outside the tables."""
-        tuning, soc = self._tuning, self._soc
-        if soc.item(soc.argmin()) >= tuning.empty_soc:
-            return step.noise_v2 if step.climate.is_inside else np.multiply(step.climate.noise_scale, step.noise_v2)
-        low: FloatArray = np.maximum(tuning.empty_soc - soc, 0.0)
-        low *= (tuning.empty_factor - 1.0) / tuning.empty_soc
-        low += 1.0
-        low *= step.climate.noise_scale
-        low *= step.noise_v2
-        return low
+    def _model_variances(self, step: StepInput, errors: FloatArray) -> None:
+        """Put the variance of the model's error, without and with correlation, into (2, n) [V^2].
 
-    def _gate(self, step: StepInput, innovation: FloatArray) -> tuple[BoolArray, bool]:
-        """Return (n,) which samples to use, and whether all: inside the gate, or outside it for too long."""
-        tuning, refused_s = self._tuning, self._states.refused_s
-        np.multiply(innovation, innovation, self._square)
-        np.multiply(self._expected, self._gate_v2, self._limit)
-        inside = np.less_equal(self._square, self._limit)
-        if inside.item(inside.argmin()):
+        It grows below `empty_soc` and outside the tables.
+        """
+        tuning, soc, noise_v2 = self._tuning, self._soc, self._noise_v2
+        noise_v2[0, 0] = step.noise_v2
+        noise_v2[1, 0] = step.noise_v2 * step.correlation
+        errors[...] = noise_v2
+        is_low = soc.item(soc.argmin()) < tuning.empty_soc
+        if is_low or not step.climate.is_inside:
+            growth = np.maximum(tuning.empty_soc - soc, 0.0)
+            growth *= (tuning.empty_factor - 1.0) / tuning.empty_soc
+            growth += 1.0
+            growth *= step.climate.noise_scale
+            errors *= growth
+
+    def _gate(self, step: StepInput, innovation: FloatArray, sigma: FloatArray) -> BoolArray | None:
+        """Return (n,) which samples to use, None = all: inside the gate, or outside it for too long."""
+        tuning, refused_s, scaled = self._tuning, self._states.refused_s, self._scaled
+        np.divide(innovation, sigma, scaled)
+        # argmin and argmax find a NaN first, and no comparison with it holds
+        if scaled.item(scaled.argmin()) >= -tuning.gate and scaled.item(scaled.argmax()) <= tuning.gate:
             refused_s.fill(0.0)
-            return inside, True
+            return None
+        inside = np.abs(scaled) <= tuning.gate
         missing = np.isnan(innovation)
         refused = ~inside & ~missing
         refused_s[:] = np.where(refused, refused_s + step.dt_s, np.where(missing, refused_s, 0.0))
@@ -150,4 +153,4 @@ class MarginalFilter:
         Pz = self._states.cov[SOC, SOC]
         widened = np.minimum(Pz + tuning.gate_recovery * tuning.gate_recovery * step.dt_s, SOC_VARIANCE_MAX)
         Pz[:] = np.where(believed, np.maximum(widened, Pz), Pz)
-        return inside | believed, False
+        return inside | believed

@@ -50,7 +50,7 @@ class Process:
         rows = states.moving.shape[0]
         is_fixed = cell.tau_fixed_s is not None
         self._change = np.zeros(rows if is_fixed else (rows, states.n_cells))
-        self._added = self._change[:, None] if is_fixed else self._change
+        self._changes = self._change[:, None] if is_fixed else self._change, np.empty(states.moving.shape)
         self._kept: dict[float, _Factors] = {}
 
     def moved_soc(self, current_a: float, dt_s: float) -> float:
@@ -81,8 +81,10 @@ class Process:
             change[slow + COUNT_GAIN] = tuning.counter_gain * moved
             change[slow + COUNT_OFFSET] = tuning.counter_offset_c / SECONDS_PER_HOUR * step.dt_s
         moving = self._states.moving
+        change_of_each, added = self._changes
+        added[...] = change_of_each
         np.multiply(moving, factors.rows, moving)
-        np.add(moving, self._added, moving)
+        np.add(moving, added, moving)
 
     def _factors(self, step: StepInput) -> _Factors:
         cell, states, dt = self._cell, self._states, step.dt_s

@@ -35,6 +35,7 @@ class SelfCheck:
         limits = np.array([[tuning.check_bias_v], [tuning.check_rms_v * tuning.check_rms_v]])
         self._limits = np.repeat(limits, states.n_cells, axis=1)
         self._checked = states.averages[: SQUARE + 1], np.empty_like(self._limits)
+        self._scale = np.empty(())  # a scalar costs a ufunc more than an array without dimensions does
         self._within = np.empty(self._limits.shape, dtype=np.bool_)
 
     def update(
@@ -54,9 +55,10 @@ class SelfCheck:
         scaled, scaled2, scaled_again = self._fresh
         if counts is not None:
             innovation_v = np.where(counts, innovation_v, 0.0)
-        np.multiply(innovation_v, self._tuning.model_error_v / math.sqrt(noise_v2), scaled)
+        self._scale.fill(self._tuning.model_error_v / math.sqrt(noise_v2))
+        np.multiply(innovation_v, self._scale, scaled)
         np.multiply(scaled, scaled, scaled2)
-        np.copyto(scaled_again, scaled)
+        scaled_again[...] = scaled
         self._move(dt_s, counts)
         values, sizes = self._checked
         np.absolute(values, sizes)

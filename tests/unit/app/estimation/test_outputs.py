@@ -32,8 +32,8 @@ def output(model, kind, sigma, correlated=0.0):
         states.cov[SOC, k] = states.cov[k, SOC] = correlated * sigma * 2.0
     step = InputGuard(cell, states, Tuning()).check(0.1, CURRENT_A, np.full(3, 3.7), DEGC)
     found = TangentOutput(cell, states) if kind is None else SigmaOutput(cell, states, kind(1 + model.n_rc))
-    mean = np.empty(3)
-    curvature = found.at(step, mean).copy()
+    mean, curvature = np.empty((2, 3))
+    found.at(step, mean, curvature)
     return states, mean, found.slopes.copy(), curvature
 
 
