@@ -45,18 +45,20 @@ class Mixer:
     Attributes:
         count_v2: (shape) where the variance of the count is put before.
         filter_v2: (shape) where that of the filter is, model error and wandering included.
-        beyond_v2: (shape) by how much the square of the disagreement, as far as a start that is a little off explains
-            it, exceeds what both variances allow; of the last call, None where it does not.
+        d2: (shape) square of the disagreement in the last call.
+        total_v2: (shape) the variance v_t it was held against.
+        is_beyond: whether it exceeded that somewhere.
     """
 
     def __init__(self, shape: tuple[int, ...], tuning: Tuning) -> None:
         self._odds = np.array(unknown_odds(tuning))
         self._total_max = np.array(tuning.doubt_soc * tuning.doubt_soc)
         self._off2_max = np.array(tuning.start_off * tuning.start_off)
-        self.beyond_v2: FloatArray | None = None
+        self.is_beyond = False
         upper, lower, ratios = np.empty((3, 2, *shape))
-        self._views = upper, upper[0], lower, lower[0], ratios, *ratios, *np.empty((2, *shape))
-        self.count_v2, self.filter_v2 = upper[1], lower[1]
+        self._views = upper, lower, ratios, *ratios, *np.empty((2, *shape))
+        self.d2, self.count_v2 = upper
+        self.total_v2, self.filter_v2 = lower
 
     def mix(self, filter_soc: FloatArray, d: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return fused SOC and variance, new arrays, and the odds w that the start was right.
@@ -65,16 +67,14 @@ class Mixer:
             filter_soc: (shape) the filter's SOC.
             d: (shape) how far it lies above the count's.
         """
-        upper, d2, lower, total, ratios, w, g, share, left = self._views
-        count_v2, filter_v2 = self.count_v2, self.filter_v2
+        upper, lower, ratios, w, g, share, left = self._views
+        d2, count_v2, total, filter_v2 = self.d2, self.count_v2, self.total_v2, self.filter_v2
         np.add(count_v2, filter_v2, total)
         np.minimum(total, self._total_max, out=total)
         np.multiply(d, d, d2)
         # d^2 / v_t and v_c / v_f: 1 / w - 1 = odds sqrt(v_t) (1 + d^2 / 32 v_t)^16, and 1 / g - 1 is a square
         np.divide(upper, lower, ratios)
-        self.beyond_v2 = None
-        if w.item(w.argmax()) > 1.0:
-            self.beyond_v2 = np.maximum(np.minimum(d2, self._off2_max) - total, ZERO)
+        self.is_beyond = w.item(w.argmax()) > 1.0
         np.multiply(w, PER_TAIL, w)
         np.add(w, ONE, w)
         for _ in range(3):
@@ -95,6 +95,13 @@ class Mixer:
         # z = z_f - w g d
         np.multiply(share, d, share)
         return np.subtract(filter_soc, share), np.add(filter_v2, left), w
+
+    def beyond_v2(self, d2: FloatArray, total_v2: FloatArray) -> FloatArray:
+        """Return by how much d^2, as far as a start that is a little off explains it, exceeds v_t; no less than 0."""
+        beyond = np.minimum(d2, self._off2_max)
+        np.subtract(beyond, total_v2, beyond)
+        np.maximum(beyond, ZERO, out=beyond)
+        return beyond
 
 
 class Fusion:
@@ -128,8 +135,8 @@ class Fusion:
         np.minimum(heard_v2, VARIANCE_MAX, out=heard_v2)
         count_variance(states.drift, states.anchor_v2, mixer.count_v2)
         soc, variance, w = mixer.mix(filter_soc, gap)
-        if mixer.beyond_v2 is not None:
-            states.anchor_v2 += self._off_share * mixer.beyond_v2
+        if mixer.is_beyond:
+            states.anchor_v2 += self._off_share * mixer.beyond_v2(mixer.d2, mixer.total_v2)
         if w.item(w.argmin()) < 0.5:
             self._doubt(dt_s, w < 0.5, filter_soc, heard_v2)
         else:
@@ -141,8 +148,8 @@ class Fusion:
     ) -> tuple[FloatArray, FloatArray]:
         """Return (k, n) fused SOC and variance of k samples in a row.
 
-        Where a count is contradicted its anchor changes, and what follows then depends on it: those blocks are fused
-        sample by sample.
+        Where a start is likely to be wrong the count may be anchored anew, and what follows then depends on it: those
+        blocks are fused sample by sample.
 
         Args:
             dt_s: k steps [s].
@@ -155,7 +162,9 @@ class Fusion:
         mixer = self._block_mixer
         if mixer is None or mixer.count_v2.shape != shape:
             mixer = self._block_mixer = Mixer(shape, self._tuning)
-        count_variance(np.moveaxis(counts[:, 1:], 1, 0), states.anchor_v2, mixer.count_v2)
+        drift_v2 = counts[:, 1] * counts[:, 1] + counts[:, 2] * counts[:, 2]
+        np.add(drift_v2, states.anchor_v2, mixer.count_v2)
+        anchor_before = states.anchor_v2.copy()
         wander_before = states.wander.copy()
         gaps = filter_soc - counts[:, 0]
         heard_v2 = mixer.filter_v2
@@ -165,9 +174,13 @@ class Fusion:
         np.add(heard_v2, filter_v2, heard_v2)
         np.minimum(heard_v2, VARIANCE_MAX, out=heard_v2)
         soc, variance, w = mixer.mix(filter_soc, gaps)
-        if mixer.beyond_v2 is None and not (w < 0.5).any():
+        if mixer.is_beyond:
+            self._widen(dt_s, drift_v2, mixer)
+            soc, variance, w = mixer.mix(filter_soc, gaps)
+        if not (w < 0.5).any():
             states.doubt_s.fill(0.0)
             return soc, variance
+        np.copyto(states.anchor_v2, anchor_before)
         np.copyto(states.wander, wander_before)
         moved = np.diff(counts, axis=0, prepend=before[None])
         np.copyto(states.count, before)
@@ -175,6 +188,14 @@ class Fusion:
             np.add(states.count, moved[k], states.count)
             soc[k], variance[k] = self.fuse(dt, filter_soc[k], filter_v2[k])
         return soc, variance
+
+    def _widen(self, dt_s: list[float], drift_v2: FloatArray, mixer: Mixer) -> None:
+        """Widen the anchors sample by sample where they are contradicted, and so the variances (k, n) of the counts."""
+        anchor_v2, total_max = self._states.anchor_v2, self._tuning.doubt_soc * self._tuning.doubt_soc
+        for k, dt in enumerate(dt_s):
+            count_v2 = np.add(drift_v2[k], anchor_v2, mixer.count_v2[k])
+            total_v2 = np.minimum(count_v2 + mixer.filter_v2[k], total_max)
+            anchor_v2 += (1.0 - math.exp(-dt / self._tuning.start_off_s)) * mixer.beyond_v2(mixer.d2[k], total_v2)
 
     def _wander(self, dt_s: float, d: FloatArray) -> None:
         """Follow the mean of d = z_f - z_c, and what the mean square of d beyond it tells of the filter's error."""

@@ -153,4 +153,5 @@ class MarginalFilter:
         Pz = self._states.cov[SOC, SOC]
         widened = np.minimum(Pz + tuning.gate_recovery * tuning.gate_recovery * step.dt_s, SOC_VARIANCE_MAX)
         Pz[:] = np.where(believed, np.maximum(widened, Pz), Pz)
-        return inside | believed
+        used: BoolArray = inside | believed
+        return used
