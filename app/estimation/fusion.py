@@ -47,12 +47,13 @@ class Mixer:
         filter_v2: (shape) where that of the filter is, model error and wandering included.
         d2: (shape) square of the disagreement in the last call.
         total_v2: (shape) the variance v_t it was held against.
-        is_beyond: whether it exceeded that somewhere.
+        total_max: () the most that v_t may be.
+        is_beyond: whether d^2 exceeded v_t somewhere.
     """
 
     def __init__(self, shape: tuple[int, ...], tuning: Tuning) -> None:
         self._odds = np.array(unknown_odds(tuning))
-        self._total_max = np.array(tuning.doubt_soc * tuning.doubt_soc)
+        self.total_max = np.array(tuning.doubt_soc * tuning.doubt_soc)
         self._off2_max = np.array(tuning.start_off * tuning.start_off)
         self.is_beyond = False
         upper, lower, ratios = np.empty((3, 2, *shape))
@@ -70,7 +71,7 @@ class Mixer:
         upper, lower, ratios, w, g, share, left = self._views
         d2, count_v2, total, filter_v2 = self.d2, self.count_v2, self.total_v2, self.filter_v2
         np.add(count_v2, filter_v2, total)
-        np.minimum(total, self._total_max, out=total)
+        np.minimum(total, self.total_max, out=total)
         np.multiply(d, d, d2)
         # d^2 / v_t and v_c / v_f: 1 / w - 1 = odds sqrt(v_t) (1 + d^2 / 32 v_t)^16, and 1 / g - 1 is a square
         np.divide(upper, lower, ratios)
@@ -98,7 +99,7 @@ class Mixer:
 
     def beyond_v2(self, d2: FloatArray, total_v2: FloatArray) -> FloatArray:
         """Return by how much d^2, as far as a start that is a little off explains it, exceeds v_t; no less than 0."""
-        beyond = np.minimum(d2, self._off2_max)
+        beyond: FloatArray = np.minimum(d2, self._off2_max)
         np.subtract(beyond, total_v2, beyond)
         np.maximum(beyond, ZERO, out=beyond)
         return beyond
@@ -113,7 +114,7 @@ class Fusion:
         self._mixer = Mixer((states.n_cells,), tuning)
         self._block_mixer: Mixer | None = None
         self._dt_s = math.nan
-        self._off_share = 0.0
+        self._off_share = np.zeros(())
         self._wander_factor = np.array(tuning.wander_factor)
         self._gap = np.empty(states.n_cells)
         self._moved, self._shares = np.empty((2, 2, states.n_cells))
@@ -191,11 +192,15 @@ class Fusion:
 
     def _widen(self, dt_s: list[float], drift_v2: FloatArray, mixer: Mixer) -> None:
         """Widen the anchors sample by sample where they are contradicted, and so the variances (k, n) of the counts."""
-        anchor_v2, total_max = self._states.anchor_v2, self._tuning.doubt_soc * self._tuning.doubt_soc
-        for k, dt in enumerate(dt_s):
-            count_v2 = np.add(drift_v2[k], anchor_v2, mixer.count_v2[k])
-            total_v2 = np.minimum(count_v2 + mixer.filter_v2[k], total_max)
-            anchor_v2 += (1.0 - math.exp(-dt / self._tuning.start_off_s)) * mixer.beyond_v2(mixer.d2[k], total_v2)
+        anchor_v2 = self._states.anchor_v2
+        for dt, drift, count_v2, filter_v2, d2 in zip(
+            dt_s, drift_v2, mixer.count_v2, mixer.filter_v2, mixer.d2, strict=True
+        ):
+            np.add(drift, anchor_v2, count_v2)
+            total_v2 = np.add(count_v2, filter_v2)
+            np.minimum(total_v2, mixer.total_max, out=total_v2)
+            share = np.array(1.0 - math.exp(-dt / self._tuning.start_off_s))
+            anchor_v2 += share * mixer.beyond_v2(d2, total_v2)
 
     def _wander(self, dt_s: float, d: FloatArray) -> None:
         """Follow the mean of d = z_f - z_c, and what the mean square of d beyond it tells of the filter's error."""
@@ -203,7 +208,7 @@ class Fusion:
             share = 1.0 - math.exp(-dt_s / self._tuning.wander_s)
             self._dt_s = dt_s
             self._shares[:] = [[share], [share * (1.0 - share)]]
-            self._off_share = 1.0 - math.exp(-dt_s / self._tuning.start_off_s)
+            self._off_share.fill(1.0 - math.exp(-dt_s / self._tuning.start_off_s))
         beyond, beyond2, apart, wander, wander_v2 = self._wander_views
         moved = self._moved
         np.subtract(d, apart, beyond)

@@ -11,12 +11,15 @@ straight line. So three look-ups and closed-form algebra give the numbers of the
     H    = [D + p r / P_zz, -r]                      p = P_zi
     P_xy = P H,                  P_yy = H P H + k q^2
 
+h+ and h- are taken from h0 on and without what r makes of the shift p c / s of the currents: what is left of
+(h+ - h-) / (2 c s) is H_z itself, and no digits are lost where s is small.
+
 The update P - P_xy P_xy' / S cannot lose definiteness: S - P_xy' P^-1 P_xy = R + k q^2 > 0, and R is never below
 the model's own variance, 1e-4 V^2, so that rounding cannot either. An EKF is the same algebra with H the tangent
 and q = 0.
 
 The compiled engine computes the same sums in the same order, so that both round alike. Results go to arrays that are
-kept, because at 96 cells a call of numpy costs more than its arithmetic.
+kept and factors are written out, because at 96 cells a call of numpy costs more than its arithmetic.
 """
 
 from __future__ import annotations
