@@ -205,12 +205,13 @@ def make_look_up(shape: Shape) -> Any:
 
     @jit
     def look_up(block, table, i, over, placed, work):
-        for point in range(N_POINTS):
-            for c in range(n):
-                x, g, resistance = work[X + point * n + c], placed[T_WEIGHT + c], block[RESISTANCE_AT + c]
+        for c in range(n):
+            g, resistance, row = placed[T_WEIGHT + c], block[RESISTANCE_AT + c], int(placed[T_OFFSET + c])
+            for point in range(N_POINTS):
+                x = work[X + point * n + c]
                 j = int(x)
                 f = x - j
-                at, to = (j + int(placed[T_OFFSET + c])) * WIDTH, TERMS + (point * n + c) * C
+                at, to = (j + row) * WIDTH, TERMS + (point * n + c) * C
                 for q in range(0, C, 4):
                     a0, a1, a2, a3 = at + q, at + q + 1, at + q + 2, at + q + 3
                     y0 = table[a0] + table[a0 + BY_T] * g + (table[a0 + BY_SOC] + table[a0 + BY_BOTH] * g) * f
