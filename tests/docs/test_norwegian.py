@@ -1,5 +1,6 @@
 """What the service words itself has a Norwegian text: fixed texts whole, sentences with values by pattern."""
 
+import ast
 import json
 import re
 from pathlib import Path
@@ -60,3 +61,13 @@ def test_the_words_of_the_sources_are_known():
     assert len(found) > 10
     sentences = [re.sub(r"\{[^}]*\}", "7", text) if is_f else text for is_f, text in found]
     assert [text for text in sentences if not is_known(text) and not text.startswith("7 ")] == []
+
+
+def test_every_title_of_a_problem_is_told_in_norwegian():
+    titles = set()
+    for path in (ROOT / "app").rglob("*.py"):
+        for call in (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)):
+            if getattr(call.func, "id", "") == "Problem" and isinstance(call.args[2], ast.Constant):
+                titles.add(call.args[2].value)
+    assert len(titles) > 20
+    assert sorted(title for title in titles if not is_known(title)) == []

@@ -21,6 +21,7 @@ FLAGS = [
     "--disable-sync",
 ]
 SIZES = {"desktop": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
+TOUCH = {"phone"}
 PATIENCE_MS = 20_000
 AXE = ROOT / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
 RULES = {
@@ -65,7 +66,7 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
             complaints.append(f"{message.text} {message.location.get('url', '')}")
 
     def open_one(url: str, size: str = "desktop", *, quiet: bool = True, theme: str = "dark") -> Page:
-        context = browser.new_context(viewport=SIZES[size])
+        context = browser.new_context(viewport=SIZES[size], has_touch=size in TOUCH, is_mobile=size in TOUCH)
         contexts.append(context)
         context.add_init_script(
             f"localStorage.getItem('voltwall.theme') ?? localStorage.setItem('voltwall.theme', '{theme}')"

@@ -69,6 +69,29 @@ def test_a_report_and_a_comparison_are_read(looked_back, open_page):
     expect(page.get_by_test_id("comparison")).to_contain_text("Energy out")
 
 
+ENGLISH = re.compile(r"\b(the|and|of|cell|lowest|limit|allowed|seen|when|where|charge|session|time)\b", re.IGNORECASE)
+
+
+def test_what_is_printed_speaks_the_language_of_the_page(looked_back, open_page):
+    service, _, second = looked_back
+    with service.client() as client:
+        box = client.get(f"/sessions/{second}/blackboxes").json()["boxes"][0]["id"]
+    page = open_page(f"{service.base_url}/#/system")
+    page.get_by_role("button", name="Norsk").click()
+    for path, link, title in (
+        (f"sessions/{second}/report", "Rapport til utskrift", "Rapport for"),
+        (f"sessions/box/{box}", "Side til utskrift", "Svart boks"),
+    ):
+        page.goto(f"{service.base_url}/#/{path}")
+        with page.context.expect_page() as opened:
+            page.get_by_role("link", name=link).click()
+        printed = opened.value
+        expect(printed).to_have_title(re.compile(title))
+        expect(printed.locator("html")).to_have_attribute("lang", "nb")
+        body = printed.locator("body").inner_text()
+        assert [line for line in body.splitlines() if ENGLISH.search(line)] == [], ENGLISH.findall(body)
+
+
 def test_a_swap_is_recorded_on_a_phone(looked_back, open_page):
     service, _, _ = looked_back
     page = open_page(f"{service.base_url}/#/sessions/passport/30", PHONE)

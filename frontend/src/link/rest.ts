@@ -26,6 +26,11 @@ export class Problem extends Error {
     this.body = body;
   }
 
+  /** What kind of failure it is, in the page's language. */
+  get title(): string {
+    return said(this.message);
+  }
+
   /** One sentence for the page, in its language. */
   get sentence(): string {
     return said(this.detail || this.message);

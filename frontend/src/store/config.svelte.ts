@@ -223,7 +223,7 @@ class ConfigStore {
       const text = [findings.length > 0 ? '' : `${problem.detail}${nothing && '.'}`, nothing]
         .filter(Boolean)
         .join(' ');
-      this.outcome = { kind: 'bad', title: problem.message, text, findings };
+      this.outcome = { kind: 'bad', title: problem.title, text, findings };
     }
   }
 }

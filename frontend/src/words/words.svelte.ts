@@ -52,6 +52,19 @@ export function said(text: string): string {
   return translated(sentence, chosen.said) ?? tidied(sentence);
 }
 
+/** A paragraph of the service: a sentence that is not known alone may be so with the one after it. */
+export function saidAll(text: string): string {
+  const parts = text.split(/(?<=[.:;]) (?=\p{Lu})/u);
+  const found: string[] = [];
+  for (let i = 0; i < parts.length; i++) {
+    const alone = translated(parts[i]!, chosen.said);
+    const pair = alone === null ? translated(`${parts[i]!} ${parts[i + 1] ?? ''}`, chosen.said) : null;
+    found.push(alone ?? pair ?? said(parts[i]!));
+    if (pair !== null) i++;
+  }
+  return found.join(' ');
+}
+
 function translated(sentence: string, catalogue: Said | null): string | null {
   if (!catalogue) return null;
   const whole = catalogue.texts[sentence];

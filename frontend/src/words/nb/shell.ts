@@ -1,5 +1,6 @@
 // Norwegian: the frame around every page, states, ages, and what every part says.
 export const SHELL = {
+  'last received {age} ago': 'sist mottatt for {age} siden',
   'Skip to the page': 'Gå til siden',
   'This page could not be loaded. Reload when the service answers again.':
     'Denne siden kunne ikke lastes. Last på nytt når tjenesten svarer igjen.',
