@@ -110,9 +110,10 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
         raise DatasetError(source, f"not a readable Parquet file: {exc}") from exc
     columns = []
     for column in table.columns:
-        if pa.types.is_timestamp(column.type):
-            column = pa.compute.cast(column, pa.timestamp("us")).cast(pa.int64()).cast(pa.float64())
-            columns.append(column.to_numpy() * 1e-6)
+        is_stamp, is_span = pa.types.is_timestamp(column.type), pa.types.is_duration(column.type)
+        if is_stamp or is_span:
+            micros = column.cast(pa.timestamp("us") if is_stamp else pa.duration("us"), safe=False)
+            columns.append(micros.cast(pa.int64()).cast(pa.float64()).to_numpy() * 1e-6)
             continue
         try:
             columns.append(np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64))

@@ -223,3 +223,15 @@ def test_headers_of_common_test_rigs_are_understood(tmp_path, header):
     recording = load_recording(write(tmp_path, header + "\n0,0,4.1\n1,2,4.0\n2,2,3.9\n"))
     np.testing.assert_array_equal(recording.current_a, [0, 2, 2])
     np.testing.assert_array_equal(recording.voltage_v, [4.1, 4.0, 3.9])
+
+
+@pytest.mark.parametrize("kind", ["timestamp", "duration"])
+def test_parquet_times_of_either_kind_are_seconds(tmp_path, kind):
+    pa = pytest.importorskip("pyarrow")
+    import pyarrow.parquet as pq
+
+    nanos = pa.array([1_500_000_001, 2_000_000_002, 2_500_000_003])
+    stamps = nanos.cast(pa.timestamp("ns", "UTC") if kind == "timestamp" else pa.duration("ns"))
+    path = tmp_path / "drive.parquet"
+    pq.write_table(pa.table({"time": stamps, "current_a": [0.0, 1.0, 1.0], "voltage_v": [4.0, 3.9, 3.9]}), path)
+    np.testing.assert_allclose(np.diff(load_recording(path).time_s), 0.5, atol=2e-6)
