@@ -87,6 +87,8 @@ def read_slow(recordings: Sequence[Recording]) -> SlowCurves:
     rate_c = base.current_a / counted_ah
     if rate_c <= SLOW_C:
         discharge_v = _on_grid(grid, soc, base.recording.voltage_v[base.rows])
+        if not charges:
+            discharge_v = _raised_to_rests(base, soc, grid, discharge_v, notes)
     else:
         at_rest_v = _without_slow(discharges, base, counted_ah, grid, notes)
         is_loaded = at_rest_v is None
@@ -132,6 +134,23 @@ def _base_soc(base: Branch) -> tuple[FloatArray, float]:
     if soc is not None:
         return soc, counted_ah / max(float(abs(soc[0] - soc[-1])), 1e-6)
     return (1.0 if base.moved_ah > 0.0 else 0.0) - base.drawn_ah / counted_ah, counted_ah
+
+
+def _raised_to_rests(
+    base: Branch, soc: FloatArray, grid: FloatArray, loaded_v: FloatArray, notes: list[str]
+) -> FloatArray:
+    """Return the curve of a stepwise slow discharge with the drop given back that its rests show."""
+    rests = rests_of(base)
+    rests = rests[rests > base.rows[0]]
+    if base.moved_ah < 0.0 or rests.size < RESTS_MIN:
+        return loaded_v
+    before = np.searchsorted(base.rows, rests) - 1
+    volts = base.recording.voltage_v
+    drop_v = np.maximum(volts[rests] - volts[base.rows[before]], 0.0)
+    notes.append(
+        f"{base.recording.source}: its OCV is raised to {rests.size} rests, by {1e3 * np.median(drop_v):.0f} mV"
+    )
+    return np.maximum.accumulate(loaded_v + np.interp(grid, soc[before][::-1], drop_v[::-1]))
 
 
 def _without_slow(

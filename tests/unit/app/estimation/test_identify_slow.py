@@ -91,10 +91,11 @@ def test_too_few_rows_and_no_current_are_refused():
         read_slow([slow([(0.0, 1.0)])])
 
 
-def test_rests_between_steps_do_not_part_a_slow_discharge():
+def test_rests_between_steps_do_not_part_a_slow_discharge_and_raise_it_to_the_ocv():
     found = read_slow([slow([(RATE_C, 0.1), (0.0, 0.5)] * 10)])
     inside = (found.soc > 0.05) & (found.soc < 0.95)
-    np.testing.assert_allclose(found.discharge_v[inside], ocv(found.soc[inside]) - HALF_GAP_V, atol=0.004)
+    np.testing.assert_allclose(found.rested_v[inside], ocv(found.soc[inside]), atol=0.004)
+    assert any("raised to 10 rests, by 20 mV" in note for note in found.notes)
     assert found.counted_ah == pytest.approx(CAPACITY_AH, rel=0.01)
 
 
@@ -141,3 +142,9 @@ def test_the_wrong_sign_names_the_file_and_the_option():
     turned.current_a[:] = -turned.current_a
     with pytest.raises(ModelError, match=r"turned: .*--charge-positive"):
         read_slow([turned])
+
+
+def test_a_few_rests_leave_a_slow_discharge_as_it_was_measured():
+    found = read_slow([slow([(RATE_C, 0.5), (0.0, 0.5), (RATE_C, 0.5)])])
+    inside = (found.soc > 0.05) & (found.soc < 0.95)
+    np.testing.assert_allclose(found.discharge_v[inside], ocv(found.soc[inside]) - HALF_GAP_V, atol=0.004)
