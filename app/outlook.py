@@ -207,10 +207,9 @@ class Lookout:
         self.learned = known = self._learned()
         self._offset.use_capacity(float(known.capacity_ah.mean()))
         self._capacity_ah = tracker.capacity_ah()
+        capacity_ah = np.where(known.has_capacity, known.capacity_ah, np.nan)
         resistance_factor = np.where(known.has_resistance, known.resistance_factor, np.nan)
-        self._health = state_of_health(
-            self._capacity_ah, known.capacity_sigma_ah, tracker.nominal_ah, resistance_factor
-        )
+        self._health = state_of_health(capacity_ah, known.capacity_sigma_ah, tracker.nominal_ah, resistance_factor)
         self._find_laps()
 
     def _learned(self) -> Learned:

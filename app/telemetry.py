@@ -141,10 +141,10 @@ class Cells:
     ocv_v: FloatArray
     residual_v: FloatArray  # measured minus predicted
     resistance_ohm: FloatArray
-    capacity_ah: FloatArray
+    capacity_ah: FloatArray  # counted with: the cell file's until learned
     balancing: BoolArray | None
     model_valid: BoolArray | None
-    soh_capacity: FloatArray  # against new
+    soh_capacity: FloatArray  # against new; NaN until learned
     resistance_factor: FloatArray  # against the cell file at the same charge and temperature; NaN until learned
     joint_excess_ohm: FloatArray  # of the busbar joint, against its own past and its peers
     joint_loose: BoolArray | None

@@ -73,6 +73,12 @@ def test_nothing_is_foretold_without_voltages(pipeline, master):
     assert drive(pipeline, master, 25).prediction is None
 
 
+def test_health_is_not_told_before_a_capacity_was_learned(pipeline, master):
+    cells = drive(pipeline, master, 60).cells
+    assert np.isnan(cells.soh_capacity).all()
+    assert (cells.capacity_ah == CELL.capacity_ah).all(), "what is counted with is the cell file's"
+
+
 def test_old_predictions_are_not_shown(pipeline, master):
     drive(pipeline, master, 25)
     assert pipeline.tick(master.t_ns + 11_000_000_000, 1).snapshot.prediction is None
