@@ -19,7 +19,7 @@ from app.estimation.joints import JointReport
 from app.estimation.learned import Learned, learned
 from app.estimation.power import CellStates, Limits, PowerModel, StatePower, TimeToTrip
 from app.estimation.prediction import EnergyLeft, LapsLeft, energy_left, lap_energies_wh, lap_period_s, laps_left
-from app.estimation.resistance_scale import ResistanceScale
+from app.estimation.resistance_scale import ResistanceScale, believed
 from app.estimation.rest_capacity import CapacityBetweenRests
 from app.estimation.sensor_offset import OffsetTracker
 from app.telemetry import BoolArray, FloatArray
@@ -103,7 +103,7 @@ class Lookout:
 
     def teach(self, estimator: CellEstimator) -> None:
         """Let an estimator count with what was learned of its cells."""
-        self._taught = self.learned.resistance_factor
+        self._taught = believed(self.learned.resistance_factor)
         estimator.use_capacity(self.learned.capacity_ah)
         estimator.use_resistance(self._taught)
 

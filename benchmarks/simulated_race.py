@@ -2,7 +2,8 @@
 
 Plays endurance races of the virtual master (its own spread, sensor errors and joints), reads its telemetry frames, and
 reports: the worst cell's SOC error, how much too high the driver's SOC ever was, how often the truth lay within
-3 sigma, and which joints were named: none may be in a clean race, the loosened one within a lap.
+3 sigma, and which joints were named: none may be in a clean race, the loosened one within a lap. What is learned of the
+cells during a race feeds the filter, as in the service.
 
     python -m benchmarks.simulated_race [--races 10] [--seconds 1700] [--filter fused]
     python -m benchmarks.simulated_race --bolts 4 --seconds 330
@@ -18,9 +19,10 @@ from numpy.typing import NDArray
 from app.estimation.cellfile import load_cell
 from app.estimation.driver import DriverSoc
 from app.estimation.estimators import FILTERS, make_estimator
-from app.estimation.joint_watch import JUDGE_S, JointWatch
+from app.estimation.power import Limits
+from app.outlook import Lookout
 from firmware_protocol.framing import Frame, FrameDecoder
-from firmware_protocol.memory_map import CELLS_PER_PACK, FIELDS, N_CELLS
+from firmware_protocol.memory_map import FIELDS, N_CELLS
 from firmware_protocol.messages import Data, MessageType
 from simulator.director import Director
 from simulator.library import find_scenario
@@ -28,7 +30,6 @@ from simulator.library import find_scenario
 FloatArray = NDArray[np.float64]
 BOLT_AT_S = 250.0
 BOLT_MOHM = 0.3
-JUDGE_EVERY = round(10 * JUDGE_S)  # frames at 10 Hz
 STEP_S = 0.05  # of the physics
 
 
@@ -98,8 +99,8 @@ class Result:
 
 def race(seed: int, seconds: float, filter_name: str, bolt: int | None = None) -> Result:
     """Estimate a race and judge its joints."""
-    estimator = make_estimator(filter_name, load_cell("samsung-25r-10p"), N_CELLS)
-    driver, joints = DriverSoc(N_CELLS), JointWatch(N_CELLS, CELLS_PER_PACK)
+    cell, driver, limits = load_cell("samsung-25r-10p"), DriverSoc(N_CELLS), Limits()
+    estimator, lookout = make_estimator(filter_name, cell, N_CELLS), Lookout(cell, N_CELLS)
     before_s: float | None = None
     squares, worst, inside, n, too_high = np.zeros(N_CELLS), 0.0, 0.0, 0, -100.0
     named_after_s, wrong = None, set[int]()
@@ -109,7 +110,10 @@ def race(seed: int, seconds: float, filter_name: str, bolt: int | None = None) -
             before_s = sample.uptime_s
         dt_s, before_s = sample.uptime_s - before_s, sample.uptime_s
         estimate = estimator.step(dt_s, sample.current_a, sample.voltages_v, sample.temperatures_degc)
-        joints.step(dt_s, sample.current_a, sample.voltages_v)
+        power_w = float(sample.voltages_v.sum()) * sample.current_a
+        lookout.step(dt_s, sample.current_a, sample.voltages_v, power_w, estimate)
+        lookout.look(estimator, estimate, sample.temperatures_degc, sample.current_a, limits)
+        lookout.teach(estimator)
         error = estimate.soc - sample.true_soc
         squares += error**2
         worst = max(worst, float(np.abs(error).max()))
@@ -118,9 +122,8 @@ def race(seed: int, seconds: float, filter_name: str, bolt: int | None = None) -
         percent = driver.step(estimate.soc).percent
         if percent is not None:
             too_high = max(too_high, percent - 100.0 * float(sample.true_soc.min()))
-        if n % JUDGE_EVERY == 0:
-            joints.judge()
-            loose = set(np.flatnonzero(joints.loose).tolist())
+        if lookout.outlook.loose is not None:
+            loose = set(np.flatnonzero(lookout.outlook.loose).tolist())
             wrong |= loose - {bolt}
             if bolt in loose and named_after_s is None:
                 named_after_s = sample.uptime_s - BOLT_AT_S

@@ -86,7 +86,16 @@ def summary(
     white: InnovationScore | None,
 ) -> dict[str, Any]:
     """Return the result as plain JSON values; what cannot be said is None."""
-    names = ("soc_rmse", "soc_bias", "soc_max_error_after_60s", "settle_5_s", "settle_2_s", "inside_3_sigma", "nees")
+    names = (
+        "soc_rmse",
+        "soc_bias",
+        "soc_max_error_after_60s",
+        "settle_5_s",
+        "settle_2_s",
+        "inside_3_sigma",
+        "sigma_rms",
+        "nees",
+    )
     scores = dict.fromkeys(names) if score is None else asdict(score)
     lasting = dict.fromkeys(f.name for f in fields(InnovationScore)) if white is None else asdict(white)
     innovation = result.innovation_v[np.isfinite(result.innovation_v)]

@@ -22,6 +22,7 @@ class SocScore:
         soc_max_error_after_60s: largest magnitude from 60 s after the start; NaN for shorter runs.
         settle_5_s, settle_2_s: seconds from the start until the error stays within 5 % and 2 %; None = never.
         inside_3_sigma: share of the rows whose error lies within three sigma.
+        sigma_rms: root mean square sigma; beside the RMSE of many runs it shows whether sigma is too wide.
         nees: mean of (error / sigma)^2; 1 where sigma tells the truth.
     """
 
@@ -31,6 +32,7 @@ class SocScore:
     settle_5_s: float | None
     settle_2_s: float | None
     inside_3_sigma: float
+    sigma_rms: float
     nees: float
 
 
@@ -57,6 +59,7 @@ def score_soc(time_s: FloatArray, soc: FloatArray, soc_sigma: FloatArray, refere
         settle_5_s=settling_time(elapsed_s, error, 0.05),
         settle_2_s=settling_time(elapsed_s, error, 0.02),
         inside_3_sigma=float(np.mean(np.abs(error) <= 3.0 * sigma)),
+        sigma_rms=float(np.sqrt(np.mean(sigma**2))),
         nees=float(np.mean((error / sigma) ** 2)),
     )
 

@@ -96,6 +96,14 @@ def test_drive_of_the_measured_cell_from_right_and_wrong_start(panasonic):
     assert right.inside_3_sigma >= 0.95
 
 
+def test_a_start_two_points_off_recovers_and_sigma_says_how_far_it_is_off(panasonic):
+    us06 = part(load(PANASONIC, "us06_25degC"), 0, 1200)
+    (low,) = scores(panasonic.model, us06, [0.98])
+    assert low.settle_2_s <= 5.0
+    assert low.soc_rmse < 0.012
+    assert low.inside_3_sigma >= 0.95
+
+
 def test_unseen_half_of_a_race_from_the_right_start(physics):
     cell, found, whole = physics
     second = part(whole, 880, 1820)
@@ -112,6 +120,19 @@ def test_cold_start_in_the_middle_of_a_race(physics):
         run = part(whole, start_s, start_s + 200)
         (score,) = scores(found.model, run, [run.soc[0] - 0.45])
         assert score.settle_5_s <= 60.0
+
+
+def test_a_start_two_points_off_in_a_race_is_never_taken_for_sure(physics):
+    _, found, whole = physics
+    second = part(whole, 880, 1280)
+    for score in scores(found.model, second, [second.soc[0] - 0.02, second.soc[0] + 0.02]):
+        assert score.inside_3_sigma >= 0.95
+
+
+def test_a_gross_start_under_load_costs_the_fusion_nothing(physics):
+    _, found, whole = physics
+    judged = judge(found.model, part(whole, 637, 1237), -0.45)
+    assert judged.excess.max() < 0.15
 
 
 @pytest.mark.parametrize("off", [0.0, -0.5])
