@@ -14,7 +14,7 @@ from app.estimation.own_cells import OwnCapacity, use_resistance
 from app.estimation.process import Process
 from app.estimation.record import Record, check_record, run_steps
 from app.estimation.self_check import SelfCheck
-from app.estimation.start import per_cell, start_count, start_from_voltage
+from app.estimation.start import per_cell, start_count, start_from_voltage, told_sigma
 from app.estimation.states import SOC, CellStates
 from app.estimation.tables import PackedCell
 from app.estimation.tuning import Tuning
@@ -78,10 +78,10 @@ class CoulombCounter:
     ) -> None:
         """Set the state from one sample; see `CellEstimator.start`."""
         given = per_cell("soc", soc, np.nan, self.n_cells)
-        sigma = per_cell("soc_sigma", soc_sigma, self.tuning.counter_soc_sigma, self.n_cells)
+        sigma = per_cell("soc_sigma", soc_sigma, np.nan, self.n_cells)
         sample = self.guard.check(0.0, current_a, voltages_v, temperatures_degc)
         start_from_voltage(self.cell, self.states, self.tuning, sample)
-        start_count(self.states, given, sigma)
+        start_count(self.states, given, told_sigma(self.cell, self.states, self.tuning, sample, given, sigma))
         self.states.mean[SOC] = self.states.count_soc
         self._is_started = True
 

@@ -21,7 +21,14 @@ from app.estimation.process import SOC_VARIANCE_MAX, Process
 from app.estimation.record import Record, check_record, run_steps
 from app.estimation.self_check import SelfCheck
 from app.estimation.sigma_points import SigmaRule
-from app.estimation.start import SLOPE_FLOOR_V, impose_soc, per_cell, start_count, start_from_voltage
+from app.estimation.start import (
+    SLOPE_FLOOR_V,
+    impose_soc,
+    per_cell,
+    start_count,
+    start_from_voltage,
+    told_sigma,
+)
 from app.estimation.states import SOC, CellStates
 from app.estimation.tables import PackedCell
 from app.estimation.tuning import Tuning
@@ -132,12 +139,12 @@ class GaussianEstimator:
         """Set the state from one sample; see `CellEstimator.start`."""
         n, tuning = self.n_cells, self.tuning
         given = per_cell("soc", soc, np.nan, n)
-        sigma = per_cell("soc_sigma", soc_sigma, tuning.counter_soc_sigma if self.fused else tuning.start_soc_sigma, n)
+        sigma = per_cell("soc_sigma", soc_sigma, np.nan if self.fused else tuning.start_soc_sigma, n)
         sample = self.guard.check(0.0, current_a, voltages_v, temperatures_degc)
         start_from_voltage(self.cell, self.states, tuning, sample)
         self._was_told = not self.fused and bool(np.isfinite(given).any())
         if self.fused:
-            start_count(self.states, given, sigma)
+            start_count(self.states, given, told_sigma(self.cell, self.states, tuning, sample, given, sigma))
         else:
             impose_soc(self.states, given, sigma)
         self._is_started = True

@@ -2,15 +2,13 @@
 
 While they agree the surer one counts: by the squares of their variances, steeper than the precision-weighted mean,
 since the errors of a model last and do not average out against those of a count. When they contradict each other the
-start was wrong, and the filter rules; a count that stays contradicted is anchored anew. A smaller contradiction that
-lasts widens the count's sigma until both allow it. Within minutes a count cannot wander, whatever its start: how far
-the filter wanders against it is an error that the filter does not know of.
+start was wrong, and the filter rules; a count that stays contradicted is anchored anew. Within minutes a count cannot
+wander, whatever its start: how far the filter wanders against it is an error that the filter does not know of.
 
     v_f = v_filter + S,  S' = S + a (1 - a) (f (d - m)^2 - S),  m' = m + a (d - m),  a = 1 - exp(-dt / wander_s)
     v_c = v_anchor + (gain q)^2 + (offset t)^2        over charge q and time t: gain and offset are constants
     v_t = min(v_f + v_c, doubt_soc^2)
     w   = P(start was right | both)                   from t(d; 0, v_t) against "anywhere in 0..1"
-    v_anchor' = v_anchor + b max(min(d^2, start_off^2) - v_t, 0),  b = 1 - exp(-dt / start_off_s)
     z   = z_f - w g d,  g = v_f^2 / (v_f^2 + v_c^2),  d = z_f - z_c
     v   = v_f + w g (v_c - v_f + (1 - w) g d^2)        no less than either's where their errors are the same
 
@@ -33,7 +31,6 @@ from app.estimation.tuning import Tuning
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-ZERO: Final = np.array(0.0)
 ONE: Final = np.array(1.0)
 VARIANCE_MAX: Final = np.array(SOC_VARIANCE_MAX)
 PER_TAIL: Final = np.array(1.0 / 32.0)
@@ -47,15 +44,11 @@ class Mixer:
         filter_v2: (shape) where that of the filter is, model error and wandering included.
         d2: (shape) square of the disagreement in the last call.
         total_v2: (shape) the variance v_t it was held against.
-        total_max: () the most that v_t may be.
-        is_beyond: whether d^2 exceeded v_t somewhere.
     """
 
     def __init__(self, shape: tuple[int, ...], tuning: Tuning) -> None:
         self._odds = np.array(unknown_odds(tuning))
-        self.total_max = np.array(tuning.doubt_soc * tuning.doubt_soc)
-        self._off2_max = np.array(tuning.start_off * tuning.start_off)
-        self.is_beyond = False
+        self._total_max = np.array(tuning.doubt_soc * tuning.doubt_soc)
         upper, lower, ratios = np.empty((3, 2, *shape))
         self._views = upper, lower, ratios, *ratios, *np.empty((2, *shape))
         self.d2, self.count_v2 = upper
@@ -71,11 +64,10 @@ class Mixer:
         upper, lower, ratios, w, g, share, left = self._views
         d2, count_v2, total, filter_v2 = self.d2, self.count_v2, self.total_v2, self.filter_v2
         np.add(count_v2, filter_v2, total)
-        np.minimum(total, self.total_max, out=total)
+        np.minimum(total, self._total_max, out=total)
         np.multiply(d, d, d2)
         # d^2 / v_t and v_c / v_f: 1 / w - 1 = odds sqrt(v_t) (1 + d^2 / 32 v_t)^16, and 1 / g - 1 is a square
         np.divide(upper, lower, ratios)
-        self.is_beyond = w.item(w.argmax()) > 1.0
         np.multiply(w, PER_TAIL, w)
         np.add(w, ONE, w)
         for _ in range(3):
@@ -97,13 +89,6 @@ class Mixer:
         np.multiply(share, d, share)
         return np.subtract(filter_soc, share), np.add(filter_v2, left), w
 
-    def beyond_v2(self, d2: FloatArray, total_v2: FloatArray) -> FloatArray:
-        """Return by how much d^2, as far as a start that is a little off explains it, exceeds v_t; no less than 0."""
-        beyond: FloatArray = np.minimum(d2, self._off2_max)
-        np.subtract(beyond, total_v2, beyond)
-        np.maximum(beyond, ZERO, out=beyond)
-        return beyond
-
 
 class Fusion:
     """Fuses the filter of one state with its charge count."""
@@ -114,7 +99,6 @@ class Fusion:
         self._mixer = Mixer((states.n_cells,), tuning)
         self._block_mixer: Mixer | None = None
         self._dt_s = math.nan
-        self._off_share = np.zeros(())
         self._wander_factor = np.array(tuning.wander_factor)
         self._gap = np.empty(states.n_cells)
         self._moved, self._shares = np.empty((2, 2, states.n_cells))
@@ -136,8 +120,6 @@ class Fusion:
         np.minimum(heard_v2, VARIANCE_MAX, out=heard_v2)
         count_variance(states.drift, states.anchor_v2, mixer.count_v2)
         soc, variance, w = mixer.mix(filter_soc, gap)
-        if mixer.is_beyond:
-            states.anchor_v2 += self._off_share * mixer.beyond_v2(mixer.d2, mixer.total_v2)
         if w.item(w.argmin()) < 0.5:
             self._doubt(dt_s, w < 0.5, filter_soc, heard_v2)
         else:
@@ -163,9 +145,7 @@ class Fusion:
         mixer = self._block_mixer
         if mixer is None or mixer.count_v2.shape != shape:
             mixer = self._block_mixer = Mixer(shape, self._tuning)
-        drift_v2 = counts[:, 1] * counts[:, 1] + counts[:, 2] * counts[:, 2]
-        np.add(drift_v2, states.anchor_v2, mixer.count_v2)
-        anchor_before = states.anchor_v2.copy()
+        np.add(counts[:, 1] * counts[:, 1] + counts[:, 2] * counts[:, 2], states.anchor_v2, mixer.count_v2)
         wander_before = states.wander.copy()
         gaps = filter_soc - counts[:, 0]
         heard_v2 = mixer.filter_v2
@@ -175,13 +155,9 @@ class Fusion:
         np.add(heard_v2, filter_v2, heard_v2)
         np.minimum(heard_v2, VARIANCE_MAX, out=heard_v2)
         soc, variance, w = mixer.mix(filter_soc, gaps)
-        if mixer.is_beyond:
-            self._widen(dt_s, drift_v2, mixer)
-            soc, variance, w = mixer.mix(filter_soc, gaps)
         if not (w < 0.5).any():
             states.doubt_s.fill(0.0)
             return soc, variance
-        np.copyto(states.anchor_v2, anchor_before)
         np.copyto(states.wander, wander_before)
         moved = np.diff(counts, axis=0, prepend=before[None])
         np.copyto(states.count, before)
@@ -190,25 +166,12 @@ class Fusion:
             soc[k], variance[k] = self.fuse(dt, filter_soc[k], filter_v2[k])
         return soc, variance
 
-    def _widen(self, dt_s: list[float], drift_v2: FloatArray, mixer: Mixer) -> None:
-        """Widen the anchors sample by sample where they are contradicted, and so the variances (k, n) of the counts."""
-        anchor_v2 = self._states.anchor_v2
-        for dt, drift, count_v2, filter_v2, d2 in zip(
-            dt_s, drift_v2, mixer.count_v2, mixer.filter_v2, mixer.d2, strict=True
-        ):
-            np.add(drift, anchor_v2, count_v2)
-            total_v2 = np.add(count_v2, filter_v2)
-            np.minimum(total_v2, mixer.total_max, out=total_v2)
-            share = np.array(1.0 - math.exp(-dt / self._tuning.start_off_s))
-            anchor_v2 += share * mixer.beyond_v2(d2, total_v2)
-
     def _wander(self, dt_s: float, d: FloatArray) -> None:
         """Follow the mean of d = z_f - z_c, and what the mean square of d beyond it tells of the filter's error."""
         if dt_s != self._dt_s:
             share = 1.0 - math.exp(-dt_s / self._tuning.wander_s)
             self._dt_s = dt_s
             self._shares[:] = [[share], [share * (1.0 - share)]]
-            self._off_share.fill(1.0 - math.exp(-dt_s / self._tuning.start_off_s))
         beyond, beyond2, apart, wander, wander_v2 = self._wander_views
         moved = self._moved
         np.subtract(d, apart, beyond)

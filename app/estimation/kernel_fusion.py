@@ -20,8 +20,6 @@ from app.estimation.kernel_shape import (
     CHECK_S,
     DOUBT_SOC,
     MODEL_ERROR_V,
-    START_OFF,
-    START_OFF_S,
     UNKNOWN_ODDS,
     WANDER_FACTOR,
     WANDER_S,
@@ -74,8 +72,7 @@ def make_believe(shape: Shape) -> Any:
         wander_share = 1.0 - math.exp(-dt / numbers[WANDER_S])
         wander2_share = wander_share * (1.0 - wander_share)
         odds, anchor_s, anchor_factor = numbers[UNKNOWN_ODDS], numbers[ANCHOR_S], numbers[ANCHOR_FACTOR]
-        wander_factor, off_share = numbers[WANDER_FACTOR], 1.0 - math.exp(-dt / numbers[START_OFF_S])
-        total_max, off2_max = numbers[DOUBT_SOC] * numbers[DOUBT_SOC], numbers[START_OFF] * numbers[START_OFF]
+        wander_factor, total_max = numbers[WANDER_FACTOR], numbers[DOUBT_SOC] * numbers[DOUBT_SOC]
         for c in range(n):
             slope_v2 = slope[c] * slope[c]
             slope_v2 = slope_v2 if slope_v2 > floor_v2 else floor_v2
@@ -96,8 +93,6 @@ def make_believe(shape: Shape) -> Any:
                 total = count_v2 + variance
                 total = total if total < total_max else total_max
                 d2 = d * d
-                over_v2 = (d2 if d2 < off2_max else off2_max) - total
-                anchor_v2 = block[ANCHOR + c] + off_share * (over_v2 if over_v2 > 0.0 else 0.0)
                 tail = d2 / total * (1.0 / 32.0) + 1.0
                 tail *= tail
                 tail *= tail
@@ -117,7 +112,7 @@ def make_believe(shape: Shape) -> Any:
                 block[COUNTED + c] = soc if anchor else block[COUNTED + c]
                 block[GAIN + c] = 0.0 if anchor else gain
                 block[OFFSET + c] = 0.0 if anchor else offset
-                block[ANCHOR + c] = anchor_factor * variance if anchor else anchor_v2
+                block[ANCHOR + c] = anchor_factor * variance if anchor else block[ANCHOR + c]
                 block[DOUBTED + c] = 0.0 if anchor else doubt
                 block[APART_AT + c] = 0.0 if anchor else apart
                 soc -= pulled

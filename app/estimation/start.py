@@ -69,6 +69,16 @@ def impose_soc(state: CellStates, soc: FloatArray, sigma: FloatArray) -> None:
     state.cov[SOC, SOC] = np.where(given, variance, state.cov[SOC, SOC])
 
 
+def told_sigma(
+    cell: PackedCell, state: CellStates, tuning: Tuning, step: StepInput, soc: FloatArray, sigma: FloatArray
+) -> FloatArray:
+    """Return (n,) the sigma of a SOC that was told: `sigma`, or where that is NaN as the voltage at rest allows."""
+    off = np.abs(state.mean[SOC] - soc)
+    at_rest = ~np.isnan(step.voltage_v) & (abs(step.current_a) < tuning.rest_c * cell.model.c_rate_a)
+    is_off = at_rest & (off > tuning.rest_off_min) & (off < tuning.rest_off_max)
+    return np.where(np.isnan(sigma), np.where(is_off, off, tuning.counter_soc_sigma), sigma)
+
+
 def start_count(state: CellStates, soc: FloatArray, sigma: FloatArray) -> None:
     """Start the charge count at the SOC given, or where that is NaN at what the voltage said."""
     given = ~np.isnan(soc)

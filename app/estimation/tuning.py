@@ -37,8 +37,10 @@ class Tuning:
         gate_hold_s: ... for at most this long; then they are believed [s].
         gate_recovery: and the SOC sigma grows by this much per square root of a second.
         counter_soc_sigma: sigma of a SOC given without one, for the charge count.
-        start_off: a start may be off by this much and more than its sigma says ...
-        start_off_s: ... which a filter that keeps contradicting it shows over this time [s].
+        rest_c: below this current, in C, the first voltage is taken for one at rest [C].
+        rest_off_min: a SOC given without a sigma that lies farther from that voltage's than this ...
+        rest_off_max: ... and nearer than this has the distance for its sigma. Nearer, the OCV is no surer itself;
+            farther, the cell had not come to rest, or the SOC is plainly wrong, which the odds see.
         counter_gain: relative error of charge over capacity.
         counter_offset_c: offset of the current sensor, in C.
         start_unknown: probability that a start SOC is simply wrong.
@@ -72,9 +74,10 @@ class Tuning:
     gate: float = 5.0
     gate_hold_s: float = 2.0
     gate_recovery: float = 0.02
-    counter_soc_sigma: float = 0.007
-    start_off: float = 0.025
-    start_off_s: float = 600.0
+    counter_soc_sigma: float = 0.003
+    rest_c: float = 0.1
+    rest_off_min: float = 0.015
+    rest_off_max: float = 0.04
     counter_gain: float = 0.007
     counter_offset_c: float = 0.01
     start_unknown: float = 0.05

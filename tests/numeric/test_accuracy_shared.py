@@ -100,7 +100,7 @@ def test_a_start_two_points_off_recovers_and_sigma_says_how_far_it_is_off(panaso
     us06 = part(load(PANASONIC, "us06_25degC"), 0, 1200)
     (low,) = scores(panasonic.model, us06, [0.98])
     assert low.settle_2_s <= 5.0
-    assert low.soc_rmse < 0.012
+    assert low.soc_rmse < 0.008
     assert low.inside_3_sigma >= 0.95
 
 
@@ -122,17 +122,16 @@ def test_cold_start_in_the_middle_of_a_race(physics):
         assert score.settle_5_s <= 60.0
 
 
-def test_a_start_two_points_off_in_a_race_is_never_taken_for_sure(physics):
-    _, found, whole = physics
-    second = part(whole, 880, 1280)
-    for score in scores(found.model, second, [second.soc[0] - 0.02, second.soc[0] + 0.02]):
-        assert score.inside_3_sigma >= 0.95
-
-
 def test_a_gross_start_under_load_costs_the_fusion_nothing(physics):
     _, found, whole = physics
     judged = judge(found.model, part(whole, 637, 1237), -0.45)
     assert judged.excess.max() < 0.15
+
+
+@pytest.mark.parametrize("off", [0.0, -0.5])
+def test_fusion_is_as_good_on_the_measured_cell(panasonic, off):
+    judged = judge(panasonic.model, load(PANASONIC, "us06_25degC"), off)
+    assert judged.excess.max() < 0.1
 
 
 @pytest.mark.parametrize("off", [0.0, -0.5])

@@ -50,3 +50,25 @@ def test_a_scalar_is_for_all_cells_and_another_shape_is_refused():
     assert per_cell("soc", None, 0.7, 2).tolist() == [0.7] * 2
     with pytest.raises(ShapeError):
         per_cell("soc", [0.1, 0.2], 0.0, 3)
+
+
+def told(soc, rest_soc, current_a=0.0, sigma=None, heard=True):
+    """Return SOC and sigma that the count alone reports after it was told a SOC while the voltage said another."""
+    estimator = make_estimator("coulomb", CELL, 1, engine="numpy")
+    volts = CELL.ocv.voltage(np.array([rest_soc])) if heard else np.array([np.nan])
+    estimator.start(volts, [25.0], current_a, [soc], sigma)
+    found = estimator.step(0.0, current_a, volts, [25.0])
+    return found.soc[0], found.soc_sigma[0]
+
+
+def test_a_soc_told_without_a_sigma_is_as_sure_as_the_rested_voltage_allows():
+    assert told(0.62, 0.60) == pytest.approx((0.62, 0.02), abs=1e-3)
+    _, confirmed = told(0.61, 0.60)
+    assert confirmed < 0.004
+    for unheard in (told(0.62, 0.60, current_a=CELL.capacity_ah), told(0.62, 0.60, heard=False), told(0.90, 0.60)):
+        assert unheard[1] == pytest.approx(confirmed)
+
+
+def test_a_sigma_that_was_told_with_the_soc_is_kept():
+    assert told(0.62, 0.60, sigma=[0.005])[1] == pytest.approx(0.005, rel=0.01)
+    assert told(0.61, 0.60, sigma=[0.05])[1] == pytest.approx(0.05, rel=0.01)
