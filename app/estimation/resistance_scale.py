@@ -113,7 +113,7 @@ class ResistanceScale:
 
 
 def believed(factor: FloatArray) -> FloatArray:
-    """Return the factor a filter may foretell voltages with: 1 + g / (1 + (s / g)^4), g = factor - 1.
+    """Return the factor a filter may foretell voltages with: 1 + g / (1 + (s / g)^6), g = factor - 1.
 
     What is fast in a drop and what lasts do not grow alike, and a joint adds to the first alone: good models of fresh
     cells are found up to a fifth off. That is left to the model; growth well beyond it is taken nearly whole.
@@ -121,5 +121,5 @@ def believed(factor: FloatArray) -> FloatArray:
     Args:
         factor: (n_cells,) as learned.
     """
-    growth4 = (factor - 1.0) ** 4
-    return np.asarray(1.0 + (factor - 1.0) * growth4 / (growth4 + SHAPE_ERROR**4))
+    growth6 = (factor - 1.0) ** 6
+    return np.asarray(1.0 + (factor - 1.0) * growth6 / (growth6 + SHAPE_ERROR**6))

@@ -75,7 +75,8 @@ def told_sigma(
     """Return (n,) the sigma of a SOC that was told: `sigma`, or where that is NaN as the voltage at rest allows."""
     off = np.abs(state.mean[SOC] - soc)
     at_rest = ~np.isnan(step.voltage_v) & (abs(step.current_a) < tuning.rest_c * cell.model.c_rate_a)
-    is_off = at_rest & (off > tuning.rest_off_min) & (off < tuning.rest_off_max)
+    off_v = np.abs(cell.ocv_of(state.mean[SOC]) - cell.ocv_of(soc))
+    is_off = at_rest & (off_v > tuning.rest_error_v) & (off < tuning.rest_off_max)
     return np.where(np.isnan(sigma), np.where(is_off, off, tuning.counter_soc_sigma), sigma)
 
 

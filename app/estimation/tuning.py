@@ -38,9 +38,9 @@ class Tuning:
         gate_recovery: and the SOC sigma grows by this much per square root of a second.
         counter_soc_sigma: sigma of a SOC given without one, for the charge count.
         rest_c: below this current, in C, the first voltage is taken for one at rest [C].
-        rest_off_min: a SOC given without a sigma that lies farther from that voltage's than this ...
-        rest_off_max: ... and nearer than this has the distance for its sigma. Nearer, the OCV is no surer itself;
-            farther, the cell had not come to rest, or the SOC is plainly wrong, which the odds see.
+        rest_error_v: a SOC given without a sigma whose OCV lies farther from that voltage than this [V] ...
+        rest_off_max: ... and which itself lies nearer than this has the distance for its sigma. Nearer in voltage, the
+            OCV is no surer; farther, the cell had not come to rest, or the SOC is plainly wrong, which the odds see.
         counter_gain: relative error of charge over capacity.
         counter_offset_c: offset of the current sensor, in C.
         start_unknown: probability that a start SOC is simply wrong.
@@ -76,7 +76,7 @@ class Tuning:
     gate_recovery: float = 0.02
     counter_soc_sigma: float = 0.003
     rest_c: float = 0.1
-    rest_off_min: float = 0.015
+    rest_error_v: float = 0.02
     rest_off_max: float = 0.04
     counter_gain: float = 0.007
     counter_offset_c: float = 0.01
