@@ -42,8 +42,6 @@ class Mixer:
     Attributes:
         count_v2: (shape) where the variance of the count is put before.
         filter_v2: (shape) where that of the filter is, model error and wandering included.
-        d2: (shape) square of the disagreement in the last call.
-        total_v2: (shape) the variance v_t it was held against.
     """
 
     def __init__(self, shape: tuple[int, ...], tuning: Tuning) -> None:
@@ -51,8 +49,8 @@ class Mixer:
         self._total_max = np.array(tuning.doubt_soc * tuning.doubt_soc)
         upper, lower, ratios = np.empty((3, 2, *shape))
         self._views = upper, lower, ratios, *ratios, *np.empty((2, *shape))
-        self.d2, self.count_v2 = upper
-        self.total_v2, self.filter_v2 = lower
+        self._d2, self.count_v2 = upper
+        self._total_v2, self.filter_v2 = lower
 
     def mix(self, filter_soc: FloatArray, d: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return fused SOC and variance, new arrays, and the odds w that the start was right.
@@ -62,7 +60,7 @@ class Mixer:
             d: (shape) how far it lies above the count's.
         """
         upper, lower, ratios, w, g, share, left = self._views
-        d2, count_v2, total, filter_v2 = self.d2, self.count_v2, self.total_v2, self.filter_v2
+        d2, count_v2, total, filter_v2 = self._d2, self.count_v2, self._total_v2, self.filter_v2
         np.add(count_v2, filter_v2, total)
         np.minimum(total, self._total_max, out=total)
         np.multiply(d, d, d2)
