@@ -12,8 +12,8 @@ export PYTHONDONTWRITEBYTECODE :=
 export MPLBACKEND := Agg
 
 define COMPILE_FILTER
-from app.estimation.cellfile import load_cell
-from app.estimation.estimators import make_estimator
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
 make_estimator("fused", load_cell("samsung-25r-10p"), 96)  # for this machine, once
 endef
 export COMPILE_FILTER

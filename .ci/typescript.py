@@ -7,9 +7,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from app.api.config_json import schema_json
+from app.api.encoding.configuration import schema_json
 from app.main import create_app
-from app.settings import Settings
+from app.service.settings import Settings
 from firmware_protocol.memory_map import (
     CELLS_PER_PACK,
     CONFIG_FIELDS,

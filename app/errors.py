@@ -3,6 +3,8 @@
 AppError
   ConfigError          a setting or a file of the user's is wrong: field, value, limit
   LinkError            LinkLost, MasterSilent, MasterRefused
+  ImportFailed         another program's recording cannot be taken over
+  ExtraMissing         an optional package is missing
   NotNow               the request is fine, the moment is not
 """
 
@@ -55,3 +57,21 @@ class MasterRefused(LinkError):
 
 class NotNow(AppError):
     """The state of the service forbids it."""
+
+
+class ImportFailed(AppError):
+    """A recording of another program cannot be read as one of a battery."""
+
+    def __init__(self, source: str, reason: str) -> None:
+        self.source = source
+        self.reason = reason
+        super().__init__(f"{source}: {reason}")
+
+
+class ExtraMissing(AppError):
+    """A format needs a package that is not installed."""
+
+    def __init__(self, what: str, package: str, extra: str) -> None:
+        self.what = what
+        self.package = package
+        super().__init__(f"{what} needs {package}: pip install 'voltwall[{extra}]'")

@@ -11,37 +11,28 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import __version__
-from app.api import (
-    bringing,
-    can,
-    can_bus,
-    commands,
-    config,
-    config_library,
-    debrief,
-    events,
-    imports,
-    live,
-    metrics,
-    passport,
-    problems,
-    recorder,
-    session_login,
-    sessions,
-    simulator,
-    slave_check,
-    system,
-)
-from app.api.auth import Doorkeeper, Gate
-from app.api.head import HeadAsGet
-from app.api.limits import BodyLimit
+from app.api import simulator
+from app.api.can import bus as can_bus
+from app.api.can import tables as can
+from app.api.configuration import commands, slave_check
+from app.api.configuration import configuration as config
+from app.api.configuration import library as config_library
+from app.api.live import events, live, metrics, system
 from app.api.schemas.service import ProblemOut
-from app.api.static import serve_front_end
-from app.replaying import Estimates, Playing
-from app.runtime import Runtime
-from app.settings import Settings
-from app.simulator_process import SimulatorProcess
-from app.surroundings import ClockWatch
+from app.api.sessions import analysis as debrief
+from app.api.sessions import imports, passport, recorder, sessions
+from app.api.sessions import transfer as bringing
+from app.api.web import login as session_login
+from app.api.web import problems
+from app.api.web.authentication import Doorkeeper, Gate
+from app.api.web.head import HeadAsGet
+from app.api.web.limits import BodyLimit
+from app.api.web.static import serve_front_end
+from app.service.host import ClockWatch
+from app.service.runtime import Runtime
+from app.service.settings import Settings
+from app.service.simulator_process import SimulatorProcess
+from app.sessions.replay import Estimates, Playing
 from app.telemetry import Source
 
 STATIC = files("app") / "static"

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.dataset import load_recording
-from app.estimation.circuit import SECONDS_PER_HOUR, CellModel
-from app.estimation.estimators import make_estimator
-from app.estimation.identify import identify
-from app.estimation.importer import Recording
-from app.estimation.record import Record
-from app.estimation.scoring import SocScore, score_soc
-from app.estimation.whiteness import InnovationScore, score_innovations
+from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
+from app.estimation.filters.estimators import make_estimator
+from app.estimation.filters.record import Record
+from app.estimation.identification.identify import identify
+from app.estimation.recording.cell_recording import Recording
+from app.estimation.scoring.scoring import SocScore, score_soc
+from app.estimation.scoring.whiteness import InnovationScore, score_innovations
+from app.sources.recordings.dataset import load_recording
 
 FloatArray = NDArray[np.float64]
 

@@ -12,17 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from app.analysis.lap_marks import laps_by_pattern
-from app.debrief.blackbox import black_boxes
-from app.debrief.laps import lap_table, overlay_laps
-from app.debrief.passport import record_of
-from app.debrief.reading import read_totals
-from app.debrief.report import report_of
-from app.debrief.report_page import report_page
-from app.debrief.survey import survey_session
-from app.estimation.cellfile import load_cell
-from app.sessions.reader import SessionFile
-from app.sessions.writer import Recorder
+from app.analysis.black_box.from_session import black_boxes
+from app.analysis.laps.detection import laps_by_pattern
+from app.analysis.laps.from_session import lap_table, overlay_laps
+from app.analysis.passport.keeper import record_of
+from app.analysis.report.page import report_page
+from app.analysis.report.report import report_of
+from app.analysis.session_arrays import read_totals
+from app.analysis.session_survey import survey_session
+from app.estimation.cell_model.cell_file import load_cell
+from app.sessions.reading.reader import SessionFile
+from app.sessions.recording.writer import Recorder
 from benchmarks.recording import EPOCH_NS, stream
 from firmware_protocol.memory_map import N_CELLS
 

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from app.debrief.report import report_of
-from app.sessions.reader import SessionFile
+from app.analysis.report.report import report_of
+from app.sessions.reading.reader import SessionFile
 from benchmarks.record_scenario import ScenarioRecorder
 
 SETTLED_S = 300.0  # a filter that was just started has not found the charge yet

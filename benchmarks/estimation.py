@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.estimation.cellfile import load_cell
-from app.estimation.estimators import make_estimator
-from app.estimation.oracles import additive_step, augmented_step
-from app.estimation.sigma_points import unscented
-from app.estimation.tables import PackedCell
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
+from app.estimation.filters.sigma_points import unscented
+from app.estimation.filters.tables import PackedCell
+from tests.textbook_filters import additive_step, augmented_step
 
 Row = tuple[str, str, str]
 FloatArray = NDArray[np.float64]

@@ -27,8 +27,8 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Browser, CDPSession, Page, ViewportSize, expect, sync_playwright
 
-from app.sessions.reader import SessionFile
-from app.sessions.signals import find_signal
+from app.sessions.reading.reader import SessionFile
+from app.sessions.storage.signals import find_signal
 from benchmarks.recording import long_session
 
 STATIC = Path(__file__).resolve().parents[1] / "app" / "static"

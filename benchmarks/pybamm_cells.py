@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.estimation.importer import Recording
+from app.estimation.recording.cell_recording import Recording
 
 FloatArray = NDArray[np.float64]
 

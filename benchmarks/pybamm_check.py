@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from app.dataset import load_recording
-from app.estimation.circuit import CellModel
-from app.estimation.importer import Recording
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.recording.cell_recording import Recording
+from app.sources.recordings.dataset import load_recording
 from benchmarks.accuracy import HEADER, N_PINNED, Case, disturbed, estimate, judge_case
 from benchmarks.pybamm_cells import CELLS, Cell, pulse_test, race, save, slow_test
 from benchmarks.sources_plots import draw_physics

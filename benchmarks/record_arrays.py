@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from app.sessions.writer import Recorder
+from app.sessions.recording.writer import Recorder
 from firmware_protocol.config_image import default_image
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE

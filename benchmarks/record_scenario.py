@@ -8,11 +8,11 @@ import argparse
 import hashlib
 from pathlib import Path
 
-from app.estimation.cellfile import load_cell
-from app.estimation.estimators import make_estimator
-from app.outlook import Lookout
-from app.pipeline import Output, Pipeline
-from app.sessions.writer import Recorder
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
+from app.live.pipeline import Output, Pipeline
+from app.live.prediction import Lookout
+from app.sessions.recording.writer import Recorder
 from app.telemetry import FloatArray, LinkChange, SerialItem
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import N_CELLS

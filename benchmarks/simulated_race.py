@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.estimation.cellfile import load_cell
-from app.estimation.driver import DriverSoc
-from app.estimation.estimators import FILTERS, make_estimator
-from app.estimation.power import Limits
-from app.outlook import Lookout
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import FILTERS, make_estimator
+from app.estimation.prediction.driver_soc import DriverSoc
+from app.estimation.prediction.power import Limits
+from app.live.prediction import Lookout
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import FIELDS, N_CELLS
 from firmware_protocol.messages import Data, MessageType

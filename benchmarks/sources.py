@@ -15,16 +15,16 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from app.dataset import load_recording
-from app.estimation.cellfile import load_cell
-from app.estimation.circuit import CellModel
-from app.estimation.driver import DriverSoc
-from app.estimation.estimators import make_estimator
-from app.estimation.identify import identify
-from app.estimation.importer import Recording
-from app.estimation.ocv import OCV_METHODS, OcvCurve, from_two_currents
-from app.estimation.scoring import score_soc
-from app.estimation.sigma_points import unscented
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.cell_model.ocv import OCV_METHODS, OcvCurve, from_two_currents
+from app.estimation.filters.estimators import make_estimator
+from app.estimation.filters.sigma_points import unscented
+from app.estimation.identification.identify import identify
+from app.estimation.prediction.driver_soc import DriverSoc
+from app.estimation.recording.cell_recording import Recording
+from app.estimation.scoring.scoring import score_soc
+from app.sources.recordings.dataset import load_recording
 from benchmarks import thesis_filter as thesis
 from benchmarks.sources_plots import draw_orders, draw_patterns, draw_secant, draw_thesis
 

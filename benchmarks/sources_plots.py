@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from app.estimation.importer import Recording
-    from app.estimation.ocv import OcvCurve
-    from app.estimation.record import Record
+    from app.estimation.cell_model.ocv import OcvCurve
+    from app.estimation.filters.record import Record
+    from app.estimation.recording.cell_recording import Recording
     from benchmarks.sources import PatternRun, ThesisRun
 
 FloatArray = NDArray[np.float64]

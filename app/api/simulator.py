@@ -6,9 +6,6 @@ from fastapi import APIRouter, Depends, Query
 from pydantic import Field
 from starlette.requests import HTTPConnection
 
-from app.api.body import Body
-from app.api.deps import RuntimeDep, UserDep
-from app.api.problems import Problem, invalid, not_found
 from app.api.schemas.simulator import (
     FaultsInForceOut,
     PhaseOut,
@@ -17,8 +14,11 @@ from app.api.schemas.simulator import (
     SpeedOut,
     UnpluggedOut,
 )
-from app.simulator_control import SimulatorRefused
-from app.simulator_process import SimulatorProcess
+from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.problems import Problem, invalid, not_found
+from app.api.web.request_body import Body
+from app.service.simulator_control import SimulatorRefused
+from app.service.simulator_process import SimulatorProcess
 
 router = APIRouter(prefix="/simulator", tags=["simulator"])
 

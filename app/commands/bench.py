@@ -8,11 +8,11 @@ import sys
 from importlib import import_module
 from typing import Any
 
-from app.bench.numerics import CHIP_US, chain_rates, filter_pass_us
-from app.bench.service import at_line_limit, simulated
-from app.chain import Chain
+from app.commands.benchmarks.numerics import CHIP_US, chain_rates, filter_pass_us
+from app.commands.benchmarks.service import at_line_limit, simulated
 from app.commands.number import between
 from app.errors import ConfigError
+from app.live.pipeline_factory import Chain
 
 MIN_SECONDS, MAX_SECONDS = 1.0, 86400.0
 Row = tuple[str, str, str]  # what, figure, method

@@ -10,8 +10,8 @@ from typing import Any
 from urllib.parse import quote
 
 from app.commands.config_service import JSON, OCTETS, REFUSED, ConfigService, Refusal
-from app.config_profile import is_profile
-from app.config_sources import WORDS
+from app.configuration.lookup import WORDS
+from app.configuration.profile import is_profile
 from app.errors import ConfigError
 
 DIFFERS = 1

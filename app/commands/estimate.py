@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from app.commands.charts import check_picture_name, draw_estimate
-from app.commands.filter_run import Run, gap_notes, outside_notes, run_filter
-from app.commands.recordings import add_reading_arguments, check_table_name, read_recording, write_table
-from app.estimation.cellfile import load_cell
-from app.estimation.circuit import CellModel
+from app.commands.cell_commands.charts import check_picture_name, draw_estimate
+from app.commands.cell_commands.filter_run import Run, gap_notes, outside_notes, run_filter
+from app.commands.cell_commands.recordings import add_reading_arguments, check_table_name, read_recording, write_table
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import DatasetError, EstimatorError
-from app.estimation.estimators import FILTERS, make_estimator
-from app.estimation.importer import FloatArray, Recording, believable
-from app.estimation.scoring import SocScore, score_soc
-from app.estimation.whiteness import InnovationScore, score_innovations
+from app.estimation.filters.estimators import FILTERS, make_estimator
+from app.estimation.recording.cell_recording import FloatArray, Recording, believable
+from app.estimation.scoring.scoring import SocScore, score_soc
+from app.estimation.scoring.whiteness import InnovationScore, score_innovations
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -5,11 +5,11 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.commands.chosen_session import add_data_argument, add_session_argument, find_session
-from app.debrief.laps import lap_times
+from app.analysis.laps.from_session import lap_times
+from app.commands.session_commands.selection import add_data_argument, add_session_argument, find_session
 from app.errors import ConfigError
 from app.sessions.export import FORMATS, export
-from app.sessions.reader import SessionFile
+from app.sessions.reading.reader import SessionFile
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from app.commands.charts import check_picture_name, draw_identification
-from app.commands.recordings import add_reading_arguments, read_recording
-from app.estimation.cellfile import save_cell
+from app.commands.cell_commands.charts import check_picture_name, draw_identification
+from app.commands.cell_commands.recordings import add_reading_arguments, read_recording
+from app.estimation.cell_model.cell_file import save_cell
 from app.estimation.errors import DatasetError, EstimatorError
-from app.estimation.identify import Identification, identify
+from app.estimation.identification.identify import Identification, identify
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,23 +8,23 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from app import log
 from app.analysis.expectations import Expectations
-from app.api.encode import snapshot_json
-from app.chain import Chain
-from app.commands.chosen_session import add_data_argument, add_session_argument, find_session
+from app.analysis.replay_test import prove
+from app.api.encoding.snapshot import snapshot_json
 from app.commands.number import between
 from app.commands.serve import serve
-from app.debrief.proof import prove
+from app.commands.session_commands.selection import add_data_argument, add_session_argument, find_session
 from app.errors import ConfigError
-from app.estimation.cellfile import DEFAULT_CELL
-from app.estimation.estimators import FILTERS
+from app.estimation.cell_model.cell_file import DEFAULT_CELL
+from app.estimation.filters.estimators import FILTERS
+from app.live.pipeline_factory import Chain
 from app.main import Replay
-from app.replaying import item_of, prepare
+from app.service import log
+from app.service.settings import Settings
 from app.sessions.info import RecordedConfig
-from app.sessions.reader import SessionFile
-from app.sessions.replay import MAX_SPEED, MIN_SPEED
-from app.settings import Settings
+from app.sessions.reading.reader import SessionFile
+from app.sessions.replay import item_of, prepare
+from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 
 DEFAULT_FILTER = "fused"
 NO_SERVICE = {"recording": None, "replay": None, "last_event_id": 0, "config_stored_hash": None}

@@ -13,13 +13,13 @@ from typing import Any, get_args
 import uvicorn
 from pydantic import ValidationError
 
-from app import log
+from app.api.web.websocket_protocol import LiveProtocol
 from app.errors import ConfigError
-from app.folder_lock import FolderLock
-from app.live_protocol import LiveProtocol
 from app.main import Replay, create_app
-from app.settings import FilterName, Settings
-from app.simulator_process import SimulatorProcess
+from app.service import log
+from app.service.folder_lock import FolderLock
+from app.service.settings import FilterName, Settings
+from app.service.simulator_process import SimulatorProcess
 from app.telemetry import Source
 
 SECRETS = (

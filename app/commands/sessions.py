@@ -7,8 +7,10 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from app.commands import bringing, debrief, importing, passport
-from app.commands.chosen_session import (
+from app.commands.session_commands import analysis as debrief
+from app.commands.session_commands import importing, passport
+from app.commands.session_commands import transfer as bringing
+from app.commands.session_commands.selection import (
     add_data_argument,
     add_json_argument,
     add_session_argument,
@@ -18,9 +20,9 @@ from app.commands.chosen_session import (
 )
 from app.errors import ConfigError
 from app.sessions.errors import SessionError
-from app.sessions.files import is_in_use
 from app.sessions.info import SessionInfo
-from app.sessions.reader import SessionFile
+from app.sessions.reading.reader import SessionFile
+from app.sessions.storage.files import is_in_use
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 from app.errors import NotNow
 from app.sessions.catalogue_index import Known, State, load_index, save_index
 from app.sessions.errors import SessionError, SessionNotFound
-from app.sessions.files import FETCHED, SUFFIX, is_in_use, settle, sha256
 from app.sessions.info import SessionInfo
-from app.sessions.reader import SessionFile
+from app.sessions.reading.reader import SessionFile
+from app.sessions.storage.files import FETCHED, SUFFIX, is_in_use, settle, sha256
 
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 

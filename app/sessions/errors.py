@@ -7,12 +7,10 @@ SessionError
   UnknownSignal      the name means nothing, or the element does not exist
   RecordingFailed    what was to be recorded is not on the disk
   FetchFailed        another service's session did not come over whole
-  ImportFailed       another program's recording cannot be taken over
-  ExtraMissing       an optional package is missing
-    ExportUnavailable  for an export format
+  ExportUnavailable  an export format needs a package that is not installed
 """
 
-from app.errors import AppError
+from app.errors import AppError, ExtraMissing
 
 
 class SessionError(AppError):
@@ -68,23 +66,5 @@ class FetchFailed(SessionError):
         super().__init__(f"{url}: {reason}")
 
 
-class ImportFailed(SessionError):
-    """A recording of another program cannot be read as one of a battery."""
-
-    def __init__(self, source: str, reason: str) -> None:
-        self.source = source
-        self.reason = reason
-        super().__init__(f"{source}: {reason}")
-
-
-class ExtraMissing(SessionError):
-    """A format needs a package that is not installed."""
-
-    def __init__(self, what: str, package: str, extra: str) -> None:
-        self.what = what
-        self.package = package
-        super().__init__(f"{what} needs {package}: pip install 'voltwall[{extra}]'")
-
-
-class ExportUnavailable(ExtraMissing):
+class ExportUnavailable(SessionError, ExtraMissing):
     """An export format needs a package that is not installed."""

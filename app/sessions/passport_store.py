@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from app.sessions.migrate import PASSPORT
-from app.sessions.store import Store, packed
+from app.sessions.storage.migrate import PASSPORT
+from app.sessions.storage.small_store import Store, packed
 
 
 @dataclass(frozen=True)

@@ -1,150 +1,317 @@
-"""When each recorded item is due again. Pure: time comes as an argument, what is due goes out as a list."""
+"""A recorded session through a pipeline of its own, shown instead of the live one, which goes on recording."""
 
-import math
-from collections.abc import Iterator
-from heapq import merge
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
 
-from app.errors import ConfigError
+import numpy as np
+
+from app.errors import ConfigError, NotNow
+from app.live.cells import extreme, mean
+from app.live.pipeline import Pipeline
 from app.sessions.info import RecordedCanFrame, RecordedFrame
-from app.sessions.reader import SessionFile
+from app.sessions.reading.reader import SessionFile
+from app.sessions.reading.recorded_estimates import RecordedEstimates
+from app.sessions.replay_schedule import MIN_LOOP_S, Pacer
+from app.telemetry import CanItem, FloatArray, Item, LinkChange, SerialItem, Snapshot
+from firmware_protocol.framing import decode_chunk
 
-LEAD_S = 5.0  # after a jump, so much from before it comes first: every window of the stream has had its turn
-MIN_SPEED, MAX_SPEED = 0.1, 100.0
-MIN_LOOP_S = 0.5
-MAX_ITEMS = 64  # at a time: orders are heard in between
-Received = RecordedFrame | RecordedCanFrame
+log = logging.getLogger(__name__)
+IDLE_S = 0.05
+JUMP_S = 0.01
+START_S = 10.0
+END_S = 1.0
+REPEAT_S = 0.5  # a replay that stands still says so this often
+Estimates = Literal["recomputed", "recorded"]
 
 
-class Pacer:
-    """Plays a session's serial and CAN frames, as received and in order.
+@dataclass(frozen=True)
+class Playing:
+    """How a session is played: which filter and cell recompute the estimates, None = the service's; which are shown."""
 
-    `speed` is 0.1..100 times, or math.inf for as fast as they are taken. Positions are seconds from the start.
-    """
+    speed: float = 1.0
+    filter_name: str | None = None
+    cell_name: str | None = None
+    estimates: Estimates = "recomputed"
 
-    def __init__(self, session: SessionFile, *, now_s: float, speed: float = 1.0, position_s: float = 0.0) -> None:
-        """Begin to play at a position.
 
-        Raises:
-            ConfigError: the speed is not one of the possible.
-        """
-        info = session.info
-        self._session = session
-        self._start_ns = info.started_mono_ns
-        self.duration_s = info.duration_s
-        self.speed = _checked(speed)
-        self.is_paused = False
-        self.loop: tuple[float, float] | None = None  # begins anew at the first when the second is reached
-        self._now_s = now_s
-        self._at_s = position_s
-        self._items: Iterator[Received] = iter(())
-        self._next: Received | None = None
-        self.seek(position_s, now_s)
+@dataclass
+class _Replay:
+    """What the replay's thread works on."""
+
+    file: SessionFile
+    pacer: Pacer
+    recorded: RecordedEstimates
+    pipeline: Pipeline
+    playing: Playing
+    is_fresh_chain_due: bool = False
+    compared: dict[str, Any] | None = None
+
+
+Orders = queue.SimpleQueue[Callable[[_Replay, float], None] | None]
+
+
+def item_of(received: RecordedFrame | RecordedCanFrame) -> Item:
+    """The item that the link delivered when this was recorded."""
+    if isinstance(received, RecordedCanFrame):
+        return CanItem(received.t_mono_ns, received.t_wall_ns, received.can_id, received.data)
+    return SerialItem(received.t_mono_ns, received.t_wall_ns, decode_chunk(received.raw))
+
+
+def prepare(pipeline: Pipeline, file: SessionFile) -> None:
+    """Put a fresh pipeline into the state in which the links had just opened."""
+    started_ns, wall_ns = file.info.started_mono_ns, file.info.started_wall_ns
+    for link in ("rs232", "can"):
+        pipeline.feed(LinkChange(started_ns, wall_ns, link, "open"))
+
+
+class Replaying:
+    """At most one replay at a time, in a thread of its own, which alone touches the file."""
+
+    def __init__(
+        self,
+        new_pipeline: Callable[..., Pipeline],
+        show: Callable[[Snapshot], None],
+        on_failure: Callable[[str], None],
+    ) -> None:
+        self._new_pipeline = new_pipeline
+        self._show = show
+        self._on_failure = on_failure
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._orders: Orders = queue.SimpleQueue()
+        self._state: dict[str, Any] | None = None
+        self._latest: Snapshot | None = None
+        self._telling = threading.Lock()  # between being asked whether it is wanted and saying it
 
     @property
-    def is_finished(self) -> bool:
-        """Everything has been played."""
-        return self._next is None
+    def is_active(self) -> bool:
+        """A replay is shown."""
+        return self._thread is not None
 
-    def position_s(self, now_s: float) -> float:
-        """Where it stands."""
-        if self.is_finished:
-            return self.duration_s
-        if self.is_paused or math.isinf(self.speed):
-            return self._at_s
-        return min(self._at_s + (now_s - self._now_s) * self.speed, self.duration_s)
-
-    def due(self, now_s: float) -> list[Received]:
-        """Return what is to be played by now and has not been, at most MAX_ITEMS.
-
-        Who takes longer to play than the items lie apart plays slower than asked for; nothing is left out.
-        """
-        found: list[Received] = []
-        if self.is_paused:
-            return found
-        hurries = math.isinf(self.speed)
-        position_s = self.position_s(now_s)
-        while (item := self._next) is not None:
-            if len(found) >= MAX_ITEMS or (not hurries and self._position_of(item) > position_s):
-                break
-            found.append(item)
-            self._next = next(self._items, None)
-        if found and (hurries or len(found) >= MAX_ITEMS):
-            self._at_s, self._now_s = max(self._at_s, self._position_of(found[-1])), now_s
-        return found
-
-    def wait_s(self, now_s: float) -> float | None:
-        """Return how long nothing will be due, None while paused or finished."""
-        if self._next is None or self.is_paused:
-            return None
-        if math.isinf(self.speed):
-            return 0.0
-        return max(0.0, (self._position_of(self._next) - self.position_s(now_s)) / self.speed)
-
-    def step(self) -> list[Received]:
-        """Pause and return everything up to and with the next serial frame."""
-        self.is_paused = True
-        found: list[Received] = []
-        while (item := self._next) is not None:
-            found.append(item)
-            self._next = next(self._items, None)
-            self._at_s = max(self._at_s, self._position_of(item))
-            if isinstance(item, RecordedFrame):
-                break
-        return found
-
-    def pause(self, now_s: float) -> None:
-        """Stand still."""
-        self._hold(now_s)
-        self.is_paused = True
-
-    def resume(self, now_s: float) -> None:
-        """Go on."""
-        self._hold(now_s)
-        self.is_paused = False
-
-    def set_speed(self, speed: float, now_s: float) -> None:
-        """Go on at another speed.
+    def start(self, path: Path, playing: Playing) -> None:
+        """Begin at the start of a session; another replay ends.
 
         Raises:
-            ConfigError: it is not one of the possible.
+            AppError: the file cannot be played, or not with this filter or cell; nothing is shown of it.
         """
-        self._hold(now_s)
-        self.speed = _checked(speed)
+        pipeline = self._chain(playing)
+        with self._lock:
+            self._end()
+            self._latest = None
+            self._orders = queue.SimpleQueue()
+            started: Future[None] = Future()
+            arguments = (path, playing, pipeline, self._orders, started)
+            self._thread = threading.Thread(target=self._run, args=arguments, name="replay", daemon=True)
+            self._thread.start()
+            try:
+                started.result(timeout=START_S)
+            except BaseException:
+                self._end()
+                raise
 
-    def set_loop(self, from_s: float, to_s: float) -> None:
-        """Play a stretch again and again.
+    def stop(self) -> None:
+        """End the replay."""
+        with self._lock:
+            self._end()
+
+    def _end(self) -> None:
+        with self._telling:
+            thread, self._thread, self._state = self._thread, None, None
+        if thread is not None:
+            self._orders.put(None)
+            thread.join(timeout=END_S)  # one that compiles a filter ends later, and says nothing more
+
+    def _is_wanted(self) -> bool:
+        """The thread that asks is the replay that is shown, not one that was told to end."""
+        return threading.current_thread() is self._thread
+
+    def _tell(self, replay: _Replay, now_s: float) -> None:
+        state = _state(replay, now_s)
+        with self._telling:
+            if self._is_wanted():
+                self._state = state
+
+    def control(
+        self,
+        *,
+        paused: bool | None = None,
+        speed: float | None = None,
+        seek_s: float | None = None,
+        step: bool = False,
+        loop: tuple[float, float] | Literal["off"] | None = None,
+        estimates: Estimates | None = None,
+    ) -> None:
+        """Change how it plays; only what is given changes.
 
         Raises:
-            ConfigError: it does not lie within the session, or is shorter than MIN_LOOP_S.
+            NotNow: nothing is replayed.
+            ConfigError: the loop does not fit the session.
         """
-        if not (from_s >= 0.0 and from_s + MIN_LOOP_S <= to_s):
-            raise ConfigError("loop", [from_s, to_s], f"from 0 on, and at least {MIN_LOOP_S} s long")
-        if from_s > self.duration_s - MIN_LOOP_S:
-            raise ConfigError("loop", [from_s, to_s], f"within the session's {self.duration_s:.1f} s")
-        self.loop = from_s, min(to_s, self.duration_s)
+        state = self._state
+        if not self.is_active or state is None:
+            raise NotNow("nothing is replayed")
+        if isinstance(loop, tuple) and not 0.0 <= loop[0] < loop[1] <= state["duration_s"] + MIN_LOOP_S:
+            raise ConfigError("loop", list(loop), f"two times within the session's {state['duration_s']:.1f} s")
 
-    def is_loop_over(self, now_s: float) -> bool:
-        """True where the end of the loop was reached: time to `seek` its beginning."""
-        return self.loop is not None and not self.is_paused and self.position_s(now_s) >= self.loop[1]
+        def order(replay: _Replay, now_s: float) -> None:
+            pacer = replay.pacer
+            if speed is not None:
+                pacer.set_speed(speed, now_s)
+            if paused is not None:
+                (pacer.pause if paused else pacer.resume)(now_s)
+            if loop == "off":
+                pacer.loop = None
+            elif loop is not None:
+                pacer.set_loop(*loop)
+            if estimates is not None:
+                replay.playing = replace(replay.playing, estimates=estimates)
+            if seek_s is not None:
+                _jump(replay, seek_s, now_s)
+            if step:
+                self._take(replay, pacer.step())
 
-    def seek(self, position_s: float, now_s: float) -> None:
-        """Jump; what was received in the LEAD_S before the position is due at once, the rest in its time."""
-        self._at_s = min(max(position_s, 0.0), self.duration_s)
-        self._now_s = now_s
-        lead_s = self._session.unix_s(self._start_ns + round((self._at_s - LEAD_S) * 1e9)) if self._at_s else None
-        sources: list[Iterator[Received]] = [self._session.frames(lead_s), self._session.can_frames(lead_s)]
-        self._items = merge(*sources, key=lambda item: item.t_mono_ns)
-        self._next = next(self._items, None)
+        self._orders.put(order)
 
-    def _hold(self, now_s: float) -> None:
-        self._at_s = self.position_s(now_s)
-        self._now_s = now_s
+    def state(self) -> dict[str, Any] | None:
+        """Where it stands; None without one."""
+        return self._state
 
-    def _position_of(self, item: Received) -> float:
-        return (item.t_mono_ns - self._start_ns) / 1e9
+    def _chain(self, playing: Playing) -> Pipeline:
+        return self._new_pipeline(
+            "replay", "recorded", "recorded", filter_name=playing.filter_name, cell_name=playing.cell_name
+        )
+
+    def _run(self, path: Path, playing: Playing, pipeline: Pipeline, orders: Orders, started: "Future[None]") -> None:
+        try:
+            with SessionFile(path) as file:
+                pacer = Pacer(file, now_s=time.monotonic(), speed=playing.speed)
+                replay = _Replay(file, pacer, RecordedEstimates(file), pipeline, playing)
+                prepare(pipeline, file)
+                self._tell(replay, time.monotonic())
+                started.set_result(None)
+                pipeline.warm_up()  # compiling a filter takes seconds, which are not the session's
+                pacer.seek(0.0, time.monotonic())
+                self._play(replay, orders)
+        except Exception as error:
+            if not started.done():
+                started.set_exception(error)
+                return
+            log.exception("the replay failed")
+            self._on_failure(f"the replay of {path.stem} failed: {error}")
+        finally:
+            with self._telling:
+                if self._is_wanted():  # nobody waits for this end: the live source is shown again
+                    self._thread = self._state = None
+
+    def _play(self, replay: _Replay, orders: Orders) -> None:
+        pacer, shown_s = replay.pacer, 0.0
+        while self._is_wanted():
+            now_s = time.monotonic()
+            if pacer.loop is not None and pacer.is_loop_over(now_s):
+                _jump(replay, pacer.loop[0], now_s)
+            if replay.is_fresh_chain_due:
+                replay.is_fresh_chain_due = False
+                replay.pipeline = self._chain(replay.playing)
+                prepare(replay.pipeline, replay.file)
+            self._tell(replay, now_s)
+            if self._take(replay, pacer.due(now_s)):
+                shown_s = now_s
+            if self._latest is not None and now_s - shown_s > REPEAT_S:
+                shown_s = now_s
+                self._show(replace(self._latest, is_fresh=False))
+            wait_s = pacer.wait_s(now_s)
+            try:
+                order = orders.get(timeout=IDLE_S if wait_s is None else min(wait_s, IDLE_S))
+            except queue.Empty:
+                continue
+            if order is None:
+                return
+            order(replay, time.monotonic())
+
+    def _take(self, replay: _Replay, due: Sequence[RecordedFrame | RecordedCanFrame]) -> bool:
+        """Put what is due through the chain; True where something was shown."""
+        shown = False
+        for received in due:
+            if not self._is_wanted():
+                break
+            snapshot = replay.pipeline.feed(item_of(received)).snapshot
+            replay.pipeline.look_ahead()
+            if snapshot is None or not self._is_wanted():
+                continue
+            recorded = replay.recorded.at(snapshot.t_mono_ns)
+            replay.compared = _compared(snapshot, recorded)
+            if replay.playing.estimates == "recorded":
+                snapshot = as_recorded(snapshot, recorded)
+            self._latest, shown = snapshot, True
+            self._show(snapshot)
+        return shown
 
 
-def _checked(speed: float) -> float:
-    if not (MIN_SPEED <= speed <= MAX_SPEED or speed == math.inf):
-        raise ConfigError("speed", speed, f"{MIN_SPEED}..{MAX_SPEED:.0f}, or infinite for as fast as possible")
-    return speed
+def as_recorded(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | None) -> Snapshot:
+    """Return a snapshot with the charge that was estimated when it was recorded; missing where nothing was."""
+    nothing = np.full(len(snapshot.cells.soc), np.nan)
+    soc, sigma = recorded if recorded is not None else (nothing, nothing)
+    low, low_cell = extreme(soc, highest=False)
+    high, high_cell = extreme(soc, highest=True)
+    average = mean(soc)
+    totals = {
+        "soc": average,
+        "soc_source": None if average is None else "filter",
+        "soc_sigma": mean(sigma),
+        "soc_min": low,
+        "soc_min_cell": low_cell,
+        "soc_max": high,
+        "soc_max_cell": high_cell,
+        "soc_spread": None if low is None or high is None else high - low,
+        "driver_soc_percent": None,  # smoothed over samples that a replay may have jumped over
+    }
+    cells = replace(snapshot.cells, soc=soc, soc_sigma=sigma)
+    return replace(snapshot, cells=cells, accumulator=snapshot.accumulator | totals)
+
+
+def _compared(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | None) -> dict[str, Any]:
+    """Both estimates at one instant, and where they differ the most."""
+    recomputed = snapshot.cells.soc
+    was = np.full(len(recomputed), np.nan) if recorded is None else recorded[0]
+    difference, cell = extreme(np.abs(recomputed - was), highest=True)
+    return {
+        "recorded_soc": mean(was),
+        "recorded_soc_min": extreme(was, highest=False)[0],
+        "recomputed_soc": mean(recomputed),
+        "recomputed_soc_min": extreme(recomputed, highest=False)[0],
+        "largest_difference": difference,
+        "largest_difference_cell": cell,
+    }
+
+
+def _jump(replay: _Replay, position_s: float, now_s: float) -> None:
+    """Go to a position; from there on a fresh chain is needed."""
+    before_s = replay.pacer.position_s(now_s)
+    replay.pacer.seek(position_s, now_s)
+    if abs(replay.pacer.position_s(now_s) - before_s) > JUMP_S or replay.pacer.position_s(now_s) == 0.0:
+        replay.is_fresh_chain_due = True
+
+
+def _state(replay: _Replay, now_s: float) -> dict[str, Any]:
+    pacer, playing = replay.pacer, replay.playing
+    names = replay.pipeline.names
+    return {
+        "session_id": replay.file.info.id,
+        "position_s": round(pacer.position_s(now_s), 3),
+        "duration_s": pacer.duration_s,
+        "speed": pacer.speed,
+        "paused": pacer.is_paused,
+        "finished": pacer.is_finished,
+        "loop": pacer.loop,
+        "filter": names["filter"],
+        "cell": names["cell"],
+        "estimates": playing.estimates,
+        "compared": replay.compared,
+    }

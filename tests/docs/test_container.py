@@ -4,7 +4,7 @@ import json
 import re
 from pathlib import Path
 
-from app.settings import Settings
+from app.service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCKERFILE = (ROOT / "Dockerfile").read_text(encoding="utf-8")

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from app.main import create_app
-from app.settings import Settings
+from app.service.settings import Settings
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "http.md"
 

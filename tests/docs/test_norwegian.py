@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from app.decode import CHARGER_FLAGS
-from app.master_events import describe
+from app.sources.master.decode import CHARGER_FLAGS
+from app.sources.master.events import describe
 from firmware_protocol.memory_map import CONFIG
 from firmware_protocol.messages import Event, EventCode
 from simulator.director import Director
@@ -56,7 +56,7 @@ def test_what_a_scenario_could_not_do_is_told_in_norwegian(tmp_path, load, at_s,
 
 def test_the_words_of_the_sources_are_known():
     """Every text literal that a condition of the watch is raised with, its values as 7."""
-    source = (ROOT / "app/watch/conditions.py").read_text()
+    source = (ROOT / "app/live/conditions.py").read_text()
     found = re.findall(r'Condition\(\s*f?"[^"]*", "\w+", (f?)"([^"]*)"', source)
     assert len(found) > 10
     sentences = [re.sub(r"\{[^}]*\}", "7", text) if is_f else text for is_f, text in found]

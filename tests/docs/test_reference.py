@@ -9,7 +9,7 @@ from types import ModuleType
 import pytest
 
 from app.cli import COMMANDS
-from app.settings import Settings
+from app.service.settings import Settings
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT / "docs" / "reference"

@@ -6,11 +6,11 @@ The line is a function call, so each cut is at its exact place and takes no time
 import numpy as np
 import pytest
 
-from app.config_rules import Context
-from app.configuration import Configuration, Unverified
+from app.configuration.rules import Context
+from app.configuration.safe_write import Configuration, Unverified
 from app.errors import LinkError, LinkLost, MasterRefused
-from app.estimation.cellfile import load_cell
-from app.links.master import MasterClient
+from app.estimation.cell_model.cell_file import load_cell
+from app.sources.master.client import MasterClient
 from app.telemetry import Identity
 from firmware_protocol.config_image import default_image, image_hash, with_value
 from firmware_protocol.eeprom import newest, plan_store

@@ -12,8 +12,8 @@ import pytest
 
 from app.errors import ConfigError
 from app.sessions.errors import FetchFailed
-from app.sessions.fetch import Remote
-from app.sessions.reader import SessionFile
+from app.sessions.reading.reader import SessionFile
+from app.sessions.transfer.fetch import Remote
 
 
 class BreakingLink:

@@ -18,10 +18,10 @@ import paho.mqtt.client as paho
 import pytest
 
 from app.errors import ConfigError
-from app.estimation.cellfile import load_cell
-from app.estimation.estimators import make_estimator
-from app.mqtt import MqttPublisher, parse_broker
-from app.pipeline import Pipeline
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
+from app.live.pipeline import Pipeline
+from app.service.mqtt import MqttPublisher, parse_broker
 from app.telemetry import Event, LinkChange
 from tests.unit.app.conftest import FakeMaster
 
@@ -206,7 +206,7 @@ def test_the_broker_says_offline_for_a_service_that_is_gone(broker, closing):
     listener.wait(lambda x: x.heard["voltwall/status"][0] == b"offline")
     code = f"""
 import os, time
-from app.mqtt import MqttPublisher, parse_broker
+from app.service.mqtt import MqttPublisher, parse_broker
 sender = MqttPublisher(parse_broker("mqtt://127.0.0.1:{broker.port}/killed"), lambda: None)
 sender.start()
 while sender.problem:

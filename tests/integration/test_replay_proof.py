@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.cli import main
-from app.sessions.reader import SessionFile
+from app.sessions.reading.reader import SessionFile
 from benchmarks.record_scenario import ScenarioRecorder
 
 SECONDS = 40.0

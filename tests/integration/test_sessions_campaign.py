@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from app.sessions.errors import NotASession
-from app.sessions.reader import SessionFile
+from app.sessions.reading.reader import SessionFile
 
 PROJECT = Path(__file__).parents[2]
 KILLS = int(os.environ.get("VOLTWALL_CAMPAIGN_KILLS", "200"))
@@ -24,8 +24,8 @@ SECTOR = 512
 KILL = """
 import os, random, signal, sys, time
 from pathlib import Path
-from app.sessions.reader import SessionFile
-from app.sessions.writer import Recorder
+from app.sessions.reading.reader import SessionFile
+from app.sessions.recording.writer import Recorder
 
 def record(folder, acknowledged):
     recorder = Recorder(folder, version="test")
@@ -69,7 +69,7 @@ print(total)
 RECORD = """
 import ctypes, sys, time
 from pathlib import Path
-from app.sessions.writer import Recorder
+from app.sessions.recording.writer import Recorder
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.messages import Data, MessageType, Window
 

@@ -13,8 +13,8 @@ import pytest
 
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import NotASession
-from app.sessions.reader import SessionFile
-from app.sessions.writer import Recorder
+from app.sessions.reading.reader import SessionFile
+from app.sessions.recording.writer import Recorder
 from firmware_protocol.framing import encode_frame
 
 KILLS = int(os.environ.get("VOLTWALL_KILLS", "4"))
@@ -23,7 +23,7 @@ PROJECT = Path(__file__).parents[2]
 RECORD = """
 import sys, time
 from pathlib import Path
-from app.sessions.writer import Recorder
+from app.sessions.recording.writer import Recorder
 from firmware_protocol.framing import encode_frame
 
 recorder = Recorder(Path(sys.argv[1]), version="test")
@@ -40,8 +40,8 @@ FILL = """
 import resource, sys, time
 from pathlib import Path
 from app.sessions.errors import RecordingFailed
-from app.sessions.reader import SessionFile
-from app.sessions.writer import Recorder
+from app.sessions.reading.reader import SessionFile
+from app.sessions.recording.writer import Recorder
 
 recorder = Recorder(Path(sys.argv[1]), version="test")
 session = recorder.start()

@@ -14,9 +14,9 @@ SIZE = "3m"
 FILL = """
 import os, time
 from pathlib import Path
-from app.recording import AutoRecorder
-from app.sessions.reader import SessionFile
-from app.sessions.writer import DiskLimits, Recorder
+from app.sessions.recording.auto_recorder import AutoRecorder
+from app.sessions.reading.reader import SessionFile
+from app.sessions.recording.writer import DiskLimits, Recorder
 
 disk = Path(os.environ["DISK"])
 limits = DiskLimits(warn_free_bytes=1500_000, stop_free_bytes=int(os.environ["KEEP"]))
@@ -51,7 +51,7 @@ READ_ONLY = """
 import os, time
 from pathlib import Path
 from app.sessions.catalogue import Catalogue
-from app.recording import AutoRecorder
+from app.sessions.recording.auto_recorder import AutoRecorder
 from app.telemetry import SerialItem
 from firmware_protocol.framing import decode_chunk, encode_frame
 
@@ -68,7 +68,7 @@ print(info.name, info.frames)
 PREPARE = """
 import os, time
 from pathlib import Path
-from app.sessions.writer import DiskLimits, Recorder
+from app.sessions.recording.writer import DiskLimits, Recorder
 
 limits = DiskLimits(stop_free_bytes=0)
 recorder = Recorder(Path(os.environ["DISK"]) / "sessions", version="test", limits=limits)

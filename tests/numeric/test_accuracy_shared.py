@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.dataset import load_recording
-from app.estimation.estimators import make_estimator
-from app.estimation.identify import identify
-from app.estimation.scoring import score_soc
+from app.estimation.filters.estimators import make_estimator
+from app.estimation.identification.identify import identify
+from app.estimation.scoring.scoring import score_soc
+from app.sources.recordings.dataset import load_recording
 from benchmarks.accuracy import judge
 
 DATA = Path(__file__).parents[3] / "shared" / "data"

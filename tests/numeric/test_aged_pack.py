@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from app.estimation.cellfile import load_cell
-from app.estimation.estimators import make_estimator
-from app.estimation.health import CapacityTracker
-from app.estimation.joint_watch import JointWatch
-from app.estimation.power import Limits
-from app.outlook import CellPast, Lookout
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
+from app.estimation.health.capacity import CapacityTracker
+from app.estimation.health.joint_watch import JointWatch
+from app.estimation.prediction.power import Limits
+from app.live.prediction import CellPast, Lookout
 from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.race import endurance
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.estimation.cellfile import load_cell
-from app.estimation.circuit import simulate
-from app.estimation.estimators import make_estimator
-from app.estimation.ocv import OcvCurve
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.circuit import simulate
+from app.estimation.cell_model.ocv import OcvCurve
+from app.estimation.filters.estimators import make_estimator
 
 N_RUNS = 24
 DURATION_S = 1200.0

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.estimation.cellfile import load_cell
-from app.estimation.circuit import CellModel, simulate
-from app.estimation.estimators import Tuning, make_estimator
-from app.estimation.ocv import OcvCurve
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.circuit import CellModel, simulate
+from app.estimation.cell_model.ocv import OcvCurve
+from app.estimation.filters.estimators import Tuning, make_estimator
 
 FILTERED = ["ekf", "ukf", "cdkf"]
 EVERY = [*FILTERED, "fused"]

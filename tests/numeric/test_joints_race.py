@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.estimation.joint_watch import JUDGE_S, JointWatch
+from app.estimation.health.joint_watch import JUDGE_S, JointWatch
 from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.race import endurance
 

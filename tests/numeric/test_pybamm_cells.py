@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.dataset import load_recording
+from app.sources.recordings.dataset import load_recording
 from benchmarks.pybamm_cells import CELLS, held, race_current, save, simulate
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from app.config_profile import Profile, parse_profile, profile_text
+from app.configuration.profile import Profile, parse_profile, profile_text
 from app.errors import ConfigError
 from app.sessions.errors import SessionError
-from app.sessions.reader import SessionFile
+from app.sessions.reading.reader import SessionFile
 from firmware_protocol.config_image import canonical, default_image
 from firmware_protocol.dbc import to_dbc
 from firmware_protocol.dbc_import import from_dbc, into_tables

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.estimation.cellfile import load_cell
-from app.estimation.estimators import FILTERS, make_estimator
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import FILTERS, make_estimator
 
 N_CELLS, N_STEPS = 500, 700  # x 3 recursive filters: a million cell-steps
 

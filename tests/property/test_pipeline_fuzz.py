@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from app.api.encode import snapshot_json
+from app.api.encoding.snapshot import snapshot_json
 from app.api.schemas.snapshot import SnapshotOut
-from app.estimation.cellfile import load_cell
-from app.estimation.estimators import make_estimator
-from app.pipeline import Output, Pipeline
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
+from app.live.pipeline import Output, Pipeline
 from app.telemetry import CanItem, Item, LinkChange, SerialItem
 from firmware_protocol.framing import FrameDecoder, decode_chunk, encode_frame
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, FIELDS, MASTER_SIZE, N_CELLS

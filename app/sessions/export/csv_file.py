@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from app.sessions.export.table import SignalTable, column_name
-from app.sessions.signals import Signal
+from app.sessions.storage.signals import Signal
 
 _TIMES = ("time_s", "elapsed_s", "uptime_s")
 

@@ -12,7 +12,7 @@ from app.sessions.export.mcap_file import write_mcap
 from app.sessions.export.mf4_file import write_mf4
 from app.sessions.export.parquet_file import write_parquet
 from app.sessions.export.table import SignalTable
-from app.sessions.reader import SessionFile
+from app.sessions.reading.reader import SessionFile
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from app.errors import ConfigError
 from app.sessions.export.table import FILLED, FloatArray, SignalTable
-from app.sessions.series import find_gaps
-from app.sessions.signals import Signal
+from app.sessions.reading.series import find_gaps
+from app.sessions.storage.signals import Signal
 
 _HEADER = struct.Struct("<I4xII20xI24x3HI8sHHI4x16s16x16s16x64s64s64x64s64x1024xI66x64s126x64s64s")
 _EVENT = struct.Struct("<64s64s1024sH")

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.sessions.reader import SessionFile
-from app.sessions.signals import Signal, default_signals, find_signal
+from app.sessions.reading.reader import SessionFile
+from app.sessions.storage.signals import Signal, default_signals, find_signal
 
 FloatArray = NDArray[np.float64]
 BLOCK_S = 240.0

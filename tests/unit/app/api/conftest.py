@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from app.main import create_app
-from app.settings import Settings
+from app.service.settings import Settings
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # it asks for another HTTP client than ours

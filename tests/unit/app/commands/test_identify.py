@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from app.commands import identify
-from app.commands.recordings import write_table
-from app.estimation.cellfile import load_cell
-from app.estimation.circuit import simulate
+from app.commands.cell_commands.recordings import write_table
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.circuit import simulate
 
 CELL = load_cell("samsung-25r-10p")
 

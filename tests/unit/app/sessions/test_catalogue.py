@@ -8,8 +8,8 @@ from app.errors import NotNow
 from app.sessions.catalogue import Catalogue
 from app.sessions.catalogue_index import INDEX
 from app.sessions.errors import SessionNotFound
-from app.sessions.files import is_in_use
-from app.sessions.writer import Recorder
+from app.sessions.recording.writer import Recorder
+from app.sessions.storage.files import is_in_use
 
 
 @pytest.fixture

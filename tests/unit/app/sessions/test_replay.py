@@ -1,127 +1,209 @@
-import math
-from pathlib import Path
+import threading
+import time
 
+import numpy as np
 import pytest
 
-from app.errors import ConfigError
-from app.sessions.info import RecordedCanFrame, RecordedFrame
-from app.sessions.reader import SessionFile
-from app.sessions.replay import LEAD_S, MAX_ITEMS, Pacer
-from app.sessions.writer import Recorder
+from app.errors import AppError, ConfigError, NotNow
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
+from app.live.pipeline import Pipeline
+from app.sessions.recording.writer import Recorder
+from app.sessions.replay import Playing, Replaying
+from app.telemetry import SerialItem
 
-MONO_NS = 5_000 * 10**9
-FRAMES = 200
+RECORDED_SOC = 0.42
+CELL = load_cell("samsung-25r-10p")
+
+
+def new_pipeline(*_, **__):
+    return Pipeline("replay", lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
 
 
 @pytest.fixture
-def session(recorder: Recorder, stream):
+def session(tmp_path, master):
+    """A session of twenty frames in two seconds."""
+    recorder = Recorder(tmp_path, version="0", monotonic_ns=lambda: master.t_ns)
     info = recorder.start()
-    stream.feed(recorder, FRAMES)
-    recorder.can_frame(MONO_NS + 50_000_000, 0, 0x100, b"can")
-    recorder.flush()
-    with SessionFile(info.path) as session:
-        yield session
+    for _ in range(20):
+        item = master.frame()
+        recorder.frame(item.t_mono_ns, item.t_wall_ns, 0, item.frame.raw, True)
+        recorder.estimates(item.t_mono_ns, master.uptime_ms, np.full(96, RECORDED_SOC), np.full(96, 0.02))
+    recorder.close()
+    return info.path
 
 
-def raws(items: list[RecordedFrame | RecordedCanFrame]) -> list[bytes]:
-    return [item.raw if isinstance(item, RecordedFrame) else item.data for item in items]
+class Shown:
+    """Collects snapshots; `wait` for one that fulfils a condition."""
+
+    def __init__(self):
+        self.snapshots = []
+        self.changed = threading.Condition()
+
+    def __call__(self, snapshot):
+        with self.changed:
+            self.snapshots.append(snapshot)
+            self.changed.notify_all()
+
+    def wait(self, condition):
+        with self.changed:
+            assert self.changed.wait_for(lambda: any(condition(s) for s in self.snapshots), 10)
 
 
-def all_raws(session: SessionFile) -> list[bytes]:
-    frames = [frame.raw for frame in session.frames()]
-    return [frames[0], b"can", *frames[1:]]
+@pytest.fixture
+def failures():
+    return []
 
 
-@pytest.mark.parametrize("speed", [0.1, 1.0, 3.7, 100.0, math.inf])
-def test_everything_comes_once_in_order_at_any_speed(session: SessionFile, speed: float) -> None:
-    now_s = 1000.0
-    pacer = Pacer(session, now_s=now_s, speed=speed)
-    played = pacer.due(now_s)
-    while (wait_s := pacer.wait_s(now_s)) is not None:
-        now_s += wait_s + 1e-9
-        played += pacer.due(now_s)
-    assert raws(played) == all_raws(session)
-    assert pacer.is_finished
-    assert pacer.position_s(now_s) == pacer.duration_s
-    if not math.isinf(speed):
-        assert now_s - 1000.0 == pytest.approx(19.9 / speed, rel=1e-3)
+@pytest.fixture
+def shown():
+    return Shown()
 
 
-def test_an_item_is_due_at_its_time_and_not_before(session: SessionFile) -> None:
-    pacer = Pacer(session, now_s=0.0, speed=2.0)
-    assert len(pacer.due(0.0)) == 1
-    assert pacer.due(0.0249) == []
-    assert raws(pacer.due(0.0251)) == [b"can"]
-    assert len(pacer.due(0.0501)) == 1
+@pytest.fixture
+def replaying(shown, failures):
+    made = Replaying(new_pipeline, shown, failures.append)
+    yield made
+    made.stop()
+    assert not [t for t in threading.enumerate() if t.name == "replay"]
 
 
-def test_a_pause_holds_the_position(session: SessionFile) -> None:
-    pacer = Pacer(session, now_s=0.0)
-    pacer.due(5.05)
-    pacer.pause(5.05)
-    assert pacer.due(500.0) == []
-    assert pacer.wait_s(500.0) is None
-    assert pacer.position_s(500.0) == pytest.approx(5.05)
-    pacer.resume(600.0)
-    assert len(pacer.due(600.06)) == 1
+def test_it_shows_what_was_recorded(replaying, shown, session):
+    replaying.start(session, Playing(100))
+    assert replaying.state()["session_id"] == session.stem
+    shown.wait(lambda s: s.links["rs232"].frames == 20)
+    assert shown.snapshots[-1].cells.voltage_v[3] == pytest.approx(3.7003)
 
 
-def test_a_change_of_speed_goes_on_from_where_it_was(session: SessionFile) -> None:
-    pacer = Pacer(session, now_s=0.0, speed=10.0)
-    pacer.due(0.5)
-    pacer.set_speed(0.5, 0.5)
-    assert pacer.position_s(0.5) == pytest.approx(5.0)
-    assert pacer.position_s(1.5) == pytest.approx(5.5)
+def test_a_replay_that_stands_still_goes_on_saying_so(replaying, shown, session):
+    replaying.start(session, Playing(100))
+    shown.wait(lambda s: s.links["rs232"].frames == 20 and not s.is_fresh)
+    assert replaying.state()["finished"]
+    replaying.control(paused=True, seek_s=0.5)
+    deadline = time.monotonic() + 5
+    while not replaying.state()["paused"]:
+        assert time.monotonic() < deadline
+        replaying._thread.join(0.01)
+    assert replaying.state()["position_s"] == pytest.approx(0.5)
 
 
-def test_a_jump_brings_what_was_just_before_at_once(session: SessionFile) -> None:
-    pacer = Pacer(session, now_s=0.0)
-    pacer.seek(12.05, 100.0)
-    assert pacer.position_s(100.0) == pytest.approx(12.05)
-    lead = pacer.due(100.0)
-    assert lead[-1].t_mono_ns == MONO_NS + 12_000_000_000
-    assert lead[-1].t_mono_ns - lead[0].t_mono_ns == pytest.approx(LEAD_S * 1e9, abs=1e8)
-    pacer.seek(0.0, 200.0)
-    assert raws(pacer.due(200.06)) == all_raws(session)[:2]
-    pacer.seek(1e9, 300.0)
-    pacer.due(300.0)
-    assert pacer.is_finished
+def test_a_file_that_is_no_session_is_refused_and_the_car_stays_shown(replaying, tmp_path):
+    broken = tmp_path / "broken.sqlite"
+    broken.write_bytes(b"no database" * 100)
+    with pytest.raises(AppError):
+        replaying.start(broken, Playing())
+    assert not replaying.is_active
+    assert replaying.state() is None
 
 
-def test_a_step_plays_one_serial_frame_and_stands_still(session: SessionFile) -> None:
-    pacer = Pacer(session, now_s=0.0)
-    assert raws(pacer.step()) == all_raws(session)[:1]
-    assert raws(pacer.step()) == all_raws(session)[1:3]
-    assert pacer.is_paused
-    assert pacer.position_s(77.0) == pytest.approx(0.1)
+def test_one_that_fails_while_it_plays_ends_and_says_so(shown, failures, session):
+    class Broken:
+        def __init__(self):
+            self.names = {"filter": "f", "cell": "c"}
+
+        def warm_up(self):
+            pass
+
+        def feed(self, item):
+            if isinstance(item, SerialItem):
+                raise ValueError("broken")
+
+    replaying = Replaying(lambda *_, **__: Broken(), shown, failures.append)
+    replaying.start(session, Playing(1))
+    deadline = time.monotonic() + 5
+    while replaying.is_active:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert "failed" in failures[0]
 
 
-@pytest.mark.parametrize("speed", [0, -1, 0.09, 101, math.nan])
-def test_a_speed_out_of_range_is_refused(session: SessionFile, speed: float) -> None:
-    with pytest.raises(ConfigError, match="speed"):
-        Pacer(session, now_s=0.0, speed=speed)
+def test_of_many_started_at_once_one_is_left(replaying, session):
+    threads = [threading.Thread(target=replaying.start, args=(session, Playing())) for _ in range(5)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len([t for t in threading.enumerate() if t.name == "replay"]) == 1
 
 
-def test_an_empty_session_is_finished_at_once(recorder: Recorder, tmp_path: Path) -> None:
-    info = recorder.start()
-    recorder.flush()
-    with SessionFile(info.path) as session:
-        pacer = Pacer(session, now_s=0.0)
-        assert pacer.is_finished
-        assert pacer.due(1.0) == []
+def test_without_a_replay_there_is_nothing_to_control(replaying):
+    with pytest.raises(NotNow):
+        replaying.control(paused=True)
+    replaying.stop()
 
 
-def test_who_is_slow_plays_slower_and_leaves_nothing_out(recorder: Recorder, stream) -> None:
-    info = recorder.start()
-    stream.feed(recorder, 2 * MAX_ITEMS)
-    recorder.flush()
-    with SessionFile(info.path) as session:
-        pacer = Pacer(session, now_s=0.0, speed=100.0)
-        played, now_s = pacer.due(0.0), 0.0
-        while not pacer.is_finished:
-            now_s += 10.0  # a thousand seconds of the session
-            found = pacer.due(now_s)
-            assert 0 < len(found) <= MAX_ITEMS
-            played += found
-            assert pacer.is_finished or pacer.position_s(now_s) == (found[-1].t_mono_ns - MONO_NS) / 1e9
-        assert len(played) == 2 * MAX_ITEMS
+def fresh(snapshots):
+    return [(s.t_mono_ns, s.cells.soc.tolist(), s.accumulator, s.alarms) for s in snapshots if s.is_fresh]
+
+
+def test_step_by_step_is_the_same_as_in_one_go(replaying, shown, session):
+    replaying.start(session, Playing(100))
+    shown.wait(lambda s: s.links["rs232"].frames == 20)
+    at_once = fresh(shown.snapshots)
+    shown.snapshots.clear()
+    replaying.start(session, Playing(0.1))
+    replaying.control(paused=True, seek_s=0.0)
+    for frames in range(1, 21):
+        replaying.control(step=True)
+        shown.wait(lambda s, frames=frames: s.is_fresh and s.links["rs232"].frames == frames)
+    assert fresh(shown.snapshots)[-20:] == at_once
+
+
+def test_a_loop_begins_anew_until_it_is_taken_off(replaying, shown, session):
+    replaying.start(session, Playing(100))
+    replaying.control(loop=(0.5, 1.5))
+    shown.wait(lambda s: s.is_fresh)
+    first = shown.snapshots[0].t_mono_ns
+    with shown.changed:
+        assert shown.changed.wait_for(lambda: sum(s.t_mono_ns == first for s in shown.snapshots if s.is_fresh) > 2, 10)
+    assert replaying.state()["loop"] == (0.5, 1.5)
+    replaying.control(loop="off", seek_s=0.0)
+    shown.wait(lambda s: s.links["rs232"].frames == 20 and not s.is_fresh)
+
+
+@pytest.mark.parametrize("loop", [(-1.0, 1.0), (1.0, 0.5), (0.0, 1e6)])
+def test_a_loop_beyond_the_session_is_refused(replaying, session, loop):
+    replaying.start(session, Playing(1))
+    with pytest.raises(ConfigError, match="loop"):
+        replaying.control(loop=loop)
+
+
+def test_both_estimates_are_told_and_either_is_shown(replaying, shown, session):
+    replaying.start(session, Playing(100, estimates="recorded"))
+    shown.wait(lambda s: s.links["rs232"].frames == 20 and not s.is_fresh)  # the state is told before it is repeated
+    snapshot = next(s for s in shown.snapshots if s.is_fresh)
+    assert snapshot.cells.soc == pytest.approx(np.full(96, RECORDED_SOC), abs=2e-5)
+    assert snapshot.accumulator["soc"] == pytest.approx(RECORDED_SOC, abs=2e-5)
+    compared = replaying.state()["compared"]
+    assert compared["recorded_soc"] == pytest.approx(RECORDED_SOC, abs=2e-5)
+    assert compared["largest_difference"] >= abs(compared["recomputed_soc"] - RECORDED_SOC) - 2e-5
+    shown.snapshots.clear()
+    replaying.control(estimates="recomputed", seek_s=0.0)
+    shown.wait(lambda s: s.is_fresh and s.accumulator["soc"] == pytest.approx(compared["recomputed_soc"], abs=1e-3))
+
+
+def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, failures, session, monkeypatch):
+    monkeypatch.setattr("app.sessions.replay.END_S", 0.05)
+    release = threading.Event()
+    made = []
+
+    def pipeline(*_, **__):
+        built = new_pipeline()
+        if not made:
+            monkeypatch.setattr(built, "warm_up", lambda: release.wait(10))
+        made.append(built)
+        return built
+
+    replaying = Replaying(pipeline, shown, failures.append)
+    replaying.start(session, Playing(100))
+    (compiling,) = [thread for thread in threading.enumerate() if thread.name == "replay"]
+    replaying.control(seek_s=1.0, paused=True)
+    replaying.start(session, Playing(0.1))
+    release.set()
+    compiling.join(10)
+    assert not compiling.is_alive()
+    state = replaying.state()
+    assert (state["speed"], state["paused"]) == (0.1, False)
+    replaying.stop()
+    assert replaying.state() is None
+    assert failures == []

@@ -1,0 +1,99 @@
+"""Black boxes of a recorded session: out of its frames and events, by the same code that makes them live."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from app.analysis.black_box.excerpt import AFTER_S, BEFORE_S, Trigger, Window, build, incidents, is_trigger
+from app.analysis.totals import FloatArray
+from app.sessions.black_box_store import BlackBoxStore, StoredBox
+from app.sessions.reading.reader import SessionFile
+from firmware_protocol.config_image import image_hash
+from firmware_protocol.memory_map import CONFIG, N_CELLS, STATUS_FLAGS
+
+LIMITS = ("v_cell_min", "v_cell_max", "t_cell_min", "t_cell_max", "i_disc_max", "i_disc_min")
+_FIELDS = ("i_fs", "v", "t", "estimate.soc", "status.flags")
+
+
+def limits_of(image: bytes | None) -> dict[str, float]:
+    """Return what the configuration limits, by name, in units."""
+    if image is None:
+        return {}
+    return {name: round(CONFIG[name].unpack(image)[0] * CONFIG[name].scale, 6) for name in LIMITS}
+
+
+def black_boxes(session: SessionFile) -> list[dict[str, Any]]:
+    """Return a black box for every incident of a session, in order."""
+    triggers = [
+        Trigger(
+            event["t_wall_ns"] / 1e9,
+            event["t_mono_ns"] / 1e9,
+            event["code"],
+            event["severity"],
+            event["text"],
+            event["cell"],
+            event["value"],
+            event["limit_value"],
+            event["unit"],
+        )
+        for event in session.events()
+        if is_trigger(event["severity"], event["code"])
+    ]
+    configs = session.configs()
+    session_id = session.info.id
+    boxes = []
+    for group in incidents(triggers):
+        known = [config.image for config in configs if config.t_mono_ns <= group[0].mono_s * 1e9]
+        image = known[-1] if known else None
+        window = read_window(session, group)
+        config_hash = None if image is None else image_hash(image)
+        boxes.append(build(group, window, session_id=session_id, config_hash=config_hash, limits=limits_of(image)))
+    return boxes
+
+
+def keep_black_boxes(session: SessionFile, store: BlackBoxStore) -> list[StoredBox]:
+    """Make the black boxes of a session that are not kept yet, and return all of it, newest first."""
+    for box in black_boxes(session):
+        store.add(box)
+    return store.stored(session.info.id)
+
+
+def read_window(session: SessionFile, group: Sequence[Trigger]) -> Window:
+    """Return the samples around an incident at full rate."""
+    offset_s = session.unix_s(0)
+    first_s, last_s = group[0].mono_s - BEFORE_S + offset_s, group[-1].mono_s + AFTER_S + offset_s
+    found: dict[str, list[tuple[FloatArray, FloatArray]]] = {name: [] for name in _FIELDS}
+    for piece in session.fields(_FIELDS, first_s, last_s):
+        for name, samples in piece.items():
+            found[name].append((samples.time_s, samples.values))
+    time_s = np.concatenate([times for times, _ in found["v"] or found["i_fs"]] or [np.empty(0)])
+    width = {"i_fs": 1, "status.flags": 1}
+    table = {name: _onto(time_s, found[name], width.get(name, N_CELLS)) for name in _FIELDS}
+    flags = table["status.flags"][:, 0]
+    return Window(
+        mono_s=time_s - offset_s,
+        current_a=table["i_fs"][:, 0],
+        voltage_v=table["v"],
+        temperature_degc=table["t"],
+        soc=table["estimate.soc"],
+        fit=_bit(flags, "fit"),
+        load=_bit(flags, "load"),
+    )
+
+
+def _bit(flags: FloatArray, name: str) -> FloatArray:
+    known = np.isfinite(flags)
+    bits = np.where(known, flags, 0.0).astype(np.int64) >> STATUS_FLAGS.index(name) & 1
+    return np.where(known, bits, np.nan)
+
+
+def _onto(time_s: FloatArray, parts: Sequence[tuple[FloatArray, FloatArray]], width: int) -> FloatArray:
+    """The latest row at each time, NaN before the first."""
+    if not parts:
+        return np.full((len(time_s), width), np.nan)
+    own_s, values = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+    at = np.searchsorted(own_s, time_s, side="right") - 1
+    return np.where((at >= 0)[:, None], values[np.maximum(at, 0)], np.nan)

@@ -1,0 +1,168 @@
+"""Black boxes while the car runs: the last seconds are kept in memory, and written when the seconds after have passed.
+
+Needs no recording. The pipeline's thread hands everything over and never waits; writing is done by a thread of its own.
+"""
+
+import contextlib
+import logging
+from collections import deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.analysis.black_box.excerpt import AFTER_S, BEFORE_S, LONGEST_S, Trigger, Window, build, incidents, is_trigger
+from app.analysis.black_box.from_session import limits_of
+from app.errors import AppError
+from app.sessions.black_box_store import BlackBoxStore
+from app.telemetry import Event, FloatArray, Snapshot
+
+log = logging.getLogger(__name__)
+KEPT_S = BEFORE_S + LONGEST_S + AFTER_S + 2.0
+SLACK_S = 0.2  # the sample after the last second counts too
+MAX_SAMPLES = 2000  # 50 Hz for so long, and some
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    mono_s: float
+    current_a: float
+    voltage_v: FloatArray
+    temperature_degc: FloatArray
+    soc: FloatArray
+    fit: float
+    load: float
+
+
+class BlackBoxRecorder:
+    """Feeds on what the pipeline puts out; finished boxes go into the store."""
+
+    def __init__(
+        self, path: Path, session_id: Callable[[], str | None], on_made: Callable[[dict[str, Any]], None]
+    ) -> None:
+        """Write into the file at `path`; `on_made` is told of every box, by the writing thread.
+
+        Raises:
+            AppError: the file cannot be used.
+        """
+        self.store = BlackBoxStore(path)
+        self._session_id = session_id
+        self._on_made = on_made
+        self._samples: deque[_Sample] = deque(maxlen=MAX_SAMPLES)
+        self._triggers: list[Trigger] = []
+        self._session: str | None = None
+        self._config: tuple[bytes, str | None] | None = None
+        self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="blackbox")
+
+    def take(self, events: Iterable[Event], snapshot: Snapshot | None, t_mono_ns: int) -> None:
+        """Take what one item led to, and write what is complete."""
+        now_s = t_mono_ns / 1e9
+        for event in events:
+            if is_trigger(event.severity, event.code):
+                self._session = self._session_id() if not self._triggers else self._session
+                self._triggers.append(_trigger(event, now_s))
+        if snapshot is not None and snapshot.is_fresh:
+            self._samples.append(_sample(snapshot))
+            while self._samples and now_s - self._samples[0].mono_s > KEPT_S:
+                self._samples.popleft()
+            if snapshot.config is not None and not self._triggers:
+                self._config = snapshot.config, snapshot.config_hash
+        if self._triggers and (
+            now_s - self._triggers[-1].mono_s >= AFTER_S + SLACK_S
+            or now_s - self._triggers[0].mono_s >= LONGEST_S + AFTER_S
+        ):
+            self._finish()
+
+    def close(self) -> None:
+        """Write what there is of an incident under way, and close the store."""
+        if self._triggers:
+            self._finish()
+        self._writer.shutdown(wait=True)
+        self.store.close()
+
+    def _finish(self) -> None:
+        triggers, self._triggers = self._triggers, []
+        image, config_hash = self._config or (None, None)
+        arguments = (triggers, list(self._samples), self._session, image, config_hash)
+        with contextlib.suppress(RuntimeError):  # shutting down
+            self._writer.submit(self._write, *arguments).add_done_callback(_tell_failure)
+
+    def _write(
+        self,
+        triggers: list[Trigger],
+        samples: list[_Sample],
+        session_id: str | None,
+        image: bytes | None,
+        config_hash: str | None,
+    ) -> None:
+        for group in incidents(triggers):
+            window = _window(samples, group[0].mono_s - BEFORE_S, group[-1].mono_s + AFTER_S)
+            box = build(group, window, session_id=session_id, config_hash=config_hash, limits=limits_of(image))
+            try:
+                if self.store.add(box):
+                    self._on_made(box)
+            except AppError as error:
+                log.warning("a black box was not written: %s", error)
+
+
+def _tell_failure(done: "Future[None]") -> None:
+    if not done.cancelled() and (error := done.exception()) is not None:
+        log.error("a black box could not be made", exc_info=error)
+
+
+def _trigger(event: Event, mono_s: float) -> Trigger:
+    return Trigger(
+        event.time_ns / 1e9,
+        mono_s,
+        event.code,
+        event.severity,
+        event.text,
+        event.cell,
+        event.value,
+        event.limit,
+        event.unit,
+    )
+
+
+def _sample(snapshot: Snapshot) -> _Sample:
+    flags, current_a = snapshot.master["flags"] or {}, snapshot.accumulator["current_a"]
+
+    def bit(name: str) -> float:
+        value = flags.get(name)
+        return np.nan if value is None else float(value)
+
+    cells = snapshot.cells
+    return _Sample(
+        snapshot.t_mono_ns / 1e9,
+        np.nan if current_a is None else current_a,
+        cells.voltage_v,
+        cells.temperature_degc,
+        cells.soc,
+        bit("fit"),
+        bit("load"),
+    )
+
+
+def _window(samples: list[_Sample], first_s: float, last_s: float) -> Window:
+    chosen = [sample for sample in samples if first_s <= sample.mono_s <= last_s]
+    n_cells = len(samples[0].voltage_v) if samples else 0
+
+    def column(name: str) -> FloatArray:
+        return np.array([getattr(sample, name) for sample in chosen], dtype=np.float64)
+
+    def table(name: str) -> FloatArray:
+        rows = [getattr(sample, name) for sample in chosen]
+        return np.array(rows, dtype=np.float64) if rows else np.empty((0, n_cells))
+
+    return Window(
+        mono_s=column("mono_s"),
+        current_a=column("current_a"),
+        voltage_v=table("voltage_v"),
+        temperature_degc=table("temperature_degc"),
+        soc=table("soc"),
+        fit=column("fit"),
+        load=column("load"),
+    )

@@ -1,0 +1,1 @@
+"""When laps began and what each cost."""

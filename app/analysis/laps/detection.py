@@ -1,0 +1,190 @@
+"""When laps began: from the power's own pattern, from marks that somebody set, or from a counter on CAN."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from app.analysis.totals import FloatArray
+from app.estimation.prediction.energy import lap_period_s
+
+GRID_S: Final = 0.2
+DRIVING_SHARE: Final = 0.1  # of the highest usual power: less is standing
+DRIVING_MIN_W: Final = 1000.0
+STOP_S: Final = 15.0  # without power for longer: the car stood, and what follows is another stint
+STINT_MIN_S: Final = 30.0
+PERIOD_FROM_S: Final = 900.0  # of a stint, to find its period
+SMOOTH_S: Final = 4.0  # of the power of unequal laps
+SEARCH: Final = (0.8, 1.25)  # of the period, where the next lap may begin
+LEARN: Final = 0.3  # weight of the newest lap in what a lap looks like
+UNUSUAL: Final = 4.0  # taken off the correlation, times the square of how far a lap is off the usual time
+MATCH_MIN: Final = 0.2  # correlation below which the pattern is lost and the period alone counts
+LAST_LAP: Final = (0.85, 1.2)  # of the period: a stint that ends within ended on the line
+
+
+@dataclass(frozen=True)
+class Stint:
+    """A stretch of driving without a long stop [s]."""
+
+    start_s: float
+    end_s: float
+
+
+def stints(time_s: FloatArray, power_w: FloatArray) -> list[Stint]:
+    """Return the stretches of driving.
+
+    Args:
+        time_s: (n,) rising [s].
+        power_w: (n,) power [W], NaN where not measured.
+    """
+    known = np.isfinite(power_w)
+    if not known.any():
+        return []
+    magnitude = np.abs(power_w[known])
+    threshold_w = max(DRIVING_MIN_W, DRIVING_SHARE * float(np.percentile(magnitude, 95)))
+    at_s = time_s[known][magnitude > threshold_w]
+    if not at_s.size:
+        return []
+    breaks = np.flatnonzero(np.diff(at_s) > STOP_S)
+    starts, ends = np.concatenate(([0], breaks + 1)), np.concatenate((breaks, [at_s.size - 1]))
+    found = [Stint(float(at_s[i]), float(at_s[j])) for i, j in zip(starts, ends, strict=True)]
+    return [stint for stint in found if stint.end_s - stint.start_s >= STINT_MIN_S]
+
+
+def laps_by_pattern(time_s: FloatArray, power_w: FloatArray) -> list[tuple[float, float]]:
+    """Return start and end of every lap by the repetition of the power [s].
+
+    The first lap of a stint begins where the driving does, every other one where the pattern of the laps before comes
+    again, so all laps of a stint begin at one place of the track, which need not be the line.
+
+    Args:
+        time_s: (n,) rising [s].
+        power_w: (n,) power [W], NaN where not measured.
+    """
+    found = stints(time_s, power_w)
+    periods = [_period_s(time_s, power_w, stint) for stint in found]
+    known = [period for period in periods if period is not None]
+    if not known:
+        return []
+    usual_s = float(np.median(known))
+    laps: list[tuple[float, float]] = []
+    for stint, period_s in zip(found, periods, strict=True):
+        marks = _marks_of_stint(time_s, power_w, stint, period_s or usual_s)
+        laps += pairwise(marks)
+    return laps
+
+
+def laps_by_marks(marks_s: list[float], driving: list[Stint]) -> list[tuple[float, float]]:
+    """Return the laps between marks [s]; none across a stop between two stints.
+
+    Args:
+        marks_s: when the line was crossed.
+        driving: as `stints` returns it; empty where nothing is known of the power, then every two marks make a lap.
+    """
+    laps = list(pairwise(sorted(set(marks_s))))
+    stops = list(pairwise(driving))
+    return [
+        (start, end)
+        for start, end in laps
+        if not any(start < before.end_s and end > after.start_s for before, after in stops)
+    ]
+
+
+def rises_s(time_s: FloatArray, values: FloatArray) -> list[float]:
+    """Return when a number went up: a lap counter, or the bit of a beacon [s]; one that wraps round counts too.
+
+    Args:
+        time_s: (n,) rising [s].
+        values: (n,) of the counter or the bit.
+    """
+    if values.size < 2:
+        return []
+    step = np.diff(values)
+    top, low = values.max(), values.min()
+    is_counter = len(np.unique(values)) > 2  # a bit that falls does not wrap round
+    wraps = is_counter & (step < 0) & (values[:-1] == top) & (values[1:] == low)
+    return [float(t) for t in time_s[1:][(step > 0) | wraps]]
+
+
+def _period_s(time_s: FloatArray, power_w: FloatArray, stint: Stint) -> float | None:
+    """The usual time of a lap; where laps are so unequal that the power does not repeat sharply, of smoothed power."""
+    chosen = (time_s >= stint.start_s) & (time_s <= min(stint.end_s, stint.start_s + PERIOD_FROM_S))
+    chosen &= np.isfinite(power_w)
+    if chosen.sum() <= 2:
+        return None
+    at_s, watts = time_s[chosen], power_w[chosen]
+    found = lap_period_s(at_s, watts)
+    if found is not None:
+        return found
+    energy = _energy_j(at_s, watts)
+    half = 0.5 * SMOOTH_S
+    return lap_period_s(at_s, (np.interp(at_s + half, at_s, energy) - np.interp(at_s - half, at_s, energy)) / SMOOTH_S)
+
+
+def _energy_j(time_s: FloatArray, power_w: FloatArray) -> FloatArray:
+    return np.concatenate(([0.0], np.cumsum(0.5 * (power_w[1:] + power_w[:-1]) * np.diff(time_s))))
+
+
+def _marks_of_stint(time_s: FloatArray, power_w: FloatArray, stint: Stint, period_s: float) -> list[float]:
+    """Follow the pattern from lap to lap: what surrounded the marks before is looked for about a period later."""
+    known = np.isfinite(power_w)
+    grid = np.arange(stint.start_s, stint.end_s + GRID_S, GRID_S)
+    power = np.diff(np.interp(grid, time_s[known], _energy_j(time_s[known], power_w[known]))) / GRID_S
+    half = round(0.5 * period_s / GRID_S)
+    pattern = _surroundings(power, 0, half)
+    marks = [0.0]
+    while True:
+        usual = float(np.median(np.diff(marks))) if len(marks) > 1 else period_s / GRID_S
+        left = len(power) - marks[-1]
+        if LAST_LAP[0] * usual <= left <= LAST_LAP[1] * usual:
+            marks.append(float(len(power)))
+        elif left > usual:
+            mark, score = _next_mark(power, pattern, marks[-1], usual)
+            marks.append(mark if score >= MATCH_MIN else marks[-1] + usual)
+            pattern = _learnt(pattern, _surroundings(power, round(marks[-1]), half))
+            continue
+        return [stint.start_s + mark * GRID_S for mark in marks]
+
+
+def _next_mark(power: FloatArray, pattern: FloatArray, mark: float, usual: float) -> tuple[float, float]:
+    """Return where the pattern comes again, near the usual length of a lap rather than far off it, and how well."""
+    low, high = (round(mark + share * usual) for share in SEARCH)
+    places = np.arange(low, min(high, len(power)) + 1)
+    matches = np.array([_match(pattern, _surroundings(power, int(at), len(pattern) // 2)) for at in places])
+    scores = matches - UNUSUAL * ((places - mark) / usual - 1.0) ** 2
+    best = int(scores.argmax())
+    return float(places[best]) + _peak_offset(scores, best), float(matches[best])
+
+
+def _surroundings(power: FloatArray, at: int, half: int) -> FloatArray:
+    """Return (2 half,) power around a place, NaN beyond the stint."""
+    found = np.full(2 * half, np.nan)
+    first, last = max(at - half, 0), min(at + half, len(power))
+    if first < last:
+        found[first - at + half : last - at + half] = power[first:last]
+    return found
+
+
+def _match(pattern: FloatArray, candidate: FloatArray) -> float:
+    both = np.isfinite(pattern) & np.isfinite(candidate)
+    if both.sum() < len(pattern) // 5:
+        return -1.0
+    a, b = pattern[both] - pattern[both].mean(), candidate[both] - candidate[both].mean()
+    scale = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / scale if scale > 0.0 else -1.0
+
+
+def _learnt(pattern: FloatArray, newest: FloatArray) -> FloatArray:
+    mixed = (1.0 - LEARN) * pattern + LEARN * newest
+    return np.where(np.isnan(mixed), np.where(np.isnan(pattern), newest, pattern), mixed)
+
+
+def _peak_offset(scores: FloatArray, best: int) -> float:
+    if not 0 < best < len(scores) - 1:
+        return 0.0
+    left, middle, right = scores[best - 1 : best + 2]
+    bend = left - 2.0 * middle + right
+    return float(0.5 * (left - right) / bend) if bend < 0.0 else 0.0

@@ -1,0 +1,231 @@
+"""Keeps the cell passports up to date: reads each finished session once, in a thread of its own."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.analysis.passport.history import Passports, SessionRecord, Stretch, Swap, passports
+from app.analysis.session_survey import survey_session
+from app.analysis.survey import Piece, Rest
+from app.analysis.totals import MAX_STEP_S, FloatArray, number
+from app.errors import ConfigError
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.health.capacity import CapacityTracker
+from app.estimation.health.rest_capacity import CapacityBetweenRests
+from app.sessions.catalogue import Catalogue
+from app.sessions.errors import SessionError
+from app.sessions.info import SessionInfo
+from app.sessions.passport_store import PassportStore
+from app.sessions.reading.reader import SessionFile
+from firmware_protocol.memory_map import N_CELLS
+
+log = logging.getLogger(__name__)
+
+
+class _Stretches(CapacityTracker):
+    """A tracker that keeps what it was told, so that it can be told again to another."""
+
+    def __init__(self, nominal_ah: float) -> None:
+        super().__init__(nominal_ah, N_CELLS)
+        self.told: list[Stretch] = []
+
+    def observe(
+        self, soc_moved: ArrayLike, soc_moved_sigma: ArrayLike, charge_ah: ArrayLike, charge_sigma_ah: ArrayLike
+    ) -> None:
+        self.told.append(
+            Stretch(
+                np.array(soc_moved, dtype=np.float64),
+                float(np.asarray(soc_moved_sigma)),
+                float(np.asarray(charge_ah)),
+                float(np.asarray(charge_sigma_ah)),
+            )
+        )
+
+
+def record_of(session: SessionFile, cell: CellModel) -> SessionRecord:
+    """Return what a session tells about every cell."""
+    told = _Stretches(cell.capacity_ah)
+    rests = CapacityBetweenRests(cell, told)
+    last_s: float | None = None
+
+    def count(piece: Piece) -> None:
+        nonlocal last_s
+        for at_s, current_a, volts in zip(
+            piece.time_s.tolist(), piece.current_a.tolist(), piece.voltage_v, strict=True
+        ):
+            dt_s = 0.0 if last_s is None else at_s - last_s
+            last_s = at_s
+            if current_a == current_a and 0.0 <= dt_s <= MAX_STEP_S:
+                rests.step(dt_s, current_a, volts)
+
+    survey = survey_session(session, count)
+    info = session.info
+    first, last = survey.first_rest, survey.last_rest
+    return SessionRecord(
+        session_id=info.id,
+        start_s=info.started_wall_ns / 1e9,
+        end_s=(info.ended_wall_ns or info.started_wall_ns) / 1e9,
+        resistance_ohm=survey.resistance_ohm,
+        balancing_s=survey.balancing_s,
+        first_rest_s=None if first is None else first.time_s,
+        first_rest_v=_volts(first),
+        last_rest_s=None if last is None else last.time_s,
+        last_rest_v=_volts(last),
+        stretches=tuple(told.told),
+    )
+
+
+class PassportKeeper:
+    """Reads sessions that are new in the background; answers with what is known so far."""
+
+    def __init__(
+        self,
+        folder: Path,
+        catalogue: Catalogue,
+        cell: CellModel,
+        *,
+        simulated: bool = False,
+        also: Callable[[SessionFile], object] | None = None,
+    ) -> None:
+        """Keep passports in a data folder: those of the car, or those of the simulated one, never mixed.
+
+        `also` is given every session that is read, while it is open.
+
+        Raises:
+            AppError: the file cannot be used.
+        """
+        self.store = PassportStore(folder / ("passport-simulated.sqlite" if simulated else "passport.sqlite"))
+        self._is_simulated = simulated
+        self._also = also
+        self._catalogue = catalogue
+        self._cell = cell
+        self._lock = threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._progress = (0, 0)
+        self._unreadable: set[str] = set()
+        self._is_closing = False
+
+    @property
+    def progress(self) -> tuple[int, int]:
+        """Sessions read and to be read, of the run that is under way; (0, 0) without one."""
+        return self._progress
+
+    def update(self) -> None:
+        """Begin to read what is new, in the background; nothing where there is none, or that is under way already."""
+        with self._lock:
+            if self._is_closing or (self._thread is not None and self._thread.is_alive()):
+                return
+            new = self._new()
+            if new:
+                self._progress = (0, len(new))  # before anybody asks
+                self._thread = threading.Thread(target=self.read_new, name="passport", daemon=True)
+                self._thread.start()
+
+    def _new(self) -> list[SessionInfo]:
+        """Finished sessions of this car that are not in the store yet, the oldest first."""
+        known = self.store.known() | self._unreadable
+        found = [
+            info
+            for info in self._catalogue.list()
+            if info.is_closed and info.id not in known and self._is_ours(info.metadata.get("source"))
+        ]
+        return found[::-1]
+
+    def read_new(self) -> int:
+        """Read every finished session that is not in the store yet; return how many."""
+        new = self._new()
+        done = 0
+        for k, info in enumerate(new):
+            if self._is_closing:
+                break
+            self._progress = (k, len(new))
+            try:
+                with SessionFile(info.path) as session:
+                    record = record_of(session, self._cell)
+                    if self._also is not None:
+                        self._also(session)
+                self.store.add_record(info.id, info.started_wall_ns, _to_json(record))
+                done += 1
+            except SessionError as error:
+                self._unreadable.add(info.id)
+                log.warning("session %s is not in the passports: %s", info.id, error)
+        self._progress = (0, 0)
+        return done
+
+    def _is_ours(self, source: object) -> bool:
+        """A session that does not say where it comes from is taken for the car's."""
+        return (source == "simulator") == self._is_simulated
+
+    def passports(self) -> Passports:
+        """Return the life of every cell, out of what has been read."""
+        records = [_from_json(body) for body in self.store.records()]
+        swaps = [Swap(swap.time_s, tuple(swap.cells), swap.note) for swap in self.store.swaps()]
+        return passports(records, swaps, self._cell.capacity_ah, self._cell.ocv.soc_at, N_CELLS)
+
+    def swap(self, cells: list[int], time_s: float, note: str, who: str | None) -> None:
+        """Record that modules were swapped; from then on their cells begin a new line.
+
+        Raises:
+            ConfigError: no cell, or one that there is not.
+            RecordingFailed: the disk does not take it.
+        """
+        if not cells or not all(0 <= cell < N_CELLS for cell in cells):
+            raise ConfigError("cells", cells, f"at least one of 0..{N_CELLS - 1}")
+        self.store.add_swap(round(time_s * 1e9), cells, note, who)
+
+    def close(self) -> None:
+        """Stop reading and close the store."""
+        with self._lock:
+            self._is_closing = True
+            thread = self._thread
+        if thread is not None:
+            thread.join(timeout=10.0)
+        self.store.close()
+
+
+def _volts(rest: Rest | None) -> FloatArray:
+    return np.full(N_CELLS, np.nan) if rest is None else rest.voltage_v
+
+
+def _listed(values: FloatArray, decimals: int) -> list[float | None]:
+    return [number(value) for value in np.round(values, decimals).tolist()]
+
+
+def _array(values: list[float | None]) -> FloatArray:
+    return np.array(values, dtype=np.float64)
+
+
+def _to_json(record: SessionRecord) -> dict[str, Any]:
+    return {
+        "session_id": record.session_id,
+        "start_s": record.start_s,
+        "end_s": record.end_s,
+        "resistance_ohm": _listed(record.resistance_ohm, 8),
+        "balancing_s": _listed(record.balancing_s, 1),
+        "first_rest_s": record.first_rest_s,
+        "first_rest_v": _listed(record.first_rest_v, 5),
+        "last_rest_s": record.last_rest_s,
+        "last_rest_v": _listed(record.last_rest_v, 5),
+        "stretches": [
+            {
+                "soc_moved": _listed(stretch.soc_moved, 6),
+                "soc_moved_sigma": stretch.soc_moved_sigma,
+                "charge_ah": stretch.charge_ah,
+                "charge_sigma_ah": stretch.charge_sigma_ah,
+            }
+            for stretch in record.stretches
+        ],
+    }
+
+
+def _from_json(body: dict[str, Any]) -> SessionRecord:
+    arrays = ("resistance_ohm", "balancing_s", "first_rest_v", "last_rest_v")
+    stretches = tuple(Stretch(**each | {"soc_moved": _array(each["soc_moved"])}) for each in body["stretches"])
+    return SessionRecord(**body | {name: _array(body[name]) for name in arrays} | {"stretches": stretches})

@@ -1,0 +1,1 @@
+"""What a person concludes from a session."""

@@ -1,0 +1,73 @@
+"""One pass over a session's file, for everything that needs all cells over all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from app.analysis.session_arrays import TOTALS_FIELDS, TotalsCollector
+from app.analysis.survey import Piece, Survey, Surveyor
+from app.analysis.totals import FloatArray
+from app.sessions.reading.reader import FieldSamples, SessionFile
+from firmware_protocol.memory_map import CELLS_PER_PACK, N_CELLS, N_PACKS
+
+_BALANCING = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))
+_FIELDS = ("i_fs", "v", "t", "estimate.soc", *_BALANCING)
+
+
+def read_pieces(session: SessionFile, totals: TotalsCollector | None = None) -> Iterator[Piece]:
+    """Yield the session a minute at a time on the time axis of the cell voltages; `totals` is collected meanwhile."""
+    held: dict[str, FloatArray] = {}  # the last row of each field: slow windows do not come every minute
+    names = _FIELDS if totals is None else tuple(dict.fromkeys((*_FIELDS, *TOTALS_FIELDS)))
+    for found in session.fields(names):
+        if totals is not None:
+            totals.add(found)
+        axis = found.get("v") or found.get("i_fs")
+        if axis is not None:
+            yield _piece(axis.time_s, found, held)
+
+
+def survey_session(
+    session: SessionFile, also: Callable[[Piece], None] | None = None, totals: TotalsCollector | None = None
+) -> Survey:
+    """Return the survey of a session; `also` is given every piece, and `totals` is collected in the same pass."""
+    surveyor = Surveyor(N_CELLS)
+    for piece in read_pieces(session, totals):
+        surveyor.add(piece)
+        if also is not None:
+            also(piece)
+    return surveyor.result()
+
+
+def _piece(time_s: FloatArray, found: dict[str, FieldSamples], held: dict[str, FloatArray]) -> Piece:
+    def table(name: str, width: int) -> FloatArray:
+        samples = found.get(name)
+        before = held.get(name, np.full(width, np.nan))
+        if samples is None:
+            return np.broadcast_to(before, (len(time_s), width))
+        at = np.searchsorted(samples.time_s, time_s, side="right") - 1
+        rows = np.where((at >= 0)[:, None], samples.values[np.maximum(at, 0)], before)
+        held[name] = samples.values[-1]
+        return rows
+
+    def fresh(name: str, width: int) -> FloatArray:
+        return table(name, width) if name in found else np.full((len(time_s), width), np.nan)
+
+    bits = [_balancing_of(table(name, 6)) for name in _BALANCING]
+    return Piece(
+        time_s=time_s,
+        current_a=fresh("i_fs", 1)[:, 0],
+        voltage_v=fresh("v", N_CELLS),
+        temperature_degc=fresh("t", N_CELLS),
+        soc=fresh("estimate.soc", N_CELLS),
+        balancing=np.concatenate(bits, axis=1),
+    )
+
+
+def _balancing_of(registers: FloatArray) -> FloatArray:
+    """(n, 12) discharge switches out of the (n, 6) configuration register group: DCC1..8 in byte 4, DCC9..12 in 5."""
+    known = np.isfinite(registers[:, 4]) & np.isfinite(registers[:, 5])
+    low, high = (np.where(known, registers[:, k], 0.0).astype(np.int64) for k in (4, 5))
+    bits = (low | (high & 0x0F) << 8)[:, None] >> np.arange(CELLS_PER_PACK) & 1
+    return np.where(known[:, None], bits, np.nan)

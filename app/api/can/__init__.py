@@ -1,0 +1,1 @@
+"""CAN tables and bus."""

@@ -1,0 +1,177 @@
+"""The CAN bus: what is heard of it against what is configured, its trace as a file, and frames sent onto it."""
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Query, Response
+from pydantic import Field
+from starlette.background import BackgroundTask
+from starlette.responses import FileResponse
+
+from app.api.configuration.configuration import OCTETS
+from app.api.encoding.can import bus_json
+from app.api.schemas.can import CanBusOut, TransmitOut
+from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.problems import Problem
+from app.api.web.request_body import Body
+from app.service.runtime import Runtime
+from app.sessions.export.can_log import LOG_FORMATS, write_items
+from app.sources.links.can import CanLink
+from app.sources.links.can_sender import Outgoing
+from firmware_protocol.can_tables import tx_messages
+from firmware_protocol.config_image import default_image
+from firmware_protocol.memory_map import CAN_DATA_BYTES, CAN_ID_EXTENDED
+
+router = APIRouter(prefix="/can", tags=["can"])
+MAX_LIST = 64
+
+
+class FrameIn(Body):
+    """A frame to send: once, or every `period_ms`, `count` times (0: until it is stopped)."""
+
+    id: int = Field(ge=0, lt=1 << 29)
+    extended: bool = False
+    data: str = Field("", pattern=r"^([0-9A-Fa-f]{2}){0,8}$", description="hexadecimal")
+    period_ms: int | None = Field(None, ge=1, le=60000)
+    count: int = Field(0, ge=0, le=1_000_000)
+
+    def outgoing(self) -> Outgoing:
+        """As the sender has it."""
+        if not self.extended and self.id > 0x7FF:
+            raise Problem(
+                422,
+                "invalid",
+                "Invalid value",
+                f"id = {self.id:#x}: 0..0x7ff for an 11-bit id",
+                errors=[{"field": "id", "value": self.id, "limit": "0..0x7ff", "message": "an 11-bit id ends there"}],
+            )
+        period_s = None if self.period_ms is None else self.period_ms / 1000
+        wire_id = self.id | (CAN_ID_EXTENDED if self.extended else 0)
+        return Outgoing(wire_id, bytes.fromhex(self.data), period_s, self.count)
+
+
+class TransmitIn(Body):
+    """A list to send."""
+
+    frames: list[FrameIn] = Field(min_length=1, max_length=MAX_LIST)
+
+
+class ReplayFramesIn(Body):
+    """A recorded session's CAN frames, sent onto the bus in their own time."""
+
+    session: str = Field(max_length=120)
+    speed: float = Field(1.0, ge=0.1, le=100)
+
+
+@router.get("/bus", response_model=CanBusOut)
+def bus(runtime: RuntimeDep) -> dict[str, Any]:
+    """Every id: name, period measured and configured, last bytes, signals; what is configured and not heard."""
+    return bus_json(runtime)
+
+
+@router.get("/trace/export", response_class=FileResponse)
+def export(
+    runtime: RuntimeDep, export_format: Annotated[Literal["candump", "asc", "blf"], Query(alias="format")]
+) -> Response:
+    """The trace as it stands, for other CAN tools."""
+    suffix, write = LOG_FORMATS[export_format]
+    with tempfile.NamedTemporaryFile(suffix=suffix, delete=False) as file:
+        path = Path(file.name)
+    write_items(write, path, runtime.trace.latest(None))
+    name = f"voltwall-can{suffix}"
+    return FileResponse(path, filename=name, media_type=OCTETS, background=BackgroundTask(path.unlink, missing_ok=True))
+
+
+def _hindrance(runtime: Runtime) -> str | None:
+    if runtime.can is None:
+        return "no CAN bus is configured"
+    if runtime.source != "simulator" and not runtime.settings.bench:
+        return "frames are only sent onto the simulated bus, or onto a bench's: start the service with --bench"
+    return None
+
+
+def _link(runtime: Runtime) -> CanLink:
+    hindrance = _hindrance(runtime)
+    if hindrance is not None or runtime.can is None:
+        raise Problem(409, "not-on-this-bus", "Not on this bus", hindrance or "no CAN bus is configured")
+    return runtime.can
+
+
+def _ids_of_master(runtime: Runtime) -> set[int]:
+    """What a master that is there sends itself: two senders of one id destroy each other's frames."""
+    snapshot = runtime.pipeline_snapshot
+    if snapshot is None or all(link.state != "live" for link in snapshot.links.values()):
+        return set()
+    messages = [m for m in tx_messages(runtime.config_in_force() or default_image()) if m.length]
+    return {m.can_id | (CAN_ID_EXTENDED if m.is_extended else 0) for m in messages}
+
+
+def _status(runtime: Runtime) -> dict[str, Any]:
+    status, hindrance = runtime.can_sender.status, _hindrance(runtime)
+    return {
+        "allowed": hindrance is None,
+        "hindrance": hindrance,
+        "running": runtime.can_sender.is_busy,
+        "what": status.what,
+        "who": status.who,
+        "sent": status.sent,
+        "total": status.total,
+        "error": status.error,
+    }
+
+
+@router.get("/transmit", response_model=TransmitOut)
+def transmitting(runtime: RuntimeDep) -> dict[str, Any]:
+    """Whether frames may be sent, and what is being sent."""
+    return _status(runtime)
+
+
+@router.post("/transmit", response_model=TransmitOut)
+def transmit(body: TransmitIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Send frames once, or a list with periods until it is done or stopped. Simulator or bench only."""
+    _link(runtime)
+    frames = [frame.outgoing() for frame in body.frames]
+    if taken := sorted({f.can_id & ~CAN_ID_EXTENDED for f in frames if f.can_id in _ids_of_master(runtime)}):
+        ids = ", ".join(f"{can_id:#x}" for can_id in taken)
+        raise Problem(409, "id-in-use", "The master sends this id", f"{ids}: the master sends it itself")
+    if all(frame.period_s is None for frame in frames):
+        runtime.can_sender.once(frames)
+    else:
+        runtime.can_sender.start_list(frames, user.name)
+    ids = ", ".join(f"{frame.can_id & ~CAN_ID_EXTENDED:#x}" for frame in frames[:8])
+    runtime.note("info", "can-transmit", f"CAN: {ids} sent" + ("" if len(frames) < 9 else " and more"), user.name)
+    return _status(runtime)
+
+
+@router.post("/transmit/replay", response_model=TransmitOut)
+def replay_frames(body: ReplayFramesIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Send a session's CAN frames again, but for the ids that a master on the bus sends itself."""
+    _link(runtime)
+    skipped = _ids_of_master(runtime)
+    with runtime.catalogue.open(body.session) as session:
+        frames = [f for f in session.can_frames() if f.can_id not in skipped and len(f.data) <= CAN_DATA_BYTES]
+    if not frames:
+        raise Problem(
+            409, "nothing-to-send", "Nothing to send", "the session has no CAN frame that the master does not send"
+        )
+    start_ns = frames[0].t_mono_ns
+
+    def timed() -> Iterator[tuple[float, int, bytes]]:
+        for frame in frames:
+            yield (frame.t_mono_ns - start_ns) / 1e9 / body.speed, frame.can_id, frame.data
+
+    runtime.can_sender.start_frames(f"session {body.session}", timed(), len(frames), user.name)
+    runtime.note("info", "can-replay", f"CAN: {len(frames)} frames of session {body.session} sent again", user.name)
+    return _status(runtime)
+
+
+@router.delete("/transmit", response_model=TransmitOut)
+def stop_transmitting(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Stop what is being sent."""
+    was_busy = runtime.can_sender.is_busy
+    runtime.can_sender.stop()
+    if was_busy:
+        runtime.note("info", "can-transmit", "CAN: sending stopped", user.name)
+    return _status(runtime)

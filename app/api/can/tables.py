@@ -1,0 +1,184 @@
+"""CAN: the tables in the configuration, the DBC made of them, what is heard."""
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Header, Query, Request, Response
+from fastapi.responses import PlainTextResponse
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.concurrency import run_in_threadpool
+
+from app.api.configuration.configuration import Wish, require_match, run_write
+from app.api.encoding.can import heard_messages, tables_json, traced_json
+from app.api.schemas.can import ImportedTablesOut
+from app.api.schemas.config import CanTablesOut, CanTraceOut, WriteResultOut
+from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.problems import invalid
+from app.api.web.request_body import Body
+from firmware_protocol.can_tables import (
+    RxMessage,
+    TxMessage,
+    bit_rate,
+    named_element,
+    offsets_of,
+    with_rx_messages,
+    with_tx_messages,
+)
+from firmware_protocol.config_image import default_image, image_hash, with_raw
+from firmware_protocol.dbc import MASTER_NODE, to_dbc
+from firmware_protocol.dbc_import import from_dbc, into_tables
+from firmware_protocol.errors import DecodeError
+from firmware_protocol.memory_map import BYTE_UNUSED, CAN_DATA_BYTES
+
+router = APIRouter(prefix="/can", tags=["can"])
+_DBC_BODY = {"requestBody": {"required": True, "content": {"text/plain": {"schema": {"type": "string"}}}}}
+_NEVER_READ = "The default tables: this master's configuration was never read."
+Offsets = Annotated[list[int], Field(min_length=CAN_DATA_BYTES, max_length=CAN_DATA_BYTES)]
+
+
+class SignalIn(BaseModel):
+    """A value of the master's struct by its name, at a byte of the message."""
+
+    model_config = ConfigDict(extra="ignore")
+    name: str = Field(max_length=60, description="as v_tot, v[36], slave[3].cvr[5]")
+    start_byte: int = Field(ge=0, lt=CAN_DATA_BYTES)
+    byte_order: Literal["little", "big"] = "little"
+
+
+class MessageIn(BaseModel):
+    """What both tables' messages have; the bytes as offsets, or as signals by name with the rest unused."""
+
+    model_config = ConfigDict(extra="ignore")
+    index: int = Field(ge=0, le=7)
+    enabled: bool
+    id: int = Field(ge=0, lt=1 << 29)
+    extended: bool
+    length: int = Field(ge=0, le=8)
+    bytes: Offsets | None = None
+    pick: list[SignalIn] | None = Field(None, max_length=CAN_DATA_BYTES, description="instead of bytes")
+
+    def offsets(self) -> tuple[int, ...]:
+        """The offset of every byte."""
+        if self.bytes is not None and self.pick is None:
+            return tuple(self.bytes)
+        if self.pick is None or self.bytes is not None:
+            raise invalid("bytes", None, "either bytes or pick")
+        row = [BYTE_UNUSED] * CAN_DATA_BYTES
+        for signal in self.pick:
+            offsets = offsets_of(*named_element(signal.name), is_big_endian=signal.byte_order == "big")
+            end = signal.start_byte + len(offsets)
+            if end > self.length:
+                raise invalid("pick", signal.name, f"ends at byte {end}, the message has {self.length}")
+            if any(offset != BYTE_UNUSED for offset in row[signal.start_byte : end]):
+                raise invalid("pick", signal.name, f"byte {signal.start_byte} is taken by another value")
+            row[signal.start_byte : end] = offsets
+        return tuple(row)
+
+
+class TxIn(MessageIn):
+    """A message that the master sends."""
+
+    period_ms: int = Field(ge=0, le=60000)
+
+    def message(self) -> TxMessage:
+        """As the protocol has it."""
+        return TxMessage(self.index, self.enabled, self.id, self.extended, self.period_ms, self.length, self.offsets())
+
+
+class RxIn(MessageIn):
+    """A message that the master listens for."""
+
+    timeout_ms: int = Field(ge=0, le=60000)
+    response: int | None = Field(None, ge=0, le=7)
+
+    def message(self) -> RxMessage:
+        """As the protocol has it."""
+        return RxMessage(
+            self.index,
+            self.enabled,
+            self.id,
+            self.extended,
+            self.timeout_ms,
+            self.length,
+            self.offsets(),
+            self.response,
+        )
+
+
+class TablesIn(Body):
+    """Messages to change; those not named stay."""
+
+    tx: list[TxIn] = Field(default_factory=list)
+    rx: list[RxIn] = Field(default_factory=list)
+    bit_rate: int | None = None
+    reason: str = Field("", max_length=500)
+
+    def put_into(self, image: bytes) -> bytes:
+        """Return the image with these messages."""
+        image = with_tx_messages(image, [m.message() for m in self.tx])
+        image = with_rx_messages(image, [m.message() for m in self.rx])
+        if self.bit_rate is not None:
+            image = with_raw(image, "can_brp", _prescaler(self.bit_rate))
+        return image
+
+
+def _prescaler(wanted: int) -> int:
+    for can_brp in range(3, 256):
+        if bit_rate(can_brp) == wanted:
+            return can_brp
+    rates = ", ".join(str(bit_rate(brp)) for brp in (3, 7, 15, 31))
+    raise invalid("bit_rate", wanted, f"32 MHz / ((n + 1) 8), for example {rates}")
+
+
+@router.get("", response_model=CanTablesOut)
+def read(runtime: RuntimeDep, response: Response) -> dict[str, Any]:
+    """The tables in force, with the names of what their bytes are; `assumed` while only the defaults are known."""
+    in_force = runtime.config_in_force()
+    image = in_force or default_image()
+    response.headers["ETag"] = f'"{image_hash(image)}"'
+    tables = tables_json(image, runtime.can_rx_active(), heard_messages(runtime.trace))
+    return tables | {"hash": image_hash(image), "assumed": in_force is None}
+
+
+@router.put("", responses={200: {"model": WriteResultOut}})
+async def write(
+    tables: TablesIn,
+    runtime: RuntimeDep,
+    user: UserDep,
+    if_match: Annotated[str | None, Header()] = None,
+    dry_run: bool = False,
+) -> Response:
+    """Write messages into the configuration in force and read it back."""
+    wish = Wish(tables.put_into, tables.reason, "CAN tables")
+    return await run_write(runtime, user.name, wish, require_match(if_match), dry_run=dry_run)
+
+
+@router.get("/dbc", response_class=PlainTextResponse)
+def dbc(runtime: RuntimeDep) -> Response:
+    """The tables in force as a DBC file; its comment says so where they are the defaults."""
+    image = runtime.config_in_force()
+    text = to_dbc(default_image(), _NEVER_READ) if image is None else to_dbc(image)
+    headers = {"Content-Disposition": 'attachment; filename="voltwall.dbc"'}
+    return Response(text, media_type="text/plain; charset=utf-8", headers=headers)
+
+
+@router.post("/dbc", response_model=ImportedTablesOut, openapi_extra=_DBC_BODY)
+async def import_dbc(
+    request: Request, runtime: RuntimeDep, node: Annotated[str, Query(max_length=64, pattern=r"^\w+$")] = MASTER_NODE
+) -> dict[str, Any]:
+    """Return the tables in force with a DBC's messages in them, and what of it did not fit. Nothing is written.
+
+    What `node` sends becomes tx, everything else rx; signals are found by the names that our own DBC gives them.
+    """
+    try:
+        imported = from_dbc((await request.body()).decode(errors="replace"), node)
+    except DecodeError as error:
+        raise invalid("body", "DBC", str(error)) from error
+    image, notes = into_tables(runtime.config_in_force() or default_image(), imported)
+    tables = tables_json(image, None)
+    return {"tx": tables["tx"], "rx": tables["rx"], "notes": list(notes)}
+
+
+@router.get("/trace", response_model=CanTraceOut)
+async def trace(runtime: RuntimeDep, limit: Annotated[int, Query(ge=1, le=2000)] = 200) -> dict[str, Any]:
+    """The last frames, and the latest of every id."""
+    return await run_in_threadpool(traced_json, runtime.trace, limit, runtime.config_in_force() or default_image())

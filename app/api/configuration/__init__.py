@@ -1,0 +1,1 @@
+"""Configuration, profiles, commands, checks against a meter."""

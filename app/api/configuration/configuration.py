@@ -1,0 +1,215 @@
+"""The configuration in force and in the EEPROM: read, compare, write, store."""
+
+from collections.abc import Callable
+from typing import Annotated, Any, NamedTuple, cast
+
+import orjson
+from fastapi import APIRouter, Header, Query, Request, Response
+from pydantic import Field, ValidationError
+from starlette.concurrency import run_in_threadpool
+
+from app.api.encoding.configuration import change_json, config_json, finding_json, schema_json
+from app.api.schemas.config import ConfigOut, LoadResultOut, SchemaOut, StoredConfigOut, StoreResultOut, WriteResultOut
+from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.problems import Problem, invalid
+from app.api.web.request_body import Body
+from app.configuration.history import Action
+from app.configuration.profile import is_profile, profile_of
+from app.configuration.safe_write import Written
+from app.service.runtime import Runtime
+from firmware_protocol.config_image import image_hash, with_raw, with_value
+from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
+
+router = APIRouter(prefix="/config", tags=["config"])
+OCTETS = "application/octet-stream"
+
+
+class ConfigEdit(Body):
+    """Fields to change, in units or in raw counts; what is not named stays.
+
+    Or everything from a named source: `profile:wet-race`, `record:7:before`, `stored`, `default`, `session:ID`.
+    """
+
+    values: dict[str, Any] = Field(default_factory=dict)
+    raw: dict[str, Any] = Field(default_factory=dict)
+    source: str | None = None
+    reason: str = Field("", max_length=500, description="why it is right in spite of warnings")
+
+
+_PUT_BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "application/json": {"schema": ConfigEdit.model_json_schema()},
+            OCTETS: {"schema": {"type": "string", "format": "binary"}},
+        },
+    }
+}
+
+
+def edited(image: bytes, edit: ConfigEdit) -> bytes:
+    """Return the image with an edit applied; EncodeError or Problem where a value does not fit."""
+    for name, value in edit.values.items():
+        image = _apply(with_value, image, name, value)
+    for name, value in edit.raw.items():
+        image = _apply(with_raw, image, name, value)
+    return image
+
+
+def _apply(put: Any, image: bytes, name: str, value: Any) -> bytes:
+    if name not in CONFIG:
+        raise invalid(name, value, "no field of the configuration has this name")
+    try:
+        return cast(bytes, put(image, name, value))
+    except (TypeError, ValueError, OverflowError) as error:
+        raise invalid(name, value, "a number, or a list of numbers of the field's shape") from error
+
+
+def quoted(text: str) -> str:
+    """An ETag."""
+    return f'"{text}"'
+
+
+def require_match(if_match: str | None) -> str:
+    """Return the hash that the client's draft started from."""
+    if if_match is None:
+        raise Problem(428, "if-match-required", "If-Match required", "send If-Match with the ETag of GET config")
+    tag = if_match.strip()
+    return "" if tag.startswith("W/") else tag.strip('"')  # a weak one never matches: RFC 9110, 13.1.1
+
+
+@router.get("/schema", response_model=SchemaOut)
+def schema() -> dict[str, Any]:
+    """Every field with type, unit, range, default and meaning; and the whole memory map for the CAN picker."""
+    return schema_json()
+
+
+@router.get("", response_model=None, responses={200: {"model": ConfigOut}})
+def read(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any]:
+    """The configuration in force: JSON in units, or the 420 bytes with Accept: application/octet-stream."""
+    image = runtime.config_in_force()
+    if image is None:
+        raise Problem(503, "link-lost", "Never read", "the configuration was never read: the master has not spoken yet")
+    etag = quoted(runtime.configuration.show(image))
+    if OCTETS in request.headers.get("accept", ""):
+        return Response(image, media_type=OCTETS, headers={"ETag": etag})
+    findings = [finding_json(found) for found in runtime.review(image)]
+    body = config_json(image) | {
+        "stored_hash": runtime.stored_hash(),
+        "age_s": runtime.config_age_s(),
+        "findings": findings,
+    }
+    return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})
+
+
+@router.get("/stored", response_model=None, responses={200: {"model": StoredConfigOut | None}})
+def read_stored(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any] | None:
+    """What the EEPROM holds, read now; null, or no content, where it holds no valid configuration."""
+    stored = runtime.configuration.read_stored()
+    if stored is None:
+        return Response(status_code=204) if OCTETS in request.headers.get("accept", "") else None
+    if OCTETS in request.headers.get("accept", ""):
+        return Response(stored.image, media_type=OCTETS, headers={"ETag": quoted(image_hash(stored.image))})
+    return config_json(stored.image) | {"counter": stored.counter}
+
+
+@router.put("", openapi_extra=_PUT_BODY, responses={200: {"model": WriteResultOut}})
+async def write(
+    request: Request,
+    runtime: RuntimeDep,
+    user: UserDep,
+    if_match: Annotated[str | None, Header()] = None,
+    dry_run: bool = False,
+    reason: Annotated[str, Query(max_length=500)] = "",
+) -> Response:
+    """Write fields (JSON), a profile (JSON) or the whole image (octet-stream), and read it back.
+
+    `dry_run` only checks and compares. Errors block; a warning that is new needs a `reason`.
+    """
+    expected = require_match(if_match)
+    body = await request.body()
+    if OCTETS in request.headers.get("content-type", ""):
+        if len(body) != CONFIG_SIZE:
+            raise invalid("body", f"{len(body)} bytes", f"exactly {CONFIG_SIZE} bytes")
+        wish = Wish(lambda _: body, reason, "image")
+    elif is_profile(document := _loads(body)):
+        profile = profile_of(document)
+        wish = Wish(lambda _: profile.image, reason, f"file {profile.name}@{profile.version}")
+    else:
+        wish = _wish(_parse(body), runtime, reason)
+    return await run_write(runtime, user.name, wish, expected, dry_run=dry_run)
+
+
+class Wish(NamedTuple):
+    """What somebody wants written, why, and where it is from."""
+
+    edit: Callable[[bytes], bytes]
+    reason: str = ""
+    source: str = "draft"
+    action: Action = "write"
+
+
+def _wish(edit: ConfigEdit, runtime: Runtime, reason: str) -> Wish:
+    for twice in edit.values.keys() & edit.raw.keys():
+        raise invalid(twice, edit.raw[twice], "in values or in raw, not in both")
+    name = edit.source
+    if name is None:
+        return Wish(lambda image: edited(image, edit), edit.reason or reason)
+    return Wish(lambda _: edited(runtime.sources.image(name), edit), edit.reason or reason, name)
+
+
+async def run_write(runtime: Runtime, who: str, wish: Wish, expected: str, *, dry_run: bool) -> Response:
+    """Write, and answer with the difference and what the rules say."""
+
+    def work() -> Written:
+        return runtime.operator.write_config(
+            wish.edit,
+            expected,
+            who,
+            dry_run=dry_run,
+            reason=wish.reason,
+            source=wish.source,
+            action=wish.action,
+        )
+
+    written = await run_in_threadpool(work)
+    shown = written.before if dry_run else written.image  # what is in force now
+    body = {
+        "difference": [change_json(change) for change in written.changes],
+        "written": written.written,
+        "dry_run": dry_run,
+        "verified": not dry_run,  # without a difference it was read and found equal
+        "hash": image_hash(written.image),
+        "warnings": [finding_json(found) for found in written.findings],
+        "hindrance": written.hindrance,
+    }
+    etag = quoted(runtime.configuration.show(shown))
+    return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})
+
+
+@router.post("/store", response_model=StoreResultOut)
+def store(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Store the configuration in force in the EEPROM and read it back."""
+    stored = runtime.operator.store_config(user.name)
+    return {"stored_hash": image_hash(stored.image), "verified": True, "counter": stored.counter}
+
+
+@router.post("/load", response_model=LoadResultOut)
+def load(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Put the stored configuration in force."""
+    return {"hash": image_hash(runtime.operator.load_config(user.name))}
+
+
+def _loads(body: bytes) -> object:
+    try:
+        return orjson.loads(body)
+    except orjson.JSONDecodeError as error:
+        raise invalid("body", body[:80].decode(errors="replace"), f"JSON: {error}") from error
+
+
+def _parse(body: bytes) -> ConfigEdit:
+    try:
+        return ConfigEdit.model_validate_json(body)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise invalid(".".join(map(str, first["loc"])) or "body", str(first.get("input"))[:80], first["msg"]) from error

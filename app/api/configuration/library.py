@@ -1,0 +1,170 @@
+"""Profiles, the history of writes with its way back, and the difference of any two configurations."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Path, Query, Response
+from pydantic import Field
+
+from app.api.configuration.configuration import Wish, require_match, run_write
+from app.api.encoding.configuration import change_json, config_json, finding_json
+from app.api.schemas.config import (
+    CheckedProfileOut,
+    ComparisonOut,
+    ConfigHistoryOut,
+    ProfilesOut,
+    SourceOut,
+    WriteResultOut,
+)
+from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.problems import Problem, not_found
+from app.api.web.request_body import Body
+from app.configuration.history import Record
+from app.configuration.lookup import WORDS
+from app.configuration.profile import Profile, profile_of, profile_text
+from app.configuration.profile_store import NoProfile
+from app.errors import ConfigError
+from firmware_protocol.config_image import difference, image_hash
+from firmware_protocol.memory_map import CONFIG_SIZE
+
+router = APIRouter(prefix="/config", tags=["config"])
+Name = Annotated[str, Path(max_length=40)]
+Reference = Annotated[str, Query(max_length=120, description=WORDS)]
+
+
+class ProfileIn(Body):
+    """What to keep under a name: a source, or a profile's file as it is."""
+
+    source: str = Field("in-force", max_length=120, description=WORDS)
+    profile: dict[str, Any] | None = Field(None, description="a profile's file; then the source does not count")
+    comment: str | None = Field(None, max_length=500)
+
+
+class RollbackIn(Body):
+    """Why."""
+
+    reason: str = Field("", max_length=500)
+
+
+def _profile_json(profile: Profile) -> dict[str, Any]:
+    return {
+        "name": profile.name,
+        "version": profile.version,
+        "comment": profile.comment,
+        "saved_by": profile.saved_by,
+        "saved_at": profile.saved_at,
+        "hash": image_hash(profile.image),
+    }
+
+
+@router.get("/profiles", response_model=ProfilesOut)
+def profiles(runtime: RuntimeDep) -> dict[str, Any]:
+    """The profiles, each with its newest version and the numbers of all."""
+    found: list[dict[str, Any]] = []
+    broken: list[str] = []
+    for name in runtime.profiles.names():
+        try:
+            profile = runtime.profiles.load(name)
+        except (ConfigError, NoProfile) as error:
+            broken.append(f"{name}: {error}")
+            continue
+        found.append(_profile_json(profile) | {"name": name, "versions": runtime.profiles.versions(name)})
+    return {"profiles": found, "broken": broken}
+
+
+@router.get("/profiles/{name}", response_class=Response)
+def profile_file(name: Name, runtime: RuntimeDep, version: Annotated[int | None, Query(ge=1)] = None) -> Response:
+    """A profile as the file that is kept in git: units, comments, stable order."""
+    profile = runtime.profiles.load(name, version)
+    headers = {
+        "Content-Disposition": f'attachment; filename="{profile.name}.json"',
+        "ETag": f'"{image_hash(profile.image)}"',
+    }
+    return Response(profile_text(profile), media_type="application/json", headers=headers)
+
+
+@router.put("/profiles/{name}", response_model=CheckedProfileOut)
+def save_profile(name: Name, body: ProfileIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Keep a configuration as the next version of a name. Nothing is written to the master."""
+    if body.profile is not None:
+        given = profile_of(body.profile)
+        image, comment = given.image, given.comment
+    else:
+        image, comment = runtime.sources.image(body.source), ""
+    saved = runtime.profiles.save(name, image, comment=comment if body.comment is None else body.comment, who=user.name)
+    runtime.note("info", "profile-saved", f"profile {name}, version {saved.version} saved", user.name)
+    return _profile_json(saved) | {"findings": [finding_json(found) for found in runtime.review(image)]}
+
+
+@router.delete("/profiles/{name}", status_code=204)
+def delete_profile(name: Name, runtime: RuntimeDep, user: UserDep) -> None:
+    """Remove a profile; its versions stay on the disk."""
+    runtime.profiles.delete(name)
+    runtime.note("info", "profile-deleted", f"profile {name} deleted", user.name)
+
+
+@router.get("/source", response_model=SourceOut)
+def source(name: Reference, runtime: RuntimeDep) -> dict[str, Any]:
+    """A configuration by the name of its source, in units and in raw counts, and what the rules say about it."""
+    image = runtime.sources.image(name)
+    return config_json(image) | {"findings": [finding_json(found) for found in runtime.review(image)]}
+
+
+@router.get("/compare", response_model=ComparisonOut)
+def compare(a: Reference, b: Reference, runtime: RuntimeDep) -> dict[str, Any]:
+    """What differs from one configuration to another."""
+    first, second = runtime.sources.image(a), runtime.sources.image(b)
+    return {
+        "a": {"source": a, "hash": image_hash(first)},
+        "b": {"source": b, "hash": image_hash(second)},
+        "difference": [change_json(change) for change in difference(first, second)],
+    }
+
+
+def _record_json(record: Record) -> dict[str, Any]:
+    knows_both = len(record.before) == len(record.after) == CONFIG_SIZE
+    return {
+        "number": record.number,
+        "time": record.t_wall_ns / 1e9,
+        "who": record.who,
+        "action": record.action,
+        "source": record.source,
+        "reason": record.reason,
+        "result": record.result,
+        "from_hash": image_hash(record.before) if len(record.before) == CONFIG_SIZE else None,
+        "to_hash": image_hash(record.after) if len(record.after) == CONFIG_SIZE else None,
+        "difference": [*map(change_json, difference(record.before, record.after))] if knows_both else [],
+        "genuine": record.is_genuine,
+    }
+
+
+@router.get("/history", response_model=ConfigHistoryOut)
+def history(
+    runtime: RuntimeDep,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 50,
+    before: Annotated[int | None, Query(ge=1)] = None,
+) -> dict[str, Any]:
+    """Every write, newest first; `genuine` is false where a signature is not right."""
+    records = [r for r in runtime.config_history.records() if before is None or r.number < before]
+    return {"records": [_record_json(record) for record in records[-limit:][::-1]]}
+
+
+@router.post("/history/{number}/rollback", response_model=None, responses={200: {"model": WriteResultOut}})
+async def roll_back(
+    number: Annotated[int, Path(ge=1, le=1_000_000_000)],
+    runtime: RuntimeDep,
+    user: UserDep,
+    body: RollbackIn | None = None,
+    if_match: Annotated[str | None, Header()] = None,
+    dry_run: bool = False,
+) -> Response:
+    """Put back in force what was in force before a write; checked, verified and recorded as any other write."""
+    expected = require_match(if_match)
+    record = runtime.config_history.record(number)
+    if record is None:
+        raise not_found("record", number)
+    if not record.is_genuine:
+        raise Problem(409, "not-genuine", "Not genuine", f"the signature of record {number} is not right")
+    image = runtime.sources.image(f"record:{number}:before")
+    reason = (body.reason if body else "") or f"rolled back record {number}"
+    wish = Wish(lambda _: image, reason, f"record {number}", "rollback")
+    return await run_write(runtime, user.name, wish, expected, dry_run=dry_run)

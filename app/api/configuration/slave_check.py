@@ -1,0 +1,94 @@
+"""A slave's readings against a reference meter: read, compare, keep, look back."""
+
+import time
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+from pydantic import Field
+
+from app.api.schemas.slave_check import SlaveCheckResultOut, SlaveChecksOut
+from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.problems import Problem
+from app.api.web.request_body import Body
+from app.configuration.slave_check import QUANTITIES, QuantityName, Reading, Verdict, judge, read_slave
+from app.configuration.slave_check_log import SlaveCheck
+from app.service.runtime import Runtime
+from firmware_protocol.memory_map import CELLS_PER_PACK, N_PACKS
+
+router = APIRouter(prefix="/calibration/slave", tags=["commands"])
+MAX_CHECKS = 200
+Pack = Annotated[int | None, Query(ge=0, lt=N_PACKS)]
+
+
+class SlaveCheckIn(Body):
+    """Which slave; with the meter's readings it is judged and kept, without them only read."""
+
+    pack: int = Field(ge=0, lt=N_PACKS)
+    quantity: QuantityName = "voltage"
+    reference: list[float | None] | None = Field(
+        None, min_length=CELLS_PER_PACK, max_length=CELLS_PER_PACK, description="the meter's, cell 1 to 12 [V or degC]"
+    )
+    meter: str = Field("", max_length=80, description="which meter")
+    meter_error: float = Field(0.0, ge=0, le=10, description="what it may be off itself [V or degC]")
+    note: str = Field("", max_length=200)
+
+
+def _limits(quantity: QuantityName) -> dict[str, Any]:
+    limits = QUANTITIES[quantity]
+    return {"unit": limits.unit, "tolerance": limits.tolerance, "meter_error_max": limits.meter_error_max}
+
+
+def _check_json(check: SlaveCheck) -> dict[str, Any]:
+    body = asdict(check)
+    body["time"] = body.pop("t_wall_ns") / 1e9
+    return body | {"unit": QUANTITIES[check.quantity].unit}
+
+
+@router.get("", response_model=SlaveChecksOut)
+def checks(
+    runtime: RuntimeDep,
+    pack: Pack = None,
+    quantity: QuantityName | None = None,
+    limit: Annotated[int, Query(ge=1, le=MAX_CHECKS)] = 50,
+) -> dict[str, Any]:
+    """The checks that were kept, newest first."""
+    return {"checks": [_check_json(check) for check in runtime.slave_checks.checks(pack, quantity)[:limit]]}
+
+
+@router.post("", response_model=SlaveCheckResultOut)
+def check(body: SlaveCheckIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Average a slave's readings over a second, at rest; compare them with a meter's, and keep that."""
+    readings = read_slave(runtime.master, body.pack, body.quantity)
+    answer = {"readings": [asdict(reading) for reading in readings], "limits": _limits(body.quantity), "check": None}
+    if body.reference is None:
+        return answer | {"before": None}
+    before = next(iter(runtime.slave_checks.checks(body.pack, body.quantity)), None)
+    kept = _keep(runtime, body, readings, user.name)
+    return answer | {"check": _check_json(kept), "before": before and _check_json(before)}
+
+
+def _keep(runtime: Runtime, body: SlaveCheckIn, readings: list[Reading], who: str) -> SlaveCheck:
+    verdict = judge(readings, body.reference or [], body.quantity, body.meter_error)
+    words = body.meter.strip(), body.meter_error, body.note.strip()
+    try:
+        kept = runtime.slave_checks.append(time.time_ns(), who, body.pack, body.quantity, *words, verdict)
+    except OSError as error:
+        raise Problem(507, "storage", "Storage", f"the check cannot be kept: {error.strerror}") from error
+    severity = "warning" if verdict.out else "info"
+    runtime.note(severity, "slave-check", _in_words(body, verdict), who)
+    return kept
+
+
+def _in_words(body: SlaveCheckIn, verdict: Verdict) -> str:
+    unit = QUANTITIES[body.quantity].unit
+    compared = [cell for cell in verdict.cells if cell.error is not None]
+    largest = max(compared, key=lambda cell: abs(cell.error or 0.0))
+    where = f"{len(compared)} cells compared, the largest error {_signed(largest.error or 0.0, unit)}"
+    cells = ", ".join(str(cell % CELLS_PER_PACK + 1) for cell in verdict.out)
+    found = f"out of tolerance: cells {cells}" if verdict.out else "all in tolerance"
+    return f"slave of pack {body.pack + 1}, {body.quantity} against a meter: {where}, {found}"
+
+
+def _signed(error: float, unit: str) -> str:
+    return f"{1e3 * error:+.1f} mV" if unit == "V" else f"{error:+.1f} {unit}"

@@ -1,0 +1,1 @@
+"""Snapshot, live stream, history, events, metrics."""

@@ -1,0 +1,59 @@
+"""The event log and the alarms."""
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Path, Query
+
+from app.api.schemas.service import AcknowledgedOut, EventsOut
+from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.problems import not_found
+from app.sessions.event_log import LoggedEvent
+
+router = APIRouter(tags=["events"])
+MAX_ID = (1 << 63) - 1
+Id = Annotated[int, Path(ge=0, le=MAX_ID)]
+
+
+def _event_json(event: LoggedEvent) -> dict[str, Any]:
+    return {
+        "id": event.id,
+        "time": event.t_wall_ns / 1e9,
+        "uptime_s": None if event.uptime_ms is None else event.uptime_ms / 1000,
+        "severity": event.severity,
+        "code": event.code,
+        "text": event.text,
+        "cell": event.cell,
+        "value": event.value,
+        "limit": event.limit,
+        "unit": event.unit,
+        "who": event.who,
+        "acknowledged_by": event.acknowledged_by,
+    }
+
+
+@router.get("/events", response_model=EventsOut)
+def events(
+    runtime: RuntimeDep,
+    after: Annotated[int, Query(ge=0, le=MAX_ID)] = 0,
+    limit: Annotated[int, Query(ge=1, le=5000)] = 200,
+    severity: Literal["info", "watch", "warning", "trip"] | None = None,
+    cell: Annotated[int | None, Query(ge=0, le=95)] = None,
+) -> dict[str, Any]:
+    """Newest first."""
+    return {"events": [_event_json(event) for event in runtime.events.query(after, limit, severity, cell)]}
+
+
+@router.post("/events/{event_id}/acknowledge", response_model=AcknowledgedOut)
+def acknowledge_event(event_id: Id, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Say that somebody saw it."""
+    if not runtime.events.acknowledge(event_id, user.name):
+        raise not_found("event", event_id)
+    return {"acknowledged_by": user.name}
+
+
+@router.post("/alarms/{alarm_id}/acknowledge", response_model=AcknowledgedOut)
+def acknowledge_alarm(alarm_id: Id, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Say that somebody saw it; it leaves the list when its condition has ended."""
+    if not runtime.acknowledge_alarm(alarm_id, user.name):
+        raise not_found("alarm", alarm_id)
+    return {"acknowledged_by": user.name}

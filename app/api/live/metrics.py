@@ -1,0 +1,124 @@
+"""Prometheus: the newest snapshot and the counters, read at the moment of the scrape."""
+
+from collections.abc import Iterator
+
+from fastapi import APIRouter, Response
+from fastapi.responses import PlainTextResponse
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+
+from app.api.web.dependencies import RuntimeDep
+from app.service.runtime import Runtime
+from app.telemetry import Snapshot
+
+router = APIRouter(tags=["metrics"])
+_TOTALS = {
+    "voltage_v": ("voltwall_accumulator_volts", "sum of the cells"),
+    "current_a": ("voltwall_accumulator_amperes", "current, positive on discharge"),
+    "power_w": ("voltwall_accumulator_watts", "power, positive on discharge"),
+    "soc": ("voltwall_accumulator_soc_ratio", "state of charge, 0 to 1"),
+    "soc_sigma": ("voltwall_accumulator_soc_sigma_ratio", "standard deviation of the state of charge"),
+    "soc_min": ("voltwall_cell_soc_min_ratio", "state of charge of the emptiest cell"),
+    "voltage_min_v": ("voltwall_cell_voltage_min_volts", "lowest cell voltage"),
+    "voltage_max_v": ("voltwall_cell_voltage_max_volts", "highest cell voltage"),
+    "temperature_max_degc": ("voltwall_cell_temperature_max_celsius", "hottest cell"),
+    "temperature_min_degc": ("voltwall_cell_temperature_min_celsius", "coldest cell"),
+    "loaded_cells": ("voltwall_cells_loaded", "cells with a voltage"),
+    "fan_duty": ("voltwall_fan_duty_ratio", "fans, 0 to 1"),
+}
+_ENERGY = {"energy_out_wh": "voltwall_energy_out_joules", "energy_in_wh": "voltwall_energy_in_joules"}
+_COUNTERS = ("frames", "lost", "crc_errors", "resyncs", "bytes", "reconnects")
+_CELLS = {
+    "voltage_v": ("voltwall_cell_volts", "cell voltage"),
+    "temperature_degc": ("voltwall_cell_celsius", "cell temperature"),
+    "soc": ("voltwall_cell_soc_ratio", "state of charge of each cell, 0 to 1"),
+    "soc_sigma": ("voltwall_cell_soc_sigma_ratio", "its standard deviation"),
+    "resistance_ohm": ("voltwall_cell_resistance_ohms", "resistance of cell and joint"),
+}
+_SEVERITIES = ("watch", "warning", "trip")
+_JOULES_PER_WH = 3600.0
+
+
+class SnapshotCollector:
+    """A value that is missing is left out, never 0."""
+
+    def __init__(self, runtime: Runtime) -> None:
+        self._runtime = runtime
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield every family."""
+        snapshot = self._runtime.pipeline_snapshot  # of the car, also while a replay is shown
+        if snapshot is not None:
+            yield from _totals(snapshot)
+            yield from _links(snapshot)
+            yield from _cells(snapshot)
+        yield from _recorder(self._runtime)
+        yield GaugeMetricFamily("voltwall_live_readers", "websocket readers", self._runtime.hub.readers)
+
+
+def _totals(snapshot: Snapshot) -> Iterator[Metric]:
+    for name, (metric, text) in _TOTALS.items():
+        value = snapshot.accumulator[name]
+        if value is not None:
+            yield GaugeMetricFamily(metric, text, value)
+    for name, metric in _ENERGY.items():
+        way = "out" if name == "energy_out_wh" else "in"
+        yield CounterMetricFamily(metric, f"energy that flowed {way}", snapshot.accumulator[name] * _JOULES_PER_WH)
+    active: list[str] = [alarm.severity for alarm in snapshot.alarms if alarm.active]
+    yield GaugeMetricFamily("voltwall_alarms_active", "alarms that hold", len(active))
+    by_severity = GaugeMetricFamily("voltwall_alarms", "alarms that hold, by severity", labels=["severity"])
+    for severity in _SEVERITIES:
+        by_severity.add_metric([severity], active.count(severity))
+    yield by_severity
+    if snapshot.master["fit"] is not None:
+        yield GaugeMetricFamily("voltwall_master_fit", "1 while the master allows driving", int(snapshot.master["fit"]))
+
+
+def _links(snapshot: Snapshot) -> Iterator[Metric]:
+    for counter in _COUNTERS:
+        family = CounterMetricFamily(f"voltwall_link_{counter}", f"{counter} since start", labels=["link"])
+        for name, status in snapshot.links.items():
+            family.add_metric([name], getattr(status, counter))
+        yield family
+    live = GaugeMetricFamily("voltwall_link_live", "1 while the link delivers", labels=["link"])
+    age = GaugeMetricFamily("voltwall_link_age_seconds", "since the last good frame", labels=["link"])
+    for name, status in snapshot.links.items():
+        live.add_metric([name], int(status.state == "live"))
+        if status.age_s is not None:
+            age.add_metric([name], status.age_s)
+    yield live
+    yield age
+
+
+def _cells(snapshot: Snapshot) -> Iterator[Metric]:
+    for attribute, (metric, text) in _CELLS.items():
+        family = GaugeMetricFamily(metric, text, labels=["pack", "cell"])
+        for index, value in enumerate(getattr(snapshot.cells, attribute).tolist()):
+            if value == value:
+                family.add_metric([str(index // 12 + 1), str(index % 12 + 1)], value)
+        yield family
+
+
+def _recorder(runtime: Runtime) -> Iterator[Metric]:
+    status = runtime.recorder.status
+    session = status.session
+    yield GaugeMetricFamily("voltwall_recording", "1 while a session is recorded", int(session is not None))
+    if session is not None:
+        yield GaugeMetricFamily("voltwall_recording_bytes", "size of the session being recorded", session.size_bytes)
+    yield GaugeMetricFamily("voltwall_recorder_queue_items", "received, not on the disk yet", status.queued_items)
+    yield GaugeMetricFamily(
+        "voltwall_recorder_lost_items", "of this session: what the disk did not take in time", status.lost_items
+    )
+    yield GaugeMetricFamily(
+        "voltwall_recorder_stalled", "1 while the disk does not take the session", int(status.error is not None)
+    )
+    if status.disk_free_bytes is not None:
+        yield GaugeMetricFamily("voltwall_disk_free_bytes", "free where sessions are recorded", status.disk_free_bytes)
+
+
+@router.get("/metrics", response_class=PlainTextResponse)
+def metrics(runtime: RuntimeDep) -> Response:
+    """Prometheus text."""
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(SnapshotCollector(runtime))
+    return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)

@@ -1,0 +1,1 @@
+"""Sessions: list, record, read, analyse, transfer."""

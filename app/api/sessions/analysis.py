@@ -1,0 +1,215 @@
+"""Looking back: laps of a session, black boxes, reports, comparisons."""
+
+import time
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse
+from pydantic import Field
+
+from app.analysis.black_box.from_session import keep_black_boxes
+from app.analysis.black_box.page import blackbox_page
+from app.analysis.laps.figures import OVERLAY_POINTS, Lap
+from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, overlay_laps, settle_laps
+from app.analysis.report.page import report_page
+from app.analysis.report.report import compare_sessions, histogram_json, report_of
+from app.analysis.survey import Histogram
+from app.analysis.totals import FloatArray, number
+from app.api.schemas.analysis import (
+    BlackBoxOut,
+    BoxItemsOut,
+    LapOverlayOut,
+    LapTableOut,
+    SessionComparisonOut,
+    SessionReportOut,
+)
+from app.api.sessions.sessions import MAX_UNIX_S, open_session
+from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.problems import invalid, not_found
+from app.api.web.request_body import Body
+from app.service.runtime import Runtime
+from app.sessions.errors import UnknownSignal
+from app.sessions.info import SessionInfo
+from app.sessions.reading.reader import SessionFile
+
+router = APIRouter(tags=["debrief"])
+SourceQuery = Annotated[Source | None, Query(description="none: settled, else markers, else the power's pattern")]
+CanId = Annotated[int | None, Query(ge=0, lt=1 << 32, description="frame that counts laps; bit 31 marks a 29-bit id")]
+CanByte = Annotated[int, Query(ge=0, le=63)]
+CanMask = Annotated[int, Query(ge=1, le=255)]
+LapSignal = Annotated[
+    str | None, Query(max_length=100, description="with source=signal: a signal that goes up when a lap begins")
+]
+
+
+class LapIn(Body):
+    """A lap as somebody settles it; times in unix seconds."""
+
+    start_s: float = Field(ge=0, le=MAX_UNIX_S)
+    end_s: float = Field(ge=0, le=MAX_UNIX_S)
+    driver: str = Field("", max_length=200)
+    note: str = Field("", max_length=200)
+    counts: bool = True
+
+
+class LapsIn(Body):
+    """All laps of a session; they replace what was settled before."""
+
+    laps: list[LapIn] = Field(max_length=2000)
+
+
+def _table(file: SessionFile, source: Source | None, counter: CanCounter | None, lap_signal: str | None) -> LapTable:
+    try:
+        return lap_table(file, source, lap_signal if source == "signal" else counter)
+    except UnknownSignal as error:
+        raise invalid("lap_signal", error.name, error.reason) from error
+
+
+def _counter(can_id: int | None, byte: int, mask: int) -> CanCounter | None:
+    return None if can_id is None else CanCounter(can_id, byte, mask)
+
+
+@router.get("/sessions/{session_id}/laps", response_model=LapTableOut)
+def laps(
+    session_id: str,
+    runtime: RuntimeDep,
+    source: SourceQuery = None,
+    can_id: CanId = None,
+    can_byte: CanByte = 0,
+    can_mask: CanMask = 255,
+    lap_signal: LapSignal = None,
+) -> LapTable:
+    """Laps with what each one cost, and drivers against each other."""
+    with open_session(runtime, session_id) as file:
+        return _table(file, source, _counter(can_id, can_byte, can_mask), lap_signal)
+
+
+@router.put("/sessions/{session_id}/laps", response_model=LapTableOut)
+def settle(session_id: str, body: LapsIn, runtime: RuntimeDep, user: UserDep) -> LapTable:
+    """Keep these laps in the session's file."""
+    chosen = [Lap(**lap.model_dump()) for lap in body.laps]
+    with open_session(runtime, session_id) as file:
+        path = file.path
+    settle_laps(path, chosen, t_wall_ns=time.time_ns(), who=user.name)
+    runtime.note("info", "laps-settled", f"{len(chosen)} laps of {session_id} settled", user.name)
+    with open_session(runtime, session_id) as file:
+        return lap_table(file)
+
+
+@router.delete("/sessions/{session_id}/laps", response_model=LapTableOut)
+def unsettle(session_id: str, runtime: RuntimeDep, user: UserDep) -> LapTable:
+    """Take the settled laps back: they are found again out of the recording."""
+    with open_session(runtime, session_id) as file:
+        path = file.path
+    settle_laps(path, None, t_wall_ns=time.time_ns(), who=user.name)
+    with open_session(runtime, session_id) as file:
+        return lap_table(file)
+
+
+@router.get("/sessions/{session_id}/laps/overlay", response_model=LapOverlayOut)
+def overlay(
+    session_id: str,
+    runtime: RuntimeDep,
+    lap: Annotated[list[int], Query(min_length=1, max_length=50, description="index from 0")],
+    signal: Annotated[str, Query(max_length=100)] = "power_w",
+    points: Annotated[int, Query(ge=10, le=2000)] = OVERLAY_POINTS,
+    source: SourceQuery = None,
+    can_id: CanId = None,
+    can_byte: CanByte = 0,
+    can_mask: CanMask = 255,
+    lap_signal: LapSignal = None,
+) -> Overlay:
+    """One signal over laps laid on each other, part by part of the lap's time."""
+    with open_session(runtime, session_id) as file:
+        table = _table(file, source, _counter(can_id, can_byte, can_mask), lap_signal)
+        try:
+            return overlay_laps(file, [each.lap for each in table.laps], lap, signal, points)
+        except UnknownSignal as error:
+            raise invalid("signal", error.name, error.reason) from error
+
+
+@router.get("/blackboxes", response_model=BoxItemsOut)
+def black_boxes(runtime: RuntimeDep) -> dict[str, Any]:
+    """What happened around every trip, newest first; outlives the sessions. Old sessions are read meanwhile."""
+    runtime.passports.update()
+    return {"boxes": runtime.black_boxes.store.stored()}
+
+
+@router.get("/blackboxes/{box_id}", response_model=BlackBoxOut)
+def black_box(box_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+    """One of them: the cell, value, limit, persistence, what the others did, every sample at full rate."""
+    return _box(runtime, box_id)
+
+
+@router.get("/blackboxes/{box_id}/page", response_class=HTMLResponse)
+def black_box_page(box_id: str, runtime: RuntimeDep) -> HTMLResponse:
+    """The same as one page to print."""
+    return HTMLResponse(blackbox_page(_box(runtime, box_id)))
+
+
+@router.get("/sessions/{session_id}/blackboxes", response_model=BoxItemsOut)
+def session_black_boxes(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+    """The black boxes of a session, newest first; those that are missing are made out of its file, and kept."""
+    with open_session(runtime, session_id) as file:
+        return {"boxes": keep_black_boxes(file, runtime.black_boxes.store)}
+
+
+@router.get("/sessions/{session_id}/report", response_model=SessionReportOut)
+def report(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+    """How it went, what limited, what to look at; histograms of current, temperature and charge."""
+    with open_session(runtime, session_id) as file:
+        found = report_of(file)
+    survey = found.survey
+    return {
+        "headline": found.headline,
+        "why": found.why,
+        "limited": found.limited,
+        "look_at": found.look_at,
+        "margins": found.margins,
+        "odd": found.odd,
+        "figures": found.figures,
+        "histograms": _histograms(survey.histograms),
+        "resistance_ohm": _listed(survey.resistance_ohm),
+        "voltage_min_v": _listed(survey.voltage_min_v),
+        "temperature_max_degc": _listed(survey.temperature_max_degc),
+        "balancing_s": _listed(survey.balancing_s),
+    }
+
+
+@router.get("/sessions/{session_id}/report/page", response_class=HTMLResponse)
+def report_as_page(session_id: str, runtime: RuntimeDep) -> HTMLResponse:
+    """The report as one HTML file with its charts inside, to print or to keep."""
+    with open_session(runtime, session_id) as file:
+        return HTMLResponse(report_page(report_of(file)))
+
+
+@router.get("/sessions/{session_id}/compare/{other_id}", response_model=SessionComparisonOut)
+def compare(session_id: str, other_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+    """Two sessions side by side: key figures, histograms, and the cells that changed the most."""
+    with open_session(runtime, session_id) as first, open_session(runtime, other_id) as second:
+        found = compare_sessions(first, second)
+    return {
+        "a": _compared(found.a, found.figures_a, found.histograms_a),
+        "b": _compared(found.b, found.figures_b, found.histograms_b),
+        "cells": found.cells,
+    }
+
+
+def _compared(info: SessionInfo, figures: dict[str, float | None], found: dict[str, Histogram]) -> dict[str, Any]:
+    started = info.started_wall_ns / 1e9
+    return {"id": info.id, "name": info.name, "started": started, "figures": figures, "histograms": _histograms(found)}
+
+
+def _histograms(found: dict[str, Histogram]) -> dict[str, Any]:
+    return {name: histogram_json(histogram) for name, histogram in found.items()}
+
+
+def _listed(values: FloatArray) -> list[float | None]:
+    return [number(value) for value in values.tolist()]
+
+
+def _box(runtime: Runtime, box_id: str) -> dict[str, Any]:
+    box = runtime.black_boxes.store.get(box_id)
+    if box is None:
+        raise not_found("black box", box_id)
+    return box

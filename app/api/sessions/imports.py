@@ -1,0 +1,79 @@
+"""Recordings of other systems: uploaded, mapped, made into sessions."""
+
+import asyncio
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Request
+from pydantic import Field
+
+from app.api.schemas.sessions import ImportsOut, ImportStateOut, UploadOut
+from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.request_body import Body
+from app.sources.recordings.profile import ImportProfile, profile_of
+
+router = APIRouter(tags=["sessions"])
+
+
+class ImportIn(Body):
+    """How an upload is to be read: fields of a profile, or the name of a kept one."""
+
+    profile: dict[str, str | float | bool] = Field(default_factory=dict, max_length=40)
+    profile_name: str | None = Field(None, max_length=60)
+    save_as: str | None = Field(None, max_length=60, description="keep the profile under this name")
+    dbc: int | None = Field(None, description="the upload that says what the CAN frames mean")
+    name: str = Field("", max_length=120, description="what to call the session")
+
+
+def _state(runtime: RuntimeDep) -> dict[str, Any] | None:
+    state = runtime.importing.state
+    return None if state is None else asdict(state)
+
+
+@router.get("/imports", response_model=ImportsOut)
+def imports(runtime: RuntimeDep) -> dict[str, Any]:
+    """How far the last import has come, and the profiles that are kept."""
+    shelf = runtime.importing.profiles
+    return {"last": _state(runtime), "profiles": shelf.names()}
+
+
+@router.post(
+    "/imports",
+    status_code=201,
+    response_model=UploadOut,
+    openapi_extra={"requestBody": {"content": {"application/octet-stream": {}}, "required": True}},
+)
+async def upload(
+    request: Request, runtime: RuntimeDep, user: UserDep, filename: Annotated[str, Query(min_length=1, max_length=200)]
+) -> dict[str, Any]:
+    """Take a file: CSV, Parquet, candump, ASC, BLF, or a DBC; says what is in it and guesses a profile."""
+    number, path = runtime.importing.new_path(filename)
+    try:
+        with path.open("wb") as file:
+            async for piece in request.stream():
+                file.write(piece)
+    except BaseException:
+        runtime.importing.discard(path)
+        raise
+    found = await asyncio.to_thread(runtime.importing.look_at, number, path)
+    return {
+        "id": found.id,
+        "filename": found.filename,
+        "is_can": found.is_can,
+        "columns": list(found.columns),
+        "guessed": None if found.guessed is None else asdict(found.guessed),
+    }
+
+
+@router.post("/imports/{upload_id}", status_code=202, response_model=ImportStateOut)
+def start(upload_id: int, body: ImportIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Make a session of an upload, estimated by the service's filter and cell."""
+    importing = runtime.importing
+    profile = importing.profiles.load(body.profile_name) if body.profile_name else ImportProfile()
+    if body.profile:
+        profile = profile_of({**asdict(profile), **body.profile})
+    state = importing.start(upload_id, profile, dbc=body.dbc, name=body.name)
+    if body.save_as:
+        importing.profiles.save(body.save_as, profile)
+    runtime.note("info", "import", f"{state.filename} is being imported", user.name)
+    return asdict(state)

@@ -1,0 +1,368 @@
+"""Sessions: list, record, mark, look into, take away, replay."""
+
+import base64
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import orjson
+from fastapi import APIRouter, Query, Response
+from fastapi.responses import FileResponse
+from pydantic import Field
+from starlette.background import BackgroundTask
+
+from app.analysis.laps.from_session import lap_times
+from app.api.schemas.sessions import (
+    DeletedOut,
+    MarkedOut,
+    MarkersOut,
+    ReplayChoicesOut,
+    ReplayStateOut,
+    SessionDetailOut,
+    SessionOut,
+    SessionSeriesOut,
+    SessionsOut,
+    StoppedOut,
+)
+from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.problems import Problem, invalid, not_found
+from app.api.web.request_body import Body
+from app.estimation.cell_model.cell_file import bundled_cells
+from app.estimation.filters.estimators import FILTERS
+from app.service.runtime import Runtime
+from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
+from app.sessions.export.formats import FORMATS, export
+from app.sessions.info import SessionInfo
+from app.sessions.reading.reader import SessionFile
+from app.sessions.replay import Playing
+from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
+from app.sessions.storage.files import sha256
+
+SQLITE = "application/vnd.sqlite3"
+router = APIRouter(tags=["sessions"])
+ExportFormat = Literal["csv", "parquet", "mcap", "mf4", "ld", "ldx", "candump", "asc", "blf"]
+MAX_UNIX_S = 9e9  # beyond it nanoseconds do not fit a 64-bit number
+From = Annotated[float | None, Query(alias="from", ge=0, le=MAX_UNIX_S, description="unix time, s")]
+To = Annotated[float | None, Query(alias="to", ge=0, le=MAX_UNIX_S, description="unix time, s")]
+
+
+class NewSession(Body):
+    """What to call it."""
+
+    name: str | None = Field(None, max_length=120)
+
+
+class NewMarker(Body):
+    """A note at this instant."""
+
+    text: str = Field(max_length=500)
+    kind: str = Field("note", max_length=40)
+    ago_s: float = Field(
+        0.0, ge=0, le=600, description="how long ago it was: a note is written after a key was pressed"
+    )
+
+
+class Replay(Body):
+    """Which session, how fast."""
+
+    session_id: str
+    speed: float = Field(1.0, ge=MIN_SPEED, le=MAX_SPEED)
+    filter: str | None = Field(None, max_length=20, description="recompute with this filter; none: the service's")
+    cell: str | None = Field(None, max_length=500, description="recompute with this bundled cell; none: the service's")
+    estimates: Literal["recomputed", "recorded"] = "recomputed"
+
+
+Stretch = Annotated[tuple[float, float], Field(strict=False)]  # JSON has no tuples
+
+
+class ReplayControl(Body):
+    """Only what is named changes."""
+
+    paused: bool | None = None
+    speed: float | None = Field(None, ge=MIN_SPEED, le=MAX_SPEED)
+    seek_s: float | None = Field(None, ge=0, le=1e9)
+    step: bool = Field(False, description="pause, and take one frame more")
+    loop: Stretch | Literal["off"] | None = Field(None, description="play this stretch again and again, s")
+    estimates: Literal["recomputed", "recorded"] | None = None
+
+
+def session_json(info: SessionInfo, recording_id: str | None) -> dict[str, Any]:
+    """One session."""
+    return {
+        "id": info.id,
+        "name": info.name,
+        "started": info.started_wall_ns / 1e9,
+        "ended": None if info.id == recording_id or info.ended_wall_ns is None else info.ended_wall_ns / 1e9,
+        "duration_s": info.duration_s,
+        "frames": info.frames,
+        "can_frames": info.can_frames,
+        "bytes": info.size_bytes,
+        "recording": info.id == recording_id,
+        "closed": info.is_closed,
+        "event_count": info.events,
+        "marker_count": info.markers,
+        "version": info.voltwall,
+        "metadata": dict(info.metadata),
+    }
+
+
+def _recording_id(runtime: Runtime) -> str | None:
+    session = runtime.recorder.session
+    return None if session is None else session.id
+
+
+def _require_recording(runtime: Runtime, session_id: str) -> None:
+    if _recording_id(runtime) != session_id:
+        with open_session(runtime, session_id):  # 404 where there is none
+            raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
+
+
+def open_session(runtime: Runtime, session_id: str) -> SessionFile:
+    """Open a session for reading; where there is none, the answer is 404."""
+    try:
+        return runtime.catalogue.open(session_id)
+    except SessionNotFound as error:
+        raise not_found("session", session_id) from error
+
+
+def _require_order(t_from: float | None, t_to: float | None) -> None:
+    if t_from is not None and t_to is not None and t_to < t_from:
+        raise invalid("to", t_to, f"not before from = {t_from:.15g}")
+
+
+@router.get("/sessions", response_model=SessionsOut)
+def sessions(runtime: RuntimeDep) -> dict[str, Any]:
+    """All sessions, newest first."""
+    recording = _recording_id(runtime)
+    return {"sessions": [session_json(info, recording) for info in runtime.catalogue.list()]}
+
+
+@router.post("/sessions", status_code=201, response_model=SessionOut)
+def start(runtime: RuntimeDep, user: UserDep, body: NewSession | None = None) -> dict[str, Any]:
+    """Start recording."""
+    info = runtime.recorder.start(body.name if body else None)
+    runtime.note("info", "recording", "recording started by hand", user.name)
+    return session_json(info, info.id)
+
+
+@router.get("/sessions/{session_id}", response_model=SessionDetailOut)
+def session(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+    """One session with its markers, events and configurations."""
+    with open_session(runtime, session_id) as file:
+        return session_json(file.info, _recording_id(runtime)) | {
+            "markers": [_marker_json(marker) for marker in file.markers()],
+            "events": [_event_json(event) for event in file.events()],
+            "configs": [{"time": c.t_wall_ns / 1e9, "why": c.why} for c in file.configs()],
+            "signals": file.signal_names(),
+        }
+
+
+@router.post("/sessions/{session_id}/stop", response_model=StoppedOut)
+def stop(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Stop recording."""
+    _require_recording(runtime, session_id)
+    runtime.recorder.stop()
+    with suppress(SessionError):  # a full disk: the file is closed as soon as there is room
+        runtime.recorder.flush()
+    runtime.note("info", "recording", "recording stopped by hand", user.name)
+    return {"stopped": True}
+
+
+@router.post("/sessions/{session_id}/split", status_code=201, response_model=SessionOut)
+def split(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """End the running session and go on in a new one without losing a frame."""
+    _require_recording(runtime, session_id)
+    info = runtime.recorder.split()
+    runtime.note("info", "recording", "recording split by hand", user.name)
+    return session_json(info, info.id)
+
+
+@router.post("/sessions/{session_id}/markers", status_code=201, response_model=MarkedOut)
+def mark(session_id: str, body: NewMarker, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Mark this instant of the running session."""
+    _require_recording(runtime, session_id)
+    runtime.recorder.marker(body.text, body.kind, user.name, body.ago_s)
+    runtime.recorder.flush()
+    return {"marked": True}
+
+
+@router.get("/sessions/{session_id}/markers", response_model=MarkersOut)
+def markers(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+    """All markers."""
+    with open_session(runtime, session_id) as file:
+        return {"markers": [_marker_json(marker) for marker in file.markers()]}
+
+
+@router.delete("/sessions/{session_id}", response_model=DeletedOut)
+def delete(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Delete a session for ever."""
+    if _recording_id(runtime) == session_id:
+        raise Problem(409, "not-now", "Not now", "stop the recording first")
+    try:
+        runtime.catalogue.delete(session_id)
+    except SessionNotFound as error:
+        raise not_found("session", session_id) from error
+    runtime.note("info", "session-deleted", f"session {session_id} deleted", user.name)
+    return {"deleted": True}
+
+
+@router.get("/sessions/{session_id}/series", responses={200: {"model": SessionSeriesOut}})
+def series(
+    session_id: str,
+    runtime: RuntimeDep,
+    signal: Annotated[list[str], Query(min_length=1, max_length=200)],
+    t_from: From = None,
+    t_to: To = None,
+    points: Annotated[int, Query(ge=1, le=20000)] = 2000,
+) -> Response:
+    """Signals over a range, smallest and largest per point, so that no dip is lost; null is a gap."""
+    _require_order(t_from, t_to)
+    with open_session(runtime, session_id) as file:
+        filled = file.filled()
+        try:
+            found = file.series(signal, t_from, t_to, points)
+        except UnknownSignal as error:
+            raise invalid("signal", error.name, error.reason) from error
+    body = {
+        "signals": {
+            name: {"unit": s.unit, "time": s.time_s, "min": s.minimum, "max": s.maximum} for name, s in found.items()
+        },
+        "gaps": sorted({gap for s in found.values() for gap in s.gaps}),
+        "filled": [span for span in filled if span[1] >= (t_from or 0) and span[0] <= (t_to or MAX_UNIX_S)],
+    }
+    return Response(orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json")
+
+
+@router.get(
+    "/sessions/{session_id}/export",
+    response_class=FileResponse,
+    responses={200: {"content": {form.media_type: {} for form in FORMATS.values()}, "description": "the file"}},
+)
+def download(
+    session_id: str,
+    runtime: RuntimeDep,
+    export_format: Annotated[ExportFormat, Query(alias="format")] = "csv",
+    signal: Annotated[list[str] | None, Query(max_length=2000)] = None,
+    t_from: From = None,
+    t_to: To = None,
+) -> FileResponse:
+    """Signals of a range as a file; without `signal` all fast ones and the estimates."""
+    _require_order(t_from, t_to)
+    if export_format not in FORMATS:
+        raise invalid("format", export_format, "one of " + ", ".join(FORMATS))
+    with tempfile.NamedTemporaryFile(suffix=FORMATS[export_format].suffix, delete=False) as target:
+        path = Path(target.name)
+    try:
+        with open_session(runtime, session_id) as file:
+            laps = lap_times(file) if export_format == "ldx" else None
+            export(file, path, export_format, signals=signal, t_from_s=t_from, t_to_s=t_to, lap_times_s=laps)
+    except UnknownSignal as error:
+        path.unlink(missing_ok=True)
+        raise invalid("signal", error.name, error.reason) from error
+    except ExportUnavailable as error:
+        path.unlink(missing_ok=True)
+        raise Problem(501, "extra-missing", "Optional package missing", str(error)) from error
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    name = session_id + FORMATS[export_format].suffix
+    return FileResponse(
+        str(path),
+        filename=name,
+        media_type=FORMATS[export_format].media_type,
+        background=BackgroundTask(path.unlink, missing_ok=True),
+    )
+
+
+@router.get(
+    "/sessions/{session_id}/file",
+    response_class=FileResponse,
+    responses={200: {"content": {SQLITE: {}}, "description": "the file"}},
+)
+def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
+    """The session itself, one SQLite file; of the one being recorded all up to now.
+
+    With its SHA-256 as ETag and Repr-Digest, and in ranges, so that a download that was cut off goes on.
+    """
+    try:
+        sealed = runtime.catalogue.sealed(session_id)
+    except SessionNotFound as error:
+        raise not_found("session", session_id) from error
+    if sealed is not None:
+        path, digest = sealed
+        return FileResponse(str(path), filename=path.name, media_type=SQLITE, headers=_digest_headers(digest))
+    with tempfile.NamedTemporaryFile(suffix=".sqlite", delete=False) as target:
+        path = Path(target.name)
+    try:
+        with open_session(runtime, session_id) as session_file:
+            session_file.copy_to(path)
+    except SessionError:
+        path.unlink(missing_ok=True)
+        raise
+    return FileResponse(
+        str(path),
+        filename=f"{session_id}.sqlite",
+        headers=_digest_headers(sha256(path)),
+        media_type=SQLITE,
+        background=BackgroundTask(path.unlink, missing_ok=True),
+    )
+
+
+def _digest_headers(digest: bytes) -> dict[str, str]:
+    return {"ETag": f'"{digest.hex()}"', "Repr-Digest": f"sha-256=:{base64.b64encode(digest).decode()}:"}
+
+
+@router.get("/replay", response_model=ReplayChoicesOut)
+def replay_state(runtime: RuntimeDep) -> dict[str, Any]:
+    """Where the replay stands, and the filters and cells that can recompute the estimates."""
+    cells = dict.fromkeys((runtime.settings.cell, *bundled_cells()))
+    return {"replay": runtime.replaying.state(), "filters": FILTERS, "cells": list(cells)}
+
+
+@router.post("/replay", response_model=ReplayStateOut)
+def replay(body: Replay, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Show a session instead of the live source; recording goes on."""
+    try:
+        path = runtime.catalogue.path(body.session_id)
+    except SessionNotFound as error:
+        raise not_found("session", body.session_id) from error
+    runtime.replaying.start(path, Playing(body.speed, body.filter, body.cell, body.estimates))
+    runtime.note("info", "replay", f"replay of {body.session_id} started", user.name)
+    return {"replay": runtime.replaying.state()}
+
+
+@router.post("/replay/control", response_model=ReplayStateOut)
+def control(body: ReplayControl, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Pause, speed, seek, step, loop, which estimates are shown."""
+    runtime.replaying.control(
+        paused=body.paused,
+        speed=body.speed,
+        seek_s=body.seek_s,
+        step=body.step,
+        loop=body.loop,
+        estimates=body.estimates,
+    )
+    return {"replay": runtime.replaying.state()}
+
+
+@router.post("/replay/stop", response_model=ReplayStateOut)
+def stop_replay(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+    """Back to the live source."""
+    runtime.replaying.stop()
+    return {"replay": None}
+
+
+def _marker_json(marker: Any) -> dict[str, Any]:
+    return {
+        "id": marker.id,
+        "time": marker.t_wall_ns / 1e9,
+        "kind": marker.kind,
+        "text": marker.text,
+        "who": marker.who,
+    }
+
+
+def _event_json(event: dict[str, Any]) -> dict[str, Any]:
+    body = {name: value for name, value in event.items() if name not in ("t_mono_ns", "t_wall_ns", "limit_value")}
+    return body | {"time": event["t_wall_ns"] / 1e9, "limit": event.get("limit_value")}

@@ -1,0 +1,43 @@
+"""How much a client may send: requests here are small, and what is larger is refused before it fills the memory."""
+
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.api.web.problems import Problem
+
+MAX_BODY_BYTES = 1 << 20  # a configuration is 420 bytes, all CAN tables as JSON a few kilobytes
+
+
+UPLOAD_PATH = "/api/v1/imports"
+MAX_UPLOAD_BYTES = 1 << 31  # a recording of another system; it goes to the disk piece by piece
+
+
+class BodyLimit:
+    """ASGI middleware: 413 by the announced length, or as soon as more has come."""
+
+    def __init__(self, app: ASGIApp, max_bytes: int = MAX_BODY_BYTES) -> None:
+        self._app = app
+        self._max_bytes = max_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Count what comes in."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        limit = MAX_UPLOAD_BYTES if scope["path"] == UPLOAD_PATH else self._max_bytes
+        announced = next((value for name, value in scope["headers"] if name == b"content-length"), b"0")
+        detail = f"a request may have {limit} bytes"
+        if announced.isdigit() and int(announced) > limit:
+            await Problem(413, "too-large", "Too large", detail).response()(scope, receive, send)
+            return
+        taken = 0
+
+        async def counted() -> Message:
+            nonlocal taken
+            message = await receive()
+            taken += len(message.get("body", b""))
+            if taken > limit:
+                raise HTTPException(413, detail)
+            return message
+
+        await self._app(scope, counted, send)

@@ -1,0 +1,1 @@
+"""The battery as a value: its shape and what each cell is."""

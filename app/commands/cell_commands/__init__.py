@@ -1,0 +1,1 @@
+"""What `voltwall identify` and `voltwall estimate` share."""

@@ -1,0 +1,1 @@
+"""What `voltwall sessions` is made of."""

@@ -1,0 +1,184 @@
+"""`voltwall sessions laps` and what else looks back on a session."""
+
+import argparse
+import json
+import re
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from app.analysis.black_box.excerpt import short_place
+from app.analysis.black_box.from_session import black_boxes
+from app.analysis.black_box.page import blackbox_page
+from app.analysis.laps.from_session import CanCounter, Counter, Counts, LapTable, lap_table
+from app.analysis.report.page import report_page
+from app.analysis.report.report import compare_sessions, histogram_json, report_of
+from app.commands.session_commands.selection import add_json_argument, add_session_argument, find_session, new_action
+from app.errors import ConfigError
+from app.sessions.reading.reader import SessionFile
+from app.sources.recordings.can_log import one_signal
+
+_NUMBER = r"(0[xX][0-9a-fA-F]+|[0-9]+)"
+_COUNTER = re.compile(f"can:{_NUMBER}:{_NUMBER}(?::{_NUMBER})?")
+
+
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the actions."""
+    laps = new_action(
+        actions, "laps", "laps of a session: energy, power, charge, heat, weakest cell; drivers compared", _laps
+    )
+    boxes = new_action(actions, "blackbox", "what happened around every trip and fault of a session", _black_boxes)
+    report = new_action(actions, "report", "how a session went, what limited, what to look at", _report)
+    compare = new_action(actions, "compare", "two sessions side by side", _compare)
+    for action in (laps, boxes, report, compare):
+        add_session_argument(action)
+        add_json_argument(action)
+    laps.add_argument(
+        "--laps-from",
+        metavar="WHERE",
+        help="settled, markers, pattern, or what goes up when a lap begins: can:ID:BYTE[:MASK], a byte of a frame;\n"
+        "dbc:[MESSAGE.]SIGNAL, a signal of CAN frames by --dbc; signal:NAME, a signal of the session, as\n"
+        "signal:charger.flags (default: the first of settled, markers, pattern that there is)",
+    )
+    laps.add_argument("--dbc", type=Path, metavar="FILE", help="what the CAN frames mean")
+    boxes.add_argument("--html", type=Path, metavar="FOLDER", help="write a page to print for each")
+    report.add_argument("--html", type=Path, metavar="FOLDER", help="write the whole report with its charts")
+    compare.add_argument("--with", dest="other", required=True, metavar="SESSION", help="the other one, id or file")
+
+
+def _laps(args: argparse.Namespace) -> int:
+    with SessionFile(find_session(args, args.session)) as session:
+        source, counter = _source(args.laps_from, session, args.dbc)
+        table = lap_table(session, source, counter)  # type: ignore[arg-type]
+        start_s = session.info.started_wall_ns / 1e9
+    if args.json:
+        json.dump(asdict(table), sys.stdout, indent=2)
+        print()
+    else:
+        _print_laps(table, start_s)
+    return 0
+
+
+def _report(args: argparse.Namespace) -> int:
+    with SessionFile(find_session(args, args.session)) as session:
+        report = report_of(session)
+    if args.json:
+        shown = {"headline": report.headline, "why": report.why, "limited": report.limited, "look_at": report.look_at}
+        histograms = {name: histogram_json(histogram) for name, histogram in report.survey.histograms.items()}
+        json.dump(shown | {"figures": report.figures, "histograms": histograms}, sys.stdout, indent=2)
+        print()
+    else:
+        print(report.headline)
+        parts = (("Why", report.why), ("What limited", report.limited), ("What to look at", report.look_at))
+        for title, sentences in parts:
+            if not sentences:
+                continue
+            print(f"\n{title}")
+            for sentence in sentences:
+                print(f"  {sentence}")
+    if args.html is not None:
+        args.html.mkdir(parents=True, exist_ok=True)
+        path = args.html / f"{report.info.id}-report.html"
+        path.write_text(report_page(report), encoding="utf-8")
+        print(path, file=sys.stderr)
+    return 0
+
+
+def _compare(args: argparse.Namespace) -> int:
+    with (
+        SessionFile(find_session(args, args.session)) as session,
+        SessionFile(find_session(args, args.other)) as other,
+    ):
+        found = compare_sessions(session, other)
+    if args.json:
+        figures = {"a": found.figures_a, "b": found.figures_b}
+        json.dump(figures | {"cells": found.cells}, sys.stdout, indent=2)
+        print()
+        return 0
+    print(f"{'':24} {found.a.id:>22} {found.b.id:>22}  difference")
+    for name, a in found.figures_a.items():
+        b = found.figures_b[name]
+        difference = "" if a is None or b is None else f"{b - a:+.5g}"
+        print(f"{name:24} {_figure(a):>22} {_figure(b):>22}  {difference}")
+    for cell in found.cells:
+        print(f"cell {_cell(cell['cell'], None, 0, '')}: resistance {100 * cell['change']:+.1f} % against the others")
+    return 0
+
+
+def _figure(value: float | None) -> str:
+    return "-" if value is None else f"{value:.5g}"
+
+
+def _black_boxes(args: argparse.Namespace) -> int:
+    with SessionFile(find_session(args, args.session)) as session:
+        boxes = black_boxes(session)
+    if args.json:
+        json.dump(boxes, sys.stdout)
+        print()
+    for box in boxes:
+        if not args.json:
+            print(f"{box['id']}\n  " + "\n  ".join(box["summary"]))
+        if args.html is not None:
+            args.html.mkdir(parents=True, exist_ok=True)
+            path = args.html / f"{box['id']}.html"
+            path.write_text(blackbox_page(box), encoding="utf-8")
+            print(f"  {path}", file=sys.stderr)
+    if not boxes and not args.json:
+        print("no trip and no fault")
+    return 0
+
+
+def _source(text: str | None, session: SessionFile, dbc: Path | None) -> tuple[str | None, Counter | None]:
+    if text is None or text in ("settled", "markers", "pattern"):
+        return text, None
+    if text.startswith("signal:"):
+        return "signal", text.removeprefix("signal:")
+    if text.startswith("dbc:"):
+        if dbc is None:
+            raise ConfigError("--dbc", "(none)", "the DBC file that names the signal")
+        frames = ((session.unix_s(f.t_mono_ns), f.can_id, f.data) for f in session.can_frames())
+        return "can", Counts(*one_signal(frames, session.info.id, dbc, text.removeprefix("dbc:")))
+    match = _COUNTER.fullmatch(text)
+    if match is None:
+        raise ConfigError(
+            "--laps-from", text, "settled, markers, pattern, can:ID:BYTE[:MASK], dbc:SIGNAL or signal:NAME"
+        )
+    can_id, byte, mask = (None if part is None else int(part, 0) for part in match.groups())
+    return "can", CanCounter(can_id or 0, byte or 0, 0xFF if mask is None else mask)
+
+
+def _print_laps(table: LapTable, start_s: float) -> None:
+    print(f"laps from: {table.source}")
+    print(
+        "lap    at s  time s  out Wh   in Wh  mean kW  max kW  SOC %   rise K  hottest          lowest cell      driver"
+    )
+    for lap_number, each in enumerate(table.laps, 1):
+        lap = each.lap
+        print(
+            f"{lap_number:>3} {lap.start_s - start_s:>7.1f} {lap.duration_s:>7.2f} {each.energy_out_wh:>7.1f}"
+            f" {each.energy_in_wh:>7.1f} {in_column(each.power_mean_w, 1e-3, 8, 2)}"
+            f" {in_column(each.power_max_w, 1e-3, 7, 1)}"
+            f" {in_column(each.soc_used, 100, 6, 2)} {in_column(each.temperature_rise_k, 1, 8, 1)}"
+            f"  {_cell(each.temperature_max_cell, each.temperature_max_degc, 0, 'degC'):16}"
+            f" {_cell(each.weakest_cell, each.voltage_min_v, 3, 'V'):16}"
+            f" {' '.join(part for part in (lap.driver, lap.note, '' if lap.counts else '(not counted)') if part)}"
+        )
+    if len(table.drivers) > 1 or any(driver.driver for driver in table.drivers):
+        print("\ndriver               laps  mean s  best s  spread s  out Wh   in Wh  mean kW  SOC %   rise K")
+        for one in table.drivers:
+            print(
+                f"{one.driver or '(not named)':20} {one.laps:>4} {one.lap_s:>7.2f} {one.best_lap_s:>7.2f}"
+                f" {one.lap_spread_s:>9.2f} {one.energy_out_wh:>7.1f} {one.energy_in_wh:>7.1f}"
+                f" {in_column(one.power_mean_w, 1e-3, 8, 2)} {in_column(one.soc_used, 100, 6, 2)}"
+                f" {in_column(one.temperature_rise_k, 1, 8, 1)}"
+            )
+
+
+def in_column(value: float | None, factor: float, width: int, decimals: int) -> str:
+    """Return a number times a factor at the right of a column; a dash where there is none."""
+    return f"{'-':>{width}}" if value is None else f"{value * factor:>{width}.{decimals}f}"
+
+
+def _cell(cell: int | None, value: float | None, decimals: int, unit: str) -> str:
+    place = "" if cell is None else short_place(cell)
+    return f"{place} {value:.{decimals}f} {unit}".strip() if value is not None else place or "-"

@@ -1,0 +1,135 @@
+"""`voltwall sessions import`: other systems' recordings, and CAN logs, as sessions."""
+
+import argparse
+import sys
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+from app.commands.session_commands.selection import data_folder, new_action
+from app.errors import ConfigError
+from app.estimation.filters.estimators import FILTERS
+from app.live.pipeline_factory import Chain
+from app.sessions.transfer.import_session import import_file, read_table
+from app.sources.recordings.can_log import ENDINGS, signal_names
+from app.sources.recordings.columns import guess
+from app.sources.recordings.profile import ImportProfile, ProfileShelf, parse_profile, profile_of, profile_text
+
+_NUMBERS = ("max_rate_hz", "hold_s")
+
+
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the actions."""
+    taking = new_action(actions, "import", "make a session of another system's recording, estimated", _import)
+    taking.epilog = (
+        "CSV or Parquet; or candump .log, .asc, .blf with --dbc. Without --dbc a CAN log is taken as of our own master."
+    )
+    columns = new_action(actions, "columns", "what is in such a file, and the profile that is guessed for it", _columns)
+    for action in (taking, columns):
+        action.add_argument("file", type=Path, metavar="FILE", help="the recording")
+        action.add_argument("--dbc", type=Path, metavar="FILE", help="what the CAN frames mean")
+    taking.add_argument("--profile", metavar="NAME|FILE", help="which columns are what: a kept profile, or TOML")
+    taking.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="FIELD=VALUE",
+        help="change the profile, as voltages='Cell {n} V', current='Pack I', charge_positive=true",
+    )
+    taking.add_argument("--save-profile", metavar="NAME", help="keep the profile under this name")
+    taking.add_argument("--name", default="", help="what to call the session (default: the file's name)")
+    taking.add_argument("--start", metavar="TIME", help="when it began, ISO 8601, where the file does not say")
+    taking.add_argument("--filter", choices=FILTERS, default="fused", help="state estimator (default: fused)")
+    taking.add_argument(
+        "--cell", default="samsung-25r-10p", metavar="CELL.toml", help="cell file or name of a bundled one"
+    )
+
+
+def _import(args: argparse.Namespace) -> int:
+    path = _existing(args.file)
+    data = data_folder(args)
+    chain = Chain(args.filter, args.cell)
+    shelf = ProfileShelf(data / "profiles")
+    is_own_can = path.name.lower().endswith(ENDINGS) and args.dbc is None
+    profile = ImportProfile() if is_own_can else _profile(args, path, shelf)
+    done = import_file(
+        path,
+        profile,
+        data / "sessions",
+        lambda: chain.pipeline("replay", "imported"),
+        dbc=args.dbc,
+        name=args.name,
+        started_unix_s=_start(args.start),
+        on_progress=_show,
+    )
+    for note in done.notes:
+        print(note, file=sys.stderr)
+    if args.save_profile:
+        shelf.save(args.save_profile, profile)
+    of = f"{done.cells} cells" if done.cells else "CAN frames"
+    print(f"{done.info.id}: {done.rows} rows of {of}, {done.info.duration_s / 60:.1f} min")
+    return 0
+
+
+def _existing(path: Path) -> Path:
+    if not path.is_file():
+        raise ConfigError("file", path, "no such file")
+    return path
+
+
+def _columns(args: argparse.Namespace) -> int:
+    path = _existing(args.file)
+    if args.dbc is not None:
+        print("\n".join(signal_names(path, args.dbc)))
+        return 0
+    table, notes = read_table(path)
+    for i, (name, values) in enumerate(table.columns.items()):
+        known = values[values == values]
+        span = f"{known.min():.6g} to {known.max():.6g}" if len(known) else "empty"
+        print(f"{i + 1:>4}  {name}: {span}")
+    for note in notes:
+        print(f"# {note}")
+    print("# guessed profile\n" + profile_text(guess(table)), end="")
+    return 0
+
+
+def _profile(args: argparse.Namespace, path: Path, shelf: ProfileShelf) -> ImportProfile:
+    if args.profile is None:
+        profile = ImportProfile() if args.dbc is not None else guess(read_table(path)[0])
+    elif Path(args.profile).is_file():
+        profile = parse_profile(Path(args.profile).read_text(encoding="utf-8"), args.profile)
+    else:
+        profile = shelf.load(args.profile)
+    given: dict[str, object] = {}
+    for text in args.set:
+        name, sign, value = text.partition("=")
+        if not sign:
+            raise ConfigError("set", text, "FIELD=VALUE")
+        given[name] = _value(name, value)
+    return replace(profile, **given) if profile_of(given) else profile  # type: ignore[arg-type]
+
+
+def _value(name: str, text: str) -> object:
+    if name == "charge_positive":
+        return text.lower() in ("true", "yes", "1")
+    if name in _NUMBERS:
+        try:
+            return float(text)
+        except ValueError as error:
+            raise ConfigError(name, text, "a number") from error
+    return text
+
+
+def _start(text: str | None) -> float | None:
+    if text is None:
+        return None
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ConfigError("start", text, "ISO 8601, like 2026-07-14T10:30:00Z") from error
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
+
+
+def _show(done: int, of: int) -> None:
+    if sys.stderr.isatty():
+        print(f"\r{100 * done / max(of, 1):5.1f} %", end="\n" if done >= of else "", file=sys.stderr)

@@ -1,0 +1,123 @@
+"""`voltwall sessions passport`: the life of every cell across all sessions, and swaps of modules."""
+
+import argparse
+import json
+import sys
+import time
+from dataclasses import asdict
+from datetime import UTC, datetime
+
+from app.analysis.black_box.excerpt import short_place
+from app.analysis.passport.history import Passports
+from app.analysis.passport.keeper import PassportKeeper
+from app.analysis.totals import number
+from app.commands.session_commands.analysis import in_column
+from app.commands.session_commands.selection import add_json_argument, catalogue, data_folder, new_action
+from app.errors import ConfigError
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.errors import EstimatorError
+from app.service.settings import Settings
+from app.sessions.passport_store import StoredSwap
+from firmware_protocol.memory_map import CELLS_PER_PACK, N_PACKS
+
+_NOW = ("capacity_ah", "resistance_ohm", "resistance_relative", "self_discharge_per_day", "balancing_h")
+
+
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    action = new_action(
+        actions,
+        "passport",
+        "every cell across all sessions: capacity, resistance, self-discharge, balancing, rank, drift",
+        _passport,
+    )
+    action.add_argument("--simulated", action="store_true", help="of the simulated car")
+    add_json_argument(action)
+    swap = action.add_argument_group("swaps", "a swapped module begins a new line, which inherits nothing")
+    swap.add_argument("--swap", metavar="CELLS", help="record that these modules were replaced: pack/cell, as 3/7,3/8")
+    swap.add_argument("--at", metavar="TIME", help="when, as 2026-07-14T10:30 (UTC; default: now)")
+    swap.add_argument("--note", default="", help="about the swap")
+    swap.add_argument("--take-back", type=int, metavar="NUMBER", help="forget the swap of this number")
+
+
+def _passport(args: argparse.Namespace) -> int:
+    name = Settings.model_validate({}).cell
+    try:
+        cell = load_cell(name)
+    except EstimatorError as error:
+        raise ConfigError("cell", name, str(error)) from error
+    keeper = PassportKeeper(data_folder(args), catalogue(args), cell, simulated=args.simulated)
+    try:
+        if args.take_back is not None and not keeper.store.remove_swap(args.take_back):
+            raise ConfigError("--take-back", args.take_back, "the number of a swap that is listed")
+        if args.swap is not None:
+            _swap(keeper, args)
+        keeper.read_new()
+        made, swaps = keeper.passports(), keeper.store.swaps()
+    finally:
+        keeper.close()
+    if args.json:
+        _print_json(made, swaps)
+    else:
+        _print_table(made, swaps)
+    return 0
+
+
+def _swap(keeper: PassportKeeper, args: argparse.Namespace) -> None:
+    cells, at_s = [_cell_index(part) for part in args.swap.split(",")], _time(args.at)
+    keeper.swap(cells, at_s, args.note, None)
+    print(f"recorded: {_swap_text(sorted(set(cells)), at_s, args.note)}", file=sys.stderr)
+
+
+def _swap_text(cells: list[int], at_s: float, note: str) -> str:
+    when = datetime.fromtimestamp(at_s, UTC).strftime("%Y-%m-%d %H:%MZ")
+    return f"{', '.join(short_place(cell) for cell in cells)} replaced {when}" + (f": {note}" if note else "")
+
+
+def _print_json(made: Passports, swaps: list[StoredSwap]) -> None:
+    known = {name: [number(value) for value in made.now(name).tolist()] for name in _NOW}
+    shown = {
+        "sessions": made.sessions,
+        **known,
+        "rank": [number(value) for value in made.rank.tolist()],
+        "drifts": [asdict(drift) for drift in made.drifts],
+        "swaps": [asdict(swap) for swap in swaps],
+    }
+    json.dump(shown, sys.stdout)
+    print()
+
+
+def _print_table(made: Passports, swaps: list[StoredSwap]) -> None:
+    print(f"{len(made.sessions)} finished {'session' if len(made.sessions) == 1 else 'sessions'}")
+    for swap in swaps:
+        print(f"swap {swap.id}: {_swap_text(swap.cells, swap.time_s, swap.note)}")
+    for drift in made.drifts:
+        print(f"{short_place(drift.cell)} {drift.text}")
+    if not made.sessions:
+        return
+    now = {name: made.now(name).tolist() for name in _NOW}
+    print("cell   rank  capacity Ah  resistance mohm  against others %  self-discharge %/day  bled h")
+    for index, rank in enumerate(made.rank.tolist()):
+        ah, ohm, apart, rate, hours = (number(now[name][index]) for name in _NOW)
+        print(
+            f"{short_place(index):5} {in_column(number(rank), 1, 5, 0)} {in_column(ah, 1, 12, 2)}"
+            f" {in_column(ohm, 1000, 16, 3)} {in_column(apart, 100, 17, 1)} {in_column(rate, 100, 21, 3)}"
+            f" {in_column(hours, 1, 7, 1)}"
+        )
+
+
+def _cell_index(text: str) -> int:
+    pack, _, cell = text.strip().partition("/")
+    if not (pack.isdigit() and cell.isdigit() and 1 <= int(pack) <= N_PACKS and 1 <= int(cell) <= CELLS_PER_PACK):
+        raise ConfigError("--swap", text, f"pack/cell, 1/1 to {N_PACKS}/{CELLS_PER_PACK}")
+    return (int(pack) - 1) * CELLS_PER_PACK + int(cell) - 1
+
+
+def _time(text: str | None) -> float:
+    if text is None:
+        return time.time()
+    try:
+        at = datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ConfigError("--at", text, f"a time as 2026-07-14T10:30: {error}") from error
+    return (at if at.tzinfo else at.replace(tzinfo=UTC)).timestamp()

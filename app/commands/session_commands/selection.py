@@ -1,0 +1,58 @@
+"""Where the commands on recorded sessions find them: the data folder, and a session by its id or its file."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from app.service.settings import Settings
+from app.sessions.catalogue import Catalogue
+
+Action = Callable[[argparse.Namespace], int]
+
+
+def add_data_argument(parser: argparse.ArgumentParser, default: object = None) -> None:
+    """Declare --data; below another parser that has it, with argparse.SUPPRESS as its default."""
+    parser.add_argument("--data", type=Path, metavar="DIR", default=default, help="data folder of the service")
+
+
+def new_action(actions: "argparse._SubParsersAction[argparse.ArgumentParser]", name: str, text: str, do: Action) -> (
+    argparse.ArgumentParser
+):  # fmt: skip
+    """Return the parser of one more action, with --data, that does `do`."""
+    parser = actions.add_parser(
+        name, help=text, description=text[0].upper() + text[1:] + ".", formatter_class=argparse.RawTextHelpFormatter
+    )
+    add_data_argument(parser, argparse.SUPPRESS)
+    parser.set_defaults(do=do)
+    return parser
+
+
+def add_session_argument(parser: argparse.ArgumentParser) -> None:
+    """Declare the session."""
+    parser.add_argument("session", metavar="SESSION", help="the session's id, or its file")
+
+
+def add_json_argument(parser: argparse.ArgumentParser, default: object = argparse.SUPPRESS) -> None:
+    """Declare --json."""
+    parser.add_argument("--json", action="store_true", default=default, help="as JSON")
+
+
+def data_folder(args: argparse.Namespace) -> Path:
+    """Return the data folder: the one chosen, else the service's."""
+    chosen: Path | None = args.data
+    return chosen if chosen is not None else Settings.model_validate({}).data
+
+
+def catalogue(args: argparse.Namespace) -> Catalogue:
+    """Return the sessions of the data folder."""
+    return Catalogue(data_folder(args) / "sessions")
+
+
+def find_session(args: argparse.Namespace, session: str) -> Path:
+    """Return the file of a session given by id or by path.
+
+    Raises:
+        SessionNotFound: neither is there.
+    """
+    path = Path(session)
+    return path if path.is_file() else catalogue(args).path(session)

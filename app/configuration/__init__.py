@@ -1,0 +1,1 @@
+"""The master's configuration: rules, safe write, profiles, history, calibration."""

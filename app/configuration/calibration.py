@@ -1,0 +1,110 @@
+"""Calibration of the current sensor: what it says on average, and the gain or offset that makes it say the truth.
+
+    i[10 mA] = (10 count - i_offset) i_gain / 5000
+
+Nothing is written here: a proposal becomes a draft of the configuration, and goes the way of every other.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from app.errors import ConfigError, NotNow
+from app.sources.master.client import MasterClient
+from firmware_protocol.memory_map import CONFIG, FIELDS, STATUS_FLAGS
+
+SAMPLES = 20
+PERIOD_S = 0.05
+MIN_REFERENCE_A = 5.0  # below it the sensor's noise is more than a percent
+MAX_CORRECTION = 0.2  # of the gain: beyond it something else is wrong
+MAX_OFFSET_COUNTS = 1000.0  # tenths of an ADC count, 24 A with the default gain
+STEADY_A = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The current by the master, averaged [A]; positive on discharge."""
+
+    mean_a: float
+    sigma_a: float
+    samples: int
+    relays_closed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """What to change, in raw counts, and what the same reading would be then [A]."""
+
+    field: Literal["i_offset", "i_gain"]
+    before_raw: int
+    after_raw: int
+    before_a: float
+    after_a: float
+
+
+def measure(master: MasterClient, *, sleep: Callable[[float], None] = time.sleep) -> Measured:
+    """Average the master's latest sample over a second.
+
+    Raises:
+        LinkError: the master cannot be asked.
+    """
+    current, flags = FIELDS["i_fs"], FIELDS["status.flags"]
+    values = []
+    for _ in range(SAMPLES):
+        (raw,) = current.unpack(master.read(current.offset, current.size), -current.offset)
+        values.append(raw * current.scale)
+        sleep(PERIOD_S)
+    (bits,) = flags.unpack(master.read(flags.offset, flags.size), -flags.offset)
+    mean_a = sum(values) / len(values)
+    sigma_a = math.sqrt(sum((value - mean_a) ** 2 for value in values) / (len(values) - 1))
+    return Measured(mean_a, sigma_a, len(values), bool(bits >> STATUS_FLAGS.index("load") & 1))
+
+
+def propose_zero(image: bytes, measured: Measured) -> Proposal:
+    """Return the offset with which a sensor without current reads 0.
+
+    Raises:
+        NotNow: a current may flow, or the reading is not steady.
+        ConfigError: the sensor is further off than a working one can be.
+    """
+    if measured.relays_closed:
+        raise NotNow("the relays are closed: the zero is taken with relays open, when no current can flow")
+    _require_steady(measured)
+    gain, offset = _of(image)
+    after = round(offset + measured.mean_a * 100 * 5000 / gain)
+    if abs(after - offset) > MAX_OFFSET_COUNTS:
+        most_a = MAX_OFFSET_COUNTS * gain / 5000 / 100
+        limit = f"within {most_a:.0f} A of zero: further off the sensor is unplugged or broken"
+        raise ConfigError("current", f"{measured.mean_a:.2f} A", limit)
+    residue_a = measured.mean_a - (after - offset) * gain / 5000 / 100
+    return Proposal("i_offset", offset, after, measured.mean_a, residue_a)
+
+
+def propose_gain(image: bytes, measured: Measured, reference_a: float) -> Proposal:
+    """Return the gain with which the reading is a reference meter's; the zero has to be right before.
+
+    Raises:
+        NotNow: the reading is not steady.
+        ConfigError: the reference is too small, or too far from the reading.
+    """
+    if not abs(reference_a) >= MIN_REFERENCE_A:
+        raise ConfigError("reference_a", reference_a, f"at least {MIN_REFERENCE_A:g} A, either way")
+    _require_steady(measured)
+    ratio = reference_a / measured.mean_a if measured.mean_a else math.inf
+    if not abs(ratio - 1) <= MAX_CORRECTION:
+        limit = f"within {MAX_CORRECTION:.0%} of the reading, {measured.mean_a:.2f} A; is it positive on discharge?"
+        raise ConfigError("reference_a", reference_a, limit)
+    gain, _ = _of(image)
+    after = round(gain * ratio)
+    return Proposal("i_gain", gain, after, measured.mean_a, measured.mean_a * after / gain)
+
+
+def _require_steady(measured: Measured) -> None:
+    if measured.sigma_a > STEADY_A:
+        raise NotNow(f"the reading is not steady: it moves by {measured.sigma_a:.1f} A")
+
+
+def _of(image: bytes) -> tuple[int, int]:
+    return CONFIG["i_gain"].unpack(image)[0], CONFIG["i_offset"].unpack(image)[0]

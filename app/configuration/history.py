@@ -1,0 +1,147 @@
+"""Every write of the configuration, in a file that only grows: who, when, from, to, why, with what result.
+
+A record is one line of JSON with a signature: HMAC-SHA256, by a key that lies beside the file and that only its owner
+may read, over the record and the signature before it. So a record that was changed, or one taken out of the middle,
+shows when the file is read. It proves nothing against whoever can read the key, and it does not show that the last
+records were cut off; the event log names the same writes.
+"""
+
+import base64
+import hashlib
+import hmac
+import json
+import os
+import secrets
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from app.configuration.json_lines import JsonLines
+
+Action = Literal["write", "load", "store", "rollback"]
+KEY_BYTES = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One write; `number` counts from 1. `is_genuine` is False where its signature, or one before it, is not right."""
+
+    number: int
+    t_wall_ns: int
+    who: str
+    action: Action
+    source: str  # where the new values came from: "draft", "profile wet-race@3", "record 7"
+    reason: str
+    before: bytes
+    after: bytes
+    result: str  # "done", or what went wrong and what is in force
+    is_genuine: bool = True
+
+
+class ConfigHistory:
+    """The file and its key; thread-safe."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file = JsonLines(folder / "config-history.jsonl")
+        self._key_path = folder / "config-history.key"
+        self._lock = threading.Lock()
+
+    def append(
+        self,
+        t_wall_ns: int,
+        who: str,
+        action: Action,
+        source: str,
+        reason: str,
+        before: bytes,
+        after: bytes,
+        result: str,
+    ) -> int:
+        """Sign and keep a record; return its number. It is on the disk when this returns.
+
+        Raises:
+            OSError: it cannot be kept.
+        """
+        with self._lock:
+            lines = self._file.lines()
+            number = len(lines) + 1
+            body = {
+                "number": number,
+                "t_wall_ns": t_wall_ns,
+                "who": who,
+                "action": action,
+                "source": source,
+                "reason": reason,
+                "before": base64.b64encode(before).decode(),
+                "after": base64.b64encode(after).decode(),
+                "result": result,
+            }
+            signature = _signature(self._key(), body, _signature_of(lines[-1]) if lines else "")
+            self._file.append(body | {"signature": signature}, after=lines)
+            return number
+
+    def records(self) -> list[Record]:
+        """Return all records, oldest first; lines that are none are left out and make the next one not genuine."""
+        with self._lock:
+            return list(self._read())
+
+    def record(self, number: int) -> Record | None:
+        """Return one record, None where there is none."""
+        return next((record for record in self.records() if record.number == number), None)
+
+    def _read(self) -> Iterator[Record]:
+        lines = self._file.lines()
+        key, last = (self._key() if lines else b""), ""
+        for line in lines:
+            record = _parse(line)
+            if record is None:
+                last = _signature_of(line)
+                continue
+            body, signature = record
+            genuine = hmac.compare_digest(_signature(key, body, last), signature)
+            last = signature
+            yield _record(body, is_genuine=genuine)
+
+    def _key(self) -> bytes:
+        if not self._key_path.exists():
+            handle = os.open(self._key_path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(handle, "wb") as file:
+                file.write(secrets.token_bytes(KEY_BYTES))
+        return self._key_path.read_bytes()
+
+
+def _signature(key: bytes, body: dict[str, Any], before: str) -> str:
+    text = json.dumps(body, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    return hmac.new(key, f"{before}\n{text}".encode(errors="surrogatepass"), hashlib.sha256).hexdigest()
+
+
+def _parse(line: bytes) -> tuple[dict[str, Any], str] | None:
+    try:
+        body = json.loads(line)
+        signature = body.pop("signature")
+        _record(body, is_genuine=False)
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return None
+    return body, str(signature)
+
+
+def _signature_of(line: bytes) -> str:
+    parsed = _parse(line)
+    return parsed[1] if parsed else ""
+
+
+def _record(body: dict[str, Any], *, is_genuine: bool) -> Record:
+    return Record(
+        int(body["number"]),
+        int(body["t_wall_ns"]),
+        str(body["who"]),
+        body["action"],
+        str(body["source"]),
+        str(body["reason"]),
+        base64.b64decode(body["before"], validate=True),
+        base64.b64decode(body["after"], validate=True),
+        str(body["result"]),
+        is_genuine,
+    )

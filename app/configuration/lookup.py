@@ -1,0 +1,89 @@
+"""Where a whole configuration can come from, by name: what two of them differ in, and what a write may start from.
+
+`in-force`, `stored`, `default`, `profile:NAME` or `profile:NAME@3`, `record:7` (what the write made) or
+`record:7:before`, `session:ID` (in force at its end).
+"""
+
+from collections.abc import Callable
+
+from app.configuration.history import ConfigHistory
+from app.configuration.profile_store import Profiles
+from app.configuration.safe_write import Configuration
+from app.errors import AppError, ConfigError
+from app.sessions.catalogue import Catalogue
+from firmware_protocol.config_image import default_image
+from firmware_protocol.memory_map import CONFIG_SIZE
+
+WORDS = "in-force, stored, default, profile:NAME[@VERSION], record:NUMBER[:before] or session:ID"
+
+
+class NoSource(AppError):
+    """The name is understood, and there is no configuration behind it."""
+
+
+class ConfigSources:
+    """Resolves names."""
+
+    def __init__(
+        self,
+        configuration: Configuration,
+        in_force: Callable[[], bytes | None],
+        profiles: Profiles,
+        history: ConfigHistory,
+        catalogue: Catalogue,
+    ) -> None:
+        self._configuration = configuration
+        self._in_force = in_force
+        self._profiles = profiles
+        self._history = history
+        self._catalogue = catalogue
+
+    def image(self, name: str) -> bytes:
+        """Return the 420 bytes behind a name.
+
+        Raises:
+            ConfigError: it is no name of a source.
+            NoSource, NoProfile, SessionError: there is nothing behind it.
+            LinkError: the EEPROM cannot be read.
+        """
+        kind, _, rest = name.partition(":")
+        match kind:
+            case "in-force" if not rest:
+                return self._known(self._in_force(), "the configuration in force was never read")
+            case "stored" if not rest:
+                stored = self._configuration.read_stored()
+                return self._known(None if stored is None else stored.image, "the EEPROM holds no valid configuration")
+            case "default" if not rest:
+                return default_image()
+            case "profile":
+                profile, _, version = rest.partition("@")
+                return self._profiles.load(profile, _number(name, version) if version else None).image
+            case "record":
+                number, _, which = rest.partition(":")
+                return self._of_record(_number(name, number), which)
+            case "session" if rest:
+                with self._catalogue.open(rest) as session:
+                    configs = session.configs()
+                return self._known(configs[-1].image if configs else None, f"session {rest} holds no configuration")
+        raise ConfigError("source", name[:80], WORDS)
+
+    def _of_record(self, number: int, which: str) -> bytes:
+        if which not in ("", "before"):
+            raise ConfigError("source", f"record:{number}:{which[:20]}", WORDS)
+        record = self._history.record(number)
+        if record is None:
+            raise NoSource(f"no record {number} in the history")
+        image = record.before if which else record.after
+        return self._known(image if len(image) == CONFIG_SIZE else None, f"record {number} knows no such configuration")
+
+    @staticmethod
+    def _known(image: bytes | None, otherwise: str) -> bytes:
+        if image is None:
+            raise NoSource(otherwise)
+        return image
+
+
+def _number(name: str, text: str) -> int:
+    if not text.isascii() or not text.isdigit() or len(text) > 9:
+        raise ConfigError("source", name[:80], WORDS)
+    return int(text)

@@ -1,0 +1,96 @@
+"""The profiles of a data folder: `profiles/NAME.json` is the newest, `profiles/versions/NAME@3.json` all of them."""
+
+import re
+import threading
+from datetime import UTC, datetime
+from pathlib import Path
+
+from app.configuration.profile import Profile, parse_profile, profile_text
+from app.errors import AppError, ConfigError
+
+_NAME = re.compile(r"[a-z0-9][a-z0-9._-]{0,39}")
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?")  # no file of Windows may be called so
+
+
+class NoProfile(AppError):
+    """There is no such profile, or not this version of it."""
+
+
+class Profiles:
+    """Saves and loads; thread-safe."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._versions = folder / "versions"
+        self._lock = threading.Lock()
+
+    def names(self) -> list[str]:
+        """The names, in order."""
+        return sorted(path.stem for path in self._folder.glob("*.json") if _NAME.fullmatch(path.stem))
+
+    def versions(self, name: str) -> list[int]:
+        """The versions of a name, newest first."""
+        pattern = re.compile(re.escape(_checked(name)) + r"@(\d+)\.json")
+        found = (pattern.fullmatch(path.name) for path in self._versions.glob("*.json"))
+        return sorted((int(match[1]) for match in found if match), reverse=True)
+
+    def load(self, name: str, version: int | None = None) -> Profile:
+        """Return a profile, without a version the newest.
+
+        Raises:
+            NoProfile: there is none.
+            ConfigError: its file was changed into something else.
+        """
+        path = self._folder / f"{_checked(name)}.json"
+        if version is not None:
+            path = self._versions / f"{name}@{version}.json"
+        try:
+            return parse_profile(path.read_bytes())
+        except OSError as error:
+            raise NoProfile(f"no profile {name}" + ("" if version is None else f" version {version}")) from error
+
+    def save(self, name: str, image: bytes, *, comment: str, who: str) -> Profile:
+        """Keep an image as the next version of a name.
+
+        Raises:
+            ConfigError: the name cannot be a file's, or the disk refused.
+        """
+        with self._lock:
+            version = 1 + max([0, *self.versions(name), self._current(name)])
+            now = datetime.now(UTC).isoformat(timespec="seconds")
+            profile = Profile(_checked(name), version, comment.strip()[:500], who, now, image)
+            text = profile_text(profile)
+            try:
+                self._versions.mkdir(parents=True, exist_ok=True)
+                for path in (self._versions / f"{name}@{version}.json", self._folder / f"{name}.json"):
+                    half = path.with_suffix(".half")
+                    half.write_text(text, encoding="utf-8", newline="\n")
+                    half.replace(path)
+            except OSError as error:
+                raise ConfigError("profile", name, f"cannot be saved: {error.strerror}") from error
+            return profile
+
+    def _current(self, name: str) -> int:
+        """The version of the newest file, which may have come by git without the earlier ones."""
+        try:
+            return self.load(name).version
+        except (NoProfile, ConfigError):
+            return 0
+
+    def delete(self, name: str) -> None:
+        """Remove a profile; its versions stay, and a later one counts on from them.
+
+        Raises:
+            NoProfile: there is none.
+        """
+        with self._lock:
+            try:
+                (self._folder / f"{_checked(name)}.json").unlink()
+            except FileNotFoundError as error:
+                raise NoProfile(f"no profile {name}") from error
+
+
+def _checked(name: str) -> str:
+    if not _NAME.fullmatch(name) or _RESERVED.fullmatch(name):
+        raise ConfigError("name", name[:60], "1..40 of a-z 0-9 . _ -, beginning with a letter or a digit")
+    return name

@@ -1,0 +1,151 @@
+"""What is wrong, or worth a second look, in a configuration as a whole: fields against each other and the cell.
+
+Errors block a write. Warnings need a reason, once: one that is in force already is shown and not asked for again.
+The master knows none of this but the ranges; what it accepts is `firmware_protocol.config_image.check`.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from app.configuration.can_rules import can_findings
+from app.configuration.finding import Finding, finding
+from app.estimation.cell_model.circuit import CellModel
+from firmware_protocol.config_image import check, to_unit
+from firmware_protocol.memory_map import CONFIG
+from firmware_protocol.schedule import FAST_WINDOWS, data_frame_time_s
+
+RULES_T_MAX_DEGC = 60.0  # Formula Student rules, EV 5.8: 60 degC, or the data sheet's limit where that is lower
+ADC_MAX = 40950  # tenths of a count
+ADC_MIDDLE = 20475
+OFFSET_TOLERANCE = 0.05  # of the middle: a sensor further off is unplugged or broken
+CHARGE_MARGIN_V = 0.01  # what a measurement may be off, between the end of charge and the trip
+CAPACITY_TOLERANCE = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What the configuration is judged against besides itself."""
+
+    cell: CellModel
+    heard_period_s: Mapping[int, float] | None = None  # of CAN ids, bit 31 for 29 bits
+
+
+class _Values:
+    """The image's numbers in units."""
+
+    def __init__(self, image: bytes) -> None:
+        self._image = image
+
+    def __getitem__(self, name: str) -> float:
+        field = CONFIG[name]
+        return to_unit(field, field.unpack(self._image)[0])
+
+
+def review(image: bytes, context: Context) -> list[Finding]:
+    """Return what is wrong in an image, errors first, each in order of offset.
+
+    Raises:
+        DecodeError: it is not 420 bytes long.
+    """
+    found = [Finding("error", "range", error) for error in check(image)]
+    if not found:  # the rest is judged on values that can be
+        found = [*_cell(image, context.cell), *_current(image, context.cell), *_others(image)]
+        found += can_findings(image, context.heard_period_s or {})
+    return sorted(found, key=lambda f: (f.level != "error", f.error.offset))
+
+
+def review_change(before: bytes, after: bytes, context: Context) -> list[Finding]:
+    """Return the findings of an image that would replace another; warnings that stand already are marked."""
+    standing = {_identity(f) for f in review(before, context)}
+    found = [f.stands() if _identity(f) in standing else f for f in review(after, context)]
+    brp = CONFIG["can_brp"]
+    if before[brp.offset] != after[brp.offset]:
+        why = "every other controller on the bus has to change with it, or the bus is off"
+        found.append(finding("warning", "bit-rate", after, "can_brp", 0, f"as in force, {before[brp.offset]}", why))
+    return found
+
+
+def _identity(found: Finding) -> tuple[object, ...]:
+    error = found.error
+    return found.code, error.field, error.element, error.value
+
+
+Level = Literal["error", "warning"]
+
+
+def _cell(image: bytes, cell: CellModel) -> Iterator[Finding]:
+    """Cell limits against the data sheet and the rules."""
+    value, sheet = _Values(image), cell.limits
+    says = f"the data sheet of {cell.name} ends there"
+    if value["v_cell_max"] > cell.v_max_v:
+        yield finding("error", "data-sheet", image, "v_cell_max", 0, f"at most {cell.v_max_v:g} V", says)
+    if value["v_cell_min"] < cell.v_min_v:
+        yield finding("error", "data-sheet", image, "v_cell_min", 0, f"at least {cell.v_min_v:g} V", says)
+    if value["v_cell_min"] >= value["v_cell_chrg"]:
+        limit = f"below v_cell_chrg = {value['v_cell_chrg']:g} V"
+        yield finding("error", "order", image, "v_cell_min", 0, limit, "a full cell would count as empty")
+    highest = value["v_cell_max"] - CHARGE_MARGIN_V
+    if value["v_cell_chrg"] > highest + 1e-9:
+        level: Level = "error" if value["v_cell_chrg"] >= value["v_cell_max"] else "warning"
+        limit = f"{CHARGE_MARGIN_V * 1000:g} mV below v_cell_max, {highest:g} V"
+        yield finding(level, "charge-margin", image, "v_cell_chrg", 0, limit, "charging would end in a trip")
+    t_max = (
+        RULES_T_MAX_DEGC if sheet.temperature_max_degc is None else min(RULES_T_MAX_DEGC, sheet.temperature_max_degc)
+    )
+    if value["t_cell_max"] > t_max:
+        why = "the rules allow 60 degC, or the limit of the cell's data sheet where that is lower"
+        yield finding("error", "rules", image, "t_cell_max", 0, f"at most {t_max:g} degC", why)
+    if sheet.temperature_min_degc is not None and value["t_cell_min"] < sheet.temperature_min_degc:
+        limit = f"at least {sheet.temperature_min_degc:g} degC"
+        yield finding("error", "data-sheet", image, "t_cell_min", 0, limit, says)
+    if abs(value["c_avg"] - cell.capacity_ah) > CAPACITY_TOLERANCE * cell.capacity_ah:
+        limit = f"within 20 % of {cell.capacity_ah:g} Ah"
+        why = f"the service estimates {cell.name}; one of the two is another cell"
+        yield finding("warning", "other-cell", image, "c_avg", 0, limit, why)
+
+
+def measured_range_a(image: bytes) -> tuple[float, float]:
+    """Return the lowest and highest current that the sensor can tell with the gain and offset of an image [A]."""
+    gain, offset = CONFIG["i_gain"].unpack(image)[0], CONFIG["i_offset"].unpack(image)[0]
+    return -offset * gain / 5000 / 100, (ADC_MAX - offset) * gain / 5000 / 100
+
+
+def _current(image: bytes, cell: CellModel) -> Iterator[Finding]:
+    """The window of currents against the sensor, the cell and sense."""
+    value, sheet = _Values(image), cell.limits
+    low_a, high_a = measured_range_a(image)
+    ends = "the current sensor ends there with this gain and offset: the limit could never trip"
+    if value["i_disc_max"] >= high_a:
+        yield finding("error", "sensor", image, "i_disc_max", 0, f"below {high_a:.1f} A", ends)
+    if value["i_disc_min"] <= low_a:
+        yield finding("error", "sensor", image, "i_disc_min", 0, f"above {low_a:.1f} A", ends)
+    if value["i_chrg_max"] >= -low_a:
+        yield finding("error", "sensor", image, "i_chrg_max", 0, f"below {-low_a:.1f} A", ends)
+    if value["i_disc_max"] == 0:
+        yield finding("error", "window", image, "i_disc_max", 0, "above 0 A", "the car could not drive")
+    if sheet.charge_max_a is not None and value["i_chrg_max"] > sheet.charge_max_a:
+        why = f"the data sheet of {cell.name} ends there"
+        yield finding("error", "data-sheet", image, "i_chrg_max", 0, f"at most {sheet.charge_max_a:g} A", why)
+    if sheet.discharge_max_a is not None and value["i_disc_max"] > sheet.discharge_max_a:
+        why = f"the data sheet of {cell.name} allows no more for long; short pulses may be fine"
+        yield finding("warning", "data-sheet", image, "i_disc_max", 0, f"at most {sheet.discharge_max_a:g} A", why)
+    if sheet.charge_max_a is not None and -value["i_disc_min"] > sheet.charge_max_a:
+        why = f"the data sheet of {cell.name} allows no more charge for long; short pulses may be fine"
+        yield finding("warning", "data-sheet", image, "i_disc_min", 0, f"at least {-sheet.charge_max_a:g} A", why)
+    if abs(CONFIG["i_offset"].unpack(image)[0] - ADC_MIDDLE) > OFFSET_TOLERANCE * ADC_MIDDLE:
+        low, high = (f"{ADC_MIDDLE * (1 + sign * OFFSET_TOLERANCE) / 10:.0f}" for sign in (-1, 1))
+        why = "the sensor rests in the middle of its range; further off it is unplugged or broken"
+        yield finding("warning", "offset", image, "i_offset", 0, f"{low}..{high} counts", why)
+
+
+def _others(image: bytes) -> Iterator[Finding]:
+    value = _Values(image)
+    if value["fan_ramp_stop"] > value["t_cell_max"]:
+        limit = f"at most t_cell_max = {value['t_cell_max']:g} degC"
+        why = "the relays open before the fans run at their highest"
+        yield finding("warning", "fans", image, "fan_ramp_stop", 0, limit, why)
+    frame_s = data_frame_time_s(FAST_WINDOWS)
+    if value["ts"] < frame_s * 1000:
+        why = "a telemetry frame takes that long on the line: what does not fit is not sent"
+        yield finding("warning", "line", image, "ts", 0, f"at least {frame_s * 1000:.0f} ms", why)

@@ -1,0 +1,192 @@
+"""A slave's readings against a reference meter: which cells are further off than the board may be, and what that means.
+
+Nothing is corrected: the converter has no trim, and a number bent here would not be the one on which the master trips.
+What is out of tolerance is repaired and checked again; the errors before stay beside those after.
+"""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from app.errors import ConfigError, NotNow
+from app.sources.master.client import MasterClient
+from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, FIELDS, N_PACKS, T_MISSING
+
+SAMPLES = 20
+PERIOD_S = 0.05
+REST_A = 2.0  # more than the sensor's noise; with current, meter and slave see different instants
+STEADY = 3.0  # times the tolerance that a reading may scatter
+_ACTIVE = 1
+
+QuantityName = Literal["voltage", "temperature"]
+Cause = Literal["none", "reference", "wire", "cells"]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """What is compared; `tolerance` is the slave's own, in `unit`."""
+
+    unit: str
+    tolerance: float
+    lowest: float
+    highest: float
+    meter_error_max: float  # beyond it the meter cannot judge the slave
+
+
+QUANTITIES: dict[QuantityName, Quantity] = {
+    # LTC6804 data sheet, page 1: total measurement error at most 1.2 mV
+    "voltage": Quantity("V", 1.2e-3, 0.5, 5.0, 5e-3),
+    # half a count of the master (0.5 K), half a digit of the sensor's table (0.8 K at 60 degC), the rest the sensor's
+    "temperature": Quantity("degC", 2.0, -40.0, 100.0, 2.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One cell by its slave, averaged; None where it has no measurement. `sigma` of one sample."""
+
+    cell: int  # 0..95
+    value: float | None
+    sigma: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedCell:
+    """A reading beside the meter's; `is_good` None where one of them is missing."""
+
+    cell: int
+    value: float | None
+    sigma: float | None
+    reference: float | None
+    error: float | None  # reading minus reference
+    is_good: bool | None
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the errors of a slave say together; `share` is the common error where the cause is the reference."""
+
+    cells: tuple[CheckedCell, ...]
+    cause: Cause
+    out: tuple[int, ...]  # cells out of tolerance
+    share: float | None
+    limit: float  # tolerance and the meter's own error together
+
+
+def read_slave(
+    master: MasterClient, pack: int, quantity: QuantityName, *, sleep: Callable[[float], None] = time.sleep
+) -> list[Reading]:
+    """Average what a slave measures over a second; voltages as its converter gives them, not filtered.
+
+    Raises:
+        NotNow: the slave does not answer, a current flows, or cells of the pack are being bled.
+        LinkError: the master cannot be asked.
+    """
+    _require_rest(master, pack)
+    samples: list[list[float]] = [[] for _ in range(CELLS_PER_PACK)]
+    for _ in range(SAMPLES):
+        for found, value in zip(samples, _sample(master, pack, quantity), strict=True):
+            found += [] if value is None else [value]
+        sleep(PERIOD_S)
+    _require_rest(master, pack)
+    return [_averaged(pack * CELLS_PER_PACK + i, values) for i, values in enumerate(samples)]
+
+
+def judge(
+    readings: Sequence[Reading], reference: Sequence[float | None], quantity: QuantityName, meter_error: float
+) -> Verdict:
+    """Return the error of each cell, which are out of tolerance, and what they have in common.
+
+    Args:
+        readings: of one slave, in order.
+        reference: the meter's, one a reading, None where none was taken.
+        quantity: which.
+        meter_error: what the meter itself may be off [V or degC].
+
+    Raises:
+        ConfigError: a reference or the meter is beyond what can be; names the field.
+        NotNow: a reading is not steady.
+    """
+    limits = QUANTITIES[quantity]
+    if len(reference) != len(readings) or all(value is None for value in reference):
+        raise ConfigError("reference", f"{len(reference)} values", f"{len(readings)}, at least one of them a number")
+    if not 0 <= meter_error <= limits.meter_error_max:
+        most = f"0..{limits.meter_error_max:g} {limits.unit}: a meter that is further off cannot judge a slave"
+        raise ConfigError("meter_error", meter_error, most)
+    limit = limits.tolerance + meter_error
+    cells = tuple(_checked(r, value, limits, limit) for r, value in zip(readings, reference, strict=True))
+    if all(cell.error is None for cell in cells):
+        raise ConfigError("reference", "given", "for a cell that the slave measures")
+    out = tuple(cell.cell for cell in cells if cell.is_good is False)
+    cause, share = _cause(cells, limit, quantity)
+    return Verdict(cells, cause, out, share, limit)
+
+
+def _checked(reading: Reading, reference: float | None, limits: Quantity, limit: float) -> CheckedCell:
+    if reference is None or reading.value is None:
+        return CheckedCell(reading.cell, reading.value, reading.sigma, reference, None, None)
+    if not limits.lowest <= reference <= limits.highest:
+        field = f"reference[{reading.cell % CELLS_PER_PACK}]"
+        raise ConfigError(field, reference, f"{limits.lowest:g}..{limits.highest:g} {limits.unit}")
+    if reading.sigma is not None and reading.sigma > STEADY * limits.tolerance:
+        moves = f"{reading.sigma:.4f} {limits.unit}"
+        raise NotNow(f"cell {reading.cell % CELLS_PER_PACK + 1} is not steady: its reading moves by {moves}")
+    error = reading.value - reference
+    return CheckedCell(reading.cell, reading.value, reading.sigma, reference, error, abs(error) <= limit + 1e-9)
+
+
+def _cause(cells: Sequence[CheckedCell], limit: float, quantity: QuantityName) -> tuple[Cause, float | None]:
+    if not any(cell.is_good is False for cell in cells):
+        return "none", None
+    pairs = [(c.error, c.reference) for c in cells if c.error is not None and c.reference is not None]
+    if quantity == "voltage" and len(pairs) > 2:
+        # least squares of error = share * reference
+        share = sum(e * r for e, r in pairs) / sum(r * r for _, r in pairs)
+        if all(abs(e - share * r) <= limit for e, r in pairs):
+            return "reference", share
+    if quantity == "voltage" and _is_wire(cells):
+        return "wire", None
+    return "cells", None
+
+
+def _is_wire(cells: Sequence[CheckedCell]) -> bool:
+    """Two neighbours, one as much too high as the other is too low: the wire between them carries the difference."""
+    bad = [cell for cell in cells if cell.is_good is False]
+    if len(bad) != 2 or bad[1].cell - bad[0].cell != 1:
+        return False
+    first, second = bad[0].error or 0.0, bad[1].error or 0.0
+    return first * second < 0 and 0.5 <= abs(first / second) <= 2.0
+
+
+def _averaged(cell: int, values: list[float]) -> Reading:
+    if len(values) < SAMPLES:  # what is missing now and then is no measurement
+        return Reading(cell, None, None)
+    mean = sum(values) / len(values)
+    return Reading(cell, mean, math.sqrt(sum((value - mean) ** 2 for value in values) / (len(values) - 1)))
+
+
+def _sample(master: MasterClient, pack: int, quantity: QuantityName) -> list[float | None]:
+    if quantity == "voltage":
+        field = FIELDS[f"slave[{pack}].cvr"]
+        raws = field.unpack(master.read(field.offset, field.size), -field.offset)
+        return [None if raw in (0, CHIP_MISSING) else raw * field.scale for raw in raws]
+    field, start = FIELDS["t"], FIELDS["t"].offset + pack * CELLS_PER_PACK
+    signed = [raw - 256 if raw > 127 else raw for raw in master.read(start, CELLS_PER_PACK)]
+    return [None if raw == T_MISSING else raw * field.scale for raw in signed]
+
+
+def _require_rest(master: MasterClient, pack: int) -> None:
+    if not 0 <= pack < N_PACKS:
+        raise ConfigError("pack", pack, f"0..{N_PACKS - 1}")
+    status, register = FIELDS[f"slave[{pack}].status"], FIELDS[f"slave[{pack}].cfgr"]
+    if master.read(status.offset, status.size)[0] != _ACTIVE:
+        raise NotNow(f"the slave of pack {pack + 1} does not answer")
+    bits = master.read(register.offset, register.size)
+    if bits[4] or bits[5] & 0x0F:
+        raise NotNow(f"cells of pack {pack + 1} are being bled, which lowers what is read: stop balancing first")
+    current = FIELDS["i_fs"]
+    (raw,) = current.unpack(master.read(current.offset, current.size), -current.offset)
+    if abs(raw * current.scale) > REST_A:
+        raise NotNow(f"a current of {raw * current.scale:.1f} A flows: a slave is checked at rest")

@@ -1,0 +1,1 @@
+"""The equivalent circuit of a cell, its OCV curve and its file."""

@@ -1,0 +1,171 @@
+"""Cell files: a cell model as TOML that people can read, write and compare.
+
+The only place of the package that touches a file. A cell that ships with Voltwall is loaded by its bare name.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.estimation.cell_model.cell_document import SECTIONS, CellDocument
+from app.estimation.cell_model.circuit import CellLimits, CellModel
+from app.estimation.cell_model.ocv import OcvCurve
+from app.estimation.errors import CellFileError, ModelError
+
+DEFAULT_CELL: Final = "samsung-25r-10p"
+_FIELD_OF_ATTRIBUTE: Final = {
+    "soc_grid": "circuit.soc",
+    "temperature_grid_degc": "circuit.temperature_degc",
+    "r0_ohm": "circuit.r0_ohm",
+    "overpotential_v": "asinh.voltage_v",
+    "overpotential_current_a": "asinh.current_a",
+    "hysteresis_v": "hysteresis.voltage_v",
+    "hysteresis_rate": "hysteresis.rate",
+    "fit_voltage_rms_v": "fit.voltage_rms_v",
+    "fit_current_max_a": "fit.current_max_a",
+    "ocv": "ocv.voltage_v",
+}
+
+
+def bundled_cells() -> tuple[str, ...]:
+    """Return the names of the cells that ship with Voltwall, in order."""
+    folder = resources.files("app.estimation.cell_model") / "cells"
+    return tuple(sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")))
+
+
+def load_cell(path_or_name: str | Path = DEFAULT_CELL) -> CellModel:
+    """Return the cell model of a TOML file, or of a bundled cell when the argument is one of their names.
+
+    Raises:
+        CellFileError: the file cannot be read, is not TOML, or a field is missing, unknown, of the wrong type,
+            of the wrong shape or out of range; the error names the line and the field.
+    """
+    name = str(path_or_name)
+    path = Path(name)
+    try:
+        if name in bundled_cells():
+            text = (resources.files("app.estimation.cell_model") / "cells" / f"{name}.toml").read_text(encoding="utf-8")
+        else:
+            text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as exc:
+        reason = f"cannot be read ({exc}); bundled cells: {', '.join(bundled_cells())}"
+        raise CellFileError(name, None, "", reason) from exc
+    return parse_cell(text, name)
+
+
+def parse_cell(text: str, path: str = "cell file") -> CellModel:
+    """Return the cell model written in TOML text; `path` is for the error message only.
+
+    Raises:
+        CellFileError: see `load_cell`.
+    """
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as exc:
+        found = re.search(r"line (\d+)", str(exc))
+        raise CellFileError(path, int(found.group(1)) if found else None, "", f"not TOML: {exc}") from exc
+    reader = CellDocument(document, text, path)
+    reader.refuse_unknown()
+    reader.refuse_alone("asinh", "voltage_v", "current_a")
+    try:
+        ocv = OcvCurve(reader.row("ocv", "soc"), reader.row("ocv", "voltage_v"), reader.word("ocv", "method"))
+        soc = reader.row("circuit", "soc", np.array([0.5]))
+        temperature = reader.row("circuit", "temperature_degc", np.array([25.0]))
+        shape = (temperature.size, soc.size)
+        pairs = reader.pairs()
+        return CellModel(
+            name=str(reader.take("", "name", str)),
+            source=str(reader.take("", "source", str, "")),
+            capacity_ah=reader.number("", "capacity_ah"),
+            coulombic_efficiency=reader.number("", "coulombic_efficiency", 1.0),
+            v_min_v=reader.number("", "v_min_v"),
+            v_max_v=reader.number("", "v_max_v"),
+            ocv=ocv,
+            soc_grid=soc,
+            temperature_grid_degc=temperature,
+            r0_ohm=reader.table("circuit", "r0_ohm", shape),
+            r_ohm=np.array([reader.table(f"circuit.rc[{k}]", "r_ohm", shape) for k in pairs]).reshape(-1, *shape),
+            tau_s=np.array([reader.table(f"circuit.rc[{k}]", "tau_s", shape) for k in pairs]).reshape(-1, *shape),
+            overpotential_v=reader.table("asinh", "voltage_v", shape, 0.0),
+            overpotential_current_a=reader.number("asinh", "current_a", 1.0),
+            hysteresis_v=reader.number("hysteresis", "voltage_v", 0.0),
+            hysteresis_rate=reader.number("hysteresis", "rate", 50.0),
+            fit_voltage_rms_v=reader.number("fit", "voltage_rms_v", 0.0),
+            fit_current_max_a=reader.number("fit", "current_max_a", 0.0),
+            limits=CellLimits(**{name: reader.known("limits", name) for name in sorted(SECTIONS["limits"])}),
+        )
+    except CellFileError:
+        raise
+    except ModelError as exc:
+        field = _FIELD_OF_ATTRIBUTE.get(exc.field, exc.field)
+        if pair := re.fullmatch(r"(r_ohm|tau_s)\[(\d)\]", exc.field):
+            field = f"circuit.rc[{pair.group(2)}].{pair.group(1)}"
+        raise CellFileError(path, reader.line_of(field), field, exc.reason) from exc
+
+
+def save_cell(model: CellModel, path: str | Path) -> None:
+    """Write the model as a cell file that `load_cell` reads back equal to 9 digits; OSError if it cannot."""
+    Path(path).write_text(format_cell(model), encoding="utf-8")
+
+
+def format_cell(model: CellModel) -> str:
+    """Return the model as TOML text."""
+    lines = [
+        f"name = {_quote(model.name)}",
+        f"source = {_quote(model.source)}",
+        f"capacity_ah = {_number(model.capacity_ah)}",
+        f"coulombic_efficiency = {_number(model.coulombic_efficiency)}",
+        f"v_min_v = {_number(model.v_min_v)}",
+        f"v_max_v = {_number(model.v_max_v)}",
+        "",
+        "[ocv]",
+        f'method = "{model.ocv.method}"',
+        f"soc = {_row(model.ocv.soc)}",
+        f"voltage_v = {_row(model.ocv.voltage_v)}",
+        "",
+        "[circuit]  # tables: one row for each temperature, one column for each SOC",
+        f"soc = {_row(model.soc_grid)}",
+        f"temperature_degc = {_row(model.temperature_grid_degc)}",
+        f"r0_ohm = {_table(model.r0_ohm)}",
+    ]
+    for r, tau in zip(model.r_ohm, model.tau_s, strict=True):
+        lines += ["", "[[circuit.rc]]", f"r_ohm = {_table(r)}", f"tau_s = {_table(tau)}"]
+    if model.overpotential_v is not None and model.overpotential_v.any():
+        lines += ["", "[asinh]", f"current_a = {_number(model.overpotential_current_a)}"]
+        lines.append(f"voltage_v = {_table(model.overpotential_v)}")
+    if model.hysteresis_v:
+        lines += ["", "[hysteresis]", f"voltage_v = {_number(model.hysteresis_v)}"]
+        lines.append(f"rate = {_number(model.hysteresis_rate)}")
+    lines += ["", "[fit]", f"voltage_rms_v = {_number(model.fit_voltage_rms_v)}"]
+    lines.append(f"current_max_a = {_number(model.fit_current_max_a)}")
+    limits = {name: getattr(model.limits, name) for name in sorted(SECTIONS["limits"])}
+    if known := [f"{name} = {_number(value)}" for name, value in limits.items() if value is not None]:
+        lines += ["", "[limits]  # of the data sheet", *known]
+    return "\n".join(lines) + "\n"
+
+
+def _quote(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
+    return f'"{escaped}"'
+
+
+def _number(value: float) -> str:
+    text = f"{float(value):.9g}"
+    return text if any(mark in text for mark in ".en") else text + ".0"
+
+
+def _row(values: NDArray[np.float64]) -> str:
+    return "[" + ", ".join(_number(v) for v in values) + "]"
+
+
+def _table(table: NDArray[np.float64]) -> str:
+    if np.ptp(table) == 0.0:
+        return _number(table.flat[0])
+    return "[\n" + "".join(f"  {_row(row)},\n" for row in table) + "]"

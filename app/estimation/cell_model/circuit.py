@@ -1,0 +1,279 @@
+"""The equivalent circuit of one cell: OCV, R0, up to four RC pairs, optional asinh overpotential and hysteresis.
+
+State is the *current* through each RC resistor, so the process is linear whatever the resistances do:
+
+    z'   = z - dt eta i / (3600 Q)                    eta = coulombic efficiency on charge, 1 on discharge
+    i_k' = a_k i_k + (1 - a_k) i,   a_k = exp(-dt / tau_k)            exact for a held current
+    v    = OCV(z) - R0 i - e asinh(i / i_ref) - sum R_k i_k + M h
+
+Current is positive on discharge. Tables run over SOC and temperature and are interpolated linearly in both.
+Source: the notes STATE-SPACE (zero-order hold) and EKF-CDKF-2022 (currents as states).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from app.estimation.cell_model.ocv import OVERSHOOT, OcvCurve
+from app.estimation.errors import ModelError
+
+FloatArray = NDArray[np.float64]
+MAX_RC_PAIRS: Final = 4
+SECONDS_PER_HOUR: Final = 3600.0
+TEMPERATURE_DEGC: Final = (-60.0, 150.0)  # of any cell that is still one
+VOLTAGE_MAX_V: Final = 10.0  # no single cell has more
+
+
+@dataclass(frozen=True, slots=True)
+class CellLimits:
+    """What the data sheet allows beyond the voltages; None where it was not said."""
+
+    temperature_min_degc: float | None = None
+    temperature_max_degc: float | None = None
+    discharge_max_a: float | None = None  # continuous
+    charge_max_a: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("temperature_min_degc", "temperature_max_degc"):
+            value = getattr(self, name)
+            if value is not None and not TEMPERATURE_DEGC[0] <= value <= TEMPERATURE_DEGC[1]:
+                raise ModelError(f"limits.{name}", f"has to lie in {TEMPERATURE_DEGC[0]:g}..{TEMPERATURE_DEGC[1]:g}")
+        for name in ("discharge_max_a", "charge_max_a"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise ModelError(f"limits.{name}", "has to be finite and positive; charging counts as positive here")
+        low, high = self.temperature_min_degc, self.temperature_max_degc
+        if low is not None and high is not None and not low < high:
+            raise ModelError("limits.temperature_min_degc", "has to lie below temperature_max_degc")
+
+
+@dataclass(frozen=True, eq=False)
+class CellModel:
+    """Everything the filters know about a cell. Tables are (n_temperatures, n_soc), RC tables (n_rc, n_t, n_soc).
+
+    Attributes:
+        name: what the cell is called.
+        source: where the numbers come from.
+        capacity_ah: charge between SOC 1 and 0 [Ah].
+        ocv: open-circuit voltage over SOC.
+        soc_grid: (n_soc,) SOC of the table columns, rising.
+        temperature_grid_degc: (n_t,) temperature of the table rows [degC], rising; one row holds everywhere.
+        r0_ohm: ohmic resistance [ohm].
+        r_ohm: RC resistances [ohm]; n_rc = 0 is a cell without memory.
+        tau_s: RC time constants [s], positive.
+        overpotential_v: factor e of the static asinh(i / overpotential_current_a) [V]; zeros switch it off.
+        overpotential_current_a: the current i_ref of that term [A].
+        hysteresis_v: half the gap M between charge and discharge OCV [V]; 0 switches the state off.
+        hysteresis_rate: how fast the hysteresis state follows charge, per unit of SOC moved.
+        coulombic_efficiency: share of the charging charge that is kept, 0..1.
+        v_min_v, v_max_v: limits of the cell's voltage [V].
+        limits: the data sheet's other limits; no filter uses them.
+        fit_voltage_rms_v: open-loop voltage error of the identification [V]; 0 = not known.
+        fit_current_max_a: largest current magnitude the identification has seen [A]; 0 = not known.
+
+    Raises:
+        ModelError: a shape does not match, a value is not finite or out of range.
+    """
+
+    name: str
+    capacity_ah: float
+    ocv: OcvCurve
+    soc_grid: FloatArray
+    temperature_grid_degc: FloatArray
+    r0_ohm: FloatArray
+    r_ohm: FloatArray
+    tau_s: FloatArray
+    overpotential_v: FloatArray | None = None
+    overpotential_current_a: float = 1.0
+    hysteresis_v: float = 0.0
+    hysteresis_rate: float = 50.0
+    coulombic_efficiency: float = 1.0
+    v_min_v: float = 2.5
+    v_max_v: float = 4.2
+    fit_voltage_rms_v: float = 0.0
+    fit_current_max_a: float = 0.0
+    source: str = ""
+    limits: CellLimits = CellLimits()
+    _static: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("soc_grid", "temperature_grid_degc", "r0_ohm", "r_ohm", "tau_s"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
+        shape = (self.temperature_grid_degc.size, self.soc_grid.size)
+        over = np.zeros(shape) if self.overpotential_v is None else np.array(self.overpotential_v, dtype=np.float64)
+        object.__setattr__(self, "overpotential_v", over)
+        _check(self, shape)
+        object.__setattr__(self, "_static", np.concatenate(([self.r0_ohm, over], self.r_ohm, self.tau_s)))
+
+    @property
+    def n_rc(self) -> int:
+        """Number of RC pairs."""
+        return int(self.r_ohm.shape[0])
+
+    @property
+    def c_rate_a(self) -> float:
+        """The current that empties the cell in an hour [A]."""
+        return self.capacity_ah
+
+    @property
+    def drop_per_c_v(self) -> float:
+        """Voltage a lasting current takes for each C of it, at 3C, half charge and 25 degC [V]."""
+        i = 3.0 * self.c_rate_a
+        p = self.parameters(0.5, 25.0)
+        over = float(p[1]) * float(np.arcsinh(i / self.overpotential_current_a))
+        return (i * float(p[0] + p[2 : 2 + self.n_rc].sum()) + over) / 3.0
+
+    def parameters(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
+        """Return (2 + 2 n_rc, ...) rows R0, e, R_1.., tau_1.. at each SOC and temperature, broadcast together.
+
+        Linear in both; held at the edge of the tables.
+        """
+        js, ws = _weights(self.soc_grid, np.asarray(soc, dtype=np.float64))
+        jt, wt = _weights(self.temperature_grid_degc, np.asarray(temperature_degc, dtype=np.float64))
+        n_soc, n_t = self.soc_grid.size, self.temperature_grid_degc.size
+        table = self._static.reshape(-1, n_t * n_soc)
+        ks = np.minimum(js + 1, n_soc - 1)
+        here, above = jt * n_soc, np.minimum(jt + 1, n_t - 1) * n_soc
+        one_minus_ws = 1 - ws
+        low = table.take(here + js, axis=1) * one_minus_ws + table.take(here + ks, axis=1) * ws
+        high = table.take(above + js, axis=1) * one_minus_ws + table.take(above + ks, axis=1) * ws
+        return np.asarray(low * (1 - wt) + high * wt)
+
+    def terminal_voltage(
+        self,
+        soc: ArrayLike,
+        branch_a: ArrayLike,
+        current_a: ArrayLike,
+        temperature_degc: ArrayLike = 25.0,
+        hysteresis: ArrayLike = 0.0,
+    ) -> FloatArray:
+        """Return the terminal voltage [V], same shape as `soc`.
+
+        v = OCV(z) - R0 i - e asinh(i / i_ref) - sum R_k i_k + M h
+
+        Args:
+            soc: (...) state of charge.
+            branch_a: (n_rc, ...) currents through the RC resistors [A].
+            current_a: (...) or scalar, positive on discharge [A].
+            temperature_degc: (...) or scalar [degC].
+            hysteresis: (...) or scalar, -1 after a long discharge to +1 after a long charge.
+        """
+        p = self.parameters(soc, temperature_degc)
+        i = np.asarray(current_a, dtype=np.float64)
+        v = self.ocv.voltage(soc) - p[0] * i - p[1] * np.arcsinh(i / self.overpotential_current_a)
+        branches = (p[2 : 2 + self.n_rc] * np.asarray(branch_a, dtype=np.float64)).sum(axis=0)
+        return np.asarray(v - branches + self.hysteresis_v * np.asarray(hysteresis))
+
+
+def charge_moved_coulomb(model: CellModel, current_a: ArrayLike, dt_s: ArrayLike) -> FloatArray:
+    """Return the charge taken out of the cell [C] by a held current; charging counts times the efficiency."""
+    i = np.asarray(current_a, dtype=np.float64)
+    return np.asarray(np.where(i < 0, model.coulombic_efficiency * i, i) * np.asarray(dt_s))
+
+
+def simulate(
+    model: CellModel,
+    time_s: FloatArray,
+    current_a: FloatArray,
+    temperature_degc: FloatArray,
+    soc_start: float,
+    trapezoidal: bool = False,
+) -> tuple[FloatArray, FloatArray]:
+    """Return SOC and terminal voltage (n,), (n,) of one cell along a record, open loop from rest.
+
+    Sample k's current is held from k-1 to k (as a sensor that averages delivers it), or with `trapezoidal`
+    the mean of both samples counts. Any step length is exact.
+
+    Args:
+        model: the cell.
+        time_s: (n,) rising time [s].
+        current_a: (n,) positive on discharge [A].
+        temperature_degc: (n,) [degC].
+        soc_start: SOC at the first sample.
+        trapezoidal: use the mean of neighbouring current samples.
+
+    Raises:
+        ModelError: time does not rise.
+    """
+    dt = np.diff(time_s, prepend=time_s[:1])
+    if (dt < 0).any():
+        raise ModelError("time_s", "runs backwards")
+    held = current_a.copy()
+    if trapezoidal:
+        held[1:] = 0.5 * (current_a[1:] + current_a[:-1])
+    soc = soc_start - np.cumsum(charge_moved_coulomb(model, held, dt)) / (SECONDS_PER_HOUR * model.capacity_ah)
+    tau = model.parameters(soc, temperature_degc)[2 + model.n_rc :]
+    decay = np.exp(-dt / tau)
+    branch = np.empty_like(decay)
+    state = np.zeros(model.n_rc)
+    gain = (1.0 - decay) * held
+    for k in range(time_s.size):
+        state = decay[:, k] * state + gain[:, k]
+        branch[:, k] = state
+    hysteresis = np.zeros(time_s.size)
+    if model.hysteresis_v:
+        moved = np.diff(soc, prepend=soc_start)
+        follow = np.exp(-model.hysteresis_rate * np.abs(moved))
+        h = 0.0
+        for k in range(time_s.size):
+            h = follow[k] * h + (1.0 - follow[k]) * np.sign(moved[k])
+            hysteresis[k] = h
+    return soc, model.terminal_voltage(soc, branch, current_a, temperature_degc, hysteresis)
+
+
+def _weights(grid: FloatArray, x: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    if grid.size == 1:
+        return np.zeros(x.shape, dtype=np.intp), np.zeros(x.shape)
+    j = np.minimum(np.maximum(grid.searchsorted(x, side="right") - 1, 0), grid.size - 2)
+    start = grid.take(j)
+    return j, np.minimum(np.maximum((x - start) / (grid.take(j + 1) - start), 0.0), 1.0)
+
+
+def _check(model: CellModel, shape: tuple[int, int]) -> None:
+    for name in ("soc_grid", "temperature_grid_degc"):
+        grid = getattr(model, name)
+        if grid.ndim != 1 or grid.size < 1 or not np.isfinite(grid).all() or not (np.diff(grid) > 0).all():
+            raise ModelError(name, "has to be one rising row of finite numbers")
+    if model.soc_grid[0] < -OVERSHOOT or model.soc_grid[-1] > 1.0 + OVERSHOOT:
+        raise ModelError("soc_grid", "has to lie inside -0.05..1.05: 1 is full")
+    low, high = TEMPERATURE_DEGC
+    if model.temperature_grid_degc[0] < low or model.temperature_grid_degc[-1] > high:
+        raise ModelError("temperature_grid_degc", f"has to lie in {low:g}..{high:g}")
+    for name in ("r0_ohm", "overpotential_v"):
+        table = getattr(model, name)
+        if table.shape != shape:
+            raise ModelError(name, f"has shape {table.shape}, the grids ask for {shape}")
+        if not (np.isfinite(table).all() and (table >= 0).all()):
+            raise ModelError(name, "has to be finite and not negative")
+    n_rc = model.r_ohm.shape[0] if model.r_ohm.ndim == 3 else -1
+    if not 0 <= n_rc <= MAX_RC_PAIRS or model.r_ohm.shape[1:] != shape or model.tau_s.shape != model.r_ohm.shape:
+        raise ModelError(
+            "r_ohm",
+            f"needs 0 to {MAX_RC_PAIRS} tables of {shape}, and tau_s alike: {model.r_ohm.shape}, {model.tau_s.shape}",
+        )
+    for k, (r_ohm, tau_s) in enumerate(zip(model.r_ohm, model.tau_s, strict=True)):
+        if not (np.isfinite(r_ohm).all() and (r_ohm >= 0).all()):
+            raise ModelError(f"r_ohm[{k}]", "has to be finite and not negative")
+        if not (np.isfinite(tau_s).all() and (tau_s > 0).all()):
+            raise ModelError(f"tau_s[{k}]", "has to be finite and positive")
+    for name in ("capacity_ah", "overpotential_current_a", "hysteresis_rate"):
+        if not (np.isfinite(getattr(model, name)) and getattr(model, name) > 0):
+            raise ModelError(name, "has to be finite and positive")
+    for name in ("hysteresis_v", "fit_voltage_rms_v", "fit_current_max_a"):
+        if not (np.isfinite(getattr(model, name)) and getattr(model, name) >= 0):
+            raise ModelError(name, "has to be finite and not negative")
+    if not 0.5 <= model.coulombic_efficiency <= 1.0:
+        raise ModelError("coulombic_efficiency", "has to lie in 0.5..1")
+    for name in ("v_min_v", "v_max_v"):
+        if not 0.0 <= getattr(model, name) <= VOLTAGE_MAX_V:
+            raise ModelError(name, f"has to lie in 0..{VOLTAGE_MAX_V:g} V, the volts of one cell")
+    if not model.v_min_v < model.v_max_v:
+        raise ModelError("v_min_v", "has to lie below v_max_v")
+    if model.ocv.voltage_v[0] < 0.0 or model.ocv.voltage_v[-1] > VOLTAGE_MAX_V:
+        raise ModelError("ocv", f"has to lie in 0..{VOLTAGE_MAX_V:g} V, the volts of one cell")
+    if float(model.r0_ohm.min()) * model.capacity_ah > model.v_max_v - model.v_min_v:
+        raise ModelError("r0_ohm", "would take all of the voltage at 1C: is it in milliohms?")

@@ -1,0 +1,1 @@
+"""State of charge of all cells: charge count, sigma-point filters, their fusion."""

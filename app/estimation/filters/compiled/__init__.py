@@ -1,0 +1,1 @@
+"""The filters compiled to machine code. The equations are those of the numpy filters."""

@@ -1,0 +1,1 @@
+"""What ages: capacity, resistance, joints, and the current sensor's offset."""

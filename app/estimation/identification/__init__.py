@@ -1,0 +1,1 @@
+"""Fits a cell model to measurements."""

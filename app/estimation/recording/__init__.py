@@ -1,0 +1,1 @@
+"""One clean recording of a cell out of columns as users have them."""

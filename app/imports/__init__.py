@@ -1,1 +1,0 @@
-"""Recordings of other battery management systems, made into sessions."""

@@ -1,1 +1,0 @@
-"""Bytes in, items out; requests in, bytes out. Nothing here knows what bytes mean."""

@@ -1,0 +1,105 @@
+"""Conditions with memory: raised after they persist, ended with hysteresis, kept until acknowledged."""
+
+from dataclasses import dataclass, replace
+
+from app.live.conditions import Condition, conditions, is_judged
+from app.telemetry import Alarm, Event, Severity, Snapshot
+
+RAISE_AFTER_NS: dict[Severity, int] = {
+    "info": 0,
+    "watch": 2_000_000_000,
+    "warning": 1_000_000_000,
+    "trip": 300_000_000,
+}
+END_AFTER_NS = 2_000_000_000
+
+
+@dataclass
+class _Pending:
+    first_ns: int
+    last_ns: int
+    wall_ns: int
+
+
+class Watch:
+    """Feeds on snapshots; returns the alarms to show and the events to log."""
+
+    def __init__(self) -> None:
+        self._pending: dict[str, _Pending] = {}
+        self._alarms: dict[str, Alarm] = {}
+        self._seen_ns: dict[str, int] = {}
+        self._raised_ns: dict[str, int] = {}
+        self._next_id = 1
+
+    def step(self, snapshot: Snapshot) -> tuple[tuple[Alarm, ...], list[Event]]:
+        """Judge one snapshot. A single sample raises nothing: a condition has to persist over at least two."""
+        now_ns = snapshot.t_mono_ns
+        events: list[Event] = []
+        raised = {condition.key: condition for condition in conditions(snapshot)}
+        held = {condition.key: condition for condition in conditions(snapshot, slack=1.0)}
+        for key, condition in raised.items():
+            pending = self._pending.setdefault(key, _Pending(now_ns, now_ns, snapshot.t_wall_ns))
+            pending.last_ns = now_ns
+            alarm = self._alarms.get(key)
+            persisted = now_ns - pending.first_ns >= RAISE_AFTER_NS[condition.severity] and now_ns > pending.first_ns
+            if persisted and (alarm is None or not alarm.active):
+                self._alarms[key] = self._raise(condition, pending.wall_ns)
+                self._raised_ns[key] = pending.first_ns
+                events.append(_event(condition, snapshot.t_wall_ns, condition.text))
+        for key in set(self._pending) - set(raised):
+            del self._pending[key]
+        for key, alarm in list(self._alarms.items()):
+            now_held = held.get(key) or raised.get(key)
+            if now_held is not None:
+                self._seen_ns[key] = now_ns
+                if alarm.active:
+                    self._alarms[key] = replace(
+                        alarm, value=now_held.value, cell=now_held.cell, limit=now_held.limit, text=now_held.text
+                    )
+            elif not is_judged(key, snapshot):
+                self._seen_ns[key] = now_ns  # what cannot be seen has not ended
+            elif alarm.active and now_ns - self._seen_ns.get(key, now_ns) >= END_AFTER_NS:
+                self._alarms[key] = replace(alarm, active=False)
+                seconds = (now_ns - self._raised_ns[key]) / 1e9
+                text = f"ended after {seconds:.1f} s: {alarm.text}"
+                events.append(_event(alarm, snapshot.t_wall_ns, text, severity="info"))
+        self._drop_finished()
+        order = {"trip": 0, "warning": 1, "watch": 2, "info": 3}
+        alarms = sorted(self._alarms.values(), key=lambda a: (not a.active, order[a.severity], -a.since_ns))
+        return tuple(alarms), events
+
+    def acknowledge(self, alarm_id: int, who: str) -> bool:
+        """Mark an alarm as seen; it leaves when its condition has ended. False where there is no such alarm."""
+        for key, alarm in self._alarms.items():
+            if alarm.id == alarm_id:
+                self._alarms[key] = replace(alarm, acknowledged_by=who)
+                return True
+        return False
+
+    def _raise(self, condition: Condition, since_ns: int) -> Alarm:
+        self._next_id += 1
+        return Alarm(
+            self._next_id - 1,
+            condition.code,
+            condition.severity,
+            condition.text,
+            since_ns,
+            True,
+            condition.cell,
+            condition.value,
+            condition.limit,
+            condition.unit,
+        )
+
+    def _drop_finished(self) -> None:
+        for key, alarm in list(self._alarms.items()):
+            if not alarm.active and (alarm.acknowledged_by is not None or alarm.severity == "watch"):
+                del self._alarms[key]
+                self._seen_ns.pop(key, None)
+                self._raised_ns.pop(key, None)
+
+
+def _event(source: Condition | Alarm, wall_ns: int, text: str, severity: Severity | None = None) -> Event:
+    return Event(
+        wall_ns, severity or source.severity, source.code, text, source.cell, source.value, source.limit, source.unit
+    )

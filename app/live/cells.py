@@ -1,0 +1,74 @@
+"""What is told of each cell and of each pack, out of what the master sent and what the estimator made of it."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from app.estimation.filters.estimators import Estimates
+from app.live.prediction import Outlook
+from app.sources.master.decode import NO_CELLS, Decoder
+from app.telemetry import Cells, FloatArray
+from firmware_protocol.memory_map import CELLS_PER_PACK, N_PACKS
+
+
+def cells_of(decoder: Decoder, estimate: Estimates | None, outlook: Outlook) -> Cells:
+    """Everything per cell; estimates are NaN without an estimator's result, and where the cell has no voltage."""
+    voltages_v = decoder.voltages_v()
+    resistance_ohm = decoder.array("r_fs", (0,))
+    joints, health, growth = outlook.joints, outlook.health, outlook.learned
+    if joints is not None:
+        resistance_ohm = np.where(np.isfinite(joints.resistance_ohm), joints.resistance_ohm, resistance_ohm)
+    none = NO_CELLS
+    return Cells(
+        voltage_v=voltages_v,
+        temperature_degc=decoder.temperatures_degc(),
+        soc=none if estimate is None else estimate.soc,
+        soc_sigma=none if estimate is None else estimate.soc_sigma,
+        ocv_v=none if estimate is None else estimate.ocv_v,
+        residual_v=none if estimate is None else voltages_v - estimate.voltage_v,
+        resistance_ohm=resistance_ohm,
+        capacity_ah=decoder.array("c", (0,)) if outlook.capacity_ah is None else outlook.capacity_ah,
+        balancing=decoder.balancing(),
+        model_valid=None if estimate is None else estimate.model_valid,
+        soh_capacity=none if health is None else health.capacity,
+        resistance_factor=none if growth is None else np.where(growth.has_resistance, growth.resistance_factor, np.nan),
+        joint_excess_ohm=none if joints is None else joints.joint_excess_ohm,
+        joint_loose=outlook.loose,
+    )
+
+
+def extreme(values: FloatArray, *, highest: bool) -> tuple[float | None, int | None]:
+    """Return (value, cell) of the highest or lowest element that is there."""
+    present = np.where(np.isnan(values), -np.inf if highest else np.inf, values)
+    cell = int(present.argmax() if highest else present.argmin())
+    value = float(values[cell])
+    return (None, None) if math.isnan(value) else (value, cell)
+
+
+def mean(values: FloatArray) -> float | None:
+    """Mean of the elements that are there."""
+    present = values[~np.isnan(values)]
+    return float(present.sum() / len(present)) if len(present) else None
+
+
+def packs_of(cells: Cells, decoder: Decoder) -> list[dict[str, Any]]:
+    """Eight packs: voltage only where all twelve cells are there."""
+    voltages_v = cells.voltage_v.reshape(N_PACKS, CELLS_PER_PACK)
+    temperatures_degc = cells.temperature_degc.reshape(N_PACKS, CELLS_PER_PACK)
+    low_v, high_v = np.fmin.reduce(voltages_v, axis=1), np.fmax.reduce(voltages_v, axis=1)
+    columns = {
+        "voltage_v": voltages_v.sum(axis=1),
+        "min_v": low_v,
+        "max_v": high_v,
+        "delta_v": high_v - low_v,
+        "temperature_max_degc": np.fmax.reduce(temperatures_degc, axis=1),
+        "temperature_min_degc": np.fmin.reduce(temperatures_degc, axis=1),
+    }
+    packs: list[dict[str, Any]] = [{} for _ in range(N_PACKS)]
+    for name, column in columns.items():
+        for pack, value in zip(packs, column.tolist(), strict=True):
+            pack[name] = None if math.isnan(value) else value
+    for index, pack in enumerate(packs):
+        pack["slave_status"] = decoder.integer(f"slave[{index}].status")
+    return packs

@@ -1,0 +1,179 @@
+"""What can be wrong, as facts about one snapshot: code, severity, where, value, limit. No memory, no time."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.estimation.health.joint_watch import ALARM_OHM
+from app.sources.master.decode import BLANK_S
+from app.telemetry import Severity, Snapshot
+from firmware_protocol.memory_map import CONFIG, N_CELLS
+
+V_WATCH_V = 0.05  # this close to a voltage limit
+T_WATCH_DEGC = 5.0
+SIGMA_WATCH = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """One thing that is wrong now. `key` tells two of them apart; `excess` in units of the limit's margin, >= 0."""
+
+    code: str
+    severity: Severity
+    text: str
+    cell: int | None = None
+    value: float | None = None
+    limit: float | None = None
+    unit: str = ""
+
+    @property
+    def key(self) -> str:
+        """Equal for the same trouble in the same place."""
+        return self.code
+
+
+def conditions(snapshot: Snapshot, *, slack: float = 0.0) -> Iterator[Condition]:
+    """Yield what is wrong in a snapshot.
+
+    Args:
+        snapshot: judged by itself.
+        slack: 0 to raise; 1 to hold: limits moved inwards by a hysteresis (10 mV, 1 degC), so that an alarm ends only
+            well inside its limit.
+    """
+    yield from _links(snapshot)
+    if _has_limits(snapshot):
+        yield from _limits(snapshot, slack)
+    yield from _master(snapshot)
+    yield from _cells(snapshot)
+
+
+def is_judged(code: str, snapshot: Snapshot) -> bool:
+    """True where the snapshot knows what a condition is about; where not, that it is not yielded says nothing."""
+    total, master = snapshot.accumulator, snapshot.master
+    if code.startswith("cell-voltage"):
+        return _has_limits(snapshot) and total["voltage_min_v"] is not None
+    if code in ("cell-hot", "cell-near-hot", "cell-cold"):
+        return _has_limits(snapshot) and total["temperature_max_degc"] is not None
+    if code.startswith("current"):
+        return _has_limits(snapshot) and total["current_a"] is not None
+    if code.startswith("charger"):
+        return snapshot.charger["state"] is not None
+    known: dict[str, bool] = {
+        "master-fault": master["state"] != "unknown",
+        "map-mismatch": master["map_matches"] is not None,
+        "cell-missing": _is_recent(snapshot),
+        "model-not-valid": snapshot.cells.model_valid is not None,
+    }
+    return known.get(code, True)
+
+
+def _has_limits(snapshot: Snapshot) -> bool:
+    return snapshot.age_s["config"] is not None and bool(snapshot.master["state"] != "unknown")
+
+
+def _is_recent(snapshot: Snapshot) -> bool:
+    """Voltages arrive, whatever they say."""
+    age_s = snapshot.age_s["voltage"]
+    return age_s is not None and age_s <= BLANK_S
+
+
+def _limit(snapshot: Snapshot, name: str) -> float:
+    field = CONFIG[name]
+    return float(field.unpack(snapshot.image)[0] * field.scale)
+
+
+def _links(snapshot: Snapshot) -> Iterator[Condition]:
+    for name, label in (("rs232", "RS232"), ("can", "CAN")):
+        status = snapshot.links[name]  # type: ignore[index]
+        if status.state == "lost":
+            yield Condition(f"{name}-lost", "warning", f"{label} lost: {status.error or 'closed'}")
+        elif status.state == "silent" and status.frames:
+            yield Condition(f"{name}-silent", "warning", f"{label} silent", value=status.age_s, limit=1.0, unit="s")
+
+    can = snapshot.links["can"]
+    if can.bus_state in ("passive", "off"):
+        text = "CAN controller off the bus" if can.bus_state == "off" else "CAN controller error-passive"
+        yield Condition(
+            f"can-bus-{can.bus_state}",
+            "warning",
+            text,
+            value=None if can.errors is None else float(can.errors),
+            unit="errors",
+        )
+    if snapshot.disagreements:
+        first = snapshot.disagreements[0]
+        more = f", and {len(snapshot.disagreements) - 1} more" if len(snapshot.disagreements) > 1 else ""
+        text = f"RS232 and CAN disagree on {first.name}{more}: by RS232 {first.rs232:.6g} {first.unit}"
+        yield Condition("links-disagree", "warning", text.rstrip(), value=first.can, unit=first.unit)
+
+
+def _limits(snapshot: Snapshot, slack: float) -> Iterator[Condition]:
+    total = snapshot.accumulator
+    volts, degrees = 0.01 * slack, 1.0 * slack
+    low, high = _limit(snapshot, "v_cell_min"), _limit(snapshot, "v_cell_max")
+    value, cell = total["voltage_min_v"], total["voltage_min_cell"]
+    if value is not None:
+        if value < low + volts:
+            yield Condition("cell-voltage-low", "trip", "cell voltage below its limit", cell, value, low, "V")
+        elif value < low + V_WATCH_V * 4 + volts:
+            yield Condition("cell-voltage-near-low", "watch", "cell voltage near its limit", cell, value, low, "V")
+    value, cell = total["voltage_max_v"], total["voltage_max_cell"]
+    if value is not None:
+        if value > high - volts:
+            yield Condition("cell-voltage-high", "trip", "cell voltage above its limit", cell, value, high, "V")
+        elif value > high - V_WATCH_V / 5 - volts:
+            yield Condition("cell-voltage-near-high", "watch", "cell voltage near its limit", cell, value, high, "V")
+    cold, hot = _limit(snapshot, "t_cell_min"), _limit(snapshot, "t_cell_max")
+    value, cell = total["temperature_max_degc"], total["temperature_max_cell"]
+    if value is not None:
+        if value > hot - degrees:
+            yield Condition("cell-hot", "trip", "cell too hot", cell, value, hot, "degC")
+        elif value > hot - T_WATCH_DEGC - degrees:
+            yield Condition("cell-near-hot", "watch", "cell near its temperature limit", cell, value, hot, "degC")
+    value, cell = total["temperature_min_degc"], total["temperature_min_cell"]
+    if value is not None and value < cold + degrees:
+        yield Condition("cell-cold", "trip", "cell too cold", cell, value, cold, "degC")
+    current_a = total["current_a"]
+    charging = snapshot.master["state"] == "charge"
+    top_a = -_limit(snapshot, "i_chrg_min") if charging else _limit(snapshot, "i_disc_max")
+    bottom_a = -_limit(snapshot, "i_chrg_max") * 1.05 if charging else _limit(snapshot, "i_disc_min")
+    if current_a is not None and not charging and current_a > top_a:
+        yield Condition("current-high", "trip", "discharge current above its limit", None, current_a, top_a, "A")
+    if current_a is not None and current_a < bottom_a - 1.0:
+        yield Condition("current-low", "trip", "charge current above its limit", None, current_a, bottom_a, "A")
+
+
+def _master(snapshot: Snapshot) -> Iterator[Condition]:
+    master = snapshot.master
+    if master["state"] == "fault":
+        yield Condition("master-fault", "trip", f"shutdown circuit open: {master['why']}")
+    if master["map_matches"] is False:
+        yield Condition("map-mismatch", "warning", "the master's memory map is another one; writes are refused")
+    for flag in snapshot.charger["flags"]:
+        yield Condition(f"charger-{flag.replace(' ', '-')}", "warning", f"charger reports: {flag}")
+
+
+def _cells(snapshot: Snapshot) -> Iterator[Condition]:
+    voltage_v = snapshot.cells.voltage_v
+    missing = np.flatnonzero(np.isnan(voltage_v))
+    if len(missing) and (len(missing) < N_CELLS or _is_recent(snapshot)):
+        cell = int(missing[0])
+        yield Condition("cell-missing", "warning", f"{_count(len(missing))} without a voltage", cell)
+    loose = snapshot.cells.joint_loose
+    if loose is not None and loose.any():
+        cell = int(np.flatnonzero(loose)[0])
+        more = f", and {int(loose.sum()) - 1} more" if loose.sum() > 1 else ""
+        excess_mohm = float(snapshot.cells.joint_excess_ohm[cell] * 1000)
+        limit_mohm = ALARM_OHM * 1000
+        text = f"busbar joint has grown{more}"
+        yield Condition("joint-loose", "warning", text, cell, excess_mohm, limit_mohm, "mohm")
+    if snapshot.cells.model_valid is not None:
+        invalid = np.flatnonzero(~snapshot.cells.model_valid & ~np.isnan(voltage_v))
+        if len(invalid):
+            text = f"model not valid for {_count(len(invalid))}: charge and sigma there are widened"
+            yield Condition("model-not-valid", "watch", text, int(invalid[0]))
+
+
+def _count(n: int) -> str:
+    return f"{n} cell" if n == 1 else f"{n} cells"

@@ -1,0 +1,82 @@
+"""What earlier runs taught about these cells, in one file of the data folder: charge, capacities, joints."""
+
+import logging
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from app.live.prediction import CellPast
+from app.telemetry import FloatArray
+from firmware_protocol.memory_map import N_CELLS
+
+log = logging.getLogger(__name__)
+REST_SIGMA = 0.01  # of a charge that was known when the service ended: what happened since is not
+SELF_DISCHARGE_SIGMA_PER_DAY = 0.001
+DAY_NS = 86_400_000_000_000
+NOTHING = np.empty((2, 0))
+
+
+@dataclass(frozen=True)
+class Past:
+    """The state of charge when the service last ran, and what does not change from day to day."""
+
+    saved_wall_ns: int
+    soc: FloatArray  # (96,)
+    soc_sigma: FloatArray
+    cells: CellPast
+
+    def start(self, now_wall_ns: int) -> tuple[FloatArray, FloatArray]:
+        """Return (soc, sigma) as far as they can be believed now; a clock that ran backwards counts as no time."""
+        days = max(0, now_wall_ns - self.saved_wall_ns) / DAY_NS
+        grown = REST_SIGMA**2 + (SELF_DISCHARGE_SIGMA_PER_DAY * days) ** 2
+        return self.soc, np.sqrt(self.soc_sigma**2 + grown)
+
+
+def load_past(path: Path) -> Past | None:
+    """Return what was saved, None where there is nothing or it cannot be read (which is logged)."""
+    if not path.is_file():
+        return None
+    try:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
+            past = Past(
+                int(file["saved_wall_ns"]),
+                file["soc"],
+                file["soc_sigma"],
+                CellPast(
+                    file["capacity_state"],
+                    file["joint_baseline_ohm"],
+                    file.get("resistance"),  # older versions saved none
+                ),
+            )
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        log.warning("%s cannot be read and is ignored: %s", path, error)
+        return None
+    shapes = {past.soc.shape, past.soc_sigma.shape, past.cells.joint_baseline_ohm.shape}
+    if shapes != {(N_CELLS,)} or past.cells.capacity_state.shape != (6, N_CELLS):
+        log.warning("%s is of another accumulator and is ignored", path)
+        return None
+    return past
+
+
+def save_past(path: Path, past: Past) -> None:
+    """Replace the file as a whole; a full disk is logged and costs only this."""
+    draft = path.with_suffix(".new")
+    try:
+        with draft.open("wb") as file:
+            np.savez(
+                file,
+                saved_wall_ns=past.saved_wall_ns,
+                soc=past.soc,
+                soc_sigma=past.soc_sigma,
+                capacity_state=past.cells.capacity_state,
+                joint_baseline_ohm=past.cells.joint_baseline_ohm,
+                resistance=NOTHING if past.cells.resistance is None else past.cells.resistance,
+            )
+            file.flush()
+            os.fsync(file.fileno())
+        draft.replace(path)
+    except OSError as error:
+        log.warning("%s was not saved: %s", path, error.strerror or error)

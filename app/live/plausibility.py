@@ -1,0 +1,125 @@
+"""Numbers that ought to agree: the sum of the cells with the total, current with voltage, the chips with the master.
+
+Each check has a verdict: True where both sides agree, False where they contradict each other, None where one side is
+missing or says nothing. A check never changes a value; it says how far one may be believed.
+"""
+
+import math
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from app.sources.master.decode import Decoder
+from app.telemetry import Cells, FloatArray
+from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, N_PACKS
+
+SUM_LIMIT_V = 0.5  # rounding of 96 cells and of the total
+CHIP_LIMIT_V = 0.025  # of a cell's deviation from its pack; the chips' readings are older than the master's
+CHIP_MEMORY_S = 5.0
+CHIPS_EVERY_S = 1.0  # the slow windows come no sooner
+STEP_S = 0.5  # between the two samples of a difference: longer than the master's voltage filter takes
+MEMORY_S = 60.0
+LEAST_CURRENT_A = 30.0  # root of the summed squares of the steps, before their ratio says anything
+LEAST_VOLTAGE_V = 0.08  # of a cell on average, likewise
+RESISTANCE_OHM = (2e-4, 2e-2)  # of one cell of ten 18650 in parallel with its joints, new to worn out
+
+
+class Plausibility:
+    """Follows the measurements; `verdicts` judges the newest."""
+
+    def __init__(self) -> None:
+        self._recent: deque[tuple[float, float, float]] = deque()  # (time, current, mean cell voltage)
+        self._time_s = 0.0
+        self._squares_a2 = 0.0
+        self._products_va = 0.0
+        self._squares_v2 = 0.0
+        self._chip_v: FloatArray | None = None
+        self._since_chips_s = 0.0
+
+    def step(self, dt_s: float | None, current_a: float, cells_v: FloatArray, decoder: Decoder) -> None:
+        """Take a measurement.
+
+        Args:
+            dt_s: since the last one [s]; None begins anew.
+            current_a: positive on discharge [A].
+            cells_v: (96,) cell voltages, NaN where missing [V].
+            decoder: of the same instant, for the chips' own readings.
+        """
+        if dt_s is None or dt_s > STEP_S:
+            self._recent.clear()
+        dt_s = dt_s or 0.0
+        self._time_s += dt_s
+        mean_v = float(np.nanmean(cells_v))
+        self._recent.append((self._time_s, current_a, mean_v))
+        fade = math.exp(-dt_s / MEMORY_S)
+        self._squares_a2 *= fade
+        self._products_va *= fade
+        self._squares_v2 *= fade
+        if self._time_s - self._recent[0][0] >= STEP_S:
+            _, before_a, before_v = self._recent.popleft()
+            step_a, step_v = current_a - before_a, mean_v - before_v
+            self._squares_a2 += step_a**2
+            self._products_va -= step_a * step_v
+            self._squares_v2 += step_v**2
+        self._follow_chips(dt_s, cells_v, decoder)
+
+    def _follow_chips(self, dt_s: float, cells_v: FloatArray, decoder: Decoder) -> None:
+        self._since_chips_s += dt_s
+        if self._chip_v is not None and self._since_chips_s < CHIPS_EVERY_S:
+            return
+        since_s, self._since_chips_s = self._since_chips_s, 0.0
+        chips_v = np.full((N_PACKS, CELLS_PER_PACK), np.nan)
+        for pack in range(N_PACKS):
+            if decoder.is_known(f"slave[{pack}].cvr"):
+                chips_v[pack] = decoder.array(f"slave[{pack}].cvr", (CHIP_MISSING, 0))
+        difference = _deviation(chips_v.ravel()) - _deviation(cells_v)
+        if self._chip_v is None:
+            self._chip_v = difference
+        else:
+            share = 1 - math.exp(-since_s / CHIP_MEMORY_S)
+            moved = self._chip_v + share * (difference - self._chip_v)
+            self._chip_v = np.where(np.isnan(moved), difference, moved)
+
+    def verdicts(self, cells: Cells, decoder: Decoder) -> dict[str, dict[str, Any]]:
+        """Return what each check finds: verdict, value, limit, unit, and the cell it concerns."""
+        return {"sum": _sum(cells, decoder), "current": self._current(), "chips": self._chips()}
+
+    def _current(self) -> dict[str, Any]:
+        low, high = RESISTANCE_OHM
+        if self._squares_a2 < LEAST_CURRENT_A**2:
+            still = math.sqrt(self._squares_v2) >= LEAST_VOLTAGE_V  # voltages move, current does not
+            return _check(False if still else None, None, high, "ohm")
+        resistance_ohm = self._products_va / self._squares_a2
+        return _check(low <= resistance_ohm <= high, resistance_ohm, high, "ohm")
+
+    def _chips(self) -> dict[str, Any]:
+        if self._chip_v is None or np.isnan(self._chip_v).all():
+            return _check(None, None, CHIP_LIMIT_V, "V")
+        cell = int(np.nanargmax(np.abs(self._chip_v)))
+        value = abs(float(self._chip_v[cell]))
+        return _check(value <= CHIP_LIMIT_V, value, CHIP_LIMIT_V, "V", cell)
+
+
+def _sum(cells: Cells, decoder: Decoder) -> dict[str, Any]:
+    total_v = decoder.number("v_tot")
+    if total_v is None or np.isnan(cells.voltage_v).any():
+        return _check(None, None, SUM_LIMIT_V, "V")
+    difference = abs(float(cells.voltage_v.sum()) - total_v)
+    return _check(difference <= SUM_LIMIT_V, difference, SUM_LIMIT_V, "V")
+
+
+def _deviation(values_v: FloatArray) -> FloatArray:
+    """(96,) each cell against the median of its pack, NaN where it or all of the pack is missing."""
+    packs = values_v.reshape(N_PACKS, -1)
+    known = ~np.isnan(packs).all(axis=1)
+    middle = np.full((N_PACKS, 1), np.nan)
+    middle[known, 0] = np.nanmedian(packs[known], axis=1)
+    deviation: FloatArray = (packs - middle).ravel()
+    return deviation
+
+
+def _check(
+    verdict: bool | None, value: float | None, limit: float, unit: str, cell: int | None = None
+) -> dict[str, Any]:
+    return {"verdict": verdict, "value": value, "limit": limit, "unit": unit, "cell": cell}

@@ -1,0 +1,266 @@
+"""What lies ahead: power, time to the limits, energy and laps left, loose joints, capacities. Time is an argument.
+
+`step` takes every measurement and is cheap; `look` does the rest, at most once a second, after the snapshot has gone
+out. It feeds app.estimation and knows no equation itself.
+"""
+
+from collections import deque
+from dataclasses import asdict, dataclass, replace
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.filters.estimators import CellEstimator, Estimates
+from app.estimation.health.capacity import CapacityTracker, StateOfHealth, state_of_health
+from app.estimation.health.joint_watch import JUDGE_S, JointWatch
+from app.estimation.health.joints import JointReport
+from app.estimation.health.learned import Learned, learned
+from app.estimation.health.resistance_scale import ResistanceScale, believed
+from app.estimation.health.rest_capacity import CapacityBetweenRests
+from app.estimation.health.sensor_offset import OffsetTracker
+from app.estimation.prediction.energy import EnergyLeft, LapsLeft, energy_left, lap_energies_wh, lap_period_s, laps_left
+from app.estimation.prediction.power import CellStates, Limits, PowerModel, StatePower, TimeToTrip
+from app.telemetry import BoolArray, FloatArray
+from firmware_protocol.memory_map import CELLS_PER_PACK
+
+LOOK_S = 1.0
+TRACE_S = 600.0  # of power, for laps
+TRACE_STEP_S = 0.5
+LAPS_KEPT = 8
+UNKNOWN_S = 10.0  # what flowed in a longer gap is not known
+STOPPED_LAP_SHARE = 0.25  # of the median lap's energy: a driver change, not a lap
+DRIVING_A = 2.0
+LOAD_S = 10.0  # time constant of the load that the next limit is told for: throttle and brake take turns
+RESTING_A = 1.0  # of that load: no direction, so no limit comes nearer
+
+
+@dataclass(frozen=True)
+class Outlook:
+    """The latest judgement; None where there is not enough to judge."""
+
+    power: StatePower | None = None
+    to_trip: tuple[TimeToTrip, ...] = ()  # at the present current
+    to_trip_full: tuple[TimeToTrip, ...] = ()  # at the full discharge current
+    energy: EnergyLeft | None = None
+    laps: LapsLeft | None = None
+    lap_period_s: float | None = None
+    joints: JointReport | None = None
+    loose: BoolArray | None = None  # confirmed
+    health: StateOfHealth | None = None
+    capacity_ah: FloatArray | None = None
+    learned: Learned | None = None  # what power, times, energy and laps were counted with
+    prediction: dict[str, Any] | None = None  # the above that is not per cell, as the API shows it
+
+
+@dataclass(frozen=True)
+class CellPast:
+    """What earlier sessions of the same cells taught."""
+
+    capacity_state: FloatArray  # (6, n_cells), of CapacityTracker
+    joint_baseline_ohm: FloatArray  # (n_cells,), of JointWatch
+    resistance: FloatArray | None = None  # (2, n_cells), factor and sigma of ResistanceScale
+
+
+class Lookout:
+    """Keeps what has to be remembered between two looks."""
+
+    def __init__(self, cell: CellModel, n_cells: int, past: CellPast | None = None) -> None:
+        self.cell = cell
+        self.outlook = Outlook()
+        self._joint_watch = JointWatch(n_cells, CELLS_PER_PACK, None if past is None else past.joint_baseline_ohm)
+        self._capacities = CapacityBetweenRests(
+            cell, CapacityTracker(cell.capacity_ah, n_cells, None if past is None else past.capacity_state)
+        )
+        self._scale = ResistanceScale(n_cells, None if past is None else past.resistance)
+        self.learned = self._learned()
+        self._taught = np.ones(n_cells)  # resistance factors that the estimator counts with
+        self._offset = OffsetTracker(float(self.learned.capacity_ah.mean()))
+        self._has_to_hear = False  # voltages, to compare the current with
+        self.sensor = self._offset.estimate()
+        self._trace: deque[tuple[float, float]] = deque(maxlen=round(TRACE_S / TRACE_STEP_S))
+        self._t_s = 0.0
+        self._trace_s = self._looked_s = self._judged_s = -1e9
+        self._square_a2 = 0.0  # mean square of the current while driving
+        self._load_a: float | None = None  # mean of the last seconds
+        self._joints: JointReport | None = None
+        self._health: StateOfHealth | None = None
+        self._capacity_ah: FloatArray | None = None
+        self._lap_period_s: float | None = None
+        self._lap_energies_wh: FloatArray = np.empty(0)
+
+    @property
+    def offset_a(self) -> float:
+        """What to take off the measured current [A]: the sensor's offset where it is observable, else 0."""
+        return self.sensor.offset_a if self.sensor.is_observed else 0.0
+
+    @property
+    def past(self) -> CellPast:
+        """What to keep for the next session of the same cells."""
+        resistance = np.array((self._scale.factor(), self._scale.sigma()))
+        return CellPast(self._capacities.tracker.state, self._joint_watch.baseline_ohm, resistance)
+
+    def teach(self, estimator: CellEstimator) -> None:
+        """Let an estimator count with what was learned of its cells."""
+        self._taught = believed(self.learned.resistance_factor)
+        estimator.use_capacity(self.learned.capacity_ah)
+        estimator.use_resistance(self._taught)
+
+    def step(
+        self,
+        dt_s: float | None,
+        current_a: float,
+        voltages_v: FloatArray,
+        power_w: float,
+        estimates: Estimates | None,
+        relays_open: bool = False,
+    ) -> None:
+        """Take one measurement, with what the estimator said of it if it did.
+
+        Args:
+            dt_s: since the one before; None = not known [s].
+            current_a: measured, positive on discharge [A].
+            voltages_v: (n_cells,) [V]; NaN = missing.
+            power_w: of the accumulator, positive on discharge [W].
+            estimates: of this measurement, by an estimator taught last.
+            relays_open: no current can flow.
+        """
+        if dt_s is None or dt_s > UNKNOWN_S:
+            self._offset.interrupt()
+        dt_s = dt_s or 0.0
+        self._has_to_hear |= self._offset.step(dt_s, current_a, relays_open)
+        self._t_s += dt_s
+        if estimates is not None:
+            drop_v = (estimates.ocv_v - estimates.voltage_v) / self._taught
+            self._scale.step(dt_s, estimates.ocv_v, estimates.ocv_v - drop_v, voltages_v)
+        self._joint_watch.step(dt_s, current_a, voltages_v)
+        before = current_a if self._load_a is None else self._load_a
+        self._load_a = before + min(1.0, dt_s / LOAD_S) * (current_a - before)
+        if abs(current_a) > DRIVING_A:
+            self._square_a2 += min(1.0, dt_s / 60.0) * (current_a * current_a - self._square_a2)
+        if self._t_s - self._trace_s >= TRACE_STEP_S:
+            self._trace_s = self._t_s
+            self._trace.append((self._t_s, power_w))
+        self._capacities.step(dt_s, current_a, voltages_v)
+
+    def look(
+        self,
+        estimator: CellEstimator,
+        estimates: Estimates,
+        temperatures_degc: FloatArray,
+        current_a: float,
+        limits: Limits,
+    ) -> None:
+        """Judge anew if a second has passed."""
+        if self._t_s - self._looked_s < LOOK_S:
+            return
+        self._looked_s = self._t_s
+        if not np.isfinite(estimates.soc).any():
+            self.outlook = Outlook()
+            return
+        if self._has_to_hear and (heard := estimator.heard()) is not None:
+            self._has_to_hear = False
+            self._offset.look(*heard)
+            self.sensor = self._offset.estimate()
+        if self._t_s - self._judged_s >= JUDGE_S:
+            self._judge()
+        branches = estimator.state_mean[1 : 1 + self.cell.n_rc]
+        if branches.shape[0] != self.cell.n_rc:
+            branches = np.zeros((self.cell.n_rc, len(estimates.soc)))
+        states = CellStates(estimates.soc, branches, temperatures_degc)
+        load_a = current_a if self._load_a is None else self._load_a
+        known = self.learned
+        model = PowerModel(self.cell, limits, known.resistance_factor, known.capacity_ah)
+        energy = energy_left(
+            self.cell,
+            estimates.soc,
+            estimates.soc_sigma,
+            temperatures_degc,
+            float(np.sqrt(self._square_a2)),
+            limits.soc_min,
+            capacity_ah=known.capacity_ah,
+            resistance_factor=known.resistance_factor,
+            capacity_sigma_ah=known.capacity_sigma_ah,
+        )
+        steady_a = load_a if abs(load_a) >= RESTING_A else 0.0
+        power, (to_trip, to_trip_full) = model.foretell(states, (steady_a, limits.discharge_max_a))
+        outlook = Outlook(
+            power=power,
+            to_trip=to_trip,
+            to_trip_full=to_trip_full,
+            energy=energy,
+            laps=laps_left(energy, self._lap_energies_wh),
+            lap_period_s=self._lap_period_s,
+            joints=self._joints,
+            loose=self._joint_watch.loose,
+            health=self._health,
+            capacity_ah=self._capacity_ah,
+            learned=known,
+        )
+        self.outlook = replace(outlook, prediction=_prediction(outlook))
+
+    def _judge(self) -> None:
+        self._judged_s = self._t_s
+        self._joints = self._joint_watch.judge()
+        tracker = self._capacities.tracker
+        self.learned = known = self._learned()
+        self._offset.use_capacity(float(known.capacity_ah.mean()))
+        self._capacity_ah = tracker.capacity_ah()
+        capacity_ah = np.where(known.has_capacity, known.capacity_ah, np.nan)
+        resistance_factor = np.where(known.has_resistance, known.resistance_factor, np.nan)
+        self._health = state_of_health(capacity_ah, known.capacity_sigma_ah, tracker.nominal_ah, resistance_factor)
+        self._find_laps()
+
+    def _learned(self) -> Learned:
+        tracker, scale = self._capacities.tracker, self._scale
+        return learned(tracker.nominal_ah, tracker.capacity_ah(), tracker.sigma_ah(), scale.factor(), scale.sigma())
+
+    def _find_laps(self) -> None:
+        if len(self._trace) < 2:
+            return
+        time_s, power_w = np.array(self._trace).T
+        self._lap_period_s = lap_period_s(time_s, power_w)
+        if self._lap_period_s is None:
+            return
+        n_laps = min(LAPS_KEPT, int((time_s[-1] - time_s[0]) / self._lap_period_s))
+        marks = time_s[-1] - self._lap_period_s * np.arange(n_laps, -1, -1)
+        laps = lap_energies_wh(time_s, power_w, marks)
+        self._lap_energies_wh = laps[laps > STOPPED_LAP_SHARE * np.median(laps)]
+
+
+def _prediction(outlook: Outlook) -> dict[str, Any]:
+    """Infinite times become None: not within an hour."""
+
+    def trips(found: tuple[TimeToTrip, ...]) -> list[dict[str, Any]]:
+        return [asdict(trip) | {"seconds": trip.seconds if isfinite(trip.seconds) else None} for trip in found]
+
+    nearest = min(outlook.to_trip, key=lambda trip: trip.seconds, default=None)
+    power, energy, laps, known = outlook.power, outlook.energy, outlook.laps, outlook.learned
+    return {
+        "power": power
+        and {
+            "discharge": [asdict(limit) for limit in power.discharge],
+            "charge": [asdict(limit) for limit in power.charge],
+        },
+        "to_trip": trips(outlook.to_trip),
+        "to_trip_full": trips(outlook.to_trip_full),
+        "nearest": None if nearest is None or not isfinite(nearest.seconds) else asdict(nearest),
+        "energy_left_wh": energy and energy.energy_wh,
+        "energy_left_sigma_wh": energy and energy.sigma_wh,
+        "energy_left_cell": energy and energy.cell,
+        "counted_with": known and _counted_with(known),
+        "laps": laps and asdict(laps) | {"period_s": outlook.lap_period_s},
+    }
+
+
+def _counted_with(known: Learned) -> dict[str, Any]:
+    """How many cells are counted with what was learned of them, and how far those lie from the cell file on average."""
+    capacity, resistance = known.has_capacity, known.has_resistance
+    share = known.capacity_ah / known.nominal_ah
+    return {
+        "capacity_cells": int(capacity.sum()),
+        "capacity_factor": float(share[capacity].mean()) if capacity.any() else None,
+        "resistance_cells": int(resistance.sum()),
+        "resistance_factor": float(known.resistance_factor[resistance].mean()) if resistance.any() else None,
+    }

@@ -1,0 +1,1 @@
+"""Wiring and threads of the running service."""

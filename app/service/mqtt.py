@@ -1,0 +1,226 @@
+"""Publishes what the service knows to an MQTT broker: state as retained messages, events as they happen.
+
+A reader of its own, in a thread of its own: it takes the newest snapshot once a period, and a broker that is slow, gone
+or wrong delays nobody. Topics and their contents are described in docs/howto/mqtt.md.
+"""
+
+import contextlib
+import ssl
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import numpy as np
+import orjson
+
+from app.errors import ConfigError
+from app.service.settings import Settings
+from app.telemetry import Event, Snapshot
+
+PERIOD_S = 1.0
+KEEPALIVE_S = 15
+RETRY_MIN_S, RETRY_MAX_S = 1, 30
+MAX_EVENTS = 1000  # kept for a broker that is gone; older ones are in the event log
+PER_CELL = {"voltage_v": 4, "temperature_degc": 1, "soc": 5, "soc_sigma": 5}  # decimals
+DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
+Messages = Iterator[tuple[str, bytes]]
+
+
+@dataclass(frozen=True, slots=True)
+class Broker:
+    """Where to publish, and as whom."""
+
+    host: str
+    port: int
+    prefix: str
+    uses_tls: bool
+    user: str | None = None
+    password: str | None = None
+    ca: Path | None = None
+
+    def __str__(self) -> str:
+        """For people; without the password."""
+        return f"{'mqtts' if self.uses_tls else 'mqtt'}://{self.host}:{self.port}/{self.prefix}"
+
+
+def parse_broker(url: str, password: str | None = None, ca: Path | None = None) -> Broker:
+    """Return the broker of a URL like mqtts://user@host:8883/prefix.
+
+    Raises:
+        ConfigError: it is none, or it holds a password, which everybody on the machine could read.
+    """
+    shape = "mqtt[s]://[USER@]HOST[:PORT][/PREFIX]"
+    parts = urlsplit(url)
+    try:
+        port = parts.port or DEFAULT_PORTS[parts.scheme]
+    except (KeyError, ValueError) as error:
+        raise ConfigError("mqtt", url, shape) from error
+    if parts.password is not None:
+        raise ConfigError("mqtt", "(hidden)", f"{shape}; the password goes into VOLTWALL_MQTT_PASSWORD")
+    prefix = parts.path.strip("/") or "voltwall"
+    if not parts.hostname or any(character in url for character in "#+?"):
+        raise ConfigError("mqtt", url, shape)
+    if ca is not None and not ca.is_file():
+        raise ConfigError("mqtt_ca", ca, "no such file")
+    user = None if parts.username is None else unquote(parts.username)
+    return Broker(parts.hostname, port, prefix, parts.scheme == "mqtts", user, password, ca)
+
+
+class MqttPublisher:
+    """Keeps a connection and publishes; `offer` and `offer_event` return at once, from any thread."""
+
+    def __init__(
+        self, broker: Broker, recording: Callable[[], dict[str, Any] | None], *, period_s: float = PERIOD_S
+    ) -> None:
+        """Prepare the connection; `recording` says what is being recorded, in JSON's terms.
+
+        Raises:
+            ConfigError: paho-mqtt is not installed, or the CA file is none.
+        """
+        try:
+            paho: Any = import_module("paho.mqtt.client")
+        except ImportError as error:
+            raise ConfigError("mqtt", broker, "needs paho-mqtt: pip install 'voltwall[mqtt]'") from error
+        self._broker = broker
+        self._recording = recording
+        self._period_s = period_s
+        self._snapshot: Snapshot | None = None
+        self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
+        self._sent: dict[str, bytes] = {}  # since the connection was made
+        self._problem: str | None = "not connected yet"
+        self._is_connected = threading.Event()
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
+        client = paho.Client(paho.CallbackAPIVersion.VERSION2)
+        client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
+        client.on_connect_fail = self._on_connect_fail
+        client.will_set(self._topic("status"), b"offline", qos=1, retain=True)
+        client.reconnect_delay_set(RETRY_MIN_S, RETRY_MAX_S)
+        if broker.user is not None:
+            client.username_pw_set(broker.user, broker.password)
+        if broker.uses_tls:
+            try:
+                client.tls_set(None if broker.ca is None else str(broker.ca))
+            except (ssl.SSLError, OSError) as error:
+                raise ConfigError("mqtt_ca", broker.ca, str(error)) from error
+        self._client = client
+
+    @property
+    def problem(self) -> str | None:
+        """Why nothing reaches the broker, None while all does."""
+        return None if self._problem is None else f"MQTT {self._broker}: {self._problem}"
+
+    def start(self) -> None:
+        """Connect, and again for ever; publish."""
+        self._client.connect_async(self._broker.host, self._broker.port, KEEPALIVE_S)
+        self._client.loop_start()
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Say that the service is gone, and close."""
+        self._ending.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=2.0)
+        if self._is_connected.is_set():
+            with contextlib.suppress(ValueError, RuntimeError):
+                self._client.publish(self._topic("status"), b"offline", qos=1, retain=True).wait_for_publish(2.0)
+        self._client.disconnect()
+        self._client.loop_stop()
+
+    def offer(self, snapshot: Snapshot) -> None:
+        """Take a snapshot; the newest one is published at the next period."""
+        self._snapshot = snapshot
+
+    def offer_event(self, event: Event) -> None:
+        """Take an event; it is published as soon as there is a broker."""
+        self._events.append(event)
+
+    def _topic(self, name: str) -> str:
+        return f"{self._broker.prefix}/{name}"
+
+    def _on_connect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
+        if reason.is_failure:
+            self._problem = str(reason)
+            return
+        self._sent = {}
+        self._problem = None
+        self._client.publish(self._topic("status"), b"online", qos=1, retain=True)
+        self._is_connected.set()
+
+    def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
+        self._is_connected.clear()
+        if self._problem is None:
+            self._problem = f"connection lost ({reason})"
+
+    def _on_connect_fail(self, _client: Any, _data: Any) -> None:
+        self._problem = "no broker answers there"
+
+    def _run(self) -> None:
+        shown: Snapshot | None = None
+        due = time.monotonic()
+        while not self._ending.wait(max(0.0, due - time.monotonic())):
+            due = max(due + self._period_s, time.monotonic())
+            if not self._is_connected.wait(self._period_s):
+                continue
+            while self._events:
+                self._client.publish(self._topic("events"), event_body(self._events.popleft()), qos=1)
+            snapshot = self._snapshot
+            if snapshot is None or snapshot is shown:
+                continue
+            shown = snapshot
+            for name, body in messages(snapshot, self._recording()):
+                if self._sent.get(name) != body:
+                    self._sent[name] = body
+                    self._client.publish(self._topic(name), body, qos=0, retain=True)
+
+
+def messages(snapshot: Snapshot, recording: dict[str, Any] | None) -> Messages:
+    """Yield the state's topics and bodies; null is missing."""
+    stamp = {"time": round(snapshot.t_wall_ns / 1e9, 3), "source": snapshot.source}
+    yield "accumulator", _json(stamp | {"age_s": snapshot.age_s} | snapshot.accumulator)
+    for name, decimals in PER_CELL.items():
+        values = np.round(getattr(snapshot.cells, name), decimals)
+        yield f"cells/{name}", _json(stamp | {"values": values})
+    yield "master", _json({"state": snapshot.master["state"], "why": snapshot.master["why"]} | _flags(snapshot))
+    yield "links", _json({name: {"state": link.state, "lost": link.lost} for name, link in snapshot.links.items()})
+    yield "alarms", _json([_alarm(alarm) for alarm in snapshot.alarms])
+    yield "recording", _json(recording)
+
+
+def event_body(event: Event) -> bytes:
+    """An event as JSON."""
+    body = asdict(event)
+    body["time"] = body.pop("time_ns") / 1e9
+    return _json(body)
+
+
+def _flags(snapshot: Snapshot) -> dict[str, Any]:
+    return {"fit": snapshot.master["fit"], "flags": snapshot.master["flags"]}
+
+
+def _alarm(alarm: Any) -> dict[str, Any]:
+    body = asdict(alarm)
+    body["since"] = body.pop("since_ns") / 1e9
+    return body
+
+
+def _json(body: object) -> bytes:
+    return orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def configured_publisher(settings: Settings, recording: Callable[[], dict[str, Any] | None]) -> MqttPublisher | None:
+    """Return a publisher to the broker of the settings, None where they name none.
+
+    Raises:
+        ConfigError: the broker cannot be used, or paho-mqtt is not installed.
+    """
+    if settings.mqtt is None:
+        return None
+    password = None if settings.mqtt_password is None else settings.mqtt_password.get_secret_value()
+    return MqttPublisher(parse_broker(settings.mqtt, password, settings.mqtt_ca), recording)

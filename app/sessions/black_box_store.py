@@ -1,0 +1,83 @@
+"""Black boxes on the disk: one file of their own in the data folder, so that they outlive their sessions."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from app.sessions.storage.migrate import BLACKBOXES
+from app.sessions.storage.small_store import Store, packed
+
+_COLUMNS = "id, t_wall_ns, session_id, code, severity, cell, text, is_complete"
+
+
+@dataclass(frozen=True)
+class StoredBox:
+    """What a list shows of a black box."""
+
+    id: str
+    time: float  # unix
+    session_id: str | None
+    code: str
+    severity: str
+    cell: int | None
+    text: str
+    is_complete: bool
+
+
+class BlackBoxStore:
+    """All black boxes of a data folder. Any thread; a box once complete is never replaced by less."""
+
+    def __init__(self, path: Path) -> None:
+        """Open or create the file.
+
+        Raises:
+            NotASession, SchemaTooNew: the file is something else, or a newer program's.
+            RecordingFailed: the disk does not take it.
+        """
+        self._store = Store(path, BLACKBOXES)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._store.close()
+
+    def add(self, box: dict[str, Any]) -> bool:
+        """Keep a box; False where one that is at least as complete is there.
+
+        Raises:
+            RecordingFailed: the disk does not take it.
+        """
+        row = (
+            box["id"],
+            round(box["at"] * 1e9),
+            box["session_id"],
+            box["code"],
+            box["severity"],
+            box["cell"],
+            box["text"],
+            int(box["is_complete"]),
+            packed(box),
+        )
+        changed = self._store.change(
+            f"INSERT INTO blackboxes ({_COLUMNS}, body) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id)"
+            " DO UPDATE SET body = excluded.body, is_complete = excluded.is_complete,"
+            " session_id = coalesce(excluded.session_id, session_id)"
+            " WHERE excluded.is_complete > blackboxes.is_complete",
+            row,
+        )
+        return changed > 0
+
+    def stored(self, session_id: str | None = None) -> list[StoredBox]:
+        """All of them, or of one session, newest first."""
+        where = "" if session_id is None else " WHERE session_id = ?"
+        values = () if session_id is None else (session_id,)
+        rows = self._store.rows(f"SELECT {_COLUMNS} FROM blackboxes{where} ORDER BY t_wall_ns DESC, id DESC", values)
+        return [StoredBox(row[0], row[1] / 1e9, row[2], row[3], row[4], row[5], row[6], bool(row[7])) for row in rows]
+
+    def get(self, box_id: str) -> dict[str, Any] | None:
+        """Return a box, None where there is none of this id.
+
+        Raises:
+            NotASession: it cannot be read.
+        """
+        rows = self._store.rows("SELECT body FROM blackboxes WHERE id = ?", (box_id,))
+        return self._store.unpacked(rows[0][0], f"black box {box_id}") if rows else None

@@ -1,0 +1,195 @@
+"""The event log: what happened, kept over restarts in one SQLite file. One thread writes and reads it."""
+
+import logging
+import sqlite3
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import TypeVar
+
+from app.sessions.errors import SessionError
+from app.sessions.storage.database import open_for_writing
+from app.sessions.storage.migrate import EVENTS
+
+logger = logging.getLogger(__name__)
+T = TypeVar("T")
+
+MAX_UNWRITTEN = 10_000  # events kept in memory while the disk takes none
+_GIVEN = "id, t_wall_ns, uptime_ms, severity, code, text, cell, value, limit_value, unit, who"
+_COLUMNS = f"{_GIVEN}, acknowledged_by, acknowledged_ns"
+_INSERT = f"INSERT INTO events ({_GIVEN}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedEvent:
+    """One line of the log; `value` and `limit` in `unit`."""
+
+    id: int
+    t_wall_ns: int  # since 1970 UTC
+    uptime_ms: int | None  # the master's clock
+    severity: str
+    code: str
+    text: str
+    cell: int | None
+    value: float | None
+    limit: float | None
+    unit: str
+    who: str | None
+    acknowledged_by: str | None = None
+    acknowledged_ns: int | None = None
+
+
+class EventLog:
+    """An append-only list of events. All methods may be called from any thread; only `append` returns at once."""
+
+    def __init__(self, path: Path, *, wall_ns: Callable[[], int] = time.time_ns) -> None:
+        """Open the log, or begin one.
+
+        Raises:
+            NotASession, SchemaTooNew: the file is something else.
+            SessionError: it cannot be created.
+        """
+        self._wall_ns = wall_ns
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._connection = open_for_writing(path, EVENTS)
+            last = int(self._connection.execute("SELECT coalesce(max(id), 0) FROM events").fetchone()[0])
+        except (OSError, sqlite3.Error) as error:
+            raise SessionError(f"event log {path}: {error}") from error
+        self._ids = count(last + 1)
+        self._last_id = last
+        self._unwritten: list[LoggedEvent] = []
+        self._dropped = 0
+        self._error: str | None = None
+        self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix="event-log")
+
+    @property
+    def last_id(self) -> int:
+        """Id of the newest event, 0 without any."""
+        return self._last_id
+
+    @property
+    def error(self) -> str | None:
+        """Why events are waiting in memory, None when all are on the disk."""
+        return self._error
+
+    def append(
+        self,
+        severity: str,
+        code: str,
+        text: str,
+        *,
+        cell: int | None = None,
+        value: float | None = None,
+        limit: float | None = None,
+        unit: str = "",
+        who: str | None = None,
+        uptime_ms: int | None = None,
+        t_wall_ns: int | None = None,
+    ) -> int:
+        """Add an event and return its id; ids grow over all restarts."""
+        event_id = next(self._ids)
+        t_wall_ns = self._wall_ns() if t_wall_ns is None else t_wall_ns
+        event = LoggedEvent(event_id, t_wall_ns, uptime_ms, severity, code, text, cell, value, limit, unit, who)
+        self._last_id = max(self._last_id, event_id)
+        self._executor.submit(self._write, event)
+        return event_id
+
+    def query(
+        self, after: int = 0, limit: int = 200, severity: str | None = None, cell: int | None = None
+    ) -> list[LoggedEvent]:
+        """Return at most `limit` events with an id above `after`, newest first."""
+        return self._in_thread(lambda: self._query(after, limit, severity, cell))
+
+    def get(self, event_id: int) -> LoggedEvent | None:
+        """Return one event, None where there is none."""
+        found = self._in_thread(lambda: self._query(event_id - 1, 1, None, None, up_to=event_id))
+        return found[0] if found else None
+
+    def acknowledge(self, event_id: int, who: str) -> bool:
+        """Note who has seen an event; the first one stays. False where there is no such event."""
+        return self._in_thread(lambda: self._acknowledge(event_id, who))
+
+    def flush(self) -> None:
+        """Return once every event is on the disk.
+
+        Raises:
+            SessionError: the disk does not take them.
+        """
+        self._in_thread(self._write_waiting)
+        if self._error:
+            raise SessionError(self._error)
+
+    def close(self) -> None:
+        """Write what is left and close the file."""
+        self._executor.submit(self._write_waiting)
+        self._executor.shutdown(wait=True)
+        self._connection.close()
+
+    def _in_thread(self, work: Callable[[], T]) -> T:
+        future: Future[T] = self._executor.submit(work)
+        try:
+            return future.result()
+        except sqlite3.Error as error:
+            raise SessionError(f"event log: {error}") from error
+
+    def _write(self, event: LoggedEvent) -> None:
+        self._unwritten.append(event)
+        if len(self._unwritten) > MAX_UNWRITTEN:
+            del self._unwritten[0]
+            self._dropped += 1
+        self._write_waiting()
+
+    def _write_waiting(self) -> None:
+        if not self._unwritten:
+            return
+        rows = [
+            (e.id, e.t_wall_ns, e.uptime_ms, e.severity, e.code, e.text, e.cell, e.value, e.limit, e.unit, e.who)
+            for e in self._unwritten
+        ]
+        try:
+            self._connection.execute("BEGIN IMMEDIATE")
+            self._connection.executemany(_INSERT, rows)
+            self._connection.execute("COMMIT")
+        except sqlite3.Error as error:
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
+            if self._error is None:
+                logger.warning("event log does not reach the disk: %s", error)
+            self._error = f"event log: {error}; {len(self._unwritten)} events wait, {self._dropped} were dropped"
+        else:
+            if self._error is not None:
+                logger.info("event log reaches the disk again")
+            self._error = None
+            self._unwritten.clear()
+
+    def _query(
+        self, after: int, limit: int, severity: str | None, cell: int | None, up_to: int | None = None
+    ) -> list[LoggedEvent]:
+        self._write_waiting()
+        rows = self._connection.execute(
+            f"SELECT {_COLUMNS} FROM events WHERE id > :after AND (:up_to IS NULL OR id <= :up_to)"
+            " AND (:severity IS NULL OR severity = :severity) AND (:cell IS NULL OR cell = :cell)"
+            " ORDER BY id DESC LIMIT :limit",
+            {"after": after, "up_to": up_to, "severity": severity, "cell": cell, "limit": limit},
+        )
+        waiting = [
+            event
+            for event in reversed(self._unwritten)
+            if event.id > after
+            and (up_to is None or event.id <= up_to)
+            and severity in (None, event.severity)
+            and cell in (None, event.cell)
+        ]
+        return (waiting + [LoggedEvent(*row) for row in rows])[:limit]
+
+    def _acknowledge(self, event_id: int, who: str) -> bool:
+        self._write_waiting()
+        self._connection.execute(
+            "UPDATE events SET acknowledged_by = ?, acknowledged_ns = ? WHERE id = ? AND acknowledged_by IS NULL",
+            (who, self._wall_ns(), event_id),
+        )
+        return self._connection.execute("SELECT 1 FROM events WHERE id = ?", (event_id,)).fetchone() is not None

@@ -1,0 +1,1 @@
+"""Reading sessions, closed or still being recorded. Changes nothing in them."""

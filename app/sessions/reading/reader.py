@@ -1,0 +1,299 @@
+"""Reading a session, closed or not, also while it is being recorded. Changes nothing in it."""
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from heapq import merge
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from app.sessions.errors import NotASession
+from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
+from app.sessions.reading.columns import Block, ColumnReader, Samples
+from app.sessions.reading.notes import read_note
+from app.sessions.reading.series import FloatArray, Series, reduce_samples
+from app.sessions.storage.chunks import ESTIMATES
+from app.sessions.storage.files import size_on_disk
+from app.sessions.storage.queries import StoredSession
+from app.sessions.storage.signals import Signal, field_shape, find_signal
+from firmware_protocol.memory_map import CONFIG, FIELDS
+
+MAX_POINTS = 100_000
+Received = RecordedFrame | RecordedCanFrame | RecordedConfig
+_ALWAYS_US = 1 << 62
+_ALWAYS_THERE = {"id", "name", "voltwall", "map_hash", "start_mono_ns", "start_wall_ns", "metadata"}
+
+
+@dataclass(frozen=True, slots=True)
+class FieldSamples:
+    """All elements of a field: (n,) unix times [s] and (n, elements) values in its unit, NaN where not measured."""
+
+    time_s: FloatArray
+    values: FloatArray
+
+
+class SessionFile:
+    """One session, opened for reading, by any thread; times in seconds are unix time.
+
+    Unix time is the monotonic clock put onto the wall clock as it was last known, so a step of the wall clock in the
+    middle of a session moves no sample against another.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open the file.
+
+        Raises:
+            NotASession: missing, damaged, or something else. Every method raises this where it meets damage.
+            SchemaTooNew: a newer program wrote it.
+        """
+        self.path = path
+        self._stored = StoredSession(path)
+        self._columns = ColumnReader(self._stored)
+        try:
+            self._offset_ns = self._wall_offset_ns()
+        except NotASession:
+            self._stored.close()
+            raise
+
+    def __enter__(self) -> "SessionFile":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stored.close()
+
+    def consistent(self) -> AbstractContextManager[None]:
+        """Everything read inside is of one instant, whatever is recorded meanwhile."""
+        return self._stored.consistent()
+
+    @property
+    def info(self) -> SessionInfo:
+        """What there is to say about the session; quick however long it is."""
+        with self.consistent(), self._stored.sound():
+            meta = self._meta()
+            counts = {table: self._stored.last_id(table) for table in ("frames", "can_frames", "events", "markers")}
+            is_closed = "end_mono_ns" in meta
+            start = int(meta["start_mono_ns"])
+            end = int(meta["end_mono_ns"]) if is_closed else max([start, *self._last_times()])
+            metadata = json.loads(meta["metadata"])
+        return SessionInfo(
+            id=self.path.stem,
+            path=self.path,
+            name=meta["name"],
+            started_wall_ns=start + self._offset_ns,
+            started_mono_ns=start,
+            ended_wall_ns=end + self._offset_ns,
+            ended_mono_ns=end,
+            is_closed=is_closed,
+            size_bytes=size_on_disk(self.path),
+            voltwall=meta["voltwall"],
+            map_hash=meta["map_hash"],
+            metadata=metadata,
+            **counts,
+        )
+
+    def unix_s(self, t_mono_ns: int) -> float:
+        """Return the unix time of an instant of the recording machine's monotonic clock."""
+        return (t_mono_ns + self._offset_ns) / 1e9
+
+    def filled(self) -> list[tuple[float, float]]:
+        """Spans in unix time that came from another recorder of the same run."""
+        info = self.info
+        spans = info.metadata.get("filled", [])
+        start_s = info.started_wall_ns / 1e9
+        return [(start_s + first, start_s + last) for first, last in spans] if isinstance(spans, list) else []
+
+    def mono_us(self, unix_s: float) -> int:
+        """Return the monotonic time of a unix time, to the microsecond, which is what a float can tell apart."""
+        return round((round(unix_s * 1e9) - self._offset_ns) / 1000)
+
+    def frames(self, t_from_s: float | None = None, t_to_s: float | None = None) -> Iterator[RecordedFrame]:
+        """Yield the serial frames of a range, both ends included, as received and in that order."""
+        first_ns, last_ns = self._range_ns(t_from_s, t_to_s)
+        for row in self._stored.iterate("frames", "t_mono_ns, t_wall_ns, link, raw, ok", first_ns, last_ns):
+            yield RecordedFrame(row[0], row[1], row[2], row[3], bool(row[4]))
+
+    def can_frames(self, t_from_s: float | None = None, t_to_s: float | None = None) -> Iterator[RecordedCanFrame]:
+        """Yield the CAN frames of a range, both ends included, in order."""
+        first_ns, last_ns = self._range_ns(t_from_s, t_to_s)
+        for row in self._stored.iterate("can_frames", "t_mono_ns, t_wall_ns, can_id, data", first_ns, last_ns):
+            yield RecordedCanFrame(*row)
+
+    def configs(self) -> list[RecordedConfig]:
+        """Every configuration in force, in order."""
+        rows = self._stored.rows("SELECT t_mono_ns, t_wall_ns, why, image FROM configs ORDER BY id")
+        return [RecordedConfig(*row) for row in rows]
+
+    def received(self, t_from_s: float | None = None, t_to_s: float | None = None) -> Iterator[Received]:
+        """Yield everything that came from the master, in order of arrival; all configurations, whatever the range."""
+        sources: list[Iterable[Received]] = [
+            self.configs(),
+            self.frames(t_from_s, t_to_s),
+            self.can_frames(t_from_s, t_to_s),
+        ]
+        yield from merge(*sources, key=lambda item: item.t_mono_ns)
+
+    def bad_frames(self) -> int:
+        """How many serial frames arrived damaged."""
+        with self.consistent():
+            ((stored, last),) = self._stored.rows(
+                "SELECT coalesce(sum(bad_frames), 0), coalesce(max(last_frame), 0) FROM chunks"
+            )
+            ((tail,),) = self._stored.rows("SELECT count(*) FROM frames WHERE id > ? AND NOT ok", (last,))
+        return int(stored) + int(tail)
+
+    def estimates(self) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
+        """Yield every estimate: monotonic time [ns], the master's clock [ms], (96,) SOC and sigma."""
+        soc, sigma = (find_signal(f"{name}[0]") for name in ESTIMATES)
+        for t_ns, uptime_ms, soc_counts, sigma_counts in self._columns.estimates():
+            yield t_ns, uptime_ms, soc.physical(soc_counts), sigma.physical(sigma_counts)
+
+    def markers(self) -> list[Marker]:
+        """All markers, in order."""
+        rows = self._stored.rows("SELECT id, t_mono_ns, t_wall_ns, kind, text, who FROM markers ORDER BY id")
+        return [Marker(*row) for row in rows]
+
+    def events(self) -> list[dict[str, Any]]:
+        """All events of the session, in order, each with the columns of the table `events`."""
+        return self._stored.dictionaries("SELECT * FROM events ORDER BY id")
+
+    def series(
+        self,
+        signals: Sequence[str],
+        t_from_s: float | None = None,
+        t_to_s: float | None = None,
+        points: int = 2000,
+    ) -> dict[str, Series]:
+        """Return each signal over a range with smallest and largest value per point.
+
+        Raises:
+            UnknownSignal: a name means nothing.
+            ValueError: `points` is not within 1..MAX_POINTS.
+        """
+        if not 1 <= points <= MAX_POINTS:
+            raise ValueError(f"points = {points}: 1..{MAX_POINTS}")
+        chosen = [find_signal(name) for name in signals]
+        result = {}
+        with self.consistent():
+            for signal in chosen:
+                found = self.samples(signal, t_from_s, t_to_s)
+                times_s = (found.times_us * 1000 + self._offset_ns) / 1e9
+                values = signal.physical(found.counts)
+                result[signal.name] = reduce_samples(signal.name, signal.unit, times_s, values, points)
+        return result
+
+    def samples(
+        self, signal: Signal, t_from_s: float | None = None, t_to_s: float | None = None, *, instants: bool = False
+    ) -> Samples:
+        """Return every sample in a range, ends included; `instants` only where asked for."""
+        first_us = -_ALWAYS_US if t_from_s is None else self.mono_us(t_from_s)
+        last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
+        return self._columns.samples(signal, first_us, last_us, instants=instants)
+
+    def fields(
+        self, names: Sequence[str], t_from_s: float | None = None, t_to_s: float | None = None
+    ) -> Iterator[dict[str, FieldSamples]]:
+        """Yield, about a minute at a time, every sample of whole fields in a range; far quicker than cell by cell.
+
+        A field of which a piece of time holds nothing is not in it. What is recorded meanwhile is not seen.
+
+        Raises:
+            UnknownSignal: a name is no field and no estimate.
+        """
+        shapes = {name: field_shape(name) for name in names}
+        first_us = -_ALWAYS_US if t_from_s is None else self.mono_us(t_from_s)
+        last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
+        with self.consistent():
+            for blocks in self._columns.blocks(names, first_us, last_us):
+                found = {}
+                for name, parts in blocks.items():
+                    signal, count = shapes[name]
+                    times_us, values = _joined(parts, signal, count)
+                    if len(times_us):
+                        found[name] = FieldSamples((times_us * 1000 + self._offset_ns) / 1e9, values)
+                if found:
+                    yield found
+
+    def note(self, key: str) -> Any:
+        """What somebody settled about the session afterwards, None where nobody did."""
+        return read_note(self._stored, key)
+
+    def chunk_spans_us(self) -> list[tuple[int, int]]:
+        """First and last sample time of each stored chunk and of what came after them, monotonic microseconds."""
+        return self._columns.spans_us()
+
+    def signal_names(self) -> list[str]:
+        """Fields and estimates of which the session holds samples, without indices, in the memory map's order."""
+        with self.consistent():
+            names = self._columns.fields()
+            if self._stored.last_id("configs"):
+                names |= {f"conf.{name}" for name in CONFIG}
+        order = {name: i for i, name in enumerate(FIELDS)}
+        return sorted(names, key=lambda name: (order.get(name, len(order)), name))
+
+    def problems(self) -> list[str]:
+        """Look at every byte; an empty list is a sound file. Takes seconds for a long session."""
+        try:
+            found = [row[0] for row in self._stored.rows("PRAGMA quick_check(10)") if row[0] != "ok"]
+            with self.consistent():
+                for table in ("frames", "can_frames"):
+                    missing = self._stored.last_id(table) - self._stored.rows(f"SELECT count(*) FROM {table}")[0][0]
+                    if missing:
+                        found.append(f"{table}: {missing} rows are missing")
+        except NotASession as error:
+            found = [error.reason]
+        return found
+
+    def copy_to(self, path: Path) -> None:
+        """Write the session as one file without a log beside it, complete up to now."""
+        self._stored.backup(path)
+
+    def _meta(self) -> dict[str, str]:
+        meta = dict(self._stored.rows("SELECT key, value FROM meta"))
+        if missing := _ALWAYS_THERE - meta.keys():
+            raise NotASession(str(self.path), f"damaged: no {', '.join(sorted(missing))}")
+        return meta
+
+    def _wall_offset_ns(self) -> int:
+        last = self._stored.rows("SELECT t_wall_ns - t_mono_ns FROM clock ORDER BY id DESC LIMIT 1")
+        with self._stored.sound():
+            if last:
+                return int(last[0][0])
+            meta = self._meta()
+            return int(meta["start_wall_ns"]) - int(meta["start_mono_ns"])
+
+    def _range_ns(self, t_from_s: float | None, t_to_s: float | None) -> tuple[int | None, int | None]:
+        first_ns = None if t_from_s is None else self.mono_us(t_from_s) * 1000 - 500
+        last_ns = None if t_to_s is None else self.mono_us(t_to_s) * 1000 + 500
+        return first_ns, last_ns
+
+    def _last_times(self) -> list[int]:
+        return [
+            row[0]
+            for table in ("frames", "can_frames", "clock")
+            for row in self._stored.rows(f"SELECT t_mono_ns FROM {table} ORDER BY id DESC LIMIT 1")
+        ]
+
+
+def _joined(parts: Sequence[Block], signal: Signal, elements: int) -> tuple[np.ndarray[Any, Any], FloatArray]:
+    """Blocks of one field as one table in order of time."""
+    tables = []
+    for part in parts:
+        values = np.full((len(part.times_us), elements), np.nan)
+        values[:, part.first_element : part.first_element + part.counts.shape[1]] = signal.physical(part.counts)
+        tables.append(values)
+    times_us = np.concatenate([part.times_us for part in parts])
+    values = np.concatenate(tables)
+    if len(parts) > 1:
+        order = np.argsort(times_us, kind="stable")
+        times_us, values = times_us[order], values[order]
+    return times_us, values

@@ -1,0 +1,242 @@
+"""When a recording starts and ends by itself, and what goes into it."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from app import __version__
+from app.errors import AppError
+from app.live.pipeline import Output
+from app.sessions.info import RecorderStatus, SessionInfo
+from app.sessions.recording.plan import RecordingPlan, load_plan, next_part, save_plan
+from app.sessions.recording.writer import DiskLimits, Recorder
+from app.telemetry import CanItem, Event, Item, SerialItem, Source
+from firmware_protocol.framing import Frame
+
+log = logging.getLogger(__name__)
+GONE_S = 60.0  # the master has been silent this long: the session is over
+CLOCK_S = 10.0
+STATUS_S = 0.5
+RETRY_S = 5.0  # where a recording could not be started
+SERIAL_LINK = 0
+
+
+class AutoRecorder:
+    """Starts with the master's first good frame, stops when it has been gone for a while.
+
+    A session stopped by hand stays stopped until the master was gone once, or somebody starts one.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        automatic: bool,
+        on_event: Callable[[Event], None],
+        event: str | None = None,
+        limits: DiskLimits | None = None,
+        source: Source | None = None,
+    ) -> None:
+        """Open the folder; what the page was told of the next sessions lies beside it.
+
+        `source` is kept in every session, so that a simulated car is never taken for a real one.
+
+        Raises:
+            ConfigError: the event's name is too long.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        self._plan_path = folder.parent / "recording.json"
+        self._plan = load_plan(self._plan_path, event)
+        self._source: dict[str, object] = {} if source is None else {"source": source}
+        self._recorder = Recorder(folder, version=__version__, limits=limits, next_name=next_part)
+        self._automatic = automatic
+        self._on_event = on_event
+        self._lock = threading.Lock()
+        self._held_back = not automatic
+        self._last_good_ns: int | None = None
+        self._last_clock_ns = 0
+        self._retry_ns = 0
+        self._config: bytes | None = None
+        self._status: tuple[float, RecorderStatus] | None = None
+        self._told: str | None = None
+        self._session_id: str | None = None
+
+    @property
+    def status(self) -> RecorderStatus:
+        """The recorder, at most STATUS_S old."""
+        now, known = time.monotonic(), self._status  # another thread may forget it meanwhile
+        if known is None or now - known[0] > STATUS_S:
+            self._status = known = now, self._recorder.status
+        return known[1]
+
+    @property
+    def session(self) -> SessionInfo | None:
+        """The session being recorded."""
+        return self.status.session
+
+    def start(self, name: str | None = None) -> SessionInfo:
+        """Begin a session now.
+
+        Raises:
+            NotNow: one is being recorded.
+        """
+        with self._lock:
+            plan = self._plan
+            info = self._recorder.start(name or plan.name(time.time_ns()), plan.metadata() | self._source)
+            self._held_back = False
+            self._config = None
+            self._status = None
+            self._session_id = info.id
+        self._on_event(_event("recording-started", f"recording {info.id}"))
+        return info
+
+    def stop(self) -> SessionInfo | None:
+        """End the session and keep from starting another one by itself."""
+        with self._lock:
+            self._held_back = True
+        return self._end("stopped")
+
+    def split(self) -> SessionInfo:
+        """End the session and go on in a new file without losing a frame.
+
+        Raises:
+            NotNow: nothing is being recorded.
+            RecordingFailed: the new file cannot be created; the session goes on.
+        """
+        with self._lock:
+            info = self._recorder.split(self._plan.metadata() | self._source)
+            self._status = None
+        self._tell_split()
+        return info
+
+    @property
+    def plan(self) -> RecordingPlan:
+        """What the next sessions are called."""
+        return self._plan
+
+    def set_plan(self, plan: RecordingPlan) -> None:
+        """Use it from the next session on, also after a restart.
+
+        Raises:
+            ConfigError: it cannot be kept.
+        """
+        save_plan(self._plan_path, plan)
+        with self._lock:
+            self._plan = plan
+
+    def close(self) -> None:
+        """Write what is left and end the thread."""
+        self._recorder.close()
+
+    def flush(self) -> None:
+        """Return once all is on the disk."""
+        self._recorder.flush()
+
+    def marker(self, text: str, kind: str, who: str | None, ago_s: float = 0.0) -> None:
+        """Mark this instant, or one so long ago: whoever writes a note first pressed a key."""
+        ago_ns = round(ago_s * 1e9)
+        self._recorder.marker(time.monotonic_ns() - ago_ns, time.time_ns() - ago_ns, text, kind=kind, who=who)
+
+    def on_item(self, item: Item) -> None:
+        """Record what a link delivered, before anything else looks at it."""
+        if isinstance(item, SerialItem):
+            frame = item.frame
+            good = isinstance(frame, Frame)
+            if good:
+                self._master_spoke(item.t_mono_ns)
+            self._recorder.frame(item.t_mono_ns, item.t_wall_ns, SERIAL_LINK, frame.raw, good)
+            if isinstance(frame, Frame) and item.t_mono_ns - self._last_clock_ns > CLOCK_S * 1e9:
+                self._last_clock_ns = item.t_mono_ns
+                self._recorder.clock(item.t_mono_ns, item.t_wall_ns, frame.uptime_ms)
+        elif isinstance(item, CanItem):
+            if not item.sent:
+                self._master_spoke(item.t_mono_ns)
+            self._recorder.can_frame(item.t_mono_ns, item.t_wall_ns, item.can_id, item.data)
+
+    def on_output(self, output: Output) -> None:
+        """Record what the pipeline made of it; end the session when the master has been gone for long."""
+        snapshot = output.snapshot
+        if snapshot is None:
+            return
+        if output.estimates is not None:
+            self._recorder.estimates(
+                snapshot.t_mono_ns, output.uptime_ms, output.estimates.soc, output.estimates.soc_sigma
+            )
+        with self._lock:  # a session that begins between the two would miss its configuration
+            if snapshot.config is not None and self._config != snapshot.config:
+                why = "in force at the start" if self._config is None else "changed"
+                self._config = snapshot.config
+                self._recorder.config(snapshot.t_mono_ns, snapshot.t_wall_ns, self._config, why)
+        if self._last_good_ns is not None and snapshot.t_mono_ns - self._last_good_ns > GONE_S * 1e9:
+            self._last_good_ns = None
+            self._held_back = not self._automatic
+            self._end("the master is gone")
+        self._tell_split()
+        self._tell_trouble()
+
+    def on_event(self, event: Event) -> None:
+        """Record an event."""
+        self._recorder.event(
+            time.monotonic_ns(),
+            event.time_ns,
+            event.severity,
+            event.code,
+            event.text,
+            cell=event.cell,
+            value=event.value,
+            limit=event.limit,
+            unit=event.unit,
+            who=event.who,
+        )
+
+    def _master_spoke(self, t_mono_ns: int) -> None:
+        first = self._last_good_ns is None
+        self._last_good_ns = t_mono_ns
+        if self._held_back or t_mono_ns < self._retry_ns or not (first or self._recorder_is_idle()):
+            return
+        try:
+            self.start()
+        except AppError as error:
+            self._retry_ns = t_mono_ns + int(RETRY_S * 1e9)
+            if self._told != str(error):
+                self._told = str(error)
+                self._on_event(_event("recording-failed", str(error), "warning"))
+
+    def _recorder_is_idle(self) -> bool:
+        return self.status.session is None
+
+    def _end(self, why: str) -> SessionInfo | None:
+        info = self._recorder.status.session
+        if info is not None:
+            self._recorder.stop()
+            self._status = None
+            self._on_event(_event("recording-stopped", f"recording {info.id} ended: {why}"))
+        return info
+
+    def _tell_split(self) -> None:
+        session = self.session
+        with self._lock:
+            is_news = session is not None and session.id != self._session_id
+            self._session_id = None if session is None else session.id
+        if is_news and session is not None:
+            self._on_event(_event("recording-split", f"recording goes on as {session.id}"))
+
+    def _tell_trouble(self) -> None:
+        """Tell of each kind of trouble once, and when it is over; the megabytes in its text change all the time."""
+        status = self.status
+        trouble = status.error or status.warning
+        kind = status.error or ("low" if status.warning else None)
+        if kind == self._told:
+            return
+        if trouble is not None:
+            self._on_event(_event("recording-trouble", trouble, "warning"))
+        elif status.session is not None:
+            lost = f"; {status.lost_items} items were lost" if status.lost_items else ", nothing was lost"
+            self._on_event(_event("recording-resumed", f"the disk takes the recording again{lost}"))
+        self._told = kind
+
+
+def _event(code: str, text: str, severity: str = "info") -> Event:
+    return Event(time.time_ns(), severity, code, text)  # type: ignore[arg-type]

@@ -1,0 +1,224 @@
+"""One session file being written: rows in transactions, a closed chunk of columns a minute. No thread, no clock."""
+
+import json
+import sqlite3
+from collections import defaultdict
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.sessions.info import SessionInfo
+from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, SeriesKey, encode_estimate
+from app.sessions.storage.database import open_for_writing
+from app.sessions.storage.migrate import SESSION
+from app.sessions.storage.streams import pack_block
+
+IDS_PER_CHUNK = 1 << 20
+CHUNK_NS = 60_000_000_000
+Row = tuple[Any, ...]
+Item = tuple[str, Row]  # table and values
+
+_INSERT = {
+    "frames": "INSERT INTO frames (t_mono_ns, t_wall_ns, link, ok, raw) VALUES (?, ?, ?, ?, ?)",
+    "can_frames": "INSERT INTO can_frames (t_mono_ns, t_wall_ns, can_id, data) VALUES (?, ?, ?, ?)",
+    "estimates": "INSERT INTO estimates (t_mono_ns, uptime_ms, soc, sigma) VALUES (?, ?, ?, ?)",
+    "events": "INSERT INTO events (t_mono_ns, t_wall_ns, severity, code, text, cell, value, limit_value, unit, who)"
+    " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+    "markers": "INSERT INTO markers (t_mono_ns, t_wall_ns, kind, text, who) VALUES (?, ?, ?, ?, ?)",
+    "configs": "INSERT INTO configs (t_mono_ns, t_wall_ns, why, image) VALUES (?, ?, ?, ?)",
+    "clock": "INSERT INTO clock (t_mono_ns, t_wall_ns, uptime_ms) VALUES (?, ?, ?)",
+    "meta": "INSERT OR REPLACE INTO meta (key, value) VALUES (?, ?)",
+}
+
+
+_RECEIVED = {"meta", "frames", "can_frames", "estimates", "configs", "chunks", "series", "tracks", "columns"}
+
+
+class SessionWriter:
+    """Writes one new session. Every method either has its effect on the disk or raises and changes nothing."""
+
+    def __init__(self, info: SessionInfo) -> None:
+        """Create the session's tables in its file, which exists and is empty.
+
+        Raises:
+            sqlite3.Error: the disk does not take it.
+        """
+        self._connection = open_for_writing(info.path, SESSION)
+        self._builder = ChunkBuilder(decodes_can=FOREIGN_CAN not in info.metadata)
+        self._chunk_start_ns: int | None = None
+        self._chunks = 0
+        self._frames = 0
+        self._bad_frames = 0  # of the chunk
+        self._chunk_first_frame = 1
+        self._series: dict[SeriesKey, int] = {}
+        facts = {
+            "id": info.id,
+            "name": info.name,
+            "voltwall": info.voltwall,
+            "map_hash": info.map_hash,
+            "start_mono_ns": str(info.started_mono_ns),
+            "start_wall_ns": str(info.started_wall_ns),
+            "metadata": json.dumps(dict(info.metadata)),
+        }
+        try:
+            self.write([("meta", pair) for pair in facts.items()])
+        except sqlite3.Error:
+            self._connection.close()
+            raise
+
+    def write(self, items: Sequence[Item]) -> None:
+        """Commit the items, in order within each table.
+
+        Raises:
+            sqlite3.Error: none of them was written.
+        """
+        rows: dict[str, list[Row]] = defaultdict(list)
+        for table, row in items:
+            rows[table].append(row)
+        if rows["estimates"]:
+            rows["estimates"] = _encoded(rows["estimates"])
+        with _Transaction(self._connection):
+            for table, of_table in rows.items():
+                self._connection.executemany(_INSERT[table], of_table)
+        self._builder.add(
+            [(row[0], row[4]) for row in rows["frames"] if row[3]],
+            [(row[0], row[2], row[3]) for row in rows["can_frames"]],
+            [(row[0], row[3]) for row in rows["configs"]],
+        )
+        self._bad_frames += sum(not row[3] for row in rows["frames"])
+        for row in rows["estimates"]:
+            self._builder.add_estimate(*row)
+        if self._chunk_start_ns is None:
+            first = (*rows["frames"][:1], *rows["estimates"][:1], *rows["can_frames"][:1])
+            self._chunk_start_ns = min((row[0] for row in first), default=None)
+        self._frames += len(rows["frames"])
+
+    def close_chunk_if_due(self, t_mono_ns: int) -> None:
+        """Close the chunk once it is a minute long.
+
+        Raises:
+            sqlite3.Error: it stays open.
+        """
+        if self._chunk_start_ns is not None and t_mono_ns - self._chunk_start_ns >= CHUNK_NS:
+            self._close_chunk()
+
+    def close(self, t_mono_ns: int, t_wall_ns: int) -> None:
+        """Write the last chunk and the end, and close the file.
+
+        Raises:
+            sqlite3.Error: the file is as it was, and still open.
+        """
+        self._close_chunk()
+        self.write([("meta", ("end_mono_ns", str(t_mono_ns))), ("meta", ("end_wall_ns", str(t_wall_ns)))])
+        # The estimates that a chunk took over left free pages; execute() would take one step of this and stop.
+        self._connection.executescript("PRAGMA incremental_vacuum")
+        # A closed session is one file that any tool opens, also on a read-only medium; not where somebody reads it now.
+        self._connection.execute("PRAGMA busy_timeout = 0")
+        self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        with suppress(sqlite3.OperationalError):
+            self._connection.execute("PRAGMA journal_mode = DELETE")
+        self._connection.close()
+
+    def copy_other_tables(self, path: Path) -> None:
+        """Take over every table of another session that is neither received nor made of what was received.
+
+        Raises:
+            sqlite3.Error: the disk does not take them, or the file is damaged.
+        """
+        self._connection.execute("ATTACH ? AS other", (str(path),))
+        try:
+            names = {
+                schema: {row[0] for row in self._connection.execute(f"SELECT name FROM {schema}.sqlite_master")}
+                for schema in ("main", "other")
+            }
+            with _Transaction(self._connection):
+                for table in sorted((names["main"] & names["other"]) - _RECEIVED):
+                    if not table.startswith("sqlite_"):
+                        self._connection.execute(f"DELETE FROM main.{table}")
+                        self._connection.execute(f"INSERT INTO main.{table} SELECT * FROM other.{table}")
+        finally:
+            self._connection.execute("DETACH other")
+
+    def abandon(self) -> None:
+        """Close the file as it is: what was committed stays, the session remains marked as not closed."""
+        self._connection.close()
+
+    def _close_chunk(self) -> None:
+        if self._frames < self._chunk_first_frame and not len(self._builder):
+            return
+        chunk = self._builder.build()
+        number = self._chunks + 1
+        first_us, last_us = chunk.span_us
+        new = {
+            key: len(self._series) + i for i, key in enumerate(key for key in chunk.columns if key not in self._series)
+        }
+        row = (
+            number,
+            self._chunk_first_frame,
+            self._frames,
+            self._bad_frames,
+            first_us,
+            last_us,
+            *self._builder.master_clock,
+        )
+        with _Transaction(self._connection):
+            self._connection.execute("INSERT INTO chunks VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
+            self._connection.executemany(
+                "INSERT INTO series VALUES (?, ?, ?, ?, ?)",
+                [(i, key.field, key.first_element, key.elements, key.dtype) for key, i in new.items()],
+            )
+            _insert_columns(self._connection, chunk, number * IDS_PER_CHUNK, self._series | new)
+            self._connection.execute("DELETE FROM estimates")
+        self._series |= new
+        self._chunks = number
+        self._chunk_first_frame = self._frames + 1
+        self._chunk_start_ns = None
+        self._bad_frames = 0
+        self._builder.clear()
+
+
+def _insert_columns(connection: sqlite3.Connection, chunk: Chunk, base: int, series: dict[SeriesKey, int]) -> None:
+    for number, track in enumerate(chunk.tracks):
+        _, times_us = pack_block(track.times_us[:, None])
+        _, instants = pack_block(track.instants[:, None])
+        row = (base + number, len(track.times_us), times_us, instants)
+        connection.execute("INSERT INTO tracks VALUES (?, ?, ?, ?)", row)
+    for key, (number, values) in chunk.columns.items():
+        connection.execute(
+            "INSERT INTO columns VALUES (?, ?, ?, ?)", (base + series[key], base + number, *pack_block(values))
+        )
+
+
+def _encoded(rows: list[Row]) -> list[Row]:
+    soc, sigma = (encode_estimate(np.array([row[i] for row in rows])) for i in (2, 3))
+    size = len(soc) // len(rows)
+    return [
+        (row[0], row[1], soc[i * size : (i + 1) * size], sigma[i * size : (i + 1) * size]) for i, row in enumerate(rows)
+    ]
+
+
+class _Transaction:
+    """All or nothing; a failing rollback is the failure of the transaction, which is already on its way up."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+
+    def __enter__(self) -> None:
+        self._connection.execute("BEGIN IMMEDIATE")
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            try:
+                self._connection.execute("COMMIT")
+            except sqlite3.Error:
+                self._roll_back()
+                raise
+        else:
+            self._roll_back()
+
+    def _roll_back(self) -> None:
+        if self._connection.in_transaction:
+            self._connection.execute("ROLLBACK")

@@ -1,0 +1,383 @@
+"""The recorder: callers hand over what was received and go on at once; one thread brings it to the disk.
+
+Items wait in memory for at most `COMMIT_S`, then go into one transaction that is forced to the disk. Where the disk
+does not take them they stay in memory, up to a limit, and are tried again; what is lost beyond it is counted and
+written down as an event as soon as the disk takes anything.
+"""
+
+import logging
+import shutil
+import sqlite3
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import NotNow
+from app.sessions.errors import RecordingFailed, SessionError
+from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
+from app.sessions.recording.session_writer import Item, Row, SessionWriter
+from app.sessions.storage.files import new_file, size_on_disk
+from firmware_protocol.memory_map import MAP_HASH, N_CELLS
+
+logger = logging.getLogger(__name__)
+
+COMMIT_S = 0.3  # with the time that the commit takes, at most 0.5 s of a session are not on the disk
+CLOCK_STEP_NS = 50_000_000  # the wall clock moved by more than this against the monotonic one: noted
+_ROW_BYTES = 250  # what an item costs in memory beside its payload
+_START, _STOP = "start", "stop"
+
+
+@dataclass(frozen=True, slots=True)
+class DiskLimits:
+    """When to warn, when to stop writing, how much to keep in memory meanwhile."""
+
+    warn_free_bytes: int = 1 << 30
+    stop_free_bytes: int = 64 << 20  # the system and the closing of the file need some
+    queue_bytes: int = 32 << 20
+    session_bytes: int | None = None  # a session longer than this goes on in a new file
+
+
+def _free_bytes(folder: Path) -> int:
+    return shutil.disk_usage(folder).free
+
+
+class Recorder:
+    """Records one session at a time into FOLDER/<id>.sqlite. All methods may be called from any thread."""
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        version: str,
+        monotonic_ns: Callable[[], int] = time.monotonic_ns,
+        wall_ns: Callable[[], int] = time.time_ns,
+        limits: DiskLimits | None = None,
+        free_bytes: Callable[[Path], int] = _free_bytes,
+        next_name: Callable[[str], str] = lambda name: name,
+    ) -> None:
+        self._folder = folder
+        self._next_name = next_name  # of the session that goes on where one is split
+        self._version = version
+        self._monotonic_ns = monotonic_ns
+        self._wall_ns = wall_ns
+        self._limits = limits or DiskLimits()
+        self._free_bytes = free_bytes
+        self._lock = threading.Lock()
+        self._progress = threading.Condition(self._lock)
+        self._wake = threading.Event()
+        self._ending = False
+        self._session: SessionInfo | None = None
+        self._pending: list[Item] = []
+        self._queued_items = 0
+        self._queued_bytes = 0
+        self._taken = 0  # items ever accepted, and of those done with
+        self._done = 0
+        self._lost = 0
+        self._lost_to_tell = 0
+        self._counts: Counter[str] = Counter()  # items of the session by table
+        self._clock_offset_ns = 0
+        self._config: bytes | None = None  # in force, of this session
+        self._error: str | None = None
+        self._free: int | None = None
+        self._writer: SessionWriter | None = None  # the thread's
+        self._batch: list[Item] = []  # the thread's
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    def start(self, name: str | None = None, metadata: Mapping[str, object] | None = None) -> SessionInfo:
+        """Begin a session; everything handed over from now on belongs to it.
+
+        Raises:
+            NotNow: one is being recorded.
+            RecordingFailed: the folder or the file cannot be created.
+        """
+        with self._lock:
+            if self._session is not None:
+                raise NotNow(f"session {self._session.id} is being recorded")
+            return self._begin(name, metadata or {})
+
+    def split(self, metadata: Mapping[str, object] | None = None) -> SessionInfo:
+        """End the session and go on in a new one, without a frame between them lost; its metadata unless told others.
+
+        Raises:
+            NotNow: nothing is being recorded.
+            RecordingFailed: the new file cannot be created; the session goes on.
+        """
+        with self._lock:
+            if (session := self._session) is None:
+                raise NotNow("nothing is being recorded")
+            name = None if session.name == session.id else self._next_name(session.name)
+            config = self._config
+            known = session.metadata if metadata is None else metadata
+            following = self._begin(name, {**known, "continues": session.id})
+            if config is not None:
+                self._put(
+                    "configs", (following.started_mono_ns, following.started_wall_ns, "as before", config), len(config)
+                )
+            return following
+
+    def stop(self) -> None:
+        """End the session; nothing without one. What it still holds in memory is written by the thread."""
+        with self._lock:
+            if self._session is not None:
+                self._append((_STOP, (self._monotonic_ns(), self._wall_ns())), 0)
+                self._session = None
+                self._wake.set()
+
+    def frame(self, t_mono_ns: int, t_wall_ns: int, link: int, raw: bytes, ok: bool) -> None:
+        """Record what stood between two delimiters, good or bad."""
+        with self._lock:
+            if self._session is not None:
+                self._watch_clock(t_mono_ns, t_wall_ns)
+                self._put("frames", (t_mono_ns, t_wall_ns, link, int(ok), raw), len(raw))
+
+    def can_frame(self, t_mono_ns: int, t_wall_ns: int, can_id: int, data: bytes) -> None:
+        """Record a CAN frame; bit 31 of the id marks a 29-bit id."""
+        with self._lock:
+            if self._session is not None:
+                self._watch_clock(t_mono_ns, t_wall_ns)
+                self._put("can_frames", (t_mono_ns, t_wall_ns, can_id, data), len(data))
+
+    def estimates(self, t_mono_ns: int, uptime_ms: int, soc: NDArray[np.float64], sigma: NDArray[np.float64]) -> None:
+        """Record the (96,) estimated SOC and its standard deviation, fractions; not finite is missing."""
+        if soc.shape != (N_CELLS,) or sigma.shape != (N_CELLS,):
+            raise SessionError(f"estimates of shape {soc.shape} and {sigma.shape}, not ({N_CELLS},)")
+        with self._lock:
+            self._put("estimates", (t_mono_ns, uptime_ms, soc.copy(), sigma.copy()), 16 * N_CELLS)
+
+    def event(
+        self,
+        t_mono_ns: int,
+        t_wall_ns: int,
+        severity: str,
+        code: str,
+        text: str,
+        *,
+        cell: int | None = None,
+        value: float | None = None,
+        limit: float | None = None,
+        unit: str = "",
+        who: str | None = None,
+    ) -> None:
+        """Record that something happened."""
+        row = (t_mono_ns, t_wall_ns, severity, code, text, cell, value, limit, unit, who)
+        with self._lock:
+            self._put("events", row, len(text))
+
+    def marker(self, t_mono_ns: int, t_wall_ns: int, text: str, *, kind: str = "note", who: str | None = None) -> None:
+        """Record a point in time that somebody marked."""
+        with self._lock:
+            self._put("markers", (t_mono_ns, t_wall_ns, kind, text, who), len(text))
+
+    def config(self, t_mono_ns: int, t_wall_ns: int, image: bytes, why: str) -> None:
+        """Record the configuration in force from now on."""
+        with self._lock:
+            self._config = image
+            self._put("configs", (t_mono_ns, t_wall_ns, why, image), len(image))
+
+    def clock(self, t_mono_ns: int, t_wall_ns: int, uptime_ms: int | None) -> None:
+        """Record what three clocks showed at one instant. Steps of the wall clock are noted without this."""
+        with self._lock:
+            self._note_clock(t_mono_ns, t_wall_ns, uptime_ms)
+
+    @property
+    def status(self) -> RecorderStatus:
+        """What is being recorded, and how well."""
+        with self._lock:
+            session, error, free = self._session, self._error, self._free
+            queue = (self._queued_items, self._queued_bytes, self._lost)
+            counts = self._counts.copy()
+        if session is not None:
+            session = replace(
+                session,
+                size_bytes=size_on_disk(session.path),
+                ended_mono_ns=self._monotonic_ns(),
+                frames=counts["frames"],
+                can_frames=counts["can_frames"],
+                events=counts["events"],
+                markers=counts["markers"],
+            )
+        state = RecorderState.STALLED if error else RecorderState.RECORDING if session else RecorderState.IDLE
+        warning = None
+        if session and free is not None and free < self._limits.warn_free_bytes:
+            warning = f"{free >> 20} MB free on the disk, {_time_left(session, free - self._limits.stop_free_bytes)}"
+        return RecorderStatus(state, session, *queue, free, warning, error)
+
+    def flush(self, timeout_s: float = 5.0) -> None:
+        """Return once everything handed over so far is on the disk.
+
+        Raises:
+            RecordingFailed: it is not; it stays in memory and is tried again.
+        """
+        deadline = time.monotonic() + timeout_s
+        with self._progress:
+            goal = self._taken
+            while self._done < goal:
+                self._wake.set()
+                remaining = deadline - time.monotonic()
+                if remaining <= 0 or not self._progress.wait(remaining):
+                    raise RecordingFailed(self._error or f"not written within {timeout_s} s")
+                if self._error and self._done < goal:
+                    raise RecordingFailed(self._error)
+
+    def close(self, timeout_s: float = 5.0) -> None:
+        """End the session, write what is left and end the thread. Nothing may be handed over afterwards."""
+        self.stop()
+        self._ending = True
+        self._wake.set()
+        self._thread.join(timeout_s)
+
+    def _begin(self, name: str | None, metadata: Mapping[str, object]) -> SessionInfo:
+        """End what is being recorded and begin anew; the lock is held."""
+        started_wall_ns, started_mono_ns = self._wall_ns(), self._monotonic_ns()
+        try:
+            path = new_file(self._folder, started_wall_ns)
+        except OSError as error:
+            raise RecordingFailed(f"{self._folder}: {error.strerror}") from error
+        if self._session is not None:
+            self._append((_STOP, (started_mono_ns, started_wall_ns)), 0)
+        self._session = SessionInfo(
+            id=path.stem,
+            path=path,
+            name=name or path.stem,
+            started_wall_ns=started_wall_ns,
+            started_mono_ns=started_mono_ns,
+            voltwall=self._version,
+            map_hash=MAP_HASH.hex(),
+            metadata=dict(metadata),
+        )
+        self._lost = 0
+        self._config = None
+        self._counts.clear()
+        self._append((_START, (self._session,)), 0)
+        self._note_clock(started_mono_ns, started_wall_ns, None)
+        self._wake.set()
+        return self._session
+
+    def _put(self, table: str, row: Row, size: int) -> None:
+        """Queue a row; the lock is held."""
+        if self._session is None:
+            return
+        if self._queued_bytes + size + _ROW_BYTES > self._limits.queue_bytes:
+            self._lost += 1
+            self._lost_to_tell += 1
+            return
+        self._counts[table] += 1
+        self._append((table, row), size)
+
+    def _append(self, item: Item, size: int) -> None:
+        self._pending.append(item)
+        self._queued_items += 1
+        self._queued_bytes += size + _ROW_BYTES
+        self._taken += 1
+
+    def _watch_clock(self, t_mono_ns: int, t_wall_ns: int) -> None:
+        if abs(t_wall_ns - t_mono_ns - self._clock_offset_ns) > CLOCK_STEP_NS:
+            self._note_clock(t_mono_ns, t_wall_ns, None)
+
+    def _note_clock(self, t_mono_ns: int, t_wall_ns: int, uptime_ms: int | None) -> None:
+        self._clock_offset_ns = t_wall_ns - t_mono_ns
+        self._put("clock", (t_mono_ns, t_wall_ns, uptime_ms), 0)
+
+    def _run(self) -> None:
+        while True:
+            with self._lock:
+                is_idle = self._session is None and not self._pending and not self._batch
+            self._wake.wait(None if is_idle and not self._ending else COMMIT_S)
+            self._wake.clear()
+            ending = self._ending
+            self._work()
+            if ending:
+                if self._writer is not None:
+                    logger.error("session left unclosed, %d items not written", len(self._batch))
+                    self._writer.abandon()
+                return
+
+    def _work(self) -> None:
+        with self._lock:
+            self._batch += self._pending
+            self._pending = []
+            lost_to_tell = self._lost_to_tell
+        error, free = None, None
+        try:
+            free = self._free_bytes(self._folder) if self._folder.exists() else None
+            if self._batch and free is not None and free < self._limits.stop_free_bytes:
+                error = f"disk nearly full: the last {self._limits.stop_free_bytes >> 20} MB are kept free"
+            else:
+                self._write_batch(lost_to_tell)
+                self._split_where_long()
+        except (sqlite3.Error, OSError, SessionError) as failure:
+            error = f"disk does not take the session: {failure}"
+        if error != self._error:
+            if error:
+                logger.warning("recording stalled: %s", error)
+            else:
+                logger.info("recording goes on, %d items were lost", lost_to_tell)
+        with self._progress:
+            self._error, self._free = error, free
+            self._progress.notify_all()
+
+    def _write_batch(self, lost_to_tell: int) -> None:
+        while self._batch:
+            kind, row = self._batch[0]
+            if kind == _START:
+                self._writer = SessionWriter(row[0])
+                self._finish(1)
+                continue
+            if self._writer is None:
+                raise RecordingFailed("no session is open")
+            if kind == _STOP:
+                self._writer.close(*row)
+                self._writer = None
+                self._finish(1)
+            else:
+                n = next((i for i, item in enumerate(self._batch) if item[0] in (_START, _STOP)), len(self._batch))
+                items = self._batch[:n]
+                if lost_to_tell:
+                    items = [*items, self._loss_event(lost_to_tell, row)]
+                self._writer.write(items)
+                self._finish(n, lost_to_tell)
+                lost_to_tell = 0
+                self._writer.close_chunk_if_due(items[-1][1][0])
+
+    def _split_where_long(self) -> None:
+        limit = self._limits.session_bytes
+        with self._lock:
+            session = self._session
+        if limit is not None and session is not None and not self._batch and size_on_disk(session.path) > limit:
+            following = self.split()
+            logger.info("session %s is %d MB long and goes on as %s", session.id, limit >> 20, following.id)
+
+    def _loss_event(self, lost: int, row: Row) -> Item:
+        text = f"{lost} items were not recorded because the disk was full"
+        return "events", (row[0], self._wall_ns(), "warning", "recorder_lost", text, None, lost, None, "", None)
+
+    def _finish(self, n: int, told: int = 0) -> None:
+        finished, self._batch = self._batch[:n], self._batch[n:]
+        size = sum(_payload_bytes(item) + _ROW_BYTES for item in finished)
+        with self._lock:
+            self._done += n
+            self._queued_items -= n
+            self._queued_bytes -= size
+            self._lost_to_tell -= told
+
+
+def _time_left(session: SessionInfo, usable_bytes: int) -> str:
+    rate = session.size_bytes / max(session.duration_s, 60.0)  # of the first minute it says too little
+    minutes = max(0.0, usable_bytes) / max(rate, 1.0) / 60
+    return "enough for days" if minutes > 2880 else f"full in about {minutes:.0f} minutes at this rate"
+
+
+def _payload_bytes(item: Item) -> int:
+    table, row = item
+    if table in ("frames", "can_frames", "configs"):
+        return len(row[-1])
+    if table == "estimates":
+        return 16 * N_CELLS
+    return len(row[4]) if table == "events" else len(row[3]) if table == "markers" else 0

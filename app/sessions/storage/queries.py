@@ -1,0 +1,129 @@
+"""Queries on a session's file: by any thread, of one instant where that matters, with our own errors."""
+
+import sqlite3
+import struct
+import threading
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from app.sessions.errors import NotASession
+from app.sessions.storage.database import open_for_reading
+from app.sessions.storage.migrate import SESSION
+
+FETCH_ROWS = 500
+
+
+class StoredSession:
+    """A session's file, opened for reading. Every method raises NotASession where the file is damaged."""
+
+    def __init__(self, path: Path) -> None:
+        """Open the file.
+
+        Raises:
+            NotASession: missing, damaged, or something else.
+            SchemaTooNew: a newer program wrote it.
+        """
+        self.path = path
+        self._connection = open_for_reading(path, SESSION)
+        self._lock = threading.RLock()
+
+    def close(self) -> None:
+        """Close the file."""
+        with self._lock:
+            self._connection.close()
+
+    @contextmanager
+    def consistent(self) -> Iterator[None]:
+        """Everything read inside is of one instant, whatever is recorded meanwhile."""
+        with self._lock:
+            if self._connection.in_transaction:
+                yield
+                return
+            with self._translated():
+                self._connection.execute("BEGIN")
+            try:
+                yield
+            finally:
+                if self._connection.in_transaction:
+                    self._connection.execute("ROLLBACK")
+
+    def rows(self, query: str, values: Sequence[object] = ()) -> list[tuple[Any, ...]]:
+        """Return all rows of a query."""
+        with self._lock, self._translated():
+            return self._connection.execute(query, values).fetchall()
+
+    def dictionaries(self, query: str) -> list[dict[str, Any]]:
+        """Return all rows of a query by the names of their columns."""
+        with self._lock, self._translated():
+            cursor = self._connection.execute(query)
+            names = [column[0] for column in cursor.description]
+            return [dict(zip(names, row, strict=True)) for row in cursor]
+
+    def last_id(self, table: str) -> int:
+        """Return how many rows a table has, whose ids count from 1; 0 for an empty one."""
+        return int(self.rows(f"SELECT coalesce(max(id), 0) FROM {table}")[0][0])
+
+    def iterate(self, table: str, columns: str, first_ns: int | None, last_ns: int | None) -> Iterator[tuple[Any, ...]]:
+        """Yield the rows of a range of monotonic time, ends included, in the order in which they were recorded.
+
+        The first of the columns must be t_mono_ns.
+        """
+        first = 1 if first_ns is None else self._first_id_at(table, first_ns)
+        while True:
+            rows = self.rows(
+                f"SELECT id, {columns} FROM {table} WHERE id >= ? ORDER BY id LIMIT {FETCH_ROWS}", (first,)
+            )
+            for row in rows:
+                if last_ns is not None and row[1] > last_ns:
+                    return
+                yield row[1:]
+            if len(rows) < FETCH_ROWS:
+                return
+            first = rows[-1][0] + 1
+
+    def part_of_column(self, column_id: int, start: int, end: int) -> bytes:
+        """Return some bytes of a column's data without reading the others."""
+        with (
+            self._lock,
+            self._translated(),
+            self._connection.blobopen("columns", "data", column_id, readonly=True) as blob,
+        ):
+            blob.seek(start)
+            return blob.read(end - start)
+
+    def backup(self, path: Path) -> None:
+        """Write all of it, as it is now, into one file without a log beside it."""
+        target = sqlite3.connect(path)
+        try:
+            with self._lock, self._translated():
+                self._connection.backup(target)
+            target.execute("PRAGMA journal_mode = DELETE")
+        finally:
+            target.close()
+
+    def _first_id_at(self, table: str, t_mono_ns: int) -> int:
+        with self.consistent():
+            low, high = 1, self.last_id(table) + 1
+            while low < high:
+                middle = (low + high) // 2
+                ((time_ns,),) = self.rows(f"SELECT t_mono_ns FROM {table} WHERE id = ?", (middle,))
+                low, high = (middle + 1, high) if time_ns < t_mono_ns else (low, middle)
+        return low
+
+    @contextmanager
+    def sound(self) -> Iterator[None]:
+        """What does not have the shape that it was written in is damage: NotASession."""
+        try:
+            yield
+        except (ArithmeticError, LookupError, TypeError, ValueError, struct.error, zlib.error) as error:
+            raise NotASession(str(self.path), f"damaged: {error}") from error
+
+    @contextmanager
+    def _translated(self) -> Iterator[None]:
+        try:
+            yield
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
+            raise NotASession(str(self.path), f"damaged: {error}") from error

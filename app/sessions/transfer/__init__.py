@@ -1,0 +1,1 @@
+"""Sessions from elsewhere: fetched from another recorder, imported from other systems, gaps filled."""

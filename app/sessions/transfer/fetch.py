@@ -1,0 +1,195 @@
+"""Brings the sessions of another voltwall, a recorder in the car, into this folder; goes on where it was cut off."""
+
+import base64
+import hashlib
+import http.client
+import json
+import re
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+from urllib.parse import urlsplit
+
+from app.errors import ConfigError
+from app.sessions.errors import FetchFailed, SessionError
+from app.sessions.reading.reader import SessionFile
+from app.sessions.storage.files import FETCHED, SUFFIX
+
+TIMEOUT_S = 15.0
+ATTEMPTS = 5  # in a row without a single byte
+PAUSE_S = 0.5  # before the second attempt; twice as long before each further one
+PIECE_BYTES = 1 << 16
+Progress = Callable[[int, int], None]  # bytes here, bytes in all
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteSession:
+    """A session that another service has."""
+
+    id: str
+    name: str
+    started_s: float
+    duration_s: float
+    size_bytes: int
+    is_recording: bool
+
+
+class Remote:
+    """Another voltwall service."""
+
+    def __init__(
+        self, url: str, *, label: str = "", password: str | None = None, sleep: Callable[[float], None] = time.sleep
+    ) -> None:
+        """Only keep what is given; nothing is asked yet.
+
+        Args:
+            url: where it is, as http://car.local:8000.
+            label: what its sessions are called here, before their id; the host's name where empty.
+            password: its viewer's or engineer's.
+            sleep: waits between attempts.
+
+        Raises:
+            ConfigError: the URL or the label cannot be one.
+        """
+        parts = urlsplit(url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ConfigError("url", url, "http://HOST[:PORT] or https://HOST[:PORT]")
+        self.url = f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}"
+        self.label = label or re.sub(r"[^A-Za-z0-9]+", "-", parts.hostname).strip("-")
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,40}", self.label):
+            raise ConfigError("label", label, "up to 41 letters, digits, dots, dashes")
+        self._password = password
+        self._sleep = sleep
+
+    def sessions(self) -> list[RemoteSession]:
+        """Return what it has, newest first.
+
+        Raises:
+            FetchFailed: it does not answer, or not as a voltwall.
+        """
+        try:
+            with self._open("sessions", {}) as answer:
+                found = json.load(answer)["sessions"]
+            return [
+                RemoteSession(
+                    str(each["id"]), str(each["name"]), float(each["started"]), float(each["duration_s"] or 0),
+                    int(each["bytes"]), bool(each["recording"]),
+                )
+                for each in found
+            ]  # fmt: skip
+        except (OSError, http.client.HTTPException) as error:
+            raise FetchFailed(self.url, str(error)) from error
+        except (ValueError, KeyError, TypeError) as error:
+            raise FetchFailed(self.url, "this is no voltwall service") from error
+
+    def local_id(self, session: RemoteSession) -> str:
+        """What a session of it is called here."""
+        return f"{self.label}-{session.id}"
+
+    def is_here(self, session: RemoteSession, folder: Path) -> bool:
+        """Whether it was fetched as it is there."""
+        path, note = self._paths(session, folder)
+        try:
+            return path.is_file() and not session.is_recording and int(note.read_text()) == session.size_bytes
+        except (OSError, ValueError):
+            return False
+
+    def fetch(self, session: RemoteSession, folder: Path, on_progress: Progress = lambda done, of: None) -> Path:
+        """Bring one session here and return its file; what an earlier attempt brought is not fetched again.
+
+        Raises:
+            FetchFailed: the connection broke again and again, or the bytes are not those that the other side has. What
+                came is kept for the next time, unless it is wrong.
+        """
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,80}", session.id):
+            raise FetchFailed(self.url, f"a session cannot be called {session.id[:40]!r}")
+        path, note = self._paths(session, folder)
+        part = path.with_name(path.name + ".part")
+        folder.mkdir(parents=True, exist_ok=True)
+        idle = 0
+        while True:
+            before = _size(part)
+            try:
+                expected = self._continue(session, part, on_progress)
+                break
+            except urllib.error.HTTPError as error:
+                raise FetchFailed(self.url, f"{session.id}: {error}") from error
+            except (OSError, http.client.HTTPException) as error:
+                idle = idle + 1 if _size(part) <= before else 0
+                if idle >= ATTEMPTS:
+                    raise FetchFailed(self.url, f"{session.id}: {error}; the next attempt goes on from here") from error
+                self._sleep(PAUSE_S * 2**idle)
+        with part.open("rb") as file:
+            found = hashlib.file_digest(file, "sha256").digest()
+        if expected is not None and found != expected:
+            part.unlink()
+            raise FetchFailed(self.url, f"{session.id}: what came is not what was sent; fetch it again")
+        try:
+            SessionFile(part).close()
+        except SessionError as error:
+            part.unlink()
+            raise FetchFailed(self.url, f"{session.id}: {error}") from error
+        for beside in ("-wal", "-shm"):
+            path.with_name(path.name + beside).unlink(missing_ok=True)
+        part.replace(path)
+        _etag_of(part).unlink(missing_ok=True)
+        note.write_text(str(session.size_bytes))
+        return path
+
+    def _paths(self, session: RemoteSession, folder: Path) -> tuple[Path, Path]:
+        path = folder / f"{self.local_id(session)}{SUFFIX}"
+        return path, path.with_name(path.name + FETCHED)
+
+    def _continue(self, session: RemoteSession, part: Path, on_progress: Progress) -> bytes | None:
+        """Fetch what is missing; return the digest that the whole must have."""
+        have, etag = _size(part), _etag_of(part)
+        headers = {}
+        if have and etag.is_file():
+            headers = {"Range": f"bytes={have}-", "If-Range": etag.read_text()}
+        try:
+            answer = self._open(f"sessions/{session.id}/file", headers)
+        except urllib.error.HTTPError as error:
+            if error.code != 416:
+                raise
+            answer = self._open(f"sessions/{session.id}/file", {})  # all of it is here, or more than there is
+        with answer:
+            start = have if answer.status == 206 else 0
+            total = start + int(answer.headers.get("Content-Length", 0))
+            etag.write_text(answer.headers.get("ETag", ""))
+            with part.open("ab" if start else "wb") as file:
+                _copy(answer, file, start, total, on_progress)
+            if _size(part) < total:
+                raise ConnectionError("the connection ended early")
+            return _digest(answer.headers.get("Repr-Digest", ""))
+
+    def _open(self, path: str, headers: dict[str, str]) -> Any:
+        request = urllib.request.Request(f"{self.url}/api/v1/{path}", headers=headers)
+        if self._password is not None:
+            request.add_header("Authorization", "Basic " + base64.b64encode(f":{self._password}".encode()).decode())
+        return urllib.request.urlopen(request, timeout=TIMEOUT_S)
+
+
+def _copy(answer: Any, file: IO[bytes], start: int, total: int, on_progress: Progress) -> None:
+    done = start
+    while piece := answer.read(PIECE_BYTES):
+        file.write(piece)
+        done += len(piece)
+        on_progress(done, total)
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0
+
+
+def _etag_of(part: Path) -> Path:
+    return part.with_name(part.name + ".etag")
+
+
+def _digest(header: str) -> bytes | None:
+    """Return the SHA-256 out of a Repr-Digest header (RFC 9530)."""
+    match = re.search(r"sha-256=:([A-Za-z0-9+/=]+):", header)
+    return base64.b64decode(match[1]) if match else None

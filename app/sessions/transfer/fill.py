@@ -1,0 +1,246 @@
+"""Puts into a session what its link lost and another recorder of the same run, the one in the car, has.
+
+Frames that both have, byte for byte, tell how far the two clocks are apart. What only the other one has goes in
+between, marked by its link number; nothing of the session is changed or lost, and doing it again changes nothing.
+"""
+
+import shutil
+import sqlite3
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from heapq import merge
+from itertools import groupby, islice
+from operator import attrgetter
+from pathlib import Path
+from statistics import median
+
+from app.errors import AppError, NotNow
+from app.sessions.catalogue import Catalogue
+from app.sessions.errors import RecordingFailed, SessionError
+from app.sessions.info import RecordedCanFrame, RecordedFrame, SessionInfo
+from app.sessions.reading.reader import SessionFile
+from app.sessions.recording.plan import CLOCK_IS_SET_NS
+from app.sessions.recording.session_writer import Item, SessionWriter
+from app.sessions.storage.files import FETCHED, is_in_use, settle
+
+FILLED_LINK = 1  # in `frames.link`: came from another recorder
+SPAN_NS = 500_000_000  # from here on, missing frames in a row are a gap worth a line of its own
+NEAR = 25  # common frames on each side of a gap tell what the clocks' difference is there
+MARGIN_NS = 3600 * 10**9  # the clocks of two machines in a paddock are not further apart, once they were set
+NEWEST = 10  # sessions looked at where a clock was never set
+BATCH = 2000
+
+
+class NothingInCommon(SessionError):
+    """The two sessions are not of the same run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """What was put in; `spans` are the gaps of half a second and more, in seconds from the session's start."""
+
+    frames: int = 0
+    can_frames: int = 0
+    estimates: int = 0
+    spans: tuple[tuple[float, float], ...] = ()
+
+    def __str__(self) -> str:
+        """What to say about it."""
+        return f"{self.frames} missing frames filled, {self.seconds:.1f} s in {len(self.spans)} gaps,"
+
+    @property
+    def seconds(self) -> float:
+        """Length of these gaps."""
+        return sum(end - start for start, end in self.spans)
+
+
+@dataclass(frozen=True, slots=True)
+class _Missing:
+    """A frame that only the source has, on the session's clock."""
+
+    frame: RecordedFrame
+    source_ns: int
+    after: int  # number of common frames before it
+
+
+def fill_gaps(path: Path, other: Path, *, t_wall_ns: int) -> Filled:
+    """Fill the session at `path` from the one at `other` and return what was put in.
+
+    Raises:
+        NothingInCommon: not one frame is in both.
+        NotNow: the session is being recorded or read.
+        NotASession, SchemaTooNew: one of them cannot be read.
+        RecordingFailed: the disk does not take the new file; the session stays as it is.
+    """
+    if is_in_use(path):
+        raise NotNow(f"session {path.stem} is being recorded or read")
+    try:
+        return _fill(path, other, t_wall_ns)
+    except (sqlite3.Error, OSError) as error:
+        raise RecordingFailed(f"{path.stem} could not be written anew: {error}") from error
+
+
+def fill_from(catalogue: Catalogue, fetched: Path) -> list[str]:
+    """Fill every session recorded here during the fetched one's run; return what was done, in words."""
+    with SessionFile(fetched) as file:
+        info = file.info
+    told = []
+    for session in _candidates(catalogue, info):
+        try:
+            filled = fill_gaps(session.path, fetched, t_wall_ns=time.time_ns())
+        except NothingInCommon:
+            continue
+        except AppError as error:
+            told.append(f"{session.id} could not be filled: {error}")
+            continue
+        if filled.frames:
+            told.append(f"{session.id}: {filled} from {fetched.stem}")
+    return told
+
+
+def _candidates(catalogue: Catalogue, fetched: SessionInfo) -> list[SessionInfo]:
+    """Sessions recorded here that can be of the same run; by time, unless one of the clocks was never set."""
+    own = [info for info in catalogue.list() if not info.path.with_name(info.path.name + FETCHED).exists()]
+    if fetched.started_wall_ns < CLOCK_IS_SET_NS:
+        return own[:NEWEST]
+    start_ns, end_ns = fetched.started_wall_ns - MARGIN_NS, (fetched.ended_wall_ns or 0) + MARGIN_NS
+    return [
+        info
+        for i, info in enumerate(own)
+        if (info.started_wall_ns < end_ns and (info.ended_wall_ns or 0) > start_ns)
+        or (info.started_wall_ns < CLOCK_IS_SET_NS and i < NEWEST)
+    ]
+
+
+def _fill(path: Path, other: Path, t_wall_ns: int) -> Filled:
+    with (
+        tempfile.TemporaryDirectory(dir=path.parent, prefix=".filling-") as folder,
+        SessionFile(path) as session,
+        SessionFile(other) as source,
+    ):
+        missing = _missing(session, source)
+        if not missing:
+            return Filled()
+        spans = _spans(missing)
+        items = [
+            *_frames(missing),
+            *(cans := _can_frames(session, source, missing, spans)),
+            *(estimates := _estimates(source, missing)),
+        ]
+        start_ns = session.info.started_mono_ns
+        in_s = tuple(((first - start_ns) / 1e9, (last - start_ns) / 1e9) for first, last in spans)
+        result = Filled(len(missing), len(cans), len(estimates), in_s)
+        copy = Path(folder) / path.name
+        copy.touch()
+        _write(session, copy, items, result, f"the session {other.stem}", t_wall_ns)
+        shutil.copymode(path, copy)
+        session.close()
+        for beside in ("-wal", "-shm"):
+            path.with_name(path.name + beside).unlink(missing_ok=True)
+        copy.replace(path)
+    return result
+
+
+def _missing(session: SessionFile, source: SessionFile) -> list[_Missing]:
+    """Intact frames of the source that the session lacks, between its start and its end, in order."""
+    info = session.info
+    here = {hash(frame.raw): frame.t_mono_ns for frame in session.frames() if frame.ok}
+    frames = [(frame.t_mono_ns, here.get(hash(frame.raw)), frame.raw) for frame in source.frames() if frame.ok]
+    common = [(there_ns, here_ns) for there_ns, here_ns, _ in frames if here_ns is not None]
+    if not common:
+        raise NothingInCommon(f"{session.path.stem} and {source.path.stem} have no frame in common: not the same run")
+    found: list[_Missing] = []
+    passed = 0  # common frames so far
+    for there_ns, here_ns, raw in frames:
+        if here_ns is not None:
+            passed += 1
+            continue
+        near = common[max(0, passed - NEAR) : passed + NEAR]
+        t_ns = there_ns + round(median(mine - theirs for theirs, mine in near))
+        if passed and passed < len(common):
+            t_ns = min(max(t_ns, common[passed - 1][1] + 1), common[passed][1] - 1)
+        elif not info.started_mono_ns <= t_ns <= (info.ended_mono_ns or 0):
+            continue
+        t_wall_ns = t_ns + info.started_wall_ns - info.started_mono_ns
+        found.append(_Missing(RecordedFrame(t_ns, t_wall_ns, FILLED_LINK, raw, True), there_ns, passed))
+    return found
+
+
+def _spans(missing: list[_Missing]) -> list[tuple[int, int]]:
+    """First and last time of each long run of missing frames."""
+    runs = [[each.frame.t_mono_ns for each in run] for _, run in groupby(missing, key=attrgetter("after"))]
+    return [(times[0], times[-1]) for times in runs if times[-1] - times[0] >= SPAN_NS]
+
+
+def _frames(missing: list[_Missing]) -> list[Item]:
+    return [_frame_item(each.frame) for each in missing]
+
+
+def _frame_item(frame: RecordedFrame) -> Item:
+    return "frames", (frame.t_mono_ns, frame.t_wall_ns, frame.link, int(frame.ok), frame.raw)
+
+
+def _can_item(frame: RecordedCanFrame) -> Item:
+    return "can_frames", (frame.t_mono_ns, frame.t_wall_ns, frame.can_id, frame.data)
+
+
+def _can_frames(
+    session: SessionFile, source: SessionFile, missing: list[_Missing], spans: list[tuple[int, int]]
+) -> list[Item]:
+    """The source's CAN frames within gaps in which the session has none: they cannot be told apart by their bytes."""
+    found: list[Item] = []
+    shift = {each.frame.t_mono_ns: each.frame.t_mono_ns - each.source_ns for each in missing}
+    for first_ns, last_ns in spans:
+        if any(session.can_frames(session.unix_s(first_ns), session.unix_s(last_ns))):
+            continue
+        offset_ns = shift[first_ns]
+        range_s = (source.unix_s(first_ns - offset_ns), source.unix_s(last_ns - offset_ns))
+        for frame in source.can_frames(*range_s):
+            t_ns = frame.t_mono_ns + offset_ns
+            t_wall_ns = t_ns + session.info.started_wall_ns - session.info.started_mono_ns
+            found.append(_can_item(replace(frame, t_mono_ns=t_ns, t_wall_ns=t_wall_ns)))
+    return found
+
+
+def _estimates(source: SessionFile, missing: list[_Missing]) -> list[Item]:
+    """What the source's recorder estimated from the missing frames."""
+    time_here = {each.source_ns // 1000: each.frame.t_mono_ns for each in missing}
+    return [
+        ("estimates", (time_here[t_ns // 1000], *row)) for t_ns, *row in source.estimates() if t_ns // 1000 in time_here
+    ]
+
+
+def _write(session: SessionFile, copy: Path, new: list[Item], filled: Filled, whence: str, t_wall_ns: int) -> None:
+    """Write the session once more, with the new items in their places."""
+    info = session.info
+    text = f"{filled} from {whence}"
+    before = info.metadata.get("filled", [])
+    spans = [*(before if isinstance(before, list) else []), *filled.spans]
+    writer = SessionWriter(replace(info, path=copy, metadata={**info.metadata, "filled": sorted(map(list, spans))}))
+    try:
+        old: tuple[Iterator[Item], ...] = (
+            (("configs", (c.t_mono_ns, c.t_wall_ns, c.why, c.image)) for c in session.configs()),
+            map(_frame_item, session.frames()),
+            map(_can_item, session.can_frames()),
+            (("estimates", row) for row in session.estimates()),
+        )
+        new.sort(key=_time_of)
+        items = merge(*old, new, key=_time_of)
+        while batch := list(islice(items, BATCH)):
+            writer.write(batch)
+            writer.close_chunk_if_due(batch[-1][1][0])
+        writer.copy_other_tables(session.path)
+        end_ns = info.ended_mono_ns or info.started_mono_ns
+        event = (end_ns, t_wall_ns, "info", "gaps-filled", text, None, filled.seconds, None, "s", None)
+        writer.write([("events", event)])
+        if info.is_closed:
+            writer.close(end_ns, info.ended_wall_ns or end_ns)
+    finally:
+        writer.abandon()
+    settle(copy)
+
+
+def _time_of(item: Item) -> int:
+    return int(item[1][0])

@@ -1,0 +1,135 @@
+"""Uploaded recordings of other systems on their way to becoming sessions: one import at a time, in a thread."""
+
+import itertools
+import re
+import shutil
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from app.errors import AppError, ImportFailed, NotNow
+from app.live.pipeline import Pipeline
+from app.sessions.transfer.import_session import Imported, import_file, read_table
+from app.sources.recordings.can_log import ENDINGS
+from app.sources.recordings.columns import guess
+from app.sources.recordings.profile import ImportProfile, ProfileShelf
+
+MAX_UPLOADS = 8  # the oldest one gives way
+_UNSAFE = re.compile(r"[^A-Za-z0-9._ -]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Upload:
+    """A file that came in; `columns` and `guessed` of a table only."""
+
+    id: int
+    filename: str
+    path: Path
+    is_can: bool
+    columns: tuple[str, ...] = ()
+    guessed: ImportProfile | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ImportState:
+    """How far an import has come."""
+
+    filename: str
+    is_running: bool = True
+    done: int = 0
+    total: int = 0
+    session_id: str | None = None
+    notes: tuple[str, ...] = ()
+    error: str | None = None
+
+
+class Importing:
+    """Keeps uploads until they are imported or the service ends."""
+
+    def __init__(self, data: Path, new_pipeline: Callable[[], Pipeline], note: Callable[[str, str, str], None]) -> None:
+        self._folder = data / "imports"
+        self._sessions = data / "sessions"
+        self._new_pipeline = new_pipeline
+        self._note = note
+        self._lock = threading.Lock()
+        self._ids = itertools.count(1)
+        self._uploads: dict[int, Upload] = {}
+        self.profiles = ProfileShelf(data / "profiles")
+        self.state: ImportState | None = None
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def new_path(self, filename: str) -> tuple[int, Path]:
+        """Return the number and the place of an upload that is about to come."""
+        number = next(self._ids)
+        folder = self._folder / str(number)
+        folder.mkdir(parents=True)
+        return number, folder / (_UNSAFE.sub("_", Path(filename).name).lstrip(".")[-100:] or "upload")
+
+    def discard(self, path: Path) -> None:
+        """Delete an upload that did not come whole."""
+        shutil.rmtree(path.parent, ignore_errors=True)
+
+    def look_at(self, number: int, path: Path) -> Upload:
+        """Keep an upload and return what it is; a DBC is just kept.
+
+        Raises:
+            ImportFailed: it is no table.
+        """
+        is_can = path.name.lower().endswith(ENDINGS)
+        upload = Upload(number, path.name, path, is_can)
+        if not is_can and not path.name.lower().endswith(".dbc"):
+            try:
+                table, _ = read_table(path)
+            except ImportFailed:
+                self.discard(path)
+                raise
+            upload = replace(upload, columns=tuple(table.columns), guessed=guess(table))
+        with self._lock:
+            self._uploads[number] = upload
+            while len(self._uploads) > MAX_UPLOADS:
+                self.discard(self._uploads.pop(next(iter(self._uploads))).path)
+        return upload
+
+    def start(self, number: int, profile: ImportProfile, *, dbc: int | None, name: str) -> ImportState:
+        """Begin to import an upload.
+
+        Raises:
+            NotNow: another import is under way.
+            ImportFailed: there is no such upload.
+        """
+        with self._lock:
+            if self.state is not None and self.state.is_running:
+                raise NotNow(f"{self.state.filename} is being imported")
+            upload = self._uploads.get(number)
+            bus = None if dbc is None else self._uploads.get(dbc)
+            if upload is None or (dbc is not None and bus is None):
+                raise ImportFailed(str(number), "no such upload; it may have been imported already")
+            state = self.state = ImportState(upload.filename)
+        arguments = (upload, profile, None if bus is None else bus.path, name)
+        threading.Thread(target=self._run, args=arguments, name="import", daemon=True).start()
+        return state
+
+    def _run(self, upload: Upload, profile: ImportProfile, dbc: Path | None, name: str) -> None:
+        started = ImportState(upload.filename)
+
+        def progress(done: int, total: int) -> None:
+            self.state = replace(started, done=done, total=total)
+
+        try:
+            made: Imported = import_file(
+                upload.path, profile, self._sessions, self._new_pipeline, dbc=dbc, name=name, on_progress=progress
+            )
+        except (AppError, OSError) as error:
+            self.state = replace(started, is_running=False, error=str(error))
+            return
+        finally:
+            if self.state is not None and self.state.is_running:
+                self.state = replace(self.state, is_running=False)
+        self.state = replace(
+            started, is_running=False, done=made.rows, total=made.rows, session_id=made.info.id, notes=made.notes
+        )
+        with self._lock:
+            self._uploads.pop(upload.id, None)
+        self.discard(upload.path)
+        self._note("info", "session-imported", f"session {made.info.id} made of {upload.filename}")

@@ -1,0 +1,1 @@
+"""Bytes in, measurements out; requests in, bytes out."""

@@ -1,0 +1,143 @@
+"""The CAN link: any python-can interface and channel, read in a thread of its own, opened again for ever."""
+
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable
+from urllib.parse import parse_qsl
+
+from app.errors import ConfigError, LinkLost
+from app.sources.links.backoff import Backoff
+from app.sources.links.can_controller import ControllerWatch
+from app.sources.links.python_can import can
+from app.telemetry import CanFault, CanItem, Item, LinkChange
+from firmware_protocol.memory_map import CAN_ID_EXTENDED
+
+log = logging.getLogger(__name__)
+_POLL_S = 0.2
+_SEND_S = 0.5
+_ASK_S = 1.0  # between two questions to the adapter's controller
+DEFAULT_BIT_RATE = 500_000
+
+
+def parse_bus(text: str) -> dict[str, str | int | float | bool]:
+    """Return python-can's arguments for INTERFACE:CHANNEL[?key=value&...]; numbers and true/false are converted.
+
+    Raises:
+        ConfigError: no colon, an interface that python-can does not have, or a part that is not key=value.
+    """
+    interface, colon, rest = text.partition(":")
+    if not colon or not interface or not rest:
+        raise ConfigError("can", text, "INTERFACE:CHANNEL[?key=value], for example socketcan:can0")
+    if interface not in can.VALID_INTERFACES:
+        raise ConfigError("can", text, "an interface of python-can: " + ", ".join(sorted(can.VALID_INTERFACES)))
+    channel, _, query = rest.partition("?")
+    arguments: dict[str, str | int | float | bool] = {"bitrate": DEFAULT_BIT_RATE}
+    try:
+        pairs = parse_qsl(query, strict_parsing=True) if query else []
+    except ValueError as error:
+        raise ConfigError("can", text, "after ? only key=value, joined by &") from error
+    for key, value in pairs:
+        arguments[key] = _convert(value)
+    return {**arguments, "interface": interface, "channel": channel}
+
+
+def _convert(value: str) -> str | int | float | bool:
+    if value.lower() in ("true", "false"):
+        return value.lower() == "true"
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(value)
+    return value
+
+
+class CanLink:
+    """Delivers data frames to `sink`, from its own thread."""
+
+    def __init__(self, url: str, sink: Callable[[Item], None]) -> None:
+        self.url = url
+        self._arguments = parse_bus(url)
+        self._sink = sink
+        self._stopping = threading.Event()
+        self._sending = threading.Lock()
+        self._bus: can.BusABC | None = None
+        self._thread = threading.Thread(target=self._run, name="can", daemon=True)
+
+    def start(self) -> None:
+        """Begin to open the bus."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Close the bus and end the thread."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=3.0)
+
+    def _run(self) -> None:
+        backoff = Backoff()
+        self._tell("connecting")
+        while not self._stopping.is_set():
+            try:
+                bus = can.Bus(**self._arguments)  # type: ignore[arg-type]
+            except Exception as error:  # noqa: BLE001  every driver raises its own
+                self._tell("lost", str(error) or type(error).__name__)
+                self._stopping.wait(backoff.next_s())
+                continue
+            self._tell("open")
+            with self._sending:
+                self._bus = bus
+            try:
+                self._read_until_lost(bus, backoff.reset)
+            except Exception as error:  # noqa: BLE001  every driver raises its own
+                if not self._stopping.is_set():
+                    self._tell("lost", str(error) or type(error).__name__)
+            finally:
+                with self._sending, contextlib.suppress(Exception):
+                    self._bus = None
+                    bus.shutdown()
+            self._stopping.wait(backoff.next_s())
+
+    def _read_until_lost(self, bus: can.BusABC, on_data: Callable[[], None]) -> None:
+        watch, asked_s = ControllerWatch(str(self._arguments["interface"])), time.monotonic()
+        watch.ask(bus)
+        self._tell_fault(watch)
+        while not self._stopping.is_set():
+            message = bus.recv(_POLL_S)
+            if message is not None and message.is_error_frame:
+                watch.on_error_frame(message)
+                self._tell_fault(watch)
+            if time.monotonic() - asked_s > _ASK_S:
+                asked_s = time.monotonic()
+                if watch.ask(bus):
+                    self._tell_fault(watch)
+            if message is None or message.is_error_frame or message.is_remote_frame:
+                continue
+            on_data()
+            can_id = message.arbitration_id | (CAN_ID_EXTENDED if message.is_extended_id else 0)
+            self._sink(CanItem(time.monotonic_ns(), time.time_ns(), can_id, bytes(message.data)))
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """Send a frame; bit 31 of the id marks a 29-bit one. It is delivered to the sink as sent.
+
+        Raises:
+            LinkLost: the bus is not open, or refuses the frame.
+        """
+        message = can.Message(
+            arbitration_id=can_id & ~CAN_ID_EXTENDED, is_extended_id=bool(can_id & CAN_ID_EXTENDED), data=data
+        )
+        with self._sending:
+            if self._bus is None:
+                raise LinkLost("the CAN bus is not open")
+            try:
+                self._bus.send(message, timeout=_SEND_S)
+            except Exception as error:  # every driver raises its own
+                raise LinkLost(f"the CAN bus refused a frame: {error or type(error).__name__}") from error
+        self._sink(CanItem(time.monotonic_ns(), time.time_ns(), can_id, bytes(data), sent=True))
+
+    def _tell_fault(self, watch: ControllerWatch) -> None:
+        now_ns, wall_ns = time.monotonic_ns(), time.time_ns()
+        self._sink(CanFault(now_ns, wall_ns, watch.state, watch.errors, watch.tx_errors, watch.rx_errors))
+
+    def _tell(self, state: str, error: str | None = None) -> None:
+        self._sink(LinkChange(time.monotonic_ns(), time.time_ns(), "can", state, error))  # type: ignore[arg-type]

@@ -1,0 +1,177 @@
+"""The RS232 link: any pySerial URL, read in a thread of its own, opened again for ever.
+
+`x` is sent on opening and after every second of silence, so that a master that was reset streams again.
+"""
+
+import contextlib
+import logging
+import os
+import select
+import threading
+import time
+from collections.abc import Callable
+
+import serial
+
+from app.errors import ConfigError, LinkLost
+from app.sources.links.backoff import Backoff
+from app.telemetry import Item, LinkChange, SerialItem
+from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM, FrameDecoder
+
+log = logging.getLogger(__name__)
+SILENCE_S = 1.0
+_POLL_S = 0.1
+
+
+def check_url(url: str) -> None:
+    """Refuse what no port can ever be opened from; a device that is not there yet is none of that.
+
+    Raises:
+        ConfigError: an unknown scheme, or a network address without its port.
+    """
+    try:
+        port = serial.serial_for_url(url, do_not_open=True)
+        if url.startswith(("socket://", "rfc2217://")):
+            port.from_url(url)  # type: ignore[attr-defined]  # these two have it
+    except (ValueError, TypeError, LookupError, serial.SerialException) as error:
+        raise ConfigError("serial", url, "a device as /dev/ttyUSB0 or COM6, or as socket://host:port") from error
+
+
+class SerialLink:
+    """Delivers frames to `sink`, from its own thread."""
+
+    def __init__(self, url: str, sink: Callable[[Item], None]) -> None:
+        check_url(url)
+        self.url = url
+        self.streams = True  # false: the crew asked for silence, `x` is not repeated
+        self._sink = sink
+        self._port: serial.Serial | None = None
+        self._write_lock = threading.Lock()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="rs232", daemon=True)
+
+    def start(self) -> None:
+        """Begin to open the port."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Tell the master to stop, close the port, end the thread."""
+        self.streams = False
+        with contextlib.suppress(LinkLost):
+            self.write(bytes([STOP_STREAM]))
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=3.0)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes.
+
+        Raises:
+            LinkLost: the port is not open, or closed while writing.
+        """
+        with self._write_lock:
+            port = self._port
+            if port is None:
+                raise LinkLost(f"{self.url} is not open")
+            try:
+                port.write(data)
+            except (serial.SerialException, OSError) as error:
+                raise LinkLost(f"{self.url}: {error}") from error
+
+    def stream(self, *, on: bool) -> None:
+        """Ask the master to start or stop its stream."""
+        self.streams = on
+        self.write(bytes([START_STREAM if on else STOP_STREAM]))
+
+    def _run(self) -> None:
+        backoff = Backoff()
+        self._tell("connecting")
+        while not self._stopping.is_set():
+            try:
+                port = serial.serial_for_url(
+                    self.url,
+                    baudrate=BAUD_RATE,
+                    parity=serial.PARITY_EVEN,
+                    timeout=_POLL_S,
+                    write_timeout=1.0,
+                    exclusive=True,  # two readers would each get half of the bytes
+                )
+            except Exception as error:  # noqa: BLE001  drivers raise their own: termios.error is no OSError
+                self._tell("lost", _reason(error))
+                self._stopping.wait(backoff.next_s())
+                continue
+            self._tell("open")
+            self._port = port
+            try:
+                self._read_until_lost(port, backoff.reset)
+            except Exception as error:  # noqa: BLE001  as above
+                if not self._stopping.is_set():
+                    self._tell("lost", _reason(error))
+            finally:
+                with self._write_lock:
+                    self._port = None
+                with contextlib.suppress(Exception):
+                    port.close()
+            self._stopping.wait(backoff.next_s())
+
+    def _read_until_lost(self, port: serial.Serial, on_data: Callable[[], None]) -> None:
+        """Read for ever; `on_data` is called for what arrives: a port that opens and says nothing proves little."""
+        read = _reader(port)
+        decoder = FrameDecoder()
+        silent_since = time.monotonic()
+        self.stream(on=self.streams)
+        while not self._stopping.is_set():
+            data = read()
+            now_ns = time.monotonic_ns()
+            if data:
+                on_data()
+                wall_ns = time.time_ns()
+                for frame in decoder.feed(data):
+                    self._sink(SerialItem(now_ns, wall_ns, frame))
+                silent_since = now_ns / 1e9
+            elif self.streams and now_ns / 1e9 - silent_since > SILENCE_S:
+                silent_since = now_ns / 1e9
+                self.stream(on=True)
+
+    def _tell(self, state: str, error: str | None = None) -> None:
+        self._sink(LinkChange(time.monotonic_ns(), time.time_ns(), "rs232", state, error))  # type: ignore[arg-type]
+
+
+def _reader(port: serial.Serial) -> Callable[[], bytes]:
+    """Return a function that waits at most _POLL_S and returns all that has arrived.
+
+    Where the port has a file descriptor it is read directly: pySerial's socket:// hands over one byte a call.
+    """
+    try:
+        descriptor = port.fileno() if os.name == "posix" else None
+    except (AttributeError, OSError, ValueError):
+        descriptor = None
+    if descriptor is None:
+        return lambda: bytes(port.read(max(1, port.in_waiting)))
+
+    def read() -> bytes:
+        ready, _, _ = select.select([descriptor], [], [], _POLL_S)
+        if not ready:
+            return b""
+        data = os.read(descriptor, 4096)
+        if not data:
+            raise LinkLost("closed by the other end")
+        return data
+
+    return read
+
+
+def _reason(error: Exception) -> str:
+    """One line that a pit crew understands."""
+    text = str(error)
+    if "No such file" in text or "FileNotFoundError" in text:
+        return "no such port (unplugged?)"
+    if "Permission denied" in text:
+        return "permission denied (is the user in the dialout group?)"
+    if "exclusively lock" in text:
+        return "used by another program"
+    if "refused" in text:
+        return "connection refused (is the other end running?)"
+    if "Input/output error" in text or "[Errno 5]" in text:
+        return "unplugged"
+    return text or type(error).__name__

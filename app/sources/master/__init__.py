@@ -1,0 +1,1 @@
+"""The team's master: its memory as the service knows it, its answers and its events."""

@@ -1,0 +1,113 @@
+"""A battery's recording in our units, out of a table and a profile. Pure numbers; no file, no clock."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.errors import ImportFailed
+from app.sources.recordings.columns import Table
+from app.sources.recordings.profile import UNITS, ImportProfile
+from firmware_protocol.memory_map import N_CELLS
+
+FloatArray = NDArray[np.float64]
+UNIX_FROM_S = 9.0e8  # a time beyond it, in 1998, is since 1970; before it, since a start
+DEFAULT_PERIOD_S = 0.1
+MAX_DAYS = 7
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryLog:
+    """n rows; NaN is not measured."""
+
+    time_s: FloatArray  # (n,) from the first row, ascending
+    started_unix_s: float | None  # None: the file does not say
+    current_a: FloatArray  # (n,) positive on discharge
+    voltages_v: FloatArray  # (n, 96)
+    temperatures_degc: FloatArray  # (n, 96)
+    soc: FloatArray | None  # (n,) fraction
+    n_cells: int
+    notes: tuple[str, ...]
+
+
+def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
+    """Return the recording that a table holds.
+
+    Raises:
+        ImportFailed: a column is missing, there are more cells than the product knows, or no row can be used.
+    """
+    profile.check_complete()
+    notes: list[str] = []
+    current_a = _in_units(table.column("current", profile.current), "current", profile.current_unit)
+    voltages_v = _in_units(table.matrix("voltages", profile.voltages), "voltage", profile.voltage_unit)
+    n_cells = voltages_v.shape[1]
+    if n_cells > N_CELLS:
+        raise ImportFailed(
+            table.source, f"voltages = {profile.voltages!r}: {n_cells} cells, up to {N_CELLS} can be shown"
+        )
+    temperatures = np.full((len(current_a), N_CELLS), np.nan)
+    if profile.temperatures:
+        sensors = table.matrix("temperatures", profile.temperatures)
+        temperatures[:, :n_cells] = _spread(_in_units(sensors, "temperature", profile.temperature_unit), n_cells, notes)
+    soc = _in_units(table.column("soc", profile.soc), "soc", profile.soc_unit) if profile.soc else None
+    time_s: FloatArray = (
+        _in_units(table.column("time", profile.time), "time", profile.time_unit)
+        if profile.time
+        else np.arange(len(current_a), dtype=np.float64) * DEFAULT_PERIOD_S
+    )
+    if not profile.time:
+        notes.append(f"no column is the time: rows are taken {DEFAULT_PERIOD_S:g} s apart")
+    rows = _rows(table.source, time_s, profile.max_rate_hz, notes)
+    time_s = time_s[rows]
+    full_v = np.full((len(rows), N_CELLS), np.nan)
+    plausible = voltages_v[rows]
+    full_v[:, :n_cells] = np.where((plausible > 0.5) & (plausible < 6.0), plausible, np.nan)
+    if np.isnan(full_v).all():
+        raise ImportFailed(table.source, f"voltage_unit = {profile.voltage_unit}: no cell voltage is within 0.5..6 V")
+    return BatteryLog(
+        time_s - time_s[0],
+        float(time_s[0]) if time_s[0] > UNIX_FROM_S else None,
+        -current_a[rows] if profile.charge_positive else current_a[rows],
+        full_v,
+        temperatures[rows],
+        None if soc is None else soc[rows],
+        n_cells,
+        tuple(notes),
+    )
+
+
+def _in_units(values: FloatArray, quantity: str, unit: str) -> FloatArray:
+    factor, offset = UNITS[quantity][unit]
+    return values * factor + offset
+
+
+def _spread(sensors: FloatArray, n_cells: int, notes: list[str]) -> FloatArray:
+    """Sensors in order over the cells in order; with fewer sensors than cells each stands for its neighbours."""
+    count = sensors.shape[1]
+    if count > n_cells:
+        notes.append(f"{count} temperatures for {n_cells} cells: the first {n_cells} are taken")
+    elif count < n_cells:
+        notes.append(f"{count} temperatures for {n_cells} cells: each stands for the cells next to it")
+    index = np.arange(n_cells) if count >= n_cells else np.arange(n_cells) * count // n_cells
+    return sensors[:, index]
+
+
+def _rows(source: str, time_s: FloatArray, max_rate_hz: float, notes: list[str]) -> NDArray[np.intp]:
+    """Indices of the rows to take, ascending in time."""
+    order: NDArray[np.intp] = np.flatnonzero(np.isfinite(time_s))
+    if np.any(np.diff(time_s[order]) < 0):
+        order = order[np.argsort(time_s[order], kind="stable")]
+        notes.append("rows were not in the order of time: sorted")
+    if not len(order):
+        raise ImportFailed(source, "no row has a time")
+    keep = np.append(True, np.diff(time_s[order]) > 0)
+    if max_rate_hz > 0:
+        bucket = np.floor((time_s[order] - time_s[order[0]]) * max_rate_hz + 1e-6)
+        keep &= np.append(True, np.diff(bucket) > 0)
+    if left_out := int(np.sum(~keep)) + int(np.sum(~np.isfinite(time_s))):
+        notes.append(f"{left_out} of {len(time_s)} rows left out: no time, a time twice, or quicker than max_rate_hz")
+    order = np.asarray(order[keep], np.intp)
+    days = (time_s[order[-1]] - time_s[order[0]]) / 86_400
+    if days > MAX_DAYS:
+        raise ImportFailed(source, f"it is {days:.0f} days long, at most {MAX_DAYS}: is the unit of time right?")
+    return order

@@ -1,0 +1,185 @@
+"""Finds the table in a CSV file as test rigs write it: preamble, units, decimal commas, words among numbers."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime
+from io import StringIO
+
+import numpy as np
+
+from app.estimation.errors import DatasetError
+from app.estimation.recording.cell_recording import FloatArray
+from app.sources.recordings.column_names import UNITS
+
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
+DELIMITERS = (";", "\t", ",")
+CLOCK = re.compile(r"(?:(\d+)d ?)?(\d{1,4}):([0-5]?\d)(?::([0-5]?\d(?:\.\d+)?))?")
+DATE = re.compile(r"(\d{1,2})([./])(\d{1,2})\2(\d{4})(?=[ T])")
+PREAMBLE_LIMIT = 100  # lines of remarks a rig may write before its table
+ROWS_ALIKE = 5  # rows of the same kind that make a table where some columns hold words
+
+
+def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | None, list[FloatArray]]:
+    """Return the names, None without a header, and the columns; NaN where no number stands.
+
+    Args:
+        source: name of the file, for the error.
+        raw: its bytes: UTF-8, UTF-16 with a mark, else Latin-1.
+        notes: gets what was done.
+
+    Raises:
+        DatasetError: it holds no table of numbers.
+    """
+    try:
+        text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    lines = [line for line in text.splitlines() if line.strip()]
+    if not lines:
+        raise DatasetError(source, "the file is empty")
+    if not any(delimiter in line for line in lines[:PREAMBLE_LIMIT] for delimiter in DELIMITERS):
+        lines = ["\t".join(line.split()) for line in lines]
+    delimiter, start = _find_table(source, lines)
+    if _ends_every_row(lines, start, delimiter):
+        lines = [line.removesuffix(delimiter) for line in lines]
+    header, header_lines = _header_above(lines, start, delimiter)
+    body = lines[start:]
+    width = len(body[0].split(delimiter))
+    if delimiter == ";" and any("," in line for line in body[:20]):
+        body = [line.replace(",", ".") for line in body]
+        notes.append("decimal commas read as points")
+    skipped = start - header_lines
+    if skipped:
+        notes.append(f"{skipped} lines above the table left out")
+    return header, _numbers(source, body, delimiter, width, notes)
+
+
+def _find_table(source: str, lines: list[str]) -> tuple[str, int]:
+    """Return the delimiter and the index of the first line that is a row of numbers."""
+    for k, line in enumerate(lines[:PREAMBLE_LIMIT]):
+        for delimiter in DELIMITERS:
+            tokens = line.replace(",", ".").split(";") if delimiter == ";" else line.split(delimiter)
+            values = [_number(token) for token in tokens]
+            if len(tokens) >= 2 and None not in values and any(value == value for value in values):
+                return delimiter, _with_broken_rows(lines, k, delimiter)
+    for k in range(1, min(len(lines), PREAMBLE_LIMIT)):
+        for delimiter in DELIMITERS:
+            if _is_row_with_words(lines, k, delimiter):
+                return delimiter, k
+    last = min(len(lines), PREAMBLE_LIMIT)
+    raise DatasetError(source, f"no row of numbers in the first {last} lines; line {last} is {lines[last - 1][:60]!r}")
+
+
+def _is_row_with_words(lines: list[str], k: int, delimiter: str) -> bool:
+    """Return whether a row, and those after it, hold numbers in the same columns and words in the same others."""
+    kinds = []
+    for line in lines[k : k + ROWS_ALIKE]:
+        line = line.replace(",", ".") if delimiter == ";" else line
+        values = [_number(token) for token in line.split(delimiter)]
+        kinds.append(tuple(value is not None for value in values))
+    above = lines[k - 1].split(delimiter)
+    return sum(kinds[0]) >= 2 and len(set(kinds)) == 1 and len(above) == len(kinds[0])
+
+
+def _ends_every_row(lines: list[str], start: int, delimiter: str) -> bool:
+    """Return whether the delimiter stands after the last column too, and not before one that is empty."""
+    above = lines[start - 1] if start else ""
+    width = lines[start].count(delimiter)
+    is_named = above.count(delimiter) == width and not above.endswith(delimiter)
+    return not is_named and all(line.endswith(delimiter) for line in lines[start:])
+
+
+def _with_broken_rows(lines: list[str], start: int, delimiter: str) -> int:
+    """Return where the table begins: rows above `start` of which only some fields are numbers belong to it."""
+    width = len(lines[start].split(delimiter))
+    while start > 0:
+        tokens = lines[start - 1].split(delimiter)
+        values = [_number(token) for token in tokens]
+        if len(tokens) != width or not any(value is not None and value == value for value in values):
+            break
+        start -= 1
+    return start
+
+
+def _number(token: str) -> float | None:
+    """Return the number a token holds, NaN for a missing one, a time stamp in seconds, None for a word."""
+    token = token.strip().strip('"')
+    if token.lower() in MISSING:
+        return float("nan")
+    try:
+        return float(token)
+    except ValueError:
+        pass
+    return _stamp_s(token) if token[:1].isdigit() else None
+
+
+def _stamp_s(token: str) -> float | None:
+    """Return a date with its time, or hours, minutes and seconds, in seconds; None for something else.
+
+    2026-05-01T12:00:00, 2026/05/01 12:00:00, 01.05.2026 12:00:00 (day first), 05/01/2026 12:00:00 (month first, as
+    long as it can be one), 12:00:00.5, 2d 12:00:00.
+    """
+    clock = CLOCK.fullmatch(token)
+    if clock is not None:
+        days, hours, minutes, seconds = clock.groups()
+        return 86400.0 * float(days or 0) + 3600.0 * float(hours) + 60.0 * float(minutes) + float(seconds or 0)
+    date = DATE.match(token)
+    if date is not None:
+        first, separator, second, year = date.groups()
+        day, month = (second, first) if separator == "/" and int(first) <= 12 else (first, second)
+        token = f"{year}-{int(month):02d}-{int(day):02d}{token[date.end() :]}"
+    try:
+        return datetime.fromisoformat(token.replace("/", "-", 2)).timestamp()
+    except ValueError:
+        return None
+
+
+def _header_above(lines: list[str], start: int, delimiter: str) -> tuple[list[str] | None, int]:
+    """Return the names above the first row of numbers, None where there are none, and the lines they take up."""
+    width = len(lines[start].split(delimiter))
+    above = [[token.strip().strip('"') for token in line.split(delimiter)] for line in lines[max(start - 2, 0) : start]]
+    above = [tokens for tokens in above if len(tokens) == width]
+    if not above:
+        return None, 0
+    known_units = {unit for units in UNITS.values() for unit in units}
+    if len(above) == 2 and all(token.strip("[]() ").lower() in known_units | {""} for token in above[1]):
+        return [f"{name} [{unit.strip('[]() ')}]" if unit else name for name, unit in zip(*above, strict=True)], 2
+    return above[-1], 1
+
+
+def _numbers(source: str, body: list[str], delimiter: str, width: int, notes: list[str]) -> list[FloatArray]:
+    text = "\n".join(body)
+    empty = delimiter * 2
+    while empty in text:
+        text = text.replace(empty, f"{delimiter}nan{delimiter}")
+    text = text.replace(f"{delimiter}\n", f"{delimiter}nan\n").replace(f"\n{delimiter}", f"\nnan{delimiter}")
+    text = f"nan{text}" if text.startswith(delimiter) else text
+    text = f"{text}nan" if text.endswith(delimiter) else text
+    first = [[_number(token) is None for token in line.split(delimiter)] for line in body[:ROWS_ALIKE]]
+    numeric = [k for k in range(width) if not all(row[k] for row in first if len(row) == width)]
+    if len(numeric) < width and any(line.count(delimiter) != width - 1 for line in body):
+        return _numbers_row_by_row(source, body, delimiter, width, notes)
+    try:
+        table = np.loadtxt(StringIO(text), delimiter=delimiter, ndmin=2, comments=None, usecols=numeric)
+    except ValueError:
+        return _numbers_row_by_row(source, body, delimiter, width, notes)
+    columns = [np.full(len(body), np.nan)] * width
+    for k, values in zip(numeric, table.T, strict=True):
+        columns[k] = values
+    return columns
+
+
+def _numbers_row_by_row(source: str, body: list[str], delimiter: str, width: int, notes: list[str]) -> list[FloatArray]:
+    rows = [values for line in body if len(values := [_number(token) for token in line.split(delimiter)]) == width]
+    is_word = np.array([[value is None for value in values] for values in rows])
+    holds_words = is_word.mean(axis=0) > 0.5
+    if np.count_nonzero(~holds_words) < 2:
+        raise DatasetError(source, f"fewer than two of {width} columns apart by {delimiter!r} hold numbers")
+    broken = len(body) - len(rows) + int(is_word[:, ~holds_words].any(axis=1).sum())
+    if broken > 0.5 * len(body):
+        raise DatasetError(source, f"{broken} of {len(body)} rows are not {width} columns apart by {delimiter!r}")
+    if broken:
+        notes.append(f"{broken} rows are not {width} columns of numbers: read as missing or left out")
+    filled = [[float("nan") if value is None else value for value in values] for values in rows]
+    return list(np.array(filled, dtype=np.float64).T)

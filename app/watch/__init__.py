@@ -1,1 +1,0 @@
-"""Limits and alarms: what the crew must be told."""

@@ -1,0 +1,140 @@
+"""Black boxes live and out of the file are one and the same."""
+
+import numpy as np
+import pytest
+
+from app.analysis.black_box.from_session import black_boxes, keep_black_boxes
+from app.analysis.black_box.page import blackbox_page
+from app.analysis.black_box.recorder import BlackBoxRecorder
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
+from app.live.pipeline import Pipeline
+from app.sessions.black_box_store import BlackBoxStore
+from app.sessions.reading.reader import SessionFile
+from app.sessions.recording.writer import Recorder
+
+CELL = load_cell("samsung-25r-10p")
+
+
+class Car:
+    """A pipeline with a recorder and a black box, fed by a made-up master."""
+
+    def __init__(self, master, folder):
+        self.master = master
+        self.pipeline = Pipeline("serial", lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
+        self.recorder = Recorder(folder / "sessions", version="0", monotonic_ns=lambda: master.t_ns)
+        self.info = self.recorder.start()
+        self.made = []
+        self.boxes = BlackBoxRecorder(folder / "boxes.sqlite", lambda: self.info.id, self.made.append)
+        self.take(master.config())
+
+    def take(self, item):
+        self.recorder.frame(item.t_mono_ns, item.t_wall_ns, 0, item.frame.raw, True)
+        output = self.pipeline.feed(item)
+        for event in output.events:
+            self.recorder.event(
+                item.t_mono_ns,
+                event.time_ns,
+                event.severity,
+                event.code,
+                event.text,
+                cell=event.cell,
+                value=event.value,
+                limit=event.limit,
+                unit=event.unit,
+            )
+        if output.estimates is not None:
+            self.recorder.estimates(item.t_mono_ns, output.uptime_ms, output.estimates.soc, output.estimates.soc_sigma)
+        if output.snapshot is not None and output.snapshot.config is not None and not self.info.metadata:
+            self.recorder.config(item.t_mono_ns, item.t_wall_ns, output.snapshot.config, "in force")
+        self.boxes.take(output.events, output.snapshot, item.t_mono_ns)
+
+    def run(self, seconds):
+        for _ in range(round(seconds * 10)):
+            self.take(self.master.frame())
+            if self.master.uptime_ms % 5000 == 0:
+                self.take(self.master.config())
+
+    def set_cell(self, volts, cell=30):
+        values = [37000] * 96
+        values[cell] = round(volts * 1e4)
+        self.master.set("v", values)
+
+
+def same(one, other):
+    """Equal but for the last digit of counts that were stored."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, list):
+        return len(one) == len(other) and all(same(a, b) for a, b in zip(one, other, strict=True))
+    return one == (pytest.approx(other, abs=1e-4) if isinstance(other, float) else other)
+
+
+@pytest.fixture
+def car(master, tmp_path):
+    car = Car(master, tmp_path)
+    yield car
+    car.boxes.close()
+    car.recorder.close()
+
+
+def test_a_trip_is_boxed_live_and_again_out_of_the_file(car, tmp_path):
+    car.run(15)
+    car.set_cell(2.3)
+    car.run(1)
+    car.set_cell(3.6)
+    assert car.made == []
+    car.run(9)
+    car.boxes.close()
+    car.recorder.close()
+    (live,) = car.made
+    assert live["is_complete"]
+    assert (live["code"], live["cell"]) == ("cell-voltage-low", 30)
+    assert live["beyond"]["since_s"] == pytest.approx(-0.3, abs=0.05)
+    assert live["beyond"]["lasted_s"] == pytest.approx(1.0, abs=0.05)
+    with SessionFile(car.info.path) as session:
+        (recorded,) = black_boxes(session)
+        assert same(recorded, live)
+        store = BlackBoxStore(tmp_path / "boxes.sqlite")
+        assert [box.id for box in keep_black_boxes(session, store)] == [live["id"]]
+        assert store.get(live["id"]) == live  # what is complete is not written again
+        store.close()
+
+
+def test_what_ends_before_its_seconds_are_over_is_kept_and_completed_later(car, tmp_path):
+    car.run(15)
+    car.set_cell(2.3)
+    car.run(1)
+    car.boxes.close()
+    assert [box["is_complete"] for box in car.made] == [False]
+    car.boxes = BlackBoxRecorder(tmp_path / "other.sqlite", lambda: None, lambda box: None)
+    car.run(8)
+    car.recorder.close()
+    store = BlackBoxStore(tmp_path / "boxes.sqlite")
+    with SessionFile(car.info.path) as session:
+        assert [box.is_complete for box in keep_black_boxes(session, store)] == [True]
+    store.close()
+
+
+def test_the_page_names_what_a_judge_asks_for(car):
+    car.run(12)
+    car.set_cell(2.3)
+    car.run(8)
+    car.boxes.close()
+    page = blackbox_page(car.made[0])
+    for asked in ("pack 3, cell 7", "2.5000 V", "2.3000 V", car.made[0]["config_hash"], car.info.id, "<svg", "Judge"):
+        assert asked in page
+    assert "http" not in page.replace("http-equiv", "")  # nothing from outside
+
+
+def test_a_page_of_nothing_but_an_event_is_a_page(make_session):
+    path = make_session(
+        [], [], events=[{"at_s": 3.0, "severity": "trip", "code": "trip-slave-lost", "text": "<slave>"}]
+    )
+    with SessionFile(path) as session:
+        (box,) = black_boxes(session)
+    page = blackbox_page(box)
+    assert "&lt;slave&gt;" in page
+    assert "<slave>" not in page.lower().replace("&lt;slave&gt;", "")
+    assert not box["is_complete"]
+    assert not np.isfinite(np.array(box["cells"]["voltage_at_v"], dtype=float)).any()

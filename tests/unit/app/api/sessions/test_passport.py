@@ -1,0 +1,128 @@
+"""Passports over HTTP, out of sessions on the disk."""
+
+import numpy as np
+import pytest
+
+from app.analysis.passport.keeper import PassportKeeper
+from app.estimation.cell_model.cell_file import load_cell
+from app.sessions.catalogue import Catalogue
+from firmware_protocol.memory_map import FIELDS
+
+START_S = 1_790_000_000.0
+DAY_S = 86_400.0
+CELL = load_cell("samsung-25r-10p")
+TIME_S = np.arange(0.0, 240.0, 0.5)
+CURRENT_A = np.where((TIME_S > 30) & (TIME_S < 100), 60 + 50 * np.sin(TIME_S), 0.0)
+OHM = np.where(np.arange(96) == 30, 0.003, 0.002)
+LEAK = np.where(np.arange(96) == 50, 0.01, 0.0)
+
+
+@pytest.fixture
+def sessions(make_session):
+    """Three days, one session each; the leaking cell is a little lower every morning."""
+    made = []
+    for day in range(3):
+        open_v = CELL.ocv.voltage(0.8 - LEAK * day)
+        bled = np.zeros((len(TIME_S), 6), dtype=int)
+        bled[:, 4] = 0b100  # the third cell of the first pack
+        made.append(
+            make_session(
+                TIME_S,
+                CURRENT_A,
+                open_v - CURRENT_A[:, None] * OHM,
+                25,
+                start_s=START_S + day * DAY_S,
+                windows=((420, 20), (FIELDS["slave[0].cfgr"].offset, 6), (1884, 204), (2280, 116)),
+                fields={"slave[0].cfgr": bled},
+            ).stem
+        )
+    return made
+
+
+def test_passports_are_read_once_and_outlive_their_sessions(sessions, tmp_path):
+    keeper = PassportKeeper(tmp_path, Catalogue(tmp_path / "sessions"), CELL)
+    assert keeper.read_new() == 3
+    assert keeper.read_new() == 0
+    before = keeper.passports()
+    Catalogue(tmp_path / "sessions").delete(sessions[0])
+    keeper.close()
+    keeper = PassportKeeper(tmp_path, Catalogue(tmp_path / "sessions"), CELL)
+    after = keeper.passports()
+    keeper.close()
+    assert after.sessions == tuple(sessions)
+    np.testing.assert_array_equal(after.resistance_ohm, before.resistance_ohm)
+    assert after.resistance_relative[-1, 30] == pytest.approx(0.5, abs=0.03)
+    assert after.self_discharge_per_day[-1, 50] == pytest.approx(0.01, rel=0.05)
+    assert after.balancing_h[-1, [1, 2]] == pytest.approx([0, 3 * 239.5 / 3600], abs=0.01)
+
+
+def test_a_damaged_session_is_left_out_and_the_others_are_read(sessions, tmp_path):
+    path = tmp_path / "sessions" / f"{sessions[1]}.sqlite"
+    raw = bytearray(path.read_bytes())
+    raw[20_000:-4096] = bytes(len(raw) - 24_096)
+    path.write_bytes(raw)
+    keeper = PassportKeeper(tmp_path, Catalogue(tmp_path / "sessions"), CELL)
+    assert keeper.read_new() == 2
+    keeper.close()
+
+
+def test_a_swap_begins_a_new_line_until_it_is_taken_back(client, sessions):
+    keeper = client.app.state.runtime.passports
+    keeper.read_new()
+    passport = client.get("/api/v1/passport").json()
+    assert passport["sessions"] == 3
+    assert {drift["cell"] for drift in passport["drifts"]} == {30, 50}
+    swapped = client.post(
+        "/api/v1/passport/swaps", json={"cells": [30], "time_s": START_S + 2.5 * DAY_S, "note": "spare 4"}
+    )
+    assert swapped.status_code == 201
+    (swap,) = swapped.json()["swaps"]
+    assert (swap["cells"], swap["note"]) == ([30], "spare 4")
+    early = client.post("/api/v1/passport/swaps", json={"cells": [50], "time_s": START_S + 0.5 * DAY_S}).json()
+    assert {drift["cell"] for drift in early["drifts"]} == {
+        50
+    }  # leaks as the one before; of the new 30 nothing is known
+    assert early["rank"][30] is None
+    one = client.get("/api/v1/passport/50").json()
+    assert [entry["line"] for entry in one["entries"]] == [0, 1, 1]
+    assert one["entries"][1]["self_discharge_per_day"] is None
+    assert client.delete(f"/api/v1/passport/swaps/{swap['id']}").status_code == 200
+    assert client.delete(f"/api/v1/passport/swaps/{swap['id']}").status_code == 404
+    assert len(client.get("/api/v1/passport").json()["swaps"]) == 1
+
+
+@pytest.mark.parametrize("body", [{"cells": []}, {"cells": [96]}, {"cells": [1], "time_s": -1}])
+def test_a_swap_that_cannot_be_is_refused(client, body):
+    answer = client.post("/api/v1/passport/swaps", json=body)
+    assert answer.status_code == 422
+    assert client.get("/api/v1/passport").json()["swaps"] == []
+
+
+def test_a_simulated_car_has_passports_of_its_own(make_session, tmp_path):
+    make_session(TIME_S[:100], CURRENT_A[:100], metadata={"source": "simulator"})
+    real = make_session(TIME_S[:100], CURRENT_A[:100], metadata={"source": "serial"}).stem
+    unnamed = make_session(TIME_S[:100], CURRENT_A[:100]).stem
+    catalogue = Catalogue(tmp_path / "sessions")
+    cars, simulated = (PassportKeeper(tmp_path, catalogue, CELL, simulated=which) for which in (False, True))
+    assert (cars.read_new(), simulated.read_new()) == (2, 1)
+    assert set(cars.passports().sessions) == {real, unnamed}
+    cars.close()
+    simulated.close()
+
+
+def test_the_black_boxes_of_old_sessions_are_made_on_the_way(client, make_session):
+    event = {"at_s": 20.0, "severity": "trip", "code": "trip-v-min", "text": "under-voltage", "cell": 3}
+    session_id = make_session(TIME_S[:100], CURRENT_A[:100], events=[event]).stem
+    client.app.state.runtime.passports.read_new()
+    (box,) = client.get("/api/v1/blackboxes").json()["boxes"]
+    assert (box["session_id"], box["cell"]) == (session_id, 3)
+
+
+def test_who_asks_first_is_told_that_sessions_are_being_read(client, make_session):
+    make_session(TIME_S[:100], CURRENT_A[:100])
+    first = client.get("/api/v1/passport").json()
+    assert first["sessions"] + first["to_read"] >= 1  # read already, or to come: never nothing
+    keeper = client.app.state.runtime.passports
+    keeper._thread.join()
+    done = client.get("/api/v1/passport").json()
+    assert (done["sessions"], done["to_read"]) == (1, 0)

@@ -1,0 +1,256 @@
+import re
+import threading
+from base64 import b64encode
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from starlette.datastructures import Headers
+from starlette.websockets import WebSocketDisconnect
+
+from app.api.web import authentication as auth
+from app.api.web.authentication import MAX_FAILURES, Doorkeeper, User, is_own_host, is_same_origin
+from app.api.web.problems import Problem
+from app.errors import ConfigError
+from app.service.settings import Settings
+
+ENGINEER, VIEWER = "correct horse", "battery staple"
+LIVE = "ws://127.0.0.1/api/v1/live"
+WRITES = [
+    ("PUT", "/config"),
+    ("PUT", "/can"),
+    ("POST", "/config/store"),
+    ("POST", "/config/load"),
+    ("PUT", "/config/profiles/x"),
+    ("POST", "/can/dbc"),
+    ("POST", "/can/transmit"),
+    ("POST", "/can/transmit/replay"),
+    ("DELETE", "/can/transmit"),
+    ("DELETE", "/config/profiles/x"),
+    ("POST", "/config/history/1/rollback"),
+    ("POST", "/commands/clear-faults"),
+    ("POST", "/identify"),
+    ("POST", "/calibration/current"),
+    ("POST", "/calibration/slave"),
+    ("POST", "/sessions"),
+    ("POST", "/sessions/x/stop"),
+    ("POST", "/sessions/x/split"),
+    ("PUT", "/sessions/x/laps"),
+    ("DELETE", "/sessions/x/laps"),
+    ("POST", "/passport/swaps"),
+    ("DELETE", "/passport/swaps/x"),
+    ("PUT", "/recorder"),
+    ("POST", "/fetch"),
+    ("POST", "/imports"),
+    ("POST", "/imports/x"),
+    ("POST", "/sessions/x/markers"),
+    ("DELETE", "/sessions/x"),
+    ("POST", "/replay"),
+    ("POST", "/replay/control"),
+    ("POST", "/replay/stop"),
+    ("POST", "/events/1/acknowledge"),
+    ("POST", "/alarms/1/acknowledge"),
+    ("POST", "/simulator/faults"),
+    ("DELETE", "/simulator/faults"),
+    ("DELETE", "/simulator/faults/x"),
+    ("POST", "/simulator/speed"),
+    ("POST", "/simulator/next"),
+    ("POST", "/simulator/unplug"),
+    ("POST", "/simulator/scenario"),
+]
+
+
+@pytest.fixture
+def keeper(tmp_path):
+    return Doorkeeper(Settings(data=tmp_path, password=ENGINEER, viewer_password=VIEWER))
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    now = [1000.0]
+    monkeypatch.setattr(auth.time, "monotonic", lambda: now[0])
+    return now
+
+
+def basic(password: str) -> Headers:
+    return Headers({"authorization": "Basic " + b64encode(f"anna:{password}".encode()).decode()})
+
+
+def test_each_password_is_a_role(keeper):
+    assert keeper.login("anna", ENGINEER, "a") == User("anna", "engineer")
+    assert keeper.login("", VIEWER, "a") == User("viewer", "viewer")
+    assert keeper.login("anna", "", "a") is None
+    assert keeper.login("anna", ENGINEER + " ", "a") is None
+    assert keeper.login("anna", "\ud800", "a") is None
+
+
+def test_guessing_is_stopped_for_a_minute_also_over_basic(keeper, clock):
+    for _ in range(MAX_FAILURES):
+        assert keeper.user_of(basic("wrong"), "10.0.0.1") is None
+    with pytest.raises(Problem) as stopped:
+        keeper.user_of(basic(ENGINEER), "10.0.0.1")
+    assert stopped.value.status == 429
+    assert stopped.value.headers["Retry-After"] == "60"
+    assert keeper.user_of(basic(ENGINEER), "10.0.0.2").role == "engineer"
+    clock[0] += 61
+    assert keeper.user_of(basic(ENGINEER), "10.0.0.1").role == "engineer"
+
+
+def test_logging_in_as_viewer_gives_no_new_tries_at_the_engineers_password(keeper, clock):
+    for _ in range(auth.MAX_FAILURES):
+        assert keeper.login("eve", VIEWER, "10.0.0.9").role == "viewer"
+        assert keeper.login("eve", "guess", "10.0.0.9") is None
+    with pytest.raises(Problem):
+        keeper.login("eve", "guess", "10.0.0.9")
+
+
+def test_many_viewers_do_not_log_the_engineer_out(keeper):
+    token = keeper.open_session(User("ada", "engineer"))
+    tokens = [keeper.open_session(User("eve", "viewer")) for _ in range(auth.MAX_SESSIONS + 5)]
+    asked = [keeper.user_of(Headers({"cookie": f"{auth.COOKIE}={t}"}), "a") for t in (token, tokens[0], tokens[-1])]
+    assert asked == [User("ada", "engineer"), None, User("eve", "viewer")]
+
+
+def test_one_password_for_both_roles_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="every viewer is an engineer"):
+        Settings(data=tmp_path, password=ENGINEER, viewer_password=ENGINEER).check()
+
+
+def test_a_network_of_ipv6_addresses_is_one_guesser(keeper):
+    for i in range(MAX_FAILURES):
+        keeper.login("", "wrong", f"2001:db8::{i:x}")
+    with pytest.raises(Problem):
+        keeper.login("", ENGINEER, "2001:db8::ffff:1")
+    assert keeper.login("", ENGINEER, "2001:db8:0:1::1")
+
+
+def test_many_guessers_do_not_wash_out_the_one(keeper):
+    for _ in range(MAX_FAILURES):
+        keeper.login("", "wrong", "10.0.0.1")
+    for i in range(2000):
+        keeper.login("", "wrong", f"10.1.{i // 250}.{i % 250}")
+    with pytest.raises(Problem):
+        keeper.login("", ENGINEER, "10.0.0.1")
+
+
+def test_guesses_at_once_count_as_well(keeper):
+    tried = []
+    gate = threading.Barrier(8)
+
+    def guess(_):
+        gate.wait()
+        for _ in range(10):
+            try:
+                tried.append(keeper.login("", "wrong", "10.0.0.1"))
+            except Problem:
+                return
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(guess, range(8)))
+    assert len(tried) == MAX_FAILURES
+
+
+def test_a_session_ends_by_logout_and_after_a_day(keeper, clock):
+    tokens = [keeper.open_session(User("anna", "engineer")) for _ in range(2)]
+
+    def who(token):
+        return keeper.user_of(Headers({"cookie": f"other=1; voltwall={token}"}), "a")
+
+    assert who(tokens[0]).name == "anna"
+    keeper.close_session(tokens[0])
+    assert who(tokens[0]) is None
+    assert who(tokens[1]) is not None
+    clock[0] += 24 * 3600 + 1
+    assert who(tokens[1]) is None
+    assert who("") is None
+
+
+@pytest.mark.parametrize(
+    ("headers", "allowed"),
+    [
+        ({"host": "h:1"}, True),
+        ({"host": "h:1", "origin": "http://h:1"}, True),
+        ({"host": "h:1", "origin": "http://h:2"}, False),
+        ({"host": "h:1", "origin": "http://h"}, False),
+        ({"host": "h:1", "origin": "null"}, False),
+        ({"host": "h:1", "origin": ""}, False),
+        ({"host": "h:1", "origin": "http://h:1.evil"}, False),
+        ({"host": "h:1", "origin": "http://["}, False),
+        ({"host": "h:1", "sec-fetch-site": "same-origin"}, True),
+        ({"host": "h:1", "sec-fetch-site": "cross-site"}, False),
+        ({"host": "h:1", "sec-fetch-site": "same-site"}, False),
+    ],
+)
+def test_origins(headers, allowed):
+    assert is_same_origin(Headers(headers)) is allowed
+
+
+@pytest.mark.parametrize(
+    ("host", "own"),
+    [
+        ("127.0.0.1:8000", True),
+        ("localhost", True),
+        ("[::1]:8000", True),
+        ("127.9.9.9", True),
+        ("evil.example", False),
+        ("localhost.evil.example", False),
+        ("10.0.0.1", False),
+        ("", False),
+        ("[", False),
+    ],
+)
+def test_on_loopback_only_its_own_names_are_answered(host, own):
+    assert is_own_host(host, loopback=True) is own
+
+
+def test_a_foreign_name_is_refused_on_every_path(client):
+    for path in ("/", "/api/v1/health", "/metrics"):
+        assert client.get(path, headers={"Host": "evil.example"}).status_code == 403
+
+
+@pytest.mark.parametrize(("method", "path"), WRITES)
+def test_every_write_needs_the_engineer(make_client, method, path):
+    client = make_client(password=ENGINEER, viewer_password=VIEWER)
+    assert client.request(method, "/api/v1" + path).status_code == 401
+    response = client.request(method, "/api/v1" + path, auth=("bob", VIEWER))
+    assert response.status_code == 403
+    assert response.json()["type"] == "urn:voltwall:engineer-required"
+
+
+def test_no_write_was_forgotten(client):
+    paths = client.get("/api/v1/openapi.json").json()["paths"]
+    found = {(m.upper(), p) for p, methods in paths.items() for m in methods if m.upper() not in ("GET", "HEAD")}
+    known = {(m, p.replace("/x", "/{}").replace("/1/", "/{}/").replace("clear-faults", "{}")) for m, p in WRITES}
+    open_to_viewers = {("POST", "/login"), ("POST", "/logout")}
+    assert {(m, re.sub(r"{\w+}", "{}", p).removeprefix("/api/v1")) for m, p in found} == known | open_to_viewers
+
+
+def test_reading_needs_somebody(make_client):
+    client = make_client(password=ENGINEER, viewer_password=VIEWER)
+    paths = client.get("/api/v1/openapi.json", auth=("a", VIEWER)).json()["paths"]
+    for path in (p for p, methods in paths.items() if "get" in methods and "{" not in p):
+        expected = 200 if path in ("/api/v1/health", "/api/v1/me") else 401
+        assert client.get(path).status_code == expected, path
+    for live in (LIVE, LIVE + "less"):
+        with pytest.raises(WebSocketDisconnect) as closed, client.websocket_connect(live) as socket:
+            socket.receive_text()
+        assert closed.value.code == 4401
+
+
+def test_a_stream_ends_when_its_reader_logs_out(make_client):
+    client = make_client(password=ENGINEER)
+    client.post("/api/v1/login", json={"name": "anna", "password": ENGINEER})
+    with client.websocket_connect(LIVE) as live:
+        live.receive_text()
+        client.post("/api/v1/logout")
+        while (message := live.receive())["type"] == "websocket.send":
+            pass
+    assert message["code"] == 4401
+
+
+def test_a_foreign_origin_gets_no_stream(client):
+    with (
+        pytest.raises(WebSocketDisconnect) as closed,
+        client.websocket_connect(LIVE, headers={"Origin": "http://evil.example"}) as live,
+    ):
+        live.receive_text()
+    assert closed.value.code == 4403

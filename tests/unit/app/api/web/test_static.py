@@ -1,0 +1,40 @@
+import pytest
+
+from app.api.web.static import find_file
+
+
+@pytest.fixture
+def root(tmp_path):
+    (tmp_path / "secret.txt").write_text("secret")
+    built = tmp_path / "static"
+    (built / "assets").mkdir(parents=True)
+    (built / "index.html").write_text("<!doctype html>")
+    (built / "assets" / "a.js").write_text("1")
+    return built
+
+
+def test_files_are_found_by_their_names(root):
+    assert find_file(root, "assets/a.js").read_text() == "1"
+    assert find_file(root, "assets/") is None
+    assert find_file(root, "") is None
+
+
+@pytest.mark.parametrize(
+    "path", ["../secret.txt", "assets/../../secret.txt", "/etc/passwd", "a" * 300, "\0", "x/" * 3000, "\ud800", ".."]
+)
+def test_nothing_else_is(root, path):
+    assert find_file(root, path) is None
+
+
+def test_a_route_of_the_page_gets_the_page_and_an_old_asset_does_not(client):
+    page = client.get("/packs/3")
+    assert page.status_code in (200, 503)
+    assert client.get("/assets/of-an-older-build.js").status_code == 404
+    assert client.get("/api/v1/nothing").status_code == 404
+    assert client.head("/").status_code == page.status_code
+
+
+def test_every_answer_carries_the_headers_that_keep_others_out(client):
+    headers = client.get("/").headers
+    assert "frame-ancestors 'none'" in headers["content-security-policy"]
+    assert headers["x-content-type-options"] == "nosniff"

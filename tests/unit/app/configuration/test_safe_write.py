@@ -1,0 +1,242 @@
+"""The safe write against a master in memory whose line is cut, or lies, at chosen requests."""
+
+import threading
+
+import pytest
+
+from app.configuration.rules import Context
+from app.configuration.safe_write import Configuration, HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
+from app.errors import LinkError, LinkLost, MasterRefused, NotNow
+from app.estimation.cell_model.cell_file import load_cell
+from app.sources.master.client import MasterClient
+from app.telemetry import Identity
+from firmware_protocol.config_image import default_image, image_hash, with_raw
+from firmware_protocol.eeprom import EEPROM_SIZE, newest, plan_store
+from firmware_protocol.framing import CommandDecoder, Frame
+from firmware_protocol.memory_map import FIELDS
+from firmware_protocol.messages import (
+    EEPROM_READ_BASE,
+    IdentRequest,
+    Load,
+    Read,
+    Reply,
+    Result,
+    Store,
+    Write,
+    decode_request,
+)
+
+SAME_MAP = Identity("1.0.0", 1, "00", is_compatible=True, boots=1)
+
+
+class MemoryMaster:
+    """Holds an image and an EEPROM; `lose` names requests (by count) whose reply or doing is lost."""
+
+    def __init__(self) -> None:
+        self.image = bytearray(2984)
+        self.image[:420] = default_image()
+        self.eeprom = bytearray(b"\xff" * EEPROM_SIZE)
+        self.decoder = CommandDecoder()
+        self.client = MasterClient(self.send)
+        self.refuse: Result | None = None
+        self.cut_writes = False  # never arrive
+        self.deaf_after_write = False
+        self.spoil_writes = False
+        self.deaf = False
+        self.requests: list[object] = []
+
+    def send(self, data: bytes) -> None:
+        if self.deaf:
+            raise LinkLost("cut")
+        for frame in self.decoder.feed(data):
+            if isinstance(frame, Frame):
+                reply = self.answer(frame)
+                if reply is not None:
+                    threading.Thread(target=self.client.on_reply, args=(reply,)).start()
+
+    def answer(self, frame: Frame) -> Reply | None:
+        request = decode_request(frame)
+        self.requests.append(request)
+        data = b""
+        if isinstance(request, Write):
+            if self.refuse is not None:
+                return Reply(frame.type, frame.sequence, self.refuse, 4)
+            if self.cut_writes:
+                self.deaf = True
+                raise LinkLost("cut before")
+            self.image[request.offset : request.offset + len(request.data)] = request.data
+            if self.spoil_writes:
+                self.image[9] ^= 1
+            if self.deaf_after_write:
+                self.deaf = True
+                raise LinkLost("cut after")
+        elif isinstance(request, Read):
+            memory, base = (self.eeprom, EEPROM_READ_BASE) if request.offset >= EEPROM_READ_BASE else (self.image, 0)
+            start = request.offset - base
+            data = bytes(memory[start : start + request.length])
+        elif isinstance(request, Store):
+            for page in plan_store(self.eeprom, bytes(self.image[:420])):
+                self.eeprom[page.offset : page.offset + len(page.data)] = page.data
+        elif isinstance(request, Load):
+            self.image[:420] = newest(self.eeprom).image
+        else:
+            assert isinstance(request, IdentRequest)
+        return Reply(frame.type, frame.sequence, Result.DONE, data=data)
+
+
+@pytest.fixture
+def master():
+    return MemoryMaster()
+
+
+CELL = load_cell()
+
+
+def configuration(master, identity=SAME_MAP):
+    return Configuration(master.client, lambda: identity, lambda: Context(CELL))
+
+
+def hotter(image):
+    return with_raw(image, "t_cell_max", 55)
+
+
+def test_a_write_is_read_back_and_its_difference_told(master):
+    written = configuration(master).write(hotter, image_hash(default_image()), dry_run=False)
+    assert written.written
+    assert [(c.field, c.before, c.after) for c in written.changes] == [("t_cell_max", 45, 55)]
+    assert bytes(master.image[:420]) == hotter(default_image())
+
+
+def test_a_dry_run_and_an_empty_change_write_nothing(master):
+    config = configuration(master)
+    assert not config.write(hotter, "*", dry_run=True).written
+    assert not config.write(lambda image: image, "*", dry_run=False).written
+    assert not any(isinstance(request, Write) for request in master.requests)
+
+
+def test_another_configuration_in_force_refuses_the_write(master):
+    with pytest.raises(HashMismatch) as caught:
+        configuration(master).write(hotter, "0" * 16, dry_run=False)
+    assert caught.value.in_force == default_image()
+    assert bytes(master.image[:420]) == default_image()
+
+
+def test_values_outside_their_range_never_leave(master):
+    def broken(image):
+        return image[:9] + b"\x7f" + image[10:]
+
+    with pytest.raises(Rejected) as caught:
+        configuration(master).write(broken, "*", dry_run=False)
+    assert caught.value.findings[0].error.field == "t_cell_max"
+    assert not any(isinstance(request, Write) for request in master.requests)
+
+
+def test_a_warning_needs_a_reason_once(master):
+    config = configuration(master)
+
+    def wider(image):
+        return with_raw(image, "i_disc_max", 21000)
+
+    with pytest.raises(ReasonRequired) as caught:
+        config.write(wider, "*", dry_run=False)
+    assert [found.error.field for found in caught.value.findings] == ["i_disc_max"]
+    assert bytes(master.image[:420]) == default_image()
+    assert config.write(wider, "*", dry_run=False, reason="short pulses").written
+    assert config.write(hotter, "*", dry_run=False).written, "what stands already is not asked for again"
+
+
+@pytest.mark.parametrize(
+    ("field", "raw", "doing"),
+    [
+        ("status.flags", 1 << 8, "relays are closed"),
+        ("status.flags", 1 << 6, "being charged"),
+        ("i_fs", -500, "current of -5.0 A"),
+    ],
+)
+def test_at_work_only_what_is_safe_to_change_live_is_written(master, field, raw, doing):
+    FIELDS[field].pack_into(master.image, (raw,))
+    config = configuration(master)
+    with pytest.raises(Occupied, match=doing) as caught:
+        config.write(hotter, "*", dry_run=False)
+    assert caught.value.fields == ["t_cell_max"]
+    assert doing in config.write(hotter, "*", dry_run=True).hindrance
+    assert bytes(master.image[:420]) == default_image()
+    assert config.write(lambda image: with_raw(image, "fan_ramp_stop", 40), "*", dry_run=False).written
+    with pytest.raises(Occupied):
+        config.write(lambda image: with_raw(hotter(image), "ts", 200), "*", dry_run=False)
+
+
+def test_a_conflict_knows_what_the_draft_started_from(master):
+    config = configuration(master)
+    base = config.show(default_image())
+    config.write(hotter, "*", dry_run=False)
+    with pytest.raises(HashMismatch) as caught:
+        config.write(lambda image: with_raw(image, "ts", 50), base, dry_run=False)
+    assert caught.value.base == default_image()
+    assert caught.value.in_force == hotter(default_image())
+    assert caught.value.wanted == with_raw(hotter(default_image()), "ts", 50)
+
+
+def test_loading_is_refused_at_work_and_without_anything_stored(master):
+    config = configuration(master)
+    with pytest.raises(NotNow, match="no valid configuration"):
+        config.load()
+    config.store()
+    config.write(hotter, "*", dry_run=False)
+    FIELDS["status.flags"].pack_into(master.image, (1 << 8,))
+    with pytest.raises(Occupied):
+        config.load()
+    FIELDS["status.flags"].pack_into(master.image, (0,))
+    assert config.load() == (hotter(default_image()), default_image())
+
+
+def test_a_master_with_another_map_is_never_written(master):
+    other = Identity("9.9.9", 1, "ff", is_compatible=False, boots=1)
+    for identity in (other, None):
+        with pytest.raises(NotNow):
+            configuration(master, identity).write(hotter, "*", dry_run=False)
+    assert bytes(master.image[:420]) == default_image()
+
+
+def test_a_refusal_is_told_with_its_offset(master):
+    master.refuse = Result.NOT_NOW
+    with pytest.raises(MasterRefused) as caught:
+        configuration(master).write(hotter, "*", dry_run=False)
+    assert (caught.value.result, caught.value.offset) == ("NOT_NOW", 4)
+
+
+@pytest.mark.parametrize("attribute", ["cut_writes", "deaf_after_write"])
+def test_a_cut_line_says_that_it_does_not_know_and_a_retry_is_safe(master, attribute):
+    setattr(master, attribute, True)
+    config = configuration(master)
+    with pytest.raises(Unverified) as caught:
+        config.write(hotter, "*", dry_run=False)
+    assert caught.value.outcome == "unknown"
+    assert bytes(master.image[:420]) in (default_image(), hotter(default_image()))
+    setattr(master, attribute, False)
+    master.deaf = False
+    config.write(hotter, "*", dry_run=False)
+    assert bytes(master.image[:420]) == hotter(default_image())
+
+
+def test_a_byte_that_reads_back_differently_is_found(master):
+    master.spoil_writes = True
+    with pytest.raises(Unverified) as caught:
+        configuration(master).write(hotter, "*", dry_run=False)
+    assert caught.value.outcome == "other"
+
+
+def test_store_reads_the_eeprom_back(master):
+    config = configuration(master)
+    assert config.read_stored() is None
+    stored = config.store()
+    assert stored.image == default_image()
+    config.write(hotter, "*", dry_run=False)
+    assert config.store().counter == stored.counter + 1
+    assert config.read_stored().image == hotter(default_image())
+
+
+def test_a_deaf_master_is_an_error_and_not_a_hang(master):
+    master.deaf = True
+    with pytest.raises(LinkError):
+        configuration(master).read()

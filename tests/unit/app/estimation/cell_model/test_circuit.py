@@ -1,0 +1,97 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.estimation.cell_model.circuit import CellModel, charge_moved_coulomb, simulate
+from app.estimation.cell_model.ocv import OcvCurve
+from app.estimation.errors import ModelError
+
+
+def cell(n_rc=1, **changes):
+    model = CellModel(
+        name="test",
+        capacity_ah=2.0,
+        ocv=OcvCurve([0.0, 1.0], [3.0, 4.0]),
+        soc_grid=[0.0, 1.0],
+        temperature_grid_degc=[0.0, 40.0],
+        r0_ohm=[[0.04, 0.02], [0.02, 0.01]],
+        r_ohm=np.full((n_rc, 2, 2), 0.03),
+        tau_s=np.full((n_rc, 2, 2), 20.0),
+    )
+    return replace(model, **changes)
+
+
+def test_tables_are_linear_in_soc_and_temperature_and_hold_outside():
+    model = cell()
+    assert model.parameters(0.5, 20.0)[0] == pytest.approx(0.0225)
+    assert model.parameters(-1.0, -50.0)[0] == pytest.approx(0.04)
+    assert model.parameters(2.0, 90.0)[0] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("n_rc", range(5))
+def test_a_held_current_charges_every_rc_pair_exactly_whatever_the_step(n_rc):
+    model = cell(n_rc)
+    for dt in (0.1, 60.0):
+        time = np.arange(0.0, 120.0 + dt / 2, dt)
+        current = np.where(time > 0.0, 3.0, 0.0)
+        soc, volts = simulate(model, time, current, np.full(time.shape, 20.0), 0.8)
+        expected_soc = 0.8 - 3.0 * 120.0 / 7200.0
+        drop = 3.0 * model.parameters(expected_soc, 20.0)[0] + n_rc * 0.03 * 3.0 * (1.0 - np.exp(-120.0 / 20.0))
+        assert soc[-1] == pytest.approx(expected_soc)
+        assert volts[-1] == pytest.approx(3.0 + expected_soc - drop, abs=1e-12)
+
+
+def test_trapezoidal_counting_halves_a_step_of_current():
+    model = cell(0)
+    soc, _ = simulate(model, np.array([0.0, 3600.0]), np.array([0.0, 1.0]), np.full(2, 20.0), 1.0, trapezoidal=True)
+    assert soc[-1] == pytest.approx(0.75)
+
+
+def test_charging_keeps_only_the_efficient_share():
+    model = cell(coulombic_efficiency=0.9)
+    assert charge_moved_coulomb(model, [10.0, -10.0], 2.0).tolist() == [20.0, -18.0]
+
+
+def test_overpotential_grows_like_asinh():
+    model = cell(0, overpotential_v=np.full((2, 2), 0.01), overpotential_current_a=2.0)
+    without = cell(0)
+    lost = without.terminal_voltage(0.5, np.zeros((0,)), 8.0) - model.terminal_voltage(0.5, np.zeros((0,)), 8.0)
+    assert lost == pytest.approx(0.01 * np.arcsinh(4.0))
+
+
+def test_hysteresis_pulls_down_after_discharge_and_up_after_charge():
+    model = cell(0, hysteresis_v=0.02, hysteresis_rate=100.0)
+    time = np.arange(0.0, 3600.0, 10.0)
+    for sign in (1.0, -1.0):
+        soc, volts = simulate(model, time, np.full(time.shape, 0.5 * sign), np.full(time.shape, 40.0), 0.5)
+        drop = 0.5 * sign * model.parameters(soc[-1], 40.0)[0]
+        assert volts[-1] + drop - model.ocv.voltage(soc[-1]) == pytest.approx(-0.02 * sign, abs=1e-6)
+
+
+def test_time_that_runs_backwards_is_refused():
+    with pytest.raises(ModelError, match="backwards"):
+        simulate(cell(), np.array([0.0, 2.0, 1.0]), np.zeros(3), np.full(3, 20.0), 0.5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"soc_grid": [0.0, 0.0]}, "soc_grid"),
+        ({"temperature_grid_degc": [20.0]}, "r0_ohm"),
+        ({"r0_ohm": [[0.1, 0.1], [0.1, -0.1]]}, "r0_ohm"),
+        ({"r_ohm": np.zeros((5, 2, 2)), "tau_s": np.ones((5, 2, 2))}, "r_ohm"),
+        ({"r_ohm": np.full((1, 2, 2), np.nan)}, "r_ohm[0]"),
+        ({"tau_s": np.zeros((1, 2, 2))}, "tau_s[0]"),
+        ({"soc_grid": np.array([0.0, 100.0])}, "soc_grid"),
+        ({"temperature_grid_degc": np.array([273.0, 298.0])}, "temperature_grid_degc"),
+        ({"capacity_ah": 0.0}, "capacity_ah"),
+        ({"hysteresis_v": -0.1}, "hysteresis_v"),
+        ({"coulombic_efficiency": 1.1}, "coulombic_efficiency"),
+        ({"v_min_v": 4.3}, "v_min_v"),
+    ],
+)
+def test_numbers_that_describe_no_cell_are_refused_by_name(changes, field):
+    with pytest.raises(ModelError) as caught:
+        cell(**changes)
+    assert caught.value.field == field

@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+
+from app.estimation.cell_model.ocv import (
+    OCV_METHODS,
+    OcvCurve,
+    from_rests,
+    from_slow,
+    from_two_currents,
+    zero_phase_lowpass,
+)
+from app.estimation.errors import ModelError
+
+SOC = np.linspace(0.0, 1.0, 41)
+VOLTS = 3.2 + 0.8 * SOC + 0.1 * np.tanh((SOC - 0.5) * 8.0) - 0.15 * np.exp(-SOC * 30.0)
+
+
+@pytest.mark.parametrize("method", OCV_METHODS)
+def test_every_method_follows_a_smooth_curve(method):
+    curve = OcvCurve(SOC, VOLTS, method)
+    inside = np.linspace(0.1, 0.9, 97)
+    truth = 3.2 + 0.8 * inside + 0.1 * np.tanh((inside - 0.5) * 8.0) - 0.15 * np.exp(-inside * 30.0)
+    assert np.abs(curve.voltage(inside) - truth).max() < 5e-3
+
+
+@pytest.mark.parametrize("method", ["interpolation", "polynomial"])
+def test_slope_is_the_derivative_of_the_value(method):
+    curve = OcvCurve(SOC, VOLTS, method)
+    at = np.linspace(0.013, 0.987, 50)
+    numeric = (curve.voltage(at + 1e-6) - curve.voltage(at - 1e-6)) / 2e-6
+    np.testing.assert_allclose(curve.slope(at), numeric, rtol=1e-4, atol=1e-4)
+
+
+def test_smoothed_slope_has_no_steps_where_straight_lines_have():
+    rng = np.random.default_rng(2)
+    noisy = np.maximum.accumulate(VOLTS + rng.normal(0.0, 2e-3, VOLTS.size))
+    fine = np.linspace(0.2, 0.95, 400)
+    rough = np.gradient(np.interp(fine, SOC, noisy), fine)
+    smooth = OcvCurve(SOC, noisy, "smoothed").slope(fine)
+    assert np.abs(np.diff(smooth)).max() < 0.25 * np.abs(np.diff(rough)).max()
+
+
+def test_interpolation_never_falls_between_points_that_do_not():
+    curve = OcvCurve([0.0, 0.1, 0.2, 0.21, 0.9, 1.0], [3.0, 3.3, 3.3, 3.6, 3.61, 4.2])
+    assert (np.diff(curve.voltage(np.linspace(0.0, 1.0, 2001))) >= -1e-12).all()
+
+
+@pytest.mark.parametrize("method", OCV_METHODS)
+def test_outside_the_measured_range_the_curve_is_a_straight_rising_line(method):
+    curve = OcvCurve(SOC * 0.8 + 0.1, VOLTS, method)
+    below, above = curve.voltage([-0.1, 0.0, 0.1]), curve.voltage([0.9, 1.0, 1.1])
+    assert below[1] - below[0] == pytest.approx(below[2] - below[1])
+    assert above[1] - above[0] == pytest.approx(above[2] - above[1])
+    assert below[0] < below[2] < above[0] < above[2]
+    assert curve.soc_range == pytest.approx((0.1, 0.9))
+
+
+def test_inverse_returns_the_soc_and_stops_just_past_the_ends():
+    curve = OcvCurve(SOC, VOLTS)
+    at = np.linspace(0.02, 0.98, 33)
+    np.testing.assert_allclose(curve.soc_at(curve.voltage(at)), at, atol=2e-4)
+    assert curve.soc_at(0.0) == -0.05
+    assert curve.soc_at(9.0) == 1.05
+    assert np.isnan(curve.soc_at(np.nan))
+
+
+def test_slow_charge_and_discharge_average_to_the_curve_between_them():
+    curve = from_slow(SOC[::-1], VOLTS[::-1] - 0.02, SOC[5:], VOLTS[5:] + 0.02)
+    assert curve.soc_range == pytest.approx((SOC[5], 1.0))
+    np.testing.assert_allclose(curve.voltage(SOC[6:-1]), VOLTS[6:-1], atol=2e-3)
+
+
+def test_slow_branches_that_share_no_soc_are_refused():
+    with pytest.raises(ModelError, match="share no range"):
+        from_slow([0.0, 0.4], [3.0, 3.5], [0.5, 1.0], [3.6, 4.2])
+
+
+def test_rests_at_the_same_soc_are_averaged():
+    curve = from_rests([0.9, 0.5, 0.5001, 0.1], [4.0, 3.70, 3.72, 3.4])
+    assert curve.voltage(0.50005) == pytest.approx(3.71)
+
+
+def test_two_discharge_currents_extrapolate_to_none():
+    curve = from_two_currents(SOC, VOLTS - 25.0 * 2e-3, VOLTS - 250.0 * 2e-3, 25.0, 250.0)
+    np.testing.assert_allclose(curve.voltage(SOC), VOLTS, atol=1e-9)
+    with pytest.raises(ModelError, match="same current"):
+        from_two_currents(SOC, VOLTS, VOLTS, 5.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("soc", "volts", "method", "field"),
+    [
+        ([0.0, 1.0], [3.0, 4.0], "spline", "ocv.method"),
+        ([0.0], [3.0], "interpolation", "ocv.voltage_v"),
+        ([0.0, 1.0], [3.0, np.nan], "interpolation", "ocv.voltage_v"),
+        ([0.5, 0.5], [3.0, 4.0], "interpolation", "ocv.soc"),
+        ([0.0, 1.2], [3.0, 4.0], "interpolation", "ocv.soc"),
+        ([0.0, 1.0], [4.0, 3.0], "interpolation", "ocv.voltage_v"),
+    ],
+)
+def test_points_that_are_no_curve_are_refused_by_name(soc, volts, method, field):
+    with pytest.raises(ModelError) as caught:
+        OcvCurve(soc, volts, method)
+    assert caught.value.field == field
+
+
+def test_forward_backward_filter_shifts_nothing_and_passes_a_line():
+    line = np.linspace(-3.0, 5.0, 301)
+    np.testing.assert_allclose(zero_phase_lowpass(line, 0.1), line, atol=1e-9)
+    wave = np.cos(2 * np.pi * np.arange(601) / 200.0)
+    passed = zero_phase_lowpass(wave, 0.1)
+    assert np.argmax(passed[150:250]) == np.argmax(wave[150:250])

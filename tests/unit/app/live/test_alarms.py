@@ -1,0 +1,137 @@
+import pytest
+
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
+from app.live.pipeline import Pipeline
+from app.telemetry import LinkChange
+
+CELL = load_cell("samsung-25r-10p")
+
+
+@pytest.fixture
+def pipeline(master):
+    chain = Pipeline(
+        "serial", lambda: make_estimator("coulomb", CELL, 96), filter_name="coulomb", cell_name="c", rs232_url="/dev/x"
+    )
+    chain.feed(LinkChange(0, 0, "rs232", "open"))
+    chain.feed(master.config())
+    return chain
+
+
+def run(pipeline, master, seconds):
+    """Frames at 10 Hz; returns the last snapshot and all events."""
+    events, snapshot = [], None
+    for _ in range(round(seconds * 10)):
+        output = pipeline.feed(master.frame())
+        events += output.events
+        snapshot = output.snapshot
+    return snapshot, events
+
+
+def codes(snapshot, *, active=True):
+    return {alarm.code for alarm in snapshot.alarms if alarm.active == active}
+
+
+def test_one_sample_raises_nothing(pipeline, master):
+    run(pipeline, master, 1)
+    master.set("v", [20000, *[37000] * 95])
+    snapshot, events = run(pipeline, master, 0.1)
+    assert not codes(snapshot)
+    assert not events
+
+
+def test_a_trip_is_raised_with_its_cell_value_and_limit_and_once(pipeline, master):
+    master.set("v", [*[37000] * 40, 24000, *[37000] * 55])
+    snapshot, events = run(pipeline, master, 3)
+    alarm = next(a for a in snapshot.alarms if a.code == "cell-voltage-low")
+    assert (alarm.severity, alarm.cell, alarm.value, alarm.limit) == ("trip", 40, pytest.approx(2.4), 2.5)
+    assert [e.code for e in events].count("cell-voltage-low") == 1
+
+
+def test_a_trip_stays_until_it_ended_and_was_acknowledged(pipeline, master):
+    master.set("v", [24000, *[37000] * 95])
+    run(pipeline, master, 2)
+    master.set("v", [37000] * 96)
+    snapshot, _ = run(pipeline, master, 4)
+    ended = next(a for a in snapshot.alarms if a.code == "cell-voltage-low")
+    assert not ended.active
+    assert pipeline.acknowledge(ended.id, "anna")
+    snapshot, _ = run(pipeline, master, 0.2)
+    assert "cell-voltage-low" not in codes(snapshot) | codes(snapshot, active=False)
+    assert not pipeline.acknowledge(9999, "anna")
+
+
+def test_a_value_that_hovers_at_its_limit_does_not_flood(pipeline, master):
+    events = []
+    for i in range(200):
+        master.set("v", [[24990, 25010][i // 5 % 2], *[37000] * 95])
+        events += pipeline.feed(master.frame()).events
+    assert len([e for e in events if e.code == "cell-voltage-low"]) <= 2
+
+
+def test_hot_cells_are_watched_before_they_trip(pipeline, master):
+    master.set("t", [42, *[25] * 95])
+    snapshot, _ = run(pipeline, master, 4)
+    assert "cell-near-hot" in codes(snapshot)
+    master.set("t", [47, *[25] * 95])
+    snapshot, _ = run(pipeline, master, 4)
+    assert "cell-hot" in codes(snapshot)
+
+
+def test_missing_cells_are_one_alarm_that_names_the_first(pipeline, master):
+    master.set("v", [*[37000] * 50, 0, 0, *[37000] * 44])
+    snapshot, _ = run(pipeline, master, 3)
+    alarm = next(a for a in snapshot.alarms if a.code == "cell-missing")
+    assert alarm.cell == 50
+    assert alarm.text.startswith("2 ")
+
+
+def test_a_silent_link_is_an_alarm(pipeline, master):
+    run(pipeline, master, 1)
+    start = master.t_ns
+    for seconds in range(1, 6):
+        snapshot = pipeline.tick(start + seconds * 1_000_000_000, start + seconds * 1_000_000_000).snapshot
+    assert "rs232-silent" in codes(snapshot)
+
+
+def test_all_well_raises_nothing(pipeline, master):
+    snapshot, events = run(pipeline, master, 10)
+    assert not [a for a in snapshot.alarms if a.severity != "watch"]
+    assert not [e for e in events if e.severity in ("trip", "warning")]
+
+
+def test_what_cannot_be_seen_any_more_has_not_ended(pipeline, master):
+    master.set("t", [70, *[25] * 95])
+    run(pipeline, master, 3)
+    for seconds in range(1, 60):
+        output = pipeline.tick(master.t_ns + seconds * 1_000_000_000, master.t_ns)
+    assert output.snapshot.accumulator["temperature_max_degc"] is None
+    assert "cell-hot" in codes(output.snapshot)
+    master.advance(60_000)
+    master.set("t", [25] * 96)
+    snapshot, events = run(pipeline, master, 5)
+    assert "cell-hot" not in codes(snapshot)
+    assert any(e.text.startswith("ended") and e.code == "cell-hot" for e in events)
+
+
+def test_all_cells_gone_at_once_is_an_alarm(pipeline, master):
+    run(pipeline, master, 1)
+    master.set("v", [0] * 96)
+    snapshot, _ = run(pipeline, master, 3)
+    assert "cell-missing" in codes(snapshot)
+
+
+@pytest.mark.parametrize("jump_s", [-86_400, 86_400])
+def test_a_wall_clock_that_is_set_does_not_stretch_an_alarm(pipeline, master, jump_s):
+    master.set("v", [24000, *[37000] * 95])
+    run(pipeline, master, 2)
+    master.set("v", [37000] * 96)
+    texts = []
+    for _ in range(40):
+        item = master.frame()
+        output = pipeline.feed(type(item)(item.t_mono_ns, item.t_wall_ns + jump_s * 10**9, item.frame))
+        texts += [e.text for e in output.events if e.code == "cell-voltage-low"]
+    assert len(texts) == 1
+    seconds = float(texts[0].split()[2])
+    assert 2 <= seconds <= 6
+    assert "cell-voltage-low" in codes(output.snapshot, active=False)

@@ -1,0 +1,101 @@
+"""Numbers that ought to agree."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from app.live.plausibility import Plausibility
+
+DT_S = 0.1
+RESISTANCE_OHM = 0.0021
+
+
+class Shadow:
+    """What a decoder answers, by name."""
+
+    def __init__(self, chips_v=None, total_v=None):
+        self._chips_v = chips_v
+        self._total_v = total_v
+
+    def is_known(self, name):
+        return self._chips_v is not None
+
+    def array(self, name, missing):
+        pack = int(name[6])
+        return self._chips_v[pack * 12 : pack * 12 + 12]
+
+    def number(self, name):
+        return self._total_v
+
+
+def drive(check, steps, *, resistance_ohm=RESISTANCE_OHM, chips_v=None, seed=1):
+    """Feed currents that change every second; return the cells' voltages at the end."""
+    rng = np.random.default_rng(seed)
+    cells_v = np.full(96, 3.7)
+    for i in range(steps):
+        current_a = 80.0 if i // 10 % 2 else 0.0
+        cells_v = 3.7 - resistance_ohm * current_a + rng.normal(0, 1e-3, 96)
+        check.step(DT_S if i else None, current_a, cells_v, Shadow(chips_v))
+    return cells_v
+
+
+def verdicts(check, cells_v, **shadow):
+    return check.verdicts(SimpleNamespace(voltage_v=cells_v), Shadow(**shadow))
+
+
+def test_nothing_is_said_before_anything_was_seen():
+    found = verdicts(Plausibility(), np.full(96, np.nan))
+    assert [check["verdict"] for check in found.values()] == [None, None, None]
+
+
+def test_current_and_voltage_that_fit_give_the_cells_resistance():
+    check = Plausibility()
+    found = verdicts(check, drive(check, 300))["current"]
+    assert found["verdict"] is True
+    assert found["value"] == pytest.approx(RESISTANCE_OHM, rel=0.1)
+
+
+@pytest.mark.parametrize("resistance_ohm", [0.0, -0.002, 0.05])
+def test_current_that_the_voltage_does_not_follow_is_not_believed(resistance_ohm):
+    check = Plausibility()
+    assert verdicts(check, drive(check, 300, resistance_ohm=resistance_ohm))["current"]["verdict"] is False
+
+
+def test_voltage_that_moves_while_the_current_stands_still_is_not_believed():
+    check = Plausibility()
+    for i in range(200):
+        check.step(DT_S if i else None, 0.0, np.full(96, 3.7 - 0.1 * (i // 10 % 2)), Shadow())
+    assert verdicts(check, np.full(96, 3.7))["current"]["verdict"] is False
+
+
+def test_a_car_that_stands_says_nothing_of_its_current():
+    check = Plausibility()
+    for i in range(200):
+        check.step(DT_S if i else None, 0.3, np.full(96, 3.7), Shadow())
+    assert verdicts(check, np.full(96, 3.7))["current"]["verdict"] is None
+
+
+@pytest.mark.parametrize(("off_v", "verdict"), [(0.04, True), (2.0, False), (-3.7, False)])
+def test_sum_of_the_cells_is_held_against_the_total(off_v, verdict):
+    cells_v = np.full(96, 3.7)
+    found = verdicts(Plausibility(), cells_v, total_v=96 * 3.7 + off_v)["sum"]
+    assert found["verdict"] is verdict
+    assert found["value"] == pytest.approx(abs(off_v))
+
+
+def test_sum_with_a_missing_cell_is_not_judged():
+    cells_v = np.full(96, 3.7)
+    cells_v[5] = np.nan
+    assert verdicts(Plausibility(), cells_v, total_v=355.0)["sum"]["verdict"] is None
+
+
+def test_a_chip_that_reads_another_cell_voltage_is_named():
+    chips_v = np.full(96, 3.72)  # older, at another current: the same for all cells
+    good, bad = Plausibility(), Plausibility()
+    cells_v = drive(good, 100, chips_v=chips_v)
+    assert verdicts(good, cells_v)["chips"]["verdict"] is True
+    chips_v[36] += 0.08
+    cells_v = drive(bad, 300, chips_v=chips_v)
+    found = verdicts(bad, cells_v)["chips"]
+    assert (found["verdict"], found["cell"]) == (False, 36)

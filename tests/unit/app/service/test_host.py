@@ -1,0 +1,37 @@
+"""The machine around the service."""
+
+from ipaddress import ip_address
+
+import pytest
+
+from app.service.host import ClockWatch, addresses_of, disk_of
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.5", "::1", "localhost"])
+def test_nobody_reaches_a_service_on_loopback(host):
+    assert addresses_of(host) == []
+
+
+@pytest.mark.parametrize("host", ["192.168.4.1", "pit.local"])
+def test_a_service_on_one_address_is_reached_there(host):
+    assert addresses_of(host) == [host]
+
+
+def test_a_service_on_every_address_names_each_once_and_no_loopback():
+    found = addresses_of("0.0.0.0")
+    assert len(set(found)) == len(found)
+    assert not any(ip_address(address).is_loopback for address in found)
+
+
+def test_disk_is_that_of_the_folder_and_unknown_where_there_is_none(tmp_path):
+    disk = disk_of(tmp_path)
+    assert 0 < disk["free_bytes"] <= disk["total_bytes"]
+    assert disk_of(tmp_path / "nothing" / "here") is None
+
+
+@pytest.mark.parametrize(("moved_s", "was_set"), [(0.0, False), (1.5, False), (-3600.0, True), (86400.0, True)])
+def test_clock_that_was_set_is_noticed(moved_s, was_set):
+    watch = ClockWatch()
+    watch._offset_s -= moved_s
+    assert watch.moved_s() == pytest.approx(moved_s, abs=0.5)
+    assert watch.was_set is was_set

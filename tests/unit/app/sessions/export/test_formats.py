@@ -1,0 +1,159 @@
+"""The formats for other programs, each read back by a reader that is not ours where there is one."""
+
+import json
+import struct
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from app.errors import ConfigError
+from app.sessions.export import FORMATS, export
+from app.sessions.reading.reader import SessionFile
+from app.sessions.recording.writer import Recorder
+
+WALL_S = 1_790_000_000
+MONO_NS = 5_000 * 10**9
+SIGNALS = ["v[36]", "v[2]", "i_fs", "estimate.soc[0]"]
+
+
+@pytest.fixture
+def session(recorder: Recorder, stream):
+    """20 s with a gap of 10 s in the middle, CAN, an event and two laps."""
+    info = recorder.start("friday", {"driver": "Anna", "vehicle": "E5"})
+    stream.feed(recorder, 100)
+    stream.skip(100)
+    stream.feed(recorder, 100)
+    for i in range(50):
+        can_id = 0x100 if i % 2 else 0x18FF50E5 | 1 << 31
+        recorder.can_frame(MONO_NS + i * 10**8, WALL_S * 10**9 + i * 10**8, can_id, bytes([i] * (i % 9)))
+    recorder.event(MONO_NS + 10**9, 0, "trip", "v_min", "cell too low", cell=36)
+    for at_s in (4, 25):
+        recorder.marker(MONO_NS + at_s * 10**9, 0, "lap", kind="lap")
+    recorder.flush()
+    with SessionFile(info.path) as session:
+        yield session
+
+
+@pytest.mark.parametrize(("name", "reader"), [("candump", can.CanutilsLogReader), ("blf", can.BLFReader)])
+def test_can_logs_are_read_by_python_can(session: SessionFile, tmp_path: Path, name: str, reader: type) -> None:
+    path = tmp_path / f"log{FORMATS[name].suffix}"
+    export(session, path, name, t_from_s=WALL_S + 1, t_to_s=WALL_S + 2)
+    with reader(str(path)) as log:
+        messages = list(log)
+    expected = list(session.can_frames(WALL_S + 1, WALL_S + 2))
+    assert len(expected) == 11
+    assert [(m.arbitration_id | m.is_extended_id << 31, bytes(m.data)) for m in messages] == [
+        (frame.can_id, frame.data) for frame in expected
+    ]
+    assert [m.timestamp for m in messages] == pytest.approx([session.unix_s(f.t_mono_ns) for f in expected], abs=2e-3)
+
+
+@pytest.mark.parametrize("name", ["candump", "asc", "blf"])
+def test_a_range_without_can_frames_is_said_and_leaves_no_file(session: SessionFile, tmp_path: Path, name: str) -> None:
+    with pytest.raises(ConfigError, match="CAN frames"):
+        export(session, tmp_path / "log", name, t_from_s=WALL_S + 20)
+    assert not (tmp_path / "log").exists()
+
+
+def test_an_asc_log_is_read_by_python_can(session: SessionFile, tmp_path: Path) -> None:
+    export(session, tmp_path / "log.asc", "asc")
+    with can.ASCReader(str(tmp_path / "log.asc")) as log:
+        messages = list(log)
+    assert [(m.arbitration_id | m.is_extended_id << 31, bytes(m.data)) for m in messages] == [
+        (frame.can_id, frame.data) for frame in session.can_frames()
+    ]
+    assert np.diff([m.timestamp for m in messages]) == pytest.approx(0.1, abs=1e-3)
+
+
+def test_mcap_is_read_by_its_own_reader(session: SessionFile, stream, tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    export(session, tmp_path / "a.mcap", "mcap", signals=SIGNALS)
+    with (tmp_path / "a.mcap").open("rb") as file:
+        messages = [
+            (channel.topic, schema.name, message.log_time, json.loads(message.data))
+            for schema, channel, message in reader.make_reader(file).iter_messages()
+        ]
+    voltages = [(time_ns, body) for topic, _, time_ns, body in messages if topic == "/v"]
+    assert len(voltages) == 200
+    assert voltages[1][0] == pytest.approx((WALL_S + 0.1) * 1e9, abs=1e3)
+    value = voltages[1][1]["value"]
+    assert (len(value), value[3], voltages[1][1]["unit"]) == (37, None, "V")
+    assert [value[2], value[36]] == pytest.approx([stream.voltages[1][cell] * 1e-4 for cell in (2, 36)])
+    currents = [body["value"] for topic, _, _, body in messages if topic == "/i_fs"]
+    assert currents[:100] == pytest.approx([each * 0.01 for each in stream.currents[:100]])
+    logs = [body["message"] for topic, schema, _, body in messages if schema == "foxglove.Log"]
+    assert logs == ["cell too low", "lap", "lap"]
+
+
+def test_mdf_is_read_by_asammdf(session: SessionFile, stream, tmp_path: Path, monkeypatch) -> None:
+    asammdf = pytest.importorskip("asammdf")
+    monkeypatch.setattr("app.sessions.export.table.BLOCK_S", 3.0)
+    export(session, tmp_path / "a.mf4", "mf4", signals=SIGNALS)
+    with asammdf.MDF(tmp_path / "a.mf4") as file:
+        voltage, current = file.get("v[36]"), file.get("i_fs")
+        assert file.start_time.timestamp() == WALL_S
+    assert (voltage.unit, current.unit) == ("V", "A")
+    sent = [i for i, each in enumerate(stream.voltages) if each]
+    assert voltage.timestamps == pytest.approx(0.1 * np.array(sent), abs=1e-5)
+    assert voltage.samples == pytest.approx([stream.voltages[i][36] * 1e-4 for i in sent])
+    assert current.samples == pytest.approx([stream.currents[i] * 0.01 for i in sent])
+
+
+def read_ld(path: Path) -> dict[str, tuple[str, int, np.ndarray]]:
+    """A reader of the public description of .ld files: unit, rate and values of every channel of the chain."""
+    data = path.read_bytes()
+    (at,) = struct.unpack_from("<I", data, 8)
+    found = {}
+    while at:
+        _, following, data_at, n, _, kind, size, rate_hz = struct.unpack_from("<4I4H", data, at)
+        shift, multiplier, scale, decimals = struct.unpack_from("<4h", data, at + 24)
+        name = data[at + 32 : at + 64].rstrip(b"\0").decode()
+        unit = data[at + 72 : at + 84].rstrip(b"\0").decode()
+        assert (kind, size) == (7, 4)
+        values = (np.frombuffer(data, "<f4", n, data_at) / scale * 10.0**-decimals + shift) * multiplier
+        found[name] = (unit, rate_hz, values)
+        at = following
+    return found
+
+
+def test_ld_has_every_channel_at_one_rate_with_gaps_left_empty(session: SessionFile, stream, tmp_path: Path) -> None:
+    export(session, tmp_path / "a.ld", "ld", signals=SIGNALS)
+    channels = read_ld(tmp_path / "a.ld")
+    assert list(channels) == SIGNALS
+    unit, rate_hz, values = channels["v[36]"]
+    assert (unit, rate_hz, len(values)) == ("V", 10, 300)
+    assert values[:100] == pytest.approx([each[36] * 1e-4 for each in stream.voltages[:100]], rel=1e-6)
+    assert np.isnan(values[102:199]).all()
+    assert values[200:] == pytest.approx([each[36] * 1e-4 for each in stream.voltages[200:]], rel=1e-6)
+    head = (tmp_path / "a.ld").read_bytes()
+    for text in (b"Anna", b"E5", b"21/09/2026", b"14:13:20", b"friday"):
+        assert text in head[:11336]
+
+
+def test_laps_stand_beside_the_ld_file_as_beacons(session: SessionFile, tmp_path: Path) -> None:
+    path = tmp_path / "a.ldx"
+    export(session, path, "ldx", signals=["i_fs"])
+    root = ElementTree.parse(path).getroot()
+    assert [float(marker.attrib["Time"]) for marker in root.iter("Marker")] == pytest.approx([4e6, 25e6])
+    details = {each.attrib["Id"]: each.attrib["Value"] for each in root.iter("String")}
+    assert details == {"Total Laps": "3", "Fastest Time": "0:04.000", "Fastest Lap": "1"}
+    with pytest.raises(ConfigError, match="a session with laps"):
+        export(session, tmp_path / "b.ldx", "ldx", signals=["i_fs"], t_to_s=WALL_S + 3)
+    export(session, path, "ldx", lap_times_s=[WALL_S + 10, WALL_S + 20])
+    root = ElementTree.parse(path).getroot()
+    assert [float(marker.attrib["Time"]) for marker in root.iter("Marker")] == pytest.approx([10e6, 20e6])
+
+
+@pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"ldx", "candump", "asc", "blf"}))
+def test_a_session_without_samples_gives_a_file(recorder: Recorder, tmp_path: Path, name: str) -> None:
+    if name in ("mcap", "mf4"):
+        pytest.importorskip({"mcap": "mcap", "mf4": "asammdf"}[name])
+    info = recorder.start()
+    recorder.flush()
+    with SessionFile(info.path) as session:
+        path = tmp_path / f"empty{FORMATS[name].suffix}"
+        export(session, path, name, signals=["v[0]"])
+    assert path.is_file()

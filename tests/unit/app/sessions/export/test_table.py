@@ -1,0 +1,118 @@
+import builtins
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pyarrow import parquet
+
+from app.errors import ConfigError
+from app.sessions.errors import ExportUnavailable, UnknownSignal
+from app.sessions.export import export
+from app.sessions.reading.reader import SessionFile
+from app.sessions.recording.writer import Recorder
+
+WALL_S = 1_790_000_000
+MONO_NS = 5_000 * 10**9
+
+
+@pytest.fixture
+def session(recorder: Recorder, stream):
+    """Two minutes with two chunks stored and the rest not; some frames are committed apart from their estimate."""
+    info = recorder.start("friday")
+    for i in range(1300):
+        uptime_ms = stream.uptime_ms
+        t_mono_ns, t_wall_ns, raw = stream.next()
+        recorder.frame(t_mono_ns, t_wall_ns, 0, raw, True)
+        if i % 300 == 1:
+            recorder.flush()
+        recorder.estimates(t_mono_ns + 3_000_000, uptime_ms, np.full(96, 0.5), np.full(96, np.nan))
+    recorder.flush()
+    with SessionFile(info.path) as session:
+        yield session
+
+
+def read_csv(path: Path) -> tuple[list[str], list[list[str]]]:
+    with path.open(newline="") as file:
+        header, *rows = list(csv.reader(file))
+    return header, rows
+
+
+def test_csv_has_a_row_per_instant_with_units_in_names(session: SessionFile, stream, tmp_path: Path) -> None:
+    export(session, tmp_path / "a.csv", "csv", signals=["v[36]", "estimate.soc[0]", "estimate.soc_sigma[0]", "t[3]"])
+    header, rows = read_csv(tmp_path / "a.csv")
+    assert header == [
+        "time_s",
+        "elapsed_s",
+        "uptime_s",
+        "v[36] (V)",
+        "estimate.soc[0]",
+        "estimate.soc_sigma[0]",
+        "t[3] (degC)",
+    ]
+    assert len(rows) == 1300
+    assert rows[7] == [f"{WALL_S}.700", "0.700", "1.700", f"{stream.voltages[7][36] * 1e-4:.4f}", "0.50000", "", "23"]
+    assert [row[3] for row in rows] == [f"{each[36] * 1e-4:.4f}" for each in stream.voltages]
+
+
+def test_parquet_read_by_pyarrow_equals_the_csv(session: SessionFile, tmp_path: Path) -> None:
+    signals = ["i_fs", "estimate.soc_sigma[0]", "v[0]"]
+    export(session, tmp_path / "a.csv", "csv", signals=signals)
+    export(session, tmp_path / "a.parquet", "parquet", signals=signals)
+    header, rows = read_csv(tmp_path / "a.csv")
+    table = parquet.read_table(tmp_path / "a.parquet")
+    assert table.column_names == header
+    assert table.schema.field("i_fs (A)").metadata == {b"unit": b"A"}
+    assert table.schema.metadata[b"name"] == b"friday"
+    for name, column in zip(header, zip(*rows, strict=True), strict=True):
+        expected = [float(text) if text else None for text in column]
+        assert table[name].to_pylist() == pytest.approx(expected, abs=1e-3)
+
+
+def test_a_range_is_cut_exactly(session: SessionFile, tmp_path: Path) -> None:
+    export(session, tmp_path / "a.csv", "csv", signals=["v[0]"], t_from_s=WALL_S + 59.9, t_to_s=WALL_S + 60.1)
+    assert [row[1] for row in read_csv(tmp_path / "a.csv")[1]] == ["59.900", "60.000", "60.100"]
+
+
+def test_without_signals_the_fast_ones_and_the_estimates_are_written(session: SessionFile, tmp_path: Path) -> None:
+    export(session, tmp_path / "a.csv", "csv", t_to_s=WALL_S + 1)
+    header, _ = read_csv(tmp_path / "a.csv")
+    assert {"i_fs (A)", "v[95] (V)", "t[0] (degC)", "estimate.soc[95]", "soc"} <= set(header)
+    assert len(header) == len(set(header)) == 3 + 11 + 4 * 96
+
+
+def test_blocks_join_without_seam(session: SessionFile, tmp_path: Path, monkeypatch) -> None:
+    signals = ["v[0]", "estimate.soc[0]"]
+    export(session, tmp_path / "whole.csv", "csv", signals=signals)
+    monkeypatch.setattr("app.sessions.export.table.BLOCK_S", 0.3015)
+    export(session, tmp_path / "parts.csv", "csv", signals=signals)
+    assert (tmp_path / "parts.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
+
+
+def test_an_unknown_signal_leaves_no_file(session: SessionFile, tmp_path: Path) -> None:
+    with pytest.raises(UnknownSignal):
+        export(session, tmp_path / "a.csv", "csv", signals=["nonsense"])
+    with pytest.raises(ConfigError, match="format"):
+        export(session, tmp_path / "a.csv", "xls")
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_a_missing_package_is_one_line_with_the_command(session: SessionFile, tmp_path: Path, monkeypatch) -> None:
+    real_import = builtins.__import__
+
+    def without_pyarrow(name: str, *args: object) -> object:
+        if name.startswith("pyarrow"):
+            raise ImportError(name)
+        return real_import(name, *args)
+
+    monkeypatch.setattr(builtins, "__import__", without_pyarrow)
+    with pytest.raises(ExportUnavailable, match=r"pip install 'voltwall\[parquet\]'"):
+        export(session, tmp_path / "a.parquet", "parquet", signals=["v[0]"])
+
+
+def test_an_empty_session_gives_the_header_alone(recorder: Recorder, tmp_path: Path) -> None:
+    info = recorder.start()
+    recorder.flush()
+    with SessionFile(info.path) as session:
+        export(session, tmp_path / "a.csv", "csv", signals=["v[0]"])
+    assert (tmp_path / "a.csv").read_text() == "time_s,elapsed_s,uptime_s,v[0] (V)\n"

@@ -1,0 +1,221 @@
+"""Other teams' recordings: tables and CAN logs as they come out of other systems, as sessions of ours."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import can
+import cantools
+import numpy as np
+import pyarrow
+import pytest
+from pyarrow import parquet
+
+from app.errors import ImportFailed
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
+from app.live.pipeline import Pipeline
+from app.sessions.reading.reader import SessionFile
+from app.sessions.transfer.import_session import IMPORTED_LINK, import_file, read_table
+from app.sources.recordings.columns import Table, guess, matching
+from app.sources.recordings.profile import ImportProfile, ProfileShelf, parse_profile, profile_text
+
+START_S = 1_780_000_000.0
+N = 40
+ORION = ImportProfile(
+    time="Time", current="Pack Current (A)", charge_positive=True, voltages="Cell {n} (mV)", voltage_unit="mV",
+    temperatures="Thermistor {n} (C)", soc="Pack SOC (%)",
+)  # fmt: skip
+
+DBC = """
+VERSION ""
+BU_: BMS
+BO_ 256 Pack: 8 BMS
+ SG_ PackCurrent : 0|16@1- (0.1,0) [0|0] "A" BMS
+ SG_ PackSOC : 16|8@1+ (0.5,0) [0|0] "%" BMS
+BO_ 257 Cells: 8 BMS
+ SG_ CellID : 0|8@1+ (1,0) [0|0] "" BMS
+ SG_ CellVoltage : 8|16@1+ (0.0001,0) [0|0] "V" BMS
+BO_ 2566869221 Temps: 8 BMS
+ SG_ Temp1 : 0|8@1+ (1,-40) [0|0] "C" BMS
+ SG_ Temp2 : 8|8@1+ (1,-40) [0|0] "C" BMS
+"""
+
+
+def pipeline() -> Pipeline:
+    cell = load_cell("samsung-25r-10p")
+    return Pipeline("replay", lambda: make_estimator("coulomb", cell, 96), filter_name="c", cell_name="c")
+
+
+def millivolts(row: int, cell: int) -> int:
+    return 3600 + cell + row % 5
+
+
+@pytest.fixture
+def csv(tmp_path: Path) -> Path:
+    """100 s of 40 cells and 10 sensors at 10 Hz, with a preamble, decimal points and a hole in one cell."""
+    path = tmp_path / "orion log.csv"
+    names = ["Time", "Pack Current (A)", "Pack SOC (%)"]
+    names += [f"Cell {i + 1} (mV)" for i in range(N)] + [f"Thermistor {i + 1} (C)" for i in range(10)]
+    lines = ["Some BMS log v3", ",".join(names)]
+    for row in range(1000):
+        values = [f"{START_S + row / 10:.1f}", f"{-25.5 + row % 3}", "80"]
+        values += ["" if i == 7 and row == 5 else str(millivolts(row, i)) for i in range(N)]
+        values += [str(20 + i) for i in range(10)]
+        lines.append(",".join(values))
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_a_csv_of_another_system_becomes_a_session_with_estimates(csv: Path, tmp_path: Path) -> None:
+    done = import_file(csv, ORION, tmp_path / "sessions", pipeline, name="their run")
+    assert (done.rows, done.cells) == (1000, N)
+    assert "10 temperatures for 40 cells" in " ".join(done.notes)
+    with SessionFile(done.info.path) as session:
+        info = session.info
+        assert (info.name, info.frames, info.is_closed) == ("their run", 1000, True)
+        assert (info.started_wall_ns / 1e9, info.duration_s) == pytest.approx((START_S, 99.9))
+        names = ["v[0]", "v[39]", "v[7]", "v[40]", "i_fs", "t[3]", "t[39]", "soc", "v_min", "v_min_id"]
+        found = session.series([*names, "estimate.soc[0]", "estimate.soc[40]"])
+        assert found["v[0]"].minimum == pytest.approx([millivolts(row, 0) / 1000 for row in range(1000)])
+        assert found["v[39]"].maximum[999] == pytest.approx(millivolts(999, 39) / 1000)
+        assert np.flatnonzero(np.isnan(found["v[7]"].minimum)).tolist() == [5]
+        assert np.isnan(found["v[40]"].minimum).all()
+        assert found["i_fs"].minimum[:3] == pytest.approx([25.5, 24.5, 23.5])
+        assert (found["t[3]"].minimum[0], found["t[39]"].minimum[0]) == (20, 29)
+        assert found["soc"].minimum == pytest.approx(np.full(1000, 0.8))
+        assert found["v_min"].minimum[0] == pytest.approx(3.6)
+        assert (np.diff(found["estimate.soc[0]"].minimum) <= 0).all()
+        assert {frame.link for frame in session.frames()} == {IMPORTED_LINK}
+        assert session.problems() == []
+
+
+def test_the_profile_of_a_header_is_guessed(csv: Path) -> None:
+    assert guess(read_table(csv)[0]) == replace(ORION, charge_positive=False)
+    packs = {f"Pack{p}_Cell{n}_V": np.full(3, 3.7) for p in (1, 2) for n in (1, 2, 10)}
+    found = guess(Table("x", {"t [ms]": np.arange(3.0), "I_batt": np.ones(3), **packs}))
+    assert (found.time, found.time_unit, found.current, found.voltages) == ("t [ms]", "ms", "", "Pack{p}_Cell{n}_V")
+    assert matching(found.voltages, list(packs))[:3] == ["Pack1_Cell1_V", "Pack1_Cell2_V", "Pack1_Cell10_V"]
+
+
+def test_a_parquet_file_says_the_same_as_the_csv(csv: Path, tmp_path: Path) -> None:
+    table, _ = read_table(csv)
+    path = tmp_path / "log.parquet"
+    parquet.write_table(pyarrow.table({name: pyarrow.array(v) for name, v in table.columns.items()}), path)
+    a, b = (import_file(each, ORION, tmp_path / "sessions", pipeline).info.path for each in (csv, path))
+    with SessionFile(a) as first, SessionFile(b) as second:
+        assert [frame.raw for frame in first.frames()] == [frame.raw for frame in second.frames()]
+
+
+def log_of(path: Path) -> Path:
+    """20 s of a bus: current 10 times a second, a cell 20 times, temperatures once until they stop at 10 s."""
+    database = cantools.database.load_string(DBC, "dbc")
+    frames = []
+    for step in range(400):
+        at_s = START_S + step / 20
+        cell = step % 20
+        frames.append((at_s, "Cells", {"CellID": cell, "CellVoltage": 3.6 + cell / 1000}))
+        if step % 2 == 0:
+            frames.append((at_s, "Pack", {"PackCurrent": 12.3, "PackSOC": 55.0}))
+        if step % 20 == 0 and step < 200:
+            frames.append((at_s, "Temps", {"Temp1": 31, "Temp2": 33}))
+    with can.Logger(path) as logger:
+        for at_s, name, values in frames:
+            message = database.get_message_by_name(name)
+            logger.on_message_received(
+                can.Message(
+                    timestamp=at_s, arbitration_id=message.frame_id, is_extended_id=message.is_extended_frame,
+                    data=message.encode(values, padding=True, strict=False), channel=0,
+                )
+            )  # fmt: skip
+    return path
+
+
+@pytest.mark.parametrize("ending", ["log", "blf", "asc"])
+def test_a_can_log_with_a_dbc_becomes_a_session(tmp_path: Path, ending: str) -> None:
+    dbc = tmp_path / "bus.dbc"
+    dbc.write_text(DBC)
+    profile = ImportProfile(
+        current="PackCurrent", voltages="CellVoltage[CellID]", temperatures="Temp{n}", soc="PackSOC", hold_s=2.0
+    )
+    log = log_of(tmp_path / f"bus.{ending}")
+    done = import_file(log, profile, tmp_path / "sessions", pipeline, dbc=dbc)
+    assert (done.rows, done.cells) == (200, 20)
+    with SessionFile(done.info.path) as session:
+        found = session.series(["v[19]", "i_fs", "t[0]", "soc"])
+        assert np.nanmin(found["v[19]"].minimum) == pytest.approx(3.619)
+        assert np.isnan(found["v[19]"].minimum[:9]).all()
+        assert found["i_fs"].minimum == pytest.approx(np.full(200, 12.3))
+        assert found["soc"].minimum == pytest.approx(np.full(200, 0.55))
+        assert found["t[0]"].maximum[0] == 31
+        assert found["t[0]"].time_s[-1] == pytest.approx(START_S + 11, abs=0.11)
+        assert session.info.can_frames == 610
+
+
+def test_a_can_log_without_a_dbc_is_of_our_own_master(tmp_path: Path) -> None:
+    path = tmp_path / "candump.log"
+    with can.Logger(path) as logger:
+        for step in range(50):
+            logger.on_message_received(
+                can.Message(timestamp=START_S + step / 10, arbitration_id=0x100, is_extended_id=False,
+                            data=bytes.fromhex("281e9087e8030000"), channel="can0")
+            )  # fmt: skip
+    done = import_file(path, ImportProfile(), tmp_path / "sessions", pipeline)
+    with SessionFile(done.info.path) as session:
+        assert session.info.can_frames == 50
+        assert "i_fs" in session.signal_names()
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"current": "Amps"}, "current = 'Amps': no such column; there are 'Time'"),
+        ({"voltages": "Zelle {n}"}, "no column fits"),
+        ({"voltages": ""}, "voltages is not named"),
+        ({"voltage_unit": "V"}, "voltage_unit = V: no cell voltage is within"),
+        ({"time_unit": "h"}, "is the unit of time right"),
+    ],
+)
+def test_what_does_not_fit_is_named_and_leaves_nothing(csv, tmp_path, change, reason):
+    with pytest.raises(ImportFailed, match=reason):
+        import_file(csv, replace(ORION, **change), tmp_path / "sessions", pipeline)
+    assert not list((tmp_path / "sessions").glob("*"))
+
+
+def test_more_cells_than_there_are_places_are_refused(tmp_path):
+    path = tmp_path / "big.csv"
+    path.write_text("t,I," + ",".join(f"C{i}" for i in range(97)) + "\n0,1," + ",".join(["3.7"] * 97))
+    with pytest.raises(ImportFailed, match="97 cells, up to 96"):
+        import_file(path, ImportProfile(time="t", current="I", voltages="C{n}"), tmp_path / "sessions", pipeline)
+
+
+def test_rows_that_come_too_quickly_are_left_out_and_counted(csv, tmp_path):
+    done = import_file(csv, replace(ORION, max_rate_hz=2.0), tmp_path / "sessions", pipeline)
+    assert done.rows == 200
+    assert "800 of 1000 rows left out" in " ".join(done.notes)
+
+
+def test_profiles_are_kept_by_name(tmp_path):
+    shelf = ProfileShelf(tmp_path / "profiles")
+    shelf.save("orion", ORION)
+    assert shelf.names() == ["orion"]
+    assert shelf.load("orion") == ORION == parse_profile(profile_text(ORION))
+    for name in ("../up", "", "a/b"):
+        with pytest.raises(ImportFailed, match="cannot be called"):
+            shelf.save(name, ORION)
+    with pytest.raises(ImportFailed, match="no such profile; there are: orion"):
+        shelf.load("other")
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("current = 3", "current = 3: a str"),
+        ("wheels = 4", "wheels: no such field"),
+        ("voltage_unit = 'kV'", "one of V, mV"),
+        ("hold_s = -1", r"hold_s = -1: 0\.\.600"),
+        ("[", "no TOML"),
+    ],
+)
+def test_a_profile_that_is_wrong_names_the_field(text, reason):
+    with pytest.raises(ImportFailed, match=reason):
+        parse_profile(text)

@@ -1,0 +1,128 @@
+"""Fetching as the service and the command do it, from a recorder that is a folder behind a tiny server."""
+
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from app.errors import NotNow
+from app.sessions.catalogue import Catalogue
+from app.sessions.errors import SessionNotFound
+from app.sessions.reading.reader import SessionFile
+from app.sessions.recording.writer import Recorder
+from app.sessions.transfer.fetch import Remote
+from app.sessions.transfer.jobs import Bringing, Fetch
+from firmware_protocol.framing import encode_frame
+
+WALL_NS = 1_790_000_000 * 10**9
+
+
+def record(folder, name, frames, *, start_ns=0, wall_ns=WALL_NS):
+    clock = iter([start_ns])
+    recorder = Recorder(
+        folder, version="1", monotonic_ns=lambda: next(clock, start_ns + 10**11), wall_ns=lambda: wall_ns
+    )
+    info = recorder.start(name)
+    for step in frames:
+        raw = encode_frame(3, step & 0xFF, step * 100, step.to_bytes(4, "little"))[1:-1]
+        recorder.frame(start_ns + step * 10**8, wall_ns + step * 10**8, 0, raw, True)
+    recorder.close()
+    return info
+
+
+@pytest.fixture
+def car(tmp_path):
+    """A service of three requests: list, file, and nothing else."""
+    catalogue = Catalogue(tmp_path / "car")
+    held = threading.Event()
+    held.set()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            held.wait(10)
+            if self.path == "/api/v1/sessions":
+                listed = [
+                    {"id": i.id, "name": i.name, "started": i.started_wall_ns / 1e9, "duration_s": i.duration_s,
+                     "bytes": i.size_bytes, "recording": not i.is_closed}
+                    for i in catalogue.list()
+                ]  # fmt: skip
+                body = json.dumps({"sessions": listed}).encode()
+            else:
+                body = catalogue.path(self.path.split("/")[4]).read_bytes()
+            self.send_response(200)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    server.held, server.folder = held, tmp_path / "car"
+    yield server
+    held.set()
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.fixture
+def remote(car):
+    return Remote(f"http://127.0.0.1:{car.server_port}", label="car", sleep=lambda _: None)
+
+
+def test_all_that_is_finished_and_not_here_is_fetched_once_and_fills_what_is_here(car, remote, tmp_path):
+    record(car.folder, "run 1", range(100), wall_ns=WALL_NS)
+    record(car.folder, "run 2", range(100), wall_ns=WALL_NS + 10**13)
+    here = record(tmp_path / "pit", "pit", [*range(40), *range(60, 100)], start_ns=5 * 10**9)
+    catalogue = Catalogue(tmp_path / "pit")
+    done = Fetch(remote, tmp_path / "pit", catalogue).run()
+    assert len(done.fetched) == 2
+    assert done.filled == (f"{here.id}: 20 missing frames filled, 1.9 s in 1 gaps, from {done.fetched[0]}",)
+    with SessionFile(here.path) as session:
+        assert session.info.frames == 100
+    again = Fetch(remote, tmp_path / "pit", catalogue).run()
+    assert (again.fetched, again.already_here, again.filled) == ((), 2, ())
+
+
+def test_a_recorder_without_a_clock_fills_all_the_same(car, remote, tmp_path):
+    record(car.folder, "run", range(100), wall_ns=3600 * 10**9)
+    record(tmp_path / "pit", "pit", range(50), start_ns=5 * 10**9)
+    done = Fetch(remote, tmp_path / "pit", Catalogue(tmp_path / "pit")).run()
+    assert "50 missing frames" in done.filled[0]
+
+
+def test_only_what_is_wanted_and_nothing_filled_where_it_is_not(car, remote, tmp_path):
+    wanted = record(car.folder, "run", range(100))
+    here = record(tmp_path / "pit", "pit", range(50))
+    done = Fetch(remote, tmp_path / "pit", Catalogue(tmp_path / "pit")).run([wanted.id], fill=False)
+    assert done.fetched == (f"car-{wanted.id}",)
+    with SessionFile(here.path) as session:
+        assert session.info.frames == 50
+    with pytest.raises(SessionNotFound):
+        Fetch(remote, tmp_path / "pit", Catalogue(tmp_path / "pit")).run(["none"])
+
+
+def test_in_the_service_one_fetch_at_a_time_and_its_end_is_told(car, remote, tmp_path):
+    record(car.folder, "run", range(10))
+    told, ended = [], threading.Event()
+
+    def note(severity: str, code: str, text: str) -> None:
+        told.append((severity, code))
+        ended.set()
+
+    bringing = Bringing(tmp_path / "pit", Catalogue(tmp_path / "pit"), note)
+    assert bringing.state() is None
+    car.held.clear()
+    assert bringing.start(remote, [], fill=True).is_running
+    with pytest.raises(NotNow):
+        bringing.start(remote, [], fill=True)
+    car.held.set()
+    assert ended.wait(10)
+    assert told == [("info", "session-fetched")]
+    ended.clear()
+    bringing.start(Remote("http://127.0.0.1:1", sleep=lambda _: None), [], fill=True)
+    assert ended.wait(10)
+    assert told[-1] == ("warning", "fetch-failed")
+    assert bringing.state().error

@@ -1,0 +1,52 @@
+"""The CAN link on python-can's virtual bus: what is sent arrives and is told, error frames are counted."""
+
+import queue
+import uuid
+
+import can
+import pytest
+
+from app.errors import LinkLost
+from app.sources.links.can import CanLink
+from app.telemetry import CanFault, CanItem, LinkChange
+from firmware_protocol.memory_map import CAN_ID_EXTENDED
+
+
+@pytest.fixture
+def bus():
+    """Another node, the link, and what the link delivers."""
+    channel = uuid.uuid4().hex
+    items: queue.Queue = queue.Queue()
+    link = CanLink(f"virtual:{channel}", items.put)
+    with can.Bus(interface="virtual", channel=channel) as node:
+        link.start()
+        while not (isinstance(item := items.get(timeout=5), LinkChange) and item.state == "open"):
+            pass
+        assert items.get(timeout=5).errors is None, "a virtual bus has no controller that counts"
+        yield node, link, items
+        link.stop()
+
+
+def test_a_frame_reaches_the_bus_and_the_sink(bus):
+    node, link, items = bus
+    link.send(0x18FF50E5 | CAN_ID_EXTENDED, b"\x01\x02")
+    heard = node.recv(2)
+    assert (heard.arbitration_id, heard.is_extended_id, bytes(heard.data)) == (0x18FF50E5, True, b"\x01\x02")
+    told = items.get(timeout=2)
+    assert isinstance(told, CanItem)
+    assert (told.can_id, told.data, told.sent) == (0x18FF50E5 | CAN_ID_EXTENDED, b"\x01\x02", True)
+
+
+def test_error_frames_are_counted_and_say_the_controllers_state(bus):
+    node, _, items = bus
+    for can_id, data in ((0x04, b"\x00\x04"), (0x04, b"\x00\x20"), (0x40, b"\x00\x00"), (0x100, b"\x00\x00")):
+        node.send(can.Message(arbitration_id=can_id, is_error_frame=True, data=data))
+    faults = [items.get(timeout=2) for _ in range(4)]
+    assert all(isinstance(fault, CanFault) for fault in faults)
+    assert [fault.bus_state for fault in faults] == ["warning", "passive", "off", "active"]
+    assert [fault.errors for fault in faults] == [1, 2, 3, 4]
+
+
+def test_a_link_that_is_not_open_refuses():
+    with pytest.raises(LinkLost):
+        CanLink("virtual:nobody", lambda item: None).send(1, b"")

@@ -1,0 +1,95 @@
+import pytest
+
+from app.sources.links.monitor import LinkMonitor, rs232_monitor
+from app.telemetry import LinkChange
+from firmware_protocol.framing import BadFrame, BadReason, Frame
+
+
+def opened():
+    monitor = rs232_monitor("/dev/x")
+    monitor.on_change(LinkChange(0, 0, "rs232", "open"))
+    return monitor
+
+
+def frame(sequence, uptime_ms=1000):
+    return Frame(1, sequence, uptime_ms, b"", b"12345678")
+
+
+def test_states_from_connecting_over_live_and_silent_to_lost():
+    monitor = rs232_monitor("/dev/x")
+    assert monitor.status(0).state == "connecting"
+    monitor.on_change(LinkChange(0, 0, "rs232", "open"))
+    assert monitor.status(0).state == "silent"
+    monitor.on_frame(10, frame(0))
+    assert monitor.status(20).state == "live"
+    assert monitor.status(2_000_000_000).state == "silent"
+    monitor.on_change(LinkChange(0, 0, "rs232", "lost", "unplugged"))
+    status = monitor.status(2_000_000_000)
+    assert (status.state, status.error) == ("lost", "unplugged")
+    assert rs232_monitor(None).status(0).state == "off"
+
+
+def test_gaps_in_the_sequence_are_lost_frames_also_over_the_wrap():
+    monitor = opened()
+    for sequence in (254, 255, 0, 3):
+        monitor.on_frame(0, frame(sequence))
+    assert monitor.lost == 2
+
+
+def test_a_master_that_was_reset_lost_nothing():
+    monitor = opened()
+    monitor.on_frame(0, frame(100, 50_000))
+    monitor.on_frame(0, frame(0, 10))
+    assert monitor.lost == 0
+
+
+def test_reopening_counts_and_starts_the_sequence_anew():
+    monitor = opened()
+    monitor.on_frame(0, frame(5))
+    monitor.on_change(LinkChange(0, 0, "rs232", "open"))
+    monitor.on_frame(0, frame(90))
+    assert (monitor.reconnects, monitor.lost) == (1, 0)
+
+
+def test_bad_frames_are_counted_by_kind_and_are_no_sign_of_life():
+    monitor = opened()
+    monitor.on_frame(0, BadFrame(BadReason.CRC, b"1"))
+    monitor.on_frame(0, BadFrame(BadReason.COBS, b"1"))
+    status = monitor.status(0)
+    assert (status.crc_errors, status.resyncs, status.frames, status.age_s) == (1, 1, 0, None)
+
+
+def test_rates_are_those_of_the_last_two_seconds():
+    monitor = opened()
+    for i in range(40):
+        monitor.on_frame(i * 100_000_000, frame(i))
+        monitor.on_snapshot(i * 100_000_000)
+    status = monitor.status(4_000_000_000)
+    assert 9 <= status.rate_hz <= 10
+    assert monitor.status(9_000_000_000).rate_hz == 0
+
+
+def test_a_port_that_is_tried_in_vain_is_news_once():
+    monitor = rs232_monitor("/dev/x")
+    lost = LinkChange(0, 0, "rs232", "lost", "no such port")
+    assert [monitor.on_change(lost) for _ in range(3)] == [True, False, False]
+    assert monitor.on_change(LinkChange(0, 0, "rs232", "lost", "permission denied"))
+    assert monitor.on_change(LinkChange(0, 0, "rs232", "open"))
+    assert monitor.on_change(lost)
+
+
+def test_an_age_is_never_negative():
+    monitor = opened()
+    monitor.on_frame(100, frame(0))
+    assert monitor.status(50).age_s == 0.0
+
+
+def test_the_load_of_a_can_bus_is_its_frames_at_their_longest_against_the_bit_rate():
+    monitor = LinkMonitor("slcan:x")
+    assert monitor.status(0).line_load is None  # without a bit rate nothing can be said
+    monitor.bit_rate = 500_000
+    for i in range(200):  # 100 a second: 135 bits with 11-bit ids, 160 with 29-bit ones (CiA's worst cases)
+        monitor.on_can_frame(i * 10_000_000, 8, is_extended=i % 2 == 1)
+    load = monitor.status(1_990_000_000).line_load
+    assert load == pytest.approx(100 * (135 + 160) / 2 / 500_000)
+    assert LinkMonitor(None).status(0).line_load is None

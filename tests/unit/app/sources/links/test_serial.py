@@ -1,0 +1,146 @@
+"""The link on real pseudo-terminals: unplugged at any moment, opened again, and nothing left behind."""
+
+import contextlib
+import os
+import random
+import threading
+import tty
+from pathlib import Path
+
+import pytest
+
+from app.errors import LinkLost
+from app.sources.links.serial import SerialLink
+from app.telemetry import LinkChange, SerialItem
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
+
+
+class Seen:
+    """What the link delivered; `wait` until a condition holds."""
+
+    def __init__(self):
+        self.items = []
+        self.changed = threading.Condition()
+
+    def __call__(self, item):
+        with self.changed:
+            self.items.append(item)
+            self.changed.notify_all()
+
+    def wait(self, condition, seconds=10):
+        with self.changed:
+            assert self.changed.wait_for(lambda: condition(self.items), seconds), self.items[-5:]
+
+
+def changes(items, state):
+    return [item for item in items if isinstance(item, LinkChange) and item.state == state]
+
+
+def open_descriptors() -> int:
+    folder = Path("/proc/self/fd")
+    return len(list(folder.iterdir())) if folder.is_dir() else 0
+
+
+class Plug:
+    """A port that can be plugged in and out under one name."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.ours = self.theirs = -1
+
+    def insert(self):
+        self.ours, self.theirs = os.openpty()
+        tty.setraw(self.theirs)
+        self.path.symlink_to(os.ttyname(self.theirs))
+        os.close(self.theirs)
+
+    def remove(self):
+        self.path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            os.close(self.ours)
+
+
+@pytest.fixture
+def plug(tmp_path):
+    made = Plug(tmp_path / "port")
+    yield made
+    made.remove()
+
+
+@pytest.fixture
+def seen():
+    return Seen()
+
+
+@pytest.fixture
+def link(plug, seen, monkeypatch):
+    monkeypatch.setattr("app.sources.links.backoff.Backoff.next_s", lambda self: 0.005)
+    made = SerialLink(str(plug.path), seen)
+    made.start()
+    yield made
+    made.stop()
+
+
+def test_fifty_times_unplugged_leaves_nothing_open(plug, seen, link, master):
+    rng = random.Random(1)
+    descriptors = open_descriptors()
+    threads = threading.active_count()
+    for cycle in range(1, 51):
+        plug.insert()
+        raw = b"\0" + master.frame().frame.raw + b"\0"
+        seen.wait(lambda items, n=cycle: len(changes(items, "open")) == n)
+        before = sum(isinstance(item, SerialItem) for item in seen.items)
+        if cycle % 5 == 0:
+            with contextlib.suppress(OSError):
+                os.write(plug.ours, raw[: rng.randrange(len(raw))])  # in the middle of a frame
+        else:
+            os.write(plug.ours, raw)
+            seen.wait(lambda items, n=before: sum(isinstance(item, SerialItem) for item in items) > n)
+        plug.remove()
+        seen.wait(lambda items: getattr(items[-1], "state", None) == "lost")
+    assert threading.active_count() == threads
+    link.stop()
+    assert open_descriptors() <= descriptors
+
+
+def test_it_asks_for_the_stream_and_says_goodbye(plug, seen, link):
+    plug.insert()
+    seen.wait(lambda items: changes(items, "open"))
+    assert os.read(plug.ours, 1) == b"x"
+    link.stop()
+    assert os.read(plug.ours, 1) == b"y"
+
+
+def test_writing_to_a_port_that_is_gone_is_said(plug, seen, link):
+    with pytest.raises(LinkLost):
+        link.write(b"x")
+
+
+def test_a_driver_that_raises_its_own_errors_does_not_end_the_link(plug, seen, monkeypatch):
+    import termios
+
+    monkeypatch.setattr("app.sources.links.backoff.Backoff.next_s", lambda self: 0.005)
+    tries = []
+
+    def broken(*_, **__):
+        tries.append(1)
+        raise termios.error(5, "Input/output error")
+
+    link = SerialLink("/dev/x", seen)
+    monkeypatch.setattr("app.sources.links.serial.serial.serial_for_url", broken)
+    link.start()
+    seen.wait(lambda items: len(changes(items, "lost")) >= 3)
+    link.stop()
+    assert changes(seen.items, "lost")[0].error == "unplugged"
+
+
+def test_a_port_is_read_by_one_alone(plug, seen, link, monkeypatch):
+    plug.insert()
+    seen.wait(lambda items: changes(items, "open"))
+    other_seen = Seen()
+    other = SerialLink(str(plug.path), other_seen)
+    other.start()
+    other_seen.wait(lambda items: changes(items, "lost"))
+    other.stop()
+    assert changes(other_seen.items, "lost")[0].error == "used by another program"
