@@ -8,7 +8,7 @@ from app.sessions.errors import NotASession
 from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import SessionFile
 
-FROZEN = Path(__file__).parent / "frozen"
+FROZEN = Path(__file__).parents[1] / "frozen"
 
 
 def test_a_note_is_in_the_file_and_the_newest_counts(stream, recorder):
