@@ -24,10 +24,11 @@ from app.api.sessions import imports, passport, recorder, sessions
 from app.api.sessions import transfer as bringing
 from app.api.web import login as session_login
 from app.api.web import problems
-from app.api.web.authentication import Doorkeeper, Gate
+from app.api.web.authentication import Authentication, AuthenticationMiddleware
 from app.api.web.head import HeadAsGet
 from app.api.web.limits import BodyLimit
 from app.api.web.static import serve_front_end
+from app.clock import Clock
 from app.service.host import ClockWatch
 from app.service.runtime import Runtime
 from app.service.settings import Settings
@@ -94,8 +95,8 @@ def create_app(
     app.state.encoder = live.Encoder(runtime)
     app.state.readers = system.Readers()
     app.state.clock = ClockWatch()
-    doorkeeper = Doorkeeper(settings)
-    app.state.doorkeeper = doorkeeper
+    authentication = Authentication(settings, Clock())
+    app.state.authentication = authentication
     problems.install(app)
     for module in (
         bringing,
@@ -121,7 +122,7 @@ def create_app(
     serve_front_end(app, STATIC)
     app.add_middleware(HeadAsGet)
     app.add_middleware(BodyLimit)
-    app.add_middleware(Gate, doorkeeper=doorkeeper)
+    app.add_middleware(AuthenticationMiddleware, authentication=authentication)
     app.add_middleware(SecurityHeaders)
     return app
 

@@ -13,7 +13,7 @@ from app.api.encoding.snapshot import snapshot_json
 from app.api.live.system import Readers
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
-from app.api.web.authentication import Doorkeeper
+from app.api.web.authentication import Authentication
 from app.api.web.dependencies import RuntimeDep
 from app.api.web.problems import Problem
 from app.service.runtime import Runtime
@@ -91,12 +91,12 @@ async def live(websocket: WebSocket, rate: float | None = None) -> None:
         await websocket.close(1008, "rate: between 0 and 1000 a second")
         return
     pause_s = 1.0 / rate if rate else 0.0
-    keeper: Doorkeeper = websocket.app.state.doorkeeper
+    authentication: Authentication = websocket.app.state.authentication
     receiving = asyncio.create_task(_until_closed(websocket))
     waiting: asyncio.Task[Snapshot] | None = None
     try:
         readers: Readers = websocket.app.state.readers
-        user = keeper.user_of(websocket.headers, "")
+        user = authentication.user_of(websocket.headers, "")
         address = websocket.client.host if websocket.client else ""
         with runtime.hub.subscribe() as subscription, readers.joined(user, address):
             while not receiving.done():
@@ -104,7 +104,7 @@ async def live(websocket: WebSocket, rate: float | None = None) -> None:
                 await asyncio.wait({waiting, receiving}, return_when=asyncio.FIRST_COMPLETED)
                 if not waiting.done():
                     break
-                if keeper.user_of(websocket.headers, "") is None:
+                if authentication.user_of(websocket.headers, "") is None:
                     await websocket.close(4401, "logged out")
                     break
                 started = time.monotonic()

@@ -8,8 +8,7 @@ import binascii
 import hmac
 import secrets
 import threading
-import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from ipaddress import ip_address, ip_network
 from typing import Literal
 from urllib.parse import urlsplit
@@ -19,6 +18,7 @@ from starlette.requests import cookie_parser
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.web.problems import Problem
+from app.clock import Clock
 from app.service.settings import Settings
 
 COOKIE = "voltwall"
@@ -41,14 +41,15 @@ class User:
     role: Role
 
 
-@dataclass
-class Doorkeeper:
+class Authentication:
     """Passwords, sessions and failed tries."""
 
-    settings: Settings
-    _sessions: dict[str, tuple[User, float]] = field(default_factory=dict)
-    _failures: dict[str, list[float]] = field(default_factory=dict)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
+    def __init__(self, settings: Settings, clock: Clock) -> None:
+        self.settings = settings
+        self._clock = clock
+        self._sessions: dict[str, tuple[User, float]] = {}
+        self._failures: dict[str, list[float]] = {}
+        self._lock = threading.Lock()
 
     @property
     def is_open(self) -> bool:
@@ -61,7 +62,7 @@ class Doorkeeper:
         Raises:
             Problem: too many failed tries from this address.
         """
-        now, source = time.monotonic(), _source_of(address)
+        now, source = self._clock.monotonic_s(), _source_of(address)
         with self._lock:
             recent = [t for t in self._failures.get(source, []) if now - t < FAILURE_WINDOW_S]
             if len(recent) >= MAX_FAILURES:
@@ -81,7 +82,7 @@ class Doorkeeper:
 
     def open_session(self, user: User) -> str:
         """Return a token that stands for the user for a day."""
-        now = time.monotonic()
+        now = self._clock.monotonic_s()
         token = secrets.token_urlsafe(32)
         with self._lock:
             self._sessions = {t: s for t, s in self._sessions.items() if s[1] > now}
@@ -102,7 +103,7 @@ class Doorkeeper:
         if self.is_open:
             return User("engineer", "engineer")
         token = token_of(headers)
-        if token and (entry := self._sessions.get(token)) and entry[1] > time.monotonic():
+        if token and (entry := self._sessions.get(token)) and entry[1] > self._clock.monotonic_s():
             return entry[0]
         return self._basic(headers, address)
 
@@ -157,12 +158,12 @@ def is_own_host(host_header: str, *, loopback: bool) -> bool:
         return False
 
 
-class Gate:
+class AuthenticationMiddleware:
     """ASGI middleware: origin, host, role. Puts the user into scope["state"]."""
 
-    def __init__(self, app: ASGIApp, doorkeeper: Doorkeeper) -> None:
+    def __init__(self, app: ASGIApp, authentication: Authentication) -> None:
         self._app = app
-        self._doorkeeper = doorkeeper
+        self._authentication = authentication
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let the request through, or answer it."""
@@ -182,15 +183,15 @@ class Gate:
 
     def _admit(self, scope: Scope) -> User | None:
         headers = Headers(scope=scope)
-        keeper = self._doorkeeper
-        if not is_own_host(headers.get("host", ""), loopback=keeper.settings.is_loopback):
+        authentication = self._authentication
+        if not is_own_host(headers.get("host", ""), loopback=authentication.settings.is_loopback):
             raise Problem(403, "foreign-host", "Foreign host", f"this service is not {headers.get('host')}")
         path, method = scope["path"], scope.get("method", "GET")
         guarded = path.startswith("/api/") or path == "/metrics"
         if (guarded or scope["type"] == "websocket") and not is_same_origin(headers):
             whose = headers.get("origin", "another site")
             raise Problem(403, "foreign-origin", "Foreign origin", f"requests from {whose} are refused")
-        user = keeper.user_of(headers, scope["client"][0] if scope.get("client") else "")
+        user = authentication.user_of(headers, scope["client"][0] if scope.get("client") else "")
         if not guarded or path in OPEN_PATHS:
             return user
         if user is None:

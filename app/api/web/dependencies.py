@@ -5,7 +5,7 @@ from typing import Annotated, cast
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from app.api.web.authentication import Doorkeeper, User
+from app.api.web.authentication import Authentication, User
 from app.service.runtime import Runtime
 
 
@@ -13,8 +13,8 @@ def _runtime(connection: HTTPConnection) -> Runtime:
     return cast(Runtime, connection.app.state.runtime)
 
 
-def _doorkeeper(connection: HTTPConnection) -> Doorkeeper:
-    return cast(Doorkeeper, connection.app.state.doorkeeper)
+def _authentication(connection: HTTPConnection) -> Authentication:
+    return cast(Authentication, connection.app.state.authentication)
 
 
 def _user(connection: HTTPConnection) -> User:
@@ -23,5 +23,5 @@ def _user(connection: HTTPConnection) -> User:
 
 
 RuntimeDep = Annotated[Runtime, Depends(_runtime)]
-DoorkeeperDep = Annotated[Doorkeeper, Depends(_doorkeeper)]
+AuthenticationPart = Annotated[Authentication, Depends(_authentication)]
 UserDep = Annotated[User, Depends(_user)]

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from app.api.schemas.service import MeOut
 from app.api.web.authentication import COOKIE, SESSION_S, User, token_of
-from app.api.web.dependencies import DoorkeeperDep
+from app.api.web.dependencies import AuthenticationPart
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
 
@@ -30,32 +30,36 @@ def _me(user: User | None, *, password_required: bool) -> dict[str, Any]:
 
 
 @router.get("/me", response_model=MeOut)
-async def me(request: Request, keeper: DoorkeeperDep) -> dict[str, Any]:
+async def me(request: Request, authentication: AuthenticationPart) -> dict[str, Any]:
     """Role and name of whoever asks; null where nobody is logged in."""
-    return _me(request.state.user, password_required=not keeper.is_open)
+    return _me(request.state.user, password_required=not authentication.is_open)
 
 
 @router.post("/login", response_model=MeOut)
-def login(body: Login, request: Request, response: Response, keeper: DoorkeeperDep) -> dict[str, Any]:
+def login(body: Login, request: Request, response: Response, authentication: AuthenticationPart) -> dict[str, Any]:
     """Exchange a password for a cookie."""
     address = request.client.host if request.client else ""
-    user = User("engineer", "engineer") if keeper.is_open else keeper.login(body.name, body.password, address)
+    user = (
+        User("engineer", "engineer")
+        if authentication.is_open
+        else authentication.login(body.name, body.password, address)
+    )
     if user is None:
         raise Problem(401, "wrong-password", "Wrong password", "neither the engineer's nor the viewer's password")
     response.set_cookie(
         COOKIE,
-        keeper.open_session(user),
+        authentication.open_session(user),
         max_age=int(SESSION_S),
         httponly=True,
         samesite="strict",
         secure=request.url.scheme == "https",
     )
-    return _me(user, password_required=not keeper.is_open)
+    return _me(user, password_required=not authentication.is_open)
 
 
 @router.post("/logout", response_model=MeOut)
-def logout(request: Request, response: Response, keeper: DoorkeeperDep) -> dict[str, Any]:
+def logout(request: Request, response: Response, authentication: AuthenticationPart) -> dict[str, Any]:
     """Forget the cookie."""
-    keeper.close_session(token_of(request.headers))
+    authentication.close_session(token_of(request.headers))
     response.delete_cookie(COOKIE)
-    return _me(None, password_required=not keeper.is_open)
+    return _me(None, password_required=not authentication.is_open)

@@ -8,10 +8,11 @@ from starlette.datastructures import Headers
 from starlette.websockets import WebSocketDisconnect
 
 from app.api.web import authentication as auth
-from app.api.web.authentication import MAX_FAILURES, Doorkeeper, User, is_own_host, is_same_origin
+from app.api.web.authentication import MAX_FAILURES, Authentication, User, is_own_host, is_same_origin
 from app.api.web.problems import Problem
 from app.errors import ConfigError
 from app.service.settings import Settings
+from tests.fake_clock import FakeClock
 
 ENGINEER, VIEWER = "correct horse", "battery staple"
 LIVE = "ws://127.0.0.1/api/v1/live"
@@ -60,53 +61,53 @@ WRITES = [
 
 
 @pytest.fixture
-def keeper(tmp_path):
-    return Doorkeeper(Settings(data=tmp_path, password=ENGINEER, viewer_password=VIEWER))
+def clock():
+    return FakeClock()
 
 
 @pytest.fixture
-def clock(monkeypatch):
-    now = [1000.0]
-    monkeypatch.setattr(auth.time, "monotonic", lambda: now[0])
-    return now
+def authentication(tmp_path, clock):
+    return Authentication(Settings(data=tmp_path, password=ENGINEER, viewer_password=VIEWER), clock)
 
 
 def basic(password: str) -> Headers:
     return Headers({"authorization": "Basic " + b64encode(f"anna:{password}".encode()).decode()})
 
 
-def test_each_password_is_a_role(keeper):
-    assert keeper.login("anna", ENGINEER, "a") == User("anna", "engineer")
-    assert keeper.login("", VIEWER, "a") == User("viewer", "viewer")
-    assert keeper.login("anna", "", "a") is None
-    assert keeper.login("anna", ENGINEER + " ", "a") is None
-    assert keeper.login("anna", "\ud800", "a") is None
+def test_each_password_is_a_role(authentication):
+    assert authentication.login("anna", ENGINEER, "a") == User("anna", "engineer")
+    assert authentication.login("", VIEWER, "a") == User("viewer", "viewer")
+    assert authentication.login("anna", "", "a") is None
+    assert authentication.login("anna", ENGINEER + " ", "a") is None
+    assert authentication.login("anna", "\ud800", "a") is None
 
 
-def test_guessing_is_stopped_for_a_minute_also_over_basic(keeper, clock):
+def test_guessing_is_stopped_for_a_minute_also_over_basic(authentication, clock):
     for _ in range(MAX_FAILURES):
-        assert keeper.user_of(basic("wrong"), "10.0.0.1") is None
+        assert authentication.user_of(basic("wrong"), "10.0.0.1") is None
     with pytest.raises(Problem) as stopped:
-        keeper.user_of(basic(ENGINEER), "10.0.0.1")
+        authentication.user_of(basic(ENGINEER), "10.0.0.1")
     assert stopped.value.status == 429
     assert stopped.value.headers["Retry-After"] == "60"
-    assert keeper.user_of(basic(ENGINEER), "10.0.0.2").role == "engineer"
-    clock[0] += 61
-    assert keeper.user_of(basic(ENGINEER), "10.0.0.1").role == "engineer"
+    assert authentication.user_of(basic(ENGINEER), "10.0.0.2").role == "engineer"
+    clock.advance(61)
+    assert authentication.user_of(basic(ENGINEER), "10.0.0.1").role == "engineer"
 
 
-def test_logging_in_as_viewer_gives_no_new_tries_at_the_engineers_password(keeper, clock):
+def test_logging_in_as_viewer_gives_no_new_tries_at_the_engineers_password(authentication, clock):
     for _ in range(auth.MAX_FAILURES):
-        assert keeper.login("eve", VIEWER, "10.0.0.9").role == "viewer"
-        assert keeper.login("eve", "guess", "10.0.0.9") is None
+        assert authentication.login("eve", VIEWER, "10.0.0.9").role == "viewer"
+        assert authentication.login("eve", "guess", "10.0.0.9") is None
     with pytest.raises(Problem):
-        keeper.login("eve", "guess", "10.0.0.9")
+        authentication.login("eve", "guess", "10.0.0.9")
 
 
-def test_many_viewers_do_not_log_the_engineer_out(keeper):
-    token = keeper.open_session(User("ada", "engineer"))
-    tokens = [keeper.open_session(User("eve", "viewer")) for _ in range(auth.MAX_SESSIONS + 5)]
-    asked = [keeper.user_of(Headers({"cookie": f"{auth.COOKIE}={t}"}), "a") for t in (token, tokens[0], tokens[-1])]
+def test_many_viewers_do_not_log_the_engineer_out(authentication):
+    token = authentication.open_session(User("ada", "engineer"))
+    tokens = [authentication.open_session(User("eve", "viewer")) for _ in range(auth.MAX_SESSIONS + 5)]
+    asked = [
+        authentication.user_of(Headers({"cookie": f"{auth.COOKIE}={t}"}), "a") for t in (token, tokens[0], tokens[-1])
+    ]
     assert asked == [User("ada", "engineer"), None, User("eve", "viewer")]
 
 
@@ -115,24 +116,24 @@ def test_one_password_for_both_roles_is_refused(tmp_path):
         Settings(data=tmp_path, password=ENGINEER, viewer_password=ENGINEER).check()
 
 
-def test_a_network_of_ipv6_addresses_is_one_guesser(keeper):
+def test_a_network_of_ipv6_addresses_is_one_guesser(authentication):
     for i in range(MAX_FAILURES):
-        keeper.login("", "wrong", f"2001:db8::{i:x}")
+        authentication.login("", "wrong", f"2001:db8::{i:x}")
     with pytest.raises(Problem):
-        keeper.login("", ENGINEER, "2001:db8::ffff:1")
-    assert keeper.login("", ENGINEER, "2001:db8:0:1::1")
+        authentication.login("", ENGINEER, "2001:db8::ffff:1")
+    assert authentication.login("", ENGINEER, "2001:db8:0:1::1")
 
 
-def test_many_guessers_do_not_wash_out_the_one(keeper):
+def test_many_guessers_do_not_wash_out_the_one(authentication):
     for _ in range(MAX_FAILURES):
-        keeper.login("", "wrong", "10.0.0.1")
+        authentication.login("", "wrong", "10.0.0.1")
     for i in range(2000):
-        keeper.login("", "wrong", f"10.1.{i // 250}.{i % 250}")
+        authentication.login("", "wrong", f"10.1.{i // 250}.{i % 250}")
     with pytest.raises(Problem):
-        keeper.login("", ENGINEER, "10.0.0.1")
+        authentication.login("", ENGINEER, "10.0.0.1")
 
 
-def test_guesses_at_once_count_as_well(keeper):
+def test_guesses_at_once_count_as_well(authentication):
     tried = []
     gate = threading.Barrier(8)
 
@@ -140,7 +141,7 @@ def test_guesses_at_once_count_as_well(keeper):
         gate.wait()
         for _ in range(10):
             try:
-                tried.append(keeper.login("", "wrong", "10.0.0.1"))
+                tried.append(authentication.login("", "wrong", "10.0.0.1"))
             except Problem:
                 return
 
@@ -149,17 +150,17 @@ def test_guesses_at_once_count_as_well(keeper):
     assert len(tried) == MAX_FAILURES
 
 
-def test_a_session_ends_by_logout_and_after_a_day(keeper, clock):
-    tokens = [keeper.open_session(User("anna", "engineer")) for _ in range(2)]
+def test_a_session_ends_by_logout_and_after_a_day(authentication, clock):
+    tokens = [authentication.open_session(User("anna", "engineer")) for _ in range(2)]
 
     def who(token):
-        return keeper.user_of(Headers({"cookie": f"other=1; voltwall={token}"}), "a")
+        return authentication.user_of(Headers({"cookie": f"other=1; voltwall={token}"}), "a")
 
     assert who(tokens[0]).name == "anna"
-    keeper.close_session(tokens[0])
+    authentication.close_session(tokens[0])
     assert who(tokens[0]) is None
     assert who(tokens[1]) is not None
-    clock[0] += 24 * 3600 + 1
+    clock.advance(24 * 3600 + 1)
     assert who(tokens[1]) is None
     assert who("") is None
 
