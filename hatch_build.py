@@ -11,13 +11,14 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 ROOT = Path(__file__).resolve().parent
-NOT_SOURCES = frozenset({"node_modules", "dist", "coverage"})
+NOT_SOURCES = frozenset({"node_modules", "dist", "coverage", "__pycache__"})
 
 
 class FrontendBuildHook(BuildHookInterface[Any]):
@@ -37,13 +38,13 @@ class FrontendBuildHook(BuildHookInterface[Any]):
 
 
 def build_frontend(root: Path) -> bool:
-    """Bring `app/static` up to date with `frontend/`; True if that took a build.
+    """Bring `app/static` up to date with `frontend/` and the tables of `app/words/`; True if that took a build.
 
     Raises:
         subprocess.CalledProcessError: npm or Vite failed.
     """
     marker = root / "app" / "static" / ".built-from"
-    wanted = _digest(root, _sources(root / "frontend"))
+    wanted = _digest(root, chain(_sources(root / "frontend"), _sources(root / "app" / "words")))
     if _text(marker) == wanted:
         return False
     install_node_modules(root)
@@ -85,8 +86,8 @@ def npm(root: Path, *arguments: str) -> None:
     subprocess.run(command, cwd=root / "frontend", env=environment, stdin=subprocess.DEVNULL, check=True)
 
 
-def _sources(frontend: Path) -> Iterator[Path]:
-    for folder, folders, names in os.walk(frontend):
+def _sources(where: Path) -> Iterator[Path]:
+    for folder, folders, names in os.walk(where):
         folders[:] = sorted(set(folders) - NOT_SOURCES)
         for name in sorted(names):
             yield Path(folder, name)

@@ -20,8 +20,13 @@ export default defineConfig(({ mode }) => ({
           groups: [
             { name: 'libraries', test: /node_modules/ },
             {
+              debugName: 'words',
+              name: (id) => `words-${/words[\\/](\w+)[\\/]/.exec(id)![1]!}`,
+              test: /app[\\/]words[\\/]/,
+            },
+            {
               name: 'shared',
-              test: /src[\\/](link|store|theme|charts|format|words[\\/]words)/,
+              test: /src[\\/](link|store|theme|charts|format|words[\\/](words|render))/,
               minShareCount: 2,
             },
             {
@@ -33,7 +38,10 @@ export default defineConfig(({ mode }) => ({
       },
     },
   },
-  server: mode === 'fixtures' ? {} : { proxy: { '/api': { target: 'http://127.0.0.1:8000', ws: true } } },
+  server: {
+    fs: { allow: ['..'] }, // the tables of app/words
+    ...(mode === 'fixtures' ? {} : { proxy: { '/api': { target: 'http://127.0.0.1:8000', ws: true } } }),
+  },
   resolve: mode === 'test' ? { conditions: ['browser'] } : {},
   test: { include: ['tests/**/*.test.ts'], environment: 'node', isolate: false },
 }));

@@ -4,10 +4,17 @@ import { readdirSync, readFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { parse } from 'svelte/compiler';
 import { describe, expect, it } from 'vitest';
-import { chosen, fill, said, t } from '../src/words/words.svelte';
-import { NB, SAID } from '../src/words/nb';
+import vectors from '../../tests/vectors/words.json';
+import { SAID } from '../src/words/nb';
+import { render, type Message, type Table } from '../src/words/render';
+import { chosen, fill, load, said, t, told } from '../src/words/words.svelte';
 
 const SRC = join(import.meta.dirname, '../src');
+const PAGE = join(import.meta.dirname, '../../app/words/nb/page');
+const NB = Object.assign(
+  {},
+  ...readdirSync(PAGE).map((f) => JSON.parse(readFileSync(join(PAGE, f), 'utf8')) as object),
+) as Record<string, string>;
 // Names, units and formats are the same in every language.
 const SAME =
   /^(https?\/\/\S+|car|V|A|B − A|Hz|µs|\(3 sigma\)|kW|kWh|Wh|Ah|mV|mΩ|°C|s|ms|min|kbit\/s|tx|18FF50E5|0E 74 00 00|RS232|CAN|CSV|Parquet|SQLite|MF4|LD|MCAP|DBC|Voltwall|REC|P|C|SOC|EEPROM|chargerflags)$/;
@@ -121,8 +128,24 @@ describe('words', () => {
     expect(fill('{n} of {m}', { n: 3 })).toBe('3 of {m}');
   });
 
-  it('speaks Norwegian once chosen, the sentences of the service too', () => {
-    chosen.words = NB;
+  it('renders every message of the shared vectors as the service does', () => {
+    for (const { message, en, nb } of vectors.cases) {
+      expect(render(message as Message, vectors.tables.en as Table)).toBe(en);
+      expect(render(message as Message, vectors.tables.nb as Table)).toBe(nb);
+    }
+  });
+
+  it('tells a message in the chosen language, and without one the English text', async () => {
+    const message = { code: 'cell', args: { pack: 3, cell: 7 } };
+    expect(told(message, 'pack 3, cell 7')).toBe('pack 3, cell 7');
+    chosen.words = await load('nb');
+    expect(told(message, 'pack 3, cell 7')).toBe('pakke 3, celle 7');
+    expect(told(null, 'a sentence of an old session')).toBe('a sentence of an old session');
+    chosen.words = null;
+  });
+
+  it('speaks Norwegian once chosen, the sentences of the service too', async () => {
+    chosen.words = await load('nb');
     chosen.said = SAID;
     expect(t('pack {pack}, cell {cell}', { pack: 3, cell: 7 })).toBe('pakke 3, celle 7');
     expect(said('shutdown circuit open: cell under-voltage, pack 3, cell 7: 2.49 V, limit 2.5 V')).toBe(

@@ -56,7 +56,7 @@ def test_the_wheel_holds_the_pages_and_every_data_file(wheel: Path) -> None:
         file.relative_to(ROOT).as_posix()
         for package in PACKAGES
         for file in (ROOT / package).rglob("*")
-        if file.suffix in {".sql", ".toml", ".csv", ".html", ".js", ".css", ".woff2"}
+        if file.suffix in {".sql", ".json", ".toml", ".csv", ".html", ".js", ".css", ".woff2"}
     ]
     assert any(name.startswith("app/static/") and name.endswith(".js") for name in data)
     assert [name for name in data if name not in packed] == []

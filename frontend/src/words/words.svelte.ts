@@ -1,22 +1,54 @@
-// The page's words: English stands in the code and is the key; another language is a catalogue that is loaded when it
-// is chosen. A text that a catalogue lacks does not compile, so a language is complete or it is not built.
+// The page's words: English stands in the code and is the key; the tables of another language are loaded when it is
+// chosen. They are those of the service: app/words, one folder a language. See there for what each file holds.
 
-import type { Said, Words } from './nb';
+import type { Said } from './nb';
+import { render, type Message, type Table } from './render';
+import type { Text } from './texts';
 
-export type Text = keyof Words;
-export type Language = 'en' | 'nb';
+export type { Text };
 
-export const LANGUAGES: readonly { id: Language; name: string }[] = [
-  { id: 'en', name: 'English' },
-  { id: 'nb', name: 'Norsk' },
-];
+const FILES = import.meta.glob<Table>(['../../../app/words/*/**/*.json', '!../../../app/words/en/**'], {
+  import: 'default',
+});
+const languageOf = (path: string): string => path.split('/words/')[1]!.split('/')[0]!;
+const nameOf = (id: string): string => {
+  const name = new Intl.DisplayNames([id], { type: 'language' }).of(id) ?? id;
+  return name[0]!.toUpperCase() + name.slice(1);
+};
+
+export const LANGUAGES: readonly { id: string; name: string }[] = [
+  'en',
+  ...Object.keys(FILES).map(languageOf),
+]
+  .filter((id, i, all) => all.indexOf(id) === i)
+  .map((id) => ({ id, name: nameOf(id) }));
 
 const KEY = 'voltwall.language';
 type Values = Record<string, string | number>;
 
+export interface Tables {
+  page: Readonly<Record<string, string>>; // by the English text, and names of the service's data by their key
+  codes: Table;
+}
+
+/** The tables of a language. */
+export async function load(language: string): Promise<Tables> {
+  const found: Tables = { page: {}, codes: {} };
+  const read = async ([path, file]: [string, () => Promise<Table>]): Promise<void> => {
+    const inFolder = path.split('/words/')[1]!.split('/').length > 2; // page/ and names/
+    Object.assign(inFolder ? found.page : found.codes, await file());
+  };
+  await Promise.all(
+    Object.entries(FILES)
+      .filter(([path]) => languageOf(path) === language)
+      .map(read),
+  );
+  return found;
+}
+
 class Chosen {
-  language = $state<Language>('en');
-  words = $state.raw<Words | null>(null);
+  language = $state('en');
+  words = $state.raw<Tables | null>(null); // null in English
   said = $state.raw<Said | null>(null);
 
   /** Take the language of the last visit, else the browser's. */
@@ -25,10 +57,9 @@ class Chosen {
     await this.set(LANGUAGES.find((l) => l.id === kept)?.id ?? 'en', false);
   }
 
-  async set(language: Language, keep = true): Promise<void> {
-    const catalogue = language === 'nb' ? await import('./nb') : null;
-    this.words = catalogue?.NB ?? null;
-    this.said = catalogue?.SAID ?? null;
+  async set(language: string, keep = true): Promise<void> {
+    this.words = language === 'en' ? null : await load(language);
+    this.said = language === 'nb' ? (await import('./nb')).SAID : null;
     this.language = language;
     document.documentElement.lang = language;
     if (keep) localStorage.setItem(KEY, language);
@@ -39,9 +70,18 @@ export const chosen = new Chosen();
 
 /** `text` in the chosen language, with `{name}` replaced by the value of that name. */
 export function t(text: Text, values?: Values): string {
-  const words: string = chosen.words?.[text] ?? text;
+  const words = named(text, text);
   return values ? fill(words, values) : words;
 }
+
+/** A name of the service's data, as of a scenario, in the chosen language; one that no table knows stays `english`. */
+export function named(key: string, english: string): string {
+  return chosen.words?.page[key] ?? english;
+}
+
+/** What the service says: `words` in the chosen language, or `english` where there are none, as in old sessions. */
+export const told = (words: Message | null | undefined, english: string): string =>
+  words && chosen.words ? render(words, chosen.words.codes) : english;
 
 export const fill = (text: string, values: Values): string =>
   text.replace(/\{(\w+)\}/g, (whole, name: string) => String(values[name] ?? whole));

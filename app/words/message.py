@@ -1,0 +1,65 @@
+"""A message is a code with arguments. It holds no sentence: `render` makes one, in the language of whoever reads it.
+
+`dataclasses.asdict` gives its JSON form, `message_from_json` takes that back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell by its index from 0; people read its pack and number, both from 1."""
+
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A number with its unit; `digits` after the point, or as many as it needs up to six significant ones."""
+
+    value: float | None
+    unit: str
+    digits: int | None = None
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class Message:
+    """What is told: `code` names the template, `args` are its values.
+
+    A text argument is a name (a file, a person, another program's error) and is the same in every language. What has
+    to be translated is a message of its own.
+    """
+
+    code: str
+    args: Mapping[str, Argument] = field(hash=False)
+
+    def __init__(self, code: str, /, **args: Argument) -> None:
+        object.__setattr__(self, "code", code)
+        object.__setattr__(self, "args", args)
+
+
+Argument = str | int | float | None | Cell | Quantity | Message | tuple["Argument", ...]
+
+
+def message_from_json(value: Mapping[str, Any]) -> Message:
+    """Return the message of which `value` is the JSON form.
+
+    Raises:
+        KeyError, TypeError: it is not one.
+    """
+    return Message(value["code"], **{name: _argument(each) for name, each in value["args"].items()})
+
+
+def _argument(value: Any) -> Argument:
+    if isinstance(value, list):
+        return tuple(_argument(each) for each in value)
+    if not isinstance(value, dict):
+        plain: str | int | float | None = value
+        return plain
+    if "code" in value:
+        return message_from_json(value)
+    return Cell(**value) if "index" in value else Quantity(**value)

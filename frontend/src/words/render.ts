@@ -1,0 +1,46 @@
+// A message of the service, a code with arguments, as text in one language: the twin of app/words/render.py. Both read
+// tests/vectors/words.json.
+
+import { CELLS_PER_PACK } from '../generated/memory_map';
+
+export interface Message {
+  code: string;
+  args: Record<string, unknown>;
+}
+export type Template = string | { one: string; other: string };
+export type Table = Readonly<Record<string, Template>>;
+
+type Structured = Message | { index: number } | { value: number | null; unit: string; digits: number | null };
+
+const UNITS: Record<string, string> = { degC: '°C', mohm: 'mΩ', ohm: 'Ω', uohm: 'µΩ' };
+
+/** `message` by the templates of `table`; one whose code the table lacks is its code. */
+export function render(message: Message, table: Table): string {
+  const found = table[message.code] ?? message.code;
+  const template = typeof found === 'string' ? found : found[message.args['n'] === 1 ? 'one' : 'other'];
+  return template.replace(/\{(\w+)\}/g, (whole, name: string) =>
+    name in message.args ? text(message.args[name], table) : whole,
+  );
+}
+
+function text(argument: unknown, table: Table): string {
+  if (typeof argument === 'string') return argument;
+  if (Array.isArray(argument)) return argument.map((each) => text(each, table)).join(', ');
+  if (typeof argument !== 'object' || argument === null) return decimal(argument as number | null, null);
+  const it = argument as Structured;
+  if ('code' in it) return render(it, table);
+  if ('index' in it) {
+    const place = { pack: Math.floor(it.index / CELLS_PER_PACK) + 1, cell: (it.index % CELLS_PER_PACK) + 1 };
+    return render({ code: 'cell', args: place }, table);
+  }
+  return `${decimal(it.value, it.digits)} ${UNITS[it.unit] ?? it.unit}`.trimEnd();
+}
+
+/** A number with so many digits after the point, or as many as it needs up to six; a missing one is a dash. */
+function decimal(value: number | null, digits: number | null): string {
+  if (value === null || !Number.isFinite(value)) return '–';
+  if (digits !== null) return value.toFixed(digits);
+  if (Number.isInteger(value)) return String(value + 0);
+  const six = Number(value.toPrecision(6));
+  return Math.abs(six) < 1e-6 ? six.toFixed(12).replace(/0+$/, '') : String(six);
+}

@@ -1,0 +1,75 @@
+"""The tables of words against the code: every code that a program tells has words in every language, and no others."""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from app.words.render import languages, table
+
+ROOT = Path(__file__).resolve().parents[2]
+APP = ROOT / "app"
+OTHERS = [language for language in languages() if language != "en"]
+
+
+def calls(name):
+    """Every call of `name` in app, with its file."""
+    for path in APP.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == name:
+                yield path.relative_to(ROOT).as_posix(), node
+
+
+def used():
+    """Return code -> names of the arguments that it is given, of every message in the code."""
+    found = {}
+    for path, call in calls("Message"):
+        if path == "app/words/message.py":
+            continue  # takes messages back from JSON
+        place = f"{path}:{call.lineno}"
+        assert isinstance(call.args[0], ast.Constant), f"{place}: the code of a message is written out"
+        names = {keyword.arg for keyword in call.keywords}
+        assert None not in names, f"{place}: the arguments of a message are written out"
+        code = call.args[0].value
+        assert found.setdefault(code, names) == names, f"{place}: {code} has other arguments elsewhere"
+    return found
+
+
+def placeholders(template):
+    texts = [template] if isinstance(template, str) else [*template.values(), "{n}"]
+    return {name for text in texts for name in re.findall(r"\{(\w+)\}", text)}
+
+
+def files(language, folder):
+    """Return the keys of every file of a language by its name."""
+    return {
+        path.name: set(json.loads(path.read_text(encoding="utf-8")))
+        for path in (APP / "words" / language / folder).glob("*.json")
+    }
+
+
+@pytest.mark.parametrize("language", languages())
+def test_every_message_has_words_with_exactly_its_arguments(language):
+    words = table(language)
+    assert sorted(set(used()) - set(words)) == []
+    wrong = {code: names for code, names in used().items() if placeholders(words[code]) != names}
+    assert wrong == {}
+
+
+@pytest.mark.parametrize("language", languages())
+def test_no_words_are_left_that_nothing_tells(language):
+    assert sorted(set(table(language)) - set(used())) == []
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_a_language_has_the_files_and_keys_of_the_first(language):
+    assert files(language, "") == files("en", "")
+    assert files(language, "page") == files(OTHERS[0], "page")
+
+
+@pytest.mark.parametrize("language", languages())
+def test_no_code_stands_in_two_files(language):
+    codes = [code for each in files(language, "").values() for code in each]
+    assert len(codes) == len(set(codes))

@@ -1,0 +1,34 @@
+import json
+from dataclasses import asdict
+
+import orjson
+import pytest
+
+from app.words.message import Cell, Message, Quantity, message_from_json
+
+NESTED = Message(
+    "config-write-failed",
+    who="Kari",
+    n=2,
+    cells=(Cell(0), Cell(95)),
+    value=Quantity(2.49, "V", 2),
+    nothing=None,
+    error=Message("link-lost", name="RS232"),
+)
+
+
+def test_a_message_comes_back_from_json_whole():
+    assert message_from_json(json.loads(json.dumps(asdict(NESTED)))) == NESTED
+
+
+def test_the_fast_encoder_writes_the_same_form():
+    assert orjson.loads(orjson.dumps(NESTED)) == json.loads(json.dumps(asdict(NESTED)))
+
+
+def test_what_is_no_message_is_refused():
+    with pytest.raises(KeyError):
+        message_from_json({"code": "no arguments"})
+
+
+def test_equal_messages_are_one_in_a_set():
+    assert {Message("a", n=1), Message("a", n=1), Message("a", n=2)} == {Message("a", n=1), Message("a", n=2)}
