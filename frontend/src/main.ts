@@ -4,7 +4,7 @@ import { mount } from 'svelte';
 import './theme/tokens.css';
 import './theme/base.css';
 import App from './App.svelte';
-import { attention } from './store/attention.svelte';
+import { alertSound } from './store/alert_sound.svelte';
 import { keys } from './store/keys.svelte';
 import { live } from './store/live.svelte';
 import { route } from './store/route.svelte';
@@ -14,7 +14,7 @@ import { user } from './store/user.svelte';
 route.start();
 void user.start();
 live.start();
-attention.start();
+alertSound.start();
 keys.start();
 if (import.meta.env.PROD && 'serviceWorker' in navigator) {
   void navigator.serviceWorker.register('./sw.js').catch(() => undefined); // the pages work without it

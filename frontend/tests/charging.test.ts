@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { makeSnapshot } from '../fixtures/snapshot';
 import type { Snapshot } from '../src/link/types';
 import { secondsToFull, whyNot } from '../src/store/charging';
-import { contradictions, doubts } from '../src/store/doubts';
+import { contradictions, dataWarnings } from '../src/store/data_warnings';
 
 const made = (): Snapshot => makeSnapshot('drive', 10, 1_790_000_000, 1);
 
@@ -65,7 +65,7 @@ describe('doubts', () => {
     const offset = (a: number | null, sigma: number): string[] => {
       s.estimator.current_offset_a = a;
       s.estimator.current_offset_sigma_a = sigma;
-      return doubts(s, null, null);
+      return dataWarnings(s, null, null);
     };
     expect(offset(null, 0.25)).toEqual([]);
     expect(offset(0.4, 0.05)).toEqual([]);
@@ -86,7 +86,7 @@ describe('doubts', () => {
       clock: { time: 0, moved_s: -3600, was_set: true },
       readers: [],
     };
-    expect(doubts(s, system, 7.4)).toEqual([
+    expect(dataWarnings(s, system, 7.4)).toEqual([
       '10.0 % of the RS232 frames were lost.',
       'The service’s clock and this device’s are 7 s apart.',
       'The service’s clock was set by −3600 s since it started.',

@@ -4,7 +4,7 @@ import uPlot from 'uplot';
 import 'uplot/dist/uPlot.min.css';
 import { clock, fixed } from '../format';
 import type { Band } from '../store/decimate';
-import { Turns } from './turns';
+import { DrawQueue } from './draw_queue';
 
 export interface PlotSeries {
   label: string;
@@ -58,7 +58,7 @@ function readTheme(host: Element): Theme {
   };
 }
 
-const turns = new Turns((draw) => requestAnimationFrame(draw));
+const turns = new DrawQueue((draw) => requestAnimationFrame(draw));
 
 /** One chart in `host`; `set` gives it one band per series, all on the same times. */
 export class Plot {

@@ -11,7 +11,7 @@ export interface SocketLike {
   close(): void;
 }
 
-export interface Surroundings {
+export interface SocketEnvironment {
   connect: (url: string) => SocketLike;
   later: (action: () => void, ms: number) => number;
   cancel: (timer: number) => void;
@@ -29,7 +29,7 @@ export function backoffMs(attempt: number, random: number): number {
   return full / 2 + (full / 2) * random;
 }
 
-const browser: Surroundings = {
+const browser: SocketEnvironment = {
   connect: (url) => new WebSocket(url) as unknown as SocketLike,
   later: (action, ms) => window.setTimeout(action, ms),
   cancel: (timer) => window.clearTimeout(timer),
@@ -47,7 +47,7 @@ export class LiveSocket {
     private readonly url: string,
     private readonly onSnapshot: (snapshot: Snapshot) => void,
     private readonly onConnection: (state: Connection) => void,
-    private readonly around: Surroundings = browser,
+    private readonly around: SocketEnvironment = browser,
   ) {}
 
   start(): void {

@@ -1,6 +1,6 @@
 // The commands there are, and why the service would refuse some now.
 
 import type { Commands } from '../link/types';
-import { Asked } from './asked.svelte';
+import { Resource } from './resource.svelte';
 
-export const commands = new Asked<Commands>();
+export const commands = new Resource<Commands>();

@@ -4,7 +4,14 @@ import { call, get, post, Problem } from '../link/rest';
 import type { Config, Difference, Finding, Schema, StoredConfig, WriteResult } from '../link/types';
 import { live } from './live.svelte';
 import { changes, draftOf, rawBody, rebase, type Draft } from './draft';
-import { standing, storedAfterAll, storeInDoubt, type Doubt, type InForce, type Outcome } from './outcome';
+import {
+  storeResult,
+  storeUnconfirmed,
+  writeUnconfirmed,
+  type Doubt,
+  type InForce,
+  type WriteOutcome,
+} from './write_outcome';
 import { t } from '../words/words.svelte';
 
 const KEY = 'voltwall.draft';
@@ -20,7 +27,7 @@ class ConfigStore {
   nothingStored = $state(false);
   draft = $state.raw<Draft>(JSON.parse(sessionStorage.getItem(KEY) ?? '{}') as Draft);
   problem = $state.raw<Problem | null>(null);
-  outcome = $state.raw<Outcome | null>(null);
+  outcome = $state.raw<WriteOutcome | null>(null);
   checked = $state.raw<WriteResult | null>(null);
   doubt = $state.raw<Doubt | null>(null);
   serverErrors = $state.raw<Record<string, string>>({});
@@ -77,10 +84,10 @@ class ConfigStore {
     this.doubt = null;
     await this.load();
     if (this.problem) this.doubt = doubt;
-    else if (doubt.what === 'storing') this.outcome = storedAfterAll(this.unstored);
+    else if (doubt.what === 'storing') this.outcome = storeResult(this.unstored);
     else {
       const isWanted = doubt.what === 'loading' ? !this.unstored : this.changes.length === 0;
-      this.outcome = standing(this.config?.hash === doubt.old ? 'old' : isWanted ? 'new' : 'other');
+      this.outcome = writeUnconfirmed(this.config?.hash === doubt.old ? 'old' : isWanted ? 'new' : 'other');
     }
   }
 
@@ -212,7 +219,8 @@ class ConfigStore {
     } else if (unanswered && (inForce !== undefined || what === 'storing')) {
       const old = this.config?.hash ?? '';
       await this.load();
-      this.outcome = what === 'storing' ? storeInDoubt(problem.detail) : standing(inForce ?? 'unknown');
+      this.outcome =
+        what === 'storing' ? storeUnconfirmed(problem.detail) : writeUnconfirmed(inForce ?? 'unknown');
       const isSettled = what !== 'storing' && inForce !== 'unknown';
       if (!isSettled && (what === 'writing' || what === 'storing' || what === 'loading'))
         this.doubt = { what, old, sinceMs: Date.now() };

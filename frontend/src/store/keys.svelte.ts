@@ -4,8 +4,8 @@ import type { Text } from '../words/words.svelte';
 import { post } from '../link/rest';
 import { cellIndex, cellNumber, N_CELLS, packNumber } from '../format';
 import { openAlarms } from './alarms';
-import { attention } from './attention.svelte';
-import { Kept } from './kept.svelte';
+import { alertSound } from './alert_sound.svelte';
+import { Preference } from './preference.svelte';
 import { live } from './live.svelte';
 import { mark } from './mark.svelte';
 import { route, type Page } from './route.svelte';
@@ -56,7 +56,7 @@ export const SHORTCUTS: readonly Shortcut[] = [
   {
     key: 'm',
     does: 'Mute the sound for 5 minutes, or end it',
-    act: () => attention.mute(attention.mutedUntil ? 0 : 5),
+    act: () => alertSound.mute(alertSound.mutedUntil ? 0 : 5),
   },
   { key: 'k', does: 'Mark this moment', act: () => mark.begin() },
   { key: '[', does: 'Cell before', act: () => step(-1) },
@@ -69,7 +69,7 @@ export const SHORTCUTS: readonly Shortcut[] = [
 ];
 
 class Keys {
-  readonly on = new Kept<boolean>('keys', true);
+  readonly on = new Preference<boolean>('keys', true);
   list = $state(false);
 
   start(): void {

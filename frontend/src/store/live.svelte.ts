@@ -5,7 +5,7 @@ import { LiveSocket, liveUrl, type Connection } from '../link/socket';
 import { get } from '../link/rest';
 import type { History, Maybe, Part, Snapshot } from '../link/types';
 import { freshness, isLive, type Freshness } from '../format';
-import { Pace } from './pace';
+import { FrameSchedule } from './frame_schedule';
 import { Ring } from './ring';
 
 export const SERIES = [
@@ -44,7 +44,7 @@ class Live {
   latest: Snapshot | null = null;
   private readonly listeners = new Set<(snapshot: Snapshot) => void>();
   private receivedAt = 0;
-  private readonly pace = new Pace();
+  private readonly pace = new FrameSchedule();
   private backfilled = false;
   private socket: LiveSocket | null = null;
 

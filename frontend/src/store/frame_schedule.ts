@@ -5,7 +5,7 @@ export type Step = 'numbers' | 'cells' | 'charts';
 const BEAT_MS = 60; // eyes read no faster
 const TICK_MS = 250; // ages grow and charts move on while nothing arrives
 
-export class Pace {
+export class FrameSchedule {
   private step: Step = 'charts';
   private begunAt = -Infinity;
 

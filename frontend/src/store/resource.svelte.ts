@@ -2,7 +2,7 @@
 
 import { get, Problem } from '../link/rest';
 
-export class Asked<T> {
+export class Resource<T> {
   value = $state.raw<T | null>(null);
   problem = $state('');
   busy = $state(false);

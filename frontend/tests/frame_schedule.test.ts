@@ -1,10 +1,10 @@
 import { describe, expect, it } from 'vitest';
-import { Pace } from '../src/store/pace';
+import { FrameSchedule } from '../src/store/frame_schedule';
 
 const FRAME_MS = 1000 / 60;
 
 const steps = (frames: number, changed: (frame: number) => boolean): (string | null)[] => {
-  const pace = new Pace();
+  const pace = new FrameSchedule();
   return Array.from({ length: frames }, (_, frame) => pace.next(frame * FRAME_MS, changed(frame)));
 };
 
@@ -28,7 +28,7 @@ describe('the pace of drawing', () => {
   });
 
   it('draws the first snapshot after a long silence at once', () => {
-    const pace = new Pace();
+    const pace = new FrameSchedule();
     expect(pace.next(10_000, true)).toBe('numbers');
   });
 });

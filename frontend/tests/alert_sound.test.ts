@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { Alarm } from '../src/link/types';
-import { calling, isDue } from '../src/store/attention.svelte';
+import { audibleAlarms, isDue } from '../src/store/alert_sound.svelte';
 
 const alarm = (id: number, part: Partial<Alarm> = {}): Alarm => ({
   id,
@@ -26,7 +26,7 @@ describe('calling', () => {
       alarm(4, { severity: 'watch' }),
       alarm(5, { severity: 'warning' }),
     ];
-    expect(calling(list).map((a) => a.id)).toEqual([1, 5]);
+    expect(audibleAlarms(list).map((a) => a.id)).toEqual([1, 5]);
   });
 });
 

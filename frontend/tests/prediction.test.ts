@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { ahead, DASH } from '../src/format';
-import { firstTrip } from '../src/store/outlook';
+import { firstTrip } from '../src/store/prediction';
 
 describe('what lies ahead', () => {
   it('names the limit that is met first', () => {

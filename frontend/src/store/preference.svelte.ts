@@ -3,7 +3,7 @@
 const PREFIX = 'voltwall.';
 
 /** A value that survives a reload; one that no longer fits `allowed` falls back to `first`. */
-export class Kept<T extends string | number | boolean> {
+export class Preference<T extends string | number | boolean> {
   private current = $state() as T;
 
   constructor(

@@ -5,7 +5,7 @@ import type { Alarm, Severity } from '../link/types';
 import { clock } from '../format';
 import { said, t } from '../words/words.svelte';
 import { openAlarms } from './alarms';
-import { Kept } from './kept.svelte';
+import { Preference } from './preference.svelte';
 import { live } from './live.svelte';
 
 export const MUTES_MIN = [5, 30, 120] as const;
@@ -28,7 +28,7 @@ const TONE_S = 0.14;
 const LOUDNESS = 0.25;
 
 /** The alarms that may sound: active, unseen, worse than "watch"; worst first. */
-export const calling = (alarms: readonly Alarm[]): Alarm[] =>
+export const audibleAlarms = (alarms: readonly Alarm[]): Alarm[] =>
   alarms.filter((a) => a.active && !a.acknowledged_by && a.severity !== 'watch');
 
 /** Whether the worst of `alarms` shall sound now: a new one at once, an old one after its pause. */
@@ -38,10 +38,10 @@ export function isDue(alarms: readonly Alarm[], heard: ReadonlySet<number>, sile
   return alarms.some((a) => !heard.has(a.id)) || silentS >= REPEAT_S[worst.severity];
 }
 
-class Attention {
-  readonly sound = new Kept<boolean>('sound', true);
-  readonly notify = new Kept<boolean>('notify', false);
-  private readonly until = new Kept<number>('mutedUntil', 0); // unix seconds
+class AlertSound {
+  readonly sound = new Preference<boolean>('sound', true);
+  readonly notify = new Preference<boolean>('notify', false);
+  private readonly until = new Preference<number>('mutedUntil', 0); // unix seconds
   blocked = $state(false); // the browser waits for a click or a key before it lets a page sound
   permission = $state(typeof Notification === 'undefined' ? 'missing' : Notification.permission);
   private audio: AudioContext | null = null;
@@ -92,7 +92,7 @@ class Attention {
   }
 
   private look(): void {
-    const alarms = calling(openAlarms(live.snapshot));
+    const alarms = audibleAlarms(openAlarms(live.snapshot));
     const now = performance.now() / 1000;
     if (alarms.length > 0 && this.sound.value && this.mutedUntil === null) {
       if (isDue(alarms, this.heard, now - this.soundedAt)) {
@@ -148,4 +148,4 @@ class Attention {
   }
 }
 
-export const attention = new Attention();
+export const alertSound = new AlertSound();

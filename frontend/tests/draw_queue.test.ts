@@ -1,11 +1,11 @@
 import { describe, expect, it } from 'vitest';
-import { Turns } from '../src/charts/turns';
+import { DrawQueue } from '../src/charts/draw_queue';
 
-/** Turns on a clock that only drawing moves, and a way to let a frame pass. */
-function made(): { turns: Turns; spend: (ms: number) => void; frame: () => void } {
+/** DrawQueue on a clock that only drawing moves, and a way to let a frame pass. */
+function made(): { turns: DrawQueue; spend: (ms: number) => void; frame: () => void } {
   let ms = 0;
   let next: (() => void) | null = null;
-  const turns = new Turns(
+  const turns = new DrawQueue(
     (draw) => (next = draw),
     () => ms,
   );

@@ -3,7 +3,7 @@
 import type { Difference, Finding } from '../link/types';
 import { t } from '../words/words.svelte';
 
-export type Outcome = {
+export type WriteOutcome = {
   kind: 'good' | 'bad' | 'conflict';
   title: string;
   text: string;
@@ -23,7 +23,7 @@ export interface Doubt {
 }
 
 /** What is in force after a write whose answer was lost. */
-export function standing(inForce: InForce): Outcome {
+export function writeUnconfirmed(inForce: InForce): WriteOutcome {
   switch (inForce) {
     case 'old':
       return {
@@ -56,14 +56,14 @@ export function standing(inForce: InForce): Outcome {
   }
 }
 
-export const storeInDoubt = (detail: string): Outcome => ({
+export const storeUnconfirmed = (detail: string): WriteOutcome => ({
   kind: 'bad',
   title: t('Not known which configuration is stored'),
   text: `${detail}. ${t('The EEPROM holds the old one or the new one, never a mixture. It is read again as soon as the master answers.')}`,
 });
 
 /** What the EEPROM holds after a store whose answer was lost. */
-export const storedAfterAll = (differs: boolean): Outcome =>
+export const storeResult = (differs: boolean): WriteOutcome =>
   differs
     ? {
         kind: 'bad',

@@ -2,7 +2,7 @@
 
 const BUDGET_MS = 6; // of a frame; the rest is the page's
 
-export class Turns {
+export class DrawQueue {
   private readonly waiting = new Map<object, () => void>();
   private asked = false;
 

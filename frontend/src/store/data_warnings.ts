@@ -41,7 +41,11 @@ export function contradictions(snapshot: Maybe<Snapshot>): string[] {
 }
 
 /** Everything to doubt now, besides what the service itself names. */
-export function doubts(snapshot: Maybe<Snapshot>, system: Maybe<System>, clockOffS: Maybe<number>): string[] {
+export function dataWarnings(
+  snapshot: Maybe<Snapshot>,
+  system: Maybe<System>,
+  clockOffS: Maybe<number>,
+): string[] {
   const found = contradictions(snapshot);
   if (snapshot) {
     const { links, estimator, cells, accumulator } = snapshot;
