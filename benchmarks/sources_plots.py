@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from app.estimation.cell_model.ocv import OcvCurve
     from app.estimation.filters.record import Record
     from app.estimation.recording.cell_recording import Recording
-    from benchmarks.sources import PatternRun, ThesisRun
+    from benchmarks.sources_runs import PatternRun, ThesisRun
 
 FloatArray = NDArray[np.float64]
 COLOURS = ("#1f4e8c", "#c8621b", "#3f8f6b", "#8a4fa0", "#7a7a7a")
