@@ -1,6 +1,6 @@
 """What the master does with a request, and what it answers. A refusal has changed nothing."""
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from firmware_protocol.config_image import canonical, check, is_live_change
 from firmware_protocol.eeprom import newest
@@ -17,6 +17,7 @@ from firmware_protocol.messages import (
     CommandId,
     Event,
     EventCode,
+    Ident,
     IdentRequest,
     Load,
     MessageType,
@@ -28,10 +29,10 @@ from firmware_protocol.messages import (
     Write,
     decode_request,
 )
+from simulator.board import Board
 from simulator.eeprom import SIZE as EEPROM_SIZE
-
-if TYPE_CHECKING:
-    from simulator.master import VirtualMaster
+from simulator.memory import MasterMemory
+from simulator.storage import ConfigStore
 
 _KNOWN_TYPES = frozenset(MessageType) - {MessageType.DATA, MessageType.REPLY, MessageType.EVENT}
 
@@ -50,10 +51,34 @@ class Refused(Exception):
         super().__init__(f"{result.name} at {offset}")
 
 
+class RequestTarget(Protocol):
+    """What a request may read or change: the master, as far as the handler needs it."""
+
+    board: Board
+    memory: MasterMemory
+    store: ConfigStore
+
+    @property
+    def is_at_work(self) -> bool:
+        """Only live fields of the configuration may change now."""
+
+    def ident(self) -> Ident:
+        """Return the answer to IDENT."""
+
+    def emit(self, event: Event) -> None:
+        """Send an event to the host."""
+
+    def use_config(self, config: bytes) -> None:
+        """Put a checked configuration in force."""
+
+    def command(self, command: CommandId, argument: int, now_s: float) -> bool:
+        """Carry out a command with a checked argument; return False where the state forbids it."""
+
+
 class RequestHandler:
     """Carries out requests; one that is repeated gets the reply it got before, and nothing is done twice."""
 
-    def __init__(self, master: "VirtualMaster") -> None:
+    def __init__(self, master: RequestTarget) -> None:
         self._master = master
         self._repeats = RepeatFilter()
         self._under_way: Frame | None = None  # the STORE whose reply comes when the EEPROM has it
