@@ -15,20 +15,19 @@ import numpy as np
 
 from benchmarks import balancing_plots as plots
 from simulator.accumulator import Accumulator, AccumulatorParameters
-from simulator.balancing.balancers import (
+from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
+from simulator.balancing.transformer import TransformerParameters
+from tests.balancing.balancers import (
     Balancer,
     CapacitorBalancing,
-    ChipBleeding,
     NoBalancing,
     PassiveBalancing,
     SocBleeding,
+    ThresholdBleeding,
     TransformerBalancing,
 )
-from simulator.balancing.charge import ChargePlan, ChargeResult, Supervisor, charge, equalise
-from simulator.balancing.passive import ThresholdBleeding
-from simulator.balancing.six_cells import RATED_AH, six_cells
-from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
-from simulator.balancing.transformer import TransformerParameters
+from tests.balancing.charge import ChargePlan, ChargeResult, Supervisor, charge, equalise
+from tests.balancing.six_cells import RATED_AH, six_cells
 
 CELL_OHM = 0.0082
 RESISTORS_OHM = (10, 20, 30, 40, 50, 60, 70, 80)
@@ -212,12 +211,12 @@ def accumulator_96(folder: Path | None) -> None:
     print("|---" * 9 + "|")
     series: dict[str, tuple[list[float], list[float]]] = {}
     strong = SwitchedCapacitorParameters(10e-3, 0.5e-3, 100e3, cell_ohm=1.6e-3)
-    forward = TransformerParameters(switch_ohm=0.03, primary_ohm=0.01, secondary_ohm=0.2, soc_difference=2e-3)
+    forward = TransformerParameters(switch_ohm=0.03, primary_ohm=0.01, secondary_ohm=0.2)
     for name, text in parts.items():
         pack = Accumulator(AccumulatorParameters(start_soc=0.9, start_soc_spread=0.006), np.random.default_rng(7))
         balancers: dict[str, Balancer] = {
-            "passive 23.5 ohm": ChipBleeding(SocBleeding(1e-3), 96, conversion_s=0.0023, measure_every_s=0.1),
-            "transformer per pack": TransformerBalancing(96, forward, group=12),
+            "passive 23.5 ohm": SocBleeding(1e-3, measured_share=0.023),
+            "transformer per pack": TransformerBalancing(96, forward, group=12, soc_difference=2e-3),
             "capacitors per pack": CapacitorBalancing(pack, strong, group=12),
             "capacitors, one chain": CapacitorBalancing(pack, strong),
         }

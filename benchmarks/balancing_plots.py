@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from simulator.balancing.charge import ChargeResult
+    from tests.balancing.charge import ChargeResult
 
 # Evenly spaced in lightness, distinct without colour vision.
 COLOURS = ("#1f4e8c", "#c8621b", "#3f8f6b", "#8a4fa0", "#7a7a7a", "#b8a12e")

@@ -156,6 +156,7 @@ class Accumulator:
         *,
         bleeding: BoolArray | FloatArray | None = None,
         cell_current_a: FloatArray | None = None,
+        balancer_heat_w: FloatArray | None = None,
         fan_duty: float = 0.0,
     ) -> None:
         """Advance by `dt_s` with everything given held constant.
@@ -165,6 +166,7 @@ class Accumulator:
             current_a: current through the string [A].
             bleeding: (n_cells,) whether each cell's bleed resistor is on, or for which part of the step (0..1).
             cell_current_a: (n_cells,) what a balancer draws from each cell besides, negative to charge it [A].
+            balancer_heat_w: (n_cells,) what its switches lose, as warm as a bleed resistor [W].
             fan_duty: 0..1.
 
         Raises:
@@ -195,6 +197,8 @@ class Accumulator:
             multiply(self._bleed_a, cells.voltage_v, self._work)
             self._work *= dt_s
             add(self._bleed_j, self._work, self._bleed_j)
+        if balancer_heat_w is not None:
+            self._bleed_j += balancer_heat_w * dt_s
         if self._is_leaking:
             multiply(self._leak_a, cells.voltage_v, self._work)
             multiply(self._work, dt_s, self._work)

@@ -68,7 +68,9 @@ class Director:
             for page in plan_store(bytes(eeprom.content), scenario.config):
                 eeprom.write(page.offset, page.data)
         used_seed = scenario.seed if seed is None else seed
-        self.simulation = Simulation(_parameters(scenario), eeprom=eeprom, seed=used_seed, step_s=step_s)
+        self.simulation = Simulation(
+            _parameters(scenario), eeprom=eeprom, seed=used_seed, step_s=step_s, balancing=scenario.balancing
+        )
         self.simulation.accumulator.sun_w = scenario.start.sun_w
         self.faults = FaultBoard(self.simulation)
         self._loads_rng = np.random.default_rng(used_seed + 1)

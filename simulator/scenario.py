@@ -111,6 +111,7 @@ class Scenario:
     seed: int
     loop: bool
     start: Start
+    balancing: str
     config: bytes | None
     phases: tuple[PhasePlan, ...]
     faults: tuple[FaultPlan, ...]
@@ -121,6 +122,7 @@ class Scenario:
         """Return the scenario for people to read."""
         lines = [f"{self.name}: {self.title}", "", self.description.strip(), ""]
         lines.append(f"starts at {self.start.soc:.0%} and {self.start.ambient_degc:g} degC, seed {self.seed}")
+        lines += [] if self.balancing == "passive" else [f"balances by {self.balancing}"]
         lines += [f"then {phase.load}{_span(phase)}" for phase in self.phases]
         lines += [f"at {fault.at_s:g} s: {fault}" for fault in self.faults]
         lines += [f"at {action.at_s:g} s the operator: {action}" for action in self.actions]

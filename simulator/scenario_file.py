@@ -15,6 +15,7 @@ from firmware_protocol.config_image import check, default_image, with_value
 from firmware_protocol.errors import EncodeError
 from firmware_protocol.memory_map import CELLS_PER_PACK
 from firmware_protocol.messages import EventCode
+from simulator.balancing.circuits import METHODS
 from simulator.errors import FaultError, InputError, ParameterError, ScenarioError
 from simulator.fault_kinds import FAULTS, Target
 from simulator.faults import cell_index, check_fault, read_target
@@ -95,10 +96,15 @@ def _scenario(document: dict[str, Any], path: Path) -> Scenario:
     expected = _each(document, "expect", where, _expect)
     with _place(f"{where} [start]"):
         start = _start(_table(document, "start"), folder)
+    with _place(f"{where} [balancing]"):
+        balancing = _balancing(_table(document, "balancing"))
     with _place(f"{where} [config]"):
         config = _config(_table(document, "config"))
     with _place(where):
-        known = {"title", "description", "seed", "loop", "start", "config", "phase", "fault", "action", "expect"}
+        known = {
+            "title", "description", "seed", "loop",
+            "start", "balancing", "config", "phase", "fault", "action", "expect",
+        }  # fmt: skip
         refuse_unknown(document, known)
         if not phases:
             raise InputError("phase", "no [[phase]]: nothing would happen")
@@ -112,6 +118,7 @@ def _scenario(document: dict[str, Any], path: Path) -> Scenario:
             seed=int(read_number(document, "seed", SEED, 1)),
             loop=loop,
             start=start,
+            balancing=balancing,
             config=config,
             phases=phases,
             faults=faults,
@@ -169,6 +176,11 @@ def _recorded_start(path: Path) -> dict[str, float]:
     ambient = recording.ambient_degc
     found = {"soc": recording.start_soc, "ambient_degc": None if ambient is None else float(ambient[0])}
     return {name: value for name, value in found.items() if value is not None}
+
+
+def _balancing(table: dict[str, Any]) -> str:
+    refuse_unknown(table, {"method"})
+    return read_choice({"method": METHODS[0], **table}, "method", METHODS)
 
 
 def _config(table: dict[str, Any]) -> bytes | None:

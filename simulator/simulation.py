@@ -10,6 +10,7 @@ import numpy as np
 
 from firmware_protocol.elcon import STATUS_ID
 from simulator.accumulator import Accumulator, AccumulatorParameters
+from simulator.balancing.circuits import Balance, balancing_circuit
 from simulator.board import Board
 from simulator.bus_nodes import BabblingNode, ChargerOnBus, MasterOnBus
 from simulator.can_bus import CanBus, CanFrame
@@ -37,10 +38,12 @@ class Simulation:
         eeprom: Eeprom | None = None,
         seed: int = 0,
         step_s: float = PASS_S,
+        balancing: str = "passive",
     ) -> None:
         self.rng = np.random.default_rng(seed)
         self.step_s = step_s
         self.accumulator = Accumulator(parameters, self.rng)
+        self._balancing = balancing_circuit(balancing, self.accumulator)
         self.board = Board(eeprom or Eeprom(), self.rng)
         self.bus = CanBus(self.rng)
         self.master_on_bus = MasterOnBus(lambda: self.master)
@@ -180,10 +183,14 @@ class Simulation:
             self.current_a += self.load.current_a(self.load_time_s, self.accumulator)
         elif relays == RelayState.CHARGER:
             self.current_a = -self.charger.unit.current_a
+        outputs = self.board.chain.take_bleeding(dt_s)
+        balance = Balance() if outputs is None else self._balancing.drive(outputs, self.accumulator, dt_s)
         self.accumulator.step(
             dt_s,
             self.current_a,
-            bleeding=self.board.chain.take_bleeding(dt_s),
+            bleeding=balance.bleeding,
+            cell_current_a=balance.cell_current_a,
+            balancer_heat_w=balance.heat_w,
             fan_duty=0.0 if master is None else master.fan_duty,
         )
 

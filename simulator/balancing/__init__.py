@@ -1,1 +1,1 @@
-"""Balancing as circuits: bleed resistors, switched capacitors, a multi-winding transformer; charges that use them."""
+"""Balancing circuits: bleed resistors, switched capacitors, a multi-winding transformer."""

@@ -1,4 +1,4 @@
-"""Multi-winding transformer, forward: the fullest cell drives its winding and the stack takes what comes out.
+"""Multi-winding transformer, forward: one cell drives its winding and the stack takes what comes out.
 
 Solved as a circuit of voltages and resistances; ideal coupling. A winding of its own returns the magnetising current to
 the stack through a second diode, and with it the flux to where it began, before the next period.
@@ -28,7 +28,6 @@ class TransformerParameters:
     highest_over_mean: float = 1.2  # voltage of the cell that drives over the mean of the stack, up to which it does
     magnetising_h: float = 2.0e-4
     frequency_hz: float = 20e3
-    soc_difference: float = 1e-3
 
     def __post_init__(self) -> None:
         if not self.reset_turns_per_cell > 0.0:
@@ -51,15 +50,11 @@ class Transfer:
 
 
 class MultiWindingTransformer:
-    """Moves charge from the fullest cell to all, one cell at a time."""
+    """Moves charge from one cell at a time to all."""
 
     def __init__(self, parameters: TransformerParameters, n_cells: int) -> None:
         self.parameters = parameters
         self.n_cells = n_cells
-
-    def choose(self, soc: FloatArray) -> int | None:
-        """Return the index of the cell to drain, None when (n,) SOCs lie within the threshold."""
-        return int(soc.argmax()) if soc.max() - soc.min() > self.parameters.soc_difference else None
 
     def transfer(self, cell: int, voltage_v: FloatArray) -> Transfer:
         """Return the mean currents with the winding of `cell` switched, at the (n,) voltages.

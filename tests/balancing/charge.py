@@ -8,9 +8,9 @@ from typing import TypeAlias
 import numpy as np
 
 from simulator.accumulator import Accumulator
-from simulator.balancing.balancers import Balancer
 from simulator.cell_data import FloatArray
 from simulator.errors import ParameterError
+from tests.balancing.balancers import Balancer
 
 SECONDS_PER_HOUR = 3600.0
 SAMPLE_S = 60.0  # of the traces

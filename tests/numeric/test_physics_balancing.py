@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from simulator.accumulator import Accumulator
-from simulator.balancing.balancers import (
+from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
+from tests.balancing.balancers import (
     CapacitorBalancing,
-    ChipBleeding,
     NoBalancing,
     PassiveBalancing,
     SocBleeding,
+    ThresholdBleeding,
     TransformerBalancing,
 )
-from simulator.balancing.charge import ChargePlan, ChargeResult, Supervisor, charge, equalise
-from simulator.balancing.six_cells import RATED_AH, six_cells
-from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
+from tests.balancing.charge import ChargePlan, ChargeResult, Supervisor, charge, equalise
+from tests.balancing.six_cells import RATED_AH, six_cells
 
 CELL_OHM = 0.0085
 
@@ -32,6 +32,21 @@ def cells(**changes) -> Accumulator:
 
 def passive(bleed_ohm: float, c_rate: float) -> ChargeResult:
     return charge(cells(bleed_ohm=bleed_ohm), PassiveBalancing(), plan(c_rate))
+
+
+def test_only_cells_above_the_threshold_bleed_and_none_near_the_top():
+    rule = ThresholdBleeding(difference_v=1e-3, stop_v=4.17)
+    np.testing.assert_array_equal(rule.bleeding(np.array([3.7, 3.7009, 3.7011, 3.71])), [False, False, True, True])
+    assert not rule.bleeding(np.array([4.0, 4.17])).any()
+    late = ThresholdBleeding(difference_v=1e-3, gate_threshold_v=2.0)
+    np.testing.assert_array_equal(late.bleeding(np.array([3.7, 3.7019, 3.7021])), [False, False, True])
+
+
+def test_the_transformer_drives_the_fullest_cell_only_beyond_the_threshold():
+    accumulator = cells(start_soc=(0.5, 0.52, 0.51))
+    moved = TransformerBalancing(3, soc_difference=0.01).decide(accumulator, 1.0).cell_current_a
+    assert int(moved.argmax()) == 1
+    assert not TransformerBalancing(3, soc_difference=0.03).decide(accumulator, 1.0).cell_current_a.any()
 
 
 def test_without_balancing_the_difference_stays():
@@ -122,10 +137,8 @@ def test_one_hour_of_six_cells_at_10_hz_with_balancing_takes_under_a_second():
 
 def test_measuring_often_takes_its_part_of_the_bleeding():
     plain, chip = cells(bleed_ohm=20.0), cells(bleed_ohm=20.0)
-    wishes = SocBleeding(0.0005)
-    equalise(plain, wishes, difference=0.0, time_limit_s=100.0)
-    measured = ChipBleeding(wishes, 6, conversion_s=0.025, measure_every_s=0.1)
-    equalise(chip, measured, difference=0.0, time_limit_s=100.0)
+    equalise(plain, SocBleeding(0.0005), difference=0.0, time_limit_s=100.0)
+    equalise(chip, SocBleeding(0.0005, measured_share=0.25), difference=0.0, time_limit_s=100.0)
     assert chip.bleed_energy_j / plain.bleed_energy_j == pytest.approx(0.75, rel=0.01)
 
 

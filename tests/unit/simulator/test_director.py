@@ -119,3 +119,15 @@ def test_a_constant_current_ends_at_until_soc_from_its_side(play, current_a, unt
     played.director.run(120.0)
     assert played.director.is_over
     assert played.director.simulation.accumulator.soc.mean() == pytest.approx(until_soc, abs=2e-4)
+
+
+@pytest.mark.parametrize(("method", "gives_to_the_pack"), [("passive", False), ("transformer", True)])
+def test_the_accumulator_balances_by_the_method_of_the_scenario(play, method, gives_to_the_pack):
+    start = '[start]\nsoc = 0.6\nsoc_spread = 0\n[start.cells]\n"4/2" = 0.7\n'
+    played = play(f'{start}[balancing]\nmethod = "{method}"\n' + phase("rest", for_s=90) + action(5, "balance-start"))
+    accumulator = played.director.simulation.accumulator
+    before = accumulator.soc.copy()
+    played.director.run(60)
+    moved = accumulator.soc - before
+    assert moved[3 * 12 + 1] < -2e-5
+    assert (moved[3 * 12 + 2] > 0.0) == gives_to_the_pack

@@ -60,6 +60,8 @@ def test_a_file_is_read_as_people_wrote_it(tmp_path):
         ("seed = 5", "sead = 5", "'sead' means nothing"),
         ("soc = 0.5\n", "sock = 0.5\n", r"\[start\].*'sock'"),
         ('"2/1" = 0.6', '"9/1" = 0.6', "packs are 1..8"),
+        ("[config]", '[balancing]\nmethod = "magic"\n[config]', r"\[balancing\].*'magic' is none of"),
+        ("[config]", "[balancing]\nrate = 2\n[config]", r"\[balancing\].*'rate' means nothing"),
         ("v_cell_max = 4.15", "v_cell_max = 9", "v_cell_max"),
         ("v_cell_max = 4.15", "v_cell_min = 4.0\nv_cell_max = 3.9", "v_cell_min"),
         ('load = "constant"', 'load = "rocket"', "'rocket' is none of"),
@@ -123,6 +125,16 @@ def test_what_makes_no_sense_is_refused_with_its_place(tmp_path, before, after, 
     assert before in GOOD
     with pytest.raises(ScenarioError, match=reason):
         load_scenario(write(tmp_path, GOOD.replace(before, after, 1)))
+
+
+def test_resistors_balance_unless_the_file_says_otherwise(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(GOOD)
+    assert load_scenario(path).balancing == "passive"
+    path.write_text(GOOD + '[balancing]\nmethod = "transformer"\n')
+    scenario = load_scenario(path)
+    assert scenario.balancing == "transformer"
+    assert "balances by transformer" in scenario.describe()
 
 
 def test_a_later_phase_is_made_when_the_file_is_read(tmp_path):

@@ -7,12 +7,6 @@ from simulator.errors import ParameterError
 VOLTS = np.array([3.8, 3.7, 3.7, 3.7, 3.7, 3.7])
 
 
-def test_the_fullest_cell_is_chosen_only_beyond_the_threshold():
-    transformer = MultiWindingTransformer(TransformerParameters(soc_difference=0.01), 3)
-    assert transformer.choose(np.array([0.5, 0.52, 0.51])) == 1
-    assert transformer.choose(np.array([0.5, 0.509, 0.505])) is None
-
-
 def test_power_balances_and_some_is_lost():
     moved = MultiWindingTransformer(TransformerParameters(), 6).transfer(0, VOLTS)
     net_w = float(VOLTS @ moved.cell_current_a)
