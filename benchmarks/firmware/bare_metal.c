@@ -141,7 +141,7 @@ int main(void)
         vw_link_run(&line, 103u);
     }
     MEASURE("vw_link_run (a page verified)", vw_link_run(&line, 103u));
-    while (vw_store_is_busy(&line.store)) {
+    while (vw_store_is_busy(&line.answer.store)) {
         vw_link_run(&line, 104u);
     }
     (void)vw_link_next(&line, 104u, frame);

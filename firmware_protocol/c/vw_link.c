@@ -2,46 +2,25 @@
 
 #include <string.h>
 
-#include "vw_answer.h"
-
 #define BOOT_POLLS 2000u /* of 25 us at 400 kHz: longer than the 10 ms of the slowest page */
 
 static const vw_config_t default_config = VW_CONFIG_DEFAULTS;
 
-static void drop_event(vw_link_t *link)
-{
-    link->first_event = (uint8_t)((link->first_event + 1u) % VW_MAX_EVENTS);
-    link->n_events--;
-    if (link->events_ahead != 0u) {
-        link->events_ahead--;
-    }
-}
-
 void vw_link_event(vw_link_t *link, uint8_t code, uint16_t cell, int32_t value, int32_t limit)
 {
-    vw_event_t *event;
-    if (link->n_events == VW_MAX_EVENTS) {
-        drop_event(link);
-    }
-    event = &link->events[(link->first_event + link->n_events) % VW_MAX_EVENTS];
-    link->n_events++;
-    event->code = code;
-    event->argument = 0u;
-    event->cell = cell;
-    event->value = value;
-    event->limit = limit;
+    vw_outbox_event(&link->answer.outbox, code, cell, value, limit);
 }
 
 static void on_item(void *context, vw_item_t item, const vw_frame_t *frame)
 {
     vw_link_t *link = context;
     if (item == VW_ITEM_FRAME) {
-        vw_answer_request(link, frame);
+        vw_answer_request(&link->answer, frame);
     } else if (item == VW_ITEM_STOP) {
         link->is_streaming = false;
     } else if (item == VW_ITEM_START && !link->is_streaming) {
         link->is_streaming = true;
-        vw_stream_start(&link->stream, link->master->conf.ts, link->now_ms);
+        vw_stream_start(&link->answer.stream, link->answer.master->conf.ts, link->answer.now_ms);
     } else {
         /* a bad chunk, which the decoder has counted */
     }
@@ -50,27 +29,28 @@ static void on_item(void *context, vw_item_t item, const vw_frame_t *frame)
 void vw_link_init(vw_link_t *link, const vw_board_t *board, vw_master_t *master, vw_can_t *can, const vw_ident_t *ident)
 {
     static const uint8_t map_hash[8] = VW_MAP_HASH;
+    vw_answer_t *answer = &link->answer;
     uint32_t polls;
     (void)memset(link, 0, sizeof *link);
-    link->board = board;
-    link->master = master;
-    link->can = can;
-    link->ident = *ident;
-    link->ident.protocol = VW_PROTOCOL_VERSION;
-    (void)memcpy(link->ident.map_hash, map_hash, sizeof map_hash);
+    answer->board = board;
+    answer->master = master;
+    answer->can = can;
+    answer->ident = *ident;
+    answer->ident.protocol = VW_PROTOCOL_VERSION;
+    (void)memcpy(answer->ident.map_hash, map_hash, sizeof map_hash);
     vw_decoder_init(&link->decoder, VW_SIDE_MASTER, on_item, link);
-    vw_store_init(&link->store, board);
+    vw_store_init(&answer->store, board);
     vw_link_event(link, VW_EVENT_BOOT, VW_NO_CELL, ident->reset_cause, 0);
     for (polls = 0u; polls < BOOT_POLLS && board->eeprom_is_busy(board->context); polls++) {
         /* a reset may have come in the middle of a page write */
     }
-    if (vw_store_read(&link->store, true) != VW_RESULT_DONE) {
-        (void)memcpy(link->store.image, &default_config, VW_CONFIG_SIZE);
+    if (vw_store_read(&answer->store, true) != VW_RESULT_DONE) {
+        (void)memcpy(answer->store.image, &default_config, VW_CONFIG_SIZE);
         vw_link_event(link, VW_EVENT_EEPROM_INVALID, VW_NO_CELL, 0, 0);
     }
-    vw_lock(link->board);
-    (void)memcpy(&master->conf, link->store.image, VW_CONFIG_SIZE);
-    vw_unlock(link->board);
+    vw_lock(answer->board);
+    (void)memcpy(&master->conf, answer->store.image, VW_CONFIG_SIZE);
+    vw_unlock(answer->board);
     if (can != NULL) {
         vw_can_init(can, board, master);
     }
@@ -85,75 +65,78 @@ void vw_link_received(vw_link_t *link, uint32_t now_ms, const uint8_t *data, siz
 
 static void run_store(vw_link_t *link)
 {
-    vw_store_state_t state = vw_store_run(&link->store, link->now_ms);
+    vw_store_state_t state = vw_store_run(&link->answer.store, link->answer.now_ms);
     if (state == VW_STORE_DONE) {
-        vw_link_event(link, VW_EVENT_CONFIG_STORED, VW_NO_CELL, (int32_t)link->store.counter, 0);
+        vw_link_event(link, VW_EVENT_CONFIG_STORED, VW_NO_CELL, (int32_t)link->answer.store.counter, 0);
     }
     if (state == VW_STORE_DONE || state == VW_STORE_FAILED) {
-        vw_answer_store(link, state == VW_STORE_DONE ? VW_RESULT_DONE : VW_RESULT_EEPROM_FAILED);
+        vw_answer_store(&link->answer, state == VW_STORE_DONE ? VW_RESULT_DONE : VW_RESULT_EEPROM_FAILED);
     }
 }
 
 void vw_link_run(vw_link_t *link, uint32_t now_ms)
 {
-    link->now_ms = now_ms;
+    link->answer.now_ms = now_ms;
     if ((uint32_t)(now_ms - link->last_byte_ms) > VW_LINE_SILENCE_MS) {
         vw_decoder_idle(&link->decoder);
         link->last_byte_ms = now_ms;
     }
-    if (!link->has_reply) {
+    if (!link->answer.outbox.has_reply) {
         run_store(link);
     }
-    if (link->can != NULL) {
-        uint8_t lost = vw_can_expire(link->can, now_ms);
+    if (link->answer.can != NULL) {
+        uint8_t lost = vw_can_expire(link->answer.can, now_ms);
         if (lost < VW_N_CAN_MESSAGES) {
-            vw_link_event(link, VW_EVENT_CAN_RX_TIMEOUT, VW_NO_CELL, lost, link->master->conf.can_rx_msg_timeout[lost]);
+            uint16_t timeout_ms = link->answer.master->conf.can_rx_msg_timeout[lost];
+            vw_link_event(link, VW_EVENT_CAN_RX_TIMEOUT, VW_NO_CELL, lost, timeout_ms);
         }
     }
 }
 
 static size_t data_body(vw_link_t *link)
 {
+    vw_answer_t *answer = &link->answer;
     vw_span_t spans[VW_STREAM_MAX_SPANS];
-    uint8_t i, n = link->is_streaming ? vw_stream_take(&link->stream, link->now_ms, spans) : 0u;
+    uint8_t i, n = link->is_streaming ? vw_stream_take(&answer->stream, answer->now_ms, spans) : 0u;
     size_t length = 0u;
     if (n == 0u) {
         return 0u;
     }
-    vw_lock(link->board);
+    vw_lock(answer->board);
     for (i = 0u; i < n; i++) {
-        length = vw_data_append(link->body, length, (const uint8_t *)link->master, spans[i].offset, spans[i].length);
+        const uint8_t *master = (const uint8_t *)answer->master;
+        length = vw_data_append(answer->body, length, master, spans[i].offset, spans[i].length);
     }
-    vw_unlock(link->board);
+    vw_unlock(answer->board);
     return length;
 }
 
 static size_t send(vw_link_t *link, uint8_t type, const uint8_t *body, size_t length, uint8_t *out)
 {
-    size_t n = vw_frame_encode(type, link->sequence, link->now_ms, body, length, out, VW_MAX_FRAME);
+    size_t n = vw_frame_encode(type, link->sequence, link->answer.now_ms, body, length, out, VW_MAX_FRAME);
     link->sequence++;
     return n;
 }
 
 size_t vw_link_next(vw_link_t *link, uint32_t now_ms, uint8_t out[VW_MAX_FRAME])
 {
+    vw_answer_t *answer = &link->answer;
     size_t length;
-    link->now_ms = now_ms;
-    if (link->has_reply && link->events_ahead == 0u) {
-        link->has_reply = false;
-        return send(link, VW_MSG_REPLY, link->reply, link->reply_length, out);
+    answer->now_ms = now_ms;
+    if (vw_outbox_is_reply_next(&answer->outbox)) {
+        const uint8_t *reply = vw_outbox_take_reply(&answer->outbox, &length);
+        return send(link, VW_MSG_REPLY, reply, length, out);
     }
-    if (link->restart_asked && !link->has_reply) {
-        link->restart_asked = false;
-        if (link->board->restart != NULL) {
-            link->board->restart(link->board->context);
+    if (answer->restart_asked && !answer->outbox.has_reply) {
+        answer->restart_asked = false;
+        if (answer->board->restart != NULL) {
+            answer->board->restart(answer->board->context);
         }
     }
-    if (link->n_events != 0u) {
-        length = vw_event_body(link->body, &link->events[link->first_event]);
-        drop_event(link);
-        return send(link, VW_MSG_EVENT, link->body, length, out);
+    length = vw_outbox_take_event(&answer->outbox, answer->body);
+    if (length != 0u) {
+        return send(link, VW_MSG_EVENT, answer->body, length, out);
     }
     length = data_body(link);
-    return length == 0u ? 0u : send(link, VW_MSG_DATA, link->body, length, out);
+    return length == 0u ? 0u : send(link, VW_MSG_DATA, answer->body, length, out);
 }

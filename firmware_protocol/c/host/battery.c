@@ -120,10 +120,10 @@ enum vw_result battery_command(battery_t *battery, uint8_t command, int32_t argu
         vw_link_event(battery->link, VW_EVENT_SOC_SET, VW_NO_OFFSET, argument, 0);
         break;
     case VW_COMMAND_CAN_TX_ENABLE:
-        vw_can_enable(battery->link->can, (uint8_t)argument);
+        vw_can_enable(battery->link->answer.can, (uint8_t)argument);
         break;
     case VW_COMMAND_CAN_SEND:
-        vw_can_send_once(battery->link->can, (uint8_t)argument);
+        vw_can_send_once(battery->link->answer.can, (uint8_t)argument);
         break;
     default:
         break;

@@ -101,7 +101,7 @@ static void boot(const options_t *options, uint8_t cause)
     ident.boots = ++boots;
     vw_link_init(&line, &board, &memory, &can, &ident);
     if (options->has_other_map) {
-        line.ident.map_hash[0] ^= 0xFFu;
+        line.answer.ident.map_hash[0] ^= 0xFFu;
     }
     battery_init(&pc.battery, &memory, &line, options->is_driving);
     vw_can_init(&can, &board, &memory);
@@ -141,7 +141,7 @@ static int run(const options_t *options, const pty_t *pty, int fd)
         uint64_t now_us = clock_us() - start_us;
         uint32_t now_ms = (uint32_t)(now_us / 1000u);
         pc.eeprom.now_ms = now_ms;
-        if (poll(&waiting, 1u, vw_store_is_busy(&line.store) ? 0 : 1) > 0 && !receive(fd, now_ms)) {
+        if (poll(&waiting, 1u, vw_store_is_busy(&line.answer.store) ? 0 : 1) > 0 && !receive(fd, now_ms)) {
             break;
         }
         vw_link_run(&line, now_ms);
