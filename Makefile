@@ -1,9 +1,11 @@
 # Everything a contributor types. Needs Python 3.11 and make; the rest is fetched from PyPI and npm into this folder.
-# Variables: PYTHON=python3.11, ARGS="--serial /dev/ttyUSB0" for `make run`, TESTS=tests/unit for `make test`.
+# Variables: PYTHON=python3.11, ARGS="--serial /dev/ttyUSB0" for `make run`, TESTS=tests/unit for `make test`,
+# WORKERS=1 for one test process instead of one per core.
 
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(if $(shell command -v $p 2>/dev/null),$p)))
 ARGS ?=
 TESTS ?=
+WORKERS ?= auto
 
 VENV := .venv
 PY := $(VENV)/bin/python
@@ -29,7 +31,7 @@ run: $(VENV)/.run-installed frontend ## set up what is missing, then serve the s
 
 test: $(VENV)/.dev-installed frontend browser ## set up what is missing, then run every test, in the browser too
 	@$(PY) hatch_build.py npm run --silent test
-	@$(PY) -m pytest $(TESTS)
+	@$(PY) -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(TESTS)
 
 check: lint types imports generated-check frontend-check ## formatting, lint, types, import rules, generated files; changes nothing
 

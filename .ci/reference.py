@@ -48,6 +48,7 @@ PURPOSE = {
     "playwright": "drives the browser tests",
     "pytest": "tests",
     "pytest-timeout": "no test hangs",
+    "pytest-xdist": "tests in several processes",
     "requests": "what schemathesis sends with",
     "ruff": "formatting and lint",
     "schemathesis": "asks every operation of the OpenAPI document for anything",

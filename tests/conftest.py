@@ -18,7 +18,9 @@ import httpx
 import pytest
 
 START_S = 30.0
-C_FOLDER = Path(__file__).parents[1] / "firmware_protocol" / "c"
+TESTS_FOLDER = Path(__file__).parent
+SLOWEST_FIRST = ("e2e", "integration", "numeric", "property", "docs", "unit")
+C_FOLDER = TESTS_FOLDER.parent / "firmware_protocol" / "c"
 C_FLAGS = ("-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Werror")
 C_SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
@@ -179,6 +181,13 @@ def c_master_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program `firmware_protocol/c/host/master.c`, built once."""
     sources = (*sorted(C_FOLDER.glob("vw_*.c")), *sorted((C_FOLDER / "host").glob("*.c")))
     return compile_c(tmp_path_factory.mktemp("c-master") / "master", *sources)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Start with the folders whose files take longest, so that all workers end at nearly the same time."""
+    if config.getoption("dist", "no") != "no":
+        rank = {name: number for number, name in enumerate(SLOWEST_FIRST)}
+        items.sort(key=lambda item: rank.get(item.path.relative_to(TESTS_FOLDER).parts[0], 0))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -41,9 +41,9 @@ def missing(what: str, remedy: str) -> None:
     pytest.skip(text)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
-    """One Chromium for all tests."""
+    """One Chromium for all tests of this folder; with it ends the event loop that Playwright runs in this thread."""
     path = next((found for name in CHROMIUM if (found := shutil.which(name))), None)
     if path is None:
         missing("a browser", "install chromium, for example with `apt-get install chromium`")
