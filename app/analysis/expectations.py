@@ -7,34 +7,18 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf, isfinite, sqrt
 from typing import Any, Final
 
 from app.errors import ConfigError
+from app.telemetry import Accumulator, Cells
+from app.telemetry.fields import units
 
 CELLS_PER_PACK: Final = 12
 N_PACKS: Final = 8
-TOTALS: Final = (
-    "soc",
-    "soc_min",
-    "soc_max",
-    "soc_spread",
-    "soc_sigma",
-    "driver_soc_percent",
-    "voltage_v",
-    "current_a",
-    "power_w",
-    "voltage_min_v",
-    "voltage_max_v",
-    "voltage_delta_v",
-    "temperature_min_degc",
-    "temperature_max_degc",
-    "energy_out_wh",
-    "energy_in_wh",
-)
-PER_CELL: Final = ("soc", "soc_sigma", "voltage_v", "temperature_degc", "ocv_v", "residual_v", "resistance_ohm")
+TOTALS: Final = tuple(name for name, _ in units(Accumulator))
+PER_CELL: Final = tuple(name for name, _ in units(Cells))
 SEVERITIES: Final = ("watch", "warning", "trip")
 _NAME = re.compile(r"(?P<name>[a-z_]+)(?:\[(?P<pack>\d+)/(?P<cell>\d+)\])?")
 _PLACE = re.compile(r"(?P<pack>\d+)/(?P<cell>\d+)")
@@ -53,11 +37,11 @@ class Raised:
 
 @dataclass(frozen=True)
 class Values:
-    """One snapshot of the replay: totals by name, rows of all cells by name, and the charge recorded then."""
+    """What one snapshot of the replay says, and the charge recorded then."""
 
     t_s: float
-    totals: Mapping[str, Any]
-    cells: Mapping[str, Any]
+    totals: Accumulator
+    cells: Cells
     recorded_soc: float | None
 
 
@@ -114,7 +98,7 @@ class _Value:
     def take(self, values: Values) -> None:
         if not self.from_s <= values.t_s <= self.to_s:
             return
-        value = values.totals.get(self.name) if self.cell is None else values.cells[self.name][self.cell]
+        value = getattr(values.totals, self.name) if self.cell is None else getattr(values.cells, self.name)[self.cell]
         if value is None or not isfinite(value):
             return
         if self.at_s is not None and self.samples:
@@ -142,7 +126,7 @@ class _Agreement:
     samples: int = 0
 
     def take(self, values: Values) -> None:
-        now, was = values.totals.get("soc"), values.recorded_soc
+        now, was = values.totals.soc, values.recorded_soc
         if now is None or was is None or not self.from_s <= values.t_s <= self.to_s:
             return
         self.samples += 1

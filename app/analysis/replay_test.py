@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from app.analysis.expectations import PER_CELL, Expectations, Raised, Values, Verdict
+from app.analysis.expectations import Expectations, Raised, Values, Verdict
 from app.live.cells import mean
 from app.live.pipeline import Output, Pipeline
 from app.sessions.info import RecordedConfig
@@ -32,5 +32,4 @@ def _tell(expectations: Expectations, output: Output, t_s: float, recorded: Reco
     if snapshot is None:
         return
     was = recorded.at(snapshot.t_mono_ns)
-    cells = {name: getattr(snapshot.cells, name) for name in PER_CELL}
-    expectations.values(Values(t_s, snapshot.accumulator, cells, None if was is None else mean(was[0])))
+    expectations.values(Values(t_s, snapshot.accumulator, snapshot.cells, None if was is None else mean(was[0])))

@@ -1,14 +1,13 @@
 """What is told of each cell and of each pack, out of what the master sent and what the estimator made of it."""
 
 import math
-from typing import Any
 
 import numpy as np
 
 from app.estimation.filters.estimators import Estimates
 from app.live.prediction import Outlook
 from app.sources.master.decode import NO_CELLS, Decoder
-from app.telemetry import Cells, FloatArray
+from app.telemetry import Cells, FloatArray, Pack
 from firmware_protocol.memory_map import CELLS_PER_PACK, N_PACKS
 
 
@@ -52,23 +51,19 @@ def mean(values: FloatArray) -> float | None:
     return float(present.sum() / len(present)) if len(present) else None
 
 
-def packs_of(cells: Cells, decoder: Decoder) -> list[dict[str, Any]]:
+def packs_of(cells: Cells, decoder: Decoder) -> tuple[Pack, ...]:
     """Eight packs: voltage only where all twelve cells are there."""
     voltages_v = cells.voltage_v.reshape(N_PACKS, CELLS_PER_PACK)
     temperatures_degc = cells.temperature_degc.reshape(N_PACKS, CELLS_PER_PACK)
     low_v, high_v = np.fmin.reduce(voltages_v, axis=1), np.fmax.reduce(voltages_v, axis=1)
-    columns = {
-        "voltage_v": voltages_v.sum(axis=1),
-        "min_v": low_v,
-        "max_v": high_v,
-        "delta_v": high_v - low_v,
-        "temperature_max_degc": np.fmax.reduce(temperatures_degc, axis=1),
-        "temperature_min_degc": np.fmin.reduce(temperatures_degc, axis=1),
-    }
-    packs: list[dict[str, Any]] = [{} for _ in range(N_PACKS)]
-    for name, column in columns.items():
-        for pack, value in zip(packs, column.tolist(), strict=True):
-            pack[name] = None if math.isnan(value) else value
-    for index, pack in enumerate(packs):
-        pack["slave_status"] = decoder.integer(f"slave[{index}].status")
-    return packs
+    columns = (
+        voltages_v.sum(axis=1),
+        low_v,
+        high_v,
+        high_v - low_v,
+        np.fmax.reduce(temperatures_degc, axis=1),
+        np.fmin.reduce(temperatures_degc, axis=1),
+    )
+    known = ([None if math.isnan(value) else value for value in column.tolist()] for column in columns)
+    status = [decoder.integer(f"slave[{pack}].status") for pack in range(N_PACKS)]
+    return tuple(map(Pack, *known, status))

@@ -7,7 +7,7 @@ import numpy as np
 
 from app.estimation.health.joint_watch import ALARM_OHM
 from app.sources.master.decode import BLANK_S
-from app.telemetry import Severity, Snapshot
+from app.telemetry import AlarmSeverity, Snapshot
 from firmware_protocol.memory_map import CONFIG, N_CELLS
 
 V_WATCH_V = 0.05  # this close to a voltage limit
@@ -20,7 +20,7 @@ class Condition:
     """One thing that is wrong now. `key` tells two of them apart; `excess` in units of the limit's margin, >= 0."""
 
     code: str
-    severity: Severity
+    severity: AlarmSeverity
     text: str
     cell: int | None = None
     value: float | None = None
@@ -52,16 +52,16 @@ def is_judged(code: str, snapshot: Snapshot) -> bool:
     """True where the snapshot knows what a condition is about; where not, that it is not yielded says nothing."""
     total, master = snapshot.accumulator, snapshot.master
     if code.startswith("cell-voltage"):
-        return _has_limits(snapshot) and total["voltage_min_v"] is not None
+        return _has_limits(snapshot) and total.voltage_min_v is not None
     if code in ("cell-hot", "cell-near-hot", "cell-cold"):
-        return _has_limits(snapshot) and total["temperature_max_degc"] is not None
+        return _has_limits(snapshot) and total.temperature_max_degc is not None
     if code.startswith("current"):
-        return _has_limits(snapshot) and total["current_a"] is not None
+        return _has_limits(snapshot) and total.current_a is not None
     if code.startswith("charger"):
-        return snapshot.charger["state"] is not None
+        return snapshot.charger.state is not None
     known: dict[str, bool] = {
-        "master-fault": master["state"] != "unknown",
-        "map-mismatch": master["map_matches"] is not None,
+        "master-fault": master.state != "unknown",
+        "map-mismatch": master.map_matches is not None,
         "cell-missing": _is_recent(snapshot),
         "model-not-valid": snapshot.cells.model_valid is not None,
     }
@@ -69,12 +69,12 @@ def is_judged(code: str, snapshot: Snapshot) -> bool:
 
 
 def _has_limits(snapshot: Snapshot) -> bool:
-    return snapshot.age_s["config"] is not None and bool(snapshot.master["state"] != "unknown")
+    return snapshot.age_s.config is not None and snapshot.master.state != "unknown"
 
 
 def _is_recent(snapshot: Snapshot) -> bool:
     """Voltages arrive, whatever they say."""
-    age_s = snapshot.age_s["voltage"]
+    age_s = snapshot.age_s.voltage
     return age_s is not None and age_s <= BLANK_S
 
 
@@ -84,14 +84,14 @@ def _limit(snapshot: Snapshot, name: str) -> float:
 
 
 def _links(snapshot: Snapshot) -> Iterator[Condition]:
-    for name, label in (("rs232", "RS232"), ("can", "CAN")):
-        status = snapshot.links[name]  # type: ignore[index]
+    for name, status in snapshot.links.items():
+        label = name.upper()
         if status.state == "lost":
             yield Condition(f"{name}-lost", "warning", f"{label} lost: {status.error or 'closed'}")
         elif status.state == "silent" and status.frames:
             yield Condition(f"{name}-silent", "warning", f"{label} silent", value=status.age_s, limit=1.0, unit="s")
 
-    can = snapshot.links["can"]
+    can = snapshot.links.can
     if can.bus_state in ("passive", "off"):
         text = "CAN controller off the bus" if can.bus_state == "off" else "CAN controller error-passive"
         yield Condition(
@@ -112,30 +112,30 @@ def _limits(snapshot: Snapshot, slack: float) -> Iterator[Condition]:
     total = snapshot.accumulator
     volts, degrees = 0.01 * slack, 1.0 * slack
     low, high = _limit(snapshot, "v_cell_min"), _limit(snapshot, "v_cell_max")
-    value, cell = total["voltage_min_v"], total["voltage_min_cell"]
+    value, cell = total.voltage_min_v, total.voltage_min_cell
     if value is not None:
         if value < low + volts:
             yield Condition("cell-voltage-low", "trip", "cell voltage below its limit", cell, value, low, "V")
         elif value < low + V_WATCH_V * 4 + volts:
             yield Condition("cell-voltage-near-low", "watch", "cell voltage near its limit", cell, value, low, "V")
-    value, cell = total["voltage_max_v"], total["voltage_max_cell"]
+    value, cell = total.voltage_max_v, total.voltage_max_cell
     if value is not None:
         if value > high - volts:
             yield Condition("cell-voltage-high", "trip", "cell voltage above its limit", cell, value, high, "V")
         elif value > high - V_WATCH_V / 5 - volts:
             yield Condition("cell-voltage-near-high", "watch", "cell voltage near its limit", cell, value, high, "V")
     cold, hot = _limit(snapshot, "t_cell_min"), _limit(snapshot, "t_cell_max")
-    value, cell = total["temperature_max_degc"], total["temperature_max_cell"]
+    value, cell = total.temperature_max_degc, total.temperature_max_cell
     if value is not None:
         if value > hot - degrees:
             yield Condition("cell-hot", "trip", "cell too hot", cell, value, hot, "degC")
         elif value > hot - T_WATCH_DEGC - degrees:
             yield Condition("cell-near-hot", "watch", "cell near its temperature limit", cell, value, hot, "degC")
-    value, cell = total["temperature_min_degc"], total["temperature_min_cell"]
+    value, cell = total.temperature_min_degc, total.temperature_min_cell
     if value is not None and value < cold + degrees:
         yield Condition("cell-cold", "trip", "cell too cold", cell, value, cold, "degC")
-    current_a = total["current_a"]
-    charging = snapshot.master["state"] == "charge"
+    current_a = total.current_a
+    charging = snapshot.master.state == "charge"
     top_a = -_limit(snapshot, "i_chrg_min") if charging else _limit(snapshot, "i_disc_max")
     bottom_a = -_limit(snapshot, "i_chrg_max") * 1.05 if charging else _limit(snapshot, "i_disc_min")
     if current_a is not None and not charging and current_a > top_a:
@@ -146,11 +146,11 @@ def _limits(snapshot: Snapshot, slack: float) -> Iterator[Condition]:
 
 def _master(snapshot: Snapshot) -> Iterator[Condition]:
     master = snapshot.master
-    if master["state"] == "fault":
-        yield Condition("master-fault", "trip", f"shutdown circuit open: {master['why']}")
-    if master["map_matches"] is False:
+    if master.state == "fault":
+        yield Condition("master-fault", "trip", f"shutdown circuit open: {master.why}")
+    if master.map_matches is False:
         yield Condition("map-mismatch", "warning", "the master's memory map is another one; writes are refused")
-    for flag in snapshot.charger["flags"]:
+    for flag in snapshot.charger.flags:
         yield Condition(f"charger-{flag.replace(' ', '-')}", "warning", f"charger reports: {flag}")
 
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.telemetry import FloatArray, Snapshot
+from app.telemetry import Accumulator, Cells, FloatArray, Snapshot
+from app.telemetry.fields import Part, kept
 from firmware_protocol.memory_map import N_CELLS
 
 LENGTH_S = 900
@@ -16,21 +17,7 @@ TOTALS_LENGTH = LENGTH_S * 28  # the line carries no more than 28 snapshots a se
 CELLS_EVERY_NS = 180_000_000  # 96 cells fill memory: of more than two samples in this time, lowest and highest
 CELLS_LENGTH = LENGTH_S * 12  # rows, two for each such time
 STALE_S = 1.0  # a part that is older is no sample: another link may have brought the snapshot
-TOTALS = {  # name to the part of the shadow that it is made of
-    "voltage_v": "voltage",
-    "current_a": "current",
-    "power_w": "current",
-    "soc": "voltage",
-    "driver_soc_percent": "voltage",
-    "soc_sigma": "voltage",
-    "soc_min": "voltage",
-    "soc_max": "voltage",
-    "voltage_min_v": "voltage",
-    "voltage_max_v": "voltage",
-    "voltage_delta_v": "voltage",
-    "temperature_min_degc": "temperature",
-    "temperature_max_degc": "temperature",
-}
+TOTALS = {name: part for name, _, part in kept(Accumulator)}  # and the part of the measurement that dates each
 
 
 @dataclass(frozen=True)
@@ -39,7 +26,7 @@ class Counts:
 
     step: float
     zero: float = 0.0
-    part: str = "voltage"  # of the shadow that it is made of
+    part: Part = "voltage"  # of the measurement, which dates it
 
     def of(self, values: FloatArray) -> NDArray[np.int16]:
         """Values as counts, held at the ends; NaN as MISSING."""
@@ -53,13 +40,10 @@ class Counts:
 
 
 MISSING = -32768
-PER_CELL = {
-    "voltage_v": Counts(1e-4, zero=3.0),  # as fine as the struct's
-    "temperature_degc": Counts(0.01, part="temperature"),
-    "soc": Counts(4e-5),
-    "soc_sigma": Counts(4e-5),
-    "residual_v": Counts(1e-4),
-}
+STEPS = {"V": 1e-4, "degC": 0.01, "1": 4e-5}  # by unit; of voltages as fine as they are measured
+MIDDLE = {"voltage_v": 3.0}  # 16 bits reach 3.28 V up and down from it
+PER_CELL = {name: Counts(STEPS[unit.unit], MIDDLE.get(name, 0.0), part) for name, unit, part in kept(Cells)}
+_PARTS = {*TOTALS.values(), *(scale.part for scale in PER_CELL.values())}
 
 
 class _Ring:
@@ -111,16 +95,17 @@ class History:
         t_ns = snapshot.t_mono_ns
         with self._lock:
             self._wall_minus_mono_ns = snapshot.t_wall_ns - t_ns
-            old = {part for part, age_s in snapshot.age_s.items() if age_s is None or age_s >= STALE_S}
-            totals = ((name, None if part in old else snapshot.accumulator[name]) for name, part in TOTALS.items())
+            old = {part for part in _PARTS if (age_s := getattr(snapshot.age_s, part)) is None or age_s >= STALE_S}
+            total = snapshot.accumulator
+            totals = ((name, None if part in old else getattr(total, name)) for name, part in TOTALS.items())
             self._totals.add(t_ns, {name: np.nan if value is None else value for name, value in totals})
             if self._held and t_ns - self._held[0][0] >= CELLS_EVERY_NS:
                 self._keep_held()
             counts = {
                 name: np.full(N_CELLS, MISSING, np.int16)
-                if kept.part in old
-                else kept.of(getattr(snapshot.cells, name))
-                for name, kept in PER_CELL.items()
+                if scale.part in old
+                else scale.of(getattr(snapshot.cells, name))
+                for name, scale in PER_CELL.items()
             }
             self._held.append((t_ns, counts))
 

@@ -6,26 +6,38 @@ Replaying recorded items through a fresh Pipeline gives the same snapshots again
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimators import CellEstimator, Estimates
-from app.estimation.health.sensor_offset import SensorOffset
 from app.estimation.prediction.driver_soc import DriverSoc
 from app.estimation.prediction.power import Limits
-from app.live.accumulator import charge_of, state_of, totals_of
+from app.live.accumulator import accumulator_of, state_of
 from app.live.alarms import Watch
 from app.live.cells import cells_of, packs_of
-from app.live.plausibility import Plausibility
+from app.live.plausibility import PlausibilityChecks
 from app.live.prediction import Lookout, Outlook
 from app.sources.links.monitor import LIVE_S, LinkMonitor, rs232_monitor
 from app.sources.master.agreement import Agreement
 from app.sources.master.decode import PARTS, Decoder
 from app.sources.master.events import describe
 from app.sources.master.shadow import ShadowImage
-from app.telemetry import CanFault, CanItem, Event, FloatArray, Identity, Item, LinkChange, SerialItem, Snapshot, Source
+from app.telemetry import (
+    CanFault,
+    CanItem,
+    Estimator,
+    Event,
+    FloatArray,
+    Identity,
+    Item,
+    LinkChange,
+    Links,
+    Master,
+    SerialItem,
+    Snapshot,
+    Source,
+)
 from firmware_protocol.can_tables import TableReader, bit_rate, tx_messages
 from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.errors import DecodeError
@@ -59,9 +71,6 @@ class Output:
     uptime_ms: int = 0
 
 
-_NO_SENSOR = {"current_offset_a": None, "current_offset_sigma_a": None}
-
-
 class Pipeline:
     """One source's chain. `feed` and `tick` are called from one thread; `acknowledge` from any."""
 
@@ -85,19 +94,19 @@ class Pipeline:
         self._estimator: CellEstimator | None = None
         self._spare: CellEstimator | None = None
         self._skipped = 0  # measurements without a current, without any voltage, or on which the estimator failed
-        self.names = {"filter": filter_name, "cell": cell_name}
+        self.filter_name, self.cell_name = filter_name, cell_name
         self._monitors = {"rs232": rs232_monitor(rs232_url), "can": LinkMonitor(can_url)}
         self._watch = Watch()
         self._watch_lock = threading.Lock()
         self._driver = DriverSoc(N_CELLS)
-        self._plausibility = Plausibility()
+        self._plausibility = PlausibilityChecks()
         self._estimates: Estimates | None = None
         self._uptime_ms: int | None = None
         self._last_can_snapshot_ns = 0
         self._last_trip: str | None = None
         self._sequence = 0
         self._driver_percent: int | None = None
-        self._energy_wh = {"energy_out_wh": 0.0, "energy_in_wh": 0.0}
+        self._energy_out_wh = self._energy_in_wh = 0.0
         self._stopwatch_ns = stopwatch_ns
         self._lookout = lookout
         self._start_soc = start_soc  # (soc, sigma) of an earlier run
@@ -232,7 +241,8 @@ class Pipeline:
                 self._lookout.step(dt_s, current_a, voltages_v, power_w, estimates, decoder.relays_open())
                 self._measured = current_a, decoder.temperatures_degc()
             if dt_s is not None and dt_s <= MAX_ENERGY_STEP_S:
-                self._energy_wh["energy_out_wh" if power_w > 0 else "energy_in_wh"] += abs(power_w) * dt_s / 3600
+                self._energy_out_wh += max(power_w, 0.0) * dt_s / 3600
+                self._energy_in_wh += max(-power_w, 0.0) * dt_s / 3600
         self._skipped += estimates is None
         output = self._publish(item.t_mono_ns, item.t_wall_ns, fresh=True)
         return Output(output.snapshot, events + output.events, None, estimates, frame.uptime_ms)
@@ -306,14 +316,13 @@ class Pipeline:
 
     def _publish(self, t_mono_ns: int, t_wall_ns: int, *, fresh: bool) -> Output:
         decoder = Decoder(self.shadow, t_mono_ns)
-        age_s = {part: self.shadow.age_s(start, length, t_mono_ns) for part, (start, length) in PARTS.items()}
-        voltage_age_s = age_s["voltage"]
-        estimates = self._estimates if voltage_age_s is not None and voltage_age_s <= LIVE_S * 10 else None
+        age_s = decoder.ages()
+        estimates = self._estimates if age_s.voltage is not None and age_s.voltage <= LIVE_S * 10 else None
         outlook = self._lookout.outlook if self._lookout is not None and estimates is not None else Outlook()
         cells = cells_of(decoder, estimates, outlook)
         charger = decoder.charger()
         flags = decoder.flags()
-        state, why = state_of(flags, charger["state"], self._last_trip)
+        state, why = state_of(flags, charger.state, self._last_trip)
         identity, config = self.identity, self._config_in_force()
         self._sequence += 1
         snapshot = Snapshot(
@@ -325,31 +334,29 @@ class Pipeline:
             image=bytes(self.shadow.image),
             age_s=age_s,
             cells=cells,
-            accumulator=totals_of(cells, decoder) | charge_of(cells, decoder, self._driver_percent) | self._energy_wh,
+            accumulator=accumulator_of(cells, decoder, self._driver_percent, self._energy_out_wh, self._energy_in_wh),
             packs=packs_of(cells, decoder),
             prediction=outlook.prediction,
-            master={
-                "state": state,
-                "why": why,
-                "fit": None if flags is None else flags["fit"],
-                "flags": flags,
-                "soc": decoder.number("soc"),
-                "charge_drawn_ah": decoder.number("dod"),
-                "n_slaves": decoder.integer("n_slaves"),
-                "can_tx_enabled": decoder.integer("status.can_tx_msg_en"),
-                "can_rx_enabled": decoder.integer("status.can_rx_msg_en"),
-                "can_rx_active": decoder.integer("status.can_rx_msg_active"),
-                "firmware": identity and identity.firmware,
-                "protocol": identity and identity.protocol,
-                "map_hash": identity and identity.map_hash,
-                "map_matches": identity and identity.is_compatible,
-                "boots": identity and identity.boots,
-            },
+            master=Master(
+                state=state,
+                why=why,
+                fit=None if flags is None else flags.fit,
+                flags=flags,
+                soc=decoder.number("soc"),
+                charge_drawn_ah=decoder.number("dod"),
+                n_slaves=decoder.integer("n_slaves"),
+                can_tx_enabled=decoder.integer("status.can_tx_msg_en"),
+                can_rx_enabled=decoder.integer("status.can_rx_msg_en"),
+                can_rx_active=decoder.integer("status.can_rx_msg_active"),
+                firmware=None if identity is None else identity.firmware,
+                protocol=None if identity is None else identity.protocol,
+                map_hash=None if identity is None else identity.map_hash,
+                map_matches=None if identity is None else identity.is_compatible,
+                boots=None if identity is None else identity.boots,
+            ),
             charger=charger,
-            links={name: monitor.status(t_mono_ns) for name, monitor in self._monitors.items()},  # type: ignore[misc]
-            estimator=self.names
-            | {"step_us": self._step_us, "started": self._estimator is not None, "skipped": self._skipped}
-            | (_NO_SENSOR if self._lookout is None else _sensor(self._lookout.sensor)),
+            links=self._links(t_mono_ns),
+            estimator=self._estimator_state(),
             plausibility=self._plausibility.verdicts(cells, decoder),
             config=config and config[0],
             config_hash=config and config[1],
@@ -360,12 +367,22 @@ class Pipeline:
             alarms, events = self._watch.step(snapshot)
         return Output(replace(snapshot, alarms=alarms), tuple(events))
 
+    def _links(self, t_mono_ns: int) -> Links:
+        """Both links; a CAN controller sorts bad frames out by itself and does not tell how many."""
+        can = self._monitors["can"].status(t_mono_ns)
+        return Links(self._monitors["rs232"].status(t_mono_ns), replace(can, crc_errors=None, resyncs=None))
 
-def _sensor(sensor: SensorOffset) -> dict[str, Any]:
-    return {
-        "current_offset_a": sensor.offset_a if sensor.is_observed else None,
-        "current_offset_sigma_a": sensor.sigma_a,
-    }
+    def _estimator_state(self) -> Estimator:
+        sensor = None if self._lookout is None else self._lookout.sensor
+        return Estimator(
+            filter=self.filter_name,
+            cell=self.cell_name,
+            step_us=self._step_us,
+            started=self._estimator is not None,
+            skipped=self._skipped,
+            current_offset_a=sensor.offset_a if sensor is not None and sensor.is_observed else None,
+            current_offset_sigma_a=None if sensor is None else sensor.sigma_a,
+        )
 
 
 def _start(

@@ -6,12 +6,11 @@ missing or says nothing. A check never changes a value; it says how far one may 
 
 import math
 from collections import deque
-from typing import Any
 
 import numpy as np
 
 from app.sources.master.decode import Decoder
-from app.telemetry import Cells, FloatArray
+from app.telemetry import Cells, Check, FloatArray, Plausibility
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, N_PACKS
 
 SUM_LIMIT_V = 0.5  # rounding of 96 cells and of the total
@@ -25,7 +24,7 @@ LEAST_VOLTAGE_V = 0.08  # of a cell on average, likewise
 RESISTANCE_OHM = (2e-4, 2e-2)  # of one cell of ten 18650 in parallel with its joints, new to worn out
 
 
-class Plausibility:
+class PlausibilityChecks:
     """Follows the measurements; `verdicts` judges the newest."""
 
     def __init__(self) -> None:
@@ -81,32 +80,32 @@ class Plausibility:
             moved = self._chip_v + share * (difference - self._chip_v)
             self._chip_v = np.where(np.isnan(moved), difference, moved)
 
-    def verdicts(self, cells: Cells, decoder: Decoder) -> dict[str, dict[str, Any]]:
-        """Return what each check finds: verdict, value, limit, unit, and the cell it concerns."""
-        return {"sum": _sum(cells, decoder), "current": self._current(), "chips": self._chips()}
+    def verdicts(self, cells: Cells, decoder: Decoder) -> Plausibility:
+        """Return what each check finds."""
+        return Plausibility(_sum(cells, decoder), self._current(), self._chips())
 
-    def _current(self) -> dict[str, Any]:
+    def _current(self) -> Check:
         low, high = RESISTANCE_OHM
         if self._squares_a2 < LEAST_CURRENT_A**2:
             still = math.sqrt(self._squares_v2) >= LEAST_VOLTAGE_V  # voltages move, current does not
-            return _check(False if still else None, None, high, "ohm")
+            return Check(False if still else None, None, high, "ohm", None)
         resistance_ohm = self._products_va / self._squares_a2
-        return _check(low <= resistance_ohm <= high, resistance_ohm, high, "ohm")
+        return Check(low <= resistance_ohm <= high, resistance_ohm, high, "ohm", None)
 
-    def _chips(self) -> dict[str, Any]:
+    def _chips(self) -> Check:
         if self._chip_v is None or np.isnan(self._chip_v).all():
-            return _check(None, None, CHIP_LIMIT_V, "V")
+            return Check(None, None, CHIP_LIMIT_V, "V", None)
         cell = int(np.nanargmax(np.abs(self._chip_v)))
         value = abs(float(self._chip_v[cell]))
-        return _check(value <= CHIP_LIMIT_V, value, CHIP_LIMIT_V, "V", cell)
+        return Check(value <= CHIP_LIMIT_V, value, CHIP_LIMIT_V, "V", cell)
 
 
-def _sum(cells: Cells, decoder: Decoder) -> dict[str, Any]:
+def _sum(cells: Cells, decoder: Decoder) -> Check:
     total_v = decoder.number("v_tot")
     if total_v is None or np.isnan(cells.voltage_v).any():
-        return _check(None, None, SUM_LIMIT_V, "V")
+        return Check(None, None, SUM_LIMIT_V, "V", None)
     difference = abs(float(cells.voltage_v.sum()) - total_v)
-    return _check(difference <= SUM_LIMIT_V, difference, SUM_LIMIT_V, "V")
+    return Check(difference <= SUM_LIMIT_V, difference, SUM_LIMIT_V, "V", None)
 
 
 def _deviation(values_v: FloatArray) -> FloatArray:
@@ -117,9 +116,3 @@ def _deviation(values_v: FloatArray) -> FloatArray:
     middle[known, 0] = np.nanmedian(packs[known], axis=1)
     deviation: FloatArray = (packs - middle).ravel()
     return deviation
-
-
-def _check(
-    verdict: bool | None, value: float | None, limit: float, unit: str, cell: int | None = None
-) -> dict[str, Any]:
-    return {"verdict": verdict, "value": value, "limit": limit, "unit": unit, "cell": cell}

@@ -5,9 +5,8 @@ out. It feeds app.estimation and knows no equation itself.
 """
 
 from collections import deque
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from math import isfinite
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from app.estimation.health.rest_capacity import CapacityBetweenRests
 from app.estimation.health.sensor_offset import OffsetTracker
 from app.estimation.prediction.energy import EnergyLeft, LapsLeft, energy_left, lap_energies_wh, lap_period_s, laps_left
 from app.estimation.prediction.power import CellStates, Limits, PowerModel, StatePower, TimeToTrip
-from app.telemetry import BoolArray, FloatArray
+from app.telemetry import BoolArray, CountedWith, FloatArray, Prediction
 from firmware_protocol.memory_map import CELLS_PER_PACK
 
 LOOK_S = 1.0
@@ -45,13 +44,12 @@ class Outlook:
     to_trip_full: tuple[TimeToTrip, ...] = ()  # at the full discharge current
     energy: EnergyLeft | None = None
     laps: LapsLeft | None = None
-    lap_period_s: float | None = None
     joints: JointReport | None = None
     loose: BoolArray | None = None  # confirmed
     health: StateOfHealth | None = None
     capacity_ah: FloatArray | None = None
     learned: Learned | None = None  # what power, times, energy and laps were counted with
-    prediction: dict[str, Any] | None = None  # the above that is not per cell, as the API shows it
+    prediction: Prediction | None = None  # the above that is not per cell, as the API shows it
 
 
 @dataclass(frozen=True)
@@ -190,8 +188,7 @@ class Lookout:
             to_trip=to_trip,
             to_trip_full=to_trip_full,
             energy=energy,
-            laps=laps_left(energy, self._lap_energies_wh),
-            lap_period_s=self._lap_period_s,
+            laps=self._laps_left(energy),
             joints=self._joints,
             loose=self._joint_watch.loose,
             health=self._health,
@@ -199,6 +196,10 @@ class Lookout:
             learned=known,
         )
         self.outlook = replace(outlook, prediction=_prediction(outlook))
+
+    def _laps_left(self, energy: EnergyLeft) -> LapsLeft | None:
+        laps = laps_left(energy, self._lap_energies_wh)
+        return laps and replace(laps, period_s=self._lap_period_s)
 
     def _judge(self) -> None:
         self._judged_s = self._t_s
@@ -229,38 +230,29 @@ class Lookout:
         self._lap_energies_wh = laps[laps > STOPPED_LAP_SHARE * np.median(laps)]
 
 
-def _prediction(outlook: Outlook) -> dict[str, Any]:
-    """Infinite times become None: not within an hour."""
-
-    def trips(found: tuple[TimeToTrip, ...]) -> list[dict[str, Any]]:
-        return [asdict(trip) | {"seconds": trip.seconds if isfinite(trip.seconds) else None} for trip in found]
-
+def _prediction(outlook: Outlook) -> Prediction:
     nearest = min(outlook.to_trip, key=lambda trip: trip.seconds, default=None)
-    power, energy, laps, known = outlook.power, outlook.energy, outlook.laps, outlook.learned
-    return {
-        "power": power
-        and {
-            "discharge": [asdict(limit) for limit in power.discharge],
-            "charge": [asdict(limit) for limit in power.charge],
-        },
-        "to_trip": trips(outlook.to_trip),
-        "to_trip_full": trips(outlook.to_trip_full),
-        "nearest": None if nearest is None or not isfinite(nearest.seconds) else asdict(nearest),
-        "energy_left_wh": energy and energy.energy_wh,
-        "energy_left_sigma_wh": energy and energy.sigma_wh,
-        "energy_left_cell": energy and energy.cell,
-        "counted_with": known and _counted_with(known),
-        "laps": laps and asdict(laps) | {"period_s": outlook.lap_period_s},
-    }
+    energy, known = outlook.energy, outlook.learned
+    return Prediction(
+        power=outlook.power,
+        to_trip=outlook.to_trip,
+        to_trip_full=outlook.to_trip_full,
+        nearest=None if nearest is None or not isfinite(nearest.seconds) else nearest,
+        energy_left_wh=None if energy is None else energy.energy_wh,
+        energy_left_sigma_wh=None if energy is None else energy.sigma_wh,
+        energy_left_cell=None if energy is None else energy.cell,
+        counted_with=None if known is None else _counted_with(known),
+        laps=outlook.laps,
+    )
 
 
-def _counted_with(known: Learned) -> dict[str, Any]:
+def _counted_with(known: Learned) -> CountedWith:
     """How many cells are counted with what was learned of them, and how far those lie from the cell file on average."""
     capacity, resistance = known.has_capacity, known.has_resistance
     share = known.capacity_ah / known.nominal_ah
-    return {
-        "capacity_cells": int(capacity.sum()),
-        "capacity_factor": float(share[capacity].mean()) if capacity.any() else None,
-        "resistance_cells": int(resistance.sum()),
-        "resistance_factor": float(known.resistance_factor[resistance].mean()) if resistance.any() else None,
-    }
+    return CountedWith(
+        capacity_cells=int(capacity.sum()),
+        capacity_factor=float(share[capacity].mean()) if capacity.any() else None,
+        resistance_cells=int(resistance.sum()),
+        resistance_factor=float(known.resistance_factor[resistance].mean()) if resistance.any() else None,
+    )

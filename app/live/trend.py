@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from app.telemetry import FloatArray, Snapshot
+from app.telemetry import Cells, FloatArray, Snapshot
+from app.telemetry.fields import TREND, marked
 from firmware_protocol.memory_map import N_CELLS
 
 EVERY_S = 10.0
 LENGTH = round(6 * 3600 / EVERY_S)  # rows
 LONGEST_STEP_S = 2.0  # between two snapshots; a longer one counts as no time
-NAMES = ("resistance_ohm", "joint_excess_ohm", "balancing")
+NAMES = marked(Cells, TREND)
 
 
 class Trend:
@@ -35,7 +36,7 @@ class Trend:
             return
         cells, t_ns = snapshot.cells, snapshot.t_mono_ns
         balancing = np.full(N_CELLS, np.nan) if cells.balancing is None else cells.balancing.astype(np.float64)
-        values = np.stack([cells.resistance_ohm, cells.joint_excess_ohm, balancing])
+        values = np.stack([balancing if name == "balancing" else getattr(cells, name) for name in NAMES])
         known = ~np.isnan(values)
         with self._lock:
             step_s = 0.0 if self._before_ns is None else (t_ns - self._before_ns) / 1e9

@@ -10,24 +10,22 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-import numpy as np
-import orjson
-
 from app.errors import ConfigError
 from app.service.settings import Settings
 from app.telemetry import Event, Snapshot
+from app.telemetry.encoding import encode, plain
 
 PERIOD_S = 1.0
 KEEPALIVE_S = 15
 RETRY_MIN_S, RETRY_MAX_S = 1, 30
 MAX_EVENTS = 1000  # kept for a broker that is gone; older ones are in the event log
-PER_CELL = {"voltage_v": 4, "temperature_degc": 1, "soc": 5, "soc_sigma": 5}  # decimals
+PER_CELL = ("voltage_v", "temperature_degc", "soc", "soc_sigma")
 DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
 Messages = Iterator[tuple[str, bytes]]
 
@@ -183,35 +181,19 @@ class MqttPublisher:
 def messages(snapshot: Snapshot, recording: dict[str, Any] | None) -> Messages:
     """Yield the state's topics and bodies; null is missing."""
     stamp = {"time": round(snapshot.t_wall_ns / 1e9, 3), "source": snapshot.source}
-    yield "accumulator", _json(stamp | {"age_s": snapshot.age_s} | snapshot.accumulator)
-    for name, decimals in PER_CELL.items():
-        values = np.round(getattr(snapshot.cells, name), decimals)
-        yield f"cells/{name}", _json(stamp | {"values": values})
-    yield "master", _json({"state": snapshot.master["state"], "why": snapshot.master["why"]} | _flags(snapshot))
-    yield "links", _json({name: {"state": link.state, "lost": link.lost} for name, link in snapshot.links.items()})
-    yield "alarms", _json([_alarm(alarm) for alarm in snapshot.alarms])
-    yield "recording", _json(recording)
+    cells, master = plain(snapshot.cells), snapshot.master
+    yield "accumulator", encode(stamp | {"age_s": plain(snapshot.age_s)} | plain(snapshot.accumulator))
+    for name in PER_CELL:
+        yield f"cells/{name}", encode(stamp | {"values": cells[name]})
+    yield "master", encode({"state": master.state, "why": master.why, "fit": master.fit, "flags": master.flags})
+    yield "links", encode({name: {"state": link.state, "lost": link.lost} for name, link in snapshot.links.items()})
+    yield "alarms", encode([plain(alarm) for alarm in snapshot.alarms])
+    yield "recording", encode(recording)
 
 
 def event_body(event: Event) -> bytes:
     """An event as JSON."""
-    body = asdict(event)
-    body["time"] = body.pop("time_ns") / 1e9
-    return _json(body)
-
-
-def _flags(snapshot: Snapshot) -> dict[str, Any]:
-    return {"fit": snapshot.master["fit"], "flags": snapshot.master["flags"]}
-
-
-def _alarm(alarm: Any) -> dict[str, Any]:
-    body = asdict(alarm)
-    body["since"] = body.pop("since_ns") / 1e9
-    return body
-
-
-def _json(body: object) -> bytes:
-    return orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY)
+    return encode(plain(event))
 
 
 def configured_publisher(settings: Settings, recording: Callable[[], dict[str, Any] | None]) -> MqttPublisher | None:

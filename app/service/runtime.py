@@ -222,7 +222,7 @@ class Runtime:
 
     def _uptime_ms(self) -> int | None:
         snapshot = self.pipeline_snapshot
-        if snapshot is None or snapshot.uptime_s is None or snapshot.links["rs232"].state != "live":
+        if snapshot is None or snapshot.uptime_s is None or snapshot.links.rs232.state != "live":
             return None
         return round(snapshot.uptime_s * 1000)
 
@@ -372,7 +372,7 @@ class Runtime:
     def _config(self) -> tuple[int, bytes] | None:
         """The newer of what the stream brought as a whole and what was read back after a write."""
         snapshot, read = self.pipeline_snapshot, self.configuration.last_read
-        age_s = None if snapshot is None else snapshot.age_s["config"]
+        age_s = None if snapshot is None else snapshot.age_s.config
         if snapshot is None or snapshot.config is None or age_s is None:
             return read
         heard = snapshot.t_mono_ns - int(age_s * 1e9), snapshot.config
@@ -393,7 +393,7 @@ class Runtime:
 
     def can_rx_active(self) -> int | None:
         """Mask of rx messages that are alive."""
-        return None if self.pipeline_snapshot is None else self.pipeline_snapshot.master["can_rx_active"]
+        return None if self.pipeline_snapshot is None else self.pipeline_snapshot.master.can_rx_active
 
     def stored_hash(self) -> str | None:
         """Hash of what the EEPROM holds, None where it was not read or holds nothing."""

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from app.errors import ConfigError, NotNow
+from app.live.accumulator import charge_of
 from app.live.cells import extreme, mean
 from app.live.pipeline import Pipeline
 from app.sessions.info import RecordedCanFrame, RecordedFrame
@@ -258,22 +259,9 @@ def as_recorded(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | No
     """Return a snapshot with the charge that was estimated when it was recorded; missing where nothing was."""
     nothing = np.full(len(snapshot.cells.soc), np.nan)
     soc, sigma = recorded if recorded is not None else (nothing, nothing)
-    low, low_cell = extreme(soc, highest=False)
-    high, high_cell = extreme(soc, highest=True)
-    average = mean(soc)
-    totals = {
-        "soc": average,
-        "soc_source": None if average is None else "filter",
-        "soc_sigma": mean(sigma),
-        "soc_min": low,
-        "soc_min_cell": low_cell,
-        "soc_max": high,
-        "soc_max_cell": high_cell,
-        "soc_spread": None if low is None or high is None else high - low,
-        "driver_soc_percent": None,  # smoothed over samples that a replay may have jumped over
-    }
+    charge = charge_of(soc, sigma, None, None)  # the driver's is smoothed over samples that a replay may jump over
     cells = replace(snapshot.cells, soc=soc, soc_sigma=sigma)
-    return replace(snapshot, cells=cells, accumulator=snapshot.accumulator | totals)
+    return replace(snapshot, cells=cells, accumulator=replace(snapshot.accumulator, **charge))
 
 
 def _compared(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | None) -> dict[str, Any]:
@@ -301,7 +289,6 @@ def _jump(replay: _Replay, position_s: float, now_s: float) -> None:
 
 def _state(replay: _Replay, now_s: float) -> dict[str, Any]:
     pacer, playing = replay.pacer, replay.playing
-    names = replay.pipeline.names
     return {
         "session_id": replay.file.info.id,
         "position_s": round(pacer.position_s(now_s), 3),
@@ -310,8 +297,8 @@ def _state(replay: _Replay, now_s: float) -> dict[str, Any]:
         "paused": pacer.is_paused,
         "finished": pacer.is_finished,
         "loop": pacer.loop,
-        "filter": names["filter"],
-        "cell": names["cell"],
+        "filter": replay.pipeline.filter_name,
+        "cell": replay.pipeline.cell_name,
         "estimates": playing.estimates,
         "compared": replay.compared,
     }

@@ -76,8 +76,8 @@ def test_charge_left_is_that_of_the_aged_cells(aged):
     assert lookout.outlook.energy.charge_ah == pytest.approx(truth, rel=0.05)
     nominal = CELL.capacity_ah * (accumulator.soc.min() - SOC_MIN)
     assert nominal > 1.15 * truth, "the cell file alone would be far off"
-    assert lookout.outlook.prediction["counted_with"]["capacity_cells"] == 96
-    assert lookout.outlook.prediction["counted_with"]["capacity_factor"] == pytest.approx(
+    assert lookout.outlook.prediction.counted_with.capacity_cells == 96
+    assert lookout.outlook.prediction.counted_with.capacity_factor == pytest.approx(
         accumulator.capacity_ah.mean() / CELL.capacity_ah, abs=0.02
     )
 
@@ -86,7 +86,7 @@ def test_voltages_under_load_are_foretold_better_with_the_learned_resistance(age
     lookout, _, late, _ = aged
     by_file = untaught[2]
     assert (late - late.mean(axis=0)).std() < 0.6 * (by_file - by_file.mean(axis=0)).std()
-    assert lookout.outlook.prediction["counted_with"]["resistance_cells"] == 96
+    assert lookout.outlook.prediction.counted_with.resistance_cells == 96
 
 
 def test_the_charge_of_aged_cells_is_found_with_the_learned_resistance(aged, untaught):
@@ -98,7 +98,7 @@ def test_the_charge_of_aged_cells_is_found_with_the_learned_resistance(aged, unt
 def test_aged_cells_give_less_power_and_less_energy_than_new_ones(aged):
     new, accumulator, *_ = raced(150.0)
     old = aged[0].outlook
-    assert new.outlook.prediction["counted_with"]["capacity_cells"] == 0, "no rest has shown a capacity"
+    assert new.outlook.prediction.counted_with.capacity_cells == 0, "no rest has shown a capacity"
     assert new.outlook.energy.charge_ah == pytest.approx(charge_left_ah(accumulator), rel=0.05)
     ratio = old.learned.resistance_factor.mean() / new.outlook.learned.resistance_factor.mean()
     assert 1.3 < ratio < 1.7, "cells resist 1.6 times as much, joints as before"

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import asdict
 from functools import cache
 
 import hypothesis.strategies as st
@@ -117,7 +118,7 @@ def assert_honest(output: Output) -> None:
         values = getattr(snapshot.cells, name)
         assert values.shape == (N_CELLS,)
         assert not np.isinf(values).any()
-    for number in [*snapshot.accumulator.values(), *snapshot.age_s.values()]:
+    for number in [*asdict(snapshot.accumulator).values(), *asdict(snapshot.age_s).values()]:
         assert not isinstance(number, float) or math.isfinite(number)
     for age_s in (*said["age"].values(), *(link["age_s"] for link in said["links"].values())):
         assert age_s is None or age_s >= 0
@@ -160,5 +161,5 @@ def test_after_any_mess_a_good_master_is_shown_as_it_is(steps):
         t_ns += 100_000_000
         snapshot = pipeline.feed(items("measured", (1000, pattern), t_ns, WALL_NS + i)[0]).snapshot
     assert snapshot.cells.voltage_v == pytest.approx(3.7)
-    assert snapshot.accumulator["current_a"] == pytest.approx(10)
+    assert snapshot.accumulator.current_a == pytest.approx(10)
     assert not np.isnan(snapshot.cells.soc).any()

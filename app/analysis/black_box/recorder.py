@@ -128,12 +128,8 @@ def _trigger(event: Event, mono_s: float) -> Trigger:
 
 
 def _sample(snapshot: Snapshot) -> _Sample:
-    flags, current_a = snapshot.master["flags"] or {}, snapshot.accumulator["current_a"]
-
-    def bit(name: str) -> float:
-        value = flags.get(name)
-        return np.nan if value is None else float(value)
-
+    flags, current_a = snapshot.master.flags, snapshot.accumulator.current_a
+    load = None if flags is None else flags.load
     cells = snapshot.cells
     return _Sample(
         snapshot.t_mono_ns / 1e9,
@@ -141,8 +137,8 @@ def _sample(snapshot: Snapshot) -> _Sample:
         cells.voltage_v,
         cells.temperature_degc,
         cells.soc,
-        bit("fit"),
-        bit("load"),
+        np.nan if flags is None else float(flags.fit),
+        np.nan if load is None else float(load),
     )
 
 

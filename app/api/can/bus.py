@@ -102,7 +102,7 @@ def _link(runtime: Runtime) -> CanLink:
 def _ids_of_master(runtime: Runtime) -> set[int]:
     """What a master that is there sends itself: two senders of one id destroy each other's frames."""
     snapshot = runtime.pipeline_snapshot
-    if snapshot is None or all(link.state != "live" for link in snapshot.links.values()):
+    if snapshot is None or all(link.state != "live" for _, link in snapshot.links.items()):
         return set()
     messages = [m for m in tx_messages(runtime.config_in_force() or default_image()) if m.length]
     return {m.can_id | (CAN_ID_EXTENDED if m.is_extended else 0) for m in messages}

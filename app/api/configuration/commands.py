@@ -106,8 +106,8 @@ def _in_words(asked: Argument) -> str:
 def _against_balancing(runtime: Runtime) -> str | None:
     """Why the competition's rules forbid balancing now: the relays are open, or not known to be closed."""
     snapshot = runtime.pipeline_snapshot
-    flags = None if snapshot is None else snapshot.master["flags"]
-    if runtime.settings.balance_open or (flags is not None and flags["load"]):
+    flags = None if snapshot is None else snapshot.master.flags
+    if runtime.settings.balance_open or (flags is not None and flags.load):
         return None
     return "the relays are open, and this service was told that the rules forbid balancing then (balance_open)"
 

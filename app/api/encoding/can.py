@@ -116,7 +116,7 @@ def bus_json(runtime: Runtime) -> dict[str, Any]:
         for can_id, known in heard.items()
         if known.period_s and now_ns - known.latest.t_mono_ns < RECENT_NS
     )
-    can = None if snapshot is None else snapshot.links["can"]
+    can = None if snapshot is None else snapshot.links.can
     return {
         "ids": ids,
         "bit_rate": rate,
@@ -125,7 +125,7 @@ def bus_json(runtime: Runtime) -> dict[str, Any]:
         "tx_errors": None if can is None else can.tx_errors,
         "rx_errors": None if can is None else can.rx_errors,
         "bus_state": None if can is None else can.bus_state,
-        "rs232_live": snapshot is not None and snapshot.links["rs232"].state == "live",
+        "rs232_live": snapshot is not None and snapshot.links.rs232.state == "live",
         "disagreements": [
             {"name": d.name, "rs232": d.rs232, "can": d.can, "unit": d.unit, "since": _wall(d.since_ns, now_ns)}
             for d in (() if snapshot is None else snapshot.disagreements)

@@ -58,27 +58,29 @@ class SnapshotCollector:
 
 def _totals(snapshot: Snapshot) -> Iterator[Metric]:
     for name, (metric, text) in _TOTALS.items():
-        value = snapshot.accumulator[name]
+        value = getattr(snapshot.accumulator, name)
         if value is not None:
             yield GaugeMetricFamily(metric, text, value)
     for name, metric in _ENERGY.items():
         way = "out" if name == "energy_out_wh" else "in"
-        yield CounterMetricFamily(metric, f"energy that flowed {way}", snapshot.accumulator[name] * _JOULES_PER_WH)
+        yield CounterMetricFamily(
+            metric, f"energy that flowed {way}", getattr(snapshot.accumulator, name) * _JOULES_PER_WH
+        )
     active: list[str] = [alarm.severity for alarm in snapshot.alarms if alarm.active]
     yield GaugeMetricFamily("voltwall_alarms_active", "alarms that hold", len(active))
     by_severity = GaugeMetricFamily("voltwall_alarms", "alarms that hold, by severity", labels=["severity"])
     for severity in _SEVERITIES:
         by_severity.add_metric([severity], active.count(severity))
     yield by_severity
-    if snapshot.master["fit"] is not None:
-        yield GaugeMetricFamily("voltwall_master_fit", "1 while the master allows driving", int(snapshot.master["fit"]))
+    if snapshot.master.fit is not None:
+        yield GaugeMetricFamily("voltwall_master_fit", "1 while the master allows driving", int(snapshot.master.fit))
 
 
 def _links(snapshot: Snapshot) -> Iterator[Metric]:
     for counter in _COUNTERS:
         family = CounterMetricFamily(f"voltwall_link_{counter}", f"{counter} since start", labels=["link"])
         for name, status in snapshot.links.items():
-            family.add_metric([name], getattr(status, counter))
+            family.add_metric([name], getattr(status, counter) or 0)
         yield family
     live = GaugeMetricFamily("voltwall_link_live", "1 while the link delivers", labels=["link"])
     age = GaugeMetricFamily("voltwall_link_age_seconds", "since the last good frame", labels=["link"])

@@ -44,13 +44,14 @@ class EnergyLeft:
 
 @dataclass(frozen=True)
 class LapsLeft:
-    """Laps that the energy still lasts for: expected, and a band from 5 to 95 %."""
+    """Laps that the energy lasts for, with a band from 5 to 95 %; `period_s` of a lap where it is known [s]."""
 
     laps: float
     low: float
     high: float
     lap_energy_wh: float
     lap_energy_sigma_wh: float
+    period_s: float | None = None
 
 
 def energy_left(

@@ -1,11 +1,11 @@
 """The shadow image as arrays and numbers in SI units. A byte that never came, or came too long ago, is missing."""
 
-from typing import Any
+from typing import cast
 
 import numpy as np
 
 from app.sources.master.shadow import ShadowImage
-from app.telemetry import BoolArray, FloatArray
+from app.telemetry import Ages, BoolArray, Charger, ChargerState, Flags, FloatArray
 from firmware_protocol.memory_map import (
     CELLS_PER_PACK,
     CHARGER_STATES,
@@ -92,31 +92,37 @@ class Decoder:
         bits = low | (high & 0x0F) << 8
         return (bits[:, None] >> np.arange(CELLS_PER_PACK, dtype=np.uint16) & 1).astype(bool).ravel()
 
-    def flags(self) -> dict[str, bool | None] | None:
+    def ages(self) -> Ages:
+        """Seconds since the oldest byte of each part arrived."""
+        return Ages(
+            **{part: self._shadow.age_s(start, length, self._now_ns) for part, (start, length) in PARTS.items()}
+        )
+
+    def flags(self) -> Flags | None:
         """The nine status flags; CAN may carry the first eight alone, then the ninth is None."""
         raw = self.integer("status.flags")
         if raw is not None:
-            return {name: bool(raw >> bit & 1) for bit, name in enumerate(STATUS_FLAGS)}
+            return Flags(**{name: bool(raw >> bit & 1) for bit, name in enumerate(STATUS_FLAGS)})
         age = self._shadow.age_s(_FLAGS_OFFSET, 1, self._now_ns)
         if age is None or age > BLANK_S:
             return None
         first = self._shadow.image[_FLAGS_OFFSET]
-        return {name: bool(first >> bit & 1) if bit < 8 else None for bit, name in enumerate(STATUS_FLAGS)}
+        return Flags(**{name: bool(first >> bit & 1) for bit, name in enumerate(STATUS_FLAGS[:8])}, load=None)
 
     def relays_open(self) -> bool:
         """Whether no current can flow, neither into the car nor from a charger; False while that is not known."""
         raw = self.integer("status.flags")
         return raw is not None and not raw & _CONNECTED
 
-    def charger(self) -> dict[str, Any]:
+    def charger(self) -> Charger:
         """The charger block."""
         state, flags, control = (self.integer(f"charger.{name}") for name in ("state", "flags", "control"))
-        return {
-            "state": CHARGER_STATES[state] if state is not None and state < len(CHARGER_STATES) else None,
-            "asked_voltage_v": self.number("charger.v_set"),
-            "asked_current_a": self.number("charger.i_set"),
-            "voltage_v": self.number("charger.v_out"),
-            "current_a": self.number("charger.i_out"),
-            "enabled": None if control is None else control == 0,
-            "flags": [name for bit, name in enumerate(CHARGER_FLAGS) if flags is not None and flags >> bit & 1],
-        }
+        return Charger(
+            state=None if state is None or state >= len(CHARGER_STATES) else cast(ChargerState, CHARGER_STATES[state]),
+            asked_voltage_v=self.number("charger.v_set"),
+            asked_current_a=self.number("charger.i_set"),
+            voltage_v=self.number("charger.v_out"),
+            current_a=self.number("charger.i_out"),
+            enabled=None if control is None else control == 0,
+            flags=tuple(name for bit, name in enumerate(CHARGER_FLAGS) if flags is not None and flags >> bit & 1),
+        )

@@ -1,3 +1,5 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -6,7 +8,8 @@ from app.errors import ConfigError
 
 
 def values(t_s, soc=0.5, volts=3.7, recorded=0.5):
-    return Values(t_s, {"soc": soc, "current_a": None}, {"voltage_v": np.full(96, volts)}, recorded)
+    totals, cells = SimpleNamespace(soc=soc, current_a=None), SimpleNamespace(voltage_v=np.full(96, volts))
+    return Values(t_s, totals, cells, recorded)
 
 
 def held(text, alarms=(), samples=()):

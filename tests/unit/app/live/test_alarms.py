@@ -105,7 +105,7 @@ def test_what_cannot_be_seen_any_more_has_not_ended(pipeline, master):
     run(pipeline, master, 3)
     for seconds in range(1, 60):
         output = pipeline.tick(master.t_ns + seconds * 1_000_000_000, master.t_ns)
-    assert output.snapshot.accumulator["temperature_max_degc"] is None
+    assert output.snapshot.accumulator.temperature_max_degc is None
     assert "cell-hot" in codes(output.snapshot)
     master.advance(60_000)
     master.set("t", [25] * 96)

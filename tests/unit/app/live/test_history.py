@@ -23,7 +23,7 @@ def later(snapshot, s: float, *, wall_s: float | None = None, **accumulator):
         snapshot,
         t_mono_ns=snapshot.t_mono_ns + round(s * 1e9),
         t_wall_ns=snapshot.t_wall_ns + round(wall_s * 1e9),
-        accumulator=snapshot.accumulator | accumulator,
+        accumulator=replace(snapshot.accumulator, **accumulator),
     )
 
 
@@ -42,7 +42,7 @@ def test_what_only_aged_is_not_kept(snapshot):
 
 def test_a_part_that_is_old_is_a_gap_while_another_goes_on(snapshot):
     history = History()
-    old = replace(later(snapshot, 1, current_a=7.0), age_s=snapshot.age_s | {"voltage": 1.5, "temperature": 1.5})
+    old = replace(later(snapshot, 1, current_a=7.0), age_s=replace(snapshot.age_s, voltage=1.5, temperature=1.5))
     for each in (snapshot, old):
         history.add(each)
     totals, cell = history.read(900, None)["series"], history.read(900, 40)["series"]

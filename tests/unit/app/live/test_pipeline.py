@@ -1,3 +1,5 @@
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
@@ -33,11 +35,11 @@ def test_a_frame_becomes_a_snapshot_in_units(pipeline, master):
     assert snapshot.cells.voltage_v[3] == pytest.approx(3.7003)
     assert snapshot.cells.temperature_degc[0] == 25
     total = snapshot.accumulator
-    assert total["current_a"] == pytest.approx(10.0)
-    assert total["power_w"] == pytest.approx(3552.0)
-    assert (total["voltage_min_cell"], total["voltage_max_cell"]) == (0, 95)
-    assert snapshot.master["state"] == "drive"
-    assert snapshot.links["rs232"].state == "live"
+    assert total.current_a == pytest.approx(10.0)
+    assert total.power_w == pytest.approx(3552.0)
+    assert (total.voltage_min_cell, total.voltage_max_cell) == (0, 95)
+    assert snapshot.master.state == "drive"
+    assert snapshot.links.rs232.state == "live"
 
 
 def test_nothing_known_is_missing_and_not_zero(pipeline):
@@ -45,9 +47,9 @@ def test_nothing_known_is_missing_and_not_zero(pipeline):
     assert np.isnan(snapshot.cells.voltage_v).all()
     assert np.isnan(snapshot.cells.soc).all()
     known = {"loaded_cells": 0, "energy_out_wh": 0.0, "energy_in_wh": 0.0}
-    assert {name: value for name, value in snapshot.accumulator.items() if value is not None} == known
-    assert snapshot.master["state"] == "unknown"
-    assert set(snapshot.age_s.values()) == {None}
+    assert {name: value for name, value in asdict(snapshot.accumulator).items() if value is not None} == known
+    assert snapshot.master.state == "unknown"
+    assert set(asdict(snapshot.age_s).values()) == {None}
     assert snapshot.alarms == ()
 
 
@@ -55,41 +57,41 @@ def test_a_cell_that_reads_zero_is_missing_and_not_the_lowest(pipeline, master):
     master.set("v", [0, *[37000] * 95])
     snapshot = pipeline.feed(master.frame()).snapshot
     assert np.isnan(snapshot.cells.voltage_v[0])
-    assert snapshot.accumulator["voltage_min_cell"] == 1
-    assert snapshot.accumulator["loaded_cells"] == 95
-    assert snapshot.packs[0]["voltage_v"] is None
-    assert snapshot.packs[1]["voltage_v"] == pytest.approx(12 * 3.7)
+    assert snapshot.accumulator.voltage_min_cell == 1
+    assert snapshot.accumulator.loaded_cells == 95
+    assert snapshot.packs[0].voltage_v is None
+    assert snapshot.packs[1].voltage_v == pytest.approx(12 * 3.7)
 
 
 def test_values_older_than_ten_seconds_are_gone(pipeline, master):
     pipeline.feed(master.frame())
     recent = pipeline.tick(master.t_ns + 9_000_000_000, 1).snapshot
     old = pipeline.tick(master.t_ns + 11_000_000_000, 1).snapshot
-    assert recent.accumulator["current_a"] is not None
-    assert recent.age_s["current"] == pytest.approx(9.0)
-    assert old.accumulator["current_a"] is None
+    assert recent.accumulator.current_a is not None
+    assert recent.age_s.current == pytest.approx(9.0)
+    assert old.accumulator.current_a is None
     assert np.isnan(old.cells.voltage_v).all()
     assert np.isnan(old.cells.soc).all()
-    assert old.master["state"] == "unknown"
-    assert old.age_s["current"] == pytest.approx(11.0)
+    assert old.master.state == "unknown"
+    assert old.age_s.current == pytest.approx(11.0)
 
 
 def test_charge_follows_the_masters_clock_and_not_arrival(pipeline, master):
     master.set("i_fs", [10000])
     pipeline.feed(master.frame())
-    before = pipeline.feed(master.frame()).snapshot.accumulator["energy_out_wh"]
+    before = pipeline.feed(master.frame()).snapshot.accumulator.energy_out_wh
     master.uptime_ms += 3_600
-    after = pipeline.feed(master.frame(0)).snapshot.accumulator["energy_out_wh"]
+    after = pipeline.feed(master.frame(0)).snapshot.accumulator.energy_out_wh
     assert after - before == pytest.approx(float(np.sum([3.7 + i * 1e-4 for i in range(96)])) * 100 * 3.6 / 3600)
 
 
 def test_a_master_reset_takes_no_charge(pipeline, master):
     master.set("i_fs", [10000])
     pipeline.feed(master.frame())
-    before = pipeline.feed(master.frame()).snapshot.accumulator["energy_out_wh"]
+    before = pipeline.feed(master.frame()).snapshot.accumulator.energy_out_wh
     master.uptime_ms = 5
     after = pipeline.feed(master.frame(0)).snapshot
-    assert after.accumulator["energy_out_wh"] == before
+    assert after.accumulator.energy_out_wh == before
     assert not np.isnan(after.cells.soc).any()
 
 
@@ -97,29 +99,29 @@ def test_uptime_wraps_after_49_days(pipeline, master):
     master.set("i_fs", [10000])
     master.uptime_ms = (1 << 32) - 150
     pipeline.feed(master.frame())
-    before = pipeline.feed(master.frame(0)).snapshot.accumulator["energy_out_wh"]
+    before = pipeline.feed(master.frame(0)).snapshot.accumulator.energy_out_wh
     master.uptime_ms = 50
-    after = pipeline.feed(master.frame(0)).snapshot.accumulator["energy_out_wh"]
+    after = pipeline.feed(master.frame(0)).snapshot.accumulator.energy_out_wh
     assert after > before
 
 
 def test_can_alone_fills_what_its_message_carries(pipeline, master):
     data = bytes([0x10, 0x27, 0xC0, 0x8A]) + (-250).to_bytes(4, "little", signed=True)
     snapshot = pipeline.feed(CanItem(5_000_000_000, 5, 0x100, data)).snapshot
-    assert snapshot.accumulator["soc"] == pytest.approx(1.0)
-    assert snapshot.accumulator["soc_source"] == "master"
-    assert snapshot.accumulator["voltage_v"] == pytest.approx(355.2)
-    assert snapshot.accumulator["current_a"] == pytest.approx(-2.5)
+    assert snapshot.accumulator.soc == pytest.approx(1.0)
+    assert snapshot.accumulator.soc_source == "master"
+    assert snapshot.accumulator.voltage_v == pytest.approx(355.2)
+    assert snapshot.accumulator.current_a == pytest.approx(-2.5)
     assert np.isnan(snapshot.cells.voltage_v).all()
-    assert snapshot.age_s["voltage"] is None
-    assert snapshot.links["can"].state == "live"
+    assert snapshot.age_s.voltage is None
+    assert snapshot.links.can.state == "live"
 
 
 def test_can_does_not_disturb_a_live_rs232(pipeline, master):
     pipeline.feed(master.frame())
     output = pipeline.feed(CanItem(master.t_ns, 5, 0x100, bytes(8)))
     assert output.snapshot is None
-    assert pipeline.tick(master.t_ns + 1, 1).snapshot.accumulator["current_a"] == pytest.approx(10.0)
+    assert pipeline.tick(master.t_ns + 1, 1).snapshot.accumulator.current_a == pytest.approx(10.0)
 
 
 def test_a_bad_frame_changes_no_field(pipeline, master):
@@ -131,7 +133,7 @@ def test_a_bad_frame_changes_no_field(pipeline, master):
     assert output.snapshot is None
     after = pipeline.tick(item.t_mono_ns, 1).snapshot
     assert after.image == before.image
-    assert after.links["rs232"].crc_errors + after.links["rs232"].resyncs == 1
+    assert after.links.rs232.crc_errors + after.links.rs232.resyncs == 1
 
 
 def test_the_master_introduces_itself(pipeline, master):
@@ -140,7 +142,7 @@ def test_the_master_introduces_itself(pipeline, master):
     output = pipeline.feed(master.item(MessageType.REPLY, body))
     assert output.reply.request_sequence == 4
     master_part = pipeline.feed(master.frame()).snapshot.master
-    assert (master_part["firmware"], master_part["boots"], master_part["map_matches"]) == ("1.2.3", 7, True)
+    assert (master_part.firmware, master_part.boots, master_part.map_matches) == ("1.2.3", 7, True)
 
 
 def test_a_trip_names_cell_value_and_limit(pipeline, master):
@@ -151,8 +153,8 @@ def test_a_trip_names_cell_value_and_limit(pipeline, master):
     assert "pack 3, cell 8" in event.text
     master.set("status.flags", [0])
     snapshot = pipeline.feed(master.frame()).snapshot
-    assert snapshot.master["state"] == "fault"
-    assert "4.21" in snapshot.master["why"]
+    assert snapshot.master.state == "fault"
+    assert "4.21" in snapshot.master.why
 
 
 def test_the_configuration_in_force_has_a_hash_once_it_was_heard(pipeline, master):
@@ -202,20 +204,20 @@ def test_no_cell_measured_is_no_zero_volts(pipeline, master):
     for name in ("v_tot", "v_min", "v_max"):
         master.set(name, [0])
     total = pipeline.feed(master.frame()).snapshot.accumulator
-    assert [total[name] for name in ("voltage_v", "voltage_min_v", "voltage_max_v", "power_w")] == [None] * 4
-    assert total["voltage_min_cell"] is None
+    assert [total.voltage_v, total.voltage_min_v, total.voltage_max_v, total.power_w] == [None] * 4
+    assert total.voltage_min_cell is None
 
 
 def test_the_masters_charge_is_floored_to_whole_percent(pipeline):
     soc = (2900).to_bytes(2, "little")
     snapshot = pipeline.feed(CanItem(5_000_000_000, 5, 0x100, soc + bytes(6))).snapshot
-    assert snapshot.accumulator["driver_soc_percent"] == 29
+    assert snapshot.accumulator.driver_soc_percent == 29
 
 
 def test_energy_of_a_long_gap_is_not_made_up(pipeline, master):
     pipeline.feed(master.frame())
-    before = pipeline.feed(master.frame()).snapshot.accumulator["energy_out_wh"]
-    after = pipeline.feed(master.frame(1_800_000)).snapshot.accumulator["energy_out_wh"]
+    before = pipeline.feed(master.frame()).snapshot.accumulator.energy_out_wh
+    after = pipeline.feed(master.frame(1_800_000)).snapshot.accumulator.energy_out_wh
     assert after == before
 
 
@@ -227,9 +229,9 @@ def test_relays_of_which_nothing_is_heard_are_not_said_to_be_open(pipeline, mast
     pipeline.feed(master.config())
     pipeline.tick(master.t_ns, 1)
     snapshot = pipeline.feed(CanItem(master.t_ns + 5_000_000_000, 5, 0x100, b"\x01" + bytes(7))).snapshot
-    assert snapshot.master["flags"]["fit"] is True
-    assert snapshot.master["flags"]["load"] is None
-    assert snapshot.master["state"] == "unknown"
+    assert snapshot.master.flags.fit is True
+    assert snapshot.master.flags.load is None
+    assert snapshot.master.state == "unknown"
 
 
 def test_an_estimator_that_fails_is_told_once_and_begun_anew(master):
@@ -248,7 +250,7 @@ def test_an_estimator_that_fails_is_told_once_and_begun_anew(master):
     codes = [e.code for output in outputs for e in output.events]
     assert codes.count("estimator-failed") == 1
     assert np.isnan(outputs[0].snapshot.cells.soc).all()
-    assert outputs[0].snapshot.accumulator["current_a"] == pytest.approx(10)
+    assert outputs[0].snapshot.accumulator.current_a == pytest.approx(10)
     assert not np.isnan(outputs[-1].snapshot.cells.soc).any()
 
 
@@ -262,7 +264,7 @@ def test_an_estimator_made_beforehand_is_the_one_that_is_used(master):
     chain = Pipeline("serial", make, filter_name="f", cell_name="c")
     chain.warm_up()
     assert len(made) == 1
-    assert chain.tick(1, 1).snapshot.estimator["started"] is False
+    assert chain.tick(1, 1).snapshot.estimator.started is False
     assert not np.isnan(chain.feed(master.frame()).snapshot.cells.soc).any()
     assert len(made) == 1
 
@@ -270,4 +272,4 @@ def test_an_estimator_made_beforehand_is_the_one_that_is_used(master):
 def test_measurements_that_cannot_be_estimated_are_counted(pipeline, master):
     pipeline.feed(master.frame())
     master.set("v", [0] * 96)
-    assert pipeline.feed(master.frame()).snapshot.estimator["skipped"] == 1
+    assert pipeline.feed(master.frame()).snapshot.estimator.skipped == 1

@@ -15,6 +15,6 @@ def test_its_pipelines_say_what_estimates_and_share_nothing(master):
     chain = Chain("coulomb", "samsung-25r-10p")
     one, other = chain.pipeline("serial", "port"), chain.pipeline("replay", "recorded")
     snapshot = one.feed(master.frame()).snapshot
-    assert (snapshot.estimator["filter"], snapshot.estimator["cell"]) == ("coulomb", "samsung-25r-10p")
+    assert (snapshot.estimator.filter, snapshot.estimator.cell) == ("coulomb", "samsung-25r-10p")
     assert one.estimates is not None
     assert other.estimates is None

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.live.plausibility import Plausibility
+from app.live.plausibility import PlausibilityChecks
 
 DT_S = 0.1
 RESISTANCE_OHM = 0.0021
@@ -45,57 +45,57 @@ def verdicts(check, cells_v, **shadow):
 
 
 def test_nothing_is_said_before_anything_was_seen():
-    found = verdicts(Plausibility(), np.full(96, np.nan))
-    assert [check["verdict"] for check in found.values()] == [None, None, None]
+    found = verdicts(PlausibilityChecks(), np.full(96, np.nan))
+    assert [check.verdict for check in (found.sum, found.current, found.chips)] == [None, None, None]
 
 
 def test_current_and_voltage_that_fit_give_the_cells_resistance():
-    check = Plausibility()
-    found = verdicts(check, drive(check, 300))["current"]
-    assert found["verdict"] is True
-    assert found["value"] == pytest.approx(RESISTANCE_OHM, rel=0.1)
+    check = PlausibilityChecks()
+    found = verdicts(check, drive(check, 300)).current
+    assert found.verdict is True
+    assert found.value == pytest.approx(RESISTANCE_OHM, rel=0.1)
 
 
 @pytest.mark.parametrize("resistance_ohm", [0.0, -0.002, 0.05])
 def test_current_that_the_voltage_does_not_follow_is_not_believed(resistance_ohm):
-    check = Plausibility()
-    assert verdicts(check, drive(check, 300, resistance_ohm=resistance_ohm))["current"]["verdict"] is False
+    check = PlausibilityChecks()
+    assert verdicts(check, drive(check, 300, resistance_ohm=resistance_ohm)).current.verdict is False
 
 
 def test_voltage_that_moves_while_the_current_stands_still_is_not_believed():
-    check = Plausibility()
+    check = PlausibilityChecks()
     for i in range(200):
         check.step(DT_S if i else None, 0.0, np.full(96, 3.7 - 0.1 * (i // 10 % 2)), Shadow())
-    assert verdicts(check, np.full(96, 3.7))["current"]["verdict"] is False
+    assert verdicts(check, np.full(96, 3.7)).current.verdict is False
 
 
 def test_a_car_that_stands_says_nothing_of_its_current():
-    check = Plausibility()
+    check = PlausibilityChecks()
     for i in range(200):
         check.step(DT_S if i else None, 0.3, np.full(96, 3.7), Shadow())
-    assert verdicts(check, np.full(96, 3.7))["current"]["verdict"] is None
+    assert verdicts(check, np.full(96, 3.7)).current.verdict is None
 
 
 @pytest.mark.parametrize(("off_v", "verdict"), [(0.04, True), (2.0, False), (-3.7, False)])
 def test_sum_of_the_cells_is_held_against_the_total(off_v, verdict):
     cells_v = np.full(96, 3.7)
-    found = verdicts(Plausibility(), cells_v, total_v=96 * 3.7 + off_v)["sum"]
-    assert found["verdict"] is verdict
-    assert found["value"] == pytest.approx(abs(off_v))
+    found = verdicts(PlausibilityChecks(), cells_v, total_v=96 * 3.7 + off_v).sum
+    assert found.verdict is verdict
+    assert found.value == pytest.approx(abs(off_v))
 
 
 def test_sum_with_a_missing_cell_is_not_judged():
     cells_v = np.full(96, 3.7)
     cells_v[5] = np.nan
-    assert verdicts(Plausibility(), cells_v, total_v=355.0)["sum"]["verdict"] is None
+    assert verdicts(PlausibilityChecks(), cells_v, total_v=355.0).sum.verdict is None
 
 
 def test_a_chip_that_reads_another_cell_voltage_is_named():
     chips_v = np.full(96, 3.72)  # older, at another current: the same for all cells
-    good, bad = Plausibility(), Plausibility()
+    good, bad = PlausibilityChecks(), PlausibilityChecks()
     cells_v = drive(good, 100, chips_v=chips_v)
-    assert verdicts(good, cells_v)["chips"]["verdict"] is True
+    assert verdicts(good, cells_v).chips.verdict is True
     chips_v[36] += 0.08
     cells_v = drive(bad, 300, chips_v=chips_v)
-    found = verdicts(bad, cells_v)["chips"]
-    assert (found["verdict"], found["cell"]) == (False, 36)
+    found = verdicts(bad, cells_v).chips
+    assert (found.verdict, found.cell) == (False, 36)

@@ -38,34 +38,34 @@ def drive(pipeline, master, frames, current_raw=5000):
 
 def test_power_time_and_energy_are_told_with_cell_and_reason(pipeline, master):
     prediction = drive(pipeline, master, 25).prediction
-    discharge = prediction["power"]["discharge"]
-    assert [limit["horizon_s"] for limit in discharge] == [1.0, 10.0, 30.0]
-    assert discharge[0]["power_w"] >= discharge[2]["power_w"] > 0
-    assert discharge[0]["current_a"] <= 200, "the configuration's limit"
-    assert {trip["limit"] for trip in prediction["to_trip"]} == {"v_min", "soc_min", "temperature_max"}
-    full = {trip["limit"]: trip["seconds"] for trip in prediction["to_trip_full"]}
-    present = {trip["limit"]: trip["seconds"] for trip in prediction["to_trip"]}
-    assert full["soc_min"] is not None
-    assert present["soc_min"] is None or full["soc_min"] < present["soc_min"]
-    assert 500 < prediction["energy_left_wh"] < 9000
-    assert prediction["laps"] is None, "no lap was driven yet"
+    discharge = prediction.power.discharge
+    assert [limit.horizon_s for limit in discharge] == [1.0, 10.0, 30.0]
+    assert discharge[0].power_w >= discharge[2].power_w > 0
+    assert discharge[0].current_a <= 200, "the configuration's limit"
+    assert {trip.limit for trip in prediction.to_trip} == {"v_min", "soc_min", "temperature_max"}
+    full = {trip.limit: trip.seconds for trip in prediction.to_trip_full}
+    present = {trip.limit: trip.seconds for trip in prediction.to_trip}
+    assert np.isfinite(full["soc_min"])
+    assert full["soc_min"] < present["soc_min"]
+    assert 500 < prediction.energy_left_wh < 9000
+    assert prediction.laps is None, "no lap was driven yet"
 
 
 def test_the_next_limit_is_of_the_load_not_of_one_touch_of_the_brake(pipeline, master):
     drive(pipeline, master, 300, current_raw=12000)
     for _ in range(5):
         braking = drive(pipeline, master, 11, current_raw=-2000).prediction
-        assert {trip["limit"] for trip in braking["to_trip"]} == {"v_min", "soc_min", "temperature_max"}
+        assert {trip.limit for trip in braking.to_trip} == {"v_min", "soc_min", "temperature_max"}
         drive(pipeline, master, 30, current_raw=12000)
     charging = drive(pipeline, master, 600, current_raw=-2000).prediction
-    assert {trip["limit"] for trip in charging["to_trip"]} == {"v_max", "soc_max", "temperature_max"}
+    assert {trip.limit for trip in charging.to_trip} == {"v_max", "soc_max", "temperature_max"}
 
 
 def test_at_rest_no_limit_comes_nearer(pipeline, master):
     master.set("v", [41950] * 96)
     prediction = drive(pipeline, master, 60, current_raw=-40).prediction
-    assert prediction["nearest"] is None
-    assert all(trip["seconds"] is None for trip in prediction["to_trip"])
+    assert prediction.nearest is None
+    assert all(trip.seconds == np.inf for trip in prediction.to_trip)
 
 
 def test_nothing_is_foretold_without_voltages(pipeline, master):
@@ -144,11 +144,11 @@ def test_the_offset_of_the_current_sensor_is_found_with_open_relays_and_not_coun
         return snapshot
 
     before = wait(50).estimator
-    assert before["current_offset_a"] is None, "not observable yet"
-    assert before["current_offset_sigma_a"] == pytest.approx(0.01 * CELL.capacity_ah)
+    assert before.current_offset_a is None, "not observable yet"
+    assert before.current_offset_sigma_a == pytest.approx(0.01 * CELL.capacity_ah)
     after = wait(20)
-    assert after.estimator["current_offset_a"] == pytest.approx(2.0, abs=3 * after.estimator["current_offset_sigma_a"])
-    assert after.accumulator["current_a"] == pytest.approx(2.0), "what the master says is shown as it says it"
+    assert after.estimator.current_offset_a == pytest.approx(2.0, abs=3 * after.estimator.current_offset_sigma_a)
+    assert after.accumulator.current_a == pytest.approx(2.0), "what the master says is shown as it says it"
     counted = pipeline._estimator.counted_soc
     wait(150)
     drawn = counted - pipeline._estimator.counted_soc
@@ -160,5 +160,5 @@ def test_the_offset_is_not_taken_off_where_it_is_not_observable(pipeline, master
     for _ in range(24):
         snapshot = pipeline.feed(master.frame(ms=5000)).snapshot
         pipeline.look_ahead()
-    assert snapshot.estimator["current_offset_a"] is None
+    assert snapshot.estimator.current_offset_a is None
     assert pipeline._lookout.offset_a == 0.0

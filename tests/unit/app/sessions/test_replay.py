@@ -71,13 +71,13 @@ def replaying(shown, failures):
 def test_it_shows_what_was_recorded(replaying, shown, session):
     replaying.start(session, Playing(100))
     assert replaying.state()["session_id"] == session.stem
-    shown.wait(lambda s: s.links["rs232"].frames == 20)
+    shown.wait(lambda s: s.links.rs232.frames == 20)
     assert shown.snapshots[-1].cells.voltage_v[3] == pytest.approx(3.7003)
 
 
 def test_a_replay_that_stands_still_goes_on_saying_so(replaying, shown, session):
     replaying.start(session, Playing(100))
-    shown.wait(lambda s: s.links["rs232"].frames == 20 and not s.is_fresh)
+    shown.wait(lambda s: s.links.rs232.frames == 20 and not s.is_fresh)
     assert replaying.state()["finished"]
     replaying.control(paused=True, seek_s=0.5)
     deadline = time.monotonic() + 5
@@ -99,7 +99,7 @@ def test_a_file_that_is_no_session_is_refused_and_the_car_stays_shown(replaying,
 def test_one_that_fails_while_it_plays_ends_and_says_so(shown, failures, session):
     class Broken:
         def __init__(self):
-            self.names = {"filter": "f", "cell": "c"}
+            self.filter_name, self.cell_name = "f", "c"
 
         def warm_up(self):
             pass
@@ -138,14 +138,14 @@ def fresh(snapshots):
 
 def test_step_by_step_is_the_same_as_in_one_go(replaying, shown, session):
     replaying.start(session, Playing(100))
-    shown.wait(lambda s: s.links["rs232"].frames == 20)
+    shown.wait(lambda s: s.links.rs232.frames == 20)
     at_once = fresh(shown.snapshots)
     shown.snapshots.clear()
     replaying.start(session, Playing(0.1))
     replaying.control(paused=True, seek_s=0.0)
     for frames in range(1, 21):
         replaying.control(step=True)
-        shown.wait(lambda s, frames=frames: s.is_fresh and s.links["rs232"].frames == frames)
+        shown.wait(lambda s, frames=frames: s.is_fresh and s.links.rs232.frames == frames)
     assert fresh(shown.snapshots)[-20:] == at_once
 
 
@@ -158,7 +158,7 @@ def test_a_loop_begins_anew_until_it_is_taken_off(replaying, shown, session):
         assert shown.changed.wait_for(lambda: sum(s.t_mono_ns == first for s in shown.snapshots if s.is_fresh) > 2, 10)
     assert replaying.state()["loop"] == (0.5, 1.5)
     replaying.control(loop="off", seek_s=0.0)
-    shown.wait(lambda s: s.links["rs232"].frames == 20 and not s.is_fresh)
+    shown.wait(lambda s: s.links.rs232.frames == 20 and not s.is_fresh)
 
 
 @pytest.mark.parametrize("loop", [(-1.0, 1.0), (1.0, 0.5), (0.0, 1e6)])
@@ -170,16 +170,16 @@ def test_a_loop_beyond_the_session_is_refused(replaying, session, loop):
 
 def test_both_estimates_are_told_and_either_is_shown(replaying, shown, session):
     replaying.start(session, Playing(100, estimates="recorded"))
-    shown.wait(lambda s: s.links["rs232"].frames == 20 and not s.is_fresh)  # the state is told before it is repeated
+    shown.wait(lambda s: s.links.rs232.frames == 20 and not s.is_fresh)  # the state is told before it is repeated
     snapshot = next(s for s in shown.snapshots if s.is_fresh)
     assert snapshot.cells.soc == pytest.approx(np.full(96, RECORDED_SOC), abs=2e-5)
-    assert snapshot.accumulator["soc"] == pytest.approx(RECORDED_SOC, abs=2e-5)
+    assert snapshot.accumulator.soc == pytest.approx(RECORDED_SOC, abs=2e-5)
     compared = replaying.state()["compared"]
     assert compared["recorded_soc"] == pytest.approx(RECORDED_SOC, abs=2e-5)
     assert compared["largest_difference"] >= abs(compared["recomputed_soc"] - RECORDED_SOC) - 2e-5
     shown.snapshots.clear()
     replaying.control(estimates="recomputed", seek_s=0.0)
-    shown.wait(lambda s: s.is_fresh and s.accumulator["soc"] == pytest.approx(compared["recomputed_soc"], abs=1e-3))
+    shown.wait(lambda s: s.is_fresh and s.accumulator.soc == pytest.approx(compared["recomputed_soc"], abs=1e-3))
 
 
 def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, failures, session, monkeypatch):

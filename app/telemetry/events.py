@@ -1,21 +1,16 @@
-"""What flows through the service: items from the links, snapshots to the readers. Frozen, SI units, no behaviour."""
+"""Items from the links, what is known of the links, events and alarms. Frozen, SI units, no behaviour."""
 
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from app.telemetry.fields import SentAs, Unit
 from firmware_protocol.framing import BadFrame, Frame
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 LinkName = Literal["rs232", "can"]
 LinkState = Literal["off", "connecting", "silent", "live", "lost"]
 BusState = Literal["active", "warning", "passive", "off"]
 Severity = Literal["info", "watch", "warning", "trip"]
-Source = Literal["simulator", "serial", "can", "replay"]
-MasterState = Literal["unknown", "idle", "drive", "charge", "balance", "fault"]
+AlarmSeverity = Literal["watch", "warning", "trip"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,25 +61,37 @@ Item = SerialItem | CanItem | CanFault | LinkChange
 
 @dataclass(frozen=True, slots=True)
 class LinkStatus:
-    """How far a link can be trusted."""
+    """One link's trust."""
 
     state: LinkState = "off"
     url: str | None = None
-    age_s: float | None = None  # since the last good frame
+    age_s: Annotated[float | None, Unit("s", "since the last good frame")] = None
     frames: int = 0
     lost: int = 0  # by gaps in the sequence
-    crc_errors: int = 0
-    resyncs: int = 0  # chunks that were no frame for another reason
+    crc_errors: int | None = 0  # None: a CAN controller does not tell
+    resyncs: int | None = 0  # chunks that were no frame for another reason; None: as above
     bytes: int = 0
-    rate_hz: float = 0.0  # snapshots (rs232) or frames (can) in the last second
-    bytes_per_s: float = 0.0
-    line_load: float | None = None  # share of the line's capacity; of CAN's, with the most bits that stuffing can add
+    rate_hz: Annotated[float, Unit("Hz", "snapshots (RS232) or frames (CAN) in the last two seconds")] = 0.0
+    bytes_per_s: Annotated[float, Unit("B/s", "in the last two seconds")] = 0.0
+    line_load: Annotated[float | None, Unit("1", "share of the line's capacity, with the most stuffing on CAN")] = None
     reconnects: int = 0
     error: str | None = None
     errors: int | None = None  # error frames of a CAN adapter, None where it passes none on
     tx_errors: int | None = None  # its controller's error counters
     rx_errors: int | None = None
     bus_state: BusState | None = None  # None while it said nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Links:
+    """Both links."""
+
+    rs232: LinkStatus
+    can: LinkStatus
+
+    def items(self) -> tuple[tuple[LinkName, LinkStatus], ...]:
+        """Each link with its name."""
+        return ("rs232", self.rs232), ("can", self.can)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +109,7 @@ class Disagreement:
 class Event:
     """Something that happened; `id` is given by the log."""
 
-    time_ns: int
+    time_ns: Annotated[int, SentAs("time", 1e9)]
     severity: Severity
     code: str
     text: str
@@ -119,35 +126,15 @@ class Alarm:
 
     id: int
     code: str
-    severity: Severity
+    severity: AlarmSeverity
     text: str
-    since_ns: int
+    since_ns: Annotated[int, SentAs("since", 1e9)]
     active: bool
     cell: int | None = None
-    value: float | None = None
-    limit: float | None = None
+    value: Annotated[float | None, Unit("", "in `unit`")] = None
+    limit: Annotated[float | None, Unit("", "in `unit`")] = None
     unit: str = ""
     acknowledged_by: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Cells:
-    """Arrays of 96; NaN where missing."""
-
-    voltage_v: FloatArray
-    temperature_degc: FloatArray
-    soc: FloatArray
-    soc_sigma: FloatArray
-    ocv_v: FloatArray
-    residual_v: FloatArray  # measured minus predicted
-    resistance_ohm: FloatArray
-    capacity_ah: FloatArray  # counted with: the cell file's until learned
-    balancing: BoolArray | None
-    model_valid: BoolArray | None
-    soh_capacity: FloatArray  # against new; NaN until learned
-    resistance_factor: FloatArray  # against the cell file at the same charge and temperature; NaN until learned
-    joint_excess_ohm: FloatArray  # of the busbar joint, against its own past and its peers
-    joint_loose: BoolArray | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,31 +146,3 @@ class Identity:
     map_hash: str
     is_compatible: bool
     boots: int
-
-
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """All that is known at one instant. Never changed after it was made."""
-
-    sequence: int
-    t_mono_ns: int
-    t_wall_ns: int
-    uptime_s: float | None
-    source: Source
-    image: bytes  # the shadow, 2984 bytes
-    age_s: dict[str, float | None]
-    cells: Cells
-    accumulator: dict[str, Any]
-    packs: list[dict[str, Any]]
-    prediction: dict[str, Any] | None  # what lies ahead; None without an estimator
-    master: dict[str, Any]
-    charger: dict[str, Any]
-    links: dict[LinkName, LinkStatus]
-    estimator: dict[str, Any]
-    alarms: tuple[Alarm, ...] = ()
-    replay: dict[str, Any] | None = None
-    config: bytes | None = None  # in force, as last heard as a whole
-    config_hash: str | None = None
-    disagreements: tuple[Disagreement, ...] = ()  # between RS232 and CAN
-    plausibility: dict[str, dict[str, Any]] = field(default_factory=dict)  # by check: verdict, value, limit, unit, cell
-    is_fresh: bool = True  # made from new bytes, not only aged

@@ -1,0 +1,97 @@
+"""Any dataclass of this folder as JSON: names, decimals and what is sent are read from its fields, once for each class.
+
+Missing values (None, NaN, infinity) become null. What needs no change is left to orjson, which reads dataclasses.
+"""
+
+from collections.abc import Callable
+from dataclasses import is_dataclass
+from functools import cache
+from operator import attrgetter
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
+
+import numpy as np
+import orjson
+
+from app.telemetry.fields import Described, SentAs, Unit, described
+
+_Convert = Callable[[Any], Any]
+
+
+def encode(body: object) -> bytes:
+    """Return the JSON of what `plain` returned, or of any dict, list, dataclass and array."""
+    return orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def plain(value: Any) -> Any:
+    """Return a dataclass as what orjson can write: a dict with the names, decimals and units of JSON."""
+    owner: type = type(value)
+    convert = _converter(owner)
+    return value if convert is None else convert(value)
+
+
+def alternatives(hint: Any) -> tuple[Any, ...]:
+    """Return the types that a field may have, without None."""
+    members = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    return tuple(member for member in members if member is not NoneType)
+
+
+def element_of(hint: Any) -> Any:
+    """Return T of tuple[T, ...], None for any other type."""
+    arguments = get_args(hint)
+    return arguments[0] if get_origin(hint) is tuple and len(arguments) == 2 and arguments[1] is ... else None
+
+
+def is_array(hint: Any) -> bool:
+    """The type is a numpy array."""
+    return get_origin(hint) is np.ndarray
+
+
+@cache
+def _converter(owner: type) -> _Convert | None:
+    """Return how a class becomes a dict; None where orjson writes the same."""
+    sent = [field for field in described(owner) if not field.is_internal]
+    converters = [_field_converter(field) for field in sent]
+    names = [field.json_name for field in sent]
+    if not any(converters) and names == [field.name for field in described(owner)]:
+        return None
+    read = attrgetter(*(field.name for field in sent))
+    plan = list(zip(names, converters, strict=True))
+    arrays = [field.json_name for field in sent if any(is_array(member) for member in alternatives(field.type))]
+
+    def convert(value: Any) -> dict[str, Any]:
+        values = zip(plan, read(value), strict=True)
+        body = {name: each if change is None else change(each) for (name, change), each in values}
+        for name in arrays:
+            if body[name] is None:
+                body[name] = [None] * len(body[arrays[0]])
+        return body
+
+    return convert
+
+
+def _field_converter(field: Described) -> _Convert | None:
+    sent: SentAs | None = field.mark(SentAs)
+    unit: Unit | None = field.mark(Unit)
+    (kind, *others) = alternatives(field.type)
+    if sent is not None and sent.divisor is not None:
+        divisor = sent.divisor
+        return lambda value: value / divisor
+    if unit is not None and unit.decimals is not None and kind is not int:
+        return _rounding(unit.decimals, of_array=is_array(kind))
+    if others:
+        return None
+    element = element_of(kind)
+    if element is not None and is_dataclass(element):
+        each = _converter(element)  # type: ignore[arg-type]
+        return None if each is None else lambda values: [each(value) for value in values]
+    if is_dataclass(kind):
+        whole = _converter(kind)  # type: ignore[arg-type]
+        return None if whole is None else lambda value: None if value is None else whole(value)
+    return None
+
+
+def _rounding(decimals: int, *, of_array: bool) -> _Convert:
+    if of_array:
+        return lambda values: np.round(values, decimals)
+    return lambda value: round(value, decimals) if isinstance(value, float) else value
