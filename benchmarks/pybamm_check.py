@@ -17,9 +17,10 @@ import numpy as np
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.recording.cell_recording import Recording
 from app.sources.recordings.dataset import load_recording
-from benchmarks.accuracy import HEADER, N_PINNED, Case, disturbed, estimate, judge_case
-from benchmarks.pybamm_cells import CELLS, Cell, pulse_test, race, save, slow_test
+from benchmarks.accuracy import HEADER, N_PINNED, Case, judge_case
 from benchmarks.sources_plots import draw_physics
+from tests.numeric.judgement import disturbed, estimate
+from tests.numeric.pybamm_cells import CELLS, Cell, pulse_test, race, save, slow_test
 
 DEFAULT_CELLS = ("Mohtat2020", "Ecker2015")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import expect
 
-from benchmarks.record_arrays import SessionMaker
+from tests.recorded.arrays import SessionMaker
 
 LAP_S = 60.0
 TIME_S = np.arange(0.0, 4 * LAP_S, 0.5)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from benchmarks.day_race import DayRace, check
+from tests.recorded.day_race import DayRace, check
 
 
 def test_a_race_simulated_at_speed_is_recorded_whole(tmp_path: Path, capsys) -> None:

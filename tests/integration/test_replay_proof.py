@@ -7,7 +7,7 @@ import pytest
 
 from app.cli import main
 from app.sessions.reading.reader import SessionFile
-from benchmarks.record_scenario import ScenarioRecorder
+from tests.recorded.scenario import ScenarioRecorder
 
 SECONDS = 40.0
 

@@ -14,7 +14,7 @@ from app.estimation.filters.estimators import make_estimator
 from app.estimation.identification.identify import identify
 from app.estimation.scoring.scoring import score_soc
 from app.sources.recordings.dataset import load_recording
-from benchmarks.accuracy import judge
+from tests.numeric.judgement import judge
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 PANASONIC, PHYSICS = DATA / "panasonic-18650pf", DATA / "physics"

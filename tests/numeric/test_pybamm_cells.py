@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.sources.recordings.dataset import load_recording
-from benchmarks.pybamm_cells import CELLS, held, race_current, save, simulate
+from tests.numeric.pybamm_cells import CELLS, held, race_current, save, simulate
 
 
 def test_levels_follow_each_other_for_their_time():

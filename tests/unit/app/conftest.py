@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from app.telemetry import SerialItem
-from benchmarks.record_arrays import SessionMaker
 from firmware_protocol.config_image import default_image
 from firmware_protocol.framing import decode_chunk, encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
 from firmware_protocol.messages import Data, MessageType, Window
+from tests.recorded.arrays import SessionMaker
 
 FAST = ((420, 20), (1884, 204), (2280, 116), (2982, 2))
 

@@ -1,10 +1,9 @@
-"""Records a scenario of the simulated car as fast as it can be computed: `python -m benchmarks.record_scenario`.
+"""Sessions of the simulated car, recorded as fast as they can be computed.
 
 The frames go through the pipeline and the recorder as those of a real car would, on the virtual car's clock, so the
 session holds frames, estimates, events and configurations.
 """
 
-import argparse
 import hashlib
 from pathlib import Path
 
@@ -126,21 +125,3 @@ class ScenarioRecorder:
             why = "in force at the start" if self._config is None else "changed"
             self._config = snapshot.config
             self.recorder.config(snapshot.t_mono_ns, snapshot.t_wall_ns, snapshot.config, why)
-
-
-def main() -> None:
-    """Record as the arguments say and print where it went."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scenario")
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--seconds", type=float, default=30_000.0)
-    parser.add_argument("--seed", type=int)
-    arguments = parser.parse_args()
-    made = ScenarioRecorder(arguments.folder, arguments.scenario, seed=arguments.seed)
-    made.run(arguments.seconds)
-    made.close()
-    print(made.info.path)
-
-
-if __name__ == "__main__":
-    main()
