@@ -1,4 +1,4 @@
-"""Wires the service: settings in, ASGI application out. The only file that knows all parts."""
+"""Settings in, ASGI application out: the web server around the parts of app/service/wiring.py."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -17,22 +17,24 @@ from app.api.can import tables as can
 from app.api.configuration import commands, slave_check
 from app.api.configuration import configuration as config
 from app.api.configuration import library as config_library
+from app.api.encoding.encoder import SnapshotEncoder
 from app.api.live import events, live, metrics, system
+from app.api.live.readers import Readers
 from app.api.schemas.service import ProblemOut
 from app.api.sessions import analysis as debrief
-from app.api.sessions import imports, passport, recorder, sessions
-from app.api.sessions import transfer as bringing
+from app.api.sessions import imports, passport, recorder, sessions, transfer
 from app.api.web import login as session_login
 from app.api.web import problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware
+from app.api.web.dependencies import WebParts
 from app.api.web.head import HeadAsGet
 from app.api.web.limits import BodyLimit
 from app.api.web.static import serve_front_end
 from app.clock import Clock
 from app.service.host import ClockWatch
-from app.service.runtime import Runtime
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
+from app.service.wiring import make_service
 from app.sessions.replay import Estimates, Playing
 from app.telemetry import Source
 
@@ -66,19 +68,19 @@ def create_app(
         ConfigError: a setting is wrong or unsafe.
     """
     settings.check()
-
-    runtime = Runtime(settings, serial_url=serial_url, can_url=can_url, source=source)
+    clock = Clock()
+    service = make_service(settings, clock, source=source, serial_url=serial_url, can_url=can_url)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        runtime.hub.attach(asyncio.get_running_loop())
+        service.live.hub.attach(asyncio.get_running_loop())
         try:
-            runtime.start()
+            service.start()
             if replay is not None:
-                runtime.replaying.start(replay.path, Playing(replay.speed, estimates=replay.estimates))
+                service.replay.start(replay.path, Playing(replay.speed, estimates=replay.estimates))
             yield
         finally:
-            await asyncio.to_thread(runtime.stop)
+            await asyncio.to_thread(service.stop)
 
     app = FastAPI(
         title="Voltwall",
@@ -90,16 +92,17 @@ def create_app(
         redoc_url=None,
         responses={"default": {"model": ProblemOut, "description": "What went wrong"}},
     )
-    app.state.runtime = runtime
-    app.state.simulator = simulated_car
-    app.state.encoder = live.Encoder(runtime)
-    app.state.readers = system.Readers()
-    app.state.clock = ClockWatch()
-    authentication = Authentication(settings, Clock())
-    app.state.authentication = authentication
+    authentication = Authentication(settings, clock)
+    app.state.parts = WebParts(
+        service=service,
+        authentication=authentication,
+        encoder=SnapshotEncoder(service.state),
+        readers=Readers(clock),
+        clock_watch=ClockWatch(clock),
+        simulator=simulated_car,
+    )
     problems.install(app)
     for module in (
-        bringing,
         can,
         can_bus,
         commands,
@@ -116,6 +119,7 @@ def create_app(
         simulator,
         slave_check,
         system,
+        transfer,
     ):
         app.include_router(module.router, prefix="/api/v1")
     app.include_router(metrics.router)

@@ -1,10 +1,9 @@
 """The simulated car: what it does, its scenarios and faults. Only where the service started it."""
 
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Query
+from fastapi import APIRouter, Query
 from pydantic import Field
-from starlette.requests import HTTPConnection
 
 from app.api.schemas.simulator import (
     FaultsInForceOut,
@@ -14,23 +13,14 @@ from app.api.schemas.simulator import (
     SpeedOut,
     UnpluggedOut,
 )
-from app.api.web.dependencies import RuntimeDep, UserDep
-from app.api.web.problems import Problem, invalid, not_found
+from app.api.web.dependencies import EventsPart, SimulatorPart, UserDep
+from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
 from app.service.simulator_control import SimulatorRefused
-from app.service.simulator_process import SimulatorProcess
 
 router = APIRouter(prefix="/simulator", tags=["simulator"])
 
 
-def _simulator(connection: HTTPConnection) -> SimulatorProcess:
-    simulator = cast(SimulatorProcess | None, connection.app.state.simulator)
-    if simulator is None:
-        raise Problem(404, "not-found", "Not found", "this service reads no simulated car")
-    return simulator
-
-
-SimulatorDep = Annotated[SimulatorProcess, Depends(_simulator)]
 Pack = Annotated[int | None, Field(ge=1, le=8)]
 Cell = Annotated[int | None, Field(ge=1, le=12)]
 
@@ -63,7 +53,7 @@ class ScenarioIn(Body):
     name: str = Field(max_length=60)
 
 
-def _ask(simulator: SimulatorProcess, do: str, arguments: dict[str, Any] | None = None) -> dict[str, Any]:
+def _ask(simulator: SimulatorPart, do: str, arguments: dict[str, Any] | None = None) -> dict[str, Any]:
     try:
         return simulator.control.ask(do, arguments)
     except SimulatorRefused as error:
@@ -71,7 +61,7 @@ def _ask(simulator: SimulatorProcess, do: str, arguments: dict[str, Any] | None 
 
 
 @router.get("", response_model=SimulatorOut)
-def read(simulator: SimulatorDep) -> dict[str, Any]:
+def read(simulator: SimulatorPart) -> dict[str, Any]:
     """What happens in the simulated car, what else could, and what can go wrong."""
     status = _ask(simulator, "status")
     faults = _ask(simulator, "faults")["faults"]
@@ -86,26 +76,26 @@ def read(simulator: SimulatorDep) -> dict[str, Any]:
 
 
 @router.post("/faults", status_code=201, response_model=FaultsInForceOut)
-def inject(body: FaultIn, simulator: SimulatorDep, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def inject(body: FaultIn, simulator: SimulatorPart, events: EventsPart, user: UserDep) -> dict[str, Any]:
     """Make something go wrong, for a while or until it is cleared."""
     _ask(simulator, "inject", body.model_dump())
     place = ", ".join(f"{name} {value}" for name, value in (("pack", body.pack), ("cell", body.cell)) if value)
-    runtime.note("info", "simulator-fault", f"fault injected: {body.fault} {place}".strip(), user.name)
+    events.note("info", "simulator-fault", f"fault injected: {body.fault} {place}".strip(), user.name)
     return {"active": _ask(simulator, "status")["active"]}
 
 
 @router.delete("/faults", response_model=FaultsInForceOut)
-def clear_all(simulator: SimulatorDep, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def clear_all(simulator: SimulatorPart, events: EventsPart, user: UserDep) -> dict[str, Any]:
     """Mend everything."""
     _ask(simulator, "clear-all")
-    runtime.note("info", "simulator-fault", "all faults cleared", user.name)
+    events.note("info", "simulator-fault", "all faults cleared", user.name)
     return {"active": []}
 
 
 @router.delete("/faults/{name}", response_model=FaultsInForceOut)
 def clear(
     name: str,
-    simulator: SimulatorDep,
+    simulator: SimulatorPart,
     user: UserDep,
     pack: Annotated[int | None, Query(ge=1, le=8)] = None,
     cell: Annotated[int | None, Query(ge=1, le=12)] = None,
@@ -116,31 +106,31 @@ def clear(
 
 
 @router.post("/speed", response_model=SpeedOut)
-def speed(body: SpeedIn, simulator: SimulatorDep, user: UserDep) -> dict[str, Any]:
+def speed(body: SpeedIn, simulator: SimulatorPart, user: UserDep) -> dict[str, Any]:
     """Let time run faster or slower."""
     _ask(simulator, "speed", {"value": body.value})
     return {"speed": body.value}
 
 
 @router.post("/next", response_model=PhaseOut)
-def next_phase(simulator: SimulatorDep, user: UserDep) -> dict[str, Any]:
+def next_phase(simulator: SimulatorPart, user: UserDep) -> dict[str, Any]:
     """Go on to the scenario's next phase."""
     _ask(simulator, "next")
     return {"phase": _ask(simulator, "status")["phase"]}
 
 
 @router.post("/unplug", response_model=UnpluggedOut)
-def unplug(body: UnplugIn, simulator: SimulatorDep, user: UserDep) -> dict[str, Any]:
+def unplug(body: UnplugIn, simulator: SimulatorPart, user: UserDep) -> dict[str, Any]:
     """Pull the RS232 cable for a while."""
     _ask(simulator, "unplug", {"for_s": body.for_s})
     return {"for_s": body.for_s}
 
 
 @router.post("/scenario", response_model=ScenarioStartedOut)
-def scenario(body: ScenarioIn, simulator: SimulatorDep, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def scenario(body: ScenarioIn, simulator: SimulatorPart, events: EventsPart, user: UserDep) -> dict[str, Any]:
     """Start the simulated car anew with another scenario; its EEPROM stays."""
     if body.name not in {item["name"] for item in _ask(simulator, "scenarios")["scenarios"]}:
         raise not_found("scenario", body.name)
     simulator.restart(body.name)
-    runtime.note("info", "simulator-scenario", f"simulated car started with {body.name}", user.name)
+    events.note("info", "simulator-scenario", f"simulated car started with {body.name}", user.name)
     return {"scenario": body.name}

@@ -4,7 +4,7 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 
-from app.telemetry import CanItem
+from app.telemetry import CanItem, Item
 
 LENGTH = 20_000  # twenty seconds of a busy bus
 MAX_IDS = 4096  # a bus with noise on its ids must not fill the memory
@@ -27,6 +27,11 @@ class CanTrace:
         self._lock = threading.Lock()
         self._frames: deque[CanItem] = deque(maxlen=LENGTH)
         self._ids: dict[int, TracedId] = {}
+
+    def on_item(self, item: Item) -> None:
+        """Keep what is a CAN frame."""
+        if isinstance(item, CanItem):
+            self.add(item)
 
     def add(self, item: CanItem) -> None:
         """Keep a frame."""

@@ -1,4 +1,4 @@
-"""What earlier runs taught about these cells, in one file of the data folder: charge, capacities, joints."""
+"""What earlier runs learned about these cells, in one file of the data folder: charge, capacities, joints."""
 
 import logging
 import os
@@ -20,7 +20,7 @@ NOTHING = np.empty((2, 0))
 
 
 @dataclass(frozen=True)
-class Past:
+class LearnedState:
     """The state of charge when the service last ran, and what does not change from day to day."""
 
     saved_wall_ns: int
@@ -35,13 +35,13 @@ class Past:
         return self.soc, np.sqrt(self.soc_sigma**2 + grown)
 
 
-def load_past(path: Path) -> Past | None:
+def load_learned_state(path: Path) -> LearnedState | None:
     """Return what was saved, None where there is nothing or it cannot be read (which is logged)."""
     if not path.is_file():
         return None
     try:
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-            past = Past(
+            state = LearnedState(
                 int(file["saved_wall_ns"]),
                 file["soc"],
                 file["soc_sigma"],
@@ -54,26 +54,26 @@ def load_past(path: Path) -> Past | None:
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         log.warning("%s cannot be read and is ignored: %s", path, error)
         return None
-    shapes = {past.soc.shape, past.soc_sigma.shape, past.cells.joint_baseline_ohm.shape}
-    if shapes != {(N_CELLS,)} or past.cells.capacity_state.shape != (6, N_CELLS):
+    shapes = {state.soc.shape, state.soc_sigma.shape, state.cells.joint_baseline_ohm.shape}
+    if shapes != {(N_CELLS,)} or state.cells.capacity_state.shape != (6, N_CELLS):
         log.warning("%s is of another accumulator and is ignored", path)
         return None
-    return past
+    return state
 
 
-def save_past(path: Path, past: Past) -> None:
+def save_learned_state(path: Path, state: LearnedState) -> None:
     """Replace the file as a whole; a full disk is logged and costs only this."""
     draft = path.with_suffix(".new")
     try:
         with draft.open("wb") as file:
             np.savez(
                 file,
-                saved_wall_ns=past.saved_wall_ns,
-                soc=past.soc,
-                soc_sigma=past.soc_sigma,
-                capacity_state=past.cells.capacity_state,
-                joint_baseline_ohm=past.cells.joint_baseline_ohm,
-                resistance=NOTHING if past.cells.resistance is None else past.cells.resistance,
+                saved_wall_ns=state.saved_wall_ns,
+                soc=state.soc,
+                soc_sigma=state.soc_sigma,
+                capacity_state=state.cells.capacity_state,
+                joint_baseline_ohm=state.cells.joint_baseline_ohm,
+                resistance=NOTHING if state.cells.resistance is None else state.cells.resistance,
             )
             file.flush()
             os.fsync(file.fileno())

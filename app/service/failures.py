@@ -1,7 +1,8 @@
 """Items that the pipeline failed on: it goes on, the log says so, and health says so for a while."""
 
 import logging
-import time
+
+from app.clock import Clock
 
 log = logging.getLogger(__name__)
 SHOWN_S = 60.0
@@ -10,13 +11,14 @@ SHOWN_S = 60.0
 class Failures:
     """Counts them; written by the pipeline's thread, read by any."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
         self._count = 0
         self._last: tuple[int, str] | None = None
 
     def add(self, error: Exception) -> None:
-        """One item failed, the next may not; the log hears of it at most once a second."""
-        now_ns = time.monotonic_ns()
+        """Count a failure; it is logged at most once a second."""
+        now_ns = self._clock.monotonic_ns()
         self._count += 1
         if self._last is None or now_ns - self._last[0] > 1e9:
             log.error("the pipeline failed on an item and goes on (failure %d)", self._count, exc_info=error)
@@ -24,7 +26,7 @@ class Failures:
 
     @property
     def reason(self) -> str | None:
-        """The last of them in words while it is news, None otherwise."""
-        if self._last is None or time.monotonic_ns() - self._last[0] >= SHOWN_S * 1e9:
+        """The last failure in words for a minute, None otherwise."""
+        if self._last is None or self._clock.monotonic_ns() - self._last[0] >= SHOWN_S * 1e9:
             return None
         return f"the pipeline failed on {self._count} item(s), the last time with {self._last[1]}"

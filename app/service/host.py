@@ -2,10 +2,10 @@
 
 import shutil
 import socket
-import time
-from dataclasses import dataclass, field
 from ipaddress import IPv4Address, ip_address
 from pathlib import Path
+
+from app.clock import Clock
 
 # One address in each range that a pit network may use: a datagram socket "connected" there sends nothing, and tells
 # which of this machine's addresses would be used.
@@ -46,15 +46,16 @@ def disk_of(folder: Path) -> dict[str, int] | None:
     return {"free_bytes": usage.free, "total_bytes": usage.total}
 
 
-@dataclass
 class ClockWatch:
     """Tells how far the wall clock was moved since the service started, by the monotonic clock."""
 
-    _offset_s: float = field(default_factory=lambda: time.time() - time.monotonic())
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._offset_ns = clock.wall_ns() - clock.monotonic_ns()
 
     def moved_s(self) -> float:
         """Return how far the wall clock was set on (positive) or back since the start [s]."""
-        return time.time() - time.monotonic() - self._offset_s
+        return (self._clock.wall_ns() - self._clock.monotonic_ns() - self._offset_ns) / 1e9
 
     @property
     def was_set(self) -> bool:

@@ -3,15 +3,15 @@
 Blocking; thread-safe.
 """
 
-import time
 from collections.abc import Callable
 from typing import Protocol
 
+from app.clock import Clock
 from app.configuration.history import Action, ConfigHistory
 from app.configuration.safe_write import Configuration, Unverified, Written
-from app.errors import LinkError, LinkLost, MasterRefused, NotNow
-from app.sources.links.serial import SerialLink
-from app.sources.master.client import MasterClient
+from app.errors import LinkError, MasterRefused, NotNow
+from app.service.links import Links
+from app.telemetry import Severity
 from firmware_protocol.config_image import Change, difference, image_hash
 from firmware_protocol.eeprom import StoredConfig
 from firmware_protocol.messages import Command
@@ -22,7 +22,7 @@ NO_IMAGE = b""
 class Note(Protocol):
     """Writes a line into the event log."""
 
-    def __call__(self, severity: str, code: str, text: str, who: str | None = None) -> None:
+    def __call__(self, severity: Severity, code: str, text: str, who: str | None = None) -> None:
         """Write it."""
 
 
@@ -32,16 +32,16 @@ class Operator:
     def __init__(
         self,
         configuration: Configuration,
-        master: MasterClient,
-        serial: SerialLink | None,
+        links: Links,
         note: Note,
         history: ConfigHistory,
+        clock: Clock,
     ) -> None:
         self._configuration = configuration
-        self._master = master
-        self._serial = serial
+        self._links = links
         self._note = note
         self._history = history
+        self._clock = clock
 
     def write_config(
         self,
@@ -110,7 +110,7 @@ class Operator:
         """Send a named command, noted with its outcome."""
         text = f"{name} {details}".strip()
         try:
-            self._master.request(command)
+            self._links.master.request(command)
         except LinkError as error:
             self._note("warning", "command-failed", f"{text}: {error}", who)
             raise
@@ -118,16 +118,14 @@ class Operator:
 
     def stream(self, who: str, *, on: bool) -> None:
         """Start or stop the master's stream."""
-        if self._serial is None:
-            raise LinkLost("no RS232 port is configured")
-        self._serial.stream(on=on)
+        self._links.stream(on=on)
         self._note("info", "command", "stream-start" if on else "stream-stop", who)
 
     def _remember(
         self, who: str, action: Action, source: str, reason: str, before: bytes, after: bytes, result: str
     ) -> None:
         try:
-            self._history.append(time.time_ns(), who, action, source, reason.strip(), before, after, result)
+            self._history.append(self._clock.wall_ns(), who, action, source, reason.strip(), before, after, result)
         except OSError as error:
             self._note("warning", "config-history-failed", f"this write is not in the history: {error}", who)
 

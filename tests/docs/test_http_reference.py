@@ -11,7 +11,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "http.md"
 
 def routes(tmp_path):
     app = create_app(Settings(data=tmp_path, serial="loop://"), "serial", serial_url=None, can_url=None)
-    app.state.runtime.stop()
+    app.state.parts.service.stop()
     schema = app.openapi()["paths"]
     return {(method.upper(), path.removeprefix("/api/v1")) for path, methods in schema.items() for method in methods}
 

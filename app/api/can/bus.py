@@ -13,12 +13,19 @@ from starlette.responses import FileResponse
 from app.api.configuration.configuration import OCTETS
 from app.api.encoding.can import bus_json
 from app.api.schemas.can import CanBusOut, TransmitOut
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import (
+    CanTracePart,
+    CataloguePart,
+    ClockPart,
+    EventsPart,
+    InForcePart,
+    LinksPart,
+    LivePart,
+    UserDep,
+)
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
-from app.service.runtime import Runtime
 from app.sessions.export.can_log import LOG_FORMATS, write_items
-from app.sources.links.can import CanLink
 from app.sources.links.can_sender import Outgoing
 from firmware_protocol.can_tables import tx_messages
 from firmware_protocol.config_image import default_image
@@ -66,54 +73,44 @@ class ReplayFramesIn(Body):
 
 
 @router.get("/bus", response_model=CanBusOut)
-def bus(runtime: RuntimeDep) -> dict[str, Any]:
+def bus(trace: CanTracePart, in_force: InForcePart, live: LivePart, clock: ClockPart) -> dict[str, Any]:
     """Every id: name, period measured and configured, last bytes, signals; what is configured and not heard."""
-    return bus_json(runtime)
+    return bus_json(trace, in_force.image() or default_image(), live.snapshot, clock)
 
 
 @router.get("/trace/export", response_class=FileResponse)
 def export(
-    runtime: RuntimeDep, export_format: Annotated[Literal["candump", "asc", "blf"], Query(alias="format")]
+    trace: CanTracePart, export_format: Annotated[Literal["candump", "asc", "blf"], Query(alias="format")]
 ) -> Response:
     """The trace as it stands, for other CAN tools."""
     suffix, write = LOG_FORMATS[export_format]
     with tempfile.NamedTemporaryFile(suffix=suffix, delete=False) as file:
         path = Path(file.name)
-    write_items(write, path, runtime.trace.latest(None))
+    write_items(write, path, trace.latest(None))
     name = f"voltwall-can{suffix}"
     return FileResponse(path, filename=name, media_type=OCTETS, background=BackgroundTask(path.unlink, missing_ok=True))
 
 
-def _hindrance(runtime: Runtime) -> str | None:
-    if runtime.can is None:
-        return "no CAN bus is configured"
-    if runtime.source != "simulator" and not runtime.settings.bench:
-        return "frames are only sent onto the simulated bus, or onto a bench's: start the service with --bench"
-    return None
+def _require_may_transmit(links: LinksPart) -> None:
+    if (hindrance := links.transmit_hindrance) is not None:
+        raise Problem(409, "not-on-this-bus", "Not on this bus", hindrance)
 
 
-def _link(runtime: Runtime) -> CanLink:
-    hindrance = _hindrance(runtime)
-    if hindrance is not None or runtime.can is None:
-        raise Problem(409, "not-on-this-bus", "Not on this bus", hindrance or "no CAN bus is configured")
-    return runtime.can
-
-
-def _ids_of_master(runtime: Runtime) -> set[int]:
+def _ids_of_master(live: LivePart, in_force: InForcePart) -> set[int]:
     """What a master that is there sends itself: two senders of one id destroy each other's frames."""
-    snapshot = runtime.pipeline_snapshot
+    snapshot = live.snapshot
     if snapshot is None or all(link.state != "live" for _, link in snapshot.links.items()):
         return set()
-    messages = [m for m in tx_messages(runtime.config_in_force() or default_image()) if m.length]
+    messages = [m for m in tx_messages(in_force.image() or default_image()) if m.length]
     return {m.can_id | (CAN_ID_EXTENDED if m.is_extended else 0) for m in messages}
 
 
-def _status(runtime: Runtime) -> dict[str, Any]:
-    status, hindrance = runtime.can_sender.status, _hindrance(runtime)
+def _status(links: LinksPart) -> dict[str, Any]:
+    status, hindrance = links.can_sender.status, links.transmit_hindrance
     return {
         "allowed": hindrance is None,
         "hindrance": hindrance,
-        "running": runtime.can_sender.is_busy,
+        "running": links.can_sender.is_busy,
         "what": status.what,
         "who": status.who,
         "sent": status.sent,
@@ -123,34 +120,49 @@ def _status(runtime: Runtime) -> dict[str, Any]:
 
 
 @router.get("/transmit", response_model=TransmitOut)
-def transmitting(runtime: RuntimeDep) -> dict[str, Any]:
+def transmitting(links: LinksPart) -> dict[str, Any]:
     """Whether frames may be sent, and what is being sent."""
-    return _status(runtime)
+    return _status(links)
 
 
 @router.post("/transmit", response_model=TransmitOut)
-def transmit(body: TransmitIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def transmit(
+    body: TransmitIn,
+    events: EventsPart,
+    links: LinksPart,
+    live: LivePart,
+    in_force: InForcePart,
+    user: UserDep,
+) -> dict[str, Any]:
     """Send frames once, or a list with periods until it is done or stopped. Simulator or bench only."""
-    _link(runtime)
+    _require_may_transmit(links)
     frames = [frame.outgoing() for frame in body.frames]
-    if taken := sorted({f.can_id & ~CAN_ID_EXTENDED for f in frames if f.can_id in _ids_of_master(runtime)}):
+    if taken := sorted({f.can_id & ~CAN_ID_EXTENDED for f in frames if f.can_id in _ids_of_master(live, in_force)}):
         ids = ", ".join(f"{can_id:#x}" for can_id in taken)
         raise Problem(409, "id-in-use", "The master sends this id", f"{ids}: the master sends it itself")
     if all(frame.period_s is None for frame in frames):
-        runtime.can_sender.once(frames)
+        links.can_sender.once(frames)
     else:
-        runtime.can_sender.start_list(frames, user.name)
+        links.can_sender.start_list(frames, user.name)
     ids = ", ".join(f"{frame.can_id & ~CAN_ID_EXTENDED:#x}" for frame in frames[:8])
-    runtime.note("info", "can-transmit", f"CAN: {ids} sent" + ("" if len(frames) < 9 else " and more"), user.name)
-    return _status(runtime)
+    events.note("info", "can-transmit", f"CAN: {ids} sent" + ("" if len(frames) < 9 else " and more"), user.name)
+    return _status(links)
 
 
 @router.post("/transmit/replay", response_model=TransmitOut)
-def replay_frames(body: ReplayFramesIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def replay_frames(
+    body: ReplayFramesIn,
+    events: EventsPart,
+    links: LinksPart,
+    catalogue: CataloguePart,
+    live: LivePart,
+    in_force: InForcePart,
+    user: UserDep,
+) -> dict[str, Any]:
     """Send a session's CAN frames again, but for the ids that a master on the bus sends itself."""
-    _link(runtime)
-    skipped = _ids_of_master(runtime)
-    with runtime.catalogue.open(body.session) as session:
+    _require_may_transmit(links)
+    skipped = _ids_of_master(live, in_force)
+    with catalogue.open(body.session) as session:
         frames = [f for f in session.can_frames() if f.can_id not in skipped and len(f.data) <= CAN_DATA_BYTES]
     if not frames:
         raise Problem(
@@ -162,16 +174,16 @@ def replay_frames(body: ReplayFramesIn, runtime: RuntimeDep, user: UserDep) -> d
         for frame in frames:
             yield (frame.t_mono_ns - start_ns) / 1e9 / body.speed, frame.can_id, frame.data
 
-    runtime.can_sender.start_frames(f"session {body.session}", timed(), len(frames), user.name)
-    runtime.note("info", "can-replay", f"CAN: {len(frames)} frames of session {body.session} sent again", user.name)
-    return _status(runtime)
+    links.can_sender.start_frames(f"session {body.session}", timed(), len(frames), user.name)
+    events.note("info", "can-replay", f"CAN: {len(frames)} frames of session {body.session} sent again", user.name)
+    return _status(links)
 
 
 @router.delete("/transmit", response_model=TransmitOut)
-def stop_transmitting(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def stop_transmitting(events: EventsPart, links: LinksPart, user: UserDep) -> dict[str, Any]:
     """Stop what is being sent."""
-    was_busy = runtime.can_sender.is_busy
-    runtime.can_sender.stop()
+    was_busy = links.can_sender.is_busy
+    links.can_sender.stop()
     if was_busy:
-        runtime.note("info", "can-transmit", "CAN: sending stopped", user.name)
-    return _status(runtime)
+        events.note("info", "can-transmit", "CAN: sending stopped", user.name)
+    return _status(links)

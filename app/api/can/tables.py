@@ -11,7 +11,7 @@ from app.api.configuration.configuration import Wish, require_match, run_write
 from app.api.encoding.can import heard_messages, tables_json, traced_json
 from app.api.schemas.can import ImportedTablesOut
 from app.api.schemas.config import CanTablesOut, CanTraceOut, WriteResultOut
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import CanTracePart, ConfigurationPart, InForcePart, LivePart, OperatorPart, UserDep
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
 from firmware_protocol.can_tables import (
@@ -130,32 +130,33 @@ def _prescaler(wanted: int) -> int:
 
 
 @router.get("", response_model=CanTablesOut)
-def read(runtime: RuntimeDep, response: Response) -> dict[str, Any]:
+def read(trace: CanTracePart, in_force: InForcePart, live: LivePart, response: Response) -> dict[str, Any]:
     """The tables in force, with the names of what their bytes are; `assumed` while only the defaults are known."""
-    in_force = runtime.config_in_force()
-    image = in_force or default_image()
+    known = in_force.image()
+    image = known or default_image()
     response.headers["ETag"] = f'"{image_hash(image)}"'
-    tables = tables_json(image, runtime.can_rx_active(), heard_messages(runtime.trace))
-    return tables | {"hash": image_hash(image), "assumed": in_force is None}
+    tables = tables_json(image, live.can_rx_active, heard_messages(trace))
+    return tables | {"hash": image_hash(image), "assumed": known is None}
 
 
 @router.put("", responses={200: {"model": WriteResultOut}})
 async def write(
     tables: TablesIn,
-    runtime: RuntimeDep,
+    operator: OperatorPart,
+    configuration: ConfigurationPart,
     user: UserDep,
     if_match: Annotated[str | None, Header()] = None,
     dry_run: bool = False,
 ) -> Response:
     """Write messages into the configuration in force and read it back."""
     wish = Wish(tables.put_into, tables.reason, "CAN tables")
-    return await run_write(runtime, user.name, wish, require_match(if_match), dry_run=dry_run)
+    return await run_write(operator, configuration, user.name, wish, require_match(if_match), dry_run=dry_run)
 
 
 @router.get("/dbc", response_class=PlainTextResponse)
-def dbc(runtime: RuntimeDep) -> Response:
+def dbc(in_force: InForcePart) -> Response:
     """The tables in force as a DBC file; its comment says so where they are the defaults."""
-    image = runtime.config_in_force()
+    image = in_force.image()
     text = to_dbc(default_image(), _NEVER_READ) if image is None else to_dbc(image)
     headers = {"Content-Disposition": 'attachment; filename="voltwall.dbc"'}
     return Response(text, media_type="text/plain; charset=utf-8", headers=headers)
@@ -163,7 +164,7 @@ def dbc(runtime: RuntimeDep) -> Response:
 
 @router.post("/dbc", response_model=ImportedTablesOut, openapi_extra=_DBC_BODY)
 async def import_dbc(
-    request: Request, runtime: RuntimeDep, node: Annotated[str, Query(max_length=64, pattern=r"^\w+$")] = MASTER_NODE
+    request: Request, in_force: InForcePart, node: Annotated[str, Query(max_length=64, pattern=r"^\w+$")] = MASTER_NODE
 ) -> dict[str, Any]:
     """Return the tables in force with a DBC's messages in them, and what of it did not fit. Nothing is written.
 
@@ -173,12 +174,14 @@ async def import_dbc(
         imported = from_dbc((await request.body()).decode(errors="replace"), node)
     except DecodeError as error:
         raise invalid("body", "DBC", str(error)) from error
-    image, notes = into_tables(runtime.config_in_force() or default_image(), imported)
+    image, notes = into_tables(in_force.image() or default_image(), imported)
     tables = tables_json(image, None)
     return {"tx": tables["tx"], "rx": tables["rx"], "notes": list(notes)}
 
 
 @router.get("/trace", response_model=CanTraceOut)
-async def trace(runtime: RuntimeDep, limit: Annotated[int, Query(ge=1, le=2000)] = 200) -> dict[str, Any]:
+async def trace(
+    trace: CanTracePart, in_force: InForcePart, limit: Annotated[int, Query(ge=1, le=2000)] = 200
+) -> dict[str, Any]:
     """The last frames, and the latest of every id."""
-    return await run_in_threadpool(traced_json, runtime.trace, limit, runtime.config_in_force() or default_image())
+    return await run_in_threadpool(traced_json, trace, limit, in_force.image() or default_image())

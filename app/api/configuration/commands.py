@@ -8,11 +8,18 @@ from fastapi import APIRouter
 from pydantic import Field
 
 from app.api.schemas.service import CalibrationOut, CommandsOut, DoneOut, IdentityOut
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import (
+    ConfigurationPart,
+    EventsPart,
+    LinksPart,
+    LivePart,
+    OperatorPart,
+    SettingsPart,
+    UserDep,
+)
 from app.api.web.problems import Problem, invalid, not_found
 from app.api.web.request_body import Body
 from app.configuration.calibration import measure, propose_gain, propose_zero
-from app.service.runtime import Runtime
 from firmware_protocol.memory_map import CELLS_PER_PACK, N_CELLS
 from firmware_protocol.messages import MAX_FAN_OVERRIDE_S, Command, CommandId
 
@@ -66,33 +73,40 @@ COMMANDS: dict[str, tuple[CommandId, Callable[[float | None], int]]] = {
 
 
 @router.get("/commands", response_model=CommandsOut)
-def names(runtime: RuntimeDep) -> dict[str, Any]:
+def names(live: LivePart, settings: SettingsPart) -> dict[str, Any]:
     """The commands there are, and why some would be refused by this service now."""
-    hindrance = _against_balancing(runtime)
+    hindrance = _against_balancing(live, settings)
     hindrances = {} if hindrance is None else dict.fromkeys(BALANCING, hindrance)
     return {"commands": [*COMMANDS, "balance-cells", *STREAM], "hindrances": hindrances}
 
 
 @router.post("/commands/{name}", response_model=DoneOut)
-def command(name: str, runtime: RuntimeDep, user: UserDep, body: Argument | None = None) -> dict[str, Any]:
+def command(
+    name: str,
+    operator: OperatorPart,
+    live: LivePart,
+    settings: SettingsPart,
+    user: UserDep,
+    body: Argument | None = None,
+) -> dict[str, Any]:
     """Send a command and wait for the master's answer."""
     asked = body or Argument()
     if asked.duration_s is not None and (name != "fan-override" or asked.argument is None):
         raise invalid("duration_s", asked.duration_s, "only with fan-override and a duty")
     if asked.cells is not None and name != "balance-cells":
         raise invalid("cells", len(asked.cells), "only with balance-cells")
-    if name in BALANCING and (hindrance := _against_balancing(runtime)) is not None:
+    if name in BALANCING and (hindrance := _against_balancing(live, settings)) is not None:
         raise Problem(409, "rules", "Not by the rules", hindrance)
     if name in STREAM:
         _none(asked.argument)
-        runtime.operator.stream(user.name, on=name == "stream-start")
+        operator.stream(user.name, on=name == "stream-start")
     elif name == "balance-cells":
         _none(asked.argument)
-        _balance(runtime, asked.cells or [], user.name)
+        _balance(operator, asked.cells or [], user.name)
     elif name in COMMANDS:
         command_id, convert = COMMANDS[name]
         argument = convert(asked.argument) | (asked.duration_s or 0) << 8
-        runtime.operator.command(name, Command(command_id, argument), user.name, _in_words(asked))
+        operator.command(name, Command(command_id, argument), user.name, _in_words(asked))
     else:
         raise not_found("command", name)
     return {"done": True}
@@ -103,39 +117,39 @@ def _in_words(asked: Argument) -> str:
     return "" if asked.argument is None else f"{asked.argument:g}{duration}"
 
 
-def _against_balancing(runtime: Runtime) -> str | None:
+def _against_balancing(live: LivePart, settings: SettingsPart) -> str | None:
     """Why the competition's rules forbid balancing now: the relays are open, or not known to be closed."""
-    snapshot = runtime.pipeline_snapshot
+    snapshot = live.snapshot
     flags = None if snapshot is None else snapshot.master.flags
-    if runtime.settings.balance_open or (flags is not None and flags.load):
+    if settings.balance_open or (flags is not None and flags.load):
         return None
     return "the relays are open, and this service was told that the rules forbid balancing then (balance_open)"
 
 
-def _balance(runtime: Runtime, cells: list[int], who: str) -> None:
+def _balance(operator: OperatorPart, cells: list[int], who: str) -> None:
     """Bleed exactly these cells: what was chosen before ends, then each pack is told its own."""
     if not cells:
         raise invalid("cells", "none", "at least one; balance-stop ends it")
     for cell in cells:
         if not 0 <= cell < N_CELLS:
             raise invalid("cells", cell, f"0..{N_CELLS - 1}")
-    runtime.operator.command("balance-stop", Command(CommandId.BALANCE_STOP), who)
+    operator.command("balance-stop", Command(CommandId.BALANCE_STOP), who)
     for pack in sorted({cell // CELLS_PER_PACK for cell in cells}):
         positions = sorted({cell % CELLS_PER_PACK for cell in cells if cell // CELLS_PER_PACK == pack})
         mask = sum(1 << position for position in positions)
         details = f"pack {pack + 1}, cells {', '.join(str(position + 1) for position in positions)}"
         request = Command(CommandId.BALANCE_CELLS, pack << CELLS_PER_PACK | mask)
-        runtime.operator.command("balance-cells", request, who, details)
+        operator.command("balance-cells", request, who, details)
 
 
 @router.post("/identify", response_model=IdentityOut)
-def identify(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def identify(events: EventsPart, links: LinksPart, live: LivePart, user: UserDep) -> dict[str, Any]:
     """Ask the master who it is, now."""
-    runtime.master.identify()
-    identity = runtime.pipeline.identity
+    links.master.identify()
+    identity = live.identity
     if identity is None:
         raise Problem(504, "no-reply", "No reply from the master", "the answer was no identity")
-    runtime.note("info", "command", f"identify: firmware {identity.firmware}, boots {identity.boots}", user.name)
+    events.note("info", "command", f"identify: firmware {identity.firmware}, boots {identity.boots}", user.name)
     return asdict(identity)
 
 
@@ -147,12 +161,14 @@ class CalibrationIn(Body):
 
 
 @router.post("/calibration/current", response_model=CalibrationOut)
-def calibrate(body: CalibrationIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def calibrate(
+    body: CalibrationIn, events: EventsPart, links: LinksPart, configuration: ConfigurationPart, user: UserDep
+) -> dict[str, Any]:
     """Average the current over a second, and propose the offset or gain that corrects it. Nothing is written."""
     if body.what == "gain" and body.reference_a is None:
         raise invalid("reference_a", None, "the reference meter's current")
-    image = runtime.configuration.read()
-    measured = measure(runtime.master)
+    image = configuration.read()
+    measured = measure(links.master)
     proposal = None
     if body.what == "zero":
         proposal = propose_zero(image, measured)
@@ -160,5 +176,5 @@ def calibrate(body: CalibrationIn, runtime: RuntimeDep, user: UserDep) -> dict[s
         proposal = propose_gain(image, measured, body.reference_a)
     said = f"{measured.mean_a:.2f} A, sigma {measured.sigma_a:.2f} A"
     change = "" if proposal is None else f"; {proposal.field} {proposal.before_raw} -> {proposal.after_raw} proposed"
-    runtime.note("info", "calibration", f"current {body.what}: {said}{change}", user.name)
+    events.note("info", "calibration", f"current {body.what}: {said}{change}", user.name)
     return {"measured": asdict(measured), "proposal": None if proposal is None else asdict(proposal)}

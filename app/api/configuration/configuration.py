@@ -10,13 +10,12 @@ from starlette.concurrency import run_in_threadpool
 
 from app.api.encoding.configuration import change_json, config_json, finding_json, schema_json
 from app.api.schemas.config import ConfigOut, LoadResultOut, SchemaOut, StoredConfigOut, StoreResultOut, WriteResultOut
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import ConfigSourcesPart, ConfigurationPart, InForcePart, OperatorPart, RulesPart, UserDep
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body
 from app.configuration.history import Action
 from app.configuration.profile import is_profile, profile_of
 from app.configuration.safe_write import Written
-from app.service.runtime import Runtime
 from firmware_protocol.config_image import image_hash, with_raw, with_value
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
 
@@ -85,27 +84,29 @@ def schema() -> dict[str, Any]:
 
 
 @router.get("", response_model=None, responses={200: {"model": ConfigOut}})
-def read(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any]:
+def read(
+    request: Request, in_force: InForcePart, configuration: ConfigurationPart, rules: RulesPart
+) -> Response | dict[str, Any]:
     """The configuration in force: JSON in units, or the 420 bytes with Accept: application/octet-stream."""
-    image = runtime.config_in_force()
+    image = in_force.image()
     if image is None:
         raise Problem(503, "link-lost", "Never read", "the configuration was never read: the master has not spoken yet")
-    etag = quoted(runtime.configuration.show(image))
+    etag = quoted(configuration.show(image))
     if OCTETS in request.headers.get("accept", ""):
         return Response(image, media_type=OCTETS, headers={"ETag": etag})
-    findings = [finding_json(found) for found in runtime.review(image)]
+    findings = [finding_json(found) for found in rules.review(image)]
     body = config_json(image) | {
-        "stored_hash": runtime.stored_hash(),
-        "age_s": runtime.config_age_s(),
+        "stored_hash": in_force.stored_hash(),
+        "age_s": in_force.age_s(),
         "findings": findings,
     }
     return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})
 
 
 @router.get("/stored", response_model=None, responses={200: {"model": StoredConfigOut | None}})
-def read_stored(request: Request, runtime: RuntimeDep) -> Response | dict[str, Any] | None:
+def read_stored(request: Request, configuration: ConfigurationPart) -> Response | dict[str, Any] | None:
     """What the EEPROM holds, read now; null, or no content, where it holds no valid configuration."""
-    stored = runtime.configuration.read_stored()
+    stored = configuration.read_stored()
     if stored is None:
         return Response(status_code=204) if OCTETS in request.headers.get("accept", "") else None
     if OCTETS in request.headers.get("accept", ""):
@@ -116,7 +117,9 @@ def read_stored(request: Request, runtime: RuntimeDep) -> Response | dict[str, A
 @router.put("", openapi_extra=_PUT_BODY, responses={200: {"model": WriteResultOut}})
 async def write(
     request: Request,
-    runtime: RuntimeDep,
+    operator: OperatorPart,
+    configuration: ConfigurationPart,
+    config_sources: ConfigSourcesPart,
     user: UserDep,
     if_match: Annotated[str | None, Header()] = None,
     dry_run: bool = False,
@@ -136,8 +139,8 @@ async def write(
         profile = profile_of(document)
         wish = Wish(lambda _: profile.image, reason, f"file {profile.name}@{profile.version}")
     else:
-        wish = _wish(_parse(body), runtime, reason)
-    return await run_write(runtime, user.name, wish, expected, dry_run=dry_run)
+        wish = _wish(_parse(body), config_sources, reason)
+    return await run_write(operator, configuration, user.name, wish, expected, dry_run=dry_run)
 
 
 class Wish(NamedTuple):
@@ -149,20 +152,22 @@ class Wish(NamedTuple):
     action: Action = "write"
 
 
-def _wish(edit: ConfigEdit, runtime: Runtime, reason: str) -> Wish:
+def _wish(edit: ConfigEdit, config_sources: ConfigSourcesPart, reason: str) -> Wish:
     for twice in edit.values.keys() & edit.raw.keys():
         raise invalid(twice, edit.raw[twice], "in values or in raw, not in both")
     name = edit.source
     if name is None:
         return Wish(lambda image: edited(image, edit), edit.reason or reason)
-    return Wish(lambda _: edited(runtime.sources.image(name), edit), edit.reason or reason, name)
+    return Wish(lambda _: edited(config_sources.image(name), edit), edit.reason or reason, name)
 
 
-async def run_write(runtime: Runtime, who: str, wish: Wish, expected: str, *, dry_run: bool) -> Response:
+async def run_write(
+    operator: OperatorPart, configuration: ConfigurationPart, who: str, wish: Wish, expected: str, *, dry_run: bool
+) -> Response:
     """Write, and answer with the difference and what the rules say."""
 
     def work() -> Written:
-        return runtime.operator.write_config(
+        return operator.write_config(
             wish.edit,
             expected,
             who,
@@ -183,21 +188,21 @@ async def run_write(runtime: Runtime, who: str, wish: Wish, expected: str, *, dr
         "warnings": [finding_json(found) for found in written.findings],
         "hindrance": written.hindrance,
     }
-    etag = quoted(runtime.configuration.show(shown))
+    etag = quoted(configuration.show(shown))
     return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})
 
 
 @router.post("/store", response_model=StoreResultOut)
-def store(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def store(operator: OperatorPart, user: UserDep) -> dict[str, Any]:
     """Store the configuration in force in the EEPROM and read it back."""
-    stored = runtime.operator.store_config(user.name)
+    stored = operator.store_config(user.name)
     return {"stored_hash": image_hash(stored.image), "verified": True, "counter": stored.counter}
 
 
 @router.post("/load", response_model=LoadResultOut)
-def load(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def load(operator: OperatorPart, user: UserDep) -> dict[str, Any]:
     """Put the stored configuration in force."""
-    return {"hash": image_hash(runtime.operator.load_config(user.name))}
+    return {"hash": image_hash(operator.load_config(user.name))}
 
 
 def _loads(body: bytes) -> object:

@@ -15,7 +15,16 @@ from app.api.schemas.config import (
     SourceOut,
     WriteResultOut,
 )
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import (
+    ConfigHistoryPart,
+    ConfigSourcesPart,
+    ConfigurationPart,
+    EventsPart,
+    OperatorPart,
+    ProfilesPart,
+    RulesPart,
+    UserDep,
+)
 from app.api.web.problems import Problem, not_found
 from app.api.web.request_body import Body
 from app.configuration.history import Record
@@ -57,24 +66,24 @@ def _profile_json(profile: Profile) -> dict[str, Any]:
 
 
 @router.get("/profiles", response_model=ProfilesOut)
-def profiles(runtime: RuntimeDep) -> dict[str, Any]:
+def profiles(profiles: ProfilesPart) -> dict[str, Any]:
     """The profiles, each with its newest version and the numbers of all."""
     found: list[dict[str, Any]] = []
     broken: list[str] = []
-    for name in runtime.profiles.names():
+    for name in profiles.names():
         try:
-            profile = runtime.profiles.load(name)
+            profile = profiles.load(name)
         except (ConfigError, NoProfile) as error:
             broken.append(f"{name}: {error}")
             continue
-        found.append(_profile_json(profile) | {"name": name, "versions": runtime.profiles.versions(name)})
+        found.append(_profile_json(profile) | {"name": name, "versions": profiles.versions(name)})
     return {"profiles": found, "broken": broken}
 
 
 @router.get("/profiles/{name}", response_class=Response)
-def profile_file(name: Name, runtime: RuntimeDep, version: Annotated[int | None, Query(ge=1)] = None) -> Response:
+def profile_file(name: Name, profiles: ProfilesPart, version: Annotated[int | None, Query(ge=1)] = None) -> Response:
     """A profile as the file that is kept in git: units, comments, stable order."""
-    profile = runtime.profiles.load(name, version)
+    profile = profiles.load(name, version)
     headers = {
         "Content-Disposition": f'attachment; filename="{profile.name}.json"',
         "ETag": f'"{image_hash(profile.image)}"',
@@ -83,36 +92,44 @@ def profile_file(name: Name, runtime: RuntimeDep, version: Annotated[int | None,
 
 
 @router.put("/profiles/{name}", response_model=CheckedProfileOut)
-def save_profile(name: Name, body: ProfileIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def save_profile(
+    name: Name,
+    body: ProfileIn,
+    events: EventsPart,
+    config_sources: ConfigSourcesPart,
+    profiles: ProfilesPart,
+    rules: RulesPart,
+    user: UserDep,
+) -> dict[str, Any]:
     """Keep a configuration as the next version of a name. Nothing is written to the master."""
     if body.profile is not None:
         given = profile_of(body.profile)
         image, comment = given.image, given.comment
     else:
-        image, comment = runtime.sources.image(body.source), ""
-    saved = runtime.profiles.save(name, image, comment=comment if body.comment is None else body.comment, who=user.name)
-    runtime.note("info", "profile-saved", f"profile {name}, version {saved.version} saved", user.name)
-    return _profile_json(saved) | {"findings": [finding_json(found) for found in runtime.review(image)]}
+        image, comment = config_sources.image(body.source), ""
+    saved = profiles.save(name, image, comment=comment if body.comment is None else body.comment, who=user.name)
+    events.note("info", "profile-saved", f"profile {name}, version {saved.version} saved", user.name)
+    return _profile_json(saved) | {"findings": [finding_json(found) for found in rules.review(image)]}
 
 
 @router.delete("/profiles/{name}", status_code=204)
-def delete_profile(name: Name, runtime: RuntimeDep, user: UserDep) -> None:
+def delete_profile(name: Name, events: EventsPart, profiles: ProfilesPart, user: UserDep) -> None:
     """Remove a profile; its versions stay on the disk."""
-    runtime.profiles.delete(name)
-    runtime.note("info", "profile-deleted", f"profile {name} deleted", user.name)
+    profiles.delete(name)
+    events.note("info", "profile-deleted", f"profile {name} deleted", user.name)
 
 
 @router.get("/source", response_model=SourceOut)
-def source(name: Reference, runtime: RuntimeDep) -> dict[str, Any]:
+def source(name: Reference, config_sources: ConfigSourcesPart, rules: RulesPart) -> dict[str, Any]:
     """A configuration by the name of its source, in units and in raw counts, and what the rules say about it."""
-    image = runtime.sources.image(name)
-    return config_json(image) | {"findings": [finding_json(found) for found in runtime.review(image)]}
+    image = config_sources.image(name)
+    return config_json(image) | {"findings": [finding_json(found) for found in rules.review(image)]}
 
 
 @router.get("/compare", response_model=ComparisonOut)
-def compare(a: Reference, b: Reference, runtime: RuntimeDep) -> dict[str, Any]:
+def compare(a: Reference, b: Reference, config_sources: ConfigSourcesPart) -> dict[str, Any]:
     """What differs from one configuration to another."""
-    first, second = runtime.sources.image(a), runtime.sources.image(b)
+    first, second = config_sources.image(a), config_sources.image(b)
     return {
         "a": {"source": a, "hash": image_hash(first)},
         "b": {"source": b, "hash": image_hash(second)},
@@ -139,19 +156,22 @@ def _record_json(record: Record) -> dict[str, Any]:
 
 @router.get("/history", response_model=ConfigHistoryOut)
 def history(
-    runtime: RuntimeDep,
+    config_history: ConfigHistoryPart,
     limit: Annotated[int, Query(ge=1, le=1000)] = 50,
     before: Annotated[int | None, Query(ge=1)] = None,
 ) -> dict[str, Any]:
     """Every write, newest first; `genuine` is false where a signature is not right."""
-    records = [r for r in runtime.config_history.records() if before is None or r.number < before]
+    records = [r for r in config_history.records() if before is None or r.number < before]
     return {"records": [_record_json(record) for record in records[-limit:][::-1]]}
 
 
 @router.post("/history/{number}/rollback", response_model=None, responses={200: {"model": WriteResultOut}})
 async def roll_back(
     number: Annotated[int, Path(ge=1, le=1_000_000_000)],
-    runtime: RuntimeDep,
+    config_sources: ConfigSourcesPart,
+    config_history: ConfigHistoryPart,
+    operator: OperatorPart,
+    configuration: ConfigurationPart,
     user: UserDep,
     body: RollbackIn | None = None,
     if_match: Annotated[str | None, Header()] = None,
@@ -159,12 +179,12 @@ async def roll_back(
 ) -> Response:
     """Put back in force what was in force before a write; checked, verified and recorded as any other write."""
     expected = require_match(if_match)
-    record = runtime.config_history.record(number)
+    record = config_history.record(number)
     if record is None:
         raise not_found("record", number)
     if not record.is_genuine:
         raise Problem(409, "not-genuine", "Not genuine", f"the signature of record {number} is not right")
-    image = runtime.sources.image(f"record:{number}:before")
+    image = config_sources.image(f"record:{number}:before")
     reason = (body.reason if body else "") or f"rolled back record {number}"
     wish = Wish(lambda _: image, reason, f"record {number}", "rollback")
-    return await run_write(runtime, user.name, wish, expected, dry_run=dry_run)
+    return await run_write(operator, configuration, user.name, wish, expected, dry_run=dry_run)

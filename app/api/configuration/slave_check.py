@@ -1,6 +1,5 @@
 """A slave's readings against a reference meter: read, compare, keep, look back."""
 
-import time
 from dataclasses import asdict
 from typing import Annotated, Any
 
@@ -8,12 +7,12 @@ from fastapi import APIRouter, Query
 from pydantic import Field
 
 from app.api.schemas.slave_check import SlaveCheckResultOut, SlaveChecksOut
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import ClockPart, EventsPart, LinksPart, SlaveChecksPart, UserDep
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
 from app.configuration.slave_check import QUANTITIES, QuantityName, Reading, Verdict, judge, read_slave
 from app.configuration.slave_check_log import SlaveCheck
-from app.service.runtime import Runtime
+from app.telemetry import Severity
 from firmware_protocol.memory_map import CELLS_PER_PACK, N_PACKS
 
 router = APIRouter(prefix="/calibration/slave", tags=["commands"])
@@ -47,36 +46,50 @@ def _check_json(check: SlaveCheck) -> dict[str, Any]:
 
 @router.get("", response_model=SlaveChecksOut)
 def checks(
-    runtime: RuntimeDep,
+    slave_checks: SlaveChecksPart,
     pack: Pack = None,
     quantity: QuantityName | None = None,
     limit: Annotated[int, Query(ge=1, le=MAX_CHECKS)] = 50,
 ) -> dict[str, Any]:
     """The checks that were kept, newest first."""
-    return {"checks": [_check_json(check) for check in runtime.slave_checks.checks(pack, quantity)[:limit]]}
+    return {"checks": [_check_json(check) for check in slave_checks.checks(pack, quantity)[:limit]]}
 
 
 @router.post("", response_model=SlaveCheckResultOut)
-def check(body: SlaveCheckIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def check(
+    body: SlaveCheckIn,
+    links: LinksPart,
+    slave_checks: SlaveChecksPart,
+    events: EventsPart,
+    clock: ClockPart,
+    user: UserDep,
+) -> dict[str, Any]:
     """Average a slave's readings over a second, at rest; compare them with a meter's, and keep that."""
-    readings = read_slave(runtime.master, body.pack, body.quantity)
+    readings = read_slave(links.master, body.pack, body.quantity)
     answer = {"readings": [asdict(reading) for reading in readings], "limits": _limits(body.quantity), "check": None}
     if body.reference is None:
         return answer | {"before": None}
-    before = next(iter(runtime.slave_checks.checks(body.pack, body.quantity)), None)
-    kept = _keep(runtime, body, readings, user.name)
+    before = next(iter(slave_checks.checks(body.pack, body.quantity)), None)
+    kept = _keep(slave_checks, events, clock, body, readings, user.name)
     return answer | {"check": _check_json(kept), "before": before and _check_json(before)}
 
 
-def _keep(runtime: Runtime, body: SlaveCheckIn, readings: list[Reading], who: str) -> SlaveCheck:
+def _keep(
+    slave_checks: SlaveChecksPart,
+    events: EventsPart,
+    clock: ClockPart,
+    body: SlaveCheckIn,
+    readings: list[Reading],
+    who: str,
+) -> SlaveCheck:
     verdict = judge(readings, body.reference or [], body.quantity, body.meter_error)
     words = body.meter.strip(), body.meter_error, body.note.strip()
     try:
-        kept = runtime.slave_checks.append(time.time_ns(), who, body.pack, body.quantity, *words, verdict)
+        kept = slave_checks.append(clock.wall_ns(), who, body.pack, body.quantity, *words, verdict)
     except OSError as error:
         raise Problem(507, "storage", "Storage", f"the check cannot be kept: {error.strerror}") from error
-    severity = "warning" if verdict.out else "info"
-    runtime.note(severity, "slave-check", _in_words(body, verdict), who)
+    severity: Severity = "warning" if verdict.out else "info"
+    events.note(severity, "slave-check", _in_words(body, verdict), who)
     return kept
 
 

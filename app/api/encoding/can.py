@@ -1,14 +1,13 @@
 """CAN tables and traced frames as JSON; offsets get the names of what lies there."""
 
-import time
 from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
+from app.clock import Clock
 from app.configuration.can_rules import wire_id
 from app.live.can_trace import CanTrace, TracedId
-from app.service.runtime import Runtime
-from app.telemetry import CanItem
+from app.telemetry import CanItem, Snapshot
 from firmware_protocol.can_latency import Cyclic, cyclic_messages, worst_latencies_s
 from firmware_protocol.can_tables import (
     RxMessage,
@@ -19,7 +18,6 @@ from firmware_protocol.can_tables import (
     tx_messages,
     worst_case_bits,
 )
-from firmware_protocol.config_image import default_image
 from firmware_protocol.dbc import Signal, decode, message_name, signals
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG
 
@@ -98,14 +96,13 @@ def heard_messages(trace: CanTrace) -> list[Cyclic]:
     ]
 
 
-def bus_json(runtime: Runtime) -> dict[str, Any]:
-    """The bus monitor."""
-    image = runtime.config_in_force() or default_image()
-    now_ns, snapshot = time.monotonic_ns(), runtime.pipeline_snapshot
+def bus_json(trace: CanTrace, image: bytes, snapshot: Snapshot | None, clock: Clock) -> dict[str, Any]:
+    """The bus monitor; `image` is the configuration in force."""
+    now_ns, wall_ns = clock.monotonic_ns(), clock.wall_ns()
     messages: list[TxMessage | RxMessage] = [*rx_messages(image), *tx_messages(image)]
     tables = {wire_id(m): m for m in messages if m.length}
     cyclic = {wire_id(tx_messages(image)[index]): m for index, m in cyclic_messages(image).items()}
-    heard = runtime.trace.by_id()
+    heard = trace.by_id()
     rate = bit_rate(CONFIG["can_brp"].unpack(image)[0])
     ids = [
         _id_json(can_id, heard.get(can_id), tables.get(can_id), cyclic.get(can_id), now_ns)
@@ -127,14 +124,16 @@ def bus_json(runtime: Runtime) -> dict[str, Any]:
         "bus_state": None if can is None else can.bus_state,
         "rs232_live": snapshot is not None and snapshot.links.rs232.state == "live",
         "disagreements": [
-            {"name": d.name, "rs232": d.rs232, "can": d.can, "unit": d.unit, "since": _wall(d.since_ns, now_ns)}
+            {
+                "name": d.name,
+                "rs232": d.rs232,
+                "can": d.can,
+                "unit": d.unit,
+                "since": (wall_ns - (now_ns - d.since_ns)) / 1e9,
+            }
             for d in (() if snapshot is None else snapshot.disagreements)
         ],
     }
-
-
-def _wall(t_mono_ns: int, now_ns: int) -> float:
-    return (time.time_ns() - (now_ns - t_mono_ns)) / 1e9
 
 
 def _id_json(

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Path, Query
 
 from app.api.schemas.service import AcknowledgedOut, EventsOut
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import EventsPart, LivePart, UserDep
 from app.api.web.problems import not_found
 from app.sessions.event_log import LoggedEvent
 
@@ -33,27 +33,28 @@ def _event_json(event: LoggedEvent) -> dict[str, Any]:
 
 @router.get("/events", response_model=EventsOut)
 def events(
-    runtime: RuntimeDep,
+    events: EventsPart,
     after: Annotated[int, Query(ge=0, le=MAX_ID)] = 0,
     limit: Annotated[int, Query(ge=1, le=5000)] = 200,
     severity: Literal["info", "watch", "warning", "trip"] | None = None,
     cell: Annotated[int | None, Query(ge=0, le=95)] = None,
 ) -> dict[str, Any]:
     """Newest first."""
-    return {"events": [_event_json(event) for event in runtime.events.query(after, limit, severity, cell)]}
+    return {"events": [_event_json(event) for event in events.store.query(after, limit, severity, cell)]}
 
 
 @router.post("/events/{event_id}/acknowledge", response_model=AcknowledgedOut)
-def acknowledge_event(event_id: Id, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def acknowledge_event(event_id: Id, events: EventsPart, user: UserDep) -> dict[str, Any]:
     """Say that somebody saw it."""
-    if not runtime.events.acknowledge(event_id, user.name):
+    if not events.store.acknowledge(event_id, user.name):
         raise not_found("event", event_id)
     return {"acknowledged_by": user.name}
 
 
 @router.post("/alarms/{alarm_id}/acknowledge", response_model=AcknowledgedOut)
-def acknowledge_alarm(alarm_id: Id, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def acknowledge_alarm(alarm_id: Id, live: LivePart, events: EventsPart, user: UserDep) -> dict[str, Any]:
     """Say that somebody saw it; it leaves the list when its condition has ended."""
-    if not runtime.acknowledge_alarm(alarm_id, user.name):
+    if not live.acknowledge_alarm(alarm_id, user.name):
         raise not_found("alarm", alarm_id)
+    events.note("info", "alarm-acknowledged", f"alarm {alarm_id} acknowledged", user.name)
     return {"acknowledged_by": user.name}

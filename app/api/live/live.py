@@ -6,17 +6,13 @@ import time
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter, Query, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
 
 from app import __version__
-from app.api.encoding.snapshot import snapshot_json
-from app.api.live.system import Readers
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
-from app.api.web.authentication import Authentication
-from app.api.web.dependencies import RuntimeDep
+from app.api.web.dependencies import AuthenticationPart, EncoderPart, HealthPart, LivePart, ReadersPart
 from app.api.web.problems import Problem
-from app.service.runtime import Runtime
 from app.telemetry import Snapshot
 
 router = APIRouter(tags=["live"])
@@ -24,81 +20,68 @@ SEND_S = 10.0  # a client that takes nothing for this long is dropped
 CLOSE_S = 2.0  # to tell it so
 
 
-class Encoder:
-    """Encodes each snapshot once, however many read it. Used on the event loop alone."""
-
-    def __init__(self, runtime: Runtime) -> None:
-        self._runtime = runtime
-        self._snapshot: Snapshot | None = None
-        self._body = b""
-
-    def encode(self, snapshot: Snapshot) -> bytes:
-        """Return the snapshot as JSON."""
-        if snapshot is not self._snapshot:
-            self._snapshot, self._body = snapshot, snapshot_json(snapshot, self._runtime.service_state())
-        return self._body
-
-
 @router.get("/health", response_model=HealthOut)
-async def health(runtime: RuntimeDep) -> dict[str, Any]:
+async def health(live: LivePart, health: HealthPart) -> dict[str, Any]:
     """Whether the service does its work; `reasons` says in words what is missing."""
-    reasons = runtime.degraded()
+    reasons = health.problems()
     return {
         "status": "degraded" if reasons else "ok",
         "version": __version__,
-        "uptime_s": round(time.monotonic() - runtime.started_at, 3),
-        "source": runtime.source,
+        "uptime_s": round(health.uptime_s, 3),
+        "source": live.source,
         "reasons": reasons,
     }
 
 
 @router.get("/snapshot", responses={200: {"model": SnapshotOut}})
-async def snapshot(request: Request, runtime: RuntimeDep) -> Response:
+async def snapshot(live: LivePart, encoder: EncoderPart) -> Response:
     """The newest snapshot."""
-    latest = runtime.latest()
+    latest = live.hub.latest
     if latest is None:
         raise Problem(503, "nothing-yet", "Nothing yet", "no snapshot was made yet; the service has just started")
-    encoder: Encoder = request.app.state.encoder
     return Response(encoder.encode(latest), media_type="application/json")
 
 
 @router.get("/history", responses={200: {"model": HistoryOut}})
 def history(
-    runtime: RuntimeDep,
+    live: LivePart,
     seconds: Annotated[float, Query(gt=0, le=3600)] = 900,
     cell: Annotated[int | None, Query(ge=0, le=95)] = None,
 ) -> Response:
     """The last minutes of the main values, or of one cell, for charts that open late; extremes are kept."""
-    body = runtime.history.read(seconds, cell)
+    body = live.history.read(seconds, cell)
     return Response(orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json")
 
 
 @router.get("/trend", responses={200: {"model": TrendOut}})
-def trend(runtime: RuntimeDep, cell: Annotated[int, Query(ge=0, le=95)]) -> Response:
+def trend(live: LivePart, cell: Annotated[int, Query(ge=0, le=95)]) -> Response:
     """Slow values of one cell over six hours, and how long it was balanced since the service started."""
     return Response(
-        orjson.dumps(runtime.trend.read(cell), option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json"
+        orjson.dumps(live.trend.read(cell), option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json"
     )
 
 
 @router.websocket("/live")
-async def live(websocket: WebSocket, rate: float | None = None) -> None:
+async def stream(
+    websocket: WebSocket,
+    live: LivePart,
+    encoder: EncoderPart,
+    authentication: AuthenticationPart,
+    readers: ReadersPart,
+    rate: float | None = None,
+) -> None:
     """Send every snapshot as one text message, at most `rate` a second; a slow reader misses some."""
-    runtime: Runtime = websocket.app.state.runtime
-    encoder: Encoder = websocket.app.state.encoder
     await websocket.accept()
     if rate is not None and not 0 < rate <= 1000:
         await websocket.close(1008, "rate: between 0 and 1000 a second")
         return
     pause_s = 1.0 / rate if rate else 0.0
-    authentication: Authentication = websocket.app.state.authentication
     receiving = asyncio.create_task(_until_closed(websocket))
     waiting: asyncio.Task[Snapshot] | None = None
     try:
-        readers: Readers = websocket.app.state.readers
         user = authentication.user_of(websocket.headers, "")
         address = websocket.client.host if websocket.client else ""
-        with runtime.hub.subscribe() as subscription, readers.joined(user, address):
+        with live.hub.subscribe() as subscription, readers.joined(user, address):
             while not receiving.done():
                 waiting = asyncio.create_task(subscription.next())
                 await asyncio.wait({waiting, receiving}, return_when=asyncio.FIRST_COMPLETED)

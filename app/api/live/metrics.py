@@ -7,8 +7,9 @@ from fastapi.responses import PlainTextResponse
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
-from app.api.web.dependencies import RuntimeDep
-from app.service.runtime import Runtime
+from app.api.web.dependencies import LivePart, RecorderPart
+from app.service.live import Live
+from app.sessions.recording.auto_recorder import AutoRecorder
 from app.telemetry import Snapshot
 
 router = APIRouter(tags=["metrics"])
@@ -42,18 +43,19 @@ _JOULES_PER_WH = 3600.0
 class SnapshotCollector:
     """A value that is missing is left out, never 0."""
 
-    def __init__(self, runtime: Runtime) -> None:
-        self._runtime = runtime
+    def __init__(self, live: Live, recorder: AutoRecorder) -> None:
+        self._live = live
+        self._recorder = recorder
 
     def collect(self) -> Iterator[Metric]:
         """Yield every family."""
-        snapshot = self._runtime.pipeline_snapshot  # of the car, also while a replay is shown
+        snapshot = self._live.snapshot  # of the car, also while a replay is shown
         if snapshot is not None:
             yield from _totals(snapshot)
             yield from _links(snapshot)
             yield from _cells(snapshot)
-        yield from _recorder(self._runtime)
-        yield GaugeMetricFamily("voltwall_live_readers", "websocket readers", self._runtime.hub.readers)
+        yield from _recorder(self._recorder)
+        yield GaugeMetricFamily("voltwall_live_readers", "websocket readers", self._live.hub.readers)
 
 
 def _totals(snapshot: Snapshot) -> Iterator[Metric]:
@@ -101,8 +103,8 @@ def _cells(snapshot: Snapshot) -> Iterator[Metric]:
         yield family
 
 
-def _recorder(runtime: Runtime) -> Iterator[Metric]:
-    status = runtime.recorder.status
+def _recorder(recorder: AutoRecorder) -> Iterator[Metric]:
+    status = recorder.status
     session = status.session
     yield GaugeMetricFamily("voltwall_recording", "1 while a session is recorded", int(session is not None))
     if session is not None:
@@ -119,8 +121,8 @@ def _recorder(runtime: Runtime) -> Iterator[Metric]:
 
 
 @router.get("/metrics", response_class=PlainTextResponse)
-def metrics(runtime: RuntimeDep) -> Response:
+def metrics(live: LivePart, recorder: RecorderPart) -> Response:
     """Prometheus text."""
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(SnapshotCollector(runtime))
+    registry.register(SnapshotCollector(live, recorder))
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)

@@ -1,6 +1,5 @@
 """Looking back: laps of a session, black boxes, reports, comparisons."""
 
-import time
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
@@ -24,10 +23,9 @@ from app.api.schemas.analysis import (
     SessionReportOut,
 )
 from app.api.sessions.sessions import MAX_UNIX_S, open_session
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import BlackBoxesPart, CataloguePart, ClockPart, EventsPart, PassportsPart, UserDep
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
-from app.service.runtime import Runtime
 from app.sessions.errors import UnknownSignal
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
@@ -72,7 +70,7 @@ def _counter(can_id: int | None, byte: int, mask: int) -> CanCounter | None:
 @router.get("/sessions/{session_id}/laps", response_model=LapTableOut)
 def laps(
     session_id: str,
-    runtime: RuntimeDep,
+    catalogue: CataloguePart,
     source: SourceQuery = None,
     can_id: CanId = None,
     can_byte: CanByte = 0,
@@ -80,36 +78,38 @@ def laps(
     lap_signal: LapSignal = None,
 ) -> LapTable:
     """Laps with what each one cost, and drivers against each other."""
-    with open_session(runtime, session_id) as file:
+    with open_session(catalogue, session_id) as file:
         return _table(file, source, _counter(can_id, can_byte, can_mask), lap_signal)
 
 
 @router.put("/sessions/{session_id}/laps", response_model=LapTableOut)
-def settle(session_id: str, body: LapsIn, runtime: RuntimeDep, user: UserDep) -> LapTable:
+def settle(
+    session_id: str, body: LapsIn, events: EventsPart, catalogue: CataloguePart, clock: ClockPart, user: UserDep
+) -> LapTable:
     """Keep these laps in the session's file."""
     chosen = [Lap(**lap.model_dump()) for lap in body.laps]
-    with open_session(runtime, session_id) as file:
+    with open_session(catalogue, session_id) as file:
         path = file.path
-    settle_laps(path, chosen, t_wall_ns=time.time_ns(), who=user.name)
-    runtime.note("info", "laps-settled", f"{len(chosen)} laps of {session_id} settled", user.name)
-    with open_session(runtime, session_id) as file:
+    settle_laps(path, chosen, t_wall_ns=clock.wall_ns(), who=user.name)
+    events.note("info", "laps-settled", f"{len(chosen)} laps of {session_id} settled", user.name)
+    with open_session(catalogue, session_id) as file:
         return lap_table(file)
 
 
 @router.delete("/sessions/{session_id}/laps", response_model=LapTableOut)
-def unsettle(session_id: str, runtime: RuntimeDep, user: UserDep) -> LapTable:
+def unsettle(session_id: str, catalogue: CataloguePart, clock: ClockPart, user: UserDep) -> LapTable:
     """Take the settled laps back: they are found again out of the recording."""
-    with open_session(runtime, session_id) as file:
+    with open_session(catalogue, session_id) as file:
         path = file.path
-    settle_laps(path, None, t_wall_ns=time.time_ns(), who=user.name)
-    with open_session(runtime, session_id) as file:
+    settle_laps(path, None, t_wall_ns=clock.wall_ns(), who=user.name)
+    with open_session(catalogue, session_id) as file:
         return lap_table(file)
 
 
 @router.get("/sessions/{session_id}/laps/overlay", response_model=LapOverlayOut)
 def overlay(
     session_id: str,
-    runtime: RuntimeDep,
+    catalogue: CataloguePart,
     lap: Annotated[list[int], Query(min_length=1, max_length=50, description="index from 0")],
     signal: Annotated[str, Query(max_length=100)] = "power_w",
     points: Annotated[int, Query(ge=10, le=2000)] = OVERLAY_POINTS,
@@ -120,7 +120,7 @@ def overlay(
     lap_signal: LapSignal = None,
 ) -> Overlay:
     """One signal over laps laid on each other, part by part of the lap's time."""
-    with open_session(runtime, session_id) as file:
+    with open_session(catalogue, session_id) as file:
         table = _table(file, source, _counter(can_id, can_byte, can_mask), lap_signal)
         try:
             return overlay_laps(file, [each.lap for each in table.laps], lap, signal, points)
@@ -129,35 +129,35 @@ def overlay(
 
 
 @router.get("/blackboxes", response_model=BoxItemsOut)
-def black_boxes(runtime: RuntimeDep) -> dict[str, Any]:
+def black_boxes(black_boxes: BlackBoxesPart, passports: PassportsPart) -> dict[str, Any]:
     """What happened around every trip, newest first; outlives the sessions. Old sessions are read meanwhile."""
-    runtime.passports.update()
-    return {"boxes": runtime.black_boxes.store.stored()}
+    passports.update()
+    return {"boxes": black_boxes.store.stored()}
 
 
 @router.get("/blackboxes/{box_id}", response_model=BlackBoxOut)
-def black_box(box_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+def black_box(box_id: str, black_boxes: BlackBoxesPart) -> dict[str, Any]:
     """One of them: the cell, value, limit, persistence, what the others did, every sample at full rate."""
-    return _box(runtime, box_id)
+    return _box(black_boxes, box_id)
 
 
 @router.get("/blackboxes/{box_id}/page", response_class=HTMLResponse)
-def black_box_page(box_id: str, runtime: RuntimeDep) -> HTMLResponse:
+def black_box_page(box_id: str, black_boxes: BlackBoxesPart) -> HTMLResponse:
     """The same as one page to print."""
-    return HTMLResponse(blackbox_page(_box(runtime, box_id)))
+    return HTMLResponse(blackbox_page(_box(black_boxes, box_id)))
 
 
 @router.get("/sessions/{session_id}/blackboxes", response_model=BoxItemsOut)
-def session_black_boxes(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+def session_black_boxes(session_id: str, black_boxes: BlackBoxesPart, catalogue: CataloguePart) -> dict[str, Any]:
     """The black boxes of a session, newest first; those that are missing are made out of its file, and kept."""
-    with open_session(runtime, session_id) as file:
-        return {"boxes": keep_black_boxes(file, runtime.black_boxes.store)}
+    with open_session(catalogue, session_id) as file:
+        return {"boxes": keep_black_boxes(file, black_boxes.store)}
 
 
 @router.get("/sessions/{session_id}/report", response_model=SessionReportOut)
-def report(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+def report(session_id: str, catalogue: CataloguePart) -> dict[str, Any]:
     """How it went, what limited, what to look at; histograms of current, temperature and charge."""
-    with open_session(runtime, session_id) as file:
+    with open_session(catalogue, session_id) as file:
         found = report_of(file)
     survey = found.survey
     return {
@@ -177,16 +177,16 @@ def report(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
 
 
 @router.get("/sessions/{session_id}/report/page", response_class=HTMLResponse)
-def report_as_page(session_id: str, runtime: RuntimeDep) -> HTMLResponse:
+def report_as_page(session_id: str, catalogue: CataloguePart) -> HTMLResponse:
     """The report as one HTML file with its charts inside, to print or to keep."""
-    with open_session(runtime, session_id) as file:
+    with open_session(catalogue, session_id) as file:
         return HTMLResponse(report_page(report_of(file)))
 
 
 @router.get("/sessions/{session_id}/compare/{other_id}", response_model=SessionComparisonOut)
-def compare(session_id: str, other_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+def compare(session_id: str, other_id: str, catalogue: CataloguePart) -> dict[str, Any]:
     """Two sessions side by side: key figures, histograms, and the cells that changed the most."""
-    with open_session(runtime, session_id) as first, open_session(runtime, other_id) as second:
+    with open_session(catalogue, session_id) as first, open_session(catalogue, other_id) as second:
         found = compare_sessions(first, second)
     return {
         "a": _compared(found.a, found.figures_a, found.histograms_a),
@@ -208,8 +208,8 @@ def _listed(values: FloatArray) -> list[float | None]:
     return [number(value) for value in values.tolist()]
 
 
-def _box(runtime: Runtime, box_id: str) -> dict[str, Any]:
-    box = runtime.black_boxes.store.get(box_id)
+def _box(black_boxes: BlackBoxesPart, box_id: str) -> dict[str, Any]:
+    box = black_boxes.store.get(box_id)
     if box is None:
         raise not_found("black box", box_id)
     return box

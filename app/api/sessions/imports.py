@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
 from app.api.schemas.sessions import ImportsOut, ImportStateOut, UploadOut
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import EventsPart, ImportsPart, UserDep
 from app.api.web.request_body import Body
 from app.sources.recordings.profile import ImportProfile, profile_of
 
@@ -25,16 +25,16 @@ class ImportIn(Body):
     name: str = Field("", max_length=120, description="what to call the session")
 
 
-def _state(runtime: RuntimeDep) -> dict[str, Any] | None:
-    state = runtime.importing.state
+def _state(imports: ImportsPart) -> dict[str, Any] | None:
+    state = imports.state
     return None if state is None else asdict(state)
 
 
 @router.get("/imports", response_model=ImportsOut)
-def imports(runtime: RuntimeDep) -> dict[str, Any]:
+def imports(imports: ImportsPart) -> dict[str, Any]:
     """How far the last import has come, and the profiles that are kept."""
-    shelf = runtime.importing.profiles
-    return {"last": _state(runtime), "profiles": shelf.names()}
+    shelf = imports.profiles
+    return {"last": _state(imports), "profiles": shelf.names()}
 
 
 @router.post(
@@ -44,18 +44,18 @@ def imports(runtime: RuntimeDep) -> dict[str, Any]:
     openapi_extra={"requestBody": {"content": {"application/octet-stream": {}}, "required": True}},
 )
 async def upload(
-    request: Request, runtime: RuntimeDep, user: UserDep, filename: Annotated[str, Query(min_length=1, max_length=200)]
+    request: Request, imports: ImportsPart, user: UserDep, filename: Annotated[str, Query(min_length=1, max_length=200)]
 ) -> dict[str, Any]:
     """Take a file: CSV, Parquet, candump, ASC, BLF, or a DBC; says what is in it and guesses a profile."""
-    number, path = runtime.importing.new_path(filename)
+    number, path = imports.new_path(filename)
     try:
         with path.open("wb") as file:
             async for piece in request.stream():
                 file.write(piece)
     except BaseException:
-        runtime.importing.discard(path)
+        imports.discard(path)
         raise
-    found = await asyncio.to_thread(runtime.importing.look_at, number, path)
+    found = await asyncio.to_thread(imports.look_at, number, path)
     return {
         "id": found.id,
         "filename": found.filename,
@@ -66,14 +66,13 @@ async def upload(
 
 
 @router.post("/imports/{upload_id}", status_code=202, response_model=ImportStateOut)
-def start(upload_id: int, body: ImportIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def start(upload_id: int, body: ImportIn, events: EventsPart, imports: ImportsPart, user: UserDep) -> dict[str, Any]:
     """Make a session of an upload, estimated by the service's filter and cell."""
-    importing = runtime.importing
-    profile = importing.profiles.load(body.profile_name) if body.profile_name else ImportProfile()
+    profile = imports.profiles.load(body.profile_name) if body.profile_name else ImportProfile()
     if body.profile:
         profile = profile_of({**asdict(profile), **body.profile})
-    state = importing.start(upload_id, profile, dbc=body.dbc, name=body.name)
+    state = imports.start(upload_id, profile, dbc=body.dbc, name=body.name)
     if body.save_as:
-        importing.profiles.save(body.save_as, profile)
-    runtime.note("info", "import", f"{state.filename} is being imported", user.name)
+        imports.profiles.save(body.save_as, profile)
+    events.note("info", "import", f"{state.filename} is being imported", user.name)
     return asdict(state)

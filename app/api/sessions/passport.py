@@ -1,6 +1,5 @@
 """Cell passports: the life of every cell across sessions, and swaps of modules."""
 
-import time
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path
@@ -10,7 +9,7 @@ from app.analysis.totals import FloatArray, number
 from app.api.schemas.analysis import CellPassportOut, PassportsOut
 from app.api.schemas.sessions import DeletedOut
 from app.api.sessions.sessions import MAX_UNIX_S
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import ClockPart, EventsPart, PassportsPart, UserDep
 from app.api.web.problems import not_found
 from app.api.web.request_body import Body
 from firmware_protocol.memory_map import N_CELLS
@@ -27,11 +26,11 @@ class NewSwap(Body):
 
 
 @router.get("/passport", response_model=PassportsOut)
-def all_cells(runtime: RuntimeDep) -> dict[str, Any]:
+def all_cells(passports: PassportsPart) -> dict[str, Any]:
     """Every cell as it is now; sessions that are new are read in the background meanwhile."""
-    runtime.passports.update()
-    made = runtime.passports.passports()
-    reading, to_read = runtime.passports.progress
+    passports.update()
+    made = passports.passports()
+    reading, to_read = passports.progress
     return {
         "sessions": len(made.sessions),
         "reading": reading,
@@ -39,14 +38,14 @@ def all_cells(runtime: RuntimeDep) -> dict[str, Any]:
         **{name: _listed(made.now(name)) for name in _HISTORIES},
         "rank": _listed(made.rank),
         "drifts": made.drifts,
-        "swaps": runtime.passports.store.swaps(),
+        "swaps": passports.store.swaps(),
     }
 
 
 @router.get("/passport/{cell}", response_model=CellPassportOut)
-def one_cell(cell: Annotated[int, Path(ge=0, lt=N_CELLS)], runtime: RuntimeDep) -> dict[str, Any]:
+def one_cell(cell: Annotated[int, Path(ge=0, lt=N_CELLS)], passports: PassportsPart) -> dict[str, Any]:
     """The life of one cell, session by session."""
-    made = runtime.passports.passports()
+    made = passports.passports()
     entries = [
         {
             "session_id": session_id,
@@ -61,25 +60,29 @@ def one_cell(cell: Annotated[int, Path(ge=0, lt=N_CELLS)], runtime: RuntimeDep) 
         "rank": number(float(made.rank[cell])),
         "entries": entries,
         "drifts": [drift for drift in made.drifts if drift.cell == cell],
-        "swaps": [swap for swap in runtime.passports.store.swaps() if cell in swap.cells],
+        "swaps": [swap for swap in passports.store.swaps() if cell in swap.cells],
     }
 
 
 @router.post("/passport/swaps", status_code=201, response_model=PassportsOut)
-def swap(body: NewSwap, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def swap(
+    body: NewSwap, events: EventsPart, passports: PassportsPart, clock: ClockPart, user: UserDep
+) -> dict[str, Any]:
     """Record that modules were swapped: their cells begin a new line."""
-    at_s = time.time() if body.time_s is None else body.time_s
-    runtime.passports.swap(body.cells, at_s, body.note, user.name)
-    runtime.note("info", "module-swapped", f"{len(body.cells)} cells are of another module: {body.note}", user.name)
-    return all_cells(runtime)
+    at_s = clock.wall_s() if body.time_s is None else body.time_s
+    passports.swap(body.cells, at_s, body.note, user.name)
+    events.note("info", "module-swapped", f"{len(body.cells)} cells are of another module: {body.note}", user.name)
+    return all_cells(passports)
 
 
 @router.delete("/passport/swaps/{swap_id}", response_model=DeletedOut)
-def take_back(swap_id: Annotated[int, Path(ge=0, lt=1 << 63)], runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def take_back(
+    swap_id: Annotated[int, Path(ge=0, lt=1 << 63)], events: EventsPart, passports: PassportsPart, user: UserDep
+) -> dict[str, Any]:
     """Take a swap back."""
-    if not runtime.passports.store.remove_swap(swap_id):
+    if not passports.store.remove_swap(swap_id):
         raise not_found("swap", str(swap_id))
-    runtime.note("info", "module-swapped", f"swap {swap_id} taken back", user.name)
+    events.note("info", "module-swapped", f"swap {swap_id} taken back", user.name)
     return {"deleted": True}
 
 

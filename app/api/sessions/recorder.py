@@ -7,9 +7,8 @@ from fastapi import APIRouter
 from pydantic import Field
 
 from app.api.schemas.sessions import RecorderOut
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import EventsPart, RecorderPart, SettingsPart, UserDep
 from app.api.web.request_body import Body
-from app.service.runtime import Runtime
 from app.sessions.recording.plan import MAX_CHARACTERS
 
 router = APIRouter(tags=["sessions"])
@@ -24,8 +23,8 @@ class PlanIn(Body):
     venue: str | None = Field(None, max_length=MAX_CHARACTERS)
 
 
-def _recorder_json(runtime: Runtime) -> dict[str, Any]:
-    status, settings = runtime.recorder.status, runtime.settings
+def _recorder_json(recorder: RecorderPart, settings: SettingsPart) -> dict[str, Any]:
+    status, settings = recorder.status, settings
     return {
         "state": status.state,
         "session_id": None if status.session is None else status.session.id,
@@ -34,7 +33,7 @@ def _recorder_json(runtime: Runtime) -> dict[str, Any]:
         "disk_free_bytes": status.disk_free_bytes,
         "warning": status.warning,
         "error": status.error,
-        "plan": asdict(runtime.recorder.plan),
+        "plan": asdict(recorder.plan),
         "split_mb": settings.split_mb,
         "keep_days": settings.keep_days,
         "keep_gb": settings.keep_gb,
@@ -42,15 +41,17 @@ def _recorder_json(runtime: Runtime) -> dict[str, Any]:
 
 
 @router.get("/recorder", response_model=RecorderOut)
-def recorder(runtime: RuntimeDep) -> dict[str, Any]:
+def recorder(recorder: RecorderPart, settings: SettingsPart) -> dict[str, Any]:
     """The recorder's state, its trouble with the disk, and what the next sessions are called."""
-    return _recorder_json(runtime)
+    return _recorder_json(recorder, settings)
 
 
 @router.put("/recorder", response_model=RecorderOut)
-def plan(body: PlanIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def plan(
+    body: PlanIn, events: EventsPart, recorder: RecorderPart, settings: SettingsPart, user: UserDep
+) -> dict[str, Any]:
     """Say what the next sessions are called and who drives; kept over restarts."""
     given = {name: text.strip() for name, text in body.model_dump(exclude_none=True).items()}
-    runtime.recorder.set_plan(replace(runtime.recorder.plan, **given))
-    runtime.note("info", "recording-plan", ", ".join(f"{name}: {text}" for name, text in given.items()), user.name)
-    return _recorder_json(runtime)
+    recorder.set_plan(replace(recorder.plan, **given))
+    events.note("info", "recording-plan", ", ".join(f"{name}: {text}" for name, text in given.items()), user.name)
+    return _recorder_json(recorder, settings)

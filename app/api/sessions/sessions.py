@@ -25,12 +25,10 @@ from app.api.schemas.sessions import (
     SessionsOut,
     StoppedOut,
 )
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import CataloguePart, EventsPart, PipelinesPart, RecorderPart, ReplayPart, UserDep
 from app.api.web.problems import Problem, invalid, not_found
 from app.api.web.request_body import Body
-from app.estimation.cell_model.cell_file import bundled_cells
 from app.estimation.filters.estimators import FILTERS
-from app.service.runtime import Runtime
 from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
 from app.sessions.export.formats import FORMATS, export
 from app.sessions.info import SessionInfo
@@ -107,21 +105,21 @@ def session_json(info: SessionInfo, recording_id: str | None) -> dict[str, Any]:
     }
 
 
-def _recording_id(runtime: Runtime) -> str | None:
-    session = runtime.recorder.session
+def _recording_id(recorder: RecorderPart) -> str | None:
+    session = recorder.session
     return None if session is None else session.id
 
 
-def _require_recording(runtime: Runtime, session_id: str) -> None:
-    if _recording_id(runtime) != session_id:
-        with open_session(runtime, session_id):  # 404 where there is none
+def _require_recording(catalogue: CataloguePart, recorder: RecorderPart, session_id: str) -> None:
+    if _recording_id(recorder) != session_id:
+        with open_session(catalogue, session_id):  # 404 where there is none
             raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
 
 
-def open_session(runtime: Runtime, session_id: str) -> SessionFile:
+def open_session(catalogue: CataloguePart, session_id: str) -> SessionFile:
     """Open a session for reading; where there is none, the answer is 404."""
     try:
-        return runtime.catalogue.open(session_id)
+        return catalogue.open(session_id)
     except SessionNotFound as error:
         raise not_found("session", session_id) from error
 
@@ -132,25 +130,25 @@ def _require_order(t_from: float | None, t_to: float | None) -> None:
 
 
 @router.get("/sessions", response_model=SessionsOut)
-def sessions(runtime: RuntimeDep) -> dict[str, Any]:
+def sessions(catalogue: CataloguePart, recorder: RecorderPart) -> dict[str, Any]:
     """All sessions, newest first."""
-    recording = _recording_id(runtime)
-    return {"sessions": [session_json(info, recording) for info in runtime.catalogue.list()]}
+    recording = _recording_id(recorder)
+    return {"sessions": [session_json(info, recording) for info in catalogue.list()]}
 
 
 @router.post("/sessions", status_code=201, response_model=SessionOut)
-def start(runtime: RuntimeDep, user: UserDep, body: NewSession | None = None) -> dict[str, Any]:
+def start(events: EventsPart, recorder: RecorderPart, user: UserDep, body: NewSession | None = None) -> dict[str, Any]:
     """Start recording."""
-    info = runtime.recorder.start(body.name if body else None)
-    runtime.note("info", "recording", "recording started by hand", user.name)
+    info = recorder.start(body.name if body else None)
+    events.note("info", "recording", "recording started by hand", user.name)
     return session_json(info, info.id)
 
 
 @router.get("/sessions/{session_id}", response_model=SessionDetailOut)
-def session(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+def session(session_id: str, catalogue: CataloguePart, recorder: RecorderPart) -> dict[str, Any]:
     """One session with its markers, events and configurations."""
-    with open_session(runtime, session_id) as file:
-        return session_json(file.info, _recording_id(runtime)) | {
+    with open_session(catalogue, session_id) as file:
+        return session_json(file.info, _recording_id(recorder)) | {
             "markers": [_marker_json(marker) for marker in file.markers()],
             "events": [_event_json(event) for event in file.events()],
             "configs": [{"time": c.t_wall_ns / 1e9, "why": c.why} for c in file.configs()],
@@ -159,58 +157,66 @@ def session(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
 
 
 @router.post("/sessions/{session_id}/stop", response_model=StoppedOut)
-def stop(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def stop(
+    session_id: str, events: EventsPart, recorder: RecorderPart, catalogue: CataloguePart, user: UserDep
+) -> dict[str, Any]:
     """Stop recording."""
-    _require_recording(runtime, session_id)
-    runtime.recorder.stop()
+    _require_recording(catalogue, recorder, session_id)
+    recorder.stop()
     with suppress(SessionError):  # a full disk: the file is closed as soon as there is room
-        runtime.recorder.flush()
-    runtime.note("info", "recording", "recording stopped by hand", user.name)
+        recorder.flush()
+    events.note("info", "recording", "recording stopped by hand", user.name)
     return {"stopped": True}
 
 
 @router.post("/sessions/{session_id}/split", status_code=201, response_model=SessionOut)
-def split(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def split(
+    session_id: str, events: EventsPart, recorder: RecorderPart, catalogue: CataloguePart, user: UserDep
+) -> dict[str, Any]:
     """End the running session and go on in a new one without losing a frame."""
-    _require_recording(runtime, session_id)
-    info = runtime.recorder.split()
-    runtime.note("info", "recording", "recording split by hand", user.name)
+    _require_recording(catalogue, recorder, session_id)
+    info = recorder.split()
+    events.note("info", "recording", "recording split by hand", user.name)
     return session_json(info, info.id)
 
 
 @router.post("/sessions/{session_id}/markers", status_code=201, response_model=MarkedOut)
-def mark(session_id: str, body: NewMarker, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def mark(
+    session_id: str, body: NewMarker, recorder: RecorderPart, catalogue: CataloguePart, user: UserDep
+) -> dict[str, Any]:
     """Mark this instant of the running session."""
-    _require_recording(runtime, session_id)
-    runtime.recorder.marker(body.text, body.kind, user.name, body.ago_s)
-    runtime.recorder.flush()
+    _require_recording(catalogue, recorder, session_id)
+    recorder.marker(body.text, body.kind, user.name, body.ago_s)
+    recorder.flush()
     return {"marked": True}
 
 
 @router.get("/sessions/{session_id}/markers", response_model=MarkersOut)
-def markers(session_id: str, runtime: RuntimeDep) -> dict[str, Any]:
+def markers(session_id: str, catalogue: CataloguePart) -> dict[str, Any]:
     """All markers."""
-    with open_session(runtime, session_id) as file:
+    with open_session(catalogue, session_id) as file:
         return {"markers": [_marker_json(marker) for marker in file.markers()]}
 
 
 @router.delete("/sessions/{session_id}", response_model=DeletedOut)
-def delete(session_id: str, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def delete(
+    session_id: str, events: EventsPart, catalogue: CataloguePart, recorder: RecorderPart, user: UserDep
+) -> dict[str, Any]:
     """Delete a session for ever."""
-    if _recording_id(runtime) == session_id:
+    if _recording_id(recorder) == session_id:
         raise Problem(409, "not-now", "Not now", "stop the recording first")
     try:
-        runtime.catalogue.delete(session_id)
+        catalogue.delete(session_id)
     except SessionNotFound as error:
         raise not_found("session", session_id) from error
-    runtime.note("info", "session-deleted", f"session {session_id} deleted", user.name)
+    events.note("info", "session-deleted", f"session {session_id} deleted", user.name)
     return {"deleted": True}
 
 
 @router.get("/sessions/{session_id}/series", responses={200: {"model": SessionSeriesOut}})
 def series(
     session_id: str,
-    runtime: RuntimeDep,
+    catalogue: CataloguePart,
     signal: Annotated[list[str], Query(min_length=1, max_length=200)],
     t_from: From = None,
     t_to: To = None,
@@ -218,7 +224,7 @@ def series(
 ) -> Response:
     """Signals over a range, smallest and largest per point, so that no dip is lost; null is a gap."""
     _require_order(t_from, t_to)
-    with open_session(runtime, session_id) as file:
+    with open_session(catalogue, session_id) as file:
         filled = file.filled()
         try:
             found = file.series(signal, t_from, t_to, points)
@@ -241,7 +247,7 @@ def series(
 )
 def download(
     session_id: str,
-    runtime: RuntimeDep,
+    catalogue: CataloguePart,
     export_format: Annotated[ExportFormat, Query(alias="format")] = "csv",
     signal: Annotated[list[str] | None, Query(max_length=2000)] = None,
     t_from: From = None,
@@ -254,7 +260,7 @@ def download(
     with tempfile.NamedTemporaryFile(suffix=FORMATS[export_format].suffix, delete=False) as target:
         path = Path(target.name)
     try:
-        with open_session(runtime, session_id) as file:
+        with open_session(catalogue, session_id) as file:
             laps = lap_times(file) if export_format == "ldx" else None
             export(file, path, export_format, signals=signal, t_from_s=t_from, t_to_s=t_to, lap_times_s=laps)
     except UnknownSignal as error:
@@ -280,13 +286,13 @@ def download(
     response_class=FileResponse,
     responses={200: {"content": {SQLITE: {}}, "description": "the file"}},
 )
-def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
+def file(session_id: str, catalogue: CataloguePart) -> FileResponse:
     """The session itself, one SQLite file; of the one being recorded all up to now.
 
     With its SHA-256 as ETag and Repr-Digest, and in ranges, so that a download that was cut off goes on.
     """
     try:
-        sealed = runtime.catalogue.sealed(session_id)
+        sealed = catalogue.sealed(session_id)
     except SessionNotFound as error:
         raise not_found("session", session_id) from error
     if sealed is not None:
@@ -295,7 +301,7 @@ def file(session_id: str, runtime: RuntimeDep) -> FileResponse:
     with tempfile.NamedTemporaryFile(suffix=".sqlite", delete=False) as target:
         path = Path(target.name)
     try:
-        with open_session(runtime, session_id) as session_file:
+        with open_session(catalogue, session_id) as session_file:
             session_file.copy_to(path)
     except SessionError:
         path.unlink(missing_ok=True)
@@ -314,28 +320,29 @@ def _digest_headers(digest: bytes) -> dict[str, str]:
 
 
 @router.get("/replay", response_model=ReplayChoicesOut)
-def replay_state(runtime: RuntimeDep) -> dict[str, Any]:
+def replay_state(replay: ReplayPart, pipelines: PipelinesPart) -> dict[str, Any]:
     """Where the replay stands, and the filters and cells that can recompute the estimates."""
-    cells = dict.fromkeys((runtime.settings.cell, *bundled_cells()))
-    return {"replay": runtime.replaying.state(), "filters": FILTERS, "cells": list(cells)}
+    return {"replay": replay.state(), "filters": FILTERS, "cells": pipelines.cells}
 
 
 @router.post("/replay", response_model=ReplayStateOut)
-def replay(body: Replay, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def replay(
+    body: Replay, replay: ReplayPart, events: EventsPart, catalogue: CataloguePart, user: UserDep
+) -> dict[str, Any]:
     """Show a session instead of the live source; recording goes on."""
     try:
-        path = runtime.catalogue.path(body.session_id)
+        path = catalogue.path(body.session_id)
     except SessionNotFound as error:
         raise not_found("session", body.session_id) from error
-    runtime.replaying.start(path, Playing(body.speed, body.filter, body.cell, body.estimates))
-    runtime.note("info", "replay", f"replay of {body.session_id} started", user.name)
-    return {"replay": runtime.replaying.state()}
+    replay.start(path, Playing(body.speed, body.filter, body.cell, body.estimates))
+    events.note("info", "replay", f"replay of {body.session_id} started", user.name)
+    return {"replay": replay.state()}
 
 
 @router.post("/replay/control", response_model=ReplayStateOut)
-def control(body: ReplayControl, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def control(body: ReplayControl, replay: ReplayPart, user: UserDep) -> dict[str, Any]:
     """Pause, speed, seek, step, loop, which estimates are shown."""
-    runtime.replaying.control(
+    replay.control(
         paused=body.paused,
         speed=body.speed,
         seek_s=body.seek_s,
@@ -343,13 +350,13 @@ def control(body: ReplayControl, runtime: RuntimeDep, user: UserDep) -> dict[str
         loop=body.loop,
         estimates=body.estimates,
     )
-    return {"replay": runtime.replaying.state()}
+    return {"replay": replay.state()}
 
 
 @router.post("/replay/stop", response_model=ReplayStateOut)
-def stop_replay(runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def stop_replay(replay: ReplayPart, user: UserDep) -> dict[str, Any]:
     """Back to the live source."""
-    runtime.replaying.stop()
+    replay.stop()
     return {"replay": None}
 
 

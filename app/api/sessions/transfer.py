@@ -7,7 +7,7 @@ from fastapi import APIRouter
 from pydantic import Field, SecretStr
 
 from app.api.schemas.sessions import FetchStateOut
-from app.api.web.dependencies import RuntimeDep, UserDep
+from app.api.web.dependencies import EventsPart, FetchesPart, UserDep
 from app.api.web.request_body import Body
 from app.sessions.transfer.fetch import Remote
 
@@ -29,16 +29,16 @@ def _answer(state: Any) -> dict[str, Any]:
 
 
 @router.get("/fetch", response_model=FetchStateOut)
-def fetch_state(runtime: RuntimeDep) -> dict[str, Any]:
+def fetch_state(fetches: FetchesPart) -> dict[str, Any]:
     """How far the last fetch has come; null before the first."""
-    return _answer(runtime.bringing.state())
+    return _answer(fetches.state())
 
 
 @router.post("/fetch", status_code=202, response_model=FetchStateOut)
-def fetch(body: FetchIn, runtime: RuntimeDep, user: UserDep) -> dict[str, Any]:
+def fetch(body: FetchIn, events: EventsPart, fetches: FetchesPart, user: UserDep) -> dict[str, Any]:
     """Fetch sessions of another voltwall service; one that was cut off goes on where it stopped."""
     password = None if body.password is None else body.password.get_secret_value()
     remote = Remote(body.url, label=body.label, password=password)
-    state = runtime.bringing.start(remote, body.sessions, fill=body.fill)
-    runtime.note("info", "fetch", f"sessions are fetched from {remote.url}", user.name)
+    state = fetches.start(remote, body.sessions, fill=body.fill)
+    events.note("info", "fetch", f"sessions are fetched from {remote.url}", user.name)
     return _answer(state)

@@ -1,27 +1,111 @@
-"""What routes are given: the runtime, the user. Named once here."""
+"""What routes are given: the part of the service that they need, and the user. Each is named once, here."""
 
-from typing import Annotated, cast
+from dataclasses import dataclass
+from typing import Annotated, Any, cast
 
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
+from app.analysis.black_box.recorder import BlackBoxRecorder
+from app.analysis.passport.keeper import PassportKeeper
+from app.api.encoding.encoder import SnapshotEncoder
+from app.api.live.readers import Readers
 from app.api.web.authentication import Authentication, User
-from app.service.runtime import Runtime
+from app.api.web.problems import Problem
+from app.clock import Clock
+from app.configuration.history import ConfigHistory
+from app.configuration.lookup import ConfigSources
+from app.configuration.profile_store import Profiles
+from app.configuration.safe_write import Configuration
+from app.configuration.slave_check_log import SlaveCheckLog
+from app.live.can_trace import CanTrace
+from app.service.configuration import ConfigurationInForce, Rules
+from app.service.events import Events
+from app.service.health import Health
+from app.service.host import ClockWatch
+from app.service.links import Links
+from app.service.live import Live
+from app.service.operator import Operator
+from app.service.pipelines import Pipelines
+from app.service.settings import Settings
+from app.service.simulator_process import SimulatorProcess
+from app.service.wiring import Service
+from app.sessions.catalogue import Catalogue
+from app.sessions.recording.auto_recorder import AutoRecorder
+from app.sessions.replay import Replaying
+from app.sessions.transfer.import_jobs import ImportJobs
+from app.sessions.transfer.jobs import FetchJobs
 
 
-def _runtime(connection: HTTPConnection) -> Runtime:
-    return cast(Runtime, connection.app.state.runtime)
+@dataclass(frozen=True, slots=True)
+class WebParts:
+    """The service, and what only the web server needs; kept as `app.state.parts`."""
+
+    service: Service
+    authentication: Authentication
+    encoder: SnapshotEncoder
+    readers: Readers
+    clock_watch: ClockWatch
+    simulator: SimulatorProcess | None
 
 
-def _authentication(connection: HTTPConnection) -> Authentication:
-    return cast(Authentication, connection.app.state.authentication)
+def _web(connection: HTTPConnection) -> WebParts:
+    return cast(WebParts, connection.app.state.parts)
+
+
+def _from_service(name: str) -> Any:
+    def part(connection: HTTPConnection) -> object:
+        return getattr(_web(connection).service, name)
+
+    return Depends(part)
+
+
+def _from_web(name: str) -> Any:
+    def part(connection: HTTPConnection) -> object:
+        return getattr(_web(connection), name)
+
+    return Depends(part)
+
+
+def _simulator(connection: HTTPConnection) -> SimulatorProcess:
+    simulator = _web(connection).simulator
+    if simulator is None:
+        raise Problem(404, "not-found", "Not found", "this service reads no simulated car")
+    return simulator
 
 
 def _user(connection: HTTPConnection) -> User:
-    """The gate let nobody through without one, but for the open paths."""
+    """The middleware let nobody through without one, but for the open paths."""
     return cast(User, connection.state.user)
 
 
-RuntimeDep = Annotated[Runtime, Depends(_runtime)]
-AuthenticationPart = Annotated[Authentication, Depends(_authentication)]
+BlackBoxesPart = Annotated[BlackBoxRecorder, _from_service("black_boxes")]
+CanTracePart = Annotated[CanTrace, _from_service("trace")]
+CataloguePart = Annotated[Catalogue, _from_service("catalogue")]
+ClockPart = Annotated[Clock, _from_service("clock")]
+ConfigHistoryPart = Annotated[ConfigHistory, _from_service("config_history")]
+ConfigSourcesPart = Annotated[ConfigSources, _from_service("config_sources")]
+ConfigurationPart = Annotated[Configuration, _from_service("configuration")]
+EventsPart = Annotated[Events, _from_service("events")]
+FetchesPart = Annotated[FetchJobs, _from_service("fetches")]
+HealthPart = Annotated[Health, _from_service("health")]
+ImportsPart = Annotated[ImportJobs, _from_service("imports")]
+InForcePart = Annotated[ConfigurationInForce, _from_service("in_force")]
+LinksPart = Annotated[Links, _from_service("links")]
+LivePart = Annotated[Live, _from_service("live")]
+OperatorPart = Annotated[Operator, _from_service("operator")]
+PassportsPart = Annotated[PassportKeeper, _from_service("passports")]
+PipelinesPart = Annotated[Pipelines, _from_service("pipelines")]
+ProfilesPart = Annotated[Profiles, _from_service("profiles")]
+RecorderPart = Annotated[AutoRecorder, _from_service("recorder")]
+ReplayPart = Annotated[Replaying, _from_service("replay")]
+RulesPart = Annotated[Rules, _from_service("rules")]
+SettingsPart = Annotated[Settings, _from_service("settings")]
+SlaveChecksPart = Annotated[SlaveCheckLog, _from_service("slave_checks")]
+
+AuthenticationPart = Annotated[Authentication, _from_web("authentication")]
+ClockWatchPart = Annotated[ClockWatch, _from_web("clock_watch")]
+EncoderPart = Annotated[SnapshotEncoder, _from_web("encoder")]
+ReadersPart = Annotated[Readers, _from_web("readers")]
+SimulatorPart = Annotated[SimulatorProcess, Depends(_simulator)]
 UserDep = Annotated[User, Depends(_user)]

@@ -14,7 +14,7 @@ from app.commands.session_commands.selection import (
 )
 from app.sessions.transfer.fetch import Remote
 from app.sessions.transfer.fill import fill_gaps
-from app.sessions.transfer.jobs import Brought, Fetch
+from app.sessions.transfer.jobs import Fetch, FetchState
 
 
 def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -59,9 +59,9 @@ class _Progress:
     """A line a session; on a terminal with its share."""
 
     def __init__(self) -> None:
-        self._before = Brought("")
+        self._before = FetchState("")
 
-    def show(self, state: Brought) -> None:
+    def show(self, state: FetchState) -> None:
         """Tell what changed."""
         before, self._before = self._before, state
         if sys.stderr.isatty() and state.total_bytes:

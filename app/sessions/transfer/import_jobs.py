@@ -14,6 +14,7 @@ from app.sessions.transfer.import_session import Imported, import_file, read_tab
 from app.sources.recordings.can_log import ENDINGS
 from app.sources.recordings.columns import guess
 from app.sources.recordings.profile import ImportProfile, ProfileShelf
+from app.telemetry import Severity
 
 MAX_UPLOADS = 8  # the oldest one gives way
 _UNSAFE = re.compile(r"[^A-Za-z0-9._ -]+")
@@ -44,10 +45,12 @@ class ImportState:
     error: str | None = None
 
 
-class Importing:
+class ImportJobs:
     """Keeps uploads until they are imported or the service ends."""
 
-    def __init__(self, data: Path, new_pipeline: Callable[[], Pipeline], note: Callable[[str, str, str], None]) -> None:
+    def __init__(
+        self, data: Path, new_pipeline: Callable[[], Pipeline], note: Callable[[Severity, str, str], None]
+    ) -> None:
         self._folder = data / "imports"
         self._sessions = data / "sessions"
         self._new_pipeline = new_pipeline

@@ -10,10 +10,11 @@ from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionNotFound
 from app.sessions.transfer.fetch import Remote, RemoteSession
 from app.sessions.transfer.fill import fill_from
+from app.telemetry import Severity
 
 
 @dataclass(frozen=True, slots=True)
-class Brought:
+class FetchState:
     """How far a fetch has come."""
 
     url: str
@@ -34,13 +35,13 @@ class Fetch:
     remote: Remote
     folder: Path
     catalogue: Catalogue
-    on_change: Callable[[Brought], None] = lambda _: None
-    state: Brought = field(init=False)
+    on_change: Callable[[FetchState], None] = lambda _: None
+    state: FetchState = field(init=False)
 
     def __post_init__(self) -> None:
-        self.state = Brought(self.remote.url)
+        self.state = FetchState(self.remote.url)
 
-    def run(self, wanted: Sequence[str] = (), *, fill: bool = True) -> Brought:
+    def run(self, wanted: Sequence[str] = (), *, fill: bool = True) -> FetchState:
         """Fetch the wanted sessions, or all that are finished there, oldest first.
 
         Raises:
@@ -75,21 +76,21 @@ class Fetch:
         self.on_change(self.state)
 
 
-class Bringing:
+class FetchJobs:
     """One fetch at a time, in a thread of its own, for the service."""
 
-    def __init__(self, folder: Path, catalogue: Catalogue, note: Callable[[str, str, str], None]) -> None:
+    def __init__(self, folder: Path, catalogue: Catalogue, note: Callable[[Severity, str, str], None]) -> None:
         self._folder = folder
         self._catalogue = catalogue
         self._note = note  # (severity, code, text) for the event log
         self._lock = threading.Lock()
         self._fetch: Fetch | None = None
 
-    def state(self) -> Brought | None:
+    def state(self) -> FetchState | None:
         """How far the last fetch has come, None before the first."""
         return None if self._fetch is None else self._fetch.state
 
-    def start(self, remote: Remote, wanted: Sequence[str], *, fill: bool) -> Brought:
+    def start(self, remote: Remote, wanted: Sequence[str], *, fill: bool) -> FetchState:
         """Begin to fetch.
 
         Raises:

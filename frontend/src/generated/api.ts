@@ -1339,7 +1339,7 @@ export interface Swap {
   who: string | null;
 }
 
-/** The service's surroundings. */
+/** The machine that the service runs on, and who reads. */
 export interface System {
   listens_on: string;
   addresses: string[];

@@ -7,7 +7,7 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.health.capacity import CapacityTracker
 from app.estimation.health.rest_capacity import REST_S, CapacityBetweenRests
-from app.live.learned_state import Past, load_past, save_past
+from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
 from app.live.pipeline import Pipeline
 from app.live.prediction import Lookout
 
@@ -114,8 +114,8 @@ def test_the_past_is_kept_over_a_restart_and_believed_where_the_voltage_agrees(t
     remembered = estimate.soc + 0.02
     remembered[5] += 0.4
     path = tmp_path / "cells.npz"
-    save_past(path, Past(10, remembered, np.full(96, 0.001), Lookout(CELL, 96).past))
-    start = load_past(path).start(10)
+    save_learned_state(path, LearnedState(10, remembered, np.full(96, 0.001), Lookout(CELL, 96).past))
+    start = load_learned_state(path).start(10)
     second = Pipeline(
         "serial", lambda: make_estimator("fused", CELL, 96), filter_name="f", cell_name="c", start_soc=start
     )
@@ -129,8 +129,8 @@ def test_the_past_is_kept_over_a_restart_and_believed_where_the_voltage_agrees(t
 def test_a_damaged_past_is_ignored(tmp_path, content):
     path = tmp_path / "cells.npz"
     path.write_bytes(content)
-    assert load_past(path) is None
-    assert load_past(tmp_path / "missing") is None
+    assert load_learned_state(path) is None
+    assert load_learned_state(tmp_path / "missing") is None
 
 
 def test_the_offset_of_the_current_sensor_is_found_with_open_relays_and_not_counted(pipeline, master):

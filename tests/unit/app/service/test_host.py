@@ -5,6 +5,7 @@ from ipaddress import ip_address
 import pytest
 
 from app.service.host import ClockWatch, addresses_of, disk_of
+from tests.fake_clock import FakeClock
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.5", "::1", "localhost"])
@@ -31,7 +32,9 @@ def test_disk_is_that_of_the_folder_and_unknown_where_there_is_none(tmp_path):
 
 @pytest.mark.parametrize(("moved_s", "was_set"), [(0.0, False), (1.5, False), (-3600.0, True), (86400.0, True)])
 def test_clock_that_was_set_is_noticed(moved_s, was_set):
-    watch = ClockWatch()
-    watch._offset_s -= moved_s
-    assert watch.moved_s() == pytest.approx(moved_s, abs=0.5)
+    clock = FakeClock()
+    watch = ClockWatch(clock)
+    clock.advance(60)
+    clock.set_wall(clock.wall_s() + moved_s)
+    assert watch.moved_s() == pytest.approx(moved_s)
     assert watch.was_set is was_set

@@ -67,7 +67,7 @@ def test_a_damaged_session_is_left_out_and_the_others_are_read(sessions, tmp_pat
 
 
 def test_a_swap_begins_a_new_line_until_it_is_taken_back(client, sessions):
-    keeper = client.app.state.runtime.passports
+    keeper = client.app.state.parts.service.passports
     keeper.read_new()
     passport = client.get("/api/v1/passport").json()
     assert passport["sessions"] == 3
@@ -113,7 +113,7 @@ def test_a_simulated_car_has_passports_of_its_own(make_session, tmp_path):
 def test_the_black_boxes_of_old_sessions_are_made_on_the_way(client, make_session):
     event = {"at_s": 20.0, "severity": "trip", "code": "trip-v-min", "text": "under-voltage", "cell": 3}
     session_id = make_session(TIME_S[:100], CURRENT_A[:100], events=[event]).stem
-    client.app.state.runtime.passports.read_new()
+    client.app.state.parts.service.passports.read_new()
     (box,) = client.get("/api/v1/blackboxes").json()["boxes"]
     assert (box["session_id"], box["cell"]) == (session_id, 3)
 
@@ -122,7 +122,7 @@ def test_who_asks_first_is_told_that_sessions_are_being_read(client, make_sessio
     make_session(TIME_S[:100], CURRENT_A[:100])
     first = client.get("/api/v1/passport").json()
     assert first["sessions"] + first["to_read"] >= 1  # read already, or to come: never nothing
-    keeper = client.app.state.runtime.passports
+    keeper = client.app.state.parts.service.passports
     keeper._thread.join()
     done = client.get("/api/v1/passport").json()
     assert (done["sessions"], done["to_read"]) == (1, 0)

@@ -12,7 +12,7 @@ from app.sessions.errors import SessionNotFound
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import Recorder
 from app.sessions.transfer.fetch import Remote
-from app.sessions.transfer.jobs import Bringing, Fetch
+from app.sessions.transfer.jobs import Fetch, FetchJobs
 from firmware_protocol.framing import encode_frame
 
 WALL_NS = 1_790_000_000 * 10**9
@@ -112,7 +112,7 @@ def test_in_the_service_one_fetch_at_a_time_and_its_end_is_told(car, remote, tmp
         told.append((severity, code))
         ended.set()
 
-    bringing = Bringing(tmp_path / "pit", Catalogue(tmp_path / "pit"), note)
+    bringing = FetchJobs(tmp_path / "pit", Catalogue(tmp_path / "pit"), note)
     assert bringing.state() is None
     car.held.clear()
     assert bringing.start(remote, [], fill=True).is_running

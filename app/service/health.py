@@ -1,0 +1,40 @@
+"""Whether the service does its work."""
+
+from app.clock import Clock
+from app.service.events import Events
+from app.service.live import Live
+from app.service.mqtt import MqttPublisher
+from app.sessions.recording.auto_recorder import AutoRecorder
+
+
+class Health:
+    """Asks every part that can fail."""
+
+    def __init__(
+        self, live: Live, recorder: AutoRecorder, events: Events, mqtt: MqttPublisher | None, clock: Clock
+    ) -> None:
+        self._live = live
+        self._recorder = recorder
+        self._events = events
+        self._mqtt = mqtt
+        self._clock = clock
+        self._started_s = clock.monotonic_s()
+
+    @property
+    def uptime_s(self) -> float:
+        """Seconds since the service was made."""
+        return self._clock.monotonic_s() - self._started_s
+
+    def problems(self) -> list[str]:
+        """Return what is missing, in words; empty while all is well."""
+        problems, snapshot = self._live.problems(), self._live.snapshot
+        if snapshot is None:
+            return problems
+        for name, status in snapshot.links.items():
+            if status.state not in ("off", "live"):
+                problems.append(f"{name.upper()} {status.state}" + (f": {status.error}" if status.error else ""))
+        recorder = self._recorder.status
+        mqtt = None if self._mqtt is None else self._mqtt.problem
+        return problems + [
+            text for text in (recorder.error or recorder.warning, self._events.store.error, mqtt) if text
+        ]

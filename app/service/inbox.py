@@ -1,0 +1,43 @@
+"""The queue between the links' threads and the pipeline's: bounded, in order, nothing is dropped."""
+
+import contextlib
+import queue
+import threading
+
+from app.telemetry import Item
+
+SIZE = 4096  # beyond it the links wait, and what the line cannot hold shows up as a gap in the sequence
+RETRY_S = 0.5
+
+
+class Inbox:
+    """Many threads put, one gets."""
+
+    def __init__(self, size: int = SIZE) -> None:
+        self._queue: queue.Queue[Item | None] = queue.Queue(size)
+        self._closed = threading.Event()
+
+    def put(self, item: Item) -> None:
+        """Add an item; wait while there is no room, until the inbox is closed."""
+        while not self._closed.is_set():
+            with contextlib.suppress(queue.Full):
+                self._queue.put(item, timeout=RETRY_S)
+                return
+
+    def get(self, timeout_s: float) -> Item | None:
+        """Return the oldest item; None where there is none within the time."""
+        try:
+            return self._queue.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+    def close(self) -> None:
+        """Take no more items; those inside can still be taken out."""
+        self._closed.set()
+        with contextlib.suppress(queue.Full):
+            self._queue.put_nowait(None)  # wakes a reader that waits
+
+    @property
+    def is_finished(self) -> bool:
+        """The inbox is closed and empty."""
+        return self._closed.is_set() and self._queue.empty()

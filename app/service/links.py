@@ -1,0 +1,82 @@
+"""The links to the car: RS232 with the requests to the master, CAN with the frames that users send."""
+
+import threading
+from collections.abc import Callable
+
+from app.errors import LinkLost
+from app.live.pipeline import Output
+from app.sources.links.can import CanLink
+from app.sources.links.can_sender import CanSender
+from app.sources.links.serial import SerialLink
+from app.sources.master.client import MasterClient
+from app.telemetry import Item
+
+
+class Links:
+    """Opens and closes the configured links; sending on one that is not configured is LinkLost."""
+
+    def __init__(
+        self, serial_url: str | None, can_url: str | None, sink: Callable[[Item], None], *, may_transmit: bool
+    ) -> None:
+        """Prepare the links; what they deliver goes into `sink`. `may_transmit`: this is no car's bus."""
+        self.serial = SerialLink(serial_url, sink) if serial_url else None
+        self.can = CanLink(can_url, sink) if can_url else None
+        self.can_sender = CanSender(self._send_can)
+        self.master = MasterClient(self._send_serial)
+        self._lock = threading.Lock()
+        self._is_closed = False
+        self._may_transmit = may_transmit
+
+    def open(self) -> None:
+        """Open every link; nothing once `close` was called."""
+        with self._lock:
+            if self._is_closed:
+                return
+            for link in (self.serial, self.can):
+                if link is not None:
+                    link.start()
+
+    def close(self) -> None:
+        """Let requests that wait give up, stop sending, close the links."""
+        with self._lock:
+            self._is_closed = True
+        self.master.close()
+        self.can_sender.stop()
+        for link in (self.serial, self.can):
+            if link is not None:
+                link.stop()
+
+    def on_output(self, output: Output, t_mono_ns: int) -> None:
+        """Give the master's reply to the request that waits for it."""
+        if output.reply is not None:
+            self.master.on_reply(output.reply)
+
+    @property
+    def transmit_hindrance(self) -> str | None:
+        """Why users may not send CAN frames; None where they may."""
+        if self.can is None:
+            return "no CAN bus is configured"
+        if not self._may_transmit:
+            return "frames are only sent onto the simulated bus, or onto a bench's: start the service with --bench"
+        return None
+
+    def stream(self, *, on: bool) -> None:
+        """Start or stop the master's stream.
+
+        Raises:
+            LinkLost: no RS232 port is configured, or it is not open.
+        """
+        self._serial().stream(on=on)
+
+    def _serial(self) -> SerialLink:
+        if self.serial is None:
+            raise LinkLost("no RS232 port is configured")
+        return self.serial
+
+    def _send_serial(self, data: bytes) -> None:
+        self._serial().write(data)
+
+    def _send_can(self, can_id: int, data: bytes) -> None:
+        if self.can is None:
+            raise LinkLost("no CAN bus is configured")
+        self.can.send(can_id, data)

@@ -1,0 +1,158 @@
+"""The pipeline's thread: takes what the links deliver out of the inbox, and hands on what the pipeline makes of it."""
+
+import logging
+import threading
+from collections.abc import Callable, Sequence
+
+from app.clock import Clock
+from app.errors import NotNow
+from app.estimation.errors import EstimatorError
+from app.live.history import History
+from app.live.hub import Hub
+from app.live.pipeline import Output, Pipeline
+from app.live.trend import Trend
+from app.service.failures import Failures
+from app.service.inbox import Inbox
+from app.sessions.replay import Replaying
+from app.telemetry import Identity, Item, Snapshot
+
+log = logging.getLogger(__name__)
+TICK_S = 1.0  # without anything new there is a snapshot this often
+STALL_S = 3 * TICK_S  # without a snapshot for so long, the pipeline stands still
+JOIN_S = 5.0
+ItemListener = Callable[[Item], None]
+OutputListener = Callable[[Output, int], None]  # with the monotonic time in ns
+
+
+class Live:
+    """The car's newest snapshot and its history; one thread works, any thread reads."""
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        inbox: Inbox,
+        hub: Hub[Snapshot],
+        replay: Replaying,
+        clock: Clock,
+        *,
+        on_item: Sequence[ItemListener],
+        on_output: Sequence[OutputListener],
+    ) -> None:
+        """Prepare the thread.
+
+        Args:
+            pipeline: of the live source.
+            inbox: what the links put their items into.
+            hub: gets the car's snapshots while no replay is shown.
+            replay: says whether one is shown.
+            clock: for snapshots in which nothing is new but the ages.
+            on_item: called with every item before the pipeline, in this order.
+            on_output: called with everything the pipeline makes, in this order.
+        """
+        self.hub = hub
+        self.history = History()
+        self.trend = Trend()
+        self.snapshot: Snapshot | None = None  # the car's, also while a replay is shown
+        self._pipeline = pipeline
+        self._inbox = inbox
+        self._replay = replay
+        self._clock = clock
+        self._on_item = on_item
+        self._on_output = on_output
+        self._failures = Failures(clock)
+        self._published_ns = 0
+        self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Take no more items, work on those that are inside, end the thread."""
+        self._inbox.close()
+        if self._thread.is_alive():
+            self._thread.join(timeout=JOIN_S)
+
+    def warm_up(self) -> None:
+        """Make the estimator ready before items come: compiling takes longer than they can wait."""
+        try:
+            self._pipeline.warm_up()
+        except EstimatorError as error:
+            log.warning("the estimator could not be made ready: %s", error)
+
+    @property
+    def source(self) -> str:
+        """Where the items come from."""
+        return self._pipeline.source
+
+    @property
+    def identity(self) -> Identity | None:
+        """Who the master last said it is."""
+        return self._pipeline.identity
+
+    @property
+    def can_rx_active(self) -> int | None:
+        """Mask of the CAN rx messages that are alive."""
+        return None if self.snapshot is None else self.snapshot.master.can_rx_active
+
+    def acknowledge_alarm(self, alarm_id: int, who: str) -> bool:
+        """Mark an alarm as seen, False where there is none.
+
+        Raises:
+            NotNow: the alarms that are shown are a replay's.
+        """
+        if self._replay.is_active:
+            raise NotNow("these alarms are of a replay; stop it to acknowledge the car's")
+        return self._pipeline.acknowledge(alarm_id, who)
+
+    def problems(self) -> list[str]:
+        """Return what is wrong with the pipeline, in words; empty while all is well."""
+        if self.snapshot is None:
+            return ["no snapshot yet"]
+        silent_s = (self._clock.monotonic_ns() - self.snapshot.t_mono_ns) / 1e9
+        stall = [f"no snapshot for {silent_s:.0f} s: the pipeline stands still"] if silent_s > STALL_S else []
+        failure = [] if self._failures.reason is None else [self._failures.reason]
+        return stall + failure
+
+    def _run(self) -> None:
+        while not self._inbox.is_finished:
+            self.step(TICK_S / 4)
+
+    def step(self, timeout_s: float) -> None:
+        """Work on the next item, wait for it so long; publish the ages where nothing was published for a second."""
+        item = self._inbox.get(timeout_s)
+        try:
+            if item is not None:
+                self._take(item)
+            now_ns = self._clock.monotonic_ns()
+            if now_ns - self._published_ns >= TICK_S * 1e9:
+                self._published_ns = now_ns
+                self._hand_on(self._pipeline.tick(now_ns, self._clock.wall_ns()), now_ns)
+        except Exception as error:  # noqa: BLE001  the supervisor: one item must not end the thread
+            self._failures.add(error)
+
+    def _take(self, item: Item) -> None:
+        for listener in self._on_item:
+            try:
+                listener(item)
+            except Exception as error:  # noqa: BLE001  what is not recorded is shown all the same
+                self._failures.add(error)
+        output = self._pipeline.feed(item)
+        self._hand_on(output, item.t_mono_ns)
+        if output.snapshot is not None:
+            self._published_ns = item.t_mono_ns
+            self._pipeline.look_ahead()
+
+    def _hand_on(self, output: Output, t_mono_ns: int) -> None:
+        snapshot = output.snapshot
+        if snapshot is not None:
+            self.snapshot = snapshot
+            self.history.add(snapshot)
+            self.trend.add(snapshot)
+        for listener in self._on_output:
+            try:
+                listener(output, t_mono_ns)
+            except Exception as error:  # noqa: BLE001  one that fails costs only itself
+                self._failures.add(error)
+        if snapshot is not None and not self._replay.is_active:
+            self.hub.publish_threadsafe(snapshot)

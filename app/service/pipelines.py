@@ -1,0 +1,59 @@
+"""Makes pipelines with the estimator of the settings, or with another filter or cell."""
+
+import time
+
+from app.errors import ConfigError
+from app.estimation.cell_model.cell_file import bundled_cells
+from app.live.pipeline import Pipeline
+from app.live.pipeline_factory import Chain
+from app.live.prediction import Lookout
+from app.service.settings import Settings
+from app.telemetry import FloatArray, Source
+
+
+class Pipelines:
+    """The configured filter and cell, and every other that a replay may choose."""
+
+    def __init__(self, settings: Settings) -> None:
+        """Read the cell file.
+
+        Raises:
+            ConfigError: there is no such filter, or the cell cannot be used.
+        """
+        self._filter_name = settings.filter
+        self._cell_name = settings.cell
+        self._chain = Chain(settings.filter, settings.cell)
+        self.cell = self._chain.cell
+
+    @property
+    def cells(self) -> list[str]:
+        """Names of the cells to choose from, the configured one first."""
+        return list(dict.fromkeys((self._cell_name, *bundled_cells())))
+
+    def new(
+        self,
+        source: Source,
+        serial_url: str | None = None,
+        can_url: str | None = None,
+        lookout: Lookout | None = None,
+        start_soc: tuple[FloatArray, FloatArray] | None = None,
+        filter_name: str | None = None,
+        cell_name: str | None = None,
+    ) -> Pipeline:
+        """Return a fresh pipeline; None is the configured filter or cell.
+
+        Raises:
+            ConfigError: there is no such filter or cell.
+        """
+        chain = self._chain
+        if filter_name is not None or cell_name is not None:
+            if cell_name is not None and cell_name not in self.cells:
+                raise ConfigError("cell", cell_name, f"one of {', '.join(bundled_cells())}, or the service's own")
+            chain = Chain(filter_name or self._filter_name, cell_name or self._cell_name)
+        return chain.pipeline(
+            source, serial_url, can_url, lookout=lookout, start_soc=start_soc, stopwatch_ns=time.perf_counter_ns
+        )
+
+    def for_import(self) -> Pipeline:
+        """Return a pipeline that recordings of other systems go through."""
+        return self.new("replay", "imported")

@@ -1,0 +1,241 @@
+"""Makes the parts of the service and connects them: the only place that knows them all.
+
+The parts are made in the order in which they need each other. Items flow from the links through the inbox and the
+pipeline to the listeners, which are called in the order in which they stand here.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+from app.analysis.black_box.from_session import keep_black_boxes
+from app.analysis.black_box.recorder import BlackBoxRecorder
+from app.analysis.passport.keeper import PassportKeeper
+from app.clock import Clock
+from app.configuration.history import ConfigHistory
+from app.configuration.lookup import ConfigSources
+from app.configuration.profile_store import Profiles
+from app.configuration.safe_write import Configuration
+from app.configuration.slave_check_log import SlaveCheckLog
+from app.live.can_trace import CanTrace
+from app.live.hub import Hub
+from app.live.learned_state import load_learned_state
+from app.live.pipeline import Output
+from app.live.prediction import Lookout
+from app.service.configuration import ConfigurationInForce, Rules
+from app.service.events import Events
+from app.service.health import Health
+from app.service.inbox import Inbox
+from app.service.learned_state_saver import LearnedStateSaver
+from app.service.links import Links
+from app.service.live import Live
+from app.service.master_identification import MasterIdentification
+from app.service.mqtt import MqttPublisher, configured_publisher
+from app.service.operator import Operator
+from app.service.pipelines import Pipelines
+from app.service.settings import Settings
+from app.service.state import ServiceState, recording_state
+from app.sessions.catalogue import Catalogue
+from app.sessions.event_log import EventLog
+from app.sessions.recording.auto_recorder import AutoRecorder
+from app.sessions.recording.writer import DiskLimits
+from app.sessions.replay import Replaying
+from app.sessions.retention import Retention, RetentionRule
+from app.sessions.transfer.import_jobs import ImportJobs
+from app.sessions.transfer.jobs import FetchJobs
+from app.telemetry import Event, Snapshot, Source
+from firmware_protocol.memory_map import N_CELLS
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """The parts. A route asks for the one that it needs: see app/api/web/dependencies.py."""
+
+    settings: Settings
+    clock: Clock
+    events: Events
+    links: Links
+    live: Live
+    trace: CanTrace
+    pipelines: Pipelines
+    replay: Replaying
+    recorder: AutoRecorder
+    catalogue: Catalogue
+    retention: Retention
+    fetches: FetchJobs
+    imports: ImportJobs
+    passports: PassportKeeper
+    black_boxes: BlackBoxRecorder
+    configuration: Configuration
+    in_force: ConfigurationInForce
+    rules: Rules
+    config_history: ConfigHistory
+    config_sources: ConfigSources
+    profiles: Profiles
+    slave_checks: SlaveCheckLog
+    operator: Operator
+    learned_state: LearnedStateSaver
+    mqtt: MqttPublisher | None
+    health: Health
+    state: ServiceState
+    jobs: ThreadPoolExecutor
+
+    def start(self) -> None:
+        """Start the threads; the links are opened as soon as the estimator is ready for what they deliver."""
+        self.live.start()
+        self.retention.start()
+        if self.mqtt is not None:
+            self.mqtt.start()
+        self.jobs.submit(self._open_links)
+
+    def _open_links(self) -> None:
+        self.live.warm_up()
+        self.links.open()
+
+    def stop(self) -> None:
+        """Close the links, work on what they delivered, close what keeps it: in this order."""
+        self.replay.stop()
+        self.retention.stop()
+        self.links.close()
+        self.live.stop()
+        self.learned_state.save()
+        self.jobs.shutdown(wait=True, cancel_futures=True)
+        self.passports.close()
+        self.black_boxes.close()
+        self.recorder.close()
+        if self.mqtt is not None:
+            self.mqtt.stop()
+        self.events.store.close()
+
+
+def make_service(
+    settings: Settings, clock: Clock, *, source: Source, serial_url: str | None, can_url: str | None
+) -> Service:
+    """Return the connected parts; nothing runs before `start`.
+
+    Raises:
+        ConfigError: there is no such filter, cell, broker, or the event's name is too long.
+        AppError: a file of the data folder cannot be used.
+    """
+    data, sessions_folder = settings.data, settings.data / "sessions"
+    data.mkdir(parents=True, exist_ok=True)
+
+    # Events, and what is recorded
+    events = Events(EventLog(data / "events.sqlite"), clock)
+    recorder = AutoRecorder(
+        sessions_folder,
+        automatic=settings.record,
+        on_event=events.add,
+        event=settings.event,
+        limits=DiskLimits(session_bytes=settings.split_bytes),
+        source=source,
+    )
+    mqtt = configured_publisher(settings, lambda: recording_state(recorder))
+    events.subscribe(recorder.on_event)
+    if mqtt is not None:
+        events.subscribe(mqtt.offer_event)
+
+    # Sessions on the disk
+    catalogue = Catalogue(sessions_folder)
+    rule = RetentionRule(settings.keep_days, settings.keep_gb)
+    retention = Retention(catalogue, rule, lambda text: events.note("info", "session-expired", text))
+
+    def session_id() -> str | None:
+        return None if (session := recorder.session) is None else session.id
+
+    def black_box_made(box: dict[str, Any]) -> None:
+        text = f"black box of {box['text']}" if box["is_complete"] else f"black box, incomplete, of {box['text']}"
+        events.add(Event(clock.wall_ns(), "info", "blackbox", text, cell=box["cell"]))
+
+    black_boxes = BlackBoxRecorder(data / "blackboxes.sqlite", session_id, black_box_made)
+    pipelines = Pipelines(settings)
+    passports = PassportKeeper(
+        data,
+        catalogue,
+        pipelines.cell,
+        simulated=source == "simulator",
+        also=lambda session: keep_black_boxes(session, black_boxes.store),
+    )
+
+    # The pipeline of the live source, which goes on from what earlier runs learned; the replay has its own
+    learned = load_learned_state(data / "cells.npz")
+    lookout = Lookout(pipelines.cell, N_CELLS, None if learned is None else learned.cells)
+    start_soc = None if learned is None else learned.start(clock.wall_ns())
+    pipeline = pipelines.new(source, serial_url, can_url, lookout, start_soc)
+    learned_state = LearnedStateSaver(data / "cells.npz", pipeline, lookout, clock)
+    hub: Hub[Snapshot] = Hub()
+    replay = Replaying(
+        pipelines.new, hub.publish_threadsafe, lambda text: events.note("warning", "replay-failed", text)
+    )
+
+    # The links, and the configuration behind them
+    inbox = Inbox()
+    links = Links(serial_url, can_url, inbox.put, may_transmit=source == "simulator" or settings.bench)
+    trace = CanTrace()
+    rules = Rules(pipelines.cell, trace)
+    configuration = Configuration(links.master, lambda: pipeline.identity, rules.context)
+    in_force = ConfigurationInForce(configuration, clock)
+    config_history = ConfigHistory(data)
+    profiles = Profiles(data / "profiles")
+    operator = Operator(configuration, links, events.note, config_history, clock)
+    jobs = ThreadPoolExecutor(max_workers=1, thread_name_prefix="jobs")
+    identification = MasterIdentification(links.master, configuration, jobs, clock)
+
+    # What drives it all
+    def record_output(output: Output, t_mono_ns: int) -> None:
+        recorder.on_output(output)
+
+    def publish_output(output: Output, t_mono_ns: int) -> None:
+        if mqtt is not None and output.snapshot is not None:
+            mqtt.offer(output.snapshot)
+
+    def keep_black_box(output: Output, t_mono_ns: int) -> None:
+        black_boxes.take(output.events, output.snapshot, t_mono_ns)
+
+    live = Live(
+        pipeline,
+        inbox,
+        hub,
+        replay,
+        clock,
+        on_item=(recorder.on_item, trace.on_item, identification.on_item),
+        on_output=(
+            events.on_output,
+            record_output,
+            in_force.on_output,
+            publish_output,
+            keep_black_box,
+            links.on_output,
+            learned_state.on_output,
+        ),
+    )
+    return Service(
+        settings=settings,
+        clock=clock,
+        events=events,
+        links=links,
+        live=live,
+        trace=trace,
+        pipelines=pipelines,
+        replay=replay,
+        recorder=recorder,
+        catalogue=catalogue,
+        retention=retention,
+        fetches=FetchJobs(sessions_folder, catalogue, events.note),
+        imports=ImportJobs(data, pipelines.for_import, events.note),
+        passports=passports,
+        black_boxes=black_boxes,
+        configuration=configuration,
+        in_force=in_force,
+        rules=rules,
+        config_history=config_history,
+        config_sources=ConfigSources(configuration, in_force.image, profiles, config_history, catalogue),
+        profiles=profiles,
+        slave_checks=SlaveCheckLog(data),
+        operator=operator,
+        learned_state=learned_state,
+        mqtt=mqtt,
+        health=Health(live, recorder, events, mqtt, clock),
+        state=ServiceState(recorder, replay, events, in_force),
+        jobs=jobs,
+    )

@@ -1,0 +1,62 @@
+"""The inbox keeps the order, makes the links wait while it is full, and lets go of them when it is closed."""
+
+import threading
+
+from app.service.inbox import Inbox
+from app.telemetry import CanItem
+
+
+def item(number: int) -> CanItem:
+    return CanItem(number, number, number, b"")
+
+
+def test_items_come_out_in_the_order_in_which_they_were_put():
+    inbox = Inbox()
+    for number in range(3):
+        inbox.put(item(number))
+    assert [inbox.get(0.0).can_id for _ in range(3)] == [0, 1, 2]
+
+
+def test_an_empty_inbox_gives_none_after_the_timeout():
+    assert Inbox().get(0.0) is None
+
+
+def test_a_link_waits_while_the_inbox_is_full():
+    inbox = Inbox(size=1)
+    inbox.put(item(0))
+    waiting = threading.Thread(target=inbox.put, args=(item(1),))
+    waiting.start()
+    assert inbox.get(5.0).can_id == 0
+    assert inbox.get(5.0).can_id == 1
+    waiting.join(5.0)
+
+
+def test_closing_takes_no_more_items_and_keeps_those_inside():
+    inbox = Inbox()
+    inbox.put(item(0))
+    inbox.close()
+    inbox.put(item(1))
+    assert not inbox.is_finished
+    assert inbox.get(0.0).can_id == 0
+    assert inbox.get(0.0) is None
+    assert inbox.is_finished
+
+
+def test_closing_a_full_inbox_neither_waits_nor_loses_an_item():
+    inbox = Inbox(size=2)
+    for number in range(2):
+        inbox.put(item(number))
+    inbox.close()
+    inbox.put(item(9))
+    assert [inbox.get(0.0).can_id for _ in range(2)] == [0, 1]
+    assert inbox.is_finished
+
+
+def test_a_link_that_waits_is_let_go_when_the_inbox_closes():
+    inbox = Inbox(size=1)
+    inbox.put(item(0))
+    waiting = threading.Thread(target=inbox.put, args=(item(1),))
+    waiting.start()
+    inbox.close()
+    waiting.join(5.0)
+    assert not waiting.is_alive()

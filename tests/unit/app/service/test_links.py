@@ -1,0 +1,59 @@
+"""Links that are not configured refuse; a reply reaches the request that waits for it."""
+
+import pytest
+
+from app.errors import LinkLost
+from app.live.pipeline import Output
+from app.service.links import Links
+from firmware_protocol.framing import decode_chunk
+from firmware_protocol.messages import MessageType, Reply, Result
+
+
+def links(serial_url=None, can_url=None, *, may_transmit=False):
+    return Links(serial_url, can_url, lambda item: None, may_transmit=may_transmit)
+
+
+def test_without_a_serial_port_requests_and_the_stream_are_refused():
+    with pytest.raises(LinkLost, match="no RS232 port"):
+        links().master.identify()
+    with pytest.raises(LinkLost, match="no RS232 port"):
+        links().stream(on=True)
+
+
+def test_without_a_can_bus_nothing_is_sent():
+    with pytest.raises(LinkLost, match="no CAN bus"):
+        links().can_sender._send(1, b"")
+
+
+@pytest.mark.parametrize(
+    ("can_url", "may_transmit", "hindrance"),
+    [
+        (None, True, "no CAN bus is configured"),
+        ("virtual:test", False, "--bench"),
+        ("virtual:test", True, None),
+    ],
+)
+def test_frames_are_only_sent_where_no_car_is(can_url, may_transmit, hindrance):
+    found = links(None, can_url, may_transmit=may_transmit).transmit_hindrance
+    assert found is None if hindrance is None else hindrance in found
+
+
+def test_a_reply_reaches_the_request_that_waits(monkeypatch):
+    made, asked = links("loop://"), []
+
+    def answer(data: bytes) -> None:
+        frame = decode_chunk(data[1:-1])
+        asked.append(frame.type)
+        made.on_output(Output(), 0)
+        made.on_output(Output(reply=Reply(frame.type, frame.sequence, Result.DONE)), 0)
+
+    monkeypatch.setattr(made.serial, "write", answer)
+    made.master.identify()
+    assert asked == [MessageType.IDENT]
+
+
+def test_closed_links_are_not_opened():
+    made = links("loop://")
+    made.close()
+    made.open()
+    assert not made.serial._thread.is_alive()

@@ -1,0 +1,95 @@
+"""What the links deliver is shown, recorded and judged; one item or listener that fails costs only itself."""
+
+import pytest
+
+from app.errors import NotNow
+from app.service.live import STALL_S
+from app.telemetry import CanItem
+
+
+def fail(*_: object) -> None:
+    raise ZeroDivisionError
+
+
+def test_what_is_put_in_is_shown(bench, master):
+    bench.feed(master.frame())
+    assert bench.live.hub.latest.cells.voltage_v[3] == pytest.approx(3.7003)
+    assert bench.live.snapshot is bench.live.hub.latest
+    assert len(bench.live.history.read(900, None)["time"]) == 1
+    assert len(bench.items) == 1
+    assert bench.outputs[-1].snapshot is bench.live.snapshot
+
+
+def test_without_items_there_is_a_snapshot_a_second(bench, clock):
+    bench.live.step(0.0)
+    first = bench.live.snapshot
+    clock.advance(0.9)
+    bench.live.step(0.0)
+    assert bench.live.snapshot is first
+    clock.advance(0.2)
+    bench.live.step(0.0)
+    assert bench.live.snapshot is not first
+    assert not bench.live.snapshot.is_fresh
+    assert bench.live.problems() == []
+
+
+def test_a_fresh_snapshot_puts_the_next_tick_off(bench, clock, master):
+    bench.feed(master.frame())
+    clock.advance(0.9)
+    bench.feed(master.frame())
+    fresh = bench.live.snapshot
+    clock.advance(0.9)
+    bench.live.step(0.0)
+    assert bench.live.snapshot is fresh
+
+
+def test_an_item_that_fails_is_counted_and_the_next_is_taken(bench, master, monkeypatch, caplog):
+    feed = bench.pipeline.feed
+    monkeypatch.setattr(bench.pipeline, "feed", lambda item: fail() if isinstance(item, CanItem) else feed(item))
+    bench.feed(*[CanItem(1, 1, 1, b"")] * 20)
+    bench.feed(master.frame())
+    assert bench.live.snapshot.is_fresh
+    assert any("ZeroDivisionError" in text and "20 item" in text for text in bench.live.problems())
+    assert len([record for record in caplog.records if record.levelname == "ERROR"]) == 1
+
+
+@pytest.mark.parametrize("kind", ["_on_item", "_on_output"])
+def test_a_listener_that_fails_takes_nothing_from_the_others(bench, master, monkeypatch, kind):
+    monkeypatch.setattr(bench.live, kind, (fail, *getattr(bench.live, kind)))
+    bench.feed(master.frame())
+    assert bench.live.hub.latest.is_fresh
+    assert len(bench.items) == len(bench.outputs) == 1
+    assert any("ZeroDivisionError" in text for text in bench.live.problems())
+
+
+def test_before_the_first_snapshot_there_is_one_problem(bench):
+    assert bench.live.problems() == ["no snapshot yet"]
+
+
+def test_a_pipeline_that_stands_still_is_a_problem(bench, clock, master):
+    bench.feed(master.frame())
+    clock.advance(STALL_S + 1)
+    assert any("stands still" in text for text in bench.live.problems())
+
+
+def test_while_a_replay_is_shown_the_cars_snapshots_are_kept_and_not_shown(bench, master):
+    bench.replay.is_active = True
+    bench.feed(master.frame())
+    assert bench.live.hub.latest is None
+    assert bench.live.snapshot.is_fresh
+
+
+def test_the_alarms_of_a_replay_are_not_the_cars(bench):
+    assert not bench.live.acknowledge_alarm(1, "anna")
+    bench.replay.is_active = True
+    with pytest.raises(NotNow):
+        bench.live.acknowledge_alarm(1, "anna")
+
+
+def test_the_thread_works_on_what_is_inside_before_it_ends(bench, master):
+    for _ in range(5):
+        bench.inbox.put(master.frame())
+    bench.live.start()
+    bench.live.stop()
+    assert len(bench.items) == 5
+    bench.inbox.put(master.frame())  # nobody is left to take it: returns at once

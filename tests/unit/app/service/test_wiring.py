@@ -1,0 +1,48 @@
+"""The parts together, with no link configured: started, fed by hand, stopped in order."""
+
+import pytest
+
+from app.clock import Clock
+from app.errors import ConfigError
+from app.service.settings import Settings
+from app.service.wiring import make_service
+
+
+def service(folder, **settings):
+    return make_service(
+        Settings(data=folder, record=False, filter="coulomb", **settings),
+        Clock(),
+        source="serial",
+        serial_url=None,
+        can_url=None,
+    )
+
+
+def test_a_service_starts_and_stops_and_what_was_noted_is_kept(tmp_path):
+    first = service(tmp_path)
+    first.start()
+    first.events.note("info", "recording", "started by hand")
+    first.stop()
+    second = service(tmp_path)
+    try:
+        assert [event.code for event in second.events.store.query()] == ["recording"]
+    finally:
+        second.stop()
+
+
+def test_events_reach_the_recording(tmp_path):
+    made = service(tmp_path)
+    try:
+        info = made.recorder.start("test")
+        made.events.note("warning", "found", "in the recording too")
+        made.recorder.flush()
+        with made.catalogue.open(info.id) as session:
+            assert "found" in [event["code"] for event in session.events()]
+        assert made.state.now()["recording"]["session_id"] == info.id
+    finally:
+        made.stop()
+
+
+def test_a_setting_that_cannot_be_used_stops_the_start(tmp_path):
+    with pytest.raises(ConfigError, match="no-such-cell"):
+        service(tmp_path, cell="no-such-cell")
