@@ -41,6 +41,7 @@ PURPOSE = {
     "cantools": "DBC files of CAN logs that are imported; in the tests an independent reader of ours",
     "filterpy": "independent filters to compare with",
     "scipy": "independent numerics to compare with",
+    "filelock": "one test process compiles, the others wait",
     "httpx": "HTTP client of the tests",
     "hypothesis": "property tests",
     "import-linter": "import rules",

@@ -22,7 +22,7 @@ FLAGS = [
 ]
 SIZES = {"desktop": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
 TOUCH = {"phone"}
-PATIENCE_MS = 20_000
+PATIENCE_MS = 45_000
 AXE = ROOT / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
 RULES = {
     "light": ["color-contrast"],

@@ -102,7 +102,6 @@ def test_a_swap_is_recorded_on_a_phone(looked_back, open_page):
     expect(page.get_by_test_id("passport-history").get_by_role("row")).to_have_count(2)
 
 
-@pytest.mark.timeout(180)
 @pytest.mark.parametrize("size", ["desktop", PHONE])
 def test_no_page_of_a_session_has_an_accessibility_violation(looked_back, open_page, violations, size):
     service, first, second = looked_back

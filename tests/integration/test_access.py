@@ -71,7 +71,7 @@ def test_a_data_folder_in_use_is_named(service):
 
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory):
-    from tests.conftest import Service
+    from tests.service_process import Service
 
     running = Service(
         tmp_path_factory.mktemp("guarded") / "data",

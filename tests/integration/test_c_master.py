@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import pytest
 
-from firmware_protocol import c_header
 from firmware_protocol.config_image import default_image, with_value
 from firmware_protocol.eeprom import newest, plan_store
 from firmware_protocol.framing import Frame, FrameDecoder, encode_frame
@@ -32,8 +31,8 @@ from firmware_protocol.messages import (
     decode_message,
     encode_request,
 )
+from tests.c_programs import build_program
 
-C_FOLDER = Path(c_header.__file__).parent / "c"
 OLD = with_value(default_image(), "v_cell_chrg", 4.1)
 NEW = with_value(with_value(default_image(), "v_cell_chrg", 4.12), "ts", 50)
 POWER_LOST = 9
@@ -287,12 +286,9 @@ def test_the_stream_brings_the_whole_struct(line):
 
 
 @pytest.fixture(scope="module")
-def quick_program(c_master_program, tmp_path_factory):
+def quick_program():
     """Without sanitizers: it starts in a millisecond."""
-    program = tmp_path_factory.mktemp("quick") / "master"
-    sources = (*C_FOLDER.glob("vw_*.c"), *(C_FOLDER / "host").glob("*.c"))
-    subprocess.run(["gcc", "-std=c99", "-O1", *map(str, sources), "-o", str(program)], check=True)
-    return program
+    return build_program("host", sanitized=False)
 
 
 def test_a_power_cut_at_any_byte_of_a_store_leaves_the_old_or_the_new(quick_program, tmp_path):

@@ -13,7 +13,8 @@ ENGINEER, VIEWER = "correct horse battery", "may only look at it"
 
 @pytest.fixture(scope="module")
 def resting(tmp_path_factory, master, request):
-    from tests.conftest import Service, c_master_for
+    from tests.conftest import c_master_for
+    from tests.service_process import Service
 
     arguments = ["--scenario", "in-the-pit"]
     secrets = {"VOLTWALL_PASSWORD": ENGINEER, "VOLTWALL_VIEWER_PASSWORD": VIEWER}

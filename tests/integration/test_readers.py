@@ -51,7 +51,6 @@ def read(service, seconds: float) -> list[tuple[int, float]]:
     return found
 
 
-@pytest.mark.timeout(90)
 def test_readers_that_take_nothing_delay_nobody_and_are_cut_off(service):
     dead = [stalled(service) for _ in range(5)]
     before = resident_bytes(service)
@@ -72,7 +71,6 @@ def test_readers_that_take_nothing_delay_nobody_and_are_cut_off(service):
         reader.close()
 
 
-@pytest.mark.timeout(90)
 def test_a_reader_that_never_reads_is_closed(service):
     reader = stalled(service)
     with service.client() as client:

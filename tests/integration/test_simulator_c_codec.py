@@ -1,33 +1,20 @@
 """The virtual master against the C reference codec: what it puts on a bad line decodes alike in C and in Python."""
 
-import os
-import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
 
-from firmware_protocol import c_header
 from firmware_protocol.framing import BadFrame, Frame, FrameDecoder
 from simulator.director import Director
 from simulator.library import find_scenario
+from tests.c_programs import build_program
 
-C_FOLDER = Path(c_header.__file__).parent / "c"
 PIECE = 3000  # the driver reads lines of limited length
-SOURCES = sorted((*C_FOLDER.glob("vw_*.c"), *C_FOLDER.glob("host_test/*.c")))
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory):
-    if shutil.which("gcc") is None:
-        missing = "gcc is missing; install it (Debian: apt-get install gcc)"
-        pytest.fail(missing) if os.environ.get("CI") else pytest.skip(missing)
-    path = tmp_path_factory.mktemp("c") / "host_test"
-    sources = [str(path) for path in SOURCES]
-    command = ["gcc", "-std=c99", "-O1", "-I", str(C_FOLDER), *sources, "-o", str(path)]
-    built = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert built.returncode == 0, built.stderr
-    return path
+def program():
+    return build_program("host_test")
 
 
 def recorded(noise_per_byte: float) -> bytes:

@@ -3,14 +3,13 @@
 import socket
 import struct
 import subprocess
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_protocol import c_header, schedule
+from firmware_protocol import schedule
 from firmware_protocol.can_tables import RxMessage, TxMessage, with_rx_messages, with_tx_messages
 from firmware_protocol.config_image import default_image
 from firmware_protocol.framing import BadFrame, CommandDecoder, Frame, FrameDecoder, StreamCommand, encode_frame
@@ -22,15 +21,13 @@ from simulator.can_node import CanNode
 from simulator.eeprom import Eeprom
 from simulator.master import VirtualMaster
 from simulator.memory import MasterMemory
-
-C_FOLDER = Path(c_header.__file__).parent / "c"
+from tests.c_programs import build_program
 
 
 @pytest.fixture(scope="module")
-def driver(build_c, tmp_path_factory):
+def driver():
     """Ask host_test one line at a time."""
-    sources = sorted((*C_FOLDER.glob("vw_*.c"), *C_FOLDER.glob("host_test/*.c")))
-    program = build_c(tmp_path_factory.mktemp("c") / "host_test", *sources)
+    program = build_program("host_test")
     with subprocess.Popen([program, "driver"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
 
         def ask(line):

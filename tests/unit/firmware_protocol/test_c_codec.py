@@ -1,9 +1,7 @@
 """The C reference codec, compiled with gcc, against the shared vectors and against Python on random streams."""
 
-import os
 import random
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,13 +13,12 @@ from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BadFrame, CommandDecoder, Frame, FrameDecoder, StreamCommand
 from firmware_protocol.memory_map import CONFIG_FIELDS
 from firmware_protocol.messages import MAX_READ, NO_OFFSET, MessageType, Read, Result, Write
+from tests.c_programs import build_program, require_gcc
 
 C_FOLDER = Path(c_header.__file__).parent / "c"
 VECTORS = Path(__file__).parents[2] / "vectors"
-HOST_TEST = sorted((C_FOLDER / "host_test").glob("*.c"))
 SOURCES = tuple(sorted(path.name for path in C_FOLDER.glob("vw_*.c")))
 STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
-SANITIZE = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 
 
 def compile_c(*arguments):
@@ -30,21 +27,12 @@ def compile_c(*arguments):
 
 @pytest.fixture(scope="module")
 def gcc():
-    if shutil.which("gcc") is None:
-        if os.environ.get("CI"):
-            pytest.fail("gcc is missing; install it (Debian: apt-get install gcc)")
-        pytest.skip("gcc is missing; install it (Debian: apt-get install gcc)")
+    require_gcc()
 
 
 @pytest.fixture(scope="module")
-def host_test(gcc, tmp_path_factory):
-    program = tmp_path_factory.mktemp("c") / "host_test"
-    sources = [*(str(C_FOLDER / name) for name in SOURCES), *map(str, HOST_TEST), "-o", str(program)]
-    built = compile_c("-std=c99", "-O1", *STRICT, *SANITIZE, *sources)
-    if built.returncode and "cannot find" in built.stderr:  # a gcc without its sanitizers
-        built = compile_c("-std=c99", "-O1", *STRICT, *sources)
-    assert built.returncode == 0, built.stderr
-    return program
+def host_test():
+    return build_program("host_test")
 
 
 def drive(program, lines):

@@ -1,0 +1,89 @@
+"""Programs of the C reference, each compiled once for all tests of a run, and a master that is one of them."""
+
+import hashlib
+import os
+import shutil
+import subprocess
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import pytest
+from filelock import FileLock
+
+C_FOLDER = Path(__file__).parents[1] / "firmware_protocol" / "c"
+FLAGS = ("-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
+SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+BUILT = Path(__file__).parents[1] / ".pytest_cache" / "c"
+
+
+def require_gcc() -> None:
+    """Skip without gcc; in CI fail."""
+    if shutil.which("gcc") is None:
+        missing = "gcc is missing; install it (Debian: apt-get install gcc)"
+        pytest.fail(missing) if os.environ.get("CI") else pytest.skip(missing)
+
+
+@cache
+def build_program(folder: str, *, sanitized: bool = True) -> Path:
+    """Return the program of `firmware_protocol/c/FOLDER`, with sanitizers where gcc has them.
+
+    What is compiled once serves every test process, and later runs as long as no source has changed.
+    """
+    require_gcc()
+    sources = [*sorted(C_FOLDER.glob("vw_*.c")), *sorted((C_FOLDER / folder).glob("*.c"))]
+    seen = hashlib.sha256(repr((FLAGS, sanitized)).encode())
+    for path in (*sources, *sorted(C_FOLDER.rglob("*.h"))):
+        seen.update(path.read_bytes())
+    program = BUILT / f"{folder}-{seen.hexdigest()[:24]}"
+    BUILT.mkdir(parents=True, exist_ok=True)
+    with FileLock(f"{program}.lock"):
+        if not program.exists():
+            part = program.with_suffix(".part")
+            _compile(part, sources, sanitized)
+            part.replace(program)
+    return program
+
+
+def _compile(program: Path, sources: list[Path], sanitized: bool) -> None:
+    command = ["gcc", *FLAGS, *map(str, sources), "-o", str(program)]
+    if sanitized:
+        built = subprocess.run([*command, *SANITIZERS], capture_output=True, text=True, check=False)
+        if not (built.returncode and "cannot find" in built.stderr):  # a gcc without its sanitizers
+            assert built.returncode == 0, built.stderr
+            return
+    built = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+
+
+@dataclass
+class CMaster:
+    """The C reference as a master behind a pseudo-terminal, its EEPROM in a file that outlives it."""
+
+    program: Path
+    folder: Path
+    options: tuple[str, ...] = ()
+    process: subprocess.Popen[str] | None = None
+
+    @property
+    def link(self) -> Path:
+        """What `--serial` is given."""
+        return self.folder / "c-master"
+
+    def start(self, *arguments: str) -> "CMaster":
+        """Switch it on; the port is there on return."""
+        eeprom = ("--eeprom", str(self.folder / "c-eeprom.bin"))
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self.process = subprocess.Popen(
+            [self.program, "--serial", self.link, *eeprom, *self.options, *arguments], stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout.readline() == "ready\n"
+        return self
+
+    def stop(self) -> int:
+        """Switch it off, if it still runs; its exit status."""
+        if self.process.poll() is None:
+            self.process.terminate()
+        status = self.process.wait(10)
+        self.process.stdout.close()
+        return status

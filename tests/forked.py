@@ -1,0 +1,125 @@
+"""The service and its simulated car in processes that start at once: forked from one that has imported everything.
+
+`python -m app.cli serve` spends a second on its imports, its simulator another, and the tests start both a hundred
+times. multiprocessing's fork server imports once. What runs afterwards is what a command line starts.
+"""
+
+import importlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import traceback
+import types
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import TextIO
+
+CONTEXT = get_context("forkserver")
+CONTEXT.set_forkserver_preload(
+    ["tests.forked", "app.commands.serve", "app.estimation.filters.compiled", "simulator.cli"]
+)
+PARENTS_THREADS = 2  # of a service that starts its car: it does so before it has others
+POLL_S = 0.01
+
+
+class ForkedSimulator:
+    """The simulated car that a service starts; to it the part of `subprocess.Popen` that it uses."""
+
+    def __init__(self, command: list[str]) -> None:
+        stdin, self._stdin = os.pipe()
+        output, stdout = os.pipe()
+        self.returncode: int | None = None
+        self.pid = os.fork()
+        if self.pid == 0:
+            _become("simulator.cli", command[3:], stdin, stdout)
+        os.close(stdin)
+        os.close(stdout)
+        self.stdout = os.fdopen(output, "rb")
+
+    def __enter__(self) -> "ForkedSimulator":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stdout.close()
+        self.wait()
+        os.close(self._stdin)
+
+    def poll(self) -> int | None:
+        """The exit code, None while it runs."""
+        if self.returncode is None:
+            found, status = os.waitpid(self.pid, os.WNOHANG)
+            self.returncode = os.waitstatus_to_exitcode(status) if found else None
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """The exit code, once it has ended."""
+        until = None if timeout is None else time.monotonic() + timeout
+        while (code := self.poll()) is None:
+            if until is not None and time.monotonic() > until:
+                raise subprocess.TimeoutExpired("simulator.cli", timeout or 0.0)
+            time.sleep(POLL_S)
+        return code
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        if self.poll() is None:
+            os.kill(self.pid, signal.SIGTERM)
+
+    def kill(self) -> None:
+        """End it."""
+        if self.poll() is None:
+            os.kill(self.pid, signal.SIGKILL)
+
+
+def _start_simulator(command: list[str], **options: object) -> "ForkedSimulator | subprocess.Popen[bytes]":
+    if threading.active_count() > PARENTS_THREADS:  # a lock that another thread holds would stay locked in a fork
+        return subprocess.Popen(command, **options)
+    return ForkedSimulator(command)
+
+
+def _become(module: str, arguments: list[str], stdin: int, stdout: int) -> None:
+    """Be a program of its own: its standard input and output, no file of the parent, and its exit code."""
+    os.setsid()
+    os.dup2(stdin, 0)
+    os.dup2(stdout, 1)
+    os.closerange(3, 1024)
+    sys.stdin, sys.stdout = os.fdopen(0, closefd=False), os.fdopen(1, "w", buffering=1, closefd=False)
+    code = 1
+    try:
+        code = importlib.import_module(module).main(arguments)
+    except Exception:
+        traceback.print_exc()
+        raise
+    finally:
+        os._exit(code)
+
+
+def _serve(arguments: list[str], environment: dict[str, str], output: Connection) -> None:
+    """Be `voltwall` with these arguments, everything it says on one pipe."""
+    from app.service import simulator_process
+
+    os.dup2(output.fileno(), 1)
+    os.dup2(output.fileno(), 2)
+    output.close()
+    sys.stdout, sys.stderr = (os.fdopen(number, "w", buffering=1, closefd=False) for number in (1, 2))
+    os.environ.clear()
+    os.environ.update(environment)
+    simulator_process.subprocess = types.SimpleNamespace(
+        Popen=_start_simulator, PIPE=subprocess.PIPE, TimeoutExpired=subprocess.TimeoutExpired
+    )
+    sys.exit(importlib.import_module("app.cli").main(arguments))
+
+
+def start_voltwall(arguments: list[str], environment: dict[str, str]) -> tuple[BaseProcess, TextIO]:
+    """Start `voltwall` with arguments; return the process and what it will say."""
+    reader, writer = CONTEXT.Pipe(duplex=False)
+    process = CONTEXT.Process(target=_serve, args=(arguments, environment, writer), daemon=True)
+    process.start()
+    writer.close()
+    lines = os.fdopen(os.dup(reader.fileno()))
+    reader.close()
+    return process, lines

@@ -1,0 +1,119 @@
+"""`voltwall serve` as a process, and how a test waits for what it shows."""
+
+import json
+import os
+import re
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+import httpx
+from websockets.sync.client import connect
+
+from tests.c_programs import CMaster
+from tests.forked import start_voltwall
+
+# on a machine that does ten other things too
+START_S = 60.0
+WAIT_S = 45.0
+END_S = 40.0
+TRIES = 4
+
+
+class Patient(httpx.HTTPTransport):
+    """Asks again where the master did not answer in time, as a person would: it may not have had the processor."""
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        """The answer, at the latest the one to the last try."""
+        request.read()
+        for _ in range(TRIES - 1):
+            answer = super().handle_request(request)
+            if answer.status_code != httpx.codes.GATEWAY_TIMEOUT:
+                return answer
+            answer.read()
+        return super().handle_request(request)
+
+
+@dataclass
+class Service:
+    """`voltwall serve` as a process of its own."""
+
+    data: Path
+    arguments: list[str]
+    environment: dict[str, str] = field(default_factory=dict)
+    process: BaseProcess | None = None
+    base_url: str = ""
+    lines: list[str] = field(default_factory=list)
+    reader: threading.Thread | None = None
+    c_master: CMaster | None = None  # on which it runs, switched on and off with it
+
+    def start(self) -> "Service":
+        """Start and wait for the line that names the address."""
+        self.lines = []
+        serial = () if self.c_master is None else ("--serial", str(self.c_master.start().link))
+        ready = threading.Event()
+        arguments = ["serve", "--port", "0", "--data", str(self.data), *self.arguments, *serial]
+        self.process, output = start_voltwall(arguments, os.environ | self.environment)
+
+        def read() -> None:
+            with output:
+                for line in output:
+                    self.lines.append(line.rstrip())
+                    if match := re.search(r"Voltwall: (http://\S+)", line):
+                        self.base_url = match[1]
+                        ready.set()
+            ready.set()
+
+        self.reader = threading.Thread(target=read, daemon=True)
+        self.reader.start()
+        assert ready.wait(START_S), "\n".join(self.lines)
+        assert self.base_url, "\n".join(self.lines)
+        return self
+
+    def client(self, **options) -> httpx.Client:
+        """An HTTP client of /api/v1."""
+        return httpx.Client(base_url=self.base_url + "/api/v1", timeout=WAIT_S, transport=Patient(), **options)
+
+    def kill(self) -> None:
+        """SIGKILL, as a power cut would."""
+        self.process.kill()
+        self.process.join(END_S)
+        self.reader.join(END_S)
+        if self.c_master is not None:
+            self.c_master.stop()
+
+    def stop(self) -> int:
+        """SIGTERM and wait; the exit code."""
+        self.process.terminate()
+        self.process.join(END_S)
+        code = self.process.exitcode
+        if code is None:
+            self.process.kill()
+            raise AssertionError(f"it did not end within {END_S} s")
+        self.reader.join(END_S)
+        if self.c_master is not None:
+            self.c_master.stop()
+        return code
+
+    @property
+    def is_running(self) -> bool:
+        """Whether its process lives."""
+        return self.process is not None and self.process.is_alive()
+
+    def wait_for(self, condition: Callable[[dict], object], seconds: float = WAIT_S) -> dict:
+        """Read snapshots off the websocket until one fulfils a condition; returns it."""
+        deadline = time.monotonic() + seconds
+        last: dict = {}
+        with connect(self.base_url.replace("http", "ws") + "/api/v1/live", max_size=1 << 22) as socket:
+            while (left := deadline - time.monotonic()) > 0:
+                try:
+                    last = json.loads(socket.recv(timeout=left))
+                except TimeoutError:
+                    break
+                if condition(last):
+                    return last
+        summary = {name: last.get(name) for name in ("accumulator", "links", "master", "alarms", "age")}
+        raise AssertionError(f"not within {seconds} s; last: {summary}")
