@@ -244,9 +244,9 @@ def _signal_bytes(
         return start_bit // 8, [flag], None
     known = _ELEMENTS.get(name) or _ELEMENTS.get(first)
     if part := re.fullmatch(r"(\w+)_byte(\d)(_\d+)?", name):
-        known = _ELEMENTS.get(part[1])
-        if known and n_bits == 8 and int(part[2]) < known[0].item_size:
-            return start_bit // 8, [known[0].offset + known[1] * known[0].item_size + int(part[2])], None
+        whole = _ELEMENTS.get(part[1])
+        if whole and n_bits == 8 and int(part[2]) < whole[0].item_size:
+            return start_bit // 8, [whole[0].offset + whole[1] * whole[0].item_size + int(part[2])], None
     if known is None:
         return "no value of the master's has this name"
     struct_field, element = known

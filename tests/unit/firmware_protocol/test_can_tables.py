@@ -129,12 +129,114 @@ def test_one_changed_message_changes_its_own_entries_only():
 
 
 @pytest.mark.parametrize(
-    "change",
-    [{"index": 8}, {"index": -1}, {"can_id": 1 << 31}, {"length": 9}, {"period_ms": 65536}, {"data_offsets": (1, 2)}],
+    ("change", "field", "value", "limit"),
+    [
+        ({"index": 8}, "index", 8, "0..7"),
+        ({"index": -1}, "index", -1, "0..7"),
+        ({"can_id": 1 << 31}, "can_id", 1 << 31, "0..0x1fffffff"),
+        ({"can_id": -1}, "can_id", -1, "0..0x1fffffff"),
+        ({"length": 9}, "length", 9, "0..8"),
+        ({"length": -1}, "length", -1, "0..8"),
+        ({"data_offsets": (1, 2)}, "can_{}_msg_data", [1, 2], "an array of 8 by 8"),
+    ],
 )
-def test_message_that_does_not_fit_the_image_is_refused(change):
-    with pytest.raises(EncodeError):
-        can_tables.with_tx_messages(DEFAULT, [replace(TX[0], **change)])
+def test_message_that_does_not_fit_the_image_is_refused(change, field, value, limit):
+    for put, message, table in (
+        (can_tables.with_tx_messages, TX[0], "tx"),
+        (can_tables.with_rx_messages, RX[0], "rx"),
+    ):
+        with pytest.raises(EncodeError) as refused:
+            put(DEFAULT, [replace(message, **change)])
+        error = refused.value
+        assert (error.field, error.value, error.limit) == (field.format(table), value, limit)
+
+
+@pytest.mark.parametrize(
+    ("put", "message", "field"),
+    [
+        (can_tables.with_tx_messages, replace(TX[7], period_ms=65536), "can_tx_msg_timing[7]"),
+        (can_tables.with_rx_messages, replace(RX[7], timeout_ms=65536), "can_rx_msg_timeout[7]"),
+        (can_tables.with_rx_messages, replace(RX[7], response=256), "can_rx_msg_response[7]"),
+    ],
+)
+def test_a_number_that_its_field_cannot_hold_is_refused(put, message, field):
+    with pytest.raises(EncodeError) as refused:
+        put(DEFAULT, [message])
+    assert refused.value.field == field
+
+
+def test_messages_at_their_limits_fit():
+    tx = can_tables.TxMessage(0, False, 0x1FFFFFFF, True, 60_000, 0, (BYTE_UNUSED,) * 8)
+    image = can_tables.with_tx_messages(DEFAULT, [tx])
+    assert can_tables.tx_messages(image) == (tx, *TX[1:])
+    rx = can_tables.RxMessage(0, False, 0, False, 0, 8, (2983,) * 8, None)
+    assert can_tables.rx_messages(can_tables.with_rx_messages(image, [rx])) == (rx, *RX[1:])
+
+
+def test_a_length_beyond_a_can_frame_reads_as_eight():
+    image = config_image.with_raw(DEFAULT, "can_tx_msg_len", [9] * 8)
+    image = config_image.with_raw(image, "can_rx_msg_len", [255] * 8)
+    assert {m.length for m in (*can_tables.tx_messages(image), *can_tables.rx_messages(image))} == {8}
+
+
+def test_a_response_that_names_no_message_reads_as_none():
+    image = config_image.with_raw(DEFAULT, "can_rx_msg_response", [7, 8, 255, 0, 1, 2, 3, 4])
+    assert [rx.response for rx in can_tables.rx_messages(image)] == [7, None, None, 0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("name", "little", "big"),
+    [
+        ("i_fs", (1884, 1885, 1886, 1887), (1887, 1886, 1885, 1884)),
+        ("v[1]", (1898, 1899), (1899, 1898)),
+        ("t[95]", (2385,), (2385,)),
+        ("slave[1].cvr[2]", (710, 711), (711, 710)),
+    ],
+)
+def test_a_named_value_has_its_bytes_in_either_order(name, little, big):
+    field, element = can_tables.named_element(name)
+    assert can_tables.offsets_of(field, element, is_big_endian=False) == little
+    assert can_tables.offsets_of(field, element, is_big_endian=True) == big
+
+
+def test_a_name_that_the_struct_does_not_have_is_refused():
+    with pytest.raises(EncodeError) as refused:
+        can_tables.named_element("v[96]" + "!" * 80)
+    assert (refused.value.field, refused.value.value) == ("signal", "v[96]" + "!" * 55)
+    assert refused.value.limit == "a value of the master's struct, as v_tot, v[36], slave[3].cvr[5]"
+
+
+def test_every_frame_of_the_tables_is_read_and_no_other():
+    reader = can_tables.TableReader(DEFAULT)
+    assert reader.windows(0x9806E5F4, bytes.fromhex("03D400A000000000")) == (
+        Window(428, bytes.fromhex("D403A000")),
+        Window(436, b"\0"),
+    )
+    assert reader.windows(0x98FF50E5, bytes.fromhex("0FC000A008000000")) == (
+        Window(432, bytes.fromhex("C00FA000")),
+        Window(437, b"\x08"),
+    )
+    for can_id in (0x1806E5F4, 0x80000100, 0, 0x7FF):
+        assert reader.windows(can_id, bytes(8)) == ()
+
+
+def test_a_reader_completes_signs_only_of_what_the_master_sends():
+    low_bytes = (1884, 1885) + (BYTE_UNUSED,) * 6
+    image = can_tables.with_tx_messages(DEFAULT, [replace(TX[3], can_id=0x300, length=2, data_offsets=low_bytes)])
+    image = can_tables.with_rx_messages(image, [replace(RX[1], can_id=0x301, length=2, data_offsets=low_bytes)])
+    reader = can_tables.TableReader(image)
+    assert reader.windows(0x300, b"\xfb\xff") == (Window(1884, b"\xfb\xff\xff\xff"),)
+    assert reader.windows(0x301, b"\xfb\xff") == (Window(1884, b"\xfb\xff"),)
+
+
+def test_two_messages_of_one_id_are_both_read():
+    twice = can_tables.with_tx_messages(
+        DEFAULT, [replace(TX[3], can_id=0x100, length=1, data_offsets=(440,) + (BYTE_UNUSED,) * 7)]
+    )
+    assert can_tables.TableReader(twice).windows(0x100, b"\x07\x27") == (
+        Window(2982, b"\x07\x27"),
+        Window(440, b"\x07"),
+    )
 
 
 @pytest.mark.parametrize(("can_brp", "rate"), [(3, 1_000_000), (7, 500_000), (15, 250_000), (31, 125_000)])
@@ -142,14 +244,20 @@ def test_bit_rate(can_brp, rate):
     assert can_tables.bit_rate(can_brp) == rate
 
 
-@pytest.mark.parametrize(("is_extended", "bits"), [(False, 135), (True, 160)])
-def test_worst_case_frame_length_is_the_published_one(is_extended, bits):
-    assert can_tables.worst_case_bits(8, is_extended) == bits
+@pytest.mark.parametrize(
+    ("length", "is_extended", "bits"), [(8, False, 135), (8, True, 160), (0, False, 55), (0, True, 80), (1, False, 65)]
+)
+def test_worst_case_frame_length_is_the_published_one(length, is_extended, bits):
+    assert can_tables.worst_case_bits(length, is_extended) == bits
 
 
 def test_bus_load_counts_cyclic_and_answering_messages():
     # ECU summary 10 a second of 135 bits, charger command 1 a second of 160 bits, at 500 kbit/s
     assert can_tables.bus_load(DEFAULT) == pytest.approx((1350 + 160) / 500_000)
+    often = can_tables.with_tx_messages(DEFAULT, [replace(TX[1], period_ms=1, length=0)])
+    assert can_tables.bus_load(often) == pytest.approx((55_000 + 160) / 500_000)
+    on_demand = can_tables.with_tx_messages(DEFAULT, [replace(TX[1], period_ms=0)])
+    assert can_tables.bus_load(config_image.with_raw(on_demand, "can_brp", 31)) == pytest.approx(160 / 125_000)
     silent = can_tables.with_tx_messages(DEFAULT, [replace(TX[1], enabled=False)])
     silent = can_tables.with_rx_messages(silent, [replace(RX[0], enabled=False)])
     assert can_tables.bus_load(silent) == 0

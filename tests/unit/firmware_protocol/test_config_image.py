@@ -138,6 +138,65 @@ def test_wrong_shape_or_type_is_refused(value):
         config_image.with_raw(DEFAULT, "can_tx_msg_data", value)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "field", "wrong", "limit"),
+    [
+        ("ts", 65536, "ts", 65536, "a whole number of counts, 0..65535"),
+        ("ts", -1, "ts", -1, "a whole number of counts, 0..65535"),
+        ("ts", 1.5, "ts", 1.5, "a whole number of counts, 0..65535"),
+        ("t_cell_min", 128, "t_cell_min", 128, "a whole number of counts, -128..127"),
+        ("i_disc_min", -32769, "i_disc_min", -32769, "a whole number of counts, -32768..32767"),
+        ("can_tx_msg_id", [0] * 7 + [1 << 32], "can_tx_msg_id[7]", 1 << 32, "a whole number of counts, 0..4294967295"),
+        ("can_tx_msg_len", [0] * 7, "can_tx_msg_len", [0] * 7, "an array of 8"),
+        ("can_tx_msg_data", [[0] * 8] * 7, "can_tx_msg_data", [[0] * 8] * 7, "an array of 8 by 8"),
+        ("ts", True, "ts", True, "a number"),
+        ("ts", [1], "ts", [1], "a number"),
+        ("none", 1, "field", "none", "no configuration field has this name"),
+    ],
+)
+def test_a_count_that_does_not_fit_names_its_element_and_limit(name, value, field, wrong, limit):
+    with pytest.raises(EncodeError) as refused:
+        config_image.with_raw(DEFAULT, name, value)
+    assert (refused.value.field, refused.value.value, refused.value.limit) == (field, wrong, limit)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "raw"),
+    [
+        ("ts", 0, 0),
+        ("ts", 65535, 65535),
+        ("t_cell_min", -128, -128),
+        ("t_cell_min", 127, 127),
+        ("i_disc_min", -32768, -32768),
+        ("can_tx_msg_id", (0,) * 7 + (0xFFFFFFFF,), [0] * 7 + [0xFFFFFFFF]),
+    ],
+)
+def test_counts_at_the_ends_of_their_type_fit(name, value, raw):
+    assert config_image.raw_value(config_image.with_raw(DEFAULT, name, value), name) == raw
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "field", "wrong", "limit"),
+    [
+        ("t_cell_min", -7.4, "t_cell_min", -7.4, "a whole number, -40..40 degC"),
+        ("v_cell_max", 4.50006, "v_cell_max", 4.50006, "3..4.5 V"),
+        ("v_cell_max", 10**400, "v_cell_max", 10**400, "3..4.5 V"),
+        ("ts", 10**400, "ts", 10**400, "20..10000 ms"),
+        ("can_tx_msg_len", [8] * 7 + [9], "can_tx_msg_len[7]", 9, "0..8 byte"),
+        ("can_tx_msg_data", [[0] * 8] * 7 + [[0] * 7 + [-1]], "can_tx_msg_data[7][7]", -1, "0..65535"),
+    ],
+)
+def test_a_value_that_does_not_fit_names_its_element_and_limit(name, value, field, wrong, limit):
+    with pytest.raises(EncodeError) as refused:
+        config_image.with_value(DEFAULT, name, value)
+    assert (refused.value.field, refused.value.value, refused.value.limit) == (field, wrong, limit)
+
+
+def test_images_may_be_changed_in_all_byte_types():
+    for image in (bytearray(DEFAULT), memoryview(DEFAULT)):
+        assert config_image.unit_value(config_image.with_value(image, "ts", 50), "ts") == 50
+
+
 def test_arrays_are_nested_as_their_shape():
     rows = config_image.raw_value(DEFAULT, "can_tx_msg_data")
     assert [len(row) for row in rows] == [8] * 8
@@ -161,12 +220,13 @@ def test_difference_names_the_element_its_byte_and_both_values():
         4.15,
         "V",
     )
-    assert (second.field, second.element, second.offset, second.before, second.after) == (
+    assert (second.field, second.element, second.offset, second.before, second.after, second.unit) == (
         "can_tx_msg_data",
         9,
         96 + 18,
         2983,
         7,
+        "",
     )
 
 
@@ -188,10 +248,99 @@ def test_hash_changes_with_any_byte_of_a_field():
     assert all(len(name) == 16 for name in names)
 
 
+@pytest.mark.parametrize(
+    ("changes", "field", "element", "value", "limit", "why"),
+    [
+        ({"ts": 19}, "ts", None, 19, "20..10000 ms", "the master takes nothing else"),
+        ({"v_cell_min": 40000, "v_cell_max": 40000, "v_cell_chrg": 40000}, "v_cell_min", None, 4.0,
+         "below v_cell_max = 4.0 V", "no voltage would be inside both limits"),
+        ({"v_cell_chrg": 42001}, "v_cell_chrg", None, 4.2001, "at most v_cell_max = 4.2 V",
+         "charging would end in a trip"),
+        ({"t_cell_min": 40, "t_cell_max": 40}, "t_cell_min", None, 40, "below t_cell_max = 40 degC",
+         "no temperature would be inside both limits"),
+        ({"i_disc_min": 0, "i_disc_max": 0}, "i_disc_min", None, 0.0, "below i_disc_max = 0.0 A",
+         "no current would be inside both limits"),
+        ({"i_chrg_min": 1201}, "i_chrg_min", None, 12.01, "at most i_chrg_max = 12.0 A",
+         "no charging current would be inside both limits"),
+        ({"fan_ramp_start": 50}, "fan_ramp_start", None, 50, "below fan_ramp_stop = 50 degC",
+         "the ramp has to rise with the temperature"),
+        ({"can_tx_msg_id": (1, 1, 1, 1, 1, 1, 1, 0x800)}, "can_tx_msg_id", 7, 0x800, "0..0x7ff",
+         "a 11-bit id ends there"),
+        ({"can_rx_msg_id": (CAN_ID_EXTENDED | 0x20000000,) + (1,) * 7}, "can_rx_msg_id", 0, 0xA0000000,
+         "0..0x1fffffff", "a 29-bit id ends there"),
+        ({"can_rx_msg_response": (8,) + (255,) * 7}, "can_rx_msg_response", 0, 8, "0..7, or 255",
+         "there are eight messages to answer with"),
+    ],
+)  # fmt: skip
+def test_an_error_says_which_limit_is_broken_and_why(changes, field, element, value, limit, why):
+    image = DEFAULT
+    for name, raw in changes.items():
+        image = config_image.with_raw(image, name, raw)
+    [error] = config_image.check(image)
+    assert (error.field, error.element, error.value, error.limit, error.why) == (field, element, value, limit, why)
+    assert error.offset == CONFIG[field].offset + (element or 0) * CONFIG[field].item_size
+
+
+@pytest.mark.parametrize(
+    ("name", "raw", "limit", "why"),
+    [
+        ("can_tx_msg_data", 2984, "0..2983, or 65535", "the struct ends there"),
+        ("can_rx_msg_data", 419, "420..2983, or 65535", "a CAN message may not write the configuration"),
+        ("can_rx_msg_data", 2984, "420..2983, or 65535", "a CAN message may not write the configuration"),
+    ],
+)
+def test_a_table_entry_outside_its_place_says_what_is_allowed(name, raw, limit, why):
+    [error] = config_image.check(config_image.with_raw(DEFAULT, name, row_with(name, 63, raw)))
+    assert (error.element, error.value, error.limit, error.why) == (63, raw, limit, why)
+
+
+@pytest.mark.parametrize(
+    ("name", "element", "raw"),
+    [
+        ("can_tx_msg_id", 1, 0x7FF),
+        ("can_tx_msg_id", 1, CAN_ID_EXTENDED | 0x1FFFFFFF),
+        ("can_tx_msg_data", 0, 0),
+        ("can_tx_msg_data", 0, 2983),
+        ("can_rx_msg_data", 0, 420),
+        ("can_rx_msg_data", 0, 2983),
+        ("can_rx_msg_response", 1, 7),
+        ("can_rx_msg_response", 1, 255),
+    ],
+)
+def test_table_entries_at_their_limits_are_accepted(name, element, raw):
+    assert errors_of(name, row_with(name, element, raw)) == []
+
+
+@pytest.mark.parametrize("pair", [{"i_chrg_min": 1200}, {"fan_ramp_min": 224}, {"v_cell_chrg": 42000}])
+def test_limits_that_may_be_equal_are_accepted(pair):
+    [(name, raw)] = pair.items()
+    assert errors_of(name, raw) == []
+
+
+def test_errors_come_in_order_of_their_offset():
+    image = config_image.with_raw(DEFAULT, "fan_ramp_min", 225)
+    image = config_image.with_raw(image, "t_cell_min", 45)
+    image = config_image.with_raw(image, "can_brp", 2)
+    image = config_image.with_raw(image, "ts", 0)
+    assert [error.field for error in config_image.check(image)] == ["ts", "t_cell_min", "t_cell_min", "fan_ramp_min",
+                                                                   "can_brp"]  # fmt: skip
+
+
+def test_only_fields_that_may_change_at_work_make_a_live_change():
+    live = config_image.with_value(config_image.with_value(DEFAULT, "ts", 50), "fan_ramp_max", 1.0)
+    assert config_image.is_live_change(DEFAULT, live)
+    assert config_image.is_live_change(DEFAULT, DEFAULT)
+    assert not config_image.is_live_change(DEFAULT, config_image.with_value(live, "v_cell_max", 4.15))
+    with pytest.raises(DecodeError):
+        config_image.is_live_change(DEFAULT, DEFAULT[1:])
+
+
 @pytest.mark.parametrize("size", [0, 419, 421])
 def test_image_of_the_wrong_size_is_refused(size):
     for function in (config_image.check, config_image.image_hash, config_image.canonical):
         with pytest.raises(DecodeError):
             function(bytes(size))
-    with pytest.raises(DecodeError):
-        config_image.difference(DEFAULT, bytes(size))
+    for images in ((DEFAULT, bytes(size)), (bytes(size), DEFAULT)):
+        with pytest.raises(DecodeError) as refused:
+            config_image.difference(*images)
+        assert (refused.value.what, refused.value.reason) == ("configuration", f"{size} bytes, not 420")

@@ -81,15 +81,47 @@ def test_padding_is_stored_as_zero():
     assert eeprom.newest(stored(noisy)).image == FIRST
 
 
-def test_wrong_sizes_and_counters_are_refused():
-    with pytest.raises(DecodeError):
+@pytest.mark.parametrize("counter", [0, -1, 1 << 32])
+def test_a_counter_outside_its_range_is_refused(counter):
+    with pytest.raises(EncodeError) as refused:
+        eeprom.encode_slot(FIRST, counter)
+    assert (refused.value.field, refused.value.value, refused.value.limit) == ("counter", counter, "1..4294967295")
+
+
+def test_the_highest_counter_is_stored_and_the_next_store_is_refused():
+    memory = eeprom.encode_slot(FIRST, 0xFFFFFFFF) + bytes(eeprom.EEPROM_SIZE - 512)
+    assert eeprom.newest(memory) == eeprom.StoredConfig(FIRST, 0xFFFFFFFF, 0)
+    with pytest.raises(EncodeError):
+        eeprom.plan_store(memory, SECOND)
+
+
+def test_a_slot_with_the_counter_0_is_none_though_its_checksum_is_right():
+    slot = bytearray(eeprom.encode_slot(FIRST, 1))
+    slot[8:12] = bytes(4)
+    slot[12:16] = binascii.crc32(bytes(slot[:12]) + FIRST).to_bytes(4, "little")
+    assert eeprom.decode_slot(slot, 0) is None
+
+
+@pytest.mark.parametrize("size", [0, 511, 513])
+def test_a_slot_of_another_size_is_none(size):
+    assert eeprom.decode_slot(eeprom.encode_slot(FIRST, 1).ljust(513, b"\0")[:size], 0) is None
+
+
+def test_a_memory_too_short_for_both_slots_is_refused():
+    with pytest.raises(DecodeError) as refused:
         eeprom.newest(bytes(1023))
+    assert (refused.value.what, refused.value.reason) == ("EEPROM", "1023 bytes, at least 1024")
     with pytest.raises(DecodeError):
         eeprom.plan_store(BLANK, FIRST[:-1])
-    for counter in (0, 1 << 32):
-        with pytest.raises(EncodeError):
-            eeprom.encode_slot(FIRST, counter)
-    assert eeprom.decode_slot(b"", 0) is None
+
+
+def test_a_store_wipes_the_header_first_and_writes_it_last():
+    used = eeprom.encode_slot(FIRST, 1) + b"\x55" * (eeprom.EEPROM_SIZE - eeprom.SLOT_SIZE)
+    writes = eeprom.plan_store(used, SECOND)
+    assert writes[0] == eeprom.PageWrite(512, bytes(64))
+    assert [write.offset for write in writes[1:-1]] == [512 + 64 * page for page in range(1, 8)]
+    assert (writes[-1].offset, writes[-1].data[:12]) == (512, b"VWCF" + bytes([0xA4, 0x01, 1, 0, 2, 0, 0, 0]))
+    assert {len(write.data) for write in writes} == {64}
 
 
 def test_host_can_tell_the_slots_from_the_first_two_kilobytes():
@@ -120,7 +152,40 @@ def test_cut_journal_entry_leaves_the_one_before():
         assert eeprom.newest_journal(torn) == last
 
 
+def test_journal_entry_layout_is_the_written_one():
+    write = eeprom.journal_write(eeprom.JournalEntry(0x01020303, 0, 0), 0x0A0B0C0D, 0x0102)
+    body = bytes.fromhex("04030201 0d0c0b0a 0201 0000")
+    assert write.data == body + binascii.crc32(body).to_bytes(4, "little")
+    assert write.offset == 1024 + 0x01020303 % 496 * 64
+
+
+def test_journal_values_at_their_limits_are_read_back():
+    highest = eeprom.journal_write(eeprom.JournalEntry(0xFFFFFFFE, 0, 0), 0xFFFFFFFF, 0xFFFF)
+    assert eeprom.newest_journal(apply(BLANK, [highest])) == eeprom.JournalEntry(0xFFFFFFFF, 0xFFFFFFFF, 0xFFFF)
+    lowest = eeprom.journal_write(None, 0, 0)
+    assert lowest.offset == 1024
+    assert eeprom.newest_journal(apply(BLANK, [lowest])) == eeprom.JournalEntry(1, 0, 0)
+
+
+def test_the_newest_journal_entry_is_found_wherever_it_stands():
+    entries = [eeprom.journal_write(eeprom.JournalEntry(n, 0, 0), 100 * n, n) for n in (990, 496, 3)]
+    assert eeprom.newest_journal(apply(BLANK, entries)) == eeprom.JournalEntry(991, 99_000, 990)
+    assert eeprom.newest_journal(apply(BLANK, entries[::-1])) == eeprom.JournalEntry(991, 99_000, 990)
+
+
+def test_a_journal_in_a_cut_read_is_understood_as_far_as_it_goes():
+    writes = [eeprom.journal_write(eeprom.JournalEntry(n, 0, 0), 7, 7) for n in (0, 1)]
+    memory = apply(BLANK, writes)
+    assert eeprom.newest_journal(memory[: 1024 + 64 + 16]).counter == 2
+    assert eeprom.newest_journal(memory[: 1024 + 64 + 15]).counter == 1
+    assert eeprom.newest_journal(memory[:1024]) is None
+
+
 @pytest.mark.parametrize("values", [(-1, 0), (1 << 32, 0), (0, -1), (0, 65536)])
 def test_journal_value_that_does_not_fit_is_refused(values):
-    with pytest.raises(EncodeError):
+    with pytest.raises(EncodeError) as refused:
         eeprom.journal_write(None, *values)
+    assert (refused.value.field, refused.value.value) == ("journal", (1, *values))
+    assert refused.value.limit == "counter and dod below 2**32, soc below 2**16"
+    with pytest.raises(EncodeError):
+        eeprom.journal_write(eeprom.JournalEntry(0xFFFFFFFF, 0, 0), 0, 0)

@@ -43,15 +43,25 @@ def test_reserved_bytes_do_not_matter():
 
 
 @pytest.mark.parametrize("size", [0, 7, 9])
-def test_wrong_length_is_refused(size):
-    for kind in (ChargerCommand, ChargerStatus):
-        with pytest.raises(DecodeError):
-            kind.from_bytes(bytes(size))
+@pytest.mark.parametrize(("kind", "what"), [(ChargerCommand, "charger command"), (ChargerStatus, "charger status")])
+def test_wrong_length_is_refused(kind, what, size):
+    with pytest.raises(DecodeError) as refused:
+        kind.from_bytes(bytes(size))
+    assert (refused.value.what, refused.value.reason) == (what, f"{size} bytes, not 8")
 
 
 @pytest.mark.parametrize("value", [-0.1, 6553.6, float("nan"), float("inf")])
-def test_value_that_does_not_fit_is_refused(value):
-    with pytest.raises(EncodeError):
-        ChargerCommand(value, 0, is_charging=True).to_bytes()
-    with pytest.raises(EncodeError):
-        ChargerStatus(0, value).to_bytes()
+@pytest.mark.parametrize("field", ["voltage_v", "current_a"])
+@pytest.mark.parametrize("kind", [ChargerCommand, ChargerStatus])
+def test_value_that_does_not_fit_names_its_limit(kind, field, value):
+    values = {"voltage_v": 0.0, "current_a": 0.0} | {field: value}
+    message = kind(**values, is_charging=True) if kind is ChargerCommand else kind(**values)
+    with pytest.raises(EncodeError) as refused:
+        message.to_bytes()
+    assert (refused.value.field, refused.value.limit) == (field, "0..6553.5")
+    assert refused.value.value is value
+
+
+def test_the_highest_values_fit():
+    assert ChargerCommand(6553.5, 6553.5, is_charging=True).to_bytes() == bytes.fromhex("FFFFFFFF00000000")
+    assert ChargerStatus(6553.5, 0.0, ChargerFlags(0x1FF)).to_bytes() == bytes.fromhex("FFFF0000FF000000")

@@ -40,7 +40,7 @@ def test_a_refusal_ends_the_request_too():
 def test_one_request_at_a_time():
     exchange = Exchange()
     exchange.start(Store(), 0.0)
-    with pytest.raises(ExchangeBusyError):
+    with pytest.raises(ExchangeBusyError, match=r"^one request at a time$"):
         exchange.start(Store(), 0.0)
 
 
@@ -70,7 +70,33 @@ def test_late_reply_after_the_end_is_dropped():
     exchange = Exchange()
     raw = exchange.start(Read(0, 1), 0.0)
     exchange.on_reply(reply_to(raw))
-    assert not exchange.on_reply(reply_to(raw))
+    for n in (1, 2):
+        assert not exchange.on_reply(reply_to(raw))
+        assert exchange.stray_replies == n
+
+
+def test_a_reply_to_nothing_is_dropped():
+    exchange = Exchange()
+    assert not exchange.on_reply(Reply(MessageType.IDENT, 0, Result.DONE))
+    assert exchange.stray_replies == 1
+    assert frame_of(exchange.start(IdentRequest(), 0.0)).sequence == 0
+
+
+def test_sequence_numbers_go_round_after_255_and_start_anywhere():
+    exchange = Exchange(first_sequence=256 + 254)
+    sequences = []
+    for _ in range(3):
+        raw = exchange.start(IdentRequest(), 0.0)
+        sequences.append(frame_of(raw).sequence)
+        exchange.on_reply(reply_to(raw))
+    assert sequences == [254, 255, 0]
+
+
+def test_a_single_try_gives_up_at_the_first_deadline():
+    exchange = Exchange(tries=1)
+    exchange.start(Read(0, 1), 5.0)
+    assert exchange.poll(5.0 + TIMEOUT_S) == GaveUp(Read(0, 1), 1)
+    assert exchange.poll(100.0) is None
 
 
 def test_silence_sends_the_same_bytes_again_then_gives_up():
@@ -122,7 +148,7 @@ def test_the_same_bytes_long_afterwards_are_a_new_request():
     frame = Frame(MessageType.STORE, 3, 0, b"")
     repeats.remember(frame, Reply(frame.type, frame.sequence, Result.DONE), 0.0)
     assert repeats.known_reply(frame, 3 * STORE_TIMEOUT_S) is not None
-    assert repeats.known_reply(frame, 30.0) is None
+    assert repeats.known_reply(frame, 10.0) is None
 
 
 def test_a_repeated_read_is_read_again():

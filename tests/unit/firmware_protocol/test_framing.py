@@ -1,3 +1,5 @@
+import tracemalloc
+
 import pytest
 
 from firmware_protocol import framing
@@ -64,8 +66,9 @@ def test_longest_body_passes_and_a_longer_one_is_refused():
     [frame] = FrameDecoder().feed(framing.encode_frame(1, 0, 0, b"\xaa" * framing.MAX_BODY))
     assert len(frame.body) == framing.MAX_BODY
     assert len(frame.raw) == framing.MAX_ENCODED
-    with pytest.raises(EncodeError):
+    with pytest.raises(EncodeError) as refused:
         framing.encode_frame(1, 0, 0, bytes(framing.MAX_BODY + 1))
+    assert (refused.value.field, refused.value.value, refused.value.limit) == ("body", "513 bytes", "at most 512 bytes")
 
 
 @pytest.mark.parametrize(
@@ -90,6 +93,24 @@ def test_host_drops_the_tail_of_a_frame_it_saw_no_start_of():
     assert decoder.skipped_bytes == len(FRAME) - 6
 
 
+def test_host_counts_every_byte_before_the_first_delimiter():
+    decoder = FrameDecoder()
+    assert [item for part in cut(b"z" * 1234 + FRAME, 7) for item in decoder.feed(part)] == [AS_FRAME]
+    assert decoder.skipped_bytes == 1234
+
+
+@pytest.mark.parametrize("decoder", [FrameDecoder(), CommandDecoder()])
+def test_a_frame_without_an_end_does_not_fill_the_memory(decoder):
+    piece = b"z" * 1_000
+    decoder.feed(b"\0")
+    tracemalloc.start()
+    for _ in range(20):
+        decoder.feed(piece)
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < 5_000
+
+
 def test_host_does_not_count_a_frame_split_over_feeds_as_skipped():
     decoder = FrameDecoder()
     assert [item for part in cut(FRAME * 3, 4) for item in decoder.feed(part)] == [AS_FRAME] * 3
@@ -100,6 +121,14 @@ def test_host_gets_the_frame_after_an_endless_one():
     decoder = FrameDecoder()
     out = [item for part in cut(b"\0" + b"z" * 5000 + FRAME, 100) for item in decoder.feed(part)]
     assert out == [BadFrame(BadReason.LONG, b"z" * framing.MAX_ENCODED), AS_FRAME]
+
+
+def test_master_takes_the_longest_frame_and_refuses_a_longer_one_with_its_start():
+    longest = framing.encode_frame(1, 2, 3, b"\xaa" * framing.MAX_BODY)
+    assert CommandDecoder().feed(longest) == [Frame(1, 2, 3, b"\xaa" * framing.MAX_BODY)]
+    decoder = CommandDecoder()
+    assert decoder.feed(b"\0" + b"z" * 600 + FRAME) == [BadFrame(BadReason.LONG, b"z" * framing.MAX_ENCODED), AS_FRAME]
+    assert decoder.noise_bytes == 600
 
 
 def test_bare_commands_count_at_once():
@@ -127,6 +156,22 @@ def test_command_after_a_stray_delimiter_counts_at_the_next_or_after_silence():
     assert decoder.feed(b"\0x") == []
     assert decoder.idle() == [START]
     assert decoder.feed(b"y") == [STOP]
+
+
+def test_a_delimiter_after_a_command_may_open_a_frame():
+    decoder = CommandDecoder()
+    assert decoder.feed(b"\0x\0y") == [START], "y may be a frame's first byte"
+    assert decoder.idle() == [STOP]
+
+
+def test_a_chunk_of_nothing_but_commands_counts_up_to_a_frames_length():
+    assert CommandDecoder().feed(b"\0" + b"x" * framing.MAX_ENCODED + b"\0") == [START] * framing.MAX_ENCODED
+    [bad] = CommandDecoder().feed(b"\0" + b"x" * (framing.MAX_ENCODED + 1) + b"\0")
+    assert bad.reason is BadReason.LONG
+
+
+def test_a_capital_is_no_command():
+    assert CommandDecoder().feed(b"\0X\0") == [BadFrame(BadReason.COBS, b"X")]
 
 
 def test_silence_ends_a_frame_that_never_closed():
@@ -167,10 +212,19 @@ def test_a_frame_after_a_damaged_one_counts_though_one_delimiter_is_shared():
 
 def test_commands_after_noise_and_silence_count():
     decoder = CommandDecoder()
-    decoder.feed(b"\x13\xf7")
-    decoder.idle()
-    assert decoder.feed(b"x") == [START]
-    assert decoder.noise_bytes == 2
+    for _ in range(2):
+        decoder.feed(b"\x13\xf7")
+        decoder.idle()
+        assert decoder.feed(b"x") == [START]
+    assert decoder.noise_bytes == 4
+
+
+def test_a_frame_that_silence_ended_is_noise():
+    decoder = CommandDecoder()
+    for _ in range(2):
+        decoder.feed(FRAME[:-1])
+        assert decoder.idle() == []
+    assert decoder.noise_bytes == 2 * (len(FRAME) - 2)
 
 
 def test_noise_is_counted_in_bytes_once():

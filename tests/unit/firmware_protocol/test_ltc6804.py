@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 from firmware_protocol import ltc6804
@@ -48,11 +50,16 @@ def test_pec15_equals_the_bitwise_procedure(data):
         (ltc6804.adcv(discharge_permitted=True), 0x370),
         (ltc6804.adcv(AdcMode.FILTERED), 0x3E0),
         (ltc6804.adcv(AdcMode.FAST), 0x2E0),
+        (ltc6804.adcv(channel=1), 0x361),
         (ltc6804.adcv(channel=6), 0x366),
+        (ltc6804.adcv(AdcMode.FILTERED, discharge_permitted=True, channel=3), 0x3F3),
         (ltc6804.adax(), 0x560),
         (ltc6804.adax(AdcMode.FAST), 0x4E0),
         (ltc6804.adax(AdcMode.FILTERED), 0x5E0),
+        (ltc6804.adax(channel=6), 0x566),
         (ltc6804.adstat(), 0x568),
+        (ltc6804.adstat(AdcMode.FAST), 0x4E8),
+        (ltc6804.adstat(channel=4), 0x56C),
     ],
 )
 def test_conversion_commands(command, code):
@@ -72,10 +79,24 @@ def test_command_packet_is_understood(command, address):
     assert ltc6804.decode_command(ltc6804.command_packet(command, address)) == (command, address)
 
 
-@pytest.mark.parametrize("packet", ["", "00013d", "00013d6f", "0801" + f"{ltc6804.pec15(bytes([8, 1])):04x}"])
-def test_packet_that_is_none_is_refused(packet):
-    with pytest.raises(DecodeError):
+@pytest.mark.parametrize(
+    ("packet", "reason", "offset"),
+    [
+        ("", "0 bytes, at least 4", None),
+        ("00013d", "3 bytes, at least 4", None),
+        ("00013d6f", "PEC", 2),
+        ("0801" + f"{ltc6804.pec15(bytes([8, 1])):04x}", "address bits without the address mark", 0),
+    ],
+)
+def test_packet_that_is_none_is_refused(packet, reason, offset):
+    with pytest.raises(DecodeError) as refused:
         ltc6804.decode_command(bytes.fromhex(packet))
+    assert (refused.value.what, refused.value.reason, refused.value.offset) == ("LTC6804 command", reason, offset)
+
+
+def test_a_broadcast_with_the_highest_command_is_understood():
+    assert ltc6804.decode_command(ltc6804.command_packet(0x7FF)) == (0x7FF, None)
+    assert ltc6804.decode_command(ltc6804.command_packet(0, 15)) == (0, 15)
 
 
 def test_write_packet_carries_two_pecs():
@@ -89,8 +110,16 @@ def test_write_packet_carries_two_pecs():
 def test_any_flipped_bit_of_a_group_is_noticed(flipped):
     reply = bytearray(ltc6804.with_pec(bytes.fromhex("889088908890")))
     reply[flipped // 8] ^= 1 << flipped % 8
-    with pytest.raises(DecodeError):
+    with pytest.raises(DecodeError) as refused:
         ltc6804.decode_group(bytes(reply))
+    assert (refused.value.what, refused.value.reason, refused.value.offset) == ("LTC6804 register group", "PEC", 6)
+
+
+@pytest.mark.parametrize("size", [0, 6, 7, 9])
+def test_a_group_and_its_pec_are_eight_bytes(size):
+    with pytest.raises(DecodeError) as refused:
+        ltc6804.decode_group(bytes(size))
+    assert (refused.value.what, refused.value.reason) == ("LTC6804 register group", f"{size} bytes, not 8")
 
 
 def test_cell_group_is_low_byte_first_and_ffff_is_missing():
@@ -144,26 +173,71 @@ def test_status_in_units():
 
 
 @pytest.mark.parametrize(
-    "call",
+    ("call", "field", "value", "limit"),
     [
-        lambda: ltc6804.adcv(channel=7),
-        lambda: ltc6804.adstat(channel=5),
-        lambda: ltc6804.command_packet(0x800),
-        lambda: ltc6804.command_packet(1, 16),
-        lambda: ltc6804.write_packet(1, bytes(5)),
-        lambda: ltc6804.voltage_codes(0.0, 4.2),
-        lambda: ltc6804.voltage_codes(2.5, 6.56),
-        lambda: Configuration(under_voltage_code=4096).to_bytes(),
-        lambda: Configuration(discharge_timer_code=16).to_bytes(),
-        lambda: Configuration(discharging=(True,) * 11).to_bytes(),
+        (lambda: ltc6804.adcv(channel=7), "channel", 7, "0..6"),
+        (lambda: ltc6804.adax(channel=-1), "channel", -1, "0..6"),
+        (lambda: ltc6804.adstat(channel=5), "channel", 5, "0..4"),
+        (lambda: ltc6804.command_packet(0x800), "command", 0x800, "0..0x7ff"),
+        (lambda: ltc6804.command_packet(-1), "command", -1, "0..0x7ff"),
+        (lambda: ltc6804.command_packet(1, 16), "address", 16, "0..15"),
+        (lambda: ltc6804.command_packet(1, -1), "address", -1, "0..15"),
+        (lambda: ltc6804.write_packet(1, bytes(5)), "data", "5 bytes", "6 bytes"),
+        (lambda: ltc6804.voltage_codes(0.0, 4.2), "under_voltage_v", 0.0, "0..6.55 V"),
+        (lambda: ltc6804.voltage_codes(2.5, 6.56), "over_voltage_v", 6.56, "0..6.55 V"),
+        (lambda: ltc6804.voltage_codes(2.5, -0.01), "over_voltage_v", -0.01, "0..6.55 V"),
+        (lambda: Configuration(under_voltage_code=4096).to_bytes(), "under_voltage_code", 4096, "0..4095"),
+        (lambda: Configuration(over_voltage_code=-1).to_bytes(), "over_voltage_code", -1, "0..4095"),
+        (lambda: Configuration(over_voltage_code=4096).to_bytes(), "over_voltage_code", 4096, "0..4095"),
+        (lambda: Configuration(discharge_timer_code=16).to_bytes(), "discharge_timer_code", 16, "0..15"),
+        (lambda: Configuration(discharging=(True,) * 11).to_bytes(), "discharging", 11, "12 cells"),
     ],
 )
-def test_what_does_not_fit_is_refused(call):
-    with pytest.raises(EncodeError):
+def test_what_does_not_fit_names_its_limit(call, field, value, limit):
+    with pytest.raises(EncodeError) as refused:
         call()
+    assert (refused.value.field, refused.value.value, refused.value.limit) == (field, value, limit)
 
 
-@pytest.mark.parametrize("parse", [Configuration.from_bytes, StatusA.from_bytes, StatusB.from_bytes])
-def test_group_of_the_wrong_length_is_refused(parse):
-    with pytest.raises(DecodeError):
-        parse(bytes(5))
+def test_codes_at_their_limits():
+    assert ltc6804.voltage_codes(1.6e-3, 0.0) == (0, 0)
+    assert ltc6804.voltage_codes(4096 * 1.6e-3, 4095 * 1.6e-3) == (4095, 4095)
+    full = Configuration(under_voltage_code=4095, over_voltage_code=4095, discharge_timer_code=15)
+    assert full.to_bytes() == bytes.fromhex("fcffffff00f0")
+
+
+def test_the_flags_of_the_configuration_have_their_bits():
+    plain = Configuration(gpio_pull_down_off=(False,) * 5, reference_on=False)
+    assert plain.to_bytes() == bytes(6)
+    assert Configuration().to_bytes() == bytes.fromhex("fc0000000000"), "as the chip starts"
+    for flags, first in (
+        ({"gpio_pull_down_off": (True, False, False, False, False)}, 0x08),
+        ({"gpio_pull_down_off": (False, False, False, False, True)}, 0x80),
+        ({"reference_on": True}, 0x04),
+        ({"software_timer_enabled": True}, 0x02),
+        ({"adc_option": True}, 0x01),
+    ):
+        configuration = replace(plain, **flags)
+        assert configuration.to_bytes()[0] == first
+        assert Configuration.from_bytes(bytes([first]) + bytes(5)) == configuration
+
+
+@pytest.mark.parametrize("cell", [0, 5, 11])
+def test_status_flags_of_each_cell_have_their_bits(cell):
+    one = tuple(i == cell for i in range(12))
+    none = (False,) * 12
+    under = StatusB(30000, one, none)
+    over = StatusB(None, none, one, revision=15, multiplexer_failed=True)
+    assert under.to_bytes() == b"\x30\x75" + (1 << 2 * cell).to_bytes(3, "little") + b"\x00"
+    assert over.to_bytes() == b"\xff\xff" + (2 << 2 * cell).to_bytes(3, "little") + b"\xf2"
+    assert [StatusB.from_bytes(status.to_bytes()) for status in (under, over)] == [under, over]
+
+
+@pytest.mark.parametrize("size", [0, 5, 7])
+@pytest.mark.parametrize(
+    "parse", [Configuration.from_bytes, StatusA.from_bytes, StatusB.from_bytes, ltc6804.decode_words]
+)
+def test_group_of_the_wrong_length_is_refused(parse, size):
+    with pytest.raises(DecodeError) as refused:
+        parse(bytes(size))
+    assert (refused.value.what, refused.value.reason) == ("LTC6804 register group", f"{size} bytes, not 6")

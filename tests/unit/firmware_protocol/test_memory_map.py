@@ -101,6 +101,12 @@ def test_locate_names_the_byte(offset, name, element, byte):
     assert (field.name, found_element, found_byte) == (name, element, byte)
 
 
+def test_the_first_and_the_last_byte_of_every_field_are_its_own():
+    for field in FIELDS.values():
+        assert memory_map.locate(field.offset) == (field, 0, 0)
+        assert memory_map.locate(field.end - 1) == (field, field.count - 1, field.item_size - 1)
+
+
 @pytest.mark.parametrize("offset", [225, 227, 441, 2391, 2984, -1])
 def test_padding_and_beyond_is_nobodys(offset):
     assert memory_map.locate(offset) is None
@@ -110,6 +116,17 @@ def test_element_names():
     assert memory_map.element_name(FIELDS["soc"], 0) == "soc"
     assert memory_map.element_name(FIELDS["v"], 36) == "v[36]"
     assert memory_map.element_name(CONFIG["can_tx_msg_data"], 11) == "can_tx_msg_data[1][3]"
+    assert memory_map.element_name(CONFIG["can_tx_msg_data"], 63) == "can_tx_msg_data[7][7]"
+    assert memory_map.element_name(FIELDS["slave[3].cvr"], 5) == "slave[3].cvr[5]"
+
+
+def test_a_struct_inside_a_longer_image_is_read_and_written_at_its_base():
+    image = bytearray(100 + MASTER_SIZE)
+    FIELDS["i_fs"].pack_into(image, (-5,), base=100)
+    assert image[100 + 1884 : 100 + 1888] == b"\xfb\xff\xff\xff"
+    assert sum(image) == 0xFB + 3 * 0xFF
+    assert FIELDS["i_fs"].unpack(image, base=100) == (-5,)
+    assert FIELDS["i_fs"].unpack(image) == (0,)
 
 
 def test_map_hash_is_eight_bytes():

@@ -67,8 +67,9 @@ def test_ident_reply():
     assert data == bytes([1, 0, 1, 2, 3]) + MAP_HASH + bytes([1, 4, 3, 2, 1])
     assert Ident.from_bytes(data) == ident
     assert Ident.from_bytes(data + b"later") == ident
-    with pytest.raises(DecodeError):
+    with pytest.raises(DecodeError) as refused:
         Ident.from_bytes(data[:-1])
+    assert (refused.value.what, refused.value.reason) == ("IDENT", "17 bytes, at least 18")
 
 
 @pytest.mark.parametrize(
@@ -84,59 +85,79 @@ def test_only_the_same_map_and_protocol_may_be_written(ident, compatible):
 
 
 @pytest.mark.parametrize(
-    ("kind", "body"),
+    ("kind", "body", "what", "reason", "offset"),
     [
-        (MessageType.DATA, "5c07"),
-        (MessageType.DATA, "5c07 0400 fbffff"),
-        (MessageType.DATA, "a70b 0200 0000"),  # ends one byte beyond the struct
-        (MessageType.DATA, "0000 0100 00 5c07 04"),  # a good window before a cut one counts neither
-        (MessageType.REPLY, "11 ff 00 ff"),
-        (MessageType.EVENT, "03 00 2400 1da40000 10a400"),
-        (MessageType.EVENT, "03 00 2400 1da40000 10a4000000"),
-        (MessageType.READ, ""),
-        (0x7F, ""),
+        (MessageType.DATA, "5c07", "DATA", "window header cut", 0),
+        (MessageType.DATA, "0000 0100 00 5c07 04", "DATA", "window header cut", 5),
+        (MessageType.DATA, "5c07 0400 fbffff", "DATA", "window of 4 bytes cut", 4),
+        (MessageType.DATA, "a70b 0200 0000", "DATA", "window 2983+2 ends beyond 2984", 4),
+        (MessageType.REPLY, "11 ff 00 ff", "REPLY", "4 bytes, at least 5", None),
+        (MessageType.EVENT, "03 00 2400 1da40000 10a400", "EVENT", "11 bytes, not 12", None),
+        (MessageType.EVENT, "03 00 2400 1da40000 10a4000000", "EVENT", "13 bytes, not 12", None),
+        (MessageType.READ, "", "message", "unknown type 0x11", None),
+        (0x7F, "", "message", "unknown type 0x7f", None),
     ],
 )
-def test_message_that_does_not_fit_its_body_is_refused(kind, body):
-    with pytest.raises(DecodeError):
+def test_message_that_does_not_fit_its_body_is_refused(kind, body, what, reason, offset):
+    with pytest.raises(DecodeError) as refused:
         messages.decode_message(Frame(kind, 0, 0, bytes.fromhex(body)))
+    assert (refused.value.what, refused.value.reason, refused.value.offset) == (what, reason, offset)
 
 
 @pytest.mark.parametrize(
-    ("kind", "body"),
+    ("kind", "body", "what", "reason"),
     [
-        (MessageType.IDENT, "00"),
-        (MessageType.STORE, "00"),
-        (MessageType.READ, "000040"),
-        (MessageType.READ, "0000400000"),
-        (MessageType.WRITE, "000001"),
-        (MessageType.WRITE, "0000 0200 01"),
-        (MessageType.WRITE, "0000 0100 0102"),
-        (MessageType.COMMAND, "06000000"),
-        (MessageType.DATA, ""),
-        (0x21, ""),
+        (MessageType.IDENT, "00", "IDENT", "1 bytes, not 0"),
+        (MessageType.STORE, "00", "STORE", "1 bytes, not 0"),
+        (MessageType.LOAD, "0000", "LOAD", "2 bytes, not 0"),
+        (MessageType.READ, "000040", "READ", "3 bytes, not 4"),
+        (MessageType.READ, "0000400000", "READ", "5 bytes, not 4"),
+        (MessageType.WRITE, "000001", "WRITE", "length does not match the data"),
+        (MessageType.WRITE, "0000 0200 01", "WRITE", "length does not match the data"),
+        (MessageType.WRITE, "0000 0100 0102", "WRITE", "length does not match the data"),
+        (MessageType.COMMAND, "06000000", "COMMAND", "4 bytes, not 5"),
+        (MessageType.DATA, "", "request", "unknown type 0x01"),
+        (0x21, "", "request", "unknown type 0x21"),
     ],
 )
-def test_request_that_does_not_fit_its_body_is_refused(kind, body):
-    with pytest.raises(DecodeError):
+def test_request_that_does_not_fit_its_body_is_refused(kind, body, what, reason):
+    with pytest.raises(DecodeError) as refused:
         messages.decode_request(Frame(kind, 0, 0, bytes.fromhex(body)))
+    assert (refused.value.what, refused.value.reason) == (what, reason)
+
+
+def test_a_write_without_data_is_the_masters_to_judge():
+    assert messages.decode_request(Frame(MessageType.WRITE, 0, 0, bytes(4))) == Write(0, b"")
 
 
 @pytest.mark.parametrize(
-    "request_",
+    ("request_", "field", "value", "limit"),
     [
-        Read(0, 0),
-        Read(0, MAX_READ + 1),
-        Read(-1, 1),
-        Read(0x10000, 1),
-        Write(CONFIG_SIZE - 1, b"ab"),
-        Write(0, b""),
-        Write(-1, b"a"),
+        (Read(0, 0), "length", 0, "1..507"),
+        (Read(0, MAX_READ + 1), "length", 508, "1..507"),
+        (Read(-1, 1), "offset", -1, "0..65535"),
+        (Read(0x10000, 1), "offset", 65536, "0..65535"),
+        (Write(CONFIG_SIZE - 1, b"ab"), "window", "419+2", "within the configuration, 0..420"),
+        (Write(0, b""), "window", "0+0", "within the configuration, 0..420"),
+        (Write(-1, b"a"), "window", "-1+1", "within the configuration, 0..420"),
     ],
 )
-def test_request_that_cannot_be_sent_is_refused(request_):
-    with pytest.raises(EncodeError):
+def test_request_that_cannot_be_sent_names_the_limit(request_, field, value, limit):
+    with pytest.raises(EncodeError) as refused:
         messages.encode_request(request_)
+    assert (refused.value.field, refused.value.value, refused.value.limit) == (field, value, limit)
+
+
+@pytest.mark.parametrize(
+    ("request_", "body"),
+    [
+        (Read(0xFFFF, 1), "ffff 0100"),
+        (Read(0, MAX_READ), "0000 fb01"),
+        (Write(CONFIG_SIZE - 1, b"a"), "a301 0100 61"),
+    ],
+)
+def test_requests_at_their_limits_are_sent(request_, body):
+    assert messages.encode_request(request_)[1] == bytes.fromhex(body)
 
 
 def test_the_whole_configuration_fits_one_write_and_one_read():
@@ -145,38 +166,52 @@ def test_the_whole_configuration_fits_one_write_and_one_read():
 
 
 @pytest.mark.parametrize(
-    "data",
+    ("data", "field", "value", "limit"),
     [
-        Data((Window(MASTER_SIZE - 1, b"ab"),)),
-        Data((Window(-1, b"a"),)),
-        Data((Window(0, bytes(300)), Window(300, bytes(300)))),
+        (Data((Window(MASTER_SIZE - 1, b"ab"),)), "window", "2983+2", "within 2984 bytes"),
+        (Data((Window(-1, b"a"),)), "window", "-1+1", "within 2984 bytes"),
+        (Data((Window(0, bytes(300)), Window(300, bytes(205)))), "body", "513 bytes", "at most 512 bytes"),
     ],
 )
-def test_data_that_cannot_be_sent_is_refused(data):
-    with pytest.raises(EncodeError):
+def test_data_that_cannot_be_sent_names_the_limit(data, field, value, limit):
+    with pytest.raises(EncodeError) as refused:
         data.to_body()
+    assert (refused.value.field, refused.value.value, refused.value.limit) == (field, value, limit)
 
 
 @pytest.mark.parametrize(
-    "message",
+    "windows", [(Window(MASTER_SIZE - 1, b"a"),), (Window(0, bytes(300)), Window(300, bytes(204))), (Window(5, b""),)]
+)
+def test_data_at_the_limits_goes_there_and_back(windows):
+    assert Data.from_body(Data(windows).to_body()) == Data(windows)
+
+
+@pytest.mark.parametrize(
+    ("message", "field"),
     [
-        Reply(0x11, 256, Result.DONE),
-        Reply(0x11, 0, Result.DONE, -1),
-        Event(1, 0, 0x10000, 0, 0),
-        Event(1, 0, 0, 1 << 31, 0),
+        (Reply(0x11, 256, Result.DONE), "REPLY"),
+        (Reply(0x11, 0, Result.DONE, -1), "REPLY"),
+        (Event(1, 0, 0x10000, 0, 0), "EVENT"),
+        (Event(1, 0, 0, 1 << 31, 0), "EVENT"),
     ],
 )
-def test_message_with_a_number_that_does_not_fit_is_refused(message):
-    with pytest.raises(EncodeError):
+def test_message_with_a_number_that_does_not_fit_is_refused(message, field):
+    with pytest.raises(EncodeError) as refused:
         message.to_body()
+    assert refused.value.field == field
 
 
 def test_ident_with_a_number_that_does_not_fit_is_refused():
-    with pytest.raises(EncodeError):
+    with pytest.raises(EncodeError) as refused:
         Ident((1, 0, 256)).to_bytes()
+    assert refused.value.field == "IDENT"
+    assert refused.value.value == (1, 1, 0, 256, MAP_HASH, 0, 0)
 
 
-@pytest.mark.parametrize("command", [Command(256), Command(-1), Command(1, 1 << 31)])
-def test_command_that_does_not_fit_is_refused(command):
-    with pytest.raises(EncodeError):
+@pytest.mark.parametrize(
+    ("command", "limit"), [(Command(256), "ubyte"), (Command(-1), "ubyte"), (Command(1, 1 << 31), "2147483647")]
+)
+def test_command_that_does_not_fit_names_the_limit(command, limit):
+    with pytest.raises(EncodeError, match=limit) as refused:
         messages.encode_request(command)
+    assert (refused.value.field, refused.value.value) == ("COMMAND", (command.id, command.argument))

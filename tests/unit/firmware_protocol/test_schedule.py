@@ -92,6 +92,48 @@ def test_a_line_that_was_late_is_not_flooded_afterwards():
     assert plan.take(0.75) != FAST_WINDOWS
 
 
+@pytest.mark.parametrize(("body", "line"), [(0, 11), (246, 257), (247, 259), (248, 260), (512, 525)])
+def test_the_most_bytes_of_a_frame_on_the_line(body, line):
+    assert schedule.frame_bytes(body) == line
+
+
+def test_times_on_the_line():
+    assert schedule.frame_time_s(1152) == pytest.approx(0.11)
+    assert schedule.data_frame_time_s(((0, 100), (200, 50))) == pytest.approx(schedule.frame_time_s(11 + 158))
+
+
+def test_a_schedule_starts_with_the_fast_set_wherever_its_clock_stands():
+    plan = StreamSchedule(0.1, 1000.0)
+    assert plan.due_s(999.0) == 1000.0
+    assert plan.take(999.0) is None
+    assert plan.take(1000.0) == FAST_WINDOWS
+    assert plan.take(1000.0) == ((0, 200),)
+
+
+def test_a_piece_is_cut_to_what_the_line_has_left():
+    plan = StreamSchedule(0.1, 0.0)
+    assert plan.take(0.0) == FAST_WINDOWS
+    # 0.0061 s before the next fast frame are 63 bytes: 15 of overhead, 48 of data
+    assert plan.take(0.1 - 0.0061) == ((0, 48),)
+    assert plan.take(0.1 - 0.0046) == ((48, 32),), "32 bytes are worthwhile"
+    assert plan.take(0.1 - 0.0044) is None, "fewer are not"
+    assert plan.due_s(0.1 - 0.0044) == pytest.approx(0.1)
+
+
+def test_the_end_of_a_range_is_sent_however_short():
+    plan = StreamSchedule(10.0, 0.0)
+    plan.take(0.0)
+    assert [plan.take(0.1), plan.take(0.2)] == [((0, 200),), ((200, 200),)]
+    assert plan.take(10.0 - 0.0034) == ((400, 20),)
+
+
+def test_a_slow_piece_follows_twenty_fast_frames_where_ts_leaves_no_room():
+    plan, frames = StreamSchedule(0.001, 0.0), []
+    for i in range(43):
+        frames.append(plan.take(0.05 * i) == FAST_WINDOWS)
+    assert [i for i, is_fast in enumerate(frames) if not is_fast] == [20, 41]
+
+
 def test_nothing_is_due_once_the_turn_is_done():
     plan, now_s = StreamSchedule(10.0, 0.0), 0.0
     while (windows := plan.take(now_s)) is not None:

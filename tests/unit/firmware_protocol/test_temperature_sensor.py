@@ -42,6 +42,17 @@ def test_rounding_at_the_ends_is_no_fault():
     assert temperature_degc(1.2951) == 120
 
 
+@pytest.mark.parametrize(("volts", "degc"), [(2.445, -40.0), (2.44, -40.0), (1.30, 120.0)])
+def test_the_ends_of_the_table_are_inside_it(volts, degc):
+    assert temperature_degc(volts) == pytest.approx(degc)
+
+
+def test_every_published_point_is_met_from_both_sides():
+    for index, volts in enumerate(POINTS_V):
+        assert sensor_voltage_v(-40 + 5 * index) == pytest.approx(volts)
+        assert temperature_degc(volts) == pytest.approx(-40 + 5 * index)
+
+
 @pytest.mark.parametrize(("degc", "volts"), [(-80, 2.44), (200, 1.30)])
 def test_beyond_the_table_the_voltage_stays(degc, volts):
     assert sensor_voltage_v(degc) == pytest.approx(volts)
