@@ -4,73 +4,29 @@ Blocking; one write at a time.
 """
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Protocol
 
+from app.clock import Clock
 from app.configuration.finding import Finding
+from app.configuration.history import Action
+from app.configuration.refusals import LIVE_FIELDS, HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
 from app.configuration.rules import Context, review_change
-from app.errors import AppError, LinkError, LinkLost, MasterSilent, NotNow
+from app.configuration.write_log import Attempt, WriteLog
+from app.errors import LinkError, LinkLost, MasterRefused, MasterSilent, NotNow
 from app.sources.master.client import MasterClient
 from app.telemetry import Identity
 from firmware_protocol.config_image import Change, difference, image_hash
 from firmware_protocol.eeprom import EEPROM_SIZE, SLOT_OFFSETS, SLOT_SIZE, StoredConfig, newest
-from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE, FIELDS, STATUS_FLAGS
+from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS, STATUS_FLAGS
 from firmware_protocol.messages import EEPROM_READ_BASE
 
-
-class HashMismatch(AppError):
-    """The configuration in force is not the one that the draft started from; `wanted` is what it would have become."""
-
-    def __init__(self, expected: str, base: bytes | None, in_force: bytes, wanted: bytes) -> None:
-        self.expected = expected
-        self.base = base  # what the draft started from, where it is still known
-        self.in_force = in_force
-        self.wanted = wanted
-        super().__init__(f"the configuration in force is {image_hash(in_force)}, not {expected}")
-
-
-class Rejected(AppError):
-    """The draft breaks limits."""
-
-    def __init__(self, findings: list[Finding]) -> None:
-        self.findings = findings
-        super().__init__("; ".join(found.error.message for found in findings))
-
-
-class ReasonRequired(AppError):
-    """The draft has warnings, and nobody said why it is right all the same."""
-
-    def __init__(self, findings: list[Finding]) -> None:
-        self.findings = findings
-        super().__init__("a reason is needed: " + "; ".join(found.error.message for found in findings))
-
-
-class Occupied(NotNow):
-    """The accumulator is at work, and the draft changes more than what may change meanwhile."""
-
-    def __init__(self, doing: str, fields: list[str]) -> None:
-        self.doing = doing
-        self.fields = fields
-        super().__init__(
-            f"{doing}: {', '.join(fields)} may only be changed with relays open and no current; "
-            f"at work may change: {', '.join(LIVE_FIELDS)}"
-        )
-
-
-class Unverified(LinkError):
-    """A write was sent and what is in force afterwards is not what was sent."""
-
-    def __init__(self, outcome: str, detail: str) -> None:
-        self.outcome = outcome  # old | other | unknown
-        super().__init__(detail)
-
-
-LIVE_FIELDS = [name for name, field in CONFIG.items() if field.is_live]
 MAX_SHOWN = 64
 SENSOR_FIELDS = {"i_offset", "i_gain"}
 REST_A = 2.0  # more than the sensor's noise
+LINE_BROKE = (LinkLost, MasterSilent)  # the request may or may not have been done
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,19 +41,53 @@ class Written:
     written: bool
 
 
+class Edit(Protocol):
+    """Makes the image that is wanted out of the one in force."""
+
+    def applied_to(self, image: bytes) -> bytes:
+        """Return the image that is wanted; an error where a value does not fit."""
+
+
+@dataclass(frozen=True, slots=True)
+class WholeImage:
+    """An edit that replaces everything."""
+
+    image: bytes
+
+    def applied_to(self, image: bytes) -> bytes:
+        """Return the new image, whatever is in force."""
+        return self.image
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """What somebody wants in force, why it is right in spite of warnings, and where it is from."""
+
+    edit: Edit
+    reason: str = ""
+    source: str = "draft"
+    action: Action = "write"
+
+
 class Configuration:
     """The configuration in force and the stored one, through the master client."""
 
     def __init__(
-        self, master: MasterClient, identity: Callable[[], Identity | None], context: Callable[[], Context]
+        self,
+        master: MasterClient,
+        identity: Callable[[], Identity | None],
+        context: Callable[[], Context],
+        log: WriteLog,
+        clock: Clock,
     ) -> None:
         self._master = master
         self._identity = identity
         self._context = context
+        self._log = log
+        self._clock = clock
         self._one_editor = threading.Lock()
         self.last_read: tuple[int, bytes] | None = None  # monotonic ns, what was in force
         self.stored: StoredConfig | None = None
-        self.stored_is_known = False
         self._shown: dict[str, bytes] = {}
 
     def show(self, image: bytes) -> str:
@@ -115,7 +105,7 @@ class Configuration:
         Raises:
             LinkError: the master cannot be asked.
         """
-        asked_ns = time.monotonic_ns()
+        asked_ns = self._clock.monotonic_ns()
         image = self._master.read(0, CONFIG_SIZE)
         self.last_read = asked_ns, image
         return image
@@ -130,17 +120,16 @@ class Configuration:
         for offset in SLOT_OFFSETS:
             memory[offset : offset + SLOT_SIZE] = self._master.read(EEPROM_READ_BASE + offset, SLOT_SIZE)
         self.stored = newest(bytes(memory))
-        self.stored_is_known = True
         return self.stored
 
-    def write(self, edit: Callable[[bytes], bytes], expected_hash: str, *, dry_run: bool, reason: str = "") -> Written:
-        """Apply an edit to the configuration in force and verify it.
+    def write(self, draft: Draft, expected: str, who: str, *, dry_run: bool) -> Written:
+        """Write a draft and read it back.
 
         Args:
-            edit: image in force -> image wanted.
-            expected_hash: of the image that the edit was made from; another one in force refuses the write.
-            dry_run: only check and compare.
-            reason: why it is right in spite of warnings.
+            draft: what is wanted, why, and where it is from.
+            expected: hash of the image that the draft was made from; another one in force refuses the write.
+            who: for the event log and the history.
+            dry_run: only read, compare and check.
 
         Raises:
             HashMismatch, Rejected, ReasonRequired, Occupied: nothing was written.
@@ -149,11 +138,15 @@ class Configuration:
             Unverified: link lost or master reset; says what is in force now.
             LinkError: the master cannot be asked; nothing was written.
         """
-        with self._editing():
-            before = self.read()
-            wanted = edit(before)
-            if expected_hash not in ("*", image_hash(before)):
-                raise HashMismatch(expected_hash, self._shown.get(expected_hash), before, wanted)
+        attempt = Attempt(who, draft.action, draft.source, draft.reason)
+        with self._failure_logged(attempt, is_logged=not dry_run), self._one_at_a_time():
+            # Read what is in force, and compare: is it what the draft was made from?
+            before = attempt.before = self.read()
+            wanted = attempt.after = draft.edit.applied_to(before)
+            if expected not in ("*", image_hash(before)):
+                raise HashMismatch(expected, self._shown.get(expected), before, wanted)
+
+            # Check the draft against the limits of its fields and the rules, and the accumulator's state
             findings = review_change(before, wanted, self._context())
             if errors := [found for found in findings if found.blocks]:
                 raise Rejected(errors)
@@ -161,47 +154,77 @@ class Configuration:
             if dry_run or not changes:
                 return Written(before, wanted, changes, findings, self._hindrance(changes), written=False)
             self._require_same_map()
-            if not reason.strip() and (asked := [found for found in findings if found.needs_reason]):
+            if not draft.reason.strip() and (asked := [found for found in findings if found.needs_reason]):
                 raise ReasonRequired(asked)
             self._require_rest(changes)
-            self._and_verify(lambda: self._master.write(0, wanted), before, wanted)
+
+            # Write, read back byte for byte, and record
+            try:
+                self._master.write(0, wanted)
+            except LINE_BROKE as error:
+                raise self._unverified(error, before, wanted) from error
+            self._require_in_force(before, wanted)
+            self._log.written(attempt, changes)
             return Written(before, wanted, changes, findings, None, written=True)
 
-    def store(self) -> StoredConfig:
+    def store(self, who: str) -> StoredConfig:
         """Store the configuration in force and read the EEPROM back.
 
         Raises:
             Unverified: the EEPROM does not hold what is in force.
+            NotNow: another write is running, or the master's memory map is another one.
             MasterRefused, LinkError: see MasterClient.request.
         """
-        with self._editing():
+        attempt = Attempt(who, "store", "in force")
+        if self.stored is not None:
+            attempt.before = self.stored.image
+        with self._failure_logged(attempt), self._one_at_a_time():
             self._require_same_map()
             in_force = self.read()
             self._master.store()
             stored = self.read_stored()
             if stored is None or stored.image != in_force:
                 raise Unverified("other", "the EEPROM does not hold the configuration in force")
+            attempt.after = stored.image
+            self._log.stored(attempt)
             return stored
 
-    def load(self) -> tuple[bytes, bytes]:
-        """Put the stored configuration in force and return what was in force and what is.
+    def load(self, who: str) -> bytes:
+        """Put the stored configuration in force and return it.
 
         Raises:
             NotNow: nothing is stored, the accumulator is at work, or the memory map is another one.
             Unverified: link lost or master reset; says what is in force now.
             MasterRefused, LinkError: see MasterClient.request; nothing was changed.
         """
-        with self._editing():
+        attempt = Attempt(who, "load", "EEPROM")
+        with self._failure_logged(attempt), self._one_at_a_time():
             self._require_same_map()
             before, stored = self.read(), self.read_stored()
             if stored is None:
                 raise NotNow("the EEPROM holds no valid configuration")
-            self._require_rest(difference(before, stored.image))
-            self._and_verify(self._master.load, before, stored.image)
-            return before, stored.image
+            changes = difference(before, stored.image)
+            self._require_rest(changes)
+            try:
+                self._master.load()
+            except LINE_BROKE as error:
+                raise self._unverified(error, before, stored.image) from error
+            self._require_in_force(before, stored.image)
+            attempt.before, attempt.after = before, stored.image
+            self._log.loaded(attempt, changes)
+            return stored.image
 
     @contextmanager
-    def _editing(self) -> Iterator[None]:
+    def _failure_logged(self, attempt: Attempt, *, is_logged: bool = True) -> Iterator[None]:
+        try:
+            yield
+        except (LinkError, NotNow) as error:
+            if is_logged:
+                self._log.failed(attempt, error, _result(error))
+            raise
+
+    @contextmanager
+    def _one_at_a_time(self) -> Iterator[None]:
         if not self._one_editor.acquire(blocking=False):
             raise NotNow("another write, store or load is running")
         try:
@@ -209,12 +232,11 @@ class Configuration:
         finally:
             self._one_editor.release()
 
-    def _and_verify(self, change: Callable[[], None], before: bytes, wanted: bytes) -> None:
-        """Change what is in force, and read it back."""
-        try:
-            change()
-        except (LinkLost, MasterSilent) as error:
-            raise Unverified(self._outcome(before, wanted), f"{error}; what is in force was read again") from error
+    def _unverified(self, error: Exception, before: bytes, wanted: bytes) -> Unverified:
+        return Unverified(self._outcome(before, wanted), f"{error}; what is in force was read again")
+
+    def _require_in_force(self, before: bytes, wanted: bytes) -> None:
+        """Read back what is in force, and compare every byte."""
         try:
             in_force = self.read()
         except (LinkError, NotNow) as error:
@@ -266,3 +288,13 @@ class Configuration:
             raise NotNow("the master has not said which memory map it uses")
         if not identity.is_compatible:
             raise NotNow(f"the master's memory map {identity.map_hash} is not this program's; writes are refused")
+
+
+def _result(error: LinkError | NotNow) -> str | None:
+    """What the history says of a failed change; None where the master was asked for nothing."""
+    if isinstance(error, Unverified):
+        in_force = {"old": "the old one is in force", "new": "the new one is in force"}.get(
+            error.outcome, "neither the old nor the new one is in force" if error.outcome == "other" else "not known"
+        )
+        return f"not verified, {in_force}: {error}"
+    return str(error) if isinstance(error, MasterRefused) else None

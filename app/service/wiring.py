@@ -17,6 +17,7 @@ from app.configuration.lookup import ConfigSources
 from app.configuration.profile_store import Profiles
 from app.configuration.safe_write import Configuration
 from app.configuration.slave_check_log import SlaveCheckLog
+from app.configuration.write_log import WriteLog
 from app.live.can_trace import CanTrace
 from app.live.hub import Hub
 from app.live.learned_state import load_learned_state
@@ -29,9 +30,9 @@ from app.service.inbox import Inbox
 from app.service.learned_state_saver import LearnedStateSaver
 from app.service.links import Links
 from app.service.live import Live
+from app.service.master_commands import MasterCommands
 from app.service.master_identification import MasterIdentification
 from app.service.mqtt import MqttPublisher, configured_publisher
-from app.service.operator import Operator
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
 from app.service.state import ServiceState, recording_state
@@ -73,7 +74,7 @@ class Service:
     config_sources: ConfigSources
     profiles: Profiles
     slave_checks: SlaveCheckLog
-    operator: Operator
+    commands: MasterCommands
     learned_state: LearnedStateSaver
     mqtt: MqttPublisher | None
     health: Health
@@ -173,11 +174,11 @@ def make_service(
     links = Links(serial_url, can_url, inbox.put, may_transmit=source == "simulator" or settings.bench)
     trace = CanTrace()
     rules = Rules(pipelines.cell, trace)
-    configuration = Configuration(links.master, lambda: pipeline.identity, rules.context)
-    in_force = ConfigurationInForce(configuration, clock)
     config_history = ConfigHistory(data)
+    write_log = WriteLog(config_history, events.note, clock)
+    configuration = Configuration(links.master, lambda: pipeline.identity, rules.context, write_log, clock)
+    in_force = ConfigurationInForce(configuration, clock)
     profiles = Profiles(data / "profiles")
-    operator = Operator(configuration, links, events.note, config_history, clock)
     jobs = ThreadPoolExecutor(max_workers=1, thread_name_prefix="jobs")
     identification = MasterIdentification(links.master, configuration, jobs, clock)
 
@@ -232,7 +233,7 @@ def make_service(
         config_sources=ConfigSources(configuration, in_force.image, profiles, config_history, catalogue),
         profiles=profiles,
         slave_checks=SlaveCheckLog(data),
-        operator=operator,
+        commands=MasterCommands(links, events),
         learned_state=learned_state,
         mqtt=mqtt,
         health=Health(live, recorder, events, mqtt, clock),

@@ -6,8 +6,9 @@ The line is a function call, so each cut is at its exact place and takes no time
 import numpy as np
 import pytest
 
+from app.configuration.refusals import Unverified
 from app.configuration.rules import Context
-from app.configuration.safe_write import Configuration, Unverified
+from app.configuration.safe_write import Configuration, Draft, WholeImage
 from app.errors import LinkError, LinkLost, MasterRefused
 from app.estimation.cell_model.cell_file import load_cell
 from app.sources.master.client import MasterClient
@@ -19,6 +20,8 @@ from firmware_protocol.messages import Reply, decode_message
 from simulator.board import Board
 from simulator.eeprom import PAGE_SIZE, Eeprom
 from simulator.master import PASS_S, VirtualMaster
+from tests.fake_clock import FakeClock
+from tests.fake_write_log import FakeWriteLog
 
 OLD = with_value(default_image(), "v_cell_chrg", 4.1)
 NEW = with_value(with_value(default_image(), "v_cell_chrg", 4.12), "t_cell_max", 50)
@@ -65,7 +68,9 @@ class Car:
         self.cut_at: int | None = None
         self.resets = False  # the master loses power at the cut; else only the line is gone for a moment
         self.client = MasterClient(self.send)
-        self.configuration = Configuration(self.client, lambda: SAME_MAP, lambda: Context(CELL))
+        self.configuration = Configuration(
+            self.client, lambda: SAME_MAP, lambda: Context(CELL), FakeWriteLog(), FakeClock()
+        )
 
     def boot(self) -> None:
         self.now_s += 1.0
@@ -115,7 +120,7 @@ class Car:
 
 
 def write(car: Car) -> None:
-    car.configuration.write(lambda _: NEW, "*", dry_run=False)
+    car.configuration.write(Draft(WholeImage(NEW)), "*", "anna", dry_run=False)
 
 
 def frames_of(action) -> int:
@@ -126,7 +131,7 @@ def frames_of(action) -> int:
 
 def write_and_store(car: Car) -> None:
     write(car)
-    car.configuration.store()
+    car.configuration.store("anna")
 
 
 N_FRAMES = frames_of(write_and_store)
@@ -167,7 +172,7 @@ def test_the_page_is_told_which_of_the_two_is_in_force_when_the_line_comes_back(
 
 def load_after_a_write(car: Car) -> None:
     write(car)
-    car.configuration.load()
+    car.configuration.load("anna")
 
 
 @pytest.mark.parametrize("resets", [False, True], ids=["line", "power"])
@@ -181,7 +186,7 @@ def test_a_cut_at_any_frame_of_a_load_leaves_one_of_the_two_and_says_which(cut_a
     if isinstance(caught.value, Unverified):
         told = {"old": NEW, "new": OLD}[caught.value.outcome]
         assert car.in_force == told
-    car.configuration.load()
+    car.configuration.load("anna")
     assert car.in_force == OLD
 
 
@@ -199,7 +204,7 @@ def test_a_power_cut_at_any_byte_of_the_eeprom_leaves_the_old_or_the_new_and_a_r
         write(car)
         car.eeprom.bytes_left = page * PAGE_SIZE + byte
         with pytest.raises((LinkError, MasterRefused)):
-            car.configuration.store()
+            car.configuration.store("anna")
         assert car.stored in (OLD, NEW)
         assert car.in_force == car.stored, "it boots with what it holds"
         assert car.configuration.read_stored().image == car.stored

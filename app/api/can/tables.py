@@ -7,13 +7,14 @@ from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
-from app.api.configuration.configuration import Wish, require_match, run_write
+from app.api.configuration.configuration import require_match, write_draft
 from app.api.encoding.can import heard_messages, tables_json, traced_json
 from app.api.schemas.can import ImportedTablesOut
 from app.api.schemas.config import CanTablesOut, CanTraceOut, WriteResultOut
-from app.api.web.dependencies import CanTracePart, ConfigurationPart, InForcePart, LivePart, OperatorPart, UserDep
+from app.api.web.dependencies import CanTracePart, ConfigurationPart, InForcePart, LivePart, UserDep
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
+from app.configuration.safe_write import Draft
 from firmware_protocol.can_tables import (
     RxMessage,
     TxMessage,
@@ -112,7 +113,7 @@ class TablesIn(Body):
     bit_rate: int | None = None
     reason: str = Field("", max_length=500)
 
-    def put_into(self, image: bytes) -> bytes:
+    def applied_to(self, image: bytes) -> bytes:
         """Return the image with these messages."""
         image = with_tx_messages(image, [m.message() for m in self.tx])
         image = with_rx_messages(image, [m.message() for m in self.rx])
@@ -140,17 +141,16 @@ def read(trace: CanTracePart, in_force: InForcePart, live: LivePart, response: R
 
 
 @router.put("", responses={200: {"model": WriteResultOut}})
-async def write(
+def write(
     tables: TablesIn,
-    operator: OperatorPart,
     configuration: ConfigurationPart,
     user: UserDep,
     if_match: Annotated[str | None, Header()] = None,
     dry_run: bool = False,
 ) -> Response:
     """Write messages into the configuration in force and read it back."""
-    wish = Wish(tables.put_into, tables.reason, "CAN tables")
-    return await run_write(operator, configuration, user.name, wish, require_match(if_match), dry_run=dry_run)
+    draft = Draft(tables, tables.reason, "CAN tables")
+    return write_draft(configuration, draft, require_match(if_match), user, dry_run=dry_run)
 
 
 @router.get("/dbc", response_class=PlainTextResponse)

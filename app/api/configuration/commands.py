@@ -9,11 +9,11 @@ from pydantic import Field
 
 from app.api.schemas.service import CalibrationOut, CommandsOut, DoneOut, IdentityOut
 from app.api.web.dependencies import (
+    CommandsPart,
     ConfigurationPart,
     EventsPart,
     LinksPart,
     LivePart,
-    OperatorPart,
     SettingsPart,
     UserDep,
 )
@@ -83,7 +83,7 @@ def names(live: LivePart, settings: SettingsPart) -> dict[str, Any]:
 @router.post("/commands/{name}", response_model=DoneOut)
 def command(
     name: str,
-    operator: OperatorPart,
+    commands: CommandsPart,
     live: LivePart,
     settings: SettingsPart,
     user: UserDep,
@@ -99,14 +99,14 @@ def command(
         raise Problem(409, "rules", "Not by the rules", hindrance)
     if name in STREAM:
         _none(asked.argument)
-        operator.stream(user.name, on=name == "stream-start")
+        commands.stream(user.name, on=name == "stream-start")
     elif name == "balance-cells":
         _none(asked.argument)
-        _balance(operator, asked.cells or [], user.name)
+        _balance(commands, asked.cells or [], user.name)
     elif name in COMMANDS:
         command_id, convert = COMMANDS[name]
         argument = convert(asked.argument) | (asked.duration_s or 0) << 8
-        operator.command(name, Command(command_id, argument), user.name, _in_words(asked))
+        commands.send(name, Command(command_id, argument), user.name, _in_words(asked))
     else:
         raise not_found("command", name)
     return {"done": True}
@@ -126,20 +126,20 @@ def _against_balancing(live: LivePart, settings: SettingsPart) -> str | None:
     return "the relays are open, and this service was told that the rules forbid balancing then (balance_open)"
 
 
-def _balance(operator: OperatorPart, cells: list[int], who: str) -> None:
+def _balance(commands: CommandsPart, cells: list[int], who: str) -> None:
     """Bleed exactly these cells: what was chosen before ends, then each pack is told its own."""
     if not cells:
         raise invalid("cells", "none", "at least one; balance-stop ends it")
     for cell in cells:
         if not 0 <= cell < N_CELLS:
             raise invalid("cells", cell, f"0..{N_CELLS - 1}")
-    operator.command("balance-stop", Command(CommandId.BALANCE_STOP), who)
+    commands.send("balance-stop", Command(CommandId.BALANCE_STOP), who)
     for pack in sorted({cell // CELLS_PER_PACK for cell in cells}):
         positions = sorted({cell % CELLS_PER_PACK for cell in cells if cell // CELLS_PER_PACK == pack})
         mask = sum(1 << position for position in positions)
         details = f"pack {pack + 1}, cells {', '.join(str(position + 1) for position in positions)}"
         request = Command(CommandId.BALANCE_CELLS, pack << CELLS_PER_PACK | mask)
-        operator.command("balance-cells", request, who, details)
+        commands.send("balance-cells", request, who, details)
 
 
 @router.post("/identify", response_model=IdentityOut)

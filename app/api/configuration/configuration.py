@@ -1,21 +1,20 @@
 """The configuration in force and in the EEPROM: read, compare, write, store."""
 
-from collections.abc import Callable
-from typing import Annotated, Any, NamedTuple, cast
+from typing import Annotated, Any, cast
 
 import orjson
 from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import Field, ValidationError
-from starlette.concurrency import run_in_threadpool
 
 from app.api.encoding.configuration import change_json, config_json, finding_json, schema_json
 from app.api.schemas.config import ConfigOut, LoadResultOut, SchemaOut, StoredConfigOut, StoreResultOut, WriteResultOut
-from app.api.web.dependencies import ConfigSourcesPart, ConfigurationPart, InForcePart, OperatorPart, RulesPart, UserDep
+from app.api.web.authentication import User
+from app.api.web.dependencies import ConfigSourcesPart, ConfigurationPart, InForcePart, RulesPart, UserDep
 from app.api.web.problems import Problem, invalid
-from app.api.web.request_body import Body
-from app.configuration.history import Action
+from app.api.web.request_body import Body, RawBody
+from app.configuration.lookup import ConfigSources
 from app.configuration.profile import is_profile, profile_of
-from app.configuration.safe_write import Written
+from app.configuration.safe_write import Configuration, Draft, WholeImage
 from firmware_protocol.config_image import image_hash, with_raw, with_value
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
 
@@ -34,6 +33,14 @@ class ConfigEdit(Body):
     source: str | None = None
     reason: str = Field("", max_length=500, description="why it is right in spite of warnings")
 
+    def applied_to(self, image: bytes) -> bytes:
+        """Return the image with these fields; EncodeError or Problem where a value does not fit."""
+        for name, value in self.values.items():
+            image = _apply(with_value, image, name, value)
+        for name, value in self.raw.items():
+            image = _apply(with_raw, image, name, value)
+        return image
+
 
 _PUT_BODY = {
     "requestBody": {
@@ -44,15 +51,6 @@ _PUT_BODY = {
         },
     }
 }
-
-
-def edited(image: bytes, edit: ConfigEdit) -> bytes:
-    """Return the image with an edit applied; EncodeError or Problem where a value does not fit."""
-    for name, value in edit.values.items():
-        image = _apply(with_value, image, name, value)
-    for name, value in edit.raw.items():
-        image = _apply(with_raw, image, name, value)
-    return image
 
 
 def _apply(put: Any, image: bytes, name: str, value: Any) -> bytes:
@@ -115,9 +113,9 @@ def read_stored(request: Request, configuration: ConfigurationPart) -> Response 
 
 
 @router.put("", openapi_extra=_PUT_BODY, responses={200: {"model": WriteResultOut}})
-async def write(
+def write(
     request: Request,
-    operator: OperatorPart,
+    body: RawBody,
     configuration: ConfigurationPart,
     config_sources: ConfigSourcesPart,
     user: UserDep,
@@ -130,54 +128,34 @@ async def write(
     `dry_run` only checks and compares. Errors block; a warning that is new needs a `reason`.
     """
     expected = require_match(if_match)
-    body = await request.body()
-    if OCTETS in request.headers.get("content-type", ""):
-        if len(body) != CONFIG_SIZE:
-            raise invalid("body", f"{len(body)} bytes", f"exactly {CONFIG_SIZE} bytes")
-        wish = Wish(lambda _: body, reason, "image")
-    elif is_profile(document := _loads(body)):
+    is_image = OCTETS in request.headers.get("content-type", "")
+    draft = _image_draft(body, reason) if is_image else _json_draft(body, reason, config_sources)
+    return write_draft(configuration, draft, expected, user, dry_run=dry_run)
+
+
+def _image_draft(body: bytes, reason: str) -> Draft:
+    if len(body) != CONFIG_SIZE:
+        raise invalid("body", f"{len(body)} bytes", f"exactly {CONFIG_SIZE} bytes")
+    return Draft(WholeImage(body), reason, "image")
+
+
+def _json_draft(body: bytes, reason: str, config_sources: ConfigSources) -> Draft:
+    """A profile's file, or fields to change in what is in force or in a named source."""
+    if is_profile(document := _loads(body)):
         profile = profile_of(document)
-        wish = Wish(lambda _: profile.image, reason, f"file {profile.name}@{profile.version}")
-    else:
-        wish = _wish(_parse(body), config_sources, reason)
-    return await run_write(operator, configuration, user.name, wish, expected, dry_run=dry_run)
-
-
-class Wish(NamedTuple):
-    """What somebody wants written, why, and where it is from."""
-
-    edit: Callable[[bytes], bytes]
-    reason: str = ""
-    source: str = "draft"
-    action: Action = "write"
-
-
-def _wish(edit: ConfigEdit, config_sources: ConfigSourcesPart, reason: str) -> Wish:
+        return Draft(WholeImage(profile.image), reason, f"file {profile.name}@{profile.version}")
+    edit = _parse(body)
     for twice in edit.values.keys() & edit.raw.keys():
         raise invalid(twice, edit.raw[twice], "in values or in raw, not in both")
-    name = edit.source
-    if name is None:
-        return Wish(lambda image: edited(image, edit), edit.reason or reason)
-    return Wish(lambda _: edited(config_sources.image(name), edit), edit.reason or reason, name)
+    reason = edit.reason or reason
+    if edit.source is None:
+        return Draft(edit, reason)
+    return Draft(WholeImage(edit.applied_to(config_sources.image(edit.source))), reason, edit.source)
 
 
-async def run_write(
-    operator: OperatorPart, configuration: ConfigurationPart, who: str, wish: Wish, expected: str, *, dry_run: bool
-) -> Response:
+def write_draft(configuration: Configuration, draft: Draft, expected: str, user: User, *, dry_run: bool) -> Response:
     """Write, and answer with the difference and what the rules say."""
-
-    def work() -> Written:
-        return operator.write_config(
-            wish.edit,
-            expected,
-            who,
-            dry_run=dry_run,
-            reason=wish.reason,
-            source=wish.source,
-            action=wish.action,
-        )
-
-    written = await run_in_threadpool(work)
+    written = configuration.write(draft, expected, user.name, dry_run=dry_run)
     shown = written.before if dry_run else written.image  # what is in force now
     body = {
         "difference": [change_json(change) for change in written.changes],
@@ -193,16 +171,16 @@ async def run_write(
 
 
 @router.post("/store", response_model=StoreResultOut)
-def store(operator: OperatorPart, user: UserDep) -> dict[str, Any]:
+def store(configuration: ConfigurationPart, user: UserDep) -> dict[str, Any]:
     """Store the configuration in force in the EEPROM and read it back."""
-    stored = operator.store_config(user.name)
+    stored = configuration.store(user.name)
     return {"stored_hash": image_hash(stored.image), "verified": True, "counter": stored.counter}
 
 
 @router.post("/load", response_model=LoadResultOut)
-def load(operator: OperatorPart, user: UserDep) -> dict[str, Any]:
+def load(configuration: ConfigurationPart, user: UserDep) -> dict[str, Any]:
     """Put the stored configuration in force."""
-    return {"hash": image_hash(operator.load_config(user.name))}
+    return {"hash": image_hash(configuration.load(user.name))}
 
 
 def _loads(body: bytes) -> object:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Path, Query, Response
 from pydantic import Field
 
-from app.api.configuration.configuration import Wish, require_match, run_write
+from app.api.configuration.configuration import require_match, write_draft
 from app.api.encoding.configuration import change_json, config_json, finding_json
 from app.api.schemas.config import (
     CheckedProfileOut,
@@ -20,7 +20,6 @@ from app.api.web.dependencies import (
     ConfigSourcesPart,
     ConfigurationPart,
     EventsPart,
-    OperatorPart,
     ProfilesPart,
     RulesPart,
     UserDep,
@@ -31,6 +30,7 @@ from app.configuration.history import Record
 from app.configuration.lookup import WORDS
 from app.configuration.profile import Profile, profile_of, profile_text
 from app.configuration.profile_store import NoProfile
+from app.configuration.safe_write import Draft, WholeImage
 from app.errors import ConfigError
 from firmware_protocol.config_image import difference, image_hash
 from firmware_protocol.memory_map import CONFIG_SIZE
@@ -166,11 +166,10 @@ def history(
 
 
 @router.post("/history/{number}/rollback", response_model=None, responses={200: {"model": WriteResultOut}})
-async def roll_back(
+def roll_back(
     number: Annotated[int, Path(ge=1, le=1_000_000_000)],
     config_sources: ConfigSourcesPart,
     config_history: ConfigHistoryPart,
-    operator: OperatorPart,
     configuration: ConfigurationPart,
     user: UserDep,
     body: RollbackIn | None = None,
@@ -186,5 +185,5 @@ async def roll_back(
         raise Problem(409, "not-genuine", "Not genuine", f"the signature of record {number} is not right")
     image = config_sources.image(f"record:{number}:before")
     reason = (body.reason if body else "") or f"rolled back record {number}"
-    wish = Wish(lambda _: image, reason, f"record {number}", "rollback")
-    return await run_write(operator, configuration, user.name, wish, expected, dry_run=dry_run)
+    draft = Draft(WholeImage(image), reason, f"record {number}", "rollback")
+    return write_draft(configuration, draft, expected, user, dry_run=dry_run)

@@ -25,7 +25,7 @@ from app.service.health import Health
 from app.service.host import ClockWatch
 from app.service.links import Links
 from app.service.live import Live
-from app.service.operator import Operator
+from app.service.master_commands import MasterCommands
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
@@ -82,6 +82,7 @@ def _user(connection: HTTPConnection) -> User:
 BlackBoxesPart = Annotated[BlackBoxRecorder, _from_service("black_boxes")]
 CanTracePart = Annotated[CanTrace, _from_service("trace")]
 CataloguePart = Annotated[Catalogue, _from_service("catalogue")]
+CommandsPart = Annotated[MasterCommands, _from_service("commands")]
 ClockPart = Annotated[Clock, _from_service("clock")]
 ConfigHistoryPart = Annotated[ConfigHistory, _from_service("config_history")]
 ConfigSourcesPart = Annotated[ConfigSources, _from_service("config_sources")]
@@ -93,7 +94,6 @@ ImportsPart = Annotated[ImportJobs, _from_service("imports")]
 InForcePart = Annotated[ConfigurationInForce, _from_service("in_force")]
 LinksPart = Annotated[Links, _from_service("links")]
 LivePart = Annotated[Live, _from_service("live")]
-OperatorPart = Annotated[Operator, _from_service("operator")]
 PassportsPart = Annotated[PassportKeeper, _from_service("passports")]
 PipelinesPart = Annotated[Pipelines, _from_service("pipelines")]
 ProfilesPart = Annotated[Profiles, _from_service("profiles")]

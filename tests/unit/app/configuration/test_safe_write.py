@@ -1,11 +1,14 @@
 """The safe write against a master in memory whose line is cut, or lies, at chosen requests."""
 
 import threading
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import pytest
 
+from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
 from app.configuration.rules import Context
-from app.configuration.safe_write import Configuration, HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
+from app.configuration.safe_write import Configuration, Draft
 from app.errors import LinkError, LinkLost, MasterRefused, NotNow
 from app.estimation.cell_model.cell_file import load_cell
 from app.sources.master.client import MasterClient
@@ -25,6 +28,8 @@ from firmware_protocol.messages import (
     Write,
     decode_request,
 )
+from tests.fake_clock import FakeClock
+from tests.fake_write_log import FakeWriteLog
 
 SAME_MAP = Identity("1.0.0", 1, "00", is_compatible=True, boots=1)
 
@@ -92,8 +97,22 @@ def master():
 CELL = load_cell()
 
 
-def configuration(master, identity=SAME_MAP):
-    return Configuration(master.client, lambda: identity, lambda: Context(CELL))
+@dataclass(frozen=True)
+class Edited:
+    """An edit by a function."""
+
+    edit: Callable[[bytes], bytes]
+
+    def applied_to(self, image: bytes) -> bytes:
+        return self.edit(image)
+
+
+def configuration(master, identity=SAME_MAP, log=None):
+    return Configuration(master.client, lambda: identity, lambda: Context(CELL), log or FakeWriteLog(), FakeClock())
+
+
+def write(config, edit, expected="*", *, dry_run=False, reason=""):
+    return config.write(Draft(Edited(edit), reason), expected, "anna", dry_run=dry_run)
 
 
 def hotter(image):
@@ -101,7 +120,7 @@ def hotter(image):
 
 
 def test_a_write_is_read_back_and_its_difference_told(master):
-    written = configuration(master).write(hotter, image_hash(default_image()), dry_run=False)
+    written = write(configuration(master), hotter, image_hash(default_image()), dry_run=False)
     assert written.written
     assert [(c.field, c.before, c.after) for c in written.changes] == [("t_cell_max", 45, 55)]
     assert bytes(master.image[:420]) == hotter(default_image())
@@ -109,14 +128,14 @@ def test_a_write_is_read_back_and_its_difference_told(master):
 
 def test_a_dry_run_and_an_empty_change_write_nothing(master):
     config = configuration(master)
-    assert not config.write(hotter, "*", dry_run=True).written
-    assert not config.write(lambda image: image, "*", dry_run=False).written
+    assert not write(config, hotter, "*", dry_run=True).written
+    assert not write(config, lambda image: image, "*", dry_run=False).written
     assert not any(isinstance(request, Write) for request in master.requests)
 
 
 def test_another_configuration_in_force_refuses_the_write(master):
     with pytest.raises(HashMismatch) as caught:
-        configuration(master).write(hotter, "0" * 16, dry_run=False)
+        write(configuration(master), hotter, "0" * 16, dry_run=False)
     assert caught.value.in_force == default_image()
     assert bytes(master.image[:420]) == default_image()
 
@@ -126,7 +145,7 @@ def test_values_outside_their_range_never_leave(master):
         return image[:9] + b"\x7f" + image[10:]
 
     with pytest.raises(Rejected) as caught:
-        configuration(master).write(broken, "*", dry_run=False)
+        write(configuration(master), broken, "*", dry_run=False)
     assert caught.value.findings[0].error.field == "t_cell_max"
     assert not any(isinstance(request, Write) for request in master.requests)
 
@@ -138,11 +157,11 @@ def test_a_warning_needs_a_reason_once(master):
         return with_raw(image, "i_disc_max", 21000)
 
     with pytest.raises(ReasonRequired) as caught:
-        config.write(wider, "*", dry_run=False)
+        write(config, wider, "*", dry_run=False)
     assert [found.error.field for found in caught.value.findings] == ["i_disc_max"]
     assert bytes(master.image[:420]) == default_image()
-    assert config.write(wider, "*", dry_run=False, reason="short pulses").written
-    assert config.write(hotter, "*", dry_run=False).written, "what stands already is not asked for again"
+    assert write(config, wider, "*", dry_run=False, reason="short pulses").written
+    assert write(config, hotter, "*", dry_run=False).written, "what stands already is not asked for again"
 
 
 @pytest.mark.parametrize(
@@ -157,21 +176,21 @@ def test_at_work_only_what_is_safe_to_change_live_is_written(master, field, raw,
     FIELDS[field].pack_into(master.image, (raw,))
     config = configuration(master)
     with pytest.raises(Occupied, match=doing) as caught:
-        config.write(hotter, "*", dry_run=False)
+        write(config, hotter, "*", dry_run=False)
     assert caught.value.fields == ["t_cell_max"]
-    assert doing in config.write(hotter, "*", dry_run=True).hindrance
+    assert doing in write(config, hotter, "*", dry_run=True).hindrance
     assert bytes(master.image[:420]) == default_image()
-    assert config.write(lambda image: with_raw(image, "fan_ramp_stop", 40), "*", dry_run=False).written
+    assert write(config, lambda image: with_raw(image, "fan_ramp_stop", 40), "*", dry_run=False).written
     with pytest.raises(Occupied):
-        config.write(lambda image: with_raw(hotter(image), "ts", 200), "*", dry_run=False)
+        write(config, lambda image: with_raw(hotter(image), "ts", 200), "*", dry_run=False)
 
 
 def test_a_conflict_knows_what_the_draft_started_from(master):
     config = configuration(master)
     base = config.show(default_image())
-    config.write(hotter, "*", dry_run=False)
+    write(config, hotter, "*", dry_run=False)
     with pytest.raises(HashMismatch) as caught:
-        config.write(lambda image: with_raw(image, "ts", 50), base, dry_run=False)
+        write(config, lambda image: with_raw(image, "ts", 50), base, dry_run=False)
     assert caught.value.base == default_image()
     assert caught.value.in_force == hotter(default_image())
     assert caught.value.wanted == with_raw(hotter(default_image()), "ts", 50)
@@ -180,28 +199,29 @@ def test_a_conflict_knows_what_the_draft_started_from(master):
 def test_loading_is_refused_at_work_and_without_anything_stored(master):
     config = configuration(master)
     with pytest.raises(NotNow, match="no valid configuration"):
-        config.load()
-    config.store()
-    config.write(hotter, "*", dry_run=False)
+        config.load("anna")
+    config.store("anna")
+    write(config, hotter, "*", dry_run=False)
     FIELDS["status.flags"].pack_into(master.image, (1 << 8,))
     with pytest.raises(Occupied):
-        config.load()
+        config.load("anna")
     FIELDS["status.flags"].pack_into(master.image, (0,))
-    assert config.load() == (hotter(default_image()), default_image())
+    assert config.load("anna") == default_image()
+    assert config.read() == default_image()
 
 
 def test_a_master_with_another_map_is_never_written(master):
     other = Identity("9.9.9", 1, "ff", is_compatible=False, boots=1)
     for identity in (other, None):
         with pytest.raises(NotNow):
-            configuration(master, identity).write(hotter, "*", dry_run=False)
+            write(configuration(master, identity), hotter, "*", dry_run=False)
     assert bytes(master.image[:420]) == default_image()
 
 
 def test_a_refusal_is_told_with_its_offset(master):
     master.refuse = Result.NOT_NOW
     with pytest.raises(MasterRefused) as caught:
-        configuration(master).write(hotter, "*", dry_run=False)
+        write(configuration(master), hotter, "*", dry_run=False)
     assert (caught.value.result, caught.value.offset) == ("NOT_NOW", 4)
 
 
@@ -210,29 +230,29 @@ def test_a_cut_line_says_that_it_does_not_know_and_a_retry_is_safe(master, attri
     setattr(master, attribute, True)
     config = configuration(master)
     with pytest.raises(Unverified) as caught:
-        config.write(hotter, "*", dry_run=False)
+        write(config, hotter, "*", dry_run=False)
     assert caught.value.outcome == "unknown"
     assert bytes(master.image[:420]) in (default_image(), hotter(default_image()))
     setattr(master, attribute, False)
     master.deaf = False
-    config.write(hotter, "*", dry_run=False)
+    write(config, hotter, "*", dry_run=False)
     assert bytes(master.image[:420]) == hotter(default_image())
 
 
 def test_a_byte_that_reads_back_differently_is_found(master):
     master.spoil_writes = True
     with pytest.raises(Unverified) as caught:
-        configuration(master).write(hotter, "*", dry_run=False)
+        write(configuration(master), hotter, "*", dry_run=False)
     assert caught.value.outcome == "other"
 
 
 def test_store_reads_the_eeprom_back(master):
     config = configuration(master)
     assert config.read_stored() is None
-    stored = config.store()
+    stored = config.store("anna")
     assert stored.image == default_image()
-    config.write(hotter, "*", dry_run=False)
-    assert config.store().counter == stored.counter + 1
+    write(config, hotter, "*", dry_run=False)
+    assert config.store("anna").counter == stored.counter + 1
     assert config.read_stored().image == hotter(default_image())
 
 
@@ -240,3 +260,76 @@ def test_a_deaf_master_is_an_error_and_not_a_hang(master):
     master.deaf = True
     with pytest.raises(LinkError):
         configuration(master).read()
+
+
+def test_a_write_is_told_with_who_what_and_both_images(master):
+    log = FakeWriteLog()
+    config = configuration(master, log=log)
+    write(config, hotter, reason="a hot day")
+    ((kind, attempt, changes),) = log.told
+    assert (kind, attempt.who, attempt.action, attempt.source, attempt.reason) == (
+        "written",
+        "anna",
+        "write",
+        "draft",
+        "a hot day",
+    )
+    assert (attempt.before, attempt.after) == (default_image(), hotter(default_image()))
+    assert [change.field for change in changes] == ["t_cell_max"]
+
+
+def test_dry_runs_and_drafts_that_break_limits_are_not_told(master):
+    log = FakeWriteLog()
+    config = configuration(master, log=log)
+    write(config, hotter, dry_run=True)
+    with pytest.raises(HashMismatch):
+        write(config, hotter, "0" * 16)
+    with pytest.raises(Rejected):
+        write(config, lambda image: image[:9] + b"\x7f" + image[10:])
+    master.deaf = True
+    with pytest.raises(LinkError):
+        write(config, hotter, dry_run=True)
+    assert log.told == []
+
+
+def test_what_failed_is_told_and_gets_a_result_where_the_master_was_asked(master):
+    log = FakeWriteLog()
+    config = configuration(master, log=log)
+    FIELDS["status.flags"].pack_into(master.image, (1 << 8,))
+    with pytest.raises(Occupied):
+        write(config, hotter)
+    FIELDS["status.flags"].pack_into(master.image, (0,))
+    master.refuse = Result.NOT_NOW
+    with pytest.raises(MasterRefused):
+        write(config, hotter)
+    master.refuse, master.spoil_writes = None, True
+    with pytest.raises(Unverified):
+        write(config, hotter)
+    results = [result for _, _, _, result in log.told]
+    assert results[0] is None
+    assert "NOT_NOW" in results[1]
+    assert results[2].startswith("not verified, neither the old nor the new one is in force")
+
+
+def test_store_and_load_are_told_with_their_images(master):
+    log = FakeWriteLog()
+    config = configuration(master, log=log)
+    config.store("anna")
+    write(config, hotter)
+    config.load("bob")
+    stored, _, loaded = log.told
+    assert (stored[0], stored[1].who, stored[1].after) == ("stored", "anna", default_image())
+    assert (loaded[0], loaded[1].who, loaded[1].before) == ("loaded", "bob", hotter(default_image()))
+    assert [change.field for change in loaded[2]] == ["t_cell_max"]
+
+
+def test_a_second_change_meanwhile_is_refused(master):
+    config = configuration(master)
+
+    def meanwhile(image):
+        with pytest.raises(NotNow, match="another write"):
+            config.store("bob")
+        return hotter(image)
+
+    assert write(config, meanwhile).written
+    assert config.store("bob").image == hotter(default_image())

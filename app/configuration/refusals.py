@@ -1,0 +1,55 @@
+"""Why a change of the configuration was refused, or what is in force after one that failed."""
+
+from app.configuration.finding import Finding
+from app.errors import AppError, LinkError, NotNow
+from firmware_protocol.config_image import image_hash
+from firmware_protocol.memory_map import CONFIG
+
+LIVE_FIELDS = [name for name, field in CONFIG.items() if field.is_live]  # may change while the accumulator works
+
+
+class HashMismatch(AppError):
+    """The configuration in force is not the one that the draft started from; `wanted` is what it would have become."""
+
+    def __init__(self, expected: str, base: bytes | None, in_force: bytes, wanted: bytes) -> None:
+        self.expected = expected
+        self.base = base  # what the draft started from, where it is still known
+        self.in_force = in_force
+        self.wanted = wanted
+        super().__init__(f"the configuration in force is {image_hash(in_force)}, not {expected}")
+
+
+class Rejected(AppError):
+    """The draft breaks limits."""
+
+    def __init__(self, findings: list[Finding]) -> None:
+        self.findings = findings
+        super().__init__("; ".join(found.error.message for found in findings))
+
+
+class ReasonRequired(AppError):
+    """The draft has warnings, and nobody said why it is right all the same."""
+
+    def __init__(self, findings: list[Finding]) -> None:
+        self.findings = findings
+        super().__init__("a reason is needed: " + "; ".join(found.error.message for found in findings))
+
+
+class Occupied(NotNow):
+    """The accumulator is at work, and the draft changes more than what may change meanwhile."""
+
+    def __init__(self, doing: str, fields: list[str]) -> None:
+        self.doing = doing
+        self.fields = fields
+        super().__init__(
+            f"{doing}: {', '.join(fields)} may only be changed with relays open and no current; "
+            f"at work may change: {', '.join(LIVE_FIELDS)}"
+        )
+
+
+class Unverified(LinkError):
+    """A write was sent and what is in force afterwards is not what was sent."""
+
+    def __init__(self, outcome: str, detail: str) -> None:
+        self.outcome = outcome  # old | other | unknown
+        super().__init__(detail)

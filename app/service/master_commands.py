@@ -1,0 +1,37 @@
+"""Named commands to the master, each in the event log with its outcome. Blocking; thread-safe."""
+
+from app.errors import LinkError
+from app.service.events import Events
+from app.service.links import Links
+from firmware_protocol.messages import Command
+
+
+class MasterCommands:
+    """Carries out what a user asked for."""
+
+    def __init__(self, links: Links, events: Events) -> None:
+        self._links = links
+        self._events = events
+
+    def send(self, name: str, command: Command, who: str, details: str = "") -> None:
+        """Send a named command and wait for the master's answer.
+
+        Raises:
+            LinkError: see MasterClient.request.
+        """
+        text = f"{name} {details}".strip()
+        try:
+            self._links.master.request(command)
+        except LinkError as error:
+            self._events.note("warning", "command-failed", f"{text}: {error}", who)
+            raise
+        self._events.note("info", "command", text, who)
+
+    def stream(self, who: str, *, on: bool) -> None:
+        """Start or stop the master's stream.
+
+        Raises:
+            LinkLost: no RS232 port is configured, or it is not open.
+        """
+        self._links.stream(on=on)
+        self._events.note("info", "command", "stream-start" if on else "stream-stop", who)

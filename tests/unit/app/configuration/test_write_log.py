@@ -1,0 +1,95 @@
+"""Every change of the configuration is one line of the event log, and one record where the master was asked."""
+
+import pytest
+
+from app.configuration.history import ConfigHistory
+from app.configuration.write_log import Attempt, WriteLog
+from app.errors import NotNow
+from firmware_protocol.config_image import default_image, difference, with_raw
+from tests.fake_clock import FakeClock
+
+HOTTER = with_raw(default_image(), "t_cell_max", 55)
+
+
+class Notes(list):
+    """Keeps the lines of the event log."""
+
+    def __call__(self, severity, code, text, who=None):
+        self.append((severity, code, str(text), who))
+
+
+@pytest.fixture
+def notes():
+    return Notes()
+
+
+@pytest.fixture
+def history(tmp_path):
+    return ConfigHistory(tmp_path)
+
+
+@pytest.fixture
+def log(history, notes):
+    return WriteLog(history, notes, FakeClock(wall_s=5.0))
+
+
+def attempt(action="write"):
+    return Attempt("anna", action, "draft", " a hot day ", default_image(), HOTTER)
+
+
+def test_a_write_names_its_changes_and_reason(log, notes, history):
+    log.written(attempt(), difference(default_image(), HOTTER))
+    ((severity, code, text, who),) = notes
+    assert (severity, code, who) == ("info", "config-written", "anna")
+    assert "t_cell_max" in text
+    assert "a hot day" in text
+    (record,) = history.records()
+    assert (record.t_wall_ns, record.who, record.action, record.source) == (5 * 10**9, "anna", "write", "draft")
+    assert (record.before, record.after, record.reason) == (default_image(), HOTTER, "a hot day")
+    assert (record.result, record.is_genuine) == ("done", True)
+
+
+def test_many_changes_are_cut_short(log, notes):
+    changes = difference(default_image(), HOTTER) * 11
+    log.written(attempt(), changes)
+    assert notes[0][2].count("t_cell_max") == 8
+    assert "3 more" in notes[0][2]
+
+
+def test_a_load_that_changes_nothing_says_so(log, notes):
+    log.loaded(attempt("load"), [])
+    assert "nothing changed" in notes[0][2]
+
+
+@pytest.mark.parametrize(
+    ("action", "code"),
+    [
+        ("write", "config-write-failed"),
+        ("rollback", "config-write-failed"),
+        ("store", "config-store-failed"),
+        ("load", "config-load-failed"),
+    ],
+)
+def test_a_failure_is_a_warning_of_its_kind(log, notes, history, action, code):
+    log.failed(attempt(action), NotNow("the relays are closed"), None)
+    ((severity, found, text, who),) = notes
+    assert (severity, found, who) == ("warning", code, "anna")
+    assert "the relays are closed" in text
+    assert history.records() == []
+
+
+def test_a_failure_that_reached_the_master_is_in_the_history(log, history):
+    log.failed(attempt(), NotNow("cut"), "not verified, not known: cut")
+    assert history.records()[0].result == "not verified, not known: cut"
+
+
+def test_a_history_that_cannot_be_written_is_told(log, notes, history, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(history, "append", full)
+    log.stored(attempt("store"))
+    assert [(severity, code) for severity, code, *_ in notes] == [
+        ("info", "config-stored"),
+        ("warning", "config-history-failed"),
+    ]
