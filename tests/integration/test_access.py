@@ -1,8 +1,6 @@
 """Who may do what, and what refuses to start."""
 
 import socket
-import subprocess
-import sys
 
 import httpx
 import pytest
@@ -11,17 +9,12 @@ from websockets.sync.client import connect
 ENGINEER, VIEWER = "correct horse", "battery staple"
 
 
-def serve(*arguments, **environment):
-    return subprocess.run(
-        [sys.executable, "-m", "app.cli", "serve", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=30,
-        env={"PATH": "/usr/bin:/bin", "HOME": "/nonexistent", **environment},
-    )
+@pytest.fixture
+def serve(voltwall):
+    return lambda *words, **environment: voltwall("serve", *words, **environment)
 
 
-def test_beyond_loopback_it_refuses_to_start_without_a_password(tmp_path):
+def test_beyond_loopback_it_refuses_to_start_without_a_password(serve, tmp_path):
     result = serve("--host", "0.0.0.0", "--data", str(tmp_path))
     assert result.returncode == 2
     assert "VOLTWALL_PASSWORD" in result.stderr
@@ -39,7 +32,7 @@ def test_beyond_loopback_it_refuses_to_start_without_a_password(tmp_path):
         (("--scenario", "no-such-scenario"), "no-such-scenario"),
     ],
 )
-def test_a_wrong_setting_is_one_line_that_names_it(arguments, words, tmp_path):
+def test_a_wrong_setting_is_one_line_that_names_it(serve, arguments, words, tmp_path):
     data = () if "--data" in arguments else ("--data", str(tmp_path))
     result = serve("--port", "0", *data, *arguments)
     assert result.returncode != 0
@@ -47,14 +40,14 @@ def test_a_wrong_setting_is_one_line_that_names_it(arguments, words, tmp_path):
     assert "Traceback" not in result.stderr
 
 
-def test_a_short_password_is_refused(tmp_path):
+def test_a_short_password_is_refused(serve, tmp_path):
     result = serve("--data", str(tmp_path), VOLTWALL_PASSWORD="abc")
     assert result.returncode == 2
     assert "8 characters" in result.stderr
     assert "abc" not in result.stderr
 
 
-def test_a_port_in_use_is_named(tmp_path):
+def test_a_port_in_use_is_named(serve, tmp_path):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -63,7 +56,7 @@ def test_a_port_in_use_is_named(tmp_path):
     assert "in use" in result.stderr
 
 
-def test_a_data_folder_in_use_is_named(service):
+def test_a_data_folder_in_use_is_named(serve, service):
     result = serve("--port", "0", "--data", str(service.data))
     assert result.returncode == 2
     assert "another voltwall" in result.stderr

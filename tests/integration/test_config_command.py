@@ -1,30 +1,17 @@
 """`voltwall config` as a script uses it: by its output and its exit codes."""
 
 import json
-import os
-import subprocess
-import sys
 
 import pytest
 
 MASTERS = ("simulated", "c")
 
 
-def voltwall_config(url, *arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "app.cli", "config", "--url", url, *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env=os.environ,
-    )
-
-
 @pytest.fixture
-def config(make_service):
+def config(voltwall, make_service):
     service = make_service("--scenario", "in-the-pit")
     service.wait_for(lambda s: s["config_hash"] and s["master"]["map_matches"])
-    return lambda *arguments: voltwall_config(service.base_url, *arguments)
+    return lambda *words: voltwall("config", "--url", service.base_url, *words)
 
 
 def test_read_compare_write_store_and_roll_back(config, tmp_path):
@@ -93,6 +80,6 @@ def test_without_an_earlier_write_there_is_nothing_to_roll_back(config):
     assert "record 7" in unknown.stderr
 
 
-def test_nobody_there_is_told_by_the_exit_code():
-    result = voltwall_config("http://127.0.0.1:9", "store")
+def test_nobody_there_is_told_by_the_exit_code(voltwall):
+    result = voltwall("config", "--url", "http://127.0.0.1:9", "store")
     assert (result.returncode, result.stderr.count("\n")) == (3, 1)
