@@ -25,9 +25,10 @@ from app.sessions.info import RecordedConfig
 from app.sessions.reading.reader import SessionFile
 from app.sessions.replay import item_of, prepare
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
+from app.telemetry.service_state import ServiceState
 
 DEFAULT_FILTER = "fused"
-NO_SERVICE = {"recording": None, "replay": None, "last_event_id": 0, "config_stored_hash": None}
+NO_SERVICE = ServiceState(recording=None, replay=None, last_event_id=0, config_stored_hash=None)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

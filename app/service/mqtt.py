@@ -20,6 +20,7 @@ from app.errors import ConfigError
 from app.service.settings import Settings
 from app.telemetry import Event, Snapshot
 from app.telemetry.encoding import encode, plain
+from app.telemetry.service_state import Recording
 
 PERIOD_S = 1.0
 KEEPALIVE_S = 15
@@ -74,7 +75,7 @@ class MqttPublisher:
     """Keeps a connection and publishes; `offer` and `offer_event` return at once, from any thread."""
 
     def __init__(
-        self, broker: Broker, recording: Callable[[], dict[str, Any] | None], *, period_s: float = PERIOD_S
+        self, broker: Broker, recording: Callable[[], Recording | None], *, period_s: float = PERIOD_S
     ) -> None:
         """Prepare the connection; `recording` says what is being recorded, in JSON's terms.
 
@@ -178,7 +179,7 @@ class MqttPublisher:
                     self._client.publish(self._topic(name), body, qos=0, retain=True)
 
 
-def messages(snapshot: Snapshot, recording: dict[str, Any] | None) -> Messages:
+def messages(snapshot: Snapshot, recording: Recording | None) -> Messages:
     """Yield the state's topics and bodies; null is missing."""
     stamp = {"time": round(snapshot.t_wall_ns / 1e9, 3), "source": snapshot.source}
     cells, master = plain(snapshot.cells), snapshot.master
@@ -188,7 +189,7 @@ def messages(snapshot: Snapshot, recording: dict[str, Any] | None) -> Messages:
     yield "master", encode({"state": master.state, "why": master.why, "fit": master.fit, "flags": master.flags})
     yield "links", encode({name: {"state": link.state, "lost": link.lost} for name, link in snapshot.links.items()})
     yield "alarms", encode([plain(alarm) for alarm in snapshot.alarms])
-    yield "recording", encode(recording)
+    yield "recording", encode(None if recording is None else plain(recording))
 
 
 def event_body(event: Event) -> bytes:
@@ -196,7 +197,7 @@ def event_body(event: Event) -> bytes:
     return encode(plain(event))
 
 
-def configured_publisher(settings: Settings, recording: Callable[[], dict[str, Any] | None]) -> MqttPublisher | None:
+def configured_publisher(settings: Settings, recording: Callable[[], Recording | None]) -> MqttPublisher | None:
     """Return a publisher to the broker of the settings, None where they name none.
 
     Raises:

@@ -35,7 +35,7 @@ from app.service.master_identification import MasterIdentification
 from app.service.mqtt import MqttPublisher, configured_publisher
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
-from app.service.state import ServiceState, recording_state
+from app.service.state import ServiceStateReader, recording_state
 from app.sessions.catalogue import Catalogue
 from app.sessions.event_log import EventLog
 from app.sessions.recording.auto_recorder import AutoRecorder
@@ -78,7 +78,7 @@ class Service:
     learned_state: LearnedStateSaver
     mqtt: MqttPublisher | None
     health: Health
-    state: ServiceState
+    state: ServiceStateReader
     jobs: ThreadPoolExecutor
 
     def start(self) -> None:
@@ -237,6 +237,6 @@ def make_service(
         learned_state=learned_state,
         mqtt=mqtt,
         health=Health(live, recorder, events, mqtt, clock),
-        state=ServiceState(recorder, replay, events, in_force),
+        state=ServiceStateReader(recorder, replay, events, in_force),
         jobs=jobs,
     )

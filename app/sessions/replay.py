@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.recorded_estimates import RecordedEstimates
 from app.sessions.replay_schedule import MIN_LOOP_S, Pacer
 from app.telemetry import CanItem, FloatArray, Item, LinkChange, SerialItem, Snapshot
+from app.telemetry.service_state import Replay, ReplayCompared
 from firmware_protocol.framing import decode_chunk
 
 log = logging.getLogger(__name__)
@@ -52,7 +53,7 @@ class _Replay:
     pipeline: Pipeline
     playing: Playing
     is_fresh_chain_due: bool = False
-    compared: dict[str, Any] | None = None
+    compared: ReplayCompared | None = None
 
 
 Orders = queue.SimpleQueue[Callable[[_Replay, float], None] | None]
@@ -87,7 +88,7 @@ class Replaying:
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._orders: Orders = queue.SimpleQueue()
-        self._state: dict[str, Any] | None = None
+        self._state: Replay | None = None
         self._latest: Snapshot | None = None
         self._telling = threading.Lock()  # between being asked whether it is wanted and saying it
 
@@ -158,8 +159,8 @@ class Replaying:
         state = self._state
         if not self.is_active or state is None:
             raise NotNow("nothing is replayed")
-        if isinstance(loop, tuple) and not 0.0 <= loop[0] < loop[1] <= state["duration_s"] + MIN_LOOP_S:
-            raise ConfigError("loop", list(loop), f"two times within the session's {state['duration_s']:.1f} s")
+        if isinstance(loop, tuple) and not 0.0 <= loop[0] < loop[1] <= state.duration_s + MIN_LOOP_S:
+            raise ConfigError("loop", list(loop), f"two times within the session's {state.duration_s:.1f} s")
 
         def order(replay: _Replay, now_s: float) -> None:
             pacer = replay.pacer
@@ -180,7 +181,7 @@ class Replaying:
 
         self._orders.put(order)
 
-    def state(self) -> dict[str, Any] | None:
+    def state(self) -> Replay | None:
         """Where it stands; None without one."""
         return self._state
 
@@ -264,19 +265,19 @@ def as_recorded(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | No
     return replace(snapshot, cells=cells, accumulator=replace(snapshot.accumulator, **charge))
 
 
-def _compared(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | None) -> dict[str, Any]:
+def _compared(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | None) -> ReplayCompared:
     """Both estimates at one instant, and where they differ the most."""
     recomputed = snapshot.cells.soc
     was = np.full(len(recomputed), np.nan) if recorded is None else recorded[0]
     difference, cell = extreme(np.abs(recomputed - was), highest=True)
-    return {
-        "recorded_soc": mean(was),
-        "recorded_soc_min": extreme(was, highest=False)[0],
-        "recomputed_soc": mean(recomputed),
-        "recomputed_soc_min": extreme(recomputed, highest=False)[0],
-        "largest_difference": difference,
-        "largest_difference_cell": cell,
-    }
+    return ReplayCompared(
+        recorded_soc=mean(was),
+        recorded_soc_min=extreme(was, highest=False)[0],
+        recomputed_soc=mean(recomputed),
+        recomputed_soc_min=extreme(recomputed, highest=False)[0],
+        largest_difference=difference,
+        largest_difference_cell=cell,
+    )
 
 
 def _jump(replay: _Replay, position_s: float, now_s: float) -> None:
@@ -287,18 +288,18 @@ def _jump(replay: _Replay, position_s: float, now_s: float) -> None:
         replay.is_fresh_chain_due = True
 
 
-def _state(replay: _Replay, now_s: float) -> dict[str, Any]:
+def _state(replay: _Replay, now_s: float) -> Replay:
     pacer, playing = replay.pacer, replay.playing
-    return {
-        "session_id": replay.file.info.id,
-        "position_s": round(pacer.position_s(now_s), 3),
-        "duration_s": pacer.duration_s,
-        "speed": pacer.speed,
-        "paused": pacer.is_paused,
-        "finished": pacer.is_finished,
-        "loop": pacer.loop,
-        "filter": replay.pipeline.filter_name,
-        "cell": replay.pipeline.cell_name,
-        "estimates": playing.estimates,
-        "compared": replay.compared,
-    }
+    return Replay(
+        session_id=replay.file.info.id,
+        position_s=round(pacer.position_s(now_s), 3),
+        duration_s=pacer.duration_s,
+        speed=pacer.speed,
+        paused=pacer.is_paused,
+        finished=pacer.is_finished,
+        loop=pacer.loop,
+        filter=replay.pipeline.filter_name,
+        cell=replay.pipeline.cell_name,
+        estimates=playing.estimates,
+        compared=replay.compared,
+    )

@@ -35,7 +35,7 @@ class Ages:
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """Arrays of one value a cell, in the order of the packs; NaN where missing."""
+    """Arrays of one value a cell, in the order of the packs; missing values are NaN, null in JSON."""
 
     voltage_v: Annotated[FloatArray, Unit("V", "cell voltage", 4), Kept("voltage")]
     temperature_degc: Annotated[FloatArray, Unit("degC", "cell temperature", 1), Kept("temperature")]

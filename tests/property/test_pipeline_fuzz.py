@@ -16,11 +16,12 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Output, Pipeline
 from app.telemetry import CanItem, Item, LinkChange, SerialItem
+from app.telemetry.service_state import ServiceState
 from firmware_protocol.framing import FrameDecoder, decode_chunk, encode_frame
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, FIELDS, MASTER_SIZE, N_CELLS
 from firmware_protocol.messages import MessageType
 
-SERVICE = {"recording": None, "replay": None, "last_event_id": 0, "config_stored_hash": None}
+SERVICE = ServiceState(None, None, 3, None)
 WALL_NS = 1_700_000_000_000_000_000
 BLOCKS = ((0, 420), (420, 20), (440, 200), (1884, 204), (2280, 116), (2396, 300), (2982, 2))
 

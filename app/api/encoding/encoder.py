@@ -1,14 +1,14 @@
 """Encodes each snapshot once, however many read it."""
 
 from app.api.encoding.snapshot import snapshot_json
-from app.service.state import ServiceState
+from app.service.state import ServiceStateReader
 from app.telemetry import Snapshot
 
 
 class SnapshotEncoder:
     """Used on the event loop alone."""
 
-    def __init__(self, state: ServiceState) -> None:
+    def __init__(self, state: ServiceStateReader) -> None:
         self._state = state
         self._snapshot: Snapshot | None = None
         self._body = b""

@@ -117,7 +117,7 @@ class DeletedOut(BaseModel):
 class ReplayStateOut(BaseModel):
     """Where the replay stands; null: the live source is shown."""
 
-    replay: ReplayOut | None
+    replay: ReplayOut | None  # type: ignore[valid-type]
 
 
 class FetchOut(BaseModel):
@@ -168,7 +168,7 @@ class RecorderOut(BaseModel):
 class ReplayChoicesOut(BaseModel):
     """Where the replay stands, and with what it can recompute the estimates."""
 
-    replay: ReplayOut | None
+    replay: ReplayOut | None  # type: ignore[valid-type]
     filters: list[str]
     cells: list[str]
 

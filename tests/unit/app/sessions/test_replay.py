@@ -70,7 +70,7 @@ def replaying(shown, failures):
 
 def test_it_shows_what_was_recorded(replaying, shown, session):
     replaying.start(session, Playing(100))
-    assert replaying.state()["session_id"] == session.stem
+    assert replaying.state().session_id == session.stem
     shown.wait(lambda s: s.links.rs232.frames == 20)
     assert shown.snapshots[-1].cells.voltage_v[3] == pytest.approx(3.7003)
 
@@ -78,13 +78,13 @@ def test_it_shows_what_was_recorded(replaying, shown, session):
 def test_a_replay_that_stands_still_goes_on_saying_so(replaying, shown, session):
     replaying.start(session, Playing(100))
     shown.wait(lambda s: s.links.rs232.frames == 20 and not s.is_fresh)
-    assert replaying.state()["finished"]
+    assert replaying.state().finished
     replaying.control(paused=True, seek_s=0.5)
     deadline = time.monotonic() + 5
-    while not replaying.state()["paused"]:
+    while not replaying.state().paused:
         assert time.monotonic() < deadline
         replaying._thread.join(0.01)
-    assert replaying.state()["position_s"] == pytest.approx(0.5)
+    assert replaying.state().position_s == pytest.approx(0.5)
 
 
 def test_a_file_that_is_no_session_is_refused_and_the_car_stays_shown(replaying, tmp_path):
@@ -156,7 +156,7 @@ def test_a_loop_begins_anew_until_it_is_taken_off(replaying, shown, session):
     first = shown.snapshots[0].t_mono_ns
     with shown.changed:
         assert shown.changed.wait_for(lambda: sum(s.t_mono_ns == first for s in shown.snapshots if s.is_fresh) > 2, 10)
-    assert replaying.state()["loop"] == (0.5, 1.5)
+    assert replaying.state().loop == (0.5, 1.5)
     replaying.control(loop="off", seek_s=0.0)
     shown.wait(lambda s: s.links.rs232.frames == 20 and not s.is_fresh)
 
@@ -174,12 +174,12 @@ def test_both_estimates_are_told_and_either_is_shown(replaying, shown, session):
     snapshot = next(s for s in shown.snapshots if s.is_fresh)
     assert snapshot.cells.soc == pytest.approx(np.full(96, RECORDED_SOC), abs=2e-5)
     assert snapshot.accumulator.soc == pytest.approx(RECORDED_SOC, abs=2e-5)
-    compared = replaying.state()["compared"]
-    assert compared["recorded_soc"] == pytest.approx(RECORDED_SOC, abs=2e-5)
-    assert compared["largest_difference"] >= abs(compared["recomputed_soc"] - RECORDED_SOC) - 2e-5
+    compared = replaying.state().compared
+    assert compared.recorded_soc == pytest.approx(RECORDED_SOC, abs=2e-5)
+    assert compared.largest_difference >= abs(compared.recomputed_soc - RECORDED_SOC) - 2e-5
     shown.snapshots.clear()
     replaying.control(estimates="recomputed", seek_s=0.0)
-    shown.wait(lambda s: s.is_fresh and s.accumulator.soc == pytest.approx(compared["recomputed_soc"], abs=1e-3))
+    shown.wait(lambda s: s.is_fresh and s.accumulator.soc == pytest.approx(compared.recomputed_soc, abs=1e-3))
 
 
 def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, failures, session, monkeypatch):
@@ -203,7 +203,7 @@ def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, fail
     compiling.join(10)
     assert not compiling.is_alive()
     state = replaying.state()
-    assert (state["speed"], state["paused"]) == (0.1, False)
+    assert (state.speed, state.paused) == (0.1, False)
     replaying.stop()
     assert replaying.state() is None
     assert failures == []

@@ -8,9 +8,10 @@ from app.api.schemas.snapshot import SnapshotOut
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
+from app.telemetry.service_state import ServiceState
 
 CELL = load_cell("samsung-25r-10p")
-SERVICE = {"recording": None, "replay": None, "last_event_id": 3, "config_stored_hash": None}
+SERVICE = ServiceState(None, None, 3, None)
 
 
 @pytest.fixture

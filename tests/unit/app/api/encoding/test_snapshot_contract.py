@@ -12,10 +12,11 @@ import pytest
 from app.api.encoding.snapshot import snapshot_json
 from app.live.pipeline_factory import Chain
 from app.telemetry import CanFault, CanItem, LinkChange
+from app.telemetry.service_state import ServiceState
 from firmware_protocol.messages import Event, EventCode, Ident, MessageType, Reply
 
 RECORDED = json.loads((Path(__file__).parents[4] / "vectors" / "snapshots.json").read_text(encoding="utf-8"))
-SERVICE = {"recording": None, "replay": None, "last_event_id": 3, "config_stored_hash": None}
+SERVICE = ServiceState(None, None, 3, None)
 WALL_NS = 1_700_000_000_000_000_000
 BY_CAN = bytes([0x10, 0x27, 0xC0, 0x8A]) + (-250).to_bytes(4, "little", signed=True)
 

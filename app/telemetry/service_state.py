@@ -1,0 +1,56 @@
+"""What a snapshot is sent with that is the service's and not the battery's: recording, replay, ids."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from app.telemetry.fields import SentAs, Unit
+from app.telemetry.snapshot import Number
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """The session being recorded."""
+
+    session_id: str
+    since_ns: Annotated[int, SentAs("since", 1e9)]
+    frames: int
+    bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayCompared:
+    """State of charge as recorded and as recomputed, at the newest sample."""
+
+    recorded_soc: Annotated[Number, Unit("1", "mean of the cells", None)]
+    recorded_soc_min: Annotated[Number, Unit("1", "emptiest cell", None)]
+    recomputed_soc: Annotated[Number, Unit("1", "mean of the cells", None)]
+    recomputed_soc_min: Annotated[Number, Unit("1", "emptiest cell", None)]
+    largest_difference: Annotated[Number, Unit("1", "of any cell", None)]
+    largest_difference_cell: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """Where a replay stands, and with what it recomputes the estimates."""
+
+    session_id: str
+    position_s: Annotated[float, Unit("s", "since the session's start", None)]
+    duration_s: Annotated[float, Unit("s", "of the session", None)]
+    speed: float
+    paused: bool
+    finished: bool
+    loop: tuple[float, float] | None
+    filter: str
+    cell: str
+    estimates: Literal["recomputed", "recorded"]
+    compared: ReplayCompared | None
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceState:
+    """The service at the instant at which a snapshot is sent."""
+
+    recording: Recording | None
+    replay: Replay | None
+    last_event_id: int
+    config_stored_hash: str | None
