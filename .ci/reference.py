@@ -26,6 +26,7 @@ PURPOSE = {
     "pydantic-settings": "flags and environment variables",
     "orjson": "snapshots to JSON, NaN to null",
     "platformdirs": "the data folder each system expects",
+    "filelock": "one service a data folder",
     "prometheus-client": "`/metrics`",
     "numba": "the compiled filter",
     "llvmlite": "loads the compiled filter, without numba",

@@ -17,7 +17,7 @@ from app.api.web.websocket_protocol import LiveProtocol
 from app.errors import ConfigError
 from app.main import Replay, create_app
 from app.service import log
-from app.service.folder_lock import FolderLock
+from app.service.folder_lock import locked_folder
 from app.service.settings import FilterName, Settings
 from app.service.simulator_process import SimulatorProcess
 from app.telemetry import Source
@@ -88,7 +88,7 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
     """
     sys.setswitchinterval(0.001)  # a frame on its way to the pages does not wait 5 ms for the recorder's thread
     with contextlib.ExitStack() as stack:
-        stack.enter_context(FolderLock(settings.data))
+        stack.enter_context(locked_folder(settings.data))
         listener = stack.enter_context(_bind(settings))
         source, serial_url, can_url, car = _source(settings, stack, replay)
         app = create_app(settings, source, serial_url=serial_url, can_url=can_url, replay=replay, simulated_car=car)
