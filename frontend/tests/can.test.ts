@@ -12,6 +12,9 @@ interface Vector {
   raw?: number;
   offsets?: string;
   data?: string;
+  kind?: string;
+  counts?: string;
+  meaning?: string;
 }
 
 const read = <T>(path: string): T => JSON.parse(readFileSync(new URL(path, import.meta.url), 'utf8')) as T;
@@ -50,6 +53,25 @@ describe('finding a byte of the struct', () => {
       }
     }
   });
+
+  it.each(vectors('whole_frames').filter((v) => v.kind === 'data'))(
+    'knows name, place and scale of every number in the shared frame: $name',
+    ({ counts, meaning }) => {
+      const words = meaning!.split(' ').filter(Boolean);
+      const numbers = counts!.split(' ').filter(Boolean);
+      expect(words.length).toBe(numbers.length);
+      numbers.forEach((number, i) => {
+        const [offset, size, count] = number.split(':').map(Number) as [number, number, number];
+        const [name, value] = words[i]!.split('=') as [string, string];
+        const place = locate(struct, offset)!;
+        expect(elementName(place.field, place.element)).toBe(name);
+        expect(offsetsOf(place.field, place.element, 'little')).toEqual(
+          Array.from({ length: size }, (_, byte) => offset + byte),
+        );
+        expect(Number((count * place.field.scale).toPrecision(10))).toBe(Number(value));
+      });
+    },
+  );
 
   it('names elements of tables by row and column', () => {
     expect(elementName(fieldOf('conf.can_tx_msg_data'), 11)).toBe('conf.can_tx_msg_data[1][3]');

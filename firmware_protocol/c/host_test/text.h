@@ -4,7 +4,7 @@
 
 #include "vw_codec.h"
 
-#define MAX_TEXT 65536u
+#define MAX_TEXT 131072u
 
 typedef struct {
     char text[4u * MAX_TEXT];

@@ -4,14 +4,14 @@
 #include <string.h>
 
 #include "text.h"
+#include "vectors.h"
 #include "vw_can.h"
 #include "vw_config.h"
 #include "vw_messages.h"
 
 static char file_text[MAX_TEXT];
 
-/* The value of "key" in the flat object that begins at `object`, as text without quotes; "" where it is not there. */
-static const char *value_of(const char *object, const char *key)
+const char *value_of(const char *object, const char *key)
 {
     static char values[8][MAX_TEXT / 4u];
     static unsigned turn;
@@ -38,12 +38,12 @@ static const char *value_of(const char *object, const char *key)
     return out;
 }
 
-static unsigned long number_of(const char *object, const char *key)
+unsigned long number_of(const char *object, const char *key)
 {
     return strtoul(value_of(object, key), NULL, 10);
 }
 
-static const char *first_vector(const char *folder, const char *name)
+const char *first_vector(const char *folder, const char *name)
 {
     char path[1024];
     FILE *file;
@@ -62,13 +62,13 @@ static const char *first_vector(const char *folder, const char *name)
     return list == NULL ? NULL : strchr(list, '{');
 }
 
-static const char *next_vector(const char *object)
+const char *next_vector(const char *object)
 {
     const char *end = strchr(object, '}');
     return end == NULL ? NULL : strchr(end, '{');
 }
 
-static void expect(bool holds, const char *file, const char *object)
+void expect(bool holds, const char *file, const char *object)
 {
     if (!holds) {
         fprintf(stderr, "%s: %s: differs\n", file, value_of(object, "name"));
@@ -119,39 +119,111 @@ static unsigned check_checksums(const char *folder)
     return count;
 }
 
+static void check_request(const vw_frame_t *frame, const char *file, const char *v)
+{
+    static uint8_t expected[VW_MAX_BODY], body[VW_MAX_BODY];
+    size_t data_length = from_hex(value_of(v, "data"), expected);
+    vw_request_t request;
+    uint16_t offset;
+    expect(vw_request_parse(frame, &request, &offset) == VW_RESULT_DONE && request.offset == number_of(v, "offset")
+               && request.command == number_of(v, "command") && request.argument == atol(value_of(v, "argument"))
+               && (request.type != VW_MSG_READ || request.length == number_of(v, "length"))
+               && (request.type != VW_MSG_WRITE
+                   || (request.length == data_length && memcmp(request.data, expected, data_length) == 0)),
+           file, v);
+    expect(vw_request_body(body, &request) == frame->length && memcmp(body, frame->body, frame->length) == 0, file, v);
+}
+
+static void check_event(const vw_frame_t *frame, const char *file, const char *v)
+{
+    static uint8_t body[VW_MAX_BODY];
+    vw_event_t event;
+    expect(vw_event_parse(frame, &event) && event.code == number_of(v, "code")
+               && event.argument == number_of(v, "argument") && event.cell == number_of(v, "cell")
+               && event.value == atol(value_of(v, "value")) && event.limit == atol(value_of(v, "limit"))
+               && vw_event_body(body, &event) == frame->length && memcmp(body, frame->body, frame->length) == 0,
+           file, v);
+}
+
+static void check_reply(const vw_frame_t *frame, const char *file, const char *v)
+{
+    static uint8_t expected[VW_MAX_BODY], data[VW_IDENT_SIZE];
+    size_t length = from_hex(value_of(v, "data"), expected);
+    char firmware[16];
+    vw_reply_t reply;
+    vw_ident_t ident;
+    expect(vw_reply_parse(frame, &reply) && reply.request_type == number_of(v, "request_type")
+               && reply.request_sequence == number_of(v, "request_sequence") && reply.result == number_of(v, "result")
+               && reply.length == length && memcmp(reply.data, expected, length) == 0,
+           file, v);
+    if (strcmp(value_of(v, "kind"), "ident reply") != 0) {
+        expect(reply.offset == number_of(v, "offset"), file, v);
+        return;
+    }
+    expect(vw_ident_parse(reply.data, reply.length, &ident) && ident.protocol == number_of(v, "protocol")
+               && ident.reset_cause == number_of(v, "reset_cause") && ident.boots == number_of(v, "boots"),
+           file, v);
+    sprintf(firmware, "%u.%u.%u", ident.firmware[0], ident.firmware[1], ident.firmware[2]);
+    expect(strcmp(firmware, value_of(v, "firmware")) == 0
+               && from_hex(value_of(v, "map_hash"), expected) == sizeof ident.map_hash
+               && memcmp(expected, ident.map_hash, sizeof ident.map_hash) == 0
+               && vw_ident_data(data, &ident) == reply.length && memcmp(data, reply.data, reply.length) == 0,
+           file, v);
+}
+
+/* The windows, and the numbers that they put into the struct. */
+static void check_data(const vw_frame_t *frame, const char *file, const char *v)
+{
+    static uint8_t master[VW_MASTER_SIZE], expected[VW_MAX_BODY];
+    char *at;
+    size_t position = 0;
+    vw_window_t window;
+    expect(vw_data_is_valid(frame), file, v);
+    memset(master, 0, sizeof master);
+    for (at = strtok((char *)value_of(v, "windows"), " "); at != NULL; at = strtok(NULL, " ")) {
+        size_t length = from_hex(strchr(at, ':') + 1, expected);
+        expect(vw_data_next(frame, &position, &window) && window.offset == strtoul(at, NULL, 10)
+                   && window.length == length && memcmp(window.data, expected, length) == 0,
+               file, v);
+        memcpy(master + window.offset, window.data, window.length);
+    }
+    expect(!vw_data_next(frame, &position, &window), file, v);
+    for (at = strtok((char *)value_of(v, "counts"), " "); at != NULL; at = strtok(NULL, " ")) {
+        const uint8_t *byte = master + strtoul(at, &at, 10);
+        unsigned long size = strtoul(at + 1, &at, 10);
+        uint32_t count = (uint32_t)strtoll(at + 1, NULL, 10);
+        unsigned long i;
+        for (i = 0; i < size; i++) {
+            expect(byte[i] == (uint8_t)(count >> 8u * i), file, v);
+        }
+    }
+}
+
+void check_message(const vw_frame_t *frame, const char *file, const char *v)
+{
+    const char *kind = value_of(v, "kind");
+    if (strcmp(kind, "event") == 0) {
+        check_event(frame, file, v);
+    } else if (strcmp(kind, "data") == 0) {
+        check_data(frame, file, v);
+    } else if (strcmp(kind, "reply") == 0 || strcmp(kind, "ident reply") == 0) {
+        check_reply(frame, file, v);
+    } else {
+        check_request(frame, file, v);
+    }
+}
+
 static unsigned check_messages(const char *folder)
 {
+    static uint8_t body[MAX_TEXT / 2u];
     const char *v;
     unsigned count = 0;
     for (v = first_vector(folder, "messages.json"); v != NULL; v = next_vector(v), count++) {
-        const char *kind = value_of(v, "kind");
         vw_frame_t frame = { 0 };
         frame.type = (uint8_t)number_of(v, "type");
-        frame.length = (uint16_t)from_hex(value_of(v, "body"), bytes);
-        frame.body = bytes;
-        if (strcmp(kind, "event") == 0) {
-            vw_event_t event;
-            expect(vw_event_parse(&frame, &event) && event.code == number_of(v, "code")
-                       && event.cell == number_of(v, "cell") && event.value == atol(value_of(v, "value"))
-                       && event.limit == atol(value_of(v, "limit")),
-                   "messages.json", v);
-        } else if (strcmp(kind, "reply") == 0) {
-            vw_reply_t reply;
-            expect(vw_reply_parse(&frame, &reply) && reply.request_type == number_of(v, "request_type")
-                       && reply.request_sequence == number_of(v, "request_sequence")
-                       && reply.result == number_of(v, "result") && reply.offset == number_of(v, "offset")
-                       && reply.length == strlen(value_of(v, "data")) / 2u,
-                   "messages.json", v);
-        } else if (strcmp(kind, "data") == 0) {
-            expect(vw_data_is_valid(&frame), "messages.json", v);
-        } else {
-            vw_request_t request;
-            uint16_t offset;
-            expect(vw_request_parse(&frame, &request, &offset) == VW_RESULT_DONE
-                       && request.offset == number_of(v, "offset") && request.command == number_of(v, "command")
-                       && request.argument == atol(value_of(v, "argument")),
-                   "messages.json", v);
-        }
+        frame.length = (uint16_t)from_hex(value_of(v, "body"), body);
+        frame.body = body;
+        check_message(&frame, "messages.json", v);
     }
     return count;
 }
@@ -236,6 +308,10 @@ int run_vectors(const char *folder)
     count += check_streams(folder);
     count += check_checksums(folder);
     count += check_messages(folder);
+    count += check_whole_frames(folder);
+    count += check_config_limits(folder);
+    count += check_eeprom_images(folder);
+    count += check_can_frames(folder);
     count += check_config(folder);
     count += check_slots(folder);
     count += check_can(folder);
