@@ -255,7 +255,7 @@ def samples_behind(page: Page, path: Path) -> tuple[int, bool]:
     with SessionFile(path) as session:
         for name, shown in waited.value.json()["signals"].items():
             signal = find_signal(name)
-            every = signal.physical(session.samples(signal).counts)
+            every = signal.physical(session.samples([signal])[0].counts)
             if every.size == 0:
                 continue
             count += every.size

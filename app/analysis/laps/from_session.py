@@ -211,10 +211,10 @@ def _counted(session: SessionFile, counter: CanCounter) -> Counts:
 
 def _sampled(session: SessionFile, name: str) -> Counts:
     signal = find_signal(name)
-    samples = session.samples(signal)
+    (samples,) = session.samples([signal])
     values = signal.physical(samples.counts)
     known = np.isfinite(values)
-    times_s = [session.unix_s(int(us) * 1000) for us in samples.times_us[known]]
+    times_s = [session.unix_s(int(us) * 1000) for us in samples.track.times_us[known]]
     return Counts(np.array(times_s), values[known])
 
 

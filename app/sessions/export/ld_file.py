@@ -5,6 +5,7 @@ knows no missing values: until the next sample the last one is held, over a gap 
 """
 
 import struct
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -14,7 +15,9 @@ from numpy.typing import NDArray
 
 from app.errors import ConfigError
 from app.sessions.export.table import FILLED, FloatArray, SignalTable
+from app.sessions.reading.reader import Samples
 from app.sessions.reading.series import find_gaps
+from app.sessions.storage.chunks import Track
 from app.sessions.storage.signals import Signal
 
 _HEADER = struct.Struct("<I4xII20xI24x3HI8sHHI4x16s16x16s16x64s64s64x64s64x1024xI66x64s126x64s64s")
@@ -29,6 +32,7 @@ _DEVICE = (1, 0x4240, 0xF, 0x1F44, b"ADL", 420, 0xADB0)
 _FLOAT, _FLOAT_SIZE = 7, 4
 _FIRST_CHANNEL_ID = 0x2EE1
 MAX_RATE_HZ = 1000
+_READ_TOGETHER = 64  # signals held in memory at a time
 
 
 def write_ld(table: SignalTable, path: Path) -> None:
@@ -42,17 +46,19 @@ def write_ld(table: SignalTable, path: Path) -> None:
         for i, signal in enumerate(table.signals):
             file.write(_channel(i, len(table.signals), signal, data_at, n_samples, rate_hz))
         grid_s = start_s + np.arange(n_samples) / rate_hz
-        for signal in table.signals:
-            file.write(_resampled(table, signal, grid_s).astype("<f4").tobytes())
+        for values in _resampled(table, grid_s):
+            file.write(values.astype("<f4").tobytes())
 
 
 def _extent(table: SignalTable) -> tuple[tuple[float, float] | None, int]:
     """First and last sample time, and the rate of the quickest signal in whole hertz, rounded up."""
     first, last, rate_hz = [], [], 1
-    for signal in table.signals:
-        if signal is FILLED:
+    track: Track | None = None
+    for _, samples in _samples(table):
+        if samples is None or samples.track is track:
             continue
-        times_us = table.session.samples(signal, table.t_from_s, table.t_to_s).times_us
+        track = samples.track
+        times_us = track.times_us
         if len(times_us):
             first.append(table.session.unix_s(int(times_us[0]) * 1000))
             last.append(table.session.unix_s(int(times_us[-1]) * 1000))
@@ -62,24 +68,42 @@ def _extent(table: SignalTable) -> tuple[tuple[float, float] | None, int]:
     return ((min(first), max(last)) if first else None), rate_hz
 
 
-def _resampled(table: SignalTable, signal: Signal, grid_s: FloatArray) -> FloatArray:
-    """The (n,) last value before each grid time, NaN before the first one and in gaps."""
-    if signal is FILLED:
-        return table.is_filled(grid_s)
-    found = table.session.samples(signal, table.t_from_s, table.t_to_s)
-    values = np.full(len(grid_s), np.nan)
-    if len(found.times_us):
-        times_s = np.array([table.session.unix_s(int(found.times_us[0]) * 1000)]) + (
-            (found.times_us - found.times_us[0]) / 1e6
-        )
-        index: NDArray[np.intp] = np.searchsorted(times_s, grid_s + 1e-6, side="right") - 1
-        known = index >= 0
-        values[known] = signal.physical(found.counts)[index[known]]
-        usual_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
-        before_gap = np.zeros(len(times_s), bool)
-        before_gap[find_gaps(times_s)] = True
-        values[known & before_gap[index] & (grid_s > times_s[index] + usual_s)] = np.nan
-    return values
+def _samples(table: SignalTable) -> Iterator[tuple[Signal, Samples | None]]:
+    """Each signal with its samples, none for FILLED; some are read together, not all of them held."""
+    for start in range(0, len(table.signals), _READ_TOGETHER):
+        signals = table.signals[start : start + _READ_TOGETHER]
+        recorded = [signal for signal in signals if signal is not FILLED]
+        yield from zip(recorded, table.session.samples(recorded, table.t_from_s, table.t_to_s), strict=True)
+        yield from ((signal, None) for signal in signals if signal is FILLED)
+
+
+def _resampled(table: SignalTable, grid_s: FloatArray) -> Iterator[FloatArray]:
+    """Each signal's (n,) last value before each grid time, NaN before the first one and in gaps."""
+    track: Track | None = None
+    for signal, samples in _samples(table):
+        if samples is None:
+            yield table.is_filled(grid_s)
+            continue
+        if samples.track is not track:
+            track = samples.track
+            index, is_known = _last_before(table, track.times_us, grid_s)
+        values = np.full(len(grid_s), np.nan)
+        values[is_known] = signal.physical(samples.counts)[index[is_known]]
+        yield values
+
+
+def _last_before(
+    table: SignalTable, times_us: NDArray[np.int64], grid_s: FloatArray
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Of each grid time, the last sample before it, and whether there is one and it is not before a gap."""
+    if not len(times_us):
+        return np.full(len(grid_s), -1), np.zeros(len(grid_s), bool)
+    times_s = table.session.unix_s(int(times_us[0]) * 1000) + (times_us - times_us[0]) / 1e6
+    index: NDArray[np.intp] = np.searchsorted(times_s, grid_s + 1e-6, side="right") - 1
+    usual_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0
+    before_gap = np.zeros(len(times_s), bool)
+    before_gap[find_gaps(times_s)] = True
+    return index, (index >= 0) & ~(before_gap[index] & (grid_s > times_s[index] + usual_s))
 
 
 def _text(text: str, length: int) -> bytes:

@@ -10,7 +10,7 @@ import numpy as np
 import orjson
 
 from app.sessions.errors import ExportUnavailable
-from app.sessions.export.table import Block, SignalTable
+from app.sessions.export.table import Rows, SignalTable
 
 _NUMBER = {"type": ["number", "null"]}
 _LOG_SCHEMA = {
@@ -45,8 +45,8 @@ def write_mcap(table: SignalTable, path: Path) -> None:
         writer = mcap.Writer(file)
         writer.start(profile="", library=f"voltwall {table.info.voltwall}")
         channels = {name: _register(writer, table, name, columns) for name, columns in fields.items()}
-        for block in table.blocks():
-            for time_ns, channel_id, body in _messages(table, block, fields, channels):
+        for rows in table.rows():
+            for time_ns, channel_id, body in _messages(table, rows, fields, channels):
                 writer.add_message(channel_id, log_time=time_ns, publish_time=time_ns, data=body)
         _write_events(writer, table)
         writer.finish()
@@ -76,11 +76,11 @@ def _is_array(table: SignalTable, columns: list[int]) -> bool:
 
 
 def _messages(
-    table: SignalTable, block: Block, fields: dict[str, list[int]], channels: dict[str, int]
+    table: SignalTable, rows: Rows, fields: dict[str, list[int]], channels: dict[str, int]
 ) -> Iterator[tuple[int, int, bytes]]:
     prepared = []
     for field, columns in fields.items():
-        values = block.values[:, columns]
+        values = rows.values[:, columns]
         if _is_array(table, columns):
             elements = [table.signals[column].element for column in columns]
             whole = np.full((len(values), max(elements) + 1), np.nan)
@@ -88,14 +88,14 @@ def _messages(
             values = whole
         sampled = np.isfinite(values).sum(axis=1) > 0
         prepared.append((channels[field], values, sampled, table.signals[columns[0]].unit, _is_array(table, columns)))
-    times_ns = np.round(block.time_s * 1e9).astype(np.int64)
+    times_ns = np.round(rows.time_s * 1e9).astype(np.int64)
     for row, time_ns in enumerate(times_ns.tolist()):
         for channel_id, values, sampled, unit, is_array in prepared:
             if sampled[row]:
                 body = {
                     "value": values[row] if is_array else values[row, 0],
                     "unit": unit,
-                    "uptime_s": block.uptime_s[row],
+                    "uptime_s": rows.uptime_s[row],
                 }
                 yield time_ns, channel_id, orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from app.sessions.errors import ExportUnavailable
-from app.sessions.export.table import Block, SignalTable
+from app.sessions.export.table import Rows, SignalTable
 
 
 def write_mf4(table: SignalTable, path: Path) -> None:
@@ -22,20 +22,20 @@ def write_mf4(table: SignalTable, path: Path) -> None:
     with asammdf.MDF(version="4.10") as file:
         file.start_time = datetime.fromtimestamp(table.info.started_wall_ns / 1e9, UTC)
         group: int | None = None
-        for block in table.blocks():
+        for rows in table.rows():
             if group is None:
-                group = _append(file, asammdf.Signal, table, block)
+                group = _append(file, asammdf.Signal, table, rows)
             else:
-                columns = [block.uptime_s, *block.values.T]
-                file.extend(group, [(block.elapsed_s, None), *((column.copy(), None) for column in columns)])
+                columns = [rows.uptime_s, *rows.values.T]
+                file.extend(group, [(rows.elapsed_s, None), *((column.copy(), None) for column in columns)])
         file.save(path, overwrite=True)
 
 
-def _append(file: Any, signal_type: Any, table: SignalTable, block: Block) -> int:
-    channels = [("uptime_s", "s", block.uptime_s)]
-    channels += [(s.name, s.unit, block.values[:, i].copy()) for i, s in enumerate(table.signals)]
+def _append(file: Any, signal_type: Any, table: SignalTable, rows: Rows) -> int:
+    channels = [("uptime_s", "s", rows.uptime_s)]
+    channels += [(s.name, s.unit, rows.values[:, i].copy()) for i, s in enumerate(table.signals)]
     signals = [
-        signal_type(samples=samples, timestamps=block.elapsed_s, name=name, unit=unit)
+        signal_type(samples=samples, timestamps=rows.elapsed_s, name=name, unit=unit)
         for name, unit, samples in channels
     ]
     file.append(signals, comment=f"voltwall session {table.info.id}, {table.info.name}")

@@ -4,7 +4,9 @@ from pathlib import Path
 from typing import Any
 
 from app.sessions.errors import ExportUnavailable
-from app.sessions.export.table import Block, SignalTable, column_name
+from app.sessions.export.table import Rows, SignalTable, column_name
+
+ROW_GROUP_S = 600.0
 
 
 def write_parquet(table: SignalTable, path: Path) -> None:
@@ -27,11 +29,12 @@ def write_parquet(table: SignalTable, path: Path) -> None:
     ]
     about = {"session": table.info.id, "name": table.info.name, "voltwall": table.info.voltwall}
     schema = pyarrow.schema([*times, *columns], metadata=about)
-    with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
-        for block in table.blocks():
-            writer.write_batch(pyarrow.record_batch(_arrays(pyarrow, block), schema=schema))
+    # Of these columns dictionaries make a larger file and cost a third of the time.
+    with parquet.ParquetWriter(path, schema, compression="zstd", use_dictionary=False) as writer:
+        for rows in table.rows(ROW_GROUP_S):
+            writer.write_batch(pyarrow.record_batch(_arrays(pyarrow, rows), schema=schema))
 
 
-def _arrays(pyarrow: Any, block: Block) -> list[Any]:
-    columns = (block.time_s, block.elapsed_s, block.uptime_s, *block.values.T)
+def _arrays(pyarrow: Any, rows: Rows) -> list[Any]:
+    columns = (rows.time_s, rows.elapsed_s, rows.uptime_s, *rows.values.T)
     return [pyarrow.array(column, from_pandas=True) for column in columns]

@@ -1,9 +1,11 @@
 """Reading a session, closed or not, also while it is being recorded. Changes nothing in it."""
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import cached_property
 from heapq import merge
 from pathlib import Path
 from types import TracebackType
@@ -13,19 +15,35 @@ import numpy as np
 
 from app.sessions.errors import NotASession
 from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
-from app.sessions.reading.columns import Block, ColumnReader, Samples
+from app.sessions.reading.blocks import Block, BlockReader, Column, ElementArray
 from app.sessions.reading.notes import read_note
 from app.sessions.reading.series import FloatArray, Series, reduce_samples
-from app.sessions.storage.chunks import ESTIMATES
+from app.sessions.storage.chunks import ESTIMATES, Track
 from app.sessions.storage.files import size_on_disk
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.signals import Signal, field_shape, find_signal
-from firmware_protocol.memory_map import CONFIG, FIELDS
+from app.sessions.storage.streams import IntArray
+from firmware_protocol.memory_map import CONFIG, FIELDS, N_CELLS
 
 MAX_POINTS = 100_000
 Received = RecordedFrame | RecordedCanFrame | RecordedConfig
 _ALWAYS_US = 1 << 62
 _ALWAYS_THERE = {"id", "name", "voltwall", "map_hash", "start_mono_ns", "start_wall_ns", "metadata"}
+
+
+class Samples:
+    """The (n,) samples of a signal in order of time; signals that were sampled together share the same track."""
+
+    def __init__(self, track: Track, parts: Sequence[tuple[Column, int]], order: Any) -> None:
+        self.track = track
+        self._parts = parts
+        self._order = order
+
+    @cached_property
+    def counts(self) -> IntArray:
+        """(n,) values as stored; decoded when first asked for."""
+        parts = [column.counts[:, i] for column, i in self._parts]
+        return np.concatenate(parts)[self._order] if parts else np.empty(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +70,7 @@ class SessionFile:
         """
         self.path = path
         self._stored = StoredSession(path)
-        self._columns = ColumnReader(self._stored)
+        self._blocks = BlockReader(self._stored)
         try:
             self._offset_ns = self._wall_offset_ns()
         except NotASession:
@@ -153,9 +171,14 @@ class SessionFile:
 
     def estimates(self) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
         """Yield every estimate: monotonic time [ns], the master's clock [ms], (96,) SOC and sigma."""
-        soc, sigma = (find_signal(f"{name}[0]") for name in ESTIMATES)
-        for t_ns, uptime_ms, soc_counts, sigma_counts in self._columns.estimates():
-            yield t_ns, uptime_ms, soc.physical(soc_counts), sigma.physical(sigma_counts)
+        wanted = [find_signal(f"{name}[{cell}]") for name in ESTIMATES for cell in range(N_CELLS)]
+        for block in self.blocks(wanted):
+            found = {column.field: column for column in block.columns}
+            if len(found) == len(ESTIMATES):
+                track = found[ESTIMATES[0]].track
+                values = [wanted[0].physical(found[name].counts) for name in ESTIMATES]
+                times_ns, uptimes_ms = track.times_us * 1000, track.instants & 0xFFFFFFFF
+                yield from zip(times_ns.tolist(), uptimes_ms.tolist(), *values, strict=True)
 
     def markers(self) -> list[Marker]:
         """All markers, in order."""
@@ -183,45 +206,76 @@ class SessionFile:
             raise ValueError(f"points = {points}: 1..{MAX_POINTS}")
         chosen = [find_signal(name) for name in signals]
         result = {}
-        with self.consistent():
-            for signal in chosen:
-                found = self.samples(signal, t_from_s, t_to_s)
-                times_s = (found.times_us * 1000 + self._offset_ns) / 1e9
-                values = signal.physical(found.counts)
-                result[signal.name] = reduce_samples(signal.name, signal.unit, times_s, values, points)
+        for signal, found in zip(chosen, self.samples(chosen, t_from_s, t_to_s), strict=True):
+            times_s = (found.track.times_us * 1000 + self._offset_ns) / 1e9
+            values = signal.physical(found.counts)
+            result[signal.name] = reduce_samples(signal.name, signal.unit, times_s, values, points)
         return result
 
     def samples(
-        self, signal: Signal, t_from_s: float | None = None, t_to_s: float | None = None, *, instants: bool = False
-    ) -> Samples:
-        """Return every sample in a range, ends included; `instants` only where asked for."""
-        first_us = -_ALWAYS_US if t_from_s is None else self.mono_us(t_from_s)
-        last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
-        return self._columns.samples(signal, first_us, last_us, instants=instants)
+        self, signals: Sequence[Signal], t_from_s: float | None = None, t_to_s: float | None = None
+    ) -> list[Samples]:
+        """Return every sample of each signal in a range, ends included."""
+        parts: dict[tuple[str, int], list[tuple[Column, int]]] = defaultdict(list)
+        for block in self.blocks(signals, t_from_s, t_to_s):
+            for column in block.columns:
+                for i, element in enumerate(column.elements.tolist()):
+                    parts[column.field, element].append((column, i))
+        tracks: dict[tuple[int, ...], tuple[Track, Any]] = {}
+        samples = []
+        for signal in signals:
+            found = parts[signal.field, signal.element]
+            key = tuple(id(column.track) for column, _ in found)
+            if key not in tracks:
+                tracks[key] = _joined([column.track for column, _ in found])
+            track, order = tracks[key]
+            samples.append(Samples(track, found, order))
+        return samples
+
+    def blocks(
+        self, signals: Iterable[Signal], t_from_s: float | None = None, t_to_s: float | None = None
+    ) -> Iterator[Block]:
+        """Yield the samples of signals in a range, about a minute at a time, in order of time; ends included.
+
+        Everything that reads more than a few samples reads them here. What is recorded meanwhile is not seen.
+        """
+        elements: dict[str, set[int]] = defaultdict(set)
+        for signal in signals:
+            elements[signal.field].add(signal.element)
+        return self._read({name: np.array(sorted(each), np.intp) for name, each in elements.items()}, t_from_s, t_to_s)
 
     def fields(
         self, names: Sequence[str], t_from_s: float | None = None, t_to_s: float | None = None
     ) -> Iterator[dict[str, FieldSamples]]:
-        """Yield, about a minute at a time, every sample of whole fields in a range; far quicker than cell by cell.
-
-        A field of which a piece of time holds nothing is not in it. What is recorded meanwhile is not seen.
+        """Yield the blocks of whole fields in units. A field of which a block holds nothing is not in it.
 
         Raises:
             UnknownSignal: a name is no field and no estimate.
         """
         shapes = {name: field_shape(name) for name in names}
+        wanted = {name: np.arange(count) for name, (_, count) in shapes.items()}
+        for block in self._read(wanted, t_from_s, t_to_s):
+            found: dict[str, list[Column]] = defaultdict(list)
+            for column in block.columns:
+                found[column.field].append(column)
+            yield {name: self._in_units(parts, *shapes[name]) for name, parts in found.items()}
+
+    def _read(
+        self, wanted: Mapping[str, ElementArray], t_from_s: float | None, t_to_s: float | None
+    ) -> Iterator[Block]:
         first_us = -_ALWAYS_US if t_from_s is None else self.mono_us(t_from_s)
         last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
-        with self.consistent():
-            for blocks in self._columns.blocks(names, first_us, last_us):
-                found = {}
-                for name, parts in blocks.items():
-                    signal, count = shapes[name]
-                    times_us, values = _joined(parts, signal, count)
-                    if len(times_us):
-                        found[name] = FieldSamples((times_us * 1000 + self._offset_ns) / 1e9, values)
-                if found:
-                    yield found
+        return self._blocks.blocks(wanted, first_us, last_us)
+
+    def _in_units(self, parts: Sequence[Column], signal: Signal, n_elements: int) -> FieldSamples:
+        """Columns of one field as one table."""
+        track, order = _joined([part.track for part in parts])
+        tables = []
+        for part in parts:
+            values = np.full((len(part.track.times_us), n_elements), np.nan)
+            values[:, part.elements] = signal.physical(part.counts)
+            tables.append(values)
+        return FieldSamples((track.times_us * 1000 + self._offset_ns) / 1e9, np.concatenate(tables)[order])
 
     def note(self, key: str) -> Any:
         """What somebody settled about the session afterwards, None where nobody did."""
@@ -229,12 +283,12 @@ class SessionFile:
 
     def chunk_spans_us(self) -> list[tuple[int, int]]:
         """First and last sample time of each stored chunk and of what came after them, monotonic microseconds."""
-        return self._columns.spans_us()
+        return self._blocks.spans_us()
 
     def signal_names(self) -> list[str]:
         """Fields and estimates of which the session holds samples, without indices, in the memory map's order."""
         with self.consistent():
-            names = self._columns.fields()
+            names = self._blocks.fields()
             if self._stored.last_id("configs"):
                 names |= {f"conf.{name}" for name in CONFIG}
         order = {name: i for i, name in enumerate(FIELDS)}
@@ -284,16 +338,12 @@ class SessionFile:
         ]
 
 
-def _joined(parts: Sequence[Block], signal: Signal, elements: int) -> tuple[np.ndarray[Any, Any], FloatArray]:
-    """Blocks of one field as one table in order of time."""
-    tables = []
-    for part in parts:
-        values = np.full((len(part.times_us), elements), np.nan)
-        values[:, part.first_element : part.first_element + part.counts.shape[1]] = signal.physical(part.counts)
-        tables.append(values)
-    times_us = np.concatenate([part.times_us for part in parts])
-    values = np.concatenate(tables)
-    if len(parts) > 1:
-        order = np.argsort(times_us, kind="stable")
-        times_us, values = times_us[order], values[order]
-    return times_us, values
+def _joined(tracks: Sequence[Track]) -> tuple[Track, Any]:
+    """Tracks behind each other in order of time, and the index that brings their samples into this order."""
+    nothing = np.empty(0, np.int64)
+    times_us = np.concatenate([nothing, *(track.times_us for track in tracks)])
+    instants = np.concatenate([nothing, *(track.instants for track in tracks)])
+    if not (np.diff(times_us) < 0).any():
+        return Track(times_us, instants), slice(None)
+    order = np.argsort(times_us, kind="stable")
+    return Track(times_us[order], instants[order]), order

@@ -5,6 +5,7 @@ other with the offset at which each one ends.
 """
 
 import zlib
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,48 +27,31 @@ def pack_block(values: IntArray) -> tuple[bytes, bytes]:
     return ends.tobytes(), b"".join(streams)
 
 
-def unpack_stream(stream: bytes, dtype: str, n_samples: int) -> IntArray:
-    """Return the (samples,) values of one stream.
-
-    Raises:
-        ValueError, zlib.error: the stream is damaged.
-    """
-    kind = np.dtype(dtype)
-    if len(stream) == kind.itemsize:
-        return np.full(n_samples, np.frombuffer(stream, kind)[0])
-    planes = np.frombuffer(zlib.decompress(stream), np.uint8).reshape(kind.itemsize, n_samples)
-    unsigned = planes.T.copy().view(f"<u{kind.itemsize}").reshape(n_samples)
-    return np.cumsum(_unzigzag(unsigned), dtype=unsigned.dtype).view(kind)
-
-
-def unpack_block(ends: bytes, data: bytes, dtype: str, n_samples: int) -> IntArray:
-    """Return the (samples, elements) values of a whole block.
+def unpack_streams(streams: Sequence[bytes], dtype: str, n_samples: int) -> IntArray:
+    """Return the (samples, streams) values of some streams of a block.
 
     Raises:
         ValueError, zlib.error: a stream is damaged.
     """
     kind = np.dtype(dtype)
-    table = np.frombuffer(ends, "<u4").tolist()
-    values = np.empty((n_samples, len(table)), kind)
-    planes: list[bytes] = []
-    varying: list[int] = []
-    for element, (start, end) in enumerate(zip([0, *table], table, strict=False)):
-        if end - start == kind.itemsize:
-            values[:, element] = np.frombuffer(data, kind, 1, start)[0]
-        else:
-            planes.append(zlib.decompress(data[start:end]))
-            varying.append(element)
+    values = np.empty((len(streams), n_samples), kind)
+    varying = [i for i, stream in enumerate(streams) if len(stream) != kind.itemsize]
+    for i, stream in enumerate(streams):
+        if len(stream) == kind.itemsize:
+            values[i] = np.frombuffer(stream, kind)[0]
     if varying:
-        whole = np.frombuffer(b"".join(planes), np.uint8).reshape(len(varying), kind.itemsize, n_samples)
+        planes = b"".join([zlib.decompress(streams[i]) for i in varying])
+        whole = np.frombuffer(planes, np.uint8).reshape(len(varying), kind.itemsize, n_samples)
         unsigned = whole.transpose(0, 2, 1).copy().view(f"<u{kind.itemsize}")[:, :, 0]
-        values[:, varying] = np.cumsum(_unzigzag(unsigned), axis=1, dtype=unsigned.dtype).view(kind).T
-    return values
+        values[varying] = np.cumsum(_unzigzag(unsigned), axis=1, dtype=unsigned.dtype).view(kind)
+    return values.T
 
 
-def stream_range(ends: bytes, element: int) -> tuple[int, int]:
-    """Return where in a block's data the stream of one element starts and ends."""
+def stream_ranges(ends: bytes, elements: NDArray[np.intp]) -> list[tuple[int, int]]:
+    """Return where in a block's data the streams of some elements start and end."""
     table = np.frombuffer(ends, "<u4")
-    return (int(table[element - 1]) if element else 0), int(table[element])
+    starts = np.append(0, table)
+    return list(zip(starts[elements].tolist(), table[elements].tolist(), strict=True))
 
 
 def _zigzag(values: IntArray) -> IntArray:

@@ -43,7 +43,7 @@ def test_a_session_of_can_frames_alone_has_their_signals(recorder: Recorder, clo
     with SessionFile(info.path) as session:
         assert session.signal_names() == ["i_fs", "v_tot", "soc"]
         found = session.series(["i_fs", "v_tot", "soc", "v[0]"])
-        rows = np.concatenate([block.values for block in SignalTable(session).blocks()])
+        rows = np.concatenate([piece.values for piece in SignalTable(session).rows()])
     assert found["i_fs"].minimum == pytest.approx([10 - 0.2 * i for i in range(900)])
     assert found["soc"].time_s == pytest.approx([1_790_000_000 + i / 10 for i in range(900)])
     assert len(found["v[0]"].time_s) == 0

@@ -90,7 +90,7 @@ def test_mcap_is_read_by_its_own_reader(session: SessionFile, stream, tmp_path: 
 
 def test_mdf_is_read_by_asammdf(session: SessionFile, stream, tmp_path: Path, monkeypatch) -> None:
     asammdf = pytest.importorskip("asammdf")
-    monkeypatch.setattr("app.sessions.export.table.BLOCK_S", 3.0)
+    monkeypatch.setattr("app.sessions.export.table.PIECE_S", 3.0)
     export(session, tmp_path / "a.mf4", "mf4", signals=SIGNALS)
     with asammdf.MDF(tmp_path / "a.mf4") as file:
         voltage, current = file.get("v[36]"), file.get("i_fs")

@@ -84,7 +84,7 @@ def test_without_signals_the_fast_ones_and_the_estimates_are_written(session: Se
 def test_blocks_join_without_seam(session: SessionFile, tmp_path: Path, monkeypatch) -> None:
     signals = ["v[0]", "estimate.soc[0]"]
     export(session, tmp_path / "whole.csv", "csv", signals=signals)
-    monkeypatch.setattr("app.sessions.export.table.BLOCK_S", 0.3015)
+    monkeypatch.setattr("app.sessions.export.table.PIECE_S", 0.3015)
     export(session, tmp_path / "parts.csv", "csv", signals=signals)
     assert (tmp_path / "parts.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
 

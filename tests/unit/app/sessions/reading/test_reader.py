@@ -140,8 +140,8 @@ def test_a_reboot_of_the_master_keeps_order_and_instants_apart(recorder: Recorde
     stream.feed(recorder, 20)
     recorder.flush()
     with SessionFile(info.path) as session:
-        instants = session.samples(find_signal("v[0]"), instants=True).instants
-        of_estimates = session.samples(find_signal("estimate.soc[0]"), instants=True).instants
+        samples = session.samples([find_signal("v[0]"), find_signal("estimate.soc[0]")])
+    instants, of_estimates = (each.track.instants for each in samples)
     assert (np.diff(instants) > 0).all()
     assert instants[-1] >> 32 == 1
     assert np.array_equal(instants, of_estimates)
