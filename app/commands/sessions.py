@@ -3,10 +3,10 @@
 import argparse
 import json
 import sys
-import time
 from datetime import UTC, datetime
 from pathlib import Path
 
+from app.clock import Clock
 from app.commands.session_commands import analysis as debrief
 from app.commands.session_commands import importing, passport
 from app.commands.session_commands import transfer as bringing
@@ -203,7 +203,7 @@ def _prune(args: argparse.Namespace) -> int:
         raise ConfigError("prune", "(nothing)", "say --older-than DAYS, --keep-gb GB or both")
     sessions = catalogue(args)
     found = sessions.expired(
-        time.time_ns(),
+        Clock().wall_ns(),
         older_than_s=None if args.older_than is None else args.older_than * 86400,
         keep_bytes=None if args.keep_gb is None else round(args.keep_gb * 1e9),
     )

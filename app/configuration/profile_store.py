@@ -5,6 +5,7 @@ import threading
 from datetime import UTC, datetime
 from pathlib import Path
 
+from app.clock import Clock
 from app.configuration.profile import Profile, parse_profile, profile_text
 from app.errors import AppError, ConfigError
 
@@ -19,7 +20,8 @@ class NoProfile(AppError):
 class Profiles:
     """Saves and loads; thread-safe."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, clock: Clock) -> None:
+        self._clock = clock
         self._folder = folder
         self._versions = folder / "versions"
         self._lock = threading.Lock()
@@ -57,7 +59,7 @@ class Profiles:
         """
         with self._lock:
             version = 1 + max([0, *self.versions(name), self._current(name)])
-            now = datetime.now(UTC).isoformat(timespec="seconds")
+            now = datetime.fromtimestamp(self._clock.wall_s(), UTC).isoformat(timespec="seconds")
             profile = Profile(_checked(name), version, comment.strip()[:500], who, now, image)
             text = profile_text(profile)
             try:

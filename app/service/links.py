@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable
 
+from app.clock import Clock
 from app.errors import LinkLost
 from app.live.pipeline import Output
 from app.sources.links.can import CanLink
@@ -16,13 +17,19 @@ class Links:
     """Opens and closes the configured links; sending on one that is not configured is LinkLost."""
 
     def __init__(
-        self, serial_url: str | None, can_url: str | None, sink: Callable[[Item], None], *, may_transmit: bool
+        self,
+        serial_url: str | None,
+        can_url: str | None,
+        sink: Callable[[Item], None],
+        clock: Clock,
+        *,
+        may_transmit: bool,
     ) -> None:
         """Prepare the links; what they deliver goes into `sink`. `may_transmit`: this is no car's bus."""
-        self.serial = SerialLink(serial_url, sink) if serial_url else None
-        self.can = CanLink(can_url, sink) if can_url else None
-        self.can_sender = CanSender(self._send_can)
-        self.master = MasterClient(self._send_serial)
+        self.serial = SerialLink(serial_url, sink, clock) if serial_url else None
+        self.can = CanLink(can_url, sink, clock) if can_url else None
+        self.can_sender = CanSender(self._send_can, clock)
+        self.master = MasterClient(self._send_serial, clock)
         self._lock = threading.Lock()
         self._is_closed = False
         self._may_transmit = may_transmit

@@ -7,7 +7,6 @@ or wrong delays nobody. Topics and their contents are described in docs/howto/mq
 import contextlib
 import ssl
 import threading
-import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+from app.clock import Clock
 from app.errors import ConfigError
 from app.service.settings import Settings
 from app.telemetry import Event, Snapshot
@@ -75,7 +75,12 @@ class MqttPublisher:
     """Keeps a connection and publishes; `offer` and `offer_event` return at once, from any thread."""
 
     def __init__(
-        self, broker: Broker, recording: Callable[[], Recording | None], *, period_s: float = PERIOD_S
+        self,
+        broker: Broker,
+        recording: Callable[[], Recording | None],
+        clock: Clock,
+        *,
+        period_s: float = PERIOD_S,
     ) -> None:
         """Prepare the connection; `recording` says what is being recorded, in JSON's terms.
 
@@ -88,6 +93,7 @@ class MqttPublisher:
             raise ConfigError("mqtt", broker, "needs paho-mqtt: pip install 'voltwall[mqtt]'") from error
         self._broker = broker
         self._recording = recording
+        self._clock = clock
         self._period_s = period_s
         self._snapshot: Snapshot | None = None
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
@@ -162,9 +168,9 @@ class MqttPublisher:
 
     def _run(self) -> None:
         shown: Snapshot | None = None
-        due = time.monotonic()
-        while not self._ending.wait(max(0.0, due - time.monotonic())):
-            due = max(due + self._period_s, time.monotonic())
+        due = self._clock.monotonic_s()
+        while not self._ending.wait(max(0.0, due - self._clock.monotonic_s())):
+            due = max(due + self._period_s, self._clock.monotonic_s())
             if not self._is_connected.wait(self._period_s):
                 continue
             while self._events:
@@ -197,7 +203,9 @@ def event_body(event: Event) -> bytes:
     return encode(plain(event))
 
 
-def configured_publisher(settings: Settings, recording: Callable[[], Recording | None]) -> MqttPublisher | None:
+def configured_publisher(
+    settings: Settings, recording: Callable[[], Recording | None], clock: Clock
+) -> MqttPublisher | None:
     """Return a publisher to the broker of the settings, None where they name none.
 
     Raises:
@@ -206,4 +214,4 @@ def configured_publisher(settings: Settings, recording: Callable[[], Recording |
     if settings.mqtt is None:
         return None
     password = None if settings.mqtt_password is None else settings.mqtt_password.get_secret_value()
-    return MqttPublisher(parse_broker(settings.mqtt, password, settings.mqtt_ca), recording)
+    return MqttPublisher(parse_broker(settings.mqtt, password, settings.mqtt_ca), recording, clock)

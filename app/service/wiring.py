@@ -122,16 +122,17 @@ def make_service(
     data.mkdir(parents=True, exist_ok=True)
 
     # Events, and what is recorded
-    events = Events(EventLog(data / "events.sqlite"), clock)
+    events = Events(EventLog(data / "events.sqlite", wall_ns=clock.wall_ns), clock)
     recorder = AutoRecorder(
         sessions_folder,
+        clock=clock,
         automatic=settings.record,
         on_event=events.add,
         event=settings.event,
         limits=DiskLimits(session_bytes=settings.split_bytes),
         source=source,
     )
-    mqtt = configured_publisher(settings, lambda: recording_state(recorder))
+    mqtt = configured_publisher(settings, lambda: recording_state(recorder), clock)
     events.subscribe(recorder.on_event)
     if mqtt is not None:
         events.subscribe(mqtt.offer_event)
@@ -139,7 +140,7 @@ def make_service(
     # Sessions on the disk
     catalogue = Catalogue(sessions_folder)
     rule = RetentionRule(settings.keep_days, settings.keep_gb)
-    retention = Retention(catalogue, rule, lambda text: events.note("info", "session-expired", text))
+    retention = Retention(catalogue, rule, lambda text: events.note("info", "session-expired", text), clock)
 
     def session_id() -> str | None:
         return None if (session := recorder.session) is None else session.id
@@ -166,19 +167,19 @@ def make_service(
     learned_state = LearnedStateSaver(data / "cells.npz", pipeline, lookout, clock)
     hub: Hub[Snapshot] = Hub()
     replay = Replaying(
-        pipelines.new, hub.publish_threadsafe, lambda text: events.note("warning", "replay-failed", text)
+        pipelines.new, hub.publish_threadsafe, lambda text: events.note("warning", "replay-failed", text), clock
     )
 
     # The links, and the configuration behind them
     inbox = Inbox()
-    links = Links(serial_url, can_url, inbox.put, may_transmit=source == "simulator" or settings.bench)
+    links = Links(serial_url, can_url, inbox.put, clock, may_transmit=source == "simulator" or settings.bench)
     trace = CanTrace()
     rules = Rules(pipelines.cell, trace)
     config_history = ConfigHistory(data)
     write_log = WriteLog(config_history, events.note, clock)
     configuration = Configuration(links.master, lambda: pipeline.identity, rules.context, write_log, clock)
     in_force = ConfigurationInForce(configuration, clock)
-    profiles = Profiles(data / "profiles")
+    profiles = Profiles(data / "profiles", clock)
     jobs = ThreadPoolExecutor(max_workers=1, thread_name_prefix="jobs")
     identification = MasterIdentification(links.master, configuration, jobs, clock)
 
@@ -222,7 +223,7 @@ def make_service(
         recorder=recorder,
         catalogue=catalogue,
         retention=retention,
-        fetches=FetchJobs(sessions_folder, catalogue, events.note),
+        fetches=FetchJobs(sessions_folder, catalogue, events.note, clock),
         imports=ImportJobs(data, pipelines.for_import, events.note),
         passports=passports,
         black_boxes=black_boxes,

@@ -3,7 +3,6 @@
 import logging
 import queue
 import threading
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
@@ -12,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from app.clock import Clock
 from app.errors import ConfigError, NotNow
 from app.live.accumulator import charge_of
 from app.live.cells import extreme, mean
@@ -81,7 +81,13 @@ class Replaying:
         new_pipeline: Callable[..., Pipeline],
         show: Callable[[Snapshot], None],
         on_failure: Callable[[str], None],
+        clock: Clock,
+        *,
+        end_s: float = END_S,
     ) -> None:
+        """`end_s` is how long to wait for a replay that is told to end."""
+        self._clock = clock
+        self._end_s = end_s
         self._new_pipeline = new_pipeline
         self._show = show
         self._on_failure = on_failure
@@ -128,7 +134,7 @@ class Replaying:
             thread, self._thread, self._state = self._thread, None, None
         if thread is not None:
             self._orders.put(None)
-            thread.join(timeout=END_S)  # one that compiles a filter ends later, and says nothing more
+            thread.join(timeout=self._end_s)  # one that compiles a filter ends later, and says nothing more
 
     def _is_wanted(self) -> bool:
         """The thread that asks is the replay that is shown, not one that was told to end."""
@@ -193,13 +199,13 @@ class Replaying:
     def _run(self, path: Path, playing: Playing, pipeline: Pipeline, orders: Orders, started: "Future[None]") -> None:
         try:
             with SessionFile(path) as file:
-                pacer = Pacer(file, now_s=time.monotonic(), speed=playing.speed)
+                pacer = Pacer(file, now_s=self._clock.monotonic_s(), speed=playing.speed)
                 replay = _Replay(file, pacer, RecordedEstimates(file), pipeline, playing)
                 prepare(pipeline, file)
-                self._tell(replay, time.monotonic())
+                self._tell(replay, self._clock.monotonic_s())
                 started.set_result(None)
                 pipeline.warm_up()  # compiling a filter takes seconds, which are not the session's
-                pacer.seek(0.0, time.monotonic())
+                pacer.seek(0.0, self._clock.monotonic_s())
                 self._play(replay, orders)
         except Exception as error:
             if not started.done():
@@ -215,7 +221,7 @@ class Replaying:
     def _play(self, replay: _Replay, orders: Orders) -> None:
         pacer, shown_s = replay.pacer, 0.0
         while self._is_wanted():
-            now_s = time.monotonic()
+            now_s = self._clock.monotonic_s()
             if pacer.loop is not None and pacer.is_loop_over(now_s):
                 _jump(replay, pacer.loop[0], now_s)
             if replay.is_fresh_chain_due:
@@ -235,7 +241,7 @@ class Replaying:
                 continue
             if order is None:
                 return
-            order(replay, time.monotonic())
+            order(replay, self._clock.monotonic_s())
 
     def _take(self, replay: _Replay, due: Sequence[RecordedFrame | RecordedCanFrame]) -> bool:
         """Put what is due through the chain; True where something was shown."""

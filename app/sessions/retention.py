@@ -2,10 +2,10 @@
 
 import logging
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from app.clock import Clock
 from app.errors import AppError
 from app.sessions.catalogue import Catalogue
 
@@ -52,7 +52,10 @@ def apply_rule(
 class Retention:
     """Applies a rule at the start and every ten minutes, in a thread of its own; without a rule there is none."""
 
-    def __init__(self, catalogue: Catalogue, rule: RetentionRule, on_deleted: Callable[[str], None]) -> None:
+    def __init__(
+        self, catalogue: Catalogue, rule: RetentionRule, on_deleted: Callable[[str], None], clock: Clock
+    ) -> None:
+        self._clock = clock
         self._catalogue = catalogue
         self._rule = rule
         self._on_deleted = on_deleted
@@ -72,6 +75,6 @@ class Retention:
 
     def _run(self) -> None:
         while True:
-            apply_rule(self._catalogue, self._rule, time.time_ns(), self._on_deleted)
+            apply_rule(self._catalogue, self._rule, self._clock.wall_ns(), self._on_deleted)
             if self._ending.wait(EVERY_S):
                 return

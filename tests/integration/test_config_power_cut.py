@@ -6,6 +6,7 @@ The line is a function call, so each cut is at its exact place and takes no time
 import numpy as np
 import pytest
 
+from app.clock import Clock
 from app.configuration.refusals import Unverified
 from app.configuration.rules import Context
 from app.configuration.safe_write import Configuration, Draft, WholeImage
@@ -67,7 +68,7 @@ class Car:
         self.frames = 0
         self.cut_at: int | None = None
         self.resets = False  # the master loses power at the cut; else only the line is gone for a moment
-        self.client = MasterClient(self.send)
+        self.client = MasterClient(self.send, Clock())
         self.configuration = Configuration(
             self.client, lambda: SAME_MAP, lambda: Context(CELL), FakeWriteLog(), FakeClock()
         )

@@ -17,6 +17,7 @@ from typing import Any
 import paho.mqtt.client as paho
 import pytest
 
+from app.clock import Clock
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
@@ -125,7 +126,7 @@ def closing() -> Iterator[Callable[[Any], Any]]:
 
 
 def publisher(url: str, **more: Any) -> MqttPublisher:
-    made = MqttPublisher(parse_broker(url, **more), lambda: {"session_id": "s1", "frames": 1}, period_s=0.05)
+    made = MqttPublisher(parse_broker(url, **more), lambda: {"session_id": "s1", "frames": 1}, Clock(), period_s=0.05)
     made.start()
     return made
 
@@ -206,8 +207,9 @@ def test_the_broker_says_offline_for_a_service_that_is_gone(broker, closing):
     listener.wait(lambda x: x.heard["voltwall/status"][0] == b"offline")
     code = f"""
 import os, time
+from app.clock import Clock
 from app.service.mqtt import MqttPublisher, parse_broker
-sender = MqttPublisher(parse_broker("mqtt://127.0.0.1:{broker.port}/killed"), lambda: None)
+sender = MqttPublisher(parse_broker("mqtt://127.0.0.1:{broker.port}/killed"), lambda: None, Clock())
 sender.start()
 while sender.problem:
     time.sleep(0.01)

@@ -14,6 +14,7 @@ SIZE = "3m"
 FILL = """
 import os, time
 from pathlib import Path
+from app.clock import Clock
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import DiskLimits, Recorder
@@ -51,13 +52,14 @@ READ_ONLY = """
 import os, time
 from pathlib import Path
 from app.sessions.catalogue import Catalogue
+from app.clock import Clock
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.telemetry import SerialItem
 from firmware_protocol.framing import decode_chunk, encode_frame
 
 disk = Path(os.environ["DISK"])
 events = []
-recorder = AutoRecorder(disk / "sessions", automatic=True, on_event=events.append)
+recorder = AutoRecorder(disk / "sessions", automatic=True, on_event=events.append, clock=Clock())
 for i in range(20):
     recorder.on_item(SerialItem(i * 10**9, i * 10**9, decode_chunk(encode_frame(3, i, i, bytes(4))[1:-1])))
 print([event.code for event in events], events[0].text.endswith("Read-only file system"))

@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import time
 from typing import Annotated, Any
 
 import orjson
@@ -11,7 +10,7 @@ from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
 from app import __version__
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
-from app.api.web.dependencies import AuthenticationPart, EncoderPart, HealthPart, LivePart, ReadersPart
+from app.api.web.dependencies import AuthenticationPart, ClockPart, EncoderPart, HealthPart, LivePart, ReadersPart
 from app.api.web.problems import Problem
 from app.telemetry import Snapshot
 
@@ -68,6 +67,7 @@ async def stream(
     encoder: EncoderPart,
     authentication: AuthenticationPart,
     readers: ReadersPart,
+    clock: ClockPart,
     rate: float | None = None,
 ) -> None:
     """Send every snapshot as one text message, at most `rate` a second; a slow reader misses some."""
@@ -90,12 +90,12 @@ async def stream(
                 if authentication.user_of(websocket.headers, "") is None:
                     await websocket.close(4401, "logged out")
                     break
-                started = time.monotonic()
+                started = clock.monotonic_s()
                 text = encoder.encode(waiting.result()).decode()
                 async with asyncio.timeout(SEND_S):
                     await websocket.send_text(text)
                 if pause_s:
-                    await asyncio.wait({receiving}, timeout=max(0.0, pause_s - (time.monotonic() - started)))
+                    await asyncio.wait({receiving}, timeout=max(0.0, pause_s - (clock.monotonic_s() - started)))
     except TimeoutError:
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(CLOSE_S):

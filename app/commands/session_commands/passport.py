@@ -3,7 +3,6 @@
 import argparse
 import json
 import sys
-import time
 from dataclasses import asdict
 from datetime import UTC, datetime
 
@@ -11,6 +10,7 @@ from app.analysis.black_box.excerpt import short_place
 from app.analysis.passport.history import Passports
 from app.analysis.passport.keeper import PassportKeeper
 from app.analysis.totals import number
+from app.clock import Clock
 from app.commands.session_commands.analysis import in_column
 from app.commands.session_commands.selection import add_json_argument, catalogue, data_folder, new_action
 from app.errors import ConfigError
@@ -115,7 +115,7 @@ def _cell_index(text: str) -> int:
 
 def _time(text: str | None) -> float:
     if text is None:
-        return time.time()
+        return Clock().wall_s()
     try:
         at = datetime.fromisoformat(text)
     except ValueError as error:

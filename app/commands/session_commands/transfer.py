@@ -3,8 +3,8 @@
 import argparse
 import os
 import sys
-import time
 
+from app.clock import Clock
 from app.commands.session_commands.selection import (
     add_session_argument,
     catalogue,
@@ -43,14 +43,14 @@ def _fetch(args: argparse.Namespace) -> int:
     remote = Remote(args.url, label=args.label, password=os.environ.get("VOLTWALL_REMOTE_PASSWORD"))
     folder = data_folder(args) / "sessions"
     shown = _Progress()
-    done = Fetch(remote, folder, catalogue(args), shown.show).run(args.only, fill=not args.no_fill)
+    done = Fetch(remote, folder, catalogue(args), Clock(), shown.show).run(args.only, fill=not args.no_fill)
     print(f"{len(done.fetched)} fetched, {done.already_here} were here")
     return 0
 
 
 def _fill(args: argparse.Namespace) -> int:
     path, source = find_session(args, args.session), find_session(args, args.source)
-    filled = fill_gaps(path, source, t_wall_ns=time.time_ns())
+    filled = fill_gaps(path, source, t_wall_ns=Clock().wall_ns())
     print(f"{path.stem}: {filled} from {source.stem}")
     return 0
 

@@ -2,17 +2,17 @@
 
 import logging
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 from app import __version__
+from app.clock import Clock
 from app.errors import AppError
 from app.live.pipeline import Output
 from app.sessions.info import RecorderStatus, SessionInfo
 from app.sessions.recording.plan import RecordingPlan, load_plan, next_part, save_plan
 from app.sessions.recording.writer import DiskLimits, Recorder
-from app.telemetry import CanItem, Event, Item, SerialItem, Source
+from app.telemetry import CanItem, Event, Item, SerialItem, Severity, Source
 from firmware_protocol.framing import Frame
 
 log = logging.getLogger(__name__)
@@ -35,6 +35,7 @@ class AutoRecorder:
         *,
         automatic: bool,
         on_event: Callable[[Event], None],
+        clock: Clock,
         event: str | None = None,
         limits: DiskLimits | None = None,
         source: Source | None = None,
@@ -50,7 +51,15 @@ class AutoRecorder:
         self._plan_path = folder.parent / "recording.json"
         self._plan = load_plan(self._plan_path, event)
         self._source: dict[str, object] = {} if source is None else {"source": source}
-        self._recorder = Recorder(folder, version=__version__, limits=limits, next_name=next_part)
+        self._clock = clock
+        self._recorder = Recorder(
+            folder,
+            version=__version__,
+            limits=limits,
+            next_name=next_part,
+            monotonic_ns=clock.monotonic_ns,
+            wall_ns=clock.wall_ns,
+        )
         self._automatic = automatic
         self._on_event = on_event
         self._lock = threading.Lock()
@@ -66,7 +75,7 @@ class AutoRecorder:
     @property
     def status(self) -> RecorderStatus:
         """The recorder, at most STATUS_S old."""
-        now, known = time.monotonic(), self._status  # another thread may forget it meanwhile
+        now, known = self._clock.monotonic_s(), self._status  # another thread may forget it meanwhile
         if known is None or now - known[0] > STATUS_S:
             self._status = known = now, self._recorder.status
         return known[1]
@@ -84,12 +93,12 @@ class AutoRecorder:
         """
         with self._lock:
             plan = self._plan
-            info = self._recorder.start(name or plan.name(time.time_ns()), plan.metadata() | self._source)
+            info = self._recorder.start(name or plan.name(self._clock.wall_ns()), plan.metadata() | self._source)
             self._held_back = False
             self._config = None
             self._status = None
             self._session_id = info.id
-        self._on_event(_event("recording-started", f"recording {info.id}"))
+        self._on_event(self._event("recording-started", f"recording {info.id}"))
         return info
 
     def stop(self) -> SessionInfo | None:
@@ -137,7 +146,9 @@ class AutoRecorder:
     def marker(self, text: str, kind: str, who: str | None, ago_s: float = 0.0) -> None:
         """Mark this instant, or one so long ago: whoever writes a note first pressed a key."""
         ago_ns = round(ago_s * 1e9)
-        self._recorder.marker(time.monotonic_ns() - ago_ns, time.time_ns() - ago_ns, text, kind=kind, who=who)
+        self._recorder.marker(
+            self._clock.monotonic_ns() - ago_ns, self._clock.wall_ns() - ago_ns, text, kind=kind, who=who
+        )
 
     def on_item(self, item: Item) -> None:
         """Record what a link delivered, before anything else looks at it."""
@@ -179,7 +190,7 @@ class AutoRecorder:
     def on_event(self, event: Event) -> None:
         """Record an event."""
         self._recorder.event(
-            time.monotonic_ns(),
+            self._clock.monotonic_ns(),
             event.time_ns,
             event.severity,
             event.code,
@@ -202,7 +213,7 @@ class AutoRecorder:
             self._retry_ns = t_mono_ns + int(RETRY_S * 1e9)
             if self._told != str(error):
                 self._told = str(error)
-                self._on_event(_event("recording-failed", str(error), "warning"))
+                self._on_event(self._event("recording-failed", str(error), "warning"))
 
     def _recorder_is_idle(self) -> bool:
         return self.status.session is None
@@ -212,7 +223,7 @@ class AutoRecorder:
         if info is not None:
             self._recorder.stop()
             self._status = None
-            self._on_event(_event("recording-stopped", f"recording {info.id} ended: {why}"))
+            self._on_event(self._event("recording-stopped", f"recording {info.id} ended: {why}"))
         return info
 
     def _tell_split(self) -> None:
@@ -221,7 +232,10 @@ class AutoRecorder:
             is_news = session is not None and session.id != self._session_id
             self._session_id = None if session is None else session.id
         if is_news and session is not None:
-            self._on_event(_event("recording-split", f"recording goes on as {session.id}"))
+            self._on_event(self._event("recording-split", f"recording goes on as {session.id}"))
+
+    def _event(self, code: str, text: str, severity: Severity = "info") -> Event:
+        return Event(self._clock.wall_ns(), severity, code, text)
 
     def _tell_trouble(self) -> None:
         """Tell of each kind of trouble once, and when it is over; the megabytes in its text change all the time."""
@@ -231,12 +245,8 @@ class AutoRecorder:
         if kind == self._told:
             return
         if trouble is not None:
-            self._on_event(_event("recording-trouble", trouble, "warning"))
+            self._on_event(self._event("recording-trouble", trouble, "warning"))
         elif status.session is not None:
             lost = f"; {status.lost_items} items were lost" if status.lost_items else ", nothing was lost"
-            self._on_event(_event("recording-resumed", f"the disk takes the recording again{lost}"))
+            self._on_event(self._event("recording-resumed", f"the disk takes the recording again{lost}"))
         self._told = kind
-
-
-def _event(code: str, text: str, severity: str = "info") -> Event:
-    return Event(time.time_ns(), severity, code, text)  # type: ignore[arg-type]

@@ -7,7 +7,6 @@ between, marked by its link number; nothing of the session is changed or lost, a
 import shutil
 import sqlite3
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from heapq import merge
@@ -82,14 +81,14 @@ def fill_gaps(path: Path, other: Path, *, t_wall_ns: int) -> Filled:
         raise RecordingFailed(f"{path.stem} could not be written anew: {error}") from error
 
 
-def fill_from(catalogue: Catalogue, fetched: Path) -> list[str]:
+def fill_from(catalogue: Catalogue, fetched: Path, *, t_wall_ns: int) -> list[str]:
     """Fill every session recorded here during the fetched one's run; return what was done, in words."""
     with SessionFile(fetched) as file:
         info = file.info
     told = []
     for session in _candidates(catalogue, info):
         try:
-            filled = fill_gaps(session.path, fetched, t_wall_ns=time.time_ns())
+            filled = fill_gaps(session.path, fetched, t_wall_ns=t_wall_ns)
         except NothingInCommon:
             continue
         except AppError as error:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from app.clock import Clock
 from app.errors import AppError, NotNow
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionNotFound
@@ -35,6 +36,7 @@ class Fetch:
     remote: Remote
     folder: Path
     catalogue: Catalogue
+    clock: Clock
     on_change: Callable[[FetchState], None] = lambda _: None
     state: FetchState = field(init=False)
 
@@ -68,7 +70,7 @@ class Fetch:
         path = self.remote.fetch(session, self.folder, lambda done, of: self._change(done_bytes=done, total_bytes=of))
         self._change(fetched=(*self.state.fetched, local_id))
         if fill:
-            for text in fill_from(self.catalogue, path):
+            for text in fill_from(self.catalogue, path, t_wall_ns=self.clock.wall_ns()):
                 self._change(filled=(*self.state.filled, text))
 
     def _change(self, **values: object) -> None:
@@ -79,7 +81,10 @@ class Fetch:
 class FetchJobs:
     """One fetch at a time, in a thread of its own, for the service."""
 
-    def __init__(self, folder: Path, catalogue: Catalogue, note: Callable[[Severity, str, str], None]) -> None:
+    def __init__(
+        self, folder: Path, catalogue: Catalogue, note: Callable[[Severity, str, str], None], clock: Clock
+    ) -> None:
+        self._clock = clock
         self._folder = folder
         self._catalogue = catalogue
         self._note = note  # (severity, code, text) for the event log
@@ -99,7 +104,7 @@ class FetchJobs:
         with self._lock:
             if self._fetch is not None and self._fetch.state.is_running:
                 raise NotNow(f"sessions are being fetched from {self._fetch.state.url}")
-            self._fetch = fetch = Fetch(remote, self._folder, self._catalogue)
+            self._fetch = fetch = Fetch(remote, self._folder, self._catalogue, self._clock)
         threading.Thread(target=self._run, args=(fetch, tuple(wanted), fill), name="fetch", daemon=True).start()
         return fetch.state
 

@@ -3,10 +3,10 @@
 import contextlib
 import logging
 import threading
-import time
 from collections.abc import Callable
 from urllib.parse import parse_qsl
 
+from app.clock import Clock
 from app.errors import ConfigError, LinkLost
 from app.sources.links.backoff import Backoff
 from app.sources.links.can_controller import ControllerWatch
@@ -55,10 +55,11 @@ def _convert(value: str) -> str | int | float | bool:
 class CanLink:
     """Delivers data frames to `sink`, from its own thread."""
 
-    def __init__(self, url: str, sink: Callable[[Item], None]) -> None:
+    def __init__(self, url: str, sink: Callable[[Item], None], clock: Clock) -> None:
         self.url = url
         self._arguments = parse_bus(url)
         self._sink = sink
+        self._clock = clock
         self._stopping = threading.Event()
         self._sending = threading.Lock()
         self._bus: can.BusABC | None = None
@@ -99,7 +100,7 @@ class CanLink:
             self._stopping.wait(backoff.next_s())
 
     def _read_until_lost(self, bus: can.BusABC, on_data: Callable[[], None]) -> None:
-        watch, asked_s = ControllerWatch(str(self._arguments["interface"])), time.monotonic()
+        watch, asked_s = ControllerWatch(str(self._arguments["interface"])), self._clock.monotonic_s()
         watch.ask(bus)
         self._tell_fault(watch)
         while not self._stopping.is_set():
@@ -107,15 +108,15 @@ class CanLink:
             if message is not None and message.is_error_frame:
                 watch.on_error_frame(message)
                 self._tell_fault(watch)
-            if time.monotonic() - asked_s > _ASK_S:
-                asked_s = time.monotonic()
+            if self._clock.monotonic_s() - asked_s > _ASK_S:
+                asked_s = self._clock.monotonic_s()
                 if watch.ask(bus):
                     self._tell_fault(watch)
             if message is None or message.is_error_frame or message.is_remote_frame:
                 continue
             on_data()
             can_id = message.arbitration_id | (CAN_ID_EXTENDED if message.is_extended_id else 0)
-            self._sink(CanItem(time.monotonic_ns(), time.time_ns(), can_id, bytes(message.data)))
+            self._sink(CanItem(self._clock.monotonic_ns(), self._clock.wall_ns(), can_id, bytes(message.data)))
 
     def send(self, can_id: int, data: bytes) -> None:
         """Send a frame; bit 31 of the id marks a 29-bit one. It is delivered to the sink as sent.
@@ -133,11 +134,11 @@ class CanLink:
                 self._bus.send(message, timeout=_SEND_S)
             except Exception as error:  # every driver raises its own
                 raise LinkLost(f"the CAN bus refused a frame: {error or type(error).__name__}") from error
-        self._sink(CanItem(time.monotonic_ns(), time.time_ns(), can_id, bytes(data), sent=True))
+        self._sink(CanItem(self._clock.monotonic_ns(), self._clock.wall_ns(), can_id, bytes(data), sent=True))
 
     def _tell_fault(self, watch: ControllerWatch) -> None:
-        now_ns, wall_ns = time.monotonic_ns(), time.time_ns()
+        now_ns, wall_ns = self._clock.monotonic_ns(), self._clock.wall_ns()
         self._sink(CanFault(now_ns, wall_ns, watch.state, watch.errors, watch.tx_errors, watch.rx_errors))
 
     def _tell(self, state: str, error: str | None = None) -> None:
-        self._sink(LinkChange(time.monotonic_ns(), time.time_ns(), "can", state, error))  # type: ignore[arg-type]
+        self._sink(LinkChange(self._clock.monotonic_ns(), self._clock.wall_ns(), "can", state, error))  # type: ignore[arg-type]

@@ -5,10 +5,10 @@ For bringing up an ECU or a charger without a car; who may do it where is for th
 
 import heapq
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from app.clock import Clock
 from app.errors import LinkError, NotNow
 
 MIN_PERIOD_S = 0.001
@@ -38,8 +38,9 @@ class SenderStatus:
 class CanSender:
     """Owns a thread while something is sent."""
 
-    def __init__(self, send: Callable[[int, bytes], None]) -> None:
+    def __init__(self, send: Callable[[int, bytes], None], clock: Clock) -> None:
         self._send = send
+        self._clock = clock
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
@@ -97,11 +98,11 @@ class CanSender:
             return self._status
 
     def _run(self, frames: Iterator[tuple[float, int, bytes]]) -> None:
-        started_s = time.monotonic()
+        started_s = self._clock.monotonic_s()
         status, sent, error = self._status, 0, None
         try:
             for due_s, can_id, data in frames:
-                if self._stopping.wait(max(0.0, started_s + due_s - time.monotonic())):
+                if self._stopping.wait(max(0.0, started_s + due_s - self._clock.monotonic_s())):
                     break
                 self._send(can_id, data)
                 sent += 1

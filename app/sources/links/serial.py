@@ -8,11 +8,11 @@ import logging
 import os
 import select
 import threading
-import time
 from collections.abc import Callable
 
 import serial
 
+from app.clock import Clock
 from app.errors import ConfigError, LinkLost
 from app.sources.links.backoff import Backoff
 from app.telemetry import Item, LinkChange, SerialItem
@@ -40,11 +40,12 @@ def check_url(url: str) -> None:
 class SerialLink:
     """Delivers frames to `sink`, from its own thread."""
 
-    def __init__(self, url: str, sink: Callable[[Item], None]) -> None:
+    def __init__(self, url: str, sink: Callable[[Item], None], clock: Clock) -> None:
         check_url(url)
         self.url = url
         self.streams = True  # false: the crew asked for silence, `x` is not repeated
         self._sink = sink
+        self._clock = clock
         self._port: serial.Serial | None = None
         self._write_lock = threading.Lock()
         self._stopping = threading.Event()
@@ -118,14 +119,14 @@ class SerialLink:
         """Read for ever; `on_data` is called for what arrives: a port that opens and says nothing proves little."""
         read = _reader(port)
         decoder = FrameDecoder()
-        silent_since = time.monotonic()
+        silent_since = self._clock.monotonic_s()
         self.stream(on=self.streams)
         while not self._stopping.is_set():
             data = read()
-            now_ns = time.monotonic_ns()
+            now_ns = self._clock.monotonic_ns()
             if data:
                 on_data()
-                wall_ns = time.time_ns()
+                wall_ns = self._clock.wall_ns()
                 for frame in decoder.feed(data):
                     self._sink(SerialItem(now_ns, wall_ns, frame))
                 silent_since = now_ns / 1e9
@@ -134,7 +135,7 @@ class SerialLink:
                 self.stream(on=True)
 
     def _tell(self, state: str, error: str | None = None) -> None:
-        self._sink(LinkChange(time.monotonic_ns(), time.time_ns(), "rs232", state, error))  # type: ignore[arg-type]
+        self._sink(LinkChange(self._clock.monotonic_ns(), self._clock.wall_ns(), "rs232", state, error))  # type: ignore[arg-type]
 
 
 def _reader(port: serial.Serial) -> Callable[[], bytes]:

@@ -2,9 +2,9 @@
 
 import secrets
 import threading
-import time
 from collections.abc import Callable
 
+from app.clock import Clock
 from app.errors import LinkLost, MasterRefused, MasterSilent, NotNow
 from firmware_protocol.exchange import Exchange, GaveUp
 from firmware_protocol.messages import (
@@ -26,8 +26,9 @@ MAX_WAITING = 4  # requests behind the one that is out; a silent master must not
 class MasterClient:
     """Sends requests through `send` and waits for what `on_reply` is given."""
 
-    def __init__(self, send: Callable[[bytes], None]) -> None:
+    def __init__(self, send: Callable[[bytes], None], clock: Clock) -> None:
         self._send = send
+        self._clock = clock
         self._one_at_a_time = threading.Lock()
         self._changed = threading.Condition()
         self._exchange = Exchange(secrets.randbelow(256))
@@ -79,7 +80,7 @@ class MasterClient:
     def _ask(self, request: Request) -> Reply | GaveUp:
         """Send until there is a reply or no try is left; `_changed` is held, and released while waiting."""
         self._reply = None
-        due: bytes | GaveUp | None = self._exchange.start(request, time.monotonic())
+        due: bytes | GaveUp | None = self._exchange.start(request, self._clock.monotonic_s())
         while self._reply is None:
             if self._is_closed:
                 raise LinkLost("the service is stopping")
@@ -88,8 +89,8 @@ class MasterClient:
             if due is not None:
                 self._send(due)
             if self._reply is None:  # a master in this very process answers before `send` returns
-                self._changed.wait(max(0.0, (self._exchange.deadline_s or 0.0) - time.monotonic()))
-            due = None if self._reply is not None else self._exchange.poll(time.monotonic())
+                self._changed.wait(max(0.0, (self._exchange.deadline_s or 0.0) - self._clock.monotonic_s()))
+            due = None if self._reply is not None else self._exchange.poll(self._clock.monotonic_s())
         return self._reply
 
     def identify(self) -> None:

@@ -11,6 +11,7 @@ from app.configuration.profile_store import NoProfile, Profiles
 from app.errors import ConfigError
 from firmware_protocol.config_image import canonical, check, default_image, with_raw, with_value
 from firmware_protocol.memory_map import CONFIG_FIELDS, N_CAN_MESSAGES
+from tests.fake_clock import FakeClock
 
 DEFAULT = default_image()
 
@@ -22,7 +23,7 @@ def text_of(image, **changes):
 
 @pytest.fixture
 def profiles(tmp_path):
-    return Profiles(tmp_path / "profiles")
+    return Profiles(tmp_path / "profiles", FakeClock())
 
 
 @given(st.data())

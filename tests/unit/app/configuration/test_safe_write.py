@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from app.clock import Clock
 from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
 from app.configuration.rules import Context
 from app.configuration.safe_write import Configuration, Draft
@@ -42,7 +43,7 @@ class MemoryMaster:
         self.image[:420] = default_image()
         self.eeprom = bytearray(b"\xff" * EEPROM_SIZE)
         self.decoder = CommandDecoder()
-        self.client = MasterClient(self.send)
+        self.client = MasterClient(self.send, Clock())
         self.refuse: Result | None = None
         self.cut_writes = False  # never arrive
         self.deaf_after_write = False

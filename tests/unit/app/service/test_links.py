@@ -2,6 +2,7 @@
 
 import pytest
 
+from app.clock import Clock
 from app.errors import LinkLost
 from app.live.pipeline import Output
 from app.service.links import Links
@@ -10,7 +11,7 @@ from firmware_protocol.messages import MessageType, Reply, Result
 
 
 def links(serial_url=None, can_url=None, *, may_transmit=False):
-    return Links(serial_url, can_url, lambda item: None, may_transmit=may_transmit)
+    return Links(serial_url, can_url, lambda item: None, Clock(), may_transmit=may_transmit)
 
 
 def test_without_a_serial_port_requests_and_the_stream_are_refused():

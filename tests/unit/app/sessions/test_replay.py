@@ -4,6 +4,7 @@ import time
 import numpy as np
 import pytest
 
+from app.clock import Clock
 from app.errors import AppError, ConfigError, NotNow
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
@@ -62,7 +63,7 @@ def shown():
 
 @pytest.fixture
 def replaying(shown, failures):
-    made = Replaying(new_pipeline, shown, failures.append)
+    made = Replaying(new_pipeline, shown, failures.append, Clock())
     yield made
     made.stop()
     assert not [t for t in threading.enumerate() if t.name == "replay"]
@@ -108,12 +109,10 @@ def test_one_that_fails_while_it_plays_ends_and_says_so(shown, failures, session
             if isinstance(item, SerialItem):
                 raise ValueError("broken")
 
-    replaying = Replaying(lambda *_, **__: Broken(), shown, failures.append)
+    replaying = Replaying(lambda *_, **__: Broken(), shown, failures.append, Clock())
     replaying.start(session, Playing(1))
-    deadline = time.monotonic() + 5
-    while replaying.is_active:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    replaying._thread.join(5)
+    assert not replaying.is_active
     assert "failed" in failures[0]
 
 
@@ -183,7 +182,6 @@ def test_both_estimates_are_told_and_either_is_shown(replaying, shown, session):
 
 
 def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, failures, session, monkeypatch):
-    monkeypatch.setattr("app.sessions.replay.END_S", 0.05)
     release = threading.Event()
     made = []
 
@@ -194,7 +192,7 @@ def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, fail
         made.append(built)
         return built
 
-    replaying = Replaying(pipeline, shown, failures.append)
+    replaying = Replaying(pipeline, shown, failures.append, Clock(), end_s=0.05)
     replaying.start(session, Playing(100))
     (compiling,) = [thread for thread in threading.enumerate() if thread.name == "replay"]
     replaying.control(seek_s=1.0, paused=True)

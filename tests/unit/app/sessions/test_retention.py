@@ -4,7 +4,8 @@ import pytest
 
 from app.sessions.catalogue import Catalogue
 from app.sessions.recording.writer import Recorder
-from app.sessions.retention import RetentionRule, apply_rule
+from app.sessions.retention import Retention, RetentionRule, apply_rule
+from tests.fake_clock import FakeClock
 
 DAY_NS = 86_400 * 10**9
 NOW_NS = 1_790_000_000 * 10**9
@@ -50,3 +51,19 @@ def test_a_session_that_is_read_is_kept_until_the_next_time(catalogue):
         file.markers()
         assert apply_rule(catalogue, RetentionRule(keep_days=50), NOW_NS, lambda _: None) == ()
     assert apply_rule(catalogue, RetentionRule(keep_days=50), NOW_NS, lambda _: None) == (oldest,)
+
+
+def test_the_thread_applies_the_rule_at_the_start_by_the_clock(catalogue):
+    told = []
+    retention = Retention(catalogue, RetentionRule(keep_days=50), told.append, FakeClock(wall_s=NOW_NS / 1e9))
+    retention.start()
+    retention.stop()
+    assert len(told) == 1
+    assert len(names(catalogue)) == 2
+
+
+def test_without_a_rule_there_is_no_thread(catalogue):
+    retention = Retention(catalogue, RetentionRule(), lambda _: None, FakeClock(wall_s=NOW_NS / 1e9))
+    retention.start()
+    retention.stop()
+    assert len(names(catalogue)) == 3

@@ -6,6 +6,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
+from app.clock import Clock
 from app.errors import NotNow
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionNotFound
@@ -77,31 +78,31 @@ def test_all_that_is_finished_and_not_here_is_fetched_once_and_fills_what_is_her
     record(car.folder, "run 2", range(100), wall_ns=WALL_NS + 10**13)
     here = record(tmp_path / "pit", "pit", [*range(40), *range(60, 100)], start_ns=5 * 10**9)
     catalogue = Catalogue(tmp_path / "pit")
-    done = Fetch(remote, tmp_path / "pit", catalogue).run()
+    done = Fetch(remote, tmp_path / "pit", catalogue, Clock()).run()
     assert len(done.fetched) == 2
     assert done.filled == (f"{here.id}: 20 missing frames filled, 1.9 s in 1 gaps, from {done.fetched[0]}",)
     with SessionFile(here.path) as session:
         assert session.info.frames == 100
-    again = Fetch(remote, tmp_path / "pit", catalogue).run()
+    again = Fetch(remote, tmp_path / "pit", catalogue, Clock()).run()
     assert (again.fetched, again.already_here, again.filled) == ((), 2, ())
 
 
 def test_a_recorder_without_a_clock_fills_all_the_same(car, remote, tmp_path):
     record(car.folder, "run", range(100), wall_ns=3600 * 10**9)
     record(tmp_path / "pit", "pit", range(50), start_ns=5 * 10**9)
-    done = Fetch(remote, tmp_path / "pit", Catalogue(tmp_path / "pit")).run()
+    done = Fetch(remote, tmp_path / "pit", Catalogue(tmp_path / "pit"), Clock()).run()
     assert "50 missing frames" in done.filled[0]
 
 
 def test_only_what_is_wanted_and_nothing_filled_where_it_is_not(car, remote, tmp_path):
     wanted = record(car.folder, "run", range(100))
     here = record(tmp_path / "pit", "pit", range(50))
-    done = Fetch(remote, tmp_path / "pit", Catalogue(tmp_path / "pit")).run([wanted.id], fill=False)
+    done = Fetch(remote, tmp_path / "pit", Catalogue(tmp_path / "pit"), Clock()).run([wanted.id], fill=False)
     assert done.fetched == (f"car-{wanted.id}",)
     with SessionFile(here.path) as session:
         assert session.info.frames == 50
     with pytest.raises(SessionNotFound):
-        Fetch(remote, tmp_path / "pit", Catalogue(tmp_path / "pit")).run(["none"])
+        Fetch(remote, tmp_path / "pit", Catalogue(tmp_path / "pit"), Clock()).run(["none"])
 
 
 def test_in_the_service_one_fetch_at_a_time_and_its_end_is_told(car, remote, tmp_path):
@@ -112,7 +113,7 @@ def test_in_the_service_one_fetch_at_a_time_and_its_end_is_told(car, remote, tmp
         told.append((severity, code))
         ended.set()
 
-    bringing = FetchJobs(tmp_path / "pit", Catalogue(tmp_path / "pit"), note)
+    bringing = FetchJobs(tmp_path / "pit", Catalogue(tmp_path / "pit"), note, Clock())
     assert bringing.state() is None
     car.held.clear()
     assert bringing.start(remote, [], fill=True).is_running

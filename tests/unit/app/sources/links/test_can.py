@@ -6,6 +6,7 @@ import uuid
 import can
 import pytest
 
+from app.clock import Clock
 from app.errors import LinkLost
 from app.sources.links.can import CanLink
 from app.telemetry import CanFault, CanItem, LinkChange
@@ -17,7 +18,7 @@ def bus():
     """Another node, the link, and what the link delivers."""
     channel = uuid.uuid4().hex
     items: queue.Queue = queue.Queue()
-    link = CanLink(f"virtual:{channel}", items.put)
+    link = CanLink(f"virtual:{channel}", items.put, Clock())
     with can.Bus(interface="virtual", channel=channel) as node:
         link.start()
         while not (isinstance(item := items.get(timeout=5), LinkChange) and item.state == "open"):
@@ -49,4 +50,4 @@ def test_error_frames_are_counted_and_say_the_controllers_state(bus):
 
 def test_a_link_that_is_not_open_refuses():
     with pytest.raises(LinkLost):
-        CanLink("virtual:nobody", lambda item: None).send(1, b"")
+        CanLink("virtual:nobody", lambda item: None, Clock()).send(1, b"")

@@ -4,6 +4,7 @@ import threading
 
 import pytest
 
+from app.clock import Clock
 from app.errors import LinkLost, NotNow
 from app.sources.links.can_sender import CanSender, Outgoing
 
@@ -27,13 +28,13 @@ def ended(sender: CanSender):
 
 def test_single_frames_leave_at_once_and_in_order():
     bus = Bus()
-    assert CanSender(bus.send).once([Outgoing(1, b"a"), Outgoing(2, b"b")]) == 2
+    assert CanSender(bus.send, Clock()).once([Outgoing(1, b"a"), Outgoing(2, b"b")]) == 2
     assert bus.frames == [(1, b"a"), (2, b"b")]
 
 
 def test_a_list_sends_each_as_often_as_it_says():
     bus = Bus()
-    sender = CanSender(bus.send)
+    sender = CanSender(bus.send, Clock())
     sender.start_list([Outgoing(1, b"", 0.002, 5), Outgoing(2, b"", 0.005, 2), Outgoing(3, b"")], "ada")
     status = ended(sender)
     assert (status.sent, status.total, status.error) == (8, 8, None)
@@ -42,7 +43,7 @@ def test_a_list_sends_each_as_often_as_it_says():
 
 def test_one_without_an_end_goes_on_until_it_is_stopped():
     bus = Bus(wanted=5)
-    sender = CanSender(bus.send)
+    sender = CanSender(bus.send, Clock())
     sender.start_list([Outgoing(1, b"", 0.001)], "ada")
     assert bus.reached.wait(5)
     with pytest.raises(NotNow, match="ada"):
@@ -55,7 +56,7 @@ def test_one_without_an_end_goes_on_until_it_is_stopped():
 
 def test_recorded_frames_keep_their_order():
     bus = Bus()
-    sender = CanSender(bus.send)
+    sender = CanSender(bus.send, Clock())
     sender.start_frames("session x", iter([(0.0, 7, b"1"), (0.003, 8, b"2"), (0.006, 7, b"3")]), 3, "ada")
     assert ended(sender).sent == 3
     assert bus.frames == [(7, b"1"), (8, b"2"), (7, b"3")]
@@ -65,7 +66,7 @@ def test_a_bus_that_refuses_ends_the_list_and_is_told():
     def refuse(can_id, data):
         raise LinkLost("the CAN bus is not open")
 
-    sender = CanSender(refuse)
+    sender = CanSender(refuse, Clock())
     sender.start_list([Outgoing(1, b"", 0.001)], "ada")
     assert ended(sender).error == "the CAN bus is not open"
     with pytest.raises(LinkLost):

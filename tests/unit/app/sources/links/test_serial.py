@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from app.clock import Clock
 from app.errors import LinkLost
 from app.sources.links.serial import SerialLink
 from app.telemetry import LinkChange, SerialItem
@@ -76,7 +77,7 @@ def seen():
 @pytest.fixture
 def link(plug, seen, monkeypatch):
     monkeypatch.setattr("app.sources.links.backoff.Backoff.next_s", lambda self: 0.005)
-    made = SerialLink(str(plug.path), seen)
+    made = SerialLink(str(plug.path), seen, Clock())
     made.start()
     yield made
     made.stop()
@@ -127,7 +128,7 @@ def test_a_driver_that_raises_its_own_errors_does_not_end_the_link(plug, seen, m
         tries.append(1)
         raise termios.error(5, "Input/output error")
 
-    link = SerialLink("/dev/x", seen)
+    link = SerialLink("/dev/x", seen, Clock())
     monkeypatch.setattr("app.sources.links.serial.serial.serial_for_url", broken)
     link.start()
     seen.wait(lambda items: len(changes(items, "lost")) >= 3)
@@ -139,7 +140,7 @@ def test_a_port_is_read_by_one_alone(plug, seen, link, monkeypatch):
     plug.insert()
     seen.wait(lambda items: changes(items, "open"))
     other_seen = Seen()
-    other = SerialLink(str(plug.path), other_seen)
+    other = SerialLink(str(plug.path), other_seen, Clock())
     other.start()
     other_seen.wait(lambda items: changes(items, "lost"))
     other.stop()

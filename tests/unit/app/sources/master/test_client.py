@@ -1,5 +1,6 @@
 """Requests over a line that answers late, not at all, or with something else."""
 
+import queue
 import threading
 
 import pytest
@@ -8,34 +9,34 @@ from app.errors import LinkLost, MasterRefused, MasterSilent, NotNow
 from app.sources.master.client import MAX_WAITING, MasterClient
 from firmware_protocol.framing import FrameDecoder
 from firmware_protocol.messages import MessageType, Reply, Result
+from tests.fake_clock import FakeClock
 
 
 class Line:
-    """Keeps what was sent; `answer` gives the replies to one request."""
+    """Keeps what was sent; `answer` gives the replies to one request. Without one, time passes until the next try."""
 
-    def __init__(self, answer=lambda frame: []):
+    def __init__(self, answer=lambda frame: [], *, silence_s=10.0):
+        self.clock = FakeClock()
+        self.silence_s = silence_s
         self.frames = []
         self.sent = threading.Semaphore(0)
         self._answer = answer
         self._decoder = FrameDecoder()
-        self.client = MasterClient(self.send)
+        self.client = MasterClient(self.send, self.clock)
 
     def send(self, data: bytes) -> None:
         for frame in self._decoder.feed(data):
             self.frames.append(frame)
-            for reply in self._answer(frame):
+            replies = self._answer(frame)
+            if not replies:
+                self.clock.advance(self.silence_s)
+            for reply in replies:
                 threading.Thread(target=self.client.on_reply, args=(reply,)).start()
         self.sent.release()
 
 
 def done(frame, data=b""):
     return Reply(frame.type, frame.sequence, Result.DONE, data=data)
-
-
-@pytest.fixture(autouse=True)
-def quick(monkeypatch):
-    monkeypatch.setattr("firmware_protocol.exchange.TIMEOUT_S", 0.05)
-    monkeypatch.setattr("firmware_protocol.exchange.STORE_TIMEOUT_S", 0.05)
 
 
 def test_long_reads_are_put_together():
@@ -66,27 +67,25 @@ def test_silence_and_refusal_are_told_apart():
 
 
 def test_a_silent_master_takes_only_so_many_threads():
-    line = Line()
-    outcomes = []
+    line = Line(silence_s=0.0)
+    outcomes = queue.SimpleQueue()
 
     def ask():
         try:
             line.client.store()
         except (MasterSilent, NotNow, LinkLost) as error:
-            outcomes.append(type(error))
+            outcomes.put(type(error))
 
     threads = [threading.Thread(target=ask) for _ in range(MAX_WAITING + 5)]
     for thread in threads:
         thread.start()
-    for thread in threads:
-        thread.join(10)
-    assert len(outcomes) == len(threads)
-    assert outcomes.count(NotNow) == 4
+    assert {outcomes.get(timeout=10) for _ in range(4)} == {NotNow}
+    line.client.close()
+    assert {outcomes.get(timeout=10) for _ in range(1 + MAX_WAITING)} == {LinkLost}
 
 
-def test_closing_lets_whoever_waits_go(monkeypatch):
-    monkeypatch.setattr("firmware_protocol.exchange.STORE_TIMEOUT_S", 60.0)
-    line = Line()
+def test_closing_lets_whoever_waits_go():
+    line = Line(silence_s=0.0)
     outcome = []
 
     def ask():
