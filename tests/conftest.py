@@ -1,9 +1,11 @@
 """What tests of every kind share: the real service as a process, on the simulated car or on the C reference.
 
-A module whose tests shall hold on either master says so: `MASTERS = ("simulated", "c")`.
+A module whose tests shall hold on either master says so: `MASTERS = ("simulated", "c")`. A module whose tests change
+nothing in the service says `READS_ONLY = True`, and shares one with all others that do.
 """
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -46,14 +48,14 @@ def c_master_for(master: str, folder: Path, request: pytest.FixtureRequest) -> C
     return CMaster(request.getfixturevalue("c_master_program"), folder) if master == "c" else None
 
 
-@pytest.fixture
-def make_service(tmp_path: Path, master: str, request: pytest.FixtureRequest) -> Iterator[Callable[..., Service]]:
-    """Start services that are stopped at the end."""
+@contextmanager
+def services(folder: Path, master: str, request: pytest.FixtureRequest) -> Iterator[Callable[..., Service]]:
+    """Start services with data in a folder; at the end they are stopped."""
     made: list[Service] = []
 
     def make(*arguments: str, data: Path | None = None, start: bool = True, **environment: str) -> Service:
-        c_master = None if "--serial" in arguments else c_master_for(master, tmp_path / "car", request)
-        service = Service(data or tmp_path / "data", list(arguments), environment, c_master=c_master)
+        c_master = None if "--serial" in arguments else c_master_for(master, folder / "car", request)
+        service = Service(data or folder / "data", list(arguments), environment, c_master=c_master)
         made.append(service)
         return service.start() if start else service
 
@@ -63,23 +65,57 @@ def make_service(tmp_path: Path, master: str, request: pytest.FixtureRequest) ->
             service.kill()
 
 
+@pytest.fixture
+def make_service(tmp_path: Path, master: str, request: pytest.FixtureRequest) -> Iterator[Callable[..., Service]]:
+    """Start services for one test."""
+    with services(tmp_path, master, request) as make:
+        yield make
+
+
+@pytest.fixture(scope="module")
+def make_module_service(
+    tmp_path_factory: pytest.TempPathFactory, master: str, request: pytest.FixtureRequest
+) -> Iterator[Callable[..., Service]]:
+    """Start services for all tests of a module."""
+    with services(tmp_path_factory.mktemp("services"), master, request) as make:
+        yield make
+
+
 @pytest.fixture(scope="module")
 def scenario() -> str:
     """What the simulated car of this module does."""
     return "race-day"
 
 
-@pytest.fixture(scope="module")
-def service(
-    tmp_path_factory: pytest.TempPathFactory, master: str, scenario: str, request: pytest.FixtureRequest
-) -> Iterator[Service]:
-    """One service for all tests of a module; it delivers snapshots already."""
-    folder = tmp_path_factory.mktemp("service")
-    c_master = c_master_for(master, folder, request)
+def live_service(folder: Path, scenario: str, c_master: CMaster | None = None) -> Service:
+    """A service that delivers snapshots of every cell already."""
     running = Service(folder / "data", ["--seed", "1", "--scenario", scenario], c_master=c_master).start()
     has_can = c_master is None
     running.wait_for(
         lambda s: s["accumulator"]["loaded_cells"] == 96 and (s["links"]["can"]["state"] == "live" or not has_can)
     )
+    return running
+
+
+@pytest.fixture(scope="session")
+def read_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+    """One service for all tests that only read; its master has a stored configuration, as in the car."""
+    running = live_service(tmp_path_factory.mktemp("read"), "race-day")
+    with running.client() as client:
+        client.post("/config/store").raise_for_status()
+    yield running
+    running.stop()
+
+
+@pytest.fixture(scope="module")
+def service(
+    tmp_path_factory: pytest.TempPathFactory, master: str, scenario: str, request: pytest.FixtureRequest
+) -> Iterator[Service]:
+    """One service for all tests of a module, or of all modules that only read."""
+    if getattr(request.module, "READS_ONLY", False):
+        yield request.getfixturevalue("read_service")
+        return
+    folder = tmp_path_factory.mktemp("service")
+    running = live_service(folder, scenario, c_master_for(master, folder, request))
     yield running
     running.stop()

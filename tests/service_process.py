@@ -21,6 +21,15 @@ START_S = 60.0
 WAIT_S = 45.0
 END_S = 40.0
 TRIES = 4
+LOOK_S = 0.02
+
+
+def until(condition: Callable[[], object], seconds: float = WAIT_S) -> None:
+    """Wait for what is seen by looking only."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, f"not within {seconds} s"
+        time.sleep(LOOK_S)
 
 
 class Patient(httpx.HTTPTransport):

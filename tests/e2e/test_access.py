@@ -3,10 +3,14 @@
 import pytest
 from playwright.sync_api import expect
 
+PASSWORDS = {"VOLTWALL_PASSWORD": "engineer-pass-1", "VOLTWALL_VIEWER_PASSWORD": "viewer-pass-1"}
 
-@pytest.fixture
-def guarded(make_service):
-    return make_service("--seed", "7", VOLTWALL_PASSWORD="engineer-pass-1", VOLTWALL_VIEWER_PASSWORD="viewer-pass-1")
+
+@pytest.fixture(scope="module")
+def guarded(make_module_service):
+    return make_module_service(
+        "--seed", "7", VOLTWALL_PASSWORD="engineer-pass-1", VOLTWALL_VIEWER_PASSWORD="viewer-pass-1"
+    )
 
 
 def log_in(page, name: str, password: str) -> None:
@@ -51,8 +55,7 @@ def test_an_engineer_may_write(guarded, open_page):
 
 
 def test_two_engineers_and_a_viewer_work_at_once(make_service, open_page):
-    passwords = {"VOLTWALL_PASSWORD": "engineer-pass-1", "VOLTWALL_VIEWER_PASSWORD": "viewer-pass-1"}
-    service = make_service("--seed", "7", "--scenario", "in-the-pit", **passwords)
+    service = make_service("--seed", "7", "--scenario", "in-the-pit", **PASSWORDS)
     people = {}
     for name, password in (("ada", "engineer-pass-1"), ("bob", "engineer-pass-1"), ("eve", "viewer-pass-1")):
         people[name] = open_page(f"{service.base_url}/#/parameters", quiet=False)

@@ -4,6 +4,8 @@ import re
 
 from playwright.sync_api import expect
 
+READS_ONLY = True
+
 HOUR_AHEAD = """
 const Real = Date;
 window.Date = class extends Real {

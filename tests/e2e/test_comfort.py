@@ -2,6 +2,8 @@
 
 from playwright.sync_api import expect
 
+READS_ONLY = True
+
 
 def test_single_keys_act_and_can_be_switched_off(service, open_page):
     page = open_page(f"{service.base_url}/#/overview")

@@ -15,10 +15,11 @@ TRIP = {"severity": "trip", "code": "trip-v-min", "text": "cell under-voltage", 
 PHONE = "phone"
 
 
-@pytest.fixture
-def looked_back(make_service, tmp_path):
+@pytest.fixture(scope="module")
+def looked_back(make_module_service, tmp_path_factory):
     """A service with two finished sessions; in the second a cell trips."""
-    make = SessionMaker(tmp_path / "data" / "sessions")
+    data = tmp_path_factory.mktemp("looked-back")
+    make = SessionMaker(data / "sessions")
     volts = 3.7 - 0.002 * CURRENT_A[:, None] * np.ones(96)
     markers = [(k * LAP_S, "lap", "") for k in range(4)] + [(-1.0, "driver", "Anna"), (2 * LAP_S, "driver", "Bo")]
     first = make(TIME_S, CURRENT_A, volts, 25, 0.8, markers=markers, metadata={"source": "simulator"}).stem
@@ -26,7 +27,7 @@ def looked_back(make_service, tmp_path):
     low[(TIME_S > 99) & (TIME_S < 101), 30] = 2.3
     event = TRIP | {"at_s": 100.0, "value": 2.3, "limit": 2.5, "unit": "V"}
     second = make(TIME_S, CURRENT_A, low, 25, 0.8, events=[event], start_s=1.79e9 + 86400).stem
-    return make_service("--seed", "4", "--no-record"), first, second
+    return make_module_service("--seed", "4", "--no-record", data=data), first, second
 
 
 def test_laps_are_compared_corrected_and_kept(looked_back, open_page):

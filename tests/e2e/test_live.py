@@ -5,6 +5,8 @@ import socket
 
 from playwright.sync_api import expect
 
+READS_ONLY = True
+
 
 def test_all_cells_are_shown_and_move(service, open_page):
     page = open_page(f"{service.base_url}/#/packs")

@@ -59,10 +59,10 @@ def recorded(tmp_path_factory):
     return data
 
 
-@pytest.fixture
-def viewed(recorded, make_service):
+@pytest.fixture(scope="module")
+def viewed(recorded, make_module_service):
     """The service on them, and the address of the session with the dip."""
-    service = make_service("--no-record", data=recorded)
+    service = make_module_service("--no-record", data=recorded)
     with service.client() as client:
         found = {s["name"]: s["id"] for s in client.get("/sessions").json()["sessions"]}
     return service, found

@@ -6,6 +6,8 @@ import httpx
 import pytest
 from websockets.sync.client import connect
 
+READS_ONLY = True
+
 ENGINEER, VIEWER = "correct horse", "battery staple"
 
 
@@ -63,16 +65,8 @@ def test_a_data_folder_in_use_is_named(serve, service):
 
 
 @pytest.fixture(scope="module")
-def guarded(tmp_path_factory):
-    from tests.service_process import Service
-
-    running = Service(
-        tmp_path_factory.mktemp("guarded") / "data",
-        [],
-        {"VOLTWALL_PASSWORD": ENGINEER, "VOLTWALL_VIEWER_PASSWORD": VIEWER},
-    ).start()
-    yield running
-    running.stop()
+def guarded(make_module_service):
+    return make_module_service(VOLTWALL_PASSWORD=ENGINEER, VOLTWALL_VIEWER_PASSWORD=VIEWER)
 
 
 def test_with_a_password_nothing_is_read_without_it(guarded):

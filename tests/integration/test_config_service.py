@@ -5,6 +5,7 @@ import json
 import pytest
 
 from firmware_protocol.config_image import default_image, image_hash
+from tests.service_process import until
 
 OCTETS = {"Accept": "application/octet-stream"}
 MASTERS = ("simulated", "c")
@@ -12,26 +13,19 @@ ENGINEER, VIEWER = "correct horse battery", "may only look at it"
 
 
 @pytest.fixture(scope="module")
-def resting(tmp_path_factory, master, request):
-    from tests.conftest import c_master_for
-    from tests.service_process import Service
-
-    arguments = ["--scenario", "in-the-pit"]
+def resting(make_module_service):
     secrets = {"VOLTWALL_PASSWORD": ENGINEER, "VOLTWALL_VIEWER_PASSWORD": VIEWER}
-    folder = tmp_path_factory.mktemp("resting")
-    c_master = c_master_for(master, folder, request)
-    running = Service(folder / "data", arguments, secrets, c_master=c_master).start()
-    with running.client(auth=("ada", ENGINEER)) as client:
-        for _ in range(400):
-            snapshot = client.get("/snapshot")
-            if (
-                snapshot.status_code == 200
-                and snapshot.json()["config_hash"]
-                and snapshot.json()["master"]["map_matches"]
-            ):
-                break
-    yield running
-    running.stop()
+    service = make_module_service("--scenario", "in-the-pit", **secrets)
+    with service.client(auth=("ada", ENGINEER)) as client:
+        until(lambda: is_ready(client.get("/snapshot")))
+    return service
+
+
+def is_ready(answer):
+    if answer.status_code != 200:
+        return False
+    snapshot = answer.json()
+    return snapshot["config_hash"] and snapshot["master"]["map_matches"]
 
 
 @pytest.fixture

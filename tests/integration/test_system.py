@@ -2,6 +2,8 @@
 
 from websockets.sync.client import connect
 
+READS_ONLY = True
+
 
 def test_readers_disk_and_clock_are_told(service):
     with service.client() as client:
