@@ -21,7 +21,7 @@ endef
 export COMPILE_FILTER
 
 .DEFAULT_GOAL := help
-.PHONY: help run test check lint types imports generated-check frontend-check bench generated lock clean frontend browser
+.PHONY: help run test check lint types imports generated-check frontend-check bench mutation generated lock clean frontend browser
 
 help: ## say what there is
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -38,6 +38,7 @@ check: lint types imports generated-check frontend-check ## formatting, lint, ty
 lint: $(VENV)/.dev-installed
 	$(PY) -m ruff format --check
 	$(PY) -m ruff check
+	$(PY) .ci/ratios.py
 
 types: $(VENV)/.dev-installed
 	$(PY) -m mypy
@@ -57,6 +58,9 @@ frontend-check: $(VENV)/.dev-installed
 bench: $(VENV)/.dev-installed frontend ## measure and print the figures, with their method
 	@$(VENV)/bin/voltwall bench $(ARGS)
 
+mutation: $(VENV)/.dev-installed ## change the protocol's code bit by bit: do the tests notice? (about an hour)
+	@nice $(PY) .ci/mutation.py $(ARGS)
+
 generated: $(VENV)/.dev-installed ## write the generated files anew: C header, command line reference, ...
 	$(PY) .ci/generated.py
 
@@ -65,7 +69,7 @@ lock: | $(PY) ## resolve pyproject.toml anew into requirements/*.lock
 	$(PY) .ci/lock.py $(ARGS)
 
 clean: ## remove everything that was fetched or built
-	rm -rf $(VENV) frontend/node_modules app/static .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf mutants $(VENV) frontend/node_modules app/static .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
 frontend: | $(VENV)/.build-installed
 	@$(PY) hatch_build.py

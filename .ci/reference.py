@@ -45,6 +45,7 @@ PURPOSE = {
     "httpx": "HTTP client of the tests",
     "hypothesis": "property tests",
     "import-linter": "import rules",
+    "mutmut": "changes the code in one place at a time; the tests have to notice",
     "mypy": "types",
     "playwright": "drives the browser tests",
     "pytest": "tests",
