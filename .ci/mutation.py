@@ -1,8 +1,8 @@
 """Mutation testing: mutmut changes the code in one place at a time, and the unit tests have to notice.
 
-Over `firmware_protocol` and the configuration's rules: `make mutation`, about an hour on one core. With names only these
-modules: `make mutation ARGS="framing rules"`, a few minutes each. `--again` tries only the mutants that survived last
-time, after new tests. A survivor's change is shown by `.venv/bin/mutmut show NAME`.
+Over `firmware_protocol` and the configuration's rules: `make mutation`, about an hour on one core. With names only
+these modules: `make mutation ARGS="framing rules"`, a few minutes each. `--again` tries only the mutants that survived
+last time, after new tests. A survivor's change is shown by `.venv/bin/mutmut show NAME`.
 
 What is left out of the score, because no test that runs after the import can notice it: functions that only fill a
 table while their module is imported. Their tables are compared whole by tests/unit/firmware_protocol. mutmut changes

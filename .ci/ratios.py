@@ -42,9 +42,8 @@ def main() -> int:
         own = sum(map(lines_of, (ROOT / "tests/unit" / package).rglob("test_*.py")))
         other = sum(lines_of(test) for test, belongs in shared.items() if belongs == package)
         ratio = (own + other) / code
-        print(
-            f"{package:18} {code:5} lines, tests {own:5} unit + {other:5} property and numeric: {ratio:.2f} of {AIM:.1f}"
-        )
+        tests = f"tests {own:5} unit + {other:5} property and numeric"
+        print(f"{package:18} {code:5} lines, {tests}: {ratio:.2f} of {AIM:.1f}")
         if ratio < floor:
             print(f"{package}: fewer than {floor:.2f} lines of tests for a line of code")
             status = 1
