@@ -4,31 +4,33 @@ import math
 
 import numpy as np
 
+from app.battery.shape import CELLS_PER_PACK, N_CELLS, N_PACKS
 from app.estimation.filters.estimators import Estimates
 from app.live.prediction import Outlook
-from app.sources.master.decode import NO_CELLS, Decoder
 from app.telemetry import Cells, FloatArray, Pack
-from firmware_protocol.memory_map import CELLS_PER_PACK, N_PACKS
+from app.telemetry.measurement import Measurement
+
+_NOTHING = np.full(N_CELLS, np.nan)
+_NOTHING.flags.writeable = False
 
 
-def cells_of(decoder: Decoder, estimate: Estimates | None, outlook: Outlook) -> Cells:
+def cells_of(measured: Measurement, estimate: Estimates | None, outlook: Outlook) -> Cells:
     """Everything per cell; estimates are NaN without an estimator's result, and where the cell has no voltage."""
-    voltages_v = decoder.voltages_v()
-    resistance_ohm = decoder.array("r_fs", (0,))
+    voltages_v, resistance_ohm = measured.voltage_v, measured.resistance_ohm
     joints, health, growth = outlook.joints, outlook.health, outlook.learned
     if joints is not None:
         resistance_ohm = np.where(np.isfinite(joints.resistance_ohm), joints.resistance_ohm, resistance_ohm)
-    none = NO_CELLS
+    none = _NOTHING
     return Cells(
         voltage_v=voltages_v,
-        temperature_degc=decoder.temperatures_degc(),
+        temperature_degc=measured.temperature_degc,
         soc=none if estimate is None else estimate.soc,
         soc_sigma=none if estimate is None else estimate.soc_sigma,
         ocv_v=none if estimate is None else estimate.ocv_v,
         residual_v=none if estimate is None else voltages_v - estimate.voltage_v,
         resistance_ohm=resistance_ohm,
-        capacity_ah=decoder.array("c", (0,)) if outlook.capacity_ah is None else outlook.capacity_ah,
-        balancing=decoder.balancing(),
+        capacity_ah=measured.capacity_ah if outlook.capacity_ah is None else outlook.capacity_ah,
+        balancing=measured.balancing,
         model_valid=None if estimate is None else estimate.model_valid,
         soh_capacity=none if health is None else health.capacity,
         resistance_factor=none if growth is None else np.where(growth.has_resistance, growth.resistance_factor, np.nan),
@@ -51,7 +53,7 @@ def mean(values: FloatArray) -> float | None:
     return float(present.sum() / len(present)) if len(present) else None
 
 
-def packs_of(cells: Cells, decoder: Decoder) -> tuple[Pack, ...]:
+def packs_of(cells: Cells, slave_status: tuple[int | None, ...]) -> tuple[Pack, ...]:
     """Eight packs: voltage only where all twelve cells are there."""
     voltages_v = cells.voltage_v.reshape(N_PACKS, CELLS_PER_PACK)
     temperatures_degc = cells.temperature_degc.reshape(N_PACKS, CELLS_PER_PACK)
@@ -65,5 +67,4 @@ def packs_of(cells: Cells, decoder: Decoder) -> tuple[Pack, ...]:
         np.fmin.reduce(temperatures_degc, axis=1),
     )
     known = ([None if math.isnan(value) else value for value in column.tolist()] for column in columns)
-    status = [decoder.integer(f"slave[{pack}].status") for pack in range(N_PACKS)]
-    return tuple(map(Pack, *known, status))
+    return tuple(map(Pack, *known, slave_status))

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.battery.shape import N_CELLS
 from app.estimation.health.joint_watch import ALARM_OHM
-from app.sources.master.decode import BLANK_S
-from app.telemetry import AlarmSeverity, Snapshot
-from firmware_protocol.memory_map import CONFIG, N_CELLS
+from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
+from app.telemetry.measurement import BLANK_S
 
 V_WATCH_V = 0.05  # this close to a voltage limit
 T_WATCH_DEGC = 5.0
@@ -42,8 +42,8 @@ def conditions(snapshot: Snapshot, *, slack: float = 0.0) -> Iterator[Condition]
             well inside its limit.
     """
     yield from _links(snapshot)
-    if _has_limits(snapshot):
-        yield from _limits(snapshot, slack)
+    if snapshot.limits is not None and _has_limits(snapshot):
+        yield from _limits(snapshot, snapshot.limits, slack)
     yield from _master(snapshot)
     yield from _cells(snapshot)
 
@@ -69,18 +69,13 @@ def is_judged(code: str, snapshot: Snapshot) -> bool:
 
 
 def _has_limits(snapshot: Snapshot) -> bool:
-    return snapshot.age_s.config is not None and snapshot.master.state != "unknown"
+    return snapshot.limits is not None and snapshot.master.state != "unknown"
 
 
 def _is_recent(snapshot: Snapshot) -> bool:
     """Voltages arrive, whatever they say."""
     age_s = snapshot.age_s.voltage
     return age_s is not None and age_s <= BLANK_S
-
-
-def _limit(snapshot: Snapshot, name: str) -> float:
-    field = CONFIG[name]
-    return float(field.unpack(snapshot.image)[0] * field.scale)
 
 
 def _links(snapshot: Snapshot) -> Iterator[Condition]:
@@ -108,10 +103,10 @@ def _links(snapshot: Snapshot) -> Iterator[Condition]:
         yield Condition("links-disagree", "warning", text.rstrip(), value=first.can, unit=first.unit)
 
 
-def _limits(snapshot: Snapshot, slack: float) -> Iterator[Condition]:
+def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterator[Condition]:
     total = snapshot.accumulator
     volts, degrees = 0.01 * slack, 1.0 * slack
-    low, high = _limit(snapshot, "v_cell_min"), _limit(snapshot, "v_cell_max")
+    low, high = limits.cell_voltage_min_v, limits.cell_voltage_max_v
     value, cell = total.voltage_min_v, total.voltage_min_cell
     if value is not None:
         if value < low + volts:
@@ -124,7 +119,7 @@ def _limits(snapshot: Snapshot, slack: float) -> Iterator[Condition]:
             yield Condition("cell-voltage-high", "trip", "cell voltage above its limit", cell, value, high, "V")
         elif value > high - V_WATCH_V / 5 - volts:
             yield Condition("cell-voltage-near-high", "watch", "cell voltage near its limit", cell, value, high, "V")
-    cold, hot = _limit(snapshot, "t_cell_min"), _limit(snapshot, "t_cell_max")
+    cold, hot = limits.temperature_min_degc, limits.temperature_max_degc
     value, cell = total.temperature_max_degc, total.temperature_max_cell
     if value is not None:
         if value > hot - degrees:
@@ -136,8 +131,8 @@ def _limits(snapshot: Snapshot, slack: float) -> Iterator[Condition]:
         yield Condition("cell-cold", "trip", "cell too cold", cell, value, cold, "degC")
     current_a = total.current_a
     charging = snapshot.master.state == "charge"
-    top_a = -_limit(snapshot, "i_chrg_min") if charging else _limit(snapshot, "i_disc_max")
-    bottom_a = -_limit(snapshot, "i_chrg_max") * 1.05 if charging else _limit(snapshot, "i_disc_min")
+    top_a = -limits.charger_min_a if charging else limits.discharge_max_a
+    bottom_a = -limits.charger_max_a * 1.05 if charging else limits.discharge_min_a
     if current_a is not None and not charging and current_a > top_a:
         yield Condition("current-high", "trip", "discharge current above its limit", None, current_a, top_a, "A")
     if current_a is not None and current_a < bottom_a - 1.0:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.battery.shape import N_CELLS
 from app.telemetry import Accumulator, Cells, FloatArray, Snapshot
 from app.telemetry.fields import Part, kept
-from firmware_protocol.memory_map import N_CELLS
 
 LENGTH_S = 900
 TOTALS_LENGTH = LENGTH_S * 28  # the line carries no more than 28 snapshots a second

@@ -8,9 +8,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from app.battery.shape import N_CELLS
 from app.live.prediction import CellPast
 from app.telemetry import FloatArray
-from firmware_protocol.memory_map import N_CELLS
 
 log = logging.getLogger(__name__)
 REST_SIGMA = 0.01  # of a charge that was known when the service ended: what happened since is not

@@ -2,14 +2,15 @@
 
 from collections.abc import Callable
 
+from app.battery.shape import N_CELLS
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimators import FILTERS, CellEstimator, make_estimator
 from app.live.pipeline import Pipeline
 from app.live.prediction import Lookout
+from app.sources.master.source import MasterSource
 from app.telemetry import FloatArray, Source
-from firmware_protocol.memory_map import N_CELLS
 
 
 class Chain:
@@ -42,12 +43,10 @@ class Chain:
     ) -> Pipeline:
         """Return a fresh pipeline; without `lookout` it knows no past."""
         return Pipeline(
-            source,
+            MasterSource(source, rs232_url, can_url),
             self._new_estimator,
             filter_name=self._filter_name,
             cell_name=self._cell_name,
-            rs232_url=rs232_url,
-            can_url=can_url,
             stopwatch_ns=stopwatch_ns,
             lookout=lookout or Lookout(self.cell, N_CELLS),
             start_soc=start_soc,

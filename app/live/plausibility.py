@@ -9,9 +9,8 @@ from collections import deque
 
 import numpy as np
 
-from app.sources.master.decode import Decoder
+from app.battery.shape import N_PACKS
 from app.telemetry import Cells, Check, FloatArray, Plausibility
-from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, N_PACKS
 
 SUM_LIMIT_V = 0.5  # rounding of 96 cells and of the total
 CHIP_LIMIT_V = 0.025  # of a cell's deviation from its pack; the chips' readings are older than the master's
@@ -36,14 +35,14 @@ class PlausibilityChecks:
         self._chip_v: FloatArray | None = None
         self._since_chips_s = 0.0
 
-    def step(self, dt_s: float | None, current_a: float, cells_v: FloatArray, decoder: Decoder) -> None:
+    def step(self, dt_s: float | None, current_a: float, cells_v: FloatArray, chips_v: FloatArray) -> None:
         """Take a measurement.
 
         Args:
             dt_s: since the last one [s]; None begins anew.
             current_a: positive on discharge [A].
             cells_v: (96,) cell voltages, NaN where missing [V].
-            decoder: of the same instant, for the chips' own readings.
+            chips_v: (96,) as the slaves' chips read them, NaN where missing [V].
         """
         if dt_s is None or dt_s > STEP_S:
             self._recent.clear()
@@ -61,18 +60,14 @@ class PlausibilityChecks:
             self._squares_a2 += step_a**2
             self._products_va -= step_a * step_v
             self._squares_v2 += step_v**2
-        self._follow_chips(dt_s, cells_v, decoder)
+        self._follow_chips(dt_s, cells_v, chips_v)
 
-    def _follow_chips(self, dt_s: float, cells_v: FloatArray, decoder: Decoder) -> None:
+    def _follow_chips(self, dt_s: float, cells_v: FloatArray, chips_v: FloatArray) -> None:
         self._since_chips_s += dt_s
         if self._chip_v is not None and self._since_chips_s < CHIPS_EVERY_S:
             return
         since_s, self._since_chips_s = self._since_chips_s, 0.0
-        chips_v = np.full((N_PACKS, CELLS_PER_PACK), np.nan)
-        for pack in range(N_PACKS):
-            if decoder.is_known(f"slave[{pack}].cvr"):
-                chips_v[pack] = decoder.array(f"slave[{pack}].cvr", (CHIP_MISSING, 0))
-        difference = _deviation(chips_v.ravel()) - _deviation(cells_v)
+        difference = _deviation(chips_v) - _deviation(cells_v)
         if self._chip_v is None:
             self._chip_v = difference
         else:
@@ -80,9 +75,9 @@ class PlausibilityChecks:
             moved = self._chip_v + share * (difference - self._chip_v)
             self._chip_v = np.where(np.isnan(moved), difference, moved)
 
-    def verdicts(self, cells: Cells, decoder: Decoder) -> Plausibility:
-        """Return what each check finds."""
-        return Plausibility(_sum(cells, decoder), self._current(), self._chips())
+    def verdicts(self, cells: Cells, total_v: float | None) -> Plausibility:
+        """Return what each check finds; `total_v` is the sum that the master measured."""
+        return Plausibility(_sum(cells, total_v), self._current(), self._chips())
 
     def _current(self) -> Check:
         low, high = RESISTANCE_OHM
@@ -100,8 +95,7 @@ class PlausibilityChecks:
         return Check(value <= CHIP_LIMIT_V, value, CHIP_LIMIT_V, "V", cell)
 
 
-def _sum(cells: Cells, decoder: Decoder) -> Check:
-    total_v = decoder.number("v_tot")
+def _sum(cells: Cells, total_v: float | None) -> Check:
     if total_v is None or np.isnan(cells.voltage_v).any():
         return Check(None, None, SUM_LIMIT_V, "V", None)
     difference = abs(float(cells.voltage_v.sum()) - total_v)

@@ -10,6 +10,7 @@ from math import isfinite
 
 import numpy as np
 
+from app.battery.shape import CELLS_PER_PACK
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.estimators import CellEstimator, Estimates
 from app.estimation.health.capacity import CapacityTracker, StateOfHealth, state_of_health
@@ -22,7 +23,6 @@ from app.estimation.health.sensor_offset import OffsetTracker
 from app.estimation.prediction.energy import EnergyLeft, LapsLeft, energy_left, lap_energies_wh, lap_period_s, laps_left
 from app.estimation.prediction.power import CellStates, Limits, PowerModel, StatePower, TimeToTrip
 from app.telemetry import BoolArray, CountedWith, FloatArray, Prediction
-from firmware_protocol.memory_map import CELLS_PER_PACK
 
 LOOK_S = 1.0
 TRACE_S = 600.0  # of power, for laps

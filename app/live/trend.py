@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from app.battery.shape import N_CELLS
 from app.telemetry import Cells, FloatArray, Snapshot
 from app.telemetry.fields import TREND, marked
-from firmware_protocol.memory_map import N_CELLS
 
 EVERY_S = 10.0
 LENGTH = round(6 * 3600 / EVERY_S)  # rows

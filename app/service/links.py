@@ -55,8 +55,8 @@ class Links:
 
     def on_output(self, output: Output, t_mono_ns: int) -> None:
         """Give the master's reply to the request that waits for it."""
-        if output.reply is not None:
-            self.master.on_reply(output.reply)
+        if output.received.reply is not None:
+            self.master.on_reply(output.received.reply)
 
     @property
     def transmit_hindrance(self) -> str | None:

@@ -34,6 +34,7 @@ from app.telemetry.snapshot import (
     Pack,
     Plausibility,
     Prediction,
+    ProtectionLimits,
     Snapshot,
     Source,
 )
@@ -69,6 +70,7 @@ __all__ = [
     "Pack",
     "Plausibility",
     "Prediction",
+    "ProtectionLimits",
     "SerialItem",
     "Severity",
     "Snapshot",

@@ -207,6 +207,20 @@ class Plausibility:
 
 
 @dataclass(frozen=True, slots=True)
+class ProtectionLimits:
+    """At which the master opens the shutdown circuit, by its configuration."""
+
+    cell_voltage_min_v: float
+    cell_voltage_max_v: float
+    temperature_min_degc: float
+    temperature_max_degc: float
+    discharge_max_a: float  # while driving
+    discharge_min_a: float  # while driving: negative, what is recuperated
+    charger_max_a: float  # positive, as set for the charger
+    charger_min_a: float
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """All that is known at one instant."""
 
@@ -227,7 +241,7 @@ class Snapshot:
     plausibility: Plausibility
     alarms: tuple[Alarm, ...] = ()
     config_hash: str | None = None
-    image: Annotated[bytes, INTERNAL] = b""  # the shadow of the master's memory
+    limits: Annotated[ProtectionLimits | None, INTERNAL] = None
     config: Annotated[bytes | None, INTERNAL] = None  # in force, as last received as a whole
     disagreements: Annotated[tuple[Disagreement, ...], INTERNAL] = ()  # between RS232 and CAN
     is_fresh: Annotated[bool, INTERNAL] = True  # made from new bytes, not only aged

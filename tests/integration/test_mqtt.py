@@ -23,6 +23,7 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.service.mqtt import MqttPublisher, parse_broker
+from app.sources.master.source import MasterSource
 from app.telemetry import Event, LinkChange
 from tests.unit.app.conftest import FakeMaster
 
@@ -136,7 +137,10 @@ def snapshots() -> Callable[[], Any]:
     """Snapshots of a master whose current grows; cell 5 is not measured."""
     cell = load_cell("samsung-25r-10p")
     pipeline = Pipeline(
-        "serial", lambda: make_estimator("coulomb", cell, 96), filter_name="c", cell_name="c", rs232_url="there"
+        MasterSource("serial", "there"),
+        lambda: make_estimator("coulomb", cell, 96),
+        filter_name="c",
+        cell_name="c",
     )
     pipeline.feed(LinkChange(1, 1, "rs232", "open"))
     master = FakeMaster()

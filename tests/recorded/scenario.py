@@ -12,6 +12,7 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Output, Pipeline
 from app.live.prediction import Lookout
 from app.sessions.recording.writer import Recorder
+from app.sources.master.source import MasterSource
 from app.telemetry import FloatArray, LinkChange, SerialItem
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import N_CELLS
@@ -46,11 +47,10 @@ class ScenarioRecorder:
         self._decoder = FrameDecoder()
         cell = load_cell(CELL)
         self._pipeline = Pipeline(
-            "serial",
+            MasterSource("serial", "simulated"),
             lambda: make_estimator("fused", cell, N_CELLS),
             filter_name="fused",
             cell_name=CELL,
-            rs232_url="simulated",
             lookout=Lookout(cell, N_CELLS) if looks_ahead else None,
         )
         self.recorder = Recorder(

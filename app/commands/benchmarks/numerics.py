@@ -10,6 +10,7 @@ import numpy as np
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
+from app.sources.master.source import MasterSource
 from app.telemetry import SerialItem
 from firmware_protocol.config_image import default_image
 from firmware_protocol.framing import FrameDecoder, encode_frame
@@ -70,7 +71,10 @@ def chain_rates(filter_name: str, cell_name: str) -> tuple[float, float]:
     decode_us = _median_us(lambda i: decoder.feed(frames[i]), len(frames))
     cell = load_cell(cell_name)
     pipeline = Pipeline(
-        "serial", lambda: make_estimator(filter_name, cell, N_CELLS), filter_name=filter_name, cell_name=cell_name
+        MasterSource("serial"),
+        lambda: make_estimator(filter_name, cell, N_CELLS),
+        filter_name=filter_name,
+        cell_name=cell_name,
     )
     decoder = FrameDecoder()
 

@@ -1,15 +1,18 @@
 """The shadow image as arrays and numbers in SI units. A byte that never came, or came too long ago, is missing."""
 
-from typing import cast
+from typing import TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.sources.master.shadow import ShadowImage
-from app.telemetry import Ages, BoolArray, Charger, ChargerState, Flags, FloatArray
+from app.telemetry import Ages, BoolArray, Charger, ChargerState, Flags, FloatArray, ProtectionLimits
+from app.telemetry.measurement import BLANK_S, Extreme, Reported
 from firmware_protocol.memory_map import (
     CELLS_PER_PACK,
     CHARGER_STATES,
     CHIP_MISSING,
+    CONFIG,
     FIELDS,
     N_CELLS,
     N_PACKS,
@@ -20,7 +23,6 @@ from firmware_protocol.memory_map import (
     V_MISSING,
 )
 
-BLANK_S = 10.0  # older than this, a value is not shown
 PARTS: dict[str, tuple[int, int]] = {
     "current": (1884, 4),
     "voltage": (1896, 192),
@@ -34,6 +36,18 @@ PARTS: dict[str, tuple[int, int]] = {
 _FLAGS_OFFSET = FIELDS["status.flags"].offset
 CHARGER_FLAGS = ("hardware", "over-temperature", "input voltage", "battery", "time-out")
 _CONNECTED = sum(1 << STATUS_FLAGS.index(name) for name in ("charger", "charging", "load"))
+T = TypeVar("T", bound=np.generic)
+LIMITS = (  # in the order of ProtectionLimits
+    "v_cell_min",
+    "v_cell_max",
+    "t_cell_min",
+    "t_cell_max",
+    "i_disc_max",
+    "i_disc_min",
+    "i_chrg_max",
+    "i_chrg_min",
+)
+_CHIPS = slice(FIELDS["slave[0].cvr"].offset - SLAVE_OFFSET, FIELDS["slave[0].cvr"].end - SLAVE_OFFSET)
 NO_CELLS = np.full(N_CELLS, np.nan)
 NO_CELLS.flags.writeable = False
 
@@ -109,6 +123,44 @@ class Decoder:
         first = self._shadow.image[_FLAGS_OFFSET]
         return Flags(**{name: bool(first >> bit & 1) for bit, name in enumerate(STATUS_FLAGS[:8])}, load=None)
 
+    def chip_voltages_v(self) -> FloatArray:
+        """(n_cells,) cell voltages as the slaves' chips hold them [V]; NaN where a pack's never came or are old."""
+        is_old = _of_slaves(self._shadow.arrived_ns)[:, _CHIPS].min(axis=1) < self._now_ns - BLANK_S * 1e9
+        raw = _of_slaves(np.frombuffer(self._shadow.image, np.uint8))[:, _CHIPS].copy().view("<u2")
+        values = raw * FIELDS["slave[0].cvr"].scale
+        values[(raw == CHIP_MISSING) | (raw == 0) | is_old[:, None]] = np.nan
+        return values.ravel()
+
+    def slave_status(self) -> tuple[int | None, ...]:
+        """What each slave is said to do, by pack."""
+        return tuple(self.integer(f"slave[{pack}].status") for pack in range(N_PACKS))
+
+    def reported(self) -> Reported:
+        """What the master itself makes of its cells."""
+        return Reported(
+            voltage_v=self.number("v_tot"),
+            voltage_min_v=self._extreme("v_min", V_MISSING),
+            voltage_max_v=self._extreme("v_max", V_MISSING),
+            temperature_min_degc=self._extreme("t_min", T_MISSING),
+            temperature_max_degc=self._extreme("t_max", T_MISSING),
+            fan_duty=self.number("charger.fan_duty"),
+        )
+
+    def _extreme(self, name: str, missing: int) -> Extreme:
+        """The master's own (value, cell); a cell that there is not is none."""
+        if self.integer(name) == missing:
+            return None, None
+        cell = self.integer(f"{name}_id")
+        return self.number(name), cell if cell is not None and cell < N_CELLS else None
+
+    def limits(self) -> ProtectionLimits:
+        """The limits of the configuration, whatever its age."""
+        return ProtectionLimits(*(self._config_value(name) for name in LIMITS))
+
+    def _config_value(self, name: str) -> float:
+        field = CONFIG[name]
+        return float(field.unpack(self._shadow.image)[0] * field.scale)
+
     def relays_open(self) -> bool:
         """Whether no current can flow, neither into the car nor from a charger; False while that is not known."""
         raw = self.integer("status.flags")
@@ -126,3 +178,8 @@ class Decoder:
             enabled=None if control is None else control == 0,
             flags=tuple(name for bit, name in enumerate(CHARGER_FLAGS) if flags is not None and flags >> bit & 1),
         )
+
+
+def _of_slaves(values: NDArray[T]) -> NDArray[T]:
+    """(n_packs, SLAVE_SIZE) of something that there is for each byte of the struct."""
+    return values[SLAVE_OFFSET : SLAVE_OFFSET + N_PACKS * SLAVE_SIZE].reshape(N_PACKS, -1)

@@ -3,6 +3,7 @@ import pytest
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
+from app.sources.master.source import MasterSource
 from app.telemetry import LinkChange
 
 CELL = load_cell("samsung-25r-10p")
@@ -11,7 +12,10 @@ CELL = load_cell("samsung-25r-10p")
 @pytest.fixture
 def pipeline(master):
     chain = Pipeline(
-        "serial", lambda: make_estimator("coulomb", CELL, 96), filter_name="coulomb", cell_name="c", rs232_url="/dev/x"
+        MasterSource("serial", "/dev/x"),
+        lambda: make_estimator("coulomb", CELL, 96),
+        filter_name="coulomb",
+        cell_name="c",
     )
     chain.feed(LinkChange(0, 0, "rs232", "open"))
     chain.feed(master.config())

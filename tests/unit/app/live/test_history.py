@@ -7,13 +7,16 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.history import CELLS_LENGTH, LENGTH_S, History
 from app.live.pipeline import Pipeline
+from app.sources.master.source import MasterSource
 
 CELL = load_cell("samsung-25r-10p")
 
 
 @pytest.fixture
 def snapshot(master):
-    chain = Pipeline("serial", lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
+    chain = Pipeline(
+        MasterSource("serial"), lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c"
+    )
     return chain.feed(master.frame()).snapshot
 
 

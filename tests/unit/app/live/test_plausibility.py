@@ -11,37 +11,22 @@ DT_S = 0.1
 RESISTANCE_OHM = 0.0021
 
 
-class Shadow:
-    """What a decoder answers, by name."""
-
-    def __init__(self, chips_v=None, total_v=None):
-        self._chips_v = chips_v
-        self._total_v = total_v
-
-    def is_known(self, name):
-        return self._chips_v is not None
-
-    def array(self, name, missing):
-        pack = int(name[6])
-        return self._chips_v[pack * 12 : pack * 12 + 12]
-
-    def number(self, name):
-        return self._total_v
+NO_CHIPS = np.full(96, np.nan)
 
 
-def drive(check, steps, *, resistance_ohm=RESISTANCE_OHM, chips_v=None, seed=1):
+def drive(check, steps, *, resistance_ohm=RESISTANCE_OHM, chips_v=NO_CHIPS, seed=1):
     """Feed currents that change every second; return the cells' voltages at the end."""
     rng = np.random.default_rng(seed)
     cells_v = np.full(96, 3.7)
     for i in range(steps):
         current_a = 80.0 if i // 10 % 2 else 0.0
         cells_v = 3.7 - resistance_ohm * current_a + rng.normal(0, 1e-3, 96)
-        check.step(DT_S if i else None, current_a, cells_v, Shadow(chips_v))
+        check.step(DT_S if i else None, current_a, cells_v, chips_v)
     return cells_v
 
 
-def verdicts(check, cells_v, **shadow):
-    return check.verdicts(SimpleNamespace(voltage_v=cells_v), Shadow(**shadow))
+def verdicts(check, cells_v, total_v=None):
+    return check.verdicts(SimpleNamespace(voltage_v=cells_v), total_v)
 
 
 def test_nothing_is_said_before_anything_was_seen():
@@ -65,14 +50,14 @@ def test_current_that_the_voltage_does_not_follow_is_not_believed(resistance_ohm
 def test_voltage_that_moves_while_the_current_stands_still_is_not_believed():
     check = PlausibilityChecks()
     for i in range(200):
-        check.step(DT_S if i else None, 0.0, np.full(96, 3.7 - 0.1 * (i // 10 % 2)), Shadow())
+        check.step(DT_S if i else None, 0.0, np.full(96, 3.7 - 0.1 * (i // 10 % 2)), NO_CHIPS)
     assert verdicts(check, np.full(96, 3.7)).current.verdict is False
 
 
 def test_a_car_that_stands_says_nothing_of_its_current():
     check = PlausibilityChecks()
     for i in range(200):
-        check.step(DT_S if i else None, 0.3, np.full(96, 3.7), Shadow())
+        check.step(DT_S if i else None, 0.3, np.full(96, 3.7), NO_CHIPS)
     assert verdicts(check, np.full(96, 3.7)).current.verdict is None
 
 

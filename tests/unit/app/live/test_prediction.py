@@ -10,6 +10,7 @@ from app.estimation.health.rest_capacity import REST_S, CapacityBetweenRests
 from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
 from app.live.pipeline import Pipeline
 from app.live.prediction import Lookout
+from app.sources.master.source import MasterSource
 
 CELL = load_cell("samsung-25r-10p")
 
@@ -17,7 +18,7 @@ CELL = load_cell("samsung-25r-10p")
 @pytest.fixture
 def pipeline(master):
     chain = Pipeline(
-        "serial",
+        MasterSource("serial"),
         lambda: make_estimator("fused", CELL, 96),
         filter_name="fused",
         cell_name="c",
@@ -108,7 +109,7 @@ def test_capacity_comes_from_the_charge_between_two_rests():
 
 
 def test_the_past_is_kept_over_a_restart_and_believed_where_the_voltage_agrees(tmp_path, master):
-    first = Pipeline("serial", lambda: make_estimator("fused", CELL, 96), filter_name="f", cell_name="c")
+    first = Pipeline(MasterSource("serial"), lambda: make_estimator("fused", CELL, 96), filter_name="f", cell_name="c")
     master.set("i_fs", [0])
     estimate = first.feed(master.frame()).estimates
     remembered = estimate.soc + 0.02
@@ -117,7 +118,11 @@ def test_the_past_is_kept_over_a_restart_and_believed_where_the_voltage_agrees(t
     save_learned_state(path, LearnedState(10, remembered, np.full(96, 0.001), Lookout(CELL, 96).past))
     start = load_learned_state(path).start(10)
     second = Pipeline(
-        "serial", lambda: make_estimator("fused", CELL, 96), filter_name="f", cell_name="c", start_soc=start
+        MasterSource("serial"),
+        lambda: make_estimator("fused", CELL, 96),
+        filter_name="f",
+        cell_name="c",
+        start_soc=start,
     )
     soc = second.feed(master.frame()).estimates.soc
     closer = np.abs(soc - remembered) < np.abs(estimate.soc - remembered)

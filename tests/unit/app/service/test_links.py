@@ -6,6 +6,7 @@ from app.clock import Clock
 from app.errors import LinkLost
 from app.live.pipeline import Output
 from app.service.links import Links
+from app.sources.source import Received
 from firmware_protocol.framing import decode_chunk
 from firmware_protocol.messages import MessageType, Reply, Result
 
@@ -46,7 +47,7 @@ def test_a_reply_reaches_the_request_that_waits(monkeypatch):
         frame = decode_chunk(data[1:-1])
         asked.append(frame.type)
         made.on_output(Output(), 0)
-        made.on_output(Output(reply=Reply(frame.type, frame.sequence, Result.DONE)), 0)
+        made.on_output(Output(received=Received(reply=Reply(frame.type, frame.sequence, Result.DONE))), 0)
 
     monkeypatch.setattr(made.serial, "write", answer)
     made.master.identify()

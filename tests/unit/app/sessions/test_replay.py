@@ -11,6 +11,7 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sessions.recording.writer import Recorder
 from app.sessions.replay import Playing, Replaying
+from app.sources.master.source import MasterSource
 from app.telemetry import SerialItem
 
 RECORDED_SOC = 0.42
@@ -18,7 +19,7 @@ CELL = load_cell("samsung-25r-10p")
 
 
 def new_pipeline(*_, **__):
-    return Pipeline("replay", lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
+    return Pipeline(MasterSource("replay"), lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
 
 
 @pytest.fixture

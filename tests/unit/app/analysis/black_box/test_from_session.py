@@ -12,6 +12,7 @@ from app.live.pipeline import Pipeline
 from app.sessions.black_box_store import BlackBoxStore
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import Recorder
+from app.sources.master.source import MasterSource
 
 CELL = load_cell("samsung-25r-10p")
 
@@ -21,7 +22,9 @@ class Car:
 
     def __init__(self, master, folder):
         self.master = master
-        self.pipeline = Pipeline("serial", lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
+        self.pipeline = Pipeline(
+            MasterSource("serial"), lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c"
+        )
         self.recorder = Recorder(folder / "sessions", version="0", monotonic_ns=lambda: master.t_ns)
         self.info = self.recorder.start()
         self.made = []

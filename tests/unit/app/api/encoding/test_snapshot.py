@@ -8,6 +8,7 @@ from app.api.schemas.snapshot import SnapshotOut
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
+from app.sources.master.source import MasterSource
 from app.telemetry.service_state import ServiceState
 
 CELL = load_cell("samsung-25r-10p")
@@ -16,7 +17,7 @@ SERVICE = ServiceState(None, None, 3, None)
 
 @pytest.fixture
 def pipeline():
-    return Pipeline("serial", lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
+    return Pipeline(MasterSource("serial"), lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
 
 
 def encoded(snapshot):
@@ -31,7 +32,7 @@ def test_missing_is_null_and_never_zero(pipeline, master):
     assert body["cells"]["voltage_v"][:2] == [None, 3.7]
     assert body["packs"][0]["voltage_v"] is None
     assert body["cells"]["balancing"] == [None] * 96
-    nothing = encoded(Pipeline("can", lambda: None, filter_name="c", cell_name="c").tick(1, 1).snapshot)
+    nothing = encoded(Pipeline(MasterSource("can"), lambda: None, filter_name="c", cell_name="c").tick(1, 1).snapshot)
     assert nothing["age"]["voltage"] is None
     assert nothing["master"]["flags"] is None
 

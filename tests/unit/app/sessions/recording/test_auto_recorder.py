@@ -11,6 +11,7 @@ from app.live.pipeline import Pipeline
 from app.sessions.catalogue import Catalogue
 from app.sessions.recording.auto_recorder import GONE_S, AutoRecorder
 from app.sessions.recording.writer import DiskLimits
+from app.sources.master.source import MasterSource
 from app.telemetry import CanItem, LinkChange
 from firmware_protocol.framing import decode_chunk
 from tests.fake_clock import FakeClock
@@ -20,7 +21,7 @@ CELL = load_cell("samsung-25r-10p")
 
 @pytest.fixture
 def pipeline():
-    return Pipeline("serial", lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
+    return Pipeline(MasterSource("serial"), lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
 
 
 @pytest.fixture

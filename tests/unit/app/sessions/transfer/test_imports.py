@@ -16,6 +16,7 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sessions.reading.reader import SessionFile
 from app.sessions.transfer.import_session import IMPORTED_LINK, import_file, read_table
+from app.sources.master.source import MasterSource
 from app.sources.recordings.columns import Table, guess, matching
 from app.sources.recordings.profile import ImportProfile, ProfileShelf, parse_profile, profile_text
 
@@ -43,7 +44,7 @@ BO_ 2566869221 Temps: 8 BMS
 
 def pipeline() -> Pipeline:
     cell = load_cell("samsung-25r-10p")
-    return Pipeline("replay", lambda: make_estimator("coulomb", cell, 96), filter_name="c", cell_name="c")
+    return Pipeline(MasterSource("replay"), lambda: make_estimator("coulomb", cell, 96), filter_name="c", cell_name="c")
 
 
 def millivolts(row: int, cell: int) -> int:

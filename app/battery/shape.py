@@ -1,0 +1,23 @@
+"""The shape of a battery: how many segments there are, and how many cells each has."""
+
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """Segments of equal size; a cell's index counts through the segments in order, from 0."""
+
+    n_segments: int
+    cells_per_segment: int
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return self.n_segments * self.cells_per_segment
+
+
+TEAM: Final = Shape(n_segments=8, cells_per_segment=12)  # the team's battery, as in the master's memory map
+N_PACKS: Final = TEAM.n_segments
+CELLS_PER_PACK: Final = TEAM.cells_per_segment
+N_CELLS: Final = TEAM.n_cells

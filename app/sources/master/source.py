@@ -1,0 +1,241 @@
+"""The team's master as a source of measurements: shadow of its memory, CAN tables, events, counters of both links.
+
+Everything that knows the master's protocol stands in this folder; a measurement is what leaves it. No I/O.
+"""
+
+from dataclasses import replace
+
+from app.sources.links.monitor import LinkMonitor, rs232_monitor
+from app.sources.master.agreement import Agreement
+from app.sources.master.decode import PARTS, Decoder
+from app.sources.master.events import describe
+from app.sources.master.shadow import ShadowImage
+from app.sources.master.status import state_of
+from app.sources.source import Received
+from app.telemetry import (
+    CanFault,
+    CanItem,
+    Charger,
+    Event,
+    Identity,
+    Item,
+    LinkChange,
+    Links,
+    Master,
+    SerialItem,
+    Source,
+)
+from app.telemetry.measurement import Measurement
+from firmware_protocol.can_tables import TableReader, bit_rate, tx_messages
+from firmware_protocol.config_image import default_image, image_hash
+from firmware_protocol.errors import DecodeError
+from firmware_protocol.framing import BadFrame
+from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG, CONFIG_SIZE
+from firmware_protocol.messages import Data, EventCode, Ident, MessageType, Reply, decode_message
+from firmware_protocol.messages import Event as MasterEvent
+
+VOLTAGE_OFFSET = PARTS["voltage"][0]
+CAN_SNAPSHOT_NS = 50_000_000
+UPTIME_WRAP_MS = 1 << 32
+MAX_STEP_S = 3600.0
+_BUS_STATES = {
+    "active": ("info", "CAN bus is well again"),
+    "warning": ("watch", "CAN bus with many errors"),
+    "passive": ("warning", "CAN controller error-passive"),
+    "off": ("warning", "CAN controller off the bus"),
+}
+
+
+class MasterSource:
+    """One master behind RS232, CAN or both. Called from one thread."""
+
+    def __init__(self, name: Source, rs232_url: str | None = None, can_url: str | None = None) -> None:
+        self.name: Source = name
+        self.identity: Identity | None = None
+        self._shadow = ShadowImage()
+        self._rs232, self._can = rs232_monitor(rs232_url), LinkMonitor(can_url)
+        self._agreement = Agreement()
+        self._uptime_ms: int | None = None
+        self._last_can_snapshot_ns = 0
+        self._last_trip: str | None = None
+        self._config: tuple[bytes, str] | None = None
+        self._config_from_ns = 0  # bytes that arrived before are of an older configuration
+        self._use_can_tables(default_image())
+
+    def feed(self, item: Item) -> Received:
+        """Take one item from a link."""
+        if isinstance(item, SerialItem):
+            return self._on_serial(item)
+        if isinstance(item, CanItem):
+            return self._on_can(item)
+        if isinstance(item, CanFault):
+            return self._on_fault(item)
+        return self._on_change(item)
+
+    def measure(self, t_mono_ns: int, t_wall_ns: int) -> Measurement:
+        """Return a measurement in which nothing is new but the ages."""
+        return self._measurement(t_mono_ns, t_wall_ns, is_fresh=False)
+
+    def _on_change(self, change: LinkChange) -> Received:
+        is_news = {"rs232": self._rs232, "can": self._can}[change.link].on_change(change)
+        label = {"rs232": "RS232", "can": "CAN"}[change.link]
+        if change.state == "connecting" or not is_news:
+            return Received()
+        severity, text = (
+            ("info", f"{label} open") if change.state == "open" else ("watch", f"{label} lost: {change.error}")
+        )
+        event = Event(change.t_wall_ns, severity, f"{change.link}-{change.state}", text)  # type: ignore[arg-type]
+        return Received(events=(event,))
+
+    def _on_fault(self, fault: CanFault) -> Received:
+        if not self._can.on_fault(fault) or fault.bus_state is None:
+            return Received()
+        severity, text = _BUS_STATES[fault.bus_state]
+        errors = "" if fault.errors is None else f" ({fault.errors} errors)"
+        event = Event(fault.t_wall_ns, severity, f"can-{fault.bus_state}", f"{text}{errors}")  # type: ignore[arg-type]
+        return Received(events=(event,))
+
+    def _on_serial(self, item: SerialItem) -> Received:
+        self._rs232.on_frame(item.t_mono_ns, item.frame)
+        if isinstance(item.frame, BadFrame):
+            return Received()
+        try:
+            message = decode_message(item.frame)
+        except DecodeError:
+            return Received()
+        if isinstance(message, Data):
+            return self._on_data(item, message, item.frame.uptime_ms)
+        if isinstance(message, MasterEvent):
+            if message.code in (EventCode.CONFIG_WRITTEN, EventCode.BOOT):
+                self._config_from_ns = item.t_mono_ns
+            event, trip = describe(message, item.t_wall_ns)
+            self._last_trip = trip if trip is not None else self._last_trip
+            return Received(events=(event,))
+        if message.request_type == MessageType.IDENT:
+            self._identify(message)
+        return Received(reply=message)
+
+    def _on_data(self, item: SerialItem, data: Data, uptime_ms: int) -> Received:
+        self._shadow.write(data.windows, item.t_mono_ns)
+        self._agreement.on_rs232(self._shadow, item.t_mono_ns)
+        if not any(w.offset <= VOLTAGE_OFFSET < w.offset + len(w.data) for w in data.windows):
+            return Received()
+        self._rs232.on_snapshot(item.t_mono_ns)
+        dt_s = self._dt_s(uptime_ms)
+        return Received(self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s=dt_s, is_sample=True))
+
+    def _identify(self, reply: Reply) -> None:
+        try:
+            ident = Ident.from_bytes(reply.data)
+        except DecodeError:
+            return
+        self.identity = Identity(
+            ".".join(map(str, ident.firmware)), ident.protocol, ident.map_hash.hex(), ident.is_compatible, ident.boots
+        )
+
+    def _dt_s(self, uptime_ms: int) -> float | None:
+        """Seconds by the master's clock since the last measurement; None at the first one and after a reset."""
+        before, self._uptime_ms = self._uptime_ms, uptime_ms
+        if before is None:
+            return None
+        dt_s = ((uptime_ms - before) % UPTIME_WRAP_MS) / 1000
+        return dt_s if dt_s <= MAX_STEP_S else None
+
+    def _on_can(self, item: CanItem) -> Received:
+        self._can.on_can_frame(item.t_mono_ns, len(item.data), is_extended=bool(item.can_id & CAN_ID_EXTENDED))
+        if item.sent:
+            return Received()
+        windows = self._can_tables.windows(item.can_id, item.data)
+        if not windows:
+            return Received()
+        if self._rs232.is_live(item.t_mono_ns):  # it carries the same memory, sampled together
+            self._agreement.on_can(windows, item.t_mono_ns)
+            return Received()
+        self._shadow.write_whole_elements(windows, item.t_mono_ns)
+        if item.t_mono_ns - self._last_can_snapshot_ns < CAN_SNAPSHOT_NS:
+            return Received()
+        self._last_can_snapshot_ns = item.t_mono_ns
+        return Received(self._measurement(item.t_mono_ns, item.t_wall_ns))
+
+    def _use_can_tables(self, image: bytes) -> None:
+        """Decode CAN by the tables of a configuration image."""
+        self._can_tables = TableReader(image)
+        self._agreement.watch(tx_messages(image))
+        self._can.bit_rate = bit_rate(CONFIG["can_brp"].unpack(image)[0])
+
+    def _config_in_force(self) -> tuple[bytes, str] | None:
+        """Image and hash as last heard as a whole: never the pieces of two configurations."""
+        if int(self._shadow.arrived_ns[:CONFIG_SIZE].min()) < self._config_from_ns:
+            return self._config
+        image = bytes(self._shadow.image[:CONFIG_SIZE])
+        if self._config is None or self._config[0] != image:
+            self._config = image, image_hash(image)
+            self._use_can_tables(image)
+        return self._config
+
+    def _measurement(
+        self,
+        t_mono_ns: int,
+        t_wall_ns: int,
+        *,
+        dt_s: float | None = None,
+        is_sample: bool = False,
+        is_fresh: bool = True,
+    ) -> Measurement:
+        decoder = Decoder(self._shadow, t_mono_ns)
+        charger = decoder.charger()
+        config = self._config_in_force()
+        age_s = decoder.ages()
+        return Measurement(
+            t_mono_ns=t_mono_ns,
+            t_wall_ns=t_wall_ns,
+            uptime_ms=self._uptime_ms,
+            dt_s=dt_s,
+            is_sample=is_sample,
+            is_fresh=is_fresh,
+            current_a=decoder.number("i_fs"),
+            voltage_v=decoder.voltages_v(),
+            temperature_degc=decoder.temperatures_degc(),
+            resistance_ohm=decoder.array("r_fs", (0,)),
+            capacity_ah=decoder.array("c", (0,)),
+            chip_voltage_v=decoder.chip_voltages_v(),
+            balancing=decoder.balancing(),
+            relays_open=decoder.relays_open(),
+            slave_status=decoder.slave_status(),
+            reported=decoder.reported(),
+            master=self._master(decoder, charger),
+            charger=charger,
+            age_s=age_s,
+            links=self._links(t_mono_ns),
+            disagreements=self._agreement.disagreements(t_mono_ns),
+            limits=None if age_s.config is None else decoder.limits(),
+            config=config and config[0],
+            config_hash=config and config[1],
+        )
+
+    def _master(self, decoder: Decoder, charger: Charger) -> Master:
+        flags = decoder.flags()
+        state, why = state_of(flags, charger.state, self._last_trip)
+        identity = self.identity
+        return Master(
+            state=state,
+            why=why,
+            fit=None if flags is None else flags.fit,
+            flags=flags,
+            soc=decoder.number("soc"),
+            charge_drawn_ah=decoder.number("dod"),
+            n_slaves=decoder.integer("n_slaves"),
+            can_tx_enabled=decoder.integer("status.can_tx_msg_en"),
+            can_rx_enabled=decoder.integer("status.can_rx_msg_en"),
+            can_rx_active=decoder.integer("status.can_rx_msg_active"),
+            firmware=None if identity is None else identity.firmware,
+            protocol=None if identity is None else identity.protocol,
+            map_hash=None if identity is None else identity.map_hash,
+            map_matches=None if identity is None else identity.is_compatible,
+            boots=None if identity is None else identity.boots,
+        )
+
+    def _links(self, t_mono_ns: int) -> Links:
+        """Both links; a CAN controller sorts bad frames out by itself and does not tell how many."""
+        can = self._can.status(t_mono_ns)
+        return Links(self._rs232.status(t_mono_ns), replace(can, crc_errors=None, resyncs=None))

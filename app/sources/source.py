@@ -1,0 +1,38 @@
+"""What a source of measurements is: items of a link in, measurements and events out."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from app.telemetry import Event, Identity, Item, Source
+from app.telemetry.measurement import Measurement
+from firmware_protocol.messages import Reply
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """What one item led to."""
+
+    measurement: Measurement | None = None
+    events: tuple[Event, ...] = ()
+    reply: Reply | None = None
+
+
+NOTHING_RECEIVED = Received()
+
+
+class MeasurementSource(Protocol):
+    """Knows one protocol. Called from one thread; time comes with the items."""
+
+    @property
+    def name(self) -> Source:
+        """Where the items come from."""
+
+    @property
+    def identity(self) -> Identity | None:
+        """What the master said of itself."""
+
+    def feed(self, item: Item) -> Received:
+        """Take one item from a link."""
+
+    def measure(self, t_mono_ns: int, t_wall_ns: int) -> Measurement:
+        """Return a measurement in which nothing is new but the ages."""

@@ -1,0 +1,52 @@
+"""A measurement: what one instant says of the battery, whatever source it came from. Frozen, SI units."""
+
+from dataclasses import dataclass
+
+from app.estimation.arrays import BoolArray, FloatArray
+from app.telemetry.events import Disagreement, Links
+from app.telemetry.snapshot import Ages, Charger, Master, Number, ProtectionLimits
+
+BLANK_S = 10.0  # older than this, a value is not shown
+Extreme = tuple[float | None, int | None]  # value and cell
+
+
+@dataclass(frozen=True, slots=True)
+class Reported:
+    """What the master makes of its cells; shown where the cells themselves are missing. None = missing."""
+
+    voltage_v: Number  # 0 where no cell was measured
+    voltage_min_v: Extreme
+    voltage_max_v: Extreme
+    temperature_min_degc: Extreme
+    temperature_max_degc: Extreme
+    fan_duty: Number
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """The newest of every value. Arrays have one element a cell, NaN where missing; None = missing."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    uptime_ms: int | None  # the master's clock
+    dt_s: float | None  # since the sample before, by the master's clock; None: not known
+    is_sample: bool  # new voltages, measured together with the current: a step of the estimator
+    is_fresh: bool  # something of it is new; not only older
+    current_a: Number  # positive on discharge
+    voltage_v: FloatArray
+    temperature_degc: FloatArray
+    resistance_ohm: FloatArray  # by the master
+    capacity_ah: FloatArray  # by the master
+    chip_voltage_v: FloatArray  # as the slaves' chips read it, older than voltage_v
+    balancing: BoolArray | None
+    relays_open: bool  # no current can flow; False while that is not known
+    slave_status: tuple[int | None, ...]
+    reported: Reported
+    master: Master
+    charger: Charger
+    age_s: Ages
+    links: Links
+    disagreements: tuple[Disagreement, ...]
+    limits: ProtectionLimits | None
+    config: bytes | None  # in force, as last received as a whole
+    config_hash: str | None
