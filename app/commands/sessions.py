@@ -8,8 +8,7 @@ from pathlib import Path
 
 from app.clock import Clock
 from app.commands.session_commands import analysis as debrief
-from app.commands.session_commands import importing, passport
-from app.commands.session_commands import transfer as bringing
+from app.commands.session_commands import importing, passport, transfer
 from app.commands.session_commands.selection import (
     add_data_argument,
     add_json_argument,
@@ -50,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     prune.add_argument("--keep-gb", type=float, metavar="GB", help="all but so much of the newest")
     for action in (delete, prune):
         action.add_argument("--yes", action="store_true", help="delete without asking")
-    for module in (debrief, passport, bringing, importing):
+    for module in (debrief, passport, transfer, importing):
         module.add_actions(actions)
 
 

@@ -65,7 +65,10 @@ def _free_port() -> int:
 class SimulatorProcess:
     """Started with the service, started again if it dies, ended with the service."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, *, backoff: Backoff | None = None, stop_s: float = STOP_S) -> None:
+        """Prepare the process; `stop_s` is how long it may take to end before it is killed."""
+        self._backoff = backoff or Backoff()
+        self._stop_s = stop_s
         self.ports = choose_ports(pty=os.name == "posix")
         self._arguments = [
             *(sys.executable, "-m", "simulator.cli"),
@@ -112,16 +115,15 @@ class SimulatorProcess:
         if process is not None:
             process.terminate()
             try:
-                process.wait(STOP_S)
+                process.wait(self._stop_s)
             except subprocess.TimeoutExpired:
                 process.kill()
         if self._thread.is_alive():
-            self._thread.join(timeout=STOP_S)
+            self._thread.join(timeout=self._stop_s)
         if self.ports.folder is not None:
             shutil.rmtree(self.ports.folder, ignore_errors=True)
 
     def _run(self) -> None:
-        backoff = Backoff()
         while not self._stopping.is_set():
             with self._lock:  # none is started behind the back of `stop`
                 if self._stopping.is_set():
@@ -152,4 +154,4 @@ class SimulatorProcess:
                 self._ready.set()
                 return
             log.warning("the simulator ended with code %s and is started again", code)
-            self._stopping.wait(backoff.next_s())
+            self._stopping.wait(self._backoff.next_s())

@@ -1,4 +1,4 @@
-"""What the service says of its surroundings."""
+"""What the service says of the machine that it runs on."""
 
 from websockets.sync.client import connect
 

@@ -134,7 +134,7 @@ def _marks_of_stint(time_s: FloatArray, power_w: FloatArray, stint: Stint, perio
     grid = np.arange(stint.start_s, stint.end_s + GRID_S, GRID_S)
     power = np.diff(np.interp(grid, time_s[known], _energy_j(time_s[known], power_w[known]))) / GRID_S
     half = round(0.5 * period_s / GRID_S)
-    pattern = _surroundings(power, 0, half)
+    pattern = _stretch_around(power, 0, half)
     marks = [0.0]
     while True:
         usual = float(np.median(np.diff(marks))) if len(marks) > 1 else period_s / GRID_S
@@ -144,7 +144,7 @@ def _marks_of_stint(time_s: FloatArray, power_w: FloatArray, stint: Stint, perio
         elif left > usual:
             mark, score = _next_mark(power, pattern, marks[-1], usual)
             marks.append(mark if score >= MATCH_MIN else marks[-1] + usual)
-            pattern = _learnt(pattern, _surroundings(power, round(marks[-1]), half))
+            pattern = _learnt(pattern, _stretch_around(power, round(marks[-1]), half))
             continue
         return [stint.start_s + mark * GRID_S for mark in marks]
 
@@ -153,13 +153,13 @@ def _next_mark(power: FloatArray, pattern: FloatArray, mark: float, usual: float
     """Return where the pattern comes again, near the usual length of a lap rather than far off it, and how well."""
     low, high = (round(mark + share * usual) for share in SEARCH)
     places = np.arange(low, min(high, len(power)) + 1)
-    matches = np.array([_match(pattern, _surroundings(power, int(at), len(pattern) // 2)) for at in places])
+    matches = np.array([_match(pattern, _stretch_around(power, int(at), len(pattern) // 2)) for at in places])
     scores = matches - UNUSUAL * ((places - mark) / usual - 1.0) ** 2
     best = int(scores.argmax())
     return float(places[best]) + _peak_offset(scores, best), float(matches[best])
 
 
-def _surroundings(power: FloatArray, at: int, half: int) -> FloatArray:
+def _stretch_around(power: FloatArray, at: int, half: int) -> FloatArray:
     """Return (2 half,) power around a place, NaN beyond the stint."""
     found = np.full(2 * half, np.nan)
     first, last = max(at - half, 0), min(at + half, len(power))

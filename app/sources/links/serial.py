@@ -40,12 +40,13 @@ def check_url(url: str) -> None:
 class SerialLink:
     """Delivers frames to `sink`, from its own thread."""
 
-    def __init__(self, url: str, sink: Callable[[Item], None], clock: Clock) -> None:
+    def __init__(self, url: str, sink: Callable[[Item], None], clock: Clock, backoff: Backoff | None = None) -> None:
         check_url(url)
         self.url = url
         self.streams = True  # false: the crew asked for silence, `x` is not repeated
         self._sink = sink
         self._clock = clock
+        self._backoff = backoff or Backoff()
         self._port: serial.Serial | None = None
         self._write_lock = threading.Lock()
         self._stopping = threading.Event()
@@ -85,7 +86,6 @@ class SerialLink:
         self.write(bytes([START_STREAM if on else STOP_STREAM]))
 
     def _run(self) -> None:
-        backoff = Backoff()
         self._tell("connecting")
         while not self._stopping.is_set():
             try:
@@ -99,12 +99,12 @@ class SerialLink:
                 )
             except Exception as error:  # noqa: BLE001  drivers raise their own: termios.error is no OSError
                 self._tell("lost", _reason(error))
-                self._stopping.wait(backoff.next_s())
+                self._stopping.wait(self._backoff.next_s())
                 continue
             self._tell("open")
             self._port = port
             try:
-                self._read_until_lost(port, backoff.reset)
+                self._read_until_lost(port, self._backoff.reset)
             except Exception as error:  # noqa: BLE001  as above
                 if not self._stopping.is_set():
                     self._tell("lost", _reason(error))
@@ -113,7 +113,7 @@ class SerialLink:
                     self._port = None
                 with contextlib.suppress(Exception):
                     port.close()
-            self._stopping.wait(backoff.next_s())
+            self._stopping.wait(self._backoff.next_s())
 
     def _read_until_lost(self, port: serial.Serial, on_data: Callable[[], None]) -> None:
         """Read for ever; `on_data` is called for what arrives: a port that opens and says nothing proves little."""

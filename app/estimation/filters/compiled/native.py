@@ -123,7 +123,7 @@ def _keep(path: Path, code: bytes) -> None:
 
 
 @cache
-def _surroundings() -> str:
+def _environment() -> str:
     import llvmlite.binding as llvm
 
     digest = hashlib.sha256()
@@ -135,5 +135,5 @@ def _surroundings() -> str:
 
 
 def _key(what: str, shape: Shape) -> str:
-    about = "\n".join([_surroundings(), what, *(str(int(value)) for value in shape)])
+    about = "\n".join([_environment(), what, *(str(int(value)) for value in shape)])
     return hashlib.sha256(about.encode()).hexdigest()[:32]

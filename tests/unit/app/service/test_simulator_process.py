@@ -1,12 +1,12 @@
 import sys
-import time
+import threading
 
 import pytest
 
 from app.errors import ConfigError
-from app.service import simulator_process
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess, choose_ports
+from app.sources.links.backoff import Backoff
 
 READY = "import sys; print('ready', flush=True); sys.stdin.read()"
 
@@ -15,8 +15,8 @@ READY = "import sys; print('ready', flush=True); sys.stdin.read()"
 def make(tmp_path):
     made = []
 
-    def make(program: str) -> SimulatorProcess:
-        process = SimulatorProcess(Settings(data=tmp_path))
+    def make(program: str, **more) -> SimulatorProcess:
+        process = SimulatorProcess(Settings(data=tmp_path), **more)
         process._arguments = [sys.executable, "-c", program]
         made.append(process)
         return process
@@ -56,23 +56,22 @@ def test_one_that_ends_at_once_is_said(make):
         make("raise SystemExit(3)").start()
 
 
-def test_one_that_dies_later_is_started_again(make, monkeypatch):
-    monkeypatch.setattr("app.sources.links.backoff.Backoff.next_s", lambda self: 0.01)
-    simulator = make(READY)
-    simulator.start()
-    first = simulator._process
-    first.kill()
-    deadline = time.monotonic() + 10
-    while simulator._process is first:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+def test_one_that_dies_later_is_started_again(make):
+    deaths = threading.Semaphore(0)
+
+    class CountedBackoff(Backoff):
+        def next_s(self) -> float:
+            deaths.release()
+            return 0.01
+
+    make("print('ready', flush=True)", backoff=CountedBackoff()).start()
+    for _ in range(2):  # the second one was started after the first had died
+        assert deaths.acquire(timeout=10)
 
 
-def test_one_that_does_not_listen_is_killed(make, monkeypatch):
-    monkeypatch.setattr(simulator_process, "STOP_S", 0.2)
-    simulator = make(
-        "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('ready', flush=True); time.sleep(60)"
-    )
+def test_one_that_does_not_listen_is_killed(make):
+    deaf = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('ready', flush=True); signal.pause()"
+    simulator = make(deaf, stop_s=0.2)
     simulator.start()
     simulator.stop()
     assert simulator._process.wait(5) != 0

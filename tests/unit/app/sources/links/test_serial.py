@@ -11,6 +11,7 @@ import pytest
 
 from app.clock import Clock
 from app.errors import LinkLost
+from app.sources.links.backoff import Backoff
 from app.sources.links.serial import SerialLink
 from app.telemetry import LinkChange, SerialItem
 
@@ -69,15 +70,19 @@ def plug(tmp_path):
     made.remove()
 
 
+def quick() -> Backoff:
+    """Tries again after five milliseconds at most."""
+    return Backoff(0.005, 0.005)
+
+
 @pytest.fixture
 def seen():
     return Seen()
 
 
 @pytest.fixture
-def link(plug, seen, monkeypatch):
-    monkeypatch.setattr("app.sources.links.backoff.Backoff.next_s", lambda self: 0.005)
-    made = SerialLink(str(plug.path), seen, Clock())
+def link(plug, seen):
+    made = SerialLink(str(plug.path), seen, Clock(), quick())
     made.start()
     yield made
     made.stop()
@@ -121,14 +126,13 @@ def test_writing_to_a_port_that_is_gone_is_said(plug, seen, link):
 def test_a_driver_that_raises_its_own_errors_does_not_end_the_link(plug, seen, monkeypatch):
     import termios
 
-    monkeypatch.setattr("app.sources.links.backoff.Backoff.next_s", lambda self: 0.005)
     tries = []
 
     def broken(*_, **__):
         tries.append(1)
         raise termios.error(5, "Input/output error")
 
-    link = SerialLink("/dev/x", seen, Clock())
+    link = SerialLink("/dev/x", seen, Clock(), quick())
     monkeypatch.setattr("app.sources.links.serial.serial.serial_for_url", broken)
     link.start()
     seen.wait(lambda items: len(changes(items, "lost")) >= 3)
@@ -136,11 +140,11 @@ def test_a_driver_that_raises_its_own_errors_does_not_end_the_link(plug, seen, m
     assert changes(seen.items, "lost")[0].error == "unplugged"
 
 
-def test_a_port_is_read_by_one_alone(plug, seen, link, monkeypatch):
+def test_a_port_is_read_by_one_alone(plug, seen, link):
     plug.insert()
     seen.wait(lambda items: changes(items, "open"))
     other_seen = Seen()
-    other = SerialLink(str(plug.path), other_seen, Clock())
+    other = SerialLink(str(plug.path), other_seen, Clock(), quick())
     other.start()
     other_seen.wait(lambda items: changes(items, "lost"))
     other.stop()
