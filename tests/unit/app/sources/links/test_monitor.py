@@ -1,7 +1,7 @@
 import pytest
 
 from app.sources.links.monitor import LinkMonitor, rs232_monitor
-from app.telemetry import LinkChange
+from app.telemetry import CanFault, LinkChange
 from firmware_protocol.framing import BadFrame, BadReason, Frame
 
 
@@ -93,3 +93,70 @@ def test_the_load_of_a_can_bus_is_its_frames_at_their_longest_against_the_bit_ra
     load = monitor.status(1_990_000_000).line_load
     assert load == pytest.approx(100 * (135 + 160) / 2 / 500_000)
     assert LinkMonitor(None).status(0).line_load is None
+
+
+def test_bytes_on_the_line_count_with_their_delimiters():
+    monitor = opened()
+    monitor.on_frame(0, frame(0))
+    monitor.on_frame(0, BadFrame(BadReason.SHORT, b"123"))
+    status = monitor.status(0)
+    assert status.bytes == (8 + 2) + (3 + 2)
+    assert status.bytes_per_s == pytest.approx(15 / 2)
+    assert status.line_load == pytest.approx(7.5 / (115_200 / 11))
+
+
+def test_a_link_is_live_for_a_second_after_a_good_frame():
+    monitor = opened()
+    assert not monitor.is_live(0)
+    monitor.on_frame(5, frame(0))
+    assert monitor.is_live(5 + 999_999_999)
+    assert not monitor.is_live(5 + 1_000_000_000)
+    monitor.on_frame(2_000_000_000, BadFrame(BadReason.CRC, b""))
+    assert not monitor.is_live(2_000_000_000)
+
+
+def test_a_repeated_frame_counts_as_a_whole_turn_of_lost_ones():
+    monitor = opened()
+    monitor.on_frame(0, frame(7))
+    monitor.on_frame(0, frame(7))
+    assert monitor.lost == 255
+
+
+def test_a_link_that_was_never_open_reconnects_to_nothing():
+    monitor = rs232_monitor("/dev/x")
+    monitor.on_change(LinkChange(0, 0, "rs232", "open"))
+    assert monitor.status(0).reconnects == 0
+
+
+def test_an_error_ends_when_the_port_opens():
+    monitor = rs232_monitor("/dev/x")
+    monitor.on_change(LinkChange(0, 0, "rs232", "lost", "unplugged"))
+    monitor.on_change(LinkChange(0, 0, "rs232", "open"))
+    assert monitor.status(0).error is None
+
+
+def fault(state, errors=1):
+    return CanFault(0, 0, errors=errors, tx_errors=2, rx_errors=3, bus_state=state)
+
+
+def test_a_change_of_the_controllers_state_is_news_and_the_first_good_one_is_none():
+    monitor = LinkMonitor("slcan:x")
+    assert not monitor.on_fault(fault("active"))
+    assert monitor.on_fault(fault("passive"))
+    assert not monitor.on_fault(fault("passive"))
+    assert not monitor.on_fault(fault(None)), "an unknown state is no news"
+    assert monitor.on_fault(fault("off"))
+
+
+def test_the_controllers_counters_are_unknown_until_told_and_after_a_reopening():
+    monitor = LinkMonitor("slcan:x")
+
+    def told():
+        status = monitor.status(0)
+        return status.errors, status.tx_errors, status.rx_errors, status.bus_state
+
+    assert told() == (None, None, None, None)
+    monitor.on_fault(fault("passive", errors=4))
+    assert told() == (4, 2, 3, "passive")
+    monitor.on_change(LinkChange(0, 0, "can", "open"))
+    assert told() == (None, None, None, None)

@@ -56,3 +56,53 @@ def test_a_value_of_which_can_carries_half_is_not_compared():
     links = Links()
     links.agreement.watch([])
     assert all(links.step(35000, 34000) == () for _ in range(40))
+
+
+def test_a_difference_of_three_counts_or_half_a_percent_is_none():
+    for can in (34997, 35003, 35000 + 174):
+        links = Links()
+        assert all(links.step(35000, can) == () for _ in range(40)), can
+    links = Links()
+    assert [bool(links.step(35000, 35000 + 180)) for _ in range(40)][-1]
+    links = Links()
+    assert [bool(links.step(10, 14)) for _ in range(40)][-1], "near zero the counts are what is left"
+    links = Links()
+    assert not any(links.step(10, 13) for _ in range(40))
+
+
+def test_a_difference_has_to_last_two_seconds_without_a_break():
+    links = Links()
+    for _ in range(5):
+        assert not any(links.step(35000, 34000) for _ in range(15))
+        links.step(35000, 35000)
+
+
+def test_what_rs232_does_not_bring_any_more_is_not_compared():
+    links = Links()
+    links.step(35000, 35000)
+    for i in range(40):
+        links.agreement.on_can((Window(V_TOT.offset, b"\x00\x00"),), links.t_ns + 3_000_000_000 + i * 100_000_000)
+    assert links.agreement.disagreements(links.t_ns + 7_000_000_000) == ()
+
+
+def test_only_what_rs232_has_brought_is_compared():
+    agreement = Agreement()
+    agreement.watch(tx_messages(default_image()))
+    for i in range(40):
+        agreement.on_can((Window(V_TOT.offset, b"\x10\x27"),), i * 100_000_000)
+    assert agreement.disagreements(4_000_000_000) == ()
+
+
+def test_a_disagreement_survives_a_new_list_of_the_same_messages():
+    links = Links()
+    for _ in range(40):
+        links.step(35000, 34000)
+    links.agreement.watch(tx_messages(default_image()))
+    assert [found.name for found in links.step(35000, 34000)] == ["v_tot"]
+
+
+def test_it_is_said_since_when_the_values_differ():
+    links = Links()
+    links.step(35000, 35000)
+    told = [links.step(35000, 34000) for _ in range(40)][-1]
+    assert told[0].since_ns == 200_001_000

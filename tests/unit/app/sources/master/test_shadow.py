@@ -36,3 +36,45 @@ def test_age_is_never_negative(now_ns):
     shadow = ShadowImage()
     shadow.write((Window(0, b"\1"),), 5)
     assert shadow.age_s(0, 1, now_ns) == 0.0
+
+
+def test_nothing_is_known_at_the_start():
+    shadow = ShadowImage()
+    assert shadow.age_s(0, 2984, 10**18) is None
+    assert not any(shadow.image)
+
+
+def test_a_window_touches_no_byte_beside_it():
+    shadow = ShadowImage()
+    shadow.write((Window(100, b"\xaa\xbb"),), 5)
+    assert shadow.image[99:103] == b"\0\xaa\xbb\0"
+    assert shadow.age_s(99, 1, 5) is None
+    assert shadow.age_s(102, 1, 5) is None
+    assert shadow.age_s(100, 2, 5) == 0.0
+
+
+def test_an_element_whose_bytes_come_in_two_windows_of_one_message_is_whole():
+    shadow = ShadowImage()
+    shadow.write_whole_elements((Window(1884, b"\xfb\xff"), Window(1886, b"\xff\xff")), 9)
+    assert FIELDS["i_fs"].unpack(shadow.image) == (-5,)
+    assert shadow.age_s(1884, 4, 9) == 0.0
+
+
+def test_of_an_array_the_whole_elements_are_taken_and_the_others_not():
+    shadow = ShadowImage()
+    shadow.write_whole_elements((Window(1897, b"\x01\x02\x03\x04\x05"),), 9)
+    assert FIELDS["v"].unpack(shadow.image)[:4] == (0, 0x0302, 0x0504, 0)
+    assert shadow.age_s(1896, 2, 9) is None
+
+
+def test_padding_between_fields_is_never_taken_from_can():
+    shadow = ShadowImage()
+    shadow.write_whole_elements((Window(2391, b"\x77"),), 9)
+    assert shadow.image[2391] == 0
+    assert shadow.age_s(2391, 1, 9) is None
+
+
+def test_the_ninth_flag_is_not_taken_without_the_others_of_its_byte():
+    shadow = ShadowImage()
+    shadow.write_whole_elements((Window(421, b"\x01"),), 9)
+    assert shadow.image[421] == 0
