@@ -19,7 +19,6 @@ from app.api.configuration import configuration as config
 from app.api.configuration import library as config_library
 from app.api.encoding.encoder import SnapshotEncoder
 from app.api.live import events, live, metrics, system
-from app.api.live.readers import Readers
 from app.api.schemas.service import ProblemOut
 from app.api.sessions import analysis as debrief
 from app.api.sessions import imports, passport, recorder, sessions, transfer
@@ -29,6 +28,7 @@ from app.api.web.authentication import Authentication, AuthenticationMiddleware
 from app.api.web.dependencies import WebParts
 from app.api.web.head import HeadAsGet
 from app.api.web.limits import BodyLimit
+from app.api.web.readers import Readers
 from app.api.web.static import serve_front_end
 from app.clock import Clock
 from app.service.host import ClockWatch

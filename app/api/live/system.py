@@ -5,8 +5,8 @@ from typing import Literal
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from app.api.live.readers import Reader
 from app.api.web.dependencies import ClockPart, ClockWatchPart, ReadersPart, RecorderPart, SettingsPart
+from app.api.web.readers import Reader
 from app.service.host import addresses_of, disk_of
 
 router = APIRouter(tags=["live"])

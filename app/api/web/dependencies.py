@@ -9,9 +9,9 @@ from starlette.requests import HTTPConnection
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.analysis.passport.keeper import PassportKeeper
 from app.api.encoding.encoder import SnapshotEncoder
-from app.api.live.readers import Readers
 from app.api.web.authentication import Authentication, User
 from app.api.web.problems import Problem
+from app.api.web.readers import Readers
 from app.clock import Clock
 from app.configuration.history import ConfigHistory
 from app.configuration.lookup import ConfigSources

@@ -1,6 +1,6 @@
 """The one tuning of the filters: what they assume about models, sensors and starts. Same for every cell.
 
-Chosen on training runs only (see docs/estimation.md); the shapes have reasons, the numbers were measured.
+Chosen on training runs only (see docs/explanation/estimation.md); the shapes have reasons, the numbers were measured.
 """
 
 from __future__ import annotations
