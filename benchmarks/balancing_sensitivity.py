@@ -1,7 +1,8 @@
 """How much the balancing study's results hang on what the thesis does not say.
 
-`python -m benchmarks.balancing_sensitivity` prints two tables of docs/balancing.md: what decides how long resistors are
-on, and what decides whether a charge at 6C with the transformer trips at 40 degC. Method: one change at a time.
+`python -m benchmarks.balancing_sensitivity` prints two tables of docs/explanation/balancing.md: what decides how long
+resistors are on, and what decides whether a charge at 6C with the transformer trips at 40 degC. Method: one change
+at a time.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The source documents' estimation, redone: `python -m benchmarks.sources [--plots docs/images] [--data FOLDER]`.
 
-Three parts, one page (docs/sources-redone.md): the load patterns of SPKF-2020 with its own filter and with ours, the
-filters and RC orders of EKF-CDKF-2022 on measured drives, and the model of the STATE-SPACE notes.
+Three parts, one page (docs/explanation/sources-redone.md): the load patterns of SPKF-2020 with its own filter and with
+ours, the filters and RC orders of EKF-CDKF-2022 on measured drives, and the model of the STATE-SPACE notes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Pictures of docs/sources-redone.md. matplotlib is imported only when something is drawn."""
+"""Pictures of docs/explanation/sources-redone.md. matplotlib is imported only when something is drawn."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """What a scenario is: how it starts, what the car does, what goes wrong, what the operator does, what must follow.
 
-docs/simulator.md describes the file; `scenario_file` reads it.
+docs/reference/simulator.md describes the file; `scenario_file` reads it.
 """
 
 from collections.abc import Mapping

@@ -1,6 +1,6 @@
 """Reads scenario files: what is accepted can be played to its end, everything else is refused with its place.
 
-docs/simulator.md describes the format.
+docs/reference/simulator.md describes the format.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""docs/simulator.md names every fault, load and action that the simulator knows."""
+"""docs/reference/simulator.md names every fault, load and action that the simulator knows."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from simulator.library import find_scenario
 from simulator.runner import Runner
 from simulator.scenario import ACTIONS, LOADS
 
-PAGE = (Path(__file__).parents[2] / "docs" / "simulator.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "simulator.md").read_text(encoding="utf-8")
 
 
 def row(kind: FaultKind) -> str:
