@@ -61,14 +61,15 @@ def create_app(
     can_url: str | None,
     replay: Replay | None = None,
     simulated_car: SimulatorProcess | None = None,
+    clock: Clock | None = None,
 ) -> FastAPI:
-    """Return the application; its lifespan opens the links and closes them.
+    """Return the application; its lifespan opens the links and closes them. Without `clock` it is the computer's.
 
     Raises:
         ConfigError: a setting is wrong or unsafe.
     """
     settings.check()
-    clock = Clock()
+    clock = clock or Clock()
     service = make_service(settings, clock, source=source, serial_url=serial_url, can_url=can_url)
 
     @asynccontextmanager

@@ -18,7 +18,6 @@ import paho.mqtt.client as paho
 import pytest
 
 from app.clock import Clock
-from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
@@ -253,18 +252,3 @@ def test_tls_with_a_password(tmp_path, closing, snapshots):
         assert "secret" not in str(stranger.problem)
     finally:
         broker.kill()
-
-
-@pytest.mark.parametrize(
-    ("url", "reason"),
-    [
-        ("http://pit", "mqtt.s.://"),
-        ("mqtt://", "mqtt.s.://"),
-        ("mqtt://pit:99999999", "mqtt.s.://"),
-        ("mqtt://a:b@pit", "VOLTWALL_MQTT_PASSWORD"),
-        ("mqtt://pit/a/#", "mqtt.s.://"),
-    ],
-)
-def test_what_is_no_broker_is_refused(url, reason):
-    with pytest.raises(ConfigError, match=reason):
-        parse_broker(url)

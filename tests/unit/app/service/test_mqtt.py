@@ -1,0 +1,62 @@
+"""Which broker a URL names, and what of a snapshot is published."""
+
+import json
+
+import pytest
+
+from app.errors import ConfigError
+from app.service.mqtt import messages, parse_broker
+from app.telemetry import LinkChange
+from app.telemetry.service_state import Recording
+
+
+def test_a_url_names_host_port_prefix_and_user():
+    broker = parse_broker("mqtts://pit%40team@car.local/fsg/", password="secret")
+    assert (broker.host, broker.port, broker.prefix, broker.uses_tls) == ("car.local", 8883, "fsg", True)
+    assert (broker.user, broker.password) == ("pit@team", "secret")
+    assert str(broker) == "mqtts://car.local:8883/fsg"
+
+
+def test_without_port_and_prefix_there_are_defaults():
+    broker = parse_broker("mqtt://pit")
+    assert (broker.port, broker.prefix, broker.uses_tls, broker.user) == (1883, "voltwall", False, None)
+
+
+def test_a_ca_that_is_no_file_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="mqtt_ca"):
+        parse_broker("mqtts://pit", ca=tmp_path / "none.pem")
+
+
+@pytest.mark.parametrize(
+    ("url", "reason"),
+    [
+        ("http://pit", "mqtt.s.://"),
+        ("mqtt://", "mqtt.s.://"),
+        ("mqtt://pit:99999999", "mqtt.s.://"),
+        ("mqtt://a:b@pit", "VOLTWALL_MQTT_PASSWORD"),
+        ("mqtt://pit/a/#", "mqtt.s.://"),
+    ],
+)
+def test_what_is_no_broker_is_refused(url, reason):
+    with pytest.raises(ConfigError, match=reason):
+        parse_broker(url)
+
+
+def test_a_snapshot_is_published_in_parts_and_what_is_missing_is_null(bench, master):
+    master.set("v", [0 if i == 5 else 37000 + i for i in range(96)])
+    bench.feed(LinkChange(0, 0, "rs232", "open"), master.frame())
+    recording = Recording("s1", 5_500_000_000, 7, 4096)
+    bodies = {topic: json.loads(body) for topic, body in messages(bench.live.snapshot, recording)}
+    assert set(bodies) == {
+        *("accumulator", "master", "links", "alarms", "recording"),
+        *(f"cells/{name}" for name in ("voltage_v", "temperature_degc", "soc", "soc_sigma")),
+    }
+    assert bodies["accumulator"]["current_a"] == pytest.approx(10.0)
+    assert bodies["cells/voltage_v"]["values"][5:7] == [None, pytest.approx(3.7006)]
+    assert bodies["links"]["rs232"]["state"] == "live"
+    assert (bodies["recording"]["session_id"], bodies["recording"]["since"]) == ("s1", 5.5)
+
+
+def test_without_a_recording_its_topic_is_null(bench, master):
+    bench.feed(master.frame())
+    assert dict(messages(bench.live.snapshot, None))["recording"] == b"null"
