@@ -11,12 +11,11 @@ from dataclasses import dataclass, field
 from math import inf, isfinite, sqrt
 from typing import Any, Final
 
+from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.errors import ConfigError
 from app.telemetry import Accumulator, Cells
 from app.telemetry.fields import units
 
-CELLS_PER_PACK: Final = 12
-N_PACKS: Final = 8
 TOTALS: Final = tuple(name for name, _ in units(Accumulator))
 PER_CELL: Final = tuple(name for name, _ in units(Cells))
 SEVERITIES: Final = ("watch", "warning", "trip")

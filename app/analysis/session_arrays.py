@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from app.analysis.totals import FloatArray, Totals
+from app.battery.shape import N_CELLS
 from app.sessions.reading.reader import FieldSamples, SessionFile
-from firmware_protocol.memory_map import N_CELLS
 
 _SOC = "estimate.soc"
 TOTALS_FIELDS = ("i_fs", "v_tot", "v_min", "v_min_id", "v_max", "t_max", "t_max_id", "t_avg", "soc", _SOC)

@@ -11,6 +11,7 @@ from typing import Any
 from app.analysis.black_box.from_session import keep_black_boxes
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.analysis.passport.keeper import PassportKeeper
+from app.battery.shape import N_CELLS
 from app.clock import Clock
 from app.configuration.history import ConfigHistory
 from app.configuration.lookup import ConfigSources
@@ -45,7 +46,6 @@ from app.sessions.retention import Retention, RetentionRule
 from app.sessions.transfer.import_jobs import ImportJobs
 from app.sessions.transfer.jobs import FetchJobs
 from app.telemetry import Event, Snapshot, Source
-from firmware_protocol.memory_map import N_CELLS
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,11 +10,11 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from app.analysis.totals import FloatArray, number
+from app.battery.shape import CELLS_PER_PACK
 
 BEFORE_S: Final = 10.0
 AFTER_S: Final = 5.0
 LONGEST_S: Final = 15.0  # from the first trigger to the last that still belongs to it
-CELLS_PER_PACK: Final = 12
 FAULTS: Final = ("cell-missing", "joint-loose", "charger-")  # warnings of the battery itself
 _MEASURED: Final = ("voltage_min_v", "temperature_at_degc")
 Quantity = Literal["voltage", "temperature", "current"]

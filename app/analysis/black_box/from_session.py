@@ -9,10 +9,11 @@ import numpy as np
 
 from app.analysis.black_box.excerpt import AFTER_S, BEFORE_S, Trigger, Window, build, incidents, is_trigger
 from app.analysis.totals import FloatArray
+from app.battery.shape import N_CELLS
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.reading.reader import SessionFile
 from firmware_protocol.config_image import image_hash
-from firmware_protocol.memory_map import CONFIG, N_CELLS, STATUS_FLAGS
+from firmware_protocol.memory_map import CONFIG, STATUS_FLAGS
 
 LIMITS = ("v_cell_min", "v_cell_max", "t_cell_min", "t_cell_max", "i_disc_max", "i_disc_min")
 _FIELDS = ("i_fs", "v", "t", "estimate.soc", "status.flags")

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from app.analysis.black_box.excerpt import CELLS_PER_PACK, place
+from app.analysis.black_box.excerpt import place
 from app.analysis.printed.sheet import facts, figure, quantity, sheet, signed, table, utc
 from app.analysis.printed.svg import AMBER, SOFT, TEAL, Band, Line, Mark, Rule, chart
+from app.battery.shape import CELLS_PER_PACK
 
 _DECIMALS = {"V": 4, "A": 1, "degC": 0, "mohm": 2}
 _LIMITS = {

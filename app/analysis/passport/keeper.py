@@ -15,6 +15,7 @@ from app.analysis.passport.history import Passports, SessionRecord, Stretch, Swa
 from app.analysis.session_survey import survey_session
 from app.analysis.survey import Piece, Rest
 from app.analysis.totals import MAX_STEP_S, FloatArray, number
+from app.battery.shape import N_CELLS
 from app.errors import ConfigError
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.capacity import CapacityTracker
@@ -24,7 +25,6 @@ from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
 from app.sessions.passport_store import PassportStore
 from app.sessions.reading.reader import SessionFile
-from firmware_protocol.memory_map import N_CELLS
 
 log = logging.getLogger(__name__)
 

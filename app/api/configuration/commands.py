@@ -19,8 +19,8 @@ from app.api.web.dependencies import (
 )
 from app.api.web.problems import Problem, invalid, not_found
 from app.api.web.request_body import Body
+from app.battery.shape import CELLS_PER_PACK, N_CELLS
 from app.configuration.calibration import measure, propose_gain, propose_zero
-from firmware_protocol.memory_map import CELLS_PER_PACK, N_CELLS
 from firmware_protocol.messages import MAX_FAN_OVERRIDE_S, Command, CommandId
 
 router = APIRouter(tags=["commands"])

@@ -10,10 +10,10 @@ from app.api.schemas.slave_check import SlaveCheckResultOut, SlaveChecksOut
 from app.api.web.dependencies import ClockPart, EventsPart, LinksPart, SlaveChecksPart, UserDep
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
+from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.configuration.slave_check import QUANTITIES, QuantityName, Reading, Verdict, judge, read_slave
 from app.configuration.slave_check_log import SlaveCheck
 from app.telemetry import Severity
-from firmware_protocol.memory_map import CELLS_PER_PACK, N_PACKS
 
 router = APIRouter(prefix="/calibration/slave", tags=["commands"])
 MAX_CHECKS = 200

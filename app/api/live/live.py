@@ -12,6 +12,7 @@ from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
 from app.api.web.dependencies import AuthenticationPart, ClockPart, EncoderPart, HealthPart, LivePart, ReadersPart
 from app.api.web.problems import Problem
+from app.battery.shape import N_CELLS
 from app.telemetry import Snapshot
 
 router = APIRouter(tags=["live"])
@@ -45,7 +46,7 @@ async def snapshot(live: LivePart, encoder: EncoderPart) -> Response:
 def history(
     live: LivePart,
     seconds: Annotated[float, Query(gt=0, le=3600)] = 900,
-    cell: Annotated[int | None, Query(ge=0, le=95)] = None,
+    cell: Annotated[int | None, Query(ge=0, le=N_CELLS - 1)] = None,
 ) -> Response:
     """The last minutes of the main values, or of one cell, for charts that open late; extremes are kept."""
     body = live.history.read(seconds, cell)
@@ -53,7 +54,7 @@ def history(
 
 
 @router.get("/trend", responses={200: {"model": TrendOut}})
-def trend(live: LivePart, cell: Annotated[int, Query(ge=0, le=95)]) -> Response:
+def trend(live: LivePart, cell: Annotated[int, Query(ge=0, le=N_CELLS - 1)]) -> Response:
     """Slow values of one cell over six hours, and how long it was balanced since the service started."""
     return Response(
         orjson.dumps(live.trend.read(cell), option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json"

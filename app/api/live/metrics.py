@@ -8,6 +8,7 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_l
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from app.api.web.dependencies import LivePart, RecorderPart
+from app.battery.shape import CELLS_PER_PACK
 from app.service.live import Live
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.telemetry import Snapshot
@@ -99,7 +100,8 @@ def _cells(snapshot: Snapshot) -> Iterator[Metric]:
         family = GaugeMetricFamily(metric, text, labels=["pack", "cell"])
         for index, value in enumerate(getattr(snapshot.cells, attribute).tolist()):
             if value == value:
-                family.add_metric([str(index // 12 + 1), str(index % 12 + 1)], value)
+                pack, place = divmod(index, CELLS_PER_PACK)
+                family.add_metric([str(pack + 1), str(place + 1)], value)
         yield family
 
 

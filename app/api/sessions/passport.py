@@ -12,7 +12,7 @@ from app.api.sessions.sessions import MAX_UNIX_S
 from app.api.web.dependencies import ClockPart, EventsPart, PassportsPart, UserDep
 from app.api.web.problems import not_found
 from app.api.web.request_body import Body
-from firmware_protocol.memory_map import N_CELLS
+from app.battery.shape import N_CELLS
 
 router = APIRouter(tags=["passport"])
 

@@ -10,6 +10,7 @@ from app.analysis.black_box.excerpt import short_place
 from app.analysis.passport.history import Passports
 from app.analysis.passport.keeper import PassportKeeper
 from app.analysis.totals import number
+from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.clock import Clock
 from app.commands.session_commands.analysis import in_column
 from app.commands.session_commands.selection import add_json_argument, catalogue, data_folder, new_action
@@ -18,7 +19,6 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError
 from app.service.settings import Settings
 from app.sessions.passport_store import StoredSwap
-from firmware_protocol.memory_map import CELLS_PER_PACK, N_PACKS
 
 _NOW = ("capacity_ah", "resistance_ohm", "resistance_relative", "self_discharge_per_day", "balancing_h")
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from app.battery.shape import N_CELLS
 from app.sessions.errors import NotASession
 from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
 from app.sessions.reading.blocks import Block, BlockReader, Column, ElementArray
@@ -23,7 +24,7 @@ from app.sessions.storage.files import size_on_disk
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.signals import Signal, field_shape, find_signal
 from app.sessions.storage.streams import IntArray
-from firmware_protocol.memory_map import CONFIG, FIELDS, N_CELLS
+from firmware_protocol.memory_map import CONFIG, FIELDS
 
 MAX_POINTS = 100_000
 Received = RecordedFrame | RecordedCanFrame | RecordedConfig

@@ -18,12 +18,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from app.battery.shape import N_CELLS
 from app.errors import NotNow
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
 from app.sessions.recording.session_writer import Item, Row, SessionWriter
 from app.sessions.storage.files import new_file, size_on_disk
-from firmware_protocol.memory_map import MAP_HASH, N_CELLS
+from firmware_protocol.memory_map import MAP_HASH
 
 logger = logging.getLogger(__name__)
 

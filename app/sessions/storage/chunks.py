@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.battery.shape import N_CELLS
 from app.sessions.storage.streams import IntArray
 from firmware_protocol.can_tables import TableReader
 from firmware_protocol.config_image import default_image
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import Frame, decode_chunk
-from firmware_protocol.memory_map import FIELDS, N_CELLS
+from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import Data, MessageType
 
 ESTIMATE_SCALE = 2e-5  # per count of a stored estimate; 65535 is missing

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.battery.shape import N_CELLS
 from app.sessions.errors import UnknownSignal
 from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE, ESTIMATES
 from app.sessions.storage.streams import IntArray
-from firmware_protocol.memory_map import CHIP_MISSING, FIELDS, N_CELLS, T_MISSING, V_MISSING
+from firmware_protocol.memory_map import CHIP_MISSING, FIELDS, T_MISSING, V_MISSING
 
 _NAME = re.compile(r"(?P<field>.+?)(?P<indices>(\[\d+\])*)$")
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.battery.shape import N_CELLS
 from app.errors import ImportFailed
 from app.sources.recordings.columns import Table
 from app.sources.recordings.profile import UNITS, ImportProfile
-from firmware_protocol.memory_map import N_CELLS
 
 FloatArray = NDArray[np.float64]
 UNIX_FROM_S = 9.0e8  # a time beyond it, in 1998, is since 1970; before it, since a start
