@@ -1,9 +1,10 @@
 # Everything a contributor types. Needs Python 3.11 and make; the rest is fetched from PyPI and npm into this folder.
 # Variables: PYTHON=python3.11, ARGS="--serial /dev/ttyUSB0" for `make run`, TESTS=tests/unit for `make test`,
-# WORKERS=1 for one test process instead of one per core.
+# WORKERS=1 for one test process instead of one per core, SHORT=1 for a short `make campaign`.
 
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(if $(shell command -v $p 2>/dev/null),$p)))
 ARGS ?=
+SHORT ?=
 TESTS ?=
 WORKERS ?= auto
 
@@ -21,7 +22,7 @@ endef
 export COMPILE_FILTER
 
 .DEFAULT_GOAL := help
-.PHONY: help run test check lint types imports generated-check frontend-check bench mutation generated lock clean frontend browser
+.PHONY: help run test campaign check lint types imports generated-check frontend-check bench mutation generated lock clean frontend browser
 
 help: ## say what there is
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -32,6 +33,9 @@ run: $(VENV)/.run-installed frontend ## set up what is missing, then serve the s
 test: $(VENV)/.dev-installed frontend browser ## set up what is missing, then run every test, in the browser too
 	@$(PY) hatch_build.py npm run --silent test
 	@$(PY) -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(TESTS)
+
+campaign: $(VENV)/.dev-installed frontend browser ## kills, power cuts, noise, a day of racing, every route; SHORT=1 for a part of each
+	@$(PY) .ci/campaign.py $(if $(SHORT),--short)
 
 check: lint types imports generated-check frontend-check ## formatting, lint, types, import rules, generated files; changes nothing
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.c_programs import CMaster, build_program
+from tests.campaign import tell_figure
 from tests.service_process import Service
 
 TESTS_FOLDER = Path(__file__).parent
@@ -21,6 +22,12 @@ SLOWEST_FIRST = ("e2e", "integration", "numeric", "property", "docs", "unit")
 def c_master_program() -> Path:
     """The program `firmware_protocol/c/host`."""
     return build_program("host")
+
+
+@pytest.fixture
+def tell() -> Callable[[str], None]:
+    """Say the figure of a campaign, in one line."""
+    return tell_figure
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -1,0 +1,73 @@
+"""Runs what takes long: kills, power cuts, noise, a day of racing, every route asked for anything, pages for minutes.
+
+`make campaign` runs all of it, `make campaign SHORT=1` a part of each. Each prints what it found in one line. The tests
+are those of `make test` in a larger size (`tests/campaign.py`); the pages are measured by `benchmarks/pages.py`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+TESTS = (
+    "tests/integration/test_openapi.py",
+    "tests/integration/test_day_race.py",
+    "tests/integration/test_sessions_campaign.py::test_a_kill_at_any_instant_loses_nothing_that_was_acknowledged",
+    "tests/integration/test_sessions_campaign.py::test_a_power_cut_at_any_instant_loses_nothing_that_was_acknowledged",
+    "tests/integration/test_sessions_survive.py::test_a_killed_recorder_loses_at_most_the_last_half_second",
+    "tests/integration/test_simulator_c_codec.py",
+)
+PAGE_MINUTES = {"short": 0.5, "full": 6.0}
+PAGE_HOURS = {"short": 0.5, "full": 4.0}
+HEAP_GROWTH_MB = 8.0  # more than a garbage collection leaves behind by chance
+
+
+def run_tests(size: str) -> bool:
+    """Run the tests in a size and print their figures; tell whether all passed."""
+    with tempfile.TemporaryDirectory() as folder:
+        figures = Path(folder) / "figures"
+        figures.touch()
+        environment = os.environ | {"VOLTWALL_CAMPAIGN": size, "VOLTWALL_FIGURES": str(figures)}
+        command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "load", "--maxprocesses", "2", *TESTS]
+        done = subprocess.run(command, cwd=ROOT, env=environment, check=False, capture_output=True, text=True)
+        print("\n".join(sorted(figures.read_text(encoding="utf-8").splitlines())), flush=True)
+    if done.returncode:
+        print(done.stdout, done.stderr, sep="\n", file=sys.stderr)
+    return done.returncode == 0
+
+
+def run_pages(size: str) -> bool:
+    """Leave a page open under the live stream and move through a long session; tell whether it held."""
+    command = [sys.executable, "-m", "benchmarks.pages", "--minutes", str(PAGE_MINUTES[size])]
+    command += ["--hours", str(PAGE_HOURS[size])]
+    done = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
+    heap = re.search(r"heap after warm-up.*?([+-]\d+\.\d+) MB", done.stdout)
+    if done.returncode or heap is None or "LOST" in done.stdout or float(heap[1]) > HEAP_GROWTH_MB:
+        print(done.stdout, done.stderr, sep="\n", file=sys.stderr)
+        return False
+    scrubbed = re.search(r"scrubbed: (.*)", done.stdout)
+    moves = "" if scrubbed is None else f"; a session of {PAGE_HOURS[size]:g} h scrubbed, {scrubbed[1]}"
+    print(f"pages: {PAGE_MINUTES[size]:g} min of the live stream, heap {heap[1]} MB{moves}", flush=True)
+    return True
+
+
+def main() -> int:
+    """Run and tell how long it took."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--short", action="store_true", help="a part of each")
+    size = "short" if parser.parse_args().short else "full"
+    began_s = time.monotonic()
+    held = [run_tests(size), run_pages(size)]
+    print(f"campaign ({size}): {'held' if all(held) else 'FAILED'}, {(time.monotonic() - began_s) / 60:.1f} min")
+    return 0 if all(held) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,29 @@
+"""Some tests have three sizes: a sample in `make test`, more in `make campaign SHORT=1`, all in `make campaign`.
+
+`.ci/campaign.py` runs the larger two: VOLTWALL_CAMPAIGN names the size, VOLTWALL_FIGURES the file of what they found.
+"""
+
+import os
+from pathlib import Path
+
+import pytest
+
+SIZES = ("sample", "short", "full")
+SIZE = os.environ.get("VOLTWALL_CAMPAIGN", "sample")
+
+
+def of_size(sample: float, short: float, full: float) -> int:
+    """Return how many, in this run."""
+    return int((sample, short, full)[SIZES.index(SIZE)])
+
+
+def campaign(sample_s: float, short_s: float, full_s: float) -> pytest.MarkDecorator:
+    """Mark a test that has sizes, with what each may take at most [s]."""
+    return pytest.mark.timeout(of_size(sample_s, short_s, full_s))
+
+
+def tell_figure(figure: str) -> None:
+    """Keep what a test found for the end of the campaign."""
+    if path := os.environ.get("VOLTWALL_FIGURES"):
+        with Path(path).open("a", encoding="utf-8") as file:
+            file.write(f"{figure}\n")
