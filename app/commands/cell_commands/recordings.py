@@ -34,7 +34,7 @@ def read_recording(path: Path, args: argparse.Namespace) -> Recording:
     """Return the recording in a file, read as the arguments say.
 
     Raises:
-        DatasetError: see `app.dataset.load_recording`.
+        DatasetError: see `app.sources.recordings.dataset.load_recording`.
     """
     return load_recording(path, parse_map(args.map), charge_positive=args.charge_positive, period_s=args.period)
 

@@ -12,8 +12,7 @@ from app.estimation.filters.estimators import FILTERS
 from app.live.pipeline_factory import Chain
 from app.sessions.transfer.import_session import import_file, read_table
 from app.sources.recordings.can_log import ENDINGS, signal_names
-from app.sources.recordings.columns import guess
-from app.sources.recordings.profile import ImportProfile, ProfileShelf, parse_profile, profile_of, profile_text
+from app.sources.recordings.profile import ImportProfile, ProfileShelf, guess, parse_profile, profile_of, profile_text
 
 _NUMBERS = ("max_rate_hz", "hold_s")
 
@@ -82,12 +81,12 @@ def _columns(args: argparse.Namespace) -> int:
     if args.dbc is not None:
         print("\n".join(signal_names(path, args.dbc)))
         return 0
-    table, notes = read_table(path)
+    table = read_table(path)
     for i, (name, values) in enumerate(table.columns.items()):
         known = values[values == values]
         span = f"{known.min():.6g} to {known.max():.6g}" if len(known) else "empty"
         print(f"{i + 1:>4}  {name}: {span}")
-    for note in notes:
+    for note in table.notes:
         print(f"# {note}")
     print("# guessed profile\n" + profile_text(guess(table)), end="")
     return 0
@@ -95,7 +94,7 @@ def _columns(args: argparse.Namespace) -> int:
 
 def _profile(args: argparse.Namespace, path: Path, shelf: ProfileShelf) -> ImportProfile:
     if args.profile is None:
-        profile = ImportProfile() if args.dbc is not None else guess(read_table(path)[0])
+        profile = ImportProfile() if args.dbc is not None else guess(read_table(path))
     elif Path(args.profile).is_file():
         profile = parse_profile(Path(args.profile).read_text(encoding="utf-8"), args.profile)
     else:

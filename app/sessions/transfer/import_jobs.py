@@ -12,8 +12,7 @@ from app.errors import AppError, ImportFailed, NotNow
 from app.live.pipeline import Pipeline
 from app.sessions.transfer.import_session import Imported, import_file, read_table
 from app.sources.recordings.can_log import ENDINGS
-from app.sources.recordings.columns import guess
-from app.sources.recordings.profile import ImportProfile, ProfileShelf
+from app.sources.recordings.profile import ImportProfile, ProfileShelf, guess
 from app.telemetry import Severity
 
 MAX_UPLOADS = 8  # the oldest one gives way
@@ -83,7 +82,7 @@ class ImportJobs:
         upload = Upload(number, path.name, path, is_can)
         if not is_can and not path.name.lower().endswith(".dbc"):
             try:
-                table, _ = read_table(path)
+                table = read_table(path)
             except ImportFailed:
                 self.discard(path)
                 raise

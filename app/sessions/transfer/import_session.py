@@ -16,9 +16,9 @@ from app.sessions.storage.chunks import FOREIGN_CAN
 from app.sessions.storage.files import new_file
 from app.sources.recordings import can_log
 from app.sources.recordings.battery_log import BatteryLog, battery_log
-from app.sources.recordings.columns import FloatArray, Table
-from app.sources.recordings.dataset import load_table
 from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.quantities import FloatArray
+from app.sources.recordings.table import Table, load_table
 from app.telemetry import Event, SerialItem
 from firmware_protocol.framing import decode_chunk, encode_frame
 from firmware_protocol.memory_map import FIELDS, MAP_HASH, MASTER_SIZE, T_MISSING, V_MISSING
@@ -47,20 +47,16 @@ class Imported:
     notes: tuple[str, ...]
 
 
-def read_table(path: Path) -> tuple[Table, tuple[str, ...]]:
-    """Return a CSV or Parquet file's table, and what was done to read it; without a header columns are numbered.
+def read_table(path: Path) -> Table:
+    """Return a CSV or Parquet file's table.
 
     Raises:
         ImportFailed: there is no table in it.
     """
     try:
-        header, columns, notes = load_table(path)
+        return load_table(path)
     except DatasetError as error:
         raise ImportFailed(path.name, str(error)) from error
-    names = header or [str(i + 1) for i in range(len(columns))]
-    if len(set(names)) < len(names):
-        names = [f"{name} #{i + 1}" if names.count(name) > 1 else name for i, name in enumerate(names)]
-    return Table(path.name, dict(zip(names, columns, strict=True))), tuple(notes)
 
 
 def import_file(
@@ -97,9 +93,7 @@ def import_file(
         table = can_log.signal_table(path, dbc, profile)
         log = battery_log(table, replace(profile, **can_log.column_profile(profile)))  # type: ignore[arg-type]
     elif not is_can:
-        table, notes = read_table(path)
-        log = battery_log(table, profile)
-        log = replace(log, notes=(*notes, *log.notes))
+        log = battery_log(read_table(path), profile)
     elif not frames:
         raise ImportFailed(path.name, "no data frame in it")
     start_s = _start(path, log, frames, started_unix_s)

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from app.battery.shape import N_CELLS
 from app.errors import ImportFailed
-from app.sources.recordings.columns import Table
-from app.sources.recordings.profile import UNITS, ImportProfile
+from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.quantities import FloatArray, in_our_unit
+from app.sources.recordings.table import Table
 
-FloatArray = NDArray[np.float64]
 UNIX_FROM_S = 9.0e8  # a time beyond it, in 1998, is since 1970; before it, since a start
 DEFAULT_PERIOD_S = 0.1
 MAX_DAYS = 7
@@ -37,9 +37,9 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
         ImportFailed: a column is missing, there are more cells than the product knows, or no row can be used.
     """
     profile.check_complete()
-    notes: list[str] = []
-    current_a = _in_units(table.column("current", profile.current), "current", profile.current_unit)
-    voltages_v = _in_units(table.matrix("voltages", profile.voltages), "voltage", profile.voltage_unit)
+    notes = list(table.notes)
+    current_a = in_our_unit(table.column("current", profile.current), "current", profile.current_unit)
+    voltages_v = in_our_unit(table.matrix("voltages", profile.voltages), "voltage", profile.voltage_unit)
     n_cells = voltages_v.shape[1]
     if n_cells > N_CELLS:
         raise ImportFailed(
@@ -48,10 +48,12 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
     temperatures = np.full((len(current_a), N_CELLS), np.nan)
     if profile.temperatures:
         sensors = table.matrix("temperatures", profile.temperatures)
-        temperatures[:, :n_cells] = _spread(_in_units(sensors, "temperature", profile.temperature_unit), n_cells, notes)
-    soc = _in_units(table.column("soc", profile.soc), "soc", profile.soc_unit) if profile.soc else None
+        temperatures[:, :n_cells] = _spread(
+            in_our_unit(sensors, "temperature", profile.temperature_unit), n_cells, notes
+        )
+    soc = in_our_unit(table.column("soc", profile.soc), "soc", profile.soc_unit) if profile.soc else None
     time_s: FloatArray = (
-        _in_units(table.column("time", profile.time), "time", profile.time_unit)
+        in_our_unit(table.column("time", profile.time), "time", profile.time_unit)
         if profile.time
         else np.arange(len(current_a), dtype=np.float64) * DEFAULT_PERIOD_S
     )
@@ -74,11 +76,6 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
         n_cells,
         tuple(notes),
     )
-
-
-def _in_units(values: FloatArray, quantity: str, unit: str) -> FloatArray:
-    factor, offset = UNITS[quantity][unit]
-    return values * factor + offset
 
 
 def _spread(sensors: FloatArray, n_cells: int, notes: list[str]) -> FloatArray:

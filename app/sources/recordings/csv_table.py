@@ -9,8 +9,7 @@ from io import StringIO
 import numpy as np
 
 from app.estimation.errors import DatasetError
-from app.estimation.recording.cell_recording import FloatArray
-from app.sources.recordings.column_names import UNITS
+from app.sources.recordings.quantities import FloatArray, is_unit
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
 DELIMITERS = (";", "\t", ",")
@@ -142,8 +141,7 @@ def _header_above(lines: list[str], start: int, delimiter: str) -> tuple[list[st
     above = [tokens for tokens in above if len(tokens) == width]
     if not above:
         return None, 0
-    known_units = {unit for units in UNITS.values() for unit in units}
-    if len(above) == 2 and all(token.strip("[]() ").lower() in known_units | {""} for token in above[1]):
+    if len(above) == 2 and all(is_unit(token.strip("[]() ")) for token in above[1] if token):
         return [f"{name} [{unit.strip('[]() ')}]" if unit else name for name, unit in zip(*above, strict=True)], 2
     return above[-1], 1
 

@@ -8,18 +8,16 @@ another signal of the same message tells is `CellVoltage[CellID]`.
 import json
 import re
 import tomllib
-from dataclasses import asdict, dataclass, fields
+from collections import defaultdict
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
-from app.errors import ImportFailed
+import numpy as np
 
-UNITS: dict[str, dict[str, tuple[float, float]]] = {  # factor and offset into ours
-    "time": {"s": (1, 0), "ms": (1e-3, 0), "us": (1e-6, 0), "min": (60, 0), "h": (3600, 0)},
-    "current": {"A": (1, 0), "mA": (1e-3, 0), "0.1A": (0.1, 0)},
-    "voltage": {"V": (1, 0), "mV": (1e-3, 0), "0.1mV": (1e-4, 0)},
-    "temperature": {"degC": (1, 0), "K": (1, -273.15), "degF": (5 / 9, -160 / 9), "0.1degC": (0.1, 0)},
-    "soc": {"percent": (0.01, 0), "fraction": (1, 0)},
-}
+from app.errors import ImportFailed
+from app.sources.recordings.quantities import UNITS, FloatArray, column_of, sounds_like, unit_of
+from app.sources.recordings.table import Table, matching
+
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,59}")
 
 
@@ -97,6 +95,52 @@ def profile_of(given: dict[str, object], source: str = "profile") -> ImportProfi
 def profile_text(profile: ImportProfile) -> str:
     """Return the profile as TOML."""
     return "".join(f"{name} = {json.dumps(value, ensure_ascii=False)}\n" for name, value in asdict(profile).items())
+
+
+def guess(table: Table) -> ImportProfile:
+    """Return the profile that the names and numbers suggest; what is not clear is left empty."""
+    names = list(table.columns)
+    groups: dict[str, list[str]] = defaultdict(list)
+    for name in names:
+        digits = re.findall(r"\d+", name)
+        if digits:
+            marks = iter(["{p}", "{n}"] if len(digits) == 2 else ["{n}"] * len(digits))
+            groups[re.sub(r"\d+", lambda _: next(marks), name)].append(name)  # noqa: B023  used at once
+    profile = ImportProfile()
+    many = sorted((g for g in groups.items() if len(g[1]) > 1), key=lambda g: -len(g[1]))
+    for pattern, members in many:
+        median = _median(np.concatenate([table.columns[name] for name in members]))
+        if not profile.temperatures and sounds_like(members[0], "temperature") and -60 < median < 400:
+            unit = "K" if median > 200 else "degC"
+            profile = replace(profile, temperatures=pattern, temperature_unit=unit)
+        elif not profile.voltages and sounds_like(members[0], "voltage") and (unit := _voltage_unit(median)):
+            profile = replace(profile, voltages=pattern, voltage_unit=unit)
+    single = [name for name in names if not matching(profile.voltages, [name])]
+    time = column_of("time", single)
+    current = column_of("current", [name for name in single if name != time])
+    soc = column_of("soc", single)
+    if soc:
+        profile = replace(profile, soc_unit="percent" if _median(table.columns[soc]) > 1.5 else "fraction")
+    return replace(
+        profile,
+        time=time,
+        time_unit=unit_of(time, "time") or "s",
+        current=current,
+        current_unit=unit_of(current, "current") or "A",
+        soc=soc,
+    )
+
+
+def _voltage_unit(median: float) -> str:
+    for unit, low in (("V", 1.5), ("mV", 1500.0), ("0.1mV", 15000.0)):
+        if low < median < low * 10 / 3:
+            return unit
+    return ""
+
+
+def _median(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 class ProfileShelf:

@@ -17,8 +17,7 @@ from app.live.pipeline import Pipeline
 from app.sessions.reading.reader import SessionFile
 from app.sessions.transfer.import_session import IMPORTED_LINK, import_file, read_table
 from app.sources.master.source import MasterSource
-from app.sources.recordings.columns import Table, guess, matching
-from app.sources.recordings.profile import ImportProfile, ProfileShelf, parse_profile, profile_text
+from app.sources.recordings.profile import ImportProfile
 
 START_S = 1_780_000_000.0
 N = 40
@@ -90,16 +89,8 @@ def test_a_csv_of_another_system_becomes_a_session_with_estimates(csv: Path, tmp
         assert session.problems() == []
 
 
-def test_the_profile_of_a_header_is_guessed(csv: Path) -> None:
-    assert guess(read_table(csv)[0]) == replace(ORION, charge_positive=False)
-    packs = {f"Pack{p}_Cell{n}_V": np.full(3, 3.7) for p in (1, 2) for n in (1, 2, 10)}
-    found = guess(Table("x", {"t [ms]": np.arange(3.0), "I_batt": np.ones(3), **packs}))
-    assert (found.time, found.time_unit, found.current, found.voltages) == ("t [ms]", "ms", "", "Pack{p}_Cell{n}_V")
-    assert matching(found.voltages, list(packs))[:3] == ["Pack1_Cell1_V", "Pack1_Cell2_V", "Pack1_Cell10_V"]
-
-
 def test_a_parquet_file_says_the_same_as_the_csv(csv: Path, tmp_path: Path) -> None:
-    table, _ = read_table(csv)
+    table = read_table(csv)
     path = tmp_path / "log.parquet"
     parquet.write_table(pyarrow.table({name: pyarrow.array(v) for name, v in table.columns.items()}), path)
     a, b = (import_file(each, ORION, tmp_path / "sessions", pipeline).info.path for each in (csv, path))
@@ -193,30 +184,3 @@ def test_rows_that_come_too_quickly_are_left_out_and_counted(csv, tmp_path):
     done = import_file(csv, replace(ORION, max_rate_hz=2.0), tmp_path / "sessions", pipeline)
     assert done.rows == 200
     assert "800 of 1000 rows left out" in " ".join(done.notes)
-
-
-def test_profiles_are_kept_by_name(tmp_path):
-    shelf = ProfileShelf(tmp_path / "profiles")
-    shelf.save("orion", ORION)
-    assert shelf.names() == ["orion"]
-    assert shelf.load("orion") == ORION == parse_profile(profile_text(ORION))
-    for name in ("../up", "", "a/b"):
-        with pytest.raises(ImportFailed, match="cannot be called"):
-            shelf.save(name, ORION)
-    with pytest.raises(ImportFailed, match="no such profile; there are: orion"):
-        shelf.load("other")
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("current = 3", "current = 3: a str"),
-        ("wheels = 4", "wheels: no such field"),
-        ("voltage_unit = 'kV'", "one of V, mV"),
-        ("hold_s = -1", r"hold_s = -1: 0\.\.600"),
-        ("[", "no TOML"),
-    ],
-)
-def test_a_profile_that_is_wrong_names_the_field(text, reason):
-    with pytest.raises(ImportFailed, match=reason):
-        parse_profile(text)

@@ -235,3 +235,26 @@ def test_parquet_times_of_either_kind_are_seconds(tmp_path, kind):
     path = tmp_path / "drive.parquet"
     pq.write_table(pa.table({"time": stamps, "current_a": [0.0, 1.0, 1.0], "voltage_v": [4.0, 3.9, 3.9]}), path)
     np.testing.assert_allclose(np.diff(load_recording(path).time_s), 0.5, atol=2e-6)
+
+
+def test_names_of_a_vehicle_log_are_understood_aloud(tmp_path):
+    text = "Time,Pack Current (mA),Cell 1 (mV),Chamber temperature (C)\n0,0,4100,20\n1,2000,4000,20\n"
+    recording = load_recording(write(tmp_path, text))
+    np.testing.assert_allclose(recording.current_a, [0, 2])
+    np.testing.assert_allclose(recording.voltage_v, [4.1, 4.0])
+    assert np.isnan(recording.temperature_degc).all()
+    notes = " ".join(recording.notes)
+    assert "current_a taken from the column 'Pack Current (mA)'" in notes
+    assert "columns not used: Chamber temperature (C)" in notes
+
+
+def test_two_names_that_sound_alike_are_not_chosen_between(tmp_path):
+    with pytest.raises(DatasetError, match="no column for voltage_v"):
+        load_recording(write(tmp_path, "time,current,Cell 1 (V),Cell 2 (V)\n0,0,4.1,4.0\n1,2,4.0,4.0\n"))
+
+
+@pytest.mark.parametrize(("unit", "values"), [("K", "298.15,298.15"), ("F", "77,77"), ("degC", "25,25")])
+def test_temperatures_of_any_unit_in_the_header_are_degrees_celsius(tmp_path, unit, values):
+    first, second = values.split(",")
+    text = f"time,current,voltage,Temp [{unit}]\n0,0,4.1,{first}\n1,2,4.0,{second}\n"
+    np.testing.assert_allclose(load_recording(write(tmp_path, text)).temperature_degc, [25, 25])

@@ -1,0 +1,116 @@
+"""Reads tables from CSV and Parquet files, plain or gzip, and finds columns in them by name, number or pattern."""
+
+import gzip
+import re
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from app.errors import ImportFailed
+from app.estimation.errors import DatasetError
+from app.sources.recordings.csv_table import read_csv
+from app.sources.recordings.quantities import FloatArray
+
+GZIP_MAGIC = b"\x1f\x8b"
+PARQUET_MAGIC = b"PAR1"
+_PLACE = {"n": r"(?P<n>\d+)", "p": r"(?P<p>\d+)"}
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Columns of numbers: (n,) each, NaN where empty."""
+
+    source: str
+    columns: Mapping[str, FloatArray]
+    has_header: bool = True  # else the names are numbers from 1
+    notes: tuple[str, ...] = ()  # what was done to read it
+
+    def column(self, what: str, name: str) -> FloatArray:
+        """Return one column by its name, or by its number from 1.
+
+        Raises:
+            ImportFailed: there is no such column.
+        """
+        if name in self.columns:
+            return self.columns[name]
+        if name.isdigit() and 1 <= int(name) <= len(self.columns):
+            return list(self.columns.values())[int(name) - 1]
+        raise ImportFailed(self.source, f"{what} = {name!r}: no such column; there are {_some(list(self.columns))}")
+
+    def matrix(self, what: str, pattern: str) -> FloatArray:
+        """Return the columns of a pattern as (n, k), in the order of pack and number.
+
+        Raises:
+            ImportFailed: no column fits the pattern.
+        """
+        found = matching(pattern, list(self.columns))
+        if not found:
+            raise ImportFailed(
+                self.source, f"{what} = {pattern!r}: no column fits; there are {_some(list(self.columns))}"
+            )
+        return np.column_stack([self.columns[name] for name in found])
+
+
+def matching(pattern: str, names: Sequence[str]) -> list[str]:
+    """Return the names that a pattern with {n}, and {p}, stands for, in the order of pack and number."""
+    parts = re.split(r"\{([np])\}", pattern)
+    expression = "".join(_PLACE[part] if i % 2 else re.escape(part) for i, part in enumerate(parts))
+    try:
+        found = [(match.groupdict(), name) for name in names if (match := re.fullmatch(expression, name))]
+    except re.error:
+        return []
+    found.sort(key=lambda each: (int(each[0].get("p") or 0), int(each[0].get("n") or 0)))
+    return [name for _, name in found]
+
+
+def load_table(path: Path) -> Table:
+    """Return the table in a CSV or Parquet file, plain or gzip; its kind is taken from its content.
+
+    Raises:
+        DatasetError: the file cannot be read, or has no table.
+    """
+    source = path.name
+    try:
+        raw = path.read_bytes()
+        if raw[:2] == GZIP_MAGIC:
+            raw = gzip.decompress(raw)
+    except (OSError, EOFError, zlib.error) as exc:
+        raise DatasetError(str(path), f"cannot be read: {exc}") from exc
+    notes: list[str] = []
+    header, columns = _parquet_table(source, raw) if raw[:4] == PARQUET_MAGIC else read_csv(source, raw, notes)
+    names = header or [str(i + 1) for i in range(len(columns))]
+    names = [f"{name} #{i + 1}" if name in names[:i] else name for i, name in enumerate(names)]
+    return Table(source, dict(zip(names, columns, strict=True)), header is not None, tuple(notes))
+
+
+def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]]:
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError as exc:
+        raise DatasetError(source, "reading Parquet needs the extra: pip install voltwall[parquet]") from exc
+    try:
+        table = pq.read_table(BytesIO(raw))
+    except (pa.ArrowException, OSError) as exc:
+        raise DatasetError(source, f"not a readable Parquet file: {exc}") from exc
+    columns = []
+    for column in table.columns:
+        is_stamp, is_span = pa.types.is_timestamp(column.type), pa.types.is_duration(column.type)
+        if is_stamp or is_span:
+            micros = column.cast(pa.timestamp("us") if is_stamp else pa.duration("us"), safe=False)
+            columns.append(micros.cast(pa.int64()).cast(pa.float64()).to_numpy() * 1e-6)
+            continue
+        try:
+            columns.append(np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64))
+        except pa.ArrowException:
+            columns.append(np.full(table.num_rows, np.nan))
+    return list(table.column_names), columns
+
+
+def _some(names: list[str]) -> str:
+    shown = ", ".join(repr(name) for name in names[:12])
+    return shown + (f" and {len(names) - 12} more" if len(names) > 12 else "")

@@ -1,0 +1,92 @@
+import numpy as np
+import pytest
+
+from app.sources.recordings.quantities import (
+    UNITS,
+    column_of,
+    find_unit,
+    in_our_unit,
+    is_unit,
+    is_wall_clock,
+    quantity_of,
+    sounds_like,
+    unit_of,
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "unit"),
+    [
+        ("time_s", "time", "s"),
+        ("Test Time (hh:mm:ss)", "time", "s"),
+        ("t [ms]", "time", "ms"),
+        ("Zeit", "time", None),
+        ("I/mA", "current", "mA"),
+        ("<I>/A", "current", "A"),
+        ("Strom [A]", "current", "A"),
+        ("Cell_Voltage_V", "voltage", "V"),
+        ("U_cell [mV]", "voltage", "mV"),
+        ("Ewe/V", "voltage", "V"),
+        ("T", "temperature", None),
+        ("Temp (°C)", "temperature", "degC"),
+        ("temperature [K]", "temperature", "K"),
+        ("Surface Temp (F)", "temperature", "degF"),
+        ("State of Charge (%)", "soc", "percent"),
+        ("soc", "soc", None),
+        ("Voltage #4", "voltage", None),
+    ],
+)
+def test_a_whole_name_tells_quantity_and_unit(name: str, quantity: str, unit: str | None) -> None:
+    assert (quantity_of(name), unit_of(name, quantity)) == (quantity, unit)
+
+
+@pytest.mark.parametrize("name", ["", "#", "strain", "Voltage (kV)", "Pack Current (A)", "Cell 3 (mV)", "Cycle"])
+def test_another_name_tells_none(name: str) -> None:
+    assert quantity_of(name) is None
+
+
+def test_a_longer_name_sounds_like_its_quantity() -> None:
+    assert sounds_like("Pack Current (A)", "current")
+    assert sounds_like("Cell 3 (mV)", "voltage")
+    assert sounds_like("Thermistor 1 (C)", "temperature")
+    assert not sounds_like("Sample", "current")
+    assert not sounds_like("Strain", "voltage")
+
+
+def test_the_plain_name_goes_before_one_that_sounds_alike_and_a_unit_before_none() -> None:
+    assert column_of("current", ["Pack Current (A)", "I"]) == "I"
+    assert column_of("time", ["Test", "Time (s)"]) == "Time (s)"
+    assert column_of("current", ["x", "Pack Current (A)"]) == "Pack Current (A)"
+    assert column_of("soc", ["x", "y"]) == ""
+
+
+@pytest.mark.parametrize(
+    ("quantity", "unit", "value", "ours"),
+    [
+        ("time", "h", 2.0, 7200.0),
+        ("time", "us", 5e6, 5.0),
+        ("current", "0.1A", 25.0, 2.5),
+        ("voltage", "0.1mV", 36000.0, 3.6),
+        ("temperature", "K", 298.15, 25.0),
+        ("temperature", "degF", 77.0, 25.0),
+        ("temperature", "0.1degC", 250.0, 25.0),
+        ("soc", "percent", 80.0, 0.8),
+        ("soc", "fraction", 0.8, 0.8),
+    ],
+)
+def test_a_unit_is_converted_into_ours(quantity: str, unit: str, value: float, ours: float) -> None:
+    assert in_our_unit(np.array([value, np.nan]), quantity, unit) == pytest.approx([ours, np.nan], nan_ok=True)
+
+
+def test_units_are_found_however_they_are_written() -> None:
+    assert [find_unit("time", text) for text in ("Sec", "HR", "ms", "A")] == ["s", "h", "ms", None]
+    assert [find_unit("soc", text) for text in ("%", "Pct", "1")] == ["percent", "percent", "fraction"]
+    assert is_unit("mV")
+    assert not is_unit("kV")
+    for quantity, units in UNITS.items():
+        assert all(find_unit(quantity, unit) == unit for unit in units)
+
+
+def test_a_date_with_its_time_is_a_wall_clock() -> None:
+    assert is_wall_clock("Date_and_Time")
+    assert not is_wall_clock("Test Time")
