@@ -151,6 +151,12 @@ def test_the_same_bytes_long_afterwards_are_a_new_request():
     assert repeats.known_reply(frame, 10.0) is None
 
 
+def test_an_empty_request_is_new_to_a_master_that_has_just_started():
+    frame = Frame(0, 0, 0, b"")
+    assert RepeatFilter().known_reply(frame, 0.0) is None
+    assert RepeatFilter().known_reply(frame, -1.0) is None
+
+
 def test_a_repeated_read_is_read_again():
     repeats = RepeatFilter()
     frame = Frame(MessageType.READ, 3, 0, b"\0\0\1\0")

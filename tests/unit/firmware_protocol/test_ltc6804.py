@@ -44,26 +44,26 @@ def test_pec15_equals_the_bitwise_procedure(data):
 
 
 @pytest.mark.parametrize(
-    ("command", "code"),
+    ("convert", "arguments", "code"),
     [
-        (ltc6804.adcv(), 0x360),
-        (ltc6804.adcv(discharge_permitted=True), 0x370),
-        (ltc6804.adcv(AdcMode.FILTERED), 0x3E0),
-        (ltc6804.adcv(AdcMode.FAST), 0x2E0),
-        (ltc6804.adcv(channel=1), 0x361),
-        (ltc6804.adcv(channel=6), 0x366),
-        (ltc6804.adcv(AdcMode.FILTERED, discharge_permitted=True, channel=3), 0x3F3),
-        (ltc6804.adax(), 0x560),
-        (ltc6804.adax(AdcMode.FAST), 0x4E0),
-        (ltc6804.adax(AdcMode.FILTERED), 0x5E0),
-        (ltc6804.adax(channel=6), 0x566),
-        (ltc6804.adstat(), 0x568),
-        (ltc6804.adstat(AdcMode.FAST), 0x4E8),
-        (ltc6804.adstat(channel=4), 0x56C),
+        (ltc6804.adcv, {}, 0x360),
+        (ltc6804.adcv, {"discharge_permitted": True}, 0x370),
+        (ltc6804.adcv, {"mode": AdcMode.FILTERED}, 0x3E0),
+        (ltc6804.adcv, {"mode": AdcMode.FAST}, 0x2E0),
+        (ltc6804.adcv, {"channel": 1}, 0x361),
+        (ltc6804.adcv, {"channel": 6}, 0x366),
+        (ltc6804.adcv, {"mode": AdcMode.FILTERED, "discharge_permitted": True, "channel": 3}, 0x3F3),
+        (ltc6804.adax, {}, 0x560),
+        (ltc6804.adax, {"mode": AdcMode.FAST}, 0x4E0),
+        (ltc6804.adax, {"mode": AdcMode.FILTERED}, 0x5E0),
+        (ltc6804.adax, {"channel": 6}, 0x566),
+        (ltc6804.adstat, {}, 0x568),
+        (ltc6804.adstat, {"mode": AdcMode.FAST}, 0x4E8),
+        (ltc6804.adstat, {"channel": 4}, 0x56C),
     ],
 )
-def test_conversion_commands(command, code):
-    assert command == code
+def test_conversion_commands(convert, arguments, code):
+    assert convert(**arguments) == code
 
 
 def test_broadcast_and_addressed_packets():

@@ -37,6 +37,7 @@ ADDRESSES = {
 @pytest.mark.parametrize(("name", "address"), ADDRESSES.items())
 def test_field_lies_where_the_debugger_saw_it(name, address):
     assert BASE_ADDRESS + FIELDS[name].offset == address
+    assert {field.name: field.offset for field in memory_map.all_fields()}[name] == address - BASE_ADDRESS
 
 
 def test_sizes_of_the_structs():
