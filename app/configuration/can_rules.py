@@ -25,15 +25,15 @@ CHARGER_PATIENCE_MS = 5000
 Message = TxMessage | RxMessage
 
 
-def can_findings(image: bytes, heard_period_s: Mapping[int, float]) -> list[Finding]:
-    """Return what is wrong in the tables of an image; `heard_period_s` is what the bus monitor measured, by id."""
+def can_findings(image: bytes, measured_period_s: Mapping[int, float]) -> list[Finding]:
+    """Return what is wrong in the tables of an image; `measured_period_s` is what the bus monitor measured, by id."""
     tx, rx = tx_messages(image), rx_messages(image)
     answers = {message.response for message in rx if message.enabled}
     return [
         *_ids(image, [*tx, *rx]),
         *_lengths(image, [*tx, *rx], answers),
         *_charger(image, tx, rx),
-        *_timing(image, tx, rx, answers, heard_period_s),
+        *_timing(image, tx, rx, answers, measured_period_s),
         *_content(image, tx, rx),
         *_load(image),
     ]
@@ -98,7 +98,7 @@ def _timing(
     tx: Sequence[TxMessage],
     rx: Sequence[RxMessage],
     answers: set[int | None],
-    heard_period_s: Mapping[int, float],
+    measured_period_s: Mapping[int, float],
 ) -> Iterator[Finding]:
     for message in tx:
         if message.enabled and message.length and not message.period_ms:
@@ -112,7 +112,7 @@ def _timing(
     for received in rx:
         if not received.length or not received.timeout_ms:
             continue
-        yield from _timeout(image, received, heard_period_s)
+        yield from _timeout(image, received, measured_period_s)
         answer = None if received.response is None else tx[received.response]
         if answer is not None and answer.period_ms >= received.timeout_ms:
             limit = f"more than the {answer.period_ms} ms between two answers, tx {answer.index + 1}"
@@ -120,8 +120,8 @@ def _timing(
             yield finding("error", "timeout", image, "can_rx_msg_timeout", received.index, limit, why)
 
 
-def _timeout(image: bytes, received: RxMessage, heard_period_s: Mapping[int, float]) -> Iterator[Finding]:
-    period_ms, known = heard_period_s.get(wire_id(received), 0.0) * 1000, "heard on the bus"
+def _timeout(image: bytes, received: RxMessage, measured_period_s: Mapping[int, float]) -> Iterator[Finding]:
+    period_ms, known = measured_period_s.get(wire_id(received), 0.0) * 1000, "heard on the bus"
     if wire_id(received) == elcon.STATUS_ID | CAN_ID_EXTENDED:
         period_ms, known = CHARGER_STATUS_MS, "of an ElCon charger"
     if period_ms and received.timeout_ms <= period_ms:

@@ -28,7 +28,7 @@ class Context:
     """What the configuration is judged against besides itself."""
 
     cell: CellModel
-    heard_period_s: Mapping[int, float] | None = None  # of CAN ids, bit 31 for 29 bits
+    measured_period_s: Mapping[int, float] | None = None  # of CAN ids, bit 31 for 29 bits
 
 
 class _Values:
@@ -51,7 +51,7 @@ def review(image: bytes, context: Context) -> list[Finding]:
     found = [Finding("error", "range", error) for error in check(image)]
     if not found:  # the rest is judged on values that can be
         found = [*_cell(image, context.cell), *_current(image, context.cell), *_others(image)]
-        found += can_findings(image, context.heard_period_s or {})
+        found += can_findings(image, context.measured_period_s or {})
     return sorted(found, key=lambda f: (f.level != "error", f.error.offset))
 
 

@@ -1,4 +1,4 @@
-"""The CAN bus: what is heard of it against what is configured, its trace as a file, and frames sent onto it."""
+"""The CAN bus: what is received against what is configured, its trace as a file, and frames sent onto it."""
 
 import tempfile
 from collections.abc import Iterator
@@ -74,7 +74,7 @@ class ReplayFramesIn(Body):
 
 @router.get("/bus", response_model=CanBusOut)
 def bus(trace: CanTracePart, in_force: InForcePart, live: LivePart, clock: ClockPart) -> dict[str, Any]:
-    """Every id: name, period measured and configured, last bytes, signals; what is configured and not heard."""
+    """Every id: name, period measured and configured, last bytes, signals; what is configured and never received."""
     return bus_json(trace, in_force.image() or default_image(), live.snapshot, clock)
 
 

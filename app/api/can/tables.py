@@ -1,4 +1,4 @@
-"""CAN: the tables in the configuration, the DBC made of them, what is heard."""
+"""CAN: the tables in the configuration, the DBC made of them, what is received."""
 
 from typing import Annotated, Any, Literal
 
@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from app.api.configuration.configuration import require_match, write_draft
-from app.api.encoding.can import heard_messages, tables_json, traced_json
+from app.api.encoding.can import measured_messages, tables_json, traced_json
 from app.api.schemas.can import ImportedTablesOut
 from app.api.schemas.config import CanTablesOut, CanTraceOut, WriteResultOut
 from app.api.web.dependencies import CanTracePart, ConfigurationPart, InForcePart, LivePart, UserDep
@@ -136,7 +136,7 @@ def read(trace: CanTracePart, in_force: InForcePart, live: LivePart, response: R
     known = in_force.image()
     image = known or default_image()
     response.headers["ETag"] = f'"{image_hash(image)}"'
-    tables = tables_json(image, live.can_rx_active, heard_messages(trace))
+    tables = tables_json(image, live.can_rx_active, measured_messages(trace))
     return tables | {"hash": image_hash(image), "assumed": known is None}
 
 

@@ -48,10 +48,10 @@ def _ms(seconds: float | None) -> float | None:
     return None if seconds is None else round(seconds * 1000, 3)
 
 
-def tables_json(image: bytes, rx_active: int | None, heard: Iterable[Cyclic] = ()) -> dict[str, Any]:
-    """Both tables; `heard` are messages of others, which the master's wait for."""
+def tables_json(image: bytes, rx_active: int | None, others: Iterable[Cyclic] = ()) -> dict[str, Any]:
+    """Both tables; the master's messages may have to wait for those of `others`."""
     rate = bit_rate(CONFIG["can_brp"].unpack(image)[0])
-    latencies = worst_latencies_s(image, heard)
+    latencies = worst_latencies_s(image, others)
     loads = {
         index: worst_case_bits(m.length, m.is_extended) / m.period_s / rate
         for index, m in cyclic_messages(image).items()
@@ -87,7 +87,7 @@ def _frame_json(item: CanItem, name: str | None) -> dict[str, Any]:
     }
 
 
-def heard_messages(trace: CanTrace) -> list[Cyclic]:
+def measured_messages(trace: CanTrace) -> list[Cyclic]:
     """What the bus monitor measured of every id, as a message that comes again and again."""
     return [
         Cyclic(can_id & ~CAN_ID_EXTENDED, bool(can_id & CAN_ID_EXTENDED), len(known.latest.data), known.period_s)
@@ -102,15 +102,15 @@ def bus_json(trace: CanTrace, image: bytes, snapshot: Snapshot | None, clock: Cl
     messages: list[TxMessage | RxMessage] = [*rx_messages(image), *tx_messages(image)]
     tables = {wire_id(m): m for m in messages if m.length}
     cyclic = {wire_id(tx_messages(image)[index]): m for index, m in cyclic_messages(image).items()}
-    heard = trace.by_id()
+    seen = trace.by_id()
     rate = bit_rate(CONFIG["can_brp"].unpack(image)[0])
     ids = [
-        _id_json(can_id, heard.get(can_id), tables.get(can_id), cyclic.get(can_id), now_ns)
-        for can_id in sorted(heard.keys() | tables.keys())
+        _id_json(can_id, seen.get(can_id), tables.get(can_id), cyclic.get(can_id), now_ns)
+        for can_id in sorted(seen.keys() | tables.keys())
     ]
     load = sum(
         worst_case_bits(len(known.latest.data), bool(can_id & CAN_ID_EXTENDED)) / known.period_s / rate
-        for can_id, known in heard.items()
+        for can_id, known in seen.items()
         if known.period_s and now_ns - known.latest.t_mono_ns < RECENT_NS
     )
     can = None if snapshot is None else snapshot.links.can

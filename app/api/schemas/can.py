@@ -18,7 +18,7 @@ class CanValueOut(BaseModel):
 
 
 class CanIdOut(BaseModel):
-    """One id on the bus, or in the tables and not heard; periods in milliseconds, `changed` a bit for each byte."""
+    """One id on the bus, or in the tables and not seen; periods in milliseconds, `changed` a bit for each byte."""
 
     id: int
     extended: bool
@@ -50,7 +50,7 @@ class CanBusOut(BaseModel):
 
     ids: list[CanIdOut]
     bit_rate: int
-    load: float  # of what was heard lately, worst-case frames
+    load: float  # of what was received lately, worst-case frames
     errors: int | None  # null: the adapter does not say
     tx_errors: int | None
     rx_errors: int | None

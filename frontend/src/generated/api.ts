@@ -183,7 +183,7 @@ export interface CanFrame {
   name: string | null;
 }
 
-/** One id on the bus, or in the tables and not heard; periods in milliseconds, `changed` a bit for each byte. */
+/** One id on the bus, or in the tables and not seen; periods in milliseconds, `changed` a bit for each byte. */
 export interface CanId {
   id: number;
   extended: boolean;

@@ -65,5 +65,5 @@ def test_the_rules_know_the_periods_measured_on_the_bus():
     for number in range(3):
         trace.on_item(CanItem(number * 100_000_000, 0, 0x123, b"\0"))
     rules = Rules(load_cell("samsung-25r-10p"), trace)
-    assert rules.context().heard_period_s == {0x123: pytest.approx(0.1)}
+    assert rules.context().measured_period_s == {0x123: pytest.approx(0.1)}
     assert rules.review(default_image()) == review(default_image(), rules.context())
