@@ -24,7 +24,6 @@ SLOT_SIZE = 8 * PAGE_SIZE
 SLOT_MAGIC = b"VWCF"
 _SLOT_HEADER = struct.Struct("<4sHHI")  # magic, length, layout version, counter
 _CRC = struct.Struct("<I")
-SLOT_HEADER_SIZE = _SLOT_HEADER.size + _CRC.size
 
 JOURNAL_OFFSET = 16 * PAGE_SIZE
 JOURNAL_PAGES = N_PAGES - JOURNAL_OFFSET // PAGE_SIZE

@@ -12,7 +12,6 @@ from firmware_protocol.errors import DecodeError, EncodeError
 
 COMMAND_ID = 0x1806E5F4
 STATUS_ID = 0x18FF50E5
-STATUS_IDS = (0x18FF50E5, 0x18FF50E7, 0x18FF50E8, 0x18FF50E9)  # up to four chargers on one bus
 COMMAND_PERIOD_S = 1.0
 COMMAND_TIMEOUT_S = 5.0
 BIT_RATE_6K6 = 500_000  # 1.8 and 3.3 kW chargers: 250 kbit/s

@@ -22,7 +22,6 @@ _IDENT = struct.Struct("<H3B8sBI")
 _COMMAND = struct.Struct("<Bi")
 NO_OFFSET = 0xFFFF
 MAX_READ = MAX_BODY - _REPLY.size
-MAX_WINDOW = MAX_BODY - _WINDOW.size
 
 
 def _pack(layout: struct.Struct, what: str, *values: int | bytes) -> bytes:

@@ -212,14 +212,6 @@ class Accumulator:
         if self._elapsed_s >= self.parameters.slow_period_s - _TIME_TOLERANCE_S and self._elapsed_s > 0.0:
             self._slow_step(fan_duty)
 
-    def predict(self, dt_s: float, current_a: float) -> tuple[float, float]:
-        """Return the outlet voltage [V] that a step at this current would end with, and -dV/dI there [ohm]."""
-        if self._is_leaking:
-            self._leak(dt_s)
-        voltage_v, slope_ohm = self._cells.predict(dt_s, self._leak_a + current_a)
-        series_ohm = float(self._joint_now_ohm.sum()) + self.parameters.path_resistance_ohm
-        return float(voltage_v.sum()) - current_a * series_ohm, float(slope_ohm.sum()) + series_ohm
-
     def chemical_energy_j(self) -> float:
         """Energy that the cells can give at equilibrium, counted from where an empty cell has collapsed to 0 V [J]."""
         return float(self._cells.chemical_energy_j().sum())

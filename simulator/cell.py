@@ -213,41 +213,6 @@ class CellArray:
         add(heat_w, work, heat_w)
         self._n_steps += 1
 
-    def predict(self, dt_s: float, current_a: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what a step would lead to, without taking it: (n,) voltages [V] and -dV/di at that current [ohm].
-
-        The slope leaves out hysteresis, which turns too little in a step to matter for a search.
-        """
-        if dt_s != self._dt_s:
-            self._settle()
-            self._prepare(dt_s)
-        pairs = self.n_pairs
-        soc_per_amp, turn_per_amp = self._per_amp[-1], self._per_amp[pairs + _TURN]
-        soc_per_amp = np.where(current_a < 0.0, soc_per_amp * self.model.coulombic_efficiency, soc_per_amp)
-        soc = self.soc - current_a * soc_per_amp
-        table_soc, table_v = self._ocv_soc, self._ocv_table
-        right = np.clip(np.searchsorted(table_soc, soc), 1, len(table_soc) - 1)
-        slope_v = (table_v[right] - table_v[right - 1]) / (table_soc[right] - table_soc[right - 1])
-        slope_v[(soc < table_soc[0]) | (soc > table_soc[-1])] = 0.0
-        closing = self._closing_end[:pairs]
-        sign_v = np.copysign(self.model.hysteresis_v, current_a)
-        turned_v = (self.hysteresis_v + sign_v) * np.exp(-np.abs(current_a) * turn_per_amp) - sign_v
-        scaled = current_a * self._per_amp[pairs + _TRANSFER]
-        voltage_v = (
-            np.interp(soc, self._ocv_soc, self._ocv_table)
-            + turned_v
-            - (self.rc_v + closing * (self.rc_v - self.rc_ohm * current_a)).sum(axis=0)
-            - current_a * self.ohmic_ohm
-            - np.arcsinh(scaled) * self._asinh_v
-        )
-        slope_ohm = (
-            slope_v * soc_per_amp
-            - (closing * self.rc_ohm).sum(axis=0)
-            + self.ohmic_ohm
-            + self.charge_transfer_ohm / np.sqrt(1.0 + scaled**2)
-        )
-        return voltage_v, slope_ohm
-
     def stored_energy_j(self) -> FloatArray:
         """Return (n,) energy held by the capacitances and by hysteresis [J]."""
         stored: FloatArray = 0.5 * (self._rc_f * self.rc_v**2).sum(axis=0)

@@ -25,7 +25,6 @@ class Eeprom:
         self._path = path
         self.content = bytearray([ERASED]) * SIZE
         self.worn_pages: set[int] = set()
-        self.pages_written = 0
         if path is None:
             return
         try:
@@ -46,7 +45,6 @@ class Eeprom:
     def write(self, address: int, data: bytes) -> None:
         """Write up to a page; bytes beyond the page's end wrap to its start, a worn page keeps what it held."""
         page = address // PAGE_SIZE
-        self.pages_written += 1
         if page in self.worn_pages:
             return
         start = page * PAGE_SIZE

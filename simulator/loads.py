@@ -33,7 +33,6 @@ class LoadState:
 
     phase: Phase
     lap: int = 0  # from 1 while driving, the last one driven in pauses
-    lap_time_s: float = 0.0
     speed_m_per_s: float = 0.0
 
     @property

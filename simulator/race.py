@@ -168,8 +168,6 @@ class Event:
 
     def __init__(self, limits: PowerLimits) -> None:
         self._limits = limits
-        self._power_w: list[FloatArray] = []
-        self._speed_m_per_s: list[FloatArray] = []
         self._starts_s: list[float] = []
         self._stints: list[tuple[Phase, int]] = []
         self.duration_s = 0.0
@@ -207,7 +205,7 @@ class Event:
         stint = bisect_right(self._starts_s, max(t_s, 0.0)) - 1
         phase, lap = self._stints[stint]
         speed = float(self.speed_m_per_s[min(int(max(t_s, 0.0) / SAMPLE_S), len(self.speed_m_per_s) - 1)])
-        return LoadState(phase, lap, t_s - self._starts_s[stint], speed)
+        return LoadState(phase, lap, speed)
 
 
 def endurance(

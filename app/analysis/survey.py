@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -243,14 +242,6 @@ class Surveyor:
             survey.first_rest = Rest(float(time_s[-1]), mean_v)
         if lasted_s >= LAST_REST_S or (is_first and lasted_s >= FIRST_REST_S):
             survey.last_rest = Rest(float(time_s[-1]), mean_v)
-
-
-def survey_of(pieces: Sequence[Piece], n_cells: int) -> Survey:
-    """Return the survey of pieces that are at hand."""
-    surveyor = Surveyor(n_cells)
-    for piece in pieces:
-        surveyor.add(piece)
-    return surveyor.result()
 
 
 def _spaced(time_s: FloatArray, before_s: float) -> NDArray[np.intp]:

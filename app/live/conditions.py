@@ -12,7 +12,6 @@ from app.telemetry.measurement import BLANK_S
 
 V_WATCH_V = 0.05  # this close to a voltage limit
 T_WATCH_DEGC = 5.0
-SIGMA_WATCH = 0.05
 
 
 @dataclass(frozen=True, slots=True)

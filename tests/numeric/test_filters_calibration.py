@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.cell_model.circuit import simulate
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.filters.estimators import make_estimator
+from tests.open_loop import simulate
 
 N_RUNS = 24
 DURATION_S = 1200.0

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.cell_model.circuit import CellModel, simulate
+from app.estimation.cell_model.circuit import CellModel
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.filters.estimators import Tuning, make_estimator
+from tests.open_loop import simulate
 
 FILTERED = ["ekf", "ukf", "cdkf"]
 EVERY = [*FILTERED, "fused"]

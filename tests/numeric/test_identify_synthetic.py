@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from app.estimation.cell_model.circuit import CellModel, simulate
+from app.estimation.cell_model.circuit import CellModel
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.errors import ModelError
 from app.estimation.identification.identify import identify, tau_candidates
 from app.estimation.recording.cell_recording import clean
+from tests.open_loop import simulate
 
 SOC = np.linspace(0.0, 1.0, 51)
 NMC_V = 3.0 + 1.2 * SOC - 0.35 * np.exp(-SOC / 0.04) + 0.05 * np.sin(6.0 * SOC)

@@ -17,7 +17,7 @@ LEFT, RIGHT, TOP, BOTTOM = 52.0, 92.0, 6.0, 20.0
 LABEL_PX = 11.0
 POINTS = 700  # buckets across; each keeps its smallest and largest value
 X_TICKS, Y_TICKS = 8, 4
-INK, SOFT, GRID = "#14181a", "#5d676e", "#d2d7d9"
+SOFT, GRID = "#5d676e", "#d2d7d9"
 TEAL, AMBER, VIOLET, RED = "#006d7a", "#9a6400", "#6d3aa8", "#c01921"
 
 

@@ -108,37 +108,6 @@ class OcvCurve:
         return _hermite(soc, self.soc, self.voltage_v, self._knots)
 
 
-def from_slow(
-    discharge_soc: ArrayLike,
-    discharge_v: ArrayLike,
-    charge_soc: ArrayLike,
-    charge_v: ArrayLike,
-    points: int = 101,
-    method: OcvMethod = "interpolation",
-) -> OcvCurve:
-    """Return the mean of a slow discharge and a slow charge, over the SOC that both of them cover.
-
-    Args:
-        discharge_soc: (n,) SOC of the discharge samples, in any order.
-        discharge_v: (n,) their terminal voltage [V].
-        charge_soc: (m,) SOC of the charge samples, in any order.
-        charge_v: (m,) their terminal voltage [V].
-        points: number of points of the curve.
-        method: how the curve is drawn through them.
-
-    Raises:
-        ModelError: the branches do not overlap, or either has fewer than two samples.
-    """
-    branches = [_branch(discharge_soc, discharge_v, "discharge"), _branch(charge_soc, charge_v, "charge")]
-    low = max(b[0][0] for b in branches)
-    high = min(b[0][-1] for b in branches)
-    if not low < high:
-        raise ModelError("ocv", "the slow charge and the slow discharge share no range of SOC")
-    grid = np.linspace(low, high, points)
-    mean = 0.5 * sum(np.interp(grid, *b) for b in branches)
-    return OcvCurve(grid, np.maximum.accumulate(mean), method)
-
-
 def from_rests(soc: ArrayLike, voltage_v: ArrayLike, method: OcvMethod = "interpolation") -> OcvCurve:
     """Return the curve through rested points (n,) of a pulse test; points closer than 0.1 % SOC are averaged.
 

@@ -138,17 +138,6 @@ def laps_left(energy: EnergyLeft, lap_energies_wh: ArrayLike) -> LapsLeft | None
     return LapsLeft(expected, max(expected - half, 0.0), expected + half, mean, spread)
 
 
-def lap_budget_wh(energy: EnergyLeft, laps_to_go: float, reserve_sigmas: float = BAND_SIGMAS) -> float:
-    """Return what each lap may use so that the energy lasts, with a reserve for what is not known of it [Wh].
-
-    Raises:
-        ModelError: laps_to_go is not positive.
-    """
-    if not laps_to_go > 0.0:
-        raise ModelError("laps_to_go", f"{laps_to_go} laps cannot share any energy")
-    return max(energy.energy_wh - reserve_sigmas * energy.sigma_wh, 0.0) / laps_to_go
-
-
 def lap_period_s(time_s: FloatArray, power_w: FloatArray) -> float | None:
     """Return the time of a lap by the autocorrelation of the power [s], None where it does not repeat.
 

@@ -201,28 +201,6 @@ class PowerModel:
             )
         )
 
-    def state_of_power(self, states: CellStates, horizons_s: tuple[float, ...] = HORIZONS_S) -> StatePower:
-        """Return what can be held over each horizon [s]; a cell with NaN SOC is left out.
-
-        Raises:
-            ModelError: no cell has an SOC.
-            ShapeError: the states do not fit the model.
-        """
-        return self.foretell(states, (), horizons_s)[0]
-
-    def times_to_trip(self, states: CellStates, current_a: float) -> tuple[TimeToTrip, ...]:
-        """Return when each limit is met at a constant current, in the order voltage, SOC, temperature.
-
-        Args:
-            states: the cells now; those with NaN SOC are left out.
-            current_a: positive on discharge [A]; the present one, or the full one.
-
-        Raises:
-            ModelError: no cell has an SOC.
-            ShapeError: the states do not fit the model.
-        """
-        return self.foretell(states, (current_a,), ())[1][0]
-
     def foretell(
         self, states: CellStates, currents_a: tuple[float, ...], horizons_s: tuple[float, ...] = HORIZONS_S
     ) -> tuple[StatePower, tuple[tuple[TimeToTrip, ...], ...]]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.analysis.survey import Piece, survey_of
+from app.analysis.survey import Piece, Survey, Surveyor
 
 N = 96
 STEP_S = 0.1
@@ -18,6 +18,13 @@ def piece(start_s, seconds, current_a, *, open_v=3.7, degc=30.0, soc=0.5, bled=N
     if bled is not None:
         bits[:, bled] = 1.0
     return Piece(time_s, current, volts, np.full((len(time_s), N), degc), np.full((len(time_s), N), soc), bits)
+
+
+def survey_of(pieces, n_cells) -> Survey:
+    surveyor = Surveyor(n_cells)
+    for each in pieces:
+        surveyor.add(each)
+    return surveyor.result()
 
 
 def wave(time_s):

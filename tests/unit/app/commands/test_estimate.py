@@ -8,9 +8,9 @@ import pytest
 from app.commands import estimate
 from app.commands.cell_commands.recordings import write_table
 from app.estimation.cell_model.cell_file import format_cell, load_cell
-from app.estimation.cell_model.circuit import simulate
 from app.estimation.errors import DatasetError
 from app.sources.recordings.dataset import load_recording
+from tests.open_loop import simulate
 
 CELL = "samsung-25r-10p"
 

@@ -7,7 +7,7 @@ import pytest
 from app.commands import identify
 from app.commands.cell_commands.recordings import write_table
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.cell_model.circuit import simulate
+from tests.open_loop import simulate
 
 CELL = load_cell("samsung-25r-10p")
 

@@ -3,9 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.estimation.cell_model.circuit import CellModel, charge_moved_coulomb, simulate
+from app.estimation.cell_model.circuit import CellModel, charge_moved_coulomb
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.errors import ModelError
+from tests.open_loop import simulate
 
 
 def cell(n_rc=1, **changes):

@@ -5,7 +5,6 @@ from app.estimation.cell_model.ocv import (
     OCV_METHODS,
     OcvCurve,
     from_rests,
-    from_slow,
     from_two_currents,
     zero_phase_lowpass,
 )
@@ -62,17 +61,6 @@ def test_inverse_returns_the_soc_and_stops_just_past_the_ends():
     assert curve.soc_at(0.0) == -0.05
     assert curve.soc_at(9.0) == 1.05
     assert np.isnan(curve.soc_at(np.nan))
-
-
-def test_slow_charge_and_discharge_average_to_the_curve_between_them():
-    curve = from_slow(SOC[::-1], VOLTS[::-1] - 0.02, SOC[5:], VOLTS[5:] + 0.02)
-    assert curve.soc_range == pytest.approx((SOC[5], 1.0))
-    np.testing.assert_allclose(curve.voltage(SOC[6:-1]), VOLTS[6:-1], atol=2e-3)
-
-
-def test_slow_branches_that_share_no_soc_are_refused():
-    with pytest.raises(ModelError, match="share no range"):
-        from_slow([0.0, 0.4], [3.0, 3.5], [0.5, 1.0], [3.6, 4.2])
 
 
 def test_rests_at_the_same_soc_are_averaged():

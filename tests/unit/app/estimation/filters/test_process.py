@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.cell_model.circuit import simulate
 from app.estimation.filters.inputs import InputGuard
 from app.estimation.filters.process import SOC_VARIANCE_MAX, Process
 from app.estimation.filters.start import start_count
 from app.estimation.filters.states import SOC, CellStates
 from app.estimation.filters.tables import PackedCell
 from app.estimation.filters.tuning import Tuning
+from tests.open_loop import simulate
 
 MODEL = load_cell("samsung-25r-10p")
 MOVING = replace(MODEL, tau_s=MODEL.tau_s * np.linspace(0.8, 1.2, MODEL.soc_grid.size))

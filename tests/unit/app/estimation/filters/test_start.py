@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.cell_model.circuit import simulate
 from app.estimation.errors import ShapeError
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.filters.start import per_cell
+from tests.open_loop import simulate
 
 CELL = load_cell()
 

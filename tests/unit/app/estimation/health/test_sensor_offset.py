@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.cell_model.circuit import simulate
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.health.sensor_offset import OFFSET_SIGMA_C, OffsetTracker
+from tests.open_loop import simulate
 
 CELL = load_cell()
 C_A = CELL.capacity_ah

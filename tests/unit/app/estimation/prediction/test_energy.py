@@ -2,16 +2,15 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.cell_model.circuit import simulate
 from app.estimation.errors import ModelError, ShapeError
 from app.estimation.prediction.energy import (
     EnergyLeft,
     energy_left,
-    lap_budget_wh,
     lap_energies_wh,
     lap_period_s,
     laps_left,
 )
+from tests.open_loop import simulate
 
 CELL = load_cell("samsung-25r-10p")
 
@@ -96,14 +95,6 @@ def test_band_narrows_with_laps_driven():
 @pytest.mark.parametrize("laps", [[], [np.nan], [-5.0]])
 def test_no_lap_no_forecast(laps):
     assert laps_left(EnergyLeft(3000.0, 30.0, 10.0, 0), laps) is None
-
-
-def test_budget_keeps_a_reserve():
-    energy = EnergyLeft(3000.0, 100.0, 10.0, 0)
-    assert lap_budget_wh(energy, 10, reserve_sigmas=0.0) == 300.0
-    assert lap_budget_wh(energy, 10) == pytest.approx(283.55)
-    with pytest.raises(ModelError):
-        lap_budget_wh(energy, 0)
 
 
 def laps(period, n_laps, seed=0, jitter=0.03):

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.cell_model.circuit import simulate
 from app.estimation.errors import ModelError, ShapeError
 from app.estimation.prediction.power import CellStates, Limits, PowerModel
+from tests.open_loop import simulate
 
 CELL = load_cell("samsung-25r-10p")
 WIDE = Limits(discharge_max_a=5000.0, charge_max_a=5000.0, temperature_max_degc=1e6, v_min_v=2.5, v_max_v=4.2)
@@ -13,6 +13,14 @@ WIDE = Limits(discharge_max_a=5000.0, charge_max_a=5000.0, temperature_max_degc=
 def states(soc=0.5, degc=25.0, n=96):
     soc = np.broadcast_to(np.asarray(soc, dtype=float), (n,)).copy()
     return CellStates(soc, np.zeros((CELL.n_rc, n)), np.broadcast_to(np.asarray(degc, dtype=float), (n,)).copy())
+
+
+def state_of_power(model, cells):
+    return model.foretell(cells, ())[0]
+
+
+def times_to_trip(model, cells, current_a):
+    return model.foretell(cells, (current_a,), ())[1][0]
 
 
 def driven(soc, current_a, seconds, degc=25.0):
@@ -25,7 +33,7 @@ def driven(soc, current_a, seconds, degc=25.0):
 
 @pytest.mark.parametrize("horizon", [0, 1, 2])
 def test_discharge_power_ends_at_the_lowest_voltage(horizon):
-    found = PowerModel(CELL, WIDE).state_of_power(states(0.3)).discharge[horizon]
+    found = state_of_power(PowerModel(CELL, WIDE), states(0.3)).discharge[horizon]
     voltage, _ = driven(0.3, found.current_a, found.horizon_s)
     assert voltage == pytest.approx(2.5, abs=0.03)
     assert found.reason == "voltage"
@@ -33,36 +41,36 @@ def test_discharge_power_ends_at_the_lowest_voltage(horizon):
 
 
 def test_charge_power_ends_at_the_highest_voltage():
-    found = PowerModel(CELL, WIDE).state_of_power(states(0.8)).charge[1]
+    found = state_of_power(PowerModel(CELL, WIDE), states(0.8)).charge[1]
     voltage, _ = driven(0.8, -found.current_a, 10.0)
     assert voltage == pytest.approx(4.2, abs=0.02)
     assert found.reason == "voltage"
 
 
 def test_longer_means_less():
-    found = PowerModel(CELL, WIDE).state_of_power(states(0.4))
+    found = state_of_power(PowerModel(CELL, WIDE), states(0.4))
     for side in (found.discharge, found.charge):
         assert side[0].power_w > side[1].power_w > side[2].power_w
 
 
 def test_current_limit_names_no_cell():
-    found = PowerModel(CELL, Limits(discharge_max_a=100.0)).state_of_power(states(0.7)).discharge[0]
+    found = state_of_power(PowerModel(CELL, Limits(discharge_max_a=100.0)), states(0.7)).discharge[0]
     assert (found.current_a, found.cell, found.reason) == (100.0, None, "current")
 
 
 def test_weakest_cell_limits():
     soc = np.full(96, 0.5)
     soc[37] = 0.12
-    found = PowerModel(CELL, WIDE).state_of_power(states(soc))
+    found = state_of_power(PowerModel(CELL, WIDE), states(soc))
     assert found.discharge[2].cell == 37
     factor = np.ones(96)
     factor[11] = 2.0
-    assert PowerModel(CELL, WIDE, factor).state_of_power(states(0.5)).discharge[0].cell == 11
+    assert state_of_power(PowerModel(CELL, WIDE, factor), states(0.5)).discharge[0].cell == 11
 
 
 def test_charge_left_in_the_cell_limits_the_long_horizon():
     limits = Limits(discharge_max_a=300.0, soc_min=0.495, v_min_v=0.1, temperature_max_degc=1e6)
-    found = PowerModel(CELL, limits).state_of_power(states(0.5)).discharge
+    found = state_of_power(PowerModel(CELL, limits), states(0.5)).discharge
     assert found[0].reason == "current"
     assert found[2].reason == "soc"
     assert found[2].current_a == pytest.approx(0.005 * CELL.capacity_ah * 3600 / 30, rel=0.01)
@@ -71,10 +79,10 @@ def test_charge_left_in_the_cell_limits_the_long_horizon():
 def test_hot_cell_limits_by_its_temperature():
     degc = np.full(96, 40.0)
     degc[5] = 59.5
-    found = PowerModel(CELL, Limits()).state_of_power(states(0.9, degc)).discharge[2]
+    found = state_of_power(PowerModel(CELL, Limits()), states(0.9, degc)).discharge[2]
     assert (found.cell, found.reason) == (5, "temperature")
     degc[5] = 61.0
-    assert PowerModel(CELL, Limits()).state_of_power(states(0.9, degc)).discharge[0].current_a == pytest.approx(
+    assert state_of_power(PowerModel(CELL, Limits()), states(0.9, degc)).discharge[0].current_a == pytest.approx(
         0, abs=0.1
     )
 
@@ -82,21 +90,21 @@ def test_hot_cell_limits_by_its_temperature():
 def test_missing_cell_is_left_out():
     soc = np.full(96, 0.5)
     soc[0] = np.nan
-    found = PowerModel(CELL, WIDE).state_of_power(states(soc)).discharge[0]
+    found = state_of_power(PowerModel(CELL, WIDE), states(soc)).discharge[0]
     assert found.power_w == pytest.approx(95 * 2.5 * found.current_a, rel=0.02)
     with pytest.raises(ModelError):
-        PowerModel(CELL, WIDE).state_of_power(states(np.full(96, np.nan)))
+        state_of_power(PowerModel(CELL, WIDE), states(np.full(96, np.nan)))
 
 
 def test_history_of_the_pair_counts():
     fresh, tired = states(0.3), states(0.3)
     tired.branch_a[:] = 150.0
     model = PowerModel(CELL, WIDE)
-    assert model.state_of_power(tired).discharge[0].power_w < model.state_of_power(fresh).discharge[0].power_w
+    assert state_of_power(model, tired).discharge[0].power_w < state_of_power(model, fresh).discharge[0].power_w
 
 
 def test_time_to_empty_is_charge_over_current():
-    trips = {t.limit: t for t in PowerModel(CELL, WIDE).times_to_trip(states(0.2), CELL.capacity_ah)}
+    trips = {t.limit: t for t in times_to_trip(PowerModel(CELL, WIDE), states(0.2), CELL.capacity_ah)}
     assert trips["soc_min"].seconds == pytest.approx(720.0, abs=0.5)
     assert trips["temperature_max"].seconds == np.inf
     assert trips["temperature_max"].cell is None
@@ -105,20 +113,20 @@ def test_time_to_empty_is_charge_over_current():
 def test_voltage_trip_comes_when_the_circuit_says():
     soc = np.full(96, 0.6)
     soc[70] = 0.25
-    trip = PowerModel(CELL, WIDE).times_to_trip(states(soc), 200.0)[0]
+    trip = times_to_trip(PowerModel(CELL, WIDE), states(soc), 200.0)[0]
     assert (trip.limit, trip.cell) == ("v_min", 70)
     assert driven(0.25, 200.0, trip.seconds)[0] == pytest.approx(2.5, abs=0.04)
 
 
 def test_charging_meets_the_upper_limits():
-    trips = {t.limit: t for t in PowerModel(CELL, WIDE).times_to_trip(states(0.9), -25.0)}
+    trips = {t.limit: t for t in times_to_trip(PowerModel(CELL, WIDE), states(0.9), -25.0)}
     assert set(trips) == {"v_max", "soc_max", "temperature_max"}
     assert trips["soc_max"].seconds == pytest.approx(360.0, rel=0.02)
     assert trips["v_max"].seconds <= trips["soc_max"].seconds
 
 
 def test_limit_already_passed_is_now():
-    trips = PowerModel(CELL, Limits(temperature_max_degc=20.0)).times_to_trip(states(0.5), 10.0)
+    trips = times_to_trip(PowerModel(CELL, Limits(temperature_max_degc=20.0)), states(0.5), 10.0)
     assert trips[2].seconds == 0.0
 
 
@@ -132,7 +140,7 @@ def test_a_small_cell_is_the_first_to_be_empty():
     capacity = np.full(96, CELL.capacity_ah)
     capacity[40] *= 0.7
     model = PowerModel(CELL, Limits(soc_min=0.1), capacity_ah=capacity)
-    trip = {trip.limit: trip for trip in model.times_to_trip(states(0.4), 50.0)}["soc_min"]
+    trip = {trip.limit: trip for trip in times_to_trip(model, states(0.4), 50.0)}["soc_min"]
     assert trip.cell == 40
     assert trip.seconds == pytest.approx(0.3 * 0.7 * CELL.capacity_ah * 3600 / 50.0, rel=0.01)
 
@@ -142,12 +150,12 @@ def test_asked_together_or_alone_the_answers_are_the_same():
     cells = states(rng.uniform(0.3, 0.6, 96), 30.0)
     model = PowerModel(CELL, WIDE, rng.uniform(0.9, 1.4, 96), CELL.capacity_ah * rng.uniform(0.9, 1.0, 96))
     power, trips = model.foretell(cells, (40.0, -25.0))
-    alone = model.state_of_power(cells)
+    alone = state_of_power(model, cells)
     for one, other in zip(power.discharge + power.charge, alone.discharge + alone.charge, strict=True):
         assert (one.cell, one.reason) == (other.cell, other.reason)
         assert one.current_a == pytest.approx(other.current_a, abs=WIDE.discharge_max_a / 4096)
     for found, current_a in zip(trips, (40.0, -25.0), strict=True):
-        for one, other in zip(found, model.times_to_trip(cells, current_a), strict=True):
+        for one, other in zip(found, times_to_trip(model, cells, current_a), strict=True):
             assert (one.limit, one.cell) == (other.limit, other.cell)
             assert one.seconds == pytest.approx(other.seconds, abs=3600.0 / 4096)
 
@@ -156,7 +164,7 @@ def test_at_the_largest_current_every_cell_keeps_its_limits_and_a_little_more_pa
     rng = np.random.default_rng(6)
     cells = states(rng.uniform(0.3, 0.6, 96), 30.0)
     model = PowerModel(CELL, WIDE, rng.uniform(0.9, 1.4, 96))
-    for limit in model.state_of_power(cells).discharge:
+    for limit in state_of_power(model, cells).discharge:
         within = model.ahead(cells, np.array(limit.current_a), np.array(limit.horizon_s))[0]
         more = np.array(limit.current_a + WIDE.discharge_max_a / 8192)
         beyond = model.ahead(cells, more, np.array(limit.horizon_s))[0]
