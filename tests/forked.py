@@ -98,8 +98,8 @@ def _become(module: str, arguments: list[str], stdin: int, stdout: int) -> None:
         os._exit(code)
 
 
-def _serve(arguments: list[str], environment: dict[str, str], output: Connection) -> None:
-    """Be `voltwall` with these arguments, everything it says on one pipe."""
+def _run(module: str, arguments: list[str], environment: dict[str, str], output: Connection) -> None:
+    """Be the program of a module with these arguments, everything it says on one pipe."""
     from app.service import simulator_process
 
     os.dup2(output.fileno(), 1)
@@ -111,13 +111,17 @@ def _serve(arguments: list[str], environment: dict[str, str], output: Connection
     simulator_process.subprocess = types.SimpleNamespace(
         Popen=_start_simulator, PIPE=subprocess.PIPE, TimeoutExpired=subprocess.TimeoutExpired
     )
-    sys.exit(importlib.import_module("app.cli").main(arguments))
+    sys.exit(importlib.import_module(module).main(arguments))
 
 
-def start_voltwall(arguments: list[str], environment: dict[str, str]) -> tuple[BaseProcess, TextIO]:
-    """Start `voltwall` with arguments; return the process and what it will say."""
+def start_program(
+    module: str, arguments: list[str], environment: dict[str, str] | None = None
+) -> tuple[BaseProcess, TextIO]:
+    """Start what `python -m MODULE` starts; return the process and what it will say."""
     reader, writer = CONTEXT.Pipe(duplex=False)
-    process = CONTEXT.Process(target=_serve, args=(arguments, environment, writer), daemon=True)
+    process = CONTEXT.Process(
+        target=_run, args=(module, arguments, dict(environment or os.environ), writer), daemon=True
+    )
     process.start()
     writer.close()
     lines = os.fdopen(os.dup(reader.fileno()))

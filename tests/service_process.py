@@ -14,7 +14,7 @@ import httpx
 from websockets.sync.client import connect
 
 from tests.c_programs import CMaster
-from tests.forked import start_voltwall
+from tests.forked import start_program
 
 # on a machine that does ten other things too
 START_S = 60.0
@@ -65,7 +65,7 @@ class Service:
         serial = () if self.c_master is None else ("--serial", str(self.c_master.start().link))
         ready = threading.Event()
         arguments = ["serve", "--port", "0", "--data", str(self.data), *self.arguments, *serial]
-        self.process, output = start_voltwall(arguments, os.environ | self.environment)
+        self.process, output = start_program("app.cli", arguments, os.environ | self.environment)
 
         def read() -> None:
             with output:

@@ -1,11 +1,12 @@
-"""Commands of `voltwall` in this process; that the program itself starts and ends as it should, a few tests show."""
+"""Commands of `voltwall` in this process, simulators in others; that both are programs, a few tests show."""
 
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import pytest
 
 from app.cli import main
+from tests.simulator_port import Simulator, simulators
 
 
 @pytest.fixture
@@ -24,3 +25,10 @@ def voltwall(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
         return subprocess.CompletedProcess(words, code, *capsys.readouterr())
 
     return run
+
+
+@pytest.fixture
+def simulator() -> Iterator[Callable[..., Simulator]]:
+    """Start simulators."""
+    with simulators() as start:
+        yield start

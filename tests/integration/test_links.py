@@ -1,8 +1,7 @@
 """Links that come and go: processes are killed, lines carry noise, nobody listens."""
 
 import os
-import subprocess
-import sys
+import signal
 import threading
 import tty
 from collections.abc import Iterator
@@ -14,55 +13,28 @@ from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
 from firmware_protocol.messages import Data, MessageType, Window
 
 
-@pytest.fixture
-def simulate() -> Iterator:
-    """Start simulator processes that are ended at the end."""
-    started: list[subprocess.Popen[str]] = []
-
-    def start(*arguments: str) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "simulator.cli", *arguments],
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        started.append(process)
-        process.ports = {}
-        for line in process.stdout:
-            if line.strip() == "ready":
-                break
-            name, _, url = line.strip().partition(": ")
-            process.ports[name] = url
-        return process
-
-    yield start
-    for process in started:
-        process.kill()
-        process.wait(10)
-        process.stdout.close()
-
-
 def live(snapshot: dict) -> bool:
     return snapshot["links"]["rs232"]["state"] == "live" and snapshot["accumulator"]["loaded_cells"] == 96
 
 
-def test_a_port_that_goes_away_is_said_and_comes_back_by_itself(make_service, simulate, tmp_path):
+def test_a_port_that_goes_away_is_said_and_comes_back_by_itself(make_service, simulator, tmp_path):
     link = tmp_path / "master"
-    first = simulate("--serial", f"pty:{link}")
+    first = simulator("--serial", f"pty:{link}")
     service = make_service("--serial", str(link))
     service.wait_for(live)
-    first.kill()
+    first.stop(signal.SIGKILL)
     lost = service.wait_for(lambda s: s["links"]["rs232"]["state"] == "lost")
     assert lost["links"]["rs232"]["error"]
     service.wait_for(lambda s: any(a["code"] == "rs232-lost" for a in s["alarms"]))
-    simulate("--serial", f"pty:{link}")
+    simulator("--serial", f"pty:{link}")
     again = service.wait_for(live)
     assert again["links"]["rs232"]["reconnects"] == 1
     assert again["links"]["rs232"]["lost"] == 0
 
 
-def test_a_socket_is_as_good_as_a_port(make_service, simulate):
-    process = simulate("--serial", "tcp:0")
-    service = make_service("--serial", process.ports["serial"])
+def test_a_socket_is_as_good_as_a_port(make_service, simulator):
+    process = simulator("--serial", "tcp:0")
+    service = make_service("--serial", process.urls["serial"])
     assert service.wait_for(live)["source"] == "serial"
 
 
@@ -134,8 +106,8 @@ def test_silence_ages_and_then_blanks_every_value(make_service, line):
     assert blank["accumulator"]["voltage_v"] is None
 
 
-def test_can_alone_shows_what_its_messages_carry(make_service, simulate, tmp_path):
-    simulate("--can", f"slcan-pty:{tmp_path / 'adapter'}")
+def test_can_alone_shows_what_its_messages_carry(make_service, simulator, tmp_path):
+    simulator("--can", f"slcan-pty:{tmp_path / 'adapter'}")
     service = make_service("--can", f"slcan:{tmp_path / 'adapter'}?sleep_after_open=0&timeout=0.05")
     snapshot = service.wait_for(lambda s: s["accumulator"]["soc"] is not None)
     total = snapshot["accumulator"]
