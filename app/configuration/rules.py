@@ -4,6 +4,7 @@ Errors block a write. Warnings need a reason, once: one that is in force already
 The master knows none of this but the ranges; what it accepts is `firmware_protocol.config_image.check`.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -148,4 +149,4 @@ def _others(image: bytes) -> Iterator[Finding]:
     frame_s = data_frame_time_s(FAST_WINDOWS)
     if value["ts"] < frame_s * 1000:
         why = "a telemetry frame takes that long on the line: what does not fit is not sent"
-        yield finding("warning", "line", image, "ts", 0, f"at least {frame_s * 1000:.0f} ms", why)
+        yield finding("warning", "line", image, "ts", 0, f"at least {math.ceil(frame_s * 1000)} ms", why)

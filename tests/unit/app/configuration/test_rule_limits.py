@@ -1,0 +1,181 @@
+"""Where each rule begins, to the count, and what it says; from a configuration that none of them minds."""
+
+from dataclasses import replace
+
+import pytest
+
+from app.configuration.rules import Context, measured_range_a, review, review_change
+from app.estimation.cell_model.cell_file import load_cell
+from firmware_protocol.config_image import default_image, with_raw, with_value
+
+CELL = load_cell()  # 2.5 to 4.2 V, -20 to 75 degC, 200 A out, 40 A in, 25 Ah
+CONTEXT = Context(CELL)
+SHEET = f"the data sheet of {CELL.name}"
+SENSOR = "the current sensor ends there with this gain and offset: the limit could never trip"
+
+
+def changed(image, **values):
+    for name, value in values.items():
+        image = with_value(image, name, value)
+    return image
+
+
+QUIET = changed(default_image(), i_disc_min=-40.0, fan_ramp_stop=45)
+
+
+def found(image, context=CONTEXT):
+    return [(f.level, f.code, f.error.field, f.error.value, f.error.limit, f.error.why) for f in review(image, context)]
+
+
+def test_the_base_of_these_tests_has_no_finding():
+    assert found(QUIET) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "level", "code", "limit", "why"),
+    [
+        ({"v_cell_max": 4.2001}, "error", "data-sheet", "at most 4.2 V", f"{SHEET} ends there"),
+        ({"v_cell_min": 2.4999}, "error", "data-sheet", "at least 2.5 V", f"{SHEET} ends there"),
+        ({"v_cell_chrg": 3.0, "v_cell_min": 3.0}, "error", "order", "below v_cell_chrg = 3 V",
+         "a full cell would count as empty"),
+        ({"v_cell_chrg": 4.1901}, "warning", "charge-margin", "10 mV below v_cell_max, 4.19 V",
+         "charging would end in a trip"),
+        ({"v_cell_chrg": 4.1999}, "warning", "charge-margin", "10 mV below v_cell_max, 4.19 V",
+         "charging would end in a trip"),
+        ({"v_cell_chrg": 4.2}, "error", "charge-margin", "10 mV below v_cell_max, 4.19 V",
+         "charging would end in a trip"),
+        ({"t_cell_max": 61}, "error", "rules", "at most 60 degC",
+         "the rules allow 60 degC, or the limit of the cell's data sheet where that is lower"),
+        ({"t_cell_min": -21}, "error", "data-sheet", "at least -20 degC", f"{SHEET} ends there"),
+        ({"c_avg": 30.01}, "warning", "other-cell", "within 20 % of 25 Ah",
+         f"the service estimates {CELL.name}; one of the two is another cell"),
+        ({"c_avg": 19.99}, "warning", "other-cell", "within 20 % of 25 Ah",
+         f"the service estimates {CELL.name}; one of the two is another cell"),
+        ({"i_disc_max": 0.0}, "error", "window", "above 0 A", "the car could not drive"),
+        ({"i_chrg_max": 40.01}, "error", "data-sheet", "at most 40 A", f"{SHEET} ends there"),
+        ({"i_disc_max": 200.01}, "warning", "data-sheet", "at most 200 A",
+         f"{SHEET} allows no more for long; short pulses may be fine"),
+        ({"i_disc_min": -40.01}, "warning", "data-sheet", "at least -40 A",
+         f"{SHEET} allows no more charge for long; short pulses may be fine"),
+        ({"i_offset": 1945.1}, "warning", "offset", "1945..2150 counts",
+         "the sensor rests in the middle of its range; further off it is unplugged or broken"),
+        ({"i_offset": 2149.9}, "warning", "offset", "1945..2150 counts",
+         "the sensor rests in the middle of its range; further off it is unplugged or broken"),
+        ({"fan_ramp_stop": 46}, "warning", "fans", "at most t_cell_max = 45 degC",
+         "the relays open before the fans run at their highest"),
+        ({"ts": 35}, "warning", "line", "at least 36 ms",
+         "a telemetry frame takes that long on the line: what does not fit is not sent"),
+    ],
+)  # fmt: skip
+def test_one_count_beyond_a_limit_is_told(change, level, code, limit, why):
+    [(name, value)] = list(change.items())[-1:]
+    assert found(changed(QUIET, **change)) == [(level, code, name, value, limit, why)]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"v_cell_max": 4.2},
+        {"v_cell_min": 2.5},
+        {"v_cell_chrg": 3.0, "v_cell_min": 2.9999},
+        {"v_cell_chrg": 4.19},
+        {"t_cell_max": 60},
+        {"t_cell_min": -20},
+        {"c_avg": 30.0},
+        {"c_avg": 20.0},
+        {"i_disc_max": 0.01},
+        {"i_chrg_max": 40.0},
+        {"i_disc_max": 200.0},
+        {"i_disc_min": -40.0},
+        {"i_offset": 1945.2},
+        {"i_offset": 2149.8},
+        {"fan_ramp_stop": 45},
+        {"ts": 36},
+    ],
+)
+def test_a_value_at_its_limit_is_fine(change):
+    assert found(changed(QUIET, **change)) == []
+
+
+def test_what_the_sensor_can_tell_follows_its_gain_and_offset():
+    image = with_raw(with_raw(QUIET, "i_gain", 5000), "i_offset", 20000)
+    assert measured_range_a(image) == pytest.approx((-200.0, 209.5))
+    assert measured_range_a(with_raw(image, "i_gain", 10000)) == pytest.approx((-400.0, 419.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "limit"),
+    [({"i_disc_max": 209.5}, "below 209.5 A"), ({"i_disc_min": -200.0}, "above -200.0 A")],
+)
+def test_a_limit_where_the_sensor_ends_could_never_trip(change, limit):
+    image = with_raw(with_raw(QUIET, "i_gain", 5000), "i_offset", 20000)
+    [(name, value)] = change.items()
+    errors = [each for each in found(changed(image, **change)) if each[0] == "error"]
+    assert errors == [("error", "sensor", name, value, limit, SENSOR)]
+    inside = changed(image, **{name: value - 0.01 if value > 0 else value + 0.01})
+    assert not [each for each in found(inside) if each[0] == "error"]
+
+
+def test_a_charging_current_that_the_sensor_cannot_tell_is_an_error():
+    image = with_raw(with_raw(changed(QUIET, i_disc_max=10.0, i_disc_min=-1.0), "i_gain", 500), "i_offset", 20000)
+    assert measured_range_a(image)[0] == pytest.approx(-20.0)
+    assert found(changed(image, i_chrg_max=19.99)) == []
+    assert found(changed(image, i_chrg_max=20.0)) == [
+        ("error", "sensor", "i_chrg_max", 20.0, "below 20.0 A", SENSOR)
+    ]  # fmt: skip
+
+
+def test_a_data_sheet_that_says_nothing_judges_nothing():
+    silent = replace(
+        CELL,
+        limits=replace(
+            CELL.limits,
+            temperature_min_degc=None,
+            temperature_max_degc=None,
+            discharge_max_a=None,
+            charge_max_a=None,
+        ),
+    )
+    wide = changed(QUIET, t_cell_min=-40, t_cell_max=60, i_disc_max=300.0, i_disc_min=-300.0, i_chrg_max=300.0)
+    assert found(wide, Context(silent)) == []
+    assert [each[4] for each in found(changed(wide, t_cell_max=61), Context(silent))] == ["at most 60 degC"]
+
+
+def test_what_the_master_would_refuse_is_the_only_thing_told():
+    refused = with_raw(changed(QUIET, v_cell_min=2.4999), "ts", 19)
+    assert found(refused) == [("error", "range", "ts", 19, "20..10000 ms", "the master takes nothing else")]
+
+
+def test_errors_come_first_each_in_order_of_offset():
+    image = changed(QUIET, ts=35, v_cell_min=2.4999, t_cell_max=61, fan_ramp_stop=62, c_avg=19.0)
+    assert [(each[0], each[2]) for each in found(image)] == [
+        ("error", "v_cell_min"),
+        ("error", "t_cell_max"),
+        ("warning", "ts"),
+        ("warning", "c_avg"),
+        ("warning", "fan_ramp_stop"),
+    ]
+
+
+def test_a_warning_stands_only_while_its_value_does():
+    before = changed(QUIET, ts=35)
+    [standing] = review_change(before, before, CONTEXT)
+    assert (standing.is_standing, standing.needs_reason, standing.blocks) == (True, False, False)
+    [other] = review_change(before, changed(QUIET, ts=34), CONTEXT)
+    assert (other.is_standing, other.needs_reason) == (False, True)
+    assert review_change(before, QUIET, CONTEXT) == []
+
+
+def test_an_error_that_stands_blocks_all_the_same():
+    before = changed(QUIET, t_cell_max=61)
+    [standing] = review_change(before, before, CONTEXT)
+    assert (standing.is_standing, standing.blocks, standing.needs_reason) == (True, True, False)
+
+
+def test_another_bit_rate_is_a_warning_of_the_change():
+    after = changed(QUIET, can_brp=15)
+    [warning] = review_change(QUIET, after, CONTEXT)
+    assert (warning.level, warning.code, warning.error.field) == ("warning", "bit-rate", "can_brp")
+    assert (warning.error.value, warning.error.limit) == (15, "as in force, 7")
+    assert warning.error.why == "every other controller on the bus has to change with it, or the bus is off"
+    assert review_change(after, after, CONTEXT) == []
