@@ -8,19 +8,33 @@ AppError
   NotNow               the request is fine, the moment is not
 """
 
+from app.words import Message, Text, render
+
 
 class AppError(Exception):
-    """Root of the service's own errors."""
+    """Root of the service's own errors: each carries what it tells as a message."""
+
+    def __init__(self, message: Text) -> None:
+        self.message = Message("verbatim", text=message) if isinstance(message, str) else message
+        super().__init__(self.message)
+
+    def __str__(self) -> str:
+        return render(self.message)
+
+
+def told_by(error: BaseException) -> Text:
+    """What an error tells: its message, or the words of another program."""
+    return error.message if isinstance(error, AppError) else str(error) or type(error).__name__
 
 
 class ConfigError(AppError):
-    """A setting cannot be used."""
+    """A setting cannot be used; `limit` is what would be allowed."""
 
-    def __init__(self, field: str, value: object, limit: str) -> None:
+    def __init__(self, field: str, value: object, limit: Text) -> None:
         self.field = field
         self.value = value
         self.limit = limit
-        super().__init__(f"{field} = {value}: {limit}")
+        super().__init__(Message("not-allowed", field=field, value=shown(value), limit=limit))
 
 
 class LinkError(AppError):
@@ -36,10 +50,10 @@ class MasterSilent(LinkError):
 
 
 MEANINGS = {  # of results that carry no offset
-    "UNKNOWN_REQUEST": "its firmware does not know it",
-    "NOT_NOW": "its state forbids it: driving, charging, a fault, or a store under way",
-    "EEPROM_FAILED": "the EEPROM does not answer, or does not keep what is written",
-    "NOTHING_STORED": "its EEPROM holds no valid configuration",
+    "UNKNOWN_REQUEST": Message("refused-unknown-request"),
+    "NOT_NOW": Message("refused-not-now"),
+    "EEPROM_FAILED": Message("refused-eeprom-failed"),
+    "NOTHING_STORED": Message("refused-nothing-stored"),
 }
 
 
@@ -50,9 +64,12 @@ class MasterRefused(LinkError):
         self.request = request
         self.result = result
         self.offset = offset
-        where = "" if offset is None else f" (offset {offset})"
-        means = f", {MEANINGS[result]}" if result in MEANINGS else ""
-        super().__init__(f"the master refused {request}: {result}{where}{means}")
+        if offset is not None:
+            super().__init__(Message("master-refused-at", request=request, result=result, offset=offset))
+        elif result in MEANINGS:
+            super().__init__(Message("master-refused-why", request=request, result=result, why=MEANINGS[result]))
+        else:
+            super().__init__(Message("master-refused", request=request, result=result))
 
 
 class NotNow(AppError):
@@ -62,10 +79,10 @@ class NotNow(AppError):
 class ImportFailed(AppError):
     """A recording of another program cannot be read as one of a battery."""
 
-    def __init__(self, source: str, reason: str) -> None:
+    def __init__(self, source: str, reason: Text) -> None:
         self.source = source
         self.reason = reason
-        super().__init__(f"{source}: {reason}")
+        super().__init__(Message("of-source", source=source, reason=reason))
 
 
 class ExtraMissing(AppError):
@@ -74,4 +91,9 @@ class ExtraMissing(AppError):
     def __init__(self, what: str, package: str, extra: str) -> None:
         self.what = what
         self.package = package
-        super().__init__(f"{what} needs {package}: pip install 'voltwall[{extra}]'")
+        super().__init__(Message("extra-missing", what=what, package=package, extra=extra))
+
+
+def shown(value: object) -> str | int | float | None:
+    """A value as an argument of a message."""
+    return value if isinstance(value, str | int | float | None) else str(value)

@@ -17,6 +17,7 @@ from app.api.web.dependencies import EventsPart, SimulatorPart, UserDep
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
 from app.service.simulator_control import SimulatorRefused
+from app.words import Message
 
 router = APIRouter(prefix="/simulator", tags=["simulator"])
 
@@ -80,7 +81,7 @@ def inject(body: FaultIn, simulator: SimulatorPart, events: EventsPart, user: Us
     """Make something go wrong, for a while or until it is cleared."""
     _ask(simulator, "inject", body.model_dump())
     place = ", ".join(f"{name} {value}" for name, value in (("pack", body.pack), ("cell", body.cell)) if value)
-    events.note("info", "simulator-fault", f"fault injected: {body.fault} {place}".strip(), user.name)
+    events.note("info", "simulator-fault", Message("fault-injected", fault=f"{body.fault} {place}".strip()), user.name)
     return {"active": _ask(simulator, "status")["active"]}
 
 
@@ -88,7 +89,7 @@ def inject(body: FaultIn, simulator: SimulatorPart, events: EventsPart, user: Us
 def clear_all(simulator: SimulatorPart, events: EventsPart, user: UserDep) -> dict[str, Any]:
     """Mend everything."""
     _ask(simulator, "clear-all")
-    events.note("info", "simulator-fault", "all faults cleared", user.name)
+    events.note("info", "simulator-fault", Message("faults-mended"), user.name)
     return {"active": []}
 
 
@@ -132,5 +133,5 @@ def scenario(body: ScenarioIn, simulator: SimulatorPart, events: EventsPart, use
     if body.name not in {item["name"] for item in _ask(simulator, "scenarios")["scenarios"]}:
         raise not_found("scenario", body.name)
     simulator.restart(body.name)
-    events.note("info", "simulator-scenario", f"simulated car started with {body.name}", user.name)
+    events.note("info", "simulator-scenario", Message("simulator-started", scenario=body.name), user.name)
     return {"scenario": body.name}

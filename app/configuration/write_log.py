@@ -5,7 +5,9 @@ from typing import Protocol
 
 from app.clock import Clock
 from app.configuration.history import Action, ConfigHistory
+from app.errors import told_by
 from app.telemetry import Severity
+from app.words import Message
 from firmware_protocol.config_image import Change, image_hash
 
 NO_IMAGE = b""
@@ -14,7 +16,7 @@ NO_IMAGE = b""
 class Note(Protocol):
     """Writes a line into the event log."""
 
-    def __call__(self, severity: Severity, code: str, text: str, who: str | None = None) -> None:
+    def __call__(self, severity: Severity, code: str, message: Message, who: str | None = None) -> None:
         """Write it."""
 
 
@@ -40,29 +42,32 @@ class WriteLog:
 
     def written(self, attempt: Attempt, changes: list[Change]) -> None:
         """A configuration was written and read back."""
-        because = f" ({attempt.reason.strip()})" if attempt.reason.strip() else ""
-        text = "configuration written: " + _in_words(changes) + because
-        self._note("info", "config-written", text, attempt.who)
+        told, reason = _told(changes), attempt.reason.strip()
+        message = Message("config-written", changes=told)
+        if reason:
+            message = Message("config-written-because", changes=told, reason=reason)
+        self._note("info", "config-written", message, attempt.who)
         self._remember(attempt, "done")
 
     def stored(self, attempt: Attempt) -> None:
         """The configuration in force was stored and the EEPROM read back."""
-        text = f"configuration {image_hash(attempt.after)} stored in the EEPROM"
-        self._note("info", "config-stored", text, attempt.who)
+        self._note("info", "config-stored", Message("config-stored", image=image_hash(attempt.after)), attempt.who)
         self._remember(attempt, "done")
 
     def loaded(self, attempt: Attempt, changes: list[Change]) -> None:
         """The stored configuration was put in force and read back."""
-        changed = _in_words(changes) or "nothing changed"
-        self._note("info", "config-loaded", f"configuration loaded from the EEPROM: {changed}", attempt.who)
+        told = _told(changes) if changes else Message("nothing-changed")
+        self._note("info", "config-loaded", Message("config-loaded", changes=told), attempt.who)
         self._remember(attempt, "done")
 
     def failed(self, attempt: Attempt, error: Exception, result: str | None) -> None:
         """The change failed; `result` goes into the history where something was asked of the master."""
-        code, done = {"store": ("config-store-failed", "stored"), "load": ("config-load-failed", "loaded")}.get(
-            attempt.action, ("config-write-failed", "written")
-        )
-        self._note("warning", code, f"configuration not {done}: {error}", attempt.who)
+        why = told_by(error)
+        code, message = {
+            "store": ("config-store-failed", Message("config-not-stored", error=why)),
+            "load": ("config-load-failed", Message("config-not-loaded", error=why)),
+        }.get(attempt.action, ("config-write-failed", Message("config-not-written", error=why)))
+        self._note("warning", code, message, attempt.who)
         if result is not None:
             self._remember(attempt, result)
 
@@ -73,12 +78,12 @@ class WriteLog:
                 self._clock.wall_ns(), who, action, source, reason, attempt.before, attempt.after, result
             )
         except OSError as error:
-            self._note("warning", "config-history-failed", f"this write is not in the history: {error}", who)
+            self._note("warning", "config-history-failed", Message("history-failed", error=str(error)), who)
 
 
-def _in_words(changes: list[Change]) -> str:
-    shown = [
+def _told(changes: list[Change]) -> Message:
+    shown = tuple(
         f"{c.field}{'' if c.element is None else f'[{c.element}]'} {c.before} -> {c.after} {c.unit}".rstrip()
         for c in changes[:8]
-    ]
-    return ", ".join(shown) + (f" and {len(changes) - 8} more" if len(changes) > 8 else "")
+    )
+    return Message("and-more", shown=shown, n=len(changes) - 8) if len(changes) > 8 else Message("list", shown=shown)

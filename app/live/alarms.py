@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 from app.live.conditions import Condition, conditions, is_judged
 from app.telemetry import Alarm, Event, Severity, Snapshot
+from app.words import Message, Quantity
 
 RAISE_AFTER_NS: dict[Severity, int] = {
     "info": 0,
@@ -35,8 +36,8 @@ class Watch:
         """Judge one snapshot. A single sample raises nothing: a condition has to persist over at least two."""
         now_ns = snapshot.t_mono_ns
         events: list[Event] = []
-        raised = {condition.key: condition for condition in conditions(snapshot)}
-        held = {condition.key: condition for condition in conditions(snapshot, slack=1.0)}
+        raised = {condition.code: condition for condition in conditions(snapshot)}
+        held = {condition.code: condition for condition in conditions(snapshot, slack=1.0)}
         for key, condition in raised.items():
             pending = self._pending.setdefault(key, _Pending(now_ns, now_ns, snapshot.t_wall_ns))
             pending.last_ns = now_ns
@@ -45,7 +46,7 @@ class Watch:
             if persisted and (alarm is None or not alarm.active):
                 self._alarms[key] = self._raise(condition, pending.wall_ns)
                 self._raised_ns[key] = pending.first_ns
-                events.append(_event(condition, snapshot.t_wall_ns, condition.text))
+                events.append(_event(condition, snapshot.t_wall_ns, condition.message))
         for key in set(self._pending) - set(raised):
             del self._pending[key]
         for key, alarm in list(self._alarms.items()):
@@ -54,15 +55,15 @@ class Watch:
                 self._seen_ns[key] = now_ns
                 if alarm.active:
                     self._alarms[key] = replace(
-                        alarm, value=now_held.value, cell=now_held.cell, limit=now_held.limit, text=now_held.text
+                        alarm, value=now_held.value, cell=now_held.cell, limit=now_held.limit, message=now_held.message
                     )
             elif not is_judged(key, snapshot):
                 self._seen_ns[key] = now_ns  # what cannot be seen has not ended
             elif alarm.active and now_ns - self._seen_ns.get(key, now_ns) >= END_AFTER_NS:
                 self._alarms[key] = replace(alarm, active=False)
                 seconds = (now_ns - self._raised_ns[key]) / 1e9
-                text = f"ended after {seconds:.1f} s: {alarm.text}"
-                events.append(_event(alarm, snapshot.t_wall_ns, text, severity="info"))
+                ended = Message("alarm-ended", after=Quantity(seconds, "s", 1), alarm=alarm.message)
+                events.append(_event(alarm, snapshot.t_wall_ns, ended, severity="info"))
         self._drop_finished()
         order = {"trip": 0, "warning": 1, "watch": 2, "info": 3}
         alarms = sorted(self._alarms.values(), key=lambda a: (not a.active, order[a.severity], -a.since_ns))
@@ -82,7 +83,7 @@ class Watch:
             self._next_id - 1,
             condition.code,
             condition.severity,
-            condition.text,
+            condition.message,
             since_ns,
             True,
             condition.cell,
@@ -99,7 +100,7 @@ class Watch:
                 self._raised_ns.pop(key, None)
 
 
-def _event(source: Condition | Alarm, wall_ns: int, text: str, severity: Severity | None = None) -> Event:
+def _event(source: Condition | Alarm, wall_ns: int, message: Message, severity: Severity | None = None) -> Event:
     return Event(
-        wall_ns, severity or source.severity, source.code, text, source.cell, source.value, source.limit, source.unit
+        wall_ns, severity or source.severity, source.code, message, source.cell, source.value, source.limit, source.unit
     )

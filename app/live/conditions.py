@@ -8,28 +8,36 @@ import numpy as np
 from app.battery.shape import N_CELLS
 from app.estimation.health.joint_watch import ALARM_OHM
 from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
+from app.telemetry.link_messages import SILENT, link_lost
 from app.telemetry.measurement import BLANK_S
+from app.words import Message, Quantity
 
 V_WATCH_V = 0.05  # this close to a voltage limit
 T_WATCH_DEGC = 5.0
+CHARGER_REPORTS = {
+    "hardware": Message("charger-hardware"),
+    "over-temperature": Message("charger-over-temperature"),
+    "input voltage": Message("charger-input-voltage"),
+    "battery": Message("charger-battery"),
+    "time-out": Message("charger-time-out"),
+}
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One thing that is wrong now. `key` tells two of them apart; `excess` in units of the limit's margin, >= 0."""
+    """One thing that is wrong now; the code of its message is its own."""
 
-    code: str
     severity: AlarmSeverity
-    text: str
+    message: Message
     cell: int | None = None
     value: float | None = None
     limit: float | None = None
     unit: str = ""
 
     @property
-    def key(self) -> str:
-        """Equal for the same trouble in the same place."""
-        return self.code
+    def code(self) -> str:
+        """Equal for the same trouble."""
+        return self.message.code
 
 
 def conditions(snapshot: Snapshot, *, slack: float = 0.0) -> Iterator[Condition]:
@@ -79,27 +87,24 @@ def _is_recent(snapshot: Snapshot) -> bool:
 
 def _links(snapshot: Snapshot) -> Iterator[Condition]:
     for name, status in snapshot.links.items():
-        label = name.upper()
         if status.state == "lost":
-            yield Condition(f"{name}-lost", "warning", f"{label} lost: {status.error or 'closed'}")
+            yield Condition("warning", link_lost(name, status.error))
         elif status.state == "silent" and status.frames:
-            yield Condition(f"{name}-silent", "warning", f"{label} silent", value=status.age_s, limit=1.0, unit="s")
+            yield Condition("warning", SILENT[name], value=status.age_s, limit=1.0, unit="s")
 
     can = snapshot.links.can
     if can.bus_state in ("passive", "off"):
-        text = "CAN controller off the bus" if can.bus_state == "off" else "CAN controller error-passive"
         yield Condition(
-            f"can-bus-{can.bus_state}",
             "warning",
-            text,
+            Message("can-bus-off") if can.bus_state == "off" else Message("can-bus-passive"),
             value=None if can.errors is None else float(can.errors),
             unit="errors",
         )
     if snapshot.disagreements:
         first = snapshot.disagreements[0]
-        more = f", and {len(snapshot.disagreements) - 1} more" if len(snapshot.disagreements) > 1 else ""
-        text = f"RS232 and CAN disagree on {first.name}{more}: by RS232 {first.rs232:.6g} {first.unit}"
-        yield Condition("links-disagree", "warning", text.rstrip(), value=first.can, unit=first.unit)
+        by_rs232 = Quantity(first.rs232, first.unit)
+        disagree = Message("links-disagree", name=first.name, n=len(snapshot.disagreements), by_rs232=by_rs232)
+        yield Condition("warning", disagree, value=first.can, unit=first.unit)
 
 
 def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterator[Condition]:
@@ -109,43 +114,43 @@ def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Itera
     value, cell = total.voltage_min_v, total.voltage_min_cell
     if value is not None:
         if value < low + volts:
-            yield Condition("cell-voltage-low", "trip", "cell voltage below its limit", cell, value, low, "V")
+            yield Condition("trip", Message("cell-voltage-low"), cell, value, low, "V")
         elif value < low + V_WATCH_V * 4 + volts:
-            yield Condition("cell-voltage-near-low", "watch", "cell voltage near its limit", cell, value, low, "V")
+            yield Condition("watch", Message("cell-voltage-near-low"), cell, value, low, "V")
     value, cell = total.voltage_max_v, total.voltage_max_cell
     if value is not None:
         if value > high - volts:
-            yield Condition("cell-voltage-high", "trip", "cell voltage above its limit", cell, value, high, "V")
+            yield Condition("trip", Message("cell-voltage-high"), cell, value, high, "V")
         elif value > high - V_WATCH_V / 5 - volts:
-            yield Condition("cell-voltage-near-high", "watch", "cell voltage near its limit", cell, value, high, "V")
+            yield Condition("watch", Message("cell-voltage-near-high"), cell, value, high, "V")
     cold, hot = limits.temperature_min_degc, limits.temperature_max_degc
     value, cell = total.temperature_max_degc, total.temperature_max_cell
     if value is not None:
         if value > hot - degrees:
-            yield Condition("cell-hot", "trip", "cell too hot", cell, value, hot, "degC")
+            yield Condition("trip", Message("cell-hot"), cell, value, hot, "degC")
         elif value > hot - T_WATCH_DEGC - degrees:
-            yield Condition("cell-near-hot", "watch", "cell near its temperature limit", cell, value, hot, "degC")
+            yield Condition("watch", Message("cell-near-hot"), cell, value, hot, "degC")
     value, cell = total.temperature_min_degc, total.temperature_min_cell
     if value is not None and value < cold + degrees:
-        yield Condition("cell-cold", "trip", "cell too cold", cell, value, cold, "degC")
+        yield Condition("trip", Message("cell-cold"), cell, value, cold, "degC")
     current_a = total.current_a
     charging = snapshot.master.state == "charge"
     top_a = -limits.charger_min_a if charging else limits.discharge_max_a
     bottom_a = -limits.charger_max_a * 1.05 if charging else limits.discharge_min_a
     if current_a is not None and not charging and current_a > top_a:
-        yield Condition("current-high", "trip", "discharge current above its limit", None, current_a, top_a, "A")
+        yield Condition("trip", Message("current-high"), None, current_a, top_a, "A")
     if current_a is not None and current_a < bottom_a - 1.0:
-        yield Condition("current-low", "trip", "charge current above its limit", None, current_a, bottom_a, "A")
+        yield Condition("trip", Message("current-low"), None, current_a, bottom_a, "A")
 
 
 def _master(snapshot: Snapshot) -> Iterator[Condition]:
     master = snapshot.master
     if master.state == "fault":
-        yield Condition("master-fault", "trip", f"shutdown circuit open: {master.why}")
+        yield Condition("trip", Message("master-fault", why=master.why))
     if master.map_matches is False:
-        yield Condition("map-mismatch", "warning", "the master's memory map is another one; writes are refused")
+        yield Condition("warning", Message("map-mismatch"))
     for flag in snapshot.charger.flags:
-        yield Condition(f"charger-{flag.replace(' ', '-')}", "warning", f"charger reports: {flag}")
+        yield Condition("warning", CHARGER_REPORTS[flag])
 
 
 def _cells(snapshot: Snapshot) -> Iterator[Condition]:
@@ -153,21 +158,14 @@ def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     missing = np.flatnonzero(np.isnan(voltage_v))
     if len(missing) and (len(missing) < N_CELLS or _is_recent(snapshot)):
         cell = int(missing[0])
-        yield Condition("cell-missing", "warning", f"{_count(len(missing))} without a voltage", cell)
+        yield Condition("warning", Message("cell-missing", n=len(missing)), cell)
     loose = snapshot.cells.joint_loose
     if loose is not None and loose.any():
         cell = int(np.flatnonzero(loose)[0])
-        more = f", and {int(loose.sum()) - 1} more" if loose.sum() > 1 else ""
         excess_mohm = float(snapshot.cells.joint_excess_ohm[cell] * 1000)
         limit_mohm = ALARM_OHM * 1000
-        text = f"busbar joint has grown{more}"
-        yield Condition("joint-loose", "warning", text, cell, excess_mohm, limit_mohm, "mohm")
+        yield Condition("warning", Message("joint-loose", n=int(loose.sum())), cell, excess_mohm, limit_mohm, "mohm")
     if snapshot.cells.model_valid is not None:
         invalid = np.flatnonzero(~snapshot.cells.model_valid & ~np.isnan(voltage_v))
         if len(invalid):
-            text = f"model not valid for {_count(len(invalid))}: charge and sigma there are widened"
-            yield Condition("model-not-valid", "watch", text, int(invalid[0]))
-
-
-def _count(n: int) -> str:
-    return f"{n} cell" if n == 1 else f"{n} cells"
+            yield Condition("watch", Message("model-not-valid", n=len(invalid)), int(invalid[0]))

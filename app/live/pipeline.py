@@ -22,6 +22,7 @@ from app.live.prediction import Lookout, Outlook
 from app.sources.source import NOTHING_RECEIVED, MeasurementSource, Received
 from app.telemetry import Estimator, Event, FloatArray, Identity, Item, ProtectionLimits, Snapshot, Source
 from app.telemetry.measurement import BLANK_S, Measurement
+from app.words import Message
 
 MIN_CURRENT_LIMIT_A = 1.0
 MAX_ENERGY_STEP_S = 10.0  # what flowed in a longer gap is not known, and not made up
@@ -174,8 +175,8 @@ class Pipeline:
         except (EstimatorError, ArithmeticError, ValueError) as error:
             self._estimator = self._estimates = None
             is_news, self._estimator_error = self._estimator_error is None, str(error)
-            text = f"the estimator failed and begins anew: {error}"
-            event = Event(t_wall_ns, "warning", "estimator-failed", text)
+            message = Message("estimator-failed", error=str(error))
+            event = Event(t_wall_ns, "warning", message.code, message)
             return None, (event,) if is_news else ()
         self._estimator_error = None
         self._driver_percent = self._driver.step(self._estimates.soc).percent

@@ -7,6 +7,7 @@ from app.clock import Clock
 from app.live.pipeline import Output
 from app.sessions.event_log import EventLog
 from app.telemetry import Event, Severity
+from app.words import Message
 
 log = logging.getLogger(__name__)
 
@@ -27,24 +28,13 @@ class Events:
     def add(self, event: Event) -> None:
         """Log an event and pass it on."""
         log.log(logging.INFO if event.severity == "info" else logging.WARNING, "%s: %s", event.code, event.text)
-        self.store.append(
-            event.severity,
-            event.code,
-            event.text,
-            cell=event.cell,
-            value=event.value,
-            limit=event.limit,
-            unit=event.unit,
-            who=event.who,
-            uptime_ms=self._uptime_ms,
-            t_wall_ns=event.time_ns,
-        )
+        self.store.append(event, self._uptime_ms)
         for subscriber in self._subscribers:
             subscriber(event)
 
-    def note(self, severity: Severity, code: str, text: str, who: str | None = None) -> None:
+    def note(self, severity: Severity, code: str, message: Message, who: str | None = None) -> None:
         """Log something that the service or a user did."""
-        self.add(Event(self._clock.wall_ns(), severity, code, text, who=who))
+        self.add(Event(self._clock.wall_ns(), severity, code, message, who=who))
 
     def on_output(self, output: Output, t_mono_ns: int) -> None:
         """Log what the pipeline found; events carry the master's uptime while RS232 is live."""

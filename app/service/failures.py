@@ -3,6 +3,7 @@
 import logging
 
 from app.clock import Clock
+from app.words import Message
 
 log = logging.getLogger(__name__)
 SHOWN_S = 60.0
@@ -25,8 +26,8 @@ class Failures:
         self._last = now_ns, f"{type(error).__name__}: {error}"
 
     @property
-    def reason(self) -> str | None:
-        """The last failure in words for a minute, None otherwise."""
+    def reason(self) -> Message | None:
+        """The last failure for a minute, None otherwise."""
         if self._last is None or self._clock.monotonic_ns() - self._last[0] >= SHOWN_S * 1e9:
             return None
-        return f"the pipeline failed on {self._count} item(s), the last time with {self._last[1]}"
+        return Message("pipeline-failed", n=self._count, error=self._last[1])

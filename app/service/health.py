@@ -5,6 +5,8 @@ from app.service.events import Events
 from app.service.live import Live
 from app.service.mqtt import MqttPublisher
 from app.sessions.recording.auto_recorder import AutoRecorder
+from app.telemetry.link_messages import link_trouble
+from app.words import Message
 
 
 class Health:
@@ -25,16 +27,13 @@ class Health:
         """Seconds since the service was made."""
         return self._clock.monotonic_s() - self._started_s
 
-    def problems(self) -> list[str]:
-        """Return what is missing, in words; empty while all is well."""
+    def problems(self) -> list[Message]:
+        """Return what is missing; empty while all is well."""
         problems, snapshot = self._live.problems(), self._live.snapshot
         if snapshot is None:
             return problems
-        for name, status in snapshot.links.items():
-            if status.state not in ("off", "live"):
-                problems.append(f"{name.upper()} {status.state}" + (f": {status.error}" if status.error else ""))
+        links = [link_trouble(name, status) for name, status in snapshot.links.items()]
         recorder = self._recorder.status
         mqtt = None if self._mqtt is None else self._mqtt.problem
-        return problems + [
-            text for text in (recorder.error or recorder.warning, self._events.store.error, mqtt) if text
-        ]
+        others = [*links, recorder.error or recorder.warning, self._events.store.error, mqtt]
+        return problems + [problem for problem in others if problem is not None]

@@ -11,6 +11,7 @@ from app.sources.links.can_sender import CanSender
 from app.sources.links.serial import SerialLink
 from app.sources.master.client import MasterClient
 from app.telemetry import Item
+from app.words import Message
 
 
 class Links:
@@ -59,12 +60,12 @@ class Links:
             self.master.on_reply(output.received.reply)
 
     @property
-    def transmit_hindrance(self) -> str | None:
+    def transmit_hindrance(self) -> Message | None:
         """Why users may not send CAN frames; None where they may."""
         if self.can is None:
-            return "no CAN bus is configured"
+            return Message("no-can")
         if not self._may_transmit:
-            return "frames are only sent onto the simulated bus, or onto a bench's: start the service with --bench"
+            return Message("bench-only")
         return None
 
     def stream(self, *, on: bool) -> None:
@@ -77,7 +78,7 @@ class Links:
 
     def _serial(self) -> SerialLink:
         if self.serial is None:
-            raise LinkLost("no RS232 port is configured")
+            raise LinkLost(Message("no-rs232"))
         return self.serial
 
     def _send_serial(self, data: bytes) -> None:
@@ -85,5 +86,5 @@ class Links:
 
     def _send_can(self, can_id: int, data: bytes) -> None:
         if self.can is None:
-            raise LinkLost("no CAN bus is configured")
+            raise LinkLost(Message("no-can"))
         self.can.send(can_id, data)

@@ -15,6 +15,7 @@ from app.service.failures import Failures
 from app.service.inbox import Inbox
 from app.sessions.replay import Replaying
 from app.telemetry import Identity, Item, Snapshot
+from app.words import Message, Quantity
 
 log = logging.getLogger(__name__)
 TICK_S = 1.0  # without anything new there is a snapshot this often
@@ -102,15 +103,15 @@ class Live:
             NotNow: the alarms that are shown are a replay's.
         """
         if self._replay.is_active:
-            raise NotNow("these alarms are of a replay; stop it to acknowledge the car's")
+            raise NotNow(Message("alarms-of-replay"))
         return self._pipeline.acknowledge(alarm_id, who)
 
-    def problems(self) -> list[str]:
-        """Return what is wrong with the pipeline, in words; empty while all is well."""
+    def problems(self) -> list[Message]:
+        """Return what is wrong with the pipeline; empty while all is well."""
         if self.snapshot is None:
-            return ["no snapshot yet"]
+            return [Message("no-snapshot")]
         silent_s = (self._clock.monotonic_ns() - self.snapshot.t_mono_ns) / 1e9
-        stall = [f"no snapshot for {silent_s:.0f} s: the pipeline stands still"] if silent_s > STALL_S else []
+        stall = [Message("no-snapshot-for", time=Quantity(silent_s, "s", 0))] if silent_s > STALL_S else []
         failure = [] if self._failures.reason is None else [self._failures.reason]
         return stall + failure
 

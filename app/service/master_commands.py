@@ -3,6 +3,7 @@
 from app.errors import LinkError
 from app.service.events import Events
 from app.service.links import Links
+from app.words import Message
 from firmware_protocol.messages import Command
 
 
@@ -23,9 +24,9 @@ class MasterCommands:
         try:
             self._links.master.request(command)
         except LinkError as error:
-            self._events.note("warning", "command-failed", f"{text}: {error}", who)
+            self._events.note("warning", "command-failed", Message("of-source", source=text, reason=error.message), who)
             raise
-        self._events.note("info", "command", text, who)
+        self._events.note("info", "command", Message("command", command=text), who)
 
     def stream(self, who: str, *, on: bool) -> None:
         """Start or stop the master's stream.
@@ -34,4 +35,4 @@ class MasterCommands:
             LinkLost: no RS232 port is configured, or it is not open.
         """
         self._links.stream(on=on)
-        self._events.note("info", "command", "stream-start" if on else "stream-stop", who)
+        self._events.note("info", "command", Message("command", command="stream-start" if on else "stream-stop"), who)

@@ -21,6 +21,7 @@ from app.service.settings import Settings
 from app.telemetry import Event, Snapshot
 from app.telemetry.encoding import encode, plain
 from app.telemetry.service_state import Recording
+from app.words import Message, Text, render
 
 PERIOD_S = 1.0
 KEEPALIVE_S = 15
@@ -98,7 +99,7 @@ class MqttPublisher:
         self._snapshot: Snapshot | None = None
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._sent: dict[str, bytes] = {}  # since the connection was made
-        self._problem: str | None = "not connected yet"
+        self._problem: Text | None = Message("mqtt-not-connected")
         self._is_connected = threading.Event()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
@@ -117,9 +118,9 @@ class MqttPublisher:
         self._client = client
 
     @property
-    def problem(self) -> str | None:
+    def problem(self) -> Message | None:
         """Why nothing reaches the broker, None while all does."""
-        return None if self._problem is None else f"MQTT {self._broker}: {self._problem}"
+        return None if self._problem is None else Message("mqtt", broker=str(self._broker), problem=self._problem)
 
     def start(self) -> None:
         """Connect, and again for ever; publish."""
@@ -161,10 +162,10 @@ class MqttPublisher:
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         self._is_connected.clear()
         if self._problem is None:
-            self._problem = f"connection lost ({reason})"
+            self._problem = Message("mqtt-lost", reason=str(reason))
 
     def _on_connect_fail(self, _client: Any, _data: Any) -> None:
-        self._problem = "no broker answers there"
+        self._problem = Message("mqtt-no-broker")
 
     def _run(self) -> None:
         shown: Snapshot | None = None
@@ -192,7 +193,7 @@ def messages(snapshot: Snapshot, recording: Recording | None) -> Messages:
     yield "accumulator", encode(stamp | {"age_s": plain(snapshot.age_s)} | plain(snapshot.accumulator))
     for name in PER_CELL:
         yield f"cells/{name}", encode(stamp | {"values": cells[name]})
-    yield "master", encode({"state": master.state, "why": master.why, "fit": master.fit, "flags": master.flags})
+    yield "master", encode({"state": master.state, "why": render(master.why), "fit": master.fit, "flags": master.flags})
     yield "links", encode({name: {"state": link.state, "lost": link.lost} for name, link in snapshot.links.items()})
     yield "alarms", encode([plain(alarm) for alarm in snapshot.alarms])
     yield "recording", encode(None if recording is None else plain(recording))

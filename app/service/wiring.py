@@ -6,6 +6,7 @@ pipeline to the listeners, which are called in the order in which they stand her
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from app.analysis.black_box.from_session import keep_black_boxes
@@ -46,6 +47,7 @@ from app.sessions.retention import Retention, RetentionRule
 from app.sessions.transfer.import_jobs import ImportJobs
 from app.sessions.transfer.jobs import FetchJobs
 from app.telemetry import Event, Snapshot, Source
+from app.words import Message
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,14 +142,15 @@ def make_service(
     # Sessions on the disk
     catalogue = Catalogue(sessions_folder)
     rule = RetentionRule(settings.keep_days, settings.keep_gb)
-    retention = Retention(catalogue, rule, lambda text: events.note("info", "session-expired", text), clock)
+    retention = Retention(catalogue, rule, partial(events.note, "info", "session-expired"), clock)
 
     def session_id() -> str | None:
         return None if (session := recorder.session) is None else session.id
 
     def black_box_made(box: dict[str, Any]) -> None:
-        text = f"black box of {box['text']}" if box["is_complete"] else f"black box, incomplete, of {box['text']}"
-        events.add(Event(clock.wall_ns(), "info", "blackbox", text, cell=box["cell"]))
+        is_whole, what = box["is_complete"], box["text"]
+        message = Message("black-box", what=what) if is_whole else Message("black-box-incomplete", what=what)
+        events.add(Event(clock.wall_ns(), "info", "blackbox", message, cell=box["cell"]))
 
     black_boxes = BlackBoxRecorder(data / "blackboxes.sqlite", session_id, black_box_made)
     pipelines = Pipelines(settings)
@@ -166,9 +169,7 @@ def make_service(
     pipeline = pipelines.new(source, serial_url, can_url, lookout, start_soc)
     learned_state = LearnedStateSaver(data / "cells.npz", pipeline, lookout, clock)
     hub: Hub[Snapshot] = Hub()
-    replay = Replaying(
-        pipelines.new, hub.publish_threadsafe, lambda text: events.note("warning", "replay-failed", text), clock
-    )
+    replay = Replaying(pipelines.new, hub.publish_threadsafe, partial(events.note, "warning", "replay-failed"), clock)
 
     # The links, and the configuration behind them
     inbox = Inbox()

@@ -11,6 +11,9 @@ SessionError
 """
 
 from app.errors import AppError, ExtraMissing
+from app.words import Message, Text
+
+NO_SIGNAL = Message("no-such-signal")
 
 
 class SessionError(AppError):
@@ -22,16 +25,16 @@ class SessionNotFound(SessionError):
 
     def __init__(self, session_id: str) -> None:
         self.session_id = session_id
-        super().__init__(f"no session {session_id!r}")
+        super().__init__(Message("no-session", session=session_id))
 
 
 class NotASession(SessionError):
     """The file cannot be read as what it should be."""
 
-    def __init__(self, path: str, reason: str) -> None:
+    def __init__(self, path: str, reason: Text) -> None:
         self.path = path
         self.reason = reason
-        super().__init__(f"{path}: {reason}")
+        super().__init__(Message("of-source", source=path, reason=reason))
 
 
 class SchemaTooNew(SessionError):
@@ -41,16 +44,16 @@ class SchemaTooNew(SessionError):
         self.path = path
         self.found = found
         self.known = known
-        super().__init__(f"{path} has schema {found}, this program knows up to {known}: use a newer voltwall")
+        super().__init__(Message("schema-too-new", path=path, found=found, known=known))
 
 
 class UnknownSignal(SessionError):
     """No signal has this name."""
 
-    def __init__(self, name: str, reason: str = "no such signal") -> None:
+    def __init__(self, name: str, reason: Text = NO_SIGNAL) -> None:
         self.name = name
         self.reason = reason
-        super().__init__(f"{name}: {reason}")
+        super().__init__(Message("of-source", source=name, reason=reason))
 
 
 class RecordingFailed(SessionError):
@@ -60,10 +63,10 @@ class RecordingFailed(SessionError):
 class FetchFailed(SessionError):
     """A session of another service is not here, or not all of it."""
 
-    def __init__(self, url: str, reason: str) -> None:
+    def __init__(self, url: str, reason: Text) -> None:
         self.url = url
         self.reason = reason
-        super().__init__(f"{url}: {reason}")
+        super().__init__(Message("of-source", source=url, reason=reason))
 
 
 class ExportUnavailable(SessionError, ExtraMissing):

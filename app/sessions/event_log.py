@@ -5,22 +5,26 @@ import sqlite3
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from itertools import count
 from pathlib import Path
 from typing import TypeVar
 
+import orjson
+
 from app.sessions.errors import SessionError
 from app.sessions.storage.database import open_for_writing
 from app.sessions.storage.migrate import EVENTS
+from app.telemetry import Event
+from app.words import Message
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
 
 MAX_UNWRITTEN = 10_000  # events kept in memory while the disk takes none
-_GIVEN = "id, t_wall_ns, uptime_ms, severity, code, text, cell, value, limit_value, unit, who"
+_GIVEN = "id, t_wall_ns, uptime_ms, severity, code, text, cell, value, limit_value, unit, who, message"
 _COLUMNS = f"{_GIVEN}, acknowledged_by, acknowledged_ns"
-_INSERT = f"INSERT INTO events ({_GIVEN}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+_INSERT = f"INSERT INTO events ({_GIVEN}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +42,7 @@ class LoggedEvent:
     limit: float | None
     unit: str
     who: str | None
+    message: str | None  # in JSON; None in rows of before version 2, which have their text alone
     acknowledged_by: str | None = None
     acknowledged_ns: int | None = None
 
@@ -58,12 +63,12 @@ class EventLog:
             self._connection = open_for_writing(path, EVENTS)
             last = int(self._connection.execute("SELECT coalesce(max(id), 0) FROM events").fetchone()[0])
         except (OSError, sqlite3.Error) as error:
-            raise SessionError(f"event log {path}: {error}") from error
+            raise SessionError(Message("event-log", error=f"{path}: {error}")) from error
         self._ids = count(last + 1)
         self._last_id = last
         self._unwritten: list[LoggedEvent] = []
         self._dropped = 0
-        self._error: str | None = None
+        self._error: Message | None = None
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix="event-log")
 
     @property
@@ -72,30 +77,29 @@ class EventLog:
         return self._last_id
 
     @property
-    def error(self) -> str | None:
+    def error(self) -> Message | None:
         """Why events are waiting in memory, None when all are on the disk."""
         return self._error
 
-    def append(
-        self,
-        severity: str,
-        code: str,
-        text: str,
-        *,
-        cell: int | None = None,
-        value: float | None = None,
-        limit: float | None = None,
-        unit: str = "",
-        who: str | None = None,
-        uptime_ms: int | None = None,
-        t_wall_ns: int | None = None,
-    ) -> int:
+    def append(self, event: Event, uptime_ms: int | None = None) -> int:
         """Add an event and return its id; ids grow over all restarts."""
         event_id = next(self._ids)
-        t_wall_ns = self._wall_ns() if t_wall_ns is None else t_wall_ns
-        event = LoggedEvent(event_id, t_wall_ns, uptime_ms, severity, code, text, cell, value, limit, unit, who)
         self._last_id = max(self._last_id, event_id)
-        self._executor.submit(self._write, event)
+        logged = LoggedEvent(
+            event_id,
+            event.time_ns,
+            uptime_ms,
+            event.severity,
+            event.code,
+            event.text,
+            event.cell,
+            event.value,
+            event.limit,
+            event.unit,
+            event.who,
+            orjson.dumps(event.message).decode(),
+        )
+        self._executor.submit(self._write, logged)
         return event_id
 
     def query(
@@ -134,7 +138,7 @@ class EventLog:
         try:
             return future.result()
         except sqlite3.Error as error:
-            raise SessionError(f"event log: {error}") from error
+            raise SessionError(Message("event-log", error=str(error))) from error
 
     def _write(self, event: LoggedEvent) -> None:
         self._unwritten.append(event)
@@ -146,10 +150,7 @@ class EventLog:
     def _write_waiting(self) -> None:
         if not self._unwritten:
             return
-        rows = [
-            (e.id, e.t_wall_ns, e.uptime_ms, e.severity, e.code, e.text, e.cell, e.value, e.limit, e.unit, e.who)
-            for e in self._unwritten
-        ]
+        rows = [astuple(event)[:-2] for event in self._unwritten]  # not who has seen it
         try:
             self._connection.execute("BEGIN IMMEDIATE")
             self._connection.executemany(_INSERT, rows)
@@ -159,7 +160,9 @@ class EventLog:
                 self._connection.execute("ROLLBACK")
             if self._error is None:
                 logger.warning("event log does not reach the disk: %s", error)
-            self._error = f"event log: {error}; {len(self._unwritten)} events wait, {self._dropped} were dropped"
+            self._error = Message(
+                "event-log-waits", error=str(error), waiting=len(self._unwritten), dropped=self._dropped
+            )
         else:
             if self._error is not None:
                 logger.info("event log reaches the disk again")

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
+from app.words import Message
+
 
 @dataclass(frozen=True, slots=True)
 class SessionInfo:
@@ -51,8 +53,8 @@ class RecorderStatus:
     queued_bytes: int
     lost_items: int  # of this session: the disk stayed full until the queue was full as well
     disk_free_bytes: int | None
-    warning: str | None  # the disk will be full soon
-    error: str | None  # why it is stalled
+    warning: Message | None  # the disk will be full soon
+    error: Message | None  # why it is stalled
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from app.clock import Clock
-from app.errors import ConfigError, NotNow
+from app.errors import ConfigError, NotNow, told_by
 from app.live.accumulator import charge_of
 from app.live.cells import extreme, mean
 from app.live.pipeline import Pipeline
@@ -22,6 +22,7 @@ from app.sessions.reading.recorded_estimates import RecordedEstimates
 from app.sessions.replay_schedule import MIN_LOOP_S, Pacer
 from app.telemetry import CanItem, FloatArray, Item, LinkChange, SerialItem, Snapshot
 from app.telemetry.service_state import Replay, ReplayCompared
+from app.words import Message
 from firmware_protocol.framing import decode_chunk
 
 log = logging.getLogger(__name__)
@@ -80,7 +81,7 @@ class Replaying:
         self,
         new_pipeline: Callable[..., Pipeline],
         show: Callable[[Snapshot], None],
-        on_failure: Callable[[str], None],
+        on_failure: Callable[[Message], None],
         clock: Clock,
         *,
         end_s: float = END_S,
@@ -212,7 +213,7 @@ class Replaying:
                 started.set_exception(error)
                 return
             log.exception("the replay failed")
-            self._on_failure(f"the replay of {path.stem} failed: {error}")
+            self._on_failure(Message("replay-failed", session=path.stem, error=told_by(error)))
         finally:
             with self._telling:
                 if self._is_wanted():  # nobody waits for this end: the live source is shown again

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from app.clock import Clock
 from app.errors import AppError
 from app.sessions.catalogue import Catalogue
+from app.words import Message, Quantity
 
 log = logging.getLogger(__name__)
 EVERY_S = 600.0
@@ -27,7 +28,7 @@ class RetentionRule:
 
 
 def apply_rule(
-    catalogue: Catalogue, rule: RetentionRule, now_ns: int, on_deleted: Callable[[str], None]
+    catalogue: Catalogue, rule: RetentionRule, now_ns: int, on_deleted: Callable[[Message], None]
 ) -> tuple[str, ...]:
     """Delete what the rule no longer keeps and return the ids; what is in use stays until the next time."""
     gone: list[str] = []
@@ -45,7 +46,8 @@ def apply_rule(
             log.info("session %s is kept for now: %s", info.id, error)
         else:
             gone.append(info.id)
-            on_deleted(f"session {info.name} ({info.id}, {info.size_bytes / 1e6:.0f} MB) deleted by the retention rule")
+            size = Quantity(info.size_bytes / 1e6, "MB", 0)
+            on_deleted(Message("session-expired", name=info.name, session=info.id, size=size))
     return tuple(gone)
 
 
@@ -53,7 +55,7 @@ class Retention:
     """Applies a rule at the start and every ten minutes, in a thread of its own; without a rule there is none."""
 
     def __init__(
-        self, catalogue: Catalogue, rule: RetentionRule, on_deleted: Callable[[str], None], clock: Clock
+        self, catalogue: Catalogue, rule: RetentionRule, on_deleted: Callable[[Message], None], clock: Clock
     ) -> None:
         self._clock = clock
         self._catalogue = catalogue

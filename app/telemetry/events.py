@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from app.telemetry.fields import SentAs, Unit
+from app.telemetry.fields import TOLD, SentAs, Unit
+from app.words import Message, Text, render
 from firmware_protocol.framing import BadFrame, Frame
 
 LinkName = Literal["rs232", "can"]
@@ -41,7 +42,7 @@ class LinkChange:
     t_wall_ns: int
     link: LinkName
     state: Literal["connecting", "open", "lost"]
-    error: str | None = None
+    error: Text | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,7 @@ class LinkStatus:
     bytes_per_s: Annotated[float, Unit("B/s", "in the last two seconds")] = 0.0
     line_load: Annotated[float | None, Unit("1", "share of the line's capacity, with the most stuffing on CAN")] = None
     reconnects: int = 0
-    error: str | None = None
+    error: Annotated[Text | None, TOLD] = None
     errors: int | None = None  # error frames of a CAN adapter, None where it passes none on
     tx_errors: int | None = None  # its controller's error counters
     rx_errors: int | None = None
@@ -107,17 +108,22 @@ class Disagreement:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened; `id` is given by the log."""
+    """Something that happened: `code` says of which kind it is, `message` is what is told of it."""
 
     time_ns: Annotated[int, SentAs("time", 1e9)]
     severity: Severity
     code: str
-    text: str
+    message: Annotated[Message, SentAs("text"), TOLD]
     cell: int | None = None
     value: float | None = None
     limit: float | None = None
     unit: str = ""
     who: str | None = None
+
+    @property
+    def text(self) -> str:
+        """The message in English."""
+        return render(self.message)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +133,7 @@ class Alarm:
     id: int
     code: str
     severity: AlarmSeverity
-    text: str
+    message: Annotated[Message, SentAs("text"), TOLD]
     since_ns: Annotated[int, SentAs("since", 1e9)]
     active: bool
     cell: int | None = None
@@ -135,6 +141,11 @@ class Alarm:
     limit: Annotated[float | None, Unit("", "in `unit`")] = None
     unit: str = ""
     acknowledged_by: str | None = None
+
+    @property
+    def text(self) -> str:
+        """The message in English."""
+        return render(self.message)
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,7 @@ class _Mark:
 
 TREND = _Mark("trend")  # changes slowly: kept for hours
 INTERNAL = _Mark("internal")  # not sent
+TOLD = _Mark("told")  # a message: sent in English, and beside it as NAME_words with its code and arguments
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +61,11 @@ class Described:
     def is_internal(self) -> bool:
         """The field is not sent."""
         return INTERNAL in self.marks
+
+    @property
+    def is_told(self) -> bool:
+        """The field is a message."""
+        return TOLD in self.marks
 
     @property
     def json_name(self) -> str:

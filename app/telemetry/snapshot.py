@@ -11,7 +11,8 @@ from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.prediction.energy import LapsLeft
 from app.estimation.prediction.power import StatePower, TimeToTrip
 from app.telemetry.events import Alarm, Disagreement, Links
-from app.telemetry.fields import INTERNAL, TREND, Kept, SentAs, Unit
+from app.telemetry.fields import INTERNAL, TOLD, TREND, Kept, SentAs, Unit
+from app.words import Message
 
 Source = Literal["simulator", "serial", "can", "replay"]
 MasterState = Literal["unknown", "idle", "drive", "charge", "balance", "fault"]
@@ -144,7 +145,7 @@ class Master:
     """What the master says of itself."""
 
     state: MasterState
-    why: str
+    why: Annotated[Message, TOLD]
     fit: bool | None
     flags: Flags | None
     soc: Annotated[Number, Unit("1", "the master's own count", None)]

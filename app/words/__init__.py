@@ -1,6 +1,6 @@
 """What the service tells a person: codes with arguments, and the tables that turn them into text."""
 
-from app.words.message import Argument, Cell, Message, Quantity, message_from_json
+from app.words.message import Argument, Cell, Message, Quantity, Text, message_from_json
 from app.words.render import languages, render, table
 
-__all__ = ["Argument", "Cell", "Message", "Quantity", "languages", "message_from_json", "render", "table"]
+__all__ = ["Argument", "Cell", "Message", "Quantity", "Text", "languages", "message_from_json", "render", "table"]

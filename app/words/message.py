@@ -42,6 +42,7 @@ class Message:
         object.__setattr__(self, "args", args)
 
 
+Text = Message | str  # what other programs say, an operating system for one, has no code
 Argument = str | int | float | None | Cell | Quantity | Message | tuple["Argument", ...]
 
 

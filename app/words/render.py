@@ -12,7 +12,7 @@ from decimal import ROUND_HALF_UP, Context, Decimal
 from functools import cache
 from importlib.resources import files
 
-from app.words.message import Argument, Cell, Message, Quantity
+from app.words.message import Argument, Cell, Message, Quantity, Text
 from firmware_protocol.memory_map import CELLS_PER_PACK
 
 Template = str | Mapping[str, str]
@@ -40,8 +40,10 @@ def table(language: str) -> dict[str, Template]:
     return found
 
 
-def render(message: Message, language: str = "en") -> str:
+def render(message: Text, language: str = "en") -> str:
     """Return a message as text; one whose code the table lacks, of a newer version, is its code."""
+    if isinstance(message, str):
+        return message
     template = table(language).get(message.code, message.code)
     if not isinstance(template, str):
         template = template["one" if message.args.get("n") == 1 else "other"]

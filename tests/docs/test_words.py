@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from app.api.web.problems import HTTP_SLUGS
 from app.words.render import languages, table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,7 +35,8 @@ def used():
         assert None not in names, f"{place}: the arguments of a message are written out"
         code = call.args[0].value
         assert found.setdefault(code, names) == names, f"{place}: {code} has other arguments elsewhere"
-    return found
+    slugs = {call.args[1].value for _, call in calls("Problem") if isinstance(call.args[1], ast.Constant)}
+    return found | {f"problem-{slug}": set() for slug in {*slugs, *HTTP_SLUGS.values(), "http"}}
 
 
 def placeholders(template):

@@ -24,6 +24,7 @@ from app.live.pipeline import Pipeline
 from app.service.mqtt import MqttPublisher, parse_broker
 from app.sources.master.source import MasterSource
 from app.telemetry import Event, LinkChange
+from app.words import Message
 from tests.unit.app.conftest import FakeMaster
 
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
@@ -173,10 +174,12 @@ def test_state_is_retained_and_complete(broker, closing, snapshots):
 def test_events_are_published_as_they_happen_and_not_retained(broker, closing):
     listener = closing(Listener(broker.port))
     sender = closing(publisher(f"mqtt://127.0.0.1:{broker.port}"))
-    sender.offer_event(Event(10**18, "trip", "cell-hot", "cell 7", cell=7, value=61.0, limit=60.0, unit="degC"))
+    sender.offer_event(
+        Event(10**18, "trip", "cell-hot", Message("cell-hot"), cell=7, value=61.0, limit=60.0, unit="degC")
+    )
     listener.wait(lambda x: x.events)
     assert listener.events[0] == {
-        "time": 1e9, "severity": "trip", "code": "cell-hot", "text": "cell 7", "cell": 7, "value": 61.0,
+        "time": 1e9, "severity": "trip", "code": "cell-hot", "text": "cell too hot", "cell": 7, "value": 61.0,
         "limit": 60.0, "unit": "degC", "who": None,
     }  # fmt: skip
     late = closing(Listener(broker.port))
@@ -192,7 +195,7 @@ def test_a_broker_that_dies_and_comes_back_has_everything_again(broker, closing,
     broker.kill()
     while sender.problem is None:
         time.sleep(0.01)
-    sender.offer_event(Event(1, "info", "while-away", "kept"))
+    sender.offer_event(Event(1, "info", "while-away", Message("verbatim", text="kept")))
     listener.heard.clear()
     broker.start()
     listener.wait(lambda x: x.heard.get("voltwall/status", (b"",))[0] == b"online")

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from app.sessions.recording.writer import Recorder
+from app.telemetry import Event
+from app.words import Message
 from firmware_protocol.config_image import default_image
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
@@ -87,8 +89,9 @@ class SessionMaker:
             recorder.marker(round(at_s * 1e9), wall_ns + round(at_s * 1e9), text, kind=kind)
         for event in events:
             at_ns = round(event["at_s"] * 1e9)
-            named = {key: value for key, value in event.items() if key not in ("at_s", "severity", "code", "text")}
-            recorder.event(at_ns, wall_ns + at_ns, event["severity"], event["code"], event["text"], **named)
+            about = {key: value for key, value in event.items() if key not in ("at_s", "severity", "code", "text")}
+            told = Message("verbatim", text=event["text"])
+            recorder.event(at_ns, Event(wall_ns + at_ns, event["severity"], event["code"], told, **about))
         if closed:
             recorder.close()
         else:

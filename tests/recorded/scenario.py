@@ -103,17 +103,7 @@ class ScenarioRecorder:
 
     def _record(self, output: Output) -> None:
         for event in output.events:
-            self.recorder.event(
-                self.now_ns,
-                event.time_ns,
-                event.severity,
-                event.code,
-                event.text,
-                cell=event.cell,
-                value=event.value,
-                limit=event.limit,
-                unit=event.unit,
-            )
+            self.recorder.event(self.now_ns, event)
         snapshot = output.snapshot
         if snapshot is None:
             return

@@ -12,6 +12,7 @@ from starlette.responses import FileResponse
 
 from app.api.configuration.configuration import OCTETS
 from app.api.encoding.can import bus_json
+from app.api.encoding.words import told
 from app.api.schemas.can import CanBusOut, TransmitOut
 from app.api.web.dependencies import (
     CanTracePart,
@@ -27,6 +28,7 @@ from app.api.web.problems import Problem
 from app.api.web.request_body import Body
 from app.sessions.export.can_log import LOG_FORMATS, write_items
 from app.sources.links.can_sender import Outgoing
+from app.words import Message
 from firmware_protocol.can_tables import tx_messages
 from firmware_protocol.config_image import default_image
 from firmware_protocol.memory_map import CAN_DATA_BYTES, CAN_ID_EXTENDED
@@ -50,8 +52,7 @@ class FrameIn(Body):
             raise Problem(
                 422,
                 "invalid",
-                "Invalid value",
-                f"id = {self.id:#x}: 0..0x7ff for an 11-bit id",
+                Message("eleven-bit-id", id=f"{self.id:#x}"),
                 errors=[{"field": "id", "value": self.id, "limit": "0..0x7ff", "message": "an 11-bit id ends there"}],
             )
         period_s = None if self.period_ms is None else self.period_ms / 1000
@@ -93,7 +94,7 @@ def export(
 
 def _require_may_transmit(links: LinksPart) -> None:
     if (hindrance := links.transmit_hindrance) is not None:
-        raise Problem(409, "not-on-this-bus", "Not on this bus", hindrance)
+        raise Problem(409, "not-on-this-bus", hindrance)
 
 
 def _ids_of_master(live: LivePart, in_force: InForcePart) -> set[int]:
@@ -107,16 +108,18 @@ def _ids_of_master(live: LivePart, in_force: InForcePart) -> set[int]:
 
 def _status(links: LinksPart) -> dict[str, Any]:
     status, hindrance = links.can_sender.status, links.transmit_hindrance
-    return {
-        "allowed": hindrance is None,
-        "hindrance": hindrance,
-        "running": links.can_sender.is_busy,
-        "what": status.what,
-        "who": status.who,
-        "sent": status.sent,
-        "total": status.total,
-        "error": status.error,
-    }
+    return (
+        {
+            "allowed": hindrance is None,
+            "running": links.can_sender.is_busy,
+            "what": status.what,
+            "who": status.who,
+            "sent": status.sent,
+            "total": status.total,
+        }
+        | told("error", status.error)
+        | told("hindrance", hindrance)
+    )
 
 
 @router.get("/transmit", response_model=TransmitOut)
@@ -138,14 +141,15 @@ def transmit(
     _require_may_transmit(links)
     frames = [frame.outgoing() for frame in body.frames]
     if taken := sorted({f.can_id & ~CAN_ID_EXTENDED for f in frames if f.can_id in _ids_of_master(live, in_force)}):
-        ids = ", ".join(f"{can_id:#x}" for can_id in taken)
-        raise Problem(409, "id-in-use", "The master sends this id", f"{ids}: the master sends it itself")
+        ids = tuple(f"{can_id:#x}" for can_id in taken)
+        raise Problem(409, "id-in-use", Message("master-sends-id", ids=ids))
     if all(frame.period_s is None for frame in frames):
         links.can_sender.once(frames)
     else:
         links.can_sender.start_list(frames, user.name)
-    ids = ", ".join(f"{frame.can_id & ~CAN_ID_EXTENDED:#x}" for frame in frames[:8])
-    events.note("info", "can-transmit", f"CAN: {ids} sent" + ("" if len(frames) < 9 else " and more"), user.name)
+    ids = tuple(f"{frame.can_id & ~CAN_ID_EXTENDED:#x}" for frame in frames[:8])
+    told = Message("can-sent", ids=ids) if len(frames) < 9 else Message("can-sent-more", ids=ids, n=len(frames) - 8)
+    events.note("info", "can-transmit", told, user.name)
     return _status(links)
 
 
@@ -165,9 +169,7 @@ def replay_frames(
     with catalogue.open(body.session) as session:
         frames = [f for f in session.can_frames() if f.can_id not in skipped and len(f.data) <= CAN_DATA_BYTES]
     if not frames:
-        raise Problem(
-            409, "nothing-to-send", "Nothing to send", "the session has no CAN frame that the master does not send"
-        )
+        raise Problem(409, "nothing-to-send", Message("nothing-to-send"))
     start_ns = frames[0].t_mono_ns
 
     def timed() -> Iterator[tuple[float, int, bytes]]:
@@ -175,7 +177,7 @@ def replay_frames(
             yield (frame.t_mono_ns - start_ns) / 1e9 / body.speed, frame.can_id, frame.data
 
     links.can_sender.start_frames(f"session {body.session}", timed(), len(frames), user.name)
-    events.note("info", "can-replay", f"CAN: {len(frames)} frames of session {body.session} sent again", user.name)
+    events.note("info", "can-replay", Message("can-sent-again", n=len(frames), session=body.session), user.name)
     return _status(links)
 
 
@@ -185,5 +187,5 @@ def stop_transmitting(events: EventsPart, links: LinksPart, user: UserDep) -> di
     was_busy = links.can_sender.is_busy
     links.can_sender.stop()
     if was_busy:
-        events.note("info", "can-transmit", "CAN: sending stopped", user.name)
+        events.note("info", "can-transmit", Message("can-sending-stopped"), user.name)
     return _status(links)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 from fastapi import APIRouter
 from pydantic import Field
 
+from app.api.encoding.words import words
 from app.api.schemas.service import CalibrationOut, CommandsOut, DoneOut, IdentityOut
 from app.api.web.dependencies import (
     CommandsPart,
@@ -21,6 +22,7 @@ from app.api.web.problems import Problem, invalid, not_found
 from app.api.web.request_body import Body
 from app.battery.shape import CELLS_PER_PACK, N_CELLS
 from app.configuration.calibration import measure, propose_gain, propose_zero
+from app.words import Message, Quantity, render
 from firmware_protocol.messages import MAX_FAN_OVERRIDE_S, Command, CommandId
 
 router = APIRouter(tags=["commands"])
@@ -77,7 +79,11 @@ def names(live: LivePart, settings: SettingsPart) -> dict[str, Any]:
     """The commands there are, and why some would be refused by this service now."""
     hindrance = _against_balancing(live, settings)
     hindrances = {} if hindrance is None else dict.fromkeys(BALANCING, hindrance)
-    return {"commands": [*COMMANDS, "balance-cells", *STREAM], "hindrances": hindrances}
+    return {
+        "commands": [*COMMANDS, "balance-cells", *STREAM],
+        "hindrances": {name: render(why) for name, why in hindrances.items()},
+        "hindrances_words": {name: words(why) for name, why in hindrances.items()},
+    }
 
 
 @router.post("/commands/{name}", response_model=DoneOut)
@@ -96,7 +102,7 @@ def command(
     if asked.cells is not None and name != "balance-cells":
         raise invalid("cells", len(asked.cells), "only with balance-cells")
     if name in BALANCING and (hindrance := _against_balancing(live, settings)) is not None:
-        raise Problem(409, "rules", "Not by the rules", hindrance)
+        raise Problem(409, "rules", hindrance)
     if name in STREAM:
         _none(asked.argument)
         commands.stream(user.name, on=name == "stream-start")
@@ -117,13 +123,13 @@ def _in_words(asked: Argument) -> str:
     return "" if asked.argument is None else f"{asked.argument:g}{duration}"
 
 
-def _against_balancing(live: LivePart, settings: SettingsPart) -> str | None:
+def _against_balancing(live: LivePart, settings: SettingsPart) -> Message | None:
     """Why the competition's rules forbid balancing now: the relays are open, or not known to be closed."""
     snapshot = live.snapshot
     flags = None if snapshot is None else snapshot.master.flags
     if settings.balance_open or (flags is not None and flags.load):
         return None
-    return "the relays are open, and this service was told that the rules forbid balancing then (balance_open)"
+    return Message("no-balancing-open")
 
 
 def _balance(commands: CommandsPart, cells: list[int], who: str) -> None:
@@ -148,8 +154,8 @@ def identify(events: EventsPart, links: LinksPart, live: LivePart, user: UserDep
     links.master.identify()
     identity = live.identity
     if identity is None:
-        raise Problem(504, "no-reply", "No reply from the master", "the answer was no identity")
-    events.note("info", "command", f"identify: firmware {identity.firmware}, boots {identity.boots}", user.name)
+        raise Problem(504, "no-reply", Message("no-identity"))
+    events.note("info", "command", Message("identified", firmware=identity.firmware, boots=identity.boots), user.name)
     return asdict(identity)
 
 
@@ -174,7 +180,10 @@ def calibrate(
         proposal = propose_zero(image, measured)
     elif body.what == "gain" and body.reference_a is not None:
         proposal = propose_gain(image, measured, body.reference_a)
-    said = f"{measured.mean_a:.2f} A, sigma {measured.sigma_a:.2f} A"
-    change = "" if proposal is None else f"; {proposal.field} {proposal.before_raw} -> {proposal.after_raw} proposed"
-    events.note("info", "calibration", f"current {body.what}: {said}{change}", user.name)
+    current, sigma = Quantity(measured.mean_a, "A", 2), Quantity(measured.sigma_a, "A", 2)
+    told = Message("current-measured", what=body.what, current=current, sigma=sigma)
+    if proposal is not None:
+        change = f"{proposal.field} {proposal.before_raw} -> {proposal.after_raw}"
+        told = Message("current-proposed", what=body.what, current=current, sigma=sigma, change=change)
+    events.note("info", "calibration", told, user.name)
     return {"measured": asdict(measured), "proposal": None if proposal is None else asdict(proposal)}

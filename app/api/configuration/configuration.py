@@ -15,6 +15,7 @@ from app.api.web.request_body import Body, RawBody
 from app.configuration.lookup import ConfigSources
 from app.configuration.profile import is_profile, profile_of
 from app.configuration.safe_write import Configuration, Draft, WholeImage
+from app.words import Message
 from firmware_protocol.config_image import image_hash, with_raw, with_value
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
 
@@ -70,7 +71,7 @@ def quoted(text: str) -> str:
 def require_match(if_match: str | None) -> str:
     """Return the hash that the client's draft started from."""
     if if_match is None:
-        raise Problem(428, "if-match-required", "If-Match required", "send If-Match with the ETag of GET config")
+        raise Problem(428, "if-match-required", Message("if-match-needed"))
     tag = if_match.strip()
     return "" if tag.startswith("W/") else tag.strip('"')  # a weak one never matches: RFC 9110, 13.1.1
 
@@ -88,7 +89,7 @@ def read(
     """The configuration in force: JSON in units, or the 420 bytes with Accept: application/octet-stream."""
     image = in_force.image()
     if image is None:
-        raise Problem(503, "link-lost", "Never read", "the configuration was never read: the master has not spoken yet")
+        raise Problem(503, "link-lost", Message("config-never-read"))
     etag = quoted(configuration.show(image))
     if OCTETS in request.headers.get("accept", ""):
         return Response(image, media_type=OCTETS, headers={"ETag": etag})

@@ -32,6 +32,7 @@ from app.configuration.profile import Profile, profile_of, profile_text
 from app.configuration.profile_store import NoProfile
 from app.configuration.safe_write import Draft, WholeImage
 from app.errors import ConfigError
+from app.words import Message
 from firmware_protocol.config_image import difference, image_hash
 from firmware_protocol.memory_map import CONFIG_SIZE
 
@@ -108,7 +109,7 @@ def save_profile(
     else:
         image, comment = config_sources.image(body.source), ""
     saved = profiles.save(name, image, comment=comment if body.comment is None else body.comment, who=user.name)
-    events.note("info", "profile-saved", f"profile {name}, version {saved.version} saved", user.name)
+    events.note("info", "profile-saved", Message("profile-saved", profile=name, version=saved.version), user.name)
     return _profile_json(saved) | {"findings": [finding_json(found) for found in rules.review(image)]}
 
 
@@ -116,7 +117,7 @@ def save_profile(
 def delete_profile(name: Name, events: EventsPart, profiles: ProfilesPart, user: UserDep) -> None:
     """Remove a profile; its versions stay on the disk."""
     profiles.delete(name)
-    events.note("info", "profile-deleted", f"profile {name} deleted", user.name)
+    events.note("info", "profile-deleted", Message("profile-deleted", profile=name), user.name)
 
 
 @router.get("/source", response_model=SourceOut)
@@ -182,7 +183,7 @@ def roll_back(
     if record is None:
         raise not_found("record", number)
     if not record.is_genuine:
-        raise Problem(409, "not-genuine", "Not genuine", f"the signature of record {number} is not right")
+        raise Problem(409, "not-genuine", Message("wrong-signature", record=number))
     image = config_sources.image(f"record:{number}:before")
     reason = (body.reason if body else "") or f"rolled back record {number}"
     draft = Draft(WholeImage(image), reason, f"record {number}", "rollback")

@@ -14,6 +14,7 @@ from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.configuration.slave_check import QUANTITIES, QuantityName, Reading, Verdict, judge, read_slave
 from app.configuration.slave_check_log import SlaveCheck
 from app.telemetry import Severity
+from app.words import Message
 
 router = APIRouter(prefix="/calibration/slave", tags=["commands"])
 MAX_CHECKS = 200
@@ -87,20 +88,21 @@ def _keep(
     try:
         kept = slave_checks.append(clock.wall_ns(), who, body.pack, body.quantity, *words, verdict)
     except OSError as error:
-        raise Problem(507, "storage", "Storage", f"the check cannot be kept: {error.strerror}") from error
+        raise Problem(507, "storage", Message("check-not-kept", error=error.strerror)) from error
     severity: Severity = "warning" if verdict.out else "info"
-    events.note(severity, "slave-check", _in_words(body, verdict), who)
+    events.note(severity, "slave-check", _told(body, verdict), who)
     return kept
 
 
-def _in_words(body: SlaveCheckIn, verdict: Verdict) -> str:
+def _told(body: SlaveCheckIn, verdict: Verdict) -> Message:
     unit = QUANTITIES[body.quantity].unit
     compared = [cell for cell in verdict.cells if cell.error is not None]
     largest = max(compared, key=lambda cell: abs(cell.error or 0.0))
-    where = f"{len(compared)} cells compared, the largest error {_signed(largest.error or 0.0, unit)}"
-    cells = ", ".join(str(cell % CELLS_PER_PACK + 1) for cell in verdict.out)
-    found = f"out of tolerance: cells {cells}" if verdict.out else "all in tolerance"
-    return f"slave of pack {body.pack + 1}, {body.quantity} against a meter: {where}, {found}"
+    cells = tuple(cell % CELLS_PER_PACK + 1 for cell in verdict.out)
+    found = Message("out-of-tolerance", cells=cells) if cells else Message("in-tolerance")
+    error = _signed(largest.error or 0.0, unit)
+    quantity = Message("quantity-voltage") if body.quantity == "voltage" else Message("quantity-temperature")
+    return Message("slave-checked", pack=body.pack + 1, quantity=quantity, n=len(compared), error=error, found=found)
 
 
 def _signed(error: float, unit: str) -> str:

@@ -2,6 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
+import orjson
 from fastapi import APIRouter, Path, Query
 
 from app.api.schemas.service import AcknowledgedOut, EventsOut
@@ -9,6 +10,7 @@ from app.api.web.dependencies import EventsPart, LivePart, UserDep
 from app.api.web.problems import not_found
 from app.battery.shape import N_CELLS
 from app.sessions.event_log import LoggedEvent
+from app.words import Message
 
 router = APIRouter(tags=["events"])
 MAX_ID = (1 << 63) - 1
@@ -23,6 +25,7 @@ def _event_json(event: LoggedEvent) -> dict[str, Any]:
         "severity": event.severity,
         "code": event.code,
         "text": event.text,
+        "text_words": None if event.message is None else orjson.loads(event.message),
         "cell": event.cell,
         "value": event.value,
         "limit": event.limit,
@@ -57,5 +60,5 @@ def acknowledge_alarm(alarm_id: Id, live: LivePart, events: EventsPart, user: Us
     """Say that somebody saw it; it leaves the list when its condition has ended."""
     if not live.acknowledge_alarm(alarm_id, user.name):
         raise not_found("alarm", alarm_id)
-    events.note("info", "alarm-acknowledged", f"alarm {alarm_id} acknowledged", user.name)
+    events.note("info", "alarm-acknowledged", Message("alarm-acknowledged", alarm=alarm_id), user.name)
     return {"acknowledged_by": user.name}

@@ -8,12 +8,14 @@ import orjson
 from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
 
 from app import __version__
+from app.api.encoding.words import told_list
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
 from app.api.web.dependencies import AuthenticationPart, ClockPart, EncoderPart, HealthPart, LivePart, ReadersPart
 from app.api.web.problems import Problem
 from app.battery.shape import N_CELLS
 from app.telemetry import Snapshot
+from app.words import Message
 
 router = APIRouter(tags=["live"])
 SEND_S = 10.0  # a client that takes nothing for this long is dropped
@@ -29,8 +31,7 @@ async def health(live: LivePart, health: HealthPart) -> dict[str, Any]:
         "version": __version__,
         "uptime_s": round(health.uptime_s, 3),
         "source": live.source,
-        "reasons": reasons,
-    }
+    } | told_list("reasons", reasons)
 
 
 @router.get("/snapshot", responses={200: {"model": SnapshotOut}})
@@ -38,7 +39,7 @@ async def snapshot(live: LivePart, encoder: EncoderPart) -> Response:
     """The newest snapshot."""
     latest = live.hub.latest
     if latest is None:
-        raise Problem(503, "nothing-yet", "Nothing yet", "no snapshot was made yet; the service has just started")
+        raise Problem(503, "nothing-yet", Message("nothing-yet"))
     return Response(encoder.encode(latest), media_type="application/json")
 
 

@@ -6,6 +6,7 @@ from pydantic import BaseModel
 
 from app.api.schemas.config import CanRxOut, CanTxOut
 from app.api.schemas.snapshot import Number
+from app.api.schemas.words import WordsOut
 
 
 class CanValueOut(BaseModel):
@@ -72,9 +73,11 @@ class TransmitOut(BaseModel):
 
     allowed: bool
     hindrance: str | None
+    hindrance_words: WordsOut | None
     running: bool
     what: str | None
     who: str | None
     sent: int
     total: int | None
     error: str | None
+    error_words: WordsOut | None

@@ -5,6 +5,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, Field
 
 from app.api.schemas.snapshot import Number
+from app.api.schemas.words import WordsOut
 
 RawValue = int | list[int] | list[list[int]]
 
@@ -52,8 +53,11 @@ class FindingOut(BaseModel):
     element: int | None
     value: float
     limit: str
+    limit_words: WordsOut | None
     why: str
+    why_words: WordsOut | None
     message: str
+    message_words: WordsOut | None
 
 
 class ConfigOut(BaseModel):
@@ -97,6 +101,7 @@ class WriteResultOut(BaseModel):
     difference: list[DifferenceOut]
     warnings: list[FindingOut]
     hindrance: str | None  # why it would be refused now
+    hindrance_words: WordsOut | None
 
 
 class StoreResultOut(BaseModel):

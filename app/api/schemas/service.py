@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from app.api.schemas.snapshot import Number, Severity
+from app.api.schemas.words import WordsOut
 
 
 class FieldErrorOut(BaseModel):
@@ -26,17 +27,19 @@ class ProblemOut(BaseModel):
     title: str
     status: int
     detail: str
+    detail_words: WordsOut | None = None
     errors: list[FieldErrorOut] = []
 
 
 class HealthOut(BaseModel):
-    """Whether the service does its work; `reasons` says in words what is missing."""
+    """Whether the service does its work; `reasons` says what is missing."""
 
     status: Literal["ok", "degraded"]
     version: str
     uptime_s: float
     source: Literal["simulator", "serial", "can", "replay"]
     reasons: list[str]
+    reasons_words: list[WordsOut]
 
 
 class MeOut(BaseModel):
@@ -71,6 +74,7 @@ class LogEventOut(BaseModel):
     severity: Severity
     code: str
     text: str
+    text_words: WordsOut | None
     cell: int | None
     value: Number
     limit: Number
@@ -96,6 +100,7 @@ class CommandsOut(BaseModel):
 
     commands: list[str]
     hindrances: dict[str, str]
+    hindrances_words: dict[str, WordsOut]
 
 
 class DoneOut(BaseModel):

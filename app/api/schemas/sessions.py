@@ -5,6 +5,7 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from app.api.schemas.snapshot import Number, ReplayOut, Severity
+from app.api.schemas.words import WordsOut
 
 
 class SessionOut(BaseModel):
@@ -131,7 +132,9 @@ class FetchOut(BaseModel):
     fetched: list[str]
     already_here: int
     filled: list[str]
+    filled_words: list[WordsOut]
     error: str | None
+    error_words: WordsOut | None
 
 
 class FetchStateOut(BaseModel):
@@ -158,7 +161,9 @@ class RecorderOut(BaseModel):
     lost_items: int
     disk_free_bytes: int | None
     warning: str | None
+    warning_words: WordsOut | None
     error: str | None
+    error_words: WordsOut | None
     plan: RecordingPlanOut
     split_mb: int | None
     keep_days: Number
@@ -211,6 +216,7 @@ class ImportStateOut(BaseModel):
     session_id: str | None
     notes: list[str]
     error: str | None
+    error_words: WordsOut | None
 
 
 class ImportsOut(BaseModel):

@@ -9,6 +9,7 @@ from typing import Any, Literal, Union
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
+from app.api.schemas.words import WordsOut
 from app.estimation.prediction.energy import LapsLeft
 from app.estimation.prediction.power import StatePower, TimeToTrip
 from app.telemetry import Ages, BoolArray, LinkStatus, Snapshot
@@ -36,6 +37,11 @@ def _model(name: str, *owners: type) -> type[BaseModel]:
         for owner in owners
         for field in described(owner)
         if not field.is_internal
+    } | {
+        f"{field.json_name}_words": (WordsOut | None, Field())
+        for owner in owners
+        for field in described(owner)
+        if field.is_told
     }
     config, meaning = ConfigDict(from_attributes=True), (owners[0].__doc__ or "").partition("\n")[0]
     return create_model(f"{name}Out", __doc__=meaning, __config__=config, __module__=__name__, **fields)
@@ -51,6 +57,8 @@ def _type(owner: type, field: Described) -> Any:
     if sent is not None and sent.divisor is not None:
         return float
     members = alternatives(field.type)
+    if field.is_told:
+        return str | None if members != (field.type,) and str in members else str
     if is_array(members[0]):
         return list[bool | None] if members[0] == BoolArray else PerCell
     kinds = tuple(_sent_type(member) for member in members)

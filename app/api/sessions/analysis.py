@@ -29,6 +29,7 @@ from app.api.web.request_body import Body
 from app.sessions.errors import UnknownSignal
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
+from app.words import Message
 
 router = APIRouter(tags=["debrief"])
 SourceQuery = Annotated[Source | None, Query(description="none: settled, else markers, else the power's pattern")]
@@ -91,7 +92,7 @@ def settle(
     with open_session(catalogue, session_id) as file:
         path = file.path
     settle_laps(path, chosen, t_wall_ns=clock.wall_ns(), who=user.name)
-    events.note("info", "laps-settled", f"{len(chosen)} laps of {session_id} settled", user.name)
+    events.note("info", "laps-settled", Message("laps-settled", n=len(chosen), session=session_id), user.name)
     with open_session(catalogue, session_id) as file:
         return lap_table(file)
 

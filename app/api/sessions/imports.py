@@ -7,10 +7,12 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
+from app.api.encoding.words import told
 from app.api.schemas.sessions import ImportsOut, ImportStateOut, UploadOut
 from app.api.web.dependencies import EventsPart, ImportsPart, UserDep
 from app.api.web.request_body import Body
 from app.sources.recordings.profile import ImportProfile, profile_of
+from app.words import Message
 
 router = APIRouter(tags=["sessions"])
 
@@ -27,7 +29,7 @@ class ImportIn(Body):
 
 def _state(imports: ImportsPart) -> dict[str, Any] | None:
     state = imports.state
-    return None if state is None else asdict(state)
+    return None if state is None else asdict(state) | told("error", state.error)
 
 
 @router.get("/imports", response_model=ImportsOut)
@@ -74,5 +76,5 @@ def start(upload_id: int, body: ImportIn, events: EventsPart, imports: ImportsPa
     state = imports.start(upload_id, profile, dbc=body.dbc, name=body.name)
     if body.save_as:
         imports.profiles.save(body.save_as, profile)
-    events.note("info", "import", f"{state.filename} is being imported", user.name)
-    return asdict(state)
+    events.note("info", "import", Message("being-imported", filename=state.filename), user.name)
+    return asdict(state) | told("error", state.error)

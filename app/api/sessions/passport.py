@@ -13,6 +13,7 @@ from app.api.web.dependencies import ClockPart, EventsPart, PassportsPart, UserD
 from app.api.web.problems import not_found
 from app.api.web.request_body import Body
 from app.battery.shape import N_CELLS
+from app.words import Message
 
 router = APIRouter(tags=["passport"])
 
@@ -71,7 +72,7 @@ def swap(
     """Record that modules were swapped: their cells begin a new line."""
     at_s = clock.wall_s() if body.time_s is None else body.time_s
     passports.swap(body.cells, at_s, body.note, user.name)
-    events.note("info", "module-swapped", f"{len(body.cells)} cells are of another module: {body.note}", user.name)
+    events.note("info", "module-swapped", Message("modules-swapped", n=len(body.cells), note=body.note), user.name)
     return all_cells(passports)
 
 
@@ -82,7 +83,7 @@ def take_back(
     """Take a swap back."""
     if not passports.store.remove_swap(swap_id):
         raise not_found("swap", str(swap_id))
-    events.note("info", "module-swapped", f"swap {swap_id} taken back", user.name)
+    events.note("info", "module-swapped", Message("swap-taken-back", swap=swap_id), user.name)
     return {"deleted": True}
 
 

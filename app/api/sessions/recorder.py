@@ -6,10 +6,12 @@ from typing import Any
 from fastapi import APIRouter
 from pydantic import Field
 
+from app.api.encoding.words import told
 from app.api.schemas.sessions import RecorderOut
 from app.api.web.dependencies import EventsPart, RecorderPart, SettingsPart, UserDep
 from app.api.web.request_body import Body
 from app.sessions.recording.plan import MAX_CHARACTERS
+from app.words import Message
 
 router = APIRouter(tags=["sessions"])
 
@@ -31,8 +33,8 @@ def _recorder_json(recorder: RecorderPart, settings: SettingsPart) -> dict[str, 
         "queued_items": status.queued_items,
         "lost_items": status.lost_items,
         "disk_free_bytes": status.disk_free_bytes,
-        "warning": status.warning,
-        "error": status.error,
+        **told("warning", status.warning),
+        **told("error", status.error),
         "plan": asdict(recorder.plan),
         "split_mb": settings.split_mb,
         "keep_days": settings.keep_days,
@@ -53,5 +55,6 @@ def plan(
     """Say what the next sessions are called and who drives; kept over restarts."""
     given = {name: text.strip() for name, text in body.model_dump(exclude_none=True).items()}
     recorder.set_plan(replace(recorder.plan, **given))
-    events.note("info", "recording-plan", ", ".join(f"{name}: {text}" for name, text in given.items()), user.name)
+    shown = tuple(f"{name}: {text}" for name, text in given.items())
+    events.note("info", "recording-plan", Message("list", shown=shown), user.name)
     return _recorder_json(recorder, settings)

@@ -36,6 +36,7 @@ from app.sessions.reading.reader import SessionFile
 from app.sessions.replay import Playing
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 from app.sessions.storage.files import sha256
+from app.words import Message
 
 SQLITE = "application/vnd.sqlite3"
 router = APIRouter(tags=["sessions"])
@@ -113,7 +114,7 @@ def _recording_id(recorder: RecorderPart) -> str | None:
 def _require_recording(catalogue: CataloguePart, recorder: RecorderPart, session_id: str) -> None:
     if _recording_id(recorder) != session_id:
         with open_session(catalogue, session_id):  # 404 where there is none
-            raise Problem(409, "not-now", "Not now", f"session {session_id} is not being recorded")
+            raise Problem(409, "not-now", Message("not-being-recorded", session=session_id))
 
 
 def open_session(catalogue: CataloguePart, session_id: str) -> SessionFile:
@@ -140,7 +141,7 @@ def sessions(catalogue: CataloguePart, recorder: RecorderPart) -> dict[str, Any]
 def start(events: EventsPart, recorder: RecorderPart, user: UserDep, body: NewSession | None = None) -> dict[str, Any]:
     """Start recording."""
     info = recorder.start(body.name if body else None)
-    events.note("info", "recording", "recording started by hand", user.name)
+    events.note("info", "recording", Message("recording-started-by-hand"), user.name)
     return session_json(info, info.id)
 
 
@@ -165,7 +166,7 @@ def stop(
     recorder.stop()
     with suppress(SessionError):  # a full disk: the file is closed as soon as there is room
         recorder.flush()
-    events.note("info", "recording", "recording stopped by hand", user.name)
+    events.note("info", "recording", Message("recording-stopped-by-hand"), user.name)
     return {"stopped": True}
 
 
@@ -176,7 +177,7 @@ def split(
     """End the running session and go on in a new one without losing a frame."""
     _require_recording(catalogue, recorder, session_id)
     info = recorder.split()
-    events.note("info", "recording", "recording split by hand", user.name)
+    events.note("info", "recording", Message("recording-split-by-hand"), user.name)
     return session_json(info, info.id)
 
 
@@ -204,12 +205,12 @@ def delete(
 ) -> dict[str, Any]:
     """Delete a session for ever."""
     if _recording_id(recorder) == session_id:
-        raise Problem(409, "not-now", "Not now", "stop the recording first")
+        raise Problem(409, "not-now", Message("stop-recording-first"))
     try:
         catalogue.delete(session_id)
     except SessionNotFound as error:
         raise not_found("session", session_id) from error
-    events.note("info", "session-deleted", f"session {session_id} deleted", user.name)
+    events.note("info", "session-deleted", Message("session-deleted", session=session_id), user.name)
     return {"deleted": True}
 
 
@@ -268,7 +269,7 @@ def download(
         raise invalid("signal", error.name, error.reason) from error
     except ExportUnavailable as error:
         path.unlink(missing_ok=True)
-        raise Problem(501, "extra-missing", "Optional package missing", str(error)) from error
+        raise Problem(501, "extra-missing", error.message) from error
     except BaseException:
         path.unlink(missing_ok=True)
         raise
@@ -335,7 +336,7 @@ def replay(
     except SessionNotFound as error:
         raise not_found("session", body.session_id) from error
     replay.start(path, Playing(body.speed, body.filter, body.cell, body.estimates))
-    events.note("info", "replay", f"replay of {body.session_id} started", user.name)
+    events.note("info", "replay", Message("replay-started", session=body.session_id), user.name)
     return {"replay": replay.state()}
 
 

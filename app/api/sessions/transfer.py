@@ -6,10 +6,12 @@ from typing import Any
 from fastapi import APIRouter
 from pydantic import Field, SecretStr
 
+from app.api.encoding.words import told, told_list
 from app.api.schemas.sessions import FetchStateOut
 from app.api.web.dependencies import EventsPart, FetchesPart, UserDep
 from app.api.web.request_body import Body
 from app.sessions.transfer.fetch import Remote
+from app.words import Message
 
 router = APIRouter(tags=["sessions"])
 
@@ -25,7 +27,9 @@ class FetchIn(Body):
 
 
 def _answer(state: Any) -> dict[str, Any]:
-    return {"fetch": None if state is None else asdict(state)}
+    if state is None:
+        return {"fetch": None}
+    return {"fetch": asdict(state) | told_list("filled", state.filled) | told("error", state.error)}
 
 
 @router.get("/fetch", response_model=FetchStateOut)
@@ -40,5 +44,5 @@ def fetch(body: FetchIn, events: EventsPart, fetches: FetchesPart, user: UserDep
     password = None if body.password is None else body.password.get_secret_value()
     remote = Remote(body.url, label=body.label, password=password)
     state = fetches.start(remote, body.sessions, fill=body.fill)
-    events.note("info", "fetch", f"sessions are fetched from {remote.url}", user.name)
+    events.note("info", "fetch", Message("fetch-started", url=remote.url), user.name)
     return _answer(state)

@@ -20,6 +20,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from app.api.web.problems import Problem
 from app.clock import Clock
 from app.service.settings import Settings
+from app.words import Message
 
 COOKIE = "voltwall"
 SESSION_S = 24 * 3600.0
@@ -67,7 +68,7 @@ class Authentication:
             recent = [t for t in self._failures.get(source, []) if now - t < FAILURE_WINDOW_S]
             if len(recent) >= MAX_FAILURES:
                 wait = {"Retry-After": str(int(FAILURE_WINDOW_S))}
-                raise Problem(429, "too-many-tries", "Too many tries", "wait a minute", wait)
+                raise Problem(429, "too-many-tries", Message("wait-a-minute"), wait)
             for role in ROLES:
                 secret = self.settings.password if role == "engineer" else self.settings.viewer_password
                 if secret is not None and _is_equal(secret.get_secret_value(), password):
@@ -176,7 +177,7 @@ class AuthenticationMiddleware:
             if scope["type"] == "http":
                 await problem.response()(scope, receive, send)
             else:
-                await self._close(receive, send, 4000 + problem.status, problem.detail)
+                await self._close(receive, send, 4000 + problem.status, str(problem))
             return
         scope.setdefault("state", {})["user"] = user
         await self._app(scope, receive, send)
@@ -185,21 +186,21 @@ class AuthenticationMiddleware:
         headers = Headers(scope=scope)
         authentication = self._authentication
         if not is_own_host(headers.get("host", ""), loopback=authentication.settings.is_loopback):
-            raise Problem(403, "foreign-host", "Foreign host", f"this service is not {headers.get('host')}")
+            raise Problem(403, "foreign-host", Message("foreign-host", host=headers.get("host")))
         path, method = scope["path"], scope.get("method", "GET")
         guarded = path.startswith("/api/") or path == "/metrics"
         if (guarded or scope["type"] == "websocket") and not is_same_origin(headers):
-            whose = headers.get("origin", "another site")
-            raise Problem(403, "foreign-origin", "Foreign origin", f"requests from {whose} are refused")
+            whose = headers.get("origin") or Message("another-site")
+            raise Problem(403, "foreign-origin", Message("foreign-origin", origin=whose))
         user = authentication.user_of(headers, scope["client"][0] if scope.get("client") else "")
         if not guarded or path in OPEN_PATHS:
             return user
         if user is None:
             # To a browser no challenge: it would put its own dialog over the page's.
             challenge = {} if "sec-fetch-mode" in headers else {"WWW-Authenticate": 'Basic realm="voltwall"'}
-            raise Problem(401, "login-required", "Login required", "log in, or send HTTP Basic", challenge)
+            raise Problem(401, "login-required", Message("log-in"), challenge)
         if method in _WRITES and user.role != "engineer" and path != "/api/v1/logout":
-            raise Problem(403, "engineer-required", "Engineer required", "a viewer may read, not write or command")
+            raise Problem(403, "engineer-required", Message("viewer-may-read"))
         return user
 
     @staticmethod

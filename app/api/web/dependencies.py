@@ -35,6 +35,7 @@ from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.replay import Replaying
 from app.sessions.transfer.import_jobs import ImportJobs
 from app.sessions.transfer.jobs import FetchJobs
+from app.words import Message
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ def _from_web(name: str) -> Any:
 def _simulator(connection: HTTPConnection) -> SimulatorProcess:
     simulator = _web(connection).simulator
     if simulator is None:
-        raise Problem(404, "not-found", "Not found", "this service reads no simulated car")
+        raise Problem(404, "not-found", Message("no-simulator"))
     return simulator
 
 

@@ -1,9 +1,11 @@
 """How much a client may send: requests here are small, and what is larger is refused before it fills the memory."""
 
 from starlette.exceptions import HTTPException
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Message as HttpMessage
 
 from app.api.web.problems import Problem
+from app.words import Message, render
 
 MAX_BODY_BYTES = 1 << 20  # a configuration is 420 bytes, all CAN tables as JSON a few kilobytes
 
@@ -26,18 +28,18 @@ class BodyLimit:
             return
         limit = MAX_UPLOAD_BYTES if scope["path"] == UPLOAD_PATH else self._max_bytes
         announced = next((value for name, value in scope["headers"] if name == b"content-length"), b"0")
-        detail = f"a request may have {limit} bytes"
+        detail = Message("request-too-large", limit=limit)
         if announced.isdigit() and int(announced) > limit:
-            await Problem(413, "too-large", "Too large", detail).response()(scope, receive, send)
+            await Problem(413, "too-large", detail).response()(scope, receive, send)
             return
         taken = 0
 
-        async def counted() -> Message:
+        async def counted() -> HttpMessage:
             nonlocal taken
             message = await receive()
             taken += len(message.get("body", b""))
             if taken > limit:
-                raise HTTPException(413, detail)
+                raise HTTPException(413, render(detail))
             return message
 
         await self._app(scope, counted, send)

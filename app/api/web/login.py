@@ -10,6 +10,7 @@ from app.api.web.authentication import COOKIE, SESSION_S, User, token_of
 from app.api.web.dependencies import AuthenticationPart
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
+from app.words import Message
 
 router = APIRouter(tags=["login"])
 
@@ -45,7 +46,7 @@ def login(body: Login, request: Request, response: Response, authentication: Aut
         else authentication.login(body.name, body.password, address)
     )
     if user is None:
-        raise Problem(401, "wrong-password", "Wrong password", "neither the engineer's nor the viewer's password")
+        raise Problem(401, "wrong-password", Message("wrong-password"))
     response.set_cookie(
         COOKIE,
         authentication.open_session(user),

@@ -11,6 +11,7 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
 from app.api.encoding.configuration import change_json, finding_json
+from app.api.encoding.words import told
 from app.configuration.lookup import NoSource
 from app.configuration.profile_store import NoProfile
 from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
@@ -26,12 +27,14 @@ from app.errors import (
     NotNow,
 )
 from app.sessions.errors import NotASession, SchemaTooNew, SessionError, SessionNotFound
+from app.words import Message, Text, render, table
 from firmware_protocol.config_image import difference, image_hash
 from firmware_protocol.errors import EncodeError
 from firmware_protocol.memory_map import CONFIG_SIZE, element_name, locate
 
 log = logging.getLogger(__name__)
 MEDIA_TYPE = "application/problem+json"
+HTTP_SLUGS = {400: "bad-request", 404: "not-found", 405: "method-not-allowed", 413: "too-large"}
 SHOWN = 200  # characters of a value that is shown back
 
 
@@ -39,19 +42,24 @@ class Problem(Exception):
     """Raised by a route to answer with a problem document."""
 
     def __init__(
-        self, status: int, slug: str, title: str, detail: str, headers: Mapping[str, str] | None = None, **extra: Any
+        self, status: int, slug: str, detail: Message, headers: Mapping[str, str] | None = None, **extra: Any
     ) -> None:
         self.status = status
         self.slug = slug
-        self.title = title
         self.detail = detail
         self.headers = headers
         self.extra = extra
-        super().__init__(detail)
+        super().__init__(render(detail))
 
     def response(self) -> JSONResponse:
         """Return the document."""
-        body = {"type": f"urn:voltwall:{self.slug}", "title": self.title, "status": self.status, "detail": self.detail}
+        title = table("en")[f"problem-{self.slug}"]
+        body = {
+            "type": f"urn:voltwall:{self.slug}",
+            "title": title,
+            "status": self.status,
+            **told("detail", self.detail),
+        }
         return JSONResponse(_plain(body | self.extra), self.status, headers=self.headers, media_type=MEDIA_TYPE)
 
 
@@ -73,17 +81,31 @@ def _shown(value: object) -> str:
     return text if len(text) <= SHOWN else text[:SHOWN] + "..."
 
 
-def not_found(what: str, name: object) -> Problem:
+_KINDS = {
+    "alarm": Message("an-alarm"),
+    "black box": Message("a-black-box"),
+    "command": Message("a-command"),
+    "event": Message("an-event"),
+    "file": Message("a-file"),
+    "record": Message("a-record"),
+    "route": Message("a-route"),
+    "scenario": Message("a-scenario"),
+    "session": Message("a-session"),
+    "swap": Message("a-swap"),
+}
+
+
+def not_found(kind: str, name: object) -> Problem:
     """404."""
-    return Problem(404, "not-found", "Not found", f"no {what} {name}")
+    return Problem(404, "not-found", Message("not-found", kind=_KINDS[kind], name=_shown(name)))
 
 
-def invalid(field: str, value: object, limit: str) -> Problem:
+def invalid(field: str, value: object, limit: Text) -> Problem:
     """422 for one field."""
-    message = f"{field} = {_shown(value)}: {limit}"
-    shown = value if isinstance(value, int | float | None) else _shown(value)
-    error = {"field": field, "value": shown, "limit": limit, "message": message}
-    return Problem(422, "invalid", "Invalid value", message, errors=[error])
+    given = value if isinstance(value, int | float | None) else _shown(value)
+    message = Message("not-allowed", field=field, value=_shown(value), limit=limit)
+    error = {"field": field, "value": given, **told("limit", limit), **told("message", message)}
+    return Problem(422, "invalid", message, errors=[error])
 
 
 def _of_app_error(error: AppError) -> Problem:
@@ -91,35 +113,35 @@ def _of_app_error(error: AppError) -> Problem:
         case HashMismatch():
             return _changed_meanwhile(error)
         case Rejected():
-            return Problem(422, "invalid", "Invalid value", str(error), errors=[*map(finding_json, error.findings)])
+            return Problem(422, "invalid", error.message, errors=[*map(finding_json, error.findings)])
         case ReasonRequired():
             warnings = [*map(finding_json, error.findings)]
-            return Problem(422, "reason-required", "A reason is needed", str(error), errors=warnings)
+            return Problem(422, "reason-required", error.message, errors=warnings)
         case Occupied():
-            return Problem(409, "at-work", "Not while at work", str(error), doing=error.doing, fields=error.fields)
+            return Problem(409, "at-work", error.message, doing=error.doing, fields=error.fields)
         case Unverified():
-            return Problem(504, "not-verified", "Not verified", str(error), in_force=error.outcome)
+            return Problem(504, "not-verified", error.message, in_force=error.outcome)
         case MasterRefused():
-            return Problem(409, "refused", "Refused by the master", str(error), **_at_fault(error))
+            return Problem(409, "refused", error.message, **_at_fault(error))
         case MasterSilent():
-            return Problem(504, "no-reply", "No reply from the master", str(error))
+            return Problem(504, "no-reply", error.message)
         case LinkLost() | LinkError():
-            return Problem(503, "link-lost", "Link lost", str(error))
+            return Problem(503, "link-lost", error.message)
         case NoProfile() | NoSource() | SessionNotFound():
-            return Problem(404, "not-found", "Not found", str(error))
+            return Problem(404, "not-found", error.message)
         case ImportFailed():
-            return Problem(422, "not-importable", "Cannot be imported", str(error))
+            return Problem(422, "not-importable", error.message)
         case ExtraMissing():
-            return Problem(501, "extra-missing", "Optional package missing", str(error))
+            return Problem(501, "extra-missing", error.message)
         case NotASession() | SchemaTooNew():
-            return Problem(422, "unreadable-session", "Unreadable session", str(error))
+            return Problem(422, "unreadable-session", error.message)
         case SessionError():
-            return Problem(507, "storage", "Storage", str(error))
+            return Problem(507, "storage", error.message)
         case NotNow():
-            return Problem(409, "not-now", "Not now", str(error))
+            return Problem(409, "not-now", error.message)
         case ConfigError():
             return invalid(error.field, error.value, error.limit)
-    return Problem(500, "failed", "Failed", str(error))
+    return Problem(500, "failed", error.message)
 
 
 def _changed_meanwhile(error: HashMismatch) -> Problem:
@@ -129,8 +151,7 @@ def _changed_meanwhile(error: HashMismatch) -> Problem:
     return Problem(
         412,
         "changed-meanwhile",
-        "Changed meanwhile",
-        str(error),
+        error.message,
         {"ETag": f'"{in_force}"'},
         expected=error.expected,
         in_force=in_force,
@@ -184,9 +205,8 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(HTTPException)
     async def on_http(_: Request, error: HTTPException) -> JSONResponse:
-        slug = {400: "bad-request", 404: "not-found", 405: "method-not-allowed", 413: "too-large"}
-        text = str(error.detail)
-        return Problem(error.status_code, slug.get(error.status_code, "http"), text, text, error.headers).response()
+        slug = HTTP_SLUGS.get(error.status_code, "http")
+        return Problem(error.status_code, slug, Message("verbatim", text=str(error.detail)), error.headers).response()
 
     @app.exception_handler(RequestValidationError)
     async def on_validation(_: Request, error: RequestValidationError) -> JSONResponse:
@@ -200,9 +220,9 @@ def install(app: FastAPI) -> None:
             for e in error.errors()
         ]
         detail = "; ".join(f"{e['field']}: {e['message']}" for e in errors)
-        return Problem(422, "invalid", "Invalid value", detail, errors=errors).response()
+        return Problem(422, "invalid", Message("verbatim", text=detail), errors=errors).response()
 
     @app.exception_handler(Exception)
     async def on_bug(_: Request, error: Exception) -> JSONResponse:
         log.error("a request failed", exc_info=error)
-        return Problem(500, "failed", "Failed", "the service failed on this request; its log says why").response()
+        return Problem(500, "failed", Message("request-failed")).response()

@@ -13,6 +13,7 @@ from app.sessions.info import RecorderStatus, SessionInfo
 from app.sessions.recording.plan import RecordingPlan, load_plan, next_part, save_plan
 from app.sessions.recording.writer import DiskLimits, Recorder
 from app.telemetry import CanItem, Event, Item, SerialItem, Severity, Source
+from app.words import Message
 from firmware_protocol.framing import Frame
 
 log = logging.getLogger(__name__)
@@ -69,7 +70,7 @@ class AutoRecorder:
         self._retry_ns = 0
         self._config: bytes | None = None
         self._status: tuple[float, RecorderStatus] | None = None
-        self._told: str | None = None
+        self._told: Message | str | None = None
         self._session_id: str | None = None
 
     @property
@@ -98,14 +99,14 @@ class AutoRecorder:
             self._config = None
             self._status = None
             self._session_id = info.id
-        self._on_event(self._event("recording-started", f"recording {info.id}"))
+        self._on_event(self._event("recording-started", Message("recording-started", session=info.id)))
         return info
 
     def stop(self) -> SessionInfo | None:
         """End the session and keep from starting another one by itself."""
         with self._lock:
             self._held_back = True
-        return self._end("stopped")
+        return self._end(Message("ended-by-hand"))
 
     def split(self) -> SessionInfo:
         """End the session and go on in a new file without losing a frame.
@@ -183,24 +184,13 @@ class AutoRecorder:
         if self._last_good_ns is not None and snapshot.t_mono_ns - self._last_good_ns > GONE_S * 1e9:
             self._last_good_ns = None
             self._held_back = not self._automatic
-            self._end("the master is gone")
+            self._end(Message("master-gone"))
         self._tell_split()
         self._tell_trouble()
 
     def on_event(self, event: Event) -> None:
         """Record an event."""
-        self._recorder.event(
-            self._clock.monotonic_ns(),
-            event.time_ns,
-            event.severity,
-            event.code,
-            event.text,
-            cell=event.cell,
-            value=event.value,
-            limit=event.limit,
-            unit=event.unit,
-            who=event.who,
-        )
+        self._recorder.event(self._clock.monotonic_ns(), event)
 
     def _master_spoke(self, t_mono_ns: int) -> None:
         first = self._last_good_ns is None
@@ -211,19 +201,19 @@ class AutoRecorder:
             self.start()
         except AppError as error:
             self._retry_ns = t_mono_ns + int(RETRY_S * 1e9)
-            if self._told != str(error):
-                self._told = str(error)
-                self._on_event(self._event("recording-failed", str(error), "warning"))
+            if self._told != error.message:
+                self._told = error.message
+                self._on_event(self._event("recording-failed", error.message, "warning"))
 
     def _recorder_is_idle(self) -> bool:
         return self.status.session is None
 
-    def _end(self, why: str) -> SessionInfo | None:
+    def _end(self, why: Message) -> SessionInfo | None:
         info = self._recorder.status.session
         if info is not None:
             self._recorder.stop()
             self._status = None
-            self._on_event(self._event("recording-stopped", f"recording {info.id} ended: {why}"))
+            self._on_event(self._event("recording-stopped", Message("recording-ended", session=info.id, why=why)))
         return info
 
     def _tell_split(self) -> None:
@@ -232,10 +222,10 @@ class AutoRecorder:
             is_news = session is not None and session.id != self._session_id
             self._session_id = None if session is None else session.id
         if is_news and session is not None:
-            self._on_event(self._event("recording-split", f"recording goes on as {session.id}"))
+            self._on_event(self._event("recording-split", Message("recording-goes-on", session=session.id)))
 
-    def _event(self, code: str, text: str, severity: Severity = "info") -> Event:
-        return Event(self._clock.wall_ns(), severity, code, text)
+    def _event(self, code: str, message: Message, severity: Severity = "info") -> Event:
+        return Event(self._clock.wall_ns(), severity, code, message)
 
     def _tell_trouble(self) -> None:
         """Tell of each kind of trouble once, and when it is over; the megabytes in its text change all the time."""
@@ -247,6 +237,7 @@ class AutoRecorder:
         if trouble is not None:
             self._on_event(self._event("recording-trouble", trouble, "warning"))
         elif status.session is not None:
-            lost = f"; {status.lost_items} items were lost" if status.lost_items else ", nothing was lost"
-            self._on_event(self._event("recording-resumed", f"the disk takes the recording again{lost}"))
+            lost = status.lost_items
+            resumed = Message("recording-resumed-lost", n=lost) if lost else Message("recording-resumed")
+            self._on_event(self._event("recording-resumed", resumed))
         self._told = kind

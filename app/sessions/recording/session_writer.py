@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import orjson
 
 from app.sessions.info import SessionInfo
 from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, SeriesKey, encode_estimate
 from app.sessions.storage.database import open_for_writing
 from app.sessions.storage.migrate import SESSION
 from app.sessions.storage.streams import pack_block
+from app.telemetry import Event
 
 IDS_PER_CHUNK = 1 << 20
 CHUNK_NS = 60_000_000_000
@@ -25,13 +27,19 @@ _INSERT = {
     "frames": "INSERT INTO frames (t_mono_ns, t_wall_ns, link, ok, raw) VALUES (?, ?, ?, ?, ?)",
     "can_frames": "INSERT INTO can_frames (t_mono_ns, t_wall_ns, can_id, data) VALUES (?, ?, ?, ?)",
     "estimates": "INSERT INTO estimates (t_mono_ns, uptime_ms, soc, sigma) VALUES (?, ?, ?, ?)",
-    "events": "INSERT INTO events (t_mono_ns, t_wall_ns, severity, code, text, cell, value, limit_value, unit, who)"
-    " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+    "events": "INSERT INTO events (t_mono_ns, t_wall_ns, severity, code, text, cell, value, limit_value, unit, who,"
+    " message) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     "markers": "INSERT INTO markers (t_mono_ns, t_wall_ns, kind, text, who) VALUES (?, ?, ?, ?, ?)",
     "configs": "INSERT INTO configs (t_mono_ns, t_wall_ns, why, image) VALUES (?, ?, ?, ?)",
     "clock": "INSERT INTO clock (t_mono_ns, t_wall_ns, uptime_ms) VALUES (?, ?, ?)",
     "meta": "INSERT OR REPLACE INTO meta (key, value) VALUES (?, ?)",
 }
+
+
+def event_item(t_mono_ns: int, event: Event) -> Item:
+    """Return an event as a row of a session; its English text is there for other programs and older versions."""
+    told = event.text, event.cell, event.value, event.limit, event.unit, event.who, orjson.dumps(event.message).decode()
+    return "events", (t_mono_ns, event.time_ns, event.severity, event.code, *told)
 
 
 _RECEIVED = {"meta", "frames", "can_frames", "estimates", "configs", "chunks", "series", "tracks", "columns"}
@@ -137,8 +145,12 @@ class SessionWriter:
             with _Transaction(self._connection):
                 for table in sorted((names["main"] & names["other"]) - _RECEIVED):
                     if not table.startswith("sqlite_"):
+                        about = self._connection.execute(f"PRAGMA other.table_info({table})")
+                        columns = ", ".join(row[1] for row in about)  # of an older file fewer than here
                         self._connection.execute(f"DELETE FROM main.{table}")
-                        self._connection.execute(f"INSERT INTO main.{table} SELECT * FROM other.{table}")
+                        self._connection.execute(
+                            f"INSERT INTO main.{table} ({columns}) SELECT {columns} FROM other.{table}"
+                        )
         finally:
             self._connection.execute("DETACH other")
 

@@ -19,11 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.battery.shape import N_CELLS
-from app.errors import NotNow
+from app.errors import NotNow, told_by
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
-from app.sessions.recording.session_writer import Item, Row, SessionWriter
+from app.sessions.recording.session_writer import Item, Row, SessionWriter, event_item
 from app.sessions.storage.files import new_file, size_on_disk
+from app.telemetry import Event
+from app.words import Message, Quantity, render
 from firmware_protocol.memory_map import MAP_HASH
 
 logger = logging.getLogger(__name__)
@@ -84,7 +86,7 @@ class Recorder:
         self._counts: Counter[str] = Counter()  # items of the session by table
         self._clock_offset_ns = 0
         self._config: bytes | None = None  # in force, of this session
-        self._error: str | None = None
+        self._error: Message | None = None
         self._free: int | None = None
         self._writer: SessionWriter | None = None  # the thread's
         self._batch: list[Item] = []  # the thread's
@@ -152,24 +154,11 @@ class Recorder:
         with self._lock:
             self._put("estimates", (t_mono_ns, uptime_ms, soc.copy(), sigma.copy()), 16 * N_CELLS)
 
-    def event(
-        self,
-        t_mono_ns: int,
-        t_wall_ns: int,
-        severity: str,
-        code: str,
-        text: str,
-        *,
-        cell: int | None = None,
-        value: float | None = None,
-        limit: float | None = None,
-        unit: str = "",
-        who: str | None = None,
-    ) -> None:
+    def event(self, t_mono_ns: int, event: Event) -> None:
         """Record that something happened."""
-        row = (t_mono_ns, t_wall_ns, severity, code, text, cell, value, limit, unit, who)
+        item = event_item(t_mono_ns, event)
         with self._lock:
-            self._put("events", row, len(text))
+            self._put(*item, _payload_bytes(item))
 
     def marker(self, t_mono_ns: int, t_wall_ns: int, text: str, *, kind: str = "note", who: str | None = None) -> None:
         """Record a point in time that somebody marked."""
@@ -207,7 +196,8 @@ class Recorder:
         state = RecorderState.STALLED if error else RecorderState.RECORDING if session else RecorderState.IDLE
         warning = None
         if session and free is not None and free < self._limits.warn_free_bytes:
-            warning = f"{free >> 20} MB free on the disk, {_time_left(session, free - self._limits.stop_free_bytes)}"
+            left = _time_left(session, free - self._limits.stop_free_bytes)
+            warning = Message("disk-low", free=Quantity(free >> 20, "MB"), left=left)
         return RecorderStatus(state, session, *queue, free, warning, error)
 
     def flush(self, timeout_s: float = 5.0) -> None:
@@ -223,7 +213,7 @@ class Recorder:
                 self._wake.set()
                 remaining = deadline - time.monotonic()
                 if remaining <= 0 or not self._progress.wait(remaining):
-                    raise RecordingFailed(self._error or f"not written within {timeout_s} s")
+                    raise RecordingFailed(self._error or Message("not-written-within", time=Quantity(timeout_s, "s")))
                 if self._error and self._done < goal:
                     raise RecordingFailed(self._error)
 
@@ -240,7 +230,7 @@ class Recorder:
         try:
             path = new_file(self._folder, started_wall_ns)
         except OSError as error:
-            raise RecordingFailed(f"{self._folder}: {error.strerror}") from error
+            raise RecordingFailed(Message("of-source", source=str(self._folder), reason=error.strerror)) from error
         if self._session is not None:
             self._append((_STOP, (started_mono_ns, started_wall_ns)), 0)
         self._session = SessionInfo(
@@ -305,19 +295,20 @@ class Recorder:
             self._batch += self._pending
             self._pending = []
             lost_to_tell = self._lost_to_tell
-        error, free = None, None
+        error: Message | None = None
+        free = None
         try:
             free = self._free_bytes(self._folder) if self._folder.exists() else None
             if self._batch and free is not None and free < self._limits.stop_free_bytes:
-                error = f"disk nearly full: the last {self._limits.stop_free_bytes >> 20} MB are kept free"
+                error = Message("disk-full", kept=Quantity(self._limits.stop_free_bytes >> 20, "MB"))
             else:
                 self._write_batch(lost_to_tell)
                 self._split_where_long()
         except (sqlite3.Error, OSError, SessionError) as failure:
-            error = f"disk does not take the session: {failure}"
+            error = Message("disk-refuses", error=told_by(failure))
         if error != self._error:
             if error:
-                logger.warning("recording stalled: %s", error)
+                logger.warning("recording stalled: %s", render(error))
             else:
                 logger.info("recording goes on, %d items were lost", lost_to_tell)
         with self._progress:
@@ -356,8 +347,8 @@ class Recorder:
             logger.info("session %s is %d MB long and goes on as %s", session.id, limit >> 20, following.id)
 
     def _loss_event(self, lost: int, row: Row) -> Item:
-        text = f"{lost} items were not recorded because the disk was full"
-        return "events", (row[0], self._wall_ns(), "warning", "recorder_lost", text, None, lost, None, "", None)
+        message = Message("items-lost", n=lost)
+        return event_item(row[0], Event(self._wall_ns(), "warning", "recorder_lost", message, value=lost))
 
     def _finish(self, n: int, told: int = 0) -> None:
         finished, self._batch = self._batch[:n], self._batch[n:]
@@ -369,10 +360,10 @@ class Recorder:
             self._lost_to_tell -= told
 
 
-def _time_left(session: SessionInfo, usable_bytes: int) -> str:
+def _time_left(session: SessionInfo, usable_bytes: int) -> Message:
     rate = session.size_bytes / max(session.duration_s, 60.0)  # of the first minute it says too little
     minutes = max(0.0, usable_bytes) / max(rate, 1.0) / 60
-    return "enough for days" if minutes > 2880 else f"full in about {minutes:.0f} minutes at this rate"
+    return Message("disk-for-days") if minutes > 2880 else Message("disk-full-in", time=Quantity(minutes, "min", 0))
 
 
 def _payload_bytes(item: Item) -> int:
@@ -381,4 +372,4 @@ def _payload_bytes(item: Item) -> int:
         return len(row[-1])
     if table == "estimates":
         return 16 * N_CELLS
-    return len(row[4]) if table == "events" else len(row[3]) if table == "markers" else 0
+    return len(row[4]) + len(row[10]) if table == "events" else len(row[3]) if table == "markers" else 0

@@ -21,8 +21,10 @@ from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecordedCanFrame, RecordedFrame, SessionInfo
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.plan import CLOCK_IS_SET_NS
-from app.sessions.recording.session_writer import Item, SessionWriter
+from app.sessions.recording.session_writer import Item, SessionWriter, event_item
 from app.sessions.storage.files import FETCHED, is_in_use, settle
+from app.telemetry import Event
+from app.words import Message, Quantity
 
 FILLED_LINK = 1  # in `frames.link`: came from another recorder
 SPAN_NS = 500_000_000  # from here on, missing frames in a row are a gap worth a line of its own
@@ -45,9 +47,10 @@ class Filled:
     estimates: int = 0
     spans: tuple[tuple[float, float], ...] = ()
 
-    def __str__(self) -> str:
+    def told(self, source: str) -> Message:
         """What to say about it."""
-        return f"{self.frames} missing frames filled, {self.seconds:.1f} s in {len(self.spans)} gaps,"
+        time = Quantity(self.seconds, "s", 1)
+        return Message("filled", frames=self.frames, time=time, n=len(self.spans), source=source)
 
     @property
     def seconds(self) -> float:
@@ -81,21 +84,21 @@ def fill_gaps(path: Path, other: Path, *, t_wall_ns: int) -> Filled:
         raise RecordingFailed(f"{path.stem} could not be written anew: {error}") from error
 
 
-def fill_from(catalogue: Catalogue, fetched: Path, *, t_wall_ns: int) -> list[str]:
-    """Fill every session recorded here during the fetched one's run; return what was done, in words."""
+def fill_from(catalogue: Catalogue, fetched: Path, *, t_wall_ns: int) -> list[Message]:
+    """Fill every session recorded here during the fetched one's run; return what was done."""
     with SessionFile(fetched) as file:
         info = file.info
-    told = []
+    told: list[Message] = []
     for session in _candidates(catalogue, info):
         try:
             filled = fill_gaps(session.path, fetched, t_wall_ns=t_wall_ns)
         except NothingInCommon:
             continue
         except AppError as error:
-            told.append(f"{session.id} could not be filled: {error}")
+            told.append(Message("not-filled", session=session.id, error=error.message))
             continue
         if filled.frames:
-            told.append(f"{session.id}: {filled} from {fetched.stem}")
+            told.append(Message("of-source", source=session.id, reason=filled.told(fetched.stem)))
     return told
 
 
@@ -214,7 +217,6 @@ def _estimates(source: SessionFile, missing: list[_Missing]) -> list[Item]:
 def _write(session: SessionFile, copy: Path, new: list[Item], filled: Filled, whence: str, t_wall_ns: int) -> None:
     """Write the session once more, with the new items in their places."""
     info = session.info
-    text = f"{filled} from {whence}"
     before = info.metadata.get("filled", [])
     spans = [*(before if isinstance(before, list) else []), *filled.spans]
     writer = SessionWriter(replace(info, path=copy, metadata={**info.metadata, "filled": sorted(map(list, spans))}))
@@ -232,8 +234,8 @@ def _write(session: SessionFile, copy: Path, new: list[Item], filled: Filled, wh
             writer.close_chunk_if_due(batch[-1][1][0])
         writer.copy_other_tables(session.path)
         end_ns = info.ended_mono_ns or info.started_mono_ns
-        event = (end_ns, t_wall_ns, "info", "gaps-filled", text, None, filled.seconds, None, "s", None)
-        writer.write([("events", event)])
+        event = Event(t_wall_ns, "info", "gaps-filled", filled.told(whence), value=filled.seconds, unit="s")
+        writer.write([event_item(end_ns, event)])
         if info.is_closed:
             writer.close(end_ns, info.ended_wall_ns or end_ns)
     finally:

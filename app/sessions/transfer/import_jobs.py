@@ -8,12 +8,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.errors import AppError, ImportFailed, NotNow
+from app.errors import AppError, ImportFailed, NotNow, told_by
 from app.live.pipeline import Pipeline
 from app.sessions.transfer.import_session import Imported, import_file, read_table
 from app.sources.recordings.can_log import ENDINGS
 from app.sources.recordings.profile import ImportProfile, ProfileShelf, guess
 from app.telemetry import Severity
+from app.words import Message, Text
 
 MAX_UPLOADS = 8  # the oldest one gives way
 _UNSAFE = re.compile(r"[^A-Za-z0-9._ -]+")
@@ -41,14 +42,14 @@ class ImportState:
     total: int = 0
     session_id: str | None = None
     notes: tuple[str, ...] = ()
-    error: str | None = None
+    error: Text | None = None
 
 
 class ImportJobs:
     """Keeps uploads until they are imported or the service ends."""
 
     def __init__(
-        self, data: Path, new_pipeline: Callable[[], Pipeline], note: Callable[[Severity, str, str], None]
+        self, data: Path, new_pipeline: Callable[[], Pipeline], note: Callable[[Severity, str, Message], None]
     ) -> None:
         self._folder = data / "imports"
         self._sessions = data / "sessions"
@@ -102,11 +103,11 @@ class ImportJobs:
         """
         with self._lock:
             if self.state is not None and self.state.is_running:
-                raise NotNow(f"{self.state.filename} is being imported")
+                raise NotNow(Message("being-imported", filename=self.state.filename))
             upload = self._uploads.get(number)
             bus = None if dbc is None else self._uploads.get(dbc)
             if upload is None or (dbc is not None and bus is None):
-                raise ImportFailed(str(number), "no such upload; it may have been imported already")
+                raise ImportFailed(str(number), Message("no-such-upload"))
             state = self.state = ImportState(upload.filename)
         arguments = (upload, profile, None if bus is None else bus.path, name)
         threading.Thread(target=self._run, args=arguments, name="import", daemon=True).start()
@@ -123,7 +124,7 @@ class ImportJobs:
                 upload.path, profile, self._sessions, self._new_pipeline, dbc=dbc, name=name, on_progress=progress
             )
         except (AppError, OSError) as error:
-            self.state = replace(started, is_running=False, error=str(error))
+            self.state = replace(started, is_running=False, error=told_by(error))
             return
         finally:
             if self.state is not None and self.state.is_running:
@@ -134,4 +135,4 @@ class ImportJobs:
         with self._lock:
             self._uploads.pop(upload.id, None)
         self.discard(upload.path)
-        self._note("info", "session-imported", f"session {made.info.id} made of {upload.filename}")
+        self._note("info", "session-imported", Message("session-made", session=made.info.id, filename=upload.filename))

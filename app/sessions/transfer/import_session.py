@@ -11,7 +11,7 @@ from app.errors import ImportFailed
 from app.estimation.errors import DatasetError
 from app.live.pipeline import Pipeline
 from app.sessions.info import SessionInfo
-from app.sessions.recording.session_writer import Item, SessionWriter
+from app.sessions.recording.session_writer import Item, SessionWriter, event_item
 from app.sessions.storage.chunks import FOREIGN_CAN
 from app.sessions.storage.files import new_file
 from app.sources.recordings import can_log
@@ -19,7 +19,7 @@ from app.sources.recordings.battery_log import BatteryLog, battery_log
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.quantities import FloatArray
 from app.sources.recordings.table import Table, load_table
-from app.telemetry import Event, SerialItem
+from app.telemetry import SerialItem
 from firmware_protocol.framing import decode_chunk, encode_frame
 from firmware_protocol.memory_map import FIELDS, MAP_HASH, MASTER_SIZE, T_MISSING, V_MISSING
 from firmware_protocol.messages import Data, MessageType, Window
@@ -180,15 +180,10 @@ def _batches(info: SessionInfo, log: BatteryLog, pipeline: Pipeline) -> Iterator
         if output.estimates is not None:
             estimates = output.estimates
             batch.append(("estimates", (mono_ns, output.uptime_ms, estimates.soc, estimates.soc_sigma)))
-        batch += [_event(mono_ns, event) for event in output.events]
+        batch += [event_item(mono_ns, event) for event in output.events]
         if len(batch) >= BATCH or row == len(log.time_s) - 1:
             yield row + 1, batch
             batch = []
-
-
-def _event(mono_ns: int, event: Event) -> Item:
-    values = (event.severity, event.code, event.text, event.cell, event.value, event.limit, event.unit, event.who)
-    return "events", (mono_ns, event.time_ns, *values)
 
 
 def _body(log: BatteryLog, row: int) -> bytes:

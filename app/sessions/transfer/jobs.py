@@ -6,12 +6,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from app.clock import Clock
-from app.errors import AppError, NotNow
+from app.errors import AppError, NotNow, told_by
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionNotFound
 from app.sessions.transfer.fetch import Remote, RemoteSession
 from app.sessions.transfer.fill import fill_from
 from app.telemetry import Severity
+from app.words import Message, Text
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +26,8 @@ class FetchState:
     total_bytes: int = 0
     fetched: tuple[str, ...] = ()  # ids here
     already_here: int = 0
-    filled: tuple[str, ...] = ()  # in words
-    error: str | None = None
+    filled: tuple[Message, ...] = ()
+    error: Text | None = None
 
 
 @dataclass
@@ -70,8 +71,8 @@ class Fetch:
         path = self.remote.fetch(session, self.folder, lambda done, of: self._change(done_bytes=done, total_bytes=of))
         self._change(fetched=(*self.state.fetched, local_id))
         if fill:
-            for text in fill_from(self.catalogue, path, t_wall_ns=self.clock.wall_ns()):
-                self._change(filled=(*self.state.filled, text))
+            for message in fill_from(self.catalogue, path, t_wall_ns=self.clock.wall_ns()):
+                self._change(filled=(*self.state.filled, message))
 
     def _change(self, **values: object) -> None:
         self.state = replace(self.state, **values)  # type: ignore[arg-type]
@@ -82,12 +83,12 @@ class FetchJobs:
     """One fetch at a time, in a thread of its own, for the service."""
 
     def __init__(
-        self, folder: Path, catalogue: Catalogue, note: Callable[[Severity, str, str], None], clock: Clock
+        self, folder: Path, catalogue: Catalogue, note: Callable[[Severity, str, Message], None], clock: Clock
     ) -> None:
         self._clock = clock
         self._folder = folder
         self._catalogue = catalogue
-        self._note = note  # (severity, code, text) for the event log
+        self._note = note  # into the event log
         self._lock = threading.Lock()
         self._fetch: Fetch | None = None
 
@@ -103,7 +104,7 @@ class FetchJobs:
         """
         with self._lock:
             if self._fetch is not None and self._fetch.state.is_running:
-                raise NotNow(f"sessions are being fetched from {self._fetch.state.url}")
+                raise NotNow(Message("being-fetched", url=self._fetch.state.url))
             self._fetch = fetch = Fetch(remote, self._folder, self._catalogue, self._clock)
         threading.Thread(target=self._run, args=(fetch, tuple(wanted), fill), name="fetch", daemon=True).start()
         return fetch.state
@@ -112,10 +113,10 @@ class FetchJobs:
         try:
             done = fetch.run(wanted, fill=fill)
         except (AppError, OSError) as error:
-            fetch.state = replace(fetch.state, is_running=False, error=str(error))
-            self._note("warning", "fetch-failed", str(error))
+            fetch.state = replace(fetch.state, is_running=False, error=told_by(error))
+            self._note("warning", "fetch-failed", Message("fetch-failed", error=told_by(error)))
             return
         for session_id in done.fetched:
-            self._note("info", "session-fetched", f"session {session_id} fetched from {done.url}")
-        for text in done.filled:
-            self._note("info", "gaps-filled", text)
+            self._note("info", "session-fetched", Message("session-fetched", session=session_id, url=done.url))
+        for message in done.filled:
+            self._note("info", "gaps-filled", message)

@@ -7,11 +7,12 @@ from collections.abc import Callable
 from urllib.parse import parse_qsl
 
 from app.clock import Clock
-from app.errors import ConfigError, LinkLost
+from app.errors import ConfigError, LinkLost, told_by
 from app.sources.links.backoff import Backoff
 from app.sources.links.can_controller import ControllerWatch
 from app.sources.links.python_can import can
 from app.telemetry import CanFault, CanItem, Item, LinkChange
+from app.words import Message, Text
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 log = logging.getLogger(__name__)
@@ -29,15 +30,15 @@ def parse_bus(text: str) -> dict[str, str | int | float | bool]:
     """
     interface, colon, rest = text.partition(":")
     if not colon or not interface or not rest:
-        raise ConfigError("can", text, "INTERFACE:CHANNEL[?key=value], for example socketcan:can0")
+        raise ConfigError("can", text, Message("can-url"))
     if interface not in can.VALID_INTERFACES:
-        raise ConfigError("can", text, "an interface of python-can: " + ", ".join(sorted(can.VALID_INTERFACES)))
+        raise ConfigError("can", text, Message("can-interface", names=tuple(sorted(can.VALID_INTERFACES))))
     channel, _, query = rest.partition("?")
     arguments: dict[str, str | int | float | bool] = {"bitrate": DEFAULT_BIT_RATE}
     try:
         pairs = parse_qsl(query, strict_parsing=True) if query else []
     except ValueError as error:
-        raise ConfigError("can", text, "after ? only key=value, joined by &") from error
+        raise ConfigError("can", text, Message("can-options")) from error
     for key, value in pairs:
         arguments[key] = _convert(value)
     return {**arguments, "interface": interface, "channel": channel}
@@ -82,7 +83,7 @@ class CanLink:
             try:
                 bus = can.Bus(**self._arguments)  # type: ignore[arg-type]
             except Exception as error:  # noqa: BLE001  every driver raises its own
-                self._tell("lost", str(error) or type(error).__name__)
+                self._tell("lost", told_by(error))
                 self._stopping.wait(backoff.next_s())
                 continue
             self._tell("open")
@@ -92,7 +93,7 @@ class CanLink:
                 self._read_until_lost(bus, backoff.reset)
             except Exception as error:  # noqa: BLE001  every driver raises its own
                 if not self._stopping.is_set():
-                    self._tell("lost", str(error) or type(error).__name__)
+                    self._tell("lost", told_by(error))
             finally:
                 with self._sending, contextlib.suppress(Exception):
                     self._bus = None
@@ -129,16 +130,16 @@ class CanLink:
         )
         with self._sending:
             if self._bus is None:
-                raise LinkLost("the CAN bus is not open")
+                raise LinkLost(Message("can-not-open"))
             try:
                 self._bus.send(message, timeout=_SEND_S)
             except Exception as error:  # every driver raises its own
-                raise LinkLost(f"the CAN bus refused a frame: {error or type(error).__name__}") from error
+                raise LinkLost(Message("can-refused-frame", error=told_by(error))) from error
         self._sink(CanItem(self._clock.monotonic_ns(), self._clock.wall_ns(), can_id, bytes(data), sent=True))
 
     def _tell_fault(self, watch: ControllerWatch) -> None:
         now_ns, wall_ns = self._clock.monotonic_ns(), self._clock.wall_ns()
         self._sink(CanFault(now_ns, wall_ns, watch.state, watch.errors, watch.tx_errors, watch.rx_errors))
 
-    def _tell(self, state: str, error: str | None = None) -> None:
+    def _tell(self, state: str, error: Text | None = None) -> None:
         self._sink(LinkChange(self._clock.monotonic_ns(), self._clock.wall_ns(), "can", state, error))  # type: ignore[arg-type]

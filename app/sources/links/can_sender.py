@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from app.clock import Clock
-from app.errors import LinkError, NotNow
+from app.errors import LinkError, NotNow, told_by
+from app.words import Message, Text
 
 MIN_PERIOD_S = 0.001
 
@@ -32,7 +33,7 @@ class SenderStatus:
     who: str | None = None
     sent: int = 0
     total: int | None = None  # None where it goes on for ever
-    error: str | None = None
+    error: Text | None = None
 
 
 class CanSender:
@@ -83,7 +84,7 @@ class CanSender:
     def _start(self, what: str, who: str, frames: Iterator[tuple[float, int, bytes]], total: int | None) -> None:
         with self._lock:
             if self.is_busy:
-                raise NotNow(f"{self._status.what} is being sent by {self._status.who}; stop it first")
+                raise NotNow(Message("being-sent", what=self._status.what, who=self._status.who))
             self._stopping.clear()
             self._status = SenderStatus(what, who, 0, total)
             self._thread = threading.Thread(target=self._run, args=(frames,), name="can-sender", daemon=True)
@@ -99,7 +100,8 @@ class CanSender:
 
     def _run(self, frames: Iterator[tuple[float, int, bytes]]) -> None:
         started_s = self._clock.monotonic_s()
-        status, sent, error = self._status, 0, None
+        status, sent = self._status, 0
+        error: Text | None = None
         try:
             for due_s, can_id, data in frames:
                 if self._stopping.wait(max(0.0, started_s + due_s - self._clock.monotonic_s())):
@@ -108,7 +110,7 @@ class CanSender:
                 sent += 1
                 self._status = SenderStatus(status.what, status.who, sent, status.total)
         except LinkError as failure:
-            error = str(failure)
+            error = told_by(failure)
         self._status = SenderStatus(status.what, status.who, sent, status.total, error)
 
 

@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from app.telemetry import CanFault, LinkChange, LinkState, LinkStatus
+from app.words import Text
 from firmware_protocol.can_tables import worst_case_bits
 from firmware_protocol.framing import LINE_BYTES_PER_S, BadFrame, BadReason, Frame
 
@@ -37,8 +38,8 @@ class LinkMonitor:
         self._line_bytes_per_s = line_bytes_per_s
         self._opened = False
         self._open_state: LinkState = "off" if url is None else "connecting"
-        self._error: str | None = None
-        self._told: tuple[str, str | None] | None = None
+        self._error: Text | None = None
+        self._told: tuple[str, Text | None] | None = None
         self._last_good_ns: int | None = None
         self._sequence: int | None = None
         self._uptime_ms = 0

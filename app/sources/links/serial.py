@@ -13,9 +13,10 @@ from collections.abc import Callable
 import serial
 
 from app.clock import Clock
-from app.errors import ConfigError, LinkLost
+from app.errors import ConfigError, LinkLost, told_by
 from app.sources.links.backoff import Backoff
 from app.telemetry import Item, LinkChange, SerialItem
+from app.words import Message, Text
 from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM, FrameDecoder
 
 log = logging.getLogger(__name__)
@@ -34,7 +35,7 @@ def check_url(url: str) -> None:
         if url.startswith(("socket://", "rfc2217://")):
             port.from_url(url)  # type: ignore[attr-defined]  # these two have it
     except (ValueError, TypeError, LookupError, serial.SerialException) as error:
-        raise ConfigError("serial", url, "a device as /dev/ttyUSB0 or COM6, or as socket://host:port") from error
+        raise ConfigError("serial", url, Message("serial-url")) from error
 
 
 class SerialLink:
@@ -74,11 +75,11 @@ class SerialLink:
         with self._write_lock:
             port = self._port
             if port is None:
-                raise LinkLost(f"{self.url} is not open")
+                raise LinkLost(Message("port-not-open", url=self.url))
             try:
                 port.write(data)
             except (serial.SerialException, OSError) as error:
-                raise LinkLost(f"{self.url}: {error}") from error
+                raise LinkLost(Message("of-source", source=self.url, reason=str(error))) from error
 
     def stream(self, *, on: bool) -> None:
         """Ask the master to start or stop its stream."""
@@ -134,7 +135,7 @@ class SerialLink:
                 silent_since = now_ns / 1e9
                 self.stream(on=True)
 
-    def _tell(self, state: str, error: str | None = None) -> None:
+    def _tell(self, state: str, error: Text | None = None) -> None:
         self._sink(LinkChange(self._clock.monotonic_ns(), self._clock.wall_ns(), "rs232", state, error))  # type: ignore[arg-type]
 
 
@@ -156,23 +157,23 @@ def _reader(port: serial.Serial) -> Callable[[], bytes]:
             return b""
         data = os.read(descriptor, 4096)
         if not data:
-            raise LinkLost("closed by the other end")
+            raise LinkLost(Message("closed-by-other-end"))
         return data
 
     return read
 
 
-def _reason(error: Exception) -> str:
+def _reason(error: Exception) -> Text:
     """One line that a pit crew understands."""
     text = str(error)
     if "No such file" in text or "FileNotFoundError" in text:
-        return "no such port (unplugged?)"
+        return Message("no-such-port")
     if "Permission denied" in text:
-        return "permission denied (is the user in the dialout group?)"
+        return Message("port-denied")
     if "exclusively lock" in text:
-        return "used by another program"
+        return Message("port-in-use")
     if "refused" in text:
-        return "connection refused (is the other end running?)"
+        return Message("connection-refused")
     if "Input/output error" in text or "[Errno 5]" in text:
-        return "unplugged"
-    return text or type(error).__name__
+        return Message("unplugged")
+    return told_by(error)

@@ -1,59 +1,82 @@
 """The master's EVENT frames in words."""
 
 from app.telemetry import Event, Severity
-from firmware_protocol.memory_map import CELLS_PER_PACK, CHARGER_STATES, N_CELLS
+from app.words import Cell, Message, Quantity
+from firmware_protocol.memory_map import CHARGER_STATES, N_CELLS
 from firmware_protocol.messages import Event as MasterEvent
 from firmware_protocol.messages import EventCode
 
-_TRIPS: dict[int, tuple[str, float, str]] = {
-    EventCode.TRIP_V_MIN: ("cell under-voltage", 1e-4, "V"),
-    EventCode.TRIP_V_MAX: ("cell over-voltage", 1e-4, "V"),
-    EventCode.TRIP_T_MIN: ("cell too cold", 1.0, "degC"),
-    EventCode.TRIP_T_MAX: ("cell too hot", 1.0, "degC"),
-    EventCode.TRIP_I_DISC: ("discharge over-current", 0.01, "A"),
-    EventCode.TRIP_I_CHRG: ("charge over-current", 0.01, "A"),
-    EventCode.TRIP_SLAVE_LOST: ("slave lost", 1.0, ""),
-    EventCode.TRIP_SENSOR_LOST: ("sensor lost", 1.0, ""),
+_TRIPS: dict[int, tuple[Message, float, str]] = {
+    EventCode.TRIP_V_MIN: (Message("under-voltage"), 1e-4, "V"),
+    EventCode.TRIP_V_MAX: (Message("over-voltage"), 1e-4, "V"),
+    EventCode.TRIP_T_MIN: (Message("too-cold"), 1.0, "degC"),
+    EventCode.TRIP_T_MAX: (Message("too-hot"), 1.0, "degC"),
+    EventCode.TRIP_I_DISC: (Message("discharge-over-current"), 0.01, "A"),
+    EventCode.TRIP_I_CHRG: (Message("charge-over-current"), 0.01, "A"),
+    EventCode.TRIP_SLAVE_LOST: (Message("slave-lost"), 1.0, ""),
+    EventCode.TRIP_SENSOR_LOST: (Message("sensor-lost"), 1.0, ""),
 }
-_BOOT_CAUSES = ("power on", "watchdog", "brown-out", "commanded")
+_CHARGER_STATES = {
+    "off": Message("charger-off"),
+    "waiting": Message("charger-waiting"),
+    "constant_current": Message("charger-constant-current"),
+    "constant_voltage": Message("charger-constant-voltage"),
+    "balancing": Message("charger-balancing"),
+    "done": Message("charger-done"),
+    "fault": Message("charger-fault"),
+}
+_BOOT_CAUSES = (
+    Message("boot-power-on"),
+    Message("boot-watchdog"),
+    Message("boot-brown-out"),
+    Message("boot-commanded"),
+)
 
 
-def cell_name(cell: int) -> str:
-    """The name people use: pack 3, cell 7."""
-    return f"pack {cell // CELLS_PER_PACK + 1}, cell {cell % CELLS_PER_PACK + 1}"
-
-
-def describe(message: MasterEvent, t_wall_ns: int) -> tuple[Event, str | None]:
-    """Return the event for the log, and where it opened the shutdown circuit the reason in one line."""
+def describe(message: MasterEvent, t_wall_ns: int) -> tuple[Event, Message | None]:
+    """Return the event for the log, and where it opened the shutdown circuit the reason."""
     cell = message.cell if message.cell < N_CELLS else None
+    known = message.code in set(EventCode)
+    code = EventCode(message.code).name.lower().replace("_", "-") if known else "master-event"
     if message.code in _TRIPS:
-        text, scale, unit = _TRIPS[message.code]
-        where = "" if cell is None else f", {cell_name(cell)}"
+        what, scale, unit = _TRIPS[message.code]
         value, limit = message.value * scale, message.limit * scale
-        reason = f"{text}{where}: {value:g} {unit}, limit {limit:g} {unit}" if unit else f"{text}{where}"
-        code = EventCode(message.code).name.lower().replace("_", "-")
+        reason = _reason(what, cell, Quantity(value, unit), Quantity(limit, unit))
         return Event(t_wall_ns, "trip", code, reason, cell, value, limit, unit), reason
     severity: Severity = "info"
     match message.code:
         case EventCode.BOOT:
-            cause = _BOOT_CAUSES[message.value] if 0 <= message.value < len(_BOOT_CAUSES) else f"cause {message.value}"
-            severity, text = "watch", f"master started: {cause}"
+            is_known = 0 <= message.value < len(_BOOT_CAUSES)
+            cause = _BOOT_CAUSES[message.value] if is_known else Message("boot-other", number=message.value)
+            severity, told = "watch", Message("master-started", cause=cause)
         case EventCode.FAULTS_CLEARED:
-            text = "faults cleared"
+            told = Message("faults-cleared")
         case EventCode.CHARGER_STATE:
-            known = 0 <= message.value < len(CHARGER_STATES)
-            text = f"charging: {CHARGER_STATES[message.value].replace('_', ' ') if known else message.value}"
+            is_known = 0 <= message.value < len(CHARGER_STATES)
+            told = Message("charging", state=charger_state(CHARGER_STATES[message.value] if is_known else None))
         case EventCode.CONFIG_WRITTEN:
-            text = "master took a new configuration"
+            told = Message("master-took-config")
         case EventCode.CONFIG_STORED:
-            text = f"master stored its configuration (EEPROM counter {message.value})"
+            told = Message("master-stored-config", counter=message.value)
         case EventCode.CAN_RX_TIMEOUT:
-            severity, text = "watch", f"CAN rx message {message.value} timed out"
+            severity, told = "watch", Message("can-rx-timeout", number=message.value)
         case EventCode.EEPROM_INVALID:
-            severity, text = "warning", "EEPROM holds no valid configuration: the master runs on defaults"
+            severity, told = "warning", Message("eeprom-invalid")
         case EventCode.SOC_SET:
-            text = f"master's state of charge set to {message.value / 100:g} %"
+            told = Message("master-soc-set", soc=Quantity(message.value / 100, "%"))
         case _:
-            text = f"event {message.code}: value {message.value}, limit {message.limit}"
-    code = EventCode(message.code).name.lower().replace("_", "-") if message.code in set(EventCode) else "master-event"
-    return Event(t_wall_ns, severity, code, text, cell), None
+            told = Message("master-event", number=message.code, value=message.value, limit=message.limit)
+    return Event(t_wall_ns, severity, code, told, cell), None
+
+
+def charger_state(state: str | None) -> Message:
+    """The charger's state by the name that the firmware has for it, None where it said nothing."""
+    return _CHARGER_STATES.get(state or "", Message("charger-state-unknown"))
+
+
+def _reason(what: Message, cell: int | None, value: Quantity, limit: Quantity) -> Message:
+    if cell is None:
+        return Message("trip", what=what, value=value, limit=limit) if value.unit else what
+    if value.unit:
+        return Message("trip-cell", what=what, cell=Cell(cell), value=value, limit=limit)
+    return Message("trip-at", what=what, cell=Cell(cell))

@@ -13,6 +13,7 @@ from app.sources.master.shadow import ShadowImage
 from app.sources.master.status import state_of
 from app.sources.source import Received
 from app.telemetry import (
+    BusState,
     CanFault,
     CanItem,
     Charger,
@@ -23,9 +24,12 @@ from app.telemetry import (
     Links,
     Master,
     SerialItem,
+    Severity,
     Source,
 )
+from app.telemetry.link_messages import link_lost
 from app.telemetry.measurement import Measurement
+from app.words import Message
 from firmware_protocol.can_tables import TableReader, bit_rate, tx_messages
 from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.errors import DecodeError
@@ -38,11 +42,11 @@ VOLTAGE_OFFSET = PARTS["voltage"][0]
 CAN_SNAPSHOT_NS = 50_000_000
 UPTIME_WRAP_MS = 1 << 32
 MAX_STEP_S = 3600.0
-_BUS_STATES = {
-    "active": ("info", "CAN bus is well again"),
-    "warning": ("watch", "CAN bus with many errors"),
-    "passive": ("warning", "CAN controller error-passive"),
-    "off": ("warning", "CAN controller off the bus"),
+_BUS_STATES: dict[BusState, tuple[Severity, Message]] = {
+    "active": ("info", Message("can-active")),
+    "warning": ("watch", Message("can-warning")),
+    "passive": ("warning", Message("can-bus-passive")),
+    "off": ("warning", Message("can-bus-off")),
 }
 
 
@@ -57,7 +61,7 @@ class MasterSource:
         self._agreement = Agreement()
         self._uptime_ms: int | None = None
         self._last_can_snapshot_ns = 0
-        self._last_trip: str | None = None
+        self._last_trip: Message | None = None
         self._config: tuple[bytes, str] | None = None
         self._config_from_ns = 0  # bytes that arrived before are of an older configuration
         self._use_can_tables(default_image())
@@ -78,21 +82,22 @@ class MasterSource:
 
     def _on_change(self, change: LinkChange) -> Received:
         is_news = {"rs232": self._rs232, "can": self._can}[change.link].on_change(change)
-        label = {"rs232": "RS232", "can": "CAN"}[change.link]
         if change.state == "connecting" or not is_news:
             return Received()
-        severity, text = (
-            ("info", f"{label} open") if change.state == "open" else ("watch", f"{label} lost: {change.error}")
-        )
-        event = Event(change.t_wall_ns, severity, f"{change.link}-{change.state}", text)  # type: ignore[arg-type]
+        severity: Severity = "watch"
+        message = link_lost(change.link, change.error)
+        if change.state == "open":
+            severity, message = "info", Message("rs232-open") if change.link == "rs232" else Message("can-open")
+        event = Event(change.t_wall_ns, severity, message.code, message)
         return Received(events=(event,))
 
     def _on_fault(self, fault: CanFault) -> Received:
         if not self._can.on_fault(fault) or fault.bus_state is None:
             return Received()
-        severity, text = _BUS_STATES[fault.bus_state]
-        errors = "" if fault.errors is None else f" ({fault.errors} errors)"
-        event = Event(fault.t_wall_ns, severity, f"can-{fault.bus_state}", f"{text}{errors}")  # type: ignore[arg-type]
+        severity, message = _BUS_STATES[fault.bus_state]
+        if fault.errors is not None:
+            message = Message("with-errors", what=message, n=fault.errors)
+        event = Event(fault.t_wall_ns, severity, f"can-{fault.bus_state}", message)
         return Received(events=(event,))
 
     def _on_serial(self, item: SerialItem) -> Received:

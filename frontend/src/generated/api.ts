@@ -61,6 +61,7 @@ export interface Alarm {
   limit: number | null;
   unit: string;
   acknowledged_by: string | null;
+  text_words: Words | null;
 }
 
 /** What happened around a trip; times in seconds from it, `at` in unix seconds. */
@@ -360,6 +361,7 @@ export interface Clock {
 export interface Commands {
   commands: string[];
   hindrances: Record<string, string>;
+  hindrances_words: Record<string, Words>;
 }
 
 /** One side of a comparison. */
@@ -531,7 +533,9 @@ export interface Fetch {
   fetched: string[];
   already_here: number;
   filled: string[];
+  filled_words: Words[];
   error: string | null;
+  error_words: Words | null;
 }
 
 /** Null before the first fetch. */
@@ -557,8 +561,11 @@ export interface Finding {
   element: number | null;
   value: number;
   limit: string;
+  limit_words: Words | null;
   why: string;
+  why_words: Words | null;
   message: string;
+  message_words: Words | null;
 }
 
 /** The master's status bits. */
@@ -574,13 +581,14 @@ export interface Flags {
   load: boolean | null;
 }
 
-/** Whether the service does its work; `reasons` says in words what is missing. */
+/** Whether the service does its work; `reasons` says what is missing. */
 export interface Health {
   status: 'ok' | 'degraded';
   version: string;
   uptime_s: number;
   source: 'simulator' | 'serial' | 'can' | 'replay';
   reasons: string[];
+  reasons_words: Words[];
 }
 
 /** Seconds in each bin, of temperature and SOC times cells; edges are one more than bins. */
@@ -633,6 +641,7 @@ export interface ImportState {
   session_id: string | null;
   notes: string[];
   error: string | null;
+  error_words: Words | null;
 }
 
 /** Tables made of a DBC: those in force with the file's messages in their places, and what did not fit. */
@@ -725,6 +734,7 @@ export interface Link {
   tx_errors: number | null;
   rx_errors: number | null;
   bus_state: 'active' | 'warning' | 'passive' | 'off' | null;
+  error_words: Words | null;
 }
 
 /** Both links. */
@@ -746,6 +756,7 @@ export interface LogEvent {
   severity: 'info' | 'watch' | 'warning' | 'trip';
   code: string;
   text: string;
+  text_words: Words | null;
   cell: number | null;
   value: number | null;
   limit: number | null;
@@ -802,6 +813,7 @@ export interface Master {
   map_hash: string | null;
   map_matches: boolean | null;
   boots: number | null;
+  why_words: Words | null;
 }
 
 /** Who asks; null where nobody is logged in. */
@@ -921,6 +933,7 @@ export interface Problem {
   title: string;
   status: number;
   detail: string;
+  detail_words?: Words | null;
   errors?: FieldError[];
 }
 
@@ -966,7 +979,9 @@ export interface Recorder {
   lost_items: number;
   disk_free_bytes: number | null;
   warning: string | null;
+  warning_words: Words | null;
   error: string | null;
+  error_words: Words | null;
   plan: RecordingPlan;
   split_mb: number | null;
   keep_days: number | null;
@@ -1352,12 +1367,14 @@ export interface System {
 export interface Transmit {
   allowed: boolean;
   hindrance: string | null;
+  hindrance_words: Words | null;
   running: boolean;
   what: string | null;
   who: string | null;
   sent: number;
   total: number | null;
   error: string | null;
+  error_words: Words | null;
 }
 
 /** Columns of one length, one row every ten seconds; balancing is the share of the time that the cell was bled. */
@@ -1394,6 +1411,12 @@ export interface Upload {
   guessed: ImportProfile | null;
 }
 
+/** A code and its arguments: numbers, texts, cells, quantities with their unit, and messages within messages. */
+export interface Words {
+  code: string;
+  args: Record<string, unknown>;
+}
+
 /** What a write, or a dry run, came to. */
 export interface WriteResult {
   hash: string;
@@ -1403,4 +1426,5 @@ export interface WriteResult {
   difference: Difference[];
   warnings: Finding[];
   hindrance: string | null;
+  hindrance_words: Words | null;
 }

@@ -5,6 +5,7 @@ import pytest
 from app.configuration.history import ConfigHistory
 from app.configuration.write_log import Attempt, WriteLog
 from app.errors import NotNow
+from app.words import render
 from firmware_protocol.config_image import default_image, difference, with_raw
 from tests.fake_clock import FakeClock
 
@@ -14,8 +15,8 @@ HOTTER = with_raw(default_image(), "t_cell_max", 55)
 class Notes(list):
     """Keeps the lines of the event log."""
 
-    def __call__(self, severity, code, text, who=None):
-        self.append((severity, code, str(text), who))
+    def __call__(self, severity, code, message, who=None):
+        self.append((severity, code, message, who))
 
 
 @pytest.fixture
@@ -39,7 +40,8 @@ def attempt(action="write"):
 
 def test_a_write_names_its_changes_and_reason(log, notes, history):
     log.written(attempt(), difference(default_image(), HOTTER))
-    ((severity, code, text, who),) = notes
+    ((severity, code, message, who),) = notes
+    text = render(message)
     assert (severity, code, who) == ("info", "config-written", "anna")
     assert "t_cell_max" in text
     assert "a hot day" in text
@@ -52,13 +54,14 @@ def test_a_write_names_its_changes_and_reason(log, notes, history):
 def test_many_changes_are_cut_short(log, notes):
     changes = difference(default_image(), HOTTER) * 11
     log.written(attempt(), changes)
-    assert notes[0][2].count("t_cell_max") == 8
-    assert "3 more" in notes[0][2]
+    text = render(notes[0][2])
+    assert text.count("t_cell_max") == 8
+    assert "3 more" in text
 
 
 def test_a_load_that_changes_nothing_says_so(log, notes):
     log.loaded(attempt("load"), [])
-    assert "nothing changed" in notes[0][2]
+    assert "nothing changed" in render(notes[0][2])
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sources.master.source import MasterSource
 from app.telemetry import CanItem, LinkChange
+from app.words import render
 from firmware_protocol.framing import decode_chunk
 from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import Event, EventCode, Ident, MessageType, Reply
@@ -154,7 +155,7 @@ def test_a_trip_names_cell_value_and_limit(pipeline, master):
     master.set("status.flags", [0])
     snapshot = pipeline.feed(master.frame()).snapshot
     assert snapshot.master.state == "fault"
-    assert "4.21" in snapshot.master.why
+    assert "4.21" in render(snapshot.master.why)
 
 
 def test_the_configuration_in_force_has_a_hash_once_it_was_heard(pipeline, master):

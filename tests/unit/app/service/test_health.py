@@ -7,6 +7,7 @@ import pytest
 
 from app.service.health import Health
 from app.telemetry import LinkChange
+from app.words import Message
 
 
 @dataclass
@@ -29,14 +30,14 @@ def health(bench, parts, clock):
 
 
 def test_before_the_first_snapshot_that_is_the_problem(health):
-    assert health.problems() == ["no snapshot yet"]
+    assert health.problems() == [Message("no-snapshot")]
 
 
 def test_a_link_that_is_lost_is_named_with_its_error(health, bench, master):
     bench.feed(LinkChange(0, 0, "rs232", "open"), master.frame())
     assert health.problems() == []
     bench.feed(LinkChange(0, 0, "rs232", "lost", "unplugged"), master.frame())
-    assert health.problems() == ["RS232 lost: unplugged"]
+    assert health.problems() == [Message("rs232-lost", error="unplugged")]
 
 
 def test_every_part_that_fails_is_named(health, bench, parts, master):

@@ -1,11 +1,19 @@
 import sqlite3
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from app.sessions.errors import NotASession
 from app.sessions.event_log import EventLog
+from app.sessions.storage.migrate import EVENTS
+from app.telemetry import Event, Severity
+from app.words import Message, render
+
+
+def event(text: str, severity: Severity = "info", **about: Any) -> Event:
+    return Event(1, severity, "code", Message("verbatim", text=text), **about)
 
 
 @pytest.fixture
@@ -15,13 +23,16 @@ def path(tmp_path: Path) -> Path:
 
 def test_events_and_their_ids_survive_a_restart(path: Path) -> None:
     log = EventLog(path)
-    first = log.append("trip", "v_min", "cell too low", cell=36, value=2.4, limit=2.5, unit="V", uptime_ms=77)
+    too_low = Event(1, "trip", "v_min", Message("cell-voltage-low"), cell=36, value=2.4, limit=2.5, unit="V")
+    first = log.append(too_low, uptime_ms=77)
     log.close()
     log = EventLog(path)
-    second = log.append("info", "start", "service started", who="anna")
+    second = log.append(event("service started", who="anna"))
     events = log.query()
     log.close()
     assert second > first
+    assert events[1].message == '{"code":"cell-voltage-low","args":{}}'
+    assert events[1].text == "cell voltage below its limit"
     assert [event.id for event in events] == [second, first]
     assert (events[1].cell, events[1].value, events[1].limit, events[1].unit, events[1].uptime_ms) == (
         36,
@@ -34,7 +45,7 @@ def test_events_and_their_ids_survive_a_restart(path: Path) -> None:
 
 def test_query_filters_by_id_severity_and_cell_newest_first(path: Path) -> None:
     log = EventLog(path)
-    ids = [log.append("trip" if i % 2 else "info", "code", str(i), cell=i % 3) for i in range(12)]
+    ids = [log.append(event(str(i), "trip" if i % 2 else "info", cell=i % 3)) for i in range(12)]
     assert [e.id for e in log.query(limit=3)] == ids[:-4:-1]
     assert [e.id for e in log.query(after=ids[8])] == ids[:8:-1]
     assert {e.severity for e in log.query(severity="trip")} == {"trip"}
@@ -44,19 +55,19 @@ def test_query_filters_by_id_severity_and_cell_newest_first(path: Path) -> None:
 
 def test_the_first_acknowledgement_stays(path: Path) -> None:
     log = EventLog(path, wall_ns=lambda: 123)
-    event_id = log.append("warning", "x", "text")
+    event_id = log.append(event("text"))
     assert log.acknowledge(event_id, "anna")
     assert log.acknowledge(event_id, "ben")
     assert not log.acknowledge(event_id + 1, "anna")
-    event = log.get(event_id)
-    assert event is not None
-    assert (event.acknowledged_by, event.acknowledged_ns) == ("anna", 123)
+    logged = log.get(event_id)
+    assert logged is not None
+    assert (logged.acknowledged_by, logged.acknowledged_ns) == ("anna", 123)
     log.close()
 
 
 def test_many_threads_append_without_loss(path: Path) -> None:
     log = EventLog(path)
-    threads = [threading.Thread(target=lambda: [log.append("info", "c", "t") for _ in range(50)]) for _ in range(4)]
+    threads = [threading.Thread(target=lambda: [log.append(event("t")) for _ in range(50)]) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -67,19 +78,33 @@ def test_many_threads_append_without_loss(path: Path) -> None:
 
 def test_events_wait_in_memory_while_the_disk_takes_none(path: Path) -> None:
     log = EventLog(path)
-    log.append("info", "a", "before")
+    log.append(event("before"))
     log.flush()
     other = sqlite3.connect(path, isolation_level=None)
     other.execute("CREATE TRIGGER full BEFORE INSERT ON events BEGIN SELECT RAISE(FAIL, 'disk is full'); END")
-    waiting = log.append("trip", "b", "meanwhile")
+    waiting = log.append(event("meanwhile"))
     assert [event.text for event in log.query()] == ["meanwhile", "before"]
     assert log.error is not None
-    assert "disk is full" in log.error
+    assert "disk is full" in render(log.error)
     other.execute("DROP TRIGGER full")
     log.flush()
     assert log.error is None
     assert other.execute("SELECT text FROM events WHERE id = ?", (waiting,)).fetchone() == ("meanwhile",)
     other.close()
+    log.close()
+
+
+def test_a_log_of_the_first_version_keeps_its_sentences(path: Path) -> None:
+    path.parent.mkdir(parents=True)
+    old = sqlite3.connect(path, isolation_level=None)
+    old.executescript(EVENTS.steps[0])
+    old.execute("INSERT INTO events (t_wall_ns, severity, code, text, unit) VALUES (1, 'info', 'x', 'as it was', '')")
+    old.execute(f"PRAGMA application_id = {EVENTS.application_id}")
+    old.execute("PRAGMA user_version = 1")
+    old.close()
+    log = EventLog(path)
+    log.append(event("new"))
+    assert [(each.text, each.message is None) for each in log.query()] == [("new", False), ("as it was", True)]
     log.close()
 
 

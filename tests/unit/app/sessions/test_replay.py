@@ -114,7 +114,7 @@ def test_one_that_fails_while_it_plays_ends_and_says_so(shown, failures, session
     replaying.start(session, Playing(1))
     replaying._thread.join(5)
     assert not replaying.is_active
-    assert "failed" in failures[0]
+    assert failures[0].code == "replay-failed"
 
 
 def test_of_many_started_at_once_one_is_left(replaying, session):

@@ -35,17 +35,7 @@ class Car:
         self.recorder.frame(item.t_mono_ns, item.t_wall_ns, 0, item.frame.raw, True)
         output = self.pipeline.feed(item)
         for event in output.events:
-            self.recorder.event(
-                item.t_mono_ns,
-                event.time_ns,
-                event.severity,
-                event.code,
-                event.text,
-                cell=event.cell,
-                value=event.value,
-                limit=event.limit,
-                unit=event.unit,
-            )
+            self.recorder.event(item.t_mono_ns, event)
         if output.estimates is not None:
             self.recorder.estimates(item.t_mono_ns, output.uptime_ms, output.estimates.soc, output.estimates.soc_sigma)
         if output.snapshot is not None and output.snapshot.config is not None and not self.info.metadata:

@@ -13,6 +13,8 @@ from app.errors import ConfigError
 from app.sessions.export import FORMATS, export
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import Recorder
+from app.telemetry import Event
+from app.words import Message
 
 WALL_S = 1_790_000_000
 MONO_NS = 5_000 * 10**9
@@ -29,7 +31,8 @@ def session(recorder: Recorder, stream):
     for i in range(50):
         can_id = 0x100 if i % 2 else 0x18FF50E5 | 1 << 31
         recorder.can_frame(MONO_NS + i * 10**8, WALL_S * 10**9 + i * 10**8, can_id, bytes([i] * (i % 9)))
-    recorder.event(MONO_NS + 10**9, 0, "trip", "v_min", "cell too low", cell=36)
+    told = Message("verbatim", text="cell too low")
+    recorder.event(MONO_NS + 10**9, Event(0, "trip", "v_min", told, cell=36))
     for at_s in (4, 25):
         recorder.marker(MONO_NS + at_s * 10**9, 0, "lap", kind="lap")
     recorder.flush()

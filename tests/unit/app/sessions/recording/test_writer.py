@@ -1,3 +1,4 @@
+import json
 import logging
 import sqlite3
 from contextlib import closing
@@ -11,6 +12,8 @@ from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import DiskLimits, Recorder
+from app.telemetry import Event
+from app.words import Message, message_from_json, render
 
 MONO_NS = 5_000 * 10**9
 WALL_NS = 1_790_000_000 * 10**9
@@ -70,7 +73,8 @@ def test_status_counts_what_was_handed_over(recorder: Recorder, stream) -> None:
 
 def test_every_kind_of_item_comes_back(recorder: Recorder) -> None:
     info = recorder.start("name", {"event": "endurance", "driver": 2})
-    recorder.event(MONO_NS, WALL_NS, "trip", "v_min", "too low", cell=36, value=2.4, limit=2.5, unit="V")
+    told = Message("verbatim", text="too low")
+    recorder.event(MONO_NS, Event(WALL_NS, "trip", "v_min", told, cell=36, value=2.4, limit=2.5, unit="V"))
     recorder.marker(MONO_NS + 1, WALL_NS + 1, "off track", who="anna")
     recorder.config(MONO_NS + 2, WALL_NS + 2, bytes(420), "written")
     recorder.can_frame(MONO_NS + 3, WALL_NS + 3, 0x98FF50E5, b"\1\2")
@@ -80,7 +84,8 @@ def test_every_kind_of_item_comes_back(recorder: Recorder) -> None:
         assert session.info.metadata == {"event": "endurance", "driver": 2}
         assert session.info.voltwall == "1.2.3"
         (event,) = session.events()
-        assert (event["code"], event["cell"], event["limit_value"]) == ("v_min", 36, 2.5)
+        assert (event["code"], event["text"], event["cell"], event["limit_value"]) == ("v_min", "too low", 36, 2.5)
+        assert message_from_json(json.loads(event["message"])) == told
         (marker,) = session.markers()
         assert (marker.text, marker.who, marker.t_mono_ns) == ("off track", "anna", MONO_NS + 1)
         (config,) = session.configs()
@@ -136,7 +141,7 @@ def test_little_space_is_warned_of_while_recording_goes_on(tmp_path: Path, strea
     stream.feed(recorder, 1)
     recorder.flush()
     assert recorder.status.warning is not None
-    assert "500 MB" in recorder.status.warning
+    assert "500 MB" in render(recorder.status.warning)
     assert recorder.status.state is RecorderState.RECORDING
     recorder.close()
 

@@ -14,6 +14,7 @@ from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import Recorder
 from app.sessions.transfer.fetch import Remote
 from app.sessions.transfer.jobs import Fetch, FetchJobs
+from app.words import render
 from firmware_protocol.framing import encode_frame
 
 WALL_NS = 1_790_000_000 * 10**9
@@ -80,7 +81,8 @@ def test_all_that_is_finished_and_not_here_is_fetched_once_and_fills_what_is_her
     catalogue = Catalogue(tmp_path / "pit")
     done = Fetch(remote, tmp_path / "pit", catalogue, Clock()).run()
     assert len(done.fetched) == 2
-    assert done.filled == (f"{here.id}: 20 missing frames filled, 1.9 s in 1 gaps, from {done.fetched[0]}",)
+    said = f"{here.id}: 20 missing frames filled, 1.9 s in 1 gap, from {done.fetched[0]}"
+    assert [render(each) for each in done.filled] == [said]
     with SessionFile(here.path) as session:
         assert session.info.frames == 100
     again = Fetch(remote, tmp_path / "pit", catalogue, Clock()).run()
@@ -91,7 +93,7 @@ def test_a_recorder_without_a_clock_fills_all_the_same(car, remote, tmp_path):
     record(car.folder, "run", range(100), wall_ns=3600 * 10**9)
     record(tmp_path / "pit", "pit", range(50), start_ns=5 * 10**9)
     done = Fetch(remote, tmp_path / "pit", Catalogue(tmp_path / "pit"), Clock()).run()
-    assert "50 missing frames" in done.filled[0]
+    assert "50 missing frames" in render(done.filled[0])
 
 
 def test_only_what_is_wanted_and_nothing_filled_where_it_is_not(car, remote, tmp_path):

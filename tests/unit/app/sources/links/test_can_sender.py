@@ -68,6 +68,6 @@ def test_a_bus_that_refuses_ends_the_list_and_is_told():
 
     sender = CanSender(refuse, Clock())
     sender.start_list([Outgoing(1, b"", 0.001)], "ada")
-    assert ended(sender).error == "the CAN bus is not open"
+    assert ended(sender).error == LinkLost("the CAN bus is not open").message
     with pytest.raises(LinkLost):
         sender.once([Outgoing(1, b"")])

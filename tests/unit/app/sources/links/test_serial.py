@@ -14,6 +14,7 @@ from app.errors import LinkLost
 from app.sources.links.backoff import Backoff
 from app.sources.links.serial import SerialLink
 from app.telemetry import LinkChange, SerialItem
+from app.words import Message
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -137,7 +138,7 @@ def test_a_driver_that_raises_its_own_errors_does_not_end_the_link(plug, seen, m
     link.start()
     seen.wait(lambda items: len(changes(items, "lost")) >= 3)
     link.stop()
-    assert changes(seen.items, "lost")[0].error == "unplugged"
+    assert changes(seen.items, "lost")[0].error == Message("unplugged")
 
 
 def test_a_port_is_read_by_one_alone(plug, seen, link):
@@ -148,4 +149,4 @@ def test_a_port_is_read_by_one_alone(plug, seen, link):
     other.start()
     other_seen.wait(lambda items: changes(items, "lost"))
     other.stop()
-    assert changes(other_seen.items, "lost")[0].error == "used by another program"
+    assert changes(other_seen.items, "lost")[0].error == Message("port-in-use")

@@ -1,0 +1,2 @@
+-- What an event tells as code and arguments, in JSON; null in rows of before, which have their English text alone.
+ALTER TABLE events ADD COLUMN message TEXT;
