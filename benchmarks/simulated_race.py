@@ -20,7 +20,7 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import FILTERS, make_estimator
 from app.estimation.prediction.driver_soc import DriverSoc
 from app.estimation.prediction.power import Limits
-from app.live.prediction import Lookout
+from app.live.prediction import Predictor
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import FIELDS, N_CELLS
 from firmware_protocol.messages import Data, MessageType
@@ -100,7 +100,7 @@ class Result:
 def race(seed: int, seconds: float, filter_name: str, bolt: int | None = None) -> Result:
     """Estimate a race and judge its joints."""
     cell, driver, limits = load_cell("samsung-25r-10p"), DriverSoc(N_CELLS), Limits()
-    estimator, lookout = make_estimator(filter_name, cell, N_CELLS), Lookout(cell, N_CELLS)
+    estimator, predictor = make_estimator(filter_name, cell, N_CELLS), Predictor(cell, N_CELLS)
     before_s: float | None = None
     squares, worst, inside, n, too_high = np.zeros(N_CELLS), 0.0, 0.0, 0, -100.0
     named_after_s, wrong = None, set[int]()
@@ -111,9 +111,9 @@ def race(seed: int, seconds: float, filter_name: str, bolt: int | None = None) -
         dt_s, before_s = sample.uptime_s - before_s, sample.uptime_s
         estimate = estimator.step(dt_s, sample.current_a, sample.voltages_v, sample.temperatures_degc)
         power_w = float(sample.voltages_v.sum()) * sample.current_a
-        lookout.step(dt_s, sample.current_a, sample.voltages_v, power_w, estimate)
-        lookout.look(estimator, estimate, sample.temperatures_degc, sample.current_a, limits)
-        lookout.teach(estimator)
+        predictor.step(dt_s, sample.current_a, sample.voltages_v, power_w, estimate)
+        predictor.assess(estimator, estimate, sample.temperatures_degc, sample.current_a, limits)
+        predictor.apply_learned(estimator)
         error = estimate.soc - sample.true_soc
         squares += error**2
         worst = max(worst, float(np.abs(error).max()))
@@ -122,8 +122,8 @@ def race(seed: int, seconds: float, filter_name: str, bolt: int | None = None) -
         percent = driver.step(estimate.soc).percent
         if percent is not None:
             too_high = max(too_high, percent - 100.0 * float(sample.true_soc.min()))
-        if lookout.outlook.loose is not None:
-            loose = set(np.flatnonzero(lookout.outlook.loose).tolist())
+        if predictor.assessment.loose is not None:
+            loose = set(np.flatnonzero(predictor.assessment.loose).tolist())
             wrong |= loose - {bolt}
             if bolt in loose and named_after_s is None:
                 named_after_s = sample.uptime_s - BOLT_AT_S

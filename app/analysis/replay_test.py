@@ -19,7 +19,7 @@ def prove(session: SessionFile, expectations: Expectations, pipeline: Pipeline) 
         if isinstance(received, RecordedConfig):
             continue  # the stream carries it too
         output = pipeline.feed(item_of(received))
-        pipeline.look_ahead()
+        pipeline.predict()
         _tell(expectations, output, (received.t_mono_ns - start_ns) / 1e9, recorded)
     return expectations.verdicts()
 

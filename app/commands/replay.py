@@ -97,7 +97,7 @@ def _print_snapshots(path: Path, filter_name: str, cell_name: str) -> int:
             if isinstance(received, RecordedConfig):
                 continue  # the stream carries it too
             snapshot = pipeline.feed(item_of(received)).snapshot
-            pipeline.look_ahead()
+            pipeline.predict()
             if snapshot is not None:
                 sys.stdout.buffer.write(snapshot_json(snapshot, NO_SERVICE) + b"\n")
     return 0

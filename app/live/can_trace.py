@@ -1,4 +1,4 @@
-"""The last CAN frames, as heard and sent."""
+"""The last CAN frames, received and sent."""
 
 import threading
 from collections import deque

@@ -6,7 +6,7 @@ import numpy as np
 
 from app.battery.shape import CELLS_PER_PACK, N_CELLS, N_PACKS
 from app.estimation.filters.estimators import Estimates
-from app.live.prediction import Outlook
+from app.live.prediction import Assessment
 from app.telemetry import Cells, FloatArray, Pack
 from app.telemetry.measurement import Measurement
 
@@ -14,10 +14,10 @@ _NOTHING = np.full(N_CELLS, np.nan)
 _NOTHING.flags.writeable = False
 
 
-def cells_of(measured: Measurement, estimate: Estimates | None, outlook: Outlook) -> Cells:
+def cells_of(measured: Measurement, estimate: Estimates | None, assessment: Assessment) -> Cells:
     """Everything per cell; estimates are NaN without an estimator's result, and where the cell has no voltage."""
     voltages_v, resistance_ohm = measured.voltage_v, measured.resistance_ohm
-    joints, health, growth = outlook.joints, outlook.health, outlook.learned
+    joints, health, growth = assessment.joints, assessment.health, assessment.learned
     if joints is not None:
         resistance_ohm = np.where(np.isfinite(joints.resistance_ohm), joints.resistance_ohm, resistance_ohm)
     none = _NOTHING
@@ -29,13 +29,13 @@ def cells_of(measured: Measurement, estimate: Estimates | None, outlook: Outlook
         ocv_v=none if estimate is None else estimate.ocv_v,
         residual_v=none if estimate is None else voltages_v - estimate.voltage_v,
         resistance_ohm=resistance_ohm,
-        capacity_ah=measured.capacity_ah if outlook.capacity_ah is None else outlook.capacity_ah,
+        capacity_ah=measured.capacity_ah if assessment.capacity_ah is None else assessment.capacity_ah,
         balancing=measured.balancing,
         model_valid=None if estimate is None else estimate.model_valid,
         soh_capacity=none if health is None else health.capacity,
         resistance_factor=none if growth is None else np.where(growth.has_resistance, growth.resistance_factor, np.nan),
         joint_excess_ohm=none if joints is None else joints.joint_excess_ohm,
-        joint_loose=outlook.loose,
+        joint_loose=assessment.loose,
     )
 
 

@@ -9,7 +9,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from app.battery.shape import N_CELLS
-from app.live.prediction import CellPast
+from app.live.prediction import LearnedCells
 from app.telemetry import FloatArray
 
 log = logging.getLogger(__name__)
@@ -26,7 +26,7 @@ class LearnedState:
     saved_wall_ns: int
     soc: FloatArray  # (96,)
     soc_sigma: FloatArray
-    cells: CellPast
+    cells: LearnedCells
 
     def start(self, now_wall_ns: int) -> tuple[FloatArray, FloatArray]:
         """Return (soc, sigma) as far as they can be believed now; a clock that ran backwards counts as no time."""
@@ -45,7 +45,7 @@ def load_learned_state(path: Path) -> LearnedState | None:
                 int(file["saved_wall_ns"]),
                 file["soc"],
                 file["soc_sigma"],
-                CellPast(
+                LearnedCells(
                     file["capacity_state"],
                     file["joint_baseline_ohm"],
                     file.get("resistance"),  # older versions saved none

@@ -18,7 +18,7 @@ from app.live.accumulator import accumulator_of
 from app.live.alarms import Watch
 from app.live.cells import cells_of, packs_of
 from app.live.plausibility import PlausibilityChecks
-from app.live.prediction import Lookout, Outlook
+from app.live.prediction import Assessment, Predictor
 from app.sources.source import NOTHING_RECEIVED, MeasurementSource, Received
 from app.telemetry import Estimator, Event, FloatArray, Identity, Item, ProtectionLimits, Snapshot, Source
 from app.telemetry.measurement import BLANK_S, Measurement
@@ -50,7 +50,7 @@ class Pipeline:
         filter_name: str,
         cell_name: str,
         stopwatch_ns: Callable[[], int] | None = None,
-        lookout: Lookout | None = None,
+        predictor: Predictor | None = None,
         start_soc: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
         self._source = source
@@ -68,10 +68,10 @@ class Pipeline:
         self._driver_percent: int | None = None
         self._energy_out_wh = self._energy_in_wh = 0.0
         self._stopwatch_ns = stopwatch_ns
-        self._lookout = lookout
+        self._predictor = predictor
         self._start_soc = start_soc  # (soc, sigma) of an earlier run
         self._limits: ProtectionLimits | None = None
-        self._measured: tuple[float, FloatArray] | None = None  # current and temperatures the lookout has not seen
+        self._measured: tuple[float, FloatArray] | None = None  # current and temperatures the predictor has not seen
         self._step_us: float | None = None
         self._estimator_error: str | None = None
 
@@ -105,14 +105,14 @@ class Pipeline:
         """The estimator's latest."""
         return self._estimates
 
-    def look_ahead(self) -> None:
+    def predict(self) -> None:
         """Judge what lies ahead, for the next snapshot; call it when the last one has gone out."""
-        if self._lookout is None or self._measured is None or self._estimator is None or self._estimates is None:
+        if self._predictor is None or self._measured is None or self._estimator is None or self._estimates is None:
             return
         current_a, temperatures_degc = self._measured
         self._measured = None
-        self._lookout.look(self._estimator, self._estimates, temperatures_degc, current_a, self._power_limits())
-        self._lookout.teach(self._estimator)
+        self._predictor.assess(self._estimator, self._estimates, temperatures_degc, current_a, self._power_limits())
+        self._predictor.apply_learned(self._estimator)
 
     def _power_limits(self) -> Limits:
         """The configuration's, the cell's own where none was received."""
@@ -147,12 +147,12 @@ class Pipeline:
         current_a, voltages_v, dt_s = measured.current_a, measured.voltage_v, measured.dt_s
         if current_a is None or np.isnan(voltages_v).all():
             return None, ()
-        true_a = current_a if self._lookout is None else current_a - self._lookout.offset_a
+        true_a = current_a if self._predictor is None else current_a - self._predictor.offset_a
         estimates, events = self._estimate(measured.t_wall_ns, dt_s, true_a, voltages_v, measured.temperature_degc)
         power_w = float(np.nansum(voltages_v)) * current_a
         self._plausibility.step(dt_s, current_a, voltages_v, measured.chip_voltage_v)
-        if self._lookout is not None:
-            self._lookout.step(dt_s, current_a, voltages_v, power_w, estimates, measured.relays_open)
+        if self._predictor is not None:
+            self._predictor.step(dt_s, current_a, voltages_v, power_w, estimates, measured.relays_open)
             self._measured = current_a, measured.temperature_degc
         if dt_s is not None and dt_s <= MAX_ENERGY_STEP_S:
             self._energy_out_wh += max(power_w, 0.0) * dt_s / 3600
@@ -167,8 +167,8 @@ class Pipeline:
         try:
             if self._estimator is None:
                 estimator, self._spare = self._spare or self._make_estimator(), None
-                if self._lookout is not None:
-                    self._lookout.teach(estimator)
+                if self._predictor is not None:
+                    self._predictor.apply_learned(estimator)
                 _start(estimator, voltages_v, degc, current_a, self._start_soc)
                 self._estimator, dt_s = estimator, 0.0
             self._estimates = self._estimator.step(dt_s or 0.0, current_a, voltages_v, degc)
@@ -188,8 +188,10 @@ class Pipeline:
     def _publish(self, measured: Measurement) -> Output:
         age_s = measured.age_s.voltage
         estimates = self._estimates if age_s is not None and age_s <= BLANK_S else None
-        outlook = self._lookout.outlook if self._lookout is not None and estimates is not None else Outlook()
-        cells = cells_of(measured, estimates, outlook)
+        assessment = Assessment()
+        if self._predictor is not None and estimates is not None:
+            assessment = self._predictor.assessment
+        cells = cells_of(measured, estimates, assessment)
         self._sequence += 1
         snapshot = Snapshot(
             sequence=self._sequence,
@@ -201,7 +203,7 @@ class Pipeline:
             cells=cells,
             packs=packs_of(cells, measured.slave_status),
             accumulator=accumulator_of(cells, measured, self._driver_percent, self._energy_out_wh, self._energy_in_wh),
-            prediction=outlook.prediction,
+            prediction=assessment.prediction,
             master=measured.master,
             charger=measured.charger,
             links=measured.links,
@@ -218,7 +220,7 @@ class Pipeline:
         return Output(replace(snapshot, alarms=alarms), tuple(events))
 
     def _estimator_state(self) -> Estimator:
-        sensor = None if self._lookout is None else self._lookout.sensor
+        sensor = None if self._predictor is None else self._predictor.sensor
         return Estimator(
             filter=self.filter_name,
             cell=self.cell_name,

@@ -8,7 +8,7 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimators import FILTERS, CellEstimator, make_estimator
 from app.live.pipeline import Pipeline
-from app.live.prediction import Lookout
+from app.live.prediction import Predictor
 from app.sources.master.source import MasterSource
 from app.telemetry import FloatArray, Source
 
@@ -37,18 +37,18 @@ class Chain:
         rs232_url: str | None = None,
         can_url: str | None = None,
         *,
-        lookout: Lookout | None = None,
+        predictor: Predictor | None = None,
         start_soc: tuple[FloatArray, FloatArray] | None = None,
         stopwatch_ns: Callable[[], int] | None = None,
     ) -> Pipeline:
-        """Return a fresh pipeline; without `lookout` it knows no past."""
+        """Return a fresh pipeline; without `predictor` nothing of the cells was learned before."""
         return Pipeline(
             MasterSource(source, rs232_url, can_url),
             self._new_estimator,
             filter_name=self._filter_name,
             cell_name=self._cell_name,
             stopwatch_ns=stopwatch_ns,
-            lookout=lookout or Lookout(self.cell, N_CELLS),
+            predictor=predictor or Predictor(self.cell, N_CELLS),
             start_soc=start_soc,
         )
 

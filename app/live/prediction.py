@@ -1,6 +1,6 @@
-"""What lies ahead: power, time to the limits, energy and laps left, loose joints, capacities. Time is an argument.
+"""Prediction: power, time to the limits, energy and laps left; loose joints and capacities. Time is an argument.
 
-`step` takes every measurement and is cheap; `look` does the rest, at most once a second, after the snapshot has gone
+`step` takes every measurement and is cheap; `assess` does the rest, at most once a second, after the snapshot has gone
 out. It feeds app.estimation and knows no equation itself.
 """
 
@@ -17,14 +17,14 @@ from app.estimation.health.capacity import CapacityTracker, StateOfHealth, state
 from app.estimation.health.joint_watch import JUDGE_S, JointWatch
 from app.estimation.health.joints import JointReport
 from app.estimation.health.learned import Learned, learned
-from app.estimation.health.resistance_scale import ResistanceScale, believed
+from app.estimation.health.resistance_scale import ResistanceScale, trusted_factor
 from app.estimation.health.rest_capacity import CapacityBetweenRests
 from app.estimation.health.sensor_offset import OffsetTracker
 from app.estimation.prediction.energy import EnergyLeft, LapsLeft, energy_left, lap_energies_wh, lap_period_s, laps_left
 from app.estimation.prediction.power import CellStates, Limits, PowerModel, StatePower, TimeToTrip
 from app.telemetry import BoolArray, CountedWith, FloatArray, Prediction
 
-LOOK_S = 1.0
+ASSESS_S = 1.0
 TRACE_S = 600.0  # of power, for laps
 TRACE_STEP_S = 0.5
 LAPS_KEPT = 8
@@ -36,7 +36,7 @@ RESTING_A = 1.0  # of that load: no direction, so no limit comes nearer
 
 
 @dataclass(frozen=True)
-class Outlook:
+class Assessment:
     """The latest judgement; None where there is not enough to judge."""
 
     power: StatePower | None = None
@@ -53,33 +53,33 @@ class Outlook:
 
 
 @dataclass(frozen=True)
-class CellPast:
-    """What earlier sessions of the same cells taught."""
+class LearnedCells:
+    """What was learned of the cells in earlier sessions."""
 
     capacity_state: FloatArray  # (6, n_cells), of CapacityTracker
     joint_baseline_ohm: FloatArray  # (n_cells,), of JointWatch
     resistance: FloatArray | None = None  # (2, n_cells), factor and sigma of ResistanceScale
 
 
-class Lookout:
-    """Keeps what has to be remembered between two looks."""
+class Predictor:
+    """Keeps what has to be remembered between two assessments."""
 
-    def __init__(self, cell: CellModel, n_cells: int, past: CellPast | None = None) -> None:
+    def __init__(self, cell: CellModel, n_cells: int, learned_before: LearnedCells | None = None) -> None:
         self.cell = cell
-        self.outlook = Outlook()
-        self._joint_watch = JointWatch(n_cells, CELLS_PER_PACK, None if past is None else past.joint_baseline_ohm)
-        self._capacities = CapacityBetweenRests(
-            cell, CapacityTracker(cell.capacity_ah, n_cells, None if past is None else past.capacity_state)
-        )
-        self._scale = ResistanceScale(n_cells, None if past is None else past.resistance)
+        self.assessment = Assessment()
+        before = learned_before
+        self._joint_watch = JointWatch(n_cells, CELLS_PER_PACK, None if before is None else before.joint_baseline_ohm)
+        capacities = CapacityTracker(cell.capacity_ah, n_cells, None if before is None else before.capacity_state)
+        self._capacities = CapacityBetweenRests(cell, capacities)
+        self._scale = ResistanceScale(n_cells, None if before is None else before.resistance)
         self.learned = self._learned()
-        self._taught = np.ones(n_cells)  # resistance factors that the estimator counts with
+        self._factors_in_use = np.ones(n_cells)  # resistance factors that the estimator counts with
         self._offset = OffsetTracker(float(self.learned.capacity_ah.mean()))
-        self._has_to_hear = False  # voltages, to compare the current with
+        self._needs_voltage_soc = False  # voltages, to compare the current with
         self.sensor = self._offset.estimate()
         self._trace: deque[tuple[float, float]] = deque(maxlen=round(TRACE_S / TRACE_STEP_S))
         self._t_s = 0.0
-        self._trace_s = self._looked_s = self._judged_s = -1e9
+        self._trace_s = self._assessed_s = self._judged_s = -1e9
         self._square_a2 = 0.0  # mean square of the current while driving
         self._load_a: float | None = None  # mean of the last seconds
         self._joints: JointReport | None = None
@@ -94,16 +94,16 @@ class Lookout:
         return self.sensor.offset_a if self.sensor.is_observed else 0.0
 
     @property
-    def past(self) -> CellPast:
+    def learned_cells(self) -> LearnedCells:
         """What to keep for the next session of the same cells."""
         resistance = np.array((self._scale.factor(), self._scale.sigma()))
-        return CellPast(self._capacities.tracker.state, self._joint_watch.baseline_ohm, resistance)
+        return LearnedCells(self._capacities.tracker.state, self._joint_watch.baseline_ohm, resistance)
 
-    def teach(self, estimator: CellEstimator) -> None:
+    def apply_learned(self, estimator: CellEstimator) -> None:
         """Let an estimator count with what was learned of its cells."""
-        self._taught = believed(self.learned.resistance_factor)
+        self._factors_in_use = trusted_factor(self.learned.resistance_factor)
         estimator.use_capacity(self.learned.capacity_ah)
-        estimator.use_resistance(self._taught)
+        estimator.use_resistance(self._factors_in_use)
 
     def step(
         self,
@@ -121,16 +121,16 @@ class Lookout:
             current_a: measured, positive on discharge [A].
             voltages_v: (n_cells,) [V]; NaN = missing.
             power_w: of the accumulator, positive on discharge [W].
-            estimates: of this measurement, by an estimator taught last.
+            estimates: of this measurement, by an estimator that `apply_learned` was called for.
             relays_open: no current can flow.
         """
         if dt_s is None or dt_s > UNKNOWN_S:
             self._offset.interrupt()
         dt_s = dt_s or 0.0
-        self._has_to_hear |= self._offset.step(dt_s, current_a, relays_open)
+        self._needs_voltage_soc |= self._offset.step(dt_s, current_a, relays_open)
         self._t_s += dt_s
         if estimates is not None:
-            drop_v = (estimates.ocv_v - estimates.voltage_v) / self._taught
+            drop_v = (estimates.ocv_v - estimates.voltage_v) / self._factors_in_use
             self._scale.step(dt_s, estimates.ocv_v, estimates.ocv_v - drop_v, voltages_v)
         self._joint_watch.step(dt_s, current_a, voltages_v)
         before = current_a if self._load_a is None else self._load_a
@@ -142,7 +142,7 @@ class Lookout:
             self._trace.append((self._t_s, power_w))
         self._capacities.step(dt_s, current_a, voltages_v)
 
-    def look(
+    def assess(
         self,
         estimator: CellEstimator,
         estimates: Estimates,
@@ -151,15 +151,15 @@ class Lookout:
         limits: Limits,
     ) -> None:
         """Judge anew if a second has passed."""
-        if self._t_s - self._looked_s < LOOK_S:
+        if self._t_s - self._assessed_s < ASSESS_S:
             return
-        self._looked_s = self._t_s
+        self._assessed_s = self._t_s
         if not np.isfinite(estimates.soc).any():
-            self.outlook = Outlook()
+            self.assessment = Assessment()
             return
-        if self._has_to_hear and (heard := estimator.heard()) is not None:
-            self._has_to_hear = False
-            self._offset.look(*heard)
+        if self._needs_voltage_soc and (voltage_soc := estimator.voltage_soc()) is not None:
+            self._needs_voltage_soc = False
+            self._offset.compare(*voltage_soc)
             self.sensor = self._offset.estimate()
         if self._t_s - self._judged_s >= JUDGE_S:
             self._judge()
@@ -182,8 +182,8 @@ class Lookout:
             capacity_sigma_ah=known.capacity_sigma_ah,
         )
         steady_a = load_a if abs(load_a) >= RESTING_A else 0.0
-        power, (to_trip, to_trip_full) = model.foretell(states, (steady_a, limits.discharge_max_a))
-        outlook = Outlook(
+        power, (to_trip, to_trip_full) = model.predict(states, (steady_a, limits.discharge_max_a))
+        assessment = Assessment(
             power=power,
             to_trip=to_trip,
             to_trip_full=to_trip_full,
@@ -195,7 +195,7 @@ class Lookout:
             capacity_ah=self._capacity_ah,
             learned=known,
         )
-        self.outlook = replace(outlook, prediction=_prediction(outlook))
+        self.assessment = replace(assessment, prediction=_prediction(assessment))
 
     def _laps_left(self, energy: EnergyLeft) -> LapsLeft | None:
         laps = laps_left(energy, self._lap_energies_wh)
@@ -230,19 +230,19 @@ class Lookout:
         self._lap_energies_wh = laps[laps > STOPPED_LAP_SHARE * np.median(laps)]
 
 
-def _prediction(outlook: Outlook) -> Prediction:
-    nearest = min(outlook.to_trip, key=lambda trip: trip.seconds, default=None)
-    energy, known = outlook.energy, outlook.learned
+def _prediction(assessment: Assessment) -> Prediction:
+    nearest = min(assessment.to_trip, key=lambda trip: trip.seconds, default=None)
+    energy, known = assessment.energy, assessment.learned
     return Prediction(
-        power=outlook.power,
-        to_trip=outlook.to_trip,
-        to_trip_full=outlook.to_trip_full,
+        power=assessment.power,
+        to_trip=assessment.to_trip,
+        to_trip_full=assessment.to_trip_full,
         nearest=None if nearest is None or not isfinite(nearest.seconds) else nearest,
         energy_left_wh=None if energy is None else energy.energy_wh,
         energy_left_sigma_wh=None if energy is None else energy.sigma_wh,
         energy_left_cell=None if energy is None else energy.cell,
         counted_with=None if known is None else _counted_with(known),
-        laps=outlook.laps,
+        laps=assessment.laps,
     )
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from app.clock import Clock
 from app.live.learned_state import LearnedState, save_learned_state
 from app.live.pipeline import Output, Pipeline
-from app.live.prediction import Lookout
+from app.live.prediction import Predictor
 
 EVERY_S = 300.0
 
@@ -13,10 +13,10 @@ EVERY_S = 300.0
 class LearnedStateSaver:
     """Reads the pipeline in its own thread, and once more after that thread has ended."""
 
-    def __init__(self, path: Path, pipeline: Pipeline, lookout: Lookout, clock: Clock) -> None:
+    def __init__(self, path: Path, pipeline: Pipeline, predictor: Predictor, clock: Clock) -> None:
         self._path = path
         self._pipeline = pipeline
-        self._lookout = lookout
+        self._predictor = predictor
         self._clock = clock
         self._saved_ns = clock.monotonic_ns()
 
@@ -30,5 +30,6 @@ class LearnedStateSaver:
         self._saved_ns = self._clock.monotonic_ns()
         estimates = self._pipeline.estimates
         if estimates is not None:
-            state = LearnedState(self._clock.wall_ns(), estimates.soc, estimates.soc_sigma, self._lookout.past)
+            cells = self._predictor.learned_cells
+            state = LearnedState(self._clock.wall_ns(), estimates.soc, estimates.soc_sigma, cells)
             save_learned_state(self._path, state)

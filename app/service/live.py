@@ -142,7 +142,7 @@ class Live:
         self._hand_on(output, item.t_mono_ns)
         if output.snapshot is not None:
             self._published_ns = item.t_mono_ns
-            self._pipeline.look_ahead()
+            self._pipeline.predict()
 
     def _hand_on(self, output: Output, t_mono_ns: int) -> None:
         snapshot = output.snapshot

@@ -6,7 +6,7 @@ from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import bundled_cells
 from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import Chain
-from app.live.prediction import Lookout
+from app.live.prediction import Predictor
 from app.service.settings import Settings
 from app.telemetry import FloatArray, Source
 
@@ -35,7 +35,7 @@ class Pipelines:
         source: Source,
         serial_url: str | None = None,
         can_url: str | None = None,
-        lookout: Lookout | None = None,
+        predictor: Predictor | None = None,
         start_soc: tuple[FloatArray, FloatArray] | None = None,
         filter_name: str | None = None,
         cell_name: str | None = None,
@@ -51,7 +51,7 @@ class Pipelines:
                 raise ConfigError("cell", cell_name, f"one of {', '.join(bundled_cells())}, or the service's own")
             chain = Chain(filter_name or self._filter_name, cell_name or self._cell_name)
         return chain.pipeline(
-            source, serial_url, can_url, lookout=lookout, start_soc=start_soc, stopwatch_ns=time.perf_counter_ns
+            source, serial_url, can_url, predictor=predictor, start_soc=start_soc, stopwatch_ns=time.perf_counter_ns
         )
 
     def for_import(self) -> Pipeline:

@@ -24,7 +24,7 @@ from app.live.can_trace import CanTrace
 from app.live.hub import Hub
 from app.live.learned_state import load_learned_state
 from app.live.pipeline import Output
-from app.live.prediction import Lookout
+from app.live.prediction import Predictor
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
 from app.service.health import Health
@@ -164,10 +164,10 @@ def make_service(
 
     # The pipeline of the live source, which goes on from what earlier runs learned; the replay has its own
     learned = load_learned_state(data / "cells.npz")
-    lookout = Lookout(pipelines.cell, N_CELLS, None if learned is None else learned.cells)
+    predictor = Predictor(pipelines.cell, N_CELLS, None if learned is None else learned.cells)
     start_soc = None if learned is None else learned.start(clock.wall_ns())
-    pipeline = pipelines.new(source, serial_url, can_url, lookout, start_soc)
-    learned_state = LearnedStateSaver(data / "cells.npz", pipeline, lookout, clock)
+    pipeline = pipelines.new(source, serial_url, can_url, predictor, start_soc)
+    learned_state = LearnedStateSaver(data / "cells.npz", pipeline, predictor, clock)
     hub: Hub[Snapshot] = Hub()
     replay = Replaying(pipelines.new, hub.publish_threadsafe, partial(events.note, "warning", "replay-failed"), clock)
 

@@ -251,7 +251,7 @@ class Replaying:
             if not self._is_wanted():
                 break
             snapshot = replay.pipeline.feed(item_of(received)).snapshot
-            replay.pipeline.look_ahead()
+            replay.pipeline.predict()
             if snapshot is None or not self._is_wanted():
                 continue
             recorded = replay.recorded.at(snapshot.t_mono_ns)

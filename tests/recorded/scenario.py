@@ -10,7 +10,7 @@ from pathlib import Path
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Output, Pipeline
-from app.live.prediction import Lookout
+from app.live.prediction import Predictor
 from app.sessions.recording.writer import Recorder
 from app.sources.master.source import MasterSource
 from app.telemetry import FloatArray, LinkChange, SerialItem
@@ -51,7 +51,7 @@ class ScenarioRecorder:
             lambda: make_estimator("fused", cell, N_CELLS),
             filter_name="fused",
             cell_name=CELL,
-            lookout=Lookout(cell, N_CELLS) if looks_ahead else None,
+            predictor=Predictor(cell, N_CELLS) if looks_ahead else None,
         )
         self.recorder = Recorder(
             folder,
@@ -95,7 +95,7 @@ class ScenarioRecorder:
         for item in self._decoder.feed(data):
             self.recorder.frame(now_ns, wall_ns, 0, item.raw, isinstance(item, Frame))
             self._record(self._pipeline.feed(SerialItem(now_ns, wall_ns, item)))
-            self._pipeline.look_ahead()
+            self._pipeline.predict()
             self.sent += 1
             self.digest.update(item.raw)
             if self.sent % FLUSH_FRAMES == 0:

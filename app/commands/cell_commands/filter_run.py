@@ -58,7 +58,7 @@ def run_filter(
     estimator.start(voltages[first], temperatures[first], current[first], initial_soc, initial_sigma)
     table = np.empty((5, len(steps)))
     valid = 0
-    offset = None if estimator.heard() is None else OffsetTracker(capacity_ah)
+    offset = None if estimator.voltage_soc() is None else OffsetTracker(capacity_ah)
     begun = time.perf_counter()
     in_gap = _in_gap(recording).tolist()
     unheard = np.full(1, np.nan)
@@ -73,8 +73,8 @@ def run_filter(
         table[0, k], table[1, k], table[2, k] = e.soc[0], e.soc_sigma[0], e.voltage_v[0]
         table[3, k], table[4, k] = e.innovation_v[0], e.innovation_sigma_v[0]
         valid += bool(e.model_valid[0])
-        if offset is not None and offset.step(dt_s, current_a) and (heard := estimator.heard()) is not None:
-            offset.look(*heard)
+        if offset is not None and offset.step(dt_s, current_a) and (voltage_soc := estimator.voltage_soc()) is not None:
+            offset.compare(*voltage_soc)
     took_s = time.perf_counter() - begun
     soc, sigma, voltage, innovation, innovation_sigma = table
     sensor = None if offset is None else offset.estimate()

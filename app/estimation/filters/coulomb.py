@@ -14,7 +14,7 @@ from app.estimation.filters.own_cells import OwnCapacity, use_resistance
 from app.estimation.filters.process import Process
 from app.estimation.filters.record import Record, check_record, run_steps
 from app.estimation.filters.self_check import SelfCheck
-from app.estimation.filters.start import per_cell, start_count, start_from_voltage, told_sigma
+from app.estimation.filters.start import initial_soc_sigma, per_cell, start_count, start_from_voltage
 from app.estimation.filters.states import SOC, CellStates
 from app.estimation.filters.tables import PackedCell
 from app.estimation.filters.tuning import Tuning
@@ -56,7 +56,7 @@ class CoulombCounter:
         cov[:, SOC, SOC] = count_variance(self.states.drift, self.states.anchor_v2)
         return cov
 
-    def heard(self) -> None:
+    def voltage_soc(self) -> None:
         """Return None: a count hears no voltage."""
         return
 
@@ -81,7 +81,7 @@ class CoulombCounter:
         sigma = per_cell("soc_sigma", soc_sigma, np.nan, self.n_cells)
         sample = self.guard.check(0.0, current_a, voltages_v, temperatures_degc)
         start_from_voltage(self.cell, self.states, self.tuning, sample)
-        start_count(self.states, given, told_sigma(self.cell, self.states, self.tuning, sample, given, sigma))
+        start_count(self.states, given, initial_soc_sigma(self.cell, self.states, self.tuning, sample, given, sigma))
         self.states.mean[SOC] = self.states.count_soc
         self._is_started = True
 

@@ -116,7 +116,7 @@ class CellEstimator(Protocol):
         """
         ...
 
-    def heard(self) -> tuple[FloatArray, FloatArray] | None:
+    def voltage_soc(self) -> tuple[FloatArray, FloatArray] | None:
         """Return (n_cells,) SOC by voltages alone and its sigma; None where a count or a given SOC has a part in it."""
         ...
 
@@ -133,7 +133,7 @@ class CellEstimator(Protocol):
         ...
 
     def use_resistance(self, factor: ArrayLike) -> None:
-        """From the next step on foretell voltages with resistances that differ from the cell file's.
+        """From the next step on predict voltages with resistances that differ from the cell file's.
 
         Args:
             factor: (n_cells,) or scalar, all resistances of a cell over those of the cell file.

@@ -24,10 +24,10 @@ from app.estimation.filters.sigma_points import SigmaRule
 from app.estimation.filters.start import (
     SLOPE_FLOOR_V,
     impose_soc,
+    initial_soc_sigma,
     per_cell,
     start_count,
     start_from_voltage,
-    told_sigma,
 )
 from app.estimation.filters.states import SOC, CellStates
 from app.estimation.filters.tables import PackedCell
@@ -84,7 +84,7 @@ class GaussianEstimator:
         self._rows = tuple(self._numbers)
         self._bias_v2 = np.array(tuning.bias_v * tuning.bias_v)
         self._is_started = False
-        self._was_told = False  # a SOC, which a filter without a count goes on from
+        self._was_given_soc = False  # a SOC, which a filter without a count goes on from
 
     @property
     def engine(self) -> str:
@@ -111,9 +111,9 @@ class GaussianEstimator:
         """(n_cells,) SOC of the charge count, where there is one; a copy."""
         return np.array(self.states.count_soc)
 
-    def heard(self) -> tuple[FloatArray, FloatArray] | None:
-        """Return what voltages alone say; see `CellEstimator.heard`."""
-        if self._was_told:
+    def voltage_soc(self) -> tuple[FloatArray, FloatArray] | None:
+        """Return what voltages alone say; see `CellEstimator.voltage_soc`."""
+        if self._was_given_soc:
             return None
         soc = self.states.mean[SOC].copy()
         slope_v = np.maximum(self.model.ocv.slope(np.clip(soc, 0.0, 1.0)), SLOPE_FLOOR_V)
@@ -142,9 +142,9 @@ class GaussianEstimator:
         sigma = per_cell("soc_sigma", soc_sigma, np.nan if self.fused else tuning.start_soc_sigma, n)
         sample = self.guard.check(0.0, current_a, voltages_v, temperatures_degc)
         start_from_voltage(self.cell, self.states, tuning, sample)
-        self._was_told = not self.fused and bool(np.isfinite(given).any())
+        self._was_given_soc = not self.fused and bool(np.isfinite(given).any())
         if self.fused:
-            start_count(self.states, given, told_sigma(self.cell, self.states, tuning, sample, given, sigma))
+            start_count(self.states, given, initial_soc_sigma(self.cell, self.states, tuning, sample, given, sigma))
         else:
             impose_soc(self.states, given, sigma)
         self._is_started = True

@@ -3,7 +3,7 @@
     z -= eta i dt / 3600 (1 / C_own - 1 / C_model)
 
 taken before a step. What moves afterwards is linear, so the two add up and no filter has to know. Resistances enter
-where a voltage is foretold: every drop of a cell is so many times that of the model.
+where a voltage is predicted: every drop of a cell is so many times that of the model.
 """
 
 from __future__ import annotations

@@ -69,10 +69,10 @@ def impose_soc(state: CellStates, soc: FloatArray, sigma: FloatArray) -> None:
     state.cov[SOC, SOC] = np.where(given, variance, state.cov[SOC, SOC])
 
 
-def told_sigma(
+def initial_soc_sigma(
     cell: PackedCell, state: CellStates, tuning: Tuning, step: StepInput, soc: FloatArray, sigma: FloatArray
 ) -> FloatArray:
-    """Return (n,) the sigma of a SOC that was told: `sigma`, or where that is NaN as the voltage at rest allows."""
+    """Return (n,) sigma of a given initial SOC: `sigma`; where that is NaN, use the resting voltage to judge it."""
     off = np.abs(state.mean[SOC] - soc)
     at_rest = ~np.isnan(step.voltage_v) & (abs(step.current_a) < tuning.rest_c * cell.model.c_rate_a)
     off_v = np.abs(cell.ocv_of(state.mean[SOC]) - cell.ocv_of(soc))

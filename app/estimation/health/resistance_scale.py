@@ -112,8 +112,8 @@ class ResistanceScale:
         return np.asarray(2.0 * LASTING_S * np.maximum(np.nan_to_num(left), 1e-6))
 
 
-def believed(factor: FloatArray) -> FloatArray:
-    """Return the factor a filter may foretell voltages with: 1 + g / (1 + (s / g)^6), g = factor - 1.
+def trusted_factor(factor: FloatArray) -> FloatArray:
+    """Return the factor a filter may predict voltages with: 1 + g / (1 + (s / g)^6), g = factor - 1.
 
     What is fast in a drop and what lasts do not grow alike, and a joint adds to the first alone: good models of fresh
     cells are found up to a fifth off. That is left to the model; growth well beyond it is taken nearly whole.

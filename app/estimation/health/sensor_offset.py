@@ -21,7 +21,7 @@ from app.estimation.cell_model.circuit import SECONDS_PER_HOUR
 
 FloatArray = NDArray[np.float64]
 
-LOOK_S: Final = 60.0  # between two looks
+COMPARE_S: Final = 60.0  # between two looks
 LASTING_S: Final = 300.0  # correlation time of a filter's error in SOC
 START_SIGMA: Final = 0.5
 GAIN_SIGMA: Final = 0.01
@@ -81,7 +81,7 @@ class OffsetTracker:
             self._drawn += current_a * share
             self._open_s = self._open_s + dt_s if is_open else 0.0
             self._open_as = self._open_as + current_a * dt_s if is_open else 0.0
-        return self._since_s >= LOOK_S
+        return self._since_s >= COMPARE_S
 
     def interrupt(self) -> None:
         """What flowed since the last sample is not known: the SOC to count from is a new one."""
@@ -90,11 +90,11 @@ class OffsetTracker:
         self._cov[START, START] = START_SIGMA**2
         self._drawn = self._per_a = self._since_s = self._open_s = self._open_as = 0.0
 
-    def look(self, soc: FloatArray, soc_sigma: FloatArray) -> None:
+    def compare(self, soc: FloatArray, soc_sigma: FloatArray) -> None:
         """Compare with what the filter says now.
 
         Args:
-            soc: (n,) SOC of a filter that never heard the count.
+            soc: (n,) SOC of a filter that uses voltages only.
             soc_sigma: (n,) its standard deviation, model error included.
         """
         walk_a = OFFSET_WALK_C * self._capacity_ah
@@ -103,7 +103,7 @@ class OffsetTracker:
         repeated = max(1.0, 2.0 * LASTING_S / max(self._since_s, 1e-9))
         variance = repeated * max(float(np.mean(soc_sigma)), SIGMA_MIN) ** 2
         self._learn(row, float(np.mean(soc)) + self._drawn, variance)
-        if self._open_s >= LOOK_S:
+        if self._open_s >= COMPARE_S:
             open_v2 = (OPEN_SIGMA_C * self._capacity_ah) ** 2
             self._learn(np.array([0.0, 0.0, 1.0]), self._open_as / self._open_s, open_v2)
             self._open_s = self._open_as = 0.0

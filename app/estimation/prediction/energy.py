@@ -89,7 +89,7 @@ def energy_left(
             raise ShapeError(name, soc.shape, array.shape)
     known = np.flatnonzero(np.isfinite(soc))
     if known.size == 0:
-        raise ModelError("soc", "no cell has one: nothing can be foretold")
+        raise ModelError("soc", "no cell has one: nothing can be predicted")
     capacity = np.broadcast_to(np.asarray(cell.capacity_ah if capacity_ah is None else capacity_ah), soc.shape)[known]
     factor = np.broadcast_to(np.asarray(resistance_factor, dtype=np.float64), soc.shape)[known]
     z = soc[known]

@@ -35,7 +35,7 @@ HORIZONS_S: Final = (1.0, 10.0, 30.0)
 RESOLUTION: Final = 1.0 / 8192.0  # of the current limit or of the hour
 ROUND_VALUES: Final = 1500  # looked at in one round: fewer cost the calls, more the values
 MAX_PARTS: Final = 16
-TIME_LIMIT_S: Final = 3600.0  # later trips are not foretold
+TIME_LIMIT_S: Final = 3600.0  # later trips are not predicted
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class PowerModel:
             )
         )
 
-    def foretell(
+    def predict(
         self, states: CellStates, currents_a: tuple[float, ...], horizons_s: tuple[float, ...] = HORIZONS_S
     ) -> tuple[StatePower, tuple[tuple[TimeToTrip, ...], ...]]:
         """Return the state of power, and the times to trip at each current: all in one search.
@@ -307,5 +307,5 @@ class PowerModel:
 def _known(states: CellStates) -> IntArray:
     known = np.flatnonzero(np.isfinite(states.soc))
     if known.size == 0:
-        raise ModelError("soc", "no cell has one: nothing can be foretold")
+        raise ModelError("soc", "no cell has one: nothing can be predicted")
     return known

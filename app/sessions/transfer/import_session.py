@@ -176,7 +176,7 @@ def _batches(info: SessionInfo, log: BatteryLog, pipeline: Pipeline) -> Iterator
         raw = encode_frame(MessageType.DATA, row & 0xFF, round(time_s * 1000) & 0xFFFFFFFF, _body(log, row))[1:-1]
         batch.append(("frames", (mono_ns, wall_ns, IMPORTED_LINK, 1, raw)))
         output = pipeline.feed(SerialItem(mono_ns, wall_ns, decode_chunk(raw)))
-        pipeline.look_ahead()
+        pipeline.predict()
         if output.estimates is not None:
             estimates = output.estimates
             batch.append(("estimates", (mono_ns, output.uptime_ms, estimates.soc, estimates.soc_sigma)))

@@ -23,7 +23,7 @@ COUNTING = frozenset(
 )  # hand error frames on, so that none heard means none seen
 
 
-def told_state(message: can.Message) -> BusState | None:
+def reported_state(message: can.Message) -> BusState | None:
     """Return the state that an error frame of SocketCAN's form tells; None where it tells of something else."""
     if message.arbitration_id & _BUS_OFF:
         return "off"
@@ -53,7 +53,7 @@ class ControllerWatch:
         self.errors = (self.errors or 0) + 1
         if self._interface not in LINUX_FORM:
             return
-        self.state = told_state(message) or self.state
+        self.state = reported_state(message) or self.state
         if message.arbitration_id & _COUNTERS and len(message.data) > _RX_BYTE:
             self.tx_errors, self.rx_errors = message.data[_TX_BYTE], message.data[_RX_BYTE]
 

@@ -28,7 +28,7 @@ TOLERANCE = 0.005
 class _Watched:
     field: Field
     element: int
-    heard: deque[tuple[int, int]]  # by RS232
+    received: deque[tuple[int, int]]  # by RS232
     differs_since_ns: int | None = None
     can_ns: int = 0
     can_raw: int = 0
@@ -62,9 +62,9 @@ class Agreement:
         """Take what a frame brought."""
         for offset, watched in self._watched.items():
             if shadow.arrived_ns[offset] == t_ns:
-                watched.heard.append((t_ns, watched.value(shadow.image[offset : offset + watched.field.item_size])))
-            while watched.heard and watched.heard[0][0] < t_ns - WINDOW_NS:
-                watched.heard.popleft()
+                watched.received.append((t_ns, watched.value(shadow.image[offset : offset + watched.field.item_size])))
+            while watched.received and watched.received[0][0] < t_ns - WINDOW_NS:
+                watched.received.popleft()
 
     def on_can(self, windows: tuple[Window, ...], t_ns: int) -> None:
         """Compare what a message brought."""
@@ -72,11 +72,11 @@ class Agreement:
             for offset in range(window.offset, window.offset + len(window.data)):
                 watched = self._watched.get(offset)
                 data = window.data[offset - window.offset :]
-                if watched is not None and len(data) >= watched.field.item_size and watched.heard:
+                if watched is not None and len(data) >= watched.field.item_size and watched.received:
                     self._compare(watched, watched.value(data[: watched.field.item_size]), t_ns)
 
     def _compare(self, watched: _Watched, raw: int, t_ns: int) -> None:
-        values = np.array([value for t, value in watched.heard if t >= t_ns - WINDOW_NS])
+        values = np.array([value for t, value in watched.received if t >= t_ns - WINDOW_NS])
         if not len(values):
             return
         low, high = int(values.min()), int(values.max())
@@ -92,14 +92,14 @@ class Agreement:
         return tuple(
             Disagreement(
                 element_name(w.field, w.element),
-                w.heard[-1][1] * w.field.scale,
+                w.received[-1][1] * w.field.scale,
                 w.can_raw * w.field.scale,
                 w.field.unit,
                 w.differs_since_ns,
             )
             for w in self._watched.values()
             if w.differs_since_ns is not None
-            and w.heard
+            and w.received
             and t_ns - w.can_ns < FORGET_NS
             and w.can_ns - w.differs_since_ns >= PERSISTENCE_NS
         )

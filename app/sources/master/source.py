@@ -169,7 +169,7 @@ class MasterSource:
         self._can.bit_rate = bit_rate(CONFIG["can_brp"].unpack(image)[0])
 
     def _config_in_force(self) -> tuple[bytes, str] | None:
-        """Image and hash as last heard as a whole: never the pieces of two configurations."""
+        """Image and hash as last received as a whole: never the pieces of two configurations."""
         if int(self._shadow.arrived_ns[:CONFIG_SIZE].min()) < self._config_from_ns:
             return self._config
         image = bytes(self._shadow.image[:CONFIG_SIZE])

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from app.sources.links.can_controller import told_state
+from app.sources.links.can_controller import reported_state
 from simulator.can_bus import BUS_OFF, PASSIVE, CanBus, CanFrame
 from simulator.can_ports import PythonCanPort, can_port
 
@@ -68,7 +68,7 @@ def test_the_virtual_bus_shows_error_frames_with_the_state_of_the_node(bus, node
     bus.run(0.1)
     message = computer.recv(0)
     assert message.is_error_frame
-    assert told_state(message) == state
+    assert reported_state(message) == state
 
 
 def test_a_port_that_errors_took_off_the_bus_says_so(bus, node, port, computer):
@@ -81,7 +81,7 @@ def test_a_port_that_errors_took_off_the_bus_says_so(bus, node, port, computer):
     bus.run(0.1)
     states = []
     while (message := computer.recv(0)) is not None:
-        states.append(told_state(message))
+        states.append(reported_state(message))
     assert states[-1] == "off"
 
 

@@ -47,7 +47,7 @@ from app.estimation.filters.states import (
 # ruff: noqa: ANN001
 
 
-def make_believe(shape: Shape) -> Any:
+def make_report(shape: Shape) -> Any:
     """Reports SOC, sigma and validity from what the update left."""
     n, d = shape.n, 1 + shape.m
     is_fused = shape.is_fused
@@ -62,7 +62,7 @@ def make_believe(shape: Shape) -> Any:
     VALID_AT, ACCEPTED_AT = OUT_VALID * n, OUT_ACCEPTED * n
 
     @jit
-    def believe(block, slope, numbers, dt, i, out):
+    def report(block, slope, numbers, dt, i, out):
         bias_v2 = numbers[BIAS_V] * numbers[BIAS_V]
         floor_v2 = SLOPE_FLOOR_V * SLOPE_FLOOR_V
         scale = numbers[MODEL_ERROR_V] / math.sqrt(noise_variance(numbers, i))
@@ -132,4 +132,4 @@ def make_believe(shape: Shape) -> Any:
             block[SLOW_AT + c], block[SLOW_V2 + c] = slow, slow_v2
             out[VALID_AT + c] = 1.0 if (square < rms_v2) & (abs(mean) < bias_v) else 0.0
 
-    return believe
+    return report

@@ -14,7 +14,7 @@ import numpy as np
 from numba import carray  # type: ignore[attr-defined]
 
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR
-from app.estimation.filters.compiled.fusion import make_believe
+from app.estimation.filters.compiled.fusion import make_report
 from app.estimation.filters.compiled.parts import jit, moved_soc, noise_variance, soc_walk
 from app.estimation.filters.compiled.shape import (
     BRANCH_C,
@@ -353,12 +353,12 @@ def make_kernels(shape: Shape) -> tuple[Callable[..., None], Callable[..., None]
     SOC_AT, OCV_AT, SLOPE_AT = OUT_SOC * n, OUT_OCV * n, OCV_SLOPE * n
     GRID, TAU, TABLE, PLACES, WORK, STEP, VOLTS, DEGC, ANSWER, END = layout(shape)
     BLOCK = ((1 + m) * (2 + m) + N_SLOW) * n
-    place, predict, look_up, update, believe = (
+    place, predict, look_up, update, report = (
         make_place(shape),
         make_predict(shape),
         make_look_up(shape),
         make_update(shape),
-        make_believe(shape),
+        make_report(shape),
     )
 
     @jit
@@ -369,7 +369,7 @@ def make_kernels(shape: Shape) -> tuple[Callable[..., None], Callable[..., None]
         predict(block, arena[TAU:TABLE], numbers, dt, i, placed, work)
         look_up(block, table, i, over, placed, work)
         update(block, numbers, dt, i, over, voltage_v, placed, work, out)
-        believe(block, work[SLOPE_AT : SLOPE_AT + n], numbers, dt, i, out)
+        report(block, work[SLOPE_AT : SLOPE_AT + n], numbers, dt, i, out)
         for c in range(n):
             soc = out[SOC_AT + c]
             x = min(max((soc - SOC_LOW) * (1.0 / SOC_STEP), 0.0), N_SOC - 1.0)

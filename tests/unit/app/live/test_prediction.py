@@ -9,7 +9,7 @@ from app.estimation.health.capacity import CapacityTracker
 from app.estimation.health.rest_capacity import REST_S, CapacityBetweenRests
 from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
 from app.live.pipeline import Pipeline
-from app.live.prediction import Lookout
+from app.live.prediction import Predictor
 from app.sources.master.source import MasterSource
 
 CELL = load_cell("samsung-25r-10p")
@@ -22,7 +22,7 @@ def pipeline(master):
         lambda: make_estimator("fused", CELL, 96),
         filter_name="fused",
         cell_name="c",
-        lookout=Lookout(CELL, 96),
+        predictor=Predictor(CELL, 96),
     )
     chain.feed(master.config())
     return chain
@@ -33,7 +33,7 @@ def drive(pipeline, master, frames, current_raw=5000):
     snapshot = None
     for _ in range(frames):
         snapshot = pipeline.feed(master.frame()).snapshot
-        pipeline.look_ahead()
+        pipeline.predict()
     return snapshot
 
 
@@ -115,7 +115,7 @@ def test_the_past_is_kept_over_a_restart_and_believed_where_the_voltage_agrees(t
     remembered = estimate.soc + 0.02
     remembered[5] += 0.4
     path = tmp_path / "cells.npz"
-    save_learned_state(path, LearnedState(10, remembered, np.full(96, 0.001), Lookout(CELL, 96).past))
+    save_learned_state(path, LearnedState(10, remembered, np.full(96, 0.001), Predictor(CELL, 96).learned_cells))
     start = load_learned_state(path).start(10)
     second = Pipeline(
         MasterSource("serial"),
@@ -145,7 +145,7 @@ def test_the_offset_of_the_current_sensor_is_found_with_open_relays_and_not_coun
     def wait(seconds):
         for _ in range(seconds // 5):
             snapshot = pipeline.feed(master.frame(ms=5000)).snapshot
-            pipeline.look_ahead()
+            pipeline.predict()
         return snapshot
 
     before = wait(50).estimator
@@ -164,6 +164,6 @@ def test_the_offset_is_not_taken_off_where_it_is_not_observable(pipeline, master
     master.set("i_fs", [200])
     for _ in range(24):
         snapshot = pipeline.feed(master.frame(ms=5000)).snapshot
-        pipeline.look_ahead()
+        pipeline.predict()
     assert snapshot.estimator.current_offset_a is None
-    assert pipeline._lookout.offset_a == 0.0
+    assert pipeline._predictor.offset_a == 0.0

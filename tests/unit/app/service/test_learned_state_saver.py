@@ -5,29 +5,29 @@ import pytest
 from app.estimation.cell_model.cell_file import load_cell
 from app.live.learned_state import load_learned_state
 from app.live.pipeline_factory import Chain
-from app.live.prediction import Lookout
+from app.live.prediction import Predictor
 from app.service.learned_state_saver import EVERY_S, LearnedStateSaver
 from firmware_protocol.memory_map import N_CELLS
 
 
 @pytest.fixture
-def lookout():
-    return Lookout(load_cell("samsung-25r-10p"), N_CELLS)
+def predictor():
+    return Predictor(load_cell("samsung-25r-10p"), N_CELLS)
 
 
 @pytest.fixture
-def pipeline(lookout):
-    return Chain("coulomb", "samsung-25r-10p").pipeline("serial", lookout=lookout)
+def pipeline(predictor):
+    return Chain("coulomb", "samsung-25r-10p").pipeline("serial", predictor=predictor)
 
 
-def test_before_the_first_estimate_nothing_is_saved(tmp_path, pipeline, lookout, clock):
-    LearnedStateSaver(tmp_path / "cells.npz", pipeline, lookout, clock).save()
+def test_before_the_first_estimate_nothing_is_saved(tmp_path, pipeline, predictor, clock):
+    LearnedStateSaver(tmp_path / "cells.npz", pipeline, predictor, clock).save()
     assert not (tmp_path / "cells.npz").exists()
 
 
-def test_it_is_saved_after_five_minutes_and_not_before(tmp_path, pipeline, lookout, clock, master):
+def test_it_is_saved_after_five_minutes_and_not_before(tmp_path, pipeline, predictor, clock, master):
     path = tmp_path / "cells.npz"
-    saver = LearnedStateSaver(path, pipeline, lookout, clock)
+    saver = LearnedStateSaver(path, pipeline, predictor, clock)
     output = pipeline.feed(master.frame())
     clock.advance(EVERY_S)
     saver.on_output(output, clock.monotonic_ns())

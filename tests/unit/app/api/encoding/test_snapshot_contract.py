@@ -52,7 +52,7 @@ def short_drive(pipeline, master):
             pipeline.feed(master.item(MessageType.EVENT, trip.to_body()))
             master.set("status.flags", [0])
         snapshot = pipeline.feed(master.frame()).snapshot
-        pipeline.look_ahead()
+        pipeline.predict()
         if step in (0, 250, 599):
             yield f"step {step}", snapshot
     t_ns = master.t_ns + 12_000_000_000

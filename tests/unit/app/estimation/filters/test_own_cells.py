@@ -73,7 +73,7 @@ def grown(factor):
 
 @pytest.mark.parametrize("name", ["coulomb", "ekf", "cdkf", "fused"])
 def test_voltages_are_foretold_with_the_cells_own_resistance(name):
-    def foretold(cell, taught):
+    def predicted(cell, taught):
         estimator = make_estimator(name, cell, 3, engine="numpy")
         estimator.use_resistance(taught)
         estimator.start(VOLTS, DEGC, 30.0, 0.8, 0.001)
@@ -81,9 +81,9 @@ def test_voltages_are_foretold_with_the_cells_own_resistance(name):
             found = estimator.step(1.0, 60.0 if k % 3 else -20.0, np.full(3, np.nan), DEGC)
         return found.voltage_v, found.soc
 
-    mixed = foretold(CELL, GROWN)
+    mixed = predicted(CELL, GROWN)
     for k, factor in enumerate(GROWN):
-        alone = foretold(grown(factor), 1.0)
+        alone = predicted(grown(factor), 1.0)
         np.testing.assert_allclose(mixed[0][k], alone[0][k], atol=2e-3)
         np.testing.assert_allclose(mixed[1][k], alone[1][k], atol=2e-3)
     assert np.ptp(mixed[0]) > 0.005

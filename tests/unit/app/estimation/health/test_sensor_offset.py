@@ -25,7 +25,7 @@ def tracked(current, dt_s, offset_a=OFFSET_A, gain=1.0, start_soc=0.8):
     for k in range(n):
         estimator.step(dt_s if k else 0.0, float(sensed[k]), volts[k : k + 1], np.array([30.0]))
         if tracker.step(dt_s if k else 0.0, float(sensed[k])):
-            tracker.look(*estimator.heard())
+            tracker.compare(*estimator.voltage_soc())
     return tracker.estimate()
 
 
@@ -66,7 +66,7 @@ def test_a_minute_with_open_relays_shows_even_a_large_offset():
     due = [tracker.step(1.0, offset_a, is_open=True) for _ in range(60)]
     assert due[-1]
     assert not any(due[:-1])
-    tracker.look(np.array([0.6]), np.array([0.02]))
+    tracker.compare(np.array([0.6]), np.array([0.02]))
     found = tracker.estimate()
     assert found.is_observed
     assert abs(found.offset_a - offset_a) < 3.0 * found.sigma_a
@@ -76,12 +76,12 @@ def test_an_interruption_forgets_the_charge_and_keeps_the_offset():
     tracker = OffsetTracker(C_A)
     for _ in range(60):
         tracker.step(1.0, OFFSET_A, is_open=True)
-    tracker.look(np.array([0.8]), np.array([0.005]))
+    tracker.compare(np.array([0.8]), np.array([0.005]))
     before = tracker.estimate()
     tracker.interrupt()
     for _ in range(60):
         tracker.step(1.0, OFFSET_A)
-    tracker.look(np.array([0.3]), np.array([0.005]))
+    tracker.compare(np.array([0.3]), np.array([0.005]))
     after = tracker.estimate()
     assert after.is_observed
     assert abs(after.offset_a - before.offset_a) < 0.1 * before.sigma_a, "half the charge may have gone unseen"
@@ -91,10 +91,10 @@ def test_what_was_seen_long_ago_is_less_sure():
     tracker = OffsetTracker(C_A)
     for _ in range(60):
         tracker.step(1.0, OFFSET_A, is_open=True)
-    tracker.look(np.array([0.8]), np.array([0.01]))
+    tracker.compare(np.array([0.8]), np.array([0.01]))
     before = tracker.estimate().sigma_a
     for _ in range(6 * 60):
         tracker.interrupt()
         tracker.step(60.0, OFFSET_A)
-        tracker.look(np.array([0.8]), np.array([0.25]))
+        tracker.compare(np.array([0.8]), np.array([0.25]))
     assert tracker.estimate().sigma_a > 1.5 * before

@@ -16,11 +16,11 @@ def states(soc=0.5, degc=25.0, n=96):
 
 
 def state_of_power(model, cells):
-    return model.foretell(cells, ())[0]
+    return model.predict(cells, ())[0]
 
 
 def times_to_trip(model, cells, current_a):
-    return model.foretell(cells, (current_a,), ())[1][0]
+    return model.predict(cells, (current_a,), ())[1][0]
 
 
 def driven(soc, current_a, seconds, degc=25.0):
@@ -149,7 +149,7 @@ def test_asked_together_or_alone_the_answers_are_the_same():
     rng = np.random.default_rng(5)
     cells = states(rng.uniform(0.3, 0.6, 96), 30.0)
     model = PowerModel(CELL, WIDE, rng.uniform(0.9, 1.4, 96), CELL.capacity_ah * rng.uniform(0.9, 1.0, 96))
-    power, trips = model.foretell(cells, (40.0, -25.0))
+    power, trips = model.predict(cells, (40.0, -25.0))
     alone = state_of_power(model, cells)
     for one, other in zip(power.discharge + power.charge, alone.discharge + alone.charge, strict=True):
         assert (one.cell, one.reason) == (other.cell, other.reason)

@@ -3,7 +3,7 @@
 import can
 import pytest
 
-from app.sources.links.can_controller import ControllerWatch, told_state
+from app.sources.links.can_controller import ControllerWatch, reported_state
 
 
 def frame(can_id, *data):
@@ -26,7 +26,7 @@ def frame(can_id, *data):
     ids=["bus-off", "passive tx", "passive rx", "warning", "active", "restarted", "no data", "stuff error", "no ack"],
 )
 def test_an_error_frame_tells_the_state_or_nothing_of_it(message, state):
-    assert told_state(message) == state
+    assert reported_state(message) == state
 
 
 def test_an_error_that_says_nothing_of_the_state_leaves_it():
