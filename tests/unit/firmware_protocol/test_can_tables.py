@@ -82,7 +82,9 @@ def test_host_learns_what_the_master_sent():
     assert shadow.count(0x55) >= MASTER_SIZE - 16
 
 
-@pytest.mark.parametrize(("low", "value"), [(b"\x05\x00", 5), (b"\xfb\xff", -5), (b"\x00\x80", -32768)])
+@pytest.mark.parametrize(
+    ("low", "value"), [(b"\x05\x00", 5), (b"\x05\x01", 261), (b"\xfb\xff", -5), (b"\x00\x80", -32768)]
+)
 def test_low_bytes_of_a_signed_number_bring_their_sign(low, value):
     tx = replace(TX[1], data_offsets=(1884, 1885) + (BYTE_UNUSED,) * 6, length=2)
     [window] = can_tables.windows_of_tx(tx, low)
@@ -105,6 +107,21 @@ def test_unsigned_number_is_not_completed():
 def test_the_later_of_two_bytes_for_one_place_counts():
     rx = replace(RX[0], data_offsets=(440, 440) + (BYTE_UNUSED,) * 6)
     assert can_tables.apply_received(rx, b"\x01\x02", bytearray(MASTER_SIZE)) == (Window(440, b"\x02"),)
+
+
+def test_a_message_that_is_sent_and_listened_for_is_read_by_both_tables():
+    both = can_tables.with_rx_messages(
+        DEFAULT, [replace(RX[1], can_id=0x100, length=1, data_offsets=(440,) + (BYTE_UNUSED,) * 7)]
+    )
+    found = can_tables.TableReader(both).windows(0x100, b"\x07\x27")
+    assert found == (Window(2982, b"\x07\x27"), Window(440, b"\x07"))
+
+
+def test_an_entry_just_beyond_the_struct_takes_nothing():
+    image = bytearray(MASTER_SIZE)
+    rx = replace(RX[0], data_offsets=(MASTER_SIZE, MASTER_SIZE - 1) + (BYTE_UNUSED,) * 6)
+    assert can_tables.apply_received(rx, b"\x11\x22", image) == (Window(MASTER_SIZE - 1, b"\x22"),)
+    assert len(image) == MASTER_SIZE
 
 
 def test_tables_put_back_give_the_same_image():

@@ -31,6 +31,10 @@ def test_reply_ends_the_request_and_the_next_has_the_next_sequence():
     assert [frame_of(raw).sequence for raw in (first, second)] == [255, 0]
 
 
+def test_a_request_carries_no_time_of_the_host():
+    assert frame_of(Exchange().start(IdentRequest(), 12.5)).uptime_ms == 0
+
+
 def test_a_refusal_ends_the_request_too():
     exchange = Exchange()
     assert exchange.on_reply(reply_to(exchange.start(Store(), 0.0), Result.NOT_NOW))

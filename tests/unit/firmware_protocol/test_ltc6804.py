@@ -233,6 +233,11 @@ def test_status_flags_of_each_cell_have_their_bits(cell):
     assert [StatusB.from_bytes(status.to_bytes()) for status in (under, over)] == [under, over]
 
 
+def test_a_status_with_flags_for_fewer_cells_on_one_side_is_refused():
+    with pytest.raises(ValueError, match="shorter"):
+        StatusB(0, (False,) * 12, (False,) * 11).to_bytes()
+
+
 @pytest.mark.parametrize("size", [0, 5, 7])
 @pytest.mark.parametrize(
     "parse", [Configuration.from_bytes, StatusA.from_bytes, StatusB.from_bytes, ltc6804.decode_words]
