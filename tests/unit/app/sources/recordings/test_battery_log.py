@@ -1,0 +1,168 @@
+"""A table and a profile make a recording in our units; what was left out, sorted or spread is said."""
+
+import numpy as np
+import pytest
+
+from app.battery.shape import N_CELLS
+from app.errors import ImportFailed
+from app.sources.recordings.battery_log import battery_log
+from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.table import Table
+
+PROFILE = ImportProfile(time="t", current="I", voltages="V{n}")
+
+
+def table(n=4, **columns):
+    """Time in seconds, 10 A and two cells, and what a test adds or replaces."""
+    plain = {"t": np.arange(n), "I": np.full(n, 10.0), "V1": np.full(n, 3.7), "V2": np.full(n, 3.8)}
+    return Table("pack.csv", {name: np.asarray(v, dtype=float) for name, v in (plain | columns).items()})
+
+
+def test_cells_without_a_column_are_not_measured():
+    log = battery_log(table(), PROFILE)
+    assert log.n_cells == 2
+    np.testing.assert_array_equal(log.voltages_v[0, :2], [3.7, 3.8])
+    assert np.isnan(log.voltages_v[:, 2:]).all()
+    assert log.voltages_v.shape == log.temperatures_degc.shape == (4, N_CELLS)
+    assert np.isnan(log.temperatures_degc).all()
+    assert (log.soc, log.notes) == (None, ())
+
+
+@pytest.mark.parametrize(
+    ("change", "current_a", "voltage_v"),
+    [
+        ({}, 10.0, 3.7),
+        ({"charge_positive": True}, -10.0, 3.7),
+        ({"current_unit": "mA"}, 0.01, 3.7),
+        ({"current_unit": "0.1A"}, 1.0, 3.7),
+    ],
+)
+def test_units_and_sign_are_ours(change, current_a, voltage_v):
+    log = battery_log(table(), ImportProfile(time="t", current="I", voltages="V{n}", **change))
+    assert log.current_a == pytest.approx(current_a)
+    assert log.voltages_v[:, 0] == pytest.approx(voltage_v)
+
+
+@pytest.mark.parametrize(("unit", "volts"), [("V", 3.7), ("mV", 3700.0), ("0.1mV", 37000.0)])
+def test_voltages_in_every_unit(unit, volts):
+    log = battery_log(table(V1=np.full(4, volts), V2=np.full(4, volts)), ImportProfile(time="t", current="I",
+                      voltages="V{n}", voltage_unit=unit))  # fmt: skip
+    assert log.voltages_v[:, :2] == pytest.approx(3.7)
+
+
+@pytest.mark.parametrize(("unit", "value"), [("degC", 25.0), ("K", 298.15), ("degF", 77.0), ("0.1degC", 250.0)])
+def test_temperatures_in_every_unit(unit, value):
+    profile = ImportProfile(time="t", current="I", voltages="V{n}", temperatures="T{n}", temperature_unit=unit)
+    log = battery_log(table(T1=np.full(4, value), T2=np.full(4, value)), profile)
+    assert log.temperatures_degc[:, :2] == pytest.approx(25.0)
+
+
+@pytest.mark.parametrize(("unit", "value"), [("percent", 55.0), ("fraction", 0.55)])
+def test_soc_is_a_fraction(unit, value):
+    profile = ImportProfile(time="t", current="I", voltages="V{n}", soc="S", soc_unit=unit)
+    assert battery_log(table(S=np.full(4, value)), profile).soc == pytest.approx(0.55)
+
+
+@pytest.mark.parametrize("volts", [0.0, 0.5, 6.0, 6.5535, -1.0, float("nan")])
+def test_a_voltage_that_no_cell_has_is_missing(volts):
+    log = battery_log(table(V2=[3.8, volts, 3.8, 3.8]), PROFILE)
+    assert np.flatnonzero(np.isnan(log.voltages_v[:, 1])).tolist() == [1]
+
+
+def test_a_wrong_unit_of_voltages_is_refused_by_name():
+    with pytest.raises(ImportFailed, match=r"pack\.csv: voltage_unit = V: no cell voltage is within"):
+        battery_log(table(V1=np.full(4, 3700.0), V2=np.full(4, 3800.0)), PROFILE)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "expected"),
+    [
+        (1, [20, 20, 20, 20]),
+        (2, [20, 20, 21, 21]),
+        (3, [20, 20, 21, 22]),
+        (4, [20, 21, 22, 23]),
+        (6, [20, 21, 22, 23]),
+    ],
+)
+def test_sensors_are_spread_over_the_cells_in_order(sensors, expected):
+    cells = {f"V{n}": np.full(4, 3.7) for n in range(1, 5)}
+    temperatures = {f"T{n}": np.full(4, 19.0 + n) for n in range(1, sensors + 1)}
+    log = battery_log(table(**cells, **temperatures), ImportProfile(time="t", current="I", voltages="V{n}",
+                      temperatures="T{n}"))  # fmt: skip
+    np.testing.assert_array_equal(log.temperatures_degc[0, :4], expected)
+    assert np.isnan(log.temperatures_degc[0, 4:]).all()
+    said = {4: ()}.get(
+        sensors,
+        (
+            f"{sensors} temperatures for 4 cells: "
+            + ("the first 4 are taken" if sensors > 4 else "each stands for the cells next to it"),
+        ),
+    )
+    assert log.notes == said  # fmt: skip
+
+
+def test_time_begins_at_the_first_row_and_a_wall_clock_is_kept():
+    started = 1_780_000_000.0
+    log = battery_log(table(t=started + np.arange(4.0)), PROFILE)
+    np.testing.assert_array_equal(log.time_s, [0, 1, 2, 3])
+    assert log.started_unix_s == started
+    log = battery_log(table(t=5.0 + np.arange(4.0)), PROFILE)
+    assert (log.time_s[0], log.started_unix_s) == (0.0, None)
+
+
+def test_without_a_time_rows_are_a_tenth_of_a_second_apart_and_that_is_said():
+    log = battery_log(table(), ImportProfile(current="I", voltages="V{n}"))
+    assert log.time_s == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    assert log.notes == ("no column is the time: rows are taken 0.1 s apart",)
+
+
+def test_rows_out_of_order_are_sorted_with_all_their_values():
+    log = battery_log(table(t=[0, 2, 1, 3], I=[0, 2, 1, 3], V1=[3.0, 3.2, 3.1, 3.3]), PROFILE)
+    np.testing.assert_array_equal(log.current_a, [0, 1, 2, 3])
+    np.testing.assert_array_equal(log.voltages_v[:, 0], [3.0, 3.1, 3.2, 3.3])
+    assert log.notes == ("rows were not in the order of time: sorted",)
+
+
+def test_rows_without_a_time_of_their_own_are_left_out_and_counted():
+    log = battery_log(table(t=[0, 1, 1, np.nan], I=[0, 1, 2, 3]), PROFILE)
+    np.testing.assert_array_equal(log.current_a, [0, 1])
+    assert log.notes == ("2 of 4 rows left out: no time, a time twice, or quicker than max_rate_hz",)
+
+
+def test_rows_that_come_quicker_than_asked_for_are_left_out():
+    profile = ImportProfile(time="t", current="I", voltages="V{n}", max_rate_hz=1.0)
+    log = battery_log(table(10, t=np.arange(10) / 4.0), profile)
+    np.testing.assert_array_equal(log.time_s, [0, 1, 2])
+
+
+def test_no_time_at_all_is_refused():
+    with pytest.raises(ImportFailed, match="no row has a time"):
+        battery_log(table(t=[np.nan] * 4), PROFILE)
+
+
+def test_a_wrong_unit_of_time_is_asked_for():
+    with pytest.raises(ImportFailed, match="it is 12 days long, at most 7: is the unit of time right"):
+        battery_log(table(t=np.arange(4) * 4 * 86_400.0), PROFILE)
+
+
+def test_a_battery_that_is_too_large_is_refused_with_its_size():
+    cells = {f"V{n}": np.full(4, 3.7) for n in range(1, N_CELLS + 2)}
+    with pytest.raises(ImportFailed, match=f"{N_CELLS + 1} cells, up to {N_CELLS} can be shown"):
+        battery_log(table(**cells), PROFILE)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"current": "amps"}, "current = 'amps': no such column"),
+        ({"voltages": "Cell {n}"}, "voltages = 'Cell {n}': no column fits"),
+        ({"time": "clock"}, "time = 'clock': no such column"),
+        ({"soc": "S"}, "soc = 'S': no such column"),
+        ({"temperatures": "T{n}"}, "temperatures = 'T{n}': no column fits"),
+    ],
+)
+def test_a_column_that_is_missing_is_named_with_those_there_are(change, reason):
+    with pytest.raises(ImportFailed) as refused:
+        battery_log(table(), ImportProfile(**({"time": "t", "current": "I", "voltages": "V{n}"} | change)))
+    assert reason in str(refused.value)
+    assert "'t', 'I', 'V1', 'V2'" in str(refused.value)
