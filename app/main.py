@@ -35,7 +35,7 @@ from app.service.host import ClockWatch
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
 from app.service.wiring import make_service
-from app.sessions.replay import Estimates, Playing
+from app.sessions.replay import Estimates, ReplayOptions
 from app.telemetry import Source
 
 STATIC = files("app") / "static"
@@ -78,7 +78,7 @@ def create_app(
         try:
             service.start()
             if replay is not None:
-                service.replay.start(replay.path, Playing(replay.speed, estimates=replay.estimates))
+                service.replay.start(replay.path, ReplayOptions(replay.speed, estimates=replay.estimates))
             yield
         finally:
             await asyncio.to_thread(service.stop)

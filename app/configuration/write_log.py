@@ -42,7 +42,7 @@ class WriteLog:
 
     def written(self, attempt: Attempt, changes: list[Change]) -> None:
         """A configuration was written and read back."""
-        told, reason = _told(changes), attempt.reason.strip()
+        told, reason = _changes_message(changes), attempt.reason.strip()
         message = Message("config-written", changes=told)
         if reason:
             message = Message("config-written-because", changes=told, reason=reason)
@@ -56,7 +56,7 @@ class WriteLog:
 
     def loaded(self, attempt: Attempt, changes: list[Change]) -> None:
         """The stored configuration was put in force and read back."""
-        told = _told(changes) if changes else Message("nothing-changed")
+        told = _changes_message(changes) if changes else Message("nothing-changed")
         self._note("info", "config-loaded", Message("config-loaded", changes=told), attempt.who)
         self._remember(attempt, "done")
 
@@ -81,7 +81,7 @@ class WriteLog:
             self._note("warning", "config-history-failed", Message("history-failed", error=str(error)), who)
 
 
-def _told(changes: list[Change]) -> Message:
+def _changes_message(changes: list[Change]) -> Message:
     shown = tuple(
         f"{c.field}{'' if c.element is None else f'[{c.element}]'} {c.before} -> {c.after} {c.unit}".rstrip()
         for c in changes[:8]

@@ -1,6 +1,6 @@
 """Items in, snapshots out: source, estimator, alarms, in one place and one order. No I/O; time comes with items.
 
-Replaying recorded items through a fresh Pipeline gives the same snapshots again.
+ReplayPlayer recorded items through a fresh Pipeline gives the same snapshots again.
 """
 
 import threading

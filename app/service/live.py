@@ -13,7 +13,7 @@ from app.live.pipeline import Output, Pipeline
 from app.live.trend import Trend
 from app.service.failures import Failures
 from app.service.inbox import Inbox
-from app.sessions.replay import Replaying
+from app.sessions.replay import ReplayPlayer
 from app.telemetry import Identity, Item, Snapshot
 from app.words import Message, Quantity
 
@@ -33,7 +33,7 @@ class Live:
         pipeline: Pipeline,
         inbox: Inbox,
         hub: Hub[Snapshot],
-        replay: Replaying,
+        replay: ReplayPlayer,
         clock: Clock,
         *,
         on_item: Sequence[ItemListener],

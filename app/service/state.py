@@ -3,7 +3,7 @@
 from app.service.configuration import ConfigurationInForce
 from app.service.events import Events
 from app.sessions.recording.auto_recorder import AutoRecorder
-from app.sessions.replay import Replaying
+from app.sessions.replay import ReplayPlayer
 from app.telemetry.service_state import Recording, ServiceState
 
 
@@ -19,7 +19,7 @@ class ServiceStateReader:
     """Asks the parts."""
 
     def __init__(
-        self, recorder: AutoRecorder, replay: Replaying, events: Events, configuration: ConfigurationInForce
+        self, recorder: AutoRecorder, replay: ReplayPlayer, events: Events, configuration: ConfigurationInForce
     ) -> None:
         self._recorder = recorder
         self._replay = replay

@@ -42,7 +42,7 @@ from app.sessions.catalogue import Catalogue
 from app.sessions.event_log import EventLog
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.recording.writer import DiskLimits
-from app.sessions.replay import Replaying
+from app.sessions.replay import ReplayPlayer
 from app.sessions.retention import Retention, RetentionRule
 from app.sessions.transfer.import_jobs import ImportJobs
 from app.sessions.transfer.jobs import FetchJobs
@@ -61,7 +61,7 @@ class Service:
     live: Live
     trace: CanTrace
     pipelines: Pipelines
-    replay: Replaying
+    replay: ReplayPlayer
     recorder: AutoRecorder
     catalogue: Catalogue
     retention: Retention
@@ -169,7 +169,9 @@ def make_service(
     pipeline = pipelines.new(source, serial_url, can_url, predictor, start_soc)
     learned_state = LearnedStateSaver(data / "cells.npz", pipeline, predictor, clock)
     hub: Hub[Snapshot] = Hub()
-    replay = Replaying(pipelines.new, hub.publish_threadsafe, partial(events.note, "warning", "replay-failed"), clock)
+    replay = ReplayPlayer(
+        pipelines.new, hub.publish_threadsafe, partial(events.note, "warning", "replay-failed"), clock
+    )
 
     # The links, and the configuration behind them
     inbox = Inbox()

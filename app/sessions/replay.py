@@ -35,7 +35,7 @@ Estimates = Literal["recomputed", "recorded"]
 
 
 @dataclass(frozen=True)
-class Playing:
+class ReplayOptions:
     """How a session is played: which filter and cell recompute the estimates, None = the service's; which are shown."""
 
     speed: float = 1.0
@@ -52,8 +52,8 @@ class _Replay:
     pacer: Pacer
     recorded: RecordedEstimates
     pipeline: Pipeline
-    playing: Playing
-    is_fresh_chain_due: bool = False
+    options: ReplayOptions
+    is_new_pipeline_due: bool = False
     compared: ReplayCompared | None = None
 
 
@@ -74,7 +74,7 @@ def prepare(pipeline: Pipeline, file: SessionFile) -> None:
         pipeline.feed(LinkChange(started_ns, wall_ns, link, "open"))
 
 
-class Replaying:
+class ReplayPlayer:
     """At most one replay at a time, in a thread of its own, which alone touches the file."""
 
     def __init__(
@@ -97,26 +97,26 @@ class Replaying:
         self._orders: Orders = queue.SimpleQueue()
         self._state: Replay | None = None
         self._latest: Snapshot | None = None
-        self._telling = threading.Lock()  # between being asked whether it is wanted and saying it
+        self._state_lock = threading.Lock()  # held from asking whether a thread is the current one to setting its state
 
     @property
     def is_active(self) -> bool:
         """A replay is shown."""
         return self._thread is not None
 
-    def start(self, path: Path, playing: Playing) -> None:
+    def start(self, path: Path, options: ReplayOptions) -> None:
         """Begin at the start of a session; another replay ends.
 
         Raises:
             AppError: the file cannot be played, or not with this filter or cell; nothing is shown of it.
         """
-        pipeline = self._chain(playing)
+        pipeline = self._new_pipeline_for(options)
         with self._lock:
             self._end()
             self._latest = None
             self._orders = queue.SimpleQueue()
             started: Future[None] = Future()
-            arguments = (path, playing, pipeline, self._orders, started)
+            arguments = (path, options, pipeline, self._orders, started)
             self._thread = threading.Thread(target=self._run, args=arguments, name="replay", daemon=True)
             self._thread.start()
             try:
@@ -131,20 +131,20 @@ class Replaying:
             self._end()
 
     def _end(self) -> None:
-        with self._telling:
+        with self._state_lock:
             thread, self._thread, self._state = self._thread, None, None
         if thread is not None:
             self._orders.put(None)
             thread.join(timeout=self._end_s)  # one that compiles a filter ends later, and says nothing more
 
-    def _is_wanted(self) -> bool:
+    def _is_current(self) -> bool:
         """The thread that asks is the replay that is shown, not one that was told to end."""
         return threading.current_thread() is self._thread
 
-    def _tell(self, replay: _Replay, now_s: float) -> None:
+    def _publish_state(self, replay: _Replay, now_s: float) -> None:
         state = _state(replay, now_s)
-        with self._telling:
-            if self._is_wanted():
+        with self._state_lock:
+            if self._is_current():
                 self._state = state
 
     def control(
@@ -180,7 +180,7 @@ class Replaying:
             elif loop is not None:
                 pacer.set_loop(*loop)
             if estimates is not None:
-                replay.playing = replace(replay.playing, estimates=estimates)
+                replay.options = replace(replay.options, estimates=estimates)
             if seek_s is not None:
                 _jump(replay, seek_s, now_s)
             if step:
@@ -192,18 +192,20 @@ class Replaying:
         """Where it stands; None without one."""
         return self._state
 
-    def _chain(self, playing: Playing) -> Pipeline:
+    def _new_pipeline_for(self, options: ReplayOptions) -> Pipeline:
         return self._new_pipeline(
-            "replay", "recorded", "recorded", filter_name=playing.filter_name, cell_name=playing.cell_name
+            "replay", "recorded", "recorded", filter_name=options.filter_name, cell_name=options.cell_name
         )
 
-    def _run(self, path: Path, playing: Playing, pipeline: Pipeline, orders: Orders, started: "Future[None]") -> None:
+    def _run(
+        self, path: Path, options: ReplayOptions, pipeline: Pipeline, orders: Orders, started: "Future[None]"
+    ) -> None:
         try:
             with SessionFile(path) as file:
-                pacer = Pacer(file, now_s=self._clock.monotonic_s(), speed=playing.speed)
-                replay = _Replay(file, pacer, RecordedEstimates(file), pipeline, playing)
+                pacer = Pacer(file, now_s=self._clock.monotonic_s(), speed=options.speed)
+                replay = _Replay(file, pacer, RecordedEstimates(file), pipeline, options)
                 prepare(pipeline, file)
-                self._tell(replay, self._clock.monotonic_s())
+                self._publish_state(replay, self._clock.monotonic_s())
                 started.set_result(None)
                 pipeline.warm_up()  # compiling a filter takes seconds, which are not the session's
                 pacer.seek(0.0, self._clock.monotonic_s())
@@ -215,21 +217,21 @@ class Replaying:
             log.exception("the replay failed")
             self._on_failure(Message("replay-failed", session=path.stem, error=told_by(error)))
         finally:
-            with self._telling:
-                if self._is_wanted():  # nobody waits for this end: the live source is shown again
+            with self._state_lock:
+                if self._is_current():  # nobody waits for this end: the live source is shown again
                     self._thread = self._state = None
 
     def _play(self, replay: _Replay, orders: Orders) -> None:
         pacer, shown_s = replay.pacer, 0.0
-        while self._is_wanted():
+        while self._is_current():
             now_s = self._clock.monotonic_s()
             if pacer.loop is not None and pacer.is_loop_over(now_s):
                 _jump(replay, pacer.loop[0], now_s)
-            if replay.is_fresh_chain_due:
-                replay.is_fresh_chain_due = False
-                replay.pipeline = self._chain(replay.playing)
+            if replay.is_new_pipeline_due:
+                replay.is_new_pipeline_due = False
+                replay.pipeline = self._new_pipeline_for(replay.options)
                 prepare(replay.pipeline, replay.file)
-            self._tell(replay, now_s)
+            self._publish_state(replay, now_s)
             if self._take(replay, pacer.due(now_s)):
                 shown_s = now_s
             if self._latest is not None and now_s - shown_s > REPEAT_S:
@@ -248,15 +250,15 @@ class Replaying:
         """Put what is due through the chain; True where something was shown."""
         shown = False
         for received in due:
-            if not self._is_wanted():
+            if not self._is_current():
                 break
             snapshot = replay.pipeline.feed(item_of(received)).snapshot
             replay.pipeline.predict()
-            if snapshot is None or not self._is_wanted():
+            if snapshot is None or not self._is_current():
                 continue
             recorded = replay.recorded.at(snapshot.t_mono_ns)
             replay.compared = _compared(snapshot, recorded)
-            if replay.playing.estimates == "recorded":
+            if replay.options.estimates == "recorded":
                 snapshot = as_recorded(snapshot, recorded)
             self._latest, shown = snapshot, True
             self._show(snapshot)
@@ -292,11 +294,11 @@ def _jump(replay: _Replay, position_s: float, now_s: float) -> None:
     before_s = replay.pacer.position_s(now_s)
     replay.pacer.seek(position_s, now_s)
     if abs(replay.pacer.position_s(now_s) - before_s) > JUMP_S or replay.pacer.position_s(now_s) == 0.0:
-        replay.is_fresh_chain_due = True
+        replay.is_new_pipeline_due = True
 
 
 def _state(replay: _Replay, now_s: float) -> Replay:
-    pacer, playing = replay.pacer, replay.playing
+    pacer, options = replay.pacer, replay.options
     return Replay(
         session_id=replay.file.info.id,
         position_s=round(pacer.position_s(now_s), 3),
@@ -307,6 +309,6 @@ def _state(replay: _Replay, now_s: float) -> Replay:
         loop=pacer.loop,
         filter=replay.pipeline.filter_name,
         cell=replay.pipeline.cell_name,
-        estimates=playing.estimates,
+        estimates=options.estimates,
         compared=replay.compared,
     )

@@ -33,7 +33,7 @@ from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound
 from app.sessions.export.formats import FORMATS, export
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
-from app.sessions.replay import Playing
+from app.sessions.replay import ReplayOptions
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 from app.sessions.storage.files import sha256
 from app.words import Message
@@ -335,7 +335,7 @@ def replay(
         path = catalogue.path(body.session_id)
     except SessionNotFound as error:
         raise not_found("session", body.session_id) from error
-    replay.start(path, Playing(body.speed, body.filter, body.cell, body.estimates))
+    replay.start(path, ReplayOptions(body.speed, body.filter, body.cell, body.estimates))
     events.note("info", "replay", Message("replay-started", session=body.session_id), user.name)
     return {"replay": replay.state()}
 

@@ -32,7 +32,7 @@ from app.service.simulator_process import SimulatorProcess
 from app.service.wiring import Service
 from app.sessions.catalogue import Catalogue
 from app.sessions.recording.auto_recorder import AutoRecorder
-from app.sessions.replay import Replaying
+from app.sessions.replay import ReplayPlayer
 from app.sessions.transfer.import_jobs import ImportJobs
 from app.sessions.transfer.jobs import FetchJobs
 from app.words import Message
@@ -99,7 +99,7 @@ PassportsPart = Annotated[PassportKeeper, _from_service("passports")]
 PipelinesPart = Annotated[Pipelines, _from_service("pipelines")]
 ProfilesPart = Annotated[Profiles, _from_service("profiles")]
 RecorderPart = Annotated[AutoRecorder, _from_service("recorder")]
-ReplayPart = Annotated[Replaying, _from_service("replay")]
+ReplayPart = Annotated[ReplayPlayer, _from_service("replay")]
 RulesPart = Annotated[Rules, _from_service("rules")]
 SettingsPart = Annotated[Settings, _from_service("settings")]
 SlaveChecksPart = Annotated[SlaveCheckLog, _from_service("slave_checks")]

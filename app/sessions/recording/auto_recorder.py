@@ -70,7 +70,7 @@ class AutoRecorder:
         self._retry_ns = 0
         self._config: bytes | None = None
         self._status: tuple[float, RecorderStatus] | None = None
-        self._told: Message | str | None = None
+        self._reported: Message | str | None = None
         self._session_id: str | None = None
 
     @property
@@ -118,7 +118,7 @@ class AutoRecorder:
         with self._lock:
             info = self._recorder.split(self._plan.metadata() | self._source)
             self._status = None
-        self._tell_split()
+        self._report_split()
         return info
 
     @property
@@ -185,8 +185,8 @@ class AutoRecorder:
             self._last_good_ns = None
             self._held_back = not self._automatic
             self._end(Message("master-gone"))
-        self._tell_split()
-        self._tell_trouble()
+        self._report_split()
+        self._report_trouble()
 
     def on_event(self, event: Event) -> None:
         """Record an event."""
@@ -201,8 +201,8 @@ class AutoRecorder:
             self.start()
         except AppError as error:
             self._retry_ns = t_mono_ns + int(RETRY_S * 1e9)
-            if self._told != error.message:
-                self._told = error.message
+            if self._reported != error.message:
+                self._reported = error.message
                 self._on_event(self._event("recording-failed", error.message, "warning"))
 
     def _recorder_is_idle(self) -> bool:
@@ -216,7 +216,7 @@ class AutoRecorder:
             self._on_event(self._event("recording-stopped", Message("recording-ended", session=info.id, why=why)))
         return info
 
-    def _tell_split(self) -> None:
+    def _report_split(self) -> None:
         session = self.session
         with self._lock:
             is_news = session is not None and session.id != self._session_id
@@ -227,12 +227,12 @@ class AutoRecorder:
     def _event(self, code: str, message: Message, severity: Severity = "info") -> Event:
         return Event(self._clock.wall_ns(), severity, code, message)
 
-    def _tell_trouble(self) -> None:
+    def _report_trouble(self) -> None:
         """Tell of each kind of trouble once, and when it is over; the megabytes in its text change all the time."""
         status = self.status
         trouble = status.error or status.warning
         kind = status.error or ("low" if status.warning else None)
-        if kind == self._told:
+        if kind == self._reported:
             return
         if trouble is not None:
             self._on_event(self._event("recording-trouble", trouble, "warning"))
@@ -240,4 +240,4 @@ class AutoRecorder:
             lost = status.lost_items
             resumed = Message("recording-resumed-lost", n=lost) if lost else Message("recording-resumed")
             self._on_event(self._event("recording-resumed", resumed))
-        self._told = kind
+        self._reported = kind

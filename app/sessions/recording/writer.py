@@ -82,7 +82,7 @@ class Recorder:
         self._taken = 0  # items ever accepted, and of those done with
         self._done = 0
         self._lost = 0
-        self._lost_to_tell = 0
+        self._unreported_losses = 0
         self._counts: Counter[str] = Counter()  # items of the session by table
         self._clock_offset_ns = 0
         self._config: bytes | None = None  # in force, of this session
@@ -106,7 +106,7 @@ class Recorder:
             return self._begin(name, metadata or {})
 
     def split(self, metadata: Mapping[str, object] | None = None) -> SessionInfo:
-        """End the session and go on in a new one, without a frame between them lost; its metadata unless told others.
+        """End the session and go on in a new one, losing no frame between them; without `metadata` it keeps the same.
 
         Raises:
             NotNow: nothing is being recorded.
@@ -257,7 +257,7 @@ class Recorder:
             return
         if self._queued_bytes + size + _ROW_BYTES > self._limits.queue_bytes:
             self._lost += 1
-            self._lost_to_tell += 1
+            self._unreported_losses += 1
             return
         self._counts[table] += 1
         self._append((table, row), size)
@@ -294,7 +294,7 @@ class Recorder:
         with self._lock:
             self._batch += self._pending
             self._pending = []
-            lost_to_tell = self._lost_to_tell
+            unreported = self._unreported_losses
         error: Message | None = None
         free = None
         try:
@@ -302,7 +302,7 @@ class Recorder:
             if self._batch and free is not None and free < self._limits.stop_free_bytes:
                 error = Message("disk-full", kept=Quantity(self._limits.stop_free_bytes >> 20, "MB"))
             else:
-                self._write_batch(lost_to_tell)
+                self._write_batch(unreported)
                 self._split_where_long()
         except (sqlite3.Error, OSError, SessionError) as failure:
             error = Message("disk-refuses", error=told_by(failure))
@@ -310,12 +310,12 @@ class Recorder:
             if error:
                 logger.warning("recording stalled: %s", render(error))
             else:
-                logger.info("recording goes on, %d items were lost", lost_to_tell)
+                logger.info("recording goes on, %d items were lost", unreported)
         with self._progress:
             self._error, self._free = error, free
             self._progress.notify_all()
 
-    def _write_batch(self, lost_to_tell: int) -> None:
+    def _write_batch(self, unreported: int) -> None:
         while self._batch:
             kind, row = self._batch[0]
             if kind == _START:
@@ -331,11 +331,11 @@ class Recorder:
             else:
                 n = next((i for i, item in enumerate(self._batch) if item[0] in (_START, _STOP)), len(self._batch))
                 items = self._batch[:n]
-                if lost_to_tell:
-                    items = [*items, self._loss_event(lost_to_tell, row)]
+                if unreported:
+                    items = [*items, self._loss_event(unreported, row)]
                 self._writer.write(items)
-                self._finish(n, lost_to_tell)
-                lost_to_tell = 0
+                self._finish(n, unreported)
+                unreported = 0
                 self._writer.close_chunk_if_due(items[-1][1][0])
 
     def _split_where_long(self) -> None:
@@ -350,14 +350,14 @@ class Recorder:
         message = Message("items-lost", n=lost)
         return event_item(row[0], Event(self._wall_ns(), "warning", "recorder_lost", message, value=lost))
 
-    def _finish(self, n: int, told: int = 0) -> None:
+    def _finish(self, n: int, reported: int = 0) -> None:
         finished, self._batch = self._batch[:n], self._batch[n:]
         size = sum(_payload_bytes(item) + _ROW_BYTES for item in finished)
         with self._lock:
             self._done += n
             self._queued_items -= n
             self._queued_bytes -= size
-            self._lost_to_tell -= told
+            self._unreported_losses -= reported
 
 
 def _time_left(session: SessionInfo, usable_bytes: int) -> Message:

@@ -78,22 +78,22 @@ class CanLink:
 
     def _run(self) -> None:
         backoff = Backoff()
-        self._tell("connecting")
+        self._report("connecting")
         while not self._stopping.is_set():
             try:
                 bus = can.Bus(**self._arguments)  # type: ignore[arg-type]
             except Exception as error:  # noqa: BLE001  every driver raises its own
-                self._tell("lost", told_by(error))
+                self._report("lost", told_by(error))
                 self._stopping.wait(backoff.next_s())
                 continue
-            self._tell("open")
+            self._report("open")
             with self._sending:
                 self._bus = bus
             try:
                 self._read_until_lost(bus, backoff.reset)
             except Exception as error:  # noqa: BLE001  every driver raises its own
                 if not self._stopping.is_set():
-                    self._tell("lost", told_by(error))
+                    self._report("lost", told_by(error))
             finally:
                 with self._sending, contextlib.suppress(Exception):
                     self._bus = None
@@ -103,16 +103,16 @@ class CanLink:
     def _read_until_lost(self, bus: can.BusABC, on_data: Callable[[], None]) -> None:
         watch, asked_s = ControllerWatch(str(self._arguments["interface"])), self._clock.monotonic_s()
         watch.ask(bus)
-        self._tell_fault(watch)
+        self._report_fault(watch)
         while not self._stopping.is_set():
             message = bus.recv(_POLL_S)
             if message is not None and message.is_error_frame:
                 watch.on_error_frame(message)
-                self._tell_fault(watch)
+                self._report_fault(watch)
             if self._clock.monotonic_s() - asked_s > _ASK_S:
                 asked_s = self._clock.monotonic_s()
                 if watch.ask(bus):
-                    self._tell_fault(watch)
+                    self._report_fault(watch)
             if message is None or message.is_error_frame or message.is_remote_frame:
                 continue
             on_data()
@@ -137,9 +137,9 @@ class CanLink:
                 raise LinkLost(Message("can-refused-frame", error=told_by(error))) from error
         self._sink(CanItem(self._clock.monotonic_ns(), self._clock.wall_ns(), can_id, bytes(data), sent=True))
 
-    def _tell_fault(self, watch: ControllerWatch) -> None:
+    def _report_fault(self, watch: ControllerWatch) -> None:
         now_ns, wall_ns = self._clock.monotonic_ns(), self._clock.wall_ns()
         self._sink(CanFault(now_ns, wall_ns, watch.state, watch.errors, watch.tx_errors, watch.rx_errors))
 
-    def _tell(self, state: str, error: Text | None = None) -> None:
+    def _report(self, state: str, error: Text | None = None) -> None:
         self._sink(LinkChange(self._clock.monotonic_ns(), self._clock.wall_ns(), "can", state, error))  # type: ignore[arg-type]

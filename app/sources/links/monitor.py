@@ -39,7 +39,7 @@ class LinkMonitor:
         self._opened = False
         self._open_state: LinkState = "off" if url is None else "connecting"
         self._error: Text | None = None
-        self._told: tuple[str, Text | None] | None = None
+        self._reported: tuple[str, Text | None] | None = None
         self._last_good_ns: int | None = None
         self._sequence: int | None = None
         self._uptime_ms = 0
@@ -52,8 +52,8 @@ class LinkMonitor:
 
     def on_change(self, change: LinkChange) -> bool:
         """The port opened, or was lost; False where that was known already (a port is tried again and again)."""
-        told = change.state, change.error
-        is_news, self._told = told != self._told, told
+        reported = change.state, change.error
+        is_news, self._reported = reported != self._reported, reported
         self._error = change.error
         if change.state == "open":
             self.reconnects += self._opened

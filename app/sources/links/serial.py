@@ -87,7 +87,7 @@ class SerialLink:
         self.write(bytes([START_STREAM if on else STOP_STREAM]))
 
     def _run(self) -> None:
-        self._tell("connecting")
+        self._report("connecting")
         while not self._stopping.is_set():
             try:
                 port = serial.serial_for_url(
@@ -99,16 +99,16 @@ class SerialLink:
                     exclusive=True,  # two readers would each get half of the bytes
                 )
             except Exception as error:  # noqa: BLE001  drivers raise their own: termios.error is no OSError
-                self._tell("lost", _reason(error))
+                self._report("lost", _reason(error))
                 self._stopping.wait(self._backoff.next_s())
                 continue
-            self._tell("open")
+            self._report("open")
             self._port = port
             try:
                 self._read_until_lost(port, self._backoff.reset)
             except Exception as error:  # noqa: BLE001  as above
                 if not self._stopping.is_set():
-                    self._tell("lost", _reason(error))
+                    self._report("lost", _reason(error))
             finally:
                 with self._write_lock:
                     self._port = None
@@ -135,7 +135,7 @@ class SerialLink:
                 silent_since = now_ns / 1e9
                 self.stream(on=True)
 
-    def _tell(self, state: str, error: Text | None = None) -> None:
+    def _report(self, state: str, error: Text | None = None) -> None:
         self._sink(LinkChange(self._clock.monotonic_ns(), self._clock.wall_ns(), "rs232", state, error))  # type: ignore[arg-type]
 
 

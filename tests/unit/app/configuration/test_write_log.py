@@ -75,9 +75,9 @@ def test_a_load_that_changes_nothing_says_so(log, notes):
 )
 def test_a_failure_is_a_warning_of_its_kind(log, notes, history, action, code):
     log.failed(attempt(action), NotNow("the relays are closed"), None)
-    ((severity, found, text, who),) = notes
+    ((severity, found, message, who),) = notes
     assert (severity, found, who) == ("warning", code, "anna")
-    assert "the relays are closed" in text
+    assert "the relays are closed" in render(message)
     assert history.records() == []
 
 

@@ -10,7 +10,7 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sessions.recording.writer import Recorder
-from app.sessions.replay import Playing, Replaying
+from app.sessions.replay import ReplayOptions, ReplayPlayer
 from app.sources.master.source import MasterSource
 from app.telemetry import SerialItem
 
@@ -64,21 +64,21 @@ def shown():
 
 @pytest.fixture
 def replaying(shown, failures):
-    made = Replaying(new_pipeline, shown, failures.append, Clock())
+    made = ReplayPlayer(new_pipeline, shown, failures.append, Clock())
     yield made
     made.stop()
     assert not [t for t in threading.enumerate() if t.name == "replay"]
 
 
 def test_it_shows_what_was_recorded(replaying, shown, session):
-    replaying.start(session, Playing(100))
+    replaying.start(session, ReplayOptions(100))
     assert replaying.state().session_id == session.stem
     shown.wait(lambda s: s.links.rs232.frames == 20)
     assert shown.snapshots[-1].cells.voltage_v[3] == pytest.approx(3.7003)
 
 
 def test_a_replay_that_stands_still_goes_on_saying_so(replaying, shown, session):
-    replaying.start(session, Playing(100))
+    replaying.start(session, ReplayOptions(100))
     shown.wait(lambda s: s.links.rs232.frames == 20 and not s.is_fresh)
     assert replaying.state().finished
     replaying.control(paused=True, seek_s=0.5)
@@ -93,7 +93,7 @@ def test_a_file_that_is_no_session_is_refused_and_the_car_stays_shown(replaying,
     broken = tmp_path / "broken.sqlite"
     broken.write_bytes(b"no database" * 100)
     with pytest.raises(AppError):
-        replaying.start(broken, Playing())
+        replaying.start(broken, ReplayOptions())
     assert not replaying.is_active
     assert replaying.state() is None
 
@@ -110,15 +110,15 @@ def test_one_that_fails_while_it_plays_ends_and_says_so(shown, failures, session
             if isinstance(item, SerialItem):
                 raise ValueError("broken")
 
-    replaying = Replaying(lambda *_, **__: Broken(), shown, failures.append, Clock())
-    replaying.start(session, Playing(1))
+    replaying = ReplayPlayer(lambda *_, **__: Broken(), shown, failures.append, Clock())
+    replaying.start(session, ReplayOptions(1))
     replaying._thread.join(5)
     assert not replaying.is_active
     assert failures[0].code == "replay-failed"
 
 
 def test_of_many_started_at_once_one_is_left(replaying, session):
-    threads = [threading.Thread(target=replaying.start, args=(session, Playing())) for _ in range(5)]
+    threads = [threading.Thread(target=replaying.start, args=(session, ReplayOptions())) for _ in range(5)]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -137,11 +137,11 @@ def fresh(snapshots):
 
 
 def test_step_by_step_is_the_same_as_in_one_go(replaying, shown, session):
-    replaying.start(session, Playing(100))
+    replaying.start(session, ReplayOptions(100))
     shown.wait(lambda s: s.links.rs232.frames == 20)
     at_once = fresh(shown.snapshots)
     shown.snapshots.clear()
-    replaying.start(session, Playing(0.1))
+    replaying.start(session, ReplayOptions(0.1))
     replaying.control(paused=True, seek_s=0.0)
     for frames in range(1, 21):
         replaying.control(step=True)
@@ -150,7 +150,7 @@ def test_step_by_step_is_the_same_as_in_one_go(replaying, shown, session):
 
 
 def test_a_loop_begins_anew_until_it_is_taken_off(replaying, shown, session):
-    replaying.start(session, Playing(100))
+    replaying.start(session, ReplayOptions(100))
     replaying.control(loop=(0.5, 1.5))
     shown.wait(lambda s: s.is_fresh)
     first = shown.snapshots[0].t_mono_ns
@@ -163,13 +163,13 @@ def test_a_loop_begins_anew_until_it_is_taken_off(replaying, shown, session):
 
 @pytest.mark.parametrize("loop", [(-1.0, 1.0), (1.0, 0.5), (0.0, 1e6)])
 def test_a_loop_beyond_the_session_is_refused(replaying, session, loop):
-    replaying.start(session, Playing(1))
+    replaying.start(session, ReplayOptions(1))
     with pytest.raises(ConfigError, match="loop"):
         replaying.control(loop=loop)
 
 
 def test_both_estimates_are_told_and_either_is_shown(replaying, shown, session):
-    replaying.start(session, Playing(100, estimates="recorded"))
+    replaying.start(session, ReplayOptions(100, estimates="recorded"))
     shown.wait(lambda s: s.links.rs232.frames == 20 and not s.is_fresh)  # the state is told before it is repeated
     snapshot = next(s for s in shown.snapshots if s.is_fresh)
     assert snapshot.cells.soc == pytest.approx(np.full(96, RECORDED_SOC), abs=2e-5)
@@ -193,11 +193,11 @@ def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, fail
         made.append(built)
         return built
 
-    replaying = Replaying(pipeline, shown, failures.append, Clock(), end_s=0.05)
-    replaying.start(session, Playing(100))
+    replaying = ReplayPlayer(pipeline, shown, failures.append, Clock(), end_s=0.05)
+    replaying.start(session, ReplayOptions(100))
     (compiling,) = [thread for thread in threading.enumerate() if thread.name == "replay"]
     replaying.control(seek_s=1.0, paused=True)
-    replaying.start(session, Playing(0.1))
+    replaying.start(session, ReplayOptions(0.1))
     release.set()
     compiling.join(10)
     assert not compiling.is_alive()
