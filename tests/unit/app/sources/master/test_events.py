@@ -1,0 +1,100 @@
+"""What the master tells by itself: how grave it is, of which cell, in which unit, and why the relays opened."""
+
+import pytest
+
+from app.sources.master.events import charger_state, describe
+from app.words import render
+from firmware_protocol.memory_map import CHARGER_STATES
+from firmware_protocol.messages import NO_OFFSET, Event, EventCode
+
+T_NS = 1_780_000_000_000_000_000
+
+
+def described(code, value=0, limit=0, cell=NO_OFFSET):
+    return describe(Event(code, 0, cell, value, limit), T_NS)
+
+
+@pytest.mark.parametrize(
+    ("code", "cell", "counts", "value", "unit", "text"),
+    [
+        (EventCode.TRIP_V_MIN, 36, (24_990, 25_000), (2.499, 2.5), "V",
+         "cell under-voltage, pack 4, cell 1: 2.499 V, limit 2.5 V"),
+        (EventCode.TRIP_V_MAX, 0, (42_013, 42_000), (4.2013, 4.2), "V",
+         "cell over-voltage, pack 1, cell 1: 4.2013 V, limit 4.2 V"),
+        (EventCode.TRIP_T_MIN, 95, (-16, -15), (-16.0, -15.0), "degC", None),
+        (EventCode.TRIP_T_MAX, 12, (61, 60), (61.0, 60.0), "degC", None),
+        (EventCode.TRIP_I_DISC, NO_OFFSET, (20_100, 20_000), (201.0, 200.0), "A", None),
+        (EventCode.TRIP_I_CHRG, NO_OFFSET, (-10_100, -10_000), (-101.0, -100.0), "A", None),
+    ],
+)  # fmt: skip
+def test_a_trip_tells_value_and_limit_in_the_unit_of_what_tripped(code, cell, counts, value, unit, text):
+    event, reason = described(code, *counts, cell=cell)
+    assert (event.severity, event.time_ns, event.unit) == ("trip", T_NS, unit)
+    assert event.code == code.name.lower().replace("_", "-")
+    assert (event.value, event.limit) == pytest.approx(value)
+    assert event.cell == (None if cell == NO_OFFSET else cell)
+    assert reason is not None
+    said = render(reason)
+    assert text is None or said == text
+    assert all(f"{number:g} {unit if unit != 'degC' else ''}".strip() in said for number in value)
+
+
+@pytest.mark.parametrize("code", [EventCode.TRIP_SLAVE_LOST, EventCode.TRIP_SENSOR_LOST])
+def test_what_is_lost_has_a_place_and_no_value(code):
+    event, reason = described(code, cell=24)
+    assert (event.severity, event.cell) == ("trip", 24)
+    assert "limit" not in render(reason)
+    assert "pack 3, cell 1" in render(reason)
+    assert "pack" not in render(described(code)[1])
+
+
+@pytest.mark.parametrize("cell", [96, 200, NO_OFFSET])
+def test_a_cell_that_there_is_not_is_none(cell):
+    assert described(EventCode.TRIP_V_MAX, 42_013, 42_000, cell)[0].cell is None
+
+
+@pytest.mark.parametrize(
+    ("code", "value", "severity", "words"),
+    [
+        (EventCode.BOOT, 0, "watch", "power"),
+        (EventCode.BOOT, 1, "watch", "watchdog"),
+        (EventCode.BOOT, 2, "watch", "brown-out"),
+        (EventCode.BOOT, 9, "watch", "9"),
+        (EventCode.BOOT, -1, "watch", "-1"),
+        (EventCode.FAULTS_CLEARED, 0, "info", "faults cleared"),
+        (EventCode.CONFIG_STORED, 17, "info", "17"),
+        (EventCode.CAN_RX_TIMEOUT, 3, "watch", "3"),
+        (EventCode.EEPROM_INVALID, 0, "warning", "EEPROM"),
+        (EventCode.SOC_SET, 9991, "info", "99.91"),
+    ],
+)
+def test_what_is_no_trip_is_as_grave_as_it_is_and_opens_nothing(code, value, severity, words):
+    event, reason = described(code, value)
+    assert (event.severity, event.code) == (severity, code.name.lower().replace("_", "-"))
+    assert words in render(event.message)
+    assert reason is None
+
+
+def test_an_event_of_a_later_firmware_is_told_with_its_numbers():
+    event, reason = described(77, 5, -6)
+    assert (event.severity, event.code, reason) == ("info", "master-event", None)
+    assert all(number in render(event.message) for number in ("77", "5", "-6"))
+
+
+def test_every_state_of_the_charger_has_words_of_its_own():
+    said = {render(charger_state(state)) for state in CHARGER_STATES}
+    assert len(said) == len(CHARGER_STATES)
+    assert render(charger_state(None)) not in said
+    assert render(charger_state("later")) == render(charger_state(None))
+    for value, state in enumerate(CHARGER_STATES):
+        assert render(charger_state(state)) in render(described(EventCode.CHARGER_STATE, value)[0].message)
+    assert render(described(EventCode.CHARGER_STATE, 99)[0].message)
+
+
+@pytest.mark.parametrize("code", list(EventCode))
+@pytest.mark.parametrize("language", ["en", "nb"])
+def test_every_event_has_words_in_every_language(code, language):
+    text = render(described(code, 1, 2, 3)[0].message, language)
+    assert text
+    assert "{" not in text
+    assert text != code.name.lower().replace("_", "-")
