@@ -27,13 +27,13 @@ def write_mf4(table: SignalTable, path: Path) -> None:
                 group = _append(file, asammdf.Signal, table, rows)
             else:
                 columns = [rows.uptime_s, *rows.values.T]
-                file.extend(group, [(rows.elapsed_s, None), *((column.copy(), None) for column in columns)])
+                file.extend(group, [(rows.elapsed_s, None), *((column, None) for column in columns)])
         file.save(path, overwrite=True)
 
 
 def _append(file: Any, signal_type: Any, table: SignalTable, rows: Rows) -> int:
     channels = [("uptime_s", "s", rows.uptime_s)]
-    channels += [(s.name, s.unit, rows.values[:, i].copy()) for i, s in enumerate(table.signals)]
+    channels += [(s.name, s.unit, rows.values[:, i]) for i, s in enumerate(table.signals)]
     signals = [
         signal_type(samples=samples, timestamps=rows.elapsed_s, name=name, unit=unit)
         for name, unit, samples in channels

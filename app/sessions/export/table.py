@@ -135,8 +135,9 @@ class SignalTable:
             key = id(column.track)
             wanted = self._of_field[column.field]
             elements = np.array([self.signals[i].element for i in wanted])
-            is_here = np.isin(elements, column.elements)
-            counts = column.counts[spans[key], np.searchsorted(column.elements, elements[is_here])]
+            at = np.minimum(np.searchsorted(column.elements, elements), len(column.elements) - 1)
+            is_here = column.elements[at] == elements
+            counts = column.counts[spans[key], at[is_here]]
             in_units = self.signals[wanted[0]].physical(counts).T
             rows = _as_slice(rows_of[key])
             for i, of_signal in zip(np.array(wanted)[is_here].tolist(), in_units, strict=True):
