@@ -23,12 +23,12 @@ def csv_parts(table: SignalTable) -> Iterator[bytes]:
         heads = ["{:.3f},{:.3f},{:.3f}".format(*row).replace("nan", "") for row in times]
         parts = [_bytes(np.array(heads, "S")[:, None])]
         for group in groups:
-            parts.append(_texts(rows.values[:, group[0] : group[-1] + 1], table.signals[group[0]].scale))
+            parts.append(texts_of(rows.values[:, group[0] : group[-1] + 1], table.signals[group[0]].scale))
         parts.append(np.full((len(rows.time_s), 1), ord("\n"), np.uint8))
         yield np.concatenate(parts, axis=1).tobytes().translate(None, b"\0")
 
 
-def _texts(values: FloatArray, scale: float) -> Bytes:
+def texts_of(values: FloatArray, scale: float) -> Bytes:
     """The texts of (n, k) counts of one scale, each after a comma; NaN is empty. Each distinct text is made once."""
     decimals = max(0, math.ceil(-math.log10(scale) - 1e-9))  # as many as one count can be told from the next with
     is_known = np.isfinite(values)

@@ -1,0 +1,115 @@
+from pathlib import Path
+
+import can
+import cantools
+import numpy as np
+import pytest
+
+from app.errors import ImportFailed
+from app.sources.recordings.can_log import column_profile, one_signal, read_frames, signal_names, signal_table
+from app.sources.recordings.profile import ImportProfile
+from firmware_protocol.memory_map import CAN_ID_EXTENDED
+
+START_S = 1_780_000_000.0
+DBC = """
+VERSION ""
+BU_: BMS
+BO_ 256 Pack: 8 BMS
+ SG_ PackCurrent : 0|16@1- (0.1,0) [0|0] "A" BMS
+ SG_ Level : 16|8@1+ (0.5,0) [0|0] "%" BMS
+BO_ 257 Cells: 8 BMS
+ SG_ CellID : 0|8@1+ (1,0) [0|0] "" BMS
+ SG_ CellVoltage : 8|16@1+ (0.0001,0) [0|0] "V" BMS
+BO_ 2566869221 Temps: 8 BMS
+ SG_ Temp1 : 0|8@1+ (1,-40) [0|0] "C" BMS
+ SG_ Level : 8|8@1+ (1,0) [0|0] "" BMS
+"""
+PROFILE = ImportProfile(current="PackCurrent", voltages="CellVoltage[CellID]", temperatures="Temp{n}", hold_s=1.0)
+
+
+@pytest.fixture
+def dbc(tmp_path: Path) -> Path:
+    path = tmp_path / "bus.dbc"
+    path.write_text(DBC)
+    return path
+
+
+@pytest.fixture
+def log(tmp_path: Path, dbc: Path) -> Path:
+    """Two seconds: the current every 0.5 s, each of two cells once, the temperature at the start."""
+    database = cantools.database.load_file(dbc)
+    frames = [
+        (0.0, "Temps", {"Temp1": 31, "Level": 7}),
+        (0.0, "Pack", {"PackCurrent": 12.3, "Level": 55.0}),
+        (0.2, "Cells", {"CellID": 0, "CellVoltage": 3.6}),
+        (0.4, "Cells", {"CellID": 1, "CellVoltage": 3.7}),
+        *((0.5 * k, "Pack", {"PackCurrent": -1.0 * k, "Level": 55.0}) for k in range(1, 5)),
+    ]
+    path = tmp_path / "bus.log"
+    with can.Logger(path) as logger:
+        for at_s, name, values in frames:
+            message = database.get_message_by_name(name)
+            logger.on_message_received(
+                can.Message(
+                    timestamp=START_S + at_s, arbitration_id=message.frame_id, data=message.encode(values),
+                    is_extended_id=message.is_extended_frame, channel="can0",
+                )
+            )  # fmt: skip
+    return path
+
+
+def test_frames_come_with_time_and_id(log: Path) -> None:
+    frames = list(read_frames(log))
+    assert len(frames) == 8
+    assert frames[0][:2] == (START_S, 0x18FF50E5 | CAN_ID_EXTENDED)
+    assert frames[1][1] == 256
+
+
+def test_remote_and_error_frames_carry_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "bus.log"
+    with can.Logger(path) as logger:
+        logger.on_message_received(can.Message(timestamp=1.0, arbitration_id=1, is_remote_frame=True, channel="can0"))
+        logger.on_message_received(can.Message(timestamp=1.0, arbitration_id=2, data=b"x", channel="can0"))
+    assert [frame[1] for frame in read_frames(path)] == [2 | CAN_ID_EXTENDED]
+
+
+def test_a_row_is_a_frame_with_the_current_and_others_are_held(log: Path, dbc: Path) -> None:
+    table = signal_table(log, dbc, PROFILE)
+    assert table.columns["time"] == pytest.approx(START_S + np.arange(5) / 2)
+    assert table.columns["PackCurrent"] == pytest.approx([12.3, -1, -2, -3, -4])
+    first, second = table.columns["CellVoltage[0]"], table.columns["CellVoltage[1]"]
+    assert first == pytest.approx([np.nan, 3.6, 3.6, np.nan, np.nan], nan_ok=True)  # older than 1 s: missing
+    assert second == pytest.approx([np.nan, 3.7, 3.7, np.nan, np.nan], nan_ok=True)
+    assert table.columns["Temp1"] == pytest.approx([31, 31, 31, np.nan, np.nan], nan_ok=True)
+
+
+def test_the_profile_of_such_a_table_has_a_time_and_patterns() -> None:
+    assert column_profile(PROFILE) == {"time": "time", "time_unit": "s", "voltages": "CellVoltage[{n}]"}
+
+
+def test_a_name_of_two_messages_needs_its_message(log: Path, dbc: Path) -> None:
+    names = signal_names(log, dbc)
+    assert {"Pack.Level", "Temps.Level", "PackCurrent", "Pack.PackCurrent", "CellVoltage[1]"} <= set(names)
+    assert "Level" not in names
+
+
+def test_one_signal_is_read_out_of_frames(log: Path, dbc: Path) -> None:
+    times_s, values = one_signal(read_frames(log), "bus.log", dbc, "Pack.PackCurrent")
+    assert times_s == pytest.approx(START_S + np.arange(5) / 2)
+    assert values == pytest.approx([12.3, -1, -2, -3, -4])
+    with pytest.raises(ImportFailed, match=r"none of its frames with a signal Speed is in bus\.dbc"):
+        one_signal(read_frames(log), "bus.log", dbc, "Speed")
+
+
+def test_a_current_that_is_in_no_frame_is_named(log: Path, dbc: Path) -> None:
+    with pytest.raises(ImportFailed, match="current = 'Amps'"):
+        signal_table(log, dbc, ImportProfile(current="Amps", voltages="CellVoltage[CellID]"))
+
+
+def test_what_is_no_dbc_or_no_log_is_named(tmp_path: Path, log: Path) -> None:
+    (tmp_path / "other.dbc").write_text("hello")
+    with pytest.raises(ImportFailed, match=r"other\.dbc: not a readable DBC"):
+        signal_names(log, tmp_path / "other.dbc")
+    (tmp_path / "bad.log").write_text("hello there you\n")
+    with pytest.raises(ImportFailed, match=r"bad\.log: not a readable CAN log"):
+        list(read_frames(tmp_path / "bad.log"))
