@@ -3,8 +3,9 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from app.words import Message, Quantity, Text, render
 from firmware_protocol.config_image import FieldError, field_error
-from firmware_protocol.memory_map import CONFIG
+from firmware_protocol.memory_map import CONFIG, element_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,8 +14,19 @@ class Finding:
 
     level: Literal["error", "warning"]
     code: str
-    error: FieldError
+    error: FieldError  # in the protocol's words: the field, its value, and the limit
+    limit: Text
+    why: Text
     is_standing: bool = False  # the configuration in force has it too
+
+    @property
+    def message(self) -> Message:
+        """One line with field, value, limit and why."""
+        field = CONFIG[self.error.field]
+        is_id = field.name.endswith("_msg_id")
+        value = f"{self.error.value:#x}" if is_id else Quantity(self.error.value, field.unit)
+        name = element_name(field, self.error.element or 0)
+        return Message("finding", field=name, value=value, limit=self.limit, why=self.why)
 
     @property
     def blocks(self) -> bool:
@@ -32,8 +44,9 @@ class Finding:
 
 
 def finding(
-    level: Literal["error", "warning"], code: str, image: bytes, name: str, element: int, limit: str, why: str
+    level: Literal["error", "warning"], code: str, image: bytes, name: str, element: int, limit: Text, why: Message
 ) -> Finding:
     """Return a finding about one element of an image."""
     field = CONFIG[name]
-    return Finding(level, code, field_error(field, element, field.unpack(image)[element], limit, why))
+    error = field_error(field, element, field.unpack(image)[element], render(limit), render(why))
+    return Finding(level, code, error, limit, why)

@@ -2,6 +2,7 @@
 
 from app.configuration.finding import Finding
 from app.errors import AppError, LinkError, NotNow
+from app.words import Message, render
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import CONFIG
 
@@ -16,7 +17,7 @@ class HashMismatch(AppError):
         self.base = base  # what the draft started from, where it is still known
         self.in_force = in_force
         self.wanted = wanted
-        super().__init__(f"the configuration in force is {image_hash(in_force)}, not {expected}")
+        super().__init__(Message("hash-mismatch", in_force=image_hash(in_force), expected=expected))
 
 
 class Rejected(AppError):
@@ -24,7 +25,7 @@ class Rejected(AppError):
 
     def __init__(self, findings: list[Finding]) -> None:
         self.findings = findings
-        super().__init__("; ".join(found.error.message for found in findings))
+        super().__init__(Message("list", shown=tuple(found.message for found in findings)))
 
 
 class ReasonRequired(AppError):
@@ -32,24 +33,21 @@ class ReasonRequired(AppError):
 
     def __init__(self, findings: list[Finding]) -> None:
         self.findings = findings
-        super().__init__("a reason is needed: " + "; ".join(found.error.message for found in findings))
+        super().__init__(Message("reason-needed", findings=tuple(found.message for found in findings)))
 
 
 class Occupied(NotNow):
     """The accumulator is at work, and the draft changes more than what may change meanwhile."""
 
-    def __init__(self, doing: str, fields: list[str]) -> None:
-        self.doing = doing
+    def __init__(self, doing: Message, fields: list[str]) -> None:
+        self.doing = render(doing)
         self.fields = fields
-        super().__init__(
-            f"{doing}: {', '.join(fields)} may only be changed with relays open and no current; "
-            f"at work may change: {', '.join(LIVE_FIELDS)}"
-        )
+        super().__init__(Message("only-at-rest", doing=doing, fields=tuple(fields), live=tuple(LIVE_FIELDS)))
 
 
 class Unverified(LinkError):
     """A write was sent and what is in force afterwards is not what was sent."""
 
-    def __init__(self, outcome: str, detail: str) -> None:
+    def __init__(self, outcome: str, detail: Message) -> None:
         self.outcome = outcome  # old | other | unknown
         super().__init__(detail)

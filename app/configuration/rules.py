@@ -12,7 +12,8 @@ from typing import Literal
 from app.configuration.can_rules import can_findings
 from app.configuration.finding import Finding, finding
 from app.estimation.cell_model.circuit import CellModel
-from firmware_protocol.config_image import check, to_unit
+from app.words import Message, Quantity, Text
+from firmware_protocol.config_image import FieldError, check, to_unit
 from firmware_protocol.memory_map import CONFIG
 from firmware_protocol.schedule import FAST_WINDOWS, data_frame_time_s
 
@@ -22,6 +23,21 @@ ADC_MIDDLE = 20475
 OFFSET_TOLERANCE = 0.05  # of the middle: a sensor further off is unplugged or broken
 CHARGE_MARGIN_V = 0.01  # what a measurement may be off, between the end of charge and the trip
 CAPACITY_TOLERANCE = 0.2
+
+
+_OF_MASTER = {  # what it refuses by itself: the fixed reasons of `check`
+    "the master takes nothing else": Message("master-takes-nothing-else"),
+    "a CAN message may not write the configuration": Message("may-not-write-config"),
+    "there are eight messages to answer with": Message("eight-messages"),
+    "the struct ends there": Message("struct-ends"),
+    "charging would end in a trip": Message("charging-would-trip"),
+    "no voltage would be inside both limits": Message("no-voltage-inside"),
+    "no temperature would be inside both limits": Message("no-temperature-inside"),
+    "no current would be inside both limits": Message("no-current-inside"),
+    "no charging current would be inside both limits": Message("no-charging-current-inside"),
+    "the ramp has to rise with the temperature": Message("ramp-has-to-rise"),
+    "hotter cells would get less air": Message("hotter-get-less-air"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +65,9 @@ def review(image: bytes, context: Context) -> list[Finding]:
     Raises:
         DecodeError: it is not 420 bytes long.
     """
-    found = [Finding("error", "range", error) for error in check(image)]
+    found = [
+        Finding("error", "range", error, error.limit, _OF_MASTER.get(error.why, error.why)) for error in check(image)
+    ]
     if not found:  # the rest is judged on values that can be
         found = [*_cell(image, context.cell), *_current(image, context.cell), *_others(image)]
         found += can_findings(image, context.measured_period_s or {})
@@ -62,8 +80,10 @@ def review_change(before: bytes, after: bytes, context: Context) -> list[Finding
     found = [f.stands() if _identity(f) in standing else f for f in review(after, context)]
     brp = CONFIG["can_brp"]
     if before[brp.offset] != after[brp.offset]:
-        why = "every other controller on the bus has to change with it, or the bus is off"
-        found.append(finding("warning", "bit-rate", after, "can_brp", 0, f"as in force, {before[brp.offset]}", why))
+        why = Message("bus-has-to-change")
+        found.append(
+            finding("warning", "bit-rate", after, "can_brp", 0, Message("as-in-force", value=before[brp.offset]), why)
+        )
     return found
 
 
@@ -78,31 +98,32 @@ Level = Literal["error", "warning"]
 def _cell(image: bytes, cell: CellModel) -> Iterator[Finding]:
     """Cell limits against the data sheet and the rules."""
     value, sheet = _Values(image), cell.limits
-    says = f"the data sheet of {cell.name} ends there"
+    says = Message("data-sheet-ends", cell=cell.name)
     if value["v_cell_max"] > cell.v_max_v:
-        yield finding("error", "data-sheet", image, "v_cell_max", 0, f"at most {cell.v_max_v:g} V", says)
+        yield finding("error", "data-sheet", image, "v_cell_max", 0, _at_most(cell.v_max_v, "V"), says)
     if value["v_cell_min"] < cell.v_min_v:
-        yield finding("error", "data-sheet", image, "v_cell_min", 0, f"at least {cell.v_min_v:g} V", says)
+        yield finding("error", "data-sheet", image, "v_cell_min", 0, _at_least(cell.v_min_v, "V"), says)
     if value["v_cell_min"] >= value["v_cell_chrg"]:
-        limit = f"below v_cell_chrg = {value['v_cell_chrg']:g} V"
-        yield finding("error", "order", image, "v_cell_min", 0, limit, "a full cell would count as empty")
+        limit: Text = Message("below-field", field="v_cell_chrg", value=Quantity(value["v_cell_chrg"], "V"))
+        yield finding("error", "order", image, "v_cell_min", 0, limit, Message("full-counts-as-empty"))
     highest = value["v_cell_max"] - CHARGE_MARGIN_V
     if value["v_cell_chrg"] > highest + 1e-9:
         level: Level = "error" if value["v_cell_chrg"] >= value["v_cell_max"] else "warning"
-        limit = f"{CHARGE_MARGIN_V * 1000:g} mV below v_cell_max, {highest:g} V"
-        yield finding(level, "charge-margin", image, "v_cell_chrg", 0, limit, "charging would end in a trip")
+        margin = Quantity(CHARGE_MARGIN_V * 1000, "mV")
+        limit = Message("margin-below-field", margin=margin, field="v_cell_max", value=Quantity(highest, "V"))
+        yield finding(level, "charge-margin", image, "v_cell_chrg", 0, limit, Message("charging-would-trip"))
     t_max = (
         RULES_T_MAX_DEGC if sheet.temperature_max_degc is None else min(RULES_T_MAX_DEGC, sheet.temperature_max_degc)
     )
     if value["t_cell_max"] > t_max:
-        why = "the rules allow 60 degC, or the limit of the cell's data sheet where that is lower"
-        yield finding("error", "rules", image, "t_cell_max", 0, f"at most {t_max:g} degC", why)
+        why = Message("rules-allow", limit=Quantity(RULES_T_MAX_DEGC, "degC"))
+        yield finding("error", "rules", image, "t_cell_max", 0, _at_most(t_max, "degC"), why)
     if sheet.temperature_min_degc is not None and value["t_cell_min"] < sheet.temperature_min_degc:
-        limit = f"at least {sheet.temperature_min_degc:g} degC"
+        limit = _at_least(sheet.temperature_min_degc, "degC")
         yield finding("error", "data-sheet", image, "t_cell_min", 0, limit, says)
     if abs(value["c_avg"] - cell.capacity_ah) > CAPACITY_TOLERANCE * cell.capacity_ah:
-        limit = f"within 20 % of {cell.capacity_ah:g} Ah"
-        why = f"the service estimates {cell.name}; one of the two is another cell"
+        limit = Message("within-of", share=Quantity(20, "%"), value=Quantity(cell.capacity_ah, "Ah"))
+        why = Message("another-cell", cell=cell.name)
         yield finding("warning", "other-cell", image, "c_avg", 0, limit, why)
 
 
@@ -116,37 +137,61 @@ def _current(image: bytes, cell: CellModel) -> Iterator[Finding]:
     """The window of currents against the sensor, the cell and sense."""
     value, sheet = _Values(image), cell.limits
     low_a, high_a = measured_range_a(image)
-    ends = "the current sensor ends there with this gain and offset: the limit could never trip"
+    ends = Message("sensor-ends")
     if value["i_disc_max"] >= high_a:
-        yield finding("error", "sensor", image, "i_disc_max", 0, f"below {high_a:.1f} A", ends)
+        yield finding("error", "sensor", image, "i_disc_max", 0, _below(high_a), ends)
     if value["i_disc_min"] <= low_a:
-        yield finding("error", "sensor", image, "i_disc_min", 0, f"above {low_a:.1f} A", ends)
+        yield finding("error", "sensor", image, "i_disc_min", 0, Message("above", value=Quantity(low_a, "A", 1)), ends)
     if value["i_chrg_max"] >= -low_a:
-        yield finding("error", "sensor", image, "i_chrg_max", 0, f"below {-low_a:.1f} A", ends)
+        yield finding("error", "sensor", image, "i_chrg_max", 0, _below(-low_a), ends)
     if value["i_disc_max"] == 0:
-        yield finding("error", "window", image, "i_disc_max", 0, "above 0 A", "the car could not drive")
+        yield finding(
+            "error",
+            "window",
+            image,
+            "i_disc_max",
+            0,
+            Message("above", value=Quantity(0.0, "A")),
+            Message("car-could-not-drive"),
+        )
     if sheet.charge_max_a is not None and value["i_chrg_max"] > sheet.charge_max_a:
-        why = f"the data sheet of {cell.name} ends there"
-        yield finding("error", "data-sheet", image, "i_chrg_max", 0, f"at most {sheet.charge_max_a:g} A", why)
+        why = Message("data-sheet-ends", cell=cell.name)
+        yield finding("error", "data-sheet", image, "i_chrg_max", 0, _at_most(sheet.charge_max_a, "A"), why)
     if sheet.discharge_max_a is not None and value["i_disc_max"] > sheet.discharge_max_a:
-        why = f"the data sheet of {cell.name} allows no more for long; short pulses may be fine"
-        yield finding("warning", "data-sheet", image, "i_disc_max", 0, f"at most {sheet.discharge_max_a:g} A", why)
+        why = Message("pulses-may-be-fine", cell=cell.name)
+        yield finding("warning", "data-sheet", image, "i_disc_max", 0, _at_most(sheet.discharge_max_a, "A"), why)
     if sheet.charge_max_a is not None and -value["i_disc_min"] > sheet.charge_max_a:
-        why = f"the data sheet of {cell.name} allows no more charge for long; short pulses may be fine"
-        yield finding("warning", "data-sheet", image, "i_disc_min", 0, f"at least {-sheet.charge_max_a:g} A", why)
+        why = Message("charge-pulses-may-be-fine", cell=cell.name)
+        yield finding("warning", "data-sheet", image, "i_disc_min", 0, _at_least(-sheet.charge_max_a, "A"), why)
     if abs(CONFIG["i_offset"].unpack(image)[0] - ADC_MIDDLE) > OFFSET_TOLERANCE * ADC_MIDDLE:
         low, high = (f"{ADC_MIDDLE * (1 + sign * OFFSET_TOLERANCE) / 10:.0f}" for sign in (-1, 1))
-        why = "the sensor rests in the middle of its range; further off it is unplugged or broken"
-        yield finding("warning", "offset", image, "i_offset", 0, f"{low}..{high} counts", why)
+        why = Message("sensor-rests-in-middle")
+        yield finding("warning", "offset", image, "i_offset", 0, Message("counts", low=low, high=high), why)
 
 
 def _others(image: bytes) -> Iterator[Finding]:
     value = _Values(image)
     if value["fan_ramp_stop"] > value["t_cell_max"]:
-        limit = f"at most t_cell_max = {value['t_cell_max']:g} degC"
-        why = "the relays open before the fans run at their highest"
+        limit = Message("at-most-field", field="t_cell_max", value=Quantity(value["t_cell_max"], "degC"))
+        why = Message("fans-too-late")
         yield finding("warning", "fans", image, "fan_ramp_stop", 0, limit, why)
     frame_s = data_frame_time_s(FAST_WINDOWS)
     if value["ts"] < frame_s * 1000:
-        why = "a telemetry frame takes that long on the line: what does not fit is not sent"
-        yield finding("warning", "line", image, "ts", 0, f"at least {math.ceil(frame_s * 1000)} ms", why)
+        why = Message("frame-takes-so-long")
+        yield finding("warning", "line", image, "ts", 0, _at_least(math.ceil(frame_s * 1000), "ms"), why)
+
+
+def _refused(error: FieldError) -> Finding:
+    return Finding("error", "range", error, error.limit, _OF_MASTER.get(error.why, error.why))
+
+
+def _at_most(value: float, unit: str) -> Message:
+    return Message("at-most", value=Quantity(value, unit))
+
+
+def _at_least(value: float, unit: str) -> Message:
+    return Message("at-least", value=Quantity(value, unit))
+
+
+def _below(current_a: float) -> Message:
+    return Message("below", value=Quantity(current_a, "A", 1))

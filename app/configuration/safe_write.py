@@ -15,9 +15,10 @@ from app.configuration.history import Action
 from app.configuration.refusals import LIVE_FIELDS, HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
 from app.configuration.rules import Context, review_change
 from app.configuration.write_log import Attempt, WriteLog
-from app.errors import LinkError, LinkLost, MasterRefused, MasterSilent, NotNow
+from app.errors import LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, told_by
 from app.sources.master.client import MasterClient
 from app.telemetry import Identity
+from app.words import Message, Quantity
 from firmware_protocol.config_image import Change, difference, image_hash
 from firmware_protocol.eeprom import EEPROM_SIZE, SLOT_OFFSETS, SLOT_SIZE, StoredConfig, newest
 from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS, STATUS_FLAGS
@@ -37,7 +38,7 @@ class Written:
     image: bytes
     changes: list[Change]
     findings: list[Finding]
-    hindrance: str | None  # why it would be refused now
+    hindrance: Message | None  # why it would be refused now
     written: bool
 
 
@@ -184,7 +185,7 @@ class Configuration:
             self._master.store()
             stored = self.read_stored()
             if stored is None or stored.image != in_force:
-                raise Unverified("other", "the EEPROM does not hold the configuration in force")
+                raise Unverified("other", Message("eeprom-differs"))
             attempt.after = stored.image
             self._log.stored(attempt)
             return stored
@@ -202,7 +203,7 @@ class Configuration:
             self._require_same_map()
             before, stored = self.read(), self.read_stored()
             if stored is None:
-                raise NotNow("the EEPROM holds no valid configuration")
+                raise NotNow(Message("nothing-stored"))
             changes = difference(before, stored.image)
             self._require_rest(changes)
             try:
@@ -226,23 +227,23 @@ class Configuration:
     @contextmanager
     def _one_at_a_time(self) -> Iterator[None]:
         if not self._one_editor.acquire(blocking=False):
-            raise NotNow("another write, store or load is running")
+            raise NotNow(Message("another-is-running"))
         try:
             yield
         finally:
             self._one_editor.release()
 
     def _unverified(self, error: Exception, before: bytes, wanted: bytes) -> Unverified:
-        return Unverified(self._outcome(before, wanted), f"{error}; what is in force was read again")
+        return Unverified(self._outcome(before, wanted), Message("read-again", error=told_by(error)))
 
     def _require_in_force(self, before: bytes, wanted: bytes) -> None:
         """Read back what is in force, and compare every byte."""
         try:
             in_force = self.read()
         except (LinkError, NotNow) as error:
-            raise Unverified(self._outcome(before, wanted), f"done, but not read back: {error}") from error
+            raise Unverified(self._outcome(before, wanted), Message("not-read-back", error=error.message)) from error
         if in_force != wanted:
-            raise Unverified("old" if in_force == before else "other", "the master did not take the configuration")
+            raise Unverified("old" if in_force == before else "other", Message("not-taken"))
 
     def _outcome(self, before: bytes, wanted: bytes) -> str:
         try:
@@ -256,16 +257,16 @@ class Configuration:
         if fields and (doing := self._doing(sensor_only=set(fields) <= SENSOR_FIELDS)) is not None:
             raise Occupied(doing, fields)
 
-    def _hindrance(self, changes: list[Change]) -> str | None:
+    def _hindrance(self, changes: list[Change]) -> Message | None:
         """Why the changes would be refused now."""
         try:
             self._require_same_map()
             self._require_rest(changes)
         except NotNow as error:
-            return str(error)
+            return error.message
         return None
 
-    def _doing(self, *, sensor_only: bool) -> str | None:
+    def _doing(self, *, sensor_only: bool) -> Message | None:
         """What the accumulator does that forbids a change, asked of the master itself; None at rest.
 
         With relays open no current flows, whatever a sensor says that is about to be calibrated.
@@ -275,19 +276,19 @@ class Configuration:
         flags = {name for bit, name in enumerate(STATUS_FLAGS) if bits >> bit & 1}
         (raw,) = current.unpack(self._master.read(current.offset, current.size), -current.offset)
         if "charging" in flags:
-            return "the accumulator is being charged"
+            return Message("being-charged")
         if "load" in flags:
-            return "the relays are closed"
+            return Message("relays-are-closed")
         if abs(raw * current.scale) > REST_A and not sensor_only:
-            return f"a current of {raw * current.scale:.1f} A flows"
+            return Message("current-flows", current=Quantity(raw * current.scale, "A", 1))
         return None
 
     def _require_same_map(self) -> None:
         identity = self._identity()
         if identity is None:
-            raise NotNow("the master has not said which memory map it uses")
+            raise NotNow(Message("map-not-known"))
         if not identity.is_compatible:
-            raise NotNow(f"the master's memory map {identity.map_hash} is not this program's; writes are refused")
+            raise NotNow(Message("map-differs", map_hash=identity.map_hash))
 
 
 def _result(error: LinkError | NotNow) -> str | None:

@@ -3,6 +3,7 @@
 from functools import cache
 from typing import Any
 
+from app.api.encoding.words import told
 from app.configuration.finding import Finding
 from firmware_protocol.config_image import Change, image_hash, limit_text, raw_value, unit_value
 from firmware_protocol.memory_map import CONFIG_FIELDS, FIELDS, MAP_HASH, Field
@@ -77,7 +78,7 @@ def finding_json(found: Finding) -> dict[str, Any]:
         "field": error.field,
         "element": error.element,
         "value": error.value,
-        "limit": error.limit,
-        "why": error.why,
-        "message": error.message,
+        **told("limit", found.limit),
+        **told("why", found.why),
+        **told("message", found.message),
     }

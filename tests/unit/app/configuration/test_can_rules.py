@@ -206,11 +206,11 @@ def test_bytes_beyond_the_length_write_nothing():
 @pytest.mark.parametrize(
     ("lengths", "level", "load", "limit"),
     [  # one a millisecond, of 85, 95, 105, 65 and 125 bits for 3, 4, 5, 1 and 7 bytes, at 500 kbit/s
-        ((7, 7), None, "50%", ""),
-        ((7, 7, 0), "warning", "61%", "50%"),
-        ((3, 4, 5, 0), "warning", "68%", "50%"),
-        ((3, 4, 5, 1), "error", "70%", "70%"),
-        ((7, 7, 7), "error", "75%", "70%"),
+        ((7, 7), None, "50 %", ""),
+        ((7, 7, 0), "warning", "61 %", "50 %"),
+        ((3, 4, 5, 0), "warning", "68 %", "50 %"),
+        ((3, 4, 5, 1), "error", "70 %", "70 %"),
+        ((7, 7, 7), "error", "75 %", "70 %"),
     ],
 )
 def test_the_master_leaves_a_share_of_the_bus_to_others(lengths, level, load, limit):

@@ -44,9 +44,9 @@ def test_the_base_of_these_tests_has_no_finding():
          "charging would end in a trip"),
         ({"v_cell_chrg": 4.2}, "error", "charge-margin", "10 mV below v_cell_max, 4.19 V",
          "charging would end in a trip"),
-        ({"t_cell_max": 61}, "error", "rules", "at most 60 degC",
-         "the rules allow 60 degC, or the limit of the cell's data sheet where that is lower"),
-        ({"t_cell_min": -21}, "error", "data-sheet", "at least -20 degC", f"{SHEET} ends there"),
+        ({"t_cell_max": 61}, "error", "rules", "at most 60 °C",
+         "the rules allow 60 °C, or the limit of the cell's data sheet where that is lower"),
+        ({"t_cell_min": -21}, "error", "data-sheet", "at least -20 °C", f"{SHEET} ends there"),
         ({"c_avg": 30.01}, "warning", "other-cell", "within 20 % of 25 Ah",
          f"the service estimates {CELL.name}; one of the two is another cell"),
         ({"c_avg": 19.99}, "warning", "other-cell", "within 20 % of 25 Ah",
@@ -61,7 +61,7 @@ def test_the_base_of_these_tests_has_no_finding():
          "the sensor rests in the middle of its range; further off it is unplugged or broken"),
         ({"i_offset": 2149.9}, "warning", "offset", "1945..2150 counts",
          "the sensor rests in the middle of its range; further off it is unplugged or broken"),
-        ({"fan_ramp_stop": 46}, "warning", "fans", "at most t_cell_max = 45 degC",
+        ({"fan_ramp_stop": 46}, "warning", "fans", "at most t_cell_max = 45 °C",
          "the relays open before the fans run at their highest"),
         ({"ts": 35}, "warning", "line", "at least 36 ms",
          "a telemetry frame takes that long on the line: what does not fit is not sent"),
@@ -138,7 +138,7 @@ def test_a_data_sheet_that_says_nothing_judges_nothing():
     )
     wide = changed(QUIET, t_cell_min=-40, t_cell_max=60, i_disc_max=300.0, i_disc_min=-300.0, i_chrg_max=300.0)
     assert found(wide, Context(silent)) == []
-    assert [each[4] for each in found(changed(wide, t_cell_max=61), Context(silent))] == ["at most 60 degC"]
+    assert [each[4] for each in found(changed(wide, t_cell_max=61), Context(silent))] == ["at most 60 °C"]
 
 
 def test_what_the_master_would_refuse_is_the_only_thing_told():

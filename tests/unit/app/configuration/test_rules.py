@@ -4,6 +4,7 @@ import pytest
 
 from app.configuration.rules import Context, measured_range_a, review, review_change
 from app.estimation.cell_model.cell_file import load_cell
+from app.words import render
 from firmware_protocol.can_tables import rx_messages, tx_messages, with_rx_messages, with_tx_messages
 from firmware_protocol.config_image import default_image, with_raw, with_value
 
@@ -89,7 +90,8 @@ def test_the_cells_own_limit_counts_where_it_is_below_the_rules():
 
 def test_messages_name_field_value_limit_and_why():
     [error] = [f for f in review(with_value(DEFAULT, "t_cell_max", 65), CONTEXT) if f.blocks]
-    assert error.error.message.startswith("t_cell_max = 65 degC, allowed: at most 60 degC: the rules")
+    told = render(error.message)
+    assert told.startswith("t_cell_max = 65 °C, allowed: at most 60 °C: the rules allow 60 °C")
 
 
 def test_two_messages_with_one_id():

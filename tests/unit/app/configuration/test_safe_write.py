@@ -14,6 +14,7 @@ from app.errors import LinkError, LinkLost, MasterRefused, NotNow
 from app.estimation.cell_model.cell_file import load_cell
 from app.sources.master.client import MasterClient
 from app.telemetry import Identity
+from app.words import render
 from firmware_protocol.config_image import default_image, image_hash, with_raw
 from firmware_protocol.eeprom import EEPROM_SIZE, newest, plan_store
 from firmware_protocol.framing import CommandDecoder, Frame
@@ -179,7 +180,7 @@ def test_at_work_only_what_is_safe_to_change_live_is_written(master, field, raw,
     with pytest.raises(Occupied, match=doing) as caught:
         write(config, hotter, "*", dry_run=False)
     assert caught.value.fields == ["t_cell_max"]
-    assert doing in write(config, hotter, "*", dry_run=True).hindrance
+    assert doing in render(write(config, hotter, "*", dry_run=True).hindrance)
     assert bytes(master.image[:420]) == default_image()
     assert write(config, lambda image: with_raw(image, "fan_ramp_stop", 40), "*", dry_run=False).written
     with pytest.raises(Occupied):
