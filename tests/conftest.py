@@ -32,7 +32,7 @@ def tell() -> Callable[[str], None]:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Start with the folders whose files take longest, so that all workers end at nearly the same time."""
-    if config.getoption("dist", "no") != "no":
+    if hasattr(config, "workerinput"):  # pytest-xdist's
         rank = {name: number for number, name in enumerate(SLOWEST_FIRST)}
         items.sort(key=lambda item: rank.get(item.path.relative_to(TESTS_FOLDER).parts[0], 0))
 

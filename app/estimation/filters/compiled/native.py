@@ -14,12 +14,13 @@ import importlib.metadata
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
 import platformdirs
+from filelock import FileLock
 
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.compiled.shape import Shape
@@ -47,8 +48,11 @@ def load(what: str, shape: Shape) -> Callable[..., None]:
     path = kernel_folder() / f"{_key(what, shape)}.o"
     code = _read(path)
     if code is None:
-        code = _compiled(what, shape)
-        _keep(path, code)
+        with _alone(path):
+            code = _read(path)  # another process may have compiled it meanwhile
+            if code is None:
+                code = _compiled(what, shape)
+                _keep(path, code)
     # a step is over before another thread could take its turn; a record is not
     prototype = ctypes.PYFUNCTYPE if what == "step" else ctypes.CFUNCTYPE
     return prototype(None, *_ARGUMENTS[what])(_address(code))
@@ -101,6 +105,16 @@ def _compiled(what: str, shape: Shape) -> bytes:
         reason = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
         raise EstimatorError(f"the kernel could not be compiled: {reason}")
     return done.stdout
+
+
+@contextlib.contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Keep other processes from compiling the same; where no lock can be had, each compiles."""
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(FileLock(f"{path}.lock", timeout=COMPILE_S))
+        yield
 
 
 def _read(path: Path) -> bytes | None:
