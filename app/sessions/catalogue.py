@@ -9,7 +9,7 @@ from app.sessions.catalogue_index import Known, State, load_index, save_index
 from app.sessions.errors import SessionError, SessionNotFound
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
-from app.sessions.storage.files import FETCHED, SUFFIX, is_in_use, settle, sha256
+from app.sessions.storage.files import FETCHED, SUFFIX, is_in_use, merge_log, sha256
 
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 
@@ -66,14 +66,14 @@ class Catalogue:
         """
         return SessionFile(self.path(session_id))
 
-    def sealed(self, session_id: str) -> tuple[Path, bytes] | None:
+    def closed_file(self, session_id: str) -> tuple[Path, bytes] | None:
         """Return a session's file and its SHA-256, None while more may come: it is being recorded.
 
         Raises:
             SessionNotFound: there is none.
         """
         path = self.path(session_id)
-        if not settle(path):
+        if not merge_log(path):
             return None
         stat = path.stat()
         state = (stat.st_mtime_ns, stat.st_size)

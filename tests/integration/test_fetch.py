@@ -111,7 +111,7 @@ def test_a_session_comes_over_a_link_that_breaks_and_no_byte_twice(car, tmp_path
     with SessionFile(path) as session:
         assert session.info.frames > 60
     assert sorted(each.suffix for each in tmp_path.iterdir()) == [".fetched", ".sqlite"]
-    assert remote.is_here(chosen(remote_of(url), session_id), tmp_path)
+    assert remote.is_fetched(chosen(remote_of(url), session_id), tmp_path)
 
 
 def stop_after(pauses: int):

@@ -35,8 +35,8 @@ def _state(imports: ImportsPart) -> dict[str, Any] | None:
 @router.get("/imports", response_model=ImportsOut)
 def imports(imports: ImportsPart) -> dict[str, Any]:
     """How far the last import has come, and the profiles that are kept."""
-    shelf = imports.profiles
-    return {"last": _state(imports), "profiles": shelf.names()}
+    store = imports.profiles
+    return {"last": _state(imports), "profiles": store.names()}
 
 
 @router.post(
@@ -57,7 +57,7 @@ async def upload(
     except BaseException:
         imports.discard(path)
         raise
-    found = await asyncio.to_thread(imports.look_at, number, path)
+    found = await asyncio.to_thread(imports.inspect, number, path)
     return {
         "id": found.id,
         "filename": found.filename,

@@ -293,11 +293,11 @@ def file(session_id: str, catalogue: CataloguePart) -> FileResponse:
     With its SHA-256 as ETag and Repr-Digest, and in ranges, so that a download that was cut off goes on.
     """
     try:
-        sealed = catalogue.sealed(session_id)
+        closed = catalogue.closed_file(session_id)
     except SessionNotFound as error:
         raise not_found("session", session_id) from error
-    if sealed is not None:
-        path, digest = sealed
+    if closed is not None:
+        path, digest = closed
         return FileResponse(str(path), filename=path.name, media_type=SQLITE, headers=_digest_headers(digest))
     with tempfile.NamedTemporaryFile(suffix=".sqlite", delete=False) as target:
         path = Path(target.name)

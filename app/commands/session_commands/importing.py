@@ -12,7 +12,7 @@ from app.estimation.filters.estimators import FILTERS
 from app.live.pipeline_factory import Chain
 from app.sessions.transfer.import_session import import_file, read_table
 from app.sources.recordings.can_log import ENDINGS, signal_names
-from app.sources.recordings.profile import ImportProfile, ProfileShelf, guess, parse_profile, profile_of, profile_text
+from app.sources.recordings.profile import ImportProfile, ProfileStore, guess, parse_profile, profile_of, profile_text
 
 _NUMBERS = ("max_rate_hz", "hold_s")
 
@@ -48,9 +48,9 @@ def _import(args: argparse.Namespace) -> int:
     path = _existing(args.file)
     data = data_folder(args)
     chain = Chain(args.filter, args.cell)
-    shelf = ProfileShelf(data / "profiles")
+    store = ProfileStore(data / "profiles")
     is_own_can = path.name.lower().endswith(ENDINGS) and args.dbc is None
-    profile = ImportProfile() if is_own_can else _profile(args, path, shelf)
+    profile = ImportProfile() if is_own_can else _profile(args, path, store)
     done = import_file(
         path,
         profile,
@@ -64,7 +64,7 @@ def _import(args: argparse.Namespace) -> int:
     for note in done.notes:
         print(note, file=sys.stderr)
     if args.save_profile:
-        shelf.save(args.save_profile, profile)
+        store.save(args.save_profile, profile)
     of = f"{done.cells} cells" if done.cells else "CAN frames"
     print(f"{done.info.id}: {done.rows} rows of {of}, {done.info.duration_s / 60:.1f} min")
     return 0
@@ -92,13 +92,13 @@ def _columns(args: argparse.Namespace) -> int:
     return 0
 
 
-def _profile(args: argparse.Namespace, path: Path, shelf: ProfileShelf) -> ImportProfile:
+def _profile(args: argparse.Namespace, path: Path, store: ProfileStore) -> ImportProfile:
     if args.profile is None:
         profile = ImportProfile() if args.dbc is not None else guess(read_table(path))
     elif Path(args.profile).is_file():
         profile = parse_profile(Path(args.profile).read_text(encoding="utf-8"), args.profile)
     else:
-        profile = shelf.load(args.profile)
+        profile = store.load(args.profile)
     given: dict[str, object] = {}
     for text in args.set:
         name, sign, value = text.partition("=")

@@ -50,7 +50,7 @@ def is_in_use(path: Path) -> bool:
     return False
 
 
-def settle(path: Path) -> bool:
+def merge_log(path: Path) -> bool:
     """Bring what a cut-off recorder left in the log into the file, so that the file is all of it; whether it is.
 
     A file that somebody has open, or that cannot be written, stays as it is.

@@ -90,7 +90,7 @@ class Remote:
         """What a session of it is called here."""
         return f"{self.label}-{session.id}"
 
-    def is_here(self, session: RemoteSession, folder: Path) -> bool:
+    def is_fetched(self, session: RemoteSession, folder: Path) -> bool:
         """Whether it was fetched as it is there."""
         path, note = self._paths(session, folder)
         try:

@@ -22,7 +22,7 @@ from app.sessions.info import RecordedCanFrame, RecordedFrame, SessionInfo
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.plan import CLOCK_IS_SET_NS
 from app.sessions.recording.session_writer import Item, SessionWriter, event_item
-from app.sessions.storage.files import FETCHED, is_in_use, settle
+from app.sessions.storage.files import FETCHED, is_in_use, merge_log
 from app.telemetry import Event
 from app.words import Message, Quantity
 
@@ -47,7 +47,7 @@ class Filled:
     estimates: int = 0
     spans: tuple[tuple[float, float], ...] = ()
 
-    def told(self, source: str) -> Message:
+    def message(self, source: str) -> Message:
         """What to say about it."""
         time = Quantity(self.seconds, "s", 1)
         return Message("filled", frames=self.frames, time=time, n=len(self.spans), source=source)
@@ -88,18 +88,18 @@ def fill_from(catalogue: Catalogue, fetched: Path, *, t_wall_ns: int) -> list[Me
     """Fill every session recorded here during the fetched one's run; return what was done."""
     with SessionFile(fetched) as file:
         info = file.info
-    told: list[Message] = []
+    done: list[Message] = []
     for session in _candidates(catalogue, info):
         try:
             filled = fill_gaps(session.path, fetched, t_wall_ns=t_wall_ns)
         except NothingInCommon:
             continue
         except AppError as error:
-            told.append(Message("not-filled", session=session.id, error=error.message))
+            done.append(Message("not-filled", session=session.id, error=error.message))
             continue
         if filled.frames:
-            told.append(Message("of-source", source=session.id, reason=filled.told(fetched.stem)))
-    return told
+            done.append(Message("of-source", source=session.id, reason=filled.message(fetched.stem)))
+    return done
 
 
 def _candidates(catalogue: Catalogue, fetched: SessionInfo) -> list[SessionInfo]:
@@ -214,7 +214,7 @@ def _estimates(source: SessionFile, missing: list[_Missing]) -> list[Item]:
     ]
 
 
-def _write(session: SessionFile, copy: Path, new: list[Item], filled: Filled, whence: str, t_wall_ns: int) -> None:
+def _write(session: SessionFile, copy: Path, new: list[Item], filled: Filled, source_name: str, t_wall_ns: int) -> None:
     """Write the session once more, with the new items in their places."""
     info = session.info
     before = info.metadata.get("filled", [])
@@ -234,13 +234,13 @@ def _write(session: SessionFile, copy: Path, new: list[Item], filled: Filled, wh
             writer.close_chunk_if_due(batch[-1][1][0])
         writer.copy_other_tables(session.path)
         end_ns = info.ended_mono_ns or info.started_mono_ns
-        event = Event(t_wall_ns, "info", "gaps-filled", filled.told(whence), value=filled.seconds, unit="s")
+        event = Event(t_wall_ns, "info", "gaps-filled", filled.message(source_name), value=filled.seconds, unit="s")
         writer.write([event_item(end_ns, event)])
         if info.is_closed:
             writer.close(end_ns, info.ended_wall_ns or end_ns)
     finally:
         writer.abandon()
-    settle(copy)
+    merge_log(copy)
 
 
 def _time_of(item: Item) -> int:

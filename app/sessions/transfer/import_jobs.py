@@ -12,7 +12,7 @@ from app.errors import AppError, ImportFailed, NotNow, told_by
 from app.live.pipeline import Pipeline
 from app.sessions.transfer.import_session import Imported, import_file, read_table
 from app.sources.recordings.can_log import ENDINGS
-from app.sources.recordings.profile import ImportProfile, ProfileShelf, guess
+from app.sources.recordings.profile import ImportProfile, ProfileStore, guess
 from app.telemetry import Severity
 from app.words import Message, Text
 
@@ -58,7 +58,7 @@ class ImportJobs:
         self._lock = threading.Lock()
         self._ids = itertools.count(1)
         self._uploads: dict[int, Upload] = {}
-        self.profiles = ProfileShelf(data / "profiles")
+        self.profiles = ProfileStore(data / "profiles")
         self.state: ImportState | None = None
         shutil.rmtree(self._folder, ignore_errors=True)
 
@@ -73,7 +73,7 @@ class ImportJobs:
         """Delete an upload that did not come whole."""
         shutil.rmtree(path.parent, ignore_errors=True)
 
-    def look_at(self, number: int, path: Path) -> Upload:
+    def inspect(self, number: int, path: Path) -> Upload:
         """Keep an upload and return what it is; a DBC is just kept.
 
         Raises:

@@ -81,7 +81,7 @@ def import_file(
         dbc: of the CAN log's bus.
         name: of the session; the file's where empty.
         started_unix_s: where the file does not say; else the time at which the file was changed, less its length.
-        on_progress: hears how far it is.
+        on_progress: called with how far it is.
 
     Raises:
         ImportFailed, ExtraMissing: the file, the profile and the DBC do not go together; nothing is left behind.

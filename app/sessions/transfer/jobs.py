@@ -58,7 +58,7 @@ class Fetch:
         chosen = [found[i] for i in wanted] if wanted else [s for s in found.values() if not s.is_recording]
         chosen.sort(key=lambda session: session.started_s)
         for session in chosen:
-            if self.remote.is_here(session, self.folder):
+            if self.remote.is_fetched(session, self.folder):
                 self._change(already_here=self.state.already_here + 1)
             else:
                 self._one(session, fill)

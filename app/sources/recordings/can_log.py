@@ -38,19 +38,19 @@ def read_frames(path: Path) -> Iterator[Frame]:
 
 
 def signal_table(path: Path, dbc: Path, profile: ImportProfile) -> Table:
-    """Return the profile's signals at every frame that carries the current; others as they were last heard.
+    """Return the profile's signals at every frame that carries the current; others as last received.
 
     Raises:
         ExtraMissing: cantools is not installed.
         ImportFailed: the log or the DBC cannot be read, or a signal is in none of the frames.
     """
     profile.check_complete()
-    heard = _heard(read_frames(path), path.name, dbc)
+    signals = _signals(read_frames(path), path.name, dbc)
     source = path.name
-    times_s, current = _signal(source, "current", profile.current, heard)
+    times_s, current = _signal(source, "current", profile.current, signals)
     columns: dict[str, FloatArray] = {"time": times_s, profile.current: current}
     indexed = {name.partition("[")[0] for name in (profile.voltages, profile.temperatures) if "[" in name}
-    for name, (at_s, values) in heard.items():
+    for name, (at_s, values) in signals.items():
         is_wanted = (
             name == profile.soc
             or matching(profile.voltages, [name])
@@ -79,7 +79,7 @@ def signal_names(path: Path, dbc: Path) -> list[str]:
         ExtraMissing: cantools is not installed.
         ImportFailed: the log or the DBC cannot be read.
     """
-    return sorted(_heard(read_frames(path), path.name, dbc))
+    return sorted(_signals(read_frames(path), path.name, dbc))
 
 
 def one_signal(frames: Iterable[Frame], source: str, dbc: Path, name: str) -> tuple[FloatArray, FloatArray]:
@@ -89,11 +89,11 @@ def one_signal(frames: Iterable[Frame], source: str, dbc: Path, name: str) -> tu
         ExtraMissing: cantools is not installed.
         ImportFailed: the DBC cannot be read, or the signal is not in it or in no frame.
     """
-    heard = _heard(frames, source, dbc, only=name.rpartition(".")[2])
-    return _signal(source, "signal", name, heard)
+    signals = _signals(frames, source, dbc, only=name.rpartition(".")[2])
+    return _signal(source, "signal", name, signals)
 
 
-def _heard(
+def _signals(
     frames: Iterable[Frame], source: str, dbc: Path, only: str | None = None
 ) -> dict[str, tuple[list[float], list[float]]]:
     """Times and values of each signal; under its own name where only one message has one of that name.
@@ -110,7 +110,7 @@ def _heard(
     for message in database.messages:
         for signal in message.signals:
             uses[signal.name] += 1
-    heard: dict[str, tuple[list[float], list[float]]] = defaultdict(lambda: ([], []))
+    signals: dict[str, tuple[list[float], list[float]]] = defaultdict(lambda: ([], []))
     for at_s, can_id, data in frames:
         message = by_id.get(can_id)
         if message is None:
@@ -124,13 +124,13 @@ def _heard(
             names = [f"{message.name}.{name}"] + ([name] if uses[name] == 1 else [])
             names += [f"{name}[{int(index)}]" for other, index in numbers.items() if _counts(other, name, index)]
             for each in names:
-                times, found = heard[each]
+                times, found = signals[each]
                 times.append(at_s)
                 found.append(value)
-    if not heard:
+    if not signals:
         what = "its frames" if only is None else f"its frames with a signal {only}"
         raise ImportFailed(source, f"none of {what} is in {dbc.name}")
-    return heard
+    return signals
 
 
 def _counts(name: str, of: str, value: float) -> bool:
@@ -150,12 +150,12 @@ def _database(path: Path) -> Any:
 
 
 def _signal(
-    source: str, what: str, name: str, heard: dict[str, tuple[list[float], list[float]]]
+    source: str, what: str, name: str, signals: dict[str, tuple[list[float], list[float]]]
 ) -> tuple[FloatArray, FloatArray]:
-    if name not in heard:
-        shown = ", ".join(sorted(heard)[:12])
-        raise ImportFailed(source, f"{what} = {name!r}: no such signal was heard; there are {shown}, ...")
-    times_s, values = heard[name]
+    if name not in signals:
+        shown = ", ".join(sorted(signals)[:12])
+        raise ImportFailed(source, f"{what} = {name!r}: no frame carries this signal; there are {shown}, ...")
+    times_s, values = signals[name]
     return np.array(times_s), np.array(values)
 
 

@@ -143,7 +143,7 @@ def _median(values: FloatArray) -> float:
     return float(np.median(known)) if len(known) else float("nan")
 
 
-class ProfileShelf:
+class ProfileStore:
     """Profiles by name in a folder."""
 
     def __init__(self, folder: Path) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.errors import ImportFailed
-from app.sources.recordings.profile import ImportProfile, ProfileShelf, guess, parse_profile, profile_text
+from app.sources.recordings.profile import ImportProfile, ProfileStore, guess, parse_profile, profile_text
 from app.sources.recordings.table import Table
 
 ORION = ImportProfile(
@@ -58,19 +58,19 @@ def test_a_profile_that_names_too_little_says_what_is_missing(given: dict[str, s
 def test_a_profile_that_cannot_be_read_names_its_file(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text("speed = 3")
     with pytest.raises(ImportFailed, match=r"bad\.toml: speed: no such field"):
-        ProfileShelf(tmp_path).load("bad")
+        ProfileStore(tmp_path).load("bad")
 
 
 def test_profiles_are_kept_by_name(tmp_path):
-    shelf = ProfileShelf(tmp_path / "profiles")
-    shelf.save("orion", ORION)
-    assert shelf.names() == ["orion"]
-    assert shelf.load("orion") == ORION == parse_profile(profile_text(ORION))
+    store = ProfileStore(tmp_path / "profiles")
+    store.save("orion", ORION)
+    assert store.names() == ["orion"]
+    assert store.load("orion") == ORION == parse_profile(profile_text(ORION))
     for name in ("../up", "", "a/b"):
         with pytest.raises(ImportFailed, match="cannot be called"):
-            shelf.save(name, ORION)
+            store.save(name, ORION)
     with pytest.raises(ImportFailed, match="no such profile; there are: orion"):
-        shelf.load("other")
+        store.load("other")
 
 
 @pytest.mark.parametrize(
