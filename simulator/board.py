@@ -1,4 +1,4 @@
-"""The hardware around the master that outlives its resets: sensors, slaves, EEPROM, the latch, the count of boots."""
+"""The hardware around the master that is not reset with it: sensors, slaves, EEPROM, the latch, the count of boots."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ _CURVE_V = np.array(POINTS_V)
 
 
 class Board:
-    """What the firmware measures with and stores in."""
+    """The sensors, slaves and EEPROM that the firmware uses."""
 
     def __init__(self, eeprom: Eeprom, rng: np.random.Generator) -> None:
         self.rng = rng
@@ -33,7 +33,7 @@ class Board:
         self.chain.converters.cell_v = self.cell_inputs.read(accumulator.terminal_voltage_v)
 
     def sense_temperatures(self, accumulator: Accumulator) -> None:
-        """Put the sensors' voltages beside them."""
+        """Put the temperature sensors' voltages at the slaves' inputs."""
         degc = self.cell_inputs.read_temperature(accumulator.temperature_degc)
         sensor_v = np.interp(degc, _CURVE_DEGC, _CURVE_V) + self.noise.draw(N_CELLS) * TEMPERATURE_NOISE_V
         self.chain.converters.sensor_v = np.where(self.cell_inputs.temperature_unplugged, 0.0, sensor_v)

@@ -1,4 +1,4 @@
-"""The car's nodes of the CAN bus: the master while it runs, the charger while plugged in, and one that babbles."""
+"""The car's nodes of the CAN bus: the master while it runs, the charger while plugged in, and a babbling node."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ _BABBLE = CanFrame(0, False, bytes(8))  # no frame has more weight
 
 
 class MasterOnBus:
-    """The master's controller; off while the master is not running or was taken off."""
+    """The master's controller; off while the master is not running or is bus-off."""
 
     is_listening_only = False
 
@@ -33,7 +33,7 @@ class MasterOnBus:
 
 
 class ChargerOnBus:
-    """The charger, there while it is plugged in."""
+    """The charger, on the bus while it is plugged in."""
 
     is_listening_only = False
 
@@ -54,7 +54,7 @@ class ChargerOnBus:
 
 
 class BabblingNode:
-    """A node that keeps the bus busy with the frame of most weight, for a share of the time."""
+    """A node that occupies the bus with frames of the highest priority, for a share of the time."""
 
     is_listening_only = False
 
@@ -64,13 +64,13 @@ class BabblingNode:
 
     @property
     def bit_rate(self) -> int:
-        """That of the master, 0 while it is quiet [bit/s]."""
+        """The master's bit rate, 0 while the node sends nothing [bit/s]."""
         return self._rate_of() if self.share else 0
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:
-        """Hear nothing."""
+        """Ignore every frame."""
 
     def step(self, bus: CanBus, now_s: float, dt_s: float) -> None:
-        """Queue what fills its share of the next step."""
+        """Queue enough frames to fill its share of the next step."""
         for _ in range(round(self.share * dt_s * self.bit_rate / _BABBLE.bits)):
             bus.send(self, _BABBLE, now_s)

@@ -69,7 +69,7 @@ Waiting = tuple[tuple[int, bool, int], int, float, CanFrame]  # weight, order of
 
 @dataclass(slots=True)
 class Station:
-    """A node's place on the bus: what waits, and its error counters."""
+    """The queue of a node and its error counters."""
 
     node: CanListener
     max_waiting: int = MAX_WAITING
@@ -104,7 +104,7 @@ class CanBus:
 
     @property
     def is_broken(self) -> bool:
-        """A short circuit destroys every frame, and nobody who is off the bus comes back."""
+        """A short circuit destroys every frame, and no node that is bus-off recovers."""
         return self._is_broken
 
     @is_broken.setter
@@ -115,7 +115,7 @@ class CanBus:
         self._is_broken = is_broken
 
     def attach(self, node: CanListener, max_waiting: int = MAX_WAITING) -> None:
-        """Connect a node; beyond `max_waiting` frames it takes no more."""
+        """Connect a node; its queue holds `max_waiting` frames."""
         self._stations[id(node)] = Station(node, max_waiting)
 
     def detach(self, node: CanListener) -> None:
@@ -125,15 +125,15 @@ class CanBus:
             self._current = None
 
     def station(self, node: CanListener) -> Station:
-        """Return the place of a connected node."""
+        """Return the queue and error counters of a connected node."""
         return self._stations[id(node)]
 
     def is_off(self, node: CanListener) -> bool:
-        """Return whether errors took a node off the bus."""
+        """Return whether a node is bus-off."""
         return self._stations[id(node)].off_since_s is not None
 
     def send(self, sender: CanListener, frame: CanFrame, now_s: float) -> None:
-        """Queue a frame; it goes when the bus is free and no frame of more weight waits."""
+        """Queue a frame; it is sent when the bus is free and no frame of higher priority waits."""
         station = self._stations[id(sender)]
         if not sender.bit_rate or station.off_since_s is not None or len(station.waiting) >= station.max_waiting:
             return
@@ -142,7 +142,7 @@ class CanBus:
             self.due_s = min(self.due_s, max(now_s, self._free_s))
 
     def run(self, now_s: float) -> None:
-        """Let everything happen that is due until now."""
+        """Process everything that is due until now."""
         self._now_s = now_s
         while self.due_s <= now_s:
             at_s = self.due_s
@@ -156,7 +156,7 @@ class CanBus:
                 self._begin(at_s)
 
     def _begin(self, now_s: float) -> None:
-        """Let the frame of most weight begin."""
+        """Start the frame of the highest priority."""
         weightiest: Station | None = None
         for station in self._stations.values():
             waiting = station.waiting
@@ -174,7 +174,7 @@ class CanBus:
         self.due_s = now_s + item[3].bits / weightiest.node.bit_rate
 
     def _end(self, sender: Station, item: Waiting, now_s: float) -> float:
-        """Deliver a frame, or let it wait again where it failed; return when the bus is free again [s]."""
+        """Deliver a frame, or queue it again where it failed; return when the bus is free again [s]."""
         rate, frame = sender.node.bit_rate, item[3]
         if not rate:
             return now_s
@@ -204,7 +204,7 @@ class CanBus:
         return now_s
 
     def _unanswered(self, sender: Station, item: Waiting, now_s: float) -> float:
-        """Count a missing acknowledge, which takes nobody off the bus."""
+        """Count a missing acknowledge; it never leads to bus-off."""
         self._tell_error()
         heapq.heappush(sender.waiting, item)
         if sender.transmit_errors >= PASSIVE:

@@ -1,4 +1,4 @@
-"""The master's CAN controller: its tables at work, with timing, timeout, answer and sending on demand."""
+"""The master's CAN controller: sends and receives by its tables, with period, timeout, answer and sending on demand."""
 
 from collections.abc import Iterator
 

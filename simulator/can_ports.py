@@ -31,7 +31,7 @@ class CanPort(Protocol):
         ...
 
     def poll(self) -> None:
-        """Do what the selector cannot: take frames that wait, tend the port."""
+        """Do what the selector cannot: take waiting frames, keep the port open."""
         ...
 
     def close(self) -> None:
@@ -60,7 +60,7 @@ class SlcanPort:
         self._bus, self._adapter = bus, adapter
 
     def poll(self) -> None:
-        """Tend the byte port; the selector watches it."""
+        """Keep the byte port open; the selector watches it."""
         self._port.tend()
 
     def close(self) -> None:
@@ -99,7 +99,7 @@ class PythonCanPort:
         return int(self._options.get("bitrate", 500_000))
 
     def open(self, selector: selectors.BaseSelector, bus: CanBus, now_s: Callable[[], float]) -> None:
-        """Open the bus and become a node of ours."""
+        """Open the bus and become a node of the simulated bus."""
         try:
             self._device = can.Bus(channel=self._channel, interface=self._interface, **self._options)
         except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:

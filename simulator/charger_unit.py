@@ -67,7 +67,7 @@ class ChargerUnit:
 
     @property
     def flags(self) -> ChargerFlags:
-        """What is wrong, as the status says it."""
+        """The fault flags of the status message."""
         flags = NORMAL
         if self.has_hardware_fault:
             flags |= ChargerFlags.HARDWARE
@@ -82,7 +82,7 @@ class ChargerUnit:
         return flags
 
     def receive(self, data: bytes) -> bool:
-        """Take a command's eight data bytes; return whether it was one. A silent unit takes none."""
+        """Take the eight data bytes of a command; return whether it was one. A silent unit ignores it."""
         if self.is_silent:
             return False
         try:
@@ -110,7 +110,7 @@ class ChargerUnit:
         return self._status_if_due(dt_s)
 
     def status(self) -> ChargerStatus:
-        """Return what the unit says of itself."""
+        """Return the status message of the unit."""
         return ChargerStatus(self.voltage_v * self.parameters.voltage_gain, self.current_a, self.flags)
 
     def _wanted_a(self) -> float:

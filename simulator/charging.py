@@ -103,7 +103,7 @@ class Balancer:
         return self.is_active
 
     def stop(self) -> None:
-        """Bleed nothing."""
+        """Stop bleeding."""
         self._by_hand_until_s = None
         if self.is_active:
             self.cells = np.zeros(N_CELLS, dtype=bool)
@@ -127,14 +127,14 @@ class Charging:
         self._write(0, 0, stop=True)
 
     def start(self, now_s: float) -> list[Event]:
-        """Begin; the charger has to show itself first."""
+        """Start charging; a status message of the charger must arrive first."""
         if self.is_active:
             return []
         self._slope, self._is_slope_known = UNKNOWN_SLOPE, False
         return self._enter(ChargingState.WAITING, now_s)
 
     def stop(self, now_s: float, *, fault: bool = False) -> list[Event]:
-        """End, because somebody asked or because something is wrong."""
+        """Stop charging, on request or because of a fault."""
         if self.state == ChargingState.OFF or (fault and not self.is_active):
             return []
         return self._enter(ChargingState.FAULT if fault else ChargingState.OFF, now_s)
@@ -172,7 +172,7 @@ class Charging:
         return []
 
     def _held(self, config: Config) -> float:
-        """Return what the highest cell is held at [100 uV], further below its top the more a count of current lifts it.
+        """Return the target of the highest cell [100 uV]: lower, the more one count of current lifts this cell.
 
         Both phases aim at it, so that a current which is trimmed on the way there ends constant current all the same.
         """
@@ -183,7 +183,7 @@ class Charging:
         return self._held(config) - (self._slope - CELL_SLOPE)
 
     def _control(self, config: Config, now_s: float, v_max: int) -> None:
-        """Trim the asked current: an integrator on the highest cell's distance to what is held, slower up than down."""
+        """Trim the requested current: an integrator on the highest cell's distance to its target."""
         if now_s < self._next_control_s:
             return
         self._next_control_s = now_s + CONTROL_PERIOD_S

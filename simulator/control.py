@@ -1,4 +1,4 @@
-"""What a running simulation can be asked over its control port: state, faults, speed. No socket here."""
+"""The requests that a running simulation takes over its control port: state, faults, speed. No socket here."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -32,7 +32,7 @@ _KEYS = {
 
 
 class Control:
-    """What the requests do."""
+    """Carries out the requests of the control port."""
 
     def __init__(self, director: Director, runner: Runner) -> None:
         self._director = director

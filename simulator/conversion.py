@@ -1,4 +1,4 @@
-"""What an LTC6804 can be told to convert, and how long it takes.
+"""The conversions of an LTC6804, and how long each takes.
 
 Times are those of the data sheet for one and for six conversions; those between lie on a line, as its own do.
 """

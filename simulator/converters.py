@@ -80,12 +80,12 @@ class Converters:
     # --- faults
 
     def stick(self, slave: int, bits: int) -> None:
-        """Let these bits of a slave's converter always be set; 0 for a sound one."""
+        """Set the bits of a slave's converter that are stuck at 1; 0 without a fault."""
         self.stuck_bits[slave] = bits
         self._has_faults = bool(self.stuck_bits.any() or (self.reference_factor != 1).any())
 
     def drift(self, slave: int, factor: float) -> None:
-        """Let the converter's reference of a slave stand at this part of its nominal voltage; 1 for a sound one."""
+        """Set the reference of a slave's converter to this part of its nominal voltage; 1 without a fault."""
         self.reference_factor[slave] = factor
         self._has_faults = bool(self.stuck_bits.any() or (self.reference_factor != 1).any())
 
@@ -108,7 +108,7 @@ class Converters:
         *,
         adc_option: bool = False,
     ) -> None:
-        """Begin a conversion; one under way in the same chips is lost.
+        """Start a conversion; one that is running in the same chips is aborted.
 
         Args:
             conversion: which.
@@ -193,7 +193,7 @@ class Converters:
     # --- what they see
 
     def _inputs(self, conversion: Conversion, discharging: BoolArray) -> FloatArray | None:
-        """Return (n_cells,) what the cell inputs see [V], None for other conversions."""
+        """Return (n_cells,) voltages at the cell inputs [V], None for other conversions."""
         if conversion.self_test is not None or conversion.kind not in (ADCV, ADOW):
             return None
         if conversion.kind == ADOW:

@@ -41,7 +41,7 @@ _COMMANDS = {
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something of the scenario that did not happen as it was planned."""
+    """A part of the scenario that could not be carried out."""
 
     at_s: float
     text: str
@@ -88,11 +88,11 @@ class Director:
 
     @property
     def phase(self) -> PhasePlan:
-        """What the car is doing."""
+        """The current phase of the scenario."""
         return self.scenario.phases[self._phase_index]
 
     def run(self, for_s: float) -> None:
-        """Play for a virtual while, or to the scenario's end [s]."""
+        """Run for this virtual time, or to the end of the scenario [s]."""
         end_s = self.simulation.now_s + for_s
         while not self.is_over and self.simulation.now_s < end_s:
             self.simulation.run_until(min(self.simulation.now_s + 1.0, end_s))
@@ -109,7 +109,7 @@ class Director:
             self.next_phase()
 
     def _follow_ambient(self) -> None:
-        """Let the air be as warm as a recording says, unless a fault says otherwise."""
+        """Set the air to the temperature of a recording, unless a fault sets it."""
         load = self.simulation.load
         if not isinstance(load, Recorded):
             return
@@ -167,7 +167,7 @@ class Director:
         return elapsed_s >= self.simulation.load.duration_s
 
     def next_phase(self) -> None:
-        """Go on to the next phase, or to the end.
+        """Go to the next phase, or end the scenario.
 
         Raises:
             InputError: the scenario is over.

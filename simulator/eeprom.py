@@ -1,4 +1,4 @@
-"""The AT24C256 as a chip: 32 kB in a file, 64-byte pages, 5 ms a write, and what a power cut or wear leaves behind."""
+"""The AT24C256 as a chip: 32 kB in a file, 64-byte pages, 5 ms a write, and the effects of a power cut and of wear."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -56,12 +56,12 @@ class Eeprom:
                 file.write(self.content[start : start + PAGE_SIZE])
 
     def tear(self, address: int, data: bytes, n_bytes: int, garbage: int) -> None:
-        """Write what a power cut lets through: the first `n_bytes`, then one byte of garbage."""
+        """Write what is left after a power cut: the first `n_bytes`, then one random byte."""
         self.write(address, (data[:n_bytes] + bytes([garbage & 0xFF]))[: len(data)])
 
 
 class PageJob:
-    """Page writes one after the other, 5 ms each; interrupted, it leaves the page under way torn."""
+    """Page writes one after the other, 5 ms each; an interruption leaves a page written in part."""
 
     def __init__(self, eeprom: Eeprom, pages: Iterable[tuple[int, bytes]], now_s: float) -> None:
         self._eeprom = eeprom
@@ -76,7 +76,7 @@ class PageJob:
         return not self._pages
 
     def interrupt(self, rng: np.random.Generator) -> None:
-        """Take the power away."""
+        """Cut the power."""
         if self._pages:
             address, data = self._pages[0]
             self._eeprom.tear(address, data, int(rng.integers(len(data) + 1)), int(rng.integers(256)))

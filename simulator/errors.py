@@ -1,4 +1,4 @@
-"""Everything the simulator refuses to do.
+"""The errors of the simulator.
 
 SimulatorError
   ParameterError   a physical parameter or input is outside what the model means
@@ -15,7 +15,7 @@ class SimulatorError(Exception):
 
 
 class ParameterError(SimulatorError):
-    """A physical parameter or input is outside what the model means."""
+    """A physical parameter or input is outside the range of the model."""
 
     def __init__(self, name: str, value: object, rule: str) -> None:
         self.name = name
@@ -25,7 +25,7 @@ class ParameterError(SimulatorError):
 
 
 class ConvergenceError(SimulatorError):
-    """Equations whose solution was not found; `residual` is what remained."""
+    """A solver did not converge; `residual` is the remaining error."""
 
     def __init__(self, name: str, residual: float) -> None:
         self.name = name
@@ -43,7 +43,7 @@ class ScenarioError(SimulatorError):
 
 
 class FaultError(SimulatorError):
-    """A fault that does not exist, or that cannot take what it was given."""
+    """An unknown fault, or a value that the fault does not allow."""
 
     def __init__(self, fault: str, reason: str) -> None:
         self.fault = fault
@@ -52,7 +52,7 @@ class FaultError(SimulatorError):
 
 
 class InputError(SimulatorError):
-    """A key of a file or a request that is missing, foreign, or has a value that it cannot have."""
+    """A key of a file or a request that is missing, unknown, or has a value that is not allowed."""
 
     def __init__(self, key: str, reason: str) -> None:
         self.key = key

@@ -18,7 +18,7 @@ def ramp_duty(config: Config, t_max_degc: int) -> int:
 
 
 class Fans:
-    """The fans' duty: the ramp's, or the one that a command asked for."""
+    """The duty of the fans: from the ramp, or from a command."""
 
     def __init__(self) -> None:
         self.override = AUTOMATIC

@@ -1,4 +1,4 @@
-"""Everything that can be made to go wrong, as a table: name, target, value, and what it does to the simulation."""
+"""The faults that can be injected, as a table: name, target, value, and what it does to the simulation."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ Apply = Callable[[Simulation, int, float], None]
 
 @dataclass(frozen=True, slots=True)
 class FaultKind:
-    """One kind of fault; `apply` with `neutral` takes it away again."""
+    """One kind of fault; `apply` with `neutral` removes it."""
 
     name: str
     meaning: str

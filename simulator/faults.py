@@ -1,4 +1,4 @@
-"""Faults in force on a simulation: injected, over after their time or when cleared; what may be asked of each."""
+"""Faults in force on a simulation: injected, removed after their time or when cleared; the values each allows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ def read_target(target: Target, table: Mapping[str, Any]) -> int:
 
 
 class FaultBoard:
-    """Injects faults and takes them away when their time is over; the same fault on the same target is replaced."""
+    """Injects faults and removes them when their time is over; the same fault on the same target is replaced."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -65,7 +65,7 @@ class FaultBoard:
         return tuple(self._active.values())
 
     def inject(self, name: str, target: int = 0, value: float | None = None, for_s: float | None = None) -> None:
-        """Make something go wrong, for a while or until it is cleared.
+        """Inject a fault, for a time or until it is cleared.
 
         Raises:
             FaultError: no such fault or target, or a value or time out of range.
@@ -79,7 +79,7 @@ class FaultBoard:
             self._active[name, target] = ActiveFault(name, target, given, now_s, until_s)
 
     def clear(self, name: str, target: int = 0) -> None:
-        """Put something right again; nothing happens where it was not wrong.
+        """Clear a fault; nothing happens where it is not in force.
 
         Raises:
             FaultError: no such fault.
@@ -89,12 +89,12 @@ class FaultBoard:
             kind.apply(self._simulation, target, kind.neutral)
 
     def clear_all(self) -> None:
-        """Put everything right."""
+        """Clear all faults."""
         for fault in self.active:
             self.clear(fault.name, fault.target)
 
     def step(self, now_s: float) -> None:
-        """Clear what is over."""
+        """Remove the faults whose time is over."""
         if not self._active:
             return
         for fault in self.active:

@@ -1,4 +1,4 @@
-"""Keys and numbers that people and programs hand in: taken when they make sense, else refused with key and limit."""
+"""Checks of keys and numbers that come from outside: each is accepted, or refused with its key and limit."""
 
 import argparse
 from collections.abc import Callable, Iterable, Mapping
@@ -14,7 +14,7 @@ _LONGEST_SHOWN = 40
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What a number may be, ends included; `is_above` leaves the lower end out."""
+    """The range of a number, ends included; `is_above` excludes the lower end."""
 
     minimum: float
     maximum: float
@@ -101,7 +101,7 @@ def read_choice(table: Mapping[str, Any], key: str, choices: Iterable[str]) -> s
 
 
 def refuse_unknown(table: Mapping[str, Any], known: Iterable[str], what: str = "here") -> None:
-    """Refuse the first key that means nothing.
+    """Refuse the first unknown key.
 
     Raises:
         InputError: there is one.

@@ -20,7 +20,7 @@ BoolArray = NDArray[np.bool_]
 
 
 class Answers(NamedTuple):
-    """What arrives of one read of every slave."""
+    """The received packets of one read of every slave."""
 
     words: WordArray  # (n_slaves, groups, 3), not to be written: undisturbed they are the registers themselves
     intact: BoolArray  # (n_slaves, groups) whether the check word is that of the data

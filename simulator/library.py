@@ -1,4 +1,4 @@
-"""The scenarios that come with the simulator: found by name, listed with what cannot be read among them."""
+"""The scenarios that come with the simulator: found by name, and listed together with files that cannot be read."""
 
 import functools
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ LIBRARY = Path(__file__).parent / "scenarios"
 
 @dataclass(frozen=True, slots=True)
 class Unreadable:
-    """A file of the library that is no scenario, and why."""
+    """A file of the library that cannot be read, and why."""
 
     name: str
     reason: str

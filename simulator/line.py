@@ -1,4 +1,4 @@
-"""The wire from the master's UART to the host: no faster than 115200 8E1, and disturbed on demand.
+"""The wire from the master's UART to the host: limited to 115200 8E1, with disturbances on request.
 
 Time is virtual seconds, given by the caller. A frame is handed over whole, at the instant at which its last byte left.
 """
@@ -29,13 +29,13 @@ class UartLine:
         self.busy_until_s = max(now_s, self.busy_until_s) + len(frame) / LINE_BYTES_PER_S
 
     def take(self) -> bytes:
-        """Return what arrives of the frame whose last byte has just left, and free the wire."""
+        """Return the received bytes of the frame whose last byte was just sent, and free the wire."""
         frame, self._in_flight, self.is_busy = self._in_flight, b"", False
         self.bytes_sent += len(frame)
         return self.disturb(frame)
 
     def disturb(self, data: bytes) -> bytes:
-        """Return what is left of bytes that cross the disturbed line."""
+        """Return the bytes after the disturbances of the line."""
         if self.is_stuck:
             return b""
         if self.is_dropping:

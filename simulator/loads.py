@@ -1,4 +1,4 @@
-"""What draws current from the accumulator: the interface, and every load that is not a race.
+"""The loads of the accumulator: the interface, and every load that is not a race.
 
 A load is a function of time and of the voltage it sees. It keeps no clock and no state of the cells.
 """
@@ -42,7 +42,7 @@ class LoadState:
 
 
 class ElectricalView(Protocol):
-    """What a load can see of the accumulator."""
+    """The values of the accumulator that a load may read."""
 
     @property
     def outlet_voltage_v(self) -> float:
@@ -103,7 +103,7 @@ class ConstantCurrent:
 
 @dataclass(frozen=True)
 class Idle:
-    """High voltage on and the car still: inverters and cooling draw a little."""
+    """High voltage on, the car does not move: inverters and cooling draw a small current."""
 
     watts: float = 250.0
     duration_s: float = float("inf")

@@ -1,7 +1,7 @@
 """The virtual master: the firmware's tasks over one struct, from its boot to its next reset.
 
 `measure` is one pass over sensors, protection and outputs, every 20 ms as the slaves allow. Bytes come in by `receive`,
-frames leave by `next_frame` when the line is free. It knows its board, never the true state of a cell.
+frames leave by `next_frame` when the line is free. It reads the board's sensors, never the true state of a cell.
 """
 
 import math
@@ -91,7 +91,7 @@ class VirtualMaster:
 
     @property
     def relay_state(self) -> RelayState:
-        """What the accumulator is connected to."""
+        """Which side the relays connect the accumulator to."""
         return self._relays.state
 
     @property
@@ -106,13 +106,13 @@ class VirtualMaster:
 
     @property
     def is_at_work(self) -> bool:
-        """Relays are closed or closing, or the charger is asked: of the configuration only live fields may change."""
+        """Relays are closed or closing, or charging is active: only live fields of the configuration may change."""
         return self._relays.state is not RelayState.OPEN or self.charging.is_active
 
     # --- one pass
 
     def measure(self, now_s: float, dt_s: float, true_current_a: float) -> None:
-        """Measure, protect, charge, balance and steer, once."""
+        """Run one pass: measure, protect, charge, balance, set relays and fans."""
         config = self.config
         reading = self._measurement.run(config, now_s, dt_s, true_current_a, self.charging.is_active)
         is_ready = self._measurement.is_ready
@@ -201,7 +201,7 @@ class VirtualMaster:
             self.emit(event)
 
     def lose_power(self, rng: np.random.Generator) -> None:
-        """Stop in the middle of whatever is under way."""
+        """Lose power; a write that is under way is interrupted."""
         self.store.lose_power(rng)
 
     # --- commands
@@ -260,7 +260,7 @@ class VirtualMaster:
     # --- RS232
 
     def ident(self) -> Ident:
-        """Return who this master is."""
+        """Return the answer to IDENT."""
         return Ident(FIRMWARE_VERSION, reset_cause=self._reset_cause, boots=self.board.boots)
 
     def receive(self, data: bytes, now_s: float) -> None:
@@ -288,7 +288,7 @@ class VirtualMaster:
             self._stream = StreamSchedule(self.config.ts / 1000, now_s)
 
     def next_frame(self, now_s: float) -> bytes | None:
-        """Return the frame that the free line carries next, None where it stays free."""
+        """Return the next frame for the free line, None where there is none."""
         if self._outbox:
             return self._frame(*self._outbox.pop(), now_s)
         spans = None if self._stream is None else self._stream.take(now_s)
@@ -299,13 +299,13 @@ class VirtualMaster:
         return self._frame(MessageType.DATA, data.to_body(), now_s)
 
     def next_due_s(self, now_s: float) -> float:
-        """Return the earliest time at which a free line may have something to carry."""
+        """Return the earliest time at which there may be a frame to send."""
         if self._outbox:
             return now_s
         return math.inf if self._stream is None else self._stream.due_s(now_s)
 
     def emit(self, event: Event) -> None:
-        """Tell the host of something that happened."""
+        """Queue an event for the host."""
         self._outbox.put(MessageType.EVENT, event.to_body())
 
     def _emit_all(self, events: list[Event]) -> None:

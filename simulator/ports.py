@@ -41,11 +41,11 @@ class BytePort(Protocol):
         ...
 
     def tend(self) -> None:
-        """Do what has to be done every now and then."""
+        """Do periodic maintenance."""
         ...
 
     def close(self) -> None:
-        """Close and leave nothing behind."""
+        """Close, and remove what was created."""
         ...
 
 
@@ -104,7 +104,7 @@ class PtyPort:
             termios.tcsetattr(self._slave, termios.TCSANOW, attributes)
 
     def close(self) -> None:
-        """Close both ends; whoever reads sees the device vanish."""
+        """Close both ends; a reader loses the device."""
         if self._master < 0:
             return
         if self._selector is not None:
@@ -180,7 +180,7 @@ class TcpPort:
             self._drop_client()
 
     def tend(self) -> None:
-        """Do nothing: sockets need no care."""
+        """Do nothing: sockets need no maintenance."""
 
     def _drop_client(self) -> None:
         if self._client is None or self._selector is None or self._listener is None:

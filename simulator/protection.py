@@ -18,7 +18,7 @@ CHARGE_TOLERANCE = 100  # 1 A [10 mA]: the sensor's accuracy, so that the asked 
 
 @dataclass(slots=True)
 class Reading:
-    """What the protection judges, in the memory map's counts."""
+    """The measured values that the protection checks, in counts of the memory map."""
 
     v_min: int
     v_min_id: int
@@ -52,7 +52,7 @@ class Violation:
 
 
 def violations(config: Config, reading: Reading) -> Iterator[Violation]:
-    """Yield what is critical now, whether it persists or not."""
+    """Yield the violations of this pass, whether they persist or not."""
     fast, slow = FAST_PERSISTENCE_S, SLOW_PERSISTENCE_S
     if reading.v_min < config.v_cell_min:
         yield Violation(EventCode.TRIP_V_MIN, fast, reading.v_min_id, reading.v_min, config.v_cell_min)
@@ -94,7 +94,7 @@ class Latch:
 
 
 class Protection:
-    """The OK signal: drops when something critical persists, stays off until cleared."""
+    """The OK signal: switched off by a violation that persists, stays off until cleared."""
 
     def __init__(self, latch: Latch) -> None:
         self._latch = latch
@@ -126,7 +126,7 @@ class Protection:
         return events
 
     def clear(self) -> bool:
-        """Release the latch, unless something is critical at this moment; return whether."""
+        """Release the latch unless a limit is violated now; return whether it was released."""
         if self._critical:
             return False
         self._tripped.clear()

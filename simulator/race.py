@@ -39,7 +39,7 @@ class Car:
 
 @dataclass(frozen=True)
 class Driver:
-    """How much of the car is used, and how evenly."""
+    """How close to the limits the driver drives, and how evenly."""
 
     grip_part: float = 0.775
     power_part: float = 0.85
@@ -164,7 +164,7 @@ def _trace(car: Car, driver: Driver, speed: FloatArray, curvature_per_m: FloatAr
 
 
 class Event:
-    """A power trace with a timetable: what all races have in common."""
+    """A power trace with its phases and laps: the base of all races."""
 
     def __init__(self, limits: PowerLimits) -> None:
         self._limits = limits
@@ -175,7 +175,7 @@ class Event:
         self.speed_m_per_s: FloatArray = np.zeros(0)
 
     def add_pause(self, phase: Phase, lap: int, seconds: float, watts: float = 0.0) -> None:
-        """Append a time in which the car stands."""
+        """Append a time in which the car does not move."""
         samples = round(seconds / SAMPLE_S)
         self._append(phase, lap, np.full(samples, watts), np.zeros(samples))
 

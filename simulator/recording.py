@@ -1,4 +1,4 @@
-"""A recorded drive as a load and as a start: a CSV file of ours, or one that a session was exported to.
+"""A recorded drive as load and start state: a CSV file, for example an exported session.
 
 A session has no sensor in the air. The air is taken to be as warm as the coldest cell has been so far: cells without
 cooling below ambient are never colder than their air, and at the start of a day they are as warm as it is.

@@ -7,7 +7,7 @@ PRECHARGE_LIMIT_S = 3.0  # ten time constants: what is not charged by then never
 
 
 class RelayState(enum.Enum):
-    """What the accumulator is connected to."""
+    """Which side the relays connect the accumulator to."""
 
     OPEN = "open"
     PRECHARGE = "precharge"
@@ -16,7 +16,7 @@ class RelayState(enum.Enum):
 
 
 class Relays:
-    """Closed only while the OK signal stands; the vehicle is pre-charged first.
+    """Closed only while the OK signal is on; the vehicle is pre-charged first.
 
     A pre-charge that does not reach its voltage in time opens again, and is tried again only when the driver asks anew
     or faults are cleared: each try heats the resistor.
@@ -48,7 +48,7 @@ class Relays:
         return self.state
 
     def retry(self) -> None:
-        """Let a pre-charge that failed be tried again."""
+        """Allow another try after a failed pre-charge."""
         self.has_precharge_failed = False
 
     def _go(self, state: RelayState, now_s: float) -> None:

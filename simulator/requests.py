@@ -1,4 +1,4 @@
-"""What the master does with a request, and what it answers. A refusal has changed nothing."""
+"""How the master carries out a request and answers it. A refused request changes nothing."""
 
 from typing import Protocol
 
@@ -38,7 +38,7 @@ _KNOWN_TYPES = frozenset(MessageType) - {MessageType.DATA, MessageType.REPLY, Me
 
 
 def frame_key(frame: Frame) -> tuple[int, int, bytes]:
-    """By what the master knows a repeated request: not by its uptime."""
+    """Return what identifies a repeated request; its uptime does not."""
     return frame.type, frame.sequence, frame.body
 
 
@@ -76,7 +76,7 @@ class RequestTarget(Protocol):
 
 
 class RequestHandler:
-    """Carries out requests; one that is repeated gets the reply it got before, and nothing is done twice."""
+    """Carries out requests; a repeated request gets the same reply and is not carried out again."""
 
     def __init__(self, master: RequestTarget) -> None:
         self._master = master
@@ -84,7 +84,7 @@ class RequestHandler:
         self._under_way: Frame | None = None  # the STORE whose reply comes when the EEPROM has it
 
     def handle(self, frame: Frame, now_s: float) -> Reply | None:
-        """Return the reply; None where it comes later (STORE) or was asked for again while it is on its way."""
+        """Return the reply; None where it comes later (STORE), also for a repeated STORE that is still running."""
         known = self._repeats.known_reply(frame, now_s)
         if known is not None or frame_key(frame) == (self._under_way and frame_key(self._under_way)):
             return known
@@ -167,7 +167,7 @@ class RequestHandler:
         return b""
 
     def _use(self, config: bytes) -> None:
-        """Put a configuration in force that passes the check, padding zeroed."""
+        """Check a configuration, set its padding to zero and put it in force."""
         errors = check(config)
         if errors:
             raise Refused(Result.OUT_OF_RANGE, errors[0].offset)

@@ -1,4 +1,4 @@
-"""Runs a simulation against the wall clock, or as fast as it goes, and moves bytes between it and its ports.
+"""Runs a simulation against the wall clock, or as fast as possible, and moves bytes between it and its ports.
 
 One thread, one selector. A run that falls behind loses the time instead of sending faster than the line could.
 """
@@ -30,7 +30,7 @@ class Runner:
         can: list[CanPort] | None = None,
         speed: float | None = 1.0,
     ) -> None:
-        """Take what is to be run; `speed` is virtual seconds per second, None as fast as possible."""
+        """Take the simulation and its ports; `speed` is virtual seconds per second, None as fast as possible."""
         self.simulation = simulation
         self.speed = speed
         self.selector = selectors.DefaultSelector()
@@ -76,7 +76,7 @@ class Runner:
         self.selector.close()
 
     def unplug_serial(self, for_s: float) -> None:
-        """Take the RS232 cable off for a while of wall time: the device vanishes and comes back."""
+        """Unplug the RS232 cable for a time of the wall clock: the device disappears and comes back."""
         if self._serial is not None:
             self._serial.close()
             self._plug_at_s = self._clock() + for_s
@@ -87,7 +87,7 @@ class Runner:
             self._serial.open(self.selector, self._received)
 
     def set_speed(self, speed: float | None) -> None:
-        """Go on at another speed."""
+        """Change the speed."""
         self.speed = speed
         self._anchor()
 

@@ -1,4 +1,4 @@
-"""What a scenario is: how it starts, what the car does, what goes wrong, what the operator does, what must follow.
+"""A scenario: its start, phases, faults, actions of the operator, and the events that must follow.
 
 docs/reference/simulator.md describes the file; `scenario_file` reads it.
 """
@@ -47,7 +47,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class PhasePlan:
-    """One thing the car does; it ends with its load, after `for_s`, or when the mean SOC has come to `until_soc`."""
+    """One phase; it ends with its load, after `for_s`, or when the mean SOC has reached `until_soc`."""
 
     load: str
     for_s: float | None = None
@@ -60,13 +60,13 @@ class PhasePlan:
 
     @property
     def is_filling(self) -> bool:
-        """Whether the state of charge rises meanwhile, and comes to `until_soc` from below."""
+        """Whether the SOC rises in this phase, so that `until_soc` is reached from below."""
         return self.load in ("charge", "charge-by-hand") or self.current_a < 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class FaultPlan:
-    """A fault at a time of the round, for a while or for good."""
+    """A fault at a time of the round, for some time or permanently."""
 
     at_s: float
     name: str
@@ -80,7 +80,7 @@ class FaultPlan:
 
 @dataclass(frozen=True, slots=True)
 class ActionPlan:
-    """Something the operator does at a time of the round; the argument is that of `soc`, 0..1."""
+    """An action of the operator at a time of the round; the argument is that of `soc`, 0..1."""
 
     at_s: float
     name: str
@@ -92,7 +92,7 @@ class ActionPlan:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """An event that must come, from this cell or pack, within these times."""
+    """An event that must occur, from this cell or pack, within these times."""
 
     event: EventCode
     cell: int | None

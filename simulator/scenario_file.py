@@ -1,4 +1,4 @@
-"""Reads scenario files: what is accepted can be played to its end, everything else is refused with its place.
+"""Reads scenario files. An accepted file can be run to its end; an error names its place in the file.
 
 docs/reference/simulator.md describes the format.
 """
@@ -129,7 +129,7 @@ def _scenario(document: dict[str, Any], path: Path) -> Scenario:
 
 @contextlib.contextmanager
 def _place(where: str) -> Iterator[None]:
-    """Say where in the file something was refused."""
+    """Add the place in the file to an error."""
     try:
         yield
     except (InputError, FaultError, ParameterError, EncodeError) as error:

@@ -1,4 +1,4 @@
-"""The measuring hardware with its errors: true values in, what the converters deliver out.
+"""The measuring hardware with its errors: true values in, readings of the converters out.
 
 Figures: HAL 400-S and its divider, LTC6804 total measurement error, the module's temperature sensor.
 """
@@ -26,7 +26,7 @@ _NOISE_COUNTS = 10.0  # further from its mean no sample of the pool is
 
 
 class NoisePool:
-    """Normal noise out of a table drawn once: a fresh draw every 20 ms would cost more than the physics."""
+    """Normal noise from a table that is drawn once: new numbers every 20 ms would cost more than the physics."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._table = rng.standard_normal(_NOISE_POOL)
@@ -66,7 +66,7 @@ class CurrentSensor:
 
 
 class CellInputs:
-    """The voltages at the slaves' cell inputs: fixed error of each channel, noise, and what is wired wrongly."""
+    """The voltages at the slaves' cell inputs: fixed error of each channel, noise, and wiring faults."""
 
     def __init__(self, n_cells: int, rng: np.random.Generator, noise: NoisePool) -> None:
         self._noise = noise
@@ -81,7 +81,7 @@ class CellInputs:
         self._is_disturbed = False
 
     def faults_changed(self) -> None:
-        """Note that a fault array was written: undisturbed inputs take a short cut."""
+        """Note that a fault array was written; without faults `read` is quicker."""
         self._is_disturbed = bool(self.extra_noise_v.any() or np.isfinite(self.stuck_v).any())
 
     def read(self, true_v: FloatArray) -> FloatArray:

@@ -29,7 +29,7 @@ _LINE_RETRY_S = 1e-3  # a free line is asked again this much later when it had n
 
 
 class Simulation:
-    """One car, or one car on its charger."""
+    """One car, driving or on its charger."""
 
     def __init__(
         self,
@@ -72,12 +72,12 @@ class Simulation:
         self._boot()
 
     def set_load(self, load: Load) -> None:
-        """Put another load on the accumulator, from its beginning."""
+        """Connect another load and start it."""
         self.load = load
         self._load_start_s = self.now_s
 
     def set_ambient(self, degc: float | None) -> None:
-        """Give the air another temperature, or its own again."""
+        """Set the air temperature, or with None the one of the scenario."""
         if self._ambient_degc is None:
             self._ambient_degc = self.accumulator.ambient_degc
         self.accumulator.ambient_degc = self.charger.unit.ambient_degc = self._ambient_degc if degc is None else degc
@@ -118,7 +118,7 @@ class Simulation:
                 self._pump()
 
     def reset(self, cause: int, off_s: float = BOOT_S) -> None:
-        """Take the master's power, or let it restart; it boots after a while."""
+        """Power the master off, or restart it; it boots after `off_s`."""
         if self.master is not None:
             self.master.lose_power(self.rng)
         self.master = None
@@ -133,7 +133,7 @@ class Simulation:
             self.serial_out(data)
 
     def _pump(self) -> None:
-        """Give the free line what the master has for it."""
+        """Send the master's next frame if the line is free."""
         if self.master is None:
             self._line_due_s = math.inf
             return

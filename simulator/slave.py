@@ -1,4 +1,4 @@
-"""Eight LTC6804-2 on one isoSPI: what they answer to packets, when they listen, and what their switches do.
+"""Eight LTC6804-2 on one isoSPI: answers to packets, sleep and wake-up, balancing outputs.
 
 A chip without power, one that was not woken, or noise on the pair shows as packets whose check word is wrong.
 """
@@ -81,7 +81,7 @@ class SlaveChain:
         self._timer_end_s: NDArray[np.float64] = np.zeros(n_slaves)
 
     def set_powered(self, slave: int, powered: bool) -> None:
-        """Take a slave's power, or give it back: its registers are reset and it sleeps until it is woken."""
+        """Switch the power of a slave; its registers are reset and it sleeps until the next wake-up."""
         if powered == bool(self.is_powered[slave]):
             return
         self.converters.reset(slave)
@@ -186,7 +186,7 @@ class SlaveChain:
         return self._answers(self.cfgr.view("<u2"), hears=self._hears(now_s))
 
     def _hears(self, now_s: float) -> bool:
-        """Note traffic and what is over by now; a port that was idle is woken by it and does not hear it."""
+        """Note traffic and timeouts; an idle port wakes up by a packet and loses it."""
         if now_s - self._active_s > PORT_IDLE_S:
             self.wake(now_s)
             return False
@@ -268,7 +268,7 @@ class SlaveChain:
         self.is_discharging = int(np.count_nonzero(self.discharging)) > 0
 
     def _start(self, conversion: Conversion, chips: BoolArray, now_s: float) -> None:
-        """Begin a conversion; chips differ in how long it takes by adcopt, and by references that are not up yet."""
+        """Start a conversion; its time differs between chips by adcopt and by references that are not ready yet."""
         took_s = conversion.times_s[False]
         if self._are_plain and self._references_up_s <= now_s:
             self.converters.start(conversion, chips, now_s + took_s, self.discharging)

@@ -130,7 +130,7 @@ class SlaveReader:
         memory.slave_time[:] = _STEP_TIMES_US
 
     def begin(self, now_s: float) -> None:
-        """Wake the chips; what follows happens from when they listen."""
+        """Wake the chips and wait until they are ready."""
         self.busy_until_s = self._chain.wake(now_s)
 
     def configure(self, config: Config, balance: BoolArray) -> None:

@@ -44,7 +44,7 @@ class SlcanAdapter:
         return self._rate if self._is_open and not self.is_unplugged else 0
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:
-        """Pass a frame from the bus on to the computer."""
+        """Forward a frame from the bus to the computer."""
         if self._is_open:
             identifier = f"T{frame.can_id:08X}" if frame.is_extended else f"t{frame.can_id:03X}"
             self._send(f"{identifier}{len(frame.data)}{frame.data.hex().upper()}\r".encode())

@@ -41,7 +41,7 @@ class SocCounter:
         return True
 
     def start_from_journal(self, dod_mas: int) -> None:
-        """Go on from a remembered count."""
+        """Continue from a stored count."""
         self.dod_mas = float(dod_mas)
         self.is_started = True
 

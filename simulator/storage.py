@@ -12,7 +12,7 @@ JOURNAL_STEP_MAS = 90_000  # 0.1 % of 25 Ah: less is not worth a page
 
 
 class ConfigStore:
-    """Slots and journal; a store runs page by page while the firmware goes on."""
+    """Slots and journal; a store writes page by page while the other tasks run."""
 
     def __init__(self, eeprom: Eeprom, now_s: float) -> None:
         self._eeprom = eeprom
@@ -29,7 +29,7 @@ class ConfigStore:
 
     @property
     def journal(self) -> JournalEntry | None:
-        """The newest remembered count."""
+        """The newest stored count."""
         return self._journal
 
     def config_at_start(self) -> bytes | None:
@@ -45,7 +45,7 @@ class ConfigStore:
         return True
 
     def run(self, now_s: float) -> tuple[Reply, Event | None] | None:
-        """Go on; return the reply, and the event of success, once the configuration has been read back."""
+        """Write the next page; return the reply and the event once the configuration has been read back."""
         if self._job is None or not self._job.run(now_s):
             return None
         self._job = None
@@ -68,7 +68,7 @@ class ConfigStore:
         self._journal = JournalEntry(counter, dod_mas, soc)
 
     def lose_power(self, rng: np.random.Generator) -> None:
-        """Stop in the middle of the page under way."""
+        """Interrupt the page write that is running."""
         if self._job is not None:
             self._job.interrupt(rng)
             self._job = None
