@@ -24,8 +24,8 @@ from app.live.prediction import Predictor
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import FIELDS, N_CELLS
 from firmware_protocol.messages import Data, MessageType
-from simulator.director import Director
 from simulator.library import find_scenario
+from simulator.scenario_player import ScenarioPlayer
 
 FloatArray = NDArray[np.float64]
 BOLT_AT_S = 250.0
@@ -46,8 +46,8 @@ class Sample:
 
 def drive(seed: int, seconds: float, bolt: int | None = None) -> Iterator[Sample]:
     """Yield the samples of a race; `bolt` names the cell whose joint grows by BOLT_MOHM at BOLT_AT_S."""
-    director = Director(find_scenario("clean-endurance"), seed=seed, step_s=STEP_S)
-    simulation, decoder = director.simulation, FrameDecoder()
+    player = ScenarioPlayer(find_scenario("clean-endurance"), seed=seed, step_s=STEP_S)
+    simulation, decoder = player.simulation, FrameDecoder()
     arrived: list[Sample] = []
     fields = {name: FIELDS[name] for name in ("i_fs", "v", "t")}
 
@@ -75,10 +75,10 @@ def drive(seed: int, seconds: float, bolt: int | None = None) -> Iterator[Sample
     simulation.serial_out = take
     simulation.run_until(0.2)
     simulation.receive(b"x")
-    while simulation.now_s < seconds and not director.is_over:
-        director.run(1.0)
+    while simulation.now_s < seconds and not player.is_over:
+        player.run(1.0)
         if bolt is not None and simulation.now_s > BOLT_AT_S:
-            director.faults.inject("loose-joint", bolt, BOLT_MOHM)
+            player.faults.inject("loose-joint", bolt, BOLT_MOHM)
             bolt = None
         yield from arrived
         arrived.clear()

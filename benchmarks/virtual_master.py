@@ -8,8 +8,8 @@ import argparse
 import statistics
 import time
 
-from simulator.director import Director
 from simulator.library import DEFAULT_SCENARIO, find_scenario
+from simulator.scenario_player import ScenarioPlayer
 
 BAR = 100
 
@@ -20,8 +20,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--passes", type=int, default=7)
     arguments = parser.parse_args()
-    director = Director(find_scenario(DEFAULT_SCENARIO))
-    simulation = director.simulation
+    player = ScenarioPlayer(find_scenario(DEFAULT_SCENARIO))
+    simulation = player.simulation
     simulation.run_until(1.0)
     simulation.receive(b"x")
     simulation.run_until(10.0)

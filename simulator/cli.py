@@ -11,13 +11,13 @@ from pathlib import Path
 from simulator.can_ports import can_port
 from simulator.control import Control
 from simulator.control_server import ControlServer
-from simulator.director import Director, Notice
 from simulator.eeprom import Eeprom
 from simulator.errors import SimulatorError
 from simulator.inputs import FOR_S, SEED, number_option
 from simulator.library import DEFAULT_SCENARIO, find_scenario, library
 from simulator.ports import byte_port
 from simulator.runner import MAX_SPEED, MIN_SPEED, Runner
+from simulator.scenario_player import Notice, ScenarioPlayer
 
 DESCRIPTION = """\
 A simulated accumulator of 96 cells behind a simulated master, to be opened like the real thing.
@@ -101,12 +101,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _simulate(arguments: argparse.Namespace) -> None:
     scenario = find_scenario(arguments.scenario)
     seed = None if arguments.seed is None else int(arguments.seed)
-    director = Director(scenario, eeprom=Eeprom(arguments.eeprom), seed=seed)
-    director.on_notice = _print_notice
+    player = ScenarioPlayer(scenario, eeprom=Eeprom(arguments.eeprom), seed=seed)
+    player.on_notice = _print_notice
     serial = None if arguments.serial is None else byte_port(arguments.serial)
     can = [can_port(text) for text in arguments.can]
-    runner = Runner(director.simulation, serial=serial, can=can, speed=arguments.speed)
-    control = None if arguments.control is None else ControlServer(arguments.control, Control(director, runner))
+    runner = Runner(player.simulation, serial=serial, can=can, speed=arguments.speed)
+    control = None if arguments.control is None else ControlServer(arguments.control, Control(player, runner))
     runner.open()
     try:
         for signum in (signal.SIGINT, signal.SIGTERM):
@@ -123,7 +123,7 @@ def _simulate(arguments: argparse.Namespace) -> None:
         print("ready", flush=True)
         if arguments.with_parent:
             threading.Thread(target=_stop_with_parent, args=(runner,), daemon=True).start()
-        runner.run(arguments.duration, lambda: director.is_over)
+        runner.run(arguments.duration, lambda: player.is_over)
     finally:
         if control is not None:
             control.close()

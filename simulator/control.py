@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from firmware_protocol.memory_map import CELLS_PER_PACK
-from simulator.director import Director
 from simulator.errors import SimulatorError
 from simulator.fault_kinds import FAULTS, FaultKind, Target
 from simulator.faults import ActiveFault, read_target
@@ -13,6 +12,7 @@ from simulator.library import library
 from simulator.master import VirtualMaster
 from simulator.relays import RelayState
 from simulator.runner import MIN_SPEED, Runner
+from simulator.scenario_player import ScenarioPlayer
 
 MAX_SPEED = 1000.0  # what a page may ask for
 MAX_UNPLUGGED_S = 3600.0
@@ -34,8 +34,8 @@ _KEYS = {
 class Control:
     """Carries out the requests of the control port."""
 
-    def __init__(self, director: Director, runner: Runner) -> None:
-        self._director = director
+    def __init__(self, player: ScenarioPlayer, runner: Runner) -> None:
+        self._player = player
         self._runner = runner
 
     def answer(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -62,20 +62,20 @@ class Control:
             return refusal(str(error))
 
     def _status(self, _: Mapping[str, Any]) -> dict[str, Any]:
-        simulation = self._director.simulation
+        simulation = self._player.simulation
         return {
             "time_s": round(simulation.now_s, 3),
             "speed": self._runner.speed,
-            "scenario": self._director.scenario.name,
-            "phase": self._director.phase.load,
+            "scenario": self._player.scenario.name,
+            "phase": self._player.phase.load,
             "lap": simulation.load.state(simulation.load_time_s).lap,
             "soc": round(float(simulation.accumulator.soc.mean()), 5),
             "current_a": round(simulation.current_a, 2),
             "master_is_running": simulation.master is not None,
             "relays": _relays(simulation.master),
             "link_v": round(simulation.link.voltage_v, 1),
-            "notices": [{"at_s": round(notice.at_s, 3), "text": notice.text} for notice in self._director.notices],
-            "active": [_fault_json(fault) for fault in self._director.faults.active],
+            "notices": [{"at_s": round(notice.at_s, 3), "text": notice.text} for notice in self._player.notices],
+            "active": [_fault_json(fault) for fault in self._player.faults.active],
         }
 
     def _faults(self, _: Mapping[str, Any]) -> dict[str, Any]:
@@ -109,16 +109,16 @@ class Control:
     def _inject(self, request: Mapping[str, Any]) -> dict[str, Any]:
         kind = _kind(request)
         value, for_s = request.get("value"), read_optional(request, "for_s", FOR_S)
-        self._director.faults.inject(kind.name, read_target(kind.target, request), value, for_s)
+        self._player.faults.inject(kind.name, read_target(kind.target, request), value, for_s)
         return {}
 
     def _clear(self, request: Mapping[str, Any]) -> dict[str, Any]:
         kind = _kind(request)
-        self._director.faults.clear(kind.name, read_target(kind.target, request))
+        self._player.faults.clear(kind.name, read_target(kind.target, request))
         return {}
 
     def _clear_all(self, _: Mapping[str, Any]) -> dict[str, Any]:
-        self._director.faults.clear_all()
+        self._player.faults.clear_all()
         return {}
 
     def _speed(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -129,7 +129,7 @@ class Control:
         return {}
 
     def _next(self, _: Mapping[str, Any]) -> dict[str, Any]:
-        self._director.next_phase()
+        self._player.next_phase()
         return {}
 
     def _unplug(self, request: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,10 +11,10 @@ from app.sources.master.decode import CHARGER_FLAGS
 from app.sources.master.events import describe
 from firmware_protocol.memory_map import CONFIG
 from firmware_protocol.messages import Event, EventCode
-from simulator.director import Director
 from simulator.faults import FAULTS
 from simulator.library import library
 from simulator.scenario_file import load_scenario
+from simulator.scenario_player import ScenarioPlayer
 
 ROOT = Path(__file__).resolve().parents[2]
 NORWEGIAN = json.loads((ROOT / "frontend/src/words/nb/service.json").read_text())
@@ -49,9 +49,9 @@ def test_what_a_scenario_could_not_do_is_told_in_norwegian(tmp_path, load, at_s,
         '[[fault]]\nat_s = 1\nname = "brown-out"\nvalue = 2\n'
         f'[[action]]\nat_s = {at_s}\nname = "{action}"\n'
     )
-    director = Director(load_scenario(path), step_s=0.1)
-    director.run(6.0)
-    assert [is_known(notice.text) for notice in director.notices] == [True]
+    player = ScenarioPlayer(load_scenario(path), step_s=0.1)
+    player.run(6.0)
+    assert [is_known(notice.text) for notice in player.notices] == [True]
 
 
 def test_the_words_of_the_sources_are_known():

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from simulator.control import Control
-from simulator.director import Director
 from simulator.fault_kinds import FAULTS, FaultKind
 from simulator.library import find_scenario
 from simulator.runner import Runner
 from simulator.scenario import ACTIONS, LOADS
+from simulator.scenario_player import ScenarioPlayer
 
 PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "simulator.md").read_text(encoding="utf-8")
 
@@ -29,7 +29,7 @@ def test_loads_and_actions_are_named():
 
 
 def test_control_requests_are_named():
-    director = Director(find_scenario("skid-pad"))
-    refusal = Control(director, Runner(director.simulation)).answer({})["error"]
+    player = ScenarioPlayer(find_scenario("skid-pad"))
+    refusal = Control(player, Runner(player.simulation)).answer({})["error"]
     names = refusal.removeprefix("`do` is one of ").split(", ")
     assert [name for name in names if f"| `{name}` |" not in PAGE] == []

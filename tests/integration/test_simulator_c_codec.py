@@ -5,8 +5,8 @@ import subprocess
 import pytest
 
 from firmware_protocol.framing import BadFrame, Frame, FrameDecoder
-from simulator.director import Director
 from simulator.library import find_scenario
+from simulator.scenario_player import ScenarioPlayer
 from tests.c_programs import build_program
 from tests.campaign import campaign, of_size
 
@@ -22,12 +22,12 @@ def program():
 
 def recorded(noise_per_byte: float) -> bytes:
     line = bytearray()
-    director = Director(find_scenario("clean-endurance"))
-    director.simulation.line.noise_per_byte = noise_per_byte
-    director.simulation.serial_out = line.extend
-    director.run(0.5)
-    director.simulation.receive(b"x")
-    director.run(SECONDS)
+    player = ScenarioPlayer(find_scenario("clean-endurance"))
+    player.simulation.line.noise_per_byte = noise_per_byte
+    player.simulation.serial_out = line.extend
+    player.run(0.5)
+    player.simulation.receive(b"x")
+    player.run(SECONDS)
     return bytes(line)
 
 

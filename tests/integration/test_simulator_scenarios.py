@@ -11,11 +11,11 @@ from firmware_protocol.framing import BadFrame, FrameDecoder
 from firmware_protocol.memory_map import FIELDS
 from firmware_protocol.messages import Event, EventCode, MessageType, Result, decode_message
 from simulator.charging import ChargingState
-from simulator.director import Director
 from simulator.library import find_scenario, library
 from simulator.master import PASS_S
 from simulator.memory import FLAG
 from simulator.scenario import Scenario
+from simulator.scenario_player import ScenarioPlayer
 
 LOOPING_S = 60.0
 LIMIT_S = 30_000.0
@@ -27,8 +27,8 @@ class Played:
     def __init__(
         self, scenario: Scenario, *, listen: bool = False, pass_s: float | None = None, until_s: float = LIMIT_S
     ) -> None:
-        self.director = Director(scenario, step_s=pass_s or step_s(scenario))
-        self.simulation = self.director.simulation
+        self.player = ScenarioPlayer(scenario, step_s=pass_s or step_s(scenario))
+        self.simulation = self.player.simulation
         self.simulation.serial_out = self._take
         self._decoder = FrameDecoder()
         self.events: list[tuple[float, Event]] = []
@@ -36,7 +36,7 @@ class Played:
         self.bad = 0
         self.highest_v = 0.0
         if listen:
-            self.director.run(1.0)
+            self.player.run(1.0)
             self.simulation.receive(b"x")
         before_step = self.simulation.before_step
 
@@ -46,8 +46,8 @@ class Played:
 
         self.simulation.before_step = watch
         end_s = LOOPING_S if scenario.loop else until_s
-        while not self.director.is_over and self.simulation.now_s < end_s:
-            self.director.run(5.0)
+        while not self.player.is_over and self.simulation.now_s < end_s:
+            self.player.run(5.0)
 
     def _take(self, data: bytes) -> None:
         for item in self._decoder.feed(data):
@@ -82,7 +82,7 @@ def played_once(name: str) -> Played:
 @pytest.mark.parametrize("name", [scenario.name for scenario in library()[0]])
 def test_what_the_file_expects_happens_and_no_other_trip(name):
     played = played_once(name)
-    scenario = played.director.scenario
+    scenario = played.player.scenario
     slack_s = step_s(scenario)
     unexpected = [(at_s, event) for at_s, event in played.events if EventCode(event.code).name.startswith("TRIP_")]
     for item in scenario.expected:
@@ -96,7 +96,7 @@ def test_what_the_file_expects_happens_and_no_other_trip(name):
         assert matching, f"{item} did not happen; there were {played.events}"
         unexpected = [pair for pair in unexpected if pair not in matching]
     assert unexpected == []
-    assert list(played.director.notices) == []
+    assert list(played.player.notices) == []
     if any(phase.load == "charge" for phase in scenario.phases):
         limit_v = played.simulation.master.config.v_cell_chrg * 1e-4
         assert played.highest_v < limit_v + 2e-3
@@ -143,7 +143,7 @@ def test_a_drifting_current_sensor_shows_in_the_count_and_not_in_the_cells():
 def test_unbalanced_cells_are_brought_together():
     played = played_once("charging-unbalanced")
     accumulator = played.simulation.accumulator
-    at_start = Director(played.director.scenario).simulation.accumulator.soc
+    at_start = ScenarioPlayer(played.player.scenario).simulation.accumulator.soc
     assert at_start.max() - at_start.min() > 0.015
     assert accumulator.soc.max() - accumulator.soc.min() < 0.75 * (at_start.max() - at_start.min())
 
@@ -158,28 +158,28 @@ def test_endurance_ends_where_a_real_one_would():
 
 def test_loose_bolt_shows_under_load_and_not_at_rest():
     scenario = find_scenario("loose-bolt")
-    director = Director(scenario, step_s=0.1)
+    player = ScenarioPlayer(scenario, step_s=0.1)
     sag_v = []
 
     def watch(at_s: float) -> None:
-        accumulator = director.simulation.accumulator
-        if 70 < at_s < 170 and director.simulation.current_a > 100:
+        accumulator = player.simulation.accumulator
+        if 70 < at_s < 170 and player.simulation.current_a > 100:
             sag_v.append(accumulator.terminal_voltage_v.mean() - accumulator.terminal_voltage_v[30])
 
-    step = director.simulation.before_step
-    director.simulation.before_step = lambda at_s: (watch(at_s), step(at_s))
-    director.run(175)
+    step = player.simulation.before_step
+    player.simulation.before_step = lambda at_s: (watch(at_s), step(at_s))
+    player.run(175)
     assert min(sag_v) > 0.09  # 1 mohm at 100 A and more
 
 
 def test_a_car_whose_precharge_failed_drives_only_after_it_was_mended_and_cleared():
-    director = Director(find_scenario("failed-precharge"))
-    simulation = director.simulation
-    director.run(19.5)
+    player = ScenarioPlayer(find_scenario("failed-precharge"))
+    simulation = player.simulation
+    player.run(19.5)
     assert simulation.master.has_precharge_failed
     assert (simulation.current_a, simulation.link.voltage_v) == (0.0, 0.0)
     assert simulation.master.memory.flags & (FLAG["fit"] | FLAG["load"]) == FLAG["fit"]
-    director.run(3.0)
+    player.run(3.0)
     assert simulation.current_a == 20.0
     assert simulation.link.voltage_v > 300.0
 
@@ -197,20 +197,20 @@ def test_damaged_frames_of_a_noisy_cable_are_all_found():
 def test_brown_out_mid_write_leaves_old_or_new():
     for seed in range(4):
         scenario = find_scenario("brown-out-mid-write")
-        director = Director(scenario, seed=seed)
-        director.run(30.0)
-        master = director.simulation.master
+        player = ScenarioPlayer(scenario, seed=seed)
+        player.run(30.0)
+        master = player.simulation.master
         assert master.memory.config == scenario.config
-        assert newest(bytes(director.simulation.board.eeprom.content)).counter in (1, 2)
+        assert newest(bytes(player.simulation.board.eeprom.content)).counter in (1, 2)
 
 
 def test_a_worn_eeprom_refuses_and_keeps_the_old():
     replies = []
-    director = Director(find_scenario("worn-eeprom"))
+    player = ScenarioPlayer(find_scenario("worn-eeprom"))
     decoder = FrameDecoder()
-    director.simulation.serial_out = lambda data: replies.extend(
+    player.simulation.serial_out = lambda data: replies.extend(
         decode_message(frame).result for frame in decoder.feed(data) if frame.type == MessageType.REPLY
     )
-    director.run(30.0)
+    player.run(30.0)
     assert replies == [Result.EEPROM_FAILED]
-    assert newest(bytes(director.simulation.board.eeprom.content)) is None
+    assert newest(bytes(player.simulation.board.eeprom.content)) is None

@@ -8,9 +8,9 @@ import pytest
 from app.cli import main
 from app.sessions.recording.writer import Recorder
 from firmware_protocol.framing import Frame, FrameDecoder
-from simulator.director import Director
 from simulator.library import find_scenario
 from simulator.scenario_file import load_scenario
+from simulator.scenario_player import ScenarioPlayer
 
 WALL_NS = 1_790_000_000 * 10**9
 STANDBY_S = 5.0
@@ -32,17 +32,17 @@ for_s = {DRIVEN_S}
 """
 
 
-def soc_after_the_drive(director: Director) -> np.ndarray:
-    director.run(STANDBY_S + DRIVEN_S - 1.0 - director.simulation.now_s)
-    return director.simulation.accumulator.soc.copy()
+def soc_after_the_drive(player: ScenarioPlayer) -> np.ndarray:
+    player.run(STANDBY_S + DRIVEN_S - 1.0 - player.simulation.now_s)
+    return player.simulation.accumulator.soc.copy()
 
 
 @pytest.fixture
 def driven(tmp_path: Path) -> tuple[str, np.ndarray]:
     """Record a drive; return the session's id and the cells' states of charge at its end."""
     (tmp_path / "drive.toml").write_text(DRIVE)
-    director = Director(load_scenario(tmp_path / "drive.toml"), step_s=0.05)
-    simulation, decoder = director.simulation, FrameDecoder()
+    player = ScenarioPlayer(load_scenario(tmp_path / "drive.toml"), step_s=0.05)
+    simulation, decoder = player.simulation, FrameDecoder()
     recorder = Recorder(tmp_path / "data" / "sessions", version="1.0", monotonic_ns=lambda: 0, wall_ns=lambda: WALL_NS)
 
     def record(data: bytes) -> None:
@@ -50,11 +50,11 @@ def driven(tmp_path: Path) -> tuple[str, np.ndarray]:
         for item in decoder.feed(data):
             recorder.frame(at_ns, WALL_NS + at_ns, 0, item.raw, isinstance(item, Frame))
 
-    director.run(STANDBY_S)
+    player.run(STANDBY_S)
     simulation.serial_out = record
     session = recorder.start("drive", {})
     simulation.receive(b"x")
-    soc = soc_after_the_drive(director)
+    soc = soc_after_the_drive(player)
     recorder.close()
     return session.id, soc
 
@@ -64,7 +64,7 @@ def test_a_session_replayed_as_a_scenario_draws_the_same_charge_from_the_same_ce
     out = tmp_path / "drive.csv"
     signals = [word for name in ("i_fc", "t_min", "soc") for word in ("--signal", name)]
     assert main(["export", session_id, "--data", str(tmp_path / "data"), "--out", str(out), *signals]) == 0
-    again = Director(find_scenario(str(out)), step_s=0.05)
+    again = ScenarioPlayer(find_scenario(str(out)), step_s=0.05)
     start = again.simulation.accumulator.soc.copy()
     assert start.mean() == pytest.approx(0.8, abs=0.02)
     drawn = start.mean() - soc_after_the_drive(again).mean()

@@ -12,20 +12,20 @@ from hypothesis import strategies as st
 
 from simulator.control import Control
 from simulator.control_server import MAX_REQUEST, ControlServer
-from simulator.director import Director
 from simulator.fault_kinds import FAULTS
 from simulator.library import find_scenario
 from simulator.runner import Runner
+from simulator.scenario_player import ScenarioPlayer
 
 
 @pytest.fixture(scope="module", params=["unix", "tcp"])
 def port(request, tmp_path_factory):
     """Send a line, return the answer; on TCP the token is added where the line is an object."""
-    director = Director(find_scenario("skid-pad"))
-    runner = Runner(director.simulation)
+    player = ScenarioPlayer(find_scenario("skid-pad"))
+    runner = Runner(player.simulation)
     where = str(tmp_path_factory.mktemp("control") / "port") if request.param == "unix" else "0"
     selector = selectors.DefaultSelector()
-    server = ControlServer(where, Control(director, runner))
+    server = ControlServer(where, Control(player, runner))
     server.open(selector)
     place, _, token = server.url.partition(" token:")
     family = socket.AF_UNIX if request.param == "unix" else socket.AF_INET

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol.messages import EventCode
-from simulator.director import Director
 from simulator.errors import InputError, ScenarioError
 from simulator.fault_kinds import FAULTS
 from simulator.inputs import Limits, check_number
 from simulator.loads import PATTERNS_C
 from simulator.scenario import ACTIONS, LOADS
 from simulator.scenario_file import START_LIMITS, load_scenario
+from simulator.scenario_player import ScenarioPlayer
 
 
 def toml(value: object) -> str:
@@ -159,10 +159,10 @@ PHASES = st.one_of(
 @settings(max_examples=15, deadline=None)
 def test_whatever_lies_within_the_limits_is_played(start, phase, seed):
     document = {"title": "t", "description": "d", "seed": seed, "start": start, "phase": [phase | {"for_s": 30}]}
-    director = Director(loaded(document), step_s=0.5)
-    assert (director.simulation.accumulator.capacity_ah > 0).all()
-    director.run(60.0)
-    assert director.is_over
+    player = ScenarioPlayer(loaded(document), step_s=0.5)
+    assert (player.simulation.accumulator.capacity_ah > 0).all()
+    player.run(60.0)
+    assert player.is_over
 
 
 @given(value=NUMBERS, low=st.floats(-1e3, 1e3), span=st.floats(0, 1e3), is_whole=st.booleans(), is_above=st.booleans())

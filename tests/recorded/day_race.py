@@ -31,7 +31,7 @@ class DayRace(ScenarioRecorder):
         while self.now_ns / 1e9 < end_s - 1e-6:
             self.run(min(SAMPLE_S, end_s - self.now_ns / 1e9))
             if self.soc is not None and self.now_ns / 1e9 > SETTLED_S:
-                error = np.abs(self.soc - self.director.simulation.accumulator.soc)
+                error = np.abs(self.soc - self.player.simulation.accumulator.soc)
                 self.worst_soc = max(self.worst_soc, float(error.max()))
 
 

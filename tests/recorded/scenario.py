@@ -16,8 +16,8 @@ from app.sources.master.source import MasterSource
 from app.telemetry import FloatArray, LinkChange, SerialItem
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import N_CELLS
-from simulator.director import Director
 from simulator.library import find_scenario
+from simulator.scenario_player import ScenarioPlayer
 
 EPOCH_NS = 1_790_000_000 * 10**9
 STEP_S = 0.05
@@ -42,8 +42,8 @@ class ScenarioRecorder:
         looks_ahead: bool = True,
     ) -> None:
         self._epoch_ns = epoch_ns
-        self.director = Director(find_scenario(scenario), seed=seed, step_s=STEP_S)
-        self._simulation = self.director.simulation
+        self.player = ScenarioPlayer(find_scenario(scenario), seed=seed, step_s=STEP_S)
+        self._simulation = self.player.simulation
         self._decoder = FrameDecoder()
         cell = load_cell(CELL)
         self._pipeline = Pipeline(
@@ -67,7 +67,7 @@ class ScenarioRecorder:
         self.info = self.recorder.start(scenario, {"scenario": scenario})
         self._pipeline.feed(LinkChange(0, epoch_ns, "rs232", "open"))
         self._simulation.serial_out = self._take
-        self.director.run(1.0)
+        self.player.run(1.0)
         self._simulation.receive(b"x")
 
     @property
@@ -78,8 +78,8 @@ class ScenarioRecorder:
     def run(self, seconds: float) -> None:
         """Let the car go on."""
         end_s = self._simulation.now_s + seconds
-        while not self.director.is_over and self._simulation.now_s < end_s:
-            self.director.run(min(5.0, end_s - self._simulation.now_s))
+        while not self.player.is_over and self._simulation.now_s < end_s:
+            self.player.run(min(5.0, end_s - self._simulation.now_s))
 
     def mark(self, text: str, kind: str = "note") -> None:
         """Set a marker now."""

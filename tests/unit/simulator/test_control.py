@@ -9,24 +9,24 @@ import pytest
 
 from simulator.control import Control
 from simulator.control_server import MAX_REQUEST, ControlServer
-from simulator.director import Director
 from simulator.library import find_scenario
 from simulator.runner import Runner
+from simulator.scenario_player import ScenarioPlayer
 
 
 @pytest.fixture
-def director() -> Director:
-    return Director(find_scenario("skid-pad"))
+def player() -> ScenarioPlayer:
+    return ScenarioPlayer(find_scenario("skid-pad"))
 
 
 @pytest.fixture
-def control(director) -> Control:
-    return Control(director, Runner(director.simulation))
+def control(player) -> Control:
+    return Control(player, Runner(player.simulation))
 
 
-def test_inject_and_clear_name_cells_as_people_do(control, director):
+def test_inject_and_clear_name_cells_as_people_do(control, player):
     assert control.answer({"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 7, "value": 2}) == {"ok": True}
-    assert director.simulation.accumulator.extra_joint_ohm[30] == pytest.approx(2e-3)
+    assert player.simulation.accumulator.extra_joint_ohm[30] == pytest.approx(2e-3)
     active = control.answer({"do": "status"})["active"]
     assert active == [{"fault": "loose-joint", "value": 2.0, "since_s": 0.0, "until_s": None, "pack": 3, "cell": 7}]
     assert control.answer({"do": "clear", "fault": "loose-joint", "pack": 3, "cell": 7})["ok"]
@@ -76,24 +76,24 @@ BOLT = {"do": "inject", "fault": "loose-joint", "pack": 3, "cell": 7}
         ({"do": "unplug", "for_s": -1}, "for_s = -1 is outside 0..3600 s (0 left out)"),
     ],
 )
-def test_requests_that_make_no_sense_are_refused_with_key_and_limit(control, director, request_, reason):
+def test_requests_that_make_no_sense_are_refused_with_key_and_limit(control, player, request_, reason):
     answer = control.answer(request_)
     assert answer["ok"] is False
     assert reason in answer["error"]
-    assert director.faults.active == ()
+    assert player.faults.active == ()
 
 
 def test_next_goes_on_to_the_next_phase():
-    director = Director(find_scenario("race-day"))
-    control = Control(director, Runner(director.simulation))
+    player = ScenarioPlayer(find_scenario("race-day"))
+    control = Control(player, Runner(player.simulation))
     assert control.answer({"do": "status"})["phase"] == "endurance"
     control.answer({"do": "next"})
     assert control.answer({"do": "status"})["phase"] == "rest"
 
 
-def test_next_after_the_end_is_refused(control, director):
+def test_next_after_the_end_is_refused(control, player):
     assert control.answer({"do": "next"})["ok"]
-    assert director.is_over
+    assert player.is_over
     assert control.answer({"do": "next"}) == {"ok": False, "error": "the scenario is over"}
 
 

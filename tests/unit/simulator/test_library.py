@@ -1,9 +1,9 @@
 import json
 
 from simulator.control import Control
-from simulator.director import Director
 from simulator.library import find_scenario, library
 from simulator.runner import Runner
+from simulator.scenario_player import ScenarioPlayer
 
 GOOD = 'title = "Mine"\ndescription = "d"\n[[phase]]\nload = "rest"\n'
 
@@ -36,9 +36,9 @@ def test_a_changed_file_is_read_again(tmp_path):
 def test_the_control_port_lists_the_good_ones_and_names_the_bad_one(tmp_path, monkeypatch):
     (tmp_path / "a.toml").write_text(GOOD)
     (tmp_path / "bad.toml").write_text(GOOD.replace("rest", "sleep"))
-    director = Director(find_scenario("skid-pad"))
+    player = ScenarioPlayer(find_scenario("skid-pad"))
     monkeypatch.setattr("simulator.control.library", lambda: library(tmp_path))
-    answer = Control(director, Runner(director.simulation)).answer({"do": "scenarios"})
+    answer = Control(player, Runner(player.simulation)).answer({"do": "scenarios"})
     assert answer["ok"]
     assert [item["name"] for item in answer["scenarios"]] == ["a"]
     assert [item["name"] for item in answer["unreadable"]] == ["bad.toml"]

@@ -2,11 +2,11 @@ import gzip
 
 import pytest
 
-from simulator.director import Director
 from simulator.errors import ParameterError, ScenarioError
 from simulator.library import find_scenario
 from simulator.recording import load_recording, read_recording
 from simulator.scenario_file import load_scenario
+from simulator.scenario_player import ScenarioPlayer
 
 OURS = "time_s,current_a,ambient_degc\n0,10,20\n1,20,21\n2,0,22\n"
 EXPORTED = (
@@ -94,10 +94,10 @@ def test_a_scenario_replays_current_and_ambient(tmp_path):
     (tmp_path / "run.csv").write_text("time_s,current_a,ambient_degc\n0,60,20\n10,60,30\n20,60,40\n")
     scenario = tmp_path / "again.toml"
     scenario.write_text('title = "t"\ndescription = "d"\n[[phase]]\nload = "recorded"\nfile = "run.csv"\n')
-    director = Director(load_scenario(scenario))
-    director.run(15.0)
-    assert director.simulation.current_a == 60.0
-    assert director.simulation.accumulator.ambient_degc == pytest.approx(35.0, abs=0.1)
+    player = ScenarioPlayer(load_scenario(scenario))
+    player.run(15.0)
+    assert player.simulation.current_a == 60.0
+    assert player.simulation.accumulator.ambient_degc == pytest.approx(35.0, abs=0.1)
 
 
 def test_an_exported_session_is_a_scenario_by_itself(tmp_path):
@@ -105,11 +105,11 @@ def test_an_exported_session_is_a_scenario_by_itself(tmp_path):
     path.write_text(EXPORTED)
     scenario = find_scenario(str(path))
     assert (scenario.start.soc, scenario.start.ambient_degc) == (0.83, 24.0)
-    director = Director(scenario)
-    director.run(6.5)
-    assert director.simulation.current_a == 25.0
-    director.run(60.0)
-    assert director.is_over
+    player = ScenarioPlayer(scenario)
+    player.run(6.5)
+    assert player.simulation.current_a == 25.0
+    player.run(60.0)
+    assert player.is_over
 
 
 def test_a_scenario_may_start_from_a_recording_and_say_otherwise(tmp_path):

@@ -7,8 +7,8 @@ import pytest
 
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.messages import Event, EventCode, MessageType, decode_message
-from simulator.director import Director
 from simulator.scenario_file import load_scenario
+from simulator.scenario_player import ScenarioPlayer
 
 HEAD = 'title = "t"\ndescription = "d"\nseed = 3\n'
 
@@ -18,22 +18,22 @@ class Played:
 
     def __init__(self, path: Path, text: str) -> None:
         path.write_text(HEAD + text)
-        self.director = Director(load_scenario(path), step_s=0.1)
+        self.player = ScenarioPlayer(load_scenario(path), step_s=0.1)
         self.events: list[tuple[float, Event]] = []
         self._decoder = FrameDecoder()
-        self.director.simulation.serial_out = self._take
+        self.player.simulation.serial_out = self._take
 
     def _take(self, data: bytes) -> None:
         for item in self._decoder.feed(data):
             if isinstance(item, Frame) and item.type == MessageType.EVENT:
-                self.events.append((self.director.simulation.now_s, decode_message(item)))
+                self.events.append((self.player.simulation.now_s, decode_message(item)))
 
     def happened(self, code: EventCode) -> list[tuple[float, int]]:
         return [(at_s, event.value) for at_s, event in self.events if event.code == code]
 
     @property
     def notices(self) -> list[str]:
-        return [str(notice) for notice in self.director.notices]
+        return [str(notice) for notice in self.player.notices]
 
 
 @pytest.fixture
@@ -58,8 +58,8 @@ def test_each_round_has_its_faults_and_actions(play):
     )
     blocked = []
     for second in range(60):
-        played.director.run(second + 0.5 - played.director.simulation.now_s)
-        blocked += [second] if played.director.faults.active else []
+        played.player.run(second + 0.5 - played.player.simulation.now_s)
+        blocked += [second] if played.player.faults.active else []
     assert blocked == [5, 6, 25, 26, 45, 46]
     told = played.happened(EventCode.SOC_SET)
     assert [at_s for at_s, _ in told] == pytest.approx([8, 28, 48], abs=0.5)
@@ -70,17 +70,17 @@ def test_each_round_has_its_faults_and_actions(play):
 def test_a_fault_for_good_stays_over_the_rounds(play):
     fault = '[[fault]]\nat_s = 1\nname = "loose-joint"\npack = 1\ncell = 2\n'
     played = play("loop = true\n" + phase("rest", for_s=3) + fault)
-    played.director.run(3.5)
-    assert [active.since_s for active in played.director.faults.active] == pytest.approx([1.0])
-    played.director.run(1.0)
-    assert [active.since_s for active in played.director.faults.active] == pytest.approx([4.0], abs=0.21)
+    played.player.run(3.5)
+    assert [active.since_s for active in played.player.faults.active] == pytest.approx([1.0])
+    played.player.run(1.0)
+    assert [active.since_s for active in played.player.faults.active] == pytest.approx([4.0], abs=0.21)
 
 
 def test_what_a_round_is_too_short_for_is_told(play):
     fault = '[[fault]]\nat_s = 7\nname = "lost-slave"\npack = 2\n'
     played = play(phase("rest", for_s=2) + fault + action(9, "soc", argument=0.5))
-    played.director.run(10.0)
-    assert played.director.is_over
+    played.player.run(10.0)
+    assert played.player.is_over
     assert [text.partition(": ")[2] for text in played.notices] == [
         "lost-slave in pack 2 at 7 s never came: the phases were over",
         "soc 0.5 at 9 s never came: the phases were over",
@@ -90,44 +90,44 @@ def test_what_a_round_is_too_short_for_is_told(play):
 @pytest.mark.parametrize(("name", "why"), [("charge-start", "not in its state"), ("balance-start", "not in its state")])
 def test_an_action_that_the_master_refuses_is_told(play, name, why):
     played = play(phase("idle", for_s=6) + action(4, name))
-    played.director.run(5.0)
+    played.player.run(5.0)
     assert played.notices == [f"at 4 s: the master refused {name}: {why}"]
 
 
 def test_an_action_without_a_master_is_told(play):
     fault = '[[fault]]\nat_s = 1\nname = "brown-out"\nvalue = 3\n'
     played = play(phase("rest", for_s=6) + fault + action(2, "store"))
-    played.director.run(5.0)
+    played.player.run(5.0)
     assert played.notices == ["at 2 s: store did nothing: the master is off"]
 
 
 def test_charging_ends_when_it_has_come_up_to_until_soc(play):
     played = play("[start]\nsoc = 0.5\nsoc_spread = 0.001\n" + phase("charge", until_soc=0.52))
-    played.director.run(30.0)
-    assert played.director.simulation.current_a < -1.0
-    assert not played.director.is_over
-    played.director.run(3600.0)
-    assert played.director.is_over
-    assert played.director.simulation.accumulator.soc.mean() == pytest.approx(0.52, abs=2e-4)
+    played.player.run(30.0)
+    assert played.player.simulation.current_a < -1.0
+    assert not played.player.is_over
+    played.player.run(3600.0)
+    assert played.player.is_over
+    assert played.player.simulation.accumulator.soc.mean() == pytest.approx(0.52, abs=2e-4)
 
 
 @pytest.mark.parametrize(("current_a", "until_soc"), [(-20, 0.51), (100, 0.49)])
 def test_a_constant_current_ends_at_until_soc_from_its_side(play, current_a, until_soc):
     played = play("[start]\nsoc = 0.5\nsoc_spread = 0\n" + phase("constant", current_a=current_a, until_soc=until_soc))
-    played.director.run(5.0)
-    assert not played.director.is_over
-    played.director.run(120.0)
-    assert played.director.is_over
-    assert played.director.simulation.accumulator.soc.mean() == pytest.approx(until_soc, abs=2e-4)
+    played.player.run(5.0)
+    assert not played.player.is_over
+    played.player.run(120.0)
+    assert played.player.is_over
+    assert played.player.simulation.accumulator.soc.mean() == pytest.approx(until_soc, abs=2e-4)
 
 
 @pytest.mark.parametrize(("method", "gives_to_the_pack"), [("passive", False), ("transformer", True)])
 def test_the_accumulator_balances_by_the_method_of_the_scenario(play, method, gives_to_the_pack):
     start = '[start]\nsoc = 0.6\nsoc_spread = 0\n[start.cells]\n"4/2" = 0.7\n'
     played = play(f'{start}[balancing]\nmethod = "{method}"\n' + phase("rest", for_s=90) + action(5, "balance-start"))
-    accumulator = played.director.simulation.accumulator
+    accumulator = played.player.simulation.accumulator
     before = accumulator.soc.copy()
-    played.director.run(60)
+    played.player.run(60)
     moved = accumulator.soc - before
     assert moved[3 * 12 + 1] < -2e-5
     assert (moved[3 * 12 + 2] > 0.0) == gives_to_the_pack

@@ -50,7 +50,7 @@ class Notice:
         return f"at {self.at_s:g} s: {self.text}"
 
 
-class Director:
+class ScenarioPlayer:
     """A scenario being played."""
 
     def __init__(
