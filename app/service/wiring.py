@@ -124,7 +124,7 @@ def make_service(
     data.mkdir(parents=True, exist_ok=True)
 
     # Events, and what is recorded
-    events = Events(EventLog(data / "events.sqlite", wall_ns=clock.wall_ns), clock)
+    events = Events(EventLog(data / "events.sqlite", clock), clock)
     recorder = AutoRecorder(
         sessions_folder,
         clock=clock,

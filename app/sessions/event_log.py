@@ -2,7 +2,6 @@
 
 import logging
 import sqlite3
-import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import astuple, dataclass
@@ -12,6 +11,7 @@ from typing import TypeVar
 
 import orjson
 
+from app.clock import Clock
 from app.sessions.errors import SessionError
 from app.sessions.storage.database import open_for_writing
 from app.sessions.storage.migrate import EVENTS
@@ -50,14 +50,14 @@ class LoggedEvent:
 class EventLog:
     """An append-only list of events. All methods may be called from any thread; only `append` returns at once."""
 
-    def __init__(self, path: Path, *, wall_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, path: Path, clock: Clock) -> None:
         """Open the log, or begin one.
 
         Raises:
             NotASession, SchemaTooNew: the file is something else.
             SessionError: it cannot be created.
         """
-        self._wall_ns = wall_ns
+        self._clock = clock
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._connection = open_for_writing(path, EVENTS)
@@ -193,6 +193,6 @@ class EventLog:
         self._write_waiting()
         self._connection.execute(
             "UPDATE events SET acknowledged_by = ?, acknowledged_ns = ? WHERE id = ? AND acknowledged_by IS NULL",
-            (who, self._wall_ns(), event_id),
+            (who, self._clock.wall_ns(), event_id),
         )
         return self._connection.execute("SELECT 1 FROM events WHERE id = ?", (event_id,)).fetchone() is not None

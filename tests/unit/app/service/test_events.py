@@ -9,7 +9,7 @@ from app.telemetry import Event, LinkChange
 
 @pytest.fixture
 def events(tmp_path, clock):
-    made = Events(EventLog(tmp_path / "events.sqlite"), clock)
+    made = Events(EventLog(tmp_path / "events.sqlite", clock), clock)
     yield made
     made.store.close()
 

@@ -10,6 +10,7 @@ from app.sessions.event_log import EventLog
 from app.sessions.storage.migrate import EVENTS
 from app.telemetry import Event, Severity
 from app.words import Message, render
+from tests.fake_clock import FakeClock
 
 
 def event(text: str, severity: Severity = "info", **about: Any) -> Event:
@@ -22,11 +23,11 @@ def path(tmp_path: Path) -> Path:
 
 
 def test_events_and_their_ids_survive_a_restart(path: Path) -> None:
-    log = EventLog(path)
+    log = EventLog(path, FakeClock())
     too_low = Event(1, "trip", "v_min", Message("cell-voltage-low"), cell=36, value=2.4, limit=2.5, unit="V")
     first = log.append(too_low, uptime_ms=77)
     log.close()
-    log = EventLog(path)
+    log = EventLog(path, FakeClock())
     second = log.append(event("service started", who="anna"))
     events = log.query()
     log.close()
@@ -44,7 +45,7 @@ def test_events_and_their_ids_survive_a_restart(path: Path) -> None:
 
 
 def test_query_filters_by_id_severity_and_cell_newest_first(path: Path) -> None:
-    log = EventLog(path)
+    log = EventLog(path, FakeClock())
     ids = [log.append(event(str(i), "trip" if i % 2 else "info", cell=i % 3)) for i in range(12)]
     assert [e.id for e in log.query(limit=3)] == ids[:-4:-1]
     assert [e.id for e in log.query(after=ids[8])] == ids[:8:-1]
@@ -54,19 +55,20 @@ def test_query_filters_by_id_severity_and_cell_newest_first(path: Path) -> None:
 
 
 def test_the_first_acknowledgement_stays(path: Path) -> None:
-    log = EventLog(path, wall_ns=lambda: 123)
+    clock = FakeClock()
+    log = EventLog(path, clock)
     event_id = log.append(event("text"))
     assert log.acknowledge(event_id, "anna")
     assert log.acknowledge(event_id, "ben")
     assert not log.acknowledge(event_id + 1, "anna")
     logged = log.get(event_id)
     assert logged is not None
-    assert (logged.acknowledged_by, logged.acknowledged_ns) == ("anna", 123)
+    assert (logged.acknowledged_by, logged.acknowledged_ns) == ("anna", clock.wall_ns())
     log.close()
 
 
 def test_many_threads_append_without_loss(path: Path) -> None:
-    log = EventLog(path)
+    log = EventLog(path, FakeClock())
     threads = [threading.Thread(target=lambda: [log.append(event("t")) for _ in range(50)]) for _ in range(4)]
     for thread in threads:
         thread.start()
@@ -77,7 +79,7 @@ def test_many_threads_append_without_loss(path: Path) -> None:
 
 
 def test_events_wait_in_memory_while_the_disk_takes_none(path: Path) -> None:
-    log = EventLog(path)
+    log = EventLog(path, FakeClock())
     log.append(event("before"))
     log.flush()
     other = sqlite3.connect(path, isolation_level=None)
@@ -102,7 +104,7 @@ def test_a_log_of_the_first_version_keeps_its_sentences(path: Path) -> None:
     old.execute(f"PRAGMA application_id = {EVENTS.application_id}")
     old.execute("PRAGMA user_version = 1")
     old.close()
-    log = EventLog(path)
+    log = EventLog(path, FakeClock())
     log.append(event("new"))
     assert [(each.text, each.message is None) for each in log.query()] == [("new", False), ("as it was", True)]
     log.close()
@@ -114,4 +116,4 @@ def test_a_session_is_no_event_log(tmp_path: Path) -> None:
     connection.execute("CREATE TABLE t (a)")
     connection.close()
     with pytest.raises(NotASession):
-        EventLog(path)
+        EventLog(path, FakeClock())
