@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from app.analysis.totals import FloatArray, Totals
+from app.analysis.totals import Totals
 from app.battery.shape import N_CELLS
+from app.estimation.arrays import FloatArray
 from app.sessions.reading.reader import FieldSamples, SessionFile
 
 _SOC = "estimate.soc"

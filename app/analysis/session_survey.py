@@ -8,8 +8,8 @@ import numpy as np
 
 from app.analysis.session_arrays import TOTALS_FIELDS, TotalsCollector
 from app.analysis.survey import Piece, Survey, Surveyor
-from app.analysis.totals import FloatArray
 from app.battery.shape import CELLS_PER_PACK, N_CELLS, N_PACKS
+from app.estimation.arrays import FloatArray
 from app.sessions.reading.reader import FieldSamples, SessionFile
 
 _BALANCING = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))

@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR, FloatArray
+from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR
+from app.estimation.arrays import FloatArray
 from app.estimation.health.joints import ResistanceTracker
 
 CURRENT_EDGES_A: Final = np.arange(-150.0, 301.0, 10.0)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from app.estimation.arrays import FloatArray
 
 MAX_STEP_S = 10.0  # what flowed in a longer gap is not known, and not made up
 SECONDS_PER_HOUR = 3600.0

@@ -14,11 +14,12 @@ import numpy as np
 from app.commands.cell_commands.charts import check_picture_name, draw_estimate
 from app.commands.cell_commands.filter_run import Run, gap_notes, outside_notes, run_filter
 from app.commands.cell_commands.recordings import add_reading_arguments, check_table_name, read_recording, write_table
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import DatasetError, EstimatorError
 from app.estimation.filters.estimators import FILTERS, make_estimator
-from app.estimation.recording.cell_recording import FloatArray, Recording, believable
+from app.estimation.recording.cell_recording import Recording, believable
 from app.estimation.scoring.scoring import SocScore, score_soc
 from app.estimation.scoring.whiteness import InnovationScore, score_innovations
 

@@ -9,8 +9,9 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from app.analysis.totals import FloatArray, number
+from app.analysis.totals import number
 from app.battery.shape import CELLS_PER_PACK
+from app.estimation.arrays import FloatArray
 
 BEFORE_S: Final = 10.0
 AFTER_S: Final = 5.0

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from app.analysis.black_box.excerpt import AFTER_S, BEFORE_S, Trigger, Window, build, incidents, is_trigger
-from app.analysis.totals import FloatArray
 from app.battery.shape import N_CELLS
+from app.estimation.arrays import FloatArray
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.reading.reader import SessionFile
 from firmware_protocol.config_image import image_hash

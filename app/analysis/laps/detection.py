@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.totals import FloatArray
+from app.estimation.arrays import FloatArray
 from app.estimation.prediction.energy import lap_period_s
 
 GRID_S: Final = 0.2

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.analysis.totals import FloatArray, Totals, energy_wh, first_last, number, present
+from app.analysis.totals import Totals, energy_wh, first_last, number, present
+from app.estimation.arrays import FloatArray
 
 OVERLAY_POINTS = 400
 

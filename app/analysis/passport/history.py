@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.totals import BoolArray, FloatArray
+from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.health.capacity import SOC_MOVED_MIN, CapacityTracker
 
 DAY_S: Final = 86_400.0

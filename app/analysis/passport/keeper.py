@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike
 from app.analysis.passport.history import Passports, SessionRecord, Stretch, Swap, passports
 from app.analysis.session_survey import survey_session
 from app.analysis.survey import Piece, Rest
-from app.analysis.totals import MAX_STEP_S, FloatArray, number
+from app.analysis.totals import MAX_STEP_S, number
 from app.battery.shape import N_CELLS
 from app.errors import ConfigError
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.capacity import CapacityTracker
 from app.estimation.health.rest_capacity import CapacityBetweenRests

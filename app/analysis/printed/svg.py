@@ -10,7 +10,7 @@ from math import floor, log10
 
 import numpy as np
 
-from app.analysis.totals import FloatArray
+from app.estimation.arrays import FloatArray
 
 WIDTH = 720.0
 LEFT, RIGHT, TOP, BOTTOM = 52.0, 92.0, 6.0, 20.0

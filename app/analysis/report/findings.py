@@ -10,7 +10,8 @@ import numpy as np
 
 from app.analysis.black_box.excerpt import place
 from app.analysis.survey import Survey
-from app.analysis.totals import FloatArray, number
+from app.analysis.totals import number
+from app.estimation.arrays import FloatArray
 
 MAD_TO_SIGMA: Final = 1.4826
 ODD_SIGMAS: Final = 5.0  # beyond so many robust standard deviations a cell is unlike the others

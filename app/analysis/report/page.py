@@ -11,8 +11,8 @@ from app.analysis.printed.sheet import figure, quantity, sheet, table, utc
 from app.analysis.printed.svg import AMBER, SOFT, TEAL, VIOLET, Band, Bars, Line, Mark, Rule, chart
 from app.analysis.report.report import Report
 from app.analysis.survey import Histogram
-from app.analysis.totals import FloatArray
 from app.battery.shape import CELLS_PER_PACK
+from app.estimation.arrays import FloatArray
 
 _HISTOGRAMS = {
     "current": ("Time at each current", "A", 1.0),

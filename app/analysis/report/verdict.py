@@ -15,7 +15,7 @@ import numpy as np
 from app.analysis.black_box.excerpt import place
 from app.analysis.report.findings import LEAST_GROWTH, MISSING_SHARE, SPREAD_SOC, Odd
 from app.analysis.survey import Survey
-from app.analysis.totals import FloatArray
+from app.estimation.arrays import FloatArray
 
 USED_MIN: Final = 0.05  # of the charge, by the median cell: less tells nothing of capacity
 USED_MORE: Final = 1.15  # times the median: capacity is lost

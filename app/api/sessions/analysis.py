@@ -13,7 +13,7 @@ from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source
 from app.analysis.report.page import report_page
 from app.analysis.report.report import compare_sessions, histogram_json, report_of
 from app.analysis.survey import Histogram
-from app.analysis.totals import FloatArray, number
+from app.analysis.totals import number
 from app.api.schemas.analysis import (
     BlackBoxOut,
     BoxItemsOut,
@@ -26,6 +26,7 @@ from app.api.sessions.sessions import MAX_UNIX_S, open_session
 from app.api.web.dependencies import BlackBoxesPart, CataloguePart, ClockPart, EventsPart, PassportsPart, UserDep
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
+from app.estimation.arrays import FloatArray
 from app.sessions.errors import UnknownSignal
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path
 from pydantic import Field
 
-from app.analysis.totals import FloatArray, number
+from app.analysis.totals import number
 from app.api.schemas.analysis import CellPassportOut, PassportsOut
 from app.api.schemas.sessions import DeletedOut
 from app.api.sessions.sessions import MAX_UNIX_S
@@ -13,6 +13,7 @@ from app.api.web.dependencies import ClockPart, EventsPart, PassportsPart, UserD
 from app.api.web.problems import not_found
 from app.api.web.request_body import Body
 from app.battery.shape import N_CELLS
+from app.estimation.arrays import FloatArray
 from app.words import Message
 
 router = APIRouter(tags=["passport"])

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
-from app.estimation.recording.cell_recording import FloatArray, Recording
+from app.estimation.recording.cell_recording import Recording
 
 if TYPE_CHECKING:
     from app.commands.cell_commands.filter_run import Run

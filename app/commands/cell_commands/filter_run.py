@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.estimators import CellEstimator
 from app.estimation.health.sensor_offset import OffsetTracker, SensorOffset
 from app.estimation.identification.branches import GAP_S
-from app.estimation.recording.cell_recording import GAP_STEPS, FloatArray, Recording
+from app.estimation.recording.cell_recording import GAP_STEPS, Recording
 
 DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
 BEYOND_FIT = 1.1  # times the largest current of the fit: above, the model has no evidence

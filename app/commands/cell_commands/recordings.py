@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
-from app.estimation.recording.cell_recording import FloatArray, Recording
+from app.estimation.recording.cell_recording import Recording
 from app.sources.recordings.dataset import load_recording, parse_map
 
 

@@ -18,10 +18,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.ocv import OVERSHOOT, OcvCurve
 from app.estimation.errors import ModelError
 
-FloatArray = NDArray[np.float64]
 MAX_RC_PAIRS: Final = 4
 SECONDS_PER_HOUR: Final = 3600.0
 TEMPERATURE_DEGC: Final = (-60.0, 150.0)  # of any cell that is still one

@@ -12,11 +12,11 @@ from typing import Final, Literal, cast, get_args
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import ModelError
 
-FloatArray = NDArray[np.float64]
 OcvMethod = Literal["interpolation", "polynomial", "smoothed"]
 
 OCV_METHODS: Final = get_args(OcvMethod)

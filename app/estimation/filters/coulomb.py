@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimates import Estimates
@@ -18,8 +19,6 @@ from app.estimation.filters.start import initial_soc_sigma, per_cell, start_coun
 from app.estimation.filters.states import SOC, CellStates
 from app.estimation.filters.tables import PackedCell
 from app.estimation.filters.tuning import Tuning
-
-FloatArray = NDArray[np.float64]
 
 SIGMA_MAX = 0.5
 

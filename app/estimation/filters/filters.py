@@ -7,8 +7,9 @@ import logging
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.compiled.engine import FastStep
@@ -33,7 +34,6 @@ from app.estimation.filters.states import SOC, CellStates
 from app.estimation.filters.tables import PackedCell
 from app.estimation.filters.tuning import Tuning
 
-FloatArray = NDArray[np.float64]
 Engine = Literal["auto", "numpy", "numba"]
 
 logger = logging.getLogger(__name__)

@@ -22,14 +22,11 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.filters.process import SOC_VARIANCE_MAX
 from app.estimation.filters.states import CellStates
 from app.estimation.filters.tuning import Tuning
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 ONE: Final = np.array(1.0)
 VARIANCE_MAX: Final = np.array(SOC_VARIANCE_MAX)

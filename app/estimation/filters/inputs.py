@@ -9,15 +9,13 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.estimation.arrays import FloatArray, IntArray
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.filters.states import CellStates
 from app.estimation.filters.tables import N_SOC, PackedCell
 from app.estimation.filters.tuning import Tuning
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 TEMPERATURE_UNKNOWN_DEGC: Final = 25.0
 TEMPERATURE_MAX_DEGC: Final = 200.0  # beyond it, either way, the sensor is broken

@@ -27,8 +27,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.filters.inputs import StepInput
 from app.estimation.filters.outputs import SigmaOutput, TangentOutput
 from app.estimation.filters.process import SOC_VARIANCE_MAX
@@ -36,9 +36,6 @@ from app.estimation.filters.sigma_points import SigmaRule
 from app.estimation.filters.states import SOC, CellStates
 from app.estimation.filters.tables import PackedCell
 from app.estimation.filters.tuning import Tuning
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 SOC_MIN: Final = -0.05  # the mean is held here
 SOC_MAX: Final = 1.05

@@ -10,14 +10,12 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.filters.inputs import Climate, StepInput
 from app.estimation.filters.sigma_points import SigmaRule
 from app.estimation.filters.states import SOC, CellStates
 from app.estimation.filters.tables import BRANCH, N_SOC, R0, SOC_LOW, SOC_STEP, PackedCell
-
-FloatArray = NDArray[np.float64]
 
 SOC_HIGH: Final = SOC_LOW + (N_SOC - 1) * SOC_STEP
 # what q, and the slopes of OCV and output times c s, take of the outputs at centre, right and left, then of the OCV

@@ -9,14 +9,13 @@ where a voltage is predicted: every drop of a cell is so many times that of the 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel, charge_moved_coulomb
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.start import per_cell
 from app.estimation.filters.states import SOC, CellStates
-
-FloatArray = NDArray[np.float64]
 
 
 class OwnCapacity:

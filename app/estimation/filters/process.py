@@ -12,15 +12,13 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR
 from app.estimation.filters.inputs import StepInput
 from app.estimation.filters.states import COUNT, COUNT_GAIN, COUNT_OFFSET, HYSTERESIS, SOC, CellStates
 from app.estimation.filters.tables import PackedCell
 from app.estimation.filters.tuning import Tuning
-
-FloatArray = NDArray[np.float64]
 
 SOC_VARIANCE_MAX: Final = 0.25  # no cell's SOC is less known than this
 VARIANCE_STEP: Final = 1e-12  # added at every step, in units of 1 and C^2: the floor of definiteness

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.filters.estimates import N_OUT, CellEstimator, Estimates
-
-FloatArray = NDArray[np.float64]
 
 
 class Record(Estimates):

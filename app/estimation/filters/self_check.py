@@ -13,10 +13,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.filters.states import CellStates
 from app.estimation.filters.tuning import Tuning
-
-FloatArray = NDArray[np.float64]
 
 _, SQUARE, SLOW, SLOW_SQUARE = range(4)  # rows of the averages
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import ShapeError
 from app.estimation.filters.inputs import StepInput
 from app.estimation.filters.marginal import SOC_MAX, SOC_MIN
@@ -14,8 +15,6 @@ from app.estimation.filters.process import SOC_VARIANCE_MAX
 from app.estimation.filters.states import SOC, CellStates
 from app.estimation.filters.tables import BRANCH, PackedCell
 from app.estimation.filters.tuning import Tuning
-
-FloatArray = NDArray[np.float64]
 
 SLOPE_FLOOR_V: Final = 0.02  # least slope by which a voltage error is turned into one of SOC
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from app.estimation.arrays import FloatArray
 
 SOC: Final = 0  # first row of the mean; the RC currents follow
 N_SLOW: Final = 15

@@ -10,12 +10,9 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray, IntArray
 from app.estimation.cell_model.circuit import CellModel
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 SOC_LOW: Final = -0.1  # the tables reach past 0 and 1, because sigma points do; beyond them values hold
 SOC_STEP: Final = 0.001

@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import ModelError, ShapeError
-
-FloatArray = NDArray[np.float64]
 
 FADE: Final = 0.98  # of an older session with every new one: about fifty sessions are remembered
 START_SIGMA_FRAC: Final = 0.05  # how far the nominal capacity may be off before any session

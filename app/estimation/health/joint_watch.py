@@ -11,13 +11,10 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.errors import ShapeError
 from app.estimation.health.joints import JointReport, ResistanceTracker, judge_joints
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 MEMORY_S: Final = 25.0  # of the regression: less than half a lap, so that a fault shows within the lap
 JUDGE_S: Final = 2.5  # between two judgements

@@ -12,12 +12,10 @@ from math import exp
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.errors import EstimatorError, ShapeError
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 PAIR_S: Final = 10.0  # time constant of the RC pair in the regression; cells in parallel cans lie at 8 to 20 s
 DRIFT_S: Final = 40.0  # slower than this is SOC and heat and is taken away from all signals alike

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from app.estimation.arrays import BoolArray, FloatArray
 
 CAPACITY_SIGMA_MAX_FRAC: Final = 0.03  # of the nominal capacity
 RESISTANCE_SIGMA_MAX: Final = 0.08

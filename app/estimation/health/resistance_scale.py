@@ -13,11 +13,9 @@ from math import exp
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import ShapeError
-
-FloatArray = NDArray[np.float64]
 
 DRIFT_S: Final = 40.0
 MEMORY_S: Final = 300.0  # four or five laps; heat changes resistances, and the model follows heat only in part

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.health.capacity import SOC_MOVED_MIN, CapacityTracker
-
-FloatArray = NDArray[np.float64]
 
 REST_A: Final = 1.0  # below, no current flows: what is left is the sensor's noise and offset
 REST_S: Final = 120.0  # then the RC pairs have settled to a few millivolts

@@ -15,11 +15,9 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR
-
-FloatArray = NDArray[np.float64]
 
 COMPARE_S: Final = 60.0  # between two looks
 LASTING_S: Final = 300.0  # correlation time of a filter's error in SOC

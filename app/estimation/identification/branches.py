@@ -9,10 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray, IntArray
 from app.estimation.errors import ModelError
-from app.estimation.recording.cell_recording import GAP_STEPS, FloatArray, Recording
-
-IntArray = NDArray[np.intp]
+from app.estimation.recording.cell_recording import GAP_STEPS, Recording
 
 GAP_S: Final = 60.0  # a shorter hole in the record cannot hide a discharge
 REST_S: Final = 600.0  # a rest this long ends near the OCV

@@ -12,10 +12,10 @@ from typing import Final
 
 import numpy as np
 
+from app.estimation.arrays import FloatArray
 from app.estimation.identification.parts import REST_CURRENT_C, Part
 from app.estimation.identification.slow_tests import SlowCurves
 from app.estimation.identification.solvers import first_order
-from app.estimation.recording.cell_recording import FloatArray
 
 GAS_CONSTANT: Final = 8.314462618  # J/(mol K)
 REFERENCE_DEGC: Final = 25.0

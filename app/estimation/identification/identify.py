@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import MAX_RC_PAIRS, CellModel
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.errors import ModelError
@@ -25,7 +26,7 @@ from app.estimation.identification.design import (
 from app.estimation.identification.parts import REST_CURRENT_C, Part, choose_capacity, reference_soc, typical_resistance
 from app.estimation.identification.problem import DEFAULT_ACTIVATION, Activation, Problem, Solution
 from app.estimation.identification.slow_tests import SlowCurves, read_slow
-from app.estimation.recording.cell_recording import FloatArray, Recording, believable
+from app.estimation.recording.cell_recording import Recording, believable
 
 ACTIVATION_STEPS: Final = (10e3, 4e3)  # J/mol, of the search
 ACTIVATION_LIMIT: Final = 60e3

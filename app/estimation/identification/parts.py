@@ -8,10 +8,11 @@ from typing import Final
 
 import numpy as np
 
+from app.estimation.arrays import FloatArray, IntArray
 from app.estimation.errors import ModelError
-from app.estimation.identification.branches import REST_S, IntArray, stretches
+from app.estimation.identification.branches import REST_S, stretches
 from app.estimation.identification.slow_tests import SlowCurves
-from app.estimation.recording.cell_recording import FloatArray, Recording
+from app.estimation.recording.cell_recording import Recording
 
 REST_SIGMA_V: Final = 0.003  # how near the OCV a rest of `REST_S` ends
 SHORT_REST_S: Final = 60.0  # a rest this long ends not far from it

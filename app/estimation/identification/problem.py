@@ -9,12 +9,12 @@ from typing import Final
 
 import numpy as np
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import ModelError
 from app.estimation.identification.design import BLEND_SOC, OFFSET_SOC, OVERPOTENTIAL_SOC, RESISTANCE_SOC, Design
 from app.estimation.identification.parts import Part
 from app.estimation.identification.slow_tests import SlowCurves
 from app.estimation.identification.solvers import non_negative_least_squares
-from app.estimation.recording.cell_recording import FloatArray
 
 Activation = tuple[float, float, float]  # of R0, of the R_k, of the overpotential [J/mol]
 

@@ -13,10 +13,11 @@ from typing import Final
 
 import numpy as np
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.ocv import from_rests, from_two_currents
 from app.estimation.errors import ModelError
 from app.estimation.identification.branches import Branch, find_branches, rest_after, rests_of
-from app.estimation.recording.cell_recording import FloatArray, Recording
+from app.estimation.recording.cell_recording import Recording
 
 SLOW_C: Final = 0.15  # faster, the drop at the current is no longer small
 FAST_C: Final = 1.5  # a discharge from full to empty at more than this is a piece of a drive or of a pulse test

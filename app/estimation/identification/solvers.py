@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import EstimatorError
-from app.estimation.recording.cell_recording import FloatArray
 
 ITERATIONS_PER_UNKNOWN: Final = 10
 

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from app.estimation.errors import ShapeError
-
-FloatArray = NDArray[np.float64]
 
 WINDOW: Final = 100  # samples in the average
 

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.errors import ModelError, ShapeError
-
-FloatArray = NDArray[np.float64]
 
 OCV_POINTS: Final = 33  # of the integral over SOC
 BAND_SIGMAS: Final = 1.645  # 5 to 95 %

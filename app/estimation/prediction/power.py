@@ -16,14 +16,12 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.estimation.arrays import BoolArray, FloatArray, IntArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.errors import ModelError, ShapeError
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 Reason = Literal["voltage", "soc", "temperature", "current"]
 Limit = Literal["v_min", "v_max", "soc_min", "soc_max", "temperature_max"]
 

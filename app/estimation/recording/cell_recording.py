@@ -10,12 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.estimation.recording.time_axis import in_time_order, usual_step, without_repeats
-
-FloatArray = NDArray[np.float64]
 
 REQUIRED = ("current_a", "voltage_v")
 FIELDS = ("time_s", "current_a", "voltage_v", "temperature_degc", "soc")

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
-
-FloatArray = NDArray[np.float64]
 
 LATE_ROWS = 5  # a stamp this many rows late is a row out of place; more is a clock that started again
 BACKWARD_LIMIT_FRAC = 0.05  # more backward steps than this and the column is not a time

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from app.estimation.arrays import FloatArray
+
 SETTLING_S: Final = 60.0  # what comes before is start-up and judged by the settling times alone
 
 

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from app.estimation.arrays import FloatArray
 
 LAGS: Final = 20  # autocorrelations that are judged, in rows
 ROWS_MIN: Final = 10 * LAGS  # fewer say nothing

@@ -7,7 +7,8 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from app.sessions.export.table import FloatArray, SignalTable, column_name
+from app.estimation.arrays import FloatArray
+from app.sessions.export.table import SignalTable, column_name
 
 _TIMES = ("time_s", "elapsed_s", "uptime_s")
 _CLOSE_TOGETHER = 1 << 20

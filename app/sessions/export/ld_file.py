@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.errors import ConfigError
-from app.sessions.export.table import FILLED, FloatArray, SignalTable
+from app.estimation.arrays import FloatArray
+from app.sessions.export.table import FILLED, SignalTable
 from app.sessions.reading.reader import Samples
 from app.sessions.reading.series import find_gaps
 from app.sessions.storage.chunks import Track

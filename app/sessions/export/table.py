@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.estimation.arrays import FloatArray
 from app.sessions.reading.blocks import Block
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.signals import Signal, default_signals, find_signal
 
-FloatArray = NDArray[np.float64]
 PIECE_S = 240.0
 MARGIN_US = 1_000_000  # what belongs to one instant arrives within this time
 _SAME_S = 1e-4  # a span is told to the millisecond

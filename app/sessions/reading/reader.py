@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 
 from app.battery.shape import N_CELLS
+from app.estimation.arrays import FloatArray
 from app.sessions.errors import NotASession
 from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
 from app.sessions.reading.blocks import Block, BlockReader, Column, ElementArray
 from app.sessions.reading.notes import read_note
-from app.sessions.reading.series import FloatArray, Series, reduce_samples
+from app.sessions.reading.series import Series, reduce_samples
 from app.sessions.storage.chunks import ESTIMATES, Track
 from app.sessions.storage.files import size_on_disk
 from app.sessions.storage.queries import StoredSession

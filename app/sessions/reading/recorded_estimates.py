@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from app.estimation.arrays import FloatArray
 from app.sessions.reading.reader import SessionFile
-from app.sessions.reading.series import FloatArray
 
 _PIECE_S = 60.0
 _OLDEST_S = 2.0  # an estimate that is older than this says nothing of now

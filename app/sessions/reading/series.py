@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from app.estimation.arrays import FloatArray
+
 _SHORTEST_GAP_S = 0.5
 _STEPS_LOOKED_AT = 4096  # to know what is usual
 _GAP_PERIODS = 3.5  # samples missing in a row that make a gap

@@ -8,6 +8,7 @@ import numpy as np
 
 from app import __version__
 from app.errors import ImportFailed
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.live.pipeline import Pipeline
 from app.sessions.info import SessionInfo
@@ -17,7 +18,6 @@ from app.sessions.storage.files import new_file
 from app.sources.recordings import can_log
 from app.sources.recordings.battery_log import BatteryLog, battery_log
 from app.sources.recordings.profile import ImportProfile
-from app.sources.recordings.quantities import FloatArray
 from app.sources.recordings.table import Table, load_table
 from app.telemetry import SerialItem
 from firmware_protocol.framing import decode_chunk, encode_frame

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from app.battery.shape import N_CELLS
 from app.errors import ImportFailed
+from app.estimation.arrays import FloatArray
 from app.sources.recordings.profile import ImportProfile
-from app.sources.recordings.quantities import FloatArray, in_our_unit
+from app.sources.recordings.quantities import in_our_unit
 from app.sources.recordings.table import Table
 
 UNIX_FROM_S = 9.0e8  # a time beyond it, in 1998, is since 1970; before it, since a start

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from app.errors import ExtraMissing, ImportFailed
+from app.estimation.arrays import FloatArray
 from app.sources.recordings.profile import ImportProfile
-from app.sources.recordings.quantities import FloatArray
 from app.sources.recordings.table import Table, matching
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 

@@ -8,8 +8,9 @@ from io import StringIO
 
 import numpy as np
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
-from app.sources.recordings.quantities import FloatArray, is_unit
+from app.sources.recordings.quantities import is_unit
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
 DELIMITERS = (";", "\t", ",")

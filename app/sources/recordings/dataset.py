@@ -8,17 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.estimation.recording.cell_recording import FIELDS, Recording, clean
-from app.sources.recordings.quantities import (
-    UNITS,
-    FloatArray,
-    in_our_unit,
-    is_wall_clock,
-    quantity_of,
-    sounds_like,
-    unit_of,
-)
+from app.sources.recordings.quantities import UNITS, in_our_unit, is_wall_clock, quantity_of, sounds_like, unit_of
 from app.sources.recordings.table import Table, load_table
 
 FIELD_OF = dict(zip(UNITS, FIELDS, strict=True))  # of each quantity

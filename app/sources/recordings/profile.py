@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import ImportFailed
-from app.sources.recordings.quantities import UNITS, FloatArray, column_of, sounds_like, unit_of
+from app.estimation.arrays import FloatArray
+from app.sources.recordings.quantities import UNITS, column_of, sounds_like, unit_of
 from app.sources.recordings.table import Table, matching
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,59}")

@@ -4,10 +4,7 @@ import re
 from collections.abc import Iterable
 from itertools import chain
 
-import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
+from app.estimation.arrays import FloatArray
 
 Conversion = tuple[float, float]  # factor and offset into s, A, V, degC, fraction
 UNITS: dict[str, dict[str, Conversion]] = {

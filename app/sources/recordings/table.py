@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import ImportFailed
+from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.sources.recordings.csv_table import read_csv
-from app.sources.recordings.quantities import FloatArray
 
 GZIP_MAGIC = b"\x1f\x8b"
 PARQUET_MAGIC = b"PAR1"

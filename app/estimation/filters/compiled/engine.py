@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR
 from app.estimation.filters.compiled.native import load
 from app.estimation.filters.compiled.shape import NUMBERS, Shape, columns, layout, table_width
@@ -18,8 +19,6 @@ from app.estimation.filters.sigma_points import SigmaRule
 from app.estimation.filters.states import CellStates
 from app.estimation.filters.tables import BRANCH, R0, PackedCell
 from app.estimation.filters.tuning import Tuning
-
-FloatArray = NDArray[np.float64]
 
 
 class FastStep:
