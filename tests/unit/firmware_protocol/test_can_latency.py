@@ -69,6 +69,21 @@ def test_a_message_that_needs_its_whole_period_is_just_in_time():
     assert worst_latencies_s(too_slow) == {0: None}
 
 
+def test_the_format_of_the_message_itself_counts():
+    config = only((0, 0x200, 100))
+    config = with_tx_messages(config, [replace(tx_messages(config)[0], is_extended=True)])
+    assert worst_latencies_s(config) == {0: pytest.approx(2 * FRAME_8_EXTENDED)}
+
+
+def test_a_frame_that_becomes_due_in_the_last_bit_of_waiting_goes_first():
+    config = only((0, 0x200, 100))
+    bit_s = 1 / 500_000
+    once = worst_latencies_s(config, [Cyclic(0x100, False, 8, (160 + 135 + 1.5) * bit_s)])[0]
+    twice = worst_latencies_s(config, [Cyclic(0x100, False, 8, (160 + 135 + 0.5) * bit_s)])[0]
+    assert once == pytest.approx((160 + 135 + 135) * bit_s)
+    assert twice == pytest.approx((160 + 2 * 135 + 135) * bit_s)
+
+
 def test_only_messages_that_are_sent_again_and_again_are_cyclic():
     config = only((0, 0x200, 100), (1, 0x100, 0), (2, 0x300, 50))
     config = with_tx_messages(config, [replace(tx_messages(config)[2], enabled=False)])

@@ -139,6 +139,21 @@ def test_a_signal_of_our_names_takes_its_bytes(text, offsets):
 
 
 @pytest.mark.parametrize(
+    ("text", "offset"),
+    [
+        (signal("status_load", 57, 1), 421),
+        (signal("charger_battery", 56, 1), 437),
+        (signal("dod_byte3", 56, 8), 2395),
+        (signal("v_10_byte1", 56, 8), 1917),
+        (signal("n_slaves", 56, 8), 440),
+    ],
+)
+def test_the_last_byte_of_a_message_is_taken_as_the_first(text, offset):
+    imported = one(text)
+    assert (imported.notes, imported.tx[0].data_offsets) == ((), (*UNUSED[:7], offset))
+
+
+@pytest.mark.parametrize(
     ("text", "note"),
     [
         (signal("mystery", 0, 8), "mystery: no value of the master's has this name"),
