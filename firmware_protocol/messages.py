@@ -177,7 +177,7 @@ class Reply:
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class EventMessage:
     """Something the master did by itself. `code` may be one this version does not know."""
 
     code: int
@@ -191,7 +191,7 @@ class Event:
         return _pack(_EVENT, "EVENT", self.code, self.argument, self.cell, self.value, self.limit)
 
     @classmethod
-    def from_body(cls, body: bytes) -> "Event":
+    def from_body(cls, body: bytes) -> "EventMessage":
         """Parse a body; DecodeError where its length is wrong."""
         if len(body) != _EVENT.size:
             raise DecodeError("EVENT", f"{len(body)} bytes, not {_EVENT.size}")
@@ -266,7 +266,7 @@ class Command:
 
 
 Request = IdentRequest | Read | Write | Store | Load | Command
-FromMaster = Data | Reply | Event
+FromMaster = Data | Reply | EventMessage
 
 _EMPTY_REQUESTS: dict[int, type[IdentRequest] | type[Store] | type[Load]] = {
     MessageType.IDENT: IdentRequest,
@@ -340,5 +340,5 @@ def decode_message(frame: Frame) -> FromMaster:
         case MessageType.REPLY:
             return Reply.from_body(frame.body)
         case MessageType.EVENT:
-            return Event.from_body(frame.body)
+            return EventMessage.from_body(frame.body)
     raise DecodeError("message", f"unknown type {frame.type:#04x}")

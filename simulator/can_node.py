@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from firmware_protocol.can_tables import apply_received, bit_rate, message_bytes, rx_messages, tx_messages
 from firmware_protocol.memory_map import CONFIG
-from firmware_protocol.messages import NO_OFFSET, Event, EventCode
+from firmware_protocol.messages import NO_OFFSET, EventCode, EventMessage
 from simulator.can_bus import CanFrame
 from simulator.memory import MasterMemory
 
@@ -110,7 +110,7 @@ class CanNode:
         if rx.response is not None:
             self.tx_enabled |= 1 << rx.response
 
-    def expire(self, now_s: float) -> list[Event]:
+    def expire(self, now_s: float) -> list[EventMessage]:
         """Mark the messages that have been silent for too long, stop their answers, and return an event for each."""
         if not self.rx_active:
             return []
@@ -121,5 +121,5 @@ class CanNode:
                 self.rx_active &= ~(1 << rx.index)
                 if rx.response is not None:
                     self.tx_enabled &= ~(1 << rx.response)
-                events.append(Event(EventCode.CAN_RX_TIMEOUT, 0, NO_OFFSET, rx.index, rx.timeout_ms))
+                events.append(EventMessage(EventCode.CAN_RX_TIMEOUT, 0, NO_OFFSET, rx.index, rx.timeout_ms))
         return events

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from firmware_protocol.elcon import ChargerFlags
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHARGER_STATES, N_CELLS
-from firmware_protocol.messages import BALANCE_BY_HAND_S, NO_OFFSET, Event, EventCode
+from firmware_protocol.messages import BALANCE_BY_HAND_S, NO_OFFSET, EventCode, EventMessage
 from simulator.memory import Config, MasterMemory
 
 BoolArray = NDArray[np.bool_]
@@ -126,20 +126,20 @@ class Charging:
         self._below_since_s: float | None = None
         self._write(0, 0, stop=True)
 
-    def start(self, now_s: float) -> list[Event]:
+    def start(self, now_s: float) -> list[EventMessage]:
         """Start charging; a status message of the charger must arrive first."""
         if self.is_active:
             return []
         self._slope, self._is_slope_known = UNKNOWN_SLOPE, False
         return self._enter(ChargingState.WAITING, now_s)
 
-    def stop(self, now_s: float, *, fault: bool = False) -> list[Event]:
+    def stop(self, now_s: float, *, fault: bool = False) -> list[EventMessage]:
         """Stop charging, on request or because of a fault."""
         if self.state == ChargingState.OFF or (fault and not self.is_active):
             return []
         return self._enter(ChargingState.FAULT if fault else ChargingState.OFF, now_s)
 
-    def step(self, config: Config, now_s: float, *, charger_alive: bool, v_max: int) -> list[Event]:
+    def step(self, config: Config, now_s: float, *, charger_alive: bool, v_max: int) -> list[EventMessage]:
         """Advance one pass."""
         if not self.is_active:
             return []
@@ -160,7 +160,7 @@ class Charging:
                 return self._hold(config, now_s, v_max)
         return []
 
-    def _hold(self, config: Config, now_s: float, v_max: int) -> list[Event]:
+    def _hold(self, config: Config, now_s: float, v_max: int) -> list[EventMessage]:
         self._control(config, now_s, v_max)
         is_full = v_max >= self._reached(config) - FULL_COUNTS and self._memory.charger("i_out") < DONE_CURRENT
         if not is_full:
@@ -216,7 +216,7 @@ class Charging:
         else:
             self._slope = CELL_SLOPE + UNKNOWN_DECAY * (self._slope - CELL_SLOPE)
 
-    def _enter(self, state: ChargingState, now_s: float) -> list[Event]:
+    def _enter(self, state: ChargingState, now_s: float) -> list[EventMessage]:
         self.state = state
         self.is_active = state in _ACTIVE
         self._since_s = now_s
@@ -229,7 +229,7 @@ class Charging:
             self._current = 0.0
             self._write(0, 0, stop=True)
         self._memory.set_charger("state", state)
-        return [Event(EventCode.CHARGER_STATE, 0, NO_OFFSET, int(state), 0)]
+        return [EventMessage(EventCode.CHARGER_STATE, 0, NO_OFFSET, int(state), 0)]
 
     def _write(self, v_set: int, i_set: int, *, stop: bool) -> None:
         self._memory.set_charger("v_set", v_set)

@@ -15,8 +15,8 @@ from firmware_protocol.messages import (
     NO_OFFSET,
     CommandId,
     Data,
-    Event,
     EventCode,
+    EventMessage,
     Ident,
     MessageType,
     Reply,
@@ -64,10 +64,10 @@ class VirtualMaster:
         self.store = ConfigStore(board.eeprom, now_s)
         self._requests = RequestHandler(self)
         self._stream: StreamSchedule | None = None
-        self.emit(Event(EventCode.BOOT, 0, NO_OFFSET, reset_cause, 0))
+        self.emit(EventMessage(EventCode.BOOT, 0, NO_OFFSET, reset_cause, 0))
         stored = self.store.config_at_start()
         if stored is None:
-            self.emit(Event(EventCode.EEPROM_INVALID, 0, NO_OFFSET, 0, 0))
+            self.emit(EventMessage(EventCode.EEPROM_INVALID, 0, NO_OFFSET, 0, 0))
         self.memory.config = stored or default_image()
         self.config = Config.from_image(self.memory.image)
         self.can = CanNode(self.memory)
@@ -233,7 +233,7 @@ class VirtualMaster:
                 ):
                     return False
                 soc = self._soc.soc_counts(self.config)
-                self.emit(Event(EventCode.SOC_SET, 0, NO_OFFSET, soc, 0))
+                self.emit(EventMessage(EventCode.SOC_SET, 0, NO_OFFSET, soc, 0))
             case CommandId.BALANCE_STOP:
                 self._stop_balancing()
             case CommandId.FAN_OVERRIDE:
@@ -243,10 +243,10 @@ class VirtualMaster:
                     return False
                 self._emit_all(self.charging.stop(now_s))
                 self._relays.retry()
-                self.emit(Event(EventCode.FAULTS_CLEARED, 0, NO_OFFSET, 0, 0))
+                self.emit(EventMessage(EventCode.FAULTS_CLEARED, 0, NO_OFFSET, 0, 0))
             case CommandId.SET_SOC:
                 self._soc.set_soc(self.config, argument / SOC_SCALE)
-                self.emit(Event(EventCode.SOC_SET, 0, NO_OFFSET, argument, 0))
+                self.emit(EventMessage(EventCode.SOC_SET, 0, NO_OFFSET, argument, 0))
             case CommandId.CAN_TX_ENABLE:
                 self.can.enable_tx(argument)
             case CommandId.CAN_SEND:
@@ -304,11 +304,11 @@ class VirtualMaster:
             return now_s
         return math.inf if self._stream is None else self._stream.due_s(now_s)
 
-    def emit(self, event: Event) -> None:
+    def emit(self, event: EventMessage) -> None:
         """Queue an event for the host."""
         self._outbox.put(MessageType.EVENT, event.to_body())
 
-    def _emit_all(self, events: list[Event]) -> None:
+    def _emit_all(self, events: list[EventMessage]) -> None:
         for event in events:
             self.emit(event)
 

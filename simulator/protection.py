@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from firmware_protocol.memory_map import CELLS_PER_PACK
-from firmware_protocol.messages import NO_OFFSET, Event, EventCode
+from firmware_protocol.messages import NO_OFFSET, EventCode, EventMessage
 from simulator.memory import Config
 
 FAST_PERSISTENCE_S = 0.5
@@ -46,9 +46,9 @@ class Violation:
     value: int
     limit: int
 
-    def to_event(self) -> Event:
+    def to_event(self) -> EventMessage:
         """Return the event that tells of the trip."""
-        return Event(self.code, 0, self.cell, self.value, self.limit)
+        return EventMessage(self.code, 0, self.cell, self.value, self.limit)
 
 
 def violations(config: Config, reading: Reading) -> Iterator[Violation]:
@@ -107,7 +107,7 @@ class Protection:
         """The OK signal."""
         return not self._latch.is_open
 
-    def judge(self, found: Iterable[Violation], now_s: float) -> list[Event]:
+    def judge(self, found: Iterable[Violation], now_s: float) -> list[EventMessage]:
         """Take this pass's violations and return an event for each that has just tripped."""
         self._critical = tuple(found)
         if not self._critical:

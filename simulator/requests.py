@@ -15,8 +15,8 @@ from firmware_protocol.messages import (
     NO_OFFSET,
     Command,
     CommandId,
-    Event,
     EventCode,
+    EventMessage,
     Ident,
     IdentRequest,
     Load,
@@ -65,7 +65,7 @@ class RequestTarget(Protocol):
     def ident(self) -> Ident:
         """Return the answer to IDENT."""
 
-    def emit(self, event: Event) -> None:
+    def emit(self, event: EventMessage) -> None:
         """Send an event to the host."""
 
     def use_config(self, config: bytes) -> None:
@@ -153,7 +153,7 @@ class RequestHandler:
         if self._master.is_at_work and not is_live_change(self._master.memory.config, config):
             raise Refused(Result.NOT_NOW)
         self._use(bytes(config))
-        self._master.emit(Event(EventCode.CONFIG_WRITTEN, 0, NO_OFFSET, offset, len(data)))
+        self._master.emit(EventMessage(EventCode.CONFIG_WRITTEN, 0, NO_OFFSET, offset, len(data)))
         return b""
 
     def _load(self) -> bytes:
@@ -163,7 +163,7 @@ class RequestHandler:
         if stored is None:
             raise Refused(Result.NOTHING_STORED)
         self._use(stored.image)
-        self._master.emit(Event(EventCode.CONFIG_WRITTEN, 0, NO_OFFSET, 0, CONFIG_SIZE))
+        self._master.emit(EventMessage(EventCode.CONFIG_WRITTEN, 0, NO_OFFSET, 0, CONFIG_SIZE))
         return b""
 
     def _use(self, config: bytes) -> None:

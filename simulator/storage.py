@@ -4,7 +4,7 @@ import numpy as np
 
 from firmware_protocol.config_image import check
 from firmware_protocol.eeprom import JournalEntry, journal_write, newest, newest_journal, plan_store, valid_slots
-from firmware_protocol.messages import NO_OFFSET, Event, EventCode, MessageType, Reply, Result
+from firmware_protocol.messages import NO_OFFSET, EventCode, EventMessage, MessageType, Reply, Result
 from simulator.eeprom import Eeprom, PageJob
 
 JOURNAL_PERIOD_S = 10.0
@@ -44,7 +44,7 @@ class ConfigStore:
         self._job, self._sequence, self._image = PageJob(self._eeprom, pages, now_s), sequence, image
         return True
 
-    def run(self, now_s: float) -> tuple[Reply, Event | None] | None:
+    def run(self, now_s: float) -> tuple[Reply, EventMessage | None] | None:
         """Write the next page; return the reply and the event once the configuration has been read back."""
         if self._job is None or not self._job.run(now_s):
             return None
@@ -52,7 +52,7 @@ class ConfigStore:
         stored = newest(bytes(self._eeprom.content))
         if stored is None or stored.image != self._image:
             return Reply(MessageType.STORE, self._sequence, Result.EEPROM_FAILED), None
-        event = Event(EventCode.CONFIG_STORED, 0, NO_OFFSET, stored.counter, 0)
+        event = EventMessage(EventCode.CONFIG_STORED, 0, NO_OFFSET, stored.counter, 0)
         return Reply(MessageType.STORE, self._sequence, Result.DONE), event
 
     def remember(self, dod_mas: int, soc: int, now_s: float) -> None:

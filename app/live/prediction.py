@@ -21,7 +21,7 @@ from app.estimation.health.resistance_scale import ResistanceScale, trusted_fact
 from app.estimation.health.rest_capacity import CapacityBetweenRests
 from app.estimation.health.sensor_offset import OffsetTracker
 from app.estimation.prediction.energy import EnergyLeft, LapsLeft, energy_left, lap_energies_wh, lap_period_s, laps_left
-from app.estimation.prediction.power import CellStates, Limits, PowerModel, StatePower, TimeToTrip
+from app.estimation.prediction.power import Limits, OperatingPoint, PowerModel, StatePower, TimeToTrip
 from app.telemetry import BoolArray, CountedWith, FloatArray, Prediction
 
 ASSESS_S = 1.0
@@ -166,7 +166,7 @@ class Predictor:
         branches = estimator.state_mean[1 : 1 + self.cell.n_rc]
         if branches.shape[0] != self.cell.n_rc:
             branches = np.zeros((self.cell.n_rc, len(estimates.soc)))
-        states = CellStates(estimates.soc, branches, temperatures_degc)
+        states = OperatingPoint(estimates.soc, branches, temperatures_degc)
         load_a = current_a if self._load_a is None else self._load_a
         known = self.learned
         model = PowerModel(self.cell, limits, known.resistance_factor, known.capacity_ah)

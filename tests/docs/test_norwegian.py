@@ -10,7 +10,7 @@ import pytest
 from app.sources.master.decode import CHARGER_FLAGS
 from app.sources.master.events import describe
 from firmware_protocol.memory_map import CONFIG
-from firmware_protocol.messages import Event, EventCode
+from firmware_protocol.messages import EventCode, EventMessage
 from simulator.faults import FAULTS
 from simulator.library import library
 from simulator.scenario_file import load_scenario
@@ -35,7 +35,7 @@ def test_every_scenario_fault_and_parameter_is_explained_in_norwegian():
 
 @pytest.mark.parametrize("code", EventCode)
 def test_every_event_of_the_master_is_told_in_norwegian(code):
-    event, _ = describe(Event(code, 30, 1, 2, 0), 0)
+    event, _ = describe(EventMessage(code, 30, 1, 2, 0), 0)
     assert is_known(event.text), event.text
 
 

@@ -17,8 +17,8 @@ from firmware_protocol.messages import (
     Command,
     CommandId,
     Data,
-    Event,
     EventCode,
+    EventMessage,
     Ident,
     IdentRequest,
     Load,
@@ -60,7 +60,7 @@ class Line:
         self._decoder = FrameDecoder()
         self._sequence = 0
         self._seen: list[Frame] = []
-        self.events: list[Event] = []
+        self.events: list[EventMessage] = []
 
     def send(self, data: bytes) -> None:
         self._socket.sendall(data)
@@ -79,13 +79,13 @@ class Line:
         assert isinstance(frame, Frame)
         return frame
 
-    def message(self) -> Data | Reply | Event | None:
+    def message(self) -> Data | Reply | EventMessage | None:
         frame = self.frame()
         return None if frame is None else decode_message(frame)
 
     def reply(self) -> Reply | None:
         while not isinstance(message := self.message(), Reply | None):
-            if isinstance(message, Event):
+            if isinstance(message, EventMessage):
                 self.events.append(message)
         return message
 
@@ -183,9 +183,9 @@ def test_a_write_is_in_force_at_once_and_forgotten_at_a_reset(line):
     master = line()
     assert result_of(master.ask(Write(0, NEW))) == (Result.DONE, NO_OFFSET)
     assert master.config() == NEW
-    assert Event(EventCode.CONFIG_WRITTEN, 0, NO_OFFSET, 0, CONFIG_SIZE) in master.events
+    assert EventMessage(EventCode.CONFIG_WRITTEN, 0, NO_OFFSET, 0, CONFIG_SIZE) in master.events
     assert result_of(master.ask(Command(CommandId.RESET, 0))) == (Result.DONE, NO_OFFSET)
-    assert master.message() == Event(EventCode.BOOT, 0, NO_OFFSET, 3, 0)
+    assert master.message() == EventMessage(EventCode.BOOT, 0, NO_OFFSET, 3, 0)
     assert master.config() == default_image()
     ident = Ident.from_bytes(master.ask(IdentRequest()).data)
     assert (ident.reset_cause, ident.boots) == (3, 2)

@@ -9,7 +9,7 @@ import pytest
 from firmware_protocol.eeprom import newest
 from firmware_protocol.framing import BadFrame, FrameDecoder
 from firmware_protocol.memory_map import FIELDS
-from firmware_protocol.messages import Event, EventCode, MessageType, Result, decode_message
+from firmware_protocol.messages import EventCode, EventMessage, MessageType, Result, decode_message
 from simulator.charging import ChargingState
 from simulator.library import find_scenario, library
 from simulator.master import PASS_S
@@ -31,7 +31,7 @@ class Played:
         self.simulation = self.player.simulation
         self.simulation.serial_out = self._take
         self._decoder = FrameDecoder()
-        self.events: list[tuple[float, Event]] = []
+        self.events: list[tuple[float, EventMessage]] = []
         self.sequences: list[int] = []
         self.bad = 0
         self.highest_v = 0.0
@@ -57,10 +57,10 @@ class Played:
             self.sequences.append(item.sequence)
             if item.type == MessageType.EVENT:
                 message = decode_message(item)
-                assert isinstance(message, Event)
+                assert isinstance(message, EventMessage)
                 self.events.append((self.simulation.now_s, message))
 
-    def happened(self, code: EventCode) -> list[tuple[float, Event]]:
+    def happened(self, code: EventCode) -> list[tuple[float, EventMessage]]:
         return [(at_s, event) for at_s, event in self.events if event.code == code]
 
 

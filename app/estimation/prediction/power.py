@@ -59,7 +59,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class CellStates:
+class OperatingPoint:
     """Where the cells are now: arrays over cells, `branch_a` is (n_rc, n_cells) [A]. NaN in soc = cell left out."""
 
     soc: FloatArray
@@ -159,7 +159,7 @@ class PowerModel:
         self.resistance_factor = np.asarray(resistance_factor, dtype=np.float64)
         self.capacity_ah = np.asarray(cell.capacity_ah if capacity_ah is None else capacity_ah, dtype=np.float64)
 
-    def ahead(self, states: CellStates, current_a: FloatArray, time_s: FloatArray) -> tuple[FloatArray, ...]:
+    def ahead(self, states: OperatingPoint, current_a: FloatArray, time_s: FloatArray) -> tuple[FloatArray, ...]:
         """Return voltage [V], SOC and temperature [degC] after a constant current.
 
         Args:
@@ -186,7 +186,7 @@ class PowerModel:
         heated = temperature + np.maximum(drop * current, 0.0) * seconds / self.limits.heat_capacity_j_k
         return cell.ocv.voltage(soc) - drop, soc, heated
 
-    def _margins(self, states: CellStates, current: FloatArray, seconds: FloatArray) -> FloatArray:
+    def _margins(self, states: OperatingPoint, current: FloatArray, seconds: FloatArray) -> FloatArray:
         """Return (3, ..., n_cells) distance to the voltage, SOC and temperature limit; below 0 = passed."""
         limits = self.limits
         voltage, soc, temperature = self.ahead(states, current, seconds)
@@ -200,7 +200,7 @@ class PowerModel:
         )
 
     def predict(
-        self, states: CellStates, currents_a: tuple[float, ...], horizons_s: tuple[float, ...] = HORIZONS_S
+        self, states: OperatingPoint, currents_a: tuple[float, ...], horizons_s: tuple[float, ...] = HORIZONS_S
     ) -> tuple[StatePower, tuple[tuple[TimeToTrip, ...], ...]]:
         """Return the state of power, and the times to trip at each current: all in one search.
 
@@ -235,7 +235,7 @@ class PowerModel:
         )
 
     def _power_limits(
-        self, states: CellStates, search: _Search, found: _Bracket, n_power: int
+        self, states: OperatingPoint, search: _Search, found: _Bracket, n_power: int
     ) -> tuple[PowerLimit, ...]:
         known = _known(states)
         model, part = self._subset(states, known)
@@ -255,7 +255,7 @@ class PowerModel:
                 results.append(PowerLimit(float(search.seconds[q]), power_w, current_a, cell, REASONS[which]))
         return tuple(results)
 
-    def _first_to_pass(self, states: CellStates, search: _Search) -> _Bracket:
+    def _first_to_pass(self, states: OperatingPoint, search: _Search) -> _Bracket:
         """Return for each question where in 0..1 the margin of the first cell passes zero.
 
         Margins fall with the argument, so a cell within its limits at the upper end cannot be the first to pass: it is
@@ -294,15 +294,15 @@ class PowerModel:
             low, high = np.where(never, low, ends[rows, last]), np.where(never, high, ends[rows, last + 1])
         return _Bracket(low, high, np.where(never, -1, cells[margin.argmin(axis=1)]))
 
-    def _subset(self, states: CellStates, known: IntArray) -> tuple[PowerModel, CellStates]:
+    def _subset(self, states: OperatingPoint, known: IntArray) -> tuple[PowerModel, OperatingPoint]:
         factor, capacity_ah = (
             own if own.ndim == 0 else own[known] for own in (self.resistance_factor, self.capacity_ah)
         )
-        part = CellStates(states.soc[known], states.branch_a[:, known], states.temperature_degc[known])
+        part = OperatingPoint(states.soc[known], states.branch_a[:, known], states.temperature_degc[known])
         return PowerModel(self.cell, self.limits, factor, capacity_ah), part
 
 
-def _known(states: CellStates) -> IntArray:
+def _known(states: OperatingPoint) -> IntArray:
     known = np.flatnonzero(np.isfinite(states.soc))
     if known.size == 0:
         raise ModelError("soc", "no cell has one: nothing can be predicted")

@@ -3,8 +3,7 @@
 from app.telemetry import Event, Severity
 from app.words import Cell, Message, Quantity
 from firmware_protocol.memory_map import CHARGER_STATES, N_CELLS
-from firmware_protocol.messages import Event as MasterEvent
-from firmware_protocol.messages import EventCode
+from firmware_protocol.messages import EventCode, EventMessage
 
 _TRIPS: dict[int, tuple[Message, float, str]] = {
     EventCode.TRIP_V_MIN: (Message("under-voltage"), 1e-4, "V"),
@@ -33,7 +32,7 @@ _BOOT_CAUSES = (
 )
 
 
-def describe(message: MasterEvent, t_wall_ns: int) -> tuple[Event, Message | None]:
+def describe(message: EventMessage, t_wall_ns: int) -> tuple[Event, Message | None]:
     """Return the event for the log, and where it opened the shutdown circuit the reason."""
     cell = message.cell if message.cell < N_CELLS else None
     known = message.code in set(EventCode)

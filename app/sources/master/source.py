@@ -35,8 +35,7 @@ from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BadFrame
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, CONFIG, CONFIG_SIZE
-from firmware_protocol.messages import Data, EventCode, Ident, MessageType, Reply, decode_message
-from firmware_protocol.messages import Event as MasterEvent
+from firmware_protocol.messages import Data, EventCode, EventMessage, Ident, MessageType, Reply, decode_message
 
 VOLTAGE_OFFSET = PARTS["voltage"][0]
 CAN_SNAPSHOT_NS = 50_000_000
@@ -110,7 +109,7 @@ class MasterSource:
             return Received()
         if isinstance(message, Data):
             return self._on_data(item, message, item.frame.uptime_ms)
-        if isinstance(message, MasterEvent):
+        if isinstance(message, EventMessage):
             if message.code in (EventCode.CONFIG_WRITTEN, EventCode.BOOT):
                 self._config_from_ns = item.t_mono_ns
             event, trip = describe(message, item.t_wall_ns)

@@ -9,8 +9,8 @@ from firmware_protocol.messages import (
     Command,
     CommandId,
     Data,
-    Event,
     EventCode,
+    EventMessage,
     Ident,
     IdentRequest,
     Load,
@@ -32,8 +32,8 @@ from firmware_protocol.messages import (
         (Data(()), MessageType.DATA, ""),
         (Reply(MessageType.WRITE, 9, Result.OUT_OF_RANGE, 4), MessageType.REPLY, "12 09 04 0400"),
         (Reply(MessageType.READ, 255, Result.DONE, data=b"\x64\x00"), MessageType.REPLY, "11 ff 00 ffff 6400"),
-        (Event(EventCode.TRIP_V_MAX, 0, 36, 42013, 42000), MessageType.EVENT, "03 00 2400 1da40000 10a40000"),
-        (Event(200, 1, 0xFFFF, -1, 0), MessageType.EVENT, "c8 01 ffff ffffffff 00000000"),
+        (EventMessage(EventCode.TRIP_V_MAX, 0, 36, 42013, 42000), MessageType.EVENT, "03 00 2400 1da40000 10a40000"),
+        (EventMessage(200, 1, 0xFFFF, -1, 0), MessageType.EVENT, "c8 01 ffff ffffffff 00000000"),
     ],
 )
 def test_messages_from_the_master(message, kind, body):
@@ -191,8 +191,8 @@ def test_data_at_the_limits_goes_there_and_back(windows):
     [
         (Reply(0x11, 256, Result.DONE), "REPLY"),
         (Reply(0x11, 0, Result.DONE, -1), "REPLY"),
-        (Event(1, 0, 0x10000, 0, 0), "EVENT"),
-        (Event(1, 0, 0, 1 << 31, 0), "EVENT"),
+        (EventMessage(1, 0, 0x10000, 0, 0), "EVENT"),
+        (EventMessage(1, 0, 0, 1 << 31, 0), "EVENT"),
     ],
 )
 def test_message_with_a_number_that_does_not_fit_is_refused(message, field):

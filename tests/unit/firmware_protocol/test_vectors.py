@@ -21,7 +21,7 @@ from firmware_protocol.messages import (
     NO_OFFSET,
     Command,
     Data,
-    Event,
+    EventMessage,
     Ident,
     IdentRequest,
     Load,
@@ -110,7 +110,7 @@ def expected_message(vector):
             request = vector["request_type"], vector["request_sequence"]
             return Reply(*request, vector["result"], vector["offset"], data)
         case "event":
-            return Event(*(vector[name] for name in ("code", "argument", "cell", "value", "limit")))
+            return EventMessage(*(vector[name] for name in ("code", "argument", "cell", "value", "limit")))
         case "read":
             return Read(vector["offset"], vector["length"])
         case "write":
@@ -125,7 +125,7 @@ def expected_message(vector):
 def test_messages(vector):
     message, body = expected_message(vector), bytes.fromhex(vector["body"])
     frame = Frame(vector["type"], 0, 0, body)
-    if isinstance(message, Data | Reply | Event):
+    if isinstance(message, Data | Reply | EventMessage):
         assert message.to_body() == body
         assert messages.decode_message(frame) == message
     else:
@@ -214,7 +214,7 @@ def test_whole_frames(vector):
     [frame] = FrameDecoder().feed(wire)
     assert (frame.type, frame.sequence, frame.uptime_ms) == (vector["type"], vector["sequence"], vector["uptime_ms"])
     message = expected_message(vector)
-    if isinstance(message, Data | Reply | Event):
+    if isinstance(message, Data | Reply | EventMessage):
         assert messages.decode_message(frame) == message
         body = message.to_body()
     else:

@@ -9,7 +9,7 @@ from firmware_protocol.config_image import default_image, with_value
 from firmware_protocol.framing import BadFrame, Frame, FrameDecoder, encode_frame
 from firmware_protocol.ltc6804 import Command, Configuration, write_packet
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
-from firmware_protocol.messages import Data, Event, Reply, Request, decode_message, encode_request
+from firmware_protocol.messages import Data, EventMessage, Reply, Request, decode_message, encode_request
 from simulator.accumulator import AccumulatorParameters
 from simulator.eeprom import Eeprom
 from simulator.simulation import Simulation
@@ -28,7 +28,7 @@ class Host:
         self.arrivals: list[tuple[float, int]] = []
         self.frames: list[Frame] = []
         self.bad = 0
-        self.events: list[Event] = []
+        self.events: list[EventMessage] = []
         self.replies: list[Reply] = []
         self.image = bytearray(MASTER_SIZE)
 
@@ -40,7 +40,7 @@ class Host:
                 continue
             self.frames.append(item)
             message = decode_message(item)
-            if isinstance(message, Event):
+            if isinstance(message, EventMessage):
                 self.events.append(message)
             elif isinstance(message, Reply):
                 self.replies.append(message)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from firmware_protocol.framing import Frame, FrameDecoder
-from firmware_protocol.messages import Event, EventCode, MessageType, decode_message
+from firmware_protocol.messages import EventCode, EventMessage, MessageType, decode_message
 from simulator.scenario_file import load_scenario
 from simulator.scenario_player import ScenarioPlayer
 
@@ -19,7 +19,7 @@ class Played:
     def __init__(self, path: Path, text: str) -> None:
         path.write_text(HEAD + text)
         self.player = ScenarioPlayer(load_scenario(path), step_s=0.1)
-        self.events: list[tuple[float, Event]] = []
+        self.events: list[tuple[float, EventMessage]] = []
         self._decoder = FrameDecoder()
         self.player.simulation.serial_out = self._take
 

@@ -12,7 +12,7 @@ from app.telemetry import CanItem, LinkChange
 from app.words import render
 from firmware_protocol.framing import decode_chunk
 from firmware_protocol.memory_map import FIELDS
-from firmware_protocol.messages import Event, EventCode, Ident, MessageType, Reply
+from firmware_protocol.messages import EventCode, EventMessage, Ident, MessageType, Reply
 
 CELL = load_cell("samsung-25r-10p")
 
@@ -147,7 +147,7 @@ def test_the_master_introduces_itself(pipeline, master):
 
 
 def test_a_trip_names_cell_value_and_limit(pipeline, master):
-    body = Event(EventCode.TRIP_V_MAX, 0, 31, 42100, 42000).to_body()
+    body = EventMessage(EventCode.TRIP_V_MAX, 0, 31, 42100, 42000).to_body()
     event = pipeline.feed(master.item(MessageType.EVENT, body)).events[0]
     assert (event.severity, event.cell) == ("trip", 31)
     assert event.value == pytest.approx(4.21)
@@ -192,7 +192,7 @@ def test_a_configuration_is_never_the_pieces_of_two(pipeline, master):
     master.set("conf.ts", [50])
     master.set("conf.can_tx_msg_id", [0x123] * 8)
     master.advance()
-    pipeline.feed(master.item(MessageType.EVENT, Event(EventCode.CONFIG_WRITTEN, 0, 0xFFFF, 0, 420).to_body()))
+    pipeline.feed(master.item(MessageType.EVENT, EventMessage(EventCode.CONFIG_WRITTEN, 0, 0xFFFF, 0, 420).to_body()))
     pipeline.feed(master.windows((0, 200)))
     between = pipeline.feed(master.frame()).snapshot
     assert (between.config_hash, between.config) == (old.config_hash, old.config)

@@ -13,7 +13,7 @@ from app.api.encoding.snapshot import snapshot_json
 from app.live.pipeline_factory import Chain
 from app.telemetry import CanFault, CanItem, LinkChange
 from app.telemetry.service_state import ServiceState
-from firmware_protocol.messages import Event, EventCode, Ident, MessageType, Reply
+from firmware_protocol.messages import EventCode, EventMessage, Ident, MessageType, Reply
 
 RECORDED = json.loads((Path(__file__).parents[4] / "vectors" / "snapshots.json").read_text(encoding="utf-8"))
 SERVICE = ServiceState(None, None, 3, None)
@@ -48,7 +48,7 @@ def short_drive(pipeline, master):
                 pipeline.feed(master.windows((start, 361)))
             pipeline.feed(master.windows((2392, 398)))
         if step == 320:
-            trip = Event(EventCode.TRIP_V_MIN, 0, 17, 24000, 25000)
+            trip = EventMessage(EventCode.TRIP_V_MIN, 0, 17, 24000, 25000)
             pipeline.feed(master.item(MessageType.EVENT, trip.to_body()))
             master.set("status.flags", [0])
         snapshot = pipeline.feed(master.frame()).snapshot

@@ -3,7 +3,7 @@ import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import ModelError, ShapeError
-from app.estimation.prediction.power import CellStates, Limits, PowerModel
+from app.estimation.prediction.power import Limits, OperatingPoint, PowerModel
 from tests.open_loop import simulate
 
 CELL = load_cell("samsung-25r-10p")
@@ -12,7 +12,7 @@ WIDE = Limits(discharge_max_a=5000.0, charge_max_a=5000.0, temperature_max_degc=
 
 def states(soc=0.5, degc=25.0, n=96):
     soc = np.broadcast_to(np.asarray(soc, dtype=float), (n,)).copy()
-    return CellStates(soc, np.zeros((CELL.n_rc, n)), np.broadcast_to(np.asarray(degc, dtype=float), (n,)).copy())
+    return OperatingPoint(soc, np.zeros((CELL.n_rc, n)), np.broadcast_to(np.asarray(degc, dtype=float), (n,)).copy())
 
 
 def state_of_power(model, cells):
@@ -131,7 +131,7 @@ def test_limit_already_passed_is_now():
 
 
 def test_states_of_another_shape_are_refused():
-    bad = CellStates(np.full(96, 0.5), np.zeros((CELL.n_rc, 95)), np.full(96, 25.0))
+    bad = OperatingPoint(np.full(96, 0.5), np.zeros((CELL.n_rc, 95)), np.full(96, 25.0))
     with pytest.raises(ShapeError):
         PowerModel(CELL, WIDE).ahead(bad, np.array(1.0), np.array(1.0))
 

@@ -5,13 +5,13 @@ import pytest
 from app.sources.master.events import charger_state, describe
 from app.words import render
 from firmware_protocol.memory_map import CHARGER_STATES
-from firmware_protocol.messages import NO_OFFSET, Event, EventCode
+from firmware_protocol.messages import NO_OFFSET, EventCode, EventMessage
 
 T_NS = 1_780_000_000_000_000_000
 
 
 def described(code, value=0, limit=0, cell=NO_OFFSET):
-    return describe(Event(code, 0, cell, value, limit), T_NS)
+    return describe(EventMessage(code, 0, cell, value, limit), T_NS)
 
 
 @pytest.mark.parametrize(

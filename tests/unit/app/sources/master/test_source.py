@@ -6,7 +6,7 @@ import pytest
 from app.sources.master.source import MasterSource
 from app.telemetry import CanItem, Flags, LinkChange
 from firmware_protocol.memory_map import CONFIG, STATUS_FLAGS
-from firmware_protocol.messages import Event, EventCode, Ident, MessageType, Reply
+from firmware_protocol.messages import EventCode, EventMessage, Ident, MessageType, Reply
 
 LIMITS = {  # of the configuration: counts, and what they are in the measurement
     "v_cell_min": (25_100, "cell_voltage_min_v", 2.51),
@@ -98,7 +98,7 @@ def test_the_master_introduces_itself_and_says_why_it_tripped(source, master):
     received = source.feed(master.item(MessageType.REPLY, identity.to_body()))
     assert received.reply.request_sequence == 4
     assert (source.identity.firmware, source.identity.boots) == ("1.2.3", 7)
-    trip = Event(EventCode.TRIP_V_MAX, 0, 31, 42100, 42000)
+    trip = EventMessage(EventCode.TRIP_V_MAX, 0, 31, 42100, 42000)
     (event,) = source.feed(master.item(MessageType.EVENT, trip.to_body())).events
     assert (event.severity, event.cell) == ("trip", 31)
     master.set("status.flags", [0])

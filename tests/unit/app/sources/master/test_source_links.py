@@ -7,7 +7,7 @@ from app.telemetry import CanFault, CanItem, LinkChange, SerialItem
 from app.words import render
 from firmware_protocol.framing import BadFrame, BadReason
 from firmware_protocol.memory_map import CONFIG
-from firmware_protocol.messages import Event, EventCode, Ident, MessageType, Reply
+from firmware_protocol.messages import EventCode, EventMessage, Ident, MessageType, Reply
 
 SECOND = 1_000_000_000
 SUMMARY = 0x100  # soc, v_tot and i_fs in the default tables
@@ -77,7 +77,7 @@ def test_the_pieces_of_two_configurations_are_never_one(source, master):
     assert before.config == bytes(master.image[:420])
     assert before.config_hash is not None
     master.t_ns += SECOND
-    source.feed(master.item(MessageType.EVENT, Event(EventCode.CONFIG_WRITTEN, 0, 0xFFFF, 0, 0).to_body()))
+    source.feed(master.item(MessageType.EVENT, EventMessage(EventCode.CONFIG_WRITTEN, 0, 0xFFFF, 0, 0).to_body()))
     CONFIG["ts"].pack_into(master.image, (50,))
     master.t_ns += SECOND
     source.feed(master.windows((0, 200)))
