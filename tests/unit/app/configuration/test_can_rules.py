@@ -133,7 +133,7 @@ def test_a_message_that_is_on_needs_a_period():
     assert found(tx(enabled=False, period_ms=0)) == []
 
 
-@pytest.mark.parametrize(("period_ms", "is_fine"), [(0, False), (1000, True), (4999, True), (5000, False)])
+@pytest.mark.parametrize(("period_ms", "is_fine"), [(0, False), (1, True), (1000, True), (4999, True), (5000, False)])
 def test_a_charger_stops_after_five_seconds_without_a_command(period_ms, is_fine):
     image = rx(tx(index=0, period_ms=period_ms), index=0, timeout_ms=0)
     expected = ("error", "charger-period", "can_tx_msg_timing", 0, period_ms, "1..4999 ms",
@@ -170,6 +170,23 @@ def test_a_timeout_is_longer_than_the_period_of_the_answer(period_ms, is_fine):
                 f"more than the {period_ms} ms between two answers, tx 4",
                 "the answer would be switched off before it was sent again")  # fmt: skip
     assert found(image) == ([] if is_fine else [expected])
+
+
+def test_a_period_is_compared_to_the_millisecond():
+    assert [each[1] for each in found(rx(timeout_ms=10_000), {0x310: 10.0})] == ["timeout"]
+    assert found(rx(timeout_ms=10_001), {0x310: 10.0}) == []
+
+
+def test_a_place_without_a_message_hides_none_behind_it():
+    image = with_rx_messages(
+        DEFAULT, [replace(RX[3], can_id=0x312, length=2, data_offsets=CHARGER, timeout_ms=100)]
+    )  # rx 2 and 3 are free
+    assert [each[1:4] for each in found(image, {0x312: 0.5})] == [("timeout", "can_rx_msg_timeout", 3)]
+
+
+def test_the_last_of_many_picked_bytes_counts():
+    image = tx(length=2, data_offsets=(440, 441, 442, 443, *[BYTE_UNUSED] * 4))
+    assert [each[5:] for each in found(image)] == [("at least 4 byte", "byte 3 is picked and would not be sent")]
 
 
 def test_half_a_number_says_which_byte_is_sent():
