@@ -11,31 +11,32 @@ from app.api.web.dependencies import LivePart, RecorderPart
 from app.battery.shape import CELLS_PER_PACK
 from app.service.live import Live
 from app.sessions.recording.auto_recorder import AutoRecorder
-from app.telemetry import Snapshot
+from app.telemetry import Accumulator, Cells, Snapshot
+from app.telemetry.fields import units
 
 router = APIRouter(tags=["metrics"])
 _TOTALS = {
-    "voltage_v": ("voltwall_accumulator_volts", "sum of the cells"),
-    "current_a": ("voltwall_accumulator_amperes", "current, positive on discharge"),
-    "power_w": ("voltwall_accumulator_watts", "power, positive on discharge"),
-    "soc": ("voltwall_accumulator_soc_ratio", "state of charge, 0 to 1"),
-    "soc_sigma": ("voltwall_accumulator_soc_sigma_ratio", "standard deviation of the state of charge"),
-    "soc_min": ("voltwall_cell_soc_min_ratio", "state of charge of the emptiest cell"),
-    "voltage_min_v": ("voltwall_cell_voltage_min_volts", "lowest cell voltage"),
-    "voltage_max_v": ("voltwall_cell_voltage_max_volts", "highest cell voltage"),
-    "temperature_max_degc": ("voltwall_cell_temperature_max_celsius", "hottest cell"),
-    "temperature_min_degc": ("voltwall_cell_temperature_min_celsius", "coldest cell"),
-    "loaded_cells": ("voltwall_cells_loaded", "cells with a voltage"),
-    "fan_duty": ("voltwall_fan_duty_ratio", "fans, 0 to 1"),
+    "voltage_v": "voltwall_accumulator_volts",
+    "current_a": "voltwall_accumulator_amperes",
+    "power_w": "voltwall_accumulator_watts",
+    "soc": "voltwall_accumulator_soc_ratio",
+    "soc_sigma": "voltwall_accumulator_soc_sigma_ratio",
+    "soc_min": "voltwall_cell_soc_min_ratio",
+    "voltage_min_v": "voltwall_cell_voltage_min_volts",
+    "voltage_max_v": "voltwall_cell_voltage_max_volts",
+    "temperature_max_degc": "voltwall_cell_temperature_max_celsius",
+    "temperature_min_degc": "voltwall_cell_temperature_min_celsius",
+    "loaded_cells": "voltwall_cells_loaded",
+    "fan_duty": "voltwall_fan_duty_ratio",
 }
 _ENERGY = {"energy_out_wh": "voltwall_energy_out_joules", "energy_in_wh": "voltwall_energy_in_joules"}
 _COUNTERS = ("frames", "lost", "crc_errors", "resyncs", "bytes", "reconnects")
 _CELLS = {
-    "voltage_v": ("voltwall_cell_volts", "cell voltage"),
-    "temperature_degc": ("voltwall_cell_celsius", "cell temperature"),
-    "soc": ("voltwall_cell_soc_ratio", "state of charge of each cell, 0 to 1"),
-    "soc_sigma": ("voltwall_cell_soc_sigma_ratio", "its standard deviation"),
-    "resistance_ohm": ("voltwall_cell_resistance_ohms", "resistance of cell and joint"),
+    "voltage_v": "voltwall_cell_volts",
+    "temperature_degc": "voltwall_cell_celsius",
+    "soc": "voltwall_cell_soc_ratio",
+    "soc_sigma": "voltwall_cell_soc_sigma_ratio",
+    "resistance_ohm": "voltwall_cell_resistance_ohms",
 }
 _SEVERITIES = ("watch", "warning", "trip")
 _JOULES_PER_WH = 3600.0
@@ -60,10 +61,10 @@ class SnapshotCollector:
 
 
 def _totals(snapshot: Snapshot) -> Iterator[Metric]:
-    for name, (metric, text) in _TOTALS.items():
+    for name, unit in units(Accumulator):
         value = getattr(snapshot.accumulator, name)
-        if value is not None:
-            yield GaugeMetricFamily(metric, text, value)
+        if name in _TOTALS and value is not None:
+            yield GaugeMetricFamily(_TOTALS[name], unit.meaning, value)
     for name, metric in _ENERGY.items():
         way = "out" if name == "energy_out_wh" else "in"
         yield CounterMetricFamily(
@@ -96,9 +97,11 @@ def _links(snapshot: Snapshot) -> Iterator[Metric]:
 
 
 def _cells(snapshot: Snapshot) -> Iterator[Metric]:
-    for attribute, (metric, text) in _CELLS.items():
-        family = GaugeMetricFamily(metric, text, labels=["pack", "cell"])
-        for index, value in enumerate(getattr(snapshot.cells, attribute).tolist()):
+    for name, unit in units(Cells):
+        if name not in _CELLS:
+            continue
+        family = GaugeMetricFamily(_CELLS[name], unit.meaning, labels=["pack", "cell"])
+        for index, value in enumerate(getattr(snapshot.cells, name).tolist()):
             if value == value:
                 pack, place = divmod(index, CELLS_PER_PACK)
                 family.add_metric([str(pack + 1), str(place + 1)], value)
