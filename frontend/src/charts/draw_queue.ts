@@ -4,7 +4,7 @@ const BUDGET_MS = 6; // of a frame; the rest is the page's
 
 export class DrawQueue {
   private readonly waiting = new Map<object, () => void>();
-  private asked = false;
+  private isScheduled = false;
 
   constructor(
     private readonly nextFrame: (draw: () => void) => void,
@@ -22,13 +22,13 @@ export class DrawQueue {
   }
 
   private call(): void {
-    if (this.asked || this.waiting.size === 0) return;
-    this.asked = true;
+    if (this.isScheduled || this.waiting.size === 0) return;
+    this.isScheduled = true;
     this.nextFrame(() => this.draw());
   }
 
   private draw(): void {
-    this.asked = false;
+    this.isScheduled = false;
     const until = this.now() + BUDGET_MS;
     for (const [who, draw] of this.waiting) {
       this.waiting.delete(who);

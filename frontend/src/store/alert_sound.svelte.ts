@@ -32,10 +32,10 @@ export const audibleAlarms = (alarms: readonly Alarm[]): Alarm[] =>
   alarms.filter((a) => a.active && !a.acknowledged_by && a.severity !== 'watch');
 
 /** Whether the worst of `alarms` shall sound now: a new one at once, an old one after its pause. */
-export function isDue(alarms: readonly Alarm[], heard: ReadonlySet<number>, silentS: number): boolean {
+export function isDue(alarms: readonly Alarm[], announced: ReadonlySet<number>, silentS: number): boolean {
   const worst = alarms[0];
   if (!worst) return false;
-  return alarms.some((a) => !heard.has(a.id)) || silentS >= REPEAT_S[worst.severity];
+  return alarms.some((a) => !announced.has(a.id)) || silentS >= REPEAT_S[worst.severity];
 }
 
 class AlertSound {
@@ -45,7 +45,7 @@ class AlertSound {
   blocked = $state(false); // the browser waits for a click or a key before it lets a page sound
   permission = $state(typeof Notification === 'undefined' ? 'missing' : Notification.permission);
   private audio: AudioContext | null = null;
-  private readonly heard = new Set<number>();
+  private readonly announced = new Set<number>();
   private readonly shown = new Set<number>();
   private soundedAt = -Infinity;
 
@@ -95,7 +95,7 @@ class AlertSound {
     const alarms = audibleAlarms(openAlarms(live.snapshot));
     const now = performance.now() / 1000;
     if (alarms.length > 0 && this.sound.value && this.mutedUntil === null) {
-      if (isDue(alarms, this.heard, now - this.soundedAt)) {
+      if (isDue(alarms, this.announced, now - this.soundedAt)) {
         this.soundedAt = now;
         if (this.audio?.state === 'running') this.play(alarms[0]!.severity);
         else this.blocked = true;
@@ -104,7 +104,7 @@ class AlertSound {
       this.blocked = false;
     }
     for (const alarm of alarms) {
-      this.heard.add(alarm.id);
+      this.announced.add(alarm.id);
       this.announce(alarm);
     }
   }

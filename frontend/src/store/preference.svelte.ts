@@ -13,8 +13,8 @@ export class Preference<T extends string | number | boolean> {
   ) {
     this.current = first;
     try {
-      const kept: unknown = JSON.parse(localStorage.getItem(PREFIX + name) ?? 'null');
-      if (typeof kept === typeof first && allowed(kept as T)) this.current = kept as T;
+      const stored: unknown = JSON.parse(localStorage.getItem(PREFIX + name) ?? 'null');
+      if (typeof stored === typeof first && allowed(stored as T)) this.current = stored as T;
     } catch {
       // not ours: the first value stands
     }

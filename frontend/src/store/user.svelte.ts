@@ -18,8 +18,8 @@ class User {
 
   async start(): Promise<void> {
     const preferred = matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark';
-    const kept = localStorage.getItem(THEME_KEY);
-    this.setTheme(THEMES.find((t) => t === kept) ?? preferred);
+    const stored = localStorage.getItem(THEME_KEY);
+    this.setTheme(THEMES.find((t) => t === stored) ?? preferred);
     await this.refresh();
   }
 

@@ -53,8 +53,8 @@ class Chosen {
 
   /** Take the language of the last visit, else the browser's. */
   async start(): Promise<void> {
-    const kept = localStorage.getItem(KEY) ?? navigator.language.slice(0, 2).replace(/^n[on]$/, 'nb');
-    await this.set(LANGUAGES.find((l) => l.id === kept)?.id ?? 'en', false);
+    const stored = localStorage.getItem(KEY) ?? navigator.language.slice(0, 2).replace(/^n[on]$/, 'nb');
+    await this.set(LANGUAGES.find((l) => l.id === stored)?.id ?? 'en', false);
   }
 
   async set(language: string, keep = true): Promise<void> {
