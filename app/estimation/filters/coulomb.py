@@ -56,7 +56,7 @@ class CoulombCounter:
         return cov
 
     def voltage_soc(self) -> None:
-        """Return None: a count hears no voltage."""
+        """Return None: a charge count uses no voltage."""
         return
 
     def use_capacity(self, capacity_ah: ArrayLike) -> None:

@@ -105,7 +105,7 @@ class CellEstimator(Protocol):
             voltages_v: (n_cells,) [V]; NaN where not measured.
             temperatures_degc: (n_cells,) [degC]; NaN where not measured.
             current_a: positive on discharge [A].
-            soc: SOC believed at this moment, scalar or (n_cells,), NaN = unknown; None = read it off the voltage.
+            soc: known SOC at this moment, scalar or (n_cells,), NaN = unknown; None = take it from the voltage.
             soc_sigma: how far that may be off; None = the filter's own default.
 
         Raises:

@@ -1,4 +1,4 @@
-"""A filter that starts from voltage alone, fused with a charge count: two independent witnesses of the SOC.
+"""A filter that starts from voltage alone, fused with a charge count: two independent estimates of the SOC.
 
 While they agree the surer one counts: by the squares of their variances, steeper than the precision-weighted mean,
 since the errors of a model last and do not average out against those of a count. When they contradict each other the
@@ -110,13 +110,13 @@ class Fusion:
         states, mixer, gap = self._states, self._mixer, self._gap
         np.subtract(filter_soc, states.count_soc, gap)
         self._wander(dt_s, gap)
-        heard_v2 = mixer.filter_v2
-        np.add(filter_v2, states.wander_v2, heard_v2)
-        np.minimum(heard_v2, VARIANCE_MAX, out=heard_v2)
+        total_filter_v2 = mixer.filter_v2
+        np.add(filter_v2, states.wander_v2, total_filter_v2)
+        np.minimum(total_filter_v2, VARIANCE_MAX, out=total_filter_v2)
         count_variance(states.drift, states.anchor_v2, mixer.count_v2)
         soc, variance, w = mixer.mix(filter_soc, gap)
         if w.item(w.argmin()) < 0.5:
-            self._doubt(dt_s, w < 0.5, filter_soc, heard_v2)
+            self._doubt(dt_s, w < 0.5, filter_soc, total_filter_v2)
         else:
             states.doubt_s.fill(0.0)
         return soc, variance
@@ -143,12 +143,12 @@ class Fusion:
         np.add(counts[:, 1] * counts[:, 1] + counts[:, 2] * counts[:, 2], states.anchor_v2, mixer.count_v2)
         wander_before = states.wander.copy()
         gaps = filter_soc - counts[:, 0]
-        heard_v2 = mixer.filter_v2
-        for dt, one, row in zip(dt_s, gaps, heard_v2, strict=True):
+        total_filter_v2 = mixer.filter_v2
+        for dt, one, row in zip(dt_s, gaps, total_filter_v2, strict=True):
             self._wander(dt, one)
             row[...] = states.wander_v2
-        np.add(heard_v2, filter_v2, heard_v2)
-        np.minimum(heard_v2, VARIANCE_MAX, out=heard_v2)
+        np.add(total_filter_v2, filter_v2, total_filter_v2)
+        np.minimum(total_filter_v2, VARIANCE_MAX, out=total_filter_v2)
         soc, variance, w = mixer.mix(filter_soc, gaps)
         if not (w < 0.5).any():
             states.doubt_s.fill(0.0)

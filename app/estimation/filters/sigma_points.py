@@ -1,4 +1,4 @@
-"""Spread and weights of the sigma points, for the marginalised filter and its textbook oracles alike.
+"""Spread and weights of the sigma points, for the marginalised filter and the textbook filters of the tests.
 
 A symmetric set of L dimensions has a centre and L pairs at +-c columns of the Cholesky factor, weight 1/(2 c^2).
 Source: Julier and Uhlmann (scaled unscented transform) in SPKF-2020; central differences in EKF-CDKF-2022.

@@ -34,7 +34,7 @@ class Tuning:
         start_branch_c: sigma of the RC currents at the start, in C.
         start_branch_rel: the same, relative to the current; their mean is half of it.
         gate: innovations beyond this many sigma of model and state together are refused ...
-        gate_hold_s: ... for at most this long; then they are believed [s].
+        gate_hold_s: ... for at most this long; then they are accepted [s].
         gate_recovery: and the SOC sigma grows by this much per square root of a second.
         counter_soc_sigma: sigma of a SOC given without one, for the charge count.
         rest_c: below this current, in C, the first voltage is taken for one at rest [C].

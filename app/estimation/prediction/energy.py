@@ -21,7 +21,7 @@ FIRST_LAP_SPREAD_FRAC: Final = 0.15  # of the lap energy before there are two la
 LAP_PERIOD_S: Final = (30.0, 200.0)  # what a lap of a Formula Student track can take
 LAP_CORRELATION_MIN: Final = 0.35  # below, the power does not repeat and there are no laps to be seen
 LAP_RATE_HZ: Final = 2.0
-SETTLED_LAPS: Final = 2.5  # laps that have to be driven before a period is believed
+SETTLED_LAPS: Final = 2.5  # laps that have to be driven before a period counts
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,7 @@ def clean(
         period_s: time between rows [s] for a source without a time column, > 0.
 
     Returns:
-        The recording; `notes` lists every repair and every doubt, in plain words.
+        The recording; `notes` lists every repair and every warning, in plain words.
 
     Raises:
         DatasetError: a column is missing, empty, has another length, or cannot be what it is said to be.
@@ -131,7 +131,7 @@ def clean(
     _drop_impossible(table, notes)
     table = _without_spikes(table, notes)
     _note_gaps(table, notes)
-    notes += _doubts(table)
+    notes += _warnings(table)
     time_s, current_a, voltage_v, temperature_degc, soc = (np.ascontiguousarray(c) for c in table.T)
     return Recording(source, time_s, current_a, voltage_v, _held(temperature_degc), soc, tuple(notes))
 
@@ -226,18 +226,18 @@ def _without_spikes(table: FloatArray, notes: list[str]) -> FloatArray:
     return table[~spike]
 
 
-def _doubts(table: FloatArray) -> list[str]:
+def _warnings(table: FloatArray) -> list[str]:
     """Return warnings about what was read but can hardly be meant."""
-    doubts = []
+    warnings = []
     if not table[:, 1].any():
-        doubts.append("warning: the current is zero in every row")
+        warnings.append("warning: the current is zero in every row")
     step_s = usual_step(table[:, 0])
     if step_s < SHORT_STEP_S:
-        doubts.append(
+        warnings.append(
             f"warning: rows lie {1e3 * step_s:.3g} ms apart; if time is in minutes, pass --map time_s=COLUMN*60"
         )
-    doubt = _sign_doubt(table[:, 1], table[:, 2])
-    return [*doubts, doubt] if doubt else doubts
+    warning = _sign_warning(table[:, 1], table[:, 2])
+    return [*warnings, warning] if warning else warnings
 
 
 def _note_gaps(table: FloatArray, notes: list[str]) -> None:
@@ -247,7 +247,7 @@ def _note_gaps(table: FloatArray, notes: list[str]) -> None:
         notes.append(f"gaps: {gaps.size}, the longest {gaps.max():.6g} s")
 
 
-def _sign_doubt(current_a: FloatArray, voltage_v: FloatArray) -> str | None:
+def _sign_warning(current_a: FloatArray, voltage_v: FloatArray) -> str | None:
     """Return a warning when the voltage rises with the discharge current over the large steps of the current."""
     step_a, step_v = np.diff(current_a), np.diff(voltage_v)
     large = (np.abs(step_a) > 0.2 * max(_third_largest(current_a), 1e-12)) & np.isfinite(step_v)
