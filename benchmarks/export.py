@@ -1,18 +1,18 @@
 """How long an export takes beside another version of this program: `python -m benchmarks.export --before DIR`.
 
-A session of the simulated endurance is recorded once, or one is named. Each version exports all of its default signals
-in a process of its own, in turn, several times; DIR is a checkout of the other version with its .venv. A figure is the
-median CPU time of the process for one export, after a first one of a second that imports what the format needs.
+DIR is a checkout of the other version, an older one, with its .venv. It records a session of the simulated endurance
+unless one is named, because it cannot read what a newer version wrote. Each version exports all default signals of a
+copy of its own, in a process of its own, in turn, several times. A figure is the median CPU time of one export, after a
+first one of a second that imports what the format needs.
 """
 
 import argparse
 import json
+import shutil
 import statistics
 import subprocess
 import tempfile
 from pathlib import Path
-
-from benchmarks.record_scenario import ScenarioRecorder
 
 FORMATS = ("csv", "parquet", "mf4", "ld", "mcap")
 _CHILD = """
@@ -53,26 +53,27 @@ def main() -> None:
     arguments = parser.parse_args()
     checkouts = (arguments.before.absolute(), Path.cwd())
     with tempfile.TemporaryDirectory() as folder:
-        path = arguments.session or record(Path(folder), arguments.minutes)
+        path = arguments.session or record(checkouts[0], Path(folder), arguments.minutes)
+        copies = [Path(shutil.copy(path, Path(folder) / f"{i}.sqlite")) for i in range(2)]
         for export_format in arguments.formats:
             spent_s: tuple[list[float], list[float]] = ([], [])
             digests = ["", ""]
             for _ in range(arguments.runs):
                 for i, checkout in enumerate(checkouts):
                     target = Path(folder) / f"export.{export_format}"
-                    cpu_s, digests[i] = export_once(checkout, path.absolute(), target, export_format)
+                    cpu_s, digests[i] = export_once(checkout, copies[i], target, export_format)
                     spent_s[i].append(cpu_s)
             before_s, after_s = map(statistics.median, spent_s)
             same = "same bytes" if digests[0] == digests[1] else "other bytes"
             print(f"{export_format:8} {before_s:6.2f} s, now {after_s:5.2f} s: {before_s / after_s:.1f} times, {same}")
 
 
-def record(folder: Path, minutes: float) -> Path:
+def record(checkout: Path, folder: Path, minutes: float) -> Path:
     """Record the simulated car's endurance and return the file."""
-    made = ScenarioRecorder(folder, "clean-endurance", looks_ahead=False)
-    made.run(60 * minutes)
-    made.close()
-    return made.info.path
+    seconds = str(60 * minutes)
+    command = [checkout / ".venv/bin/python", "-m", "benchmarks.record_scenario", "clean-endurance", folder / "made"]
+    subprocess.run([*command, "--seconds", seconds], cwd=checkout, check=True, capture_output=True)
+    return next((folder / "made").glob("*.sqlite"))
 
 
 if __name__ == "__main__":
