@@ -71,3 +71,14 @@ def test_a_bus_that_refuses_ends_the_list_and_is_told():
     assert ended(sender).error == LinkLost("the CAN bus is not open").message
     with pytest.raises(LinkLost):
         sender.once([Outgoing(1, b"")])
+
+
+def test_a_sender_is_idle_before_and_between_its_lists():
+    bus = Bus()
+    sender = CanSender(bus.send, Clock())
+    assert (sender.is_busy, sender.status.what, sender.status.sent) == (False, None, 0)
+    assert sender.stop() == sender.status
+    for who in ("ada", "bob"):
+        sender.start_list([Outgoing(1, who.encode())], who)
+        assert (ended(sender).who, ended(sender).sent) == (who, 1)
+    assert bus.frames == [(1, b"ada"), (1, b"bob")]

@@ -14,7 +14,7 @@ from app.errors import LinkLost
 from app.sources.links.backoff import Backoff
 from app.sources.links.serial import SerialLink
 from app.telemetry import LinkChange, SerialItem
-from app.words import Message
+from app.words import Message, render
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -139,6 +139,33 @@ def test_a_driver_that_raises_its_own_errors_does_not_end_the_link(plug, seen, m
     seen.wait(lambda items: len(changes(items, "lost")) >= 3)
     link.stop()
     assert changes(seen.items, "lost")[0].error == Message("unplugged")
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (FileNotFoundError(2, "No such file or directory"), "unplugged"),
+        (PermissionError(13, "Permission denied"), "dialout"),
+        (OSError("Could not exclusively lock port"), "another program"),
+        (ConnectionRefusedError(111, "Connection refused"), "other end"),
+        (OSError(5, "Input/output error"), "unplugged"),
+        (OSError("the adapter is on fire"), "the adapter is on fire"),
+        (TimeoutError(), "TimeoutError"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else type(value).__name__,
+)
+def test_why_a_port_does_not_open_is_told_for_a_pit_crew(seen, monkeypatch, error, words):
+    def refuse(*_, **__):
+        raise error
+
+    link = SerialLink("/dev/x", seen, Clock(), quick())
+    monkeypatch.setattr("app.sources.links.serial.serial.serial_for_url", refuse)
+    link.start()
+    seen.wait(lambda items: changes(items, "lost"))
+    link.stop()
+    told = changes(seen.items, "lost")[0].error
+    assert words in render(told)
+    assert changes(seen.items, "open") == []
 
 
 def test_a_port_is_read_by_one_alone(plug, seen, link):
