@@ -33,7 +33,7 @@ N_PINNED = 2  # of them, from which the fusion is to be as good as the better of
 
 @dataclass(frozen=True)
 class Case:
-    """A cell's recordings: what it is identified from, and what it is judged on."""
+    """The recordings of a cell: those to identify it from, and those to judge it on."""
 
     name: str
     is_training: bool

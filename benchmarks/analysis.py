@@ -54,7 +54,7 @@ def record(folder: Path, hours: float) -> Path:
 
 
 def shortest_s(runs: int, action: Callable[[], object]) -> float:
-    """Return the least CPU time of some runs: what else the machine does makes no difference."""
+    """Return the least CPU time of some runs, so that other work on the machine counts little."""
     times = []
     for _ in range(runs):
         started = time.process_time()

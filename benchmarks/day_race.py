@@ -23,7 +23,7 @@ def peak_mb() -> float:
 
 
 def main() -> int:
-    """Race, look, tell."""
+    """Record the race, check the session, print the result."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--scenario", default="race-day")

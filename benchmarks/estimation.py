@@ -127,7 +127,7 @@ def filterpy_s() -> float | None:
 
 
 def run() -> list[Row]:
-    """Return what was measured: what, figure, how."""
+    """Return the rows of the table: quantity, figure, method."""
     peer = filterpy_s()
     rows: list[Row] = []
     if peer is not None:

@@ -1,4 +1,4 @@
-"""What the pages cost in a browser: `python -m benchmarks.pages [--minutes 30]`.
+"""CPU and memory of the pages in a browser: `python -m benchmarks.pages [--minutes 30]`.
 
 Chromium without a GPU reads a service with the simulated car at the fastest the line carries, on the overview with
 96 cells and three charts. Heap is what is left after a collection. Scripting, style and layout are the browser's own
@@ -90,7 +90,7 @@ def call(url: str, method: str = "GET", body: object = None, **headers: str) -> 
 
 
 def stream_fast(url: str) -> None:
-    """Set the master's sampling time to what the line carries at best."""
+    """Set the master's sampling time to the shortest that the line carries."""
     for _ in range(50):
         try:
             config, _headers = call(f"{url}/api/v1/config")
@@ -215,7 +215,7 @@ def tell_tasks(tasks_ms: list[float]) -> None:
 
 
 def drawn(page: Page) -> None:
-    """Wait until what was set is on the screen."""
+    """Wait until the change is on the screen."""
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
 

@@ -1,4 +1,4 @@
-"""What recording costs and how quickly a long session answers: `python -m benchmarks.recording`.
+"""CPU, size and answer times of recorded sessions: `python -m benchmarks.recording`.
 
 The stream is the master's own schedule on a line of 115200 8E1, filled with numbers as noisy as the real ones. CPU is
 of a process that does nothing but hand frames over in real time; sizes and answers are of a session of hours that is
@@ -59,7 +59,7 @@ class Pack:
 
 
 def stream(ts_s: float, seconds: float) -> Iterator[tuple[float, bool, bytes]]:
-    """Yield (time of arrival, whether it carries the fast set, what stood between the delimiters)."""
+    """Yield (time of arrival, whether it carries the fast set, bytes between the delimiters)."""
     pack, schedule = Pack(), StreamSchedule(ts_s, 0.0)
     now_s, sequence = 0.0, 0
     while now_s < seconds:
@@ -88,7 +88,7 @@ class Feed:
         self._count = 0
 
     def hand_over(self, t_s: float, is_fast: bool, raw: bytes) -> None:
-        """One frame and what comes with it."""
+        """One frame, with its estimate and CAN frames."""
         t_ns = round(t_s * 1e9)
         self._recorder.frame(t_ns, EPOCH_NS + t_ns, 0, raw, True)
         if is_fast:
@@ -101,7 +101,7 @@ class Feed:
 
 
 def cpu_percent(ts_s: float, seconds: float) -> float:
-    """CPU of the recorder in real time, percent of a core; what the pacing loop costs by itself is taken off."""
+    """CPU of the recorder in real time, percent of a core, without the CPU of the pacing loop."""
     frames = list(stream(ts_s, seconds))
     spent = []
     with tempfile.TemporaryDirectory() as folder:

@@ -86,7 +86,7 @@ def drive(seed: int, seconds: float, bolt: int | None = None) -> Iterator[Sample
 
 @dataclass(frozen=True)
 class Result:
-    """What a race showed; SOC errors in percent."""
+    """Results of a race; SOC errors in percent."""
 
     seed: int
     worst_rmse: float

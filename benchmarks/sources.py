@@ -153,7 +153,7 @@ def secant_run(model: CellModel, drive: Recording, start_soc: float, tangent: bo
 
 
 def run_secant(data: Path, plots: Path | None) -> None:
-    """Part (c): the notes' model, its polynomial OCV, and what its output matrix does."""
+    """Part (c): the notes' model, its polynomial OCV, and the effect of its output matrix."""
     loaded = _panasonic(data)
     if loaded is None:
         return

@@ -50,7 +50,7 @@ def _save(figure: Any, path: Path) -> None:
 
 
 def draw_thesis(path: Path, redone: ThesisRun, right: PatternRun, curves: Mapping[str, OcvCurve]) -> None:
-    """Theirs beside ours: the SOC of 96 cells in the hard pattern, and what each takes for the OCV."""
+    """The thesis beside the product: SOC of 96 cells in the hard pattern, and the OCV curve of each."""
     figure, (theirs, ours, ocv) = _figure(3)
     seconds = np.linspace(0.0, 113_605 * 290e-6, redone.truth.size)
     theirs.plot(seconds, 100 * redone.estimate[:, ::8], color=COLOURS[0], alpha=0.25, linewidth=0.5)

@@ -45,7 +45,7 @@ def pattern(name: str) -> FloatArray:
 
 
 def load_curves() -> FloatArray:
-    """Return (10, 1001) terminal voltage [V] at 1C..10C over SOC 0..1: what the thesis takes for OCV."""
+    """Return (10, 1001) terminal voltage [V] at 1C..10C over SOC 0..1: the curves that the thesis uses as OCV."""
     drawn = np.linspace(0.0, 1.0, 22)
     soc = np.linspace(0.0, 1.0, 1001)
     low, high = np.interp(1.0 - soc, drawn, AT_1C), np.interp(1.0 - soc, drawn, AT_10C)

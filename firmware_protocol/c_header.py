@@ -224,7 +224,7 @@ def _initializer(field: mm.Field) -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Write the header, or with --check tell whether the file is current."""
+    """Write the header, or with --check return whether the file is current."""
     parser = argparse.ArgumentParser(prog="python -m firmware_protocol.c_header", description=__doc__)
     parser.add_argument("--check", action="store_true", help="write nothing; exit status 1 if the file is not current")
     arguments = parser.parse_args(argv)

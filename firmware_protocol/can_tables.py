@@ -1,4 +1,4 @@
-"""The eight tx and eight rx messages that the configuration describes, typed, and what their bytes mean.
+"""The eight tx and eight rx messages of the configuration as types, and the meaning of their bytes.
 
 The tables are read out of a 420-byte configuration image and put back into one. A table entry is the offset of a byte
 in the master struct. No bus here: `data` is what a CAN frame carried.
@@ -171,7 +171,7 @@ def apply_received(rx: RxMessage, data: bytes, image: bytearray) -> tuple[Window
 
 
 def windows_of_tx(tx: TxMessage, data: bytes) -> tuple[Window, ...]:
-    """Return what a message that the master sent tells about its struct (the host's side), in order of offset.
+    """Return the bytes of the struct that a message of the master carries (host's side), in order of offset.
 
     A message that carries only the low bytes (two or more) of a signed number means one that fits them: the missing
     high bytes are its sign, and are in the windows. Unsigned numbers are not completed.
@@ -186,7 +186,7 @@ def windows_of_tx(tx: TxMessage, data: bytes) -> tuple[Window, ...]:
 
 
 class TableReader:
-    """What CAN frames tell about the master's struct, by the tables of a configuration: sent by it, or listened to."""
+    """The bytes of the master's struct that CAN frames carry, by the tables of a configuration."""
 
     def __init__(self, config: Image) -> None:
         self._messages: dict[int, list[TxMessage | RxMessage]] = {}

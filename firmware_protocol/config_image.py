@@ -178,7 +178,7 @@ def with_value(image: Image, name: str, value: Value) -> bytes:
 
 
 def check(image: Image) -> list[FieldError]:
-    """Return what the master would refuse in this image, in order of offset; empty means it is good.
+    """Return the errors for which the master refuses this image, in order of offset; empty if it is valid.
 
     Beyond each field's range: CAN ids fit 11 or 29 bits, table entries lie inside the struct, received bytes never
     land in the configuration itself, answers name a message, and a pair of limits is the right way round.
@@ -239,7 +239,7 @@ _OUT_OF_RANGE = "the master takes nothing else"
 
 
 def _element_limit(field: Field, raw: int) -> tuple[str, str] | None:
-    """Return the limit that a count breaks, and why it stands; None where it breaks none."""
+    """Return the limit that a count violates, and its reason; None if it violates none."""
     if not _in_range(field, raw):
         return limit_text(field), _OUT_OF_RANGE
     if field.name in ("can_tx_msg_id", "can_rx_msg_id"):

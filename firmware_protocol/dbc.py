@@ -87,7 +87,7 @@ def signals(message: TxMessage | RxMessage) -> tuple[Signal, ...]:
 
 
 def decode(signal: Signal, data: bytes) -> tuple[float, str | None] | None:
-    """Return a signal's value in its unit and the word that it stands for; None where the data ends before it."""
+    """Return a signal's value in its unit, and its name where the value has one; None if the data is too short."""
     raw_bytes = data[signal.start_byte : signal.start_byte + signal.length]
     if len(raw_bytes) < signal.length:
         return None
@@ -99,7 +99,7 @@ def decode(signal: Signal, data: bytes) -> tuple[float, str | None] | None:
 
 
 def message_name(message: TxMessage | RxMessage) -> str:
-    """Return the message's name: what it is where its id tells, else its place in the tables."""
+    """Return the message's name: by its id where that is known, else by its index in the tables."""
     if isinstance(message, TxMessage):
         is_command = message.is_extended and message.can_id == elcon.COMMAND_ID
         return "CHARGER_COMMAND" if is_command else f"MASTER_TX_{message.index}"

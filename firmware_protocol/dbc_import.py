@@ -54,7 +54,7 @@ class _Message:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """Messages for the tables, and in words what of the file is not in them."""
+    """Messages for the tables, and notes on the parts of the file that are not in them."""
 
     tx: tuple[TxMessage, ...]
     rx: tuple[RxMessage, ...]
@@ -62,7 +62,7 @@ class Imported:
 
 
 def from_dbc(text: str, master_node: str = MASTER_NODE) -> Imported:
-    """Return the tables that a DBC describes: what `master_node` sends is tx, everything else rx.
+    """Return the tables that a DBC describes: messages sent by `master_node` are tx, all others rx.
 
     Raises:
         DecodeError: it has no message at all, or is too long.

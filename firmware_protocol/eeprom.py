@@ -1,4 +1,4 @@
-"""What stands where in the 32 kB EEPROM: two configuration slots and a journal of the charge drawn.
+"""The layout of the 32 kB EEPROM: two configuration slots and a journal of the charge drawn.
 
 A slot is eight pages: a header page, then the image in seven. A page write may be cut after any byte, so a store
 first wipes the older slot's header, then writes the image, then the header whose last bytes are the CRC: until that
@@ -80,7 +80,7 @@ def encode_slot(image: Image, counter: int) -> bytes:
 
 
 def decode_slot(data: Image, slot: int) -> StoredConfig | None:
-    """Return what a slot's SLOT_SIZE bytes hold, None where they are not a valid configuration of this layout."""
+    """Decode the SLOT_SIZE bytes of a slot; None where they are no valid configuration of this layout."""
     if len(data) != SLOT_SIZE:
         return None
     magic, length, layout, counter = _SLOT_HEADER.unpack_from(data)

@@ -34,7 +34,7 @@ NORMAL = ChargerFlags(0)
 
 @dataclass(frozen=True, slots=True)
 class ChargerCommand:
-    """What the charger may give at most, and whether it shall."""
+    """The command to the charger: limits of voltage and current, and whether to charge."""
 
     voltage_v: float
     current_a: float
@@ -59,7 +59,7 @@ class ChargerCommand:
 
 @dataclass(frozen=True, slots=True)
 class ChargerStatus:
-    """What the charger gives."""
+    """The status of the charger: voltage, current, flags."""
 
     voltage_v: float
     current_a: float

@@ -21,7 +21,7 @@ class EncodeError(ProtocolError):
 
 
 class DecodeError(ProtocolError):
-    """Bytes from the peer do not form what they claim to be."""
+    """Bytes from the peer that are no valid message."""
 
     def __init__(self, what: str, reason: str, offset: int | None = None) -> None:
         self.what = what

@@ -24,7 +24,7 @@ class ExchangeBusyError(ProtocolError):
 
 @dataclass(frozen=True, slots=True)
 class GaveUp:
-    """No reply after all tries: what was asked may or may not have been done."""
+    """No reply after all tries: the request may or may not have been carried out."""
 
     request: Request
     tries: int
@@ -68,7 +68,7 @@ class Exchange:
         return self._send(now_s)
 
     def on_reply(self, reply: Reply) -> bool:
-        """Tell whether the reply answers the outstanding request and so ends it; others are counted and dropped."""
+        """Return whether the reply ends the outstanding request; other replies are counted and dropped."""
         if not self.is_busy or (reply.request_type, reply.request_sequence) != (self._kind, self._sequence):
             self.stray_replies += 1
             return False
@@ -112,7 +112,7 @@ class RepeatFilter:
         return self._reply if is_repeated else None
 
     def remember(self, frame: Frame, reply: Reply, now_s: float) -> None:
-        """Keep what a request was answered with."""
+        """Store the reply to a request."""
         if frame.type in _CHANGING_REQUESTS:
             self._last, self._reply = (frame.type, frame.sequence, frame.body), reply
             self._until_s = now_s + REPEAT_WINDOW_S

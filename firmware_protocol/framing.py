@@ -31,7 +31,7 @@ LINE_SILENCE_S = 0.1  # after which the master drops an unfinished frame
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One intact frame; `raw` is what stood between the delimiters on the line."""
+    """One intact frame; `raw` is the bytes between the delimiters on the line."""
 
     type: int
     sequence: int
@@ -119,7 +119,7 @@ def encode_frame(frame_type: int, sequence: int, uptime_ms: int, body: bytes) ->
 
 
 def decode_chunk(raw: bytes) -> Frame | BadFrame:
-    """Decode what stood between two delimiters."""
+    """Decode the bytes between two delimiters."""
     if len(raw) > MAX_ENCODED:
         return BadFrame(BadReason.LONG, raw[:MAX_ENCODED])
     payload = cobs_decode(raw)
@@ -149,7 +149,7 @@ class FrameDecoder:
         self.skipped_bytes = 0
 
     def feed(self, data: bytes | bytearray | memoryview) -> list[Frame | BadFrame]:
-        """Return what `data` completed, in order."""
+        """Return the items that `data` completes, in order."""
         *complete, rest = bytes(data).split(b"\0")
         out: list[Frame | BadFrame] = []
         for chunk in complete:
@@ -194,7 +194,7 @@ class CommandDecoder:
         self.noise_bytes = 0
 
     def feed(self, data: bytes | bytearray | memoryview) -> list[Frame | BadFrame | StreamCommand]:
-        """Return what `data` completed, in order."""
+        """Return the items that `data` completes, in order."""
         out: list[Frame | BadFrame | StreamCommand] = []
         for byte in bytes(data):
             if byte == DELIMITER:
@@ -210,7 +210,7 @@ class CommandDecoder:
         return out
 
     def idle(self) -> list[BadFrame | StreamCommand]:
-        """Tell the decoder that the line has been silent: what is open is closed and the next `x` counts at once."""
+        """Tell the decoder that the line was silent: an open chunk is closed, and the next `x` counts at once."""
         length = self._length
         out: list[BadFrame | StreamCommand] = []
         for item in self._close() if self._buffer else []:

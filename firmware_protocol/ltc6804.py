@@ -196,7 +196,7 @@ def _group(data: bytes) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """The CFGR group; `discharging` has one entry a cell. The default is what the chip starts the master with."""
+    """The CFGR group; `discharging` has one entry a cell. The default has the reference on, as the master uses it."""
 
     gpio_pull_down_off: tuple[bool, bool, bool, bool, bool] = (True,) * 5  # GPIO1 first
     reference_on: bool = True

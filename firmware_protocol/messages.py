@@ -1,4 +1,4 @@
-"""What the bodies of frames mean: immutable values to bytes and back.
+"""The bodies of frames: immutable values to bytes and back.
 
 Master to host: Data, Reply, Event. Host to master: IdentRequest, Read, Write, Store, Load, Command.
 READ offsets below 0x8000 address the master struct, from 0x8000 on the 32 kB EEPROM.
@@ -89,7 +89,7 @@ COMMAND_ARGUMENTS: dict[CommandId, tuple[int, int]] = {
 
 
 class EventCode(enum.IntEnum):
-    """What happened on the master; `cell`, `value` and `limit` are in the counts of the field they concern."""
+    """An event of the master; `cell`, `value` and `limit` are in the counts of the field they concern."""
 
     BOOT = 1  # value: reset cause (0 power on, 1 watchdog, 2 brown-out, 3 commanded)
     TRIP_V_MIN = 2

@@ -47,7 +47,7 @@ def data_frame_time_s(spans: tuple[Span, ...]) -> float:
 
 
 class StreamSchedule:
-    """Decides what the next stream frame carries; asked whenever the line is free. Made anew when the stream starts."""
+    """Chooses the content of the next stream frame whenever the line is free. Created when the stream starts."""
 
     def __init__(self, ts_s: float, now_s: float) -> None:
         self.ts_s = ts_s

@@ -32,7 +32,7 @@ def tables() -> dict[str, str]:
 
 
 def with_tables(text: str) -> str:
-    """Return the document with what stands between its markers replaced.
+    """Return the document with the text between its markers replaced.
 
     Raises:
         ValueError: a marker is missing.
@@ -74,7 +74,7 @@ def _count(field: mm.Field) -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Write the tables into SPEC.md, or with --check tell whether they are current."""
+    """Write the tables into SPEC.md, or with --check return whether they are current."""
     parser = argparse.ArgumentParser(prog="python -m firmware_protocol.spec_tables", description=__doc__)
     parser.add_argument("--check", action="store_true", help="write nothing; exit status 1 if a table is not current")
     arguments = parser.parse_args(argv)
