@@ -25,6 +25,7 @@ from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import Recorder
 from benchmarks.recording import EPOCH_NS, stream
 from firmware_protocol.memory_map import N_CELLS
+from tests.fake_clock import FunctionClock
 
 TS_S = 0.1
 TRIP_EVERY_S = 1800.0
@@ -33,7 +34,7 @@ TRIP_EVERY_S = 1800.0
 def record(folder: Path, hours: float) -> Path:
     """Record a session of so many hours and return its file."""
     recorder = Recorder(
-        folder, version="benchmark", monotonic_ns=lambda: 0, wall_ns=lambda: EPOCH_NS, free_bytes=lambda _: 1 << 40
+        folder, FunctionClock(lambda: 0, lambda: EPOCH_NS), version="benchmark", free_bytes=lambda _: 1 << 40
     )
     path = recorder.start("long").path
     soc = np.linspace(0.9, 0.88, N_CELLS)

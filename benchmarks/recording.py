@@ -14,12 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
+from app.clock import Clock
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import Recorder
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE, N_CELLS
 from firmware_protocol.messages import Data, MessageType, Window
 from firmware_protocol.schedule import FAST_WINDOWS, StreamSchedule, data_frame_time_s
+from tests.fake_clock import FunctionClock
 
 CAN_PERIOD_S = 0.1
 EPOCH_NS = 1_790_000_000 * 10**9
@@ -106,7 +108,7 @@ def cpu_percent(ts_s: float, seconds: float) -> float:
     spent = []
     with tempfile.TemporaryDirectory() as folder:
         for records in (False, True):
-            recorder = Recorder(Path(folder), version="bench")
+            recorder = Recorder(Path(folder), Clock(), version="bench")
             feed = Feed(recorder)
             if records:
                 recorder.start()
@@ -123,7 +125,7 @@ def cpu_percent(ts_s: float, seconds: float) -> float:
 def long_session(folder: Path, ts_s: float, hours: float) -> tuple[Path, int]:
     """Record hours and return the closed file, and how many frames were handed over."""
     now_ns = 0
-    recorder = Recorder(folder, version="bench", monotonic_ns=lambda: now_ns, wall_ns=lambda: EPOCH_NS + now_ns)
+    recorder = Recorder(folder, FunctionClock(lambda: now_ns, lambda: EPOCH_NS + now_ns), version="bench")
     info = recorder.start()
     feed = Feed(recorder)
     next_flush_s, sent = 0.0, 0

@@ -10,6 +10,7 @@ from app.sessions.recording.writer import Recorder
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
 from firmware_protocol.messages import Data, MessageType, Window
+from tests.fake_clock import FunctionClock
 
 HOURS = 4
 START_NS = 1_790_000_000 * 10**9
@@ -31,7 +32,7 @@ def times_s():
 def record(folder: Path, name: str, *, dips: bool) -> None:
     """Write a session as the service does."""
     now_ns = 0
-    recorder = Recorder(folder, version="test", monotonic_ns=lambda: now_ns, wall_ns=lambda: START_NS + now_ns)
+    recorder = Recorder(folder, FunctionClock(lambda: now_ns, lambda: START_NS + now_ns), version="test")
     recorder.start(name)
     image = bytearray(MASTER_SIZE)
     for count, t_s in enumerate(times_s()):

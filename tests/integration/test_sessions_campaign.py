@@ -25,11 +25,12 @@ SECTOR = 512
 KILL = """
 import os, random, signal, sys, time
 from pathlib import Path
+from app.clock import Clock
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import Recorder
 
 def record(folder, acknowledged):
-    recorder = Recorder(folder, version="test")
+    recorder = Recorder(folder, Clock(), version="test")
     recorder.start()
     sent = 0
     while True:
@@ -71,13 +72,14 @@ RECORD = """
 import ctypes, sys, time
 from pathlib import Path
 from app.sessions.recording.writer import Recorder
+from tests.fake_clock import FunctionClock
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.messages import Data, MessageType, Window
 
 acknowledged = ctypes.CDLL(None).acknowledged
 now = 0
 WALL = 1790000000 * 10**9
-recorder = Recorder(Path(sys.argv[1]), version="test", monotonic_ns=lambda: now, wall_ns=lambda: WALL + now)
+recorder = Recorder(Path(sys.argv[1]), FunctionClock(lambda: now, lambda: WALL + now), version="test")
 recorder.start()
 sent = 0
 for batch in range(120):

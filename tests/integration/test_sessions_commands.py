@@ -11,6 +11,7 @@ from app.cli import main
 from app.sessions.recording.writer import Recorder
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.messages import Data, Window
+from tests.fake_clock import FunctionClock
 
 WALL_NS = 1_790_000_000 * 10**9
 
@@ -18,7 +19,7 @@ WALL_NS = 1_790_000_000 * 10**9
 @pytest.fixture
 def data(tmp_path: Path) -> Path:
     data = tmp_path / "data"
-    recorder = Recorder(data / "sessions", version="1.0", monotonic_ns=lambda: 0, wall_ns=lambda: WALL_NS)
+    recorder = Recorder(data / "sessions", FunctionClock(lambda: 0, lambda: WALL_NS), version="1.0")
     for name in ("cut", "closed"):
         info = recorder.start(name, {"driver": name})
         for i in range(50):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from app.clock import Clock
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import NotASession
 from app.sessions.reading.reader import SessionFile
@@ -22,11 +23,12 @@ PROJECT = Path(__file__).parents[2]
 
 RECORD = """
 import sys, time
+from app.clock import Clock
 from pathlib import Path
 from app.sessions.recording.writer import Recorder
 from firmware_protocol.framing import encode_frame
 
-recorder = Recorder(Path(sys.argv[1]), version="test")
+recorder = Recorder(Path(sys.argv[1]), Clock(), version="test")
 recorder.start("to be killed")
 for i in range(100_000):
     raw = encode_frame(3, i & 0xFF, i, i.to_bytes(4, "little") + bytes(400))[1:-1]
@@ -39,11 +41,12 @@ for i in range(100_000):
 FILL = """
 import resource, sys, time
 from pathlib import Path
+from app.clock import Clock
 from app.sessions.errors import RecordingFailed
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import Recorder
 
-recorder = Recorder(Path(sys.argv[1]), version="test")
+recorder = Recorder(Path(sys.argv[1]), Clock(), version="test")
 session = recorder.start()
 recorder.flush()
 resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, resource.RLIM_INFINITY))
@@ -118,7 +121,7 @@ def test_a_disk_that_takes_no_more_stalls_the_recorder_and_nothing_is_lost(tmp_p
 
 
 def test_a_power_cut_at_any_byte_of_the_log_leaves_the_frames_before_it(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "live", version="test")
+    recorder = Recorder(tmp_path / "live", Clock(), version="test")
     info = recorder.start()
     sent = []
     for i in range(120):

@@ -11,6 +11,7 @@ from firmware_protocol.framing import Frame, FrameDecoder
 from simulator.library import find_scenario
 from simulator.scenario_file import load_scenario
 from simulator.scenario_player import ScenarioPlayer
+from tests.fake_clock import FunctionClock
 
 WALL_NS = 1_790_000_000 * 10**9
 STANDBY_S = 5.0
@@ -43,7 +44,7 @@ def driven(tmp_path: Path) -> tuple[str, np.ndarray]:
     (tmp_path / "drive.toml").write_text(DRIVE)
     player = ScenarioPlayer(load_scenario(tmp_path / "drive.toml"), step_s=0.05)
     simulation, decoder = player.simulation, FrameDecoder()
-    recorder = Recorder(tmp_path / "data" / "sessions", version="1.0", monotonic_ns=lambda: 0, wall_ns=lambda: WALL_NS)
+    recorder = Recorder(tmp_path / "data" / "sessions", FunctionClock(lambda: 0, lambda: WALL_NS), version="1.0")
 
     def record(data: bytes) -> None:
         at_ns = round(simulation.now_s * 1e9)

@@ -21,7 +21,7 @@ from app.sessions.recording.writer import DiskLimits, Recorder
 
 disk = Path(os.environ["DISK"])
 limits = DiskLimits(warn_free_bytes=1500_000, stop_free_bytes=int(os.environ["KEEP"]))
-recorder = Recorder(disk / "sessions", version="test", limits=limits)
+recorder = Recorder(disk / "sessions", Clock(), version="test", limits=limits)
 session = recorder.start()
 sent, warned_at, stalled_at = 0, None, None
 while stalled_at is None:
@@ -70,10 +70,11 @@ print(info.name, info.frames)
 PREPARE = """
 import os, time
 from pathlib import Path
+from app.clock import Clock
 from app.sessions.recording.writer import DiskLimits, Recorder
 
 limits = DiskLimits(stop_free_bytes=0)
-recorder = Recorder(Path(os.environ["DISK"]) / "sessions", version="test", limits=limits)
+recorder = Recorder(Path(os.environ["DISK"]) / "sessions", Clock(), version="test", limits=limits)
 recorder.start("from before")
 recorder.frame(time.monotonic_ns(), time.time_ns(), 0, b"x", False)
 recorder.close()

@@ -14,6 +14,7 @@ from firmware_protocol.config_image import default_image
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
 from firmware_protocol.messages import Data, MessageType, Window
+from tests.fake_clock import FunctionClock
 
 START_S = 1_790_000_000.0
 FAST = ((420, 20), (1884, 204), (2280, 116), (2982, 2))
@@ -53,7 +54,7 @@ class SessionMaker:
         volts, degrees = (_table(values, n) for values in (voltage_v, temperature_degc))
         wall_ns = round(start_s * 1e9)
         recorder = Recorder(
-            self.folder, version="test", monotonic_ns=lambda: 0, wall_ns=lambda: wall_ns, free_bytes=lambda _: 1 << 40
+            self.folder, FunctionClock(lambda: 0, lambda: wall_ns), version="test", free_bytes=lambda _: 1 << 40
         )
         info = recorder.start("made", metadata or {})
         recorder.config(0, wall_ns, config or default_image(), "in force at the start")

@@ -18,6 +18,7 @@ from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import N_CELLS
 from simulator.library import find_scenario
 from simulator.scenario_player import ScenarioPlayer
+from tests.fake_clock import FunctionClock
 
 EPOCH_NS = 1_790_000_000 * 10**9
 STEP_S = 0.05
@@ -55,9 +56,8 @@ class ScenarioRecorder:
         )
         self.recorder = Recorder(
             folder,
+            FunctionClock(lambda: self.now_ns, lambda: epoch_ns + self.now_ns),
             version="benchmark",
-            monotonic_ns=lambda: self.now_ns,
-            wall_ns=lambda: epoch_ns + self.now_ns,
             free_bytes=lambda _: 1 << 40,
         )
         self._config: bytes | None = None

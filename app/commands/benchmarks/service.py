@@ -18,6 +18,7 @@ from typing import Any
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from app.clock import Clock
 from app.commands.benchmarks.numerics import fast_frame
 from app.commands.benchmarks.process import cpu_s, resident_mb
 from app.sessions.catalogue import Catalogue
@@ -239,7 +240,7 @@ def _mb_per_hour(data: Path) -> float:
     """
     (info,) = Catalogue(data / "sessions").list()
     with SessionFile(info.path) as session, tempfile.TemporaryDirectory() as folder:
-        recorder = Recorder(Path(folder), version="bench")
+        recorder = Recorder(Path(folder), Clock(), version="bench")
         first = recorder.start()
         for frame in session.frames(None, info.started_wall_ns / 1e9 + FIRST_S):
             recorder.frame(frame.t_mono_ns, frame.t_wall_ns, frame.link, frame.raw, frame.ok)

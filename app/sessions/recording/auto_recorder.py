@@ -55,11 +55,10 @@ class AutoRecorder:
         self._clock = clock
         self._recorder = Recorder(
             folder,
+            clock,
             version=__version__,
             limits=limits,
             next_name=next_part,
-            monotonic_ns=clock.monotonic_ns,
-            wall_ns=clock.wall_ns,
         )
         self._automatic = automatic
         self._on_event = on_event

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.battery.shape import N_CELLS
+from app.clock import Clock
 from app.errors import NotNow, told_by
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
@@ -56,10 +57,9 @@ class Recorder:
     def __init__(
         self,
         folder: Path,
+        clock: Clock,
         *,
         version: str,
-        monotonic_ns: Callable[[], int] = time.monotonic_ns,
-        wall_ns: Callable[[], int] = time.time_ns,
         limits: DiskLimits | None = None,
         free_bytes: Callable[[Path], int] = _free_bytes,
         next_name: Callable[[str], str] = lambda name: name,
@@ -67,8 +67,7 @@ class Recorder:
         self._folder = folder
         self._next_name = next_name  # of the session that goes on where one is split
         self._version = version
-        self._monotonic_ns = monotonic_ns
-        self._wall_ns = wall_ns
+        self._clock = clock
         self._limits = limits or DiskLimits()
         self._free_bytes = free_bytes
         self._lock = threading.Lock()
@@ -129,7 +128,7 @@ class Recorder:
         """End the session; nothing without one. What it still holds in memory is written by the thread."""
         with self._lock:
             if self._session is not None:
-                self._append((_STOP, (self._monotonic_ns(), self._wall_ns())), 0)
+                self._append((_STOP, (self._clock.monotonic_ns(), self._clock.wall_ns())), 0)
                 self._session = None
                 self._wake.set()
 
@@ -187,7 +186,7 @@ class Recorder:
             session = replace(
                 session,
                 size_bytes=size_on_disk(session.path),
-                ended_mono_ns=self._monotonic_ns(),
+                ended_mono_ns=self._clock.monotonic_ns(),
                 frames=counts["frames"],
                 can_frames=counts["can_frames"],
                 events=counts["events"],
@@ -226,7 +225,7 @@ class Recorder:
 
     def _begin(self, name: str | None, metadata: Mapping[str, object]) -> SessionInfo:
         """End what is being recorded and begin anew; the lock is held."""
-        started_wall_ns, started_mono_ns = self._wall_ns(), self._monotonic_ns()
+        started_wall_ns, started_mono_ns = self._clock.wall_ns(), self._clock.monotonic_ns()
         try:
             path = new_file(self._folder, started_wall_ns)
         except OSError as error:
@@ -348,7 +347,7 @@ class Recorder:
 
     def _loss_event(self, lost: int, row: Row) -> Item:
         message = Message("items-lost", n=lost)
-        return event_item(row[0], Event(self._wall_ns(), "warning", "recorder_lost", message, value=lost))
+        return event_item(row[0], Event(self._clock.wall_ns(), "warning", "recorder_lost", message, value=lost))
 
     def _finish(self, n: int, reported: int = 0) -> None:
         finished, self._batch = self._batch[:n], self._batch[n:]

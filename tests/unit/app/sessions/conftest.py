@@ -10,6 +10,7 @@ from app.sessions.recording.writer import Recorder
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
 from firmware_protocol.messages import Data, MessageType, Window
+from tests.fake_clock import FunctionClock
 
 WALL_NS = 1_790_000_000 * 10**9
 MONO_NS = 5_000 * 10**9
@@ -74,9 +75,8 @@ def recorder(tmp_path: Path) -> Iterator[Recorder]:
     """A recorder whose clocks stand still at the stream's start, and whose disk is never full."""
     recorder = Recorder(
         tmp_path / "sessions",
+        FunctionClock(lambda: MONO_NS, lambda: WALL_NS),
         version="1.2.3",
-        monotonic_ns=lambda: MONO_NS,
-        wall_ns=lambda: WALL_NS,
         free_bytes=lambda _: 1 << 40,
     )
     yield recorder

@@ -10,6 +10,7 @@ from app.sessions.catalogue_index import INDEX
 from app.sessions.errors import SessionNotFound
 from app.sessions.recording.writer import Recorder
 from app.sessions.storage.files import is_in_use
+from tests.fake_clock import FunctionClock
 
 
 @pytest.fixture
@@ -107,7 +108,7 @@ def test_an_id_never_leads_out_of_the_folder(folder: Path, session_id: str) -> N
 
 def test_only_what_is_old_or_beyond_the_room_expires(tmp_path: Path) -> None:
     now_ns = 1_790_000_000 * 10**9
-    recorder = Recorder(tmp_path, version="0", monotonic_ns=lambda: now_ns, wall_ns=lambda: now_ns)
+    recorder = Recorder(tmp_path, FunctionClock(lambda: now_ns, lambda: now_ns), version="0")
     ids = []
     for _ in range(4):
         ids.append(recorder.start().id)

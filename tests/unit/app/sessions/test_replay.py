@@ -13,6 +13,7 @@ from app.sessions.recording.writer import Recorder
 from app.sessions.replay import ReplayOptions, ReplayPlayer
 from app.sources.master.source import MasterSource
 from app.telemetry import SerialItem
+from tests.fake_clock import FunctionClock
 
 RECORDED_SOC = 0.42
 CELL = load_cell("samsung-25r-10p")
@@ -25,7 +26,7 @@ def new_pipeline(*_, **__):
 @pytest.fixture
 def session(tmp_path, master):
     """A session of twenty frames in two seconds."""
-    recorder = Recorder(tmp_path, version="0", monotonic_ns=lambda: master.t_ns)
+    recorder = Recorder(tmp_path, FunctionClock(lambda: master.t_ns), version="0")
     info = recorder.start()
     for _ in range(20):
         item = master.frame()

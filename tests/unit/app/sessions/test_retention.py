@@ -5,7 +5,7 @@ import pytest
 from app.sessions.catalogue import Catalogue
 from app.sessions.recording.writer import Recorder
 from app.sessions.retention import Retention, RetentionRule, apply_rule
-from tests.fake_clock import FakeClock
+from tests.fake_clock import FakeClock, FunctionClock
 
 DAY_NS = 86_400 * 10**9
 NOW_NS = 1_790_000_000 * 10**9
@@ -16,7 +16,7 @@ def catalogue(tmp_path):
     """Sessions that ended 1, 10 and 100 days ago, a megabyte each."""
     for days in (1, 10, 100):
         wall_ns = NOW_NS - days * DAY_NS
-        recorder = Recorder(tmp_path, version="test", monotonic_ns=lambda: 0, wall_ns=lambda at=wall_ns: at)
+        recorder = Recorder(tmp_path, FunctionClock(lambda: 0, lambda at=wall_ns: at), version="test")
         recorder.start(f"{days} days ago")
         for _ in range(10):
             recorder.frame(0, wall_ns, 0, os.urandom(100_000), False)

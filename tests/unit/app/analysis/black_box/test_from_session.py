@@ -13,6 +13,7 @@ from app.sessions.black_box_store import BlackBoxStore
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import Recorder
 from app.sources.master.source import MasterSource
+from tests.fake_clock import FunctionClock
 
 CELL = load_cell("samsung-25r-10p")
 
@@ -25,7 +26,7 @@ class Car:
         self.pipeline = Pipeline(
             MasterSource("serial"), lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c"
         )
-        self.recorder = Recorder(folder / "sessions", version="0", monotonic_ns=lambda: master.t_ns)
+        self.recorder = Recorder(folder / "sessions", FunctionClock(lambda: master.t_ns), version="0")
         self.info = self.recorder.start()
         self.made = []
         self.boxes = BlackBoxRecorder(folder / "boxes.sqlite", lambda: self.info.id, self.made.append)

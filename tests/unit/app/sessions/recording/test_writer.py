@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from app.clock import Clock
 from app.errors import NotNow
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState
@@ -14,6 +15,7 @@ from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import DiskLimits, Recorder
 from app.telemetry import Event
 from app.words import Message, message_from_json, render
+from tests.fake_clock import FunctionClock
 
 MONO_NS = 5_000 * 10**9
 WALL_NS = 1_790_000_000 * 10**9
@@ -102,7 +104,7 @@ def test_estimates_of_a_wrong_shape_are_refused(recorder: Recorder) -> None:
 
 def test_a_folder_that_cannot_be_made_is_said_at_once(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    recorder = Recorder(tmp_path / "file", version="0")
+    recorder = Recorder(tmp_path / "file", Clock(), version="0")
     with pytest.raises(RecordingFailed):
         recorder.start()
     assert recorder.status.session is None
@@ -122,12 +124,7 @@ class Disk:
 def make_recorder(tmp_path: Path, disk: Disk, queue_bytes: int = 1 << 20) -> Recorder:
     limits = DiskLimits(warn_free_bytes=1 << 30, stop_free_bytes=1 << 26, queue_bytes=queue_bytes)
     return Recorder(
-        tmp_path,
-        version="0",
-        monotonic_ns=lambda: MONO_NS,
-        wall_ns=lambda: WALL_NS,
-        limits=limits,
-        free_bytes=disk,
+        tmp_path, FunctionClock(lambda: MONO_NS, lambda: WALL_NS), version="0", limits=limits, free_bytes=disk
     )
 
 
@@ -206,7 +203,7 @@ def test_a_split_loses_nothing_and_tells_where_it_goes_on(recorder: Recorder, st
 
 def test_a_long_session_is_split_by_itself(tmp_path: Path, stream) -> None:
     limits = DiskLimits(stop_free_bytes=0, session_bytes=200_000)
-    recorder = Recorder(tmp_path, version="0", monotonic_ns=lambda: MONO_NS, wall_ns=lambda: WALL_NS, limits=limits)
+    recorder = Recorder(tmp_path, FunctionClock(lambda: MONO_NS, lambda: WALL_NS), version="0", limits=limits)
     recorder.start()
     sent = []
     for _ in range(30):

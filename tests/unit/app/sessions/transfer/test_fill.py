@@ -17,6 +17,7 @@ from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import Recorder
 from app.sessions.transfer.fill import FILLED_LINK, NothingInCommon, fill_gaps
+from tests.fake_clock import FunctionClock
 
 PIT_MONO_NS, PIT_WALL_NS = 900 * 10**9, 1_790_000_000 * 10**9
 CAR_MONO_NS, CAR_WALL_NS = 77 * 10**9, 86_400 * 10**9  # a machine without a real-time clock
@@ -28,9 +29,8 @@ def recorder_at(folder: Path, mono_ns: int, wall_ns: int) -> Recorder:
     clock = iter(range(10**9))
     return Recorder(
         folder,
+        FunctionClock(lambda: mono_ns + (0 if next(clock) == 0 else 95 * 10**9), lambda: wall_ns),
         version="1",
-        monotonic_ns=lambda: mono_ns + (0 if next(clock) == 0 else 95 * 10**9),
-        wall_ns=lambda: wall_ns,
         free_bytes=lambda _: 1 << 40,
     )
 

@@ -16,15 +16,14 @@ from app.sessions.transfer.fetch import Remote
 from app.sessions.transfer.jobs import Fetch, FetchJobs
 from app.words import render
 from firmware_protocol.framing import encode_frame
+from tests.fake_clock import FunctionClock
 
 WALL_NS = 1_790_000_000 * 10**9
 
 
 def record(folder, name, frames, *, start_ns=0, wall_ns=WALL_NS):
     clock = iter([start_ns])
-    recorder = Recorder(
-        folder, version="1", monotonic_ns=lambda: next(clock, start_ns + 10**11), wall_ns=lambda: wall_ns
-    )
+    recorder = Recorder(folder, FunctionClock(lambda: next(clock, start_ns + 10**11), lambda: wall_ns), version="1")
     info = recorder.start(name)
     for step in frames:
         raw = encode_frame(3, step & 0xFF, step * 100, step.to_bytes(4, "little"))[1:-1]
