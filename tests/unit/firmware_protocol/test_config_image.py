@@ -192,6 +192,21 @@ def test_a_value_that_does_not_fit_names_its_element_and_limit(name, value, fiel
     assert (refused.value.field, refused.value.value, refused.value.limit) == (field, wrong, limit)
 
 
+def test_one_value_alone_becomes_its_count_or_names_its_field():
+    assert config_image.to_raw(CONFIG["v_cell_max"], 4.15) == 41500
+    assert config_image.to_raw(CONFIG["ts"], 10_000) == 10_000
+    for name, value, limit in (
+        ("ts", 100.5, "a whole number, 20..10000 ms"),
+        ("ts", 10_001, "20..10000 ms"),
+        ("v_cell_max", float("nan"), "3..4.5 V"),
+        ("v_cell_max", 10**400, "3..4.5 V"),
+    ):
+        with pytest.raises(EncodeError) as refused:
+            config_image.to_raw(CONFIG[name], value)
+        assert (refused.value.field, refused.value.limit) == (name, limit)
+        assert refused.value.value is value
+
+
 def test_images_may_be_changed_in_all_byte_types():
     for image in (bytearray(DEFAULT), memoryview(DEFAULT)):
         assert config_image.unit_value(config_image.with_value(image, "ts", 50), "ts") == 50

@@ -185,6 +185,7 @@ def test_status_in_units():
         (lambda: ltc6804.write_packet(1, bytes(5)), "data", "5 bytes", "6 bytes"),
         (lambda: ltc6804.voltage_codes(0.0, 4.2), "under_voltage_v", 0.0, "0..6.55 V"),
         (lambda: ltc6804.voltage_codes(2.5, 6.56), "over_voltage_v", 6.56, "0..6.55 V"),
+        (lambda: ltc6804.voltage_codes(2.5, 4096 * 1.6e-3), "over_voltage_v", 4096 * 1.6e-3, "0..6.55 V"),
         (lambda: ltc6804.voltage_codes(2.5, -0.01), "over_voltage_v", -0.01, "0..6.55 V"),
         (lambda: Configuration(under_voltage_code=4096).to_bytes(), "under_voltage_code", 4096, "0..4095"),
         (lambda: Configuration(over_voltage_code=-1).to_bytes(), "over_voltage_code", -1, "0..4095"),
