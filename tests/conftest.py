@@ -9,10 +9,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from tests.c_programs import CMaster, build_program
 from tests.campaign import tell_figure
 from tests.service_process import Service
+
+# On a loaded machine the time of one example says nothing.
+settings.register_profile("voltwall", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("voltwall")
 
 TESTS_FOLDER = Path(__file__).parent
 SLOWEST_FIRST = ("e2e", "integration", "numeric", "property", "docs", "unit")
