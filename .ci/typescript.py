@@ -31,9 +31,14 @@ def api_types() -> str:
     """One interface for every answer of the service."""
     with tempfile.TemporaryDirectory() as folder:
         app = create_app(Settings(data=Path(folder)), "serial", serial_url=None, can_url=None)
-        schemas: dict[str, Any] = app.openapi()["components"]["schemas"]
-    answers = {name.removesuffix("Out"): schema for name, schema in sorted(schemas.items()) if name.endswith("Out")}
-    text = "\n".join(_interface(name, schema) for name, schema in answers.items())
+        document: dict[str, Any] = app.openapi()
+    schemas, answers = document["components"]["schemas"], set[str]()
+    for route in document["paths"].values():
+        for operation in route.values():
+            _collect(operation["responses"], schemas, answers)
+    answers.discard("HTTPValidationError")  # the service answers with problem documents instead
+    answers.discard("ValidationError")
+    text = "\n".join(_interface(name.removesuffix("Out"), schemas[name]) for name in sorted(answers))
     return HEAD.format("the OpenAPI document") + "\n" + text
 
 
@@ -62,13 +67,29 @@ def fixture_schema() -> str:
     return json.dumps(schema_json(), separators=(",", ":")) + "\n"
 
 
+def _collect(part: object, schemas: dict[str, Any], found: set[str]) -> None:
+    """Put the names of all schemas that a part of the document refers to into `found`."""
+    if isinstance(part, list):
+        for inner in part:
+            _collect(inner, schemas, found)
+    if not isinstance(part, dict):
+        return
+    name = str(part.get("$ref", "")).removeprefix(REF)
+    if name and name not in found:
+        found.add(name)
+        _collect(schemas[name], schemas, found)
+    for inner in part.values():
+        _collect(inner, schemas, found)
+
+
 def _interface(name: str, schema: dict[str, Any]) -> str:
     required = schema.get("required", [])
     members = [
-        _member(member if member in required else f"{member}?", _type(inner))
+        _member(member if member in required or inner.get("default") is not None else f"{member}?", _type(inner))
         for member, inner in schema["properties"].items()
     ]
-    return f"/** {schema['description']} */\nexport interface {name} {{\n" + "\n".join(members) + "\n}\n"
+    about = schema["description"].split("\n\n")[0]
+    return f"/** {about} */\nexport interface {name} {{\n" + "\n".join(members) + "\n}\n"
 
 
 def _member(name: str, kind: str) -> str:

@@ -39,6 +39,7 @@ from app.sessions.replay import Estimates, ReplayOptions
 from app.telemetry import Source
 
 STATIC = files("app") / "static"
+_CSP = b"content-security-policy"
 _POLICY = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self' ws: wss:; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
@@ -143,9 +144,10 @@ class SecurityHeaders:
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
+                own = [] if any(name == _CSP for name, _ in message["headers"]) else [(_CSP, _POLICY.encode())]
                 message["headers"] = [
                     *message["headers"],
-                    (b"content-security-policy", _POLICY.encode()),
+                    *own,
                     (b"x-content-type-options", b"nosniff"),
                     (b"referrer-policy", b"same-origin"),
                 ]

@@ -11,12 +11,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from app.analysis.report.page import report_page
 
 from app.analysis.black_box.from_session import black_boxes
 from app.analysis.laps.detection import laps_by_pattern
 from app.analysis.laps.from_session import lap_table, overlay_laps
 from app.analysis.passport.keeper import record_of
-from app.analysis.report.page import report_page
 from app.analysis.report.report import report_of
 from app.analysis.session_arrays import read_totals
 from app.analysis.session_survey import survey_session

@@ -47,13 +47,13 @@ class Rest:
 
 @dataclass(frozen=True)
 class Histogram:
-    """Seconds in each bin; of temperature and SOC, seconds times cells."""
+    """Seconds in each bin, of temperature and SOC times cells; one edge more than bins, none empty at the ends."""
 
     unit: str
-    edges: FloatArray
-    seconds: FloatArray
-    below_s: float = 0.0
-    above_s: float = 0.0
+    edges: list[float]
+    seconds: list[float]
+    below_s: float
+    above_s: float
 
 
 @dataclass
@@ -207,7 +207,14 @@ class Surveyor:
 
     def _histogram(self, name: str, unit: str, edges: FloatArray) -> Histogram:
         counts = self._counts[name]
-        return Histogram(unit, edges, counts[1:-1], float(counts[0]), float(counts[-1]))
+        seconds, below_s, above_s = counts[1:-1], float(counts[0]), float(counts[-1])
+        filled = np.flatnonzero(seconds)
+        if not filled.size:
+            return Histogram(unit, [], [], below_s, above_s)
+        low, high = int(filled[0]), int(filled[-1]) + 1
+        return Histogram(
+            unit, edges[low : high + 1].round(6).tolist(), seconds[low:high].round(3).tolist(), below_s, above_s
+        )
 
     def _track(self, piece: Piece) -> None:
         time_s = piece.time_s

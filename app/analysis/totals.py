@@ -80,3 +80,9 @@ def first_last(values: FloatArray) -> tuple[float | None, float | None]:
 def number(value: float) -> float | None:
     """Return a plain number, None for NaN."""
     return float(value) if np.isfinite(value) else None
+
+
+def listed(values: FloatArray, decimals: int | None = None) -> list[float | None]:
+    """Return plain numbers, None for NaN; rounded where `decimals` are given."""
+    rounded = values if decimals is None else np.round(values, decimals)
+    return [value if value == value else None for value in rounded.tolist()]

@@ -7,8 +7,8 @@ pipeline to the listeners, which are called in the order in which they stand her
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
+from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.from_session import keep_black_boxes
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.analysis.passport.keeper import PassportKeeper
@@ -147,10 +147,10 @@ def make_service(
     def session_id() -> str | None:
         return None if (session := recorder.session) is None else session.id
 
-    def black_box_made(box: dict[str, Any]) -> None:
-        is_whole, what = box["is_complete"], box["text"]
-        message = Message("black-box", what=what) if is_whole else Message("black-box-incomplete", what=what)
-        events.add(Event(clock.wall_ns(), "info", "blackbox", message, cell=box["cell"]))
+    def black_box_made(box: BlackBox) -> None:
+        what = box.text if box.text_words is None else box.text_words.message
+        made = Message("black-box", what=what) if box.is_complete else Message("black-box-incomplete", what=what)
+        events.add(Event(clock.wall_ns(), "info", "blackbox", made, cell=box.cell))
 
     black_boxes = BlackBoxRecorder(data / "blackboxes.sqlite", session_id, black_box_made)
     pipelines = Pipelines(settings)

@@ -6,6 +6,7 @@ from typing import Any
 
 from app.sessions.storage.migrate import BLACKBOXES
 from app.sessions.storage.small_store import Store, packed
+from app.telemetry import Severity
 
 _COLUMNS = "id, t_wall_ns, session_id, code, severity, cell, text, is_complete"
 
@@ -18,7 +19,7 @@ class StoredBox:
     time: float  # unix
     session_id: str | None
     code: str
-    severity: str
+    severity: Severity
     cell: int | None
     text: str
     is_complete: bool
@@ -40,22 +41,22 @@ class BlackBoxStore:
         """Close the file."""
         self._store.close()
 
-    def add(self, box: dict[str, Any]) -> bool:
-        """Keep a box; False where one that is at least as complete is there.
+    def add(self, box: StoredBox, body: dict[str, Any]) -> bool:
+        """Keep a box, `body` is all of it; False where one that is at least as complete is there.
 
         Raises:
             RecordingFailed: the disk does not take it.
         """
         row = (
-            box["id"],
-            round(box["at"] * 1e9),
-            box["session_id"],
-            box["code"],
-            box["severity"],
-            box["cell"],
-            box["text"],
-            int(box["is_complete"]),
-            packed(box),
+            box.id,
+            round(box.time * 1e9),
+            box.session_id,
+            box.code,
+            box.severity,
+            box.cell,
+            box.text,
+            int(box.is_complete),
+            packed(body),
         )
         changed = self._store.change(
             f"INSERT INTO blackboxes ({_COLUMNS}, body) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id)"

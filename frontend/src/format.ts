@@ -106,6 +106,12 @@ export function dateTime(unixS: number | null | undefined): string {
   return `${day} ${two(d.getHours())}:${two(d.getMinutes())}`;
 }
 
+/** Date and time for documents, which are read anywhere: 2026-11-21 13:03:22 UTC. */
+export function utc(unixS: number, milliseconds = false): string {
+  const text = new Date(Math.round(unixS * 1000)).toISOString().replace('T', ' ');
+  return `${text.slice(0, milliseconds ? 23 : 19)} UTC`;
+}
+
 /** Bytes with a decimal prefix: 812 B, 1.4 MB. */
 export function bytes(n: number | null | undefined): string {
   if (n === null || n === undefined) return DASH;

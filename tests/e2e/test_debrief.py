@@ -47,24 +47,62 @@ def test_laps_are_compared_corrected_and_kept(looked_back, open_page):
     expect(rows).to_have_count(4)
 
 
-def test_a_black_box_has_an_address_and_a_page_to_print(looked_back, open_page):
+def test_a_black_box_has_an_address_and_is_taken_away_as_one_file(looked_back, open_page, tmp_path):
     service, _, second = looked_back
     page = open_page(f"{service.base_url}/#/sessions/{second}/boxes")
     page.get_by_test_id("boxes").get_by_role("link", name="cell under-voltage").click()
-    expect(page.get_by_test_id("box-summary")).to_contain_text("Pack 3, cell 7 was beyond the limit of 2.5 V")
+    expect(page.get_by_test_id("box-summary")).to_contain_text("Pack 3, cell 7 was beyond the limit of 2.5\u00a0V")
     page.reload()  # the address is enough
     expect(page.get_by_test_id("box-summary")).to_be_visible()
-    with page.context.expect_page() as opened:
-        page.get_by_role("link", name="Page to print").click()
-    expect(opened.value.get_by_role("heading", level=1)).to_contain_text("pack 3, cell 7")
-    expect(opened.value.locator("svg")).to_have_count(3)
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Save as one file").click()
+    file = tmp_path / "box.html"
+    download.value.save_as(file)
+    alone = open_page(file.as_uri())
+    alone.context.set_offline(True)
+    alone.reload()
+    expect(alone.get_by_role("heading", level=1)).to_contain_text("pack 3, cell 7")
+    expect(alone.get_by_text("Electronics lead")).to_be_visible()
+    expect(alone.locator("figure svg")).to_have_count(3)
+    expect(alone.locator("a")).to_have_count(0)  # there is nowhere to go to
+    assert pages_of(alone) == 1
+
+
+def test_a_report_is_printed_from_its_page_and_from_its_file(looked_back, open_page, tmp_path):
+    service, _, second = looked_back
+    page = open_page(f"{service.base_url}/#/sessions/{second}/report")
+    expect(page.get_by_test_id("headline")).to_be_visible()
+    curves = page.locator("figure svg").count()
+    assert curves == 7
+    page.emulate_media(media="print")
+    expect(page.get_by_role("heading", level=1)).to_be_visible()
+    expect(page.get_by_role("navigation")).to_have_count(0)
+    expect(page.get_by_role("button")).to_have_count(0)
+    page.emulate_media(media="null")
+    with service.client() as client:
+        file = tmp_path / "report.html"
+        file.write_text(client.get(f"/sessions/{second}/report/page").text, encoding="utf-8")
+    alone = open_page(file.as_uri())
+    expect(alone.locator("figure svg")).to_have_count(curves)
+    drawn_for_a_screen = alone.locator("figure svg").first.get_attribute("width")
+    alone.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert alone.locator("figure svg").first.get_attribute("width") == "700" != drawn_for_a_screen
+    assert alone.evaluate("document.documentElement.dataset.theme") == "light"
+    alone.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert alone.locator("figure svg").first.get_attribute("width") == drawn_for_a_screen
+    assert pages_of(alone) == pages_of(page) <= 2
+
+
+def pages_of(page):
+    """Print a page and return how many sheets it takes."""
+    return len(re.findall(rb"/Type /Page\b", page.pdf(prefer_css_page_size=True)))
 
 
 def test_a_report_and_a_comparison_are_read(looked_back, open_page):
     service, first, second = looked_back
     page = open_page(f"{service.base_url}/#/sessions/{second}/report")
     expect(page.get_by_test_id("headline")).to_contain_text("kWh out")
-    expect(page.get_by_text("Tripped: cell under-voltage")).to_be_visible()
+    expect(page.get_by_text(re.compile("Tripped: cell under-voltage"))).to_be_visible()
     page.get_by_role("link", name="Compare").click()
     page.get_by_test_id("compare-with").select_option(first)
     expect(page.get_by_test_id("comparison")).to_contain_text("Energy out")
@@ -73,23 +111,19 @@ def test_a_report_and_a_comparison_are_read(looked_back, open_page):
 ENGLISH = re.compile(r"\b(the|and|of|cell|lowest|limit|allowed|seen|when|where|charge|session|time)\b", re.IGNORECASE)
 
 
-def test_what_is_printed_speaks_the_language_of_the_page(looked_back, open_page):
+def test_a_document_speaks_the_language_of_the_page(looked_back, open_page):
     service, _, second = looked_back
     with service.client() as client:
         box = client.get(f"/sessions/{second}/blackboxes").json()["boxes"][0]["id"]
     page = open_page(f"{service.base_url}/#/system")
     page.get_by_role("button", name="Norsk").click()
-    for path, link, title in (
-        (f"sessions/{second}/report", "Rapport til utskrift", "Rapport for"),
-        (f"sessions/box/{box}", "Side til utskrift", "Svart boks"),
-    ):
+    for path, title in ((f"sessions/{second}/report", "Rapport for"), (f"sessions/box/{box}", "Ferdsskriver")):
         page.goto(f"{service.base_url}/#/{path}")
-        with page.context.expect_page() as opened:
-            page.get_by_role("link", name=link).click()
-        printed = opened.value
-        expect(printed).to_have_title(re.compile(title))
-        expect(printed.locator("html")).to_have_attribute("lang", "nb")
-        body = printed.locator("body").inner_text()
+        address = page.get_by_role("link", name="Lagre som én fil").get_attribute("href")
+        document = open_page(f"{service.base_url}{address}")
+        expect(document).to_have_title(re.compile(title))
+        expect(document.locator("html")).to_have_attribute("lang", "nb")
+        body = document.locator("body").inner_text()
         assert [line for line in body.splitlines() if ENGLISH.search(line)] == [], ENGLISH.findall(body)
 
 

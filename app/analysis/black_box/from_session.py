@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import asdict, replace
 
 import numpy as np
 
-from app.analysis.black_box.excerpt import AFTER_S, BEFORE_S, Trigger, Window, build, incidents, is_trigger
+from app.analysis.black_box.box import BlackBox, box_from_json
+from app.analysis.black_box.excerpt import Window, build
+from app.analysis.black_box.findings import findings_of
+from app.analysis.black_box.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger
+from app.analysis.finding import spoken
 from app.battery.shape import N_CELLS
 from app.estimation.arrays import FloatArray
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
@@ -26,7 +30,7 @@ def limits_of(image: bytes | None) -> dict[str, float]:
     return {name: round(CONFIG[name].unpack(image)[0] * CONFIG[name].scale, 6) for name in LIMITS}
 
 
-def black_boxes(session: SessionFile) -> list[dict[str, Any]]:
+def black_boxes(session: SessionFile) -> list[BlackBox]:
     """Return a black box for every incident of a session, in order."""
     triggers = [
         Trigger(
@@ -34,7 +38,7 @@ def black_boxes(session: SessionFile) -> list[dict[str, Any]]:
             event["t_mono_ns"] / 1e9,
             event["code"],
             event["severity"],
-            event["text"],
+            spoken(event),
             event["cell"],
             event["value"],
             event["limit_value"],
@@ -58,8 +62,31 @@ def black_boxes(session: SessionFile) -> list[dict[str, Any]]:
 def keep_black_boxes(session: SessionFile, store: BlackBoxStore) -> list[StoredBox]:
     """Make the black boxes of a session that are not kept yet, and return all of it, newest first."""
     for box in black_boxes(session):
-        store.add(box)
+        store_box(store, box)
     return store.stored(session.info.id)
+
+
+def store_box(store: BlackBoxStore, box: BlackBox) -> bool:
+    """Keep a box; False where one that is at least as complete is there.
+
+    Raises:
+        RecordingFailed: the disk does not take it.
+    """
+    listed = StoredBox(box.id, box.at, box.session_id, box.code, box.severity, box.cell, box.text, box.is_complete)
+    return store.add(listed, asdict(box))
+
+
+def stored_box(store: BlackBoxStore, box_id: str) -> BlackBox | None:
+    """Return a box, None where there is none of this id; one of an earlier version gets its findings.
+
+    Raises:
+        NotASession: it cannot be read.
+    """
+    body = store.get(box_id)
+    if body is None:
+        return None
+    box = box_from_json(body)
+    return box if box.findings else replace(box, findings=findings_of(box))
 
 
 def read_window(session: SessionFile, group: Sequence[Trigger]) -> Window:

@@ -10,12 +10,13 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from app.analysis.black_box.excerpt import AFTER_S, BEFORE_S, LONGEST_S, Trigger, Window, build, incidents, is_trigger
-from app.analysis.black_box.from_session import limits_of
+from app.analysis.black_box.box import BlackBox
+from app.analysis.black_box.excerpt import Window, build
+from app.analysis.black_box.from_session import limits_of, store_box
+from app.analysis.black_box.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, incidents, is_trigger
 from app.errors import AppError
 from app.sessions.black_box_store import BlackBoxStore
 from app.telemetry import Event, FloatArray, Snapshot
@@ -40,9 +41,7 @@ class _Sample:
 class BlackBoxRecorder:
     """Feeds on what the pipeline puts out; finished boxes go into the store."""
 
-    def __init__(
-        self, path: Path, session_id: Callable[[], str | None], on_made: Callable[[dict[str, Any]], None]
-    ) -> None:
+    def __init__(self, path: Path, session_id: Callable[[], str | None], on_made: Callable[[BlackBox], None]) -> None:
         """Write into the file at `path`; `on_made` is told of every box, by the writing thread.
 
         Raises:
@@ -102,7 +101,7 @@ class BlackBoxRecorder:
             window = _window(samples, group[0].mono_s - BEFORE_S, group[-1].mono_s + AFTER_S)
             box = build(group, window, session_id=session_id, config_hash=config_hash, limits=limits_of(image))
             try:
-                if self.store.add(box):
+                if store_box(self.store, box):
                     self._on_made(box)
             except AppError as error:
                 log.warning("a black box was not written: %s", error)
@@ -119,7 +118,7 @@ def _trigger(event: Event, mono_s: float) -> Trigger:
         mono_s,
         event.code,
         event.severity,
-        event.text,
+        event.message,
         event.cell,
         event.value,
         event.limit,

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
+from app.analysis.finding import AnalysisFinding, json_args
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.health.capacity import SOC_MOVED_MIN, CapacityTracker
+from app.words import Message, Quantity, render
 
 DAY_S: Final = 86_400.0
 WEEK_DAYS: Final = 7.0
@@ -64,17 +66,19 @@ class Swap:
     note: str = ""
 
 
+DriftKind = Literal["capacity", "resistance", "self-discharge"]
+
+
 @dataclass(frozen=True)
-class Drift:
-    """A cell that moves away from the others."""
+class Drift(AnalysisFinding):
+    """A cell that moves away from the others; `weeks` until its limit, 0: it is passed."""
 
     cell: int
-    what: str  # capacity, resistance, self-discharge
+    what: DriftKind
     per_week: float  # fraction of the median; self-discharge: SOC a day, now
     now: float
     limit: float
-    weeks: float  # until the limit is met; 0: it is
-    text: str
+    weeks: float
 
 
 @dataclass(frozen=True)
@@ -243,34 +247,30 @@ def _rank(capacity: FloatArray, relative: FloatArray, self_rate: FloatArray) -> 
 def _drifts(made: Passports) -> list[Drift]:
     if not made.sessions:
         return []
-    found = []
+    found: list[Drift | None] = []
     capacity_relative = made.capacity_ah / _row_median(made.capacity_ah) - 1.0
     for cell in range(made.rank.size):
         inside = made.line[:, cell] == made.line_now[cell]
         days = made.times_s[inside] / DAY_S
-        for what, values, limit in (
-            ("capacity", capacity_relative, CAPACITY_LOW),
-            ("resistance", made.resistance_relative, RESISTANCE_HIGH),
-        ):
-            drift = _trend(cell, what, days, values[inside, cell], limit)
-            if drift is not None:
-                found.append(drift)
+        found += [
+            _trend(cell, "capacity", days, capacity_relative[inside, cell], CAPACITY_LOW),
+            _trend(cell, "resistance", days, made.resistance_relative[inside, cell], RESISTANCE_HIGH),
+        ]
     rates = made.now("self_discharge_per_day")
     for cell in np.flatnonzero(np.nan_to_num(rates) > SELF_DISCHARGE_HIGH).tolist():
         rate = float(rates[cell])
-        text = f"loses {100 * rate:.2f} % of its charge a day more than the others: look for a leak"
-        found.append(Drift(cell, "self-discharge", rate, rate, SELF_DISCHARGE_HIGH, 0.0, text))
-    return sorted(found, key=lambda drift: drift.weeks)
+        message = Message("drift-self-discharge", rate=_percent(rate, 2))
+        found.append(_drift(message, cell, "self-discharge", rate, rate, SELF_DISCHARGE_HIGH, 0.0))
+    return sorted((drift for drift in found if drift is not None), key=lambda drift: drift.weeks)
 
 
-def _trend(cell: int, what: str, days: FloatArray, values: FloatArray, limit: float) -> Drift | None:
+def _trend(cell: int, what: DriftKind, days: FloatArray, values: FloatArray, limit: float) -> Drift | None:
     """A straight line through a cell's relative values; None where it is flat, uncertain, or far from the limit."""
     known = np.isfinite(values)
     days, values = days[known], values[known]
     if not days.size:
         return None
     now, sign = float(np.median(values[-3:])), np.sign(limit)
-    unit = "less capacity" if what == "capacity" else "more resistance"
     if days.size >= DRIFT_SESSIONS and days[-1] - days[0] >= DRIFT_SPAN_DAYS:
         t = days - days.mean()
         spread = float(t @ t)
@@ -281,12 +281,37 @@ def _trend(cell: int, what: str, days: FloatArray, values: FloatArray, limit: fl
         if sign * slope > DRIFT_SIGMAS * sigma and sign * slope > 0.0:
             weeks = max((limit - fitted) / slope / WEEK_DAYS, 0.0)
             if weeks <= WEEKS_AHEAD:
-                per_week = slope * WEEK_DAYS
-                when = "is passed" if weeks == 0.0 else f"in about {max(weeks, 1.0):.0f} weeks"
-                pace = f"drifts {100 * abs(per_week):.2f} % a week to {unit} than the others"
-                text = f"{pace}, now {100 * abs(fitted):.1f} %; {100 * abs(limit):.0f} % {when}"
-                return Drift(cell, what, per_week, fitted, limit, weeks, text)
+                message = _approach(what, slope * WEEK_DAYS, fitted, limit, weeks)
+                return _drift(message, cell, what, slope * WEEK_DAYS, fitted, limit, weeks)
     if sign * now >= sign * limit:
-        text = f"has {100 * abs(now):.1f} % {unit} than the others, beyond {100 * abs(limit):.0f} %"
-        return Drift(cell, what, 0.0, now, limit, 0.0, text)
+        amount, allowed = _percent(now, 1), _percent(limit, 0)
+        message = (
+            Message("drift-capacity-beyond", now=amount, limit=allowed)
+            if what == "capacity"
+            else Message("drift-resistance-beyond", now=amount, limit=allowed)
+        )
+        return _drift(message, cell, what, 0.0, now, limit, 0.0)
     return None
+
+
+def _approach(what: DriftKind, per_week: float, now: float, limit: float, weeks: float) -> Message:
+    """How fast a cell comes to its limit."""
+    pace, amount, allowed = _percent(per_week, 2), _percent(now, 1), _percent(limit, 0)
+    n = max(round(weeks), 1)
+    if what == "capacity":
+        if weeks == 0.0:
+            return Message("drift-capacity-passed", pace=pace, now=amount, limit=allowed)
+        return Message("drift-capacity", pace=pace, now=amount, limit=allowed, n=n)
+    if weeks == 0.0:
+        return Message("drift-resistance-passed", pace=pace, now=amount, limit=allowed)
+    return Message("drift-resistance", pace=pace, now=amount, limit=allowed, n=n)
+
+
+def _drift(
+    message: Message, cell: int, what: DriftKind, per_week: float, now: float, limit: float, weeks: float
+) -> Drift:
+    return Drift(message.code, json_args(message), render(message), cell, what, per_week, now, limit, weeks)
+
+
+def _percent(fraction: float, digits: int) -> Quantity:
+    return Quantity(100 * abs(fraction), "%", digits)

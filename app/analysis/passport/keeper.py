@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from app.analysis.passport.history import Passports, SessionRecord, Stretch, Swap, passports
 from app.analysis.session_survey import survey_session
 from app.analysis.survey import Piece, Rest
-from app.analysis.totals import MAX_STEP_S, number
+from app.analysis.totals import MAX_STEP_S, listed
 from app.battery.shape import N_CELLS
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
@@ -195,10 +195,6 @@ def _volts(rest: Rest | None) -> FloatArray:
     return np.full(N_CELLS, np.nan) if rest is None else rest.voltage_v
 
 
-def _listed(values: FloatArray, decimals: int) -> list[float | None]:
-    return [number(value) for value in np.round(values, decimals).tolist()]
-
-
 def _array(values: list[float | None]) -> FloatArray:
     return np.array(values, dtype=np.float64)
 
@@ -208,15 +204,15 @@ def _to_json(record: SessionRecord) -> dict[str, Any]:
         "session_id": record.session_id,
         "start_s": record.start_s,
         "end_s": record.end_s,
-        "resistance_ohm": _listed(record.resistance_ohm, 8),
-        "balancing_s": _listed(record.balancing_s, 1),
+        "resistance_ohm": listed(record.resistance_ohm, 8),
+        "balancing_s": listed(record.balancing_s, 1),
         "first_rest_s": record.first_rest_s,
-        "first_rest_v": _listed(record.first_rest_v, 5),
+        "first_rest_v": listed(record.first_rest_v, 5),
         "last_rest_s": record.last_rest_s,
-        "last_rest_v": _listed(record.last_rest_v, 5),
+        "last_rest_v": listed(record.last_rest_v, 5),
         "stretches": [
             {
-                "soc_moved": _listed(stretch.soc_moved, 6),
+                "soc_moved": listed(stretch.soc_moved, 6),
                 "soc_moved_sigma": stretch.soc_moved_sigma,
                 "charge_ah": stretch.charge_ah,
                 "charge_sigma_ah": stretch.charge_sigma_ah,

@@ -1,17 +1,18 @@
-"""What a person would say after a run: how it went, what limited, what to look at. Numbers in, sentences out."""
+"""What a person would say after a run: how it went, what limited, what to look at. Numbers in, findings out."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final, Literal
 
 import numpy as np
 
-from app.analysis.black_box.excerpt import place
+from app.analysis.finding import AnalysisFinding, finding, json_args
 from app.analysis.survey import Survey
 from app.analysis.totals import number
 from app.estimation.arrays import FloatArray
+from app.words import Argument, Cell, Message, Quantity, render
 
 MAD_TO_SIGMA: Final = 1.4826
 ODD_SIGMAS: Final = 5.0  # beyond so many robust standard deviations a cell is unlike the others
@@ -22,22 +23,30 @@ LEAST_HEAT_K: Final = 4.0
 LOWEST_SHARE: Final = 0.3  # of the driving: more is one cell's, not chance
 SPREAD_SOC: Final = 0.03
 MISSING_SHARE: Final = 0.001
-NEAR: Final = {"v_min": 0.2, "v_max": 0.02, "t_max": 5.0, "i_max": 15.0, "i_min": 10.0}  # closer counts as limiting
-_UNITS: Final = {"v_min": "V", "v_max": "V", "t_max": "degC", "i_max": "A", "i_min": "A"}
-_NAMES: Final = {
-    "v_min": "low cell voltage",
-    "v_max": "high cell voltage",
-    "t_max": "cell temperature",
-    "i_max": "discharge current",
-    "i_min": "regeneration current",
+LimitName = Literal["v_min", "v_max", "t_max", "i_max", "i_min"]
+NEAR: Final[dict[LimitName, float]] = {
+    "v_min": 0.2,
+    "v_max": 0.02,
+    "t_max": 5.0,
+    "i_max": 15.0,
+    "i_min": 10.0,
+}  # closer counts as limiting
+_UNITS: Final[dict[LimitName, str]] = {"v_min": "V", "v_max": "V", "t_max": "degC", "i_max": "A", "i_min": "A"}
+_LIMITS: Final[dict[LimitName, Message]] = {
+    "v_min": Message("limit-v-min"),
+    "v_max": Message("limit-v-max"),
+    "t_max": Message("limit-t-max"),
+    "i_max": Message("limit-i-max"),
+    "i_min": Message("limit-i-min"),
 }
+_DIGITS: Final = {"V": 3, "degC": 1, "A": 1, "K": 1}
 
 
 @dataclass(frozen=True)
 class Margin:
-    """How near the recording came to one limit; `margin` in the unit, negative = beyond."""
+    """How near a recording came to one limit; `margin` in the unit, negative = beyond."""
 
-    limit: str
+    limit: LimitName
     name: str
     unit: str
     seen: float
@@ -48,26 +57,36 @@ class Margin:
 
 
 @dataclass(frozen=True)
-class Odd:
+class Odd(AnalysisFinding):
     """A cell that is unlike the others in one respect."""
 
     cell: int
-    what: str  # sag, resistance, temperature, lowest, missing
+    what: Literal["sag", "resistance", "temperature", "lowest", "missing"]
     value: float
     usual: float
     unit: str
-    text: str
+
+
+@dataclass(frozen=True)
+class CellChange:
+    """A cell whose resistance changed against the others' change."""
+
+    cell: int
+    change: float
+    resistance_a_ohm: float
+    resistance_b_ohm: float
 
 
 def margins(survey: Survey, limits: dict[str, float]) -> list[Margin]:
     """Return how near every known limit came, the nearest first, by what counts as near."""
     found = []
 
-    def add(limit: str, key: str, seen: float, cell: int | None = None, at_s: float | None = None) -> None:
+    def add(limit: LimitName, key: str, seen: float, cell: int | None = None, at_s: float | None = None) -> None:
         if key in limits and np.isfinite(seen):
             allowed = limits[key]
             margin = seen - allowed if limit in ("v_min", "i_min") else allowed - seen
-            found.append(Margin(limit, _NAMES[limit], _UNITS[limit], seen, allowed, margin, cell, at_s))
+            name = render(_LIMITS[limit])
+            found.append(Margin(limit, name, _UNITS[limit], seen, allowed, margin, cell, at_s))
 
     lowest, highest, hottest = (
         _extreme(survey.voltage_min_v, lowest=True),
@@ -90,85 +109,106 @@ def odd_cells(survey: Survey) -> list[Odd]:
     """Return the cells that stand out, the oddest of each kind first."""
     found: list[Odd] = []
     for cell, value, usual in _outliers(survey.sag_v, LEAST_SAG_V):
-        text = f"sags {1000 * (value - usual):.0f} mV more than the others above 50 A"
-        found.append(Odd(cell, "sag", value, usual, "V", text))
+        message = Message("odd-sag", more=Quantity(1000 * (value - usual), "mV", 0))
+        found.append(_odd(message, cell, "sag", value, usual, "V"))
     for cell, value, usual in _outliers(survey.resistance_ohm, LEAST_GROWTH * _median(survey.resistance_ohm)):
-        text = f"has {1000 * value:.2f} m\u03a9 with its joint, the others {1000 * usual:.2f}"
-        found.append(Odd(cell, "resistance", value, usual, "ohm", text))
+        message = Message("odd-resistance", resistance=_milliohm(value), usual=_milliohm(usual))
+        found.append(_odd(message, cell, "resistance", value, usual, "ohm"))
     for cell, value, usual in _outliers(survey.temperature_max_degc, LEAST_HEAT_K):
-        text = f"came to {value:.0f} \u00b0C, the median cell to {usual:.0f}"
-        found.append(Odd(cell, "temperature", value, usual, "degC", text))
+        message = Message("odd-temperature", temperature=Quantity(value, "degC", 0), usual=Quantity(usual, "degC", 0))
+        found.append(_odd(message, cell, "temperature", value, usual, "degC"))
     if survey.driving_s > 60.0:
         cell = int(survey.lowest_s.argmax())
         share = float(survey.lowest_s[cell] / survey.driving_s)
         if share > LOWEST_SHARE:
-            text = f"was the lowest cell for {100 * share:.0f} % of the driving"
-            found.append(Odd(cell, "lowest", share, 1.0 / survey.n_cells, "1", text))
+            found.append(
+                _odd(Message("odd-lowest", share=percent(share)), cell, "lowest", share, 1 / survey.n_cells, "1")
+            )
     for cell in np.flatnonzero(survey.missing > MISSING_SHARE * max(survey.samples, 1))[:ODD_NAMED].tolist():
         share = float(survey.missing[cell]) / max(survey.samples, 1)
-        found.append(Odd(cell, "missing", share, 0.0, "1", f"had no voltage in {100 * share:.1f} % of the samples"))
+        found.append(_odd(Message("odd-missing", share=percent(share, 1)), cell, "missing", share, 0.0, "1"))
     return found
 
 
-def headline(survey: Survey, n_laps: int) -> str:
+def headline(survey: Survey, n_laps: int) -> AnalysisFinding:
     """Return the run in one sentence."""
     if not survey.samples:
-        return "Nothing was measured."
-    length = _span(survey.end_s - survey.start_s)
-    driven = f", {_span(survey.driving_s)} of it with current" if survey.driving_s >= 30 else ""
-    laps = f", {n_laps} laps" if n_laps else ""
-    said = [f"{length}{driven}{laps}: {survey.energy_out_wh / 1000:.2f} kWh out"]
+        return finding(Message("report-nothing-measured"))
+    run: list[Argument] = [_length(survey.end_s - survey.start_s)]
+    if survey.driving_s >= 30:
+        run.append(Message("report-with-current", length=_length(survey.driving_s)))
+    if n_laps:
+        run.append(Message("report-laps", n=n_laps))
+    found: list[Argument] = [Message("report-energy-out", energy=_kwh(survey.energy_out_wh))]
     if survey.energy_in_wh >= 1.0:
-        share = 100 * survey.energy_in_wh / survey.energy_out_wh if survey.energy_out_wh > 1.0 else None
-        said.append(f"{survey.energy_in_wh / 1000:.2f} kWh in" + ("" if share is None else f" ({share:.0f} %)"))
+        energy = _kwh(survey.energy_in_wh)
+        if survey.energy_out_wh > 1.0:
+            share = percent(survey.energy_in_wh / survey.energy_out_wh)
+            found.append(Message("report-energy-in-share", energy=energy, share=share))
+        else:
+            found.append(Message("report-energy-in", energy=energy))
     first, last = _mean(survey.soc_first), _mean(survey.soc_last)
     if first is not None and last is not None:
-        said.append(f"charge from {100 * first:.0f} to {100 * last:.0f} %")
+        found.append(Message("report-charge", first=Quantity(100 * first, "", 0), last=percent(last)))
     hottest = _extreme(survey.temperature_max_degc, lowest=False)
     if hottest is not None:
-        said.append(f"hottest cell {survey.temperature_max_degc[hottest]:.0f} \u00b0C")
-    return ", ".join(said) + "."
+        degrees = float(survey.temperature_max_degc[hottest])
+        found.append(Message("report-hottest", temperature=Quantity(degrees, "degC", 0)))
+    return finding(Message("report-headline", run=tuple(run), found=tuple(found)))
 
 
-def what_limited(found: Sequence[Margin], trips: Sequence[str]) -> list[str]:
+def what_limited(found: Sequence[Margin], trips: Sequence[Argument]) -> list[AnalysisFinding]:
     """Return what ended or held back the run: trips, limits that came near, else the one that was nearest."""
-    said = [f"Tripped: {text}." for text in trips]
+    said = [finding(Message("report-tripped", event=event)) for event in trips]
     near = [each for each in found if each.margin < NEAR[each.limit]]
     for each in near or found[:1]:
-        where = f" in {place(each.cell)}" if each.cell is not None else ""
-        amount = f"{abs(each.margin):.3g} {each.unit}".replace("degC", "K")
-        seen = f"{each.seen:.4g} {each.unit}".replace("degC", "\u00b0C")
-        how = f"{amount} beyond the limit" if each.margin < 0 else f"{amount} from the limit"
-        lead = f"{'Beyond' if each.margin < 0 else 'Near'} its limit was {each.name}"
+        what = _LIMITS[each.limit]
+        if each.cell is not None:
+            what = Message("limit-of-cell", limit=what, cell=Cell(each.cell))
+        step = "K" if each.unit == "degC" else each.unit
+        seen = Quantity(each.seen, each.unit, _DIGITS[each.unit])
+        margin = Quantity(abs(each.margin), step, _DIGITS[step])
+        allowed = Quantity(each.allowed, each.unit)
         if not near:
-            lead = f"Nothing came near a limit; nearest was {each.name}"
-        said.append(f"{lead}{where}: {seen}, {how} of {each.allowed:g}.".replace("-", "\u2212"))
-    return said or ["No limits were heard, so nothing can be said of them."]
+            said.append(finding(Message("report-nearest", what=what, seen=seen, margin=margin, allowed=allowed)))
+        elif each.margin < 0:
+            said.append(finding(Message("report-beyond", what=what, seen=seen, margin=margin, allowed=allowed)))
+        else:
+            said.append(finding(Message("report-near", what=what, seen=seen, margin=margin, allowed=allowed)))
+    return said or [finding(Message("report-no-limits"))]
 
 
-def what_to_look_at(survey: Survey, odd: Sequence[Odd], warnings: Sequence[str], bad_frames: int) -> list[str]:
+def what_to_look_at(
+    survey: Survey, odd: Sequence[Odd], warnings: Sequence[Argument], bad_frames: int
+) -> list[AnalysisFinding]:
     """Return what deserves a look before the next run."""
-    said = []
+    said: list[AnalysisFinding] = []
     by_kind: dict[str, list[Odd]] = {}
     for each in odd:
         by_kind.setdefault(each.what, []).append(each)
     for kind in by_kind.values():
-        said += [f"{_capital(place(each.cell))} {each.text}." for each in kind[:ODD_NAMED]]
-        if len(kind) > ODD_NAMED:
-            said[-1] = said[-1][:-1] + f", and {len(kind) - ODD_NAMED} more cells stand out likewise."
-    known = survey.soc_last[np.isfinite(survey.soc_last)]
-    if known.size and float(np.ptp(known)) > SPREAD_SOC:
-        low = _extreme(survey.soc_last, lowest=True)
-        began = survey.soc_first[np.isfinite(survey.soc_first)]
-        apart, before = float(np.ptp(known)), float(np.ptp(began)) if began.size else float("nan")
-        advice = f", having begun {100 * before:.1f} % apart" if before < apart - SPREAD_SOC else ": balance them"
-        said.append(f"The cells ended {100 * apart:.1f} % apart in charge, {place(low)} lowest{advice}.")
-    said += [f"{_capital(text)}." for text in dict.fromkeys(warnings)]
+        more = len(kind) - ODD_NAMED
+        for k, each in enumerate(kind[:ODD_NAMED], 1):
+            if k == ODD_NAMED and more > 0:
+                said.append(finding(Message("report-odd-more", cell=Cell(each.cell), what=each.message, n=more)))
+            else:
+                said.append(finding(Message("report-odd", cell=Cell(each.cell), what=each.message)))
+    lowest = _extreme(survey.soc_last, lowest=True)
+    apart = _spread(survey.soc_last)
+    if lowest is not None and apart > SPREAD_SOC:
+        before = _spread(survey.soc_first)
+        spread, cell = percent(apart, 1), Cell(lowest)
+        if before < apart - SPREAD_SOC:
+            began = percent(before, 1)
+            said.append(finding(Message("report-spread-grown", spread=spread, cell=cell, before=began)))
+        else:
+            said.append(finding(Message("report-spread", spread=spread, cell=cell)))
+    said += [finding(Message("report-warned", event=event)) for event in warnings]
     if survey.gap_s > 0.0:
-        said.append(f"Nothing was received for {survey.gap_s:.0f} s in all.")
+        said.append(finding(Message("report-gap", length=Quantity(survey.gap_s, "s", 0))))
     if bad_frames:
-        said.append(f"{bad_frames} frames arrived damaged: look at the cable.")
-    return said or ["Nothing stands out."]
+        said.append(finding(Message("report-damaged", n=bad_frames)))
+    return said or [finding(Message("report-nothing-odd"))]
 
 
 def key_figures(survey: Survey) -> dict[str, float | None]:
@@ -177,7 +217,7 @@ def key_figures(survey: Survey) -> dict[str, float | None]:
         _extreme(survey.voltage_min_v, lowest=True),
         _extreme(survey.temperature_max_degc, lowest=False),
     )
-    known = survey.soc_last[np.isfinite(survey.soc_last)]
+    spread = _spread(survey.soc_last)
     first, last = _mean(survey.soc_first), _mean(survey.soc_last)
     return {
         "duration_s": survey.end_s - survey.start_s if survey.samples else None,
@@ -192,13 +232,13 @@ def key_figures(survey: Survey) -> dict[str, float | None]:
         "temperature_max_degc": None if hottest is None else float(survey.temperature_max_degc[hottest]),
         "soc_first": first,
         "soc_last": last,
-        "soc_spread_last": float(np.ptp(known)) if known.size else None,
+        "soc_spread_last": number(spread),
         "resistance_median_ohm": number(_median(survey.resistance_ohm)),
         "resistance_max_ohm": _max(survey.resistance_ohm),
     }
 
 
-def compare_cells(first: Survey, second: Survey, most: int = 10) -> list[dict[str, Any]]:
+def compare_cells(first: Survey, second: Survey, most: int = 10) -> list[CellChange]:
     """Return the cells whose resistance changed the most between two recordings, against the others' change."""
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = second.resistance_ohm / first.resistance_ohm
@@ -208,12 +248,9 @@ def compare_cells(first: Survey, second: Survey, most: int = 10) -> list[dict[st
     change = ratio / usual - 1.0
     order = np.argsort(-np.abs(np.nan_to_num(change)))[:most]
     return [
-        {
-            "cell": int(cell),
-            "change": float(change[cell]),
-            "resistance_a_ohm": float(first.resistance_ohm[cell]),
-            "resistance_b_ohm": float(second.resistance_ohm[cell]),
-        }
+        CellChange(
+            int(cell), float(change[cell]), float(first.resistance_ohm[cell]), float(second.resistance_ohm[cell])
+        )
         for cell in order
         if np.isfinite(change[cell])
     ]
@@ -252,9 +289,34 @@ def _extreme(values: FloatArray, *, lowest: bool) -> int | None:
     return int(known[values[known].argmin() if lowest else values[known].argmax()])
 
 
-def _span(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+def _spread(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.ptp(known)) if known.size else float("nan")
 
 
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def percent(fraction: float, digits: int = 0) -> Quantity:
+    """Return a fraction in percent."""
+    return Quantity(100 * fraction, "%", digits)
+
+
+def _odd(
+    message: Message,
+    cell: int,
+    what: Literal["sag", "resistance", "temperature", "lowest", "missing"],
+    value: float,
+    usual: float,
+    unit: str,
+) -> Odd:
+    return Odd(message.code, json_args(message), render(message), cell, what, value, usual, unit)
+
+
+def _length(seconds: float) -> Quantity:
+    return Quantity(seconds, "s", 0) if seconds < 90 else Quantity(seconds / 60, "min", 0)
+
+
+def _kwh(energy_wh: float) -> Quantity:
+    return Quantity(energy_wh / 1000, "kWh", 2)
+
+
+def _milliohm(ohm: float) -> Quantity:
+    return Quantity(1000 * ohm, "mohm", 2)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from app.analysis.black_box.excerpt import is_trigger, place
 from app.analysis.black_box.from_session import limits_of
+from app.analysis.black_box.incidents import is_trigger
+from app.analysis.finding import AnalysisFinding, spoken, told
 from app.analysis.laps.figures import compare_drivers, figures_of
 from app.analysis.laps.from_session import LapTable, find_laps
 from app.analysis.report.findings import (
+    CellChange,
     Margin,
     Odd,
     compare_cells,
@@ -22,21 +23,59 @@ from app.analysis.report.findings import (
     what_limited,
     what_to_look_at,
 )
+from app.analysis.report.over_time import OverTime, over_time
 from app.analysis.report.verdict import verdicts
 from app.analysis.session_arrays import TotalsCollector
 from app.analysis.session_survey import survey_session
-from app.analysis.survey import Histogram, Survey
-from app.analysis.totals import Totals
+from app.analysis.survey import Histogram
+from app.analysis.totals import listed
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
+from app.words import Argument
 from firmware_protocol.config_image import image_hash
 
 
 @dataclass(frozen=True)
-class Report:
-    """All that the report's page shows."""
+class ReportedSession:
+    """Whose report it is; `started` in unix seconds, `voltwall` is the version that recorded it."""
 
-    info: SessionInfo
+    id: str
+    name: str
+    started: float
+    voltwall: str
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What is said of a session, as codes with arguments."""
+
+    headline: AnalysisFinding
+    why: list[AnalysisFinding]
+    limited: list[AnalysisFinding]
+    look_at: list[AnalysisFinding]
+
+
+@dataclass(frozen=True)
+class Report:
+    """How a session went. Lists over cells go by index from 0; None = not measured.
+
+    Attributes:
+        session: whose report it is.
+        findings: what is said of it.
+        headline, why, limited, look_at: the findings in English; `why`: which cell failed, and why.
+        margins: how near each limit came, the nearest first.
+        odd: the cells that are unlike the others.
+        figures: what two sessions are compared by; the unit is in the name.
+        histograms: of current, temperature and soc.
+        over_time: the accumulator from start to end.
+        laps: with their figures.
+        limits: of the configuration in force at the end, by name, in units.
+        config_hash: of that configuration, None where none was received.
+        resistance_ohm, voltage_min_v, temperature_max_degc, balancing_s: of every cell.
+    """
+
+    session: ReportedSession
+    findings: Findings
     headline: str
     why: list[str]
     limited: list[str]
@@ -44,25 +83,35 @@ class Report:
     margins: list[Margin]
     odd: list[Odd]
     figures: dict[str, float | None]
-    survey: Survey
-    totals: Totals
+    histograms: dict[str, Histogram]
+    over_time: OverTime
     laps: LapTable
     limits: dict[str, float]
     config_hash: str | None
-    events: list[dict[str, Any]]
+    resistance_ohm: list[float | None]
+    voltage_min_v: list[float | None]
+    temperature_max_degc: list[float | None]
+    balancing_s: list[float | None]
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ComparedSession:
+    """One of two sessions; `started` in unix seconds."""
+
+    id: str
+    name: str
+    started: float
+    figures: dict[str, float | None]
+    histograms: dict[str, Histogram]
+
+
+@dataclass(frozen=True)
+class SessionComparison:
     """Two sessions side by side; `cells` changed the most in resistance."""
 
-    a: SessionInfo
-    b: SessionInfo
-    figures_a: dict[str, float | None]
-    figures_b: dict[str, float | None]
-    histograms_a: dict[str, Histogram]
-    histograms_b: dict[str, Histogram]
-    cells: list[dict[str, Any]]
+    a: ComparedSession
+    b: ComparedSession
+    cells: list[CellChange]
 
 
 def report_of(session: SessionFile) -> Report:
@@ -78,50 +127,57 @@ def report_of(session: SessionFile) -> Report:
     near, odd = margins(survey, limits), odd_cells(survey)
     trips = [event for event in events if event["severity"] == "trip" and event["code"] != "master-fault"]
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
+    loose = [event for event in warned if event["code"] == "joint-loose"]
+    findings = Findings(
+        headline(survey, len(found)),
+        verdicts(survey, odd, _cells(trips), _cells(loose)),
+        what_limited(near, _told(trips)),
+        what_to_look_at(survey, odd, _told(warned), session.bad_frames()),
+    )
     return Report(
-        info=info,
-        headline=headline(survey, len(found)),
-        why=verdicts(survey, odd, _cells(trips), _cells([each for each in warned if each["code"] == "joint-loose"])),
-        limited=what_limited(near, list(dict.fromkeys(map(_told, trips)))),
-        look_at=what_to_look_at(survey, odd, [_told(event) for event in warned], session.bad_frames()),
+        session=ReportedSession(info.id, info.name, info.started_wall_ns / 1e9, info.voltwall),
+        findings=findings,
+        headline=findings.headline.text,
+        why=_texts(findings.why),
+        limited=_texts(findings.limited),
+        look_at=_texts(findings.look_at),
         margins=near,
         odd=odd,
         figures=key_figures(survey),
-        survey=survey,
-        totals=totals,
+        histograms=survey.histograms,
+        over_time=over_time(totals),
         laps=LapTable(source, laps, compare_drivers(laps)),
         limits=limits,
         config_hash=None if image is None else image_hash(image),
-        events=events,
+        resistance_ohm=listed(survey.resistance_ohm),
+        voltage_min_v=listed(survey.voltage_min_v),
+        temperature_max_degc=listed(survey.temperature_max_degc),
+        balancing_s=listed(survey.balancing_s),
     )
 
 
-def compare_sessions(first: SessionFile, second: SessionFile) -> Comparison:
+def compare_sessions(first: SessionFile, second: SessionFile) -> SessionComparison:
     """Read two sessions and lay them side by side."""
-    a, b = survey_session(first), survey_session(second)
-    return Comparison(
-        first.info, second.info, key_figures(a), key_figures(b), a.histograms, b.histograms, compare_cells(a, b)
+    surveys = survey_session(first), survey_session(second)
+    a, b = (
+        _compared(session.info, key_figures(survey), survey.histograms)
+        for session, survey in zip((first, second), surveys, strict=True)
     )
+    return SessionComparison(a, b, compare_cells(*surveys))
 
 
-def histogram_json(histogram: Histogram) -> dict[str, Any]:
-    """A histogram without the empty bins at its ends."""
-    filled = np.flatnonzero(histogram.seconds)
-    low, high = (int(filled[0]), int(filled[-1]) + 1) if filled.size else (0, 0)
-    return {
-        "unit": histogram.unit,
-        "edges": histogram.edges[low : high + 1].round(6).tolist() if filled.size else [],
-        "seconds": histogram.seconds[low:high].round(3).tolist(),
-        "below_s": histogram.below_s,
-        "above_s": histogram.above_s,
-    }
+def _compared(info: SessionInfo, figures: dict[str, float | None], histograms: dict[str, Histogram]) -> ComparedSession:
+    return ComparedSession(info.id, info.name, info.started_wall_ns / 1e9, figures, histograms)
 
 
-def _cells(events: list[dict[str, Any]]) -> list[int]:
+def _texts(findings: Sequence[AnalysisFinding]) -> list[str]:
+    return [each.text for each in findings]
+
+
+def _cells(events: Sequence[dict[str, Any]]) -> list[int]:
     return [event["cell"] for event in events if event["cell"] is not None]
 
 
-def _told(event: dict[str, Any]) -> str:
-    """The event with its place, once."""
-    where = place(event["cell"])
-    return str(event["text"]) if not where or where in event["text"] else f"{event['text']} ({where})"
+def _told(events: Sequence[dict[str, Any]]) -> list[Argument]:
+    """The events with their places, each once."""
+    return list({told(spoken(event), event["cell"]): None for event in events})

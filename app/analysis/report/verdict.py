@@ -1,7 +1,7 @@
 """Which cell failed, and why: what a person concludes from charge used, resistance, heat and what was reported.
 
 A cell that has lost capacity uses more of its charge than the others at the same current. A loose joint adds
-resistance and leaves the charge alone. A cell that was merely lower uses what the others use. Numbers in, sentences
+resistance and leaves the charge alone. A cell that was merely lower uses what the others use. Numbers in, findings
 out.
 """
 
@@ -12,18 +12,19 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.black_box.excerpt import place
-from app.analysis.report.findings import LEAST_GROWTH, MISSING_SHARE, SPREAD_SOC, Odd
+from app.analysis.finding import AnalysisFinding, finding
+from app.analysis.report.findings import LEAST_GROWTH, MISSING_SHARE, SPREAD_SOC, Odd, percent
 from app.analysis.survey import Survey
 from app.estimation.arrays import FloatArray
+from app.words import Cell, Message, Quantity
 
 USED_MIN: Final = 0.05  # of the charge, by the median cell: less tells nothing of capacity
 USED_MORE: Final = 1.15  # times the median: capacity is lost
 MOST: Final = 3  # cells that are explained
 
 
-def verdicts(survey: Survey, odd: Sequence[Odd], tripped: Sequence[int], loose: Sequence[int]) -> list[str]:
-    """Return a sentence or two on each cell that tripped, was reported, or resists more than the others.
+def verdicts(survey: Survey, odd: Sequence[Odd], tripped: Sequence[int], loose: Sequence[int]) -> list[AnalysisFinding]:
+    """Return why, of each cell that tripped, was reported, or has more resistance than the others.
 
     Args:
         survey: of the whole recording.
@@ -36,40 +37,34 @@ def verdicts(survey: Survey, odd: Sequence[Odd], tripped: Sequence[int], loose: 
     return [_verdict(survey, cell, is_loose=cell in loose, resists=cell in resisting) for cell in suspects]
 
 
-def _verdict(survey: Survey, cell: int, *, is_loose: bool, resists: bool) -> str:
-    where = place(cell)
-    used = survey.soc_first - survey.soc_last
-    usual_used, usual_ohm = _median(used), _median(survey.resistance_ohm)
-    tells_charge = usual_used >= USED_MIN and bool(np.isfinite(used[cell]))
-    growth = float(survey.resistance_ohm[cell] / usual_ohm - 1.0) if usual_ohm > 0.0 else np.nan
-    charge = f"it used {100 * used[cell]:.0f} % of its charge, the others {100 * usual_used:.0f} %"
-    if tells_charge and used[cell] > USED_MORE * usual_used:
-        resistance = f", and it resists {100 * growth:.0f} % more" if growth > LEAST_GROWTH else ""
-        holds = 100 * usual_used / used[cell]
-        return (
-            f"{_capital(where)} has lost capacity: {charge}, so it holds about {holds:.0f} % of what they hold"
-            f"{resistance}. Replace the module; balancing does not help."
-        )
+def _verdict(survey: Survey, index: int, *, is_loose: bool, resists: bool) -> AnalysisFinding:
+    cell = Cell(index)
+    used_by_cell = survey.soc_first - survey.soc_last
+    usual_used, usual_ohm = _median(used_by_cell), _median(survey.resistance_ohm)
+    tells_charge = usual_used >= USED_MIN and bool(np.isfinite(used_by_cell[index]))
+    growth = float(survey.resistance_ohm[index] / usual_ohm - 1.0) if usual_ohm > 0.0 else np.nan
+    used, usual = percent(float(used_by_cell[index])), percent(usual_used)
+    if tells_charge and used_by_cell[index] > USED_MORE * usual_used:
+        holds = percent(usual_used / float(used_by_cell[index]))
+        if growth > LEAST_GROWTH:
+            more = percent(growth)
+            return finding(
+                Message("why-capacity-and-resistance", cell=cell, used=used, usual=usual, holds=holds, more=more)
+            )
+        return finding(Message("why-capacity", cell=cell, used=used, usual=usual, holds=holds))
     if resists or (is_loose and growth > LEAST_GROWTH):
-        more = 1000 * (survey.resistance_ohm[cell] - usual_ohm)
-        like = f", while its charge fell as theirs did ({charge})" if tells_charge else ""
-        what = "a joint or a sense wire, not the cell" if tells_charge else "a joint, a sense wire or the cell"
-        return (
-            f"{_capital(where)} resists {more:.2f} m\u03a9 more than the others{like}: {what}. "
-            "Look at its bolts and welds before the next run."
-        )
-    behind = _median(survey.soc_first) - survey.soc_first[cell]
+        more = Quantity(1000 * float(survey.resistance_ohm[index] - usual_ohm), "mohm", 2)
+        if tells_charge:
+            return finding(Message("why-joint", cell=cell, more=more, used=used, usual=usual))
+        return finding(Message("why-resistance", cell=cell, more=more))
+    behind = _median(survey.soc_first) - survey.soc_first[index]
     if behind > SPREAD_SOC:
-        return f"{_capital(where)} began {100 * behind:.0f} % below the others and used what they used: balance it."
-    if survey.missing[cell] > MISSING_SHARE * max(survey.samples, 1):
-        return f"{_capital(where)} was not always measured, and is sound where it was: look at its sense wire."
-    return f"{_capital(where)} used its charge and resisted like the others: nothing says that the cell is at fault."
+        return finding(Message("why-began-lower", cell=cell, below=percent(float(behind))))
+    if survey.missing[index] > MISSING_SHARE * max(survey.samples, 1):
+        return finding(Message("why-not-measured", cell=cell))
+    return finding(Message("why-like-others", cell=cell))
 
 
 def _median(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else float("nan")
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

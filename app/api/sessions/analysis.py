@@ -1,34 +1,24 @@
 """Looking back: laps of a session, black boxes, reports, comparisons."""
 
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 from pydantic import Field
 
-from app.analysis.black_box.from_session import keep_black_boxes
-from app.analysis.black_box.page import blackbox_page
+from app.analysis.black_box.box import BlackBox
+from app.analysis.black_box.from_session import keep_black_boxes, stored_box
 from app.analysis.laps.figures import OVERLAY_POINTS, Lap
 from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, overlay_laps, settle_laps
-from app.analysis.report.page import report_page
-from app.analysis.report.report import compare_sessions, histogram_json, report_of
-from app.analysis.survey import Histogram
-from app.analysis.totals import number
-from app.api.schemas.analysis import (
-    BlackBoxOut,
-    BoxItemsOut,
-    LapOverlayOut,
-    LapTableOut,
-    SessionComparisonOut,
-    SessionReportOut,
-)
+from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
 from app.api.sessions.sessions import MAX_UNIX_S, open_session
 from app.api.web.dependencies import BlackBoxesPart, CataloguePart, ClockPart, EventsPart, PassportsPart, UserDep
+from app.api.web.document import document_response
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
-from app.estimation.arrays import FloatArray
+from app.sessions.black_box_store import StoredBox
 from app.sessions.errors import UnknownSignal
-from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
 from app.words import Message
 
@@ -40,6 +30,16 @@ CanMask = Annotated[int, Query(ge=1, le=255)]
 LapSignal = Annotated[
     str | None, Query(max_length=100, description="with source=signal: a signal that goes up when a lap begins")
 ]
+
+
+Language = Annotated[Literal["en", "nb"], Query(description="of the document's words")]
+
+
+@dataclass(frozen=True)
+class BoxList:
+    """Black boxes, the newest first."""
+
+    boxes: list[StoredBox]
 
 
 class LapIn(Body):
@@ -69,7 +69,7 @@ def _counter(can_id: int | None, byte: int, mask: int) -> CanCounter | None:
     return None if can_id is None else CanCounter(can_id, byte, mask)
 
 
-@router.get("/sessions/{session_id}/laps", response_model=LapTableOut)
+@router.get("/sessions/{session_id}/laps")
 def laps(
     session_id: str,
     catalogue: CataloguePart,
@@ -84,7 +84,7 @@ def laps(
         return _table(file, source, _counter(can_id, can_byte, can_mask), lap_signal)
 
 
-@router.put("/sessions/{session_id}/laps", response_model=LapTableOut)
+@router.put("/sessions/{session_id}/laps")
 def settle(
     session_id: str, body: LapsIn, events: EventsPart, catalogue: CataloguePart, clock: ClockPart, user: UserDep
 ) -> LapTable:
@@ -98,7 +98,7 @@ def settle(
         return lap_table(file)
 
 
-@router.delete("/sessions/{session_id}/laps", response_model=LapTableOut)
+@router.delete("/sessions/{session_id}/laps")
 def unsettle(session_id: str, catalogue: CataloguePart, clock: ClockPart, user: UserDep) -> LapTable:
     """Take the settled laps back: they are found again out of the recording."""
     with open_session(catalogue, session_id) as file:
@@ -108,7 +108,7 @@ def unsettle(session_id: str, catalogue: CataloguePart, clock: ClockPart, user: 
         return lap_table(file)
 
 
-@router.get("/sessions/{session_id}/laps/overlay", response_model=LapOverlayOut)
+@router.get("/sessions/{session_id}/laps/overlay")
 def overlay(
     session_id: str,
     catalogue: CataloguePart,
@@ -130,88 +130,50 @@ def overlay(
             raise invalid("signal", error.name, error.reason) from error
 
 
-@router.get("/blackboxes", response_model=BoxItemsOut)
-def black_boxes(black_boxes: BlackBoxesPart, passports: PassportsPart) -> dict[str, Any]:
+@router.get("/blackboxes")
+def black_boxes(black_boxes: BlackBoxesPart, passports: PassportsPart) -> BoxList:
     """What happened around every trip, newest first; outlives the sessions. Old sessions are read meanwhile."""
     passports.update()
-    return {"boxes": black_boxes.store.stored()}
+    return BoxList(black_boxes.store.stored())
 
 
-@router.get("/blackboxes/{box_id}", response_model=BlackBoxOut)
-def black_box(box_id: str, black_boxes: BlackBoxesPart) -> dict[str, Any]:
+@router.get("/blackboxes/{box_id}")
+def black_box(box_id: str, black_boxes: BlackBoxesPart) -> BlackBox:
     """One of them: the cell, value, limit, persistence, what the others did, every sample at full rate."""
-    return _box(black_boxes, box_id)
-
-
-@router.get("/blackboxes/{box_id}/page", response_class=HTMLResponse)
-def black_box_page(box_id: str, black_boxes: BlackBoxesPart) -> HTMLResponse:
-    """The same as one page to print."""
-    return HTMLResponse(blackbox_page(_box(black_boxes, box_id)))
-
-
-@router.get("/sessions/{session_id}/blackboxes", response_model=BoxItemsOut)
-def session_black_boxes(session_id: str, black_boxes: BlackBoxesPart, catalogue: CataloguePart) -> dict[str, Any]:
-    """The black boxes of a session, newest first; those that are missing are made out of its file, and kept."""
-    with open_session(catalogue, session_id) as file:
-        return {"boxes": keep_black_boxes(file, black_boxes.store)}
-
-
-@router.get("/sessions/{session_id}/report", response_model=SessionReportOut)
-def report(session_id: str, catalogue: CataloguePart) -> dict[str, Any]:
-    """How it went, what limited, what to look at; histograms of current, temperature and charge."""
-    with open_session(catalogue, session_id) as file:
-        found = report_of(file)
-    survey = found.survey
-    return {
-        "headline": found.headline,
-        "why": found.why,
-        "limited": found.limited,
-        "look_at": found.look_at,
-        "margins": found.margins,
-        "odd": found.odd,
-        "figures": found.figures,
-        "histograms": _histograms(survey.histograms),
-        "resistance_ohm": _listed(survey.resistance_ohm),
-        "voltage_min_v": _listed(survey.voltage_min_v),
-        "temperature_max_degc": _listed(survey.temperature_max_degc),
-        "balancing_s": _listed(survey.balancing_s),
-    }
-
-
-@router.get("/sessions/{session_id}/report/page", response_class=HTMLResponse)
-def report_as_page(session_id: str, catalogue: CataloguePart) -> HTMLResponse:
-    """The report as one HTML file with its charts inside, to print or to keep."""
-    with open_session(catalogue, session_id) as file:
-        return HTMLResponse(report_page(report_of(file)))
-
-
-@router.get("/sessions/{session_id}/compare/{other_id}", response_model=SessionComparisonOut)
-def compare(session_id: str, other_id: str, catalogue: CataloguePart) -> dict[str, Any]:
-    """Two sessions side by side: key figures, histograms, and the cells that changed the most."""
-    with open_session(catalogue, session_id) as first, open_session(catalogue, other_id) as second:
-        found = compare_sessions(first, second)
-    return {
-        "a": _compared(found.a, found.figures_a, found.histograms_a),
-        "b": _compared(found.b, found.figures_b, found.histograms_b),
-        "cells": found.cells,
-    }
-
-
-def _compared(info: SessionInfo, figures: dict[str, float | None], found: dict[str, Histogram]) -> dict[str, Any]:
-    started = info.started_wall_ns / 1e9
-    return {"id": info.id, "name": info.name, "started": started, "figures": figures, "histograms": _histograms(found)}
-
-
-def _histograms(found: dict[str, Histogram]) -> dict[str, Any]:
-    return {name: histogram_json(histogram) for name, histogram in found.items()}
-
-
-def _listed(values: FloatArray) -> list[float | None]:
-    return [number(value) for value in values.tolist()]
-
-
-def _box(black_boxes: BlackBoxesPart, box_id: str) -> dict[str, Any]:
-    box = black_boxes.store.get(box_id)
+    box = stored_box(black_boxes.store, box_id)
     if box is None:
         raise not_found("black box", box_id)
     return box
+
+
+@router.get("/blackboxes/{box_id}/page", response_class=HTMLResponse)
+def black_box_page(box_id: str, black_boxes: BlackBoxesPart, language: Language = "en") -> HTMLResponse:
+    """The same as one HTML file, to print or to hand over."""
+    return document_response(black_box(box_id, black_boxes), language)
+
+
+@router.get("/sessions/{session_id}/blackboxes")
+def session_black_boxes(session_id: str, black_boxes: BlackBoxesPart, catalogue: CataloguePart) -> BoxList:
+    """The black boxes of a session, newest first; those that are missing are made out of its file, and kept."""
+    with open_session(catalogue, session_id) as file:
+        return BoxList(keep_black_boxes(file, black_boxes.store))
+
+
+@router.get("/sessions/{session_id}/report")
+def report(session_id: str, catalogue: CataloguePart) -> Report:
+    """How it went, what limited, what to look at, with the figures and curves behind it."""
+    with open_session(catalogue, session_id) as file:
+        return report_of(file)
+
+
+@router.get("/sessions/{session_id}/report/page", response_class=HTMLResponse)
+def report_as_page(session_id: str, catalogue: CataloguePart, language: Language = "en") -> HTMLResponse:
+    """The report as one HTML file with its charts inside, to print or to keep."""
+    return document_response(report(session_id, catalogue), language)
+
+
+@router.get("/sessions/{session_id}/compare/{other_id}")
+def compare(session_id: str, other_id: str, catalogue: CataloguePart) -> SessionComparison:
+    """Two sessions side by side: key figures, histograms, and the cells that changed the most."""
+    with open_session(catalogue, session_id) as first, open_session(catalogue, other_id) as second:
+        return compare_sessions(first, second)

@@ -5,15 +5,13 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path
 from pydantic import Field
 
-from app.analysis.totals import number
-from app.api.schemas.analysis import CellPassportOut, PassportsOut
+from app.analysis.passport.shapes import AllPassports, CellPassport, all_passports, cell_passport
 from app.api.schemas.sessions import DeletedOut
 from app.api.sessions.sessions import MAX_UNIX_S
 from app.api.web.dependencies import ClockPart, EventsPart, PassportsPart, UserDep
 from app.api.web.problems import not_found
 from app.api.web.request_body import Body
 from app.battery.shape import N_CELLS
-from app.estimation.arrays import FloatArray
 from app.words import Message
 
 router = APIRouter(tags=["passport"])
@@ -27,49 +25,21 @@ class NewSwap(Body):
     note: str = Field("", max_length=500)
 
 
-@router.get("/passport", response_model=PassportsOut)
-def all_cells(passports: PassportsPart) -> dict[str, Any]:
+@router.get("/passport")
+def all_cells(passports: PassportsPart) -> AllPassports:
     """Every cell as it is now; sessions that are new are read in the background meanwhile."""
     passports.update()
-    made = passports.passports()
-    reading, to_read = passports.progress
-    return {
-        "sessions": len(made.sessions),
-        "reading": reading,
-        "to_read": to_read,
-        **{name: _listed(made.now(name)) for name in _HISTORIES},
-        "rank": _listed(made.rank),
-        "drifts": made.drifts,
-        "swaps": passports.store.swaps(),
-    }
+    return all_passports(passports)
 
 
-@router.get("/passport/{cell}", response_model=CellPassportOut)
-def one_cell(cell: Annotated[int, Path(ge=0, lt=N_CELLS)], passports: PassportsPart) -> dict[str, Any]:
+@router.get("/passport/{cell}")
+def one_cell(cell: Annotated[int, Path(ge=0, lt=N_CELLS)], passports: PassportsPart) -> CellPassport:
     """The life of one cell, session by session."""
-    made = passports.passports()
-    entries = [
-        {
-            "session_id": session_id,
-            "time_s": made.times_s[k],
-            "line": int(made.line[k, cell]),
-            **{name: number(float(getattr(made, name)[k, cell])) for name in _HISTORIES},
-        }
-        for k, session_id in enumerate(made.sessions)
-    ]
-    return {
-        "cell": cell,
-        "rank": number(float(made.rank[cell])),
-        "entries": entries,
-        "drifts": [drift for drift in made.drifts if drift.cell == cell],
-        "swaps": [swap for swap in passports.store.swaps() if cell in swap.cells],
-    }
+    return cell_passport(passports, cell)
 
 
-@router.post("/passport/swaps", status_code=201, response_model=PassportsOut)
-def swap(
-    body: NewSwap, events: EventsPart, passports: PassportsPart, clock: ClockPart, user: UserDep
-) -> dict[str, Any]:
+@router.post("/passport/swaps", status_code=201)
+def swap(body: NewSwap, events: EventsPart, passports: PassportsPart, clock: ClockPart, user: UserDep) -> AllPassports:
     """Record that modules were swapped: their cells begin a new line."""
     at_s = clock.wall_s() if body.time_s is None else body.time_s
     passports.swap(body.cells, at_s, body.note, user.name)
@@ -86,17 +56,3 @@ def take_back(
         raise not_found("swap", str(swap_id))
     events.note("info", "module-swapped", Message("swap-taken-back", swap=swap_id), user.name)
     return {"deleted": True}
-
-
-_HISTORIES = (
-    "capacity_ah",
-    "capacity_sigma_ah",
-    "resistance_ohm",
-    "resistance_relative",
-    "self_discharge_per_day",
-    "balancing_h",
-)
-
-
-def _listed(values: FloatArray) -> list[float | None]:
-    return [number(value) for value in values.tolist()]

@@ -7,12 +7,11 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from app.analysis.black_box.excerpt import short_place
 from app.analysis.black_box.from_session import black_boxes
-from app.analysis.black_box.page import blackbox_page
+from app.analysis.document import document
 from app.analysis.laps.from_session import CanCounter, Counter, Counts, LapTable, lap_table
-from app.analysis.report.page import report_page
-from app.analysis.report.report import compare_sessions, histogram_json, report_of
+from app.analysis.report.report import compare_sessions, report_of
+from app.battery.shape import CELLS_PER_PACK
 from app.commands.session_commands.selection import add_json_argument, add_session_argument, find_session, new_action
 from app.errors import ConfigError
 from app.sessions.reading.reader import SessionFile
@@ -63,9 +62,7 @@ def _report(args: argparse.Namespace) -> int:
     with SessionFile(find_session(args, args.session)) as session:
         report = report_of(session)
     if args.json:
-        shown = {"headline": report.headline, "why": report.why, "limited": report.limited, "look_at": report.look_at}
-        histograms = {name: histogram_json(histogram) for name, histogram in report.survey.histograms.items()}
-        json.dump(shown | {"figures": report.figures, "histograms": histograms}, sys.stdout, indent=2)
+        json.dump(asdict(report), sys.stdout, indent=2)
         print()
     else:
         print(report.headline)
@@ -77,11 +74,14 @@ def _report(args: argparse.Namespace) -> int:
             for sentence in sentences:
                 print(f"  {sentence}")
     if args.html is not None:
-        args.html.mkdir(parents=True, exist_ok=True)
-        path = args.html / f"{report.info.id}-report.html"
-        path.write_text(report_page(report), encoding="utf-8")
-        print(path, file=sys.stderr)
+        _write(args.html / f"{report.session.id}-report.html", document(report))
     return 0
+
+
+def _write(path: Path, page: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page, encoding="utf-8")
+    print(path, file=sys.stderr)
 
 
 def _compare(args: argparse.Namespace) -> int:
@@ -91,17 +91,17 @@ def _compare(args: argparse.Namespace) -> int:
     ):
         found = compare_sessions(session, other)
     if args.json:
-        figures = {"a": found.figures_a, "b": found.figures_b}
-        json.dump(figures | {"cells": found.cells}, sys.stdout, indent=2)
+        shown = {"a": found.a.figures, "b": found.b.figures, "cells": [asdict(cell) for cell in found.cells]}
+        json.dump(shown, sys.stdout, indent=2)
         print()
         return 0
     print(f"{'':24} {found.a.id:>22} {found.b.id:>22}  difference")
-    for name, a in found.figures_a.items():
-        b = found.figures_b[name]
+    for name, a in found.a.figures.items():
+        b = found.b.figures[name]
         difference = "" if a is None or b is None else f"{b - a:+.5g}"
         print(f"{name:24} {_figure(a):>22} {_figure(b):>22}  {difference}")
     for cell in found.cells:
-        print(f"cell {_cell(cell['cell'], None, 0, '')}: resistance {100 * cell['change']:+.1f} % against the others")
+        print(f"cell {short_place(cell.cell)}: resistance {100 * cell.change:+.1f} % against the others")
     return 0
 
 
@@ -113,16 +113,13 @@ def _black_boxes(args: argparse.Namespace) -> int:
     with SessionFile(find_session(args, args.session)) as session:
         boxes = black_boxes(session)
     if args.json:
-        json.dump(boxes, sys.stdout)
+        json.dump([asdict(box) for box in boxes], sys.stdout)
         print()
     for box in boxes:
         if not args.json:
-            print(f"{box['id']}\n  " + "\n  ".join(box["summary"]))
+            print(f"{box.id}\n  " + "\n  ".join(box.summary))
         if args.html is not None:
-            args.html.mkdir(parents=True, exist_ok=True)
-            path = args.html / f"{box['id']}.html"
-            path.write_text(blackbox_page(box), encoding="utf-8")
-            print(f"  {path}", file=sys.stderr)
+            _write(args.html / f"{box.id}.html", document(box))
     if not boxes and not args.json:
         print("no trip and no fault")
     return 0
@@ -177,6 +174,11 @@ def _print_laps(table: LapTable, start_s: float) -> None:
 def in_column(value: float | None, factor: float, width: int, decimals: int) -> str:
     """Return a number times a factor at the right of a column; a dash where there is none."""
     return f"{'-':>{width}}" if value is None else f"{value * factor:>{width}.{decimals}f}"
+
+
+def short_place(cell: int) -> str:
+    """Pack and cell as 3/7, for where there is little room."""
+    return f"{cell // CELLS_PER_PACK + 1}/{cell % CELLS_PER_PACK + 1}"
 
 
 def _cell(cell: int | None, value: float | None, decimals: int, unit: str) -> str:

@@ -6,13 +6,12 @@ import sys
 from dataclasses import asdict
 from datetime import UTC, datetime
 
-from app.analysis.black_box.excerpt import short_place
 from app.analysis.passport.history import Passports
 from app.analysis.passport.keeper import PassportKeeper
-from app.analysis.totals import number
+from app.analysis.totals import listed, number
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.clock import Clock
-from app.commands.session_commands.analysis import in_column
+from app.commands.session_commands.analysis import in_column, short_place
 from app.commands.session_commands.selection import add_json_argument, catalogue, data_folder, new_action
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import load_cell
@@ -75,11 +74,11 @@ def _swap_text(cells: list[int], at_s: float, note: str) -> str:
 
 
 def _print_json(made: Passports, swaps: list[StoredSwap]) -> None:
-    known = {name: [number(value) for value in made.now(name).tolist()] for name in _NOW}
+    known = {name: listed(made.now(name)) for name in _NOW}
     shown = {
         "sessions": made.sessions,
         **known,
-        "rank": [number(value) for value in made.rank.tolist()],
+        "rank": listed(made.rank),
         "drifts": [asdict(drift) for drift in made.drifts],
         "swaps": [asdict(swap) for swap in swaps],
     }

@@ -64,6 +64,37 @@ export interface Alarm {
   text_words: Words | null;
 }
 
+/** Every cell as it is now, out of all sessions read; `reading` of `to_read` while more are read. */
+export interface AllPassports {
+  sessions: number;
+  reading: number;
+  to_read: number;
+  capacity_ah: (number | null)[];
+  capacity_sigma_ah: (number | null)[];
+  resistance_ohm: (number | null)[];
+  resistance_relative: (number | null)[];
+  self_discharge_per_day: (number | null)[];
+  balancing_h: (number | null)[];
+  rank: (number | null)[];
+  drifts: Drift[];
+  swaps: StoredSwap[];
+}
+
+/** One thing that is said; `code` and `args` are the JSON form of a message, `text` is that message in English. */
+export interface AnalysisFinding {
+  code: string;
+  args: Record<string, unknown>;
+  text: string;
+}
+
+/** How long the value was beyond its limit; `since_s` None: never seen beyond it. */
+export interface Beyond {
+  since_s: number | null;
+  lasted_s: number | null;
+  ended: boolean | null;
+  worst: number;
+}
+
 /** What happened around a trip; times in seconds from it, `at` in unix seconds. */
 export interface BlackBox {
   id: string;
@@ -72,6 +103,7 @@ export interface BlackBox {
   code: string;
   severity: 'info' | 'watch' | 'warning' | 'trip';
   text: string;
+  text_words: AnalysisFinding | null;
   cell: number | null;
   value: number | null;
   limit: number | null;
@@ -83,31 +115,12 @@ export interface BlackBox {
   events: BoxEvent[];
   is_complete: boolean;
   rate_hz: number | null;
-  beyond: BoxBeyond | null;
-  peers: BoxPeers | null;
-  cells: BoxCells;
-  samples: BoxSamples;
+  beyond: Beyond | null;
+  peers: Peers | null;
+  cells: CellsAround;
+  samples: Samples;
+  findings: AnalysisFinding[];
   summary: string[];
-}
-
-/** How long the value was beyond its limit; `since_s` null: never seen beyond it. */
-export interface BoxBeyond {
-  since_s: number | null;
-  lasted_s: number | null;
-  ended: boolean | null;
-  worst: number;
-}
-
-/** Every cell before, at and during it. */
-export interface BoxCells {
-  voltage_before_v: (number | null)[];
-  voltage_at_v: (number | null)[];
-  voltage_min_v: (number | null)[];
-  voltage_max_v: (number | null)[];
-  temperature_at_degc: (number | null)[];
-  soc_at: (number | null)[];
-  current_at_trip_a: number | null;
-  opened_s: number | null;
 }
 
 /** What was reported; `t_s` from the trip. */
@@ -116,43 +129,12 @@ export interface BoxEvent {
   severity: 'info' | 'watch' | 'warning' | 'trip';
   code: string;
   text: string;
+  text_words: AnalysisFinding | null;
 }
 
-/** A black box in a list; `time` in unix seconds. */
-export interface BoxItem {
-  id: string;
-  time: number;
-  session_id: string | null;
-  code: string;
-  severity: 'info' | 'watch' | 'warning' | 'trip';
-  cell: number | null;
-  text: string;
-  is_complete: boolean;
-}
-
-/** Newest first. */
-export interface BoxItems {
-  boxes: BoxItem[];
-}
-
-/** The other cells at the trip. */
-export interface BoxPeers {
-  low: number;
-  mean: number;
-  high: number;
-  apart: number;
-  also_beyond: number;
-}
-
-/** Everything at full rate; tables are cell by cell. */
-export interface BoxSamples {
-  time_s: (number | null)[];
-  current_a: (number | null)[];
-  voltage_v: ((number | null)[])[];
-  temperature_degc: ((number | null)[])[];
-  soc: ((number | null)[])[];
-  fit: (number | null)[];
-  load: (number | null)[];
+/** Black boxes, the newest first. */
+export interface BoxList {
+  boxes: StoredBox[];
 }
 
 /** A reading of the current sensor, and what would correct it. */
@@ -298,7 +280,19 @@ export interface CellPassport {
   rank: number | null;
   entries: PassportEntry[];
   drifts: Drift[];
-  swaps: Swap[];
+  swaps: StoredSwap[];
+}
+
+/** Every cell before, at and during it; `opened_s`: when the shutdown circuit was seen open, from the trip. */
+export interface CellsAround {
+  voltage_before_v: (number | null)[];
+  voltage_at_v: (number | null)[];
+  voltage_min_v: (number | null)[];
+  voltage_max_v: (number | null)[];
+  temperature_at_degc: (number | null)[];
+  soc_at: (number | null)[];
+  current_at_trip_a: number | null;
+  opened_s: number | null;
 }
 
 /** Arrays of one value a cell, in the order of the packs; missing values are NaN, null in JSON. */
@@ -368,6 +362,15 @@ export interface Commands {
 export interface Compared {
   source: string;
   hash: string;
+}
+
+/** One of two sessions; `started` in unix seconds. */
+export interface ComparedSession {
+  id: string;
+  name: string;
+  started: number;
+  figures: Record<string, number | null>;
+  histograms: Record<string, Histogram>;
 }
 
 /** What differs from `a` to `b`. */
@@ -454,16 +457,18 @@ export interface Done {
 
 /** A cell that moves away from the others; `weeks` until its limit, 0: it is passed. */
 export interface Drift {
+  code: string;
+  args: Record<string, unknown>;
+  text: string;
   cell: number;
   what: 'capacity' | 'resistance' | 'self-discharge';
   per_week: number;
   now: number;
   limit: number;
   weeks: number;
-  text: string;
 }
 
-/** Means over a driver's laps that count. */
+/** What a driver's laps have in common: means over the laps that count. */
 export interface DriverFigures {
   driver: string;
   laps: number;
@@ -568,6 +573,14 @@ export interface Finding {
   message_words: Words | null;
 }
 
+/** What is said of a session, as codes with arguments. */
+export interface Findings {
+  headline: AnalysisFinding;
+  why: AnalysisFinding[];
+  limited: AnalysisFinding[];
+  look_at: AnalysisFinding[];
+}
+
 /** The master's status bits. */
 export interface Flags {
   fit: boolean;
@@ -591,7 +604,7 @@ export interface Health {
   reasons_words: Words[];
 }
 
-/** Seconds in each bin, of temperature and SOC times cells; edges are one more than bins. */
+/** Seconds in each bin, of temperature and SOC times cells; one edge more than bins, none empty at the ends. */
 export interface Histogram {
   unit: string;
   edges: number[];
@@ -657,7 +670,16 @@ export interface Imports {
   profiles: string[];
 }
 
-/** One lap and what it cost. */
+/** A stretch that counts as a lap, as found or as somebody settled it. */
+export interface Lap {
+  start_s: number;
+  end_s: number;
+  driver: string;
+  note: string;
+  counts: boolean;
+}
+
+/** One lap; None where not measured. */
 export interface LapFigures {
   lap: Lap;
   energy_out_wh: number;
@@ -674,31 +696,14 @@ export interface LapFigures {
   weakest_cell: number | null;
 }
 
-/** A stretch that counts as a lap; times in unix seconds. */
-export interface Lap {
-  start_s: number;
-  end_s: number;
-  driver: string;
-  note: string;
-  counts: boolean;
-}
-
-/** Laps on each other: part k of every lap begins at k / points of its time. */
-export interface LapOverlay {
-  signal: string;
-  unit: string;
-  points: number;
-  laps: LapTrace[];
-}
-
-/** Laps of a session and where they come from; drivers, the quickest first. */
+/** Laps with what they cost, and where they come from. */
 export interface LapTable {
   source: 'settled' | 'markers' | 'pattern' | 'can' | 'signal';
   laps: LapFigures[];
   drivers: DriverFigures[];
 }
 
-/** One signal over equal parts of a lap. */
+/** One signal over equal parts of a lap; None where there is no sample. */
 export interface LapTrace {
   lap: number;
   minimum: (number | null)[];
@@ -765,9 +770,9 @@ export interface LogEvent {
   acknowledged_by: string | null;
 }
 
-/** How near a session came to a limit; a negative margin is beyond it. */
+/** How near a recording came to one limit; `margin` in the unit, negative = beyond. */
 export interface Margin {
-  limit: string;
+  limit: 'v_min' | 'v_max' | 't_max' | 'i_max' | 'i_min';
   name: string;
   unit: string;
   seen: number;
@@ -837,14 +842,37 @@ export interface Notice {
   text: string;
 }
 
-/** A cell that is unlike the others. */
-export interface OddCell {
+/** A cell that is unlike the others in one respect. */
+export interface Odd {
+  code: string;
+  args: Record<string, unknown>;
+  text: string;
   cell: number;
-  what: string;
+  what: 'sag' | 'resistance' | 'temperature' | 'lowest' | 'missing';
   value: number;
   usual: number;
   unit: string;
-  text: string;
+}
+
+/** Lists of one length: each entry is a part of the recording; None where nothing was measured. */
+export interface OverTime {
+  time_s: number[];
+  power_min_w: (number | null)[];
+  power_mean_w: (number | null)[];
+  power_max_w: (number | null)[];
+  voltage_min_v: (number | null)[];
+  voltage_max_v: (number | null)[];
+  soc: (number | null)[];
+  temperature_mean_degc: (number | null)[];
+  temperature_max_degc: (number | null)[];
+}
+
+/** Laps on each other: part k of every lap begins at k / points of its time. */
+export interface Overlay {
+  signal: string;
+  unit: string;
+  points: number;
+  laps: LapTrace[];
 }
 
 /** Twelve cells and their slave. */
@@ -871,20 +899,13 @@ export interface PassportEntry {
   balancing_h: number | null;
 }
 
-/** Every cell as it is now, out of all sessions read; `reading` of `to_read` while more are read. */
-export interface Passports {
-  sessions: number;
-  reading: number;
-  to_read: number;
-  capacity_ah: (number | null)[];
-  capacity_sigma_ah: (number | null)[];
-  resistance_ohm: (number | null)[];
-  resistance_relative: (number | null)[];
-  self_discharge_per_day: (number | null)[];
-  balancing_h: (number | null)[];
-  rank: (number | null)[];
-  drifts: Drift[];
-  swaps: Swap[];
+/** The other cells at the trip; `apart`: this cell against their mean. */
+export interface Peers {
+  low: number;
+  mean: number;
+  high: number;
+  apart: number;
+  also_beyond: number;
 }
 
 /** The phase that runs now. */
@@ -934,7 +955,7 @@ export interface Problem {
   status: number;
   detail: string;
   detail_words?: Words | null;
-  errors?: FieldError[];
+  errors: FieldError[];
 }
 
 /** The newest version of a profile, and the numbers of all. */
@@ -1041,6 +1062,47 @@ export interface ReplayState {
   replay: Replay | null;
 }
 
+/** How a session went. Lists over cells go by index from 0; None = not measured. */
+export interface Report {
+  session: ReportedSession;
+  findings: Findings;
+  headline: string;
+  why: string[];
+  limited: string[];
+  look_at: string[];
+  margins: Margin[];
+  odd: Odd[];
+  figures: Record<string, number | null>;
+  histograms: Record<string, Histogram>;
+  over_time: OverTime;
+  laps: LapTable;
+  limits: Record<string, number>;
+  config_hash: string | null;
+  resistance_ohm: (number | null)[];
+  voltage_min_v: (number | null)[];
+  temperature_max_degc: (number | null)[];
+  balancing_s: (number | null)[];
+}
+
+/** Whose report it is; `started` in unix seconds, `voltwall` is the version that recorded it. */
+export interface ReportedSession {
+  id: string;
+  name: string;
+  started: number;
+  voltwall: string;
+}
+
+/** Everything at full rate; tables are cell by cell, `time_s` from the trip. */
+export interface Samples {
+  time_s: (number | null)[];
+  current_a: (number | null)[];
+  voltage_v: ((number | null)[])[];
+  temperature_degc: ((number | null)[])[];
+  soc: ((number | null)[])[];
+  fit: (number | null)[];
+  load: (number | null)[];
+}
+
 /** One of the library. */
 export interface Scenario {
   name: string;
@@ -1079,19 +1141,10 @@ export interface Schema {
   struct: StructField[];
 }
 
-/** One of two sessions. */
-export interface SessionCompared {
-  id: string;
-  name: string;
-  started: number;
-  figures: Record<string, number | null>;
-  histograms: Record<string, Histogram>;
-}
-
-/** Two sessions side by side; cells that changed the most first. */
+/** Two sessions side by side; `cells` changed the most in resistance. */
 export interface SessionComparison {
-  a: SessionCompared;
-  b: SessionCompared;
+  a: ComparedSession;
+  b: ComparedSession;
   cells: CellChange[];
 }
 
@@ -1153,22 +1206,6 @@ export interface Session {
   marker_count: number;
   version: string;
   metadata: Record<string, unknown>;
-}
-
-/** How a session went; `why`: which cell failed, and why, empty where none did; what limited, what to look at. */
-export interface SessionReport {
-  headline: string;
-  why: string[];
-  limited: string[];
-  look_at: string[];
-  margins: Margin[];
-  odd: OddCell[];
-  figures: Record<string, number | null>;
-  histograms: Record<string, Histogram>;
-  resistance_ohm: (number | null)[];
-  voltage_min_v: (number | null)[];
-  temperature_max_degc: (number | null)[];
-  balancing_s: (number | null)[];
 }
 
 /** Signals over a range; `gaps` are intervals without data, `filled` those that came from another recorder. */
@@ -1325,12 +1362,33 @@ export interface StoreResult {
   counter: number;
 }
 
+/** What a list shows of a black box. */
+export interface StoredBox {
+  id: string;
+  time: number;
+  session_id: string | null;
+  code: string;
+  severity: 'info' | 'watch' | 'warning' | 'trip';
+  cell: number | null;
+  text: string;
+  is_complete: boolean;
+}
+
 /** What the EEPROM holds. */
 export interface StoredConfig {
   hash: string;
   values: Record<string, unknown>;
   raw: Record<string, number | number[] | number[][]>;
   counter: number;
+}
+
+/** A swap as it was recorded. */
+export interface StoredSwap {
+  id: number;
+  time_s: number;
+  cells: number[];
+  note: string;
+  who: string | null;
 }
 
 /** A field of the master's struct. */
@@ -1343,15 +1401,6 @@ export interface StructField {
   unit: string;
   scale: number;
   meaning: string;
-}
-
-/** Modules that were replaced; `time_s` in unix seconds. */
-export interface Swap {
-  id: number;
-  time_s: number;
-  cells: number[];
-  note: string;
-  who: string | null;
 }
 
 /** The machine that the service runs on, and who reads. */

@@ -1,19 +1,12 @@
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
-from app.analysis.black_box.excerpt import (
-    AFTER_S,
-    Trigger,
-    Window,
-    build,
-    incident_id,
-    incidents,
-    is_trigger,
-    main_trigger,
-)
+from app.analysis.black_box.box import Beyond, box_from_json
+from app.analysis.black_box.excerpt import Window, build
+from app.analysis.black_box.incidents import AFTER_S, Trigger, incident_id, incidents, is_trigger, main_trigger
 
 WALL_S = 1_790_000_000.0
 TIME_S = np.arange(90.0, 105.05, 0.1)
@@ -48,37 +41,34 @@ def test_it_says_how_far_and_how_long_a_cell_was_beyond_its_limit():
     volts = np.where((TIME_S > 99.35) & (TIME_S < 101.05), 2.3, 3.4)
     volts[TIME_S < 92] = 2.2  # an earlier dip is not this one
     box = boxed(around=window(volts))
-    assert box["beyond"] == {
-        "since_s": pytest.approx(-0.6),
-        "lasted_s": pytest.approx(1.7),
-        "ended": True,
-        "worst": pytest.approx(2.3),
-    }
-    assert box["peers"]["also_beyond"] == 0
-    assert box["peers"]["apart"] == pytest.approx(2.3 - 3.5)
-    assert box["cells"]["opened_s"] == pytest.approx(0.5)
-    assert "Pack 3, cell 7 was beyond the limit of 2.5 V for 1.7 s" in " ".join(box["summary"])
+    assert box.beyond == Beyond(
+        since_s=pytest.approx(-0.6), lasted_s=pytest.approx(1.7), ended=True, worst=pytest.approx(2.3)
+    )
+    assert box.peers.also_beyond == 0
+    assert box.peers.apart == pytest.approx(2.3 - 3.5)
+    assert box.cells.opened_s == pytest.approx(0.5)
+    assert "Pack 3, cell 7 was beyond the limit of 2.5 V for 1.7 s" in " ".join(box.summary)
 
 
 def test_one_that_never_recovers_is_said_to_be_still_beyond():
     box = boxed(around=window(np.where(TIME_S > 99.95, 2.3, 3.4)))
-    assert box["beyond"]["ended"] is False
-    assert "and still" in " ".join(box["summary"])
+    assert box.beyond.ended is False
+    assert "and still" in " ".join(box.summary)
 
 
 def test_a_box_over_can_alone_says_that_no_cell_was_heard():
     unknown = np.full((len(TIME_S), 96), np.nan)
     around = replace(window(), voltage_v=unknown, temperature_degc=unknown, soc=unknown)
     box = boxed(around=around)
-    assert "over CAN alone" in " ".join(box["summary"])
-    assert box["cells"]["current_at_trip_a"] == 120.0
-    assert "over CAN alone" not in " ".join(boxed()["summary"])
+    assert "over CAN alone" in " ".join(box.summary)
+    assert box.cells.current_at_trip_a == 120.0
+    assert "over CAN alone" not in " ".join(boxed().summary)
 
 
 def test_a_limit_that_was_not_seen_to_be_passed_is_said_so():
     box = boxed(around=window(2.6))
-    assert box["beyond"]["since_s"] is None
-    assert "never seen beyond" in " ".join(box["summary"])
+    assert box.beyond.since_s is None
+    assert "never seen beyond" in " ".join(box.summary)
 
 
 def test_a_hot_cell_and_a_current_are_judged_by_their_own_values():
@@ -86,11 +76,11 @@ def test_a_hot_cell_and_a_current_are_judged_by_their_own_values():
     heat[:, CELL] = 61.0
     heat[:, CELL + 1] = 60.5
     hot = boxed([trigger(code="cell-hot", value=61, limit=60, unit="degC")], window(temperature_degc=heat))
-    assert (hot["quantity"], hot["side"], hot["peers"]["also_beyond"]) == ("temperature", "high", 1)
+    assert (hot.quantity, hot.side, hot.peers.also_beyond) == ("temperature", "high", 1)
     amps = np.where(TIME_S > 99.75, 250.0, 100.0)
     high = boxed([trigger(code="current-high", cell=None, value=250, limit=200, unit="A")], window(current_a=amps))
-    assert (high["quantity"], high["peers"], high["beyond"]["worst"]) == ("current", None, 250)
-    assert high["beyond"]["since_s"] == pytest.approx(-0.2)
+    assert (high.quantity, high.peers, high.beyond.worst) == ("current", None, 250)
+    assert high.beyond.since_s == pytest.approx(-0.2)
 
 
 def test_what_follows_within_seconds_is_the_same_incident():
@@ -128,14 +118,15 @@ def test_without_all_samples_it_is_incomplete_and_still_json(n):
     part = window(np.nan)
     cut = Window(**{name: getattr(part, name)[:n] for name in part.__dataclass_fields__})
     box = boxed(around=cut)
-    assert box["is_complete"] is False
-    json.dumps(box, allow_nan=False)
-    assert boxed()["is_complete"] is True
+    assert box.is_complete is False
+    stored = json.loads(json.dumps(asdict(box), allow_nan=False))
+    assert box_from_json(stored) == box
+    assert boxed().is_complete is True
 
 
 def test_every_sample_of_every_cell_is_in_it():
     box = boxed(around=window(np.linspace(3.6, 3.4, len(TIME_S))))
-    assert len(box["samples"]["voltage_v"]) == 96
-    assert box["samples"]["voltage_v"][CELL] == pytest.approx(np.linspace(3.6, 3.4, len(TIME_S)), abs=1e-4)
-    assert box["samples"]["time_s"][0] == pytest.approx(-10)
-    assert box["rate_hz"] == pytest.approx(10, abs=0.1)
+    assert len(box.samples.voltage_v) == 96
+    assert box.samples.voltage_v[CELL] == pytest.approx(np.linspace(3.6, 3.4, len(TIME_S)), abs=1e-4)
+    assert box.samples.time_s[0] == pytest.approx(-10)
+    assert box.rate_hz == pytest.approx(10, abs=0.1)

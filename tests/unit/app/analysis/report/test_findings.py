@@ -37,6 +37,10 @@ def survey(**changes):
     return made
 
 
+def texts(found):
+    return [each.text for each in found]
+
+
 def with_cell(name, cell, value):
     made = survey()
     getattr(made, name)[cell] = value
@@ -46,9 +50,9 @@ def with_cell(name, cell, value):
 def test_a_calm_run_limits_nothing_and_nothing_stands_out():
     calm = survey()
     near = margins(calm, LIMITS)
-    assert what_limited(near, [])[0].startswith("Nothing came near a limit; nearest was")
-    assert what_to_look_at(calm, odd_cells(calm), [], 0) == ["Nothing stands out."]
-    assert headline(calm, 12) == (
+    assert texts(what_limited(near, []))[0].startswith("Nothing came near a limit; nearest was")
+    assert texts(what_to_look_at(calm, odd_cells(calm), [], 0)) == ["Nothing stands out."]
+    assert headline(calm, 12).text == (
         "20 min, 15 min of it with current, 12 laps: 5.00 kWh out, 0.40 kWh in (8 %), charge from 90 to 40 %, "
         "hottest cell 36 \u00b0C."
     )
@@ -61,12 +65,12 @@ def test_a_calm_run_limits_nothing_and_nothing_stands_out():
 def test_the_limit_that_came_nearest_is_named_with_its_cell(name, value, limit):
     near = margins(with_cell(name, 30, value), LIMITS)
     assert (near[0].limit, near[0].cell) == (limit, 30)
-    assert "pack 3, cell 7" in what_limited(near, [])[0]
+    assert "pack 3, cell 7" in what_limited(near, [])[0].text
 
 
 def test_trips_come_first_and_limits_that_were_not_heard_are_said_so():
-    assert what_limited(margins(survey(), LIMITS), ["cell too hot"])[0] == "Tripped: cell too hot."
-    assert what_limited(margins(survey(), {}), []) == ["No limits were heard, so nothing can be said of them."]
+    assert what_limited(margins(survey(), LIMITS), ["cell too hot"])[0].text == "Tripped: cell too hot."
+    assert [each.code for each in what_limited(margins(survey(), {}), [])] == ["report-no-limits"]
 
 
 @pytest.mark.parametrize(
@@ -82,20 +86,20 @@ def test_trips_come_first_and_limits_that_were_not_heard_are_said_so():
 def test_the_odd_cell_is_found_and_no_other(name, value, what):
     found = odd_cells(with_cell(name, 30, value))
     assert [(odd.cell, odd.what) for odd in found] == [(30, what)]
-    assert what_to_look_at(survey(), found, [], 0)[0].startswith("Pack 3, cell 7 ")
+    assert what_to_look_at(survey(), found, [], 0)[0].text.startswith("Pack 3, cell 7 ")
 
 
 def test_an_unbalanced_end_lost_time_and_damage_are_told():
     made = with_cell("soc_last", 30, 0.30)
     made.soc_first[30] = 0.80
     made.gap_s = 12.0
-    said = " ".join(what_to_look_at(made, [], ["busbar joint has grown"], 3))
+    said = " ".join(texts(what_to_look_at(made, [], ["busbar joint has grown"], 3)))
     for told in ("pack 3, cell 7 lowest: balance them", "Busbar joint has grown.", "12 s", "3 frames arrived damaged"):
         assert told in said
 
 
 def test_cells_that_came_apart_on_the_way_are_not_told_to_be_balanced():
-    (said,) = what_to_look_at(with_cell("soc_last", 30, 0.2), [], [], 0)
+    (said,) = texts(what_to_look_at(with_cell("soc_last", 30, 0.2), [], [], 0))
     assert "pack 3, cell 7 lowest, having begun 0.0 % apart" in said
     assert "balance" not in said
 
@@ -105,6 +109,14 @@ def test_of_two_sessions_the_cell_that_changed_comes_first():
     second.resistance_ohm = 1.3 * second.resistance_ohm  # colder: all of them
     second.resistance_ohm[30] *= 1.2
     changed = compare_cells(survey(), second)
-    assert (changed[0]["cell"], changed[0]["change"]) == (30, pytest.approx(0.2, abs=0.01))
-    assert max(abs(each["change"]) for each in changed[1:]) < 0.01
+    assert (changed[0].cell, changed[0].change) == (30, pytest.approx(0.2, abs=0.01))
+    assert max(abs(each.change) for each in changed[1:]) < 0.01
     assert compare_cells(survey(resistance_ohm=np.full(96, np.nan)), second) == []
+
+
+def test_of_many_cells_of_a_kind_three_are_named_and_the_others_counted():
+    made = survey()
+    made.sag_v[[5, 6, 7, 8, 9]] = 0.05
+    found = what_to_look_at(made, odd_cells(made), [], 0)
+    assert [each.code for each in found] == ["report-odd", "report-odd", "report-odd-more"]
+    assert found[-1].text.endswith("and 2 more cells stand out likewise.")

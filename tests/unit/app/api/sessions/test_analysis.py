@@ -1,13 +1,32 @@
 """Looking back on a session over HTTP; what the figures are is tested where they are made."""
 
+import json
+
 import numpy as np
 import pytest
+
+from app.analysis.document import SLOT
 
 START_S = 1_790_000_000.0
 LAPS = [
     {"start_s": START_S + 10, "end_s": START_S + 40, "driver": "Anna"},
     {"start_s": START_S + 40, "end_s": START_S + 80},
 ]
+
+
+@pytest.fixture(autouse=True)
+def template(tmp_path, monkeypatch):
+    """A page that is built in a moment."""
+    page = tmp_path / "document.html"
+    page.write_text(f"<html>{SLOT}</script></html>")
+    monkeypatch.setattr("app.analysis.document.TEMPLATE", page)
+
+
+def embedded(answer):
+    """Return kind, language and data of a document."""
+    assert answer.headers["content-type"].startswith("text/html")
+    inside = json.loads(answer.text.split(SLOT)[1].split("</script>")[0])
+    return inside["kind"], inside["language"], inside["data"]
 
 
 @pytest.fixture
@@ -84,9 +103,9 @@ def test_the_black_boxes_of_an_old_session_are_made_when_asked_for_and_outlive_i
     assert client.get("/api/v1/blackboxes").json()["boxes"] == [listed]
     box = client.get(f"/api/v1/blackboxes/{listed['id']}").json()
     assert box["limits"]["v_cell_min"] == 2.5
-    page = client.get(f"/api/v1/blackboxes/{listed['id']}/page")
-    assert page.headers["content-type"].startswith("text/html")
-    assert "pack 1, cell 4" in page.text
+    assert (box["findings"][0]["code"], box["findings"][0]["text"]) == ("box-event", "Under.")
+    assert [found["text"] for found in box["findings"]] == box["summary"]
+    assert embedded(client.get(f"/api/v1/blackboxes/{listed['id']}/page")) == ("black-box", "en", box)
     assert client.get("/api/v1/blackboxes/none").status_code == 404
 
 
@@ -94,9 +113,10 @@ def test_a_report_says_what_limited_and_a_page_holds_it(client, session_id, trip
     report = client.get(f"/api/v1/sessions/{tripped}/report").json()
     assert report["limited"][0].startswith("Tripped: under (pack 1, cell 4)")
     assert sum(report["histograms"]["current"]["seconds"]) == pytest.approx(29.5)
-    page = client.get(f"/api/v1/sessions/{tripped}/report/page")
-    assert page.headers["content-type"].startswith("text/html")
-    assert report["headline"] in page.text
+    assert report["findings"]["limited"][0]["code"] == "report-tripped"
+    page = f"/api/v1/sessions/{tripped}/report/page"
+    assert embedded(client.get(page, params={"language": "nb"})) == ("report", "nb", report)
+    assert client.get(page, params={"language": "xx"}).status_code == 422
     compared = client.get(f"/api/v1/sessions/{session_id}/compare/{tripped}").json()
     assert compared["b"]["figures"] == report["figures"]
     assert compared["a"]["id"] == session_id

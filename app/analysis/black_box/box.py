@@ -1,0 +1,123 @@
+"""The shape of a black box: what is stored, sent and drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from app.analysis.finding import AnalysisFinding
+from app.telemetry import Severity
+
+Quantity = Literal["voltage", "temperature", "current"]
+Side = Literal["low", "high"]
+
+
+@dataclass(frozen=True)
+class BoxEvent:
+    """What was reported; `t_s` from the trip."""
+
+    t_s: float
+    severity: Severity
+    code: str
+    text: str
+    text_words: AnalysisFinding | None
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """How long the value was beyond its limit; `since_s` None: never seen beyond it."""
+
+    since_s: float | None
+    lasted_s: float | None
+    ended: bool | None
+    worst: float
+
+
+@dataclass(frozen=True)
+class Peers:
+    """The other cells at the trip; `apart`: this cell against their mean."""
+
+    low: float
+    mean: float
+    high: float
+    apart: float
+    also_beyond: int
+
+
+@dataclass(frozen=True)
+class CellsAround:
+    """Every cell before, at and during it; `opened_s`: when the shutdown circuit was seen open, from the trip."""
+
+    voltage_before_v: list[float | None]
+    voltage_at_v: list[float | None]
+    voltage_min_v: list[float | None]
+    voltage_max_v: list[float | None]
+    temperature_at_degc: list[float | None]
+    soc_at: list[float | None]
+    current_at_trip_a: float | None
+    opened_s: float | None
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Everything at full rate; tables are cell by cell, `time_s` from the trip."""
+
+    time_s: list[float | None]
+    current_a: list[float | None]
+    voltage_v: list[list[float | None]]
+    temperature_degc: list[list[float | None]]
+    soc: list[list[float | None]]
+    fit: list[float | None]
+    load: list[float | None]
+
+
+@dataclass(frozen=True)
+class BlackBox:
+    """What happened around a trip; times in seconds from it, `at` in unix seconds."""
+
+    id: str
+    session_id: str | None
+    at: float
+    code: str
+    severity: Severity
+    text: str
+    text_words: AnalysisFinding | None
+    cell: int | None
+    value: float | None
+    limit: float | None
+    unit: str
+    quantity: Quantity | None
+    side: Side | None
+    config_hash: str | None
+    limits: dict[str, float]
+    events: list[BoxEvent]
+    is_complete: bool
+    rate_hz: float | None
+    beyond: Beyond | None
+    peers: Peers | None
+    cells: CellsAround
+    samples: Samples
+    findings: list[AnalysisFinding]
+    summary: list[str]
+
+
+def box_from_json(body: dict[str, Any]) -> BlackBox:
+    """Return a stored black box.
+
+    Raises:
+        KeyError, TypeError: it is not one.
+    """
+    parts = {
+        "text_words": _finding(body.get("text_words")),
+        "events": [BoxEvent(**event | {"text_words": _finding(event.get("text_words"))}) for event in body["events"]],
+        "beyond": None if body["beyond"] is None else Beyond(**body["beyond"]),
+        "peers": None if body["peers"] is None else Peers(**body["peers"]),
+        "cells": CellsAround(**body["cells"]),
+        "samples": Samples(**body["samples"]),
+        "findings": [AnalysisFinding(**found) for found in body.get("findings", [])],
+    }
+    return BlackBox(**body | parts)
+
+
+def _finding(body: dict[str, Any] | None) -> AnalysisFinding | None:
+    return None if body is None else AnalysisFinding(**body)

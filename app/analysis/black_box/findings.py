@@ -1,0 +1,62 @@
+"""What a black box says: how far and how long, what the other cells did, when the shutdown circuit opened."""
+
+from __future__ import annotations
+
+from app.analysis.black_box.box import BlackBox
+from app.analysis.finding import AnalysisFinding, finding
+from app.words import Cell, Message, Quantity
+
+
+def findings_of(box: BlackBox) -> list[AnalysisFinding]:
+    """Return what happened in a few sentences."""
+    said = [
+        Message("box-event", event=box.text if box.text_words is None else box.text_words.message),
+        *_beyond(box),
+        *_peers(box),
+    ]
+    current_a, opened_s = box.cells.current_at_trip_a, box.cells.opened_s
+    if current_a is not None:
+        said.append(Message("box-current", current=Quantity(current_a, "A", 1)))
+    if opened_s is not None:
+        time = Quantity(abs(opened_s), "s", 2)
+        is_after = opened_s >= 0.0
+        said.append(Message("box-opened-after", time=time) if is_after else Message("box-opened-before", time=time))
+    measured = (*box.cells.voltage_min_v, *box.cells.temperature_at_degc)
+    if all(value is None for value in measured):
+        said.append(Message("box-no-cell"))
+    if not box.is_complete:
+        said.append(Message("box-partial"))
+    return [finding(message) for message in said]
+
+
+def _beyond(box: BlackBox) -> list[Message]:
+    beyond = box.beyond
+    if beyond is None:
+        return []
+    worst = Quantity(beyond.worst, box.unit)
+    if beyond.since_s is None:
+        return [Message("box-never-beyond", worst=worst)]
+    what = Message("accumulator") if box.cell is None else Cell(box.cell)
+    limit, lasted = Quantity(box.limit, box.unit), Quantity(beyond.lasted_s, "s", 1)
+    if beyond.since_s >= 0.0:
+        if beyond.ended:
+            return [Message("box-beyond", what=what, limit=limit, lasted=lasted, worst=worst)]
+        return [Message("box-still-beyond", what=what, limit=limit, lasted=lasted, worst=worst)]
+    before = Quantity(-beyond.since_s, "s", 2)
+    if beyond.ended:
+        return [Message("box-beyond-before", what=what, limit=limit, lasted=lasted, before=before, worst=worst)]
+    return [Message("box-still-beyond-before", what=what, limit=limit, lasted=lasted, before=before, worst=worst)]
+
+
+def _peers(box: BlackBox) -> list[Message]:
+    peers = box.peers
+    if peers is None:
+        return []
+    low, mean, high, apart = (
+        Quantity(value, box.unit, 3 if box.unit == "V" else 1)
+        for value in (peers.low, peers.mean, peers.high, abs(peers.apart))
+    )
+    others = Message("box-others", n=peers.also_beyond) if peers.also_beyond else Message("box-no-other")
+    if peers.apart >= 0.0:
+        return [others, Message("box-peers-above", low=low, high=high, mean=mean, apart=apart)]
+    return [others, Message("box-peers-below", low=low, high=high, mean=mean, apart=apart)]

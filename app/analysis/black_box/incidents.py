@@ -1,0 +1,60 @@
+"""Which events deserve a black box, and which of them belong together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Final
+
+from app.telemetry import Severity
+from app.words import Text
+
+BEFORE_S: Final = 10.0
+AFTER_S: Final = 5.0
+LONGEST_S: Final = 15.0  # from the first trigger to the last that still belongs to it
+FAULTS: Final = ("cell-missing", "joint-loose", "charger-")  # warnings of the battery itself
+
+
+@dataclass(frozen=True)
+class Trigger:
+    """An event that is worth a black box."""
+
+    at_s: float  # unix time, as logged
+    mono_s: float  # of the recording machine's monotonic clock
+    code: str
+    severity: Severity
+    message: Text
+    cell: int | None = None
+    value: float | None = None
+    limit: float | None = None
+    unit: str = ""
+
+
+def is_trigger(severity: str, code: str) -> bool:
+    """True for trips, and for warnings that tell of a fault in the battery."""
+    return severity == "trip" or (severity == "warning" and code.startswith(FAULTS))
+
+
+def incidents(triggers: Sequence[Trigger]) -> list[list[Trigger]]:
+    """Return the triggers in groups: what follows within AFTER_S belongs to what was first."""
+    groups: list[list[Trigger]] = []
+    for trigger in sorted(triggers, key=lambda each: each.mono_s):
+        group = groups[-1] if groups else None
+        if group and trigger.mono_s - group[-1].mono_s <= AFTER_S and trigger.mono_s - group[0].mono_s <= LONGEST_S:
+            group.append(trigger)
+        else:
+            groups.append([trigger])
+    return groups
+
+
+def main_trigger(group: Sequence[Trigger]) -> Trigger:
+    """Return the first that names a cell or a limit, a trip before a warning; the very first where none does."""
+    trips = [each for each in group if each.severity == "trip"] or list(group)
+    return next((each for each in trips if each.limit is not None), trips[0])
+
+
+def incident_id(trigger: Trigger) -> str:
+    """Return a name that is the same whoever makes the black box: UTC time and what tripped."""
+    at = datetime.fromtimestamp(round(trigger.at_s, 3), UTC)
+    return f"{at.strftime('%Y%m%dT%H%M%S')}.{at.microsecond // 1000:03}Z-{trigger.code}"

@@ -1,0 +1,41 @@
+"""A report or a black box as one HTML file: the page of the front end with its data inside, to print or to hand over.
+
+The page is `frontend/document.html`, built into one file that asks for nothing else.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from importlib.resources import files
+from typing import Final
+
+from app.analysis.black_box.box import BlackBox
+from app.analysis.report.report import Report
+from app.errors import AppError
+from app.words import Message
+
+TEMPLATE: Final = files("app") / "static" / "document.html"
+SLOT: Final = '<script type="application/json" id="data">'
+
+
+class NotBuilt(AppError):
+    """The page that documents are made of is missing."""
+
+    def __init__(self) -> None:
+        super().__init__(Message("document-not-built"))
+
+
+def document(subject: Report | BlackBox, language: str = "en") -> str:
+    """Return the whole document; `language` is that of its words.
+
+    Raises:
+        NotBuilt: the front end was not built.
+    """
+    try:
+        page = TEMPLATE.read_text(encoding="utf-8")
+    except OSError as error:
+        raise NotBuilt from error
+    kind = "report" if isinstance(subject, Report) else "black-box"
+    body = json.dumps({"kind": kind, "language": language, "data": asdict(subject)}, separators=(",", ":"))
+    return page.replace(SLOT, SLOT + body.replace("<", "\\u003c"), 1)  # no end of the script within its data

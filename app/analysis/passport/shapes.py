@@ -1,0 +1,100 @@
+"""Cell passports as they are sent and drawn: every cell now, and the life of one cell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from app.analysis.passport.history import Drift
+from app.analysis.passport.keeper import PassportKeeper
+from app.analysis.totals import listed, number
+from app.sessions.passport_store import StoredSwap
+
+
+@dataclass(frozen=True)
+class AllPassports:
+    """Every cell as it is now, out of all sessions read; `reading` of `to_read` while more are read."""
+
+    sessions: int
+    reading: int
+    to_read: int
+    capacity_ah: list[float | None]
+    capacity_sigma_ah: list[float | None]
+    resistance_ohm: list[float | None]
+    resistance_relative: list[float | None]
+    self_discharge_per_day: list[float | None]
+    balancing_h: list[float | None]
+    rank: list[float | None]
+    drifts: list[Drift]
+    swaps: list[StoredSwap]
+
+
+@dataclass(frozen=True)
+class PassportEntry:
+    """What one session told about a cell; `line` counts its modules from 0."""
+
+    session_id: str
+    time_s: float
+    line: int
+    capacity_ah: float | None
+    capacity_sigma_ah: float | None
+    resistance_ohm: float | None
+    resistance_relative: float | None
+    self_discharge_per_day: float | None
+    balancing_h: float | None
+
+
+@dataclass(frozen=True)
+class CellPassport:
+    """The life of one cell's place, the oldest session first."""
+
+    cell: int
+    rank: float | None
+    entries: list[PassportEntry]
+    drifts: list[Drift]
+    swaps: list[StoredSwap]
+
+
+def all_passports(keeper: PassportKeeper) -> AllPassports:
+    """Return every cell as it is now."""
+    made = keeper.passports()
+    reading, to_read = keeper.progress
+    return AllPassports(
+        sessions=len(made.sessions),
+        reading=reading,
+        to_read=to_read,
+        capacity_ah=listed(made.now("capacity_ah")),
+        capacity_sigma_ah=listed(made.now("capacity_sigma_ah")),
+        resistance_ohm=listed(made.now("resistance_ohm")),
+        resistance_relative=listed(made.now("resistance_relative")),
+        self_discharge_per_day=listed(made.now("self_discharge_per_day")),
+        balancing_h=listed(made.now("balancing_h")),
+        rank=listed(made.rank),
+        drifts=list(made.drifts),
+        swaps=keeper.store.swaps(),
+    )
+
+
+def cell_passport(keeper: PassportKeeper, cell: int) -> CellPassport:
+    """Return the life of one cell, session by session."""
+    made = keeper.passports()
+    entries = [
+        PassportEntry(
+            session_id=session_id,
+            time_s=float(made.times_s[k]),
+            line=int(made.line[k, cell]),
+            capacity_ah=number(made.capacity_ah[k, cell]),
+            capacity_sigma_ah=number(made.capacity_sigma_ah[k, cell]),
+            resistance_ohm=number(made.resistance_ohm[k, cell]),
+            resistance_relative=number(made.resistance_relative[k, cell]),
+            self_discharge_per_day=number(made.self_discharge_per_day[k, cell]),
+            balancing_h=number(made.balancing_h[k, cell]),
+        )
+        for k, session_id in enumerate(made.sessions)
+    ]
+    return CellPassport(
+        cell=cell,
+        rank=number(made.rank[cell]),
+        entries=entries,
+        drifts=[drift for drift in made.drifts if drift.cell == cell],
+        swaps=[swap for swap in keeper.store.swaps() if cell in swap.cells],
+    )

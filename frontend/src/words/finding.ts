@@ -1,0 +1,20 @@
+// What an analysis says, as a sentence of the page's language.
+
+import type { AnalysisFinding } from '../link/types';
+import { MINUS } from '../format';
+import { told } from './words.svelte';
+
+/** A number stays beside its unit, and a minus is one. */
+const whole = (text: string): string =>
+  text
+    .replace(/(?<![\p{L}\d])-(?=\d)/gu, MINUS)
+    .replace(/(\d) (%|A|V|Ah|mV|K|s|min|h|kWh|°C|mΩ)(?![\p{L}])/gu, '$1\u00a0$2');
+
+/** What is said, as part of a sentence. */
+export const phrase = (finding: AnalysisFinding): string => whole(told(finding, finding.text));
+
+/** What is said, as a sentence: it begins with a capital letter. */
+export function sentence(finding: AnalysisFinding): string {
+  const text = phrase(finding);
+  return text.slice(0, 1).toUpperCase() + text.slice(1);
+}
