@@ -274,10 +274,15 @@ class SessionFile:
         track, order = _joined([part.track for part in parts])
         tables = []
         for part in parts:
-            values = np.full((len(part.track.times_us), n_elements), np.nan)
-            values[:, part.elements] = signal.physical(part.counts)
+            values = signal.physical(np.ascontiguousarray(part.counts))
+            if len(part.elements) < n_elements:
+                of_part, values = values, np.full((len(values), n_elements), np.nan)
+                values[:, part.elements] = of_part
             tables.append(values)
-        return FieldSamples((track.times_us * 1000 + self._offset_ns) / 1e9, np.concatenate(tables)[order])
+        return FieldSamples(
+            (track.times_us * 1000 + self._offset_ns) / 1e9,
+            (tables[0] if len(tables) == 1 else np.concatenate(tables))[order],
+        )
 
     def note(self, key: str) -> Any:
         """What somebody settled about the session afterwards, None where nobody did."""
