@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, settings
 
 from tests.c_programs import CMaster, build_program
 from tests.campaign import tell_figure
-from tests.service_process import Service
+from tests.service_process import Service, until
 
 # On a loaded machine the time of one example says nothing.
 settings.register_profile("voltwall", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -114,7 +114,7 @@ def read_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """One service for all tests that only read; its master has a stored configuration, as in the car."""
     running = live_service(tmp_path_factory.mktemp("read"), "race-day")
     with running.client() as client:
-        client.post("/config/store").raise_for_status()
+        until(lambda: client.post("/config/store").is_success)
     yield running
     running.stop()
 
