@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from app.analysis.report.page import report_page
 
 from app.analysis.black_box.from_session import black_boxes
 from app.analysis.laps.detection import laps_by_pattern
@@ -23,6 +22,8 @@ from app.analysis.session_survey import survey_session
 from app.estimation.cell_model.cell_file import load_cell
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.writer import Recorder
+from app.telemetry.events import Event
+from app.words import Message
 from benchmarks.recording import EPOCH_NS, stream
 from firmware_protocol.memory_map import N_CELLS
 from tests.fake_clock import FunctionClock
@@ -46,8 +47,9 @@ def record(folder: Path, hours: float) -> Path:
             recorder.estimates(at_ns, round(at_s * 1000), soc - at_s * 4e-5, np.full(N_CELLS, 0.01))
         if at_s > next_trip_s:
             next_trip_s += TRIP_EVERY_S
-            now = at_ns, EPOCH_NS + at_ns
-            recorder.event(*now, "trip", "trip-v-min", "cell under-voltage", cell=30, value=2.4, limit=2.5, unit="V")
+            told = Message("verbatim", text="cell under-voltage")
+            trip = Event(EPOCH_NS + at_ns, "trip", "trip-v-min", told, cell=30, value=2.4, limit=2.5, unit="V")
+            recorder.event(at_ns, trip)
         if count % 5000 == 0:
             recorder.flush(60.0)
     recorder.close(60.0)
@@ -78,14 +80,12 @@ def main() -> None:
             totals = read_totals(session)
             table = lap_table(session)
             laps = [each.lap for each in table.laps]
-            report = report_of(session)
             actions: dict[str, Callable[[], object]] = {
                 "totals of the accumulator": lambda: read_totals(session),
                 "laps by the pattern of the power": lambda: laps_by_pattern(totals.time_s, totals.power_w),
                 f"lap table ({len(laps)} laps)": lambda: lap_table(session),
                 "survey of all cells": lambda: survey_session(session),
                 "report": lambda: report_of(session),
-                "report's page": lambda: report_page(report),
                 f"black boxes ({len(black_boxes(session))})": lambda: black_boxes(session),
                 "record for the cell passports": lambda: record_of(session, cell),
             }

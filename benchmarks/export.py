@@ -36,7 +36,7 @@ print(json.dumps([spent_s, hashlib.sha256(Path(target).read_bytes()).hexdigest()
 
 def export_once(checkout: Path, session: Path, target: Path, export_format: str) -> tuple[float, str]:
     """Return the CPU time of one export [s] and the digest of the file."""
-    command = [checkout / ".venv/bin/python", "-c", _CHILD, session, target, export_format]
+    command = [str(checkout / ".venv/bin/python"), "-c", _CHILD, str(session), str(target), export_format]
     done = subprocess.run(command, cwd=checkout, check=True, capture_output=True, text=True)
     spent_s, digest = json.loads(done.stdout)
     return spent_s, digest
@@ -71,7 +71,8 @@ def main() -> None:
 def record(checkout: Path, folder: Path, minutes: float) -> Path:
     """Record the simulated car's endurance and return the file."""
     seconds = str(60 * minutes)
-    command = [checkout / ".venv/bin/python", "-m", "benchmarks.record_scenario", "clean-endurance", folder / "made"]
+    python, made = str(checkout / ".venv/bin/python"), str(folder / "made")
+    command = [python, "-m", "benchmarks.record_scenario", "clean-endurance", made]
     subprocess.run([*command, "--seconds", seconds], cwd=checkout, check=True, capture_output=True)
     return next((folder / "made").glob("*.sqlite"))
 
