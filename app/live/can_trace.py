@@ -4,7 +4,7 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 
-from app.telemetry import CanItem, Item
+from app.sources.items import CanItem, Item
 
 LENGTH = 20_000  # twenty seconds of a busy bus
 MAX_IDS = 4096  # a bus with noise on its ids must not fill the memory

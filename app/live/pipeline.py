@@ -19,8 +19,9 @@ from app.live.alarms import Watch
 from app.live.cells import cells_of, packs_of
 from app.live.plausibility import PlausibilityChecks
 from app.live.prediction import Assessment, Predictor
+from app.sources.items import Item
 from app.sources.source import NOTHING_RECEIVED, MeasurementSource, Received
-from app.telemetry import Estimator, Event, FloatArray, Identity, Item, ProtectionLimits, Snapshot, Source
+from app.telemetry import Estimator, Event, FloatArray, Identity, ProtectionLimits, Snapshot, Source
 from app.telemetry.measurement import BLANK_S, Measurement
 from app.words import Message
 

@@ -4,7 +4,7 @@ import contextlib
 import queue
 import threading
 
-from app.telemetry import Item
+from app.sources.items import Item
 
 SIZE = 4096  # beyond it the links wait, and what the line cannot hold shows up as a gap in the sequence
 RETRY_S = 0.5

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from app.clock import Clock
 from app.errors import LinkLost
 from app.live.pipeline import Output
+from app.sources.items import Item
 from app.sources.links.can import CanLink
 from app.sources.links.can_sender import CanSender
 from app.sources.links.serial import SerialLink
 from app.sources.master.client import MasterClient
-from app.telemetry import Item
 from app.words import Message
 
 

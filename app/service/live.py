@@ -14,7 +14,8 @@ from app.live.trend import Trend
 from app.service.failures import Failures
 from app.service.inbox import Inbox
 from app.sessions.replay import ReplayPlayer
-from app.telemetry import Identity, Item, Snapshot
+from app.sources.items import Item
+from app.telemetry import Identity, Snapshot
 from app.words import Message, Quantity
 
 log = logging.getLogger(__name__)

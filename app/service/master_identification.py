@@ -7,8 +7,8 @@ from concurrent.futures import Executor
 from app.clock import Clock
 from app.configuration.safe_write import Configuration
 from app.errors import AppError
+from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.master.client import MasterClient
-from app.telemetry import Item, LinkChange, SerialItem
 from firmware_protocol.framing import BadFrame, Frame
 from firmware_protocol.messages import EventCode, MessageType
 

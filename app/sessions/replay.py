@@ -20,7 +20,8 @@ from app.sessions.info import RecordedCanFrame, RecordedFrame
 from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.recorded_estimates import RecordedEstimates
 from app.sessions.replay_schedule import MIN_LOOP_S, Pacer
-from app.telemetry import CanItem, FloatArray, Item, LinkChange, SerialItem, Snapshot
+from app.sources.items import CanItem, Item, LinkChange, SerialItem
+from app.telemetry import FloatArray, Snapshot
 from app.telemetry.service_state import Replay, ReplayCompared
 from app.words import Message
 from firmware_protocol.framing import decode_chunk

@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from app.telemetry import Event, Identity, Item, Source
+from app.sources.items import Item
+from app.telemetry import Event, Identity, Source
 from app.telemetry.measurement import Measurement
 from firmware_protocol.messages import Reply
 

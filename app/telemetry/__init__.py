@@ -1,22 +1,17 @@
-"""What flows through the service: items from the links, events, snapshots to the readers. Frozen, SI units."""
+"""What flows through the service: measurements, events, snapshots to the readers. Frozen, SI units, no protocol."""
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.telemetry.events import (
     Alarm,
     AlarmSeverity,
     BusState,
-    CanFault,
-    CanItem,
     Disagreement,
     Event,
     Identity,
-    Item,
-    LinkChange,
     LinkName,
     Links,
     LinkState,
     LinkStatus,
-    SerialItem,
     Severity,
 )
 from app.telemetry.snapshot import (
@@ -46,8 +41,6 @@ __all__ = [
     "AlarmSeverity",
     "BoolArray",
     "BusState",
-    "CanFault",
-    "CanItem",
     "Cells",
     "Charger",
     "ChargerState",
@@ -59,8 +52,6 @@ __all__ = [
     "Flags",
     "FloatArray",
     "Identity",
-    "Item",
-    "LinkChange",
     "LinkName",
     "LinkState",
     "LinkStatus",
@@ -71,7 +62,6 @@ __all__ = [
     "Plausibility",
     "Prediction",
     "ProtectionLimits",
-    "SerialItem",
     "Severity",
     "Snapshot",
     "Source",

@@ -1,63 +1,16 @@
-"""Items from the links, what is known of the links, events and alarms. Frozen, SI units, no behaviour."""
+"""What is known of the links, events and alarms. Frozen, SI units, no behaviour."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from app.telemetry.fields import TOLD, SentAs, Unit
 from app.words import Message, Text, render
-from firmware_protocol.framing import BadFrame, Frame
 
 LinkName = Literal["rs232", "can"]
 LinkState = Literal["off", "connecting", "silent", "live", "lost"]
 BusState = Literal["active", "warning", "passive", "off"]
 Severity = Literal["info", "watch", "warning", "trip"]
 AlarmSeverity = Literal["watch", "warning", "trip"]
-
-
-@dataclass(frozen=True, slots=True)
-class SerialItem:
-    """A frame, good or bad, with the instant at which its last byte was read."""
-
-    t_mono_ns: int
-    t_wall_ns: int
-    frame: Frame | BadFrame
-
-
-@dataclass(frozen=True, slots=True)
-class CanItem:
-    """A CAN data frame; bit 31 of the id marks a 29-bit one."""
-
-    t_mono_ns: int
-    t_wall_ns: int
-    can_id: int
-    data: bytes
-    sent: bool = False  # by this service
-
-
-@dataclass(frozen=True, slots=True)
-class LinkChange:
-    """A link opened, closed or failed."""
-
-    t_mono_ns: int
-    t_wall_ns: int
-    link: LinkName
-    state: Literal["connecting", "open", "lost"]
-    error: Text | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class CanFault:
-    """What the CAN adapter's controller says, None where it does not; `errors` since the bus was opened."""
-
-    t_mono_ns: int
-    t_wall_ns: int
-    bus_state: BusState | None
-    errors: int | None
-    tx_errors: int | None = None  # the controller's error counters, 0..255
-    rx_errors: int | None = None
-
-
-Item = SerialItem | CanItem | CanFault | LinkChange
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,9 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.service.mqtt import MqttPublisher, parse_broker
+from app.sources.items import LinkChange
 from app.sources.master.source import MasterSource
-from app.telemetry import Event, LinkChange
+from app.telemetry import Event
 from app.words import Message
 from tests.unit.app.conftest import FakeMaster
 

@@ -14,6 +14,7 @@ SIZE = "3m"
 FILL = """
 import os, time
 from pathlib import Path
+from app.sources.items import SerialItem
 from app.clock import Clock
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.reading.reader import SessionFile
@@ -54,7 +55,6 @@ from pathlib import Path
 from app.sessions.catalogue import Catalogue
 from app.clock import Clock
 from app.sessions.recording.auto_recorder import AutoRecorder
-from app.telemetry import SerialItem
 from firmware_protocol.framing import decode_chunk, encode_frame
 
 disk = Path(os.environ["DISK"])

@@ -15,8 +15,8 @@ from app.api.schemas.snapshot import SnapshotOut
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Output, Pipeline
+from app.sources.items import CanItem, Item, LinkChange, SerialItem
 from app.sources.master.source import MasterSource
-from app.telemetry import CanItem, Item, LinkChange, SerialItem
 from app.telemetry.service_state import ServiceState
 from firmware_protocol.framing import FrameDecoder, decode_chunk, encode_frame
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, FIELDS, MASTER_SIZE, N_CELLS

@@ -12,8 +12,9 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Output, Pipeline
 from app.live.prediction import Predictor
 from app.sessions.recording.writer import Recorder
+from app.sources.items import LinkChange, SerialItem
 from app.sources.master.source import MasterSource
-from app.telemetry import FloatArray, LinkChange, SerialItem
+from app.telemetry import FloatArray
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import N_CELLS
 from simulator.library import find_scenario

@@ -7,7 +7,8 @@ from typing import Any
 from app.clock import Clock
 from app.configuration.can_rules import wire_id
 from app.live.can_trace import CanTrace, TracedId
-from app.telemetry import CanItem, Snapshot
+from app.sources.items import CanItem
+from app.telemetry import Snapshot
 from firmware_protocol.can_latency import Cyclic, cyclic_messages, worst_latencies_s
 from firmware_protocol.can_tables import (
     RxMessage,

@@ -10,8 +10,8 @@ import numpy as np
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
+from app.sources.items import SerialItem
 from app.sources.master.source import MasterSource
-from app.telemetry import SerialItem
 from firmware_protocol.config_image import default_image
 from firmware_protocol.framing import FrameDecoder, encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE, N_CELLS

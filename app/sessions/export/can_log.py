@@ -7,7 +7,7 @@ import can
 
 from app.errors import ConfigError
 from app.sessions.export.table import SignalTable
-from app.telemetry import CanItem
+from app.sources.items import CanItem
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 CHANNEL = "can0"

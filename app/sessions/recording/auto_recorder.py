@@ -12,7 +12,8 @@ from app.live.pipeline import Output
 from app.sessions.info import RecorderStatus, SessionInfo
 from app.sessions.recording.plan import RecordingPlan, load_plan, next_part, save_plan
 from app.sessions.recording.writer import DiskLimits, Recorder
-from app.telemetry import CanItem, Event, Item, SerialItem, Severity, Source
+from app.sources.items import CanItem, Item, SerialItem
+from app.telemetry import Event, Severity, Source
 from app.words import Message
 from firmware_protocol.framing import Frame
 

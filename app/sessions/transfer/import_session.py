@@ -15,11 +15,11 @@ from app.sessions.info import SessionInfo
 from app.sessions.recording.session_writer import Item, SessionWriter, event_item
 from app.sessions.storage.chunks import FOREIGN_CAN
 from app.sessions.storage.files import new_file
+from app.sources.items import SerialItem
 from app.sources.recordings import can_log
 from app.sources.recordings.battery_log import BatteryLog, battery_log
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import Table, load_table
-from app.telemetry import SerialItem
 from firmware_protocol.framing import decode_chunk, encode_frame
 from firmware_protocol.memory_map import FIELDS, MAP_HASH, MASTER_SIZE, T_MISSING, V_MISSING
 from firmware_protocol.messages import Data, MessageType, Window

@@ -8,10 +8,10 @@ from urllib.parse import parse_qsl
 
 from app.clock import Clock
 from app.errors import ConfigError, LinkLost, told_by
+from app.sources.items import CanFault, CanItem, Item, LinkChange
 from app.sources.links.backoff import Backoff
 from app.sources.links.can_controller import ControllerWatch
 from app.sources.links.python_can import can
-from app.telemetry import CanFault, CanItem, Item, LinkChange
 from app.words import Message, Text
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 

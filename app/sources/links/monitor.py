@@ -3,7 +3,8 @@
 from collections import deque
 from dataclasses import dataclass, field
 
-from app.telemetry import CanFault, LinkChange, LinkState, LinkStatus
+from app.sources.items import CanFault, LinkChange
+from app.telemetry import LinkState, LinkStatus
 from app.words import Text
 from firmware_protocol.can_tables import worst_case_bits
 from firmware_protocol.framing import LINE_BYTES_PER_S, BadFrame, BadReason, Frame

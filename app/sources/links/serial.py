@@ -14,8 +14,8 @@ import serial
 
 from app.clock import Clock
 from app.errors import ConfigError, LinkLost, told_by
+from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.links.backoff import Backoff
-from app.telemetry import Item, LinkChange, SerialItem
 from app.words import Message, Text
 from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM, FrameDecoder
 

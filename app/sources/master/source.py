@@ -5,6 +5,7 @@ Everything that knows the master's protocol stands in this folder; a measurement
 
 from dataclasses import replace
 
+from app.sources.items import CanFault, CanItem, Item, LinkChange, SerialItem
 from app.sources.links.monitor import LinkMonitor, rs232_monitor
 from app.sources.master.agreement import Agreement
 from app.sources.master.decode import PARTS, Decoder
@@ -12,21 +13,7 @@ from app.sources.master.events import describe
 from app.sources.master.shadow import ShadowImage
 from app.sources.master.status import state_of
 from app.sources.source import Received
-from app.telemetry import (
-    BusState,
-    CanFault,
-    CanItem,
-    Charger,
-    Event,
-    Identity,
-    Item,
-    LinkChange,
-    Links,
-    Master,
-    SerialItem,
-    Severity,
-    Source,
-)
+from app.telemetry import BusState, Charger, Event, Identity, Links, Master, Severity, Source
 from app.telemetry.link_messages import link_lost
 from app.telemetry.measurement import Measurement
 from app.words import Message

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from app.telemetry import SerialItem
+from app.sources.items import SerialItem
 from firmware_protocol.config_image import default_image
 from firmware_protocol.framing import decode_chunk, encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE

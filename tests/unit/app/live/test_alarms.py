@@ -3,8 +3,8 @@ import pytest
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
+from app.sources.items import LinkChange
 from app.sources.master.source import MasterSource
-from app.telemetry import LinkChange
 
 CELL = load_cell("samsung-25r-10p")
 

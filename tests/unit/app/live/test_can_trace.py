@@ -1,7 +1,7 @@
 import pytest
 
 from app.live.can_trace import LENGTH, MAX_IDS, CanTrace
-from app.telemetry import CanItem
+from app.sources.items import CanItem
 
 
 def item(can_id=1, data=b"\0\0", t_s=0.0):

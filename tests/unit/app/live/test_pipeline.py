@@ -7,8 +7,8 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
+from app.sources.items import CanItem, LinkChange
 from app.sources.master.source import MasterSource
-from app.telemetry import CanItem, LinkChange
 from app.words import render
 from firmware_protocol.framing import decode_chunk
 from firmware_protocol.memory_map import FIELDS

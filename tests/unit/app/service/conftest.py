@@ -10,7 +10,7 @@ from app.service.inbox import Inbox
 from app.service.live import Live
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
-from app.telemetry import Item
+from app.sources.items import Item
 from tests.fake_clock import FakeClock
 
 

@@ -4,7 +4,8 @@ import pytest
 
 from app.service.events import Events
 from app.sessions.event_log import EventLog
-from app.telemetry import Event, LinkChange
+from app.sources.items import LinkChange
+from app.telemetry import Event
 
 
 @pytest.fixture

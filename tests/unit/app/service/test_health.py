@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from app.service.health import Health
-from app.telemetry import LinkChange
+from app.sources.items import LinkChange
 from app.words import Message
 
 

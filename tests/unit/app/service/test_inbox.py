@@ -3,7 +3,7 @@
 import threading
 
 from app.service.inbox import Inbox
-from app.telemetry import CanItem
+from app.sources.items import CanItem
 
 
 def item(number: int) -> CanItem:

@@ -4,7 +4,7 @@ import pytest
 
 from app.errors import NotNow
 from app.service.live import STALL_S
-from app.telemetry import CanItem
+from app.sources.items import CanItem
 from app.words import Message, render
 
 

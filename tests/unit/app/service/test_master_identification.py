@@ -7,7 +7,7 @@ import pytest
 
 from app.errors import MasterSilent
 from app.service.master_identification import AGAIN_S, MasterIdentification
-from app.telemetry import CanItem, LinkChange
+from app.sources.items import CanItem, LinkChange
 from firmware_protocol.messages import EventCode, MessageType
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from app.errors import ConfigError
 from app.service.mqtt import messages, parse_broker
-from app.telemetry import LinkChange
+from app.sources.items import LinkChange
 from app.telemetry.service_state import Recording
 
 

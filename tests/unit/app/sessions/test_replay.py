@@ -11,8 +11,8 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sessions.recording.writer import Recorder
 from app.sessions.replay import ReplayOptions, ReplayPlayer
+from app.sources.items import SerialItem
 from app.sources.master.source import MasterSource
-from app.telemetry import SerialItem
 from tests.fake_clock import FunctionClock
 
 RECORDED_SOC = 0.42

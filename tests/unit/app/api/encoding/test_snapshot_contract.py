@@ -11,7 +11,7 @@ import pytest
 
 from app.api.encoding.snapshot import snapshot_json
 from app.live.pipeline_factory import Chain
-from app.telemetry import CanFault, CanItem, LinkChange
+from app.sources.items import CanFault, CanItem, LinkChange
 from app.telemetry.service_state import ServiceState
 from firmware_protocol.messages import EventCode, EventMessage, Ident, MessageType, Reply
 

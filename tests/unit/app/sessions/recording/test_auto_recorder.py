@@ -11,8 +11,8 @@ from app.live.pipeline import Pipeline
 from app.sessions.catalogue import Catalogue
 from app.sessions.recording.auto_recorder import GONE_S, AutoRecorder
 from app.sessions.recording.writer import DiskLimits
+from app.sources.items import CanItem, LinkChange
 from app.sources.master.source import MasterSource
-from app.telemetry import CanItem, LinkChange
 from firmware_protocol.framing import decode_chunk
 from tests.fake_clock import FakeClock
 

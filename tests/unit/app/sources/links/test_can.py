@@ -8,8 +8,8 @@ import pytest
 
 from app.clock import Clock
 from app.errors import LinkLost
+from app.sources.items import CanFault, CanItem, LinkChange
 from app.sources.links.can import CanLink
-from app.telemetry import CanFault, CanItem, LinkChange
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 

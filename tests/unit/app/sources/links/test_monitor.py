@@ -1,7 +1,7 @@
 import pytest
 
+from app.sources.items import CanFault, LinkChange
 from app.sources.links.monitor import LinkMonitor, rs232_monitor
-from app.telemetry import CanFault, LinkChange
 from firmware_protocol.framing import BadFrame, BadReason, Frame
 
 

@@ -3,8 +3,9 @@ from dataclasses import asdict, fields
 import numpy as np
 import pytest
 
+from app.sources.items import CanItem, LinkChange
 from app.sources.master.source import MasterSource
-from app.telemetry import CanItem, Flags, LinkChange
+from app.telemetry import Flags
 from firmware_protocol.memory_map import CONFIG, STATUS_FLAGS
 from firmware_protocol.messages import EventCode, EventMessage, Ident, MessageType, Reply
 

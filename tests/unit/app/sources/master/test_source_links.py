@@ -2,8 +2,8 @@
 
 import pytest
 
+from app.sources.items import CanFault, CanItem, LinkChange, SerialItem
 from app.sources.master.source import MasterSource
-from app.telemetry import CanFault, CanItem, LinkChange, SerialItem
 from app.words import render
 from firmware_protocol.framing import BadFrame, BadReason
 from firmware_protocol.memory_map import CONFIG

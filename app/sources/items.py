@@ -1,0 +1,54 @@
+"""Items: what the links deliver, each with the instant at which it came."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from app.telemetry import BusState, LinkName
+from app.words import Text
+from firmware_protocol.framing import BadFrame, Frame
+
+
+@dataclass(frozen=True, slots=True)
+class SerialItem:
+    """A frame, good or bad, with the instant at which its last byte was read."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    frame: Frame | BadFrame
+
+
+@dataclass(frozen=True, slots=True)
+class CanItem:
+    """A CAN data frame; bit 31 of the id marks a 29-bit one."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    can_id: int
+    data: bytes
+    sent: bool = False  # by this service
+
+
+@dataclass(frozen=True, slots=True)
+class LinkChange:
+    """A link opened, closed or failed."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    link: LinkName
+    state: Literal["connecting", "open", "lost"]
+    error: Text | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CanFault:
+    """What the CAN adapter's controller says, None where it does not; `errors` since the bus was opened."""
+
+    t_mono_ns: int
+    t_wall_ns: int
+    bus_state: BusState | None
+    errors: int | None
+    tx_errors: int | None = None  # the controller's error counters, 0..255
+    rx_errors: int | None = None
+
+
+Item = SerialItem | CanItem | CanFault | LinkChange
