@@ -12,7 +12,7 @@ from simulator.library import library
 from simulator.master import VirtualMaster
 from simulator.relays import RelayState
 from simulator.runner import MIN_SPEED, Runner
-from simulator.scenario_player import ScenarioPlayer
+from simulator.scenario_player import Notice, ScenarioPlayer
 
 MAX_SPEED = 1000.0  # what a page may ask for
 MAX_UNPLUGGED_S = 3600.0
@@ -74,7 +74,7 @@ class Control:
             "master_is_running": simulation.master is not None,
             "relays": _relays(simulation.master),
             "link_v": round(simulation.link.voltage_v, 1),
-            "notices": [{"at_s": round(notice.at_s, 3), "text": notice.text} for notice in self._player.notices],
+            "notices": [_notice_json(notice) for notice in self._player.notices],
             "active": [_fault_json(fault) for fault in self._player.faults.active],
         }
 
@@ -145,6 +145,11 @@ def _relays(master: VirtualMaster | None) -> str:
     if master is None:
         return RelayState.OPEN.value
     return "precharge failed" if master.has_precharge_failed else master.relay_state.value
+
+
+def _notice_json(notice: Notice) -> dict[str, Any]:
+    words = {"code": notice.code, "args": {"action": notice.action, "planned_s": notice.planned_s}}
+    return {"at_s": round(notice.at_s, 3), "text": notice.text, "text_words": words}
 
 
 def _fault_json(fault: ActiveFault) -> dict[str, Any]:

@@ -39,12 +39,26 @@ _COMMANDS = {
 }
 
 
+NOTICES = {  # in English; a reader in another language translates by the code
+    "action-master-off": "{action} did nothing: the master is off",
+    "action-refused": "the master refused {action}: not in its state",
+    "action-never-came": "{action} at {planned_s} s never came: the phases were over",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Notice:
     """A part of the scenario that could not be carried out."""
 
     at_s: float
-    text: str
+    code: str
+    action: str
+    planned_s: float
+
+    @property
+    def text(self) -> str:
+        """What did not happen, and why."""
+        return NOTICES[self.code].format(action=self.action, planned_s=f"{self.planned_s:g}")
 
     def __str__(self) -> str:
         return f"at {self.at_s:g} s: {self.text}"
@@ -122,17 +136,17 @@ class ScenarioPlayer:
         if isinstance(plan, FaultPlan):
             self.faults.inject(plan.name, plan.target, plan.value, plan.for_s)
         elif self.simulation.master is None:
-            self._notice(f"{plan} did nothing: the master is off")
+            self._notice("action-master-off", plan)
         elif not self._act(plan):
-            self._notice(f"the master refused {plan}: not in its state")
+            self._notice("action-refused", plan)
 
     def _act(self, plan: ActionPlan) -> bool:
         if plan.name == "store":
             return self._request_store()
         return self._command(_COMMANDS[plan.name], round((plan.argument or 0.0) * SOC_SCALE))
 
-    def _notice(self, text: str) -> None:
-        notice = Notice(self.simulation.now_s, text)
+    def _notice(self, code: str, plan: FaultPlan | ActionPlan) -> None:
+        notice = Notice(self.simulation.now_s, code, str(plan), plan.at_s)
         self.notices.append(notice)
         if self.on_notice is not None:
             self.on_notice(notice)
@@ -195,7 +209,7 @@ class ScenarioPlayer:
 
     def _end_round(self) -> None:
         for plan in self._timeline:
-            self._notice(f"{plan} at {plan.at_s:g} s never came: the phases were over")
+            self._notice("action-never-came", plan)
         self._timeline.clear()
         if self.scenario.loop:
             self._phase_index = 0

@@ -7,6 +7,7 @@ const alarm = (id: number, part: Partial<Alarm> = {}): Alarm => ({
   code: 'cell-hot',
   severity: 'trip',
   text: 'cell too hot',
+  text_words: null,
   cell: 3,
   value: 61,
   limit: 60,

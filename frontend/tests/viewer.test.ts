@@ -10,6 +10,7 @@ const event = (time: number, code: string, severity: SessionEvent['severity']): 
   severity,
   code,
   text: code,
+  text_words: null,
   cell: null,
   value: null,
   limit: null,

@@ -5,9 +5,8 @@ import { join } from 'node:path';
 import { parse } from 'svelte/compiler';
 import { describe, expect, it } from 'vitest';
 import vectors from '../../tests/vectors/words.json';
-import { SAID } from '../src/words/nb';
 import { render, type Message, type Table } from '../src/words/render';
-import { chosen, fill, load, said, t, told } from '../src/words/words.svelte';
+import { chosen, fill, load, named, t, told } from '../src/words/words.svelte';
 
 const SRC = join(import.meta.dirname, '../src');
 const PAGE = join(import.meta.dirname, '../../app/words/nb/page');
@@ -116,14 +115,6 @@ describe('words', () => {
     expect(wrong).toEqual([]);
   });
 
-  it('has a pattern for each value that a sentence of the service takes over', () => {
-    const wrong = SAID.patterns.filter(([pattern, words]) => {
-      const groups = new RegExp(`${pattern.source}|`).exec('')!.length - 1;
-      return [...words.matchAll(/\$(\d)/g)].some((m) => Number(m[1]) > groups);
-    });
-    expect(wrong).toEqual([]);
-  });
-
   it('fills values in and leaves an unknown name alone', () => {
     expect(fill('{n} of {m}', { n: 3 })).toBe('3 of {m}');
   });
@@ -144,26 +135,13 @@ describe('words', () => {
     chosen.words = null;
   });
 
-  it('speaks Norwegian once chosen, the sentences of the service too', async () => {
+  it('speaks Norwegian once chosen, names of the data too', async () => {
     chosen.words = await load('nb');
-    chosen.said = SAID;
     expect(t('pack {pack}, cell {cell}', { pack: 3, cell: 7 })).toBe('pakke 3, celle 7');
-    expect(said('shutdown circuit open: cell under-voltage, pack 3, cell 7: 2.49 V, limit 2.5 V')).toBe(
-      'sikkerhetskretsen er åpen: underspenning i celle, pakke 3, celle 7: 2.49 V, grense 2.5 V',
-    );
-    expect(said('a sentence that no catalogue knows')).toBe('a sentence that no catalogue knows');
-    expect(said('Cell under-voltage, pack 6, cell 2: 2.43 V, limit 2.5 V.')).toBe(
-      'Underspenning i celle, pakke 6, celle 2: 2.43 V, grense 2.5 V.',
-    );
-    expect(
-      said(
-        '15 min, 6 min of it with current, 7 laps: 2.09 kWh out, 0.19 kWh in (9 %), charge from 50 to 25 %, hottest cell 43 °C.',
-      ),
-    ).toBe(
-      '15 min, 6 min av det med strøm, 7 runder: 2.09 kWh ut, 0.19 kWh inn (9 %), ladning fra 50 til 25 %, varmeste celle 43 °C.',
-    );
-    chosen.words = chosen.said = null;
-    expect(said('45 degC and 2 mohm by `serve`')).toBe('45 °C and 2 mΩ by serve');
+    expect(named('group.fans', 'fans')).toBe('vifter');
+    expect(named('group.of tomorrow', 'of tomorrow')).toBe('of tomorrow');
+    chosen.words = null;
+    expect(named('any', '45 degC and 2 mohm by `serve`')).toBe('45 °C and 2 mΩ by serve');
     expect(t('Overview')).toBe('Overview');
   });
 });

@@ -8,7 +8,12 @@ from pathlib import Path
 import pytest
 
 from app.api.web.problems import HTTP_SLUGS
+from app.sources.master.decode import CHARGER_FLAGS
 from app.words.render import languages, table
+from firmware_protocol.memory_map import CONFIG
+from simulator.fault_kinds import FAULTS
+from simulator.library import library
+from simulator.scenario_player import NOTICES
 
 ROOT = Path(__file__).resolve().parents[2]
 APP = ROOT / "app"
@@ -36,6 +41,7 @@ def used():
         code = call.args[0].value
         assert found.setdefault(code, names) == names, f"{place}: {code} has other arguments elsewhere"
     slugs = {call.args[1].value for _, call in calls("Problem") if isinstance(call.args[1], ast.Constant)}
+    found |= {code: placeholders(text) for code, text in NOTICES.items()}
     return found | {f"problem-{slug}": set() for slug in {*slugs, *HTTP_SLUGS.values(), "http"}}
 
 
@@ -75,3 +81,12 @@ def test_a_language_has_the_files_and_keys_of_the_first(language):
 def test_no_code_stands_in_two_files(language):
     codes = [code for each in files(language, "").values() for code in each]
     assert len(codes) == len(set(codes))
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_every_parameter_scenario_fault_and_flag_has_a_name(language):
+    wanted = {f"parameter.{name}" for name in CONFIG} | {f"group.{field.group}" for field in CONFIG.values()}
+    wanted |= {f"fault.{name}" for name in FAULTS} | {f"area.{kind.area}" for kind in FAULTS.values()}
+    wanted |= {f"scenario.{each.name}.{part}" for each in library()[0] for part in ("title", "description")}
+    wanted |= {f"flag.{flag}" for flag in CHARGER_FLAGS}
+    assert {key for each in files(language, "names").values() for key in each} == wanted

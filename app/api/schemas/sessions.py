@@ -57,6 +57,7 @@ class SessionEventOut(BaseModel):
     severity: Severity
     code: str
     text: str
+    text_words: WordsOut | None
     cell: int | None
     value: Number
     limit: Number

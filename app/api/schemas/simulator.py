@@ -5,6 +5,7 @@ from typing import Literal
 from pydantic import BaseModel
 
 from app.api.schemas.snapshot import Number
+from app.api.schemas.words import WordsOut
 
 
 class FaultInForceOut(BaseModel):
@@ -23,6 +24,7 @@ class NoticeOut(BaseModel):
 
     at_s: float
     text: str
+    text_words: WordsOut | None = None
 
 
 class SimulatorStatusOut(BaseModel):

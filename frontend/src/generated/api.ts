@@ -840,6 +840,7 @@ export interface Measured {
 export interface Notice {
   at_s: number;
   text: string;
+  text_words?: Words | null;
 }
 
 /** A cell that is unlike the others in one respect. */
@@ -1183,6 +1184,7 @@ export interface SessionEvent {
   severity: 'info' | 'watch' | 'warning' | 'trip';
   code: string;
   text: string;
+  text_words: Words | null;
   cell: number | null;
   value: number | null;
   limit: number | null;

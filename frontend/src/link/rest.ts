@@ -1,6 +1,7 @@
 // The REST client: every failure is a Problem that says what happened and which field it concerns.
 
-import { said } from '../words/words.svelte';
+import type { Words } from '../generated/api';
+import { t, told } from '../words/words.svelte';
 
 const BASE = '/api/v1';
 
@@ -28,12 +29,14 @@ export class Problem extends Error {
 
   /** What kind of failure it is, in the page's language. */
   get title(): string {
-    return said(this.message);
+    const type = this.body['type'];
+    const code = typeof type === 'string' ? type.replace('urn:voltwall:', 'problem-') : null;
+    return told(code ? { code, args: {} } : null, this.message);
   }
 
   /** One sentence for the page, in its language. */
   get sentence(): string {
-    return said(this.detail || this.message);
+    return told(this.body['detail_words'] as Words | undefined, this.detail || this.message);
   }
 }
 
@@ -59,11 +62,11 @@ export async function call<T>(path: string, options: Call = {}): Promise<T> {
     response = await fetch(apiUrl(path), request);
   } catch (error) {
     if (error instanceof DOMException && error.name === 'AbortError') throw error;
-    throw new Problem(0, 'The service does not answer', {
+    throw new Problem(0, t('The service does not answer'), {
       detail:
         request.method === 'GET'
-          ? 'The service does not answer.'
-          : 'The service does not answer. Whether it was done is not known.',
+          ? t('The service does not answer.')
+          : t('The service does not answer. Whether it was done is not known.'),
     });
   }
   if (response.ok) {
@@ -103,7 +106,9 @@ export async function send<T>(path: string, file: Blob): Promise<T> {
       body: file,
     });
   } catch {
-    throw new Problem(0, 'The file did not arrive', { detail: 'The file did not arrive at the service.' });
+    throw new Problem(0, t('The file did not arrive'), {
+      detail: t('The file did not arrive at the service.'),
+    });
   }
   if (response.ok) return (await response.json()) as T;
   throw await problemOf(response);

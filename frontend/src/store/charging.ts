@@ -2,7 +2,7 @@
 
 import type { Maybe, Snapshot } from '../link/types';
 import { cellName, fixed, quantity } from '../format';
-import { said, t } from '../words/words.svelte';
+import { named, t, told } from '../words/words.svelte';
 
 const LEAST_A = 0.2; // below it nothing is charged
 
@@ -14,11 +14,14 @@ export function whyNot(snapshot: Maybe<Snapshot>, known: boolean): string[] {
   if (flowing) return [];
   const reasons: string[] = [];
   if (master.fit === false)
-    reasons.push(t('The master holds the shutdown circuit open: {why}', { why: said(master.why) }));
+    reasons.push(
+      t('The master holds the shutdown circuit open: {why}', { why: told(master.why_words, master.why) }),
+    );
   if (master.flags && !master.flags['charger']) {
     reasons.push(t('No charger is heard on CAN: check its plug, its mains and the bit rate.'));
   }
-  for (const flag of charger.flags) reasons.push(t('The charger complains: {flag}', { flag: said(flag) }));
+  for (const flag of charger.flags)
+    reasons.push(t('The charger complains: {flag}', { flag: named(`flag.${flag}`, flag) }));
   const missing = cells.voltage_v.filter((v) => v === null).length;
   if (missing > 0) reasons.push(t('{n} cells have no voltage.', { n: missing }));
   if (charger.state === 'done') reasons.push(t('It is done: the cells are as full as the master allows.'));

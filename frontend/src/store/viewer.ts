@@ -45,6 +45,7 @@ export interface AlarmSpan {
   code: string;
   severity: Severity;
   text: string;
+  words: SessionEvent['text_words'];
   cell: Maybe<number>;
   from: number;
   to: number; // the end of the session where it never ended
@@ -75,6 +76,7 @@ export function alarmSpans(events: readonly SessionEvent[], end: number): AlarmS
       code: e.code,
       severity: e.severity,
       text: e.text,
+      words: e.text_words,
       cell: e.cell,
       from: e.time,
       to: MOMENTARY.has(e.code) ? e.time : end,
