@@ -41,7 +41,7 @@ describe('whyNot', () => {
     expect(whyNot(s, true)).toEqual([
       'The master holds the shutdown circuit open: cell too hot',
       'No charger is heard on CAN: check its plug, its mains and the bit rate.',
-      'The charger complains: input voltage',
+      'The charger reports a fault: input voltage',
       'Charging was not started.',
     ]);
   });

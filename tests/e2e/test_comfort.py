@@ -46,17 +46,17 @@ def test_the_sound_is_muted_for_a_time_and_stays_so(service, open_page):
     expect(page.get_by_test_id("sound-state")).to_contain_text("Muted until")
     page.reload()
     expect(page.get_by_test_id("sound-state")).to_contain_text("Muted until")
-    page.get_by_role("button", name="Sound again").click()
+    page.get_by_role("button", name="Unmute").click()
     expect(page.get_by_test_id("sound-state")).to_have_text("Sound on")
 
 
 def test_the_layout_is_as_it_was_left(service, open_page):
     page = open_page(f"{service.base_url}/#/packs")
     page.get_by_test_id("metric-temperature").click()
-    page.get_by_label("Hold the scale").check()
+    page.get_by_label("Fix the colour scale").check()
     page.reload()
     expect(page.get_by_test_id("metric-temperature")).to_have_attribute("aria-pressed", "true")
-    expect(page.get_by_label("Hold the scale")).to_be_checked()
+    expect(page.get_by_label("Fix the colour scale")).to_be_checked()
 
 
 def test_who_reads_and_where_phones_reach_it_is_told(service, open_page):

@@ -42,8 +42,8 @@ def test_laps_are_compared_corrected_and_kept(looked_back, open_page):
     page.get_by_role("button", name="Keep in the session").click()
     expect(rows).to_have_count(3)
     page.reload()
-    expect(page.get_by_text("2 laps, as settled")).to_be_visible()
-    page.get_by_role("button", name="Find them again").click()
+    expect(page.get_by_text("2 laps, corrected by hand")).to_be_visible()
+    page.get_by_role("button", name="Detect again").click()
     expect(rows).to_have_count(4)
 
 

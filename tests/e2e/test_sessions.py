@@ -41,7 +41,7 @@ def test_a_session_is_replayed_and_the_car_comes_back(make_service, open_page):
     page.get_by_role("button", name="Replay").first.click()
     expect(page.get_by_role("region", name="Replay")).to_be_visible()
     expect(page.get_by_test_id("recording")).to_contain_text("Replay")
-    page.get_by_role("button", name="Back to the car").click()
+    page.get_by_role("button", name="Back to live").click()
     expect(page.get_by_role("region", name="Replay")).to_be_hidden()
 
 

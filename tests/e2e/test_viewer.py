@@ -129,7 +129,7 @@ def test_another_session_is_laid_over(viewed, open_page):
     service, found = viewed
     page = open_page(f"{service.base_url}/#/sessions/{found['dip']}?with={found['calm']}")
     expect(page.get_by_test_id("over")).to_have_value(found["calm"])
-    expect(page.get_by_label("moved by")).to_be_visible()
+    expect(page.get_by_label("shifted by")).to_be_visible()
 
 
 def test_a_move_asks_for_the_new_view_and_nothing_else(viewed, open_page):

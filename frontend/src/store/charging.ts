@@ -21,7 +21,7 @@ export function whyNot(snapshot: Maybe<Snapshot>, known: boolean): string[] {
     reasons.push(t('No charger is heard on CAN: check its plug, its mains and the bit rate.'));
   }
   for (const flag of charger.flags)
-    reasons.push(t('The charger complains: {flag}', { flag: named(`flag.${flag}`, flag) }));
+    reasons.push(t('The charger reports a fault: {flag}', { flag: named(`flag.${flag}`, flag) }));
   const missing = cells.voltage_v.filter((v) => v === null).length;
   if (missing > 0) reasons.push(t('{n} cells have no voltage.', { n: missing }));
   if (charger.state === 'done') reasons.push(t('It is done: the cells are as full as the master allows.'));
