@@ -4,6 +4,7 @@
 times. multiprocessing's fork server imports once. What runs afterwards is what a command line starts.
 """
 
+import ctypes
 import importlib
 import os
 import signal
@@ -24,6 +25,7 @@ CONTEXT.set_forkserver_preload(
 )
 PARENTS_THREADS = 2  # of a service that starts its car: it does so before it has others
 POLL_S = 0.01
+PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
 class ForkedSimulator:
@@ -98,10 +100,17 @@ def _become(module: str, arguments: list[str], stdin: int, stdout: int) -> None:
         os._exit(code)
 
 
+def _end_with_parent() -> None:
+    """Be killed when the fork server ends: tests that were interrupted leave no service behind (Linux only)."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
 def _run(module: str, arguments: list[str], environment: dict[str, str], output: Connection) -> None:
     """Be the program of a module with these arguments, everything it says on one pipe."""
     from app.service import simulator_process
 
+    _end_with_parent()
     os.dup2(output.fileno(), 1)
     os.dup2(output.fileno(), 2)
     output.close()
