@@ -1,14 +1,16 @@
 """Black boxes on the disk: one file of their own in the data folder, so that they outlive their sessions."""
 
-from dataclasses import dataclass
+import json
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from app.sessions.storage.migrate import BLACKBOXES
 from app.sessions.storage.small_store import Store, packed
 from app.telemetry import Severity
+from app.words import Message, Text, message_from_json, render
 
-_COLUMNS = "id, t_wall_ns, session_id, code, severity, cell, text, is_complete"
+_COLUMNS = "id, t_wall_ns, session_id, code, severity, cell, text, is_complete, message"
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,7 @@ class StoredBox:
     code: str
     severity: Severity
     cell: int | None
-    text: str
+    message: Text  # what the event tells; English text alone in boxes of earlier versions
     is_complete: bool
 
 
@@ -54,12 +56,13 @@ class BlackBoxStore:
             box.code,
             box.severity,
             box.cell,
-            box.text,
+            render(box.message),
             int(box.is_complete),
+            json.dumps(asdict(box.message)) if isinstance(box.message, Message) else None,
             packed(body),
         )
         changed = self._store.change(
-            f"INSERT INTO blackboxes ({_COLUMNS}, body) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id)"
+            f"INSERT INTO blackboxes ({_COLUMNS}, body) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (id)"
             " DO UPDATE SET body = excluded.body, is_complete = excluded.is_complete,"
             " session_id = coalesce(excluded.session_id, session_id)"
             " WHERE excluded.is_complete > blackboxes.is_complete",
@@ -72,7 +75,10 @@ class BlackBoxStore:
         where = "" if session_id is None else " WHERE session_id = ?"
         values = () if session_id is None else (session_id,)
         rows = self._store.rows(f"SELECT {_COLUMNS} FROM blackboxes{where} ORDER BY t_wall_ns DESC, id DESC", values)
-        return [StoredBox(row[0], row[1] / 1e9, row[2], row[3], row[4], row[5], row[6], bool(row[7])) for row in rows]
+        return [
+            StoredBox(box_id, time_ns / 1e9, session, code, severity, cell, _message(text, message), bool(is_complete))
+            for box_id, time_ns, session, code, severity, cell, text, is_complete, message in rows
+        ]
 
     def get(self, box_id: str) -> dict[str, Any] | None:
         """Return a box, None where there is none of this id.
@@ -82,3 +88,7 @@ class BlackBoxStore:
         """
         rows = self._store.rows("SELECT body FROM blackboxes WHERE id = ?", (box_id,))
         return self._store.unpacked(rows[0][0], f"black box {box_id}") if rows else None
+
+
+def _message(text: str, message: str | None) -> Text:
+    return text if message is None else message_from_json(json.loads(message))

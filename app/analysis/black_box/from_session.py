@@ -72,7 +72,8 @@ def store_box(store: BlackBoxStore, box: BlackBox) -> bool:
     Raises:
         RecordingFailed: the disk does not take it.
     """
-    listed = StoredBox(box.id, box.at, box.session_id, box.code, box.severity, box.cell, box.text, box.is_complete)
+    message = box.text if box.text_words is None else box.text_words.message
+    listed = StoredBox(box.id, box.at, box.session_id, box.code, box.severity, box.cell, message, box.is_complete)
     return store.add(listed, asdict(box))
 
 

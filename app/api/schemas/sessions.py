@@ -65,6 +65,26 @@ class SessionEventOut(BaseModel):
     who: str | None
 
 
+class StoredBoxOut(BaseModel):
+    """What a list shows of a black box."""
+
+    id: str
+    time: float
+    session_id: str | None
+    code: str
+    severity: Severity
+    cell: int | None
+    text: str
+    text_words: WordsOut | None
+    is_complete: bool
+
+
+class BoxList(BaseModel):
+    """Black boxes, the newest first."""
+
+    boxes: list[StoredBoxOut]
+
+
 class SessionConfigOut(BaseModel):
     """A configuration came into force."""
 

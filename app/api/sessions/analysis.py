@@ -1,6 +1,7 @@
 """Looking back: laps of a session, black boxes, reports, comparisons."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
@@ -12,6 +13,8 @@ from app.analysis.black_box.from_session import keep_black_boxes, stored_box
 from app.analysis.laps.figures import OVERLAY_POINTS, Lap
 from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, overlay_laps, settle_laps
 from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
+from app.api.encoding.words import told
+from app.api.schemas.sessions import BoxList
 from app.api.sessions.sessions import MAX_UNIX_S, open_session
 from app.api.web.dependencies import BlackBoxesPart, CataloguePart, ClockPart, EventsPart, PassportsPart, UserDep
 from app.api.web.document import document_response
@@ -35,13 +38,6 @@ LapSignal = Annotated[
 Language = Annotated[Literal["en", "nb"], Query(description="of the document's words")]
 
 
-@dataclass(frozen=True)
-class BoxList:
-    """Black boxes, the newest first."""
-
-    boxes: list[StoredBox]
-
-
 class LapIn(Body):
     """A lap as somebody settles it; times in unix seconds."""
 
@@ -56,6 +52,10 @@ class LapsIn(Body):
     """All laps of a session; they replace what was settled before."""
 
     laps: list[LapIn] = Field(max_length=2000)
+
+
+def _box_list(boxes: Sequence[StoredBox]) -> BoxList:
+    return BoxList.model_validate({"boxes": [asdict(box) | told("text", box.message) for box in boxes]})
 
 
 def _table(file: SessionFile, source: Source | None, counter: CanCounter | None, lap_signal: str | None) -> LapTable:
@@ -134,7 +134,7 @@ def overlay(
 def black_boxes(black_boxes: BlackBoxesPart, passports: PassportsPart) -> BoxList:
     """What happened around every trip, newest first; outlives the sessions. Old sessions are read meanwhile."""
     passports.update()
-    return BoxList(black_boxes.store.stored())
+    return _box_list(black_boxes.store.stored())
 
 
 @router.get("/blackboxes/{box_id}")
@@ -156,7 +156,7 @@ def black_box_page(box_id: str, black_boxes: BlackBoxesPart, language: Language 
 def session_black_boxes(session_id: str, black_boxes: BlackBoxesPart, catalogue: CataloguePart) -> BoxList:
     """The black boxes of a session, newest first; those that are missing are made out of its file, and kept."""
     with open_session(catalogue, session_id) as file:
-        return BoxList(keep_black_boxes(file, black_boxes.store))
+        return _box_list(keep_black_boxes(file, black_boxes.store))
 
 
 @router.get("/sessions/{session_id}/report")

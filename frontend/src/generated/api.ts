@@ -1373,6 +1373,7 @@ export interface StoredBox {
   severity: 'info' | 'watch' | 'warning' | 'trip';
   cell: number | null;
   text: string;
+  text_words: Words | null;
   is_complete: boolean;
 }
 

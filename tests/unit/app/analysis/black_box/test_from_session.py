@@ -91,6 +91,7 @@ def test_a_trip_is_boxed_live_and_again_out_of_the_file(car, tmp_path):
         assert same(asdict(recorded), asdict(live))
         store = BlackBoxStore(tmp_path / "boxes.sqlite")
         assert [box.id for box in keep_black_boxes(session, store)] == [live.id]
+        assert [box.message for box in store.stored()] == [live.text_words.message]
         assert stored_box(store, live.id) == live  # what is complete is not written again
         store.close()
 
@@ -122,6 +123,7 @@ def test_a_box_of_an_earlier_version_gets_its_findings_when_it_is_read(car, tmp_
     store.add(StoredBox(box.id, box.at, None, box.code, box.severity, box.cell, box.text, True), body)
     assert stored_box(store, box.id) == box
     assert stored_box(store, "none") is None
+    assert [each.message for each in store.stored()] == [box.text]
     store.close()
 
 

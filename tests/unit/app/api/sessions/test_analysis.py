@@ -99,6 +99,7 @@ def test_the_black_boxes_of_an_old_session_are_made_when_asked_for_and_outlive_i
     assert client.get("/api/v1/blackboxes").json() == {"boxes": []}
     (listed,) = client.get(f"/api/v1/sessions/{tripped}/blackboxes").json()["boxes"]
     assert (listed["code"], listed["cell"], listed["session_id"]) == ("trip-v-min", 3, tripped)
+    assert (listed["text"], listed["text_words"]) == ("under", {"code": "verbatim", "args": {"text": "under"}})
     assert client.delete(f"/api/v1/sessions/{tripped}").status_code == 200
     assert client.get("/api/v1/blackboxes").json()["boxes"] == [listed]
     box = client.get(f"/api/v1/blackboxes/{listed['id']}").json()
