@@ -9,6 +9,7 @@ AppError
 """
 
 from app.words import Message, Text, render
+from firmware_protocol.errors import EncodeError
 
 
 class AppError(Exception):
@@ -94,6 +95,24 @@ class ExtraMissing(AppError):
         super().__init__(Message("extra-missing", what=what, package=package, extra=extra))
 
 
-def shown(value: object) -> str | int | float | None:
+def shown(value: object) -> Message | str | int | float | None:
     """A value as an argument of a message."""
-    return value if isinstance(value, str | int | float | None) else str(value)
+    return value if isinstance(value, Message | str | int | float | None) else str(value)
+
+
+def limit_of(error: EncodeError) -> Text:
+    """What would be allowed, of a value that does not fit its field."""
+    match error.kind:
+        case "whole":
+            return Message("whole-number", bounds=error.bounds)
+        case "counts":
+            return Message("whole-counts", bounds=error.bounds)
+        case "number":
+            return Message("a-number")
+        case "array":
+            return Message("an-array", shape=error.bounds)
+        case "field":
+            return Message("no-such-field")
+        case "signal":
+            return Message("a-signal")
+    return error.bounds

@@ -149,7 +149,7 @@ def named_element(name: str) -> tuple[Field, int]:
     """
     found = _BY_NAME.get(name)
     if found is None:
-        raise EncodeError("signal", name[:60], "a value of the master's struct, as v_tot, v[36], slave[3].cvr[5]")
+        raise EncodeError("signal", name[:60], "", "signal")
     return found
 
 

@@ -27,7 +27,7 @@ Value = Number | list["Value"]  # nested as the field's shape: a scalar, a list,
 MAX_ID_STANDARD = 0x7FF
 MAX_ID_EXTENDED = 0x1FFFFFFF
 
-_ORDERED = (  # the first may not exceed the second; strict where True; why
+ORDERED = (  # the first may not exceed the second; strict where True; why
     ("v_cell_min", "v_cell_max", True, "no voltage would be inside both limits"),
     ("v_cell_chrg", "v_cell_max", False, "charging would end in a trip"),
     ("t_cell_min", "t_cell_max", True, "no temperature would be inside both limits"),
@@ -111,7 +111,7 @@ def to_raw(field: Field, value: Number) -> int:
     if not abs(value) < 1 << 40:  # an integer beyond it may not even be a float
         raise EncodeError(field.name, value, limit_text(field))
     if field.scale == 1 and value != int(value):
-        raise EncodeError(field.name, value, f"a whole number, {limit_text(field)}")
+        raise EncodeError(field.name, value, limit_text(field), "whole")
     raw = round(value / field.scale)
     if not _in_range(field, raw):
         raise EncodeError(field.name, value, limit_text(field))
@@ -156,7 +156,7 @@ def with_raw(image: Image, name: str, value: Value) -> bytes:
     raws: list[int] = []
     for element, number in enumerate(_flatten(field, value)):
         if not isinstance(number, int) or not low <= number <= high:
-            raise EncodeError(element_name(field, element), number, f"a whole number of counts, {low}..{high}")
+            raise EncodeError(element_name(field, element), number, f"{low}..{high}", "counts")
         raws.append(number)
     return _replaced(image, field, raws)
 
@@ -173,7 +173,7 @@ def with_value(image: Image, name: str, value: Value) -> bytes:
         try:
             raws.append(to_raw(field, number))
         except EncodeError as error:
-            raise EncodeError(element_name(field, element), number, error.limit) from None
+            raise EncodeError(element_name(field, element), number, error.bounds, error.kind) from None
     return _replaced(image, field, raws)
 
 
@@ -193,7 +193,7 @@ def check(image: Image) -> list[FieldError]:
         for element, raw in enumerate(field.unpack(image))
         if (broken := _element_limit(field, raw)) is not None
     ]
-    for low_name, high_name, is_strict, why in _ORDERED:
+    for low_name, high_name, is_strict, why in ORDERED:
         low, high = CONFIG[low_name], CONFIG[high_name]
         low_raw, high_raw = low.unpack(image)[0], high.unpack(image)[0]
         if low_raw > high_raw or (is_strict and low_raw == high_raw):
@@ -246,7 +246,7 @@ def _element_limit(field: Field, raw: int) -> tuple[str, str] | None:
         is_extended = bool(raw & CAN_ID_EXTENDED)
         highest = MAX_ID_EXTENDED if is_extended else MAX_ID_STANDARD
         if raw & ~CAN_ID_EXTENDED > highest:
-            return f"0..{highest:#x}", f"a {29 if is_extended else 11}-bit id ends there"
+            return f"0..{highest:#x}", "a 29-bit id ends there" if is_extended else "an 11-bit id ends there"
     if field.name == "can_tx_msg_data" and raw != BYTE_UNUSED and raw >= MASTER_SIZE:
         return f"0..{MASTER_SIZE - 1}, or {BYTE_UNUSED}", "the struct ends there"
     if field.name == "can_rx_msg_data" and raw != BYTE_UNUSED and not CONFIG_SIZE <= raw < MASTER_SIZE:
@@ -280,7 +280,7 @@ def _in_range(field: Field, raw: int) -> bool:
 
 def _field(name: str) -> Field:
     if name not in CONFIG:
-        raise EncodeError("field", name, "no configuration field has this name")
+        raise EncodeError("field", name, "", "field")
     return CONFIG[name]
 
 
@@ -308,10 +308,10 @@ def _flatten(field: Field, value: Value) -> list[Number]:
     def walk(part: Value, shape: tuple[int, ...]) -> list[Number]:
         if not shape:
             if isinstance(part, bool) or not isinstance(part, int | float):
-                raise EncodeError(field.name, part, "a number")
+                raise EncodeError(field.name, part, "", "number")
             return [part]
         if not isinstance(part, list | tuple) or len(part) != shape[0]:
-            raise EncodeError(field.name, part, f"an array of {' by '.join(map(str, field.shape))}")
+            raise EncodeError(field.name, part, " by ".join(map(str, field.shape)), "array")
         return [number for item in part for number in walk(item, shape[1:])]
 
     return walk(value, field.shape)

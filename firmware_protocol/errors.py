@@ -5,17 +5,33 @@ ProtocolError
   DecodeError      the peer's: bytes that mean nothing
 """
 
+from typing import Literal
+
+LimitKind = Literal["bounds", "whole", "counts", "number", "array", "field", "signal"]
+_LIMITS: dict[LimitKind, str] = {
+    "bounds": "{}",
+    "whole": "a whole number, {}",
+    "counts": "a whole number of counts, {}",
+    "number": "a number",
+    "array": "an array of {}",
+    "field": "no configuration field has this name",
+    "signal": "a value of the master's struct, as v_tot, v[36], slave[3].cvr[5]",
+}
+
 
 class ProtocolError(Exception):
     """Root of all errors that firmware_protocol raises."""
 
 
 class EncodeError(ProtocolError):
-    """A value cannot be put into its field."""
+    """A value cannot be put into its field; `limit` says in English what can, `kind` and `bounds` without words."""
 
-    def __init__(self, field: str, value: object, limit: str) -> None:
+    def __init__(self, field: str, value: object, bounds: str, kind: LimitKind = "bounds") -> None:
+        limit = _LIMITS[kind].format(bounds)
         self.field = field
         self.value = value
+        self.bounds = bounds
+        self.kind = kind
         self.limit = limit
         super().__init__(f"{field} = {value!r}: {limit}")
 

@@ -10,14 +10,15 @@ from typing import Any
 from urllib.parse import quote
 
 from app.commands.config_service import JSON, OCTETS, REFUSED, ConfigService, Refusal
-from app.configuration.lookup import WORDS
+from app.configuration.lookup import NAMES
 from app.configuration.profile import is_profile
 from app.errors import ConfigError
+from app.words import render
 
 DIFFERS = 1
 _URL = "http://127.0.0.1:8000"
 _EPILOG = f"""\
-SOURCE is {WORDS}.
+SOURCE is {render(NAMES)}.
 Exit codes: 0 done; 1 diff or compare found differences; 2 refused or not allowed; 3 service or master not reachable,
 or no right to; 4 somebody else changed the configuration meanwhile; 5 sent and not verified: read again.
 Where the service wants a password: VOLTWALL_PASSWORD in the environment."""

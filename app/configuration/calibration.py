@@ -13,6 +13,7 @@ from typing import Literal
 
 from app.errors import ConfigError, NotNow
 from app.sources.master.client import MasterClient
+from app.words import Message, Quantity
 from firmware_protocol.memory_map import CONFIG, FIELDS, STATUS_FLAGS
 
 SAMPLES = 20
@@ -70,13 +71,13 @@ def propose_zero(image: bytes, measured: Measured) -> Proposal:
         ConfigError: the sensor is further off than a working one can be.
     """
     if measured.relays_closed:
-        raise NotNow("the relays are closed: the zero is taken with relays open, when no current can flow")
+        raise NotNow(Message("zero-with-relays-open"))
     _require_steady(measured)
     gain, offset = _of(image)
     after = round(offset + measured.mean_a * 100 * 5000 / gain)
     if abs(after - offset) > MAX_OFFSET_COUNTS:
         most_a = MAX_OFFSET_COUNTS * gain / 5000 / 100
-        limit = f"within {most_a:.0f} A of zero: further off the sensor is unplugged or broken"
+        limit = Message("too-far-from-zero", most=Quantity(most_a, "A", 0))
         raise ConfigError("current", f"{measured.mean_a:.2f} A", limit)
     residue_a = measured.mean_a - (after - offset) * gain / 5000 / 100
     return Proposal("i_offset", offset, after, measured.mean_a, residue_a)
@@ -90,11 +91,14 @@ def propose_gain(image: bytes, measured: Measured, reference_a: float) -> Propos
         ConfigError: the reference is too small, or too far from the reading.
     """
     if not abs(reference_a) >= MIN_REFERENCE_A:
-        raise ConfigError("reference_a", reference_a, f"at least {MIN_REFERENCE_A:g} A, either way")
+        raise ConfigError(
+            "reference_a", reference_a, Message("at-least-either-way", least=Quantity(MIN_REFERENCE_A, "A"))
+        )
     _require_steady(measured)
     ratio = reference_a / measured.mean_a if measured.mean_a else math.inf
     if not abs(ratio - 1) <= MAX_CORRECTION:
-        limit = f"within {MAX_CORRECTION:.0%} of the reading, {measured.mean_a:.2f} A; is it positive on discharge?"
+        reading = Quantity(measured.mean_a, "A", 2)
+        limit = Message("too-far-from-reading", percent=round(MAX_CORRECTION * 100), reading=reading)
         raise ConfigError("reference_a", reference_a, limit)
     gain, _ = _of(image)
     after = round(gain * ratio)
@@ -103,7 +107,7 @@ def propose_gain(image: bytes, measured: Measured, reference_a: float) -> Propos
 
 def _require_steady(measured: Measured) -> None:
     if measured.sigma_a > STEADY_A:
-        raise NotNow(f"the reading is not steady: it moves by {measured.sigma_a:.1f} A")
+        raise NotNow(Message("not-steady", sigma=Quantity(measured.sigma_a, "A", 1)))
 
 
 def _of(image: bytes) -> tuple[int, int]:

@@ -11,10 +11,11 @@ from app.configuration.profile_store import Profiles
 from app.configuration.safe_write import Configuration
 from app.errors import AppError, ConfigError
 from app.sessions.catalogue import Catalogue
+from app.words import Message
 from firmware_protocol.config_image import default_image
 from firmware_protocol.memory_map import CONFIG_SIZE
 
-WORDS = "in-force, stored, default, profile:NAME[@VERSION], record:NUMBER[:before] or session:ID"
+NAMES = Message("source-names")
 
 
 class NoSource(AppError):
@@ -49,10 +50,10 @@ class ConfigSources:
         kind, _, rest = name.partition(":")
         match kind:
             case "in-force" if not rest:
-                return self._known(self._in_force(), "the configuration in force was never read")
+                return self._known(self._in_force(), Message("in-force-never-read"))
             case "stored" if not rest:
                 stored = self._configuration.read_stored()
-                return self._known(None if stored is None else stored.image, "the EEPROM holds no valid configuration")
+                return self._known(None if stored is None else stored.image, Message("nothing-stored"))
             case "default" if not rest:
                 return default_image()
             case "profile":
@@ -64,20 +65,24 @@ class ConfigSources:
             case "session" if rest:
                 with self._catalogue.open(rest) as session:
                     configs = session.configs()
-                return self._known(configs[-1].image if configs else None, f"session {rest} holds no configuration")
-        raise ConfigError("source", name[:80], WORDS)
+                return self._known(
+                    configs[-1].image if configs else None, Message("session-without-config", session=rest)
+                )
+        raise ConfigError("source", name[:80], NAMES)
 
     def _of_record(self, number: int, which: str) -> bytes:
         if which not in ("", "before"):
-            raise ConfigError("source", f"record:{number}:{which[:20]}", WORDS)
+            raise ConfigError("source", f"record:{number}:{which[:20]}", NAMES)
         record = self._history.record(number)
         if record is None:
-            raise NoSource(f"no record {number} in the history")
+            raise NoSource(Message("no-record", number=number))
         image = record.before if which else record.after
-        return self._known(image if len(image) == CONFIG_SIZE else None, f"record {number} knows no such configuration")
+        return self._known(
+            image if len(image) == CONFIG_SIZE else None, Message("record-without-config", number=number)
+        )
 
     @staticmethod
-    def _known(image: bytes | None, otherwise: str) -> bytes:
+    def _known(image: bytes | None, otherwise: Message) -> bytes:
         if image is None:
             raise NoSource(otherwise)
         return image
@@ -85,5 +90,5 @@ class ConfigSources:
 
 def _number(name: str, text: str) -> int:
     if not text.isascii() or not text.isdigit() or len(text) > 9:
-        raise ConfigError("source", name[:80], WORDS)
+        raise ConfigError("source", name[:80], NAMES)
     return int(text)

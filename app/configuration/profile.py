@@ -7,7 +7,8 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-from app.errors import ConfigError
+from app.errors import ConfigError, limit_of
+from app.words import Message, Quantity
 from firmware_protocol.can_tables import (
     RxMessage,
     TxMessage,
@@ -117,34 +118,36 @@ def parse_profile(text: str | bytes) -> Profile:
             `config_rules.review` to say.
     """
     if len(text) > MAX_BYTES:
-        raise ConfigError("profile", f"{len(text)} bytes", f"at most {MAX_BYTES}")
+        raise ConfigError(
+            "profile", Message("bytes", count=len(text)), Message("at-most", value=Quantity(MAX_BYTES, ""))
+        )
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ConfigError("profile", "text", f"not JSON: {error}") from error
+        raise ConfigError("profile", Message("text"), Message("not-json", error=str(error))) from error
     return profile_of(document)
 
 
 def profile_of(document: object) -> Profile:
     """Return the profile in a parsed JSON document; ConfigError as parse_profile."""
     if not isinstance(document, dict) or not is_profile(document):
-        raise ConfigError("format", _shown(document), f"a JSON object with format {FORMAT!r}")
+        raise ConfigError("format", _shown(document), Message("json-object", format=repr(FORMAT)))
     if document.get("format_version") != FORMAT_VERSION:
         raise ConfigError("format_version", document.get("format_version"), f"{FORMAT_VERSION}")
     if document.get("memory_map") != MAP_HASH.hex():
-        limit = f"{MAP_HASH.hex()}: the profile is of another firmware's memory map"
+        limit = Message("other-memory-map", map_hash=MAP_HASH.hex())
         raise ConfigError("memory_map", _shown(document.get("memory_map")), limit)
     version = document.get("version")
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        raise ConfigError("version", _shown(version), "a whole number from 1 on")
+        raise ConfigError("version", _shown(version), Message("whole-number-from", low=1))
     try:
         image = _image(document)
     except EncodeError as error:
-        raise ConfigError(error.field, error.value, error.limit) from error
+        raise ConfigError(error.field, error.value, limit_of(error)) from error
     texts = {key: document.get(key, "") for key in ("name", "comment", "saved_by", "saved_at")}
     for key, value in texts.items():
         if not isinstance(value, str):
-            raise ConfigError(key, _shown(value), "a text")
+            raise ConfigError(key, _shown(value), Message("a-text"))
     return Profile(version=version, image=image, **texts)
 
 
@@ -152,17 +155,17 @@ def _image(document: dict[str, Any]) -> bytes:
     image = bytes(CONFIG_SIZE)
     values = document.get("values")
     if not isinstance(values, dict):
-        raise ConfigError("values", _shown(values), "an object with a value for every field")
+        raise ConfigError("values", _shown(values), Message("value-for-every-field"))
     names = {field.name for field in PLAIN}
     for name in values:
         if name not in names:
-            raise ConfigError(f"values.{name}", "given", "no field of the configuration has this name")
+            raise ConfigError(f"values.{name}", Message("given"), Message("no-config-field"))
     for field in PLAIN:
         entry = values.get(field.name)
         if not isinstance(entry, dict) or "value" not in entry:
-            raise ConfigError(f"values.{field.name}", _shown(entry), 'an object with "value" and "unit"')
+            raise ConfigError(f"values.{field.name}", _shown(entry), Message("value-and-unit"))
         if entry.get("unit", field.unit) != field.unit:
-            raise ConfigError(f"values.{field.name}.unit", _shown(entry["unit"]), f"{field.unit or 'none'}")
+            raise ConfigError(f"values.{field.name}.unit", _shown(entry["unit"]), field.unit or Message("none"))
         image = with_value(image, field.name, entry["value"])
     sent = [_tx(entry, i) for i, entry in enumerate(_eight(document, "can_sent"))]
     received = [_rx(entry, i) for i, entry in enumerate(_eight(document, "can_received"))]
@@ -172,7 +175,7 @@ def _image(document: dict[str, Any]) -> bytes:
 def _eight(document: dict[str, Any], key: str) -> list[Any]:
     rows = document.get(key)
     if not isinstance(rows, list) or len(rows) != N_CAN_MESSAGES:
-        raise ConfigError(key, _shown(rows), f"a list of {N_CAN_MESSAGES} messages")
+        raise ConfigError(key, _shown(rows), Message("list-of-messages", count=N_CAN_MESSAGES))
     return rows
 
 
@@ -182,13 +185,15 @@ class _Row:
     def __init__(self, entry: object, where: str, index: int, keys: set[str]) -> None:
         self._where = f"{where}[{index}]"
         if not isinstance(entry, dict):
-            raise ConfigError(self._where, _shown(entry), "an object")
+            raise ConfigError(self._where, _shown(entry), Message("an-object"))
         for key in entry:
             if key not in keys | {"comment"}:
-                raise ConfigError(f"{self._where}.{key}", "given", "a message has no such value")
+                raise ConfigError(f"{self._where}.{key}", Message("given"), Message("no-such-value"))
         self._entry = entry
         if self.number("message", N_CAN_MESSAGES) != index + 1:
-            raise ConfigError(f"{self._where}.message", entry.get("message"), f"{index + 1}: messages stay in order")
+            raise ConfigError(
+                f"{self._where}.message", entry.get("message"), Message("messages-in-order", number=index + 1)
+            )
 
     def shared(self, index: int) -> dict[str, Any]:
         """What both kinds of message have."""
@@ -204,13 +209,13 @@ class _Row:
     def number(self, key: str, highest: int) -> int:
         value = self._entry.get(key)
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= highest:
-            raise ConfigError(f"{self._where}.{key}", _shown(value), f"a whole number, 0..{highest}")
+            raise ConfigError(f"{self._where}.{key}", _shown(value), Message("whole-number", bounds=f"0..{highest}"))
         return value
 
     def truth(self, key: str) -> bool:
         value = self._entry.get(key)
         if not isinstance(value, bool):
-            raise ConfigError(f"{self._where}.{key}", _shown(value), "true or false")
+            raise ConfigError(f"{self._where}.{key}", _shown(value), Message("true-or-false"))
         return value
 
     def can_id(self) -> int:
@@ -221,16 +226,16 @@ class _Row:
             number = -1
         highest = 0x1FFFFFFF if self.truth("extended") else 0x7FF
         if not 0 <= number <= highest:
-            raise ConfigError(f"{self._where}.id", _shown(value), f"hexadecimal text, 0x0..{highest:#x}")
+            raise ConfigError(f"{self._where}.id", _shown(value), Message("hexadecimal", bounds=f"0x0..{highest:#x}"))
         return number
 
     def offsets(self) -> tuple[int, ...]:
         value = self._entry.get("bytes")
         if not isinstance(value, list) or len(value) != CAN_DATA_BYTES:
-            raise ConfigError(f"{self._where}.bytes", _shown(value), f"a list of {CAN_DATA_BYTES} offsets, or null")
+            raise ConfigError(f"{self._where}.bytes", _shown(value), Message("list-of-offsets", count=CAN_DATA_BYTES))
         for offset in value:
             if offset is not None and (type(offset) is not int or not 0 <= offset <= BYTE_UNUSED):
-                raise ConfigError(f"{self._where}.bytes", _shown(offset), "an offset in the master's struct, or null")
+                raise ConfigError(f"{self._where}.bytes", _shown(offset), Message("an-offset"))
         return tuple(BYTE_UNUSED if offset is None else offset for offset in value)
 
     def answer(self) -> int | None:
@@ -238,7 +243,7 @@ class _Row:
             return None
         number = self.number("answer", N_CAN_MESSAGES)
         if not number:
-            raise ConfigError(f"{self._where}.answer", number, f"null, or a message, 1..{N_CAN_MESSAGES}")
+            raise ConfigError(f"{self._where}.answer", number, Message("null-or-message", count=N_CAN_MESSAGES))
         return number - 1
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from app.clock import Clock
 from app.configuration.profile import Profile, parse_profile, profile_text
 from app.errors import AppError, ConfigError
+from app.words import Message
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9._-]{0,39}")
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?")  # no file of Windows may be called so
@@ -49,7 +50,9 @@ class Profiles:
         try:
             return parse_profile(path.read_bytes())
         except OSError as error:
-            raise NoProfile(f"no profile {name}" + ("" if version is None else f" version {version}")) from error
+            if version is None:
+                raise NoProfile(Message("no-profile", profile=name)) from error
+            raise NoProfile(Message("no-profile-version", profile=name, version=version)) from error
 
     def save(self, name: str, image: bytes, *, comment: str, who: str) -> Profile:
         """Keep an image as the next version of a name.
@@ -69,7 +72,7 @@ class Profiles:
                     half.write_text(text, encoding="utf-8", newline="\n")
                     half.replace(path)
             except OSError as error:
-                raise ConfigError("profile", name, f"cannot be saved: {error.strerror}") from error
+                raise ConfigError("profile", name, Message("cannot-be-saved", error=error.strerror)) from error
             return profile
 
     def _current(self, name: str) -> int:
@@ -89,10 +92,10 @@ class Profiles:
             try:
                 (self._folder / f"{_checked(name)}.json").unlink()
             except FileNotFoundError as error:
-                raise NoProfile(f"no profile {name}") from error
+                raise NoProfile(Message("no-profile", profile=name)) from error
 
 
 def _checked(name: str) -> str:
     if not _NAME.fullmatch(name) or _RESERVED.fullmatch(name):
-        raise ConfigError("name", name[:60], "1..40 of a-z 0-9 . _ -, beginning with a letter or a digit")
+        raise ConfigError("name", name[:60], Message("profile-name"))
     return name

@@ -13,8 +13,8 @@ from app.configuration.can_rules import can_findings
 from app.configuration.finding import Finding, finding
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity, Text
-from firmware_protocol.config_image import FieldError, check, to_unit
-from firmware_protocol.memory_map import CONFIG
+from firmware_protocol.config_image import ORDERED, FieldError, check, to_unit
+from firmware_protocol.memory_map import BYTE_UNUSED, CONFIG, CONFIG_SIZE, MASTER_SIZE, N_CAN_MESSAGES, NO_RESPONSE
 from firmware_protocol.schedule import FAST_WINDOWS, data_frame_time_s
 
 RULES_T_MAX_DEGC = 60.0  # Formula Student rules, EV 5.8: 60 degC, or the data sheet's limit where that is lower
@@ -25,8 +25,10 @@ CHARGE_MARGIN_V = 0.01  # what a measurement may be off, between the end of char
 CAPACITY_TOLERANCE = 0.2
 
 
-_OF_MASTER = {  # what it refuses by itself: the fixed reasons of `check`
+_WHY_OF_MASTER = {  # what it refuses by itself: the fixed reasons of `check`
     "the master takes nothing else": Message("master-takes-nothing-else"),
+    "an 11-bit id ends there": Message("short-id-ends"),
+    "a 29-bit id ends there": Message("long-id-ends"),
     "a CAN message may not write the configuration": Message("may-not-write-config"),
     "there are eight messages to answer with": Message("eight-messages"),
     "the struct ends there": Message("struct-ends"),
@@ -37,6 +39,11 @@ _OF_MASTER = {  # what it refuses by itself: the fixed reasons of `check`
     "no charging current would be inside both limits": Message("no-charging-current-inside"),
     "the ramp has to rise with the temperature": Message("ramp-has-to-rise"),
     "hotter cells would get less air": Message("hotter-get-less-air"),
+}
+_LIMITS_OF_MASTER = {  # the limits with words in them, by field
+    "can_tx_msg_data": Message("or-unused", bounds=f"0..{MASTER_SIZE - 1}", unused=BYTE_UNUSED),
+    "can_rx_msg_data": Message("or-unused", bounds=f"{CONFIG_SIZE}..{MASTER_SIZE - 1}", unused=BYTE_UNUSED),
+    "can_rx_msg_response": Message("or-unused", bounds=f"0..{N_CAN_MESSAGES - 1}", unused=NO_RESPONSE),
 }
 
 
@@ -65,9 +72,7 @@ def review(image: bytes, context: Context) -> list[Finding]:
     Raises:
         DecodeError: it is not 420 bytes long.
     """
-    found = [
-        Finding("error", "range", error, error.limit, _OF_MASTER.get(error.why, error.why)) for error in check(image)
-    ]
+    found = [_refused(image, error) for error in check(image)]
     if not found:  # the rest is judged on values that can be
         found = [*_cell(image, context.cell), *_current(image, context.cell), *_others(image)]
         found += can_findings(image, context.measured_period_s or {})
@@ -181,8 +186,17 @@ def _others(image: bytes) -> Iterator[Finding]:
         yield finding("warning", "line", image, "ts", 0, _at_least(math.ceil(frame_s * 1000), "ms"), why)
 
 
-def _refused(error: FieldError) -> Finding:
-    return Finding("error", "range", error, error.limit, _OF_MASTER.get(error.why, error.why))
+def _refused(image: bytes, error: FieldError) -> Finding:
+    limit: Text = _LIMITS_OF_MASTER.get(error.field, error.limit)
+    for name, other, is_strict, why in ORDERED:
+        if (error.field, error.why) == (name, why):
+            value = Quantity(_Values(image)[other], CONFIG[other].unit)
+            limit = (
+                Message("below-field", field=other, value=value)
+                if is_strict
+                else Message("at-most-field", field=other, value=value)
+            )
+    return Finding("error", "range", error, limit, _WHY_OF_MASTER.get(error.why, error.why))
 
 
 def _at_most(value: float, unit: str) -> Message:

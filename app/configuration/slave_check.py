@@ -12,6 +12,7 @@ from typing import Literal
 
 from app.errors import ConfigError, NotNow
 from app.sources.master.client import MasterClient
+from app.words import Message
 from firmware_protocol.memory_map import CELLS_PER_PACK, CHIP_MISSING, FIELDS, N_PACKS, T_MISSING
 
 SAMPLES = 20
@@ -111,14 +112,15 @@ def judge(
     """
     limits = QUANTITIES[quantity]
     if len(reference) != len(readings) or all(value is None for value in reference):
-        raise ConfigError("reference", f"{len(reference)} values", f"{len(readings)}, at least one of them a number")
+        given, limit_of_count = Message("values", count=len(reference)), Message("one-a-number", count=len(readings))
+        raise ConfigError("reference", given, limit_of_count)
     if not 0 <= meter_error <= limits.meter_error_max:
-        most = f"0..{limits.meter_error_max:g} {limits.unit}: a meter that is further off cannot judge a slave"
+        most = Message("meter-too-far", bounds=f"0..{limits.meter_error_max:g} {limits.unit}")
         raise ConfigError("meter_error", meter_error, most)
     limit = limits.tolerance + meter_error
     cells = tuple(_checked(r, value, limits, limit) for r, value in zip(readings, reference, strict=True))
     if all(cell.error is None for cell in cells):
-        raise ConfigError("reference", "given", "for a cell that the slave measures")
+        raise ConfigError("reference", Message("given"), Message("measured-cell"))
     out = tuple(cell.cell for cell in cells if cell.is_good is False)
     cause, share = _cause(cells, limit, quantity)
     return Verdict(cells, cause, out, share, limit)
@@ -132,7 +134,7 @@ def _checked(reading: Reading, reference: float | None, limits: Quantity, limit:
         raise ConfigError(field, reference, f"{limits.lowest:g}..{limits.highest:g} {limits.unit}")
     if reading.sigma is not None and reading.sigma > STEADY * limits.tolerance:
         moves = f"{reading.sigma:.4f} {limits.unit}"
-        raise NotNow(f"cell {reading.cell % CELLS_PER_PACK + 1} is not steady: its reading moves by {moves}")
+        raise NotNow(Message("cell-not-steady", cell=reading.cell % CELLS_PER_PACK + 1, moves=moves))
     error = reading.value - reference
     return CheckedCell(reading.cell, reading.value, reading.sigma, reference, error, abs(error) <= limit + 1e-9)
 
@@ -182,11 +184,11 @@ def _require_rest(master: MasterClient, pack: int) -> None:
         raise ConfigError("pack", pack, f"0..{N_PACKS - 1}")
     status, register = FIELDS[f"slave[{pack}].status"], FIELDS[f"slave[{pack}].cfgr"]
     if master.read(status.offset, status.size)[0] != _ACTIVE:
-        raise NotNow(f"the slave of pack {pack + 1} does not answer")
+        raise NotNow(Message("slave-silent", pack=pack + 1))
     bits = master.read(register.offset, register.size)
     if bits[4] or bits[5] & 0x0F:
-        raise NotNow(f"cells of pack {pack + 1} are being bled, which lowers what is read: stop balancing first")
+        raise NotNow(Message("pack-being-bled", pack=pack + 1))
     current = FIELDS["i_fs"]
     (raw,) = current.unpack(master.read(current.offset, current.size), -current.offset)
     if abs(raw * current.scale) > REST_A:
-        raise NotNow(f"a current of {raw * current.scale:.1f} A flows: a slave is checked at rest")
+        raise NotNow(Message("slave-at-rest", current=f"{raw * current.scale:.1f} A"))

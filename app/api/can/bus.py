@@ -53,7 +53,9 @@ class FrameIn(Body):
                 422,
                 "invalid",
                 Message("eleven-bit-id", id=f"{self.id:#x}"),
-                errors=[{"field": "id", "value": self.id, "limit": "0..0x7ff", "message": "an 11-bit id ends there"}],
+                errors=[
+                    {"field": "id", "value": self.id, "limit": "0..0x7ff", **told("message", Message("short-id-ends"))}
+                ],
             )
         period_s = None if self.period_ms is None else self.period_ms / 1000
         wire_id = self.id | (CAN_ID_EXTENDED if self.extended else 0)

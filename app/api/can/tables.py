@@ -15,6 +15,7 @@ from app.api.web.dependencies import CanTracePart, ConfigurationPart, InForcePar
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
 from app.configuration.safe_write import Draft
+from app.words import Message
 from firmware_protocol.can_tables import (
     RxMessage,
     TxMessage,
@@ -62,15 +63,15 @@ class MessageIn(BaseModel):
         if self.bytes is not None and self.pick is None:
             return tuple(self.bytes)
         if self.pick is None or self.bytes is not None:
-            raise invalid("bytes", None, "either bytes or pick")
+            raise invalid("bytes", None, Message("bytes-or-pick"))
         row = [BYTE_UNUSED] * CAN_DATA_BYTES
         for signal in self.pick:
             offsets = offsets_of(*named_element(signal.name), is_big_endian=signal.byte_order == "big")
             end = signal.start_byte + len(offsets)
             if end > self.length:
-                raise invalid("pick", signal.name, f"ends at byte {end}, the message has {self.length}")
+                raise invalid("pick", signal.name, Message("pick-too-long", end=end, length=self.length))
             if any(offset != BYTE_UNUSED for offset in row[signal.start_byte : end]):
-                raise invalid("pick", signal.name, f"byte {signal.start_byte} is taken by another value")
+                raise invalid("pick", signal.name, Message("byte-taken", byte=signal.start_byte))
             row[signal.start_byte : end] = offsets
         return tuple(row)
 
@@ -126,8 +127,8 @@ def _prescaler(wanted: int) -> int:
     for can_brp in range(3, 256):
         if bit_rate(can_brp) == wanted:
             return can_brp
-    rates = ", ".join(str(bit_rate(brp)) for brp in (3, 7, 15, 31))
-    raise invalid("bit_rate", wanted, f"32 MHz / ((n + 1) 8), for example {rates}")
+    rates = tuple(bit_rate(brp) for brp in (3, 7, 15, 31))
+    raise invalid("bit_rate", wanted, Message("possible-bit-rates", rates=rates))
 
 
 @router.get("", response_model=CanTablesOut)

@@ -42,7 +42,7 @@ class Argument(Body):
 
 def _none(argument: float | None) -> int:
     if argument is not None:
-        raise invalid("argument", argument, "this command takes none")
+        raise invalid("argument", argument, Message("takes-none"))
     return 0
 
 
@@ -51,9 +51,9 @@ def _within(low: float, high: float, scale: float, *, automatic: int | None = No
         if argument is None and automatic is not None:
             return automatic
         if argument is None or not low <= argument <= high:
-            raise invalid("argument", argument, f"between {low:g} and {high:g}")
+            raise invalid("argument", argument, Message("between", low=low, high=high))
         if scale == 1 and argument != int(argument):
-            raise invalid("argument", argument, "a whole number")
+            raise invalid("argument", argument, Message("a-whole-number"))
         return round(argument * scale)
 
     return convert
@@ -98,9 +98,9 @@ def command(
     """Send a command and wait for the master's answer."""
     asked = body or Argument()
     if asked.duration_s is not None and (name != "fan-override" or asked.argument is None):
-        raise invalid("duration_s", asked.duration_s, "only with fan-override and a duty")
+        raise invalid("duration_s", asked.duration_s, Message("only-with-fan-duty"))
     if asked.cells is not None and name != "balance-cells":
-        raise invalid("cells", len(asked.cells), "only with balance-cells")
+        raise invalid("cells", len(asked.cells), Message("only-with-balance-cells"))
     if name in BALANCING and (hindrance := _against_balancing(live, settings)) is not None:
         raise Problem(409, "rules", hindrance)
     if name in STREAM:
@@ -135,7 +135,7 @@ def _against_balancing(live: LivePart, settings: SettingsPart) -> Message | None
 def _balance(commands: CommandsPart, cells: list[int], who: str) -> None:
     """Bleed exactly these cells: what was chosen before ends, then each pack is told its own."""
     if not cells:
-        raise invalid("cells", "none", "at least one; balance-stop ends it")
+        raise invalid("cells", Message("none"), Message("at-least-one-cell"))
     for cell in cells:
         if not 0 <= cell < N_CELLS:
             raise invalid("cells", cell, f"0..{N_CELLS - 1}")
@@ -172,7 +172,7 @@ def calibrate(
 ) -> dict[str, Any]:
     """Average the current over a second, and propose the offset or gain that corrects it. Nothing is written."""
     if body.what == "gain" and body.reference_a is None:
-        raise invalid("reference_a", None, "the reference meter's current")
+        raise invalid("reference_a", None, Message("reference-current"))
     image = configuration.read()
     measured = measure(links.master)
     proposal = None

@@ -57,11 +57,11 @@ _PUT_BODY = {
 
 def _apply(put: Any, image: bytes, name: str, value: Any) -> bytes:
     if name not in CONFIG:
-        raise invalid(name, value, "no field of the configuration has this name")
+        raise invalid(name, value, Message("no-config-field"))
     try:
         return cast(bytes, put(image, name, value))
     except (TypeError, ValueError, OverflowError) as error:
-        raise invalid(name, value, "a number, or a list of numbers of the field's shape") from error
+        raise invalid(name, value, Message("number-of-shape")) from error
 
 
 def quoted(text: str) -> str:
@@ -137,7 +137,7 @@ def write(
 
 def _image_draft(body: bytes, reason: str) -> Draft:
     if len(body) != CONFIG_SIZE:
-        raise invalid("body", f"{len(body)} bytes", f"exactly {CONFIG_SIZE} bytes")
+        raise invalid("body", Message("bytes", count=len(body)), Message("exactly-bytes", count=CONFIG_SIZE))
     return Draft(WholeImage(body), reason, "image")
 
 
@@ -148,7 +148,7 @@ def _json_draft(body: bytes, reason: str, config_sources: ConfigSources) -> Draf
         return Draft(WholeImage(profile.image), reason, f"file {profile.name}@{profile.version}")
     edit = _parse(body)
     for twice in edit.values.keys() & edit.raw.keys():
-        raise invalid(twice, edit.raw[twice], "in values or in raw, not in both")
+        raise invalid(twice, edit.raw[twice], Message("values-or-raw"))
     reason = edit.reason or reason
     if edit.source is None:
         return Draft(edit, reason)

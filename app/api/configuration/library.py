@@ -27,24 +27,24 @@ from app.api.web.dependencies import (
 from app.api.web.problems import Problem, not_found
 from app.api.web.request_body import Body
 from app.configuration.history import Record
-from app.configuration.lookup import WORDS
+from app.configuration.lookup import NAMES
 from app.configuration.profile import Profile, profile_of, profile_text
 from app.configuration.profile_store import NoProfile
 from app.configuration.safe_write import Draft, WholeImage
 from app.errors import ConfigError
-from app.words import Message
+from app.words import Message, render
 from firmware_protocol.config_image import difference, image_hash
 from firmware_protocol.memory_map import CONFIG_SIZE
 
 router = APIRouter(prefix="/config", tags=["config"])
 Name = Annotated[str, Path(max_length=40)]
-Reference = Annotated[str, Query(max_length=120, description=WORDS)]
+Reference = Annotated[str, Query(max_length=120, description=render(NAMES))]
 
 
 class ProfileIn(Body):
     """What to keep under a name: a source, or a profile's file as it is."""
 
-    source: str = Field("in-force", max_length=120, description=WORDS)
+    source: str = Field("in-force", max_length=120, description=render(NAMES))
     profile: dict[str, Any] | None = Field(None, description="a profile's file; then the source does not count")
     comment: str | None = Field(None, max_length=500)
 

@@ -25,6 +25,7 @@ from app.errors import (
     MasterRefused,
     MasterSilent,
     NotNow,
+    limit_of,
 )
 from app.sessions.errors import NotASession, SchemaTooNew, SessionError, SessionNotFound
 from app.words import Message, Text, render, table
@@ -102,8 +103,9 @@ def not_found(kind: str, name: object) -> Problem:
 
 def invalid(field: str, value: object, limit: Text) -> Problem:
     """422 for one field."""
-    given = value if isinstance(value, int | float | None) else _shown(value)
-    message = Message("not-allowed", field=field, value=_shown(value), limit=limit)
+    text = _shown(render(value) if isinstance(value, Message) else value)
+    given = value if isinstance(value, int | float | None) else text
+    message = Message("not-allowed", field=field, value=value if isinstance(value, Message) else text, limit=limit)
     error = {"field": field, "value": given, **told("limit", limit), **told("message", message)}
     return Problem(422, "invalid", message, errors=[error])
 
@@ -201,7 +203,7 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(EncodeError)
     async def on_encode_error(_: Request, error: EncodeError) -> JSONResponse:
-        return invalid(error.field, error.value, error.limit).response()
+        return invalid(error.field, error.value, limit_of(error)).response()
 
     @app.exception_handler(HTTPException)
     async def on_http(_: Request, error: HTTPException) -> JSONResponse:

@@ -280,7 +280,7 @@ def test_hash_changes_with_any_byte_of_a_field():
         ({"fan_ramp_start": 50}, "fan_ramp_start", None, 50, "below fan_ramp_stop = 50 degC",
          "the ramp has to rise with the temperature"),
         ({"can_tx_msg_id": (1, 1, 1, 1, 1, 1, 1, 0x800)}, "can_tx_msg_id", 7, 0x800, "0..0x7ff",
-         "a 11-bit id ends there"),
+         "an 11-bit id ends there"),
         ({"can_rx_msg_id": (CAN_ID_EXTENDED | 0x20000000,) + (1,) * 7}, "can_rx_msg_id", 0, 0xA0000000,
          "0..0x1fffffff", "a 29-bit id ends there"),
         ({"can_rx_msg_response": (8,) + (255,) * 7}, "can_rx_msg_response", 0, 8, "0..7, or 255",

@@ -6,7 +6,9 @@ import pytest
 
 from app.configuration.rules import Context, measured_range_a, review, review_change
 from app.estimation.cell_model.cell_file import load_cell
-from firmware_protocol.config_image import default_image, with_raw, with_value
+from app.words import render
+from firmware_protocol.config_image import ORDERED, default_image, with_raw, with_value
+from firmware_protocol.memory_map import CONFIG
 
 CELL = load_cell()  # 2.5 to 4.2 V, -20 to 75 degC, 200 A out, 40 A in, 25 Ah
 CONTEXT = Context(CELL)
@@ -179,3 +181,36 @@ def test_another_bit_rate_is_a_warning_of_the_change():
     assert (warning.error.value, warning.error.limit) == (15, "as in force, 7")
     assert warning.error.why == "every other controller on the bus has to change with it, or the bus is off"
     assert review_change(after, after, CONTEXT) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "element", "raw"),
+    [
+        ("v_cell_min", 0, 65535),
+        ("can_tx_msg_id", 0, 0x800),
+        ("can_tx_msg_id", 0, 0xA0000000),
+        ("can_tx_msg_data", 0, 65534),
+        ("can_rx_msg_data", 0, 1),
+        ("can_rx_msg_response", 0, 8),
+    ],
+)
+def test_what_the_master_refuses_is_told_in_every_language(name, element, raw):
+    image = bytearray(QUIET)
+    raws = [*CONFIG[name].unpack(image)]
+    raws[element] = raw
+    CONFIG[name].pack_into(image, raws)
+    refused = next(each for each in review(bytes(image), CONTEXT) if each.error.field == name)
+    assert (render(refused.limit), render(refused.why)) == (refused.error.limit, refused.error.why)
+    assert render(refused.why, "nb") != refused.error.why
+
+
+@pytest.mark.parametrize(("low", "high", "is_strict", "why"), ORDERED)
+def test_a_pair_of_limits_in_the_wrong_order_is_told_in_every_language(low, high, is_strict, why):
+    image = bytearray(QUIET)
+    CONFIG[low].pack_into(image, [CONFIG[high].unpack(image)[0] + (not is_strict)])
+    refused = next(each for each in review(bytes(image), CONTEXT) if each.error.why == why)
+    limit, value = refused.limit, refused.limit.args["value"].value
+    assert render(limit).startswith(f"{'below' if is_strict else 'at most'} {high} = ")
+    assert f" {high} = {value}" in refused.error.limit
+    assert render(limit, "nb").startswith(f"{'under' if is_strict else 'høyst'} {high} = ")
+    assert render(refused.why, "nb") != why
