@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,7 @@ def calls(name):
                 yield path.relative_to(ROOT).as_posix(), node
 
 
+@cache
 def used():
     """Return code -> names of the arguments that it is given, of every message in the code."""
     found = {}

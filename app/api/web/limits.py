@@ -1,11 +1,10 @@
 """How much a client may send: requests here are small, and what is larger is refused before it fills the memory."""
 
-from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as HttpMessage
 
-from app.api.web.problems import Problem
-from app.words import Message, render
+from app.api.web.problems import HttpRefusal, Problem
+from app.words import Message
 
 MAX_BODY_BYTES = 1 << 20  # a configuration is 420 bytes, all CAN tables as JSON a few kilobytes
 
@@ -39,7 +38,7 @@ class BodyLimit:
             message = await receive()
             taken += len(message.get("body", b""))
             if taken > limit:
-                raise HTTPException(413, render(detail))
+                raise HttpRefusal(413, detail)
             return message
 
         await self._app(scope, counted, send)

@@ -3,6 +3,7 @@
 import logging
 import math
 from collections.abc import Mapping
+from functools import reduce
 from typing import Any
 
 from fastapi import FastAPI, Request
@@ -37,6 +38,20 @@ log = logging.getLogger(__name__)
 MEDIA_TYPE = "application/problem+json"
 HTTP_SLUGS = {400: "bad-request", 404: "not-found", 405: "method-not-allowed", 413: "too-large"}
 SHOWN = 200  # characters of a value that is shown back
+
+
+HTTP_DETAILS = {  # what the framework says by itself
+    "Method Not Allowed": Message("problem-method-not-allowed"),
+    "There was an error parsing the body": Message("body-not-parsed"),
+}
+
+
+class HttpRefusal(HTTPException):
+    """A Problem that the framework lets pass where it reads a request's body."""
+
+    def __init__(self, status: int, message: Message) -> None:
+        self.message = message
+        super().__init__(status, render(message))
 
 
 class Problem(Exception):
@@ -175,6 +190,26 @@ def _number(value: object) -> int | float | None:
     return value if isinstance(value, int | float) else None
 
 
+def _place(error: Mapping[str, Any]) -> str:
+    return ".".join(str(part) for part in error["loc"][1:]) or str(error["loc"][0])
+
+
+def _of_validation(error: Mapping[str, Any]) -> Text:
+    """What is wrong with a field by pydantic; what is rare stays in its own words."""
+    match error["type"]:
+        case "missing":
+            return Message("field-required")
+        case "greater_than_equal":
+            return Message("input-at-least", limit=error["ctx"]["ge"])
+        case "less_than_equal":
+            return Message("input-at-most", limit=error["ctx"]["le"])
+        case "greater_than":
+            return Message("input-above", limit=error["ctx"]["gt"])
+        case "less_than":
+            return Message("input-below", limit=error["ctx"]["lt"])
+    return str(error["msg"])
+
+
 def _document(app: FastAPI) -> None:
     """Say in the OpenAPI document under which media type problems come."""
     made = app.openapi
@@ -208,21 +243,25 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(HTTPException)
     async def on_http(_: Request, error: HTTPException) -> JSONResponse:
         slug = HTTP_SLUGS.get(error.status_code, "http")
-        return Problem(error.status_code, slug, Message("verbatim", text=str(error.detail)), error.headers).response()
+        detail = error.message if isinstance(error, HttpRefusal) else HTTP_DETAILS.get(str(error.detail))
+        detail = detail or Message("verbatim", text=str(error.detail))
+        return Problem(error.status_code, slug, detail, error.headers).response()
 
     @app.exception_handler(RequestValidationError)
     async def on_validation(_: Request, error: RequestValidationError) -> JSONResponse:
+        found = error.errors()
         errors = [
             {
-                "field": ".".join(str(part) for part in e["loc"][1:]) or str(e["loc"][0]),
+                "field": _place(e),
                 "value": _shown(e["input"]) if isinstance(e.get("input"), str) else _number(e.get("input")),
                 "limit": e["msg"].removeprefix("Input should be "),
-                "message": e["msg"],
+                **told("message", _of_validation(e)),
             }
-            for e in error.errors()
+            for e in found
         ]
-        detail = "; ".join(f"{e['field']}: {e['message']}" for e in errors)
-        return Problem(422, "invalid", Message("verbatim", text=detail), errors=errors).response()
+        each = [Message("of-source", source=_place(e), reason=_of_validation(e)) for e in found]
+        detail = reduce(lambda first, second: Message("also", first=first, second=second), each)
+        return Problem(422, "invalid", detail, errors=errors).response()
 
     @app.exception_handler(Exception)
     async def on_bug(_: Request, error: Exception) -> JSONResponse:

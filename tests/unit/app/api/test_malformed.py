@@ -5,6 +5,9 @@ import json
 import pytest
 from starlette.websockets import WebSocketDisconnect
 
+from app.api.web.limits import MAX_BODY_BYTES
+from app.words import message_from_json, render
+
 JSON = {"Content-Type": "application/json"}
 EDIT = JSON | {"If-Match": "*"}
 PREFIX = "/api/v1"
@@ -142,3 +145,59 @@ def test_a_rate_that_is_none_closes_the_stream(client, rate):
 def test_a_field_is_given_in_one_way(client):
     body = {"values": {"ts": 110}, "raw": {"ts": 120}}
     assert refused(client.put(f"{PREFIX}/config", json=body, headers=EDIT), 422)["errors"][0]["field"] == "ts"
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "sent", "english", "norwegian"),
+    [
+        ("GET", "/nothing", {}, "no route /api/v1/nothing", "finnes ikke: rute /api/v1/nothing"),
+        ("DELETE", "/health", {}, "Method Not Allowed", "Metoden er ikke tillatt"),
+        ("POST", "/can/transmit", {"json": {}}, "frames: Field required", "frames: Feltet må være med"),
+        (
+            "GET",
+            "/can/trace?limit=0",
+            {},
+            "limit: Input should be greater than or equal to 1",
+            "limit: Verdien må være minst 1",
+        ),
+        (
+            "GET",
+            "/can/trace?limit=2001",
+            {},
+            "limit: Input should be less than or equal to 2000",
+            "limit: Verdien må være høyst 2000",
+        ),
+        (
+            "GET",
+            "/calibration/slave?pack=8",
+            {},
+            "pack: Input should be less than 8",
+            "pack: Verdien må være under 8",
+        ),
+        (
+            "POST",
+            "/replay/control",
+            {"json": {"loop": [1]}},
+            "loop.tuple[float, float].1: Field required; loop.literal['off']: Input should be 'off'",
+            "loop.tuple[float, float].1: Feltet må være med; loop.literal['off']: Input should be 'off'",
+        ),
+        (
+            "POST",
+            "/commands/reset",
+            {"json": {"argument": 1}},
+            "argument = 1.0: this command takes none",
+            "argument = 1.0: denne kommandoen har ingen",
+        ),
+        (
+            "POST",
+            "/commands/set-soc",
+            {"content": (b" " * 1000 for _ in range(MAX_BODY_BYTES // 1000 + 1))},
+            f"a request may have {MAX_BODY_BYTES} bytes",
+            f"en forespørsel kan ha {MAX_BODY_BYTES} byte",
+        ),
+    ],
+)
+def test_what_is_refused_is_told_in_english_and_by_code(client, method, path, sent, english, norwegian):
+    body = refused(client.request(method, PREFIX + path, **sent), 404, 405, 413, 422)
+    told = message_from_json(body["detail_words"])
+    assert (body["detail"], render(told), render(told, "nb")) == (english, english, norwegian)
