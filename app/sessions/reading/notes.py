@@ -8,6 +8,7 @@ from typing import Any
 from app.sessions.errors import NotASession, RecordingFailed
 from app.sessions.storage.migrate import SESSION, check, migrate
 from app.sessions.storage.queries import StoredSession
+from app.words import Message
 
 _BUSY_S = 5.0
 
@@ -28,13 +29,13 @@ def write_note(path: Path, key: str, value: Any, *, t_wall_ns: int, who: str | N
         RecordingFailed: the disk, or the medium, does not take it.
     """
     if not path.is_file():
-        raise NotASession(str(path), "no such file")
+        raise NotASession(str(path), Message("no-such-file"))
     uri = f"{path.resolve().as_uri()}?mode=rw"
     try:
         connection = sqlite3.connect(uri, uri=True, timeout=_BUSY_S, isolation_level=None)
         try:
             if check(connection, SESSION, str(path)) == 0:
-                raise NotASession(str(path), "empty")
+                raise NotASession(str(path), Message("session-empty"))
             migrate(connection, SESSION, str(path))
             if value is None:
                 connection.execute("DELETE FROM notes WHERE key = ?", (key,))
@@ -44,6 +45,6 @@ def write_note(path: Path, key: str, value: Any, *, t_wall_ns: int, who: str | N
         finally:
             connection.close()
     except sqlite3.OperationalError as error:
-        raise RecordingFailed(f"{path}: {error}") from error
+        raise RecordingFailed(Message("of-source", source=str(path), reason=str(error))) from error
     except sqlite3.DatabaseError as error:
-        raise NotASession(str(path), f"damaged: {error}") from error
+        raise NotASession(str(path), Message("damaged", error=str(error))) from error

@@ -25,6 +25,7 @@ from app.sessions.storage.files import size_on_disk
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.signals import Signal, field_shape, find_signal
 from app.sessions.storage.streams import IntArray
+from app.words import Message
 from firmware_protocol.memory_map import CONFIG, FIELDS
 
 MAX_POINTS = 100_000
@@ -321,7 +322,7 @@ class SessionFile:
     def _meta(self) -> dict[str, str]:
         meta = dict(self._stored.rows("SELECT key, value FROM meta"))
         if missing := _ALWAYS_THERE - meta.keys():
-            raise NotASession(str(self.path), f"damaged: no {', '.join(sorted(missing))}")
+            raise NotASession(str(self.path), Message("damaged-lacks", missing=tuple(sorted(missing))))
         return meta
 
     def _wall_offset_ns(self) -> int:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from app.sessions.errors import NotASession, SessionError
 from app.sessions.storage.migrate import Schema, check, migrate
+from app.words import Message
 
 _BUSY_S = 5.0
 
@@ -28,7 +29,7 @@ def open_for_writing(path: Path, schema: Schema) -> sqlite3.Connection:
     except sqlite3.DatabaseError as error:
         connection.close()
         if error.sqlite_errorcode == sqlite3.SQLITE_NOTADB:
-            raise NotASession(str(path), "not a SQLite file") from error
+            raise NotASession(str(path), Message("no-sqlite-file")) from error
         raise
     except SessionError:
         connection.close()
@@ -46,7 +47,7 @@ def open_for_reading(path: Path, schema: Schema) -> sqlite3.Connection:
         SchemaTooNew: a newer program wrote it.
     """
     if not path.is_file():
-        raise NotASession(str(path), "no such file")
+        raise NotASession(str(path), Message("no-such-file"))
     location = path.resolve().as_uri()
     try:
         return _open_at(f"{location}?mode=ro", path, schema)
@@ -71,7 +72,7 @@ def _open_at(uri: str, path: Path, schema: Schema) -> sqlite3.Connection:
         return connection
     connection.close()
     if version == 0:
-        raise NotASession(str(path), "empty")
+        raise NotASession(str(path), Message("session-empty"))
     try:
         open_for_writing(path, schema).close()
     except sqlite3.OperationalError as error:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from importlib import resources
 
 from app.sessions.errors import NotASession, SchemaTooNew
+from app.words import Message
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ def check(connection: sqlite3.Connection, schema: Schema, path: str) -> int:
     version = int(connection.execute("PRAGMA user_version").fetchone()[0])
     is_used = mark or version or connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
     if is_used and (mark != schema.application_id or version < 0):
-        raise NotASession(path, "not a file of this kind")
+        raise NotASession(path, Message("another-kind-of-file"))
     if version > schema.version:
         raise SchemaTooNew(path, version, schema.version)
     return version

@@ -12,6 +12,7 @@ from typing import Any
 from app.sessions.errors import NotASession
 from app.sessions.storage.database import open_for_reading
 from app.sessions.storage.migrate import SESSION
+from app.words import Message
 
 FETCH_ROWS = 500
 
@@ -119,11 +120,11 @@ class StoredSession:
         try:
             yield
         except (ArithmeticError, LookupError, TypeError, ValueError, struct.error, zlib.error) as error:
-            raise NotASession(str(self.path), f"damaged: {error}") from error
+            raise NotASession(str(self.path), Message("damaged", error=str(error))) from error
 
     @contextmanager
     def _translated(self) -> Iterator[None]:
         try:
             yield
         except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
-            raise NotASession(str(self.path), f"damaged: {error}") from error
+            raise NotASession(str(self.path), Message("damaged", error=str(error))) from error

@@ -10,6 +10,7 @@ from app.battery.shape import N_CELLS
 from app.sessions.errors import UnknownSignal
 from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE, ESTIMATES
 from app.sessions.storage.streams import IntArray
+from app.words import Message
 from firmware_protocol.memory_map import CHIP_MISSING, FIELDS, T_MISSING, V_MISSING
 
 _NAME = re.compile(r"(?P<field>.+?)(?P<indices>(\[\d+\])*)$")
@@ -82,11 +83,11 @@ def field_shape(name: str) -> tuple[Signal, int]:
 
 def _element(name: str, indices: list[int], shape: tuple[int, ...]) -> int:
     if len(indices) != len(shape):
-        raise UnknownSignal(name, f"needs {len(shape)} index{'' if len(shape) == 1 else 'es'} in brackets")
+        raise UnknownSignal(name, Message("needs-indices", n=len(shape)))
     element = 0
     for index, length in zip(indices, shape, strict=True):
         if index >= length:
-            raise UnknownSignal(name, f"index {index} is beyond {length - 1}")
+            raise UnknownSignal(name, Message("index-beyond", index=index, last=length - 1))
         element = element * length + index
     return element
 

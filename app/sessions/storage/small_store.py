@@ -10,6 +10,7 @@ from typing import Any
 from app.sessions.errors import NotASession, RecordingFailed
 from app.sessions.storage.database import open_for_writing
 from app.sessions.storage.migrate import Schema
+from app.words import Message
 
 
 class Store:
@@ -27,7 +28,7 @@ class Store:
         try:
             self._connection = open_for_writing(path, schema)
         except sqlite3.Error as error:
-            raise RecordingFailed(f"{path}: {error}") from error
+            raise RecordingFailed(Message("of-source", source=str(path), reason=str(error))) from error
 
     def close(self) -> None:
         """Close the file."""
@@ -44,7 +45,7 @@ class Store:
             try:
                 return self._connection.execute(query, values).rowcount
             except sqlite3.Error as error:
-                raise RecordingFailed(f"{self.path}: {error}") from error
+                raise RecordingFailed(Message("of-source", source=str(self.path), reason=str(error))) from error
 
     def rows(self, query: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
         """Return all rows of a query.
@@ -56,7 +57,7 @@ class Store:
             try:
                 return self._connection.execute(query, values).fetchall()
             except sqlite3.DatabaseError as error:
-                raise NotASession(str(self.path), f"damaged: {error}") from error
+                raise NotASession(str(self.path), Message("damaged", error=str(error))) from error
 
     def unpacked(self, body: bytes, what: str) -> dict[str, Any]:
         """Return what `packed` made a body of.
@@ -67,7 +68,7 @@ class Store:
         try:
             found: dict[str, Any] = json.loads(zlib.decompress(body))
         except (zlib.error, ValueError) as error:
-            raise NotASession(str(self.path), f"{what} is damaged: {error}") from error
+            raise NotASession(str(self.path), Message("part-damaged", what=what, error=str(error))) from error
         return found
 
 

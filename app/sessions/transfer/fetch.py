@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import IO, Any
 from urllib.parse import urlsplit
 
-from app.errors import ConfigError
+from app.errors import ConfigError, told_by
 from app.sessions.errors import FetchFailed, SessionError
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.files import FETCHED, SUFFIX
+from app.words import Message, Text
 
 TIMEOUT_S = 15.0
 ATTEMPTS = 5  # in a row without a single byte
@@ -57,11 +58,11 @@ class Remote:
         """
         parts = urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise ConfigError("url", url, "http://HOST[:PORT] or https://HOST[:PORT]")
+            raise ConfigError("url", url, Message("url-form"))
         self.url = f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}"
         self.label = label or re.sub(r"[^A-Za-z0-9]+", "-", parts.hostname).strip("-")
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,40}", self.label):
-            raise ConfigError("label", label, "up to 41 letters, digits, dots, dashes")
+            raise ConfigError("label", label, Message("label-form"))
         self._password = password
         self._sleep = sleep
 
@@ -84,7 +85,7 @@ class Remote:
         except (OSError, http.client.HTTPException) as error:
             raise FetchFailed(self.url, str(error)) from error
         except (ValueError, KeyError, TypeError) as error:
-            raise FetchFailed(self.url, "this is no voltwall service") from error
+            raise FetchFailed(self.url, Message("no-voltwall")) from error
 
     def local_id(self, session: RemoteSession) -> str:
         """What a session of it is called here."""
@@ -106,7 +107,7 @@ class Remote:
                 came is kept for the next time, unless it is wrong.
         """
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,80}", session.id):
-            raise FetchFailed(self.url, f"a session cannot be called {session.id[:40]!r}")
+            raise FetchFailed(self.url, Message("bad-session-name", name=repr(session.id[:40])))
         path, note = self._paths(session, folder)
         part = path.with_name(path.name + ".part")
         folder.mkdir(parents=True, exist_ok=True)
@@ -117,28 +118,31 @@ class Remote:
                 expected = self._continue(session, part, on_progress)
                 break
             except urllib.error.HTTPError as error:
-                raise FetchFailed(self.url, f"{session.id}: {error}") from error
+                raise self._failed(session, told_by(error)) from error
             except (OSError, http.client.HTTPException) as error:
                 idle = idle + 1 if _size(part) <= before else 0
                 if idle >= ATTEMPTS:
-                    raise FetchFailed(self.url, f"{session.id}: {error}; the next attempt goes on from here") from error
+                    raise self._failed(session, Message("goes-on-from-here", error=str(error))) from error
                 self._sleep(PAUSE_S * 2**idle)
         with part.open("rb") as file:
             found = hashlib.file_digest(file, "sha256").digest()
         if expected is not None and found != expected:
             part.unlink()
-            raise FetchFailed(self.url, f"{session.id}: what came is not what was sent; fetch it again")
+            raise self._failed(session, Message("not-what-was-sent"))
         try:
             SessionFile(part).close()
         except SessionError as error:
             part.unlink()
-            raise FetchFailed(self.url, f"{session.id}: {error}") from error
+            raise self._failed(session, told_by(error)) from error
         for beside in ("-wal", "-shm"):
             path.with_name(path.name + beside).unlink(missing_ok=True)
         part.replace(path)
         _etag_of(part).unlink(missing_ok=True)
         note.write_text(str(session.size_bytes))
         return path
+
+    def _failed(self, session: RemoteSession, reason: Text) -> FetchFailed:
+        return FetchFailed(self.url, Message("of-source", source=session.id, reason=reason))
 
     def _paths(self, session: RemoteSession, folder: Path) -> tuple[Path, Path]:
         path = folder / f"{self.local_id(session)}{SUFFIX}"

@@ -77,11 +77,11 @@ def fill_gaps(path: Path, other: Path, *, t_wall_ns: int) -> Filled:
         RecordingFailed: the disk does not take the new file; the session stays as it is.
     """
     if is_in_use(path):
-        raise NotNow(f"session {path.stem} is being recorded or read")
+        raise NotNow(Message("session-in-use", session=path.stem))
     try:
         return _fill(path, other, t_wall_ns)
     except (sqlite3.Error, OSError) as error:
-        raise RecordingFailed(f"{path.stem} could not be written anew: {error}") from error
+        raise RecordingFailed(Message("not-written-anew", session=path.stem, error=str(error))) from error
 
 
 def fill_from(catalogue: Catalogue, fetched: Path, *, t_wall_ns: int) -> list[Message]:
@@ -152,7 +152,7 @@ def _missing(session: SessionFile, source: SessionFile) -> list[_Missing]:
     frames = [(frame.t_mono_ns, here.get(hash(frame.raw)), frame.raw) for frame in source.frames() if frame.ok]
     common = [(there_ns, here_ns) for there_ns, here_ns, _ in frames if here_ns is not None]
     if not common:
-        raise NothingInCommon(f"{session.path.stem} and {source.path.stem} have no frame in common: not the same run")
+        raise NothingInCommon(Message("nothing-in-common", session=session.path.stem, other=source.path.stem))
     found: list[_Missing] = []
     passed = 0  # common frames so far
     for there_ns, here_ns, raw in frames:

@@ -9,7 +9,6 @@ import numpy as np
 from app import __version__
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
-from app.estimation.errors import DatasetError
 from app.live.pipeline import Pipeline
 from app.sessions.info import SessionInfo
 from app.sessions.recording.session_writer import Item, SessionWriter, event_item
@@ -18,8 +17,10 @@ from app.sessions.storage.files import new_file
 from app.sources.items import SerialItem
 from app.sources.recordings import can_log
 from app.sources.recordings.battery_log import BatteryLog, battery_log
+from app.sources.recordings.csv_table import TableUnreadable
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import Table, load_table
+from app.words import Message
 from firmware_protocol.framing import decode_chunk, encode_frame
 from firmware_protocol.memory_map import FIELDS, MAP_HASH, MASTER_SIZE, T_MISSING, V_MISSING
 from firmware_protocol.messages import Data, MessageType, Window
@@ -55,8 +56,9 @@ def read_table(path: Path) -> Table:
     """
     try:
         return load_table(path)
-    except DatasetError as error:
-        raise ImportFailed(path.name, str(error)) from error
+    except TableUnreadable as error:
+        reason = Message("of-source", source=error.source, reason=error.reason)
+        raise ImportFailed(path.name, reason) from error
 
 
 def import_file(
@@ -95,10 +97,10 @@ def import_file(
     elif not is_can:
         log = battery_log(read_table(path), profile)
     elif not frames:
-        raise ImportFailed(path.name, "no data frame in it")
+        raise ImportFailed(path.name, Message("no-data-frame"))
     start_s = _start(path, log, frames, started_unix_s)
     if not 0 <= start_s < LATEST_UNIX_S:
-        raise ImportFailed(path.name, f"it would begin at {start_s:.0f} s since 1970: is the unit of time right?")
+        raise ImportFailed(path.name, Message("begins-impossibly", start=f"{start_s:.0f}"))
     wall_ns = round(start_s * 1e9)
     target = new_file(folder, wall_ns)
     info = SessionInfo(

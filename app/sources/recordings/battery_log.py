@@ -11,6 +11,7 @@ from app.estimation.arrays import FloatArray
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.quantities import in_our_unit
 from app.sources.recordings.table import Table
+from app.words import Message
 
 UNIX_FROM_S = 9.0e8  # a time beyond it, in 1998, is since 1970; before it, since a start
 DEFAULT_PERIOD_S = 0.1
@@ -44,7 +45,7 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
     n_cells = voltages_v.shape[1]
     if n_cells > N_CELLS:
         raise ImportFailed(
-            table.source, f"voltages = {profile.voltages!r}: {n_cells} cells, up to {N_CELLS} can be shown"
+            table.source, Message("too-many-cells", pattern=repr(profile.voltages), cells=n_cells, most=N_CELLS)
         )
     temperatures = np.full((len(current_a), N_CELLS), np.nan)
     if profile.temperatures:
@@ -66,7 +67,7 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
     plausible = voltages_v[rows]
     full_v[:, :n_cells] = np.where((plausible > 0.5) & (plausible < 6.0), plausible, np.nan)
     if np.isnan(full_v).all():
-        raise ImportFailed(table.source, f"voltage_unit = {profile.voltage_unit}: no cell voltage is within 0.5..6 V")
+        raise ImportFailed(table.source, Message("no-cell-voltage", unit=profile.voltage_unit))
     return BatteryLog(
         time_s - time_s[0],
         float(time_s[0]) if time_s[0] > UNIX_FROM_S else None,
@@ -97,7 +98,7 @@ def _rows(source: str, time_s: FloatArray, max_rate_hz: float, notes: list[str])
         order = order[np.argsort(time_s[order], kind="stable")]
         notes.append("rows were not in the order of time: sorted")
     if not len(order):
-        raise ImportFailed(source, "no row has a time")
+        raise ImportFailed(source, Message("no-row-has-time"))
     keep = np.append(True, np.diff(time_s[order]) > 0)
     if max_rate_hz > 0:
         bucket = np.floor((time_s[order] - time_s[order[0]]) * max_rate_hz + 1e-6)
@@ -107,5 +108,5 @@ def _rows(source: str, time_s: FloatArray, max_rate_hz: float, notes: list[str])
     order = np.asarray(order[keep], np.intp)
     days = (time_s[order[-1]] - time_s[order[0]]) / 86_400
     if days > MAX_DAYS:
-        raise ImportFailed(source, f"it is {days:.0f} days long, at most {MAX_DAYS}: is the unit of time right?")
+        raise ImportFailed(source, Message("days-too-long", days=f"{days:.0f}", most=MAX_DAYS))
     return order

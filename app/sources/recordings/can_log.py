@@ -12,6 +12,7 @@ from app.errors import ExtraMissing, ImportFailed
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import Table, matching
+from app.words import Message, Quantity
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 ENDINGS = (".log", ".asc", ".blf")
@@ -34,7 +35,7 @@ def read_frames(path: Path) -> Iterator[Frame]:
                     extended = CAN_ID_EXTENDED if message.is_extended_id else 0
                     yield float(message.timestamp), message.arbitration_id | extended, bytes(message.data)
     except Exception as error:  # every reader raises its own: struct.error, BLFParseError, ...
-        raise ImportFailed(path.name, f"not a readable CAN log: {error}") from error
+        raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
 
 
 def signal_table(path: Path, dbc: Path, profile: ImportProfile) -> Table:
@@ -118,7 +119,10 @@ def _signals(
         try:
             values = message.decode(data, decode_choices=False, allow_truncated=True)
         except Exception as error:
-            raise ImportFailed(source, f"message {message.name} at {at_s:.3f} s: {error}") from error
+            raise ImportFailed(
+                source,
+                Message("frame-not-decoded", name=message.name, time=Quantity(at_s, "s", 3), error=str(error)),
+            ) from error
         numbers = {name: float(value) for name, value in values.items() if isinstance(value, int | float)}
         for name, value in numbers.items():
             names = [f"{message.name}.{name}"] + ([name] if uses[name] == 1 else [])
@@ -128,8 +132,9 @@ def _signals(
                 times.append(at_s)
                 found.append(value)
     if not signals:
-        what = "its frames" if only is None else f"its frames with a signal {only}"
-        raise ImportFailed(source, f"none of {what} is in {dbc.name}")
+        if only is None:
+            raise ImportFailed(source, Message("no-frame-in-dbc", dbc=dbc.name))
+        raise ImportFailed(source, Message("no-signal-in-dbc", signal=only, dbc=dbc.name))
     return signals
 
 
@@ -146,15 +151,15 @@ def _database(path: Path) -> Any:
     try:
         return cantools.database.load_file(path, database_format="dbc", strict=False)
     except Exception as error:
-        raise ImportFailed(path.name, f"not a readable DBC: {error}") from error
+        raise ImportFailed(path.name, Message("no-dbc", error=str(error))) from error
 
 
 def _signal(
     source: str, what: str, name: str, signals: dict[str, tuple[list[float], list[float]]]
 ) -> tuple[FloatArray, FloatArray]:
     if name not in signals:
-        shown = ", ".join(sorted(signals)[:12])
-        raise ImportFailed(source, f"{what} = {name!r}: no frame carries this signal; there are {shown}, ...")
+        shown = tuple(sorted(signals)[:12])
+        raise ImportFailed(source, Message("no-frame-carries", what=what, name=repr(name), names=shown))
     times_s, values = signals[name]
     return np.array(times_s), np.array(values)
 

@@ -11,6 +11,7 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.sources.recordings.quantities import is_unit
+from app.words import Message, render
 
 MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
 DELIMITERS = (";", "\t", ",")
@@ -18,6 +19,14 @@ CLOCK = re.compile(r"(?:(\d+)d ?)?(\d{1,4}):([0-5]?\d)(?::([0-5]?\d(?:\.\d+)?))?
 DATE = re.compile(r"(\d{1,2})([./])(\d{1,2})\2(\d{4})(?=[ T])")
 PREAMBLE_LIMIT = 100  # lines of remarks a rig may write before its table
 ROWS_ALIKE = 5  # rows of the same kind that make a table where some columns hold words
+
+
+class TableUnreadable(DatasetError):
+    """There is no table in the file; `reason` says why in any language."""
+
+    def __init__(self, source: str, reason: Message) -> None:
+        super().__init__(source, render(reason))
+        self.reason = reason
 
 
 def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | None, list[FloatArray]]:
@@ -29,7 +38,7 @@ def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | Non
         notes: gets what was done.
 
     Raises:
-        DatasetError: it holds no table of numbers.
+        TableUnreadable: it holds no table of numbers.
     """
     try:
         text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
@@ -37,7 +46,7 @@ def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | Non
         text = raw.decode("latin-1")
     lines = [line for line in text.splitlines() if line.strip()]
     if not lines:
-        raise DatasetError(source, "the file is empty")
+        raise TableUnreadable(source, Message("file-empty"))
     if not any(delimiter in line for line in lines[:PREAMBLE_LIMIT] for delimiter in DELIMITERS):
         lines = ["\t".join(line.split()) for line in lines]
     delimiter, start = _find_table(source, lines)
@@ -68,7 +77,7 @@ def _find_table(source: str, lines: list[str]) -> tuple[str, int]:
             if _is_row_with_words(lines, k, delimiter):
                 return delimiter, k
     last = min(len(lines), PREAMBLE_LIMIT)
-    raise DatasetError(source, f"no row of numbers in the first {last} lines; line {last} is {lines[last - 1][:60]!r}")
+    raise TableUnreadable(source, Message("no-row-of-numbers", last=last, line=repr(lines[last - 1][:60])))
 
 
 def _is_row_with_words(lines: list[str], k: int, delimiter: str) -> bool:
@@ -174,10 +183,12 @@ def _numbers_row_by_row(source: str, body: list[str], delimiter: str, width: int
     is_word = np.array([[value is None for value in values] for values in rows])
     holds_words = is_word.mean(axis=0) > 0.5
     if np.count_nonzero(~holds_words) < 2:
-        raise DatasetError(source, f"fewer than two of {width} columns apart by {delimiter!r} hold numbers")
+        raise TableUnreadable(source, Message("no-two-columns", width=width, delimiter=repr(delimiter)))
     broken = len(body) - len(rows) + int(is_word[:, ~holds_words].any(axis=1).sum())
     if broken > 0.5 * len(body):
-        raise DatasetError(source, f"{broken} of {len(body)} rows are not {width} columns apart by {delimiter!r}")
+        raise TableUnreadable(
+            source, Message("rows-broken", broken=broken, rows=len(body), width=width, delimiter=repr(delimiter))
+        )
     if broken:
         notes.append(f"{broken} rows are not {width} columns of numbers: read as missing or left out")
     filled = [[float("nan") if value is None else value for value in values] for values in rows]

@@ -18,6 +18,7 @@ from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.quantities import UNITS, column_of, sounds_like, unit_of
 from app.sources.recordings.table import Table, matching
+from app.words import Message
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,59}")
 
@@ -49,10 +50,13 @@ class ImportProfile:
         for quantity, units in UNITS.items():
             unit = getattr(self, f"{quantity}_unit")
             if unit not in units:
-                raise ImportFailed("profile", f"{quantity}_unit = {unit!r}: one of {', '.join(units)}")
+                raise ImportFailed(
+                    "profile", Message("no-such-unit", field=f"{quantity}_unit", unit=repr(unit), units=tuple(units))
+                )
         for name, limit in (("max_rate_hz", 1000.0), ("hold_s", 600.0)):
             if not 0.0 <= getattr(self, name) <= limit:
-                raise ImportFailed("profile", f"{name} = {getattr(self, name)}: 0..{limit:g}")
+                value = str(getattr(self, name))
+                raise ImportFailed("profile", Message("beyond-range", field=name, value=value, limit=limit))
 
     def check_complete(self) -> None:
         """Refuse a profile that names too little.
@@ -62,7 +66,7 @@ class ImportProfile:
         """
         for name in ("current", "voltages"):
             if not getattr(self, name):
-                raise ImportFailed("profile", f"{name} is not named: which column, or pattern of columns, is it?")
+                raise ImportFailed("profile", Message("not-named", field=name))
 
 
 def parse_profile(text: str, source: str = "profile") -> ImportProfile:
@@ -74,7 +78,7 @@ def parse_profile(text: str, source: str = "profile") -> ImportProfile:
     try:
         return profile_of(tomllib.loads(text), source)
     except tomllib.TOMLDecodeError as error:
-        raise ImportFailed(source, f"no TOML: {error}") from error
+        raise ImportFailed(source, Message("no-toml", error=str(error))) from error
 
 
 def profile_of(given: dict[str, object], source: str = "profile") -> ImportProfile:
@@ -86,10 +90,10 @@ def profile_of(given: dict[str, object], source: str = "profile") -> ImportProfi
     kinds = {each.name: type(each.default) for each in fields(ImportProfile)}
     for name, value in given.items():
         if name not in kinds:
-            raise ImportFailed(source, f"{name}: no such field; there are {', '.join(kinds)}")
+            raise ImportFailed(source, Message("no-profile-field", field=name, fields=tuple(kinds)))
         is_number = kinds[name] is float and isinstance(value, int | float) and not isinstance(value, bool)
         if not is_number and not isinstance(value, kinds[name]):
-            raise ImportFailed(source, f"{name} = {value!r}: a {kinds[name].__name__}")
+            raise ImportFailed(source, Message("wrong-kind", field=name, value=repr(value), kind=kinds[name].__name__))
     return ImportProfile(**given)  # type: ignore[arg-type]
 
 
@@ -162,7 +166,7 @@ class ProfileStore:
         """
         path = self._path(name)
         if not path.is_file():
-            raise ImportFailed(name, f"no such profile; there are: {', '.join(self.names()) or 'none yet'}")
+            raise ImportFailed(name, Message("no-such-profile", names=tuple(self.names()) or Message("none-yet")))
         return parse_profile(path.read_text(encoding="utf-8"), str(path))
 
     def save(self, name: str, profile: ImportProfile) -> None:
@@ -177,5 +181,5 @@ class ProfileStore:
 
     def _path(self, name: str) -> Path:
         if not _NAME.fullmatch(name):
-            raise ImportFailed("profile", f"a profile cannot be called {name[:60]!r}: letters, digits, spaces, . _ -")
+            raise ImportFailed("profile", Message("bad-profile-name", name=repr(name[:60])))
         return self._folder / f"{name}.toml"

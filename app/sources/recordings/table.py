@@ -12,8 +12,8 @@ import numpy as np
 
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
-from app.estimation.errors import DatasetError
-from app.sources.recordings.csv_table import read_csv
+from app.sources.recordings.csv_table import TableUnreadable, read_csv
+from app.words import Message
 
 GZIP_MAGIC = b"\x1f\x8b"
 PARQUET_MAGIC = b"PAR1"
@@ -39,7 +39,9 @@ class Table:
             return self.columns[name]
         if name.isdigit() and 1 <= int(name) <= len(self.columns):
             return list(self.columns.values())[int(name) - 1]
-        raise ImportFailed(self.source, f"{what} = {name!r}: no such column; there are {_some(list(self.columns))}")
+        raise ImportFailed(
+            self.source, Message("no-such-column", what=what, name=repr(name), names=_some(list(self.columns)))
+        )
 
     def matrix(self, what: str, pattern: str) -> FloatArray:
         """Return the columns of a pattern as (n, k), in the order of pack and number.
@@ -50,7 +52,8 @@ class Table:
         found = matching(pattern, list(self.columns))
         if not found:
             raise ImportFailed(
-                self.source, f"{what} = {pattern!r}: no column fits; there are {_some(list(self.columns))}"
+                self.source,
+                Message("no-column-fits", what=what, pattern=repr(pattern), names=_some(list(self.columns))),
             )
         return np.column_stack([self.columns[name] for name in found])
 
@@ -71,7 +74,7 @@ def load_table(path: Path) -> Table:
     """Return the table in a CSV or Parquet file, plain or gzip; its kind is taken from its content.
 
     Raises:
-        DatasetError: the file cannot be read, or has no table.
+        TableUnreadable: the file cannot be read, or has no table.
     """
     source = path.name
     try:
@@ -79,7 +82,7 @@ def load_table(path: Path) -> Table:
         if raw[:2] == GZIP_MAGIC:
             raw = gzip.decompress(raw)
     except (OSError, EOFError, zlib.error) as exc:
-        raise DatasetError(str(path), f"cannot be read: {exc}") from exc
+        raise TableUnreadable(str(path), Message("cannot-be-read", error=str(exc))) from exc
     notes: list[str] = []
     header, columns = _parquet_table(source, raw) if raw[:4] == PARQUET_MAGIC else read_csv(source, raw, notes)
     names = header or [str(i + 1) for i in range(len(columns))]
@@ -92,11 +95,11 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError as exc:
-        raise DatasetError(source, "reading Parquet needs the extra: pip install voltwall[parquet]") from exc
+        raise TableUnreadable(source, Message("parquet-needs-extra")) from exc
     try:
         table = pq.read_table(BytesIO(raw))
     except (pa.ArrowException, OSError) as exc:
-        raise DatasetError(source, f"not a readable Parquet file: {exc}") from exc
+        raise TableUnreadable(source, Message("no-parquet", error=str(exc))) from exc
     columns = []
     for column in table.columns:
         is_stamp, is_span = pa.types.is_timestamp(column.type), pa.types.is_duration(column.type)
@@ -111,6 +114,6 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
     return list(table.column_names), columns
 
 
-def _some(names: list[str]) -> str:
-    shown = ", ".join(repr(name) for name in names[:12])
-    return shown + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+def _some(names: list[str]) -> Message:
+    shown = tuple(repr(name) for name in names[:12])
+    return Message("and-more", shown=shown, n=len(names) - 12) if len(names) > 12 else Message("list", shown=shown)
