@@ -21,6 +21,7 @@ from app.service.folder_lock import locked_folder
 from app.service.settings import FilterName, Settings
 from app.service.simulator_process import SimulatorProcess
 from app.telemetry import Source
+from app.words import Message
 
 SECRETS = (
     "password",
@@ -157,7 +158,7 @@ def _bind(settings: Settings) -> socket.socket:
     except OSError as error:
         listener.close()
         if error.errno == errno.EADDRINUSE:
-            raise ConfigError("port", settings.port, "in use by another program: stop it, or choose --port") from error
+            raise ConfigError("port", settings.port, Message("port-taken")) from error
         reason = error.strerror or str(error)
         raise ConfigError("host", f"{settings.host}:{settings.port}", reason) from error
     return listener

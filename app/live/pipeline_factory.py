@@ -11,6 +11,7 @@ from app.live.pipeline import Pipeline
 from app.live.prediction import Predictor
 from app.sources.master.source import MasterSource
 from app.telemetry import FloatArray, Source
+from app.words import Message
 
 
 class Chain:
@@ -23,7 +24,7 @@ class Chain:
             ConfigError: there is no such filter, or the cell cannot be used.
         """
         if filter_name not in FILTERS:
-            raise ConfigError("filter", filter_name, f"one of {', '.join(FILTERS)}")
+            raise ConfigError("filter", filter_name, Message("one-of", choices=tuple(FILTERS)))
         try:
             self.cell = load_cell(cell_name)
         except EstimatorError as error:

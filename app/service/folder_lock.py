@@ -7,6 +7,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from app.errors import ConfigError
+from app.words import Message
 
 
 @contextmanager
@@ -21,7 +22,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout as error:
-        raise ConfigError("data", folder, "used by another voltwall: stop it, or choose --data") from error
+        raise ConfigError("data", folder, Message("folder-in-use")) from error
     except OSError as error:
         raise ConfigError("data", folder, error.strerror or str(error)) from error
     try:

@@ -55,19 +55,19 @@ def parse_broker(url: str, password: str | None = None, ca: Path | None = None) 
     Raises:
         ConfigError: it is none, or it holds a password, which everybody on the machine could read.
     """
-    shape = "mqtt[s]://[USER@]HOST[:PORT][/PREFIX]"
+    shape = Message("broker-url")
     parts = urlsplit(url)
     try:
         port = parts.port or DEFAULT_PORTS[parts.scheme]
     except (KeyError, ValueError) as error:
         raise ConfigError("mqtt", url, shape) from error
     if parts.password is not None:
-        raise ConfigError("mqtt", "(hidden)", f"{shape}; the password goes into VOLTWALL_MQTT_PASSWORD")
+        raise ConfigError("mqtt", Message("hidden"), Message("broker-password", shape=shape))
     prefix = parts.path.strip("/") or "voltwall"
     if not parts.hostname or any(character in url for character in "#+?"):
         raise ConfigError("mqtt", url, shape)
     if ca is not None and not ca.is_file():
-        raise ConfigError("mqtt_ca", ca, "no such file")
+        raise ConfigError("mqtt_ca", ca, Message("no-such-file"))
     user = None if parts.username is None else unquote(parts.username)
     return Broker(parts.hostname, port, prefix, parts.scheme == "mqtts", user, password, ca)
 
@@ -91,7 +91,7 @@ class MqttPublisher:
         try:
             paho: Any = import_module("paho.mqtt.client")
         except ImportError as error:
-            raise ConfigError("mqtt", broker, "needs paho-mqtt: pip install 'voltwall[mqtt]'") from error
+            raise ConfigError("mqtt", broker, Message("needs-paho")) from error
         self._broker = broker
         self._recording = recording
         self._clock = clock

@@ -9,6 +9,7 @@ from app.live.pipeline_factory import Chain
 from app.live.prediction import Predictor
 from app.service.settings import Settings
 from app.telemetry import FloatArray, Source
+from app.words import Message
 
 
 class Pipelines:
@@ -48,7 +49,7 @@ class Pipelines:
         chain = self._chain
         if filter_name is not None or cell_name is not None:
             if cell_name is not None and cell_name not in self.cells:
-                raise ConfigError("cell", cell_name, f"one of {', '.join(bundled_cells())}, or the service's own")
+                raise ConfigError("cell", cell_name, Message("one-of-cells", choices=tuple(bundled_cells())))
             chain = Chain(filter_name or self._filter_name, cell_name or self._cell_name)
         return chain.pipeline(
             source, serial_url, can_url, predictor=predictor, start_soc=start_soc, stopwatch_ns=time.perf_counter_ns

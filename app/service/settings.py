@@ -9,6 +9,7 @@ from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from app.errors import ConfigError
+from app.words import Message
 
 FilterName = Literal["fused", "coulomb", "ekf", "ukf", "cdkf"]
 MIN_PASSWORD_LENGTH = 8
@@ -100,14 +101,12 @@ class Settings(BaseSettings):
             ConfigError: names the setting and what it has to be.
         """
         if not self.is_loopback and self.password is None:
-            raise ConfigError(
-                "host", self.host, "beyond loopback a password is required: set VOLTWALL_PASSWORD (and restart)"
-            )
+            raise ConfigError("host", self.host, Message("password-beyond-loopback"))
         for name in ("password", "viewer_password"):
             secret = getattr(self, name)
             if secret is not None and len(secret.get_secret_value()) < MIN_PASSWORD_LENGTH:
-                raise ConfigError(name, "(hidden)", f"at least {MIN_PASSWORD_LENGTH} characters")
+                raise ConfigError(name, Message("hidden"), Message("characters-at-least", count=MIN_PASSWORD_LENGTH))
         if self.viewer_password is not None and self.password is None:
-            raise ConfigError("viewer_password", "(hidden)", "needs password to be set too, or everyone may write")
+            raise ConfigError("viewer_password", Message("hidden"), Message("password-too"))
         if self.viewer_password is not None and self.viewer_password == self.password:
-            raise ConfigError("viewer_password", "(hidden)", "other than password, or every viewer is an engineer")
+            raise ConfigError("viewer_password", Message("hidden"), Message("other-than-password"))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import AppError, LinkError
+from app.words import Message
 
 TIMEOUT_S = 3.0
 MAX_ANSWER = 1 << 20
@@ -40,7 +41,7 @@ class SimulatorControl:
 
     def _exchange(self, request: dict[str, Any]) -> dict[str, Any]:
         if self.url is None:
-            raise LinkError("the simulator is starting")
+            raise LinkError(Message("simulator-starting"))
         try:
             with self._connect(request) as connection:
                 connection.sendall(json.dumps(request).encode() + b"\n")
@@ -52,9 +53,9 @@ class SimulatorControl:
                     line += part
             answer = json.loads(line)
         except (OSError, ValueError) as error:
-            raise LinkError(f"the simulator does not answer: {error}") from error
+            raise LinkError(Message("simulator-silent", error=str(error))) from error
         if not isinstance(answer, dict):
-            raise LinkError("the simulator answered something else")
+            raise LinkError(Message("simulator-unclear"))
         return answer
 
     def _connect(self, request: dict[str, Any]) -> socket.socket:

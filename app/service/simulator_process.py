@@ -15,6 +15,7 @@ from app.errors import ConfigError
 from app.service.settings import Settings
 from app.service.simulator_control import SimulatorControl
 from app.sources.links.backoff import Backoff
+from app.words import Message
 
 log = logging.getLogger(__name__)
 READY_S = 15.0
@@ -97,7 +98,7 @@ class SimulatorProcess:
         self._ready.wait(READY_S)
         if self._first_exit is not None:
             arguments = " ".join([*self._arguments[2:], *(("--scenario", self._scenario) if self._scenario else ())])
-            raise ConfigError("simulator", arguments, f"it ended with code {self._first_exit}, its words are above")
+            raise ConfigError("simulator", arguments, Message("simulator-ended", exit_code=self._first_exit))
 
     def restart(self, scenario: str) -> None:
         """End the car and start another one on the same ports; its EEPROM stays."""

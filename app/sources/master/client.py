@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from app.clock import Clock
 from app.errors import LinkLost, MasterRefused, MasterSilent, NotNow
+from app.words import Message
 from firmware_protocol.exchange import Exchange, GaveUp
 from firmware_protocol.messages import (
     MAX_READ,
@@ -60,7 +61,7 @@ class MasterClient:
         """
         name = type(request).__name__.upper()
         if not self._places.acquire(blocking=False):
-            raise NotNow("too many requests to the master are waiting")
+            raise NotNow(Message("too-many-requests"))
         try:
             with self._one_at_a_time, self._changed:
                 try:
@@ -71,7 +72,7 @@ class MasterClient:
         finally:
             self._places.release()
         if isinstance(reply, GaveUp):
-            raise MasterSilent(f"no reply to {name} after {reply.tries} tries")
+            raise MasterSilent(Message("no-reply-to", request=name, tries=reply.tries))
         if reply.result != Result.DONE:
             result = Result(reply.result).name if reply.result in set(Result) else f"result {reply.result}"
             raise MasterRefused(name, result, None if reply.offset == NO_OFFSET else reply.offset)
@@ -83,7 +84,7 @@ class MasterClient:
         due: bytes | GaveUp | None = self._exchange.start(request, self._clock.monotonic_s())
         while self._reply is None:
             if self._is_closed:
-                raise LinkLost("the service is stopping")
+                raise LinkLost(Message("service-stopping"))
             if isinstance(due, GaveUp):
                 return due
             if due is not None:
@@ -104,7 +105,7 @@ class MasterClient:
             part = min(MAX_READ, length - len(data))
             reply = self.request(Read(offset + len(data), part))
             if len(reply.data) != part:
-                raise MasterSilent(f"READ answered {len(reply.data)} bytes, not {part}")
+                raise MasterSilent(Message("short-read", count=len(reply.data), expected=part))
             data += reply.data
         return data
 

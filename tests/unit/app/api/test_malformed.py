@@ -182,6 +182,13 @@ def test_a_field_is_given_in_one_way(client):
             "loop.tuple[float, float].1: Feltet må være med; loop.literal['off']: Input should be 'off'",
         ),
         (
+            "GET",
+            "/history?seconds=0",
+            {},
+            "seconds: Input should be greater than 0",
+            "seconds: Verdien må være over 0",
+        ),
+        (
             "POST",
             "/commands/reset",
             {"json": {"argument": 1}},
