@@ -166,9 +166,9 @@ class ReplayPlayer:
         """
         state = self._state
         if not self.is_active or state is None:
-            raise NotNow("nothing is replayed")
+            raise NotNow(Message("nothing-replayed"))
         if isinstance(loop, tuple) and not 0.0 <= loop[0] < loop[1] <= state.duration_s + MIN_LOOP_S:
-            raise ConfigError("loop", list(loop), f"two times within the session's {state.duration_s:.1f} s")
+            raise ConfigError("loop", list(loop), Message("loop-in-session", duration=f"{state.duration_s:.1f} s"))
 
         def order(replay: _Replay, now_s: float) -> None:
             pacer = replay.pacer

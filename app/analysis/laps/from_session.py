@@ -19,6 +19,7 @@ from app.sessions.info import Marker
 from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import MAX_POINTS, SessionFile
 from app.sessions.storage.signals import find_signal
+from app.words import Message
 
 Source = Literal["settled", "markers", "pattern", "can", "signal"]
 NOTE = "laps"
@@ -115,11 +116,11 @@ def find_laps(
         if isinstance(counter, CanCounter):
             counter = _counted(session, counter)
         if not isinstance(counter, Counts):
-            raise ConfigError("can_id", None, "name the frame and the byte that counts laps")
+            raise ConfigError("can_id", None, Message("name-lap-frame"))
         marks = rises_s(counter.time_s, counter.values)
     elif source == "signal":
         if not isinstance(counter, str):
-            raise ConfigError("lap_signal", None, "name the signal that goes up when a lap begins")
+            raise ConfigError("lap_signal", None, Message("name-lap-signal"))
         risen = _sampled(session, counter)
         marks = rises_s(risen.time_s, risen.values)
     elif source is None:
@@ -161,7 +162,7 @@ def overlay_laps(session: SessionFile, laps: Sequence[Lap], chosen: Sequence[int
     unit = TOTALS.get(signal, "")
     for index in chosen:
         if not 0 <= index < len(laps):
-            raise ConfigError("lap", index, f"0..{len(laps) - 1}" if laps else "the session has no laps")
+            raise ConfigError("lap", index, f"0..{len(laps) - 1}" if laps else Message("no-laps"))
         lap = laps[index]
         if signal in TOTALS:
             totals = read_totals(session, lap.start_s, lap.end_s)
@@ -189,15 +190,16 @@ def settle_laps(path: Path, laps: Sequence[Lap] | None, *, t_wall_ns: int, who: 
 
 def _checked(laps: Sequence[Lap]) -> list[Lap]:
     if len(laps) > MAX_LAPS:
-        raise ConfigError("laps", len(laps), f"at most {MAX_LAPS}")
+        raise ConfigError("laps", len(laps), Message("at-most", value=MAX_LAPS))
     ordered = sorted(laps, key=lambda lap: lap.start_s)
     for count, lap in enumerate(ordered, 1):
         if not lap.end_s > lap.start_s:
-            raise ConfigError(f"laps[{count}].end", lap.end_s, f"after its start, {lap.start_s}")
+            raise ConfigError(f"laps[{count}].end", lap.end_s, Message("after-start", start=str(lap.start_s)))
         if len(lap.driver) > MAX_TEXT or len(lap.note) > MAX_TEXT:
-            raise ConfigError(f"laps[{count}]", "(text)", f"driver and note of at most {MAX_TEXT} characters")
+            raise ConfigError(f"laps[{count}]", "(text)", Message("driver-and-note", count=MAX_TEXT))
         if count < len(ordered) and ordered[count].start_s < lap.end_s - 1e-6:
-            raise ConfigError(f"laps[{count + 1}].start", ordered[count].start_s, f"not before {lap.end_s}")
+            limit = Message("not-before", time=str(lap.end_s))
+            raise ConfigError(f"laps[{count + 1}].start", ordered[count].start_s, limit)
     return ordered
 
 

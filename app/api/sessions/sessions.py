@@ -127,7 +127,7 @@ def open_session(catalogue: CataloguePart, session_id: str) -> SessionFile:
 
 def _require_order(t_from: float | None, t_to: float | None) -> None:
     if t_from is not None and t_to is not None and t_to < t_from:
-        raise invalid("to", t_to, f"not before from = {t_from:.15g}")
+        raise invalid("to", t_to, Message("not-before-from", start=f"{t_from:.15g}"))
 
 
 @router.get("/sessions", response_model=SessionsOut)
@@ -257,7 +257,7 @@ def download(
     """Signals of a range as a file; without `signal` all fast ones and the estimates."""
     _require_order(t_from, t_to)
     if export_format not in FORMATS:
-        raise invalid("format", export_format, "one of " + ", ".join(FORMATS))
+        raise invalid("format", export_format, Message("one-of", choices=tuple(FORMATS)))
     with tempfile.NamedTemporaryFile(suffix=FORMATS[export_format].suffix, delete=False) as target:
         path = Path(target.name)
     try:

@@ -8,6 +8,7 @@ import can
 from app.errors import ConfigError
 from app.sessions.export.table import SignalTable
 from app.sources.items import CanItem
+from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 CHANNEL = "can0"
@@ -72,4 +73,4 @@ def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
         writer.on_message_received(message)
         is_empty = False
     if is_empty:
-        raise ConfigError("session", session.info.id, "one with CAN frames in this range")
+        raise ConfigError("session", session.info.id, Message("with-can-frames"))

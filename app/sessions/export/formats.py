@@ -13,6 +13,7 @@ from app.sessions.export.mf4_file import write_mf4
 from app.sessions.export.parquet_file import write_parquet
 from app.sessions.export.table import SignalTable
 from app.sessions.reading.reader import SessionFile
+from app.words import Message
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +65,7 @@ def export(
         OSError: the file cannot be written.
     """
     if export_format not in FORMATS:
-        raise ConfigError("format", export_format, "one of " + ", ".join(FORMATS))
+        raise ConfigError("format", export_format, Message("one-of", choices=tuple(FORMATS)))
     table = SignalTable(session, signals, t_from_s, t_to_s, lap_times_s=lap_times_s)
     try:
         FORMATS[export_format].write(table, path)

@@ -20,6 +20,7 @@ from app.sessions.reading.reader import Samples
 from app.sessions.reading.series import find_gaps
 from app.sessions.storage.chunks import Track
 from app.sessions.storage.signals import Signal
+from app.words import Message
 
 _HEADER = struct.Struct("<I4xII20xI24x3HI8sHHI4x16s16x16s16x64s64s64x64s64x1024xI66x64s126x64s64s")
 _EVENT = struct.Struct("<64s64s1024sH")
@@ -164,7 +165,7 @@ def write_ldx(table: SignalTable, path: Path) -> None:
     start_s, end_s = times if times is not None else (0.0, -1.0)
     beacons = [time_s - start_s for time_s in _beacons(table) if start_s < time_s <= end_s]
     if not beacons:
-        raise ConfigError("format", "ldx", "a session with laps: set markers of the kind lap, or settle its laps")
+        raise ConfigError("format", "ldx", Message("with-laps"))
     lines = [
         f'<Marker Version="100" ClassName="BCN" Name={quoteattr(f"Lap.{i + 1}")} Flags="77" Time="{at_s * 1e6:.6e}"/>'
         for i, at_s in enumerate(beacons)

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from app.errors import ConfigError
+from app.words import Message
 
 CLOCK_IS_SET_NS = 1_704_067_200 * 10**9  # 2024-01-01: a wall clock before it has never been told the time
 MAX_CHARACTERS = 60
@@ -73,5 +74,5 @@ def checked(plan: RecordingPlan) -> RecordingPlan:
     """
     for name, text in asdict(plan).items():
         if len(text) > MAX_CHARACTERS:
-            raise ConfigError(name, text[:20] + "...", f"at most {MAX_CHARACTERS} characters")
+            raise ConfigError(name, text[:20] + "...", Message("characters-at-most", count=MAX_CHARACTERS))
     return plan

@@ -101,7 +101,7 @@ class Recorder:
         """
         with self._lock:
             if self._session is not None:
-                raise NotNow(f"session {self._session.id} is being recorded")
+                raise NotNow(Message("is-being-recorded", session=self._session.id))
             return self._begin(name, metadata or {})
 
     def split(self, metadata: Mapping[str, object] | None = None) -> SessionInfo:
@@ -113,7 +113,7 @@ class Recorder:
         """
         with self._lock:
             if (session := self._session) is None:
-                raise NotNow("nothing is being recorded")
+                raise NotNow(Message("nothing-recorded"))
             name = None if session.name == session.id else self._next_name(session.name)
             config = self._config
             known = session.metadata if metadata is None else metadata
