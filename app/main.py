@@ -15,13 +15,15 @@ from app.api import simulator
 from app.api.can import bus as can_bus
 from app.api.can import tables as can
 from app.api.configuration import commands, slave_check
-from app.api.configuration import configuration as config
 from app.api.configuration import library as config_library
+from app.api.configuration import routes as config
 from app.api.encoding.encoder import SnapshotEncoder
-from app.api.live import events, live, metrics, system
+from app.api.live import events, metrics, system
+from app.api.live import routes as live
 from app.api.schemas.service import ProblemOut
 from app.api.sessions import analysis as debrief
-from app.api.sessions import imports, passport, recorder, sessions, transfer
+from app.api.sessions import imports, passport, recorder, transfer
+from app.api.sessions import routes as sessions
 from app.api.web import login as session_login
 from app.api.web import problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware

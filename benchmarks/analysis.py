@@ -21,7 +21,7 @@ from app.analysis.session_arrays import read_totals
 from app.analysis.session_survey import survey_session
 from app.estimation.cell_model.cell_file import load_cell
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.telemetry.events import Event
 from app.words import Message
 from benchmarks.recording import EPOCH_NS, stream

@@ -16,7 +16,7 @@ import numpy as np
 
 from app.clock import Clock
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE, N_CELLS
 from firmware_protocol.messages import Data, MessageType, Window

@@ -12,7 +12,7 @@ from app.commands.benchmarks.numerics import CHIP_US, chain_rates, filter_pass_u
 from app.commands.benchmarks.service import at_line_limit, simulated
 from app.commands.number import between
 from app.errors import ConfigError
-from app.live.pipeline_factory import Chain
+from app.live.pipeline_factory import PipelineFactory
 
 MIN_SECONDS, MAX_SECONDS = 1.0, 86400.0
 Row = tuple[str, str, str]  # what, figure, method
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         ConfigError: there is no such cell.
     """
-    Chain("coulomb", args.cell)  # refuse a cell that is none before minutes of measuring
+    PipelineFactory("coulomb", args.cell)  # refuse a cell that is none before minutes of measuring
     rows = _estimation() if args.estimation else [*_numerics(args.cell), *_service(args.seconds)]
     if args.json:
         print(json.dumps([dict(zip(("what", "figure", "method"), row, strict=True)) for row in rows], indent=2))

@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import quote
 
 from app.commands.config_service import JSON, OCTETS, REFUSED, ConfigService, Refusal
-from app.configuration.lookup import NAMES
+from app.configuration.config_sources import NAMES
 from app.configuration.profile import is_profile
 from app.errors import ConfigError
 from app.words import render

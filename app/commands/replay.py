@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from app.analysis.expectations import Expectations
-from app.analysis.replay_test import prove
+from app.analysis.replay_check import prove
 from app.api.encoding.snapshot import snapshot_json
 from app.commands.number import between
 from app.commands.serve import serve
@@ -17,7 +17,7 @@ from app.commands.session_commands.selection import add_data_argument, add_sessi
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import DEFAULT_CELL
 from app.estimation.filters.estimators import FILTERS
-from app.live.pipeline_factory import Chain
+from app.live.pipeline_factory import PipelineFactory
 from app.main import Replay
 from app.service import log
 from app.service.settings import Settings
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print_snapshots(path: Path, filter_name: str, cell_name: str) -> int:
-    pipeline = Chain(filter_name, cell_name).pipeline("replay", "recorded", "recorded")
+    pipeline = PipelineFactory(filter_name, cell_name).pipeline("replay", "recorded", "recorded")
     with SessionFile(path) as file:
         prepare(pipeline, file)
         for received in file.received():
@@ -109,7 +109,7 @@ def _prove(path: Path, expected: Path, filter_name: str | None, cell_name: str |
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError("--assert", expected, f"a file that can be read: {error}") from error
     expectations = Expectations(text)
-    chain = Chain(
+    chain = PipelineFactory(
         filter_name or expectations.filter_name or DEFAULT_FILTER, cell_name or expectations.cell_name or DEFAULT_CELL
     )
     with SessionFile(path) as session:

@@ -1,12 +1,10 @@
 """Why a change of the configuration was refused, or what is in force after one that failed."""
 
 from app.configuration.finding import Finding
+from app.configuration.writable_fields import FIELDS_WRITABLE_AT_WORK
 from app.errors import AppError, LinkError, NotNow
 from app.words import Message, render
 from firmware_protocol.config_image import image_hash
-from firmware_protocol.memory_map import CONFIG
-
-LIVE_FIELDS = [name for name, field in CONFIG.items() if field.is_live]  # may change while the accumulator works
 
 
 class HashMismatch(AppError):
@@ -42,7 +40,9 @@ class Occupied(NotNow):
     def __init__(self, doing: Message, fields: list[str]) -> None:
         self.doing = render(doing)
         self.fields = fields
-        super().__init__(Message("only-at-rest", doing=doing, fields=tuple(fields), live=tuple(LIVE_FIELDS)))
+        super().__init__(
+            Message("only-at-rest", doing=doing, fields=tuple(fields), live=tuple(FIELDS_WRITABLE_AT_WORK))
+        )
 
 
 class Unverified(LinkError):

@@ -12,8 +12,9 @@ from typing import Protocol
 from app.clock import Clock
 from app.configuration.finding import Finding
 from app.configuration.history import Action
-from app.configuration.refusals import LIVE_FIELDS, HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
+from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
 from app.configuration.rules import Context, review_change
+from app.configuration.writable_fields import FIELDS_WRITABLE_AT_WORK
 from app.configuration.write_log import Attempt, WriteLog
 from app.errors import LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, told_by
 from app.sources.master.client import MasterClient
@@ -70,7 +71,7 @@ class Draft:
     action: Action = "write"
 
 
-class Configuration:
+class ConfigurationWriter:
     """The configuration in force and the stored one, through the master client."""
 
     def __init__(
@@ -253,7 +254,7 @@ class Configuration:
         return {before: "old", wanted: "new"}.get(in_force, "other")
 
     def _require_rest(self, changes: list[Change]) -> None:
-        fields = sorted({change.field for change in changes} - set(LIVE_FIELDS))
+        fields = sorted({change.field for change in changes} - set(FIELDS_WRITABLE_AT_WORK))
         if fields and (doing := self._doing(sensor_only=set(fields) <= SENSOR_FIELDS)) is not None:
             raise Occupied(doing, fields)
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from app.live.conditions import Condition, conditions, is_judged
+from app.live.alarm_rules import Condition, conditions, is_judged
 from app.telemetry import Alarm, Event, Severity, Snapshot
 from app.words import Message, Quantity
 
@@ -22,7 +22,7 @@ class _Pending:
     wall_ns: int
 
 
-class Watch:
+class AlarmKeeper:
     """Feeds on snapshots; returns the alarms to show and the events to log."""
 
     def __init__(self) -> None:

@@ -15,7 +15,7 @@ from app.estimation.filters.estimators import CellEstimator, Estimates
 from app.estimation.prediction.driver_soc import DriverSoc
 from app.estimation.prediction.power import Limits
 from app.live.accumulator import accumulator_of
-from app.live.alarms import Watch
+from app.live.alarms import AlarmKeeper
 from app.live.cells import cells_of, packs_of
 from app.live.plausibility import PlausibilityChecks
 from app.live.prediction import Assessment, Predictor
@@ -60,7 +60,7 @@ class Pipeline:
         self._spare: CellEstimator | None = None
         self._skipped = 0  # measurements without a current, without any voltage, or on which the estimator failed
         self.filter_name, self.cell_name = filter_name, cell_name
-        self._watch = Watch()
+        self._watch = AlarmKeeper()
         self._watch_lock = threading.Lock()
         self._driver = DriverSoc(N_CELLS)
         self._plausibility = PlausibilityChecks()

@@ -14,7 +14,7 @@ from app.telemetry import FloatArray, Source
 from app.words import Message
 
 
-class Chain:
+class PipelineFactory:
     """A filter and a cell for 96 cells; makes as many pipelines as asked for."""
 
     def __init__(self, filter_name: str, cell_name: str) -> None:

@@ -3,7 +3,7 @@
 from app.clock import Clock
 from app.configuration.finding import Finding
 from app.configuration.rules import Context, review
-from app.configuration.safe_write import Configuration
+from app.configuration.safe_write import ConfigurationWriter
 from app.estimation.cell_model.circuit import CellModel
 from app.live.can_trace import CanTrace
 from app.live.pipeline import Output
@@ -30,7 +30,7 @@ class Rules:
 class ConfigurationInForce:
     """The newer of what the stream brought as a whole and what was read back after a write."""
 
-    def __init__(self, configuration: Configuration, clock: Clock) -> None:
+    def __init__(self, configuration: ConfigurationWriter, clock: Clock) -> None:
         self._configuration = configuration
         self._clock = clock
         self._received: tuple[int, bytes] | None = None  # monotonic ns, image

@@ -2,8 +2,8 @@
 
 from app.clock import Clock
 from app.service.events import Events
-from app.service.live import Live
 from app.service.mqtt import MqttPublisher
+from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.telemetry.link_messages import link_trouble
 from app.words import Message
@@ -13,7 +13,7 @@ class Health:
     """Asks every part that can fail."""
 
     def __init__(
-        self, live: Live, recorder: AutoRecorder, events: Events, mqtt: MqttPublisher | None, clock: Clock
+        self, live: PipelineThread, recorder: AutoRecorder, events: Events, mqtt: MqttPublisher | None, clock: Clock
     ) -> None:
         self._live = live
         self._recorder = recorder

@@ -5,7 +5,7 @@ import logging
 from concurrent.futures import Executor
 
 from app.clock import Clock
-from app.configuration.safe_write import Configuration
+from app.configuration.safe_write import ConfigurationWriter
 from app.errors import AppError
 from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.master.client import MasterClient
@@ -20,7 +20,7 @@ NEWS = (bytes([EventCode.BOOT]), bytes([EventCode.CONFIG_STORED]))
 class MasterIdentification:
     """Sees every item in the pipeline's thread; asks in a job of its own, since an answer takes its time."""
 
-    def __init__(self, master: MasterClient, configuration: Configuration, jobs: Executor, clock: Clock) -> None:
+    def __init__(self, master: MasterClient, configuration: ConfigurationWriter, jobs: Executor, clock: Clock) -> None:
         self._master = master
         self._configuration = configuration
         self._jobs = jobs

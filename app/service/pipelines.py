@@ -5,7 +5,7 @@ import time
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import bundled_cells
 from app.live.pipeline import Pipeline
-from app.live.pipeline_factory import Chain
+from app.live.pipeline_factory import PipelineFactory
 from app.live.prediction import Predictor
 from app.service.settings import Settings
 from app.telemetry import FloatArray, Source
@@ -23,7 +23,7 @@ class Pipelines:
         """
         self._filter_name = settings.filter
         self._cell_name = settings.cell
-        self._chain = Chain(settings.filter, settings.cell)
+        self._chain = PipelineFactory(settings.filter, settings.cell)
         self.cell = self._chain.cell
 
     @property
@@ -50,7 +50,7 @@ class Pipelines:
         if filter_name is not None or cell_name is not None:
             if cell_name is not None and cell_name not in self.cells:
                 raise ConfigError("cell", cell_name, Message("one-of-cells", choices=tuple(bundled_cells())))
-            chain = Chain(filter_name or self._filter_name, cell_name or self._cell_name)
+            chain = PipelineFactory(filter_name or self._filter_name, cell_name or self._cell_name)
         return chain.pipeline(
             source, serial_url, can_url, predictor=predictor, start_soc=start_soc, stopwatch_ns=time.perf_counter_ns
         )

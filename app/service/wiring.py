@@ -14,10 +14,10 @@ from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.analysis.passport.keeper import PassportKeeper
 from app.battery.shape import N_CELLS
 from app.clock import Clock
+from app.configuration.config_sources import ConfigSources
 from app.configuration.history import ConfigHistory
-from app.configuration.lookup import ConfigSources
 from app.configuration.profile_store import Profiles
-from app.configuration.safe_write import Configuration
+from app.configuration.safe_write import ConfigurationWriter
 from app.configuration.slave_check_log import SlaveCheckLog
 from app.configuration.write_log import WriteLog
 from app.live.can_trace import CanTrace
@@ -31,21 +31,21 @@ from app.service.health import Health
 from app.service.inbox import Inbox
 from app.service.learned_state_saver import LearnedStateSaver
 from app.service.links import Links
-from app.service.live import Live
 from app.service.master_commands import MasterCommands
 from app.service.master_identification import MasterIdentification
 from app.service.mqtt import MqttPublisher, configured_publisher
+from app.service.pipeline_thread import PipelineThread
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
 from app.service.state import ServiceStateReader, recording_state
 from app.sessions.catalogue import Catalogue
 from app.sessions.event_log import EventLog
 from app.sessions.recording.auto_recorder import AutoRecorder
-from app.sessions.recording.writer import DiskLimits
+from app.sessions.recording.recorder import DiskLimits
 from app.sessions.replay import ReplayPlayer
 from app.sessions.retention import Retention, RetentionRule
+from app.sessions.transfer.fetch_jobs import FetchJobs
 from app.sessions.transfer.import_jobs import ImportJobs
-from app.sessions.transfer.jobs import FetchJobs
 from app.telemetry import Event, Snapshot, Source
 from app.words import Message
 
@@ -58,7 +58,7 @@ class Service:
     clock: Clock
     events: Events
     links: Links
-    live: Live
+    live: PipelineThread
     trace: CanTrace
     pipelines: Pipelines
     replay: ReplayPlayer
@@ -69,7 +69,7 @@ class Service:
     imports: ImportJobs
     passports: PassportKeeper
     black_boxes: BlackBoxRecorder
-    configuration: Configuration
+    configuration: ConfigurationWriter
     in_force: ConfigurationInForce
     rules: Rules
     config_history: ConfigHistory
@@ -180,7 +180,7 @@ def make_service(
     rules = Rules(pipelines.cell, trace)
     config_history = ConfigHistory(data)
     write_log = WriteLog(config_history, events.note, clock)
-    configuration = Configuration(links.master, lambda: pipeline.identity, rules.context, write_log, clock)
+    configuration = ConfigurationWriter(links.master, lambda: pipeline.identity, rules.context, write_log, clock)
     in_force = ConfigurationInForce(configuration, clock)
     profiles = Profiles(data / "profiles", clock)
     jobs = ThreadPoolExecutor(max_workers=1, thread_name_prefix="jobs")
@@ -197,7 +197,7 @@ def make_service(
     def keep_black_box(output: Output, t_mono_ns: int) -> None:
         black_boxes.take(output.events, output.snapshot, t_mono_ns)
 
-    live = Live(
+    live = PipelineThread(
         pipeline,
         inbox,
         hub,

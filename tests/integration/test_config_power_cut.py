@@ -9,7 +9,7 @@ import pytest
 from app.clock import Clock
 from app.configuration.refusals import Unverified
 from app.configuration.rules import Context
-from app.configuration.safe_write import Configuration, Draft, WholeImage
+from app.configuration.safe_write import ConfigurationWriter, Draft, WholeImage
 from app.errors import LinkError, LinkLost, MasterRefused
 from app.estimation.cell_model.cell_file import load_cell
 from app.sources.master.client import MasterClient
@@ -69,7 +69,7 @@ class Car:
         self.cut_at: int | None = None
         self.resets = False  # the master loses power at the cut; else only the line is gone for a moment
         self.client = MasterClient(self.send, Clock())
-        self.configuration = Configuration(
+        self.configuration = ConfigurationWriter(
             self.client, lambda: SAME_MAP, lambda: Context(CELL), FakeWriteLog(), FakeClock()
         )
 

@@ -27,7 +27,7 @@ import os, random, signal, sys, time
 from pathlib import Path
 from app.clock import Clock
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 
 def record(folder, acknowledged):
     recorder = Recorder(folder, Clock(), version="test")
@@ -71,7 +71,7 @@ print(total)
 RECORD = """
 import ctypes, sys, time
 from pathlib import Path
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from tests.fake_clock import FunctionClock
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.messages import Data, MessageType, Window

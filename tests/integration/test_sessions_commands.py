@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from app.cli import main
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.messages import Data, Window
 from tests.fake_clock import FunctionClock

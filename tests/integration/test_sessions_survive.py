@@ -14,7 +14,7 @@ from app.clock import Clock
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import NotASession
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from firmware_protocol.framing import encode_frame
 from tests.campaign import campaign, of_size
 
@@ -25,7 +25,7 @@ RECORD = """
 import sys, time
 from app.clock import Clock
 from pathlib import Path
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from firmware_protocol.framing import encode_frame
 
 recorder = Recorder(Path(sys.argv[1]), Clock(), version="test")
@@ -44,7 +44,7 @@ from pathlib import Path
 from app.clock import Clock
 from app.sessions.errors import RecordingFailed
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 
 recorder = Recorder(Path(sys.argv[1]), Clock(), version="test")
 session = recorder.start()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.cli import main
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from firmware_protocol.framing import Frame, FrameDecoder
 from simulator.library import find_scenario
 from simulator.scenario_file import load_scenario

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.telemetry import Event
 from app.words import Message
 from firmware_protocol.config_image import default_image

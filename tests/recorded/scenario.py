@@ -11,7 +11,7 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Output, Pipeline
 from app.live.prediction import Predictor
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sources.items import LinkChange, SerialItem
 from app.sources.master.source import MasterSource
 from app.telemetry import FloatArray

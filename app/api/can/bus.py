@@ -10,7 +10,7 @@ from pydantic import Field
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse
 
-from app.api.configuration.configuration import OCTETS
+from app.api.configuration.routes import OCTETS
 from app.api.encoding.can import bus_json
 from app.api.encoding.words import told
 from app.api.schemas.can import CanBusOut, TransmitOut

@@ -7,7 +7,7 @@ from fastapi.responses import PlainTextResponse
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
-from app.api.configuration.configuration import require_match, write_draft
+from app.api.configuration.routes import require_match, write_draft
 from app.api.encoding.can import measured_messages, tables_json, traced_json
 from app.api.schemas.can import ImportedTablesOut
 from app.api.schemas.config import CanTablesOut, CanTraceOut, WriteResultOut

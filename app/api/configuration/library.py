@@ -5,7 +5,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Header, Path, Query, Response
 from pydantic import Field
 
-from app.api.configuration.configuration import require_match, write_draft
+from app.api.configuration.routes import require_match, write_draft
 from app.api.encoding.configuration import change_json, config_json, finding_json
 from app.api.schemas.config import (
     CheckedProfileOut,
@@ -26,8 +26,8 @@ from app.api.web.dependencies import (
 )
 from app.api.web.problems import Problem, not_found
 from app.api.web.request_body import Body
+from app.configuration.config_sources import NAMES
 from app.configuration.history import Record
-from app.configuration.lookup import NAMES
 from app.configuration.profile import Profile, profile_of, profile_text
 from app.configuration.profile_store import NoProfile
 from app.configuration.safe_write import Draft, WholeImage

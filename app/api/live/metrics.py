@@ -9,7 +9,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 
 from app.api.web.dependencies import LivePart, RecorderPart
 from app.battery.shape import CELLS_PER_PACK
-from app.service.live import Live
+from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.telemetry import Accumulator, Cells, Snapshot
 from app.telemetry.fields import units
@@ -45,7 +45,7 @@ _JOULES_PER_WH = 3600.0
 class SnapshotCollector:
     """A value that is missing is left out, never 0."""
 
-    def __init__(self, live: Live, recorder: AutoRecorder) -> None:
+    def __init__(self, live: PipelineThread, recorder: AutoRecorder) -> None:
         self._live = live
         self._recorder = recorder
 

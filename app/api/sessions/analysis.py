@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
@@ -15,7 +15,7 @@ from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source
 from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
 from app.api.encoding.words import told
 from app.api.schemas.sessions import BoxList
-from app.api.sessions.sessions import MAX_UNIX_S, open_session
+from app.api.sessions.routes import MAX_UNIX_S, open_session
 from app.api.web.dependencies import BlackBoxesPart, CataloguePart, ClockPart, EventsPart, PassportsPart, UserDep
 from app.api.web.document import document_response
 from app.api.web.problems import invalid, not_found
@@ -23,7 +23,7 @@ from app.api.web.request_body import Body
 from app.sessions.black_box_store import StoredBox
 from app.sessions.errors import UnknownSignal
 from app.sessions.reading.reader import SessionFile
-from app.words import Message
+from app.words import Message, languages
 
 router = APIRouter(tags=["debrief"])
 SourceQuery = Annotated[Source | None, Query(description="none: settled, else markers, else the power's pattern")]
@@ -35,7 +35,7 @@ LapSignal = Annotated[
 ]
 
 
-Language = Annotated[Literal["en", "nb"], Query(description="of the document's words")]
+Language = Annotated[str, Query(pattern=f"^({'|'.join(languages())})$", description="of the document's words")]
 
 
 class LapIn(Body):

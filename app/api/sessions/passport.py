@@ -7,7 +7,7 @@ from pydantic import Field
 
 from app.analysis.passport.shapes import AllPassports, CellPassport, all_passports, cell_passport
 from app.api.schemas.sessions import DeletedOut
-from app.api.sessions.sessions import MAX_UNIX_S
+from app.api.sessions.routes import MAX_UNIX_S
 from app.api.web.dependencies import ClockPart, EventsPart, PassportsPart, UserDep
 from app.api.web.problems import not_found
 from app.api.web.request_body import Body

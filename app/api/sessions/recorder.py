@@ -10,7 +10,7 @@ from app.api.encoding.words import told
 from app.api.schemas.sessions import RecorderOut
 from app.api.web.dependencies import EventsPart, RecorderPart, SettingsPart, UserDep
 from app.api.web.request_body import Body
-from app.sessions.recording.plan import MAX_CHARACTERS
+from app.sessions.recording.session_names import MAX_CHARACTERS
 from app.words import Message
 
 router = APIRouter(tags=["sessions"])

@@ -13,10 +13,10 @@ from app.api.web.authentication import Authentication, User
 from app.api.web.problems import Problem
 from app.api.web.readers import Readers
 from app.clock import Clock
+from app.configuration.config_sources import ConfigSources
 from app.configuration.history import ConfigHistory
-from app.configuration.lookup import ConfigSources
 from app.configuration.profile_store import Profiles
-from app.configuration.safe_write import Configuration
+from app.configuration.safe_write import ConfigurationWriter
 from app.configuration.slave_check_log import SlaveCheckLog
 from app.live.can_trace import CanTrace
 from app.service.configuration import ConfigurationInForce, Rules
@@ -24,8 +24,8 @@ from app.service.events import Events
 from app.service.health import Health
 from app.service.host import ClockWatch
 from app.service.links import Links
-from app.service.live import Live
 from app.service.master_commands import MasterCommands
+from app.service.pipeline_thread import PipelineThread
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
@@ -33,8 +33,8 @@ from app.service.wiring import Service
 from app.sessions.catalogue import Catalogue
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.replay import ReplayPlayer
+from app.sessions.transfer.fetch_jobs import FetchJobs
 from app.sessions.transfer.import_jobs import ImportJobs
-from app.sessions.transfer.jobs import FetchJobs
 from app.words import Message
 
 
@@ -87,14 +87,14 @@ CommandsPart = Annotated[MasterCommands, _from_service("commands")]
 ClockPart = Annotated[Clock, _from_service("clock")]
 ConfigHistoryPart = Annotated[ConfigHistory, _from_service("config_history")]
 ConfigSourcesPart = Annotated[ConfigSources, _from_service("config_sources")]
-ConfigurationPart = Annotated[Configuration, _from_service("configuration")]
+ConfigurationPart = Annotated[ConfigurationWriter, _from_service("configuration")]
 EventsPart = Annotated[Events, _from_service("events")]
 FetchesPart = Annotated[FetchJobs, _from_service("fetches")]
 HealthPart = Annotated[Health, _from_service("health")]
 ImportsPart = Annotated[ImportJobs, _from_service("imports")]
 InForcePart = Annotated[ConfigurationInForce, _from_service("in_force")]
 LinksPart = Annotated[Links, _from_service("links")]
-LivePart = Annotated[Live, _from_service("live")]
+LivePart = Annotated[PipelineThread, _from_service("live")]
 PassportsPart = Annotated[PassportKeeper, _from_service("passports")]
 PipelinesPart = Annotated[Pipelines, _from_service("pipelines")]
 ProfilesPart = Annotated[Profiles, _from_service("profiles")]

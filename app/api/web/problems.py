@@ -13,7 +13,7 @@ from starlette.exceptions import HTTPException
 
 from app.api.encoding.configuration import change_json, finding_json
 from app.api.encoding.words import told
-from app.configuration.lookup import NoSource
+from app.configuration.config_sources import NoSource
 from app.configuration.profile_store import NoProfile
 from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
 from app.errors import (

@@ -23,7 +23,7 @@ from app.commands.benchmarks.numerics import fast_frame
 from app.commands.benchmarks.process import cpu_s, resident_mb
 from app.sessions.catalogue import Catalogue
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sessions.storage.files import size_on_disk
 from firmware_protocol.framing import LINE_BYTES_PER_S
 

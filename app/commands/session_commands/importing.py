@@ -9,7 +9,7 @@ from pathlib import Path
 from app.commands.session_commands.selection import data_folder, new_action
 from app.errors import ConfigError
 from app.estimation.filters.estimators import FILTERS
-from app.live.pipeline_factory import Chain
+from app.live.pipeline_factory import PipelineFactory
 from app.sessions.transfer.import_session import import_file, read_table
 from app.sources.recordings.can_log import ENDINGS, signal_names
 from app.sources.recordings.profile import ImportProfile, ProfileStore, guess, parse_profile, profile_of, profile_text
@@ -47,7 +47,7 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 def _import(args: argparse.Namespace) -> int:
     path = _existing(args.file)
     data = data_folder(args)
-    chain = Chain(args.filter, args.cell)
+    chain = PipelineFactory(args.filter, args.cell)
     store = ProfileStore(data / "profiles")
     is_own_can = path.name.lower().endswith(ENDINGS) and args.dbc is None
     profile = ImportProfile() if is_own_can else _profile(args, path, store)

@@ -13,8 +13,8 @@ from app.commands.session_commands.selection import (
     new_action,
 )
 from app.sessions.transfer.fetch import Remote
+from app.sessions.transfer.fetch_jobs import Fetch, FetchState
 from app.sessions.transfer.fill import fill_gaps
-from app.sessions.transfer.jobs import Fetch, FetchState
 
 
 def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

@@ -10,8 +10,8 @@ from app.clock import Clock
 from app.errors import AppError
 from app.live.pipeline import Output
 from app.sessions.info import RecorderStatus, SessionInfo
-from app.sessions.recording.plan import RecordingPlan, load_plan, next_part, save_plan
-from app.sessions.recording.writer import DiskLimits, Recorder
+from app.sessions.recording.recorder import DiskLimits, Recorder
+from app.sessions.recording.session_names import RecordingPlan, load_plan, next_part, save_plan
 from app.sources.items import CanItem, Item, SerialItem
 from app.telemetry import Event, Severity, Source
 from app.words import Message

@@ -20,7 +20,7 @@ from app.sessions.catalogue import Catalogue
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecordedCanFrame, RecordedFrame, SessionInfo
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.plan import CLOCK_IS_SET_NS
+from app.sessions.recording.session_names import CLOCK_IS_SET_NS
 from app.sessions.recording.session_writer import Item, SessionWriter, event_item
 from app.sessions.storage.files import FETCHED, is_in_use, merge_log
 from app.telemetry import Event

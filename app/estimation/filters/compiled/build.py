@@ -1,4 +1,4 @@
-"""Compile a kernel to machine code, in a process that ends: `python -m app.estimation.kernel_build WHAT SHAPE..`.
+"""Compile a kernel to machine code, in a process that ends: `python -m app.estimation.filters.compiled.build WHAT ...`.
 
 The object file goes to standard output. It needs numba; who runs the kernel does not, see `native`.
 """

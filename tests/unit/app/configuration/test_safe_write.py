@@ -9,7 +9,7 @@ import pytest
 from app.clock import Clock
 from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
 from app.configuration.rules import Context
-from app.configuration.safe_write import Configuration, Draft
+from app.configuration.safe_write import ConfigurationWriter, Draft
 from app.errors import LinkError, LinkLost, MasterRefused, NotNow
 from app.estimation.cell_model.cell_file import load_cell
 from app.sources.master.client import MasterClient
@@ -110,7 +110,9 @@ class Edited:
 
 
 def configuration(master, identity=SAME_MAP, log=None):
-    return Configuration(master.client, lambda: identity, lambda: Context(CELL), log or FakeWriteLog(), FakeClock())
+    return ConfigurationWriter(
+        master.client, lambda: identity, lambda: Context(CELL), log or FakeWriteLog(), FakeClock()
+    )
 
 
 def write(config, edit, expected="*", *, dry_run=False, reason=""):

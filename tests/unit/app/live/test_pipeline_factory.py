@@ -1,18 +1,18 @@
 import pytest
 
 from app.errors import ConfigError
-from app.live.pipeline_factory import Chain
+from app.live.pipeline_factory import PipelineFactory
 
 
 @pytest.mark.parametrize(("names", "field"), [(("kalman", "lco-pouch"), "filter"), (("fused", "lead-acid"), "cell")])
 def test_a_name_that_stands_for_nothing_is_named(names, field):
     with pytest.raises(ConfigError) as caught:
-        Chain(*names)
+        PipelineFactory(*names)
     assert caught.value.field == field
 
 
 def test_its_pipelines_say_what_estimates_and_share_nothing(master):
-    chain = Chain("coulomb", "samsung-25r-10p")
+    chain = PipelineFactory("coulomb", "samsung-25r-10p")
     one, other = chain.pipeline("serial", "port"), chain.pipeline("replay", "recorded")
     snapshot = one.feed(master.frame()).snapshot
     assert (snapshot.estimator.filter, snapshot.estimator.cell) == ("coulomb", "samsung-25r-10p")

@@ -7,7 +7,7 @@ import pytest
 from app.live.hub import Hub
 from app.live.pipeline import Output
 from app.service.inbox import Inbox
-from app.service.live import Live
+from app.service.pipeline_thread import PipelineThread
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
 from app.sources.items import Item
@@ -31,10 +31,10 @@ class LiveBench:
     replay: FakeReplay = field(default_factory=FakeReplay)
     items: list[Item] = field(default_factory=list)
     outputs: list[Output] = field(default_factory=list)
-    live: Live = field(init=False)
+    live: PipelineThread = field(init=False)
 
     def __post_init__(self) -> None:
-        self.live = Live(
+        self.live = PipelineThread(
             self.pipeline,
             self.inbox,
             Hub(),

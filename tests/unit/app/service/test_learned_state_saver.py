@@ -4,7 +4,7 @@ import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.live.learned_state import load_learned_state
-from app.live.pipeline_factory import Chain
+from app.live.pipeline_factory import PipelineFactory
 from app.live.prediction import Predictor
 from app.service.learned_state_saver import EVERY_S, LearnedStateSaver
 from firmware_protocol.memory_map import N_CELLS
@@ -17,7 +17,7 @@ def predictor():
 
 @pytest.fixture
 def pipeline(predictor):
-    return Chain("coulomb", "samsung-25r-10p").pipeline("serial", predictor=predictor)
+    return PipelineFactory("coulomb", "samsung-25r-10p").pipeline("serial", predictor=predictor)
 
 
 def test_before_the_first_estimate_nothing_is_saved(tmp_path, pipeline, predictor, clock):

@@ -5,7 +5,7 @@ import pytest
 
 from app.sessions.export import SignalTable
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from firmware_protocol.can_tables import TxMessage, message_bytes, tx_messages, with_tx_messages
 from firmware_protocol.config_image import default_image
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE

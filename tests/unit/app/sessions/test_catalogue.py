@@ -8,7 +8,7 @@ from app.errors import NotNow
 from app.sessions.catalogue import Catalogue
 from app.sessions.catalogue_index import INDEX
 from app.sessions.errors import SessionNotFound
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sessions.storage.files import is_in_use
 from tests.fake_clock import FunctionClock
 

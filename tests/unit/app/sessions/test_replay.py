@@ -9,7 +9,7 @@ from app.errors import AppError, ConfigError, NotNow
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sessions.replay import ReplayOptions, ReplayPlayer
 from app.sources.items import SerialItem
 from app.sources.master.source import MasterSource

@@ -6,7 +6,7 @@ import pytest
 from app.errors import ConfigError
 from app.sessions.info import RecordedCanFrame, RecordedFrame
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sessions.replay_schedule import LEAD_S, MAX_ITEMS, Pacer
 
 MONO_NS = 5_000 * 10**9

@@ -3,7 +3,7 @@ import os
 import pytest
 
 from app.sessions.catalogue import Catalogue
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sessions.retention import Retention, RetentionRule, apply_rule
 from tests.fake_clock import FakeClock, FunctionClock
 

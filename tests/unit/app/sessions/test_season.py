@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 from app.sessions.catalogue import Catalogue
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 
 N = 100
 

@@ -11,7 +11,7 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sources.master.source import MasterSource
 from tests.fake_clock import FunctionClock
 

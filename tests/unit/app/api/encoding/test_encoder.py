@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from app.api.encoding.encoder import SnapshotEncoder
-from app.live.pipeline_factory import Chain
+from app.live.pipeline_factory import PipelineFactory
 from app.telemetry.service_state import ServiceState
 
 
@@ -23,7 +23,7 @@ class CountedState:
 
 @pytest.fixture
 def snapshot(master):
-    return Chain("coulomb", "samsung-25r-10p").pipeline("serial").feed(master.frame()).snapshot
+    return PipelineFactory("coulomb", "samsung-25r-10p").pipeline("serial").feed(master.frame()).snapshot
 
 
 def test_the_same_snapshot_is_encoded_once(snapshot):

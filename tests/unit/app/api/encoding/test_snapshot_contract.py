@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from app.api.encoding.snapshot import snapshot_json
-from app.live.pipeline_factory import Chain
+from app.live.pipeline_factory import PipelineFactory
 from app.sources.items import CanFault, CanItem, LinkChange
 from app.telemetry.service_state import ServiceState
 from firmware_protocol.messages import EventCode, EventMessage, Ident, MessageType, Reply
@@ -88,7 +88,7 @@ def differences(recorded, now, path=""):
 
 
 def test_every_key_and_number_is_as_it_was_recorded(master):
-    chain = Chain("coulomb", "samsung-25r-10p").pipeline("serial", "/dev/x", "virtual:x")
+    chain = PipelineFactory("coulomb", "samsung-25r-10p").pipeline("serial", "/dev/x", "virtual:x")
     said = {name: json.loads(snapshot_json(snapshot, SERVICE)) for name, snapshot in short_drive(chain, master)}
     assert said.keys() == RECORDED.keys()
     assert list(differences(RECORDED, said)) == []

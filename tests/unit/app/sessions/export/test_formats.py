@@ -12,7 +12,7 @@ import pytest
 from app.errors import ConfigError
 from app.sessions.export import FORMATS, export
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.telemetry import Event
 from app.words import Message
 

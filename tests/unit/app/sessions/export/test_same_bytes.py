@@ -9,7 +9,7 @@ import pytest
 
 from app.sessions.export import export
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sessions.storage.signals import default_signals
 from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS
 

@@ -10,7 +10,7 @@ from app.errors import ConfigError
 from app.sessions.errors import ExportUnavailable, UnknownSignal
 from app.sessions.export import export
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 
 WALL_S = 1_790_000_000
 MONO_NS = 5_000 * 10**9

@@ -7,7 +7,7 @@ import pytest
 
 from app.sessions.errors import NotASession
 from app.sessions.reading.blocks import Block, BlockReader
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.streams import unpack_streams
 from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS

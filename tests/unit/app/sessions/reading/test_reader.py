@@ -6,7 +6,7 @@ import pytest
 
 from app.sessions.errors import NotASession, SchemaTooNew, UnknownSignal
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sessions.storage.signals import find_signal
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS

@@ -3,7 +3,7 @@ import pytest
 
 from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.recorded_estimates import RecordedEstimates
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 
 MONO_NS = 5_000 * 10**9
 

@@ -15,7 +15,7 @@ from app.errors import NotNow
 from app.sessions.export import export
 from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sessions.transfer.fill import FILLED_LINK, NothingInCommon, fill_gaps
 from tests.fake_clock import FunctionClock
 

@@ -11,9 +11,9 @@ from app.errors import NotNow
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionNotFound
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.writer import Recorder
+from app.sessions.recording.recorder import Recorder
 from app.sessions.transfer.fetch import Remote
-from app.sessions.transfer.jobs import Fetch, FetchJobs
+from app.sessions.transfer.fetch_jobs import Fetch, FetchJobs
 from app.words import render
 from firmware_protocol.framing import encode_frame
 from tests.fake_clock import FunctionClock

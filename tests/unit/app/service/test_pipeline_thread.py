@@ -3,7 +3,7 @@
 import pytest
 
 from app.errors import NotNow
-from app.service.live import STALL_S
+from app.service.pipeline_thread import STALL_S
 from app.sources.items import CanItem
 from app.words import Message, render
 

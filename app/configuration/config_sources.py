@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from app.configuration.history import ConfigHistory
 from app.configuration.profile_store import Profiles
-from app.configuration.safe_write import Configuration
+from app.configuration.safe_write import ConfigurationWriter
 from app.errors import AppError, ConfigError
 from app.sessions.catalogue import Catalogue
 from app.words import Message
@@ -27,7 +27,7 @@ class ConfigSources:
 
     def __init__(
         self,
-        configuration: Configuration,
+        configuration: ConfigurationWriter,
         in_force: Callable[[], bytes | None],
         profiles: Profiles,
         history: ConfigHistory,

@@ -13,9 +13,9 @@ from app.api.web.authentication import User
 from app.api.web.dependencies import ConfigSourcesPart, ConfigurationPart, InForcePart, RulesPart, UserDep
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body, RawBody
-from app.configuration.lookup import ConfigSources
+from app.configuration.config_sources import ConfigSources
 from app.configuration.profile import is_profile, profile_of
-from app.configuration.safe_write import Configuration, Draft, WholeImage
+from app.configuration.safe_write import ConfigurationWriter, Draft, WholeImage
 from app.words import Message
 from firmware_protocol.config_image import image_hash, with_raw, with_value
 from firmware_protocol.memory_map import CONFIG, CONFIG_SIZE
@@ -155,7 +155,9 @@ def _json_draft(body: bytes, reason: str, config_sources: ConfigSources) -> Draf
     return Draft(WholeImage(edit.applied_to(config_sources.image(edit.source))), reason, edit.source)
 
 
-def write_draft(configuration: Configuration, draft: Draft, expected: str, user: User, *, dry_run: bool) -> Response:
+def write_draft(
+    configuration: ConfigurationWriter, draft: Draft, expected: str, user: User, *, dry_run: bool
+) -> Response:
     """Write, and answer with the difference and what the rules say."""
     written = configuration.write(draft, expected, user.name, dry_run=dry_run)
     shown = written.before if dry_run else written.image  # what is in force now

@@ -1,7 +1,7 @@
 import pytest
 
 from app.errors import ConfigError
-from app.sessions.recording.plan import RecordingPlan, checked, load_plan, next_part
+from app.sessions.recording.session_names import RecordingPlan, checked, load_plan, next_part
 
 
 def test_a_clock_that_was_never_set_gives_no_time():

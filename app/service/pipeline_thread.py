@@ -26,7 +26,7 @@ ItemListener = Callable[[Item], None]
 OutputListener = Callable[[Output, int], None]  # with the monotonic time in ns
 
 
-class Live:
+class PipelineThread:
     """The car's newest snapshot and its history; one thread works, any thread reads."""
 
     def __init__(

@@ -12,7 +12,8 @@ from app.telemetry.link_messages import SILENT, link_lost
 from app.telemetry.measurement import BLANK_S
 from app.words import Message, Quantity
 
-V_WATCH_V = 0.05  # this close to a voltage limit
+NEAR_LOW_V = 0.2  # above the lowest voltage allowed
+NEAR_HIGH_V = 0.01  # below the highest: a full cell stands close to it
 T_WATCH_DEGC = 5.0
 CHARGER_REPORTS = {
     "hardware": Message("charger-hardware"),
@@ -115,13 +116,13 @@ def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Itera
     if value is not None:
         if value < low + volts:
             yield Condition("trip", Message("cell-voltage-low"), cell, value, low, "V")
-        elif value < low + V_WATCH_V * 4 + volts:
+        elif value < low + NEAR_LOW_V + volts:
             yield Condition("watch", Message("cell-voltage-near-low"), cell, value, low, "V")
     value, cell = total.voltage_max_v, total.voltage_max_cell
     if value is not None:
         if value > high - volts:
             yield Condition("trip", Message("cell-voltage-high"), cell, value, high, "V")
-        elif value > high - V_WATCH_V / 5 - volts:
+        elif value > high - NEAR_HIGH_V - volts:
             yield Condition("watch", Message("cell-voltage-near-high"), cell, value, high, "V")
     cold, hot = limits.temperature_min_degc, limits.temperature_max_degc
     value, cell = total.temperature_max_degc, total.temperature_max_cell
