@@ -178,8 +178,8 @@ class ConfigurationWriter:
             MasterRefused, LinkError: see MasterClient.request.
         """
         attempt = Attempt(who, "store", "in force")
-        if self.stored is not None:
-            attempt.before = self.stored.image
+        if (stored_before := self.stored) is not None:
+            attempt.before = stored_before.image
         with self._failure_logged(attempt), self._one_at_a_time():
             self._require_same_map()
             in_force = self.read()

@@ -39,6 +39,7 @@ class PipelineThread:
         *,
         on_item: Sequence[ItemListener],
         on_output: Sequence[OutputListener],
+        after_publishing: Sequence[OutputListener] = (),
     ) -> None:
         """Prepare the thread.
 
@@ -50,6 +51,7 @@ class PipelineThread:
             clock: for snapshots in which nothing is new but the ages.
             on_item: called with every item before the pipeline, in this order.
             on_output: called with everything the pipeline makes, in this order.
+            after_publishing: called with what a new item led to, when the snapshot has gone out.
         """
         self.hub = hub
         self.history = History()
@@ -60,7 +62,8 @@ class PipelineThread:
         self._replay = replay
         self._clock = clock
         self._on_item = on_item
-        self._on_output = on_output
+        self._on_output = (*on_output, self._keep_history)
+        self._after_publishing = after_publishing
         self._failures = Failures(clock)
         self._published_ns = 0
         self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
@@ -144,17 +147,24 @@ class PipelineThread:
         if output.snapshot is not None:
             self._published_ns = item.t_mono_ns
             self._pipeline.predict()
+            self._call(self._after_publishing, output, item.t_mono_ns)
 
     def _hand_on(self, output: Output, t_mono_ns: int) -> None:
         snapshot = output.snapshot
         if snapshot is not None:
             self.snapshot = snapshot
-            self.history.add(snapshot)
-            self.trend.add(snapshot)
-        for listener in self._on_output:
-            try:
-                listener(output, t_mono_ns)
-            except Exception as error:  # noqa: BLE001  one that fails costs only itself
-                self._failures.add(error)
+        self._call(self._on_output, output, t_mono_ns)
         if snapshot is not None and not self._replay.is_active:
             self.hub.publish_threadsafe(snapshot)
+
+    def _call(self, listeners: Sequence[OutputListener], output: Output, t_mono_ns: int) -> None:
+        for listener in listeners:
+            try:
+                listener(output, t_mono_ns)
+            except Exception as error:  # noqa: BLE001  if one fails, the others still run
+                self._failures.add(error)
+
+    def _keep_history(self, output: Output, t_mono_ns: int) -> None:
+        if output.snapshot is not None:
+            self.history.add(output.snapshot)
+            self.trend.add(output.snapshot)

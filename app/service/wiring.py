@@ -211,8 +211,8 @@ def make_service(
             publish_output,
             keep_black_box,
             links.on_output,
-            learned_state.on_output,
         ),
+        after_publishing=(learned_state.on_output,),
     )
     return Service(
         settings=settings,

@@ -83,6 +83,7 @@ class EventLog:
 
     def append(self, event: Event, uptime_ms: int | None = None) -> int:
         """Add an event and return its id; ids grow over all restarts."""
+        message = _message_json(event)
         event_id = next(self._ids)
         self._last_id = max(self._last_id, event_id)
         logged = LoggedEvent(
@@ -97,7 +98,7 @@ class EventLog:
             event.limit,
             event.unit,
             event.who,
-            orjson.dumps(event.message).decode(),
+            message,
         )
         self._executor.submit(self._write, logged)
         return event_id
@@ -196,3 +197,11 @@ class EventLog:
             (who, self._clock.wall_ns(), event_id),
         )
         return self._connection.execute("SELECT 1 FROM events WHERE id = ?", (event_id,)).fetchone() is not None
+
+
+def _message_json(event: Event) -> str | None:
+    """Return code and arguments as JSON; None where an argument has none: the text is logged all the same."""
+    try:
+        return orjson.dumps(event.message, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+    except orjson.JSONEncodeError:
+        return None

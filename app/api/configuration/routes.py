@@ -13,7 +13,7 @@ from app.api.web.authentication import User
 from app.api.web.dependencies import ConfigSourcesPart, ConfigurationPart, InForcePart, RulesPart, UserDep
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body, RawBody
-from app.configuration.config_sources import ConfigSources
+from app.configuration.config_sources import ConfigSources, SourceEdit
 from app.configuration.profile import is_profile, profile_of
 from app.configuration.safe_write import ConfigurationWriter, Draft, WholeImage
 from app.words import Message
@@ -152,7 +152,7 @@ def _json_draft(body: bytes, reason: str, config_sources: ConfigSources) -> Draf
     reason = edit.reason or reason
     if edit.source is None:
         return Draft(edit, reason)
-    return Draft(WholeImage(edit.applied_to(config_sources.image(edit.source))), reason, edit.source)
+    return Draft(SourceEdit(edit, edit.source, config_sources), reason, edit.source)
 
 
 def write_draft(

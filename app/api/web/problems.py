@@ -11,6 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
+from app.analysis.document import NotBuilt
 from app.api.encoding.configuration import change_json, finding_json
 from app.api.encoding.words import told
 from app.configuration.config_sources import NoSource
@@ -148,7 +149,7 @@ def _of_app_error(error: AppError) -> Problem:
             return Problem(404, "not-found", error.message)
         case ImportFailed():
             return Problem(422, "not-importable", error.message)
-        case ExtraMissing():
+        case ExtraMissing() | NotBuilt():
             return Problem(501, "extra-missing", error.message)
         case NotASession() | SchemaTooNew():
             return Problem(422, "unreadable-session", error.message)

@@ -68,7 +68,7 @@ def _open_at(uri: str, path: Path, schema: Schema) -> sqlite3.Connection:
     except (sqlite3.DatabaseError, SessionError):
         connection.close()
         raise
-    if version == schema.version:
+    if schema.oldest_readable <= version <= schema.version:
         return connection
     connection.close()
     if version == 0:

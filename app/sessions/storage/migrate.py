@@ -17,6 +17,12 @@ class Schema:
 
     application_id: int
     steps: tuple[str, ...]
+    readable_from: int | None = None  # the oldest version that is read as it is; None: the newest alone
+
+    @property
+    def oldest_readable(self) -> int:
+        """Reading a file of this version or a newer one changes nothing in it."""
+        return self.version if self.readable_from is None else self.readable_from
 
     @property
     def version(self) -> int:
@@ -30,7 +36,7 @@ def _steps(kind: str) -> tuple[str, ...]:
     return tuple(entry.read_text(encoding="utf-8") for entry in files)
 
 
-SESSION = Schema(int.from_bytes(b"VWse"), _steps("session"))
+SESSION = Schema(int.from_bytes(b"VWse"), _steps("session"), readable_from=2)
 EVENTS = Schema(int.from_bytes(b"VWev"), _steps("events"))
 BLACKBOXES = Schema(int.from_bytes(b"VWbb"), _steps("blackboxes"))
 PASSPORT = Schema(int.from_bytes(b"VWpp"), _steps("passport"))
