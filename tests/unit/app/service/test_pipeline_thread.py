@@ -94,3 +94,11 @@ def test_the_thread_works_on_what_is_inside_before_it_ends(bench, master):
     bench.live.stop()
     assert len(bench.items) == 5
     bench.inbox.put(master.frame())  # nobody is left to take it: returns at once
+
+
+def test_a_history_that_fails_takes_nothing_from_the_listeners(bench, master, monkeypatch):
+    monkeypatch.setattr(bench.live.history, "add", fail)
+    bench.feed(master.frame())
+    assert len(bench.outputs) == 1
+    assert bench.live.hub.latest.is_fresh
+    assert any("ZeroDivisionError" in render(each) for each in bench.live.problems())

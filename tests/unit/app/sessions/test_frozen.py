@@ -39,3 +39,12 @@ def test_a_session_of_an_old_version_says_what_it_always_said(version: int, tmp_
             assert [config.image for config in session.configs()] == [bytes(range(210)) * 2]
             assert all(isinstance(decode_chunk(frame.raw), Frame) for frame in session.frames())
             assert session.problems() == []
+
+
+def test_reading_a_session_of_the_last_version_changes_nothing_in_it(tmp_path: Path) -> None:
+    path = tmp_path / "old.sqlite"
+    shutil.copy(FROZEN / "session_2.sqlite", path)
+    with SessionFile(path) as session:
+        assert session.events()
+    assert path.read_bytes() == (FROZEN / "session_2.sqlite").read_bytes()
+    assert [each.name for each in tmp_path.iterdir()] == ["old.sqlite"]
