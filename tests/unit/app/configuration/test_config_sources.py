@@ -20,6 +20,7 @@ def sources(streamed: bytes) -> ConfigSources:
 def test_in_force_is_the_image_just_read_not_the_one_last_streamed() -> None:
     read = bytearray(default_image())
     CONFIG["v_cell_max"].pack_into(read, (41500,))
+    assert bytes(read) != default_image()
     wanted = SourceEdit(SimpleNamespace(applied_to=raised), "in-force", sources(default_image())).applied_to(
         bytes(read)
     )
@@ -28,5 +29,6 @@ def test_in_force_is_the_image_just_read_not_the_one_last_streamed() -> None:
 
 def test_another_source_replaces_what_is_in_force() -> None:
     read = raised(default_image())
+    assert read != default_image()
     wanted = SourceEdit(SimpleNamespace(applied_to=bytes), "default", sources(read)).applied_to(read)
     assert wanted == default_image()
