@@ -55,6 +55,7 @@ from pathlib import Path
 from app.sessions.catalogue import Catalogue
 from app.clock import Clock
 from app.sessions.recording.auto_recorder import AutoRecorder
+from app.sources.items import SerialItem
 from firmware_protocol.framing import decode_chunk, encode_frame
 
 disk = Path(os.environ["DISK"])
