@@ -102,3 +102,14 @@ def test_a_history_that_fails_takes_nothing_from_the_listeners(bench, master, mo
     assert len(bench.outputs) == 1
     assert bench.live.hub.latest.is_fresh
     assert any("ZeroDivisionError" in render(each) for each in bench.live.problems())
+
+
+def test_what_follows_publishing_is_called_for_new_snapshots_and_not_for_ages(bench, clock, master, monkeypatch):
+    published = []
+    monkeypatch.setattr(
+        bench.live, "_after_publishing", (lambda output, t_mono_ns: published.append(bench.live.hub.latest),)
+    )
+    bench.feed(master.frame())
+    clock.advance(2.0)
+    bench.live.step(0.0)
+    assert [snapshot.is_fresh for snapshot in published] == [True]
