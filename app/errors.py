@@ -23,7 +23,7 @@ class AppError(Exception):
         return render(self.message)
 
 
-def told_by(error: BaseException) -> Text:
+def message_of(error: BaseException) -> Text:
     """What an error tells: its message, or the words of another program."""
     return error.message if isinstance(error, AppError) else str(error) or type(error).__name__
 

@@ -48,8 +48,8 @@ def session_pages(url: str) -> dict[str, str]:
     if not finished:
         return {}
     session = max(finished, key=lambda each: int(each["event_count"]))["id"]
-    pages = {"session": f"sessions/{session}", "passports": "sessions/passport", "bring": "sessions/bring"}
-    pages |= {f"session-{tab}": f"sessions/{session}/{tab}" for tab in ("laps", "report", "take")}
+    pages = {"session": f"sessions/{session}", "passports": "sessions/passport", "import": "sessions/import"}
+    pages |= {f"session-{tab}": f"sessions/{session}/{tab}" for tab in ("laps", "report", "export")}
     boxes = ask(f"sessions/{session}/blackboxes")["boxes"]
     if boxes:
         pages["blackbox"] = f"sessions/box/{boxes[0]['id']}"

@@ -28,7 +28,7 @@ from simulator.can_node import CanNode
 from simulator.charging import Balancer, Charging, ChargingState
 from simulator.fans import Fans
 from simulator.line import Outbox
-from simulator.measurement import Measurement
+from simulator.measuring_task import MeasuringTask
 from simulator.memory import FLAG, Config, MasterMemory
 from simulator.protection import Protection, violations
 from simulator.relays import Relays, RelayState
@@ -72,7 +72,7 @@ class VirtualMaster:
         self.config = Config.from_image(self.memory.image)
         self.can = CanNode(self.memory)
         self._charger_mask = self.can.mask_writing(_CHARGER_FLAGS_OFFSET)
-        self._measurement = Measurement(self.memory, board, now_s)
+        self._measurement = MeasuringTask(self.memory, board, now_s)
         self._soc = SocCounter()
         if reset_cause != POWER_ON and self.store.journal is not None:
             self._soc.start_from_journal(self.store.journal.dod_raw)

@@ -36,7 +36,7 @@ def json_args(message: Message) -> Mapping[str, object]:
     return args
 
 
-def spoken(row: Mapping[str, Any]) -> Text:
+def message_of_event(row: Mapping[str, Any]) -> Text:
     """Return what an event of a session says; one of an earlier version has its English text alone."""
     message = row.get("message")
     return row["text"] if message is None else message_from_json(json.loads(message))
@@ -47,12 +47,12 @@ def english(text: Text) -> str:
     return text if isinstance(text, str) else render(text)
 
 
-def words_of(text: Text) -> AnalysisFinding | None:
+def finding_or_none(text: Text) -> AnalysisFinding | None:
     """Return what has a code as a finding, None for a text without one."""
     return None if isinstance(text, str) else AnalysisFinding(text.code, json_args(text), render(text))
 
 
-def told(event: Text, cell: int | None) -> Argument:
+def with_cell(event: Text, cell: int | None) -> Argument:
     """Return what an event says, with the cell's place where it does not name it."""
     if cell is None or render(Message("at-cell", cell=Cell(cell))) in english(event):
         return event

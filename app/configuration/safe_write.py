@@ -16,7 +16,7 @@ from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, R
 from app.configuration.rules import Context, review_change
 from app.configuration.writable_fields import FIELDS_WRITABLE_AT_WORK
 from app.configuration.write_log import Attempt, WriteLog
-from app.errors import LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, told_by
+from app.errors import LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, message_of
 from app.sources.master.client import MasterClient
 from app.telemetry import Identity
 from app.words import Message, Quantity
@@ -235,7 +235,7 @@ class ConfigurationWriter:
             self._one_editor.release()
 
     def _unverified(self, error: Exception, before: bytes, wanted: bytes) -> Unverified:
-        return Unverified(self._outcome(before, wanted), Message("read-again", error=told_by(error)))
+        return Unverified(self._outcome(before, wanted), Message("read-again", error=message_of(error)))
 
     def _require_in_force(self, before: bytes, wanted: bytes) -> None:
         """Read back what is in force, and compare every byte."""

@@ -26,7 +26,7 @@ Cause = Literal["none", "reference", "wire", "cells"]
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class CheckedQuantity:
     """What is compared; `tolerance` is the slave's own, in `unit`."""
 
     unit: str
@@ -36,11 +36,11 @@ class Quantity:
     meter_error_max: float  # beyond it the meter cannot judge the slave
 
 
-QUANTITIES: dict[QuantityName, Quantity] = {
+QUANTITIES: dict[QuantityName, CheckedQuantity] = {
     # LTC6804 data sheet, page 1: total measurement error at most 1.2 mV
-    "voltage": Quantity("V", 1.2e-3, 0.5, 5.0, 5e-3),
+    "voltage": CheckedQuantity("V", 1.2e-3, 0.5, 5.0, 5e-3),
     # half a count of the master (0.5 K), half a digit of the sensor's table (0.8 K at 60 degC), the rest the sensor's
-    "temperature": Quantity("degC", 2.0, -40.0, 100.0, 2.0),
+    "temperature": CheckedQuantity("degC", 2.0, -40.0, 100.0, 2.0),
 }
 
 
@@ -126,7 +126,7 @@ def judge(
     return Verdict(cells, cause, out, share, limit)
 
 
-def _checked(reading: Reading, reference: float | None, limits: Quantity, limit: float) -> CheckedCell:
+def _checked(reading: Reading, reference: float | None, limits: CheckedQuantity, limit: float) -> CheckedCell:
     if reference is None or reading.value is None:
         return CheckedCell(reading.cell, reading.value, reading.sigma, reference, None, None)
     if not limits.lowest <= reference <= limits.highest:

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from app.clock import Clock
 from app.configuration.history import Action, ConfigHistory
-from app.errors import told_by
+from app.errors import message_of
 from app.telemetry import Severity
 from app.words import Message
 from firmware_protocol.config_image import Change, image_hash
@@ -42,10 +42,10 @@ class WriteLog:
 
     def written(self, attempt: Attempt, changes: list[Change]) -> None:
         """A configuration was written and read back."""
-        told, reason = _changes_message(changes), attempt.reason.strip()
-        message = Message("config-written", changes=told)
+        listed, reason = _changes_message(changes), attempt.reason.strip()
+        message = Message("config-written", changes=listed)
         if reason:
-            message = Message("config-written-because", changes=told, reason=reason)
+            message = Message("config-written-because", changes=listed, reason=reason)
         self._note("info", "config-written", message, attempt.who)
         self._remember(attempt, "done")
 
@@ -56,13 +56,13 @@ class WriteLog:
 
     def loaded(self, attempt: Attempt, changes: list[Change]) -> None:
         """The stored configuration was put in force and read back."""
-        told = _changes_message(changes) if changes else Message("nothing-changed")
-        self._note("info", "config-loaded", Message("config-loaded", changes=told), attempt.who)
+        listed = _changes_message(changes) if changes else Message("nothing-changed")
+        self._note("info", "config-loaded", Message("config-loaded", changes=listed), attempt.who)
         self._remember(attempt, "done")
 
     def failed(self, attempt: Attempt, error: Exception, result: str | None) -> None:
         """The change failed; `result` goes into the history where something was asked of the master."""
-        why = told_by(error)
+        why = message_of(error)
         code, message = {
             "store": ("config-store-failed", Message("config-not-stored", error=why)),
             "load": ("config-load-failed", Message("config-not-loaded", error=why)),

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from app.clock import Clock
-from app.errors import ConfigError, NotNow, told_by
+from app.errors import ConfigError, NotNow, message_of
 from app.live.accumulator import charge_of
 from app.live.cells import extreme, mean
 from app.live.pipeline import Pipeline
@@ -216,7 +216,7 @@ class ReplayPlayer:
                 started.set_exception(error)
                 return
             log.exception("the replay failed")
-            self._on_failure(Message("replay-failed", session=path.stem, error=told_by(error)))
+            self._on_failure(Message("replay-failed", session=path.stem, error=message_of(error)))
         finally:
             with self._state_lock:
                 if self._is_current():  # nobody waits for this end: the live source is shown again

@@ -54,8 +54,8 @@ def _converter(owner: type) -> _Convert | None:
     sent = [field for field in described(owner) if not field.is_internal]
     converters = [_field_converter(field) for field in sent]
     names = [field.json_name for field in sent]
-    told = [field.json_name for field in sent if field.is_told]
-    if not any(converters) and not told and names == [field.name for field in described(owner)]:
+    messages = [field.json_name for field in sent if field.is_message]
+    if not any(converters) and not messages and names == [field.name for field in described(owner)]:
         return None
     read = attrgetter(*(field.name for field in sent))
     plan = list(zip(names, converters, strict=True))
@@ -64,7 +64,7 @@ def _converter(owner: type) -> _Convert | None:
     def convert(value: Any) -> dict[str, Any]:
         values = zip(plan, read(value), strict=True)
         body = {name: each if change is None else change(each) for (name, change), each in values}
-        for name in told:
+        for name in messages:
             message: Text | None = body[name]
             body[name] = None if message is None else render(message)
             body[f"{name}_words"] = message if isinstance(message, Message) else None
@@ -79,7 +79,7 @@ def _converter(owner: type) -> _Convert | None:
 def _field_converter(field: Described) -> _Convert | None:
     sent: SentAs | None = field.mark(SentAs)
     unit: Unit | None = field.mark(Unit)
-    if field.is_told:
+    if field.is_message:
         return None
     (kind, *others) = alternatives(field.type)
     if sent is not None and sent.divisor is not None:

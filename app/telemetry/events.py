@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from app.telemetry.fields import TOLD, SentAs, Unit
+from app.telemetry.fields import MESSAGE, SentAs, Unit
 from app.words import Message, Text, render
 
 LinkName = Literal["rs232", "can"]
@@ -29,7 +29,7 @@ class LinkStatus:
     bytes_per_s: Annotated[float, Unit("B/s", "in the last two seconds")] = 0.0
     line_load: Annotated[float | None, Unit("1", "share of the line's capacity, with the most stuffing on CAN")] = None
     reconnects: int = 0
-    error: Annotated[Text | None, TOLD] = None
+    error: Annotated[Text | None, MESSAGE] = None
     errors: int | None = None  # error frames of a CAN adapter, None where it passes none on
     tx_errors: int | None = None  # its controller's error counters
     rx_errors: int | None = None
@@ -66,7 +66,7 @@ class Event:
     time_ns: Annotated[int, SentAs("time", 1e9)]
     severity: Severity
     code: str
-    message: Annotated[Message, SentAs("text"), TOLD]
+    message: Annotated[Message, SentAs("text"), MESSAGE]
     cell: int | None = None
     value: float | None = None
     limit: float | None = None
@@ -86,7 +86,7 @@ class Alarm:
     id: int
     code: str
     severity: AlarmSeverity
-    message: Annotated[Message, SentAs("text"), TOLD]
+    message: Annotated[Message, SentAs("text"), MESSAGE]
     since_ns: Annotated[int, SentAs("since", 1e9)]
     active: bool
     cell: int | None = None

@@ -42,7 +42,7 @@ class _Mark:
 
 TREND = _Mark("trend")  # changes slowly: kept for hours
 INTERNAL = _Mark("internal")  # not sent
-TOLD = _Mark("told")  # a message: sent in English, and beside it as NAME_words with its code and arguments
+MESSAGE = _Mark("message")  # a message: sent in English, and beside it as NAME_words with its code and arguments
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +63,9 @@ class Described:
         return INTERNAL in self.marks
 
     @property
-    def is_told(self) -> bool:
+    def is_message(self) -> bool:
         """The field is a message."""
-        return TOLD in self.marks
+        return MESSAGE in self.marks
 
     @property
     def json_name(self) -> str:

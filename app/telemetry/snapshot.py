@@ -11,7 +11,7 @@ from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.prediction.energy import LapsLeft
 from app.estimation.prediction.power import StatePower, TimeToTrip
 from app.telemetry.events import Alarm, Disagreement, Links
-from app.telemetry.fields import INTERNAL, TOLD, TREND, Kept, SentAs, Unit
+from app.telemetry.fields import INTERNAL, MESSAGE, TREND, Kept, SentAs, Unit
 from app.words import Message
 
 Source = Literal["simulator", "serial", "can", "replay"]
@@ -145,7 +145,7 @@ class Master:
     """What the master says of itself."""
 
     state: MasterState
-    why: Annotated[Message, TOLD]
+    why: Annotated[Message, MESSAGE]
     fit: bool | None
     flags: Flags | None
     soc: Annotated[Number, Unit("1", "the master's own count", None)]

@@ -6,7 +6,7 @@ import { parse } from 'svelte/compiler';
 import { describe, expect, it } from 'vitest';
 import vectors from '../../tests/vectors/words.json';
 import { render, type Message, type Table } from '../src/words/render';
-import { chosen, fill, load, named, t, told } from '../src/words/words.svelte';
+import { chosen, fill, load, named, t, messageText } from '../src/words/words.svelte';
 
 const SRC = join(import.meta.dirname, '../src');
 const PAGE = join(import.meta.dirname, '../../app/words/nb/page');
@@ -128,10 +128,10 @@ describe('words', () => {
 
   it('tells a message in the chosen language, and without one the English text', async () => {
     const message = { code: 'cell', args: { pack: 3, cell: 7 } };
-    expect(told(message, 'pack 3, cell 7')).toBe('pack 3, cell 7');
+    expect(messageText(message, 'pack 3, cell 7')).toBe('pack 3, cell 7');
     chosen.words = await load('nb');
-    expect(told(message, 'pack 3, cell 7')).toBe('pakke 3, celle 7');
-    expect(told(null, 'a sentence of an old session')).toBe('a sentence of an old session');
+    expect(messageText(message, 'pack 3, cell 7')).toBe('pakke 3, celle 7');
+    expect(messageText(null, 'a sentence of an old session')).toBe('a sentence of an old session');
     chosen.words = null;
   });
 

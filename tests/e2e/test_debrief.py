@@ -150,11 +150,11 @@ def test_no_page_of_a_session_has_an_accessibility_violation(looked_back, open_p
         f"sessions/{second}/boxes": page_has('[data-testid="boxes"]'),
         f"sessions/box/{box}": page_has('[data-testid="box-summary"]'),
         f"sessions/{second}/compare/{first}": page_has('[data-testid="comparison"]'),
-        f"sessions/{second}/take": page_has("main h1"),
+        f"sessions/{second}/export": page_has("main h1"),
         "sessions/boxes": page_has('[data-testid="boxes"]'),
         "sessions/passport": page_has('[data-testid="passport-state"]'),
         "sessions/passport/30": page_has('[data-testid="passport-history"]'),
-        "sessions/bring": page_has("main h1"),
+        "sessions/import": page_has("main h1"),
     }
     page = open_page(f"{service.base_url}/#/sessions", size)
     found = {}

@@ -65,14 +65,14 @@ def test_a_moment_is_marked_by_key_and_a_file_of_another_system_is_brought_in(ma
         session_id = client.get("/sessions").json()["sessions"][0]["id"]
         marker = client.get(f"/sessions/{session_id}/markers").json()["markers"][-1]
     assert (marker["kind"], marker["text"]) == ("driver", "Anna")
-    page.goto(f"{service.base_url}/#/sessions/{session_id}/take")
+    page.goto(f"{service.base_url}/#/sessions/{session_id}/export")
     page.get_by_text("candump").first.click()
     with page.expect_download() as download:
         page.get_by_test_id("take").click()
     assert download.value.suggested_filename == f"{session_id}.log"
     rows = "\n".join(f"{i / 10},12,3.7,3.71" for i in range(50))
     (tmp_path / "theirs.csv").write_text(f"t,I,Cell 1 [V],Cell 2 [V]\n{rows}\n")
-    page.goto(f"{service.base_url}/#/sessions/bring")
+    page.goto(f"{service.base_url}/#/sessions/import")
     page.get_by_test_id("import-file").set_input_files(tmp_path / "theirs.csv")
     page.get_by_test_id("import").click()
     page.get_by_role("link", name="theirs.csv is a session now").click(timeout=30_000)

@@ -11,7 +11,7 @@ import numpy as np
 from app.analysis.black_box.box import Beyond, BlackBox, BoxEvent, CellsAround, Peers, Quantity, Samples, Side
 from app.analysis.black_box.findings import findings_of
 from app.analysis.black_box.incidents import AFTER_S, BEFORE_S, Trigger, incident_id, main_trigger
-from app.analysis.finding import english, words_of
+from app.analysis.finding import english, finding_or_none
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
 
@@ -59,7 +59,7 @@ def build(
         code=main.code,
         severity=main.severity,
         text=english(main.message),
-        text_words=words_of(main.message),
+        text_words=finding_or_none(main.message),
         cell=main.cell,
         value=main.value,
         limit=main.limit,
@@ -69,7 +69,13 @@ def build(
         config_hash=config_hash,
         limits=limits,
         events=[
-            BoxEvent(each.mono_s - main.mono_s, each.severity, each.code, english(each.message), words_of(each.message))
+            BoxEvent(
+                each.mono_s - main.mono_s,
+                each.severity,
+                each.code,
+                english(each.message),
+                finding_or_none(each.message),
+            )
             for each in group
         ],
         is_complete=bool(time_s.size and time_s[0] <= -0.8 * BEFORE_S and time_s[-1] >= 0.9 * AFTER_S),

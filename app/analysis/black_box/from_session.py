@@ -11,7 +11,7 @@ from app.analysis.black_box.box import BlackBox, box_from_json
 from app.analysis.black_box.excerpt import Window, build
 from app.analysis.black_box.findings import findings_of
 from app.analysis.black_box.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger
-from app.analysis.finding import spoken
+from app.analysis.finding import message_of_event
 from app.battery.shape import N_CELLS
 from app.estimation.arrays import FloatArray
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
@@ -38,7 +38,7 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
             event["t_mono_ns"] / 1e9,
             event["code"],
             event["severity"],
-            spoken(event),
+            message_of_event(event),
             event["cell"],
             event["value"],
             event["limit_value"],

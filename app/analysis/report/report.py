@@ -8,7 +8,7 @@ from typing import Any
 
 from app.analysis.black_box.from_session import limits_of
 from app.analysis.black_box.incidents import is_trigger
-from app.analysis.finding import AnalysisFinding, spoken, told
+from app.analysis.finding import AnalysisFinding, message_of_event, with_cell
 from app.analysis.laps.figures import compare_drivers, figures_of
 from app.analysis.laps.from_session import LapTable, find_laps
 from app.analysis.report.findings import (
@@ -180,4 +180,4 @@ def _cells(events: Sequence[dict[str, Any]]) -> list[int]:
 
 def _told(events: Sequence[dict[str, Any]]) -> list[Argument]:
     """The events with their places, each once."""
-    return list({told(spoken(event), event["cell"]): None for event in events})
+    return list({with_cell(message_of_event(event), event["cell"]): None for event in events})

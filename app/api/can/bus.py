@@ -12,7 +12,7 @@ from starlette.responses import FileResponse
 
 from app.api.configuration.routes import OCTETS
 from app.api.encoding.can import bus_json
-from app.api.encoding.words import told
+from app.api.encoding.words import message_json
 from app.api.schemas.can import CanBusOut, TransmitOut
 from app.api.web.dependencies import (
     CanTracePart,
@@ -54,7 +54,12 @@ class FrameIn(Body):
                 "invalid",
                 Message("eleven-bit-id", id=f"{self.id:#x}"),
                 errors=[
-                    {"field": "id", "value": self.id, "limit": "0..0x7ff", **told("message", Message("short-id-ends"))}
+                    {
+                        "field": "id",
+                        "value": self.id,
+                        "limit": "0..0x7ff",
+                        **message_json("message", Message("short-id-ends")),
+                    }
                 ],
             )
         period_s = None if self.period_ms is None else self.period_ms / 1000
@@ -119,8 +124,8 @@ def _status(links: LinksPart) -> dict[str, Any]:
             "sent": status.sent,
             "total": status.total,
         }
-        | told("error", status.error)
-        | told("hindrance", hindrance)
+        | message_json("error", status.error)
+        | message_json("hindrance", hindrance)
     )
 
 
@@ -150,8 +155,8 @@ def transmit(
     else:
         links.can_sender.start_list(frames, user.name)
     ids = tuple(f"{frame.can_id & ~CAN_ID_EXTENDED:#x}" for frame in frames[:8])
-    told = Message("can-sent", ids=ids) if len(frames) < 9 else Message("can-sent-more", ids=ids, n=len(frames) - 8)
-    events.note("info", "can-transmit", told, user.name)
+    message = Message("can-sent", ids=ids) if len(frames) < 9 else Message("can-sent-more", ids=ids, n=len(frames) - 8)
+    events.note("info", "can-transmit", message, user.name)
     return _status(links)
 
 

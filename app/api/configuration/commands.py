@@ -133,7 +133,7 @@ def _against_balancing(live: LivePart, settings: SettingsPart) -> Message | None
 
 
 def _balance(commands: CommandsPart, cells: list[int], who: str) -> None:
-    """Bleed exactly these cells: what was chosen before ends, then each pack is told its own."""
+    """Bleed exactly these cells: what was chosen before ends, then each pack gets its own."""
     if not cells:
         raise invalid("cells", Message("none"), Message("at-least-one-cell"))
     for cell in cells:
@@ -181,9 +181,9 @@ def calibrate(
     elif body.what == "gain" and body.reference_a is not None:
         proposal = propose_gain(image, measured, body.reference_a)
     current, sigma = Quantity(measured.mean_a, "A", 2), Quantity(measured.sigma_a, "A", 2)
-    told = Message("current-measured", what=body.what, current=current, sigma=sigma)
+    message = Message("current-measured", what=body.what, current=current, sigma=sigma)
     if proposal is not None:
         change = f"{proposal.field} {proposal.before_raw} -> {proposal.after_raw}"
-        told = Message("current-proposed", what=body.what, current=current, sigma=sigma, change=change)
-    events.note("info", "calibration", told, user.name)
+        message = Message("current-proposed", what=body.what, current=current, sigma=sigma, change=change)
+    events.note("info", "calibration", message, user.name)
     return {"measured": asdict(measured), "proposal": None if proposal is None else asdict(proposal)}

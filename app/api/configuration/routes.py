@@ -7,7 +7,7 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from pydantic import Field, ValidationError
 
 from app.api.encoding.configuration import change_json, config_json, finding_json, schema_json
-from app.api.encoding.words import told
+from app.api.encoding.words import message_json
 from app.api.schemas.config import ConfigOut, LoadResultOut, SchemaOut, StoredConfigOut, StoreResultOut, WriteResultOut
 from app.api.web.authentication import User
 from app.api.web.dependencies import ConfigSourcesPart, ConfigurationPart, InForcePart, RulesPart, UserDep
@@ -168,7 +168,7 @@ def write_draft(
         "verified": not dry_run,  # without a difference it was read and found equal
         "hash": image_hash(written.image),
         "warnings": [finding_json(found) for found in written.findings],
-        **told("hindrance", written.hindrance),
+        **message_json("hindrance", written.hindrance),
     }
     etag = quoted(configuration.show(shown))
     return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})

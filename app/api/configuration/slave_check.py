@@ -90,11 +90,11 @@ def _keep(
     except OSError as error:
         raise Problem(507, "storage", Message("check-not-kept", error=error.strerror)) from error
     severity: Severity = "warning" if verdict.out else "info"
-    events.note(severity, "slave-check", _told(body, verdict), who)
+    events.note(severity, "slave-check", _check_message(body, verdict), who)
     return kept
 
 
-def _told(body: SlaveCheckIn, verdict: Verdict) -> Message:
+def _check_message(body: SlaveCheckIn, verdict: Verdict) -> Message:
     unit = QUANTITIES[body.quantity].unit
     compared = [cell for cell in verdict.cells if cell.error is not None]
     largest = max(compared, key=lambda cell: abs(cell.error or 0.0))

@@ -7,12 +7,12 @@ from typing import Any
 from app.words import Message, Text, render
 
 
-def told(name: str, message: Text | None) -> dict[str, Any]:
+def message_json(name: str, message: Text | None) -> dict[str, Any]:
     """Return the field `name` with the text, and `name`_words with the message, null for a text without a code."""
     return {name: None if message is None else render(message), f"{name}_words": words(message)}
 
 
-def told_list(name: str, messages: Sequence[Message]) -> dict[str, Any]:
+def messages_json(name: str, messages: Sequence[Message]) -> dict[str, Any]:
     """Return the field `name` with the texts, and `name`_words with the messages."""
     return {name: [render(each) for each in messages], f"{name}_words": [words(each) for each in messages]}
 

@@ -8,7 +8,7 @@ import orjson
 from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
 
 from app import __version__
-from app.api.encoding.words import told_list
+from app.api.encoding.words import messages_json
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
 from app.api.web.dependencies import AuthenticationPart, ClockPart, EncoderPart, HealthPart, LivePart, ReadersPart
@@ -31,7 +31,7 @@ async def health(live: LivePart, health: HealthPart) -> dict[str, Any]:
         "version": __version__,
         "uptime_s": round(health.uptime_s, 3),
         "source": live.source,
-    } | told_list("reasons", reasons)
+    } | messages_json("reasons", reasons)
 
 
 @router.get("/snapshot", responses={200: {"model": SnapshotOut}})

@@ -41,7 +41,7 @@ def _model(name: str, *owners: type) -> type[BaseModel]:
         f"{field.json_name}_words": (WordsOut | None, Field())
         for owner in owners
         for field in described(owner)
-        if field.is_told
+        if field.is_message
     }
     config, meaning = ConfigDict(from_attributes=True), (owners[0].__doc__ or "").partition("\n")[0]
     return create_model(f"{name}Out", __doc__=meaning, __config__=config, __module__=__name__, **fields)
@@ -57,7 +57,7 @@ def _type(owner: type, field: Described) -> Any:
     if sent is not None and sent.divisor is not None:
         return float
     members = alternatives(field.type)
-    if field.is_told:
+    if field.is_message:
         return str | None if members != (field.type,) and str in members else str
     if is_array(members[0]):
         return list[bool | None] if members[0] == BoolArray else PerCell

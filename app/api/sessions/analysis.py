@@ -13,7 +13,7 @@ from app.analysis.black_box.from_session import keep_black_boxes, stored_box
 from app.analysis.laps.figures import OVERLAY_POINTS, Lap
 from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, overlay_laps, settle_laps
 from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
-from app.api.encoding.words import told
+from app.api.encoding.words import message_json
 from app.api.schemas.sessions import BoxList
 from app.api.sessions.routes import MAX_UNIX_S, open_session
 from app.api.web.dependencies import BlackBoxesPart, CataloguePart, ClockPart, EventsPart, PassportsPart, UserDep
@@ -55,7 +55,7 @@ class LapsIn(Body):
 
 
 def _box_list(boxes: Sequence[StoredBox]) -> BoxList:
-    return BoxList.model_validate({"boxes": [asdict(box) | told("text", box.message) for box in boxes]})
+    return BoxList.model_validate({"boxes": [asdict(box) | message_json("text", box.message) for box in boxes]})
 
 
 def _table(file: SessionFile, source: Source | None, counter: CanCounter | None, lap_signal: str | None) -> LapTable:

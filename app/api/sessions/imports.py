@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
-from app.api.encoding.words import told
+from app.api.encoding.words import message_json
 from app.api.schemas.sessions import ImportsOut, ImportStateOut, UploadOut
 from app.api.web.dependencies import EventsPart, ImportsPart, UserDep
 from app.api.web.request_body import Body
@@ -29,7 +29,7 @@ class ImportIn(Body):
 
 def _state(imports: ImportsPart) -> dict[str, Any] | None:
     state = imports.state
-    return None if state is None else asdict(state) | told("error", state.error)
+    return None if state is None else asdict(state) | message_json("error", state.error)
 
 
 @router.get("/imports", response_model=ImportsOut)
@@ -77,4 +77,4 @@ def start(upload_id: int, body: ImportIn, events: EventsPart, imports: ImportsPa
     if body.save_as:
         imports.profiles.save(body.save_as, profile)
     events.note("info", "import", Message("being-imported", filename=state.filename), user.name)
-    return asdict(state) | told("error", state.error)
+    return asdict(state) | message_json("error", state.error)

@@ -6,7 +6,7 @@ from typing import Any
 from fastapi import APIRouter
 from pydantic import Field
 
-from app.api.encoding.words import told
+from app.api.encoding.words import message_json
 from app.api.schemas.sessions import RecorderOut
 from app.api.web.dependencies import EventsPart, RecorderPart, SettingsPart, UserDep
 from app.api.web.request_body import Body
@@ -33,8 +33,8 @@ def _recorder_json(recorder: RecorderPart, settings: SettingsPart) -> dict[str, 
         "queued_items": status.queued_items,
         "lost_items": status.lost_items,
         "disk_free_bytes": status.disk_free_bytes,
-        **told("warning", status.warning),
-        **told("error", status.error),
+        **message_json("warning", status.warning),
+        **message_json("error", status.error),
         "plan": asdict(recorder.plan),
         "split_mb": settings.split_mb,
         "keep_days": settings.keep_days,

@@ -378,6 +378,6 @@ def _event_json(event: dict[str, Any]) -> dict[str, Any]:
     body = {
         name: value for name, value in event.items() if name not in ("t_mono_ns", "t_wall_ns", "limit_value", "message")
     }
-    told = event.get("message")  # not in the files of early versions
-    words = None if told is None else orjson.loads(told)
+    message = event.get("message")  # not in the files of early versions
+    words = None if message is None else orjson.loads(message)
     return body | {"time": event["t_wall_ns"] / 1e9, "limit": event.get("limit_value"), "text_words": words}

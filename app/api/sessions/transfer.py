@@ -6,7 +6,7 @@ from typing import Any
 from fastapi import APIRouter
 from pydantic import Field, SecretStr
 
-from app.api.encoding.words import told, told_list
+from app.api.encoding.words import message_json, messages_json
 from app.api.schemas.sessions import FetchStateOut
 from app.api.web.dependencies import EventsPart, FetchesPart, UserDep
 from app.api.web.request_body import Body
@@ -29,7 +29,7 @@ class FetchIn(Body):
 def _answer(state: Any) -> dict[str, Any]:
     if state is None:
         return {"fetch": None}
-    return {"fetch": asdict(state) | told_list("filled", state.filled) | told("error", state.error)}
+    return {"fetch": asdict(state) | messages_json("filled", state.filled) | message_json("error", state.error)}
 
 
 @router.get("/fetch", response_model=FetchStateOut)

@@ -13,7 +13,7 @@ from starlette.exceptions import HTTPException
 
 from app.analysis.document import NotBuilt
 from app.api.encoding.configuration import change_json, finding_json
-from app.api.encoding.words import told
+from app.api.encoding.words import message_json
 from app.configuration.config_sources import NoSource
 from app.configuration.profile_store import NoProfile
 from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, Rejected, Unverified
@@ -75,7 +75,7 @@ class Problem(Exception):
             "type": f"urn:voltwall:{self.slug}",
             "title": title,
             "status": self.status,
-            **told("detail", self.detail),
+            **message_json("detail", self.detail),
         }
         return JSONResponse(_plain(body | self.extra), self.status, headers=self.headers, media_type=MEDIA_TYPE)
 
@@ -122,7 +122,7 @@ def invalid(field: str, value: object, limit: Text) -> Problem:
     text = _shown(render(value) if isinstance(value, Message) else value)
     given = value if isinstance(value, int | float | None) else text
     message = Message("not-allowed", field=field, value=value if isinstance(value, Message) else text, limit=limit)
-    error = {"field": field, "value": given, **told("limit", limit), **told("message", message)}
+    error = {"field": field, "value": given, **message_json("limit", limit), **message_json("message", message)}
     return Problem(422, "invalid", message, errors=[error])
 
 
@@ -256,7 +256,7 @@ def install(app: FastAPI) -> None:
                 "field": _place(e),
                 "value": _shown(e["input"]) if isinstance(e.get("input"), str) else _number(e.get("input")),
                 "limit": e["msg"].removeprefix("Input should be "),
-                **told("message", _of_validation(e)),
+                **message_json("message", _of_validation(e)),
             }
             for e in found
         ]

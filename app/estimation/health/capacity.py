@@ -90,14 +90,14 @@ class CapacityTracker:
             np.broadcast_to(np.asarray(value, dtype=np.float64), shape)
             for value in (soc_moved, soc_moved_sigma, charge_ah, charge_sigma_ah)
         )
-        told = np.isfinite(x) & np.isfinite(y) & (np.abs(x) >= SOC_MOVED_MIN)
-        if not ((sx[told] > 0.0) & (sy[told] > 0.0)).all():
+        informative = np.isfinite(x) & np.isfinite(y) & (np.abs(x) >= SOC_MOVED_MIN)
+        if not ((sx[informative] > 0.0) & (sy[informative] > 0.0)).all():
             raise ModelError("sigma", "has to be positive: neither SOC nor charge is known exactly")
-        told &= np.isfinite(sx) & np.isfinite(sy)
+        informative &= np.isfinite(sx) & np.isfinite(sy)
         unit = self.nominal_ah / ERROR_RATIO
-        self._sums *= np.where(told, FADE, 1.0)
-        x, y = np.where(told, x, 0.0), np.where(told, y / unit, 0.0)
-        self._add(x, np.where(told, sx, 1.0), y, np.where(told, sy / unit, 1.0))
+        self._sums *= np.where(informative, FADE, 1.0)
+        x, y = np.where(informative, x, 0.0), np.where(informative, y / unit, 0.0)
+        self._add(x, np.where(informative, sx, 1.0), y, np.where(informative, sy / unit, 1.0))
 
     def capacity_ah(self) -> FloatArray:
         """Return (n_cells,) the most likely capacity [Ah]."""

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from app.battery.shape import N_CELLS
 from app.clock import Clock
-from app.errors import NotNow, told_by
+from app.errors import NotNow, message_of
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
-from app.sessions.recording.session_writer import Item, Row, SessionWriter, event_item
+from app.sessions.recording.session_writer import Row, SessionWriter, TableRow, event_row
 from app.sessions.storage.files import new_file, size_on_disk
 from app.telemetry import Event
 from app.words import Message, Quantity, render
@@ -75,7 +75,7 @@ class Recorder:
         self._wake = threading.Event()
         self._ending = False
         self._session: SessionInfo | None = None
-        self._pending: list[Item] = []
+        self._pending: list[TableRow] = []
         self._queued_items = 0
         self._queued_bytes = 0
         self._taken = 0  # items ever accepted, and of those done with
@@ -88,7 +88,7 @@ class Recorder:
         self._error: Message | None = None
         self._free: int | None = None
         self._writer: SessionWriter | None = None  # the thread's
-        self._batch: list[Item] = []  # the thread's
+        self._batch: list[TableRow] = []  # the thread's
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -155,7 +155,7 @@ class Recorder:
 
     def event(self, t_mono_ns: int, event: Event) -> None:
         """Record that something happened."""
-        item = event_item(t_mono_ns, event)
+        item = event_row(t_mono_ns, event)
         with self._lock:
             self._put(*item, _payload_bytes(item))
 
@@ -261,7 +261,7 @@ class Recorder:
         self._counts[table] += 1
         self._append((table, row), size)
 
-    def _append(self, item: Item, size: int) -> None:
+    def _append(self, item: TableRow, size: int) -> None:
         self._pending.append(item)
         self._queued_items += 1
         self._queued_bytes += size + _ROW_BYTES
@@ -304,7 +304,7 @@ class Recorder:
                 self._write_batch(unreported)
                 self._split_where_long()
         except (sqlite3.Error, OSError, SessionError) as failure:
-            error = Message("disk-refuses", error=told_by(failure))
+            error = Message("disk-refuses", error=message_of(failure))
         if error != self._error:
             if error:
                 logger.warning("recording stalled: %s", render(error))
@@ -345,9 +345,9 @@ class Recorder:
             following = self.split()
             logger.info("session %s is %d MB long and goes on as %s", session.id, limit >> 20, following.id)
 
-    def _loss_event(self, lost: int, row: Row) -> Item:
+    def _loss_event(self, lost: int, row: Row) -> TableRow:
         message = Message("items-lost", n=lost)
-        return event_item(row[0], Event(self._clock.wall_ns(), "warning", "recorder_lost", message, value=lost))
+        return event_row(row[0], Event(self._clock.wall_ns(), "warning", "recorder_lost", message, value=lost))
 
     def _finish(self, n: int, reported: int = 0) -> None:
         finished, self._batch = self._batch[:n], self._batch[n:]
@@ -365,7 +365,7 @@ def _time_left(session: SessionInfo, usable_bytes: int) -> Message:
     return Message("disk-for-days") if minutes > 2880 else Message("disk-full-in", time=Quantity(minutes, "min", 0))
 
 
-def _payload_bytes(item: Item) -> int:
+def _payload_bytes(item: TableRow) -> int:
     table, row = item
     if table in ("frames", "can_frames", "configs"):
         return len(row[-1])

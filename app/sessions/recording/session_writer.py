@@ -21,7 +21,7 @@ from app.telemetry import Event
 IDS_PER_CHUNK = 1 << 20
 CHUNK_NS = 60_000_000_000
 Row = tuple[Any, ...]
-Item = tuple[str, Row]  # table and values
+TableRow = tuple[str, Row]  # table and values
 
 _INSERT = {
     "frames": "INSERT INTO frames (t_mono_ns, t_wall_ns, link, ok, raw) VALUES (?, ?, ?, ?, ?)",
@@ -36,10 +36,18 @@ _INSERT = {
 }
 
 
-def event_item(t_mono_ns: int, event: Event) -> Item:
+def event_row(t_mono_ns: int, event: Event) -> TableRow:
     """Return an event as a row of a session; its English text is there for other programs and older versions."""
-    told = event.text, event.cell, event.value, event.limit, event.unit, event.who, orjson.dumps(event.message).decode()
-    return "events", (t_mono_ns, event.time_ns, event.severity, event.code, *told)
+    values = (
+        event.text,
+        event.cell,
+        event.value,
+        event.limit,
+        event.unit,
+        event.who,
+        orjson.dumps(event.message).decode(),
+    )
+    return "events", (t_mono_ns, event.time_ns, event.severity, event.code, *values)
 
 
 _RECEIVED = {"meta", "frames", "can_frames", "estimates", "configs", "chunks", "series", "tracks", "columns"}
@@ -77,7 +85,7 @@ class SessionWriter:
             self._connection.close()
             raise
 
-    def write(self, items: Sequence[Item]) -> None:
+    def write(self, items: Sequence[TableRow]) -> None:
         """Commit the items, in order within each table.
 
         Raises:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 from urllib.parse import urlsplit
 
-from app.errors import ConfigError, told_by
+from app.errors import ConfigError, message_of
 from app.sessions.errors import FetchFailed, SessionError
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.files import FETCHED, SUFFIX
@@ -118,7 +118,7 @@ class Remote:
                 expected = self._continue(session, part, on_progress)
                 break
             except urllib.error.HTTPError as error:
-                raise self._failed(session, told_by(error)) from error
+                raise self._failed(session, message_of(error)) from error
             except (OSError, http.client.HTTPException) as error:
                 idle = idle + 1 if _size(part) <= before else 0
                 if idle >= ATTEMPTS:
@@ -133,7 +133,7 @@ class Remote:
             SessionFile(part).close()
         except SessionError as error:
             part.unlink()
-            raise self._failed(session, told_by(error)) from error
+            raise self._failed(session, message_of(error)) from error
         for beside in ("-wal", "-shm"):
             path.with_name(path.name + beside).unlink(missing_ok=True)
         part.replace(path)

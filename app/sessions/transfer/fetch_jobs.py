@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from app.clock import Clock
-from app.errors import AppError, NotNow, told_by
+from app.errors import AppError, NotNow, message_of
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionNotFound
 from app.sessions.transfer.fetch import Remote, RemoteSession
@@ -113,8 +113,8 @@ class FetchJobs:
         try:
             done = fetch.run(wanted, fill=fill)
         except (AppError, OSError) as error:
-            fetch.state = replace(fetch.state, is_running=False, error=told_by(error))
-            self._note("warning", "fetch-failed", Message("fetch-failed", error=told_by(error)))
+            fetch.state = replace(fetch.state, is_running=False, error=message_of(error))
+            self._note("warning", "fetch-failed", Message("fetch-failed", error=message_of(error)))
             return
         for session_id in done.fetched:
             self._note("info", "session-fetched", Message("session-fetched", session=session_id, url=done.url))

@@ -21,7 +21,7 @@ from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecordedCanFrame, RecordedFrame, SessionInfo
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.session_names import CLOCK_IS_SET_NS
-from app.sessions.recording.session_writer import Item, SessionWriter, event_item
+from app.sessions.recording.session_writer import SessionWriter, TableRow, event_row
 from app.sessions.storage.files import FETCHED, is_in_use, merge_log
 from app.telemetry import Event
 from app.words import Message, Quantity
@@ -176,23 +176,23 @@ def _spans(missing: list[_Missing]) -> list[tuple[int, int]]:
     return [(times[0], times[-1]) for times in runs if times[-1] - times[0] >= SPAN_NS]
 
 
-def _frames(missing: list[_Missing]) -> list[Item]:
-    return [_frame_item(each.frame) for each in missing]
+def _frames(missing: list[_Missing]) -> list[TableRow]:
+    return [_frame_row(each.frame) for each in missing]
 
 
-def _frame_item(frame: RecordedFrame) -> Item:
+def _frame_row(frame: RecordedFrame) -> TableRow:
     return "frames", (frame.t_mono_ns, frame.t_wall_ns, frame.link, int(frame.ok), frame.raw)
 
 
-def _can_item(frame: RecordedCanFrame) -> Item:
+def _can_row(frame: RecordedCanFrame) -> TableRow:
     return "can_frames", (frame.t_mono_ns, frame.t_wall_ns, frame.can_id, frame.data)
 
 
 def _can_frames(
     session: SessionFile, source: SessionFile, missing: list[_Missing], spans: list[tuple[int, int]]
-) -> list[Item]:
+) -> list[TableRow]:
     """The source's CAN frames within gaps in which the session has none: they cannot be told apart by their bytes."""
-    found: list[Item] = []
+    found: list[TableRow] = []
     shift = {each.frame.t_mono_ns: each.frame.t_mono_ns - each.source_ns for each in missing}
     for first_ns, last_ns in spans:
         if any(session.can_frames(session.unix_s(first_ns), session.unix_s(last_ns))):
@@ -202,11 +202,11 @@ def _can_frames(
         for frame in source.can_frames(*range_s):
             t_ns = frame.t_mono_ns + offset_ns
             t_wall_ns = t_ns + session.info.started_wall_ns - session.info.started_mono_ns
-            found.append(_can_item(replace(frame, t_mono_ns=t_ns, t_wall_ns=t_wall_ns)))
+            found.append(_can_row(replace(frame, t_mono_ns=t_ns, t_wall_ns=t_wall_ns)))
     return found
 
 
-def _estimates(source: SessionFile, missing: list[_Missing]) -> list[Item]:
+def _estimates(source: SessionFile, missing: list[_Missing]) -> list[TableRow]:
     """What the source's recorder estimated from the missing frames."""
     time_here = {each.source_ns // 1000: each.frame.t_mono_ns for each in missing}
     return [
@@ -214,17 +214,19 @@ def _estimates(source: SessionFile, missing: list[_Missing]) -> list[Item]:
     ]
 
 
-def _write(session: SessionFile, copy: Path, new: list[Item], filled: Filled, source_name: str, t_wall_ns: int) -> None:
+def _write(
+    session: SessionFile, copy: Path, new: list[TableRow], filled: Filled, source_name: str, t_wall_ns: int
+) -> None:
     """Write the session once more, with the new items in their places."""
     info = session.info
     before = info.metadata.get("filled", [])
     spans = [*(before if isinstance(before, list) else []), *filled.spans]
     writer = SessionWriter(replace(info, path=copy, metadata={**info.metadata, "filled": sorted(map(list, spans))}))
     try:
-        old: tuple[Iterator[Item], ...] = (
+        old: tuple[Iterator[TableRow], ...] = (
             (("configs", (c.t_mono_ns, c.t_wall_ns, c.why, c.image)) for c in session.configs()),
-            map(_frame_item, session.frames()),
-            map(_can_item, session.can_frames()),
+            map(_frame_row, session.frames()),
+            map(_can_row, session.can_frames()),
             (("estimates", row) for row in session.estimates()),
         )
         new.sort(key=_time_of)
@@ -235,7 +237,7 @@ def _write(session: SessionFile, copy: Path, new: list[Item], filled: Filled, so
         writer.copy_other_tables(session.path)
         end_ns = info.ended_mono_ns or info.started_mono_ns
         event = Event(t_wall_ns, "info", "gaps-filled", filled.message(source_name), value=filled.seconds, unit="s")
-        writer.write([event_item(end_ns, event)])
+        writer.write([event_row(end_ns, event)])
         if info.is_closed:
             writer.close(end_ns, info.ended_wall_ns or end_ns)
     finally:
@@ -243,5 +245,5 @@ def _write(session: SessionFile, copy: Path, new: list[Item], filled: Filled, so
     merge_log(copy)
 
 
-def _time_of(item: Item) -> int:
+def _time_of(item: TableRow) -> int:
     return int(item[1][0])

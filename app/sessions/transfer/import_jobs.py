@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from app.errors import AppError, ImportFailed, NotNow, told_by
+from app.errors import AppError, ImportFailed, NotNow, message_of
 from app.live.pipeline import Pipeline
 from app.sessions.transfer.import_session import Imported, import_file, read_table
 from app.sources.recordings.can_log import ENDINGS
@@ -124,7 +124,7 @@ class ImportJobs:
                 upload.path, profile, self._sessions, self._new_pipeline, dbc=dbc, name=name, on_progress=progress
             )
         except (AppError, OSError) as error:
-            self.state = replace(started, is_running=False, error=told_by(error))
+            self.state = replace(started, is_running=False, error=message_of(error))
             return
         finally:
             if self.state is not None and self.state.is_running:

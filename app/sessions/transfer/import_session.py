@@ -11,7 +11,7 @@ from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
 from app.live.pipeline import Pipeline
 from app.sessions.info import SessionInfo
-from app.sessions.recording.session_writer import Item, SessionWriter, event_item
+from app.sessions.recording.session_writer import SessionWriter, TableRow, event_row
 from app.sessions.storage.chunks import FOREIGN_CAN
 from app.sessions.storage.files import new_file
 from app.sources.items import SerialItem
@@ -145,7 +145,7 @@ def _write(
         at_ns = 0
         first_s = frames[0][0] if frames else 0.0
         for start in range(0, len(frames), BATCH):
-            batch: list[Item] = []
+            batch: list[TableRow] = []
             for at_s, can_id, data in frames[start : start + BATCH]:
                 at_ns = max(at_ns, round((at_s - first_s) * 1e9))
                 batch.append(("can_frames", (START_MONO_NS + at_ns, info.started_wall_ns + at_ns, can_id, data)))
@@ -169,9 +169,9 @@ def _write(
     return Imported(ended, len(log.time_s), log.n_cells, log.notes)
 
 
-def _batches(info: SessionInfo, log: BatteryLog, pipeline: Pipeline) -> Iterator[tuple[int, list[Item]]]:
+def _batches(info: SessionInfo, log: BatteryLog, pipeline: Pipeline) -> Iterator[tuple[int, list[TableRow]]]:
     """Yield (rows done, items): a frame a row, and what the pipeline made of it."""
-    batch: list[Item] = []
+    batch: list[TableRow] = []
     for row, time_s in enumerate(log.time_s.tolist()):
         t_ns = round(time_s * 1e9)
         mono_ns, wall_ns = START_MONO_NS + t_ns, info.started_wall_ns + t_ns
@@ -182,7 +182,7 @@ def _batches(info: SessionInfo, log: BatteryLog, pipeline: Pipeline) -> Iterator
         if output.estimates is not None:
             estimates = output.estimates
             batch.append(("estimates", (mono_ns, output.uptime_ms, estimates.soc, estimates.soc_sigma)))
-        batch += [event_item(mono_ns, event) for event in output.events]
+        batch += [event_row(mono_ns, event) for event in output.events]
         if len(batch) >= BATCH or row == len(log.time_s) - 1:
             yield row + 1, batch
             batch = []

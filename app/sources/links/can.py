@@ -7,7 +7,7 @@ from collections.abc import Callable
 from urllib.parse import parse_qsl
 
 from app.clock import Clock
-from app.errors import ConfigError, LinkLost, told_by
+from app.errors import ConfigError, LinkLost, message_of
 from app.sources.items import CanFault, CanItem, Item, LinkChange
 from app.sources.links.backoff import Backoff
 from app.sources.links.can_controller import ControllerWatch
@@ -83,7 +83,7 @@ class CanLink:
             try:
                 bus = can.Bus(**self._arguments)  # type: ignore[arg-type]
             except Exception as error:  # noqa: BLE001  every driver raises its own
-                self._report("lost", told_by(error))
+                self._report("lost", message_of(error))
                 self._stopping.wait(backoff.next_s())
                 continue
             self._report("open")
@@ -93,7 +93,7 @@ class CanLink:
                 self._read_until_lost(bus, backoff.reset)
             except Exception as error:  # noqa: BLE001  every driver raises its own
                 if not self._stopping.is_set():
-                    self._report("lost", told_by(error))
+                    self._report("lost", message_of(error))
             finally:
                 with self._sending, contextlib.suppress(Exception):
                     self._bus = None
@@ -134,7 +134,7 @@ class CanLink:
             try:
                 self._bus.send(message, timeout=_SEND_S)
             except Exception as error:  # every driver raises its own
-                raise LinkLost(Message("can-refused-frame", error=told_by(error))) from error
+                raise LinkLost(Message("can-refused-frame", error=message_of(error))) from error
         self._sink(CanItem(self._clock.monotonic_ns(), self._clock.wall_ns(), can_id, bytes(data), sent=True))
 
     def _report_fault(self, watch: ControllerWatch) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from app.clock import Clock
-from app.errors import LinkError, NotNow, told_by
+from app.errors import LinkError, NotNow, message_of
 from app.words import Message, Text
 
 MIN_PERIOD_S = 0.001
@@ -110,7 +110,7 @@ class CanSender:
                 sent += 1
                 self._status = SenderStatus(status.what, status.who, sent, status.total)
         except LinkError as failure:
-            error = told_by(failure)
+            error = message_of(failure)
         self._status = SenderStatus(status.what, status.who, sent, status.total, error)
 
 

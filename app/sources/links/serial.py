@@ -13,7 +13,7 @@ from collections.abc import Callable
 import serial
 
 from app.clock import Clock
-from app.errors import ConfigError, LinkLost, told_by
+from app.errors import ConfigError, LinkLost, message_of
 from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.links.backoff import Backoff
 from app.words import Message, Text
@@ -176,4 +176,4 @@ def _reason(error: Exception) -> Text:
         return Message("connection-refused")
     if "Input/output error" in text or "[Errno 5]" in text:
         return Message("unplugged")
-    return told_by(error)
+    return message_of(error)

@@ -47,25 +47,25 @@ def describe(message: EventMessage, t_wall_ns: int) -> tuple[Event, Message | No
         case EventCode.BOOT:
             is_known = 0 <= message.value < len(_BOOT_CAUSES)
             cause = _BOOT_CAUSES[message.value] if is_known else Message("boot-other", number=message.value)
-            severity, told = "watch", Message("master-started", cause=cause)
+            severity, description = "watch", Message("master-started", cause=cause)
         case EventCode.FAULTS_CLEARED:
-            told = Message("faults-cleared")
+            description = Message("faults-cleared")
         case EventCode.CHARGER_STATE:
             is_known = 0 <= message.value < len(CHARGER_STATES)
-            told = Message("charging", state=charger_state(CHARGER_STATES[message.value] if is_known else None))
+            description = Message("charging", state=charger_state(CHARGER_STATES[message.value] if is_known else None))
         case EventCode.CONFIG_WRITTEN:
-            told = Message("master-took-config")
+            description = Message("master-took-config")
         case EventCode.CONFIG_STORED:
-            told = Message("master-stored-config", counter=message.value)
+            description = Message("master-stored-config", counter=message.value)
         case EventCode.CAN_RX_TIMEOUT:
-            severity, told = "watch", Message("can-rx-timeout", number=message.value)
+            severity, description = "watch", Message("can-rx-timeout", number=message.value)
         case EventCode.EEPROM_INVALID:
-            severity, told = "warning", Message("eeprom-invalid")
+            severity, description = "warning", Message("eeprom-invalid")
         case EventCode.SOC_SET:
-            told = Message("master-soc-set", soc=Quantity(message.value / 100, "%"))
+            description = Message("master-soc-set", soc=Quantity(message.value / 100, "%"))
         case _:
-            told = Message("master-event", number=message.code, value=message.value, limit=message.limit)
-    return Event(t_wall_ns, severity, code, told, cell), None
+            description = Message("master-event", number=message.code, value=message.value, limit=message.limit)
+    return Event(t_wall_ns, severity, code, description, cell), None
 
 
 def charger_state(state: str | None) -> Message:

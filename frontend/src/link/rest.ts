@@ -1,7 +1,7 @@
 // The REST client: every failure is a Problem that says what happened and which field it concerns.
 
 import type { Words } from '../generated/api';
-import { t, told } from '../words/words.svelte';
+import { t, messageText } from '../words/words.svelte';
 
 const BASE = '/api/v1';
 
@@ -31,12 +31,12 @@ export class Problem extends Error {
   get title(): string {
     const type = this.body['type'];
     const code = typeof type === 'string' ? type.replace('urn:voltwall:', 'problem-') : null;
-    return told(code ? { code, args: {} } : null, this.message);
+    return messageText(code ? { code, args: {} } : null, this.message);
   }
 
   /** One sentence for the page, in its language. */
   get sentence(): string {
-    return told(this.body['detail_words'] as Words | undefined, this.detail || this.message);
+    return messageText(this.body['detail_words'] as Words | undefined, this.detail || this.message);
   }
 }
 

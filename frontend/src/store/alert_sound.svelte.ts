@@ -3,7 +3,7 @@
 
 import type { Alarm, Severity } from '../link/types';
 import { clock } from '../format';
-import { t, told } from '../words/words.svelte';
+import { t, messageText } from '../words/words.svelte';
 import { openAlarms } from './alarms';
 import { Preference } from './preference.svelte';
 import { live } from './live.svelte';
@@ -115,7 +115,7 @@ class AlertSound {
     if (!this.notify.value || this.permission !== 'granted' || !document.hidden) return;
     try {
       const note = new Notification(`Voltwall: ${t(alarm.severity)}`, {
-        body: told(alarm.text_words, alarm.text),
+        body: messageText(alarm.text_words, alarm.text),
         tag: `alarm-${alarm.id}`,
         icon: './icon-192.png',
       });

@@ -2,7 +2,7 @@
 
 import type { Maybe, Snapshot } from '../link/types';
 import { cellName, fixed, quantity } from '../format';
-import { named, t, told } from '../words/words.svelte';
+import { named, t, messageText } from '../words/words.svelte';
 
 const LEAST_A = 0.2; // below it nothing is charged
 
@@ -15,7 +15,9 @@ export function whyNot(snapshot: Maybe<Snapshot>, known: boolean): string[] {
   const reasons: string[] = [];
   if (master.fit === false)
     reasons.push(
-      t('The master holds the shutdown circuit open: {why}', { why: told(master.why_words, master.why) }),
+      t('The master holds the shutdown circuit open: {why}', {
+        why: messageText(master.why_words, master.why),
+      }),
     );
   if (master.flags && !master.flags['charger']) {
     reasons.push(t('No charger is heard on CAN: check its plug, its mains and the bit rate.'));

@@ -2,7 +2,7 @@
 
 import type { AnalysisFinding } from '../link/types';
 import { MINUS } from '../format';
-import { told } from './words.svelte';
+import { messageText } from './words.svelte';
 
 /** A number stays beside its unit, and a minus is one. */
 const whole = (text: string): string =>
@@ -11,7 +11,7 @@ const whole = (text: string): string =>
     .replace(/(\d) (%|A|V|Ah|mV|K|s|min|h|kWh|°C|mΩ)(?![\p{L}])/gu, '$1\u00a0$2');
 
 /** What is said, as part of a sentence. */
-export const phrase = (finding: AnalysisFinding): string => whole(told(finding, finding.text));
+export const phrase = (finding: AnalysisFinding): string => whole(messageText(finding, finding.text));
 
 /** What is said, as a sentence: it begins with a capital letter. */
 export function sentence(finding: AnalysisFinding): string {

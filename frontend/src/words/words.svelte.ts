@@ -75,7 +75,7 @@ export function t(text: Text, values?: Values): string {
 export const named = (key: string, english: string): string => chosen.words?.page[key] ?? tidied(english);
 
 /** What the service says: `words` in the chosen language; in English, and of old sessions, the text as it came. */
-export const told = (words: Message | null | undefined, english: string): string =>
+export const messageText = (words: Message | null | undefined, english: string): string =>
   words && chosen.words && words.code in chosen.words.codes
     ? render(words, chosen.words.codes)
     : tidied(english);

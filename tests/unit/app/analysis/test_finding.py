@@ -1,7 +1,7 @@
 import json
 from dataclasses import asdict
 
-from app.analysis.finding import finding, told
+from app.analysis.finding import finding, with_cell
 from app.words import Cell, Message, Quantity, message_from_json, render
 
 
@@ -15,6 +15,8 @@ def test_a_finding_is_a_message_in_json_and_a_sentence_in_english():
 
 
 def test_an_event_is_told_with_its_place_once():
-    assert told("slave lost", None) == "slave lost"
-    assert told("pack 3, cell 7 too hot", 30) == "pack 3, cell 7 too hot"
-    assert finding(Message("report-tripped", event=told("too hot", 30))).text == "Tripped: too hot (pack 3, cell 7)."
+    assert with_cell("slave lost", None) == "slave lost"
+    assert with_cell("pack 3, cell 7 too hot", 30) == "pack 3, cell 7 too hot"
+    assert (
+        finding(Message("report-tripped", event=with_cell("too hot", 30))).text == "Tripped: too hot (pack 3, cell 7)."
+    )

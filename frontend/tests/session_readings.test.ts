@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { SessionEvent } from '../src/link/types';
-import { alarmSpans, extremesBetween, lanes, readingAt, within } from '../src/store/viewer';
+import { alarmSpans, extremesBetween, lanes, readingAt, within } from '../src/store/session_readings';
 
 const band = { time: [0, 1, 2, 3, 4], min: [5, 4, null, 1, 7], max: [6, 8, null, 2, 7] };
 

@@ -21,7 +21,7 @@ _NO_TEMPERATURES = (127, 0, -128, 0)  # coldest above, hottest below every limit
 _MAX_SAMPLES = 1000  # the longest average that the configuration allows
 
 
-class Measurement:
+class MeasuringTask:
     """Fills the measured fields of the struct."""
 
     def __init__(self, memory: MasterMemory, board: Board, now_s: float) -> None:
