@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ from app.analysis.session_arrays import read_totals
 from app.analysis.totals import Totals, number
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
+from app.sessions.errors import NotASession
 from app.sessions.info import Marker
 from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import MAX_POINTS, SessionFile
@@ -87,6 +88,7 @@ def lap_table(session: SessionFile, source: Source | None = None, counter: Count
     Raises:
         ConfigError: the source needs a counter or a signal, which was not named.
         UnknownSignal: the name means nothing.
+        NotASession: what the file keeps as settled laps is no table of laps.
     """
     totals = read_totals(session)
     chosen, laps = find_laps(session, totals, source, counter)
@@ -107,7 +109,7 @@ def find_laps(
     if source in (None, "settled"):
         settled = session.note(NOTE)
         if settled is not None:
-            return "settled", [Lap(**row) for row in settled]
+            return "settled", _from_note(settled, session)
         if source == "settled":
             return "settled", []
     markers = session.markers()
@@ -201,6 +203,19 @@ def _checked(laps: Sequence[Lap]) -> list[Lap]:
             limit = Message("not-before", time=str(lap.end_s))
             raise ConfigError(f"laps[{count + 1}].start", ordered[count].start_s, limit)
     return ordered
+
+
+def _from_note(rows: Any, session: SessionFile) -> list[Lap]:
+    """Return settled laps as the file holds them.
+
+    Raises:
+        NotASession: another program wrote something else there.
+    """
+    try:
+        laps = [Lap(**row) for row in rows]
+        return _checked([replace(lap, start_s=float(lap.start_s), end_s=float(lap.end_s)) for lap in laps])
+    except (TypeError, ValueError, ConfigError) as error:
+        raise NotASession(session.info.id, Message("laps-damaged", error=str(error))) from error
 
 
 def _counted(session: SessionFile, counter: CanCounter) -> Counts:

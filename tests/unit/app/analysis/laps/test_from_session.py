@@ -7,7 +7,8 @@ from app.analysis.laps.figures import Lap
 from app.analysis.laps.from_session import CanCounter, lap_table, overlay_laps, settle_laps
 from app.cli import main
 from app.errors import ConfigError
-from app.sessions.errors import UnknownSignal
+from app.sessions.errors import NotASession, UnknownSignal
+from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import SessionFile
 from firmware_protocol.memory_map import FIELDS
 
@@ -137,6 +138,15 @@ def test_laps_that_cannot_be_are_refused_by_name(path, laps, named):
         settle_laps(path, laps, t_wall_ns=1, who=None)
     with SessionFile(path) as session:
         assert session.note("laps") is None
+
+
+@pytest.mark.parametrize(
+    "value", [7, [7], [{"start_s": 1.0}], [{"start_s": "a", "end_s": 2.0}], [{"start_s": 2.0, "end_s": 1.0}]]
+)
+def test_settled_laps_that_another_program_damaged_are_an_error_that_says_so(path, value):
+    write_note(path, "laps", value, t_wall_ns=1, who="a script")
+    with SessionFile(path) as session, pytest.raises(NotASession, match="settled laps are damaged"):
+        lap_table(session)
 
 
 def test_laps_lie_on_each_other_place_by_place(path):
