@@ -55,3 +55,16 @@ def test_every_setting_is_documented_with_its_variable(name: str) -> None:
         if f"`VOLTWALL_{name.upper()}`" in line
     )
     assert Settings.model_fields[name].description in row
+
+
+def test_every_alarm_stands_in_its_table_with_its_severity() -> None:
+    source = (ROOT / "app" / "live" / "alarm_rules.py").read_text(encoding="utf-8")
+    raised = re.findall(r'Condition\(\s*"(\w+)",\s*Message\("([\w-]+)"', source)
+    assert len(raised) > 10
+    tables = re.split(r"^## ", (REFERENCE / "alarms.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    listed = {
+        (title.lower(), code)
+        for title, body in (t.split("\n", 1) for t in tables[1:])
+        for code in re.findall(r"`([\w-]+)`", body)
+    }
+    assert [each for each in raised if each not in listed] == []
