@@ -123,12 +123,11 @@ class ImportJobs:
             made: Imported = import_file(
                 upload.path, profile, self._sessions, self._new_pipeline, dbc=dbc, name=name, on_progress=progress
             )
-        except (AppError, OSError) as error:
+        except Exception as error:
             self.state = replace(started, is_running=False, error=message_of(error))
+            if not isinstance(error, (AppError, OSError)):
+                raise
             return
-        finally:
-            if self.state is not None and self.state.is_running:
-                self.state = replace(self.state, is_running=False)
         self.state = replace(
             started, is_running=False, done=made.rows, total=made.rows, session_id=made.info.id, notes=made.notes
         )

@@ -1,0 +1,103 @@
+"""An uploaded file on its way to becoming a session: what is told while it comes, and at its end."""
+
+import threading
+from dataclasses import replace
+
+import pytest
+
+from app.errors import ImportFailed, NotNow
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
+from app.live.pipeline import Pipeline
+from app.sessions.transfer import import_jobs
+from app.sessions.transfer.import_jobs import ImportJobs, ImportState
+from app.sources.master.source import MasterSource
+from app.sources.recordings.profile import ImportProfile
+from app.words import render
+
+PROFILE = ImportProfile(time="t", current="I", voltages="Cell {n}")
+TABLE = "t,I,Cell 1,Cell 2\n" + "".join(f"{row / 10},12,3.7,3.71\n" for row in range(5))
+
+
+class Watched(ImportJobs):
+    """Keeps every state that a reader could have seen."""
+
+    def __init__(self, *arguments):
+        self.told: list[ImportState | None] = []
+        self.is_noted = threading.Event()
+        super().__init__(*arguments, lambda *_: self.is_noted.set())
+
+    def __setattr__(self, name, value):
+        super().__setattr__(name, value)
+        if name == "state":
+            self.told.append(value)
+
+    def run(self, text: str, profile: ImportProfile = PROFILE) -> ImportState:
+        """Import a table and return the state at the end."""
+        number, path = self.new_path("theirs.csv")
+        path.write_text(text)
+        self.inspect(number, path)
+        self.start(number, profile, dbc=None, name="")
+        for thread in threading.enumerate():
+            if thread.name == "import":
+                thread.join(30)
+        return self.told[-1]
+
+
+def pipeline() -> Pipeline:
+    cell = load_cell("samsung-25r-10p")
+    return Pipeline(MasterSource("replay"), lambda: make_estimator("coulomb", cell, 96), filter_name="c", cell_name="c")
+
+
+@pytest.fixture
+def jobs(tmp_path):
+    return Watched(tmp_path, pipeline)
+
+
+def test_an_import_is_over_in_the_moment_in_which_its_session_is_known(jobs):
+    end = jobs.run(TABLE)
+    assert (end.is_running, end.error, end.done) == (False, None, 5)
+    ended = [state for state in jobs.told if state is not None and not state.is_running]
+    assert [state.session_id for state in ended] == [end.session_id] != [None]
+    assert jobs.is_noted.is_set()
+
+
+def test_what_cannot_be_imported_is_over_with_its_reason(jobs):
+    end = jobs.run(TABLE, replace(PROFILE, current="Strom"))
+    assert "no such column" in render(end.error)
+    assert [state for state in jobs.told if state is not None and not state.is_running] == [end]
+    assert not jobs.is_noted.is_set()
+
+
+def test_a_mistake_of_ours_ends_the_import_too(jobs, monkeypatch):
+    seen = []
+
+    def fail(*_: object, **__: object) -> None:
+        raise KeyError("a mistake")
+
+    monkeypatch.setattr(import_jobs, "import_file", fail)
+    monkeypatch.setattr(threading, "excepthook", seen.append)
+    end = jobs.run(TABLE)
+    assert (end.is_running, end.error) == (False, "'a mistake'")
+    assert [args.exc_type for args in seen] == [KeyError]
+
+
+def test_one_import_at_a_time(jobs, monkeypatch):
+    go_on = threading.Event()
+    take_over = import_jobs.import_file
+
+    def slow(*arguments: object, **options: object) -> object:
+        go_on.wait(30)
+        return take_over(*arguments, **options)
+
+    monkeypatch.setattr(import_jobs, "import_file", slow)
+    number, path = jobs.new_path("theirs.csv")
+    path.write_text(TABLE)
+    jobs.inspect(number, path)
+    assert jobs.start(number, PROFILE, dbc=None, name="").is_running
+    with pytest.raises(NotNow, match=r"theirs\.csv"):
+        jobs.start(number, PROFILE, dbc=None, name="")
+    go_on.set()
+    assert jobs.is_noted.wait(30)
+    with pytest.raises(ImportFailed):  # taken over, so it is gone
+        jobs.start(number, PROFILE, dbc=None, name="")
