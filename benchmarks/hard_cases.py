@@ -1,0 +1,195 @@
+"""Where a cell model or a start is wrong: the product beside a textbook EKF, `python -m benchmarks.hard_cases`.
+
+Every run is what `voltwall identify` and `voltwall estimate` make of the shared data with their defaults, with the
+sensor errors of a car (all four signs, see `tests/numeric/judgement.py`). Per row: RMSE in points of SOC, median / worst
+over starts and signs, of the product and of `benchmarks/plain_ekf.py` with the same cell file and the same start (an
+unknown SOC is read off the first voltage); share of time within three sigma, of both; share in which the product calls
+its model valid. Rows marked "training" took part in choosing the tuning.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.commands.cell_commands.filter_run import run_filter
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.filters.estimators import make_estimator
+from app.estimation.identification.identify import identify
+from app.estimation.recording.cell_recording import Recording
+from app.sources.recordings.dataset import load_recording
+from benchmarks.accuracy import DATA, MIDDLES, part
+from benchmarks.plain_ekf import plain_ekf
+from tests.numeric.judgement import SIGNS, disturbed
+
+FloatArray = NDArray[np.float64]
+
+UNKNOWN = (None,)
+RIGHT = (0.0,)
+FAR_OFF = (-0.5,)
+LITTLE_OFF = (-0.08, -0.05, -0.03, 0.03, 0.05)
+LITTLE_LOW = (-0.08, -0.05, -0.03)  # where the run begins full
+GAP_S = 2.0
+GAP_EVERY_S = 20.0
+AGED = 0.9
+
+
+@dataclass(frozen=True)
+class Row:
+    """Runs of one cell model from several starts: SOC off by so much, None = unknown."""
+
+    what: str
+    run: str
+    is_training: bool
+    model: CellModel
+    recordings: Sequence[Recording]
+    starts: Sequence[float | None] = RIGHT
+
+
+@dataclass(frozen=True)
+class Score:
+    """What one run gave, RMSE in points of SOC, shares 0..1."""
+
+    fused: float
+    ekf: float
+    inside: float
+    ekf_inside: float
+    valid: float
+
+
+def with_gaps(recording: Recording) -> Recording:
+    """Return the recording without the rows of the last GAP_S of every GAP_EVERY_S."""
+    keep = (recording.time_s - recording.time_s[0]) % GAP_EVERY_S < GAP_EVERY_S - GAP_S
+    names = ("time_s", "current_a", "voltage_v", "temperature_degc", "soc")
+    return replace(recording, **{name: getattr(recording, name)[keep] for name in names})
+
+
+def middles(recording: Recording) -> list[Recording]:
+    """Return what is left of a run for a filter that wakes up in it."""
+    lasted_s = float(recording.time_s[-1] - recording.time_s[0])
+    return [part(recording, share * lasted_s, (share + 0.45) * lasted_s) for share in MIDDLES]
+
+
+def start_soc(recording: Recording, off: float | None) -> float | None:
+    """Return the SOC that is told, on the other side where it would leave 0..1."""
+    if off is None:
+        return None
+    first = float(recording.soc[0])
+    return first + (off if 0.0 <= first + off <= 1.0 else -off)
+
+
+def score(soc: FloatArray, sigma: FloatArray, reference: FloatArray) -> tuple[float, float]:
+    """Return RMSE in points and the share of time within three sigma."""
+    error = soc - reference
+    known = np.isfinite(error)
+    return float(100.0 * np.sqrt(np.mean(error[known] ** 2))), float(np.mean(np.abs(error) <= 3.0 * sigma, where=known))
+
+
+def judge(row: Row) -> list[Score]:
+    """Return the scores of all runs of a row."""
+    scores, model = [], row.model
+    for recording in row.recordings:
+        sensed = [disturbed(recording, model.capacity_ah, *sign) for sign in SIGNS]
+        told = [(start_soc(recording, off), *one) for off in row.starts for one in sensed]
+        first = [float(model.ocv.soc_at(voltage[0])) if soc is None else soc for soc, voltage, _ in told]
+        voltage_v, current_a = np.array([one[1] for one in told]).T, np.array([one[2] for one in told]).T
+        degc = np.broadcast_to(np.nan_to_num(recording.temperature_degc, nan=25.0)[:, None], voltage_v.shape)
+        by_ekf = plain_ekf(model, recording.step_s, current_a, voltage_v, degc, first)
+        for k, (soc, voltage, current) in enumerate(told):
+            run = replace(recording, voltage_v=voltage, current_a=current)
+            found = run_filter(make_estimator("fused", model, 1), run, model.capacity_ah, soc)
+            fused, inside = score(found.soc, found.soc_sigma, recording.soc)
+            ekf, ekf_inside = score(by_ekf[0][:, k], by_ekf[1][:, k], recording.soc)
+            scores.append(Score(fused, ekf, inside, ekf_inside, found.model_valid_frac))
+    return scores
+
+
+def panasonic_rows(folder: Path) -> Iterator[Row]:
+    """Yield the rows of the measured cell."""
+    slow, warm, *colds = (
+        load_recording(folder / f"{name}.csv.gz")
+        for name in ("c20_ocv_25degC", *(f"hppc5pulse_{degc}degC" for degc in ("25", "10", "0", "n10")))
+    )
+    cycle, cool, cold, us06 = (
+        load_recording(folder / f"{name}degC.csv.gz") for name in ("cycle1_25", "cycle1_10", "cycle1_0", "us06_25")
+    )
+    pulses = identify([slow], [warm], [], 2).model
+    driven = identify([slow], [warm], [cycle], 2).model
+    everywhere = identify([slow], [warm, *colds], [cycle], 2).model
+    aged = replace(driven, capacity_ah=driven.capacity_ah / AGED)
+    yield Row("right start", "US06", False, driven, [us06])
+    yield Row("right start", "Cycle 1, model of pulses", True, pulses, [cycle])
+    yield Row("50 points off at rest", "US06", False, driven, [us06], FAR_OFF)
+    yield Row("50 points off", "Cycle 1, model of pulses", True, pulses, [cycle], FAR_OFF)
+    yield Row("3 to 8 points low at rest", "US06", False, driven, [us06], LITTLE_LOW)
+    yield Row("in mid-drive, SOC unknown", "US06", False, driven, middles(us06), UNKNOWN)
+    yield Row("in mid-drive, SOC unknown", "Cycle 1, model of pulses", True, pulses, middles(cycle), UNKNOWN)
+    yield Row("capacity 10 % too large in the cell file", "US06", False, aged, [us06])
+    yield Row("gaps of 2 s in 20 s", "US06", False, driven, [with_gaps(us06)])
+    yield Row("10 degC, model of 25 degC", "Cycle 1", False, driven, [cool])
+    yield Row("0 degC, model of 25 degC", "Cycle 1", False, driven, [cold])
+    yield Row("10 degC, pulses down to -10 degC", "Cycle 1", False, everywhere, [cool])
+    yield Row("0 degC, pulses down to -10 degC", "Cycle 1", False, everywhere, [cold])
+
+
+def physics_rows(folder: Path) -> Iterator[Row]:
+    """Yield the rows of the simulated cells, models of slow tests and pulses."""
+    for cell in ("Mohtat2020", "Chen2020", "Prada2013"):
+        slow, train = (load_recording(folder / f"{cell}_{name}.csv.gz") for name in ("c30", "train"))
+        pulses = [load_recording(path) for path in sorted(folder.glob(f"{cell}_hppc*.csv.gz"))]
+        model = identify([slow], pulses, [], 2).model
+        name = cell.removesuffix("2020").replace("Prada2013", "LFP (Prada)")
+        yield Row("right start", name, True, model, [train])
+        yield Row("50 points off at rest", name, True, model, [train], FAR_OFF)
+        yield Row("3 to 8 points off at rest", name, True, model, [train], LITTLE_OFF)
+        yield Row("in mid-drive, SOC unknown", name, True, model, middles(train), UNKNOWN)
+        aged = replace(model, capacity_ah=model.capacity_ah / AGED)
+        yield Row("capacity 10 % too large in the cell file", name, True, aged, [train])
+        yield Row("gaps of 2 s in 20 s", name, True, model, [with_gaps(train)])
+
+
+def line(row: Row, scores: Sequence[Score]) -> str:
+    """Return a line of the table, in Markdown."""
+    fused, ekf = (np.array([getattr(s, name) for s in scores]) for name in ("fused", "ekf"))
+    inside, ekf_inside, valid = (
+        100.0 * np.mean([getattr(s, name) for s in scores]) for name in ("inside", "ekf_inside", "valid")
+    )
+    run = f"{row.run} (training)" if row.is_training else row.run
+    return (
+        f"| {row.what} | {run} | {np.median(fused):.2f} / {fused.max():.2f} | {np.median(ekf):.2f} / {ekf.max():.2f} "
+        f"| {inside:.0f} % | {ekf_inside:.0f} % | {valid:.0f} % |"
+    )
+
+
+HEADER = """| case | run | product | plain EKF | within 3 sigma | EKF within | model valid |
+| --- | --- | --- | --- | --- | --- | --- |"""
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=DATA, help="folder with panasonic-18650pf/ and physics/")
+    parser.add_argument("--only", default="", help="rows whose case or run holds this text")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    args = parser.parse_args()
+    rows: list[Row] = []
+    for name, make in (("panasonic-18650pf", panasonic_rows), ("physics", physics_rows)):
+        if (args.data / name).is_dir():
+            rows += [row for row in make(args.data / name) if args.only.lower() in f"{row.what} {row.run}".lower()]
+    if not rows:
+        print(f"skipped: nothing in {args.data}")
+        return
+    print(HEADER, flush=True)
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for row, scores in zip(rows, pool.map(judge, rows), strict=True):
+            print(line(row, scores), flush=True)
+
+
+if __name__ == "__main__":
+    main()
