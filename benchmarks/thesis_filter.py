@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # mypy: disable-error-code="no-untyped-def,untyped-decorator"
-# ruff: noqa: ANN001, ANN201, N806, RUF046
+# ruff: noqa: ANN001, ANN201, RUF046
 
 FloatArray = NDArray[np.float64]
 
