@@ -100,7 +100,7 @@ def create_app(
     app.state.parts = WebParts(
         service=service,
         authentication=authentication,
-        encoder=SnapshotEncoder(service.state),
+        encoder=SnapshotEncoder(service.state, service.clock),
         readers=Readers(clock),
         clock_watch=ClockWatch(clock),
         simulator=simulated_car,

@@ -8,7 +8,7 @@ import numpy as np
 from app.battery.shape import N_CELLS
 from app.estimation.health.joint_watch import ALARM_OHM
 from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
-from app.telemetry.link_messages import SILENT, link_lost
+from app.telemetry.link_messages import LATE, SILENT, link_lost
 from app.telemetry.measurement import BLANK_S
 from app.words import Message, Quantity
 
@@ -92,6 +92,8 @@ def _links(snapshot: Snapshot) -> Iterator[Condition]:
             yield Condition("warning", link_lost(name, status.error))
         elif status.state == "silent" and status.frames:
             yield Condition("warning", SILENT[name], value=status.age_s, limit=1.0, unit="s")
+        elif status.state == "late":
+            yield Condition("warning", LATE[name], value=status.age_s, limit=1.0, unit="s")
 
     can = snapshot.links.can
     if can.bus_state in ("passive", "off"):

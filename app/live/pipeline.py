@@ -37,6 +37,7 @@ class Output:
     events: tuple[Event, ...] = ()
     estimates: Estimates | None = None  # where this item made the estimator step
     uptime_ms: int = 0
+    t_mono_ns: int = 0  # of them
     received: Received = NOTHING_RECEIVED  # by the source, with the master's reply
 
 
@@ -80,12 +81,12 @@ class Pipeline:
         """Make the estimator before it is needed: compiling it takes longer than frames can wait. From any thread."""
         self._spare = self._make_estimator()
 
-    def feed(self, item: Item) -> Output:
-        """Take one item from a link."""
+    def feed(self, item: Item, *, publishes: bool = True) -> Output:
+        """Take one item from a link; without `publishes` the estimator steps, and no snapshot is made of it."""
         received = self._source.feed(item)
         if received.measurement is None:
             return Output(events=received.events, received=received)
-        return self._take(received.measurement)
+        return self._take(received.measurement, publishes=publishes)
 
     def tick(self, t_mono_ns: int, t_wall_ns: int) -> Output:
         """Return a snapshot in which nothing is new but the ages."""
@@ -133,15 +134,16 @@ class Pipeline:
         with self._watch_lock:
             return self._watch.acknowledge(alarm_id, who)
 
-    def _take(self, measured: Measurement) -> Output:
+    def _take(self, measured: Measurement, *, publishes: bool = True) -> Output:
         estimates: Estimates | None = None
         events: tuple[Event, ...] = ()
         self._limits = measured.limits
         if measured.is_sample:
             estimates, events = self._step(measured)
             self._skipped += estimates is None
-        output = self._publish(measured)
-        return Output(output.snapshot, events + output.events, estimates, measured.uptime_ms or 0)
+        output = self._publish(measured) if publishes else Output()
+        events += output.events
+        return Output(output.snapshot, events, estimates, measured.uptime_ms or 0, measured.t_mono_ns)
 
     def _step(self, measured: Measurement) -> tuple[Estimates | None, tuple[Event, ...]]:
         """Put a sample through everything that has a memory."""

@@ -19,6 +19,7 @@ from app.clock import Clock
 from app.errors import ConfigError
 from app.service.settings import Settings
 from app.telemetry import Event, Snapshot
+from app.telemetry.aging import aged
 from app.telemetry.encoding import encode, plain
 from app.telemetry.service_state import Recording
 from app.words import Message, Text, render
@@ -180,7 +181,7 @@ class MqttPublisher:
             if snapshot is None or snapshot is shown:
                 continue
             shown = snapshot
-            for name, body in messages(snapshot, self._recording()):
+            for name, body in messages(aged(snapshot, self._clock.monotonic_ns()), self._recording()):
                 if self._sent.get(name) != body:
                     self._sent[name] = body
                     self._client.publish(self._topic(name), body, qos=0, retain=True)

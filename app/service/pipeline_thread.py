@@ -21,6 +21,8 @@ from app.words import Message, Quantity
 log = logging.getLogger(__name__)
 TICK_S = 1.0  # without anything new there is a snapshot this often
 STALL_S = 3 * TICK_S  # without a snapshot for so long, the pipeline stands still
+LATE_S = 0.25  # an item that has waited this long is worked on, but not always shown ...
+LATE_SHOWN_S = 0.2  # ... only the newest in each of these times
 JOIN_S = 5.0
 ItemListener = Callable[[Item], None]
 OutputListener = Callable[[Output, int], None]  # with the monotonic time in ns
@@ -65,7 +67,8 @@ class PipelineThread:
         self._on_output = (*on_output, self._keep_history)
         self._after_publishing = after_publishing
         self._failures = Failures(clock)
-        self._published_ns = 0
+        self._published_ns = 0  # by the items' time
+        self._shown_ns = 0  # by the clock's
         self._thread = threading.Thread(target=self._run, name="pipeline", daemon=True)
 
     def start(self) -> None:
@@ -129,10 +132,12 @@ class PipelineThread:
         try:
             if item is not None:
                 self._take(item)
-            now_ns = self._clock.monotonic_ns()
+            # One time for items and ages: while items wait, now is the instant of the one that was taken
+            now_ns = self._clock.monotonic_ns() if item is None else item.t_mono_ns
             if now_ns - self._published_ns >= TICK_S * 1e9:
                 self._published_ns = now_ns
-                self._hand_on(self._pipeline.tick(now_ns, self._clock.wall_ns()), now_ns)
+                wall_ns = self._clock.wall_ns() if item is None else item.t_wall_ns
+                self._hand_on(self._pipeline.tick(now_ns, wall_ns), now_ns)
         except Exception as error:  # noqa: BLE001  the supervisor: one item must not end the thread
             self._failures.add(error)
 
@@ -142,10 +147,12 @@ class PipelineThread:
                 listener(item)
             except Exception as error:  # noqa: BLE001  what is not recorded is shown all the same
                 self._failures.add(error)
-        output = self._pipeline.feed(item)
+        now_ns = self._clock.monotonic_ns()
+        is_late = now_ns - item.t_mono_ns > LATE_S * 1e9
+        output = self._pipeline.feed(item, publishes=not is_late or now_ns - self._shown_ns >= LATE_SHOWN_S * 1e9)
         self._hand_on(output, item.t_mono_ns)
         if output.snapshot is not None:
-            self._published_ns = item.t_mono_ns
+            self._published_ns, self._shown_ns = item.t_mono_ns, now_ns
             self._pipeline.predict()
             self._call(self._after_publishing, output, item.t_mono_ns)
 

@@ -1,5 +1,6 @@
 """What a snapshot is sent with that is the service's, not the battery's."""
 
+from app.clock import Clock
 from app.service.configuration import ConfigurationInForce
 from app.service.events import Events
 from app.sessions.recording.auto_recorder import AutoRecorder
@@ -19,12 +20,18 @@ class ServiceStateReader:
     """Asks the parts."""
 
     def __init__(
-        self, recorder: AutoRecorder, replay: ReplayPlayer, events: Events, configuration: ConfigurationInForce
+        self,
+        recorder: AutoRecorder,
+        replay: ReplayPlayer,
+        events: Events,
+        configuration: ConfigurationInForce,
+        clock: Clock,
     ) -> None:
         self._recorder = recorder
         self._replay = replay
         self._events = events
         self._configuration = configuration
+        self._clock = clock
 
     def now(self) -> ServiceState:
         """Return recording, replay, the newest event's id, and the hash of the stored configuration."""
@@ -33,4 +40,5 @@ class ServiceStateReader:
             replay=self._replay.state(),
             last_event_id=self._events.store.last_id,
             config_stored_hash=self._configuration.stored_hash(),
+            sent_s=self._clock.monotonic_s(),
         )

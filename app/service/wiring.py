@@ -241,6 +241,6 @@ def make_service(
         learned_state=learned_state,
         mqtt=mqtt,
         health=Health(live, recorder, events, mqtt, clock),
-        state=ServiceStateReader(recorder, replay, events, in_force),
+        state=ServiceStateReader(recorder, replay, events, in_force, clock),
         jobs=jobs,
     )

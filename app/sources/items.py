@@ -15,6 +15,7 @@ class SerialItem:
     t_mono_ns: int
     t_wall_ns: int
     frame: Frame | BadFrame
+    waited_max_ns: int | None = None  # before that, in this computer: at most so long; None = not known
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from app.telemetry.fields import MESSAGE, SentAs, Unit
 from app.words import Message, Text, render
 
 LinkName = Literal["rs232", "can"]
-LinkState = Literal["off", "connecting", "silent", "live", "lost"]
+LinkState = Literal["off", "connecting", "silent", "late", "live", "lost"]
 BusState = Literal["active", "warning", "passive", "off"]
 Severity = Literal["info", "watch", "warning", "trip"]
 AlarmSeverity = Literal["watch", "warning", "trip"]
@@ -19,7 +19,7 @@ class LinkStatus:
 
     state: LinkState = "off"
     url: str | None = None
-    age_s: Annotated[float | None, Unit("s", "since the last good frame")] = None
+    age_s: Annotated[float | None, Unit("s", "since the newest good frame was sent")] = None
     frames: int = 0
     lost: int = 0  # by gaps in the sequence
     crc_errors: int | None = 0  # None: a CAN controller does not tell

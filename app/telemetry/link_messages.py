@@ -3,6 +3,7 @@
 from app.telemetry.events import LinkName, LinkStatus
 from app.words import Message, Text
 
+LATE: dict[LinkName, Message] = {"rs232": Message("rs232-late"), "can": Message("can-late")}
 SILENT: dict[LinkName, Message] = {"rs232": Message("rs232-silent"), "can": Message("can-silent")}
 CONNECTING: dict[LinkName, Message] = {"rs232": Message("rs232-connecting"), "can": Message("can-connecting")}
 

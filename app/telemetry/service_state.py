@@ -54,3 +54,4 @@ class ServiceState:
     replay: Replay | None
     last_event_id: int
     config_stored_hash: str | None
+    sent_s: Annotated[Number, Unit("s", "service's monotonic clock when this was sent; null in a file", 3)] = None

@@ -22,7 +22,7 @@ Number = float | None
 
 @dataclass(frozen=True, slots=True)
 class Ages:
-    """Seconds since the oldest byte of each part arrived; null: never."""
+    """Seconds since the master measured the oldest byte of each part; null: never received."""
 
     current: Annotated[Number, Unit("s", "accumulator current")]
     voltage: Annotated[Number, Unit("s", "cell voltages")]

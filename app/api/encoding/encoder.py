@@ -1,20 +1,28 @@
-"""Encodes each snapshot once, however many read it."""
+"""Encodes each snapshot once, however many read it, with its ages at that moment."""
 
 from app.api.encoding.snapshot import snapshot_json
+from app.clock import Clock
 from app.service.state import ServiceStateReader
 from app.telemetry import Snapshot
+from app.telemetry.aging import aged
+
+GOOD_FOR_NS = 50_000_000  # after that the ages are counted anew
 
 
 class SnapshotEncoder:
     """Used on the event loop alone."""
 
-    def __init__(self, state: ServiceStateReader) -> None:
+    def __init__(self, state: ServiceStateReader, clock: Clock) -> None:
         self._state = state
+        self._clock = clock
+        self._encoded_ns = 0
         self._snapshot: Snapshot | None = None
         self._body = b""
 
     def encode(self, snapshot: Snapshot) -> bytes:
         """Return the snapshot as JSON."""
-        if snapshot is not self._snapshot:
-            self._snapshot, self._body = snapshot, snapshot_json(snapshot, self._state.now())
+        now_ns = self._clock.monotonic_ns()
+        if snapshot is not self._snapshot or now_ns - self._encoded_ns > GOOD_FOR_NS:
+            self._snapshot, self._encoded_ns = snapshot, now_ns
+            self._body = snapshot_json(aged(snapshot, now_ns), self._state.now())
         return self._body

@@ -169,13 +169,13 @@ class AutoRecorder:
 
     def on_output(self, output: Output) -> None:
         """Record what the pipeline made of it; end the session when the master has been gone for long."""
+        if output.estimates is not None:
+            self._recorder.estimates(
+                output.t_mono_ns, output.uptime_ms, output.estimates.soc, output.estimates.soc_sigma
+            )
         snapshot = output.snapshot
         if snapshot is None:
             return
-        if output.estimates is not None:
-            self._recorder.estimates(
-                snapshot.t_mono_ns, output.uptime_ms, output.estimates.soc, output.estimates.soc_sigma
-            )
         with self._lock:  # a session that begins between the two would miss its configuration
             if snapshot.config is not None and self._config != snapshot.config:
                 why = "in force at the start" if self._config is None else "changed"

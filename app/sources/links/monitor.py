@@ -41,7 +41,8 @@ class LinkMonitor:
         self._open_state: LinkState = "off" if url is None else "connecting"
         self._error: Text | None = None
         self._reported: tuple[str, Text | None] | None = None
-        self._last_good_ns: int | None = None
+        self._last_good_ns: int | None = None  # when it arrived
+        self._last_sent_ns: int | None = None
         self._sequence: int | None = None
         self._uptime_ms = 0
         self._rate = _Rate()
@@ -66,8 +67,8 @@ class LinkMonitor:
             self._open_state = change.state
         return is_news
 
-    def on_frame(self, t_ns: int, frame: Frame | BadFrame) -> None:
-        """A frame came off the RS232 line."""
+    def on_frame(self, t_ns: int, frame: Frame | BadFrame, sent_ns: int | None = None) -> None:
+        """A frame came off the RS232 line; `sent_ns` is when the master sent it, None = at once before."""
         self._add_bytes(t_ns, len(frame.raw) + _DELIMITERS)
         if isinstance(frame, BadFrame):
             self.crc_errors += frame.reason is BadReason.CRC
@@ -80,11 +81,12 @@ class LinkMonitor:
         self._uptime_ms = frame.uptime_ms
         self.frames += 1
         self._last_good_ns = t_ns
+        self._last_sent_ns = t_ns if sent_ns is None else sent_ns
 
     def on_can_frame(self, t_ns: int, length: int, *, is_extended: bool = False) -> None:
         """A CAN frame was heard."""
         self.frames += 1
-        self._last_good_ns = t_ns
+        self._last_good_ns = self._last_sent_ns = t_ns
         self._rate.add(t_ns, 1)
         self._bits_rate.add(t_ns, worst_case_bits(length, is_extended))
         self._add_bytes(t_ns, length)
@@ -104,19 +106,22 @@ class LinkMonitor:
         self._bytes_rate.add(t_ns, count)
 
     def is_live(self, now_ns: int) -> bool:
-        """A good frame came within the last second."""
+        """A good frame was sent within the last second."""
+        return self._last_sent_ns is not None and now_ns - self._last_sent_ns < LIVE_S * 1e9
+
+    def _delivers(self, now_ns: int) -> bool:
         return self._last_good_ns is not None and now_ns - self._last_good_ns < LIVE_S * 1e9
 
     def status(self, now_ns: int) -> LinkStatus:
         """Return the counters and the state at an instant."""
         state = self._open_state
-        if state == "silent" and self.is_live(now_ns):
-            state = "live"
+        if state == "silent" and self._delivers(now_ns):
+            state = "live" if self.is_live(now_ns) else "late"
         bytes_per_s = self._bytes_rate.per_s(now_ns)
         return LinkStatus(
             state=state,
             url=self.url,
-            age_s=None if self._last_good_ns is None else max(0.0, (now_ns - self._last_good_ns) / 1e9),
+            age_s=None if self._last_sent_ns is None else max(0.0, (now_ns - self._last_sent_ns) / 1e9),
             frames=self.frames,
             lost=self.lost,
             crc_errors=self.crc_errors,

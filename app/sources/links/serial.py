@@ -22,6 +22,7 @@ from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM, Fram
 log = logging.getLogger(__name__)
 SILENCE_S = 1.0
 _POLL_S = 0.1
+_BACKLOG_BYTES = 1024  # a longer piece has waited: a master that is read in time leaves less at once
 
 
 def check_url(url: str) -> None:
@@ -120,6 +121,7 @@ class SerialLink:
         """Read for ever; `on_data` is called for what arrives: a port that opens and says nothing proves little."""
         read = _reader(port)
         decoder = FrameDecoder()
+        empty_ns: int | None = None  # nothing was left behind in the port at this time
         silent_since = self._clock.monotonic_s()
         self.stream(on=self.streams)
         while not self._stopping.is_set():
@@ -128,10 +130,15 @@ class SerialLink:
             if data:
                 on_data()
                 wall_ns = self._clock.wall_ns()
+                in_time = len(data) < _BACKLOG_BYTES
+                waited_max_ns = now_ns - empty_ns if in_time and empty_ns is not None else None
                 for frame in decoder.feed(data):
-                    self._sink(SerialItem(now_ns, wall_ns, frame))
+                    self._sink(SerialItem(now_ns, wall_ns, frame, waited_max_ns))
+                empty_ns = now_ns if in_time else None
                 silent_since = now_ns / 1e9
-            elif self.streams and now_ns / 1e9 - silent_since > SILENCE_S:
+                continue
+            empty_ns = now_ns
+            if self.streams and now_ns / 1e9 - silent_since > SILENCE_S:
                 silent_since = now_ns / 1e9
                 self.stream(on=True)
 

@@ -61,7 +61,7 @@ class Agreement:
     def on_rs232(self, shadow: ShadowImage, t_ns: int) -> None:
         """Take what a frame brought."""
         for offset, watched in self._watched.items():
-            if shadow.arrived_ns[offset] == t_ns:
+            if shadow.measured_ns[offset] == t_ns:
                 watched.received.append((t_ns, watched.value(shadow.image[offset : offset + watched.field.item_size])))
             while watched.received and watched.received[0][0] < t_ns - WINDOW_NS:
                 watched.received.popleft()

@@ -60,7 +60,7 @@ class Decoder:
         self._now_ns = now_ns
 
     def is_known(self, name: str) -> bool:
-        """Every byte of the field arrived within the last BLANK_S seconds."""
+        """Every byte of the field was measured within the last BLANK_S seconds."""
         field = FIELDS[name]
         age = self._shadow.age_s(field.offset, field.size, self._now_ns)
         return age is not None and age <= BLANK_S
@@ -125,7 +125,7 @@ class Decoder:
 
     def chip_voltages_v(self) -> FloatArray:
         """(n_cells,) cell voltages as the slaves' chips hold them [V]; NaN where a pack's never came or are old."""
-        is_old = _of_slaves(self._shadow.arrived_ns)[:, _CHIPS].min(axis=1) < self._now_ns - BLANK_S * 1e9
+        is_old = _of_slaves(self._shadow.measured_ns)[:, _CHIPS].min(axis=1) < self._now_ns - BLANK_S * 1e9
         raw = _of_slaves(np.frombuffer(self._shadow.image, np.uint8))[:, _CHIPS].copy().view("<u2")
         values = raw * FIELDS["slave[0].cvr"].scale
         values[(raw == CHIP_MISSING) | (raw == 0) | is_old[:, None]] = np.nan

@@ -9,18 +9,18 @@ NEVER = np.iinfo(np.int64).min
 
 
 class ShadowImage:
-    """2984 bytes, each with the monotonic time at which it last arrived."""
+    """2984 bytes, each with the monotonic time at which the master measured it."""
 
     def __init__(self) -> None:
         self.image = bytearray(MASTER_SIZE)
-        self.arrived_ns = np.full(MASTER_SIZE, NEVER, dtype=np.int64)
+        self.measured_ns = np.full(MASTER_SIZE, NEVER, dtype=np.int64)
 
     def write(self, windows: tuple[Window, ...], t_ns: int) -> None:
-        """Copy windows whose bytes were sampled together."""
+        """Copy windows whose bytes were sampled together, at `t_ns`."""
         for window in windows:
             end = window.offset + len(window.data)
             self.image[window.offset : end] = window.data
-            self.arrived_ns[window.offset : end] = t_ns
+            self.measured_ns[window.offset : end] = t_ns
 
     def write_whole_elements(self, windows: tuple[Window, ...], t_ns: int) -> None:
         """Copy only elements that the windows cover entirely: half a value mixed with an old half is a wrong value.
@@ -35,11 +35,11 @@ class ShadowImage:
                 offsets = range(start, start + 1)
             if all(offset in given for offset in offsets):
                 self.image[offsets.start : offsets.stop] = bytes(given[offset] for offset in offsets)
-                self.arrived_ns[offsets.start : offsets.stop] = t_ns
+                self.measured_ns[offsets.start : offsets.stop] = t_ns
 
     def age_s(self, start: int, length: int, now_ns: int) -> float | None:
-        """Seconds since the oldest byte of a range arrived; None where any never did."""
-        oldest = int(self.arrived_ns[start : start + length].min())
+        """Seconds since the oldest byte of a range was measured; None where any never came."""
+        oldest = int(self.measured_ns[start : start + length].min())
         return None if oldest == NEVER else max(0.0, (now_ns - oldest) / 1e9)
 
 

@@ -12,6 +12,7 @@ from app.sources.master.decode import PARTS, Decoder
 from app.sources.master.events import describe
 from app.sources.master.shadow import ShadowImage
 from app.sources.master.status import state_of
+from app.sources.master.uptime_clock import UptimeClock
 from app.sources.source import Received
 from app.telemetry import BusState, Charger, Event, Identity, Links, Master, Severity, Source
 from app.telemetry.link_messages import link_lost
@@ -46,10 +47,11 @@ class MasterSource:
         self._rs232, self._can = rs232_monitor(rs232_url), LinkMonitor(can_url)
         self._agreement = Agreement()
         self._uptime_ms: int | None = None
+        self._uptime_clock = UptimeClock()
         self._last_can_snapshot_ns = 0
         self._last_trip: Message | None = None
         self._config: tuple[bytes, str] | None = None
-        self._config_from_ns = 0  # bytes that arrived before are of an older configuration
+        self._config_from_ns = 0  # bytes measured before are of an older configuration
         self._use_can_tables(default_image())
 
     def feed(self, item: Item) -> Received:
@@ -87,18 +89,21 @@ class MasterSource:
         return Received(events=(event,))
 
     def _on_serial(self, item: SerialItem) -> Received:
-        self._rs232.on_frame(item.t_mono_ns, item.frame)
         if isinstance(item.frame, BadFrame):
+            self._rs232.on_frame(item.t_mono_ns, item.frame)
             return Received()
+        uptime_ms = item.frame.uptime_ms
+        measured_ns = self._uptime_clock.measured_ns(uptime_ms, item.t_mono_ns, item.waited_max_ns)
+        self._rs232.on_frame(item.t_mono_ns, item.frame, measured_ns)
         try:
             message = decode_message(item.frame)
         except DecodeError:
             return Received()
         if isinstance(message, Data):
-            return self._on_data(item, message, item.frame.uptime_ms)
+            return self._on_data(item, message, uptime_ms, measured_ns)
         if isinstance(message, EventMessage):
             if message.code in (EventCode.CONFIG_WRITTEN, EventCode.BOOT):
-                self._config_from_ns = item.t_mono_ns
+                self._config_from_ns = measured_ns
             event, trip = describe(message, item.t_wall_ns)
             self._last_trip = trip if trip is not None else self._last_trip
             return Received(events=(event,))
@@ -106,9 +111,9 @@ class MasterSource:
             self._identify(message)
         return Received(reply=message)
 
-    def _on_data(self, item: SerialItem, data: Data, uptime_ms: int) -> Received:
-        self._shadow.write(data.windows, item.t_mono_ns)
-        self._agreement.on_rs232(self._shadow, item.t_mono_ns)
+    def _on_data(self, item: SerialItem, data: Data, uptime_ms: int, measured_ns: int) -> Received:
+        self._shadow.write(data.windows, measured_ns)
+        self._agreement.on_rs232(self._shadow, measured_ns)
         if not any(w.offset <= VOLTAGE_OFFSET < w.offset + len(w.data) for w in data.windows):
             return Received()
         self._rs232.on_snapshot(item.t_mono_ns)
@@ -156,7 +161,7 @@ class MasterSource:
 
     def _config_in_force(self) -> tuple[bytes, str] | None:
         """Image and hash as last received as a whole: never the pieces of two configurations."""
-        if int(self._shadow.arrived_ns[:CONFIG_SIZE].min()) < self._config_from_ns:
+        if int(self._shadow.measured_ns[:CONFIG_SIZE].min()) < self._config_from_ns:
             return self._config
         image = bytes(self._shadow.image[:CONFIG_SIZE])
         if self._config is None or self._config[0] != image:

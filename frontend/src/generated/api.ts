@@ -36,7 +36,7 @@ export interface Acknowledged {
   acknowledged_by: string;
 }
 
-/** Seconds since the oldest byte of each part arrived; null: never. */
+/** Seconds since the master measured the oldest byte of each part; null: never received. */
 export interface Age {
   current: number | null;
   voltage: number | null;
@@ -722,7 +722,7 @@ export interface Laps {
 
 /** One link's trust. */
 export interface Link {
-  state: 'off' | 'connecting' | 'silent' | 'live' | 'lost';
+  state: 'off' | 'connecting' | 'silent' | 'late' | 'live' | 'lost';
   url: string | null;
   age_s: number | null;
   frames: number;
@@ -1337,6 +1337,7 @@ export interface Snapshot {
   replay: Replay | null;
   last_event_id: number;
   config_stored_hash: string | null;
+  sent_s: number | null;
 }
 
 /** A configuration by the name of its source. */

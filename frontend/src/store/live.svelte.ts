@@ -6,6 +6,7 @@ import { get } from '../link/rest';
 import type { History, Maybe, Part, Snapshot } from '../link/types';
 import { freshness, isLive, type Freshness } from '../format';
 import { FrameSchedule } from './frame_schedule';
+import { MinimumDelay } from './minimum_delay';
 import { Ring } from './ring';
 
 export const SERIES = [
@@ -44,6 +45,8 @@ class Live {
   latest: Snapshot | null = null;
   private readonly listeners = new Set<(snapshot: Snapshot) => void>();
   private receivedAt = 0;
+  private waited = 0; // of the newest message, on its way to here
+  private readonly way = new MinimumDelay();
   private readonly pace = new FrameSchedule();
   private backfilled = false;
   private socket: LiveSocket | null = null;
@@ -69,14 +72,19 @@ class Live {
     return () => this.listeners.delete(listener);
   }
 
-  /** Seconds since the bytes of a part left the line, grown by the time since the snapshot came. */
+  /** Seconds since the master measured a part, grown by the snapshot's way to here and the time since. */
   age(part: Part, of: Maybe<Snapshot> = this.snapshot): Maybe<number> {
     const age = of?.age[part] ?? null;
-    return age === null ? null : age + this.behind;
+    return age === null ? null : age + this.late;
   }
 
   freshness(part: Part, of: Maybe<Snapshot> = this.snapshot): Freshness {
     return freshness(this.age(part, of));
+  }
+
+  /** Seconds since the service sent what is shown. */
+  get late(): number {
+    return this.waited + this.behind;
   }
 
   /** Seconds since the last message from the service. */
@@ -92,8 +100,11 @@ class Live {
   private take(snapshot: Snapshot): void {
     this.latest = snapshot;
     this.receivedAt = performance.now() / 1000;
+    this.waited = snapshot.sent_s === null ? 0 : this.way.of(snapshot.sent_s, this.receivedAt);
     const { accumulator, age } = snapshot;
-    const row = SERIES.map((name) => (isLive(age[PARTS[name]]) ? accumulator[name] : null));
+    const row = SERIES.map((name) =>
+      isLive(older(age[PARTS[name]], this.waited)) ? accumulator[name] : null,
+    );
     if (row.some((value) => value !== null)) this.ring.push(snapshot.time, row); // what is only older is no sample
     for (const listener of this.listeners) listener(snapshot);
   }
@@ -101,7 +112,10 @@ class Live {
   private connected(state: Connection): void {
     this.connection = state;
     if (state === 'open') void this.backfill();
-    if (state === 'lost') this.backfilled = false;
+    if (state === 'lost') {
+      this.backfilled = false;
+      this.way.reset();
+    }
   }
 
   private async backfill(): Promise<void> {
@@ -138,5 +152,7 @@ class Live {
     }
   };
 }
+
+const older = (age: Maybe<number>, by: number): Maybe<number> => (age === null ? null : age + by);
 
 export const live = new Live();

@@ -46,7 +46,9 @@ def test_a_fresh_snapshot_puts_the_next_tick_off(bench, clock, master):
 
 def test_an_item_that_fails_is_counted_and_the_next_is_taken(bench, master, monkeypatch, caplog):
     feed = bench.pipeline.feed
-    monkeypatch.setattr(bench.pipeline, "feed", lambda item: fail() if isinstance(item, CanItem) else feed(item))
+    monkeypatch.setattr(
+        bench.pipeline, "feed", lambda item, **how: fail() if isinstance(item, CanItem) else feed(item, **how)
+    )
     bench.feed(*[CanItem(1, 1, 1, b"")] * 20)
     bench.feed(master.frame())
     assert bench.live.snapshot.is_fresh

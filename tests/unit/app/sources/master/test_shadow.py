@@ -20,7 +20,7 @@ def test_half_a_number_is_not_mixed_with_its_old_half():
     shadow.write((Window(current.offset, (5).to_bytes(4, "little", signed=True)),), 1)
     shadow.write_whole_elements((Window(current.offset, b"\xfb\xff"),), 2)
     assert current.unpack(shadow.image) == (5,)
-    assert shadow.arrived_ns[current.offset] == 1
+    assert shadow.measured_ns[current.offset] == 1
 
 
 def test_whole_numbers_and_flag_bytes_are_taken():
@@ -28,7 +28,7 @@ def test_whole_numbers_and_flag_bytes_are_taken():
     shadow.write_whole_elements((Window(420, b"\x01"), Window(2982, b"\x10\x27")), 7)
     assert FIELDS["soc"].unpack(shadow.image) == (10000,)
     assert shadow.image[420] == 1
-    assert shadow.arrived_ns[420] == 7
+    assert shadow.measured_ns[420] == 7
 
 
 @pytest.mark.parametrize("now_ns", [0, 4])

@@ -1,0 +1,26 @@
+"""Ages grow between the making of a snapshot and its sending: what waited is counted to the last moment."""
+
+from dataclasses import fields, replace
+
+from app.telemetry.events import LinkStatus
+from app.telemetry.snapshot import Ages, Number, Snapshot
+
+
+def aged(snapshot: Snapshot, now_ns: int) -> Snapshot:
+    """Return a snapshot with its ages at an instant of the monotonic clock.
+
+    A replay's ages are those of then.
+    """
+    waited_s = (now_ns - snapshot.t_mono_ns) / 1e9
+    if snapshot.source == "replay" or waited_s <= 0.0:
+        return snapshot
+
+    def older(age_s: Number) -> Number:
+        return None if age_s is None else age_s + waited_s
+
+    def link(status: LinkStatus) -> LinkStatus:
+        return replace(status, age_s=older(status.age_s))
+
+    ages = Ages(*(older(getattr(snapshot.age_s, field.name)) for field in fields(Ages)))
+    links = replace(snapshot.links, rs232=link(snapshot.links.rs232), can=link(snapshot.links.can))
+    return replace(snapshot, age_s=ages, links=links)
