@@ -11,7 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")  # lightest first
 APT = ["apt-get", "-o", "DPkg::Lock::Timeout=120"]
 
 
@@ -28,9 +28,9 @@ def can_install() -> bool:
 
 
 def install() -> None:
-    """Install Debian's chromium; what apt has to say goes to standard error, its failure is found by looking again."""
+    """Install Debian's chromium without windows; what apt says goes to standard error, its failure is found later."""
     environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-    for arguments in (["update", "-qq"], ["install", "-y", "-qq", "--no-install-recommends", "chromium"]):
+    for arguments in (["update", "-qq"], ["install", "-y", "-qq", "--no-install-recommends", NAMES[0]]):
         subprocess.run([*APT, *arguments], env=environment, stdin=subprocess.DEVNULL, stdout=sys.stderr, check=False)
 
 

@@ -311,7 +311,8 @@ def main() -> None:
     parser.add_argument("--ts", type=float, default=0.035, help="its sampling time [s] (default %(default)s)")
     parser.add_argument("--only", choices=("live", "session"), help="one of the two halves")
     args = parser.parse_args()
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    names = ("chromium", "google-chrome", "chromium-headless-shell")
+    chromium = next(filter(None, map(shutil.which, names)), None)
     if chromium is None:
         raise SystemExit("no chromium found")
     print(f"initial bundle: {initial_bundle_bytes() / 1000:.1f} kB gzipped")

@@ -93,7 +93,8 @@ def main() -> int:
     parser.add_argument("url", help="address of a running service, as http://127.0.0.1:8000")
     parser.add_argument("folder", nargs="?", type=Path, default=Path("docs/images/screens"))
     arguments = parser.parse_args()
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    names = ("chromium", "google-chrome", "chromium-headless-shell")
+    chromium = next(filter(None, map(shutil.which, names)), None)
     if chromium is None:
         print("no chromium found: install it, for example with `apt-get install chromium`", file=sys.stderr)
         return 1

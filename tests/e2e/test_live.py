@@ -9,7 +9,7 @@ READS_ONLY = True
 
 
 def test_all_cells_are_shown_and_move(service, open_page):
-    page = open_page(f"{service.base_url}/#/packs")
+    page = open_page(f"{service.base_url}/#/packs", full_rate=True)
     cells = page.locator('[data-testid^="cell-"]')
     expect(cells).to_have_count(96)
     expect(page.locator('[data-testid^="cell-"][data-missing]')).to_have_count(0)
