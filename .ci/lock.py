@@ -12,8 +12,8 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-EXTRAS = ("fast", "parquet", "mcap", "mf4", "dbc", "mqtt", "plot", "multicast")
-RUN_EXTRAS = ("fast", "parquet", "mcap", "mqtt", "dbc")
+EXTRAS = ("parquet", "mcap", "mf4", "dbc", "mqtt", "plot", "multicast")
+RUN_EXTRAS = ("parquet", "mcap", "mqtt", "dbc")
 LOCKS = {
     "run": ["pyproject.toml", *(word for extra in RUN_EXTRAS for word in ("--extra", extra))],
     "build": ["--group", "build", "--constraint", "requirements/run.lock"],

@@ -9,15 +9,16 @@ from __future__ import annotations
 import importlib.util
 import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.engine.native import NativeEngine
 from app.estimation.filters.estimators import make_estimator
+from app.estimation.filters.reference.engine import ReferenceEngine
 from app.estimation.filters.sigma_points import unscented
-from app.estimation.filters.tables import PackedCell
+from app.estimation.filters.tables import OCV, OVERPOTENTIAL, R0, R1, CellTables
 from tests.textbook_filters import additive_step, augmented_step
 
 Row = tuple[str, str, str]
@@ -46,31 +47,30 @@ def sample() -> tuple[FloatArray, FloatArray]:
     return 3.8 + rng.normal(0.0, 0.01, N_CELLS), np.round(rng.uniform(25.0, 35.0, N_CELLS))
 
 
-def pass_s(name: str, engine: Any) -> float:
+def pass_s(name: str, engine: type[NativeEngine] | type[ReferenceEngine]) -> float:
     """Return the time of one pass of a filter over 96 cells [s]."""
     volts, degc = sample()
     estimator = make_estimator(name, load_cell(), N_CELLS, engine=engine)
     estimator.start(volts, degc, 0.0, soc=0.6)
     for _ in range(100):
         estimator.step(DT_S, 10.0, volts, degc)
-    return best_s(lambda: estimator.step(DT_S, 10.0, volts, degc), 300 if engine == "numba" else 60)
+    return best_s(lambda: estimator.step(DT_S, 10.0, volts, degc), *((300, 60) if engine is NativeEngine else (20, 5)))
 
 
-def record_s(engine: Any) -> float:
-    """Return the time to estimate half an hour of 96 cells at 10 Hz again [s]; numpy is timed on a part."""
+def record_s() -> float:
+    """Return the time to estimate half an hour of 96 cells at 10 Hz again [s]."""
     volts, degc = sample()
-    steps = RECORD_STEPS if engine == "numba" else RECORD_STEPS // 60
-    estimator = make_estimator("fused", load_cell(), N_CELLS, engine=engine)
+    estimator = make_estimator("fused", load_cell(), N_CELLS, engine=NativeEngine)
     estimator.start(volts, degc, 0.0, soc=0.6)
-    current = 25.0 * np.random.default_rng(1).uniform(-1.0, 4.0, steps)
-    arrays = np.full(steps, DT_S), current, np.tile(volts, (steps, 1)), np.tile(degc, (steps, 1))
-    return best_s(lambda: estimator.run(*arrays), 1, 3 if engine == "numba" else ROUNDS) * RECORD_STEPS / steps
+    current = 25.0 * np.random.default_rng(1).uniform(-1.0, 4.0, RECORD_STEPS)
+    arrays = np.full(RECORD_STEPS, DT_S), current, np.tile(volts, (RECORD_STEPS, 1)), np.tile(degc, (RECORD_STEPS, 1))
+    return best_s(lambda: estimator.run(*arrays), 1, 5)
 
 
 def textbook_s(augmented: bool) -> float:
     """Return the time of a pass of a textbook filter, one cell after the other [s]."""
-    cell = PackedCell(load_cell())
-    row, weight = cell.place(np.array([25.0]))
+    cell = CellTables(load_cell())
+    at = cell.place_temperature(np.array([25.0]))
     decay = np.concatenate(([1.0], np.exp(-DT_S / load_cell().tau_s[:, 0, 0])))
     per_a = np.concatenate(([-DT_S / 90_000.0], 1.0 - decay[1:]))
 
@@ -78,9 +78,9 @@ def textbook_s(augmented: bool) -> float:
         return decay * state + per_a * (10.0 + noise_a)
 
     def output(state: FloatArray) -> float:
-        j, f = cell.place_soc(state[:1])
-        c = cell.circuit_at(j, f, row, weight)
-        return float(cell.ocv_at(j, f)[0] - cell.drop(c, 10.0, state[1:, None])[0])
+        c = cell.circuit(state[:1], at)[:, 0]
+        over = np.arcsinh(10.0 / cell.model.overpotential_current_a)
+        return float(c[OCV] - 10.0 * c[R0] - over * c[OVERPOTENTIAL] - c[R1:] @ state[1:])
 
     mean, cov = np.array([0.6, 0.0, 0.0]), np.diag([1e-3, 10.0, 10.0])
     if augmented:
@@ -126,23 +126,44 @@ def filterpy_s() -> float | None:
     return best_s(one_pass, 1, 8)
 
 
+def simdkalman_s() -> float | None:
+    """Return the time of a pass of simdkalman over 96 series of a linear cell [s]; None where it is not installed."""
+    if importlib.util.find_spec("simdkalman") is None:
+        return None
+    import simdkalman
+
+    model = load_cell()
+    decay = np.exp(-DT_S / model.tau_s[:, 0, 0])
+    observation = np.array([[1.0, -0.96e-3, -0.6e-3]])
+    noise = np.diag([1e-9, 1e-3, 1e-3])
+    linear = simdkalman.KalmanFilter(np.diag([1.0, *decay]), noise, observation, np.array([[0.03]]))
+    mean = np.tile([[0.6], [0.0], [0.0]], (N_CELLS, 1, 1))
+    cov = np.tile(np.diag([1e-3, 10.0, 10.0]), (N_CELLS, 1, 1))
+    measured = np.full((N_CELLS, 1, 1), 0.6)
+
+    def one_pass() -> None:
+        linear.update(*linear.predict_next(mean, cov), measured)
+
+    return best_s(one_pass, 100)
+
+
 def run() -> list[Row]:
     """Return the rows of the table: quantity, figure, method."""
     peer = filterpy_s()
     rows: list[Row] = []
     if peer is not None:
         rows.append(("filterpy UKF, 96 cells", _time(peer), "7 points, one Python object a cell"))
-    engines = ["numpy"] + (["numba"] if importlib.util.find_spec("numba") else [])
-    for engine in engines:
-        for name in ("cdkf", "fused"):
-            seconds = pass_s(name, engine)
-            note = (
-                "everything `serve` does with a sample" if name == "fused" else "the filter alone, sigma and self-check"
-            )
-            if peer is not None:
-                note += f"; {peer / seconds:,.0f} times filterpy"
-            rows.append((f"{name}, 96 cells, {engine}", _time(seconds), note))
-        rows.append((f"fused, 30 min at 10 Hz, {engine}", f"{record_s(engine):.3f} s", "96 cells estimated again"))
+    linear = simdkalman_s()
+    if linear is not None:
+        rows.append(("simdkalman, 96 series", _time(linear), "a linear cell of 3 states: no OCV curve, no tables"))
+    for name in ("cdkf", "fused"):
+        seconds = pass_s(name, NativeEngine)
+        note = "everything `serve` does with a sample" if name == "fused" else "the filter alone, sigma and self-check"
+        if peer is not None:
+            note += f"; {peer / seconds:,.0f} times filterpy"
+        rows.append((f"{name}, 96 cells", _time(seconds), note))
+    rows.append(("fused, 30 min at 10 Hz", f"{record_s():.3f} s", "96 cells estimated again, one call"))
+    rows.append(("fused, 96 cells, reference", _time(pass_s("fused", ReferenceEngine)), "plain numpy"))
     rows.append(("7-point textbook UKF, 96 cells", _time(textbook_s(False)), "numpy, one cell after the other"))
     rows.append(("11-point augmented UKF, 96 cells", _time(textbook_s(True)), "the thesis's formulation, likewise"))
     return rows

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from app.estimation.cell_model.ocv import OcvCurve
-    from app.estimation.filters.record import Record
+    from app.estimation.filters.estimates import Estimates
     from app.estimation.recording.cell_recording import Recording
     from benchmarks.sources_runs import PatternRun, ThesisRun
 
@@ -107,7 +107,7 @@ def draw_secant(path: Path, drive: Recording, estimates: Mapping[str, FloatArray
     _draw_errors(path, drive, estimates)
 
 
-def draw_physics(path: Path, run: Recording, shown: Mapping[str, Record]) -> None:
+def draw_physics(path: Path, run: Recording, shown: Mapping[str, Estimates]) -> None:
     """Draw SOC, its error with 3 sigma, and the innovation, along a race of a cell of pure physics."""
     figure, (soc_axis, error_axis, volt_axis) = _figure(3)
     pick = slice(None, None, 20)

@@ -1,7 +1,7 @@
 """The filter of SPKF-2020 as its script writes it: eleven points, one Cholesky factor a cell, nothing simplified.
 
 State [SOC, V_short, V_long], Euler discretisation, process noise the same in all three states, the voltage looked up
-in curves under load. Needs numba; kept apart from the product, which does not compute like this.
+in curves under load. Needs numba, of the group `bench`; kept apart from the product, which does not compute like this.
 """
 
 from __future__ import annotations

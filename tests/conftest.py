@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from hatch_build import build_engine
 from tests.c_programs import CMaster, build_program
 from tests.campaign import tell_figure
 from tests.service_process import Service, until
@@ -20,7 +21,14 @@ settings.register_profile("voltwall", deadline=None, suppress_health_check=[Heal
 settings.load_profile("voltwall")
 
 TESTS_FOLDER = Path(__file__).parent
+ROOT = TESTS_FOLDER.parent
 SLOWEST_FIRST = ("e2e", "integration", "numeric", "property", "docs", "unit")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Bring the estimator's C engine up to date with its sources."""
+    if not hasattr(config, "workerinput"):  # pytest-xdist's
+        build_engine(ROOT)
 
 
 @pytest.fixture(scope="session")

@@ -20,9 +20,7 @@ from multiprocessing.process import BaseProcess
 from typing import TextIO
 
 CONTEXT = get_context("forkserver")
-CONTEXT.set_forkserver_preload(
-    ["tests.forked", "app.commands.serve", "app.estimation.filters.compiled", "simulator.cli"]
-)
+CONTEXT.set_forkserver_preload(["tests.forked", "app.commands.serve", "simulator.cli"])
 PARENTS_THREADS = 2  # of a service that starts its car: it does so before it has others
 POLL_S = 0.01
 PR_SET_PDEATHSIG = 1  # prctl(2)

@@ -7,15 +7,12 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import httpx
 from websockets.sync.client import connect
 
-from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.filters.estimators import make_estimator
 from tests.c_programs import CMaster
 from tests.forked import start_program
 
@@ -34,12 +31,6 @@ def until(condition: Callable[[], object], seconds: float = WAIT_S) -> None:
     while not condition():
         assert time.monotonic() < deadline, f"not within {seconds} s"
         time.sleep(LOOK_S)
-
-
-@cache
-def compile_filter() -> None:
-    """Compile the filter that every service runs, before one is waited for."""
-    make_estimator("fused", load_cell("samsung-25r-10p"), N_CELLS)
 
 
 class Patient(httpx.HTTPTransport):
@@ -71,7 +62,6 @@ class Service:
 
     def start(self) -> "Service":
         """Start and wait for the line that names the address."""
-        compile_filter()
         self.lines = []
         serial = () if self.c_master is None else ("--serial", str(self.c_master.start().link))
         ready = threading.Event()

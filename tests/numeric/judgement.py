@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
-from app.estimation.filters.estimators import make_estimator
-from app.estimation.filters.record import Record
+from app.estimation.filters.estimators import Estimates, make_estimator
 from app.estimation.recording.cell_recording import Recording
 from app.estimation.scoring.scoring import SocScore, score_soc
 from app.estimation.scoring.whiteness import InnovationScore, score_innovations
@@ -62,7 +61,7 @@ def estimate(
     name: str,
     soc: float | None,
     soc_sigma: float | None = None,
-) -> Record:
+) -> Estimates:
     """Return what a filter says along a recording as sensed; SOC None = from the first voltage."""
     voltage, current = sensed
     estimator = make_estimator(name, model, 1)

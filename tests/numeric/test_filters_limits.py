@@ -40,7 +40,7 @@ def drive(seconds: float, dt_s: float = 0.1, seed: int = 0, c_rate: float = 3.0)
 @pytest.mark.parametrize("name", FILTERED)
 def test_on_a_linear_cell_every_filter_is_the_kalman_filter(name):
     model, tuning = linear_cell(), Tuning(empty_factor=1.0, gate=1e9)
-    estimator = make_estimator(name, model, 1, tuning, engine="numpy")
+    estimator = make_estimator(name, model, 1, tuning)
     estimator.start([3.6], [25.0], 0.0, soc=0.4, soc_sigma=0.2)
     x, cov = estimator.state_mean[:, 0], estimator.state_cov[0]
     time, current_c = drive(200.0)

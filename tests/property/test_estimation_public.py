@@ -25,7 +25,7 @@ socs = st.floats(0.2, 0.8)
 
 
 def started(name, soc):
-    estimator = make_estimator(name, CELL, N, engine="numpy")
+    estimator = make_estimator(name, CELL, N)
     estimator.start(CELL.ocv.voltage(np.full(N, soc)), np.full(N, 25.0), 0.0, np.full(N, soc))
     return estimator
 
@@ -92,7 +92,7 @@ def test_the_order_of_the_cells_does_not_matter(name, order, drive):
     order = np.array(order)
     soc = np.linspace(0.3, 0.7, N)
     rest, degc = CELL.ocv.voltage(soc), np.linspace(15.0, 35.0, N)
-    plain, mixed = (make_estimator(name, CELL, N, engine="numpy") for _ in range(2))
+    plain, mixed = (make_estimator(name, CELL, N) for _ in range(2))
     plain.start(rest, degc, 0.0)
     mixed.start(rest[order], degc[order], 0.0)
     for dt_s, current_a in drive:

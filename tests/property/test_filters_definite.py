@@ -1,6 +1,5 @@
 """Covariances stay positive definite and estimates finite under a million hostile cell-steps."""
 
-import importlib.util
 from dataclasses import replace
 
 import numpy as np
@@ -8,26 +7,12 @@ import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import FILTERS, make_estimator
+from tests.engines import ENGINES, hostile_steps
 
 N_CELLS, N_STEPS = 500, 700  # x 3 recursive filters: a million cell-steps
 
 
-def hostile_steps(seed: int, n_steps: int = N_STEPS, n_cells: int = N_CELLS):
-    """Currents that jump, voltages from nowhere, values missing, steps from none to hours."""
-    rng = np.random.default_rng(seed)
-    for k in range(n_steps):
-        dt = float(rng.choice([0.0, 1e-3, 0.1, 1.0, 60.0, 3600.0, 1e5]))
-        current = float(rng.choice([0.0, rng.normal() * 100.0, rng.normal() * 1e3, 1e9, np.nan]))
-        volts = rng.choice([rng.uniform(2.0, 4.5), 0.0, 5.9, 6.5535, np.nan, -1.0], size=n_cells)
-        volts = np.where(rng.random(n_cells) < 0.6, rng.uniform(2.4, 4.3, n_cells), volts)
-        degc = rng.choice([25.0, -40.0, 120.0, np.nan, 1e6], size=n_cells)
-        if k % 97 == 0:
-            volts[:] = np.nan
-        yield dt, current, volts, degc
-
-
-needs_numba = pytest.mark.skipif(importlib.util.find_spec("numba") is None, reason="numba is an optional extra")
-engines = pytest.mark.parametrize("engine", ["numpy", pytest.param("numba", marks=needs_numba)])
+engines = pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
 
 
 @engines
@@ -36,7 +21,7 @@ def test_covariance_stays_definite(name, engine):
     estimator = make_estimator(name, load_cell(), N_CELLS, engine=engine)
     rng = np.random.default_rng(5)
     estimator.start(rng.uniform(2.5, 4.2, N_CELLS), np.full(N_CELLS, 25.0), 0.0, rng.random(N_CELLS), 0.5)
-    for k, (dt, current, volts, degc) in enumerate(hostile_steps(11)):
+    for k, (dt, current, volts, degc) in enumerate(hostile_steps(11, N_STEPS, N_CELLS)):
         estimates = estimator.step(dt, current, volts, degc)
         if k % 20 == 0 or k == N_STEPS - 1:
             cov = estimator.state_cov

@@ -9,13 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.filters.inputs import InputGuard
-from app.estimation.filters.marginal import MarginalFilter
-from app.estimation.filters.process import Process
+from app.estimation.filters.reference.state import motion_of
+from app.estimation.filters.setup import FilterSetup, Kind
 from app.estimation.filters.sigma_points import central_difference, unscented
-from app.estimation.filters.states import SOC, CellStates
-from app.estimation.filters.tables import PackedCell
+from app.estimation.filters.tables import OCV, OVERPOTENTIAL, R0, R1, CellTables
 from app.estimation.filters.tuning import Tuning
+from tests.engines import ENGINES
 from tests.textbook_filters import additive_step, augmented_step
 from tests.thesis_filter import marginal_augmented_step
 
@@ -31,26 +30,25 @@ temperature = st.floats(-20.0, 70.0)
 
 
 @cache
-def packed(n_rc: int) -> PackedCell:
+def packed(n_rc: int) -> CellTables:
     base = load_cell()
     pairs = [k % 2 for k in range(n_rc)]
     over = np.full(base.r0_ohm.shape, 0.004)
-    return PackedCell(
+    return CellTables(
         replace(
             base, r_ohm=base.r_ohm[pairs], tau_s=base.tau_s[pairs], overpotential_v=over, overpotential_current_a=25.0
         )
     )
 
 
-def output_of(cell: PackedCell, current_a: float, temperature_degc: float):
+def output_of(cell: CellTables, current_a: float, temperature_degc: float):
     """The terminal voltage of one cell, state by state, from the same tables."""
-    row, weight = cell.place(np.array([temperature_degc]))
+    at = cell.place_temperature(np.array([temperature_degc]))
 
     def output(state):
-        j, f = cell.place_soc(state[:1])
-        c = cell.circuit_at(j, f, row, weight)[:, 0]
+        c = cell.circuit(state[:1], at)[:, 0]
         over = np.arcsinh(current_a / cell.model.overpotential_current_a)
-        return float(cell.ocv_at(j, f)[0] - current_a * c[0] - over * c[-1] - c[1:-1] @ state[1:])
+        return float(c[OCV] - current_a * c[R0] - over * c[OVERPOTENTIAL] - c[R1:] @ state[1:])
 
     return output
 
@@ -66,53 +64,58 @@ def random_state(n_rc: int, soc_value: float, sd: float, seed: int):
     return mean, scale[:, None] * (correlation / np.outer(root, root)) * scale
 
 
+@pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
 @pytest.mark.parametrize("name", RULES)
 @pytest.mark.parametrize("n_rc", range(5))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25)
 @given(soc, sigma, unit, step, voltage, temperature, st.integers(0, 2**32 - 1))
-def test_three_points_equal_the_full_set(name, n_rc, soc_value, sd, current_c, dt, volts, degc, seed):
+def test_three_points_equal_the_full_set(engine, name, n_rc, soc_value, sd, current_c, dt, volts, degc, seed):
     cell = packed(n_rc)
-    rule = RULES[name](1 + n_rc)
+    setup = FilterSetup(cell, Kind.SIGMA, RULES[name](1 + n_rc), OPEN_GATE)
     current = 250.0 * current_c
     mean, cov = random_state(n_rc, soc_value, sd, seed)
-    states = CellStates(n_rc, 1)
-    states.mean[:, 0], states.cov[:, :, 0] = mean, cov
-    guard = InputGuard(cell, states, OPEN_GATE)
-    sample = guard.check(dt, current, [volts], [degc])
-    process = Process(cell, states, OPEN_GATE, counts=False)
-    filt = MarginalFilter(cell, states, rule, OPEN_GATE)
 
-    decay = np.concatenate(([1.0], np.exp(-dt / cell.tau_fixed_s)))
-    gain = np.concatenate(([-process.moved_soc(current, dt)], (1.0 - decay[1:]) * current))
-    process.predict(sample)
-    process_noise = states.cov[:, :, 0] - decay[:, None] * cov * decay
-    noise_v2 = sample.noise_v2 * float(sample.climate.noise_scale[0]) * sample.correlation
+    def after(measured_v):
+        filt = engine(setup, 1)
+        filt.set("soc", mean[:1])
+        filt.set("branch_a", mean[1:, None])
+        filt.set("cov", cov[:, :, None])
+        filt.step(dt, current, np.array([measured_v]), np.array([degc]))
+        return np.concatenate((filt.get("soc"), filt.get("branch_a")[:, 0])), filt.get("cov")[:, :, 0]
+
+    motion = motion_of(setup, dt, current)
+    _, predicted_cov = after(np.nan)
+    decay = np.concatenate(([1.0], np.exp(-dt / cell.tau_s)))
+    gain = np.concatenate(([-motion.moved_ah / cell.model.capacity_ah], (1.0 - decay[1:]) * current))
+    low, high = cell.temperature_degc[[0, -1]]
+    outside_k = max(low - degc, 0.0, degc - high)
+    noise_v2 = motion.noise_v2 * (1.0 + OPEN_GATE.cold_factor * outside_k / 10.0) ** 2 * motion.correlation
     wanted, wanted_cov = additive_step(
         mean,
         cov,
-        rule,
+        setup.rule,
         lambda state, _: decay * state + gain,
-        process_noise,
+        predicted_cov - decay[:, None] * cov * decay,
         output_of(cell, current, degc),
         noise_v2,
         volts,
     )
-    filt.update(sample, *np.empty((3, 1)))
-    assert states.mean[SOC, 0] == pytest.approx(np.clip(wanted[SOC], -0.05, 1.05), abs=1e-12)
-    np.testing.assert_allclose(states.mean[1:, 0], wanted[1:], rtol=0, atol=1e-9)
-    assert states.cov[SOC, SOC, 0] == pytest.approx(wanted_cov[SOC, SOC], abs=1e-12)
-    np.testing.assert_allclose(states.cov[:, :, 0], wanted_cov, rtol=1e-8, atol=1e-8)
+    found, found_cov = after(volts)
+    assert found[0] == pytest.approx(np.clip(wanted[0], -0.05, 1.05), abs=1e-12)
+    np.testing.assert_allclose(found[1:], wanted[1:], rtol=0, atol=1e-9)
+    assert found_cov[0, 0] == pytest.approx(wanted_cov[0, 0], abs=1e-12)
+    np.testing.assert_allclose(found_cov, wanted_cov, rtol=1e-8, atol=1e-8)
 
 
 @pytest.mark.parametrize("name", RULES)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(soc, sigma, unit, st.floats(0.01, 20.0), step, voltage, st.integers(0, 2**32 - 1))
 def test_five_points_equal_the_augmented_eleven(name, soc_value, sd, current_c, noise_a, dt, volts, seed):
     cell = packed(2)
     rule = RULES[name](5)
     current = 250.0 * current_c
     mean, cov = random_state(2, soc_value, sd, seed)
-    decay = np.concatenate(([1.0], np.exp(-dt / cell.tau_fixed_s)))
+    decay = np.concatenate(([1.0], np.exp(-dt / cell.tau_s)))
     per_a = np.concatenate(([-dt / 90000.0], 1.0 - decay[1:]))
     wanted, wanted_cov = augmented_step(
         mean,
@@ -128,15 +131,13 @@ def test_five_points_equal_the_augmented_eleven(name, soc_value, sd, current_c, 
     def output(points):
         _, k, n = points.shape
         flat = points.reshape(3, k * n)
-        row, weight = cell.place(np.full(k * n, 25.0))
-        j, f = cell.place_soc(flat[SOC])
-        c = cell.circuit_at(j, f, row, weight)
+        c = cell.circuit(flat[0], cell.place_temperature(np.full(k * n, 25.0)))
         over = np.arcsinh(current / cell.model.overpotential_current_a)
-        h = cell.ocv_at(j, f) - current * c[0] - over * c[-1] - (c[1:-1] * flat[1:]).sum(axis=0)
-        return h.reshape(k, n), -c[1:-1, :n]
+        h = c[OCV] - current * c[R0] - over * c[OVERPOTENTIAL] - (c[R1:] * flat[1:]).sum(axis=0)
+        return h.reshape(k, n), -c[R1:, :n]
 
     got, got_cov = marginal_augmented_step(
         mean[:, None], cov[:, :, None], rule, decay, per_a, current, noise_a, output, 0.04, np.array([volts])
     )
-    assert got[SOC, 0] == pytest.approx(wanted[SOC], abs=1e-12)
-    np.testing.assert_allclose(got_cov[SOC, :, 0], wanted_cov[SOC], rtol=1e-9, atol=1e-10)
+    assert got[0, 0] == pytest.approx(wanted[0], abs=1e-12)
+    np.testing.assert_allclose(got_cov[0, :, 0], wanted_cov[0], rtol=1e-9, atol=1e-10)

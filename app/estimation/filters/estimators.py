@@ -5,24 +5,37 @@ Inputs are plain arrays and a step length; nothing here knows a clock, a link or
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
-from app.estimation.filters.coulomb import CoulombCounter
 from app.estimation.filters.estimates import CellEstimator, Estimates
-from app.estimation.filters.filters import Engine, GaussianEstimator
+from app.estimation.filters.setup import Engine, FilterSetup, Kind
 from app.estimation.filters.sigma_points import central_difference, unscented
+from app.estimation.filters.soc_estimator import SocEstimator, make_engine
+from app.estimation.filters.tables import CellTables
 from app.estimation.filters.tuning import Tuning
 
-__all__ = ["FILTERS", "CellEstimator", "Engine", "Estimates", "Tuning", "make_estimator"]
+__all__ = ["FILTERS", "CellEstimator", "Estimates", "Tuning", "filter_setup", "make_estimator"]
 
-FILTERS: Final = ("fused", "coulomb", "ekf", "ukf", "cdkf")
+_KINDS: Final = {
+    "fused": (Kind.SIGMA_FUSED, central_difference),
+    "coulomb": (Kind.COUNT, None),
+    "ekf": (Kind.TANGENT, None),
+    "ukf": (Kind.SIGMA, unscented),
+    "cdkf": (Kind.SIGMA, central_difference),
+}
+FILTERS: Final = tuple(_KINDS)
 
 
 def make_estimator(
-    filter_name: str, cell: CellModel, n_cells: int, tuning: Tuning | None = None, engine: Engine = "auto"
-) -> CoulombCounter | GaussianEstimator:
+    filter_name: str,
+    cell: CellModel,
+    n_cells: int,
+    tuning: Tuning | None = None,
+    engine: Callable[[FilterSetup, int], Engine] = make_engine,
+) -> SocEstimator:
     """Return a filter over `n_cells` cells of one model that share a current; `start` it before the first step.
 
     Args:
@@ -30,23 +43,24 @@ def make_estimator(
         cell: the cell model, module parameters for a module of parallel cells.
         n_cells: how many cells one call of `step` covers.
         tuning: assumptions of the filter; None = the one tuning for all cells.
-        engine: "numba" compiles when the filter is made, "auto" does where numba is installed. Same numbers.
+        engine: what computes; the C engine where its library fits this machine, else the reference. Same numbers.
 
     Raises:
-        EstimatorError: the name is none of FILTERS, n_cells is not positive, or numba was asked for and is missing.
+        EstimatorError: the name is none of FILTERS, or n_cells is not positive.
     """
     if n_cells < 1:
         raise EstimatorError(f"{n_cells} cells cannot be filtered")
-    tuning = tuning or Tuning()
-    n_dim = 1 + cell.n_rc
-    if filter_name == "coulomb":
-        return CoulombCounter(cell, n_cells, tuning)
-    if filter_name == "fused":
-        return GaussianEstimator(cell, n_cells, central_difference(n_dim), tuning, fused=True, engine=engine)
-    if filter_name == "ekf":
-        return GaussianEstimator(cell, n_cells, None, tuning, engine=engine)
-    if filter_name == "ukf":
-        return GaussianEstimator(cell, n_cells, unscented(n_dim), tuning, engine=engine)
-    if filter_name == "cdkf":
-        return GaussianEstimator(cell, n_cells, central_difference(n_dim), tuning, engine=engine)
-    raise EstimatorError(f"{filter_name!r} is none of the filters: {', '.join(FILTERS)}")
+    setup = filter_setup(filter_name, cell, tuning)
+    return SocEstimator(setup, engine(setup, n_cells))
+
+
+def filter_setup(filter_name: str, cell: CellModel, tuning: Tuning | None = None) -> FilterSetup:
+    """Return what the filter of a name is made of; see `make_estimator`.
+
+    Raises:
+        EstimatorError: the name is none of FILTERS.
+    """
+    if filter_name not in _KINDS:
+        raise EstimatorError(f"{filter_name!r} is none of the filters: {', '.join(FILTERS)}")
+    kind, rule = _KINDS[filter_name]
+    return FilterSetup(CellTables(cell), kind, rule(1 + cell.n_rc) if rule else None, tuning or Tuning())

@@ -1,12 +1,11 @@
-"""A cell model laid out for look-ups of many cells at once: even SOC grid, one row for each coefficient.
+"""A cell model laid out for look-ups of many cells at once: even in SOC, one row of coefficients for each point.
 
-Values between grid points are linear in SOC and temperature. The filters, fast or textbook, all read the cell
-through this class, so that they differ in nothing but their algebra.
+Values between grid points are linear in SOC and temperature; beyond the tables their last values hold. Both engines and
+the textbook filters of the tests read the cell through these tables, so that they differ in nothing but their algebra.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
@@ -14,106 +13,100 @@ import numpy as np
 from app.estimation.arrays import FloatArray, IntArray
 from app.estimation.cell_model.circuit import CellModel
 
-SOC_LOW: Final = -0.1  # the tables reach past 0 and 1, because sigma points do; beyond them values hold
+SOC_LOW: Final = -0.1  # the tables reach past 0 and 1, because sigma points do
+SOC_HIGH: Final = 1.1
 SOC_STEP: Final = 0.001
-N_SOC: Final = 1201
-R0, BRANCH = range(2)  # rows of the circuit table: R0, R_1 .. R_m, and e where the cell has one
+SOC_INVERSE: Final = (-0.05, 1.05)  # range of a SOC that is read off a voltage
+OCV, R0, OVERPOTENTIAL, R1 = range(4)  # columns of the table; the other RC resistances follow
+
+Place = tuple[IntArray, FloatArray]  # grid index and weight of the next point, for each cell
 
 
-class PackedCell:
+class CellTables:
     """Tables of one cell model.
 
     Attributes:
-        ocv: (2, N_SOC) value at the grid point and difference to the next [V].
-        ocv_slope: (2, N_SOC) dOCV/dSOC, likewise; with a smoothed OCV this is the smoothed slope [V].
-        circuit: (4, 1 + n_rc, n_t * N_SOC) value, difference in SOC, in temperature, and in both, of R0 and R_k;
-            e follows as one more row where the cell has an overpotential.
-        has_overpotential: False where e is 0 everywhere.
-        tau_s: (n_rc, n_t, N_SOC) [s].
-        tau_fixed_s: (n_rc,) when every time constant is the same at any SOC and temperature, else None [s].
+        model: the cell model.
+        soc: (n_soc,) SOC of the points.
+        temperature_degc: (n_t,) temperature of the tables [degC], rising.
+        table: (n_t, n_soc, 3 + n_rc) OCV [V], R0 [ohm], e [V] and R_k [ohm].
+        ocv_slope_v: (n_soc,) dOCV/dSOC; with a smoothed OCV this is the smoothed slope [V].
+        tau_s: (n_rc,) where every time constant is the same at any SOC and temperature, else (n_t, n_soc, n_rc) [s].
     """
 
-    def __init__(self, model: CellModel) -> None:
+    def __init__(self, model: CellModel, soc_step: float = SOC_STEP) -> None:
+        n = round((SOC_HIGH - SOC_LOW) / soc_step) + 1
         self.model = model
-        soc = SOC_LOW + SOC_STEP * np.arange(N_SOC)
-        self._soc = soc
-        self.ocv = _with_difference(model.ocv.voltage(soc))
-        self.ocv_slope = _with_difference(model.ocv.slope(soc))
-        self.has_overpotential = bool(np.any(model.overpotential_v))
-        self.temperature_grid_degc = model.temperature_grid_degc
-        self.n_t = model.temperature_grid_degc.size
-        values = model.parameters(soc[None, :], self.temperature_grid_degc[:, None])
-        circuit = np.concatenate((values[:1], values[2 : 2 + model.n_rc], values[1:2]))
-        if not self.has_overpotential:
-            circuit = circuit[:-1]
-        by_soc = np.diff(circuit, axis=2, append=circuit[:, :, -1:])
-        by_temperature = np.diff(circuit, axis=1, append=circuit[:, -1:])
-        by_both = np.diff(by_soc, axis=1, append=by_soc[:, -1:])
-        stack = np.stack((circuit, by_soc, by_temperature, by_both))
-        self.circuit = np.ascontiguousarray(stack.reshape(4, circuit.shape[0], -1))
-        self.tau_s = np.ascontiguousarray(values[2 + model.n_rc :])
-        fixed = all(np.ptp(tau) == 0.0 for tau in model.tau_s)
-        self.tau_fixed_s = model.tau_s[:, 0, 0].copy() if fixed else None
+        self.n_rc = model.n_rc
+        self.soc_low = SOC_LOW
+        self.soc_step = soc_step
+        self.soc = SOC_LOW + soc_step * np.arange(n)
+        self.temperature_degc = model.temperature_grid_degc
+        r0, over, *rc = model.parameters(self.soc, self.temperature_degc[:, None])
+        ocv = np.broadcast_to(model.ocv.voltage(self.soc), r0.shape)
+        self.table = np.ascontiguousarray(np.stack([ocv, r0, over, *rc[: self.n_rc]], axis=-1))
+        self.ocv_slope_v = model.ocv.slope(self.soc)
+        self.has_overpotential = bool(over.any())
+        self.has_tau_table = any(np.ptp(tau) > 0.0 for tau in model.tau_s)
+        taus = np.moveaxis(np.array(rc[self.n_rc :]).reshape(self.n_rc, *r0.shape), 0, -1)
+        self.tau_s = np.ascontiguousarray(taus if self.has_tau_table else model.tau_s[:, 0, 0])
 
-    def place(self, temperature_degc: FloatArray) -> tuple[IntArray, FloatArray]:
+    def place_temperature(self, temperature_degc: FloatArray) -> Place:
         """Return the table row (n,) and the weight (n,) of the next one, for each temperature [degC]."""
-        grid = self.temperature_grid_degc
-        if self.n_t == 1:
-            return np.zeros(temperature_degc.shape, dtype=np.intp), np.zeros(temperature_degc.shape)
-        j = np.clip(np.searchsorted(grid, temperature_degc, side="right") - 1, 0, self.n_t - 2)
-        return j, np.clip((temperature_degc - grid[j]) / (grid[j + 1] - grid[j]), 0.0, 1.0)
+        return _place(np.interp(temperature_degc, self.temperature_degc, np.arange(self.temperature_degc.size)))
 
-    def place_soc(self, soc: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the grid index and the weight of the next point, for each SOC; held at the ends of the tables."""
-        x = (soc - SOC_LOW) * (1.0 / SOC_STEP)
-        x = np.minimum(np.maximum(x, 0.0), N_SOC - 1.0)
-        j = x.astype(np.intp)
-        return j, x - j
+    def place_soc(self, soc: FloatArray) -> Place:
+        """Return the grid index and the weight of the next point, for each SOC."""
+        return _place(np.clip((soc - self.soc_low) / self.soc_step, 0.0, self.soc.size - 1.0))
 
-    def ocv_at(self, j: IntArray, f: FloatArray) -> FloatArray:
-        """Return the OCV [V] at grid places."""
-        pair = self.ocv.take(j, axis=1)
-        return np.asarray(pair[0] + f * pair[1])
+    def circuit(self, soc: FloatArray, at: Place) -> FloatArray:
+        """Return (3 + n_rc, n) OCV, R0, e and R_k of each cell, at its SOC and the place of its temperature."""
+        return _interpolate(self.table, at, self.place_soc(soc))
 
-    def ocv_of(self, soc: FloatArray) -> FloatArray:
-        """Return the OCV [V] at each SOC, without a place."""
-        return np.asarray(np.interp(soc, self._soc, self.ocv[0]))
+    def circuit_slope(self, soc: FloatArray, at: Place) -> FloatArray:
+        """Return (3 + n_rc, n) derivatives of the same with SOC; that of the OCV may be smoothed."""
+        j, _ = self.place_soc(soc)
+        j = np.minimum(j, self.soc.size - 2)
+        (row, g), up = at, np.minimum(at[0] + 1, self.temperature_degc.size - 1)
+        cool = self.table[row, j + 1] - self.table[row, j]
+        warm = self.table[up, j + 1] - self.table[up, j]
+        slope = ((1.0 - g)[:, None] * cool + g[:, None] * warm).T / self.soc_step
+        slope[OCV] = self.ocv_slope(soc)
+        return np.asarray(slope)
 
-    def ocv_slope_at(self, j: IntArray, f: FloatArray) -> FloatArray:
-        """Return dOCV/dSOC [V] at grid places."""
-        pair = self.ocv_slope.take(j, axis=1)
-        return np.asarray(pair[0] + f * pair[1])
+    def time_constants(self, soc: FloatArray, at: Place) -> FloatArray:
+        """Return (n_rc, n) time constants of each cell [s]."""
+        if self.has_tau_table:
+            return _interpolate(self.tau_s, at, self.place_soc(soc))
+        return np.repeat(self.tau_s[:, None], soc.size, axis=1)
 
-    def circuit_at(self, j: IntArray, f: FloatArray, row: IntArray, g: FloatArray) -> FloatArray:
-        """Return (1 + n_rc, n) R0, R_k (and e) at grid places j + f in SOC and row + g in temperature."""
-        if self.n_t == 1:
-            pair = self.circuit[:2].take(j, axis=2)
-            return np.asarray(pair[0] + f * pair[1])
-        corner = self.circuit.take(j + N_SOC * row, axis=2)
-        in_soc = corner[0::2] + f * corner[1::2]
-        return np.asarray(in_soc[0] + g * in_soc[1])
+    def ocv(self, soc: FloatArray) -> FloatArray:
+        """Return the OCV [V] at each SOC."""
+        return np.asarray(np.interp(soc, self.soc, self.table[0, :, OCV]))
 
-    def circuit_slope_at(self, j: IntArray, row: IntArray, g: FloatArray) -> FloatArray:
-        """Return (1 + n_rc, n) derivative of R0, R_k (and e) with SOC at grid places."""
-        corner = self.circuit[1::2].take(j + N_SOC * row, axis=2)
-        return np.asarray((corner[0] + g * corner[1]) * (1.0 / SOC_STEP))
+    def ocv_slope(self, soc: FloatArray) -> FloatArray:
+        """Return dOCV/dSOC [V] at each SOC."""
+        return np.asarray(np.interp(soc, self.soc, self.ocv_slope_v))
 
-    def drop(self, c: FloatArray, current_a: float, branch_a: FloatArray) -> FloatArray:
-        """Return (n,) R0 i + e asinh(i / i_ref) + sum R_k i_k [V] for parameters of `circuit_at`, or its slope."""
-        drop = current_a * c[R0]
-        for k in range(branch_a.shape[0]):
-            drop += c[BRANCH + k] * branch_a[k]
-        if self.has_overpotential:
-            drop += math.asinh(current_a / self.model.overpotential_current_a) * c[-1]
-        return np.asarray(drop)
-
-    def tau_at(self, j: IntArray, f: FloatArray, row: IntArray, g: FloatArray) -> FloatArray:
-        """Return (n_rc, n) time constants [s] at grid places."""
-        k, up = np.minimum(j + 1, N_SOC - 1), np.minimum(row + 1, self.n_t - 1)
-        low = self.tau_s[:, row, j] * (1 - f) + self.tau_s[:, row, k] * f
-        high = self.tau_s[:, up, j] * (1 - f) + self.tau_s[:, up, k] * f
-        return np.asarray(low * (1 - g) + high * g)
+    def soc_of_ocv(self, voltage_v: FloatArray) -> FloatArray:
+        """Return the SOC, -0.05 .. 1.05, whose OCV is the given voltage [V]; NaN for NaN."""
+        ocv = self.table[0, :, OCV]
+        below = np.clip(np.searchsorted(ocv, voltage_v, side="right") - 1, 0, ocv.size - 2)
+        low, high = ocv[below], ocv[below + 1]
+        weight = np.where(high > low, (voltage_v - low) / np.where(high > low, high - low, 1.0), 0.0)
+        return np.clip(self.soc_low + self.soc_step * (below + weight), *SOC_INVERSE)
 
 
-def _with_difference(values: FloatArray) -> FloatArray:
-    return np.stack((values, np.diff(values, append=values[-1:])))
+def _place(x: FloatArray) -> Place:
+    j = x.astype(np.intp)
+    return j, x - j
+
+
+def _interpolate(table: FloatArray, at: Place, soc: Place) -> FloatArray:
+    """Return (columns, n): linear in SOC at both temperatures, then linear between them."""
+    (row, g), (j, f) = at, soc
+    up, right = np.minimum(row + 1, table.shape[0] - 1), np.minimum(j + 1, table.shape[1] - 1)
+    f, g = f[:, None], g[:, None]
+    cool = (1.0 - f) * table[row, j] + f * table[row, right]
+    warm = (1.0 - f) * table[up, j] + f * table[up, right]
+    return np.asarray(((1.0 - g) * cool + g * warm).T)

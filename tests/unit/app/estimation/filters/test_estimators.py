@@ -9,7 +9,7 @@ N = 3
 
 
 def started(name, soc=None):
-    estimator = make_estimator(name, load_cell(), N, engine="numpy")
+    estimator = make_estimator(name, load_cell(), N)
     rest = load_cell().ocv.voltage([0.5, 0.6, 0.7])
     estimator.start(rest, np.full(N, 25.0), 0.0, soc)
     return estimator, rest
@@ -60,7 +60,7 @@ def test_inputs_are_not_written_to(name):
 
 @pytest.mark.parametrize("name", FILTERS)
 def test_broken_contracts_are_named(name):
-    estimator = make_estimator(name, load_cell(), N, engine="numpy")
+    estimator = make_estimator(name, load_cell(), N)
     with pytest.raises(EstimatorError, match="started"):
         estimator.step(0.1, 0.0, np.full(N, 3.7), np.full(N, 25.0))
     with pytest.raises(ShapeError, match="voltages_v"):

@@ -1,0 +1,123 @@
+"""Finds and loads the shared library; says in which memory layout it computes.
+
+The layouts repeat those of `vw_filter.h` and `vw_cell_model.h`; a test compares the names.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import sys
+from dataclasses import fields
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from app.estimation.errors import EstimatorError
+from app.estimation.filters.tuning import Tuning
+
+FOLDER: Final = Path(__file__).resolve().parent
+LANES: Final = 8
+RC_MAX: Final = 4
+STATES_MAX: Final = 1 + RC_MAX
+
+_suffix = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
+LIBRARY: Final = FOLDER / f"vw_filter.{_suffix}"
+
+CELL_ROWS: Final = {
+    "soc": 1,
+    "branch_a": RC_MAX,
+    "cov": STATES_MAX * (STATES_MAX + 1) // 2,
+    "hysteresis": 1,
+    "temperature_degc": 1,
+    "capacity_ah": 1,
+    "resistance": 1,
+    "refused_s": 1,
+    "count_soc": 1,
+    "count_gain": 1,
+    "count_offset": 1,
+    "anchor_v2": 1,
+    "doubt_s": 1,
+    "apart": 1,
+    "wander_v2": 1,
+    "check_mean_v": 1,
+    "check_square_v2": 1,
+    "slow_mean_v": 1,
+    "slow_square_v2": 1,
+}  # of `vw_cells`, and how many rows each has
+CELLS: Final = np.dtype([(name, np.float64, (rows, LANES)) for name, rows in CELL_ROWS.items()])
+
+_real, _int32, _pointer = ctypes.c_double, ctypes.c_int32, ctypes.c_void_p
+
+
+class TuningStruct(ctypes.Structure):
+    """`vw_tuning`."""
+
+    _fields_ = [(each.name, _real) for each in fields(Tuning)]
+
+
+class SigmaRuleStruct(ctypes.Structure):
+    """`vw_sigma_rule`."""
+
+    _fields_ = [(name, _real) for name in ("spread", "weight", "curvature")]
+
+
+class CellModelStruct(ctypes.Structure):
+    """`vw_cell_model`."""
+
+    _fields_ = [
+        *[(name, _int32) for name in ("n_rc", "n_soc", "n_temperatures", "has_overpotential", "has_tau_table")],
+        *[(name, _real) for name in ("soc_low", "soc_step", "capacity_ah", "efficiency", "overpotential_a")],
+        *[(name, _real) for name in ("hysteresis_v", "hysteresis_rate", "drop_per_a_v")],
+        *[(name, _pointer) for name in ("temperature_degc", "table", "ocv_slope_v", "tau_s")],
+    ]
+
+
+class FilterStruct(ctypes.Structure):
+    """`vw_filter`."""
+
+    _fields_ = [
+        ("n_cells", _int32),
+        ("kind", _int32),
+        ("current_a", _real),
+        ("rule", SigmaRuleStruct),
+        ("tuning", TuningStruct),
+        ("model", CellModelStruct),
+    ]
+
+
+class SampleStruct(ctypes.Structure):
+    """`vw_sample`."""
+
+    _fields_ = [("dt_s", _real), ("current_a", _real), ("voltage_v", _pointer), ("temperature_degc", _pointer)]
+
+
+@cache
+def load() -> ctypes.PyDLL:
+    """Return the library.
+
+    Raises:
+        EstimatorError: there is none for this machine, or it was built from other sources than those beside it.
+    """
+    if not LIBRARY.is_file():
+        raise EstimatorError(f"{LIBRARY.name} has not been built for this machine")
+    try:
+        library = ctypes.PyDLL(str(LIBRARY))  # a call is short; another thread may wait for it
+    except OSError as error:
+        raise EstimatorError(f"{LIBRARY.name} cannot be loaded: {error}") from error
+    library.vw_library_sources.restype = ctypes.c_char_p
+    built_from = library.vw_library_sources().decode()
+    if built_from != sources_digest():
+        raise EstimatorError(f"{LIBRARY.name} was built from other sources than these: python hatch_build.py engine")
+    sizes = library.vw_library_size_of_filter(), library.vw_library_size_of_cells()
+    if sizes != (ctypes.sizeof(FilterStruct), CELLS.itemsize):
+        raise EstimatorError(f"{LIBRARY.name} has another memory layout: {sizes}")
+    return library
+
+
+def sources_digest() -> str:
+    """Return the SHA-256 of the C sources; `hatch_build.py` computes the same."""
+    sources = sorted(FOLDER.glob("vw_*.[ch]"))
+    return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()

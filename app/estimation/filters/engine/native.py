@@ -1,0 +1,133 @@
+"""The C engine behind the interface of the engines: its memory is numpy's."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import astuple
+
+import numpy as np
+
+from app.estimation.arrays import FloatArray
+from app.estimation.cell_model.circuit import MAX_RC_PAIRS
+from app.estimation.filters.engine.library import (
+    CELLS,
+    LANES,
+    RC_MAX,
+    CellModelStruct,
+    FilterStruct,
+    SampleStruct,
+    SigmaRuleStruct,
+    TuningStruct,
+    load,
+)
+from app.estimation.filters.estimates import N_OUT
+from app.estimation.filters.setup import FilterSetup
+from app.estimation.filters.tables import CellTables
+
+assert MAX_RC_PAIRS == RC_MAX
+
+
+class NativeEngine:
+    """One filter over n_cells cells, computed by the shared library."""
+
+    def __init__(self, setup: FilterSetup, n_cells: int) -> None:
+        self.n_cells = n_cells
+        self._setup = setup
+        self._library = load()
+        self._blocks = np.zeros(-(-n_cells // LANES), CELLS)
+        self._voltage_v, self._temperature_degc = np.empty((2, n_cells))
+        self._numbers = np.empty((N_OUT, n_cells))
+        rule = (setup.rule.spread, setup.rule.weight, setup.rule.curvature) if setup.rule else (0.0, 0.0, 0.0)
+        self._filter = FilterStruct(
+            n_cells, setup.kind, 0.0, SigmaRuleStruct(*rule), TuningStruct(*astuple(setup.tuning)), _model(setup.cell)
+        )
+        self._sample = SampleStruct(0.0, 0.0, self._voltage_v.ctypes.data, self._temperature_degc.ctypes.data)
+        self._at = ctypes.byref(self._filter), ctypes.c_void_p(self._blocks.ctypes.data)
+        self._step_arguments = *self._at, ctypes.byref(self._sample), ctypes.c_void_p(self._numbers.ctypes.data)
+        self._step = self._library.vw_filter_step
+        self._library.vw_filter_init(*self._at)
+
+    def start(
+        self,
+        current_a: float,
+        voltage_v: FloatArray,
+        temperature_degc: FloatArray,
+        soc: FloatArray,
+        soc_sigma: FloatArray,
+    ) -> None:
+        """Set the state from one sample; see `Engine.start`."""
+        self._take(0.0, current_a, voltage_v, temperature_degc)
+        given = [np.ascontiguousarray(values, dtype=np.float64) for values in (soc, soc_sigma)]
+        pointers = [ctypes.c_void_p(values.ctypes.data) for values in given]
+        self._library.vw_filter_start(*self._at, ctypes.byref(self._sample), *pointers)
+
+    def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> FloatArray:
+        """Return (8, n_cells) estimates after one sample; see `Engine.step`."""
+        sample = self._sample
+        sample.dt_s = dt_s
+        sample.current_a = current_a
+        self._voltage_v[...] = voltage_v
+        self._temperature_degc[...] = temperature_degc
+        self._step(*self._step_arguments)
+        return self._numbers.copy()
+
+    def record(
+        self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
+    ) -> FloatArray:
+        """Return (8, n_steps, n_cells) estimates of a whole record; see `Engine.record`."""
+        n_steps = dt_s.size
+        numbers = np.empty((n_steps, N_OUT, self.n_cells))
+        samples = [np.ascontiguousarray(a, dtype=np.float64) for a in (dt_s, current_a, voltage_v, temperature_degc)]
+        pointers = [ctypes.c_void_p(values.ctypes.data) for values in (*samples, numbers)]
+        self._library.vw_filter_record(*self._at, ctypes.c_int64(n_steps), *pointers)
+        return np.moveaxis(numbers, 1, 0)
+
+    def get(self, name: str) -> FloatArray:
+        """Return a copy of one quantity of the state; see `Engine.get`."""
+        rows = np.moveaxis(self._blocks[name], 0, 1)  # (rows, blocks, lanes)
+        values = rows.reshape(rows.shape[0], -1)[:, : self.n_cells]
+        n_rc = self._setup.cell.n_rc
+        if name == "branch_a":
+            return values[:n_rc]
+        if name == "cov":
+            cov = np.empty((1 + n_rc, 1 + n_rc, self.n_cells))
+            for row, (u, w) in enumerate(zip(*np.tril_indices(1 + n_rc), strict=True)):
+                cov[u, w] = cov[w, u] = values[row]
+            return cov
+        return np.array(values[0])
+
+    def set(self, name: str, values: FloatArray) -> None:
+        """Replace one quantity of the state; see `Engine.set`."""
+        if name == "cov":
+            values = values[np.tril_indices(values.shape[0])]
+        values = np.atleast_2d(values)
+        field = self._blocks[name]  # (blocks, rows, lanes)
+        rows = np.array(np.moveaxis(field, 0, 1)).reshape(field.shape[1], -1)
+        rows[: values.shape[0], : self.n_cells] = values
+        field[...] = np.moveaxis(rows.reshape(field.shape[1], -1, LANES), 0, 1)
+
+    def _take(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> None:
+        self._sample.dt_s, self._sample.current_a = dt_s, current_a
+        self._voltage_v[...] = voltage_v
+        self._temperature_degc[...] = temperature_degc
+
+
+def _model(cell: CellTables) -> CellModelStruct:
+    """Return the struct of a cell's tables, which have to outlive it."""
+    model = cell.model
+    return CellModelStruct(
+        cell.n_rc,
+        cell.soc.size,
+        cell.temperature_degc.size,
+        cell.has_overpotential,
+        cell.has_tau_table,
+        cell.soc_low,
+        cell.soc_step,
+        model.capacity_ah,
+        model.coulombic_efficiency,
+        model.overpotential_current_a,
+        model.hysteresis_v,
+        model.hysteresis_rate,
+        model.drop_per_c_v / model.c_rate_a,
+        *(each.ctypes.data for each in (cell.temperature_degc, cell.table, cell.ocv_slope_v, cell.tau_s)),
+    )

@@ -1,0 +1,120 @@
+#include "vw_cell_model.h"
+
+static int width_of(const vw_cell_model *model) { return VW_R1 + model->n_rc; }
+
+/* x = sum_r clip((T - T_r) / (T_r+1 - T_r), 0, 1): whole part the row, the rest the weight of the next. */
+void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature_degc, vw_temperature_place *place)
+{
+    const vw_real *grid = model->temperature_degc;
+    const vw_real last = (vw_real)(model->n_temperatures > 1 ? model->n_temperatures - 2 : 0);
+    vw_lanes x;
+    VW_EACH_CELL(c) x[c] = 0;
+    for (int r = 0; r + 1 < model->n_temperatures; r++) {
+        const vw_real per_k = 1 / (grid[r + 1] - grid[r]);
+        VW_EACH_CELL(c) x[c] += vw_clip((temperature_degc[c] - grid[r]) * per_k, 0, 1);
+    }
+    VW_EACH_CELL(c)
+    {
+        place->row[c] = (int32_t)vw_min(x[c], last);
+        place->row_weight[c] = x[c] - (vw_real)place->row[c];
+    }
+}
+
+/* Beyond the ends of the tables their last values hold. */
+void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *place)
+{
+    const vw_real low = model->soc_low, per_step = 1 / model->soc_step;
+    const vw_real end = (vw_real)(model->n_soc - 1), last = (vw_real)(model->n_soc - 2);
+    VW_EACH_CELL(c)
+    {
+        const vw_real x = vw_clip((soc[c] - low) * per_step, 0, end);
+        place->column[c] = (int32_t)vw_min(x, last);
+        place->weight[c] = x - (vw_real)place->column[c];
+    }
+}
+
+/* Linear in SOC at both temperatures, then linear between them. */
+static void interpolate(const vw_real *table, int width, int n_soc, int n_rows, const vw_temperature_place *at,
+                        const vw_soc_place *soc, vw_lanes *values)
+{
+    VW_EACH_CELL(c)
+    {
+        const vw_real *here = table + (at->row[c] * n_soc + soc->column[c]) * width;
+        const vw_real *above = n_rows > 1 ? here + n_soc * width : here;
+        const vw_real f = soc->weight[c], g = at->row_weight[c];
+        for (int q = 0; q < width; q++) {
+            const vw_real cool = here[q] + f * (here[width + q] - here[q]);
+            const vw_real warm = above[q] + f * (above[width + q] - above[q]);
+            values[q][c] = cool + g * (warm - cool);
+        }
+    }
+}
+
+void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes *values)
+{
+    interpolate(model->table, width_of(model), model->n_soc, model->n_temperatures, at, soc, values);
+}
+
+void vw_circuit_slope(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
+                      vw_lanes *slopes)
+{
+    const int width = width_of(model), n_soc = model->n_soc;
+    const vw_real per_step = 1 / model->soc_step;
+    VW_EACH_CELL(c)
+    {
+        const int j = soc->column[c];
+        const vw_real *here = model->table + (at->row[c] * n_soc + j) * width;
+        const vw_real *above = model->n_temperatures > 1 ? here + n_soc * width : here;
+        const vw_real f = soc->weight[c], g = at->row_weight[c];
+        slopes[VW_OCV][c] = model->ocv_slope_v[j] + f * (model->ocv_slope_v[j + 1] - model->ocv_slope_v[j]);
+        for (int q = VW_R0; q < width; q++) {
+            const vw_real cool = here[width + q] - here[q], warm = above[width + q] - above[q];
+            slopes[q][c] = (cool + g * (warm - cool)) * per_step;
+        }
+    }
+}
+
+void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
+                       vw_lanes *tau_s)
+{
+    if (model->has_tau_table) {
+        interpolate(model->tau_s, model->n_rc, model->n_soc, model->n_temperatures, at, soc, tau_s);
+        return;
+    }
+    for (int k = 0; k < model->n_rc; k++)
+        VW_EACH_CELL(c) tau_s[k][c] = model->tau_s[k];
+}
+
+void vw_ocv(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes ocv_v)
+{
+    const int width = width_of(model);
+    VW_EACH_CELL(c)
+    {
+        const vw_real *here = model->table + soc->column[c] * width;
+        ocv_v[c] = here[VW_OCV] + soc->weight[c] * (here[width + VW_OCV] - here[VW_OCV]);
+    }
+}
+
+vw_real vw_ocv_slope(const vw_cell_model *model, vw_real soc)
+{
+    const vw_real end = (vw_real)(model->n_soc - 1), last = (vw_real)(model->n_soc - 2);
+    const vw_real x = vw_clip((soc - model->soc_low) / model->soc_step, 0, end);
+    const int j = (int)vw_min(x, last);
+    return model->ocv_slope_v[j] + (x - (vw_real)j) * (model->ocv_slope_v[j + 1] - model->ocv_slope_v[j]);
+}
+
+/* The last point that does not lie above the voltage, by bisection; the OCV never falls. */
+vw_real vw_soc_of_ocv(const vw_cell_model *model, vw_real voltage_v)
+{
+    const int width = width_of(model);
+    int below = 0, above = model->n_soc - 1;
+    while (above - below > 1) {
+        const int middle = (below + above) / 2;
+        if (model->table[middle * width + VW_OCV] <= voltage_v) below = middle;
+        else above = middle;
+    }
+    const vw_real low_v = model->table[below * width + VW_OCV], high_v = model->table[above * width + VW_OCV];
+    const vw_real weight = high_v > low_v ? (voltage_v - low_v) / (high_v - low_v) : 0;
+    const vw_real soc = model->soc_low + model->soc_step * ((vw_real)below + weight);
+    return vw_clip(soc, (vw_real)-0.05, (vw_real)1.05);
+}

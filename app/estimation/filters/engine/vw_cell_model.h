@@ -1,0 +1,72 @@
+/* The cell model: an equivalent circuit whose parameters are tables over SOC and temperature.
+ *
+ *   v = OCV(z) - rho (R0(z, T) i + e(z, T) asinh(i / i_ref) + sum R_k(z, T) i_k) + M h
+ *
+ * z SOC, i current (positive on discharge), i_k current through the resistor of RC pair k, h hysteresis, rho the
+ * resistance of this cell over that of its model. Tables are even in SOC and linear between their points.
+ */
+#ifndef VW_CELL_MODEL_H
+#define VW_CELL_MODEL_H
+
+#include "vw_real.h"
+
+#define VW_SECONDS_PER_HOUR ((vw_real)3600.0)
+
+/* Columns of the table; the RC resistances follow. */
+enum { VW_OCV, VW_R0, VW_OVERPOTENTIAL, VW_R1, VW_COLUMNS_MAX = VW_R1 + VW_RC_MAX };
+
+typedef struct {
+    int32_t n_rc;           /* RC pairs, 0 .. VW_RC_MAX */
+    int32_t n_soc;          /* SOC points of the tables, >= 2 */
+    int32_t n_temperatures; /* temperatures of the tables, >= 1; one holds everywhere */
+    int32_t has_overpotential;
+    int32_t has_tau_table; /* whether time constants change with SOC or temperature */
+    vw_real soc_low;             /* SOC of the first point */
+    vw_real soc_step;            /* from one point to the next */
+    vw_real capacity_ah;         /* between SOC 1 and 0 [Ah] */
+    vw_real efficiency;          /* share of the charging charge that is kept */
+    vw_real overpotential_a;     /* i_ref [A] */
+    vw_real hysteresis_v;        /* M, half the gap between charge and discharge [V]; 0 = none */
+    vw_real hysteresis_rate;     /* how fast h follows, per unit of SOC moved */
+    vw_real drop_per_a_v;        /* voltage that a lasting current costs [V/A] */
+    const vw_real *temperature_degc; /* (n_temperatures) rising [degC] */
+    const vw_real *table;        /* (n_temperatures, n_soc, VW_R1 + n_rc) [V, ohm, V, ohm ..] */
+    const vw_real *ocv_slope_v;  /* (n_soc) dOCV/dSOC [V] */
+    const vw_real *tau_s;        /* (n_rc) time constants, or (n_temperatures, n_soc, n_rc) where has_tau_table [s] */
+} vw_cell_model;
+
+/* Where the cells of a block lie in the tables: row and column below, and the weight of the next ones. */
+typedef struct {
+    int32_t row[VW_LANES];
+    vw_lanes row_weight;
+} vw_temperature_place;
+
+typedef struct {
+    int32_t column[VW_LANES];
+    vw_lanes weight;
+} vw_soc_place;
+
+void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature_degc, vw_temperature_place *place);
+void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *place);
+
+/* OCV, R0, e and R_k of each cell: `values` has VW_R1 + n_rc rows. */
+void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes *values);
+
+/* Derivatives of the same with SOC; that of the OCV comes from its own table, which may be smoothed. */
+void vw_circuit_slope(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
+                      vw_lanes *slopes);
+
+/* Time constants of each cell [s]: `tau_s` has n_rc rows. */
+void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
+                       vw_lanes *tau_s);
+
+/* OCV [V] of each cell. */
+void vw_ocv(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes ocv_v);
+
+/* dOCV/dSOC [V] of one cell. */
+vw_real vw_ocv_slope(const vw_cell_model *model, vw_real soc);
+
+/* The SOC of one cell, -0.05 .. 1.05, whose OCV is `voltage_v`. */
+vw_real vw_soc_of_ocv(const vw_cell_model *model, vw_real voltage_v);
+
+#endif

@@ -1,0 +1,118 @@
+/* One step of the estimator over all cells, block by block. */
+#include "vw_parts.h"
+
+#define TEMPERATURE_MAX_DEGC 200 /* beyond it, either way, the sensor is broken */
+#define CURRENT_MAX_C 60         /* a larger reading is a broken sensor, not a current */
+#define VOLTAGE_MIN_V ((vw_real)0.5) /* a cell that reads 0 is not connected */
+#define VOLTAGE_MAX_V ((vw_real)6.0) /* 6.5535 V is what the cell monitor says when it has not measured */
+
+/* The current in force: this one, or the last where this one is missing or impossible. */
+void vw_hold_current(vw_filter *filter, vw_real current_a)
+{
+    if (vw_abs(current_a) <= CURRENT_MAX_C * filter->model.capacity_ah) filter->current_a = current_a;
+}
+
+static int count_of(const vw_filter *filter, int first)
+{
+    return filter->n_cells - first < VW_LANES ? filter->n_cells - first : VW_LANES;
+}
+
+/* Take the measurements of a block: what is impossible is missing, a missing temperature is the last one. */
+void vw_read(const vw_filter *filter, vw_cells *x, const vw_sample *sample, int first, vw_work *work)
+{
+    const vw_cell_model *model = &filter->model;
+    const vw_real coldest = model->temperature_degc[0];
+    const vw_real warmest = model->temperature_degc[model->n_temperatures - 1];
+    const int n = count_of(filter, first);
+    vw_lanes degc;
+    VW_EACH_CELL(c) work->voltage_v[c] = degc[c] = NAN;
+    for (int c = 0; c < n; c++) {
+        work->voltage_v[c] = sample->voltage_v[first + c];
+        degc[c] = sample->temperature_degc[first + c];
+    }
+    VW_EACH_CELL(c)
+    {
+        const vw_real v = work->voltage_v[c];
+        work->voltage_v[c] = (v > VOLTAGE_MIN_V) & (v < VOLTAGE_MAX_V) ? v : NAN;
+        x->temperature_degc[c] = vw_abs(degc[c]) < TEMPERATURE_MAX_DEGC ? degc[c] : x->temperature_degc[c];
+        /* the model's error grows by cold_factor for every 10 K outside the tables */
+        const vw_real outside_k =
+            vw_max(coldest - x->temperature_degc[c], 0) + vw_max(x->temperature_degc[c] - warmest, 0);
+        work->cold[c] = vw_square(1 + filter->tuning.cold_factor * outside_k / 10);
+    }
+    vw_place_temperature(model, x->temperature_degc, &work->place);
+}
+
+/* The charge count alone: the voltage is predicted for the self-check only. */
+static void count_only(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work)
+{
+    VW_EACH_CELL(c) x->soc[c] = x->count_soc[c];
+    vw_output_tangent(filter, motion, x, work);
+    VW_EACH_CELL(c)
+    {
+        work->innovation_v[c] = work->voltage_v[c] - work->h[c];
+        work->innovation_sigma_v[c] = vw_sqrt(motion->noise_v2 * work->cold[c]);
+        work->used[c] = vw_is_missing(work->innovation_v[c]) ? 0 : 1;
+        work->soc[c] = x->count_soc[c];
+        work->soc_v2[c] = vw_min(vw_count_v2(x, c), vw_square(VW_COUNT_SIGMA_MAX));
+    }
+    vw_self_check(filter, motion, x, work);
+    VW_EACH_CELL(c) work->used[c] = 0;
+}
+
+static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work)
+{
+    if (filter->kind == VW_TANGENT) vw_output_tangent(filter, motion, x, work);
+    else vw_output_sigma(filter, motion, x, work);
+    vw_update(filter, motion, x, work);
+    vw_soc_variance(filter, x, work);
+    if (filter->kind == VW_SIGMA_FUSED) vw_fuse(filter, motion, x, work);
+    vw_self_check(filter, motion, x, work);
+}
+
+static void answer(const vw_filter *filter, const vw_work *work, int first, vw_real *estimates)
+{
+    const int n = count_of(filter, first), n_cells = filter->n_cells;
+    vw_lanes rows[VW_ESTIMATES];
+    vw_soc_place at;
+    vw_place_soc(&filter->model, work->soc, &at);
+    vw_ocv(&filter->model, &at, rows[VW_OCV_V]);
+    VW_EACH_CELL(c)
+    {
+        rows[VW_SOC][c] = vw_clip(work->soc[c], 0, 1);
+        rows[VW_SOC_SIGMA][c] = vw_sqrt(work->soc_v2[c]);
+        rows[VW_VOLTAGE_V][c] = work->h[c];
+        rows[VW_INNOVATION_V][c] = work->innovation_v[c];
+        rows[VW_INNOVATION_SIGMA][c] = work->innovation_sigma_v[c];
+        rows[VW_MODEL_VALID][c] = work->valid[c];
+        rows[VW_ACCEPTED][c] = work->used[c];
+    }
+    for (int row = 0; row < VW_ESTIMATES; row++)
+        for (int c = 0; c < n; c++) estimates[row * n_cells + first + c] = rows[row][c];
+}
+
+void vw_filter_step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, vw_real *estimates)
+{
+    vw_hold_current(filter, sample->current_a);
+    const vw_motion motion = vw_motion_of(filter, sample->dt_s, filter->current_a);
+    for (int first = 0; first < filter->n_cells; first += VW_LANES) {
+        vw_cells *x = &cells[first / VW_LANES];
+        vw_work work;
+        vw_read(filter, x, sample, first, &work);
+        vw_predict(filter, &motion, x, &work);
+        if (filter->kind == VW_COUNT) count_only(filter, &motion, x, &work);
+        else filter_block(filter, &motion, x, &work);
+        answer(filter, &work, first, estimates);
+    }
+}
+
+void vw_filter_record(vw_filter *filter, vw_cells *cells, int64_t n_steps, const vw_real *dt_s,
+                      const vw_real *current_a, const vw_real *voltage_v, const vw_real *temperature_degc,
+                      vw_real *estimates)
+{
+    const int64_t n = filter->n_cells;
+    for (int64_t k = 0; k < n_steps; k++) {
+        const vw_sample sample = {dt_s[k], current_a[k], voltage_v + k * n, temperature_degc + k * n};
+        vw_filter_step(filter, cells, &sample, estimates + k * VW_ESTIMATES * n);
+    }
+}

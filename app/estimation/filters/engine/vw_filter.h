@@ -1,0 +1,138 @@
+/* The estimator of the state of charge: filters and charge count over any number of cells that share one current.
+ *
+ *   vw_filter_init(&filter, cells);                              once
+ *   vw_filter_start(&filter, cells, &sample, soc, soc_sigma);    with the first measurement
+ *   vw_filter_step(&filter, cells, &sample, estimates);          after each of the others
+ *
+ * The caller owns all memory: `cells` is VW_BLOCKS(n_cells) blocks, `estimates` VW_ESTIMATES rows of n_cells numbers.
+ * Nothing is allocated, nothing but math.h is called. Units are V, A, s, Ah, degC; current is positive on discharge.
+ * A missing number is NaN.
+ */
+#ifndef VW_FILTER_H
+#define VW_FILTER_H
+
+#include "vw_cell_model.h"
+
+/* Assumptions of the filters: names, order and meaning are those of `Tuning` in tuning.py. */
+typedef struct {
+    vw_real model_error_v;
+    vw_real model_error_rel;
+    vw_real correlation_s;
+    vw_real bias_v;
+    vw_real bias_start_v;
+    vw_real bias_s;
+    vw_real cold_factor;
+    vw_real empty_soc;
+    vw_real empty_factor;
+    vw_real soc_walk;
+    vw_real branch_rel;
+    vw_real branch_c;
+    vw_real start_soc_sigma;
+    vw_real start_voltage_sigma;
+    vw_real start_branch_c;
+    vw_real start_branch_rel;
+    vw_real gate;
+    vw_real gate_hold_s;
+    vw_real gate_recovery;
+    vw_real counter_soc_sigma;
+    vw_real rest_c;
+    vw_real rest_error_v;
+    vw_real rest_off_max;
+    vw_real counter_gain;
+    vw_real counter_offset_c;
+    vw_real start_unknown;
+    vw_real doubt_soc;
+    vw_real wander_s;
+    vw_real wander_factor;
+    vw_real anchor_s;
+    vw_real anchor_factor;
+    vw_real check_s;
+    vw_real check_rms_v;
+    vw_real check_bias_v;
+} vw_tuning;
+
+/* A symmetric sigma-point rule; see sigma_points.py. */
+typedef struct {
+    vw_real spread;    /* c, distance of the points in standard deviations */
+    vw_real weight;    /* w, of every point but the centre */
+    vw_real curvature; /* k, of the variance that curvature adds */
+} vw_sigma_rule;
+
+typedef enum {
+    VW_COUNT,       /* charge count alone */
+    VW_TANGENT,     /* extended Kalman filter */
+    VW_SIGMA,       /* sigma-point filter: unscented or central-difference, by its rule */
+    VW_SIGMA_FUSED, /* sigma-point filter fused with the charge count */
+} vw_kind;
+
+typedef struct {
+    int32_t n_cells;
+    int32_t kind; /* vw_kind */
+    vw_real current_a; /* last current that was measured; the engine's own */
+    vw_sigma_rule rule;
+    vw_tuning tuning;
+    vw_cell_model model;
+} vw_filter;
+
+/* State of a block of cells: one row for each quantity. */
+typedef struct {
+    vw_lanes soc;                  /* mean of the filter's state: SOC, 0..1 */
+    vw_lanes branch_a[VW_RC_MAX];  /* and currents through the RC resistors [A] */
+    vw_lanes cov[VW_STATES_MAX * (VW_STATES_MAX + 1) / 2]; /* its covariance, lower triangle: see VW_COV */
+    vw_lanes hysteresis;           /* -1 after discharge .. 1 after charge */
+    vw_lanes temperature_degc;     /* last temperature that was measured [degC] */
+    vw_lanes capacity_ah;          /* of this cell [Ah] */
+    vw_lanes resistance;           /* of this cell over that of its model */
+    vw_lanes refused_s;            /* for how long innovations have been refused without a break [s] */
+    vw_lanes count_soc;            /* SOC by counting charge */
+    vw_lanes count_gain;           /* its sigma by the gain of the current sensor */
+    vw_lanes count_offset;         /* its sigma by the offset of the current sensor */
+    vw_lanes anchor_v2;            /* variance of the SOC where the count began */
+    vw_lanes doubt_s;              /* for how long the count has been less likely than not [s] */
+    vw_lanes apart;                /* mean of the filter's SOC minus the count's */
+    vw_lanes wander_v2;            /* variance that the filter shows against the count beyond that mean */
+    vw_lanes check_mean_v;         /* mean of the scaled innovation over check_s [V] */
+    vw_lanes check_square_v2;      /* mean of its square over check_s [V^2] */
+    vw_lanes slow_mean_v;          /* mean of the scaled innovation over bias_s [V] */
+    vw_lanes slow_square_v2;       /* mean of the square of that over check_s [V^2] */
+} vw_cells;
+
+/* Row of the covariance of states u and w <= u; state 0 is the SOC, state 1 + k the current of RC pair k. */
+#define VW_COV(u, w) ((u) * ((u) + 1) / 2 + (w))
+
+typedef struct {
+    vw_real dt_s;                    /* since the sample before, >= 0 [s] */
+    vw_real current_a;               /* held over that time [A]; NaN or impossible: the last one counts */
+    const vw_real *voltage_v;        /* (n_cells) [V]; NaN or impossible: not measured */
+    const vw_real *temperature_degc; /* (n_cells) [degC]; NaN or impossible: the last one counts */
+} vw_sample;
+
+/* Rows of what a step answers, n_cells numbers each. */
+enum {
+    VW_SOC,              /* state of charge, 0..1 */
+    VW_SOC_SIGMA,        /* its standard deviation, model error included */
+    VW_OCV_V,            /* open-circuit voltage at that SOC [V] */
+    VW_VOLTAGE_V,        /* terminal voltage the model predicted [V] */
+    VW_INNOVATION_V,     /* measured minus predicted [V] */
+    VW_INNOVATION_SIGMA, /* standard deviation expected of it [V] */
+    VW_MODEL_VALID,      /* 1 while the model passes its self-check */
+    VW_ACCEPTED,         /* 1 where the voltage was used */
+    VW_ESTIMATES
+};
+
+/* Prepare the memory, once: temperatures unknown, capacities and resistances those of the model. */
+void vw_filter_init(vw_filter *filter, vw_cells *cells);
+
+/* Set the state from one sample. `soc` and `soc_sigma` are n_cells numbers, NaN = unknown; NULL = all unknown. */
+void vw_filter_start(vw_filter *filter, vw_cells *cells, const vw_sample *sample, const vw_real *soc,
+                     const vw_real *soc_sigma);
+
+/* Move the state on by one sample and put what it says into `estimates`. */
+void vw_filter_step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, vw_real *estimates);
+
+/* The same for n_steps samples in a row: arrays of n_steps, n_steps x n_cells and n_steps x VW_ESTIMATES x n_cells. */
+void vw_filter_record(vw_filter *filter, vw_cells *cells, int64_t n_steps, const vw_real *dt_s,
+                      const vw_real *current_a, const vw_real *voltage_v, const vw_real *temperature_degc,
+                      vw_real *estimates);
+
+#endif

@@ -1,0 +1,61 @@
+/* The parts of a step, in the order in which they run, and what they hand to each other. Internal. */
+#ifndef VW_PARTS_H
+#define VW_PARTS_H
+
+#include "vw_filter.h"
+
+#define VW_SOC_MIN ((vw_real)-0.05) /* the filter's SOC is held here */
+#define VW_SOC_MAX ((vw_real)1.05)
+#define VW_SOC_VARIANCE_MAX ((vw_real)0.25) /* no cell's SOC is less known than this */
+#define VW_VARIANCE_STEP ((vw_real)1e-12)   /* added at every step, in units of 1 and C^2: keeps P definite */
+#define VW_SLOPE_FLOOR_V ((vw_real)0.02)    /* least slope by which a voltage error is turned into one of SOC */
+#define VW_COUNT_SIGMA_MAX ((vw_real)0.5)
+
+/* What the length and the current of a step mean to every cell. */
+typedef struct {
+    vw_real dt_s, current_a;
+    vw_real over;                /* asinh(i / i_ref) */
+    vw_real moved_ah;            /* charge taken out; charging counts times the efficiency [Ah] */
+    vw_real walk, keep;          /* growth of the SOC's variance, and the factor that keeps it below its maximum */
+    vw_real decay[VW_RC_MAX];    /* exp(-dt / tau), where tau is the same everywhere */
+    vw_real branch_v2;           /* variance of an RC current in steady state [A^2] */
+    vw_real branch_floor_v2;     /* least growth of it [A^2] */
+    vw_real hysteresis_keep, hysteresis_pull;
+    vw_real noise_v2;            /* variance of the model's voltage at this current [V^2] */
+    vw_real correlation;         /* growth of it for the gain: errors that last average out less */
+    vw_real check_share, bias_share, wander_share;
+} vw_motion;
+
+/* What is known of a block of cells within a step; what a part writes, the parts after it read. */
+typedef struct {
+    vw_lanes voltage_v;          /* NaN where not measured */
+    vw_temperature_place place;
+    vw_lanes cold;               /* growth of the model error's variance outside the tables */
+    vw_lanes h;                  /* predicted voltage [V] */
+    vw_lanes H[VW_STATES_MAX];   /* its slopes */
+    vw_lanes bend_v2;            /* k q^2, what curvature adds to its variance [V^2] */
+    vw_lanes ocv_slope_v;        /* the OCV's share of H[0] [V] */
+    vw_lanes innovation_v, innovation_sigma_v, used;
+    vw_lanes soc, soc_v2;        /* what is reported */
+    vw_lanes valid;
+} vw_work;
+
+void vw_hold_current(vw_filter *filter, vw_real current_a);
+vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a);
+void vw_read(const vw_filter *filter, vw_cells *x, const vw_sample *sample, int first, vw_work *work);
+void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *x, const vw_work *work);
+void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *x, vw_work *work);
+void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, const vw_cells *x, vw_work *work);
+void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work);
+void vw_soc_variance(const vw_filter *filter, const vw_cells *x, vw_work *work);
+void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work);
+void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work);
+
+static inline vw_real vw_square(vw_real x) { return x * x; }
+
+static inline vw_real vw_count_v2(const vw_cells *x, int c)
+{
+    return vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]) + x->anchor_v2[c];
+}
+
+#endif

@@ -1,0 +1,88 @@
+/* What happens to a state between two samples: everything that moves is linear. */
+#include "vw_parts.h"
+
+static vw_real share_of(vw_real dt_s, vw_real time_s) { return 1 - vw_exp(-dt_s / time_s); }
+
+vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
+{
+    const vw_tuning *t = &filter->tuning;
+    const vw_cell_model *model = &filter->model;
+    vw_motion to;
+    to.dt_s = dt_s;
+    to.current_a = current_a;
+    to.over = model->has_overpotential ? vw_asinh(current_a / model->overpotential_a) : 0;
+    to.moved_ah = (current_a < 0 ? model->efficiency : 1) * current_a * dt_s / VW_SECONDS_PER_HOUR;
+    to.walk = vw_min(vw_square(t->soc_walk) * dt_s, VW_SOC_VARIANCE_MAX) + VW_VARIANCE_STEP;
+    to.keep = vw_sqrt(vw_max(1 - to.walk / VW_SOC_VARIANCE_MAX, 0));
+    if (!model->has_tau_table)
+        for (int k = 0; k < model->n_rc; k++) to.decay[k] = vw_exp(-dt_s / model->tau_s[k]);
+    to.branch_v2 = vw_square(t->branch_rel * current_a) + vw_square(t->branch_c * model->capacity_ah);
+    to.branch_floor_v2 = VW_VARIANCE_STEP * vw_square(model->capacity_ah);
+    /* h' = f h - sign(m) (1 - f),  f = exp(-rate |m|),  m the share of the capacity moved */
+    const vw_real moved = to.moved_ah / model->capacity_ah;
+    to.hysteresis_keep = model->hysteresis_v > 0 ? vw_exp(-model->hysteresis_rate * vw_abs(moved)) : 1;
+    to.hysteresis_pull = moved < 0 ? to.hysteresis_keep - 1 : 1 - to.hysteresis_keep;
+    /* r = r_0 + (share of the drop that a lasting current causes)^2 */
+    to.noise_v2 = vw_square(t->model_error_v) + vw_square(t->model_error_rel * (model->drop_per_a_v * current_a));
+    to.correlation = 1 + 2 * t->correlation_s / vw_max(dt_s, (vw_real)1e-3);
+    to.check_share = share_of(dt_s, t->check_s);
+    to.bias_share = share_of(dt_s, t->bias_s);
+    to.wander_share = share_of(dt_s, t->wander_s);
+    return to;
+}
+
+/* a_k = exp(-dt / tau_k) of each cell. */
+static void decays(const vw_filter *filter, const vw_motion *motion, const vw_cells *x, const vw_work *work,
+                   vw_lanes *decay)
+{
+    const vw_cell_model *model = &filter->model;
+    if (!model->has_tau_table) {
+        for (int k = 0; k < model->n_rc; k++)
+            VW_EACH_CELL(c) decay[k][c] = motion->decay[k];
+        return;
+    }
+    vw_soc_place at;
+    vw_place_soc(model, x->soc, &at);
+    vw_time_constants(model, &work->place, &at, decay);
+    for (int k = 0; k < model->n_rc; k++)
+        VW_EACH_CELL(c) decay[k][c] = vw_exp(-motion->dt_s / decay[k][c]);
+}
+
+void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *x, const vw_work *work)
+{
+    const vw_tuning *t = &filter->tuning;
+    const int n_rc = filter->model.n_rc;
+    const vw_real i = motion->current_a;
+    vw_lanes decay[VW_RC_MAX];
+    decays(filter, motion, x, work, decay);
+    /* z' = z - m,  P_zz' = keep^2 P_zz + walk,  m = eta i dt / capacity; the count and its sigmas likewise */
+    const vw_real offset = t->counter_offset_c / VW_SECONDS_PER_HOUR * motion->dt_s;
+    VW_EACH_CELL(c)
+    {
+        const vw_real moved = motion->moved_ah / x->capacity_ah[c];
+        x->soc[c] -= moved;
+        x->count_soc[c] -= moved;
+        x->count_gain[c] += t->counter_gain * moved;
+        x->count_offset[c] += offset;
+        x->hysteresis[c] = x->hysteresis[c] * motion->hysteresis_keep - motion->hysteresis_pull;
+        x->cov[0][c] = x->cov[0][c] * vw_square(motion->keep) + motion->walk;
+    }
+    /* i_k' = a_k i_k + (1 - a_k) i,  P' = A P A + Q,  A = diag(keep, a_1 ..) */
+    for (int k = 0; k < n_rc; k++) {
+        const int u = 1 + k;
+        VW_EACH_CELL(c)
+        {
+            const vw_real a = decay[k][c];
+            x->branch_a[k][c] = a * x->branch_a[k][c] + (1 - a) * i;
+            x->cov[VW_COV(u, 0)][c] *= motion->keep * a;
+        }
+        for (int q = 0; q < k; q++)
+            VW_EACH_CELL(c) x->cov[VW_COV(u, 1 + q)][c] *= decay[k][c] * decay[q][c];
+        VW_EACH_CELL(c)
+        {
+            const vw_real a2 = vw_square(decay[k][c]);
+            vw_real *P = &x->cov[VW_COV(u, u)][c];
+            *P = a2 * *P + (1 - a2) * motion->branch_v2 + motion->branch_floor_v2;
+        }
+    }
+}

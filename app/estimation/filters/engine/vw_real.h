@@ -1,0 +1,45 @@
+/* The number type of the estimator and how many cells are computed at a time.
+ *
+ * Python: double, eight cells at a time, which a compiler turns into vector instructions.
+ * Microcontroller: -DVW_SINGLE -DVW_LANES=1, single precision, one cell after the other.
+ */
+#ifndef VW_REAL_H
+#define VW_REAL_H
+
+#include <math.h>
+#include <stdint.h>
+
+#ifdef VW_SINGLE
+typedef float vw_real;
+#define VW_MATH(name) name##f
+#else
+typedef double vw_real;
+#define VW_MATH(name) name
+#endif
+
+#define vw_exp VW_MATH(exp)
+#define vw_sqrt VW_MATH(sqrt)
+#define vw_asinh VW_MATH(asinh)
+#define vw_abs VW_MATH(fabs)
+
+#ifndef VW_LANES
+#define VW_LANES 8 /* cells of a block */
+#endif
+
+#ifndef VW_RC_MAX
+#define VW_RC_MAX 4 /* RC pairs a cell model may have */
+#endif
+
+#define VW_STATES_MAX (1 + VW_RC_MAX) /* SOC and the current through each RC resistor */
+#define VW_BLOCKS(n_cells) (((n_cells) + VW_LANES - 1) / VW_LANES)
+
+typedef vw_real vw_lanes[VW_LANES]; /* one number for each cell of a block */
+
+#define VW_EACH_CELL(c) for (int c = 0; c < VW_LANES; c++)
+
+static inline vw_real vw_min(vw_real a, vw_real b) { return a < b ? a : b; }
+static inline vw_real vw_max(vw_real a, vw_real b) { return a > b ? a : b; }
+static inline vw_real vw_clip(vw_real x, vw_real low, vw_real high) { return vw_min(vw_max(x, low), high); }
+static inline int vw_is_missing(vw_real x) { return x != x; }
+
+#endif

@@ -1,0 +1,158 @@
+/* Where a filter begins: from one sample of voltages, from a SOC that was handed over, or both. */
+#include "vw_parts.h"
+
+#define TEMPERATURE_UNKNOWN_DEGC 25
+#define LEAST_VARIANCE ((vw_real)1e-8) /* of a SOC that was handed over */
+
+static vw_real number_of(const vw_real *values, int k) { return values ? values[k] : NAN; }
+
+/* SOC from the voltage without the drop, RC currents half of the current: how far they have followed is unknown. */
+static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, vw_cells *x, const vw_work *work,
+                             vw_lanes *here)
+{
+    const vw_cell_model *model = &filter->model;
+    const vw_real i = motion->current_a;
+    vw_soc_place at;
+    for (int k = 0; k < model->n_rc; k++)
+        VW_EACH_CELL(c) x->branch_a[k][c] = i / 2;
+    VW_EACH_CELL(c)
+    x->soc[c] = vw_is_missing(work->voltage_v[c]) ? (vw_real)0.5 : vw_soc_of_ocv(model, work->voltage_v[c]);
+    for (int round = 0; round < 3; round++) {
+        vw_place_soc(model, x->soc, &at);
+        vw_circuit(model, &work->place, &at, here);
+        VW_EACH_CELL(c)
+        {
+            vw_real drop = here[VW_R0][c] * i + here[VW_OVERPOTENTIAL][c] * motion->over;
+            for (int k = 0; k < model->n_rc; k++) drop += here[VW_R1 + k][c] * i / 2;
+            if (!vw_is_missing(work->voltage_v[c]))
+                x->soc[c] = vw_soc_of_ocv(model, work->voltage_v[c] + x->resistance[c] * drop);
+        }
+    }
+}
+
+/* The RC currents' spread is one of the SOC too, so both share a covariance. */
+static void covariance(const vw_filter *filter, const vw_motion *motion, vw_cells *x, const vw_work *work,
+                       const vw_lanes *here)
+{
+    const vw_tuning *t = &filter->tuning;
+    const vw_cell_model *model = &filter->model;
+    const vw_real branch_v2 =
+        vw_square(t->start_branch_c * model->capacity_ah) + vw_square(t->start_branch_rel * motion->current_a);
+    VW_EACH_CELL(c)
+    {
+        const vw_real slope_v = vw_max(vw_ocv_slope(model, x->soc[c]), VW_SLOPE_FLOOR_V);
+        vw_real variance = motion->noise_v2 * work->cold[c] / vw_square(slope_v) + vw_square(t->start_voltage_sigma);
+        for (int k = 0; k < model->n_rc; k++)
+            variance += vw_square(x->resistance[c] * here[VW_R1 + k][c] / slope_v) * branch_v2;
+        const int is_missing = vw_is_missing(work->voltage_v[c]);
+        const vw_real shrink = vw_sqrt(vw_min(1, VW_SOC_VARIANCE_MAX / variance));
+        x->cov[0][c] = is_missing ? VW_SOC_VARIANCE_MAX : variance * vw_square(shrink);
+        for (int k = 0; k < model->n_rc; k++) {
+            const vw_real shared = x->resistance[c] * here[VW_R1 + k][c] / slope_v * branch_v2;
+            x->cov[VW_COV(1 + k, 0)][c] = is_missing ? 0 : shared * shrink;
+            for (int q = 0; q < k; q++) x->cov[VW_COV(1 + k, 1 + q)][c] = 0;
+            x->cov[VW_COV(1 + k, 1 + k)][c] = branch_v2;
+        }
+    }
+}
+
+static void forget(const vw_filter *filter, vw_cells *x)
+{
+    VW_EACH_CELL(c)
+    {
+        x->hysteresis[c] = x->refused_s[c] = x->doubt_s[c] = x->wander_v2[c] = 0;
+        x->count_gain[c] = x->count_offset[c] = 0;
+        x->check_mean_v[c] = x->check_square_v2[c] = x->slow_mean_v[c] = 0;
+        x->slow_square_v2[c] = vw_square(filter->tuning.bias_start_v);
+    }
+}
+
+static vw_real ocv_of(const vw_cell_model *model, vw_real soc)
+{
+    vw_lanes z, ocv_v;
+    vw_soc_place at;
+    VW_EACH_CELL(c) z[c] = soc;
+    vw_place_soc(model, z, &at);
+    vw_ocv(model, &at, ocv_v);
+    return ocv_v[0];
+}
+
+/* Sigma of an initial SOC that came without one: at rest, how far the voltage says that it is off. */
+static vw_real initial_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *x,
+                             const vw_work *work, int c, vw_real soc)
+{
+    const vw_tuning *t = &filter->tuning;
+    const vw_real off = vw_abs(x->soc[c] - soc);
+    const int at_rest = !vw_is_missing(work->voltage_v[c]) &
+                        (vw_abs(motion->current_a) < t->rest_c * filter->model.capacity_ah);
+    const vw_real off_v = vw_abs(ocv_of(&filter->model, x->soc[c]) - ocv_of(&filter->model, soc));
+    return at_rest && off_v > t->rest_error_v && off < t->rest_off_max ? off : t->counter_soc_sigma;
+}
+
+/* The count begins at the SOC given, or else where the voltage says; a filter without a count begins there too. */
+static void begin(const vw_filter *filter, const vw_motion *motion, vw_cells *x, const vw_work *work, int c,
+                  vw_real soc, vw_real sigma)
+{
+    x->count_soc[c] = vw_clip(x->soc[c], VW_SOC_MIN, VW_SOC_MAX);
+    x->anchor_v2[c] = x->cov[0][c];
+    x->soc[c] = x->count_soc[c];
+    x->apart[c] = 0;
+    if (vw_is_missing(soc)) return;
+    const int is_counted = filter->kind == VW_COUNT || filter->kind == VW_SIGMA_FUSED;
+    if (vw_is_missing(sigma))
+        sigma = is_counted ? initial_sigma(filter, motion, x, work, c, soc) : filter->tuning.start_soc_sigma;
+    x->count_soc[c] = vw_clip(soc, VW_SOC_MIN, VW_SOC_MAX);
+    x->anchor_v2[c] = vw_clip(vw_square(sigma), LEAST_VARIANCE, VW_SOC_VARIANCE_MAX);
+    x->apart[c] = x->soc[c] - x->count_soc[c];
+    if (filter->kind == VW_SIGMA_FUSED) return;
+    x->soc[c] = x->count_soc[c];
+    x->cov[0][c] = x->anchor_v2[c];
+    for (int k = 0; k < filter->model.n_rc; k++) x->cov[VW_COV(1 + k, 0)][c] = 0;
+}
+
+void vw_filter_init(vw_filter *filter, vw_cells *cells)
+{
+    filter->current_a = 0;
+    for (int block = 0; block < VW_BLOCKS(filter->n_cells); block++) {
+        vw_cells *x = &cells[block];
+        VW_EACH_CELL(c)
+        {
+            x->temperature_degc[c] = TEMPERATURE_UNKNOWN_DEGC;
+            x->capacity_ah[c] = filter->model.capacity_ah;
+            x->resistance[c] = 1;
+        }
+    }
+}
+
+void vw_filter_start(vw_filter *filter, vw_cells *cells, const vw_sample *sample, const vw_real *soc,
+                     const vw_real *soc_sigma)
+{
+    vw_hold_current(filter, sample->current_a);
+    const vw_motion motion = vw_motion_of(filter, 0, filter->current_a);
+    vw_real sum = 0;
+    int n_seen = 0;
+    vw_work work;
+    for (int k = 0; k < filter->n_cells; k += VW_LANES) {
+        vw_cells *x = &cells[k / VW_LANES];
+        vw_lanes here[VW_COLUMNS_MAX];
+        vw_read(filter, x, sample, k, &work);
+        soc_from_voltage(filter, &motion, x, &work, here);
+        covariance(filter, &motion, x, &work, here);
+        forget(filter, x);
+        VW_EACH_CELL(c)
+        {
+            if (vw_is_missing(work.voltage_v[c])) continue;
+            sum += x->soc[c];
+            n_seen++;
+        }
+    }
+    /* a cell that was not measured begins at the mean of the others, as unknown as can be */
+    const vw_real mean = n_seen > 0 ? sum / (vw_real)n_seen : (vw_real)0.5;
+    for (int k = 0; k < filter->n_cells; k++) {
+        vw_cells *x = &cells[k / VW_LANES];
+        const int c = k % VW_LANES;
+        if (c == 0) vw_read(filter, x, sample, k, &work);
+        if (vw_is_missing(work.voltage_v[c])) x->soc[c] = mean;
+        begin(filter, &motion, x, &work, c, number_of(soc, k), number_of(soc_sigma, k));
+    }
+}

@@ -1,0 +1,66 @@
+/* The update: condition the state on one sample of voltages.
+ *
+ *   P_xy = P H,   P_yy = H P H + k q^2,   S = P_yy + R
+ *   x' = x + P_xy nu / S,   P' = P - P_xy P_xy' / S
+ *
+ * P' cannot lose definiteness: S - P_xy' P^-1 P_xy = R + k q^2 > 0, and R is never below the model's own variance.
+ */
+#include "vw_parts.h"
+
+/* P_xy = P H, and P_yy into `Pyy`. */
+static void project(const vw_cells *x, const vw_work *work, int n_states, vw_lanes *Pxy, vw_lanes Pyy)
+{
+    VW_EACH_CELL(c) Pyy[c] = work->bend_v2[c];
+    for (int u = 0; u < n_states; u++) {
+        VW_EACH_CELL(c) Pxy[u][c] = 0;
+        for (int w = 0; w < n_states; w++) {
+            const vw_real *P = x->cov[w <= u ? VW_COV(u, w) : VW_COV(w, u)];
+            VW_EACH_CELL(c) Pxy[u][c] += P[c] * work->H[w][c];
+        }
+        VW_EACH_CELL(c) Pyy[c] += Pxy[u][c] * work->H[u][c];
+    }
+}
+
+void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work)
+{
+    const vw_tuning *t = &filter->tuning;
+    const int n_states = 1 + filter->model.n_rc;
+    const vw_real gate_v2 = vw_square(t->gate), widening = vw_square(t->gate_recovery) * motion->dt_s;
+    const vw_real empty_slope = (t->empty_factor - 1) / t->empty_soc;
+    vw_lanes Pxy[VW_STATES_MAX], Pyy, per_sigma, pull;
+    project(x, work, n_states, Pxy, Pyy);
+    VW_EACH_CELL(c)
+    {
+        /* the model's error grows below empty_soc and outside the tables */
+        const vw_real growth = (vw_max(t->empty_soc - x->soc[c], 0) * empty_slope + 1) * work->cold[c];
+        const vw_real expected_v2 = Pyy[c] + growth * motion->noise_v2;
+        const vw_real nu = work->voltage_v[c] - work->h[c];
+        /* gate: nu^2 <= gate^2 S, or outside it for longer than gate_hold_s; then the SOC's variance grows */
+        const int is_missing = vw_is_missing(nu), is_inside = nu * nu <= gate_v2 * expected_v2;
+        const vw_real held_s = is_missing ? x->refused_s[c] : x->refused_s[c] + motion->dt_s;
+        const vw_real refused_s = is_inside ? 0 : held_s;
+        const int is_believed = !is_inside & !is_missing & (refused_s > t->gate_hold_s);
+        const int is_used = is_inside | is_believed;
+        const vw_real wide_v2 = vw_max(vw_min(x->cov[0][c] + widening, VW_SOC_VARIANCE_MAX), x->cov[0][c]);
+        x->cov[0][c] = is_believed ? wide_v2 : x->cov[0][c];
+        x->refused_s[c] = refused_s;
+        const vw_real root = 1 / vw_sqrt(Pyy[c] + growth * (motion->noise_v2 * motion->correlation));
+        per_sigma[c] = is_used ? root : 0;
+        pull[c] = is_used ? nu * root : 0;
+        work->innovation_v[c] = nu;
+        work->innovation_sigma_v[c] = vw_sqrt(expected_v2);
+        work->used[c] = is_used ? 1 : 0;
+    }
+    /* with y = P_xy / sqrt(S):  x' = x + y nu / sqrt(S),  P' = P - y y' */
+    for (int u = 0; u < n_states; u++) {
+        vw_real *state = u == 0 ? x->soc : x->branch_a[u - 1];
+        VW_EACH_CELL(c)
+        {
+            Pxy[u][c] *= per_sigma[c];
+            state[c] += Pxy[u][c] * pull[c];
+        }
+        for (int w = 0; w <= u; w++)
+            VW_EACH_CELL(c) x->cov[VW_COV(u, w)][c] -= Pxy[u][c] * Pxy[w][c];
+    }
+    VW_EACH_CELL(c) x->soc[c] = vw_clip(x->soc[c], VW_SOC_MIN, VW_SOC_MAX);
+}

@@ -1,0 +1,51 @@
+"""What happens to a state between two samples: everything that moves is linear."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from app.estimation.filters.reference.state import SOC_VARIANCE_MAX, VARIANCE_STEP, Measurement, Motion, State
+from app.estimation.filters.setup import FilterSetup
+
+
+def predict(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
+    """Return the state moved over one step of held current.
+
+    z'   = z - m,   m = eta i dt / capacity          the count likewise
+    i_k' = a_k i_k + (1 - a_k) i,   a_k = exp(-dt / tau_k)
+    P'   = A P A + Q,   A = diag(keep, a_1 ..)       keep^2 P_zz + walk stays below its maximum
+    h'   = f h - sign(m) (1 - f),   f = exp(-rate |m|)
+
+    Args:
+        setup: the filter.
+        state: before the step.
+        motion: the step.
+        measured: places of the temperatures.
+    """
+    cell, tuning = setup.cell, setup.tuning
+    i, dt = motion.current_a, motion.dt_s
+    moved = motion.moved_ah / state.capacity_ah
+    a = np.exp(-dt / cell.time_constants(state.soc, measured.place))
+    branch_v2 = (tuning.branch_rel * i) ** 2 + (tuning.branch_c * cell.model.c_rate_a) ** 2
+    walk = min(tuning.soc_walk**2 * dt, SOC_VARIANCE_MAX) + VARIANCE_STEP
+    keep = math.sqrt(max(1.0 - walk / SOC_VARIANCE_MAX, 0.0))
+    A = np.vstack((np.full_like(state.soc, keep), a))
+    Q = np.vstack((np.full_like(state.soc, walk), (1.0 - a**2) * branch_v2 + VARIANCE_STEP * cell.model.c_rate_a**2))
+    cov = (A[:, None] * A) * state.cov
+    diagonal = np.arange(1 + cell.n_rc)
+    cov[diagonal, diagonal] += Q
+    model_moved = motion.moved_ah / cell.model.capacity_ah
+    follow = math.exp(-cell.model.hysteresis_rate * abs(model_moved)) if cell.model.hysteresis_v else 1.0
+    return replace(
+        state,
+        soc=state.soc - moved,
+        branch_a=a * state.branch_a + (1.0 - a) * i,
+        cov=cov,
+        hysteresis=follow * state.hysteresis - math.copysign(1.0 - follow, model_moved),
+        count_soc=state.count_soc - moved,
+        count_gain=state.count_gain + tuning.counter_gain * moved,
+        count_offset=state.count_offset + tuning.counter_offset_c * dt / 3600.0,
+    )

@@ -1,0 +1,177 @@
+"""What a filter remembers of its cells, and what one measurement and one step mean to them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from app.estimation.arrays import BoolArray, FloatArray
+from app.estimation.cell_model.circuit import SECONDS_PER_HOUR
+from app.estimation.filters.setup import FilterSetup
+from app.estimation.filters.tables import Place
+
+SOC_MIN: Final = -0.05  # the filter's SOC is held here
+SOC_MAX: Final = 1.05
+SOC_VARIANCE_MAX: Final = 0.25  # no cell's SOC is less known than this
+VARIANCE_STEP: Final = 1e-12  # added at every step, in units of 1 and C^2: keeps P definite
+SLOPE_FLOOR_V: Final = 0.02  # least slope by which a voltage error is turned into one of SOC
+TEMPERATURE_UNKNOWN_DEGC: Final = 25.0
+TEMPERATURE_MAX_DEGC: Final = 200.0  # beyond it, either way, the sensor is broken
+CURRENT_MAX_C: Final = 60.0  # a larger reading is a broken sensor, not a current
+VOLTAGE_MIN_V: Final = 0.5  # a cell that reads 0 is not connected
+VOLTAGE_MAX_V: Final = 6.0  # 6.5535 V is what the cell monitor says when it has not measured
+
+
+@dataclass(frozen=True)
+class State:
+    """State of n cells; every array is (n,) unless it says otherwise. Names as in `vw_cells`.
+
+    Attributes:
+        soc: mean of the filter's state: SOC, 0..1.
+        branch_a: (n_rc, n) and currents through the RC resistors [A].
+        cov: (1 + n_rc, 1 + n_rc, n) its covariance P.
+        hysteresis: -1 after discharge .. 1 after charge.
+        temperature_degc: last temperature that was measured [degC].
+        capacity_ah: of each cell [Ah].
+        resistance: of each cell over that of its model.
+        refused_s: for how long innovations have been refused without a break [s].
+        count_soc: SOC by counting charge.
+        count_gain: its sigma by the gain of the current sensor.
+        count_offset: its sigma by the offset of the current sensor.
+        anchor_v2: variance of the SOC where the count began.
+        doubt_s: for how long the count has been less likely than not [s].
+        apart: mean of the filter's SOC minus the count's.
+        wander_v2: variance that the filter shows against the count beyond that mean.
+        check_mean_v: mean of the scaled innovation over `check_s` [V].
+        check_square_v2: mean of its square over `check_s` [V^2].
+        slow_mean_v: mean of the scaled innovation over `bias_s` [V].
+        slow_square_v2: mean of the square of that over `check_s` [V^2].
+    """
+
+    soc: FloatArray
+    branch_a: FloatArray
+    cov: FloatArray
+    hysteresis: FloatArray
+    temperature_degc: FloatArray
+    capacity_ah: FloatArray
+    resistance: FloatArray
+    refused_s: FloatArray
+    count_soc: FloatArray
+    count_gain: FloatArray
+    count_offset: FloatArray
+    anchor_v2: FloatArray
+    doubt_s: FloatArray
+    apart: FloatArray
+    wander_v2: FloatArray
+    check_mean_v: FloatArray
+    check_square_v2: FloatArray
+    slow_mean_v: FloatArray
+    slow_square_v2: FloatArray
+
+    @property
+    def count_v2(self) -> FloatArray:
+        """(n,) variance of the counted SOC."""
+        return self.count_gain**2 + self.count_offset**2 + self.anchor_v2
+
+
+def initial_state(setup: FilterSetup, n_cells: int) -> State:
+    """Return the state before the first sample: temperatures unknown, cells as their model has them."""
+    m, zeros = setup.cell.n_rc, np.zeros(n_cells)
+    others = dict.fromkeys(State.__dataclass_fields__, zeros)
+    return State(
+        **others
+        | {
+            "branch_a": np.zeros((m, n_cells)),
+            "cov": np.zeros((1 + m, 1 + m, n_cells)),
+            "temperature_degc": np.full(n_cells, TEMPERATURE_UNKNOWN_DEGC),
+            "capacity_ah": np.full(n_cells, setup.cell.model.capacity_ah),
+            "resistance": np.ones(n_cells),
+        }
+    )
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What one sample says of n cells.
+
+    Attributes:
+        voltage_v: (n,) [V]; NaN where not measured.
+        place: of the temperatures in the tables.
+        cold: (n,) growth of the model error's variance outside the tables.
+    """
+
+    voltage_v: FloatArray
+    place: Place
+    cold: FloatArray
+
+    @property
+    def is_measured(self) -> BoolArray:
+        """(n,) whether the voltage was measured."""
+        return ~np.isnan(self.voltage_v)
+
+
+def read(
+    setup: FilterSetup, state: State, voltage_v: FloatArray, temperature_degc: FloatArray
+) -> tuple[State, Measurement]:
+    """Return one sample as the filter uses it: what is impossible is missing, a missing temperature is the last one.
+
+    Args:
+        setup: the filter.
+        state: before the sample.
+        voltage_v: (n,) [V].
+        temperature_degc: (n,) [degC].
+
+    Returns:
+        The state with the temperatures now in force, and the measurement.
+    """
+    cell = setup.cell
+    voltage = np.where((voltage_v > VOLTAGE_MIN_V) & (voltage_v < VOLTAGE_MAX_V), voltage_v, np.nan)
+    known = np.abs(temperature_degc) < TEMPERATURE_MAX_DEGC
+    degc = np.where(known, temperature_degc, state.temperature_degc)
+    coldest, warmest = cell.temperature_degc[[0, -1]]
+    outside_k = np.maximum(coldest - degc, 0.0) + np.maximum(degc - warmest, 0.0)
+    cold = (1.0 + setup.tuning.cold_factor * outside_k / 10.0) ** 2
+    return replace(state, temperature_degc=degc), Measurement(voltage, cell.place_temperature(degc), cold)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A step: its length [s], the current held over it [A], and what they mean to every cell.
+
+    Attributes:
+        over: asinh(i / i_ref) of the overpotential.
+        moved_ah: charge taken out; charging counts times the efficiency [Ah].
+        noise_v2: variance of the model's voltage at this current [V^2].
+        correlation: growth of it for the gain: errors that last average out less.
+    """
+
+    dt_s: float
+    current_a: float
+    over: float
+    moved_ah: float
+    noise_v2: float
+    correlation: float
+
+    def share(self, time_s: float) -> float:
+        """Return 1 - exp(-dt / T), by which a mean over T moves towards a new value."""
+        return 1.0 - math.exp(-self.dt_s / time_s)
+
+
+def motion_of(setup: FilterSetup, dt_s: float, current_a: float) -> Motion:
+    """Return what a step means.
+
+    r = r_0 + (share of the drop that a lasting current causes)^2
+    """
+    model, tuning = setup.cell.model, setup.tuning
+    kept = model.coulombic_efficiency if current_a < 0.0 else 1.0
+    return Motion(
+        dt_s=dt_s,
+        current_a=current_a,
+        over=math.asinh(current_a / model.overpotential_current_a) if setup.cell.has_overpotential else 0.0,
+        moved_ah=kept * current_a * dt_s / SECONDS_PER_HOUR,
+        noise_v2=tuning.voltage_variance(current_a * model.drop_per_c_v / model.c_rate_a),
+        correlation=tuning.correlation_factor(dt_s),
+    )

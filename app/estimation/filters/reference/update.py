@@ -1,0 +1,83 @@
+"""The update: condition the state on one sample of voltages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.estimation.arrays import BoolArray, FloatArray
+from app.estimation.filters.reference.output import Output
+from app.estimation.filters.reference.state import (
+    SOC_MAX,
+    SOC_MIN,
+    SOC_VARIANCE_MAX,
+    Measurement,
+    Motion,
+    State,
+)
+from app.estimation.filters.setup import FilterSetup
+
+
+@dataclass(frozen=True)
+class Innovation:
+    """What n voltages said.
+
+    Attributes:
+        nu: (n,) measured minus predicted [V]; NaN where not measured.
+        sigma: (n,) expected of it, without the correlation of the model's error [V].
+        used: (n,) whether the state was conditioned on it.
+    """
+
+    nu: FloatArray
+    sigma: FloatArray
+    used: BoolArray
+
+
+def update(
+    setup: FilterSetup, state: State, motion: Motion, measured: Measurement, output: Output
+) -> tuple[State, Innovation]:
+    """Return the state conditioned on the voltages, and the innovations.
+
+    P_xy = P H,   P_yy = H P H + k q^2,   S = P_yy + R
+    x' = x + P_xy nu / S,   P' = P - P_xy P_xy' / S
+
+    P' cannot lose definiteness: S - P_xy' P^-1 P_xy = R + k q^2 > 0, and R is never below the model's own variance.
+    """
+    tuning = setup.tuning
+    Pxy = np.einsum("uwn,wn->un", state.cov, output.H)
+    Pyy = (output.H * Pxy).sum(axis=0) + output.bend_v2
+    # the model's error grows below empty_soc and outside the tables
+    low = np.maximum(tuning.empty_soc - state.soc, 0.0) / tuning.empty_soc
+    noise_v2 = motion.noise_v2 * (1.0 + low * (tuning.empty_factor - 1.0)) * measured.cold
+    nu = measured.voltage_v - output.h
+    sigma = np.sqrt(Pyy + noise_v2)
+    state, used = gate(setup, state, motion, nu, sigma)
+    S = Pyy + noise_v2 * motion.correlation
+    gain = np.where(used, Pxy / S, 0.0)
+    moved = gain * np.where(used, nu, 0.0)
+    after = replace(
+        state,
+        soc=np.clip(state.soc + moved[0], SOC_MIN, SOC_MAX),
+        branch_a=state.branch_a + moved[1:],
+        cov=state.cov - gain[:, None] * gain * S,
+    )
+    return after, Innovation(nu, sigma, used)
+
+
+def gate(
+    setup: FilterSetup, state: State, motion: Motion, nu: FloatArray, sigma: FloatArray
+) -> tuple[State, BoolArray]:
+    """Return (n,) which innovations to use: inside the gate, or outside it for longer than `gate_hold_s`.
+
+    Where one is believed though it lies outside, the SOC's variance grows first.
+    """
+    tuning = setup.tuning
+    inside, missing = np.abs(nu) <= tuning.gate * sigma, np.isnan(nu)
+    refused_s = np.where(inside, 0.0, np.where(missing, state.refused_s, state.refused_s + motion.dt_s))
+    believed = ~inside & ~missing & (refused_s > tuning.gate_hold_s)
+    variance = state.cov[0, 0]
+    widened = np.minimum(variance + tuning.gate_recovery**2 * motion.dt_s, SOC_VARIANCE_MAX)
+    cov = state.cov.copy()
+    cov[0, 0] = np.where(believed, np.maximum(widened, variance), variance)
+    return replace(state, cov=cov, refused_s=refused_s), inside | believed

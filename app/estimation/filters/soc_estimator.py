@@ -1,0 +1,168 @@
+"""Every filter behind one interface: what comes from outside is checked here, an engine computes."""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from app.estimation.arrays import FloatArray
+from app.estimation.errors import EstimatorError, ShapeError
+from app.estimation.filters.engine.native import NativeEngine
+from app.estimation.filters.estimates import Estimates
+from app.estimation.filters.reference.engine import ReferenceEngine
+from app.estimation.filters.setup import Engine, FilterSetup, Kind
+
+logger = logging.getLogger(__name__)
+NOT_STARTED: Final = "the filter has not been started"
+SLOPE_FLOOR_V: Final = 0.02  # least slope by which a voltage error is turned into one of SOC
+SOC_VARIANCE_MAX: Final = 0.25  # no cell's SOC is less known than this
+
+
+def make_engine(setup: FilterSetup, n_cells: int) -> Engine:
+    """Return the C engine, or where its library does not fit this machine the reference."""
+    try:
+        return NativeEngine(setup, n_cells)
+    except EstimatorError as error:
+        logger.warning("estimating with the slow reference: %s", error)
+        return ReferenceEngine(setup, n_cells)
+
+
+class SocEstimator:
+    """A filter over n_cells cells that share a current.
+
+    A plain filter starts from the SOC it is given. Fused, the filter starts from the voltage, the count from the SOC.
+    """
+
+    def __init__(self, setup: FilterSetup, engine: Engine) -> None:
+        self.setup = setup
+        self.engine = engine
+        self.model = setup.cell.model
+        self.tuning = setup.tuning
+        self._shape = (engine.n_cells,)
+        self._is_started = False
+        self._was_given_soc = False  # a SOC, which a filter without a count goes on from
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return self.engine.n_cells
+
+    @property
+    def state_mean(self) -> FloatArray:
+        """(n_states, n_cells) of the filter: SOC, then RC currents [A]; a copy."""
+        return np.concatenate((self.engine.get("soc")[None], self.engine.get("branch_a")))
+
+    @property
+    def state_cov(self) -> FloatArray:
+        """(n_cells, n_states, n_states) of the filter; a copy."""
+        cov = self.engine.get("cov")
+        if self.setup.kind is Kind.COUNT:  # the SOC is counted, the RC currents are as good as the model says
+            cov[0, :] = cov[:, 0] = 0.0
+            cov[0, 0] = self._count_variance()
+        return np.ascontiguousarray(np.moveaxis(cov, 2, 0))
+
+    @property
+    def counted_soc(self) -> FloatArray:
+        """(n_cells,) SOC of the charge count; a copy."""
+        return self.engine.get("count_soc")
+
+    def voltage_soc(self) -> tuple[FloatArray, FloatArray] | None:
+        """Return what voltages alone say; see `CellEstimator.voltage_soc`."""
+        if self._was_given_soc or self.setup.kind is Kind.COUNT:
+            return None
+        soc = self.engine.get("soc")
+        slope_v = np.maximum(self.model.ocv.slope(np.clip(soc, 0.0, 1.0)), SLOPE_FLOOR_V)
+        bias_v2 = self.tuning.bias_v**2 + self.engine.get("slow_square_v2")
+        variance = self.engine.get("cov")[0, 0] + bias_v2 / slope_v**2
+        return soc, np.sqrt(np.minimum(variance, SOC_VARIANCE_MAX))
+
+    def use_capacity(self, capacity_ah: ArrayLike) -> None:
+        """Count with capacities of the cells' own; see `CellEstimator.use_capacity`."""
+        self.engine.set("capacity_ah", self._positive("capacity_ah", capacity_ah))
+
+    def use_resistance(self, factor: ArrayLike) -> None:
+        """Predict voltages with resistances of the cells' own; see `CellEstimator.use_resistance`."""
+        self.engine.set("resistance", self._positive("factor", factor))
+
+    def start(
+        self,
+        voltages_v: ArrayLike,
+        temperatures_degc: ArrayLike,
+        current_a: float,
+        soc: ArrayLike | None = None,
+        soc_sigma: ArrayLike | None = None,
+    ) -> None:
+        """Set the state from one sample; see `CellEstimator.start`."""
+        given, sigma = self._per_cell("soc", soc), self._per_cell("soc_sigma", soc_sigma)
+        voltage, temperature = self._sample(voltages_v, temperatures_degc)
+        self.engine.start(current_a, voltage, temperature, given, sigma)
+        self._was_given_soc = not self.setup.counts and bool(np.isfinite(given).any())
+        self._is_started = True
+
+    def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> Estimates:
+        """Return the estimates after one sample; see `CellEstimator.step`."""
+        if not self._is_started:
+            raise EstimatorError(NOT_STARTED)
+        if not 0.0 <= dt_s < math.inf:
+            raise EstimatorError(f"a step of {dt_s} s is no step")
+        voltage, temperature = self._sample(voltages_v, temperatures_degc)
+        return Estimates(self.engine.step(dt_s, current_a, voltage, temperature))
+
+    def run(
+        self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
+    ) -> Estimates:
+        """Return the estimates of a whole record, as so many calls of `step` would give them.
+
+        Args:
+            dt_s: (n_steps,) time since the previous sample, >= 0 [s].
+            current_a: (n_steps,) positive on discharge [A]; NaN = the last one counts.
+            voltage_v: (n_steps, n_cells) [V]; NaN where not measured.
+            temperature_degc: (n_steps, n_cells) [degC]; NaN = the last one counts.
+
+        Returns:
+            Estimates whose arrays are (n_steps, n_cells).
+
+        Raises:
+            ShapeError: the arrays do not fit each other.
+            EstimatorError: a step is negative or not finite, or `start` was never called.
+        """
+        if not self._is_started:
+            raise EstimatorError(NOT_STARTED)
+        n = dt_s.size
+        names = ("dt_s", "current_a", "voltage_v", "temperature_degc")
+        shapes = ((n,), (n,), (n, self.n_cells), (n, self.n_cells))
+        for name, array, shape in zip(names, (dt_s, current_a, voltage_v, temperature_degc), shapes, strict=True):
+            if array.shape != shape:
+                raise ShapeError(name, shape, array.shape)
+        if not (np.isfinite(dt_s).all() and (dt_s >= 0.0).all()):
+            raise EstimatorError("a step is negative or not finite")
+        return Estimates(self.engine.record(dt_s, current_a, voltage_v, temperature_degc))
+
+    def _sample(self, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        voltage, temperature = np.asarray(voltages_v, np.float64), np.asarray(temperatures_degc, np.float64)
+        if voltage.shape != self._shape:
+            raise ShapeError("voltages_v", self._shape, voltage.shape)
+        if temperature.shape != self._shape:
+            raise ShapeError("temperatures_degc", self._shape, temperature.shape)
+        return voltage, temperature
+
+    def _per_cell(self, name: str, values: ArrayLike | None) -> FloatArray:
+        """Return a scalar or (n_cells,) argument as (n_cells,); NaN everywhere for None."""
+        array = np.asarray(np.nan if values is None else values, dtype=np.float64)
+        if array.shape not in ((), self._shape):
+            raise ShapeError(name, self._shape, array.shape)
+        return np.array(np.broadcast_to(array, self._shape))
+
+    def _positive(self, name: str, values: ArrayLike) -> FloatArray:
+        own = self._per_cell(name, values)
+        if not (np.isfinite(own).all() and (own > 0.0).all()):
+            raise EstimatorError(f"{name} has to be finite and positive")
+        return own
+
+    def _count_variance(self) -> FloatArray:
+        gain, offset = self.engine.get("count_gain"), self.engine.get("count_offset")
+        return gain**2 + offset**2 + self.engine.get("anchor_v2")

@@ -1,0 +1,42 @@
+"""The C engine takes every step that the reference takes, to 1e-9, however hostile cell, state and samples are."""
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import FILTERS, make_estimator
+from tests.campaign import campaign, of_size
+from tests.engines import ENGINES, hostile_steps, step_both
+
+N_CELLS = 50
+EXAMPLES = of_size(12, 60, 200)
+STEPS = 100  # of 50 cells each: a million cell-steps in the full campaign
+
+cells = st.sampled_from(["samsung-25r-10p", "panasonic-ncr18650pf", "lco-pouch", "sanyo-ur18650w"])
+hysteresis = st.sampled_from([0.0, 0.02])
+overpotential = st.sampled_from([None, 0.01])
+
+
+@campaign(60, 120, 400)
+@settings(max_examples=EXAMPLES)
+@given(st.sampled_from(FILTERS), cells, hysteresis, overpotential, st.integers(0, 2**32 - 1))
+def test_the_engine_takes_the_steps_of_the_reference(name, cell, hysteresis_v, over_v, seed):
+    model = load_cell(cell)
+    over = model.overpotential_v if over_v is None else np.full(model.r0_ohm.shape, over_v)
+    model = replace(model, hysteresis_v=hysteresis_v, overpotential_v=over)
+    rng = np.random.default_rng(seed)
+    native, reference = (make_estimator(name, model, N_CELLS, engine=engine) for engine in ENGINES.values())
+    volts = np.where(rng.random(N_CELLS) < 0.1, np.nan, rng.uniform(2.5, 4.3, N_CELLS))
+    soc = np.where(rng.random(N_CELLS) < 0.3, np.nan, rng.random(N_CELLS))
+    sigma = np.where(rng.random(N_CELLS) < 0.3, np.nan, rng.random(N_CELLS))
+    capacity_ah, resistance = rng.uniform(0.5, 1.2, N_CELLS) * model.capacity_ah, rng.uniform(0.5, 3.0, N_CELLS)
+    current_a = float(rng.normal())
+    for estimator in (native, reference):
+        estimator.use_capacity(capacity_ah)
+        estimator.use_resistance(resistance)
+        estimator.start(volts, np.full(N_CELLS, 20.0), current_a, soc, sigma)
+    for sample in hostile_steps(seed, STEPS, N_CELLS):
+        step_both(native, reference, sample)

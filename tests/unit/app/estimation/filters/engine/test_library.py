@@ -1,0 +1,83 @@
+"""The layouts that Python uses are those of the C headers, and a library that does not fit is not used."""
+
+import ctypes
+import re
+from dataclasses import fields
+
+import pytest
+
+from app.estimation.errors import EstimatorError
+from app.estimation.filters.engine import library
+from app.estimation.filters.estimates import Estimates
+from app.estimation.filters.reference.state import State
+from app.estimation.filters.setup import Kind
+from app.estimation.filters.tuning import Tuning
+
+
+def header(name: str) -> str:
+    text = (library.FOLDER / name).read_text(encoding="utf-8")
+    return re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+
+
+def fields_of(struct: str, name: str) -> list[str]:
+    """Names of a struct's fields, in order."""
+    body = re.search(r"typedef struct \{([^}]*)\} " + struct + ";", header(name))[1]
+    return [re.split(r"[\s*]+", line.split("[")[0].strip())[-1] for line in body.split(";") if line.strip()]
+
+
+@pytest.mark.parametrize(
+    ("struct", "name", "ours"),
+    [
+        ("vw_tuning", "vw_filter.h", library.TuningStruct),
+        ("vw_sigma_rule", "vw_filter.h", library.SigmaRuleStruct),
+        ("vw_filter", "vw_filter.h", library.FilterStruct),
+        ("vw_sample", "vw_filter.h", library.SampleStruct),
+        ("vw_cell_model", "vw_cell_model.h", library.CellModelStruct),
+    ],
+)
+def test_structs_have_the_fields_of_their_headers_in_order(struct, name, ours):
+    assert [field for field, _ in ours._fields_] == fields_of(struct, name)
+
+
+def test_state_rows_have_the_same_names_in_c_in_numpy_and_in_the_reference():
+    assert fields_of("vw_cells", "vw_filter.h") == list(library.CELL_ROWS) == [each.name for each in fields(State)]
+
+
+def test_every_number_of_the_tuning_reaches_the_engine():
+    assert fields_of("vw_tuning", "vw_filter.h") == [each.name for each in fields(Tuning)]
+
+
+def test_rows_of_an_estimate_and_kinds_are_numbered_alike():
+    rows = re.search(r"enum \{([^}]*VW_ESTIMATES)\s*\}", header("vw_filter.h"))[1].split(",")
+    names = ["SOC", "SOC_SIGMA", "OCV_V", "VOLTAGE_V", "INNOVATION_V", "INNOVATION_SIGMA", "MODEL_VALID", "ACCEPTED"]
+    assert [row.strip() for row in rows] == [f"VW_{name}" for name in (*names, "ESTIMATES")]
+    for name in names:
+        assert any(hasattr(Estimates, each) for each in (name.lower(), f"{name.lower()}_v"))
+    kinds = re.search(r"typedef enum \{([^}]*)\} vw_kind", header("vw_filter.h"))[1].split(",")
+    assert [kind.strip() for kind in kinds if kind.strip()] == [f"VW_{kind.name}" for kind in Kind]
+
+
+def test_the_library_is_built_from_these_sources():
+    loaded = library.load()
+    assert loaded.vw_library_sources().decode() == library.sources_digest()
+    assert loaded.vw_library_size_of_filter() == ctypes.sizeof(library.FilterStruct)
+    assert loaded.vw_library_size_of_cells() == library.CELLS.itemsize
+
+
+def refused(monkeypatch, what):
+    library.load.cache_clear()
+    with pytest.raises(EstimatorError, match=what):
+        library.load()
+    monkeypatch.undo()
+    library.load.cache_clear()
+
+
+def test_a_missing_broken_or_outdated_library_is_refused(monkeypatch, tmp_path):
+    monkeypatch.setattr(library, "LIBRARY", tmp_path / "vw_filter.so")
+    refused(monkeypatch, "not been built")
+    broken = tmp_path / "broken.so"
+    broken.write_bytes(b"no library")
+    monkeypatch.setattr(library, "LIBRARY", broken)
+    refused(monkeypatch, "cannot be loaded")
+    monkeypatch.setattr(library, "sources_digest", lambda: "of other sources")
+    refused(monkeypatch, "other sources")

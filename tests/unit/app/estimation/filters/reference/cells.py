@@ -1,0 +1,37 @@
+"""States and setups that the tests of the reference start from."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.reference.state import Motion, State, initial_state, motion_of, read
+from app.estimation.filters.setup import FilterSetup, Kind
+from app.estimation.filters.sigma_points import central_difference
+from app.estimation.filters.tables import CellTables
+from app.estimation.filters.tuning import Tuning
+
+MODEL = load_cell("samsung-25r-10p")
+
+
+def setup_of(model=MODEL, kind=Kind.SIGMA_FUSED, rule=central_difference, tuning=None) -> FilterSetup:
+    """A filter of the model, a fused central-difference one unless told otherwise."""
+    return FilterSetup(CellTables(model), kind, rule and rule(1 + model.n_rc), tuning or Tuning())
+
+
+def state_at(setup: FilterSetup, soc, variance=1e-4, branch_v2=1.0) -> State:
+    """Cells at a SOC that both filter and count believe in, RC currents 0."""
+    soc = np.atleast_1d(np.asarray(soc, dtype=float))
+    state = initial_state(setup, soc.size)
+    cov = state.cov.copy()
+    for u, own in enumerate((variance, *np.full(setup.cell.n_rc, branch_v2))):
+        cov[u, u] = own
+    return replace(state, soc=soc, cov=cov, count_soc=soc, anchor_v2=np.full(soc.size, 1e-4))
+
+
+def sample(setup: FilterSetup, state: State, volts=3.7, degc=25.0, dt_s=1.0, current_a=0.0):
+    """The state, the step and the measurement of one sample."""
+    rows = [np.broadcast_to(np.asarray(values, dtype=float), state.soc.shape) for values in (volts, degc)]
+    state, measured = read(setup, state, *rows)
+    motion: Motion = motion_of(setup, dt_s, current_a)
+    return state, motion, measured

@@ -1,0 +1,193 @@
+"""One interface over all filters and both engines: counting, cells of their own, records, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.errors import EstimatorError, ShapeError
+from app.estimation.filters import soc_estimator
+from app.estimation.filters.estimators import FILTERS, make_estimator
+from app.estimation.filters.reference.engine import ReferenceEngine
+from tests.engines import ENGINES
+
+CELL = load_cell("samsung-25r-10p")
+OWN_AH = np.array([0.8, 1.0, 1.1]) * CELL.capacity_ah
+GROWN = np.array([1.0, 1.6, 0.8])
+VOLTS = CELL.ocv.voltage(np.full(3, 0.8))
+DEGC = np.full(3, 25.0)
+STEPS, N = 400, 3
+
+engines = pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
+
+
+def counter(soc, engine, **words):
+    estimator = make_estimator("coulomb", CELL, 1, engine=engine)
+    estimator.start([3.8], [25.0], 0.0, soc=soc, **words)
+    return estimator
+
+
+@engines
+def test_an_hour_at_1c_empties_a_full_cell_and_charging_counts_the_efficiency(engine):
+    estimator = counter(1.0, engine)
+    for _ in range(36):
+        estimates = estimator.step(100.0, CELL.capacity_ah, [3.7], [25.0])
+    assert estimates.soc[0] == pytest.approx(0.0, abs=1e-9)
+    estimates = counter(0.2, engine).step(1800.0, -CELL.capacity_ah, [3.7], [25.0])
+    assert estimates.soc[0] == pytest.approx(0.2 + 0.5 * CELL.coulombic_efficiency)
+
+
+@engines
+def test_no_voltage_ever_moves_a_count(engine):
+    high, low = counter(0.5, engine), counter(0.5, engine)
+    for _ in range(100):
+        a, b = high.step(1.0, 5.0, [4.2], [25.0]), low.step(1.0, 5.0, [3.0], [25.0])
+    assert a.soc[0] == b.soc[0]
+    assert not a.accepted.any()
+    assert high.voltage_soc() is None
+
+
+@engines
+def test_the_sigma_of_a_count_begins_as_given_and_never_shrinks(engine):
+    estimator = counter(0.5, engine, soc_sigma=0.02)
+    sigmas = [estimator.step(10.0, i, [3.7], [25.0]).soc_sigma[0] for i in (0.0, 50.0, -50.0, 0.0, 20.0)]
+    assert sigmas[0] == pytest.approx(0.02, rel=1e-3)
+    assert sigmas[1] > sigmas[0]
+    assert sigmas[-1] > sigmas[0]
+    assert np.sqrt(estimator.state_cov[0, 0, 0]) == pytest.approx(sigmas[-1])
+
+
+@engines
+def test_a_model_that_does_not_fit_shows_in_the_innovation_of_a_count_and_is_called_invalid(engine):
+    estimator = counter(0.9, engine)
+    for _ in range(600):
+        estimates = estimator.step(1.0, 0.0, [3.4], [25.0])
+    assert estimates.innovation_v[0] == pytest.approx(3.4 - CELL.ocv.voltage(np.array([0.9]))[0], abs=0.01)
+    assert not estimates.model_valid[0]
+
+
+@engines
+def test_voltages_alone_say_a_soc_until_one_was_given(engine):
+    estimator = make_estimator("cdkf", CELL, 3, engine=engine)
+    estimator.start(VOLTS, DEGC, 0.0)
+    soc, sigma = estimator.voltage_soc()
+    assert soc == pytest.approx(np.full(3, 0.8), abs=2e-3)
+    assert (sigma > 0.0).all()
+    estimator.start(VOLTS, DEGC, 0.0, soc=0.8)
+    assert estimator.voltage_soc() is None
+
+
+def counted(estimator, steps=600):
+    estimator.start(VOLTS, DEGC, 0.0, 0.8, 0.001)
+    for k in range(steps):
+        found = estimator.step(1.0, 40.0 if k % 3 else -20.0, np.full(3, np.nan), DEGC)
+    return found.soc
+
+
+@engines
+@pytest.mark.parametrize("name", ["coulomb", "cdkf", "fused"])
+def test_charge_is_counted_over_the_cells_own_capacity(engine, name):
+    mixed = make_estimator(name, CELL, 3, engine=engine)
+    mixed.use_capacity(OWN_AH)
+    alone = [
+        counted(make_estimator(name, replace(CELL, capacity_ah=float(own)), 3, engine=engine))[k]
+        for k, own in enumerate(OWN_AH)
+    ]
+    np.testing.assert_allclose(counted(mixed), alone, atol=1e-6)
+
+
+def grown(factor):
+    return replace(
+        CELL,
+        r0_ohm=factor * CELL.r0_ohm,
+        r_ohm=factor * CELL.r_ohm,
+        overpotential_v=None if CELL.overpotential_v is None else factor * CELL.overpotential_v,
+    )
+
+
+@engines
+@pytest.mark.parametrize("name", ["coulomb", "ekf", "cdkf", "fused"])
+def test_voltages_are_predicted_with_the_cells_own_resistance(engine, name):
+    def predicted(cell, factors):
+        estimator = make_estimator(name, cell, 3, engine=engine)
+        estimator.use_resistance(factors)
+        estimator.start(VOLTS, DEGC, 30.0, 0.8, 0.001)
+        for k in range(100):
+            found = estimator.step(1.0, 60.0 if k % 3 else -20.0, np.full(3, np.nan), DEGC)
+        return found.voltage_v, found.soc
+
+    mixed = predicted(CELL, GROWN)
+    for k, factor in enumerate(GROWN):
+        alone = predicted(grown(factor), 1.0)
+        np.testing.assert_allclose(mixed[0][k], alone[0][k], atol=2e-3)
+        np.testing.assert_allclose(mixed[1][k], alone[1][k], atol=2e-3)
+    assert np.ptp(mixed[0]) > 0.005
+
+
+def test_a_capacity_or_a_resistance_that_cannot_be_is_refused():
+    estimator = make_estimator("fused", CELL, 3)
+    with pytest.raises(ShapeError):
+        estimator.use_capacity([25.0, 25.0])
+    with pytest.raises(EstimatorError, match="capacity"):
+        estimator.use_capacity([25.0, 0.0, 25.0])
+    with pytest.raises(EstimatorError, match="capacity"):
+        estimator.use_capacity(float("nan"))
+    with pytest.raises(EstimatorError, match="factor"):
+        estimator.use_resistance(-1.0)
+
+
+def samples():
+    rng = np.random.default_rng(9)
+    volts = 3.8 + 0.02 * rng.normal(size=(STEPS, N))
+    volts[50:60, 1] = np.nan
+    current = np.where(rng.random(STEPS) < 0.1, np.nan, 60.0 * rng.random(STEPS))
+    degc = np.broadcast_to(25.0 + 0.01 * np.arange(STEPS)[:, None], (STEPS, N)).copy()
+    return rng.choice([0.0, 0.1, 5.0], STEPS), current, volts, degc
+
+
+@engines
+@pytest.mark.parametrize("name", FILTERS)
+def test_a_record_is_its_samples_one_by_one(engine, name):
+    dt, current, volts, degc = samples()
+    whole, single = (make_estimator(name, CELL, N, engine=engine) for _ in range(2))
+    for estimator in (whole, single):
+        estimator.start(volts[0], degc[0], 0.0, soc=0.7)
+    found = whole.run(dt, current, volts, degc)
+    steps = [single.step(float(dt[k]), float(current[k]), volts[k], degc[k]).numbers for k in range(STEPS)]
+    assert found.soc.shape == (STEPS, N)
+    np.testing.assert_array_equal(found.numbers, np.stack(steps, axis=1))
+    np.testing.assert_array_equal(whole.state_cov, single.state_cov)
+
+
+@pytest.mark.parametrize("wrong", ["dt_s", "current_a", "voltage_v", "temperature_degc"])
+def test_an_array_of_another_shape_is_named(wrong):
+    arrays = dict(zip(("dt_s", "current_a", "voltage_v", "temperature_degc"), samples(), strict=True))
+    arrays[wrong] = arrays[wrong][:, None] if arrays[wrong].ndim == 1 else arrays[wrong][:, :1]
+    estimator = make_estimator("fused", CELL, N)
+    estimator.start(VOLTS, DEGC, 0.0)
+    with pytest.raises(ShapeError, match=wrong):
+        estimator.run(**arrays)
+
+
+@pytest.mark.parametrize("step", [-1.0, float("nan"), float("inf")])
+def test_a_step_that_is_none_is_refused(step):
+    dt, current, volts, degc = samples()
+    estimator = make_estimator("fused", CELL, N)
+    with pytest.raises(EstimatorError, match="started"):
+        estimator.run(dt, current, volts, degc)
+    estimator.start(VOLTS, DEGC, 0.0)
+    dt[7] = step
+    with pytest.raises(EstimatorError, match="step"):
+        estimator.run(dt, current, volts, degc)
+    with pytest.raises(EstimatorError, match="step"):
+        estimator.step(step, 0.0, VOLTS, DEGC)
+
+
+def test_where_no_library_fits_the_reference_estimates_and_the_log_says_so(monkeypatch, caplog):
+    def absent(*_):
+        raise EstimatorError("none for this machine")
+
+    monkeypatch.setattr(soc_estimator, "NativeEngine", absent)
+    assert isinstance(make_estimator("fused", CELL, 1).engine, ReferenceEngine)
+    assert "none for this machine" in caplog.text
