@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import FILTERS, make_estimator
+from app.estimation.prediction.constant_current import Limits
 from app.estimation.prediction.driver_soc import DriverSoc
-from app.estimation.prediction.power import Limits
 from app.live.prediction import Predictor
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import FIELDS, N_CELLS
@@ -111,7 +111,7 @@ def race(seed: int, seconds: float, filter_name: str, bolt: int | None = None) -
         dt_s, before_s = sample.uptime_s - before_s, sample.uptime_s
         estimate = estimator.step(dt_s, sample.current_a, sample.voltages_v, sample.temperatures_degc)
         power_w = float(sample.voltages_v.sum()) * sample.current_a
-        predictor.step(dt_s, sample.current_a, sample.voltages_v, power_w, estimate)
+        predictor.step(dt_s, sample.current_a, sample.voltages_v, power_w, estimate, sample.temperatures_degc)
         predictor.assess(estimator, estimate, sample.temperatures_degc, sample.current_a, limits)
         predictor.apply_learned(estimator)
         error = estimate.soc - sample.true_soc

@@ -12,13 +12,14 @@ import numpy as np
 from app.battery.shape import N_CELLS
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimators import CellEstimator, Estimates
+from app.estimation.prediction.constant_current import Limits
 from app.estimation.prediction.driver_soc import DriverSoc
-from app.estimation.prediction.power import Limits
 from app.live.accumulator import accumulator_of
 from app.live.alarms import AlarmKeeper
 from app.live.cells import cells_of, packs_of
 from app.live.plausibility import PlausibilityChecks
 from app.live.prediction import Assessment, Predictor
+from app.live.prediction_conditions import as_of
 from app.sources.items import Item
 from app.sources.source import NOTHING_RECEIVED, MeasurementSource, Received
 from app.telemetry import Estimator, Event, FloatArray, Identity, ProtectionLimits, Snapshot, Source
@@ -73,7 +74,8 @@ class Pipeline:
         self._predictor = predictor
         self._start_soc = start_soc  # (soc, sigma) of an earlier run
         self._limits: ProtectionLimits | None = None
-        self._measured: tuple[float, FloatArray] | None = None  # current and temperatures the predictor has not seen
+        self._measured: tuple[float, FloatArray, int] | None = None  # current, temperatures, time: not yet judged
+        self._judged_ns: int | None = None  # time of what the prediction was judged by
         self._step_us: float | None = None
         self._estimator_error: str | None = None
 
@@ -107,13 +109,20 @@ class Pipeline:
         """The estimator's latest."""
         return self._estimates
 
+    def mark_lap(self) -> None:
+        """The car crosses the line now."""
+        if self._predictor is not None:
+            self._predictor.mark_lap()
+
     def predict(self) -> None:
         """Judge what lies ahead, for the next snapshot; call it when the last one has gone out."""
         if self._predictor is None or self._measured is None or self._estimator is None or self._estimates is None:
             return
-        current_a, temperatures_degc = self._measured
+        current_a, temperatures_degc, t_mono_ns = self._measured
         self._measured = None
-        self._predictor.assess(self._estimator, self._estimates, temperatures_degc, current_a, self._power_limits())
+        limits = self._power_limits()
+        if self._predictor.assess(self._estimator, self._estimates, temperatures_degc, current_a, limits):
+            self._judged_ns = t_mono_ns
         self._predictor.apply_learned(self._estimator)
 
     def _power_limits(self) -> Limits:
@@ -155,8 +164,9 @@ class Pipeline:
         power_w = float(np.nansum(voltages_v)) * current_a
         self._plausibility.step(dt_s, current_a, voltages_v, measured.chip_voltage_v)
         if self._predictor is not None:
-            self._predictor.step(dt_s, current_a, voltages_v, power_w, estimates, measured.relays_open)
-            self._measured = current_a, measured.temperature_degc
+            degc = measured.temperature_degc
+            self._predictor.step(dt_s, current_a, voltages_v, power_w, estimates, degc, measured.relays_open)
+            self._measured = current_a, degc, measured.t_mono_ns
         if dt_s is not None and dt_s <= MAX_ENERGY_STEP_S:
             self._energy_out_wh += max(power_w, 0.0) * dt_s / 3600
             self._energy_in_wh += max(-power_w, 0.0) * dt_s / 3600
@@ -206,7 +216,7 @@ class Pipeline:
             cells=cells,
             packs=packs_of(cells, measured.slave_status),
             accumulator=accumulator_of(cells, measured, self._driver_percent, self._energy_out_wh, self._energy_in_wh),
-            prediction=assessment.prediction,
+            prediction=as_of(assessment.prediction, measured, self._judged_ns),
             master=measured.master,
             charger=measured.charger,
             links=measured.links,

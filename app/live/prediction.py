@@ -20,17 +20,18 @@ from app.estimation.health.learned import Learned, learned
 from app.estimation.health.resistance_scale import ResistanceScale, trusted_factor
 from app.estimation.health.rest_capacity import CapacityBetweenRests
 from app.estimation.health.sensor_offset import OffsetTracker
-from app.estimation.prediction.energy import EnergyLeft, LapsLeft, energy_left, lap_energies_wh, lap_period_s, laps_left
-from app.estimation.prediction.power import Limits, OperatingPoint, PowerModel, StatePower, TimeToTrip
+from app.estimation.prediction.constant_current import CellKnowledge, Limits, OperatingPoint
+from app.estimation.prediction.energy import EnergyLeft, LapsLeft, energy_left, laps_left
+from app.estimation.prediction.heat import HeatBalance
+from app.estimation.prediction.laps import LapWatch
+from app.estimation.prediction.power import COVERAGE, PowerModel, StatePower, TimeToTrip
+from app.live.prediction_conditions import at_load, laps_known, power_held, until_empty
 from app.telemetry import BoolArray, CountedWith, FloatArray, Prediction
 
 ASSESS_S = 1.0
-TRACE_S = 600.0  # of power, for laps
-TRACE_STEP_S = 0.5
-LAPS_KEPT = 8
 UNKNOWN_S = 10.0  # what flowed in a longer gap is not known
-STOPPED_LAP_SHARE = 0.25  # of the median lap's energy: a driver change, not a lap
 DRIVING_A = 2.0
+DRIVING_MEMORY_S = 300.0  # of the current: four or five laps
 LOAD_S = 10.0  # time constant of the load that the next limit is told for: throttle and brake take turns
 RESTING_A = 1.0  # of that load: no direction, so no limit comes nearer
 
@@ -77,16 +78,16 @@ class Predictor:
         self._offset = OffsetTracker(float(self.learned.capacity_ah.mean()))
         self._needs_voltage_soc = False  # voltages, to compare the current with
         self.sensor = self._offset.estimate()
-        self._trace: deque[tuple[float, float]] = deque(maxlen=round(TRACE_S / TRACE_STEP_S))
+        self._laps = LapWatch()
+        self._marks: deque[None] = deque()  # crossings of the line not yet told to the above
         self._t_s = 0.0
-        self._trace_s = self._assessed_s = self._judged_s = -1e9
-        self._square_a2 = 0.0  # mean square of the current while driving
+        self._assessed_s = self._judged_s = -1e9
+        self._driven = (0.0, 0.0, 0.0)  # fading sums of time, current and its square while driving [s], [A s], [A^2 s]
+        self._heat = HeatBalance(Limits().heat_capacity_j_k)
         self._load_a: float | None = None  # mean of the last seconds
         self._joints: JointReport | None = None
         self._health: StateOfHealth | None = None
         self._capacity_ah: FloatArray | None = None
-        self._lap_period_s: float | None = None
-        self._lap_energies_wh: FloatArray = np.empty(0)
 
     @property
     def offset_a(self) -> float:
@@ -98,6 +99,10 @@ class Predictor:
         """What to keep for the next session of the same cells."""
         resistance = np.array((self._scale.factor(), self._scale.sigma()))
         return LearnedCells(self._capacities.tracker.state, self._joint_watch.baseline_ohm, resistance)
+
+    def mark_lap(self) -> None:
+        """The car crosses the line now. From any thread."""
+        self._marks.append(None)
 
     def apply_learned(self, estimator: CellEstimator) -> None:
         """Let an estimator count with what was learned of its cells."""
@@ -112,6 +117,7 @@ class Predictor:
         voltages_v: FloatArray,
         power_w: float,
         estimates: Estimates | None,
+        temperatures_degc: FloatArray,
         relays_open: bool = False,
     ) -> None:
         """Take one measurement, with what the estimator said of it if it did.
@@ -122,6 +128,7 @@ class Predictor:
             voltages_v: (n_cells,) [V]; NaN = missing.
             power_w: of the accumulator, positive on discharge [W].
             estimates: of this measurement, by an estimator that `apply_learned` was called for.
+            temperatures_degc: (n_cells,) [degC]; NaN = missing.
             relays_open: no current can flow.
         """
         if dt_s is None or dt_s > UNKNOWN_S:
@@ -132,14 +139,19 @@ class Predictor:
         if estimates is not None:
             drop_v = (estimates.ocv_v - estimates.voltage_v) / self._factors_in_use
             self._scale.step(dt_s, estimates.ocv_v, estimates.ocv_v - drop_v, voltages_v)
+            self._heat.step(dt_s, (estimates.ocv_v - estimates.voltage_v) * current_a, temperatures_degc)
         self._joint_watch.step(dt_s, current_a, voltages_v)
         before = current_a if self._load_a is None else self._load_a
         self._load_a = before + min(1.0, dt_s / LOAD_S) * (current_a - before)
         if abs(current_a) > DRIVING_A:
-            self._square_a2 += min(1.0, dt_s / 60.0) * (current_a * current_a - self._square_a2)
-        if self._t_s - self._trace_s >= TRACE_STEP_S:
-            self._trace_s = self._t_s
-            self._trace.append((self._t_s, power_w))
+            fade = np.exp(-dt_s / DRIVING_MEMORY_S)
+            time, charge, square = self._driven
+            moved = current_a * dt_s
+            self._driven = fade * time + dt_s, fade * charge + moved, fade * square + current_a * moved
+        self._laps.step(dt_s, power_w)
+        while self._marks:
+            self._marks.popleft()
+            self._laps.mark()
         self._capacities.step(dt_s, current_a, voltages_v)
 
     def assess(
@@ -149,14 +161,14 @@ class Predictor:
         temperatures_degc: FloatArray,
         current_a: float,
         limits: Limits,
-    ) -> None:
-        """Judge anew if a second has passed."""
+    ) -> bool:
+        """Judge anew if a second has passed; True when that was done."""
         if self._t_s - self._assessed_s < ASSESS_S:
-            return
+            return False
         self._assessed_s = self._t_s
         if not np.isfinite(estimates.soc).any():
             self.assessment = Assessment()
-            return
+            return True
         if self._needs_voltage_soc and (voltage_soc := estimator.voltage_soc()) is not None:
             self._needs_voltage_soc = False
             self._offset.compare(*voltage_soc)
@@ -169,19 +181,30 @@ class Predictor:
         states = OperatingPoint(estimates.soc, branches, temperatures_degc)
         load_a = current_a if self._load_a is None else self._load_a
         known = self.learned
-        model = PowerModel(self.cell, limits, known.resistance_factor, known.capacity_ah)
+        of_cells = CellKnowledge(
+            estimates.soc_sigma,
+            known.resistance_factor,
+            known.resistance_sigma,
+            known.capacity_ah,
+            known.capacity_sigma_ah / known.capacity_ah,
+            self._heat.cooling_w,
+        )
+        mean_a, loss_a = self._driven_current_a()
         energy = energy_left(
             self.cell,
             estimates.soc,
             estimates.soc_sigma,
             temperatures_degc,
-            float(np.sqrt(self._square_a2)),
+            mean_a,
             limits.soc_min,
             capacity_ah=known.capacity_ah,
             resistance_factor=known.resistance_factor,
             capacity_sigma_ah=known.capacity_sigma_ah,
+            resistance_sigma=known.resistance_sigma,
+            loss_current_a=loss_a,
         )
         steady_a = load_a if abs(load_a) >= RESTING_A else 0.0
+        model = PowerModel(self.cell, limits, of_cells)
         power, (to_trip, to_trip_full) = model.predict(states, (steady_a, limits.discharge_max_a))
         assessment = Assessment(
             power=power,
@@ -195,11 +218,18 @@ class Predictor:
             capacity_ah=self._capacity_ah,
             learned=known,
         )
-        self.assessment = replace(assessment, prediction=_prediction(assessment))
+        self.assessment = replace(assessment, prediction=self._prediction(assessment, steady_a, mean_a))
+        return True
+
+    def _driven_current_a(self) -> tuple[float, float]:
+        """Mean current of the last minutes of driving, and mean of its square over that [A]; 0 while it charged."""
+        time, charge, square = self._driven
+        return (charge / time, square / charge) if charge > 0.0 else (0.0, 0.0)
 
     def _laps_left(self, energy: EnergyLeft) -> LapsLeft | None:
-        laps = laps_left(energy, self._lap_energies_wh)
-        return laps and replace(laps, period_s=self._lap_period_s)
+        laps = self._laps.laps
+        left = None if laps is None else laps_left(energy, laps.energies_wh)
+        return left and replace(left, period_s=None if laps is None else laps.period_s)
 
     def _judge(self) -> None:
         self._judged_s = self._t_s
@@ -211,39 +241,37 @@ class Predictor:
         capacity_ah = np.where(known.has_capacity, known.capacity_ah, np.nan)
         resistance_factor = np.where(known.has_resistance, known.resistance_factor, np.nan)
         self._health = state_of_health(capacity_ah, known.capacity_sigma_ah, tracker.nominal_ah, resistance_factor)
-        self._find_laps()
+        self._laps.judge()
 
     def _learned(self) -> Learned:
         tracker, scale = self._capacities.tracker, self._scale
         return learned(tracker.nominal_ah, tracker.capacity_ah(), tracker.sigma_ah(), scale.factor(), scale.sigma())
 
-    def _find_laps(self) -> None:
-        if len(self._trace) < 2:
-            return
-        time_s, power_w = np.array(self._trace).T
-        self._lap_period_s = lap_period_s(time_s, power_w)
-        if self._lap_period_s is None:
-            return
-        n_laps = min(LAPS_KEPT, int((time_s[-1] - time_s[0]) / self._lap_period_s))
-        marks = time_s[-1] - self._lap_period_s * np.arange(n_laps, -1, -1)
-        laps = lap_energies_wh(time_s, power_w, marks)
-        self._lap_energies_wh = laps[laps > STOPPED_LAP_SHARE * np.median(laps)]
-
-
-def _prediction(assessment: Assessment) -> Prediction:
-    nearest = min(assessment.to_trip, key=lambda trip: trip.seconds, default=None)
-    energy, known = assessment.energy, assessment.learned
-    return Prediction(
-        power=assessment.power,
-        to_trip=assessment.to_trip,
-        to_trip_full=assessment.to_trip_full,
-        nearest=None if nearest is None or not isfinite(nearest.seconds) else nearest,
-        energy_left_wh=None if energy is None else energy.energy_wh,
-        energy_left_sigma_wh=None if energy is None else energy.sigma_wh,
-        energy_left_cell=None if energy is None else energy.cell,
-        counted_with=None if known is None else _counted_with(known),
-        laps=assessment.laps,
-    )
+    def _prediction(self, assessment: Assessment, load_a: float, driven_a: float) -> Prediction:
+        nearest = min(assessment.to_trip, key=lambda trip: trip.seconds, default=None)
+        energy, known = assessment.energy, assessment.learned
+        measured_a = self.cell.fit_current_max_a or None
+        return Prediction(
+            power=assessment.power,
+            to_trip=assessment.to_trip,
+            to_trip_full=assessment.to_trip_full,
+            nearest=None if nearest is None or not isfinite(nearest.seconds) else nearest,
+            energy_left_wh=None if energy is None else energy.energy_wh,
+            energy_left_sigma_wh=None if energy is None else energy.sigma_wh,
+            energy_left_low_wh=None if energy is None else energy.low_wh,
+            energy_left_high_wh=None if energy is None else energy.high_wh,
+            energy_left_cell=None if energy is None else energy.cell,
+            counted_with=None if known is None else _counted_with(known),
+            laps=assessment.laps,
+            coverage=COVERAGE,
+            age_s=None,
+            load_a=load_a,
+            measured_current_max_a=measured_a,
+            power_condition=power_held(assessment.power, measured_a),
+            to_trip_condition=at_load(load_a),
+            energy_condition=until_empty(driven_a),
+            laps_condition=laps_known(self._laps, assessment.laps),
+        )
 
 
 def _counted_with(known: Learned) -> CountedWith:

@@ -120,9 +120,19 @@ class Prediction:
     nearest: TimeToTrip | None
     energy_left_wh: Annotated[Number, Unit("Wh", "energy until the first cell is empty", None)]
     energy_left_sigma_wh: Annotated[Number, Unit("Wh", "its standard deviation", None)]
+    energy_left_low_wh: Annotated[Number, Unit("Wh", "lower end of its band", None)]
+    energy_left_high_wh: Annotated[Number, Unit("Wh", "upper end of its band", None)]
     energy_left_cell: int | None
     counted_with: CountedWith | None
     laps: LapsLeft | None
+    coverage: Annotated[float, Unit("1", "share of cases in which the truth is expected within a band", None)]
+    age_s: Annotated[Number, Unit("s", "since all of this was judged", 3)]
+    load_a: Annotated[Number, Unit("A", "mean current of the last seconds, which `to_trip` counts with", 3)]
+    measured_current_max_a: Annotated[Number, Unit("A", "largest current the cell file was measured with", None)]
+    power_condition: Annotated[Message, MESSAGE]  # under which each of them holds, or why there is none
+    to_trip_condition: Annotated[Message, MESSAGE]
+    energy_condition: Annotated[Message, MESSAGE]
+    laps_condition: Annotated[Message, MESSAGE]
 
 
 @dataclass(frozen=True, slots=True)

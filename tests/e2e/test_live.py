@@ -41,7 +41,9 @@ def test_the_overview_tells_what_lies_ahead(service, open_page):
             expect(value).to_have_text(re.compile(r"^\d+\.\d\skW$"))
     expect(page.get_by_test_id("nearest")).to_have_text(re.compile(r"^(> 1 h|\d.* (s|min))$"))
     expect(page.get_by_test_id("energy-left")).to_have_text(re.compile(r"^\d\.\d\d\skWh$"))
-    expect(page.get_by_test_id("laps-band")).to_have_text(re.compile(r"no lap driven yet|\d to \d"))
+    expect(page.get_by_test_id("laps-condition")).to_have_text(
+        re.compile(r"two whole laps|laps of about|relays are open")
+    )
 
 
 def test_a_cell_is_one_click_from_its_history(service, open_page):

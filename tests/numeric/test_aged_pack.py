@@ -7,7 +7,7 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.health.capacity import CapacityTracker
 from app.estimation.health.joint_watch import JointWatch
-from app.estimation.prediction.power import Limits
+from app.estimation.prediction.constant_current import Limits
 from app.live.prediction import LearnedCells, Predictor
 from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.race import endurance
@@ -46,7 +46,7 @@ def raced(seconds, learned_for=None, applies_learning=True, **aged):
         accumulator.step(STEP_S, current, fan_duty=0.5)
         volts = np.round(accumulator.terminal_voltage_v + 2e-4 * rng.normal(size=96), 4)
         said = estimator.step(STEP_S, current, volts, accumulator.temperature_degc)
-        predictor.step(STEP_S, current, volts, float(volts.sum() * current), said)
+        predictor.step(STEP_S, current, volts, float(volts.sum() * current), said, accumulator.temperature_degc)
         predictor.assess(estimator, said, accumulator.temperature_degc, current, Limits(soc_min=SOC_MIN))
         if applies_learning:
             predictor.apply_learned(estimator)

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import FloatArray
-from app.estimation.prediction.energy import lap_period_s
+from app.estimation.prediction.laps import lap_period_s
 
 GRID_S: Final = 0.2
 DRIVING_SHARE: Final = 0.1  # of the highest usual power: less is standing
@@ -17,7 +17,7 @@ DRIVING_MIN_W: Final = 1000.0
 STOP_S: Final = 15.0  # without power for longer: the car stood, and what follows is another stint
 STINT_MIN_S: Final = 30.0
 PERIOD_FROM_S: Final = 900.0  # of a stint, to find its period
-SMOOTH_S: Final = 4.0  # of the power of unequal laps
+CORRELATION_MIN: Final = 0.3  # of a whole stint; the pattern is followed from lap to lap afterwards
 SEARCH: Final = (0.8, 1.25)  # of the period, where the next lap may begin
 LEARN: Final = 0.3  # weight of the newest lap in what a lap looks like
 UNUSUAL: Final = 4.0  # taken off the correlation, times the square of how far a lap is off the usual time
@@ -110,18 +110,12 @@ def rises_s(time_s: FloatArray, values: FloatArray) -> list[float]:
 
 
 def _period_s(time_s: FloatArray, power_w: FloatArray, stint: Stint) -> float | None:
-    """The usual time of a lap; where laps are so unequal that the power does not repeat sharply, of smoothed power."""
+    """The usual time of a lap."""
     chosen = (time_s >= stint.start_s) & (time_s <= min(stint.end_s, stint.start_s + PERIOD_FROM_S))
     chosen &= np.isfinite(power_w)
     if chosen.sum() <= 2:
         return None
-    at_s, watts = time_s[chosen], power_w[chosen]
-    found = lap_period_s(at_s, watts)
-    if found is not None:
-        return found
-    energy = _energy_j(at_s, watts)
-    half = 0.5 * SMOOTH_S
-    return lap_period_s(at_s, (np.interp(at_s + half, at_s, energy) - np.interp(at_s - half, at_s, energy)) / SMOOTH_S)
+    return lap_period_s(time_s[chosen], power_w[chosen], CORRELATION_MIN)
 
 
 def _energy_j(time_s: FloatArray, power_w: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ Number = float | None
 PerCell = list[float | None]
 Severity = Literal["info", "watch", "warning", "trip"]
 _NAMES = {Ages: "Age", LinkStatus: "Link", StatePower: "Power", TimeToTrip: "Trip", LapsLeft: "Laps"}
-_INFINITE = (TimeToTrip, "seconds")  # not within an hour: null in JSON
+_INFINITE = {(TimeToTrip, name) for name in ("seconds", "low_s", "high_s")}  # not within an hour: null in JSON
 
 
 @cache
@@ -62,7 +62,7 @@ def _type(owner: type, field: Described) -> Any:
     if is_array(members[0]):
         return list[bool | None] if members[0] == BoolArray else PerCell
     kinds = tuple(_sent_type(member) for member in members)
-    may_miss = members != (field.type,) or (owner, field.name) == _INFINITE
+    may_miss = members != (field.type,) or (owner, field.name) in _INFINITE
     return Union[(*kinds, None)] if may_miss else kinds[0]
 
 

@@ -23,6 +23,7 @@ class Learned:
         capacity_sigma_ah: its standard deviation [Ah].
         has_capacity: where it was learned.
         resistance_factor: learned resistance over that of the cell file, or 1.
+        resistance_sigma: its standard deviation.
         has_resistance: where it was learned.
     """
 
@@ -31,6 +32,7 @@ class Learned:
     capacity_sigma_ah: FloatArray
     has_capacity: BoolArray
     resistance_factor: FloatArray
+    resistance_sigma: FloatArray
     has_resistance: BoolArray
 
 
@@ -58,5 +60,6 @@ def learned(
         np.asarray(capacity_sigma_ah),
         has_capacity,
         np.where(has_resistance, resistance_factor, 1.0),
+        np.asarray(resistance_sigma),
         has_resistance,
     )

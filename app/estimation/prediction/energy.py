@@ -12,16 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.estimation.arrays import FloatArray
-from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
+from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import ModelError, ShapeError
+from app.estimation.prediction.power import BAND_SIGMAS
 
 OCV_POINTS: Final = 33  # of the integral over SOC
-BAND_SIGMAS: Final = 1.645  # 5 to 95 %
-FIRST_LAP_SPREAD_FRAC: Final = 0.15  # of the lap energy before there are two laps to compare
-LAP_PERIOD_S: Final = (30.0, 200.0)  # what a lap of a Formula Student track can take
-LAP_CORRELATION_MIN: Final = 0.35  # below, the power does not repeat and there are no laps to be seen
-LAP_RATE_HZ: Final = 2.0
-SETTLED_LAPS: Final = 2.5  # laps that have to be driven before a period counts
+RIPPLE_S: Final = 3.0  # for which a driver holds throttle or brake
+LOSS_SIGMA_FRAC: Final = 0.15  # of the losses: the driving to come is not that of before
+LAP_SPREAD_FRAC: Final = 0.15  # of the lap energy, before any evidence
+LAPS_MIN: Final = 2  # whole ones, before any number is given
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,8 @@ class EnergyLeft:
 
     Attributes:
         energy_wh: energy the terminals still deliver at the given current [Wh].
-        sigma_wh: its standard deviation, from those of SOC and capacity of the cell that ends it [Wh].
+        sigma_wh: its standard deviation, from those of SOC and capacity of the cell that ends it, of the resistances
+            and of the load [Wh].
         charge_ah: charge until then [Ah].
         cell: the cell that ends it.
     """
@@ -39,6 +39,16 @@ class EnergyLeft:
     sigma_wh: float
     charge_ah: float
     cell: int
+
+    @property
+    def low_wh(self) -> float:
+        """Lower end of its band [Wh]."""
+        return max(self.energy_wh - BAND_SIGMAS * self.sigma_wh, 0.0)
+
+    @property
+    def high_wh(self) -> float:
+        """Upper end of its band [Wh]."""
+        return self.energy_wh + BAND_SIGMAS * self.sigma_wh
 
 
 @dataclass(frozen=True)
@@ -63,21 +73,26 @@ def energy_left(
     capacity_ah: ArrayLike | None = None,
     resistance_factor: ArrayLike = 1.0,
     capacity_sigma_ah: ArrayLike = 0.0,
+    resistance_sigma: ArrayLike = 0.0,
+    loss_current_a: float | None = None,
 ) -> EnergyLeft:
     """Return the energy until the first cell reaches the lowest SOC.
 
-        E = sum over cells of  Q_i * integral of OCV dz - (R0 + sum R_k) I * dQ - e asinh(I / i_ref) * dQ
+        E = sum over cells of  Q_i * integral of OCV dz - R0 I dQ - sum R_k I_k dQ - e asinh(I / i_ref) dQ
 
     Args:
         cell: model of the cells.
         soc: (n_cells,) state of charge; cells with NaN are left out.
         soc_sigma: (n_cells,) its standard deviation.
         temperature_degc: (n_cells,) [degC]; NaN counts as 25.
-        current_a: current of the driving to come, rms rather than mean since losses grow with its square [A].
+        current_a: mean current of the driving to come [A].
+        loss_current_a: mean of i^2 over mean of i, as losses grow with the square: what the ohmic drop counts with;
+            an RC pair counts with less of it the slower it is; None = `current_a`, a constant current [A].
         soc_min: where a cell counts as empty.
         capacity_ah: (n_cells,) or scalar [Ah]; None = the model's.
         resistance_factor: (n_cells,) or scalar, growth of all resistances.
         capacity_sigma_ah: (n_cells,) or scalar, standard deviation of the capacities [Ah].
+        resistance_sigma: (n_cells,) or scalar, standard deviation of `resistance_factor`.
 
     Raises:
         ModelError: no cell has an SOC.
@@ -99,20 +114,26 @@ def energy_left(
     share = np.linspace(0.0, 1.0, OCV_POINTS)[:, None]
     path = z - share * charge_ah / capacity
     values = cell.parameters(path, temperature)
-    drop_v = (values[0] + values[2 : 2 + cell.n_rc].sum(axis=0)) * current_a
-    drop_v = factor * (drop_v + values[1] * np.arcsinh(current_a / cell.overpotential_current_a))
+    loss_a = current_a if loss_current_a is None else loss_current_a
+    drop_v = values[0] * loss_a + values[1] * np.arcsinh(loss_a / cell.overpotential_current_a)
+    for r_ohm, tau_s in zip(values[2 : 2 + cell.n_rc], values[2 + cell.n_rc :], strict=True):
+        drop_v = drop_v + r_ohm * (current_a + (loss_a - current_a) / (1.0 + tau_s / RIPPLE_S))
+    drop_v = factor * drop_v
+    lost_wh = float(np.trapezoid(drop_v.sum(axis=1), share[:, 0])) * charge_ah
     voltage_v = (cell.ocv.voltage(path) - drop_v).sum(axis=1)
     mean_v = float(np.trapezoid(voltage_v, share[:, 0]))
     # sigmas of SOC and capacity of the cell that ends it are so much charge, drawn at the voltage of the end
     by_soc_ah = float(soc_sigma[known][first] * capacity[first])
     sigma_ah = np.broadcast_to(np.asarray(capacity_sigma_ah, dtype=np.float64), soc.shape)[known]
     by_capacity_ah = float(max(z[first] - soc_min, 0.0) * sigma_ah[first])
-    sigma_wh = float(np.hypot(by_soc_ah, by_capacity_ah) * voltage_v[-1])
+    by_resistance = float(np.mean(np.broadcast_to(np.asarray(resistance_sigma, dtype=np.float64), soc.shape)[known]))
+    by_loss_wh = lost_wh * np.hypot(by_resistance, LOSS_SIGMA_FRAC)
+    sigma_wh = float(np.hypot(np.hypot(by_soc_ah, by_capacity_ah) * voltage_v[-1], by_loss_wh))
     return EnergyLeft(max(mean_v * charge_ah, 0.0), sigma_wh, charge_ah, int(known[first]))
 
 
 def laps_left(energy: EnergyLeft, lap_energies_wh: ArrayLike) -> LapsLeft | None:
-    """Return how many laps the energy lasts for, None before there is a lap with positive energy.
+    """Return how many laps the energy lasts for, None before two laps with positive energy.
 
     The variance of n = E / e adds that of the energy, of the mean lap, and of n single laps:
 
@@ -125,9 +146,9 @@ def laps_left(energy: EnergyLeft, lap_energies_wh: ArrayLike) -> LapsLeft | None
     laps = np.asarray(lap_energies_wh, dtype=np.float64)
     laps = laps[np.isfinite(laps)]
     mean = float(laps.mean()) if laps.size else 0.0
-    if mean <= 0.0:
+    if mean <= 0.0 or laps.size < LAPS_MIN:
         return None
-    prior = FIRST_LAP_SPREAD_FRAC * mean
+    prior = LAP_SPREAD_FRAC * mean
     # the spread before any evidence counts as one lap
     spread = float(np.sqrt((prior**2 + np.sum((laps - mean) ** 2)) / laps.size))
     expected = energy.energy_wh / mean
@@ -135,63 +156,3 @@ def laps_left(energy: EnergyLeft, lap_energies_wh: ArrayLike) -> LapsLeft | None
     variance += expected * (spread / mean) ** 2
     half = BAND_SIGMAS * float(np.sqrt(variance))
     return LapsLeft(expected, max(expected - half, 0.0), expected + half, mean, spread)
-
-
-def lap_period_s(time_s: FloatArray, power_w: FloatArray) -> float | None:
-    """Return the time of a lap by the autocorrelation of the power [s], None where it does not repeat.
-
-    Args:
-        time_s: (n,) rising [s]; the last ten minutes are enough.
-        power_w: (n,) power of the accumulator [W].
-    """
-    span = float(time_s[-1] - time_s[0]) if time_s.size > 1 else 0.0
-    if span < SETTLED_LAPS * LAP_PERIOD_S[0]:
-        return None
-    grid = np.arange(0.0, span, 1.0 / LAP_RATE_HZ)
-    signal = _bin_means(time_s - time_s[0], power_w, grid)
-    signal = signal - signal.mean()
-    n = grid.size
-    spectrum = np.fft.rfft(signal, 2 * n)
-    correlation = np.fft.irfft(np.abs(spectrum) ** 2)[:n]
-    if correlation[0] <= 0.0:
-        return None
-    correlation = correlation / correlation[0] * n / (n - np.arange(n))
-    first = int(LAP_PERIOD_S[0] * LAP_RATE_HZ)
-    last = min(int(LAP_PERIOD_S[1] * LAP_RATE_HZ), int(n / SETTLED_LAPS))
-    if last <= first + 2:
-        return None
-    window = correlation[first:last]
-    peaks = np.flatnonzero((window[1:-1] >= window[:-2]) & (window[1:-1] > window[2:])) + 1
-    peaks = peaks[window[peaks] >= LAP_CORRELATION_MIN]
-    if peaks.size == 0:
-        return None
-    # the first peak nearly as high as the highest: later ones are two laps or more
-    best = int(peaks[window[peaks] >= 0.85 * window[peaks].max()][0]) + first
-    left, middle, right = correlation[best - 1 : best + 2]
-    bend = left - 2.0 * middle + right
-    offset = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    return float((best + offset) / LAP_RATE_HZ)
-
-
-def lap_energies_wh(time_s: FloatArray, power_w: FloatArray, lap_times_s: ArrayLike) -> FloatArray:
-    """Return the (n_laps,) energy between successive lap marks [Wh].
-
-    Args:
-        time_s: (n,) rising [s].
-        power_w: (n,) power of the accumulator, positive on discharge [W].
-        lap_times_s: (n_laps + 1,) when the line was crossed [s], rising; from a beacon, markers or `lap_period_s`.
-    """
-    marks = np.asarray(lap_times_s, dtype=np.float64)
-    mean_w = 0.5 * (power_w[1:] + power_w[:-1])
-    energy = np.concatenate(([0.0], np.cumsum(mean_w * np.diff(time_s)))) / SECONDS_PER_HOUR
-    return np.diff(np.interp(marks, time_s, energy))
-
-
-def _bin_means(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatArray:
-    """Return the mean value in each cell of an even grid, interpolated where no sample falls."""
-    index = np.clip(np.searchsorted(grid_s, time_s, side="right") - 1, 0, grid_s.size - 1)
-    known = np.isfinite(values)
-    count = np.bincount(index[known], minlength=grid_s.size)
-    total = np.bincount(index[known], values[known], minlength=grid_s.size)
-    filled = count > 0
-    return np.interp(grid_s, grid_s[filled], total[filled] / count[filled])

@@ -1,12 +1,7 @@
 """State of power: what the accumulator can give and take for some seconds ahead, and how long until a limit trips.
 
-Every cell is carried forward at a constant current by the closed form of the circuit, so no time steps are taken:
-
-    v(t) = OCV(z - i t / Q) - R0 i - e asinh(i / i_ref) - sum R_k (a_k i_k + (1 - a_k) i),   a_k = exp(-t / tau_k)
-    T(t) = T + (OCV(z) - v(t)) i t / C_th                    without cooling, so a little too warm
-
-The largest currents and the times to the limits are found together, in a few rounds, over the cells that could be
-the first to meet one.
+The largest currents and the times to the limits are bisected together. A band comes from the same search with the
+margins of the cell that limits shifted by their sigma: the pessimist's and the optimist's answer.
 """
 
 from __future__ import annotations
@@ -16,13 +11,13 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from app.estimation.arrays import BoolArray, FloatArray, IntArray
-from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
-from app.estimation.errors import ModelError, ShapeError
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.errors import ModelError
+from app.estimation.prediction.constant_current import Ahead, CellKnowledge, Limits, OperatingPoint, carry_forward
 
-Reason = Literal["voltage", "soc", "temperature", "current"]
+Reason = Literal["voltage", "soc", "temperature", "current", "relays"]
 Limit = Literal["v_min", "v_max", "soc_min", "soc_max", "temperature_max"]
 
 REASONS: Final[tuple[Reason, ...]] = ("voltage", "soc", "temperature")  # in the order of the margins
@@ -30,46 +25,14 @@ DISCHARGE_LIMITS: Final[tuple[Limit, ...]] = ("v_min", "soc_min", "temperature_m
 CHARGE_LIMITS: Final[tuple[Limit, ...]] = ("v_max", "soc_max", "temperature_max")
 
 HORIZONS_S: Final = (1.0, 10.0, 30.0)
-RESOLUTION: Final = 1.0 / 8192.0  # of the current limit or of the hour
-ROUND_VALUES: Final = 1500  # looked at in one round: fewer cost the calls, more the values
-MAX_PARTS: Final = 16
+GRID: Final = 8  # parts of the current limit or of the hour that are looked at first
+ROUNDS: Final = 10  # of bisection after it: to 1/8192
 TIME_LIMIT_S: Final = 3600.0  # later trips are not predicted
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What no cell may pass; currents are magnitudes of the accumulator's current.
-
-    Attributes:
-        v_min_v, v_max_v: terminal voltage [V].
-        discharge_max_a, charge_max_a: current [A].
-        soc_min, soc_max: state of charge.
-        temperature_max_degc: cell temperature [degC].
-        heat_capacity_j_k: of one cell with what is glued to it [J/K]; inf leaves heating out.
-    """
-
-    v_min_v: float = 2.5
-    v_max_v: float = 4.2
-    discharge_max_a: float = 375.0
-    charge_max_a: float = 50.0
-    soc_min: float = 0.0
-    soc_max: float = 1.0
-    temperature_max_degc: float = 60.0
-    heat_capacity_j_k: float = 430.0
-
-
-@dataclass(frozen=True)
-class OperatingPoint:
-    """Where the cells are now: arrays over cells, `branch_a` is (n_rc, n_cells) [A]. NaN in soc = cell left out."""
-
-    soc: FloatArray
-    branch_a: FloatArray
-    temperature_degc: FloatArray
-
-    @property
-    def n_cells(self) -> int:
-        """Number of cells."""
-        return int(self.soc.size)
+COVERAGE: Final = 0.9  # of every band: the truth is expected within it nine times in ten
+BAND_SIGMAS: Final = 1.645  # 5 to 95 %
+QUANTILES: Final = np.array((BAND_SIGMAS, 0.0, -BAND_SIGMAS))  # margins below these are passed: low, median, high
+TINY: Final = 1e-9  # sigma of what is known exactly
+MEASURED_TOLERANCE: Final = 0.02
 
 
 @dataclass(frozen=True)
@@ -78,17 +41,22 @@ class PowerLimit:
 
     Attributes:
         horizon_s: how long [s].
-        power_w: power at the end of the horizon, of all cells together; positive in both directions [W].
+        power_w: power that is held throughout, of all cells together; positive in both directions [W].
+        low_w, high_w: its band [W].
         current_a: magnitude of the current [A].
         cell: index of the cell that limits, None where the accumulator's current limit does.
-        reason: which limit it meets.
+        reason: which limit it meets; `relays`: they are open, nothing can flow.
+        beyond_measured: the current is larger than any the cell file was measured with; None = the file does not say.
     """
 
     horizon_s: float
     power_w: float
+    low_w: float
+    high_w: float
     current_a: float
     cell: int | None
     reason: Reason
+    beyond_measured: bool | None
 
 
 @dataclass(frozen=True)
@@ -101,20 +69,25 @@ class StatePower:
 
 @dataclass(frozen=True)
 class TimeToTrip:
-    """Seconds until a limit is met at a constant current; inf = not within an hour; `cell` is who meets it first."""
+    """Seconds until a limit is met at a constant current, with their band; inf = not within an hour.
+
+    `cell` is who meets it first, None where none does.
+    """
 
     limit: Limit
     seconds: float
+    low_s: float
+    high_s: float
     cell: int | None
 
 
 @dataclass(frozen=True)
-class _Search:
-    """Questions of how far an argument x in 0..1 can go before a cell passes a limit; arrays over the questions.
+class _Questions:
+    """How far an argument x in 0..1 can go before a cell passes a limit; arrays over the questions.
 
     Attributes:
         current_a, seconds: at x = 1; positive on discharge [A], [s].
-        in_current: (n,) True where x scales the current, False where it scales the time.
+        in_current: True where x scales the current, False where it scales the time.
         counts: (3, n) which of the margins of voltage, SOC and temperature are asked for.
     """
 
@@ -124,186 +97,147 @@ class _Search:
     counts: BoolArray
 
     def at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return currents [A] and times [s], both (n, m, 1), for x (n, m)."""
-        in_current = self.in_current[:, None]
-        current = np.where(in_current, x, 1.0) * self.current_a[:, None]
-        seconds = np.where(in_current, 1.0, x) * self.seconds[:, None]
-        return current[..., None], seconds[..., None]
+        """Return currents [A] and times [s] for x, both (..., n)."""
+        current_a = np.where(self.in_current, x, 1.0) * self.current_a
+        return current_a, np.where(self.in_current, 1.0, x) * self.seconds
 
 
-@dataclass(frozen=True)
-class _Bracket:
-    """Arguments just within and just beyond the limit, and the cell that passes it; -1 = none does."""
-
-    low: FloatArray
-    high: FloatArray
-    cell: IntArray
+def _questions(limits: Limits, currents_a: tuple[float, ...], horizons_s: tuple[float, ...]) -> _Questions:
+    """Discharge and charge power for the horizons, then the times to three limits at each current."""
+    n_power, n_trips = 2 * len(horizons_s), 3 * len(currents_a)
+    full_a = np.repeat((limits.discharge_max_a, -limits.charge_max_a), len(horizons_s))
+    each = np.tile(np.eye(3, dtype=np.bool_), len(currents_a))
+    return _Questions(
+        current_a=np.concatenate((full_a, np.repeat(currents_a, 3))),
+        seconds=np.concatenate((horizons_s, horizons_s, np.full(n_trips, TIME_LIMIT_S))),
+        in_current=np.arange(n_power + n_trips) < n_power,
+        counts=np.hstack((np.ones((3, n_power), dtype=np.bool_), each)),
+    )
 
 
 class PowerModel:
-    """The circuit carried forward in closed form, for cells of one model with resistances and capacities of their own.
+    """Cells of one model with limits, and what is known of each of them."""
 
-    `resistance_factor` (n_cells,) or scalar scales all resistances of a cell; `capacity_ah` (n_cells,) or scalar [Ah],
-    None = the model's.
-    """
-
-    def __init__(
-        self,
-        cell: CellModel,
-        limits: Limits,
-        resistance_factor: ArrayLike = 1.0,
-        capacity_ah: ArrayLike | None = None,
-    ) -> None:
+    def __init__(self, cell: CellModel, limits: Limits, known: CellKnowledge | None = None) -> None:
         self.cell = cell
         self.limits = limits
-        self.resistance_factor = np.asarray(resistance_factor, dtype=np.float64)
-        self.capacity_ah = np.asarray(cell.capacity_ah if capacity_ah is None else capacity_ah, dtype=np.float64)
+        self.known = known or CellKnowledge()
 
-    def ahead(self, states: OperatingPoint, current_a: FloatArray, time_s: FloatArray) -> tuple[FloatArray, ...]:
-        """Return voltage [V], SOC and temperature [degC] after a constant current.
+    def ahead(self, states: OperatingPoint, current_a: FloatArray, time_s: FloatArray) -> Ahead:
+        """Return what comes of a constant current, see `carry_forward`."""
+        return carry_forward(self.cell, states, self.known, current_a, time_s, self.limits.heat_capacity_j_k)
 
-        Args:
-            states: the cells now.
-            current_a: broadcasts against (..., n_cells), positive on discharge [A].
-            time_s: broadcasts against it, >= 0 [s].
+    def margins(self, states: OperatingPoint, current_a: FloatArray, time_s: FloatArray) -> FloatArray:
+        """Return (3, ..., n_cells) distance to the limits of voltage, SOC and temperature in sigmas; below 0 = passed.
 
-        Raises:
-            ShapeError: the states do not fit the model.
+        For arguments see `carry_forward`.
         """
-        cell, n = self.cell, states.n_cells
-        if states.branch_a.shape != (cell.n_rc, n) or states.temperature_degc.shape != (n,):
-            raise ShapeError("branch_a", (cell.n_rc, n), states.branch_a.shape)
-        current, seconds = np.broadcast_arrays(current_a, time_s)
-        moved = current * seconds / (SECONDS_PER_HOUR * self.capacity_ah)
-        soc = states.soc - np.where(moved < 0.0, cell.coulombic_efficiency * moved, moved)
-        temperature = np.where(np.isnan(states.temperature_degc), 25.0, states.temperature_degc)
-        values = cell.parameters(soc, temperature)
-        drop = values[0] * current + values[1] * np.arcsinh(current / cell.overpotential_current_a)
-        for k in range(cell.n_rc):
-            decay = np.exp(-seconds / values[2 + cell.n_rc + k])
-            drop = drop + values[2 + k] * (decay * states.branch_a[k] + (1.0 - decay) * current)
-        drop = drop * self.resistance_factor
-        heated = temperature + np.maximum(drop * current, 0.0) * seconds / self.limits.heat_capacity_j_k
-        return cell.ocv.voltage(soc) - drop, soc, heated
-
-    def _margins(self, states: OperatingPoint, current: FloatArray, seconds: FloatArray) -> FloatArray:
-        """Return (3, ..., n_cells) distance to the voltage, SOC and temperature limit; below 0 = passed."""
         limits = self.limits
-        voltage, soc, temperature = self.ahead(states, current, seconds)
-        is_charge = current < 0.0
-        return np.stack(
-            (
-                np.where(is_charge, limits.v_max_v - voltage, voltage - limits.v_min_v),
-                np.where(is_charge, limits.soc_max - soc, soc - limits.soc_min),
-                limits.temperature_max_degc - temperature,
-            )
-        )
+        to, is_charge = self.ahead(states, current_a, time_s), current_a < 0.0
+        voltage = np.where(is_charge, limits.v_max_v - to.voltage_v, to.voltage_v - limits.v_min_v)
+        soc = np.where(is_charge, limits.soc_max - to.soc, to.soc - limits.soc_min)
+        sigmas = np.stack((to.voltage_sigma_v, to.soc_sigma, to.temperature_sigma_degc))
+        return np.stack((voltage, soc, limits.temperature_max_degc - to.temperature_degc)) / np.maximum(sigmas, TINY)
 
     def predict(
         self, states: OperatingPoint, currents_a: tuple[float, ...], horizons_s: tuple[float, ...] = HORIZONS_S
     ) -> tuple[StatePower, tuple[tuple[TimeToTrip, ...], ...]]:
-        """Return the state of power, and the times to trip at each current: all in one search.
+        """Return the state of power, and the times to trip at each current.
 
         Raises:
             ModelError: no cell has an SOC.
             ShapeError: the states do not fit the model.
         """
-        n_power, n_trips = 2 * len(horizons_s), 3 * len(currents_a)
-        directions = (self.limits.discharge_max_a, -self.limits.charge_max_a)
-        search = _Search(
-            current_a=np.concatenate((np.repeat(directions, len(horizons_s)), np.repeat(currents_a, 3))),
-            seconds=np.concatenate((horizons_s, horizons_s, np.full(n_trips, TIME_LIMIT_S))),
-            in_current=np.arange(n_power + n_trips) < n_power,
-            counts=np.hstack(
-                (np.ones((3, n_power), dtype=np.bool_), np.tile(np.eye(3, dtype=np.bool_), len(currents_a)))
-            ),
-        )
-        found = self._first_to_pass(states, search)
-        power = self._power_limits(states, search, found, n_power)
-        trips = [
-            TimeToTrip(name, float(low) * TIME_LIMIT_S, int(cell)) if cell >= 0 else TimeToTrip(name, math.inf, None)
-            for name, low, cell in zip(
-                (name for a in currents_a for name in (CHARGE_LIMITS if a < 0.0 else DISCHARGE_LIMITS)),
-                found.low[n_power:],
-                found.cell[n_power:],
-                strict=True,
-            )
-        ]
+        cells = np.flatnonzero(np.isfinite(states.soc))
+        if cells.size == 0:
+            raise ModelError("soc", "no cell has one: nothing can be predicted")
+        known, part = self._of(cells), states.of(cells)
+        questions = _questions(self.limits, currents_a, horizons_s)
+        low, high = known._search(part, questions)
+        n = len(horizons_s)
+        power = known._power_limits(part, cells, questions, low, high)[: 2 * n]
+        times = known._times_to_trip(part, cells, questions, low, high)[2 * n :]
         return (
-            StatePower(power[: len(horizons_s)], power[len(horizons_s) :]),
-            tuple(tuple(trips[k : k + 3]) for k in range(0, n_trips, 3)),
+            StatePower(power[:n], power[n:]),
+            tuple(times[k : k + 3] for k in range(0, len(times), 3)),
         )
+
+    def _of(self, cells: IntArray) -> PowerModel:
+        return PowerModel(self.cell, self.limits, self.known.of(cells))
+
+    def _asked(self, states: OperatingPoint, questions: _Questions, x: FloatArray) -> FloatArray:
+        """Return (3, ..., n, n_cells) margins at x (..., n), inf where they are not asked for."""
+        current_a, time_s = questions.at(x)
+        margins = self.margins(states, current_a[..., None], time_s[..., None])
+        counts = questions.counts.reshape(3, *(1,) * (x.ndim - 1), -1, 1)
+        return np.asarray(np.where(counts, margins, np.inf))
+
+    def _search(self, states: OperatingPoint, questions: _Questions) -> tuple[FloatArray, FloatArray]:
+        """Return x (3, n) just within and just beyond the limit of the first cell, for the three quantiles.
+
+        Margins fall with x, so a cell within its limits at the upper end cannot be the first to pass: after a coarse
+        grid hardly any is left.
+        """
+        grid = np.linspace(0.0, 1.0, GRID + 1)
+        coarse = self._asked(states, questions, np.repeat(grid[1:, None], questions.seconds.size, axis=1)).min(axis=0)
+        passes = coarse < QUANTILES[:, None, None, None]  # (3, GRID, n, n_cells)
+        any_cell = passes.any(axis=3)
+        never, first = ~any_cell.any(axis=1), any_cell.argmax(axis=1)
+        low, high = grid[first], grid[first + 1]
+        at_first = np.take_along_axis(passes, first[:, None, :, None], axis=1)
+        left = np.flatnonzero(at_first.any(axis=(0, 1, 2)))
+        model, part = self._of(left), states.of(left)
+        for _ in range(ROUNDS if left.size else 0):
+            middle = 0.5 * (low + high)
+            margins = model._asked(part, questions, middle).min(axis=0)
+            passed = (margins < QUANTILES[:, None, None]).any(axis=2)
+            low, high = np.where(passed, low, middle), np.where(passed, middle, high)
+        return np.where(never, 1.0, low), np.where(never, 1.0, high)
 
     def _power_limits(
-        self, states: OperatingPoint, search: _Search, found: _Bracket, n_power: int
+        self, states: OperatingPoint, cells: IntArray, questions: _Questions, low: FloatArray, high: FloatArray
     ) -> tuple[PowerLimit, ...]:
-        known = _known(states)
-        model, part = self._subset(states, known)
-        current, seconds = search.at(found.low[:, None])
-        voltage = model.ahead(part, current[:n_power, 0], seconds[:n_power, 0])[0]
-        beyond, seconds = search.at(found.high[:, None])
-        passed = model._margins(part, beyond[:n_power, 0], seconds[:n_power, 0]) < 0.0
+        current_a, time_s = questions.at(low)
+        time_s = np.where(current_a < 0.0, 0.0, time_s)  # the power is least at the end, on charge at the beginning
+        to = self.ahead(states, current_a[..., None], time_s[..., None])
+        off_v = QUANTILES[:, None] * np.where(current_a < 0.0, -1.0, 1.0) * to.voltage_sigma_v.sum(axis=-1)
+        watts = np.maximum(np.abs(current_a) * (to.voltage_v.sum(axis=-1) - off_v), 0.0)
+        watts.sort(axis=0)
+        margins = self._asked(states, questions, high[1])  # (3, n, n_cells)
+        least = margins.min(axis=0).argmin(axis=1)
         results = []
-        for q in range(n_power):
-            current_a = abs(float(current[q, 0, 0]))
-            power_w = float(voltage[q].sum() * current_a)
-            cell = int(found.cell[q])
-            if cell < 0:
-                results.append(PowerLimit(float(search.seconds[q]), power_w, current_a, None, "current"))
-            else:
-                which = int(passed[:, q, int(np.searchsorted(known, cell))].argmax())
-                results.append(PowerLimit(float(search.seconds[q]), power_w, current_a, cell, REASONS[which]))
+        for k, horizon_s in enumerate(questions.seconds):
+            held_a = abs(float(current_a[1, k]))
+            is_cell = bool(low[1, k] < 1.0)
+            reason: Reason = REASONS[int(margins[:, k, least[k]].argmin())] if is_cell else "current"
+            results.append(
+                PowerLimit(
+                    horizon_s=float(horizon_s),
+                    power_w=float(watts[1, k]),
+                    low_w=float(watts[0, k]),
+                    high_w=float(watts[2, k]),
+                    current_a=held_a,
+                    cell=int(cells[least[k]]) if is_cell else None,
+                    reason=reason,
+                    beyond_measured=self.is_beyond_measured(held_a),
+                )
+            )
         return tuple(results)
 
-    def _first_to_pass(self, states: OperatingPoint, search: _Search) -> _Bracket:
-        """Return for each question where in 0..1 the margin of the first cell passes zero.
+    def _times_to_trip(
+        self, states: OperatingPoint, cells: IntArray, questions: _Questions, low: FloatArray, high: FloatArray
+    ) -> tuple[TimeToTrip, ...]:
+        seconds = np.where(low < 1.0, low * TIME_LIMIT_S, math.inf)
+        first = cells[self._asked(states, questions, high[1]).min(axis=0).argmin(axis=1)]
+        results = []
+        for k, current_a in enumerate(questions.current_a):
+            names = CHARGE_LIMITS if current_a < 0.0 else DISCHARGE_LIMITS
+            early, usual, late = (float(s) for s in seconds[:, k])
+            name = names[int(questions.counts[:, k].argmax())]
+            results.append(TimeToTrip(name, usual, early, late, None if math.isinf(usual) else int(first[k])))
+        return tuple(results)
 
-        Margins fall with the argument, so a cell within its limits at the upper end cannot be the first to pass: it is
-        left out of the rounds that follow, and after the first of them hardly any cell is left.
-        """
-        cells = _known(states)
-        model, part = self._subset(states, cells)
-
-        def margins(x: FloatArray) -> FloatArray:
-            every = model._margins(part, *search.at(x))
-            return np.asarray(np.where(search.counts[:, :, None, None], every, np.inf).min(axis=0))
-
-        n = search.current_a.size
-        low, high, width = np.zeros(n), np.ones(n), 1.0
-        margin = margins(high[:, None])[:, 0]
-        never = np.asarray((margin >= 0.0).all(axis=1))
-        low[never] = 1.0
-        rows = np.arange(n)
-        while width > RESOLUTION:
-            could_pass = np.flatnonzero((margin < 0.0).any(axis=0))
-            if could_pass.size == 0:
-                break
-            if could_pass.size < cells.size:
-                cells, margin = cells[could_pass], margin[:, could_pass]
-                model, part = self._subset(states, cells)
-            parts = min(max(2, ROUND_VALUES // (n * cells.size)), MAX_PARTS)
-            width /= parts
-            x = low[:, None] + width * np.arange(1, parts)
-            trial = margins(x)
-            passes = np.asarray((trial < 0.0).any(axis=2))
-            first = passes.argmax(axis=1)
-            inside = passes[rows, first] & ~never  # else it passes in the last part, whose end is known
-            margin = np.where(inside[:, None], trial[rows, first], margin)
-            ends = np.column_stack((low, x, high))
-            last = np.where(inside, first, parts - 1)
-            low, high = np.where(never, low, ends[rows, last]), np.where(never, high, ends[rows, last + 1])
-        return _Bracket(low, high, np.where(never, -1, cells[margin.argmin(axis=1)]))
-
-    def _subset(self, states: OperatingPoint, known: IntArray) -> tuple[PowerModel, OperatingPoint]:
-        factor, capacity_ah = (
-            own if own.ndim == 0 else own[known] for own in (self.resistance_factor, self.capacity_ah)
-        )
-        part = OperatingPoint(states.soc[known], states.branch_a[:, known], states.temperature_degc[known])
-        return PowerModel(self.cell, self.limits, factor, capacity_ah), part
-
-
-def _known(states: OperatingPoint) -> IntArray:
-    known = np.flatnonzero(np.isfinite(states.soc))
-    if known.size == 0:
-        raise ModelError("soc", "no cell has one: nothing can be predicted")
-    return known
+    def is_beyond_measured(self, current_a: float) -> bool | None:
+        """Say whether no current as large as this was measured for the cell file; None where it does not say."""
+        largest_a = self.cell.fit_current_max_a
+        return abs(current_a) > (1.0 + MEASURED_TOLERANCE) * largest_a if largest_a else None

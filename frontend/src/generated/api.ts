@@ -925,9 +925,12 @@ export interface Plausibility {
 export interface PowerLimit {
   horizon_s: number;
   power_w: number;
+  low_w: number;
+  high_w: number;
   current_a: number;
   cell: number | null;
-  reason: 'voltage' | 'soc' | 'temperature' | 'current';
+  reason: 'voltage' | 'soc' | 'temperature' | 'current' | 'relays';
+  beyond_measured: boolean | null;
 }
 
 /** Discharge and charge power for every horizon, shortest first. */
@@ -944,9 +947,23 @@ export interface Prediction {
   nearest: Trip | null;
   energy_left_wh: number | null;
   energy_left_sigma_wh: number | null;
+  energy_left_low_wh: number | null;
+  energy_left_high_wh: number | null;
   energy_left_cell: number | null;
   counted_with: CountedWith | null;
   laps: Laps | null;
+  coverage: number;
+  age_s: number | null;
+  load_a: number | null;
+  measured_current_max_a: number | null;
+  power_condition: string;
+  to_trip_condition: string;
+  energy_condition: string;
+  laps_condition: string;
+  power_condition_words: Words | null;
+  to_trip_condition_words: Words | null;
+  energy_condition_words: Words | null;
+  laps_condition_words: Words | null;
 }
 
 /** An RFC 9457 problem document; what else it carries depends on its type. */
@@ -1437,10 +1454,12 @@ export interface Trend {
   balanced_s: number;
 }
 
-/** Seconds until a limit is met at a constant current; inf = not within an hour; `cell` is who meets it first. */
+/** Seconds until a limit is met at a constant current, with their band; inf = not within an hour. */
 export interface Trip {
   limit: 'v_min' | 'v_max' | 'soc_min' | 'soc_max' | 'temperature_max';
   seconds: number | null;
+  low_s: number | null;
+  high_s: number | null;
   cell: number | null;
 }
 

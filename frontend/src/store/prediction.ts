@@ -16,6 +16,7 @@ export const REASONS: Record<PowerReason, Text> = {
   soc: 'charge',
   temperature: 'heat',
   current: 'current limit',
+  relays: 'relays open',
 };
 
 /** The limit that is met first; null when none is within the hour that is looked at. */

@@ -50,6 +50,44 @@ def test_power_time_and_energy_are_told_with_cell_and_reason(pipeline, master):
     assert full["soc_min"] < present["soc_min"]
     assert 500 < prediction.energy_left_wh < 9000
     assert prediction.laps is None, "no lap was driven yet"
+    assert prediction.laps_condition.code == "laps-few"
+    assert prediction.coverage == 0.9
+    assert prediction.energy_left_low_wh < prediction.energy_left_wh < prediction.energy_left_high_wh
+    for limit in (*discharge, *prediction.power.charge):
+        assert limit.low_w <= limit.power_w <= limit.high_w
+    for trip in (*prediction.to_trip, *prediction.to_trip_full):
+        assert trip.low_s <= trip.seconds <= trip.high_s
+
+
+def test_a_prediction_tells_its_age_and_its_conditions(pipeline, master):
+    drive(pipeline, master, 25)
+    prediction = pipeline.tick(master.t_ns + 3_000_000_000, 1).snapshot.prediction
+    assert 3.0 <= prediction.age_s < 4.5
+    assert prediction.to_trip_condition.code == "to-trip-at-load"
+    assert prediction.energy_condition.code == "energy-at-load"
+    assert prediction.power_condition.code == "power-held"
+    assert prediction.measured_current_max_a == CELL.fit_current_max_a
+
+
+@pytest.mark.parametrize(("flags", "why"), [([0b1], "relays-open"), ([0], "fault")])
+def test_with_open_relays_or_a_fault_no_power_can_flow_and_there_are_no_laps(pipeline, master, flags, why):
+    drive(pipeline, master, 25)
+    for _ in range(3):
+        pipeline.mark_lap()
+        drive(pipeline, master, 300, current_raw=9000)
+    drive(pipeline, master, 30, current_raw=9000)
+    before = drive(pipeline, master, 5).prediction
+    assert before.laps.laps > 0
+    master.set("status.flags", flags)
+    prediction = drive(pipeline, master, 1, current_raw=0).prediction
+    assert prediction.laps is None
+    assert prediction.laps_condition.code == f"laps-none-{why}"
+    assert prediction.power_condition.code == f"power-none-{why}"
+    for limit in (*prediction.power.discharge, *prediction.power.charge):
+        assert (limit.power_w, limit.high_w, limit.reason) == (0.0, 0.0, "relays")
+    assert prediction.nearest is None
+    assert prediction.to_trip == ()
+    assert prediction.energy_left_wh == pytest.approx(before.energy_left_wh, rel=0.01), "it is still in the cells"
 
 
 def test_the_next_limit_is_of_the_load_not_of_one_touch_of_the_brake(pipeline, master):

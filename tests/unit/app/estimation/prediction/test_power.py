@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import ModelError, ShapeError
-from app.estimation.prediction.power import Limits, OperatingPoint, PowerModel
+from app.estimation.prediction.constant_current import CellKnowledge, Limits, OperatingPoint
+from app.estimation.prediction.power import PowerModel
 from tests.open_loop import simulate
 
 CELL = load_cell("samsung-25r-10p")
@@ -65,7 +68,10 @@ def test_weakest_cell_limits():
     assert found.discharge[2].cell == 37
     factor = np.ones(96)
     factor[11] = 2.0
-    assert state_of_power(PowerModel(CELL, WIDE, factor), states(0.5)).discharge[0].cell == 11
+    assert (
+        state_of_power(PowerModel(CELL, WIDE, CellKnowledge(resistance_factor=factor)), states(0.5)).discharge[0].cell
+        == 11
+    )
 
 
 def test_charge_left_in_the_cell_limits_the_long_horizon():
@@ -139,7 +145,7 @@ def test_states_of_another_shape_are_refused():
 def test_a_small_cell_is_the_first_to_be_empty():
     capacity = np.full(96, CELL.capacity_ah)
     capacity[40] *= 0.7
-    model = PowerModel(CELL, Limits(soc_min=0.1), capacity_ah=capacity)
+    model = PowerModel(CELL, Limits(soc_min=0.1), CellKnowledge(capacity_ah=capacity))
     trip = {trip.limit: trip for trip in times_to_trip(model, states(0.4), 50.0)}["soc_min"]
     assert trip.cell == 40
     assert trip.seconds == pytest.approx(0.3 * 0.7 * CELL.capacity_ah * 3600 / 50.0, rel=0.01)
@@ -148,7 +154,8 @@ def test_a_small_cell_is_the_first_to_be_empty():
 def test_asked_together_or_alone_the_answers_are_the_same():
     rng = np.random.default_rng(5)
     cells = states(rng.uniform(0.3, 0.6, 96), 30.0)
-    model = PowerModel(CELL, WIDE, rng.uniform(0.9, 1.4, 96), CELL.capacity_ah * rng.uniform(0.9, 1.0, 96))
+    factor, capacity_ah = rng.uniform(0.9, 1.4, 96), CELL.capacity_ah * rng.uniform(0.9, 1.0, 96)
+    model = PowerModel(CELL, WIDE, CellKnowledge(resistance_factor=factor, capacity_ah=capacity_ah))
     power, trips = model.predict(cells, (40.0, -25.0))
     alone = state_of_power(model, cells)
     for one, other in zip(power.discharge + power.charge, alone.discharge + alone.charge, strict=True):
@@ -163,7 +170,7 @@ def test_asked_together_or_alone_the_answers_are_the_same():
 def test_at_the_largest_current_every_cell_keeps_its_limits_and_a_little_more_passes_one():
     rng = np.random.default_rng(6)
     cells = states(rng.uniform(0.3, 0.6, 96), 30.0)
-    model = PowerModel(CELL, WIDE, rng.uniform(0.9, 1.4, 96))
+    model = PowerModel(CELL, WIDE, CellKnowledge(resistance_factor=rng.uniform(0.9, 1.4, 96)))
     for limit in state_of_power(model, cells).discharge:
         within = model.ahead(cells, np.array(limit.current_a), np.array(limit.horizon_s))[0]
         more = np.array(limit.current_a + WIDE.discharge_max_a / 8192)
@@ -171,3 +178,33 @@ def test_at_the_largest_current_every_cell_keeps_its_limits_and_a_little_more_pa
         assert limit.reason == "voltage"
         assert within.min() >= WIDE.v_min_v > beyond.min()
         assert beyond.argmin() == limit.cell
+
+
+def test_the_band_widens_with_what_is_not_known():
+    def width(known):
+        limit = state_of_power(PowerModel(CELL, WIDE, known), states(0.3)).discharge[1]
+        assert limit.low_w < limit.power_w < limit.high_w
+        return limit.high_w - limit.low_w
+
+    least = width(CellKnowledge())
+    assert width(CellKnowledge(soc_sigma=np.full(96, 0.03))) > least
+    assert width(CellKnowledge(resistance_sigma=np.full(96, 0.2))) > 1.5 * least
+
+
+def test_times_have_a_band_that_may_reach_beyond_the_hour():
+    known = CellKnowledge(soc_sigma=np.full(96, 0.02), capacity_sigma_frac=0.02)
+    trip = {t.limit: t for t in times_to_trip(PowerModel(CELL, WIDE, known), states(0.5), 0.51 * CELL.capacity_ah)}[
+        "soc_min"
+    ]
+    assert trip.low_s < trip.seconds < 3600.0 < trip.high_s
+    assert trip.low_s == pytest.approx(trip.seconds - 1.645 * 3600 * np.hypot(0.02, 0.01) / 0.51, rel=0.01)
+
+
+def test_beyond_the_measured_currents_is_said_and_is_less_sure():
+    within, beyond = replace(CELL, fit_current_max_a=1000.0), replace(CELL, fit_current_max_a=50.0)
+    one, other = (state_of_power(PowerModel(cell, WIDE), states(0.5)).discharge[0] for cell in (within, beyond))
+    assert (one.beyond_measured, other.beyond_measured) == (False, True)
+    assert other.current_a == one.current_a
+    assert other.high_w - other.low_w > 1.5 * (one.high_w - one.low_w)
+    unsaid = state_of_power(PowerModel(replace(CELL, fit_current_max_a=0.0), WIDE), states(0.5))
+    assert unsaid.discharge[0].beyond_measured is None

@@ -1,0 +1,141 @@
+"""Laps known by marks and by the period of the power: when there is a number, and when there is none."""
+
+import numpy as np
+import pytest
+
+from app.estimation.prediction.laps import LapWatch, lap_period_s
+from simulator.loads import Phase
+from simulator.race import Driver, endurance
+
+STEP_S = 0.1
+
+
+def lap_power(period_s, seed):
+    rng = np.random.default_rng(seed)
+    return np.convolve(rng.choice([0.0, 5e3, 25e3, 60e3, -8e3], int(period_s)), np.ones(3) / 3, "same")
+
+
+def course(period_s, n_laps, seed=0, jitter=0.005):
+    """Return the power [W] every STEP_S of laps that differ a little."""
+    rng = np.random.default_rng(seed)
+    shape = lap_power(period_s, seed)
+    parts = []
+    for _ in range(n_laps):
+        length = int(period_s * (1 + jitter * rng.normal()) / STEP_S)
+        place = np.linspace(0, shape.size - 1, length)
+        parts.append(np.interp(place, np.arange(shape.size), shape) * rng.normal(1, 0.02))
+    power = np.concatenate(parts)
+    return power + 500 * rng.normal(size=power.size)
+
+
+def follow(watch, power_w):
+    """Feed the power and return what was known after every 2.5 s."""
+    known = []
+    for k, watts in enumerate(power_w):
+        watch.step(STEP_S, float(watts))
+        if k % 25 == 24:
+            watch.judge()
+            known.append(watch.laps)
+    return known
+
+
+def stand(watch, seconds):
+    return follow(watch, np.zeros(round(seconds / STEP_S)))
+
+
+@pytest.mark.parametrize("period_s", [45, 71, 120])
+def test_the_period_is_found_in_the_power(period_s):
+    power = course(period_s, 8, seed=period_s)
+    assert lap_period_s(np.arange(power.size) * STEP_S, power) == pytest.approx(period_s, rel=0.03)
+
+
+def test_power_that_does_not_repeat_has_no_laps():
+    rng = np.random.default_rng(1)
+    time_s, power = np.arange(6000) / 10.0, np.convolve(rng.normal(size=6000), np.ones(20) / 20, "same") * 1e4
+    assert lap_period_s(time_s, power) is None
+    assert lap_period_s(time_s, np.full(6000, 5e3)) is None
+    assert lap_period_s(np.array([0.0]), np.array([1.0])) is None
+    assert not any(follow(LapWatch(), power))
+
+
+def test_no_number_before_two_whole_laps():
+    watch, power = LapWatch(), course(60, 8, seed=3)
+    known = follow(watch, power)
+    first = next(k for k, laps in enumerate(known) if laps is not None)
+    assert 2 * 60 < first * 2.5 < 5 * 60
+    assert known[-1].period_s == pytest.approx(60, rel=0.03)
+    assert known[-1].energies_wh == pytest.approx(np.full(7, lap_power(60, 3).mean() * 60 / 3600), rel=0.1)
+    assert 0.5 < known[-1].confidence <= 1.0
+
+
+def test_two_marked_laps_are_enough():
+    watch = LapWatch()
+    for n_marks in range(3):
+        assert watch.laps is None
+        watch.mark()
+        if n_marks < 2:
+            follow(watch, np.full(500, 36e3))
+    watch.judge()
+    assert watch.laps.source == "marks"
+    assert watch.laps.period_s == pytest.approx(50.0)
+    np.testing.assert_allclose(watch.laps.energies_wh, 36e3 * 50 / 3600, rtol=0.01)
+
+
+def test_a_marked_lap_with_a_stop_is_none():
+    watch = LapWatch()
+    watch.mark()
+    follow(watch, np.full(500, 36e3))
+    watch.mark()
+    stand(watch, 60)
+    follow(watch, np.full(500, 36e3))
+    watch.mark()
+    watch.judge()
+    assert watch.laps is None
+
+
+def test_no_lap_for_three_lap_times_ends_it():
+    watch = LapWatch()
+    follow(watch, course(60, 7, seed=3))
+    assert watch.laps is not None
+    standing = stand(watch, 300)
+    assert standing[0] is not None
+    lasted_s = 2.5 * sum(laps is not None for laps in standing)
+    assert lasted_s == pytest.approx(3 * 60, abs=20)
+    assert watch.is_overdue
+
+
+def test_the_same_course_is_known_again_after_a_lap_and_another_is_not():
+    watch = LapWatch()
+    follow(watch, course(60, 7, seed=3))
+    stand(watch, 300)
+    again = follow(watch, course(60, 3, seed=3))
+    first = next(k for k, laps in enumerate(again) if laps is not None)
+    assert 50 < first * 2.5 < 130
+    stand(watch, 300)
+    other = follow(watch, course(97, 3, seed=8))
+    assert not any(laps is not None and abs(laps.period_s - 60) < 5 for laps in other[-40:])
+
+
+@pytest.mark.parametrize("seed", range(220, 232))  # none of them took part in choosing the thresholds
+def test_races_are_never_counted_by_another_period_than_the_lap(seed):
+    driver = Driver(lap_spread=(0.005, 0.01, 0.02, 0.04)[seed % 4])
+    race = endurance(np.random.default_rng(seed), driver=driver, n_laps=8, change_s=60)
+    power_w = race.power_w[: len(race.power_w) // 2 * 2].reshape(-1, 2).mean(axis=1)
+    states = [race.state(k * STEP_S) for k in range(len(power_w))]
+    first_s = next(k for k, state in enumerate(states) if state.phase == Phase.DRIVING) * STEP_S
+    second_s = next(k for k, state in enumerate(states) if state.lap == 2) * STEP_S
+    third_s = next(k for k, state in enumerate(states) if state.lap == 3) * STEP_S
+    known = follow(LapWatch(), power_w)
+    shown = [(2.5 * (k + 1), laps) for k, laps in enumerate(known) if laps is not None]
+    assert shown or driver.lap_spread == 0.04
+    assert all(at_s - first_s > 2 * (third_s - second_s) for at_s, _ in shown)
+    np.testing.assert_allclose([laps.period_s for _, laps in shown], third_s - second_s, rtol=0.08)
+
+
+def test_a_hole_in_the_data_is_not_driven():
+    watch = LapWatch()
+    follow(watch, course(60, 7, seed=3))
+    energy_wh = watch.laps.energies_wh.sum()
+    watch.step(100.0, 5e4)
+    watch.judge()
+    assert watch.laps.energies_wh.sum() == pytest.approx(energy_wh, rel=0.01)
