@@ -13,6 +13,7 @@ import numpy as np
 
 from app.commands.cell_commands.charts import check_picture_name, draw_estimate
 from app.commands.cell_commands.filter_run import Run, gap_notes, outside_notes, run_filter
+from app.commands.cell_commands.power import power_columns, power_of, power_summary, print_power
 from app.commands.cell_commands.recordings import add_reading_arguments, check_table_name, read_recording, write_table
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.cell_file import load_cell
@@ -40,6 +41,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--initial-sigma", type=_fraction, metavar="S", help="how far that may be off (1 sigma); left out: the filter's"
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the estimates: .csv, .csv.gz or .parquet")
+    parser.add_argument(
+        "--power",
+        action="store_true",
+        help="state of power for 1, 10 and 30 s [W] with a band of 90 %%: columns in --out, a summary in text and JSON",
+    )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw SOC with 3 sigma, voltage and residual")
     add_reading_arguments(parser)
@@ -64,8 +70,11 @@ def run(args: argparse.Namespace) -> int:
         score = score_soc(recording.time_s, result.soc, result.soc_sigma, recording.soc)
         white = score_innovations(recording.time_s, result.innovation_v, result.innovation_sigma_v)
         report = summary(args, recording, result, cell, score, white)
+        held = list(power_of(recording, result, cell)) if args.power else []
+        if args.power:
+            report |= power_summary(held, cell)
         if args.out is not None:
-            write_table(args.out, _columns(recording, result))
+            write_table(args.out, _columns(recording, result) | power_columns(held))
         if args.plot is not None:
             draw_estimate(args.plot, recording, result)
     except (DatasetError, EstimatorError, OSError) as exc:
@@ -75,6 +84,8 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(report, allow_nan=False))
     else:
         _print_report(report)
+        if args.power:
+            print_power(report)
     return 0
 
 

@@ -1,4 +1,5 @@
 import argparse
+import csv
 import json
 from dataclasses import replace
 
@@ -8,6 +9,7 @@ import pytest
 from app.commands import estimate
 from app.commands.cell_commands.recordings import write_table
 from app.estimation.cell_model.cell_file import format_cell, load_cell
+from app.estimation.cell_model.circuit import CellLimits
 from app.estimation.errors import DatasetError
 from app.sources.recordings.dataset import load_recording
 from tests.open_loop import simulate
@@ -169,3 +171,34 @@ def test_a_result_that_could_not_be_written_is_refused_before_the_work(tmp_path,
     said = capsys.readouterr().err
     assert problem in said
     assert "absent" not in said
+
+
+def test_power_is_told_along_the_recording_with_its_band_and_condition(drive, tmp_path, capsys):
+    out = tmp_path / "power.csv"
+    assert run(drive, "--cell", CELL, "--power", "--json", "--out", out) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["power_coverage"] == 0.9
+    assert [(each["direction"], each["horizon_s"]) for each in report["power"]] == [
+        (direction, horizon) for direction in ("discharge", "charge") for horizon in (1.0, 10.0, 30.0)
+    ]
+    with out.open() as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        low, middle, high = (float(row[f"power_discharge_10s_{name}w"]) for name in ("low_", "", "high_"))
+        assert 0 <= low <= middle <= high
+        assert float(row["power_discharge_30s_w"]) <= float(row["power_discharge_1s_w"])
+    assert float(rows[-1]["power_discharge_10s_w"]) == pytest.approx(report["power"][1]["last_w"], rel=1e-6)
+
+
+def test_power_beyond_the_measured_currents_is_marked(drive, tmp_path, capsys):
+    cell = tmp_path / "small.toml"
+    cell.write_text(
+        format_cell(replace(load_cell(CELL), fit_current_max_a=20.0, limits=CellLimits())), encoding="utf-8"
+    )
+    assert run(drive, "--cell", cell, "--power") == 0
+    said = capsys.readouterr().out
+    assert "extrapolated 100 % of the time" in said
+    assert "no current above 20 A was measured" in said
+    assert "names no largest current" in said
+    assert run(drive, "--cell", CELL) == 0
+    assert "state of power" not in capsys.readouterr().out
