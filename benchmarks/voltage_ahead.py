@@ -1,0 +1,73 @@
+"""The voltage of measured and PyBaMM drives, foretold 10 s ahead under the current that then really flowed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from app.commands.cell_commands.filter_run import run_filter
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.filters.estimators import make_estimator
+from app.estimation.identification.identify import identify
+from app.estimation.prediction.constant_current import OperatingPoint
+from app.estimation.prediction.power_along import branch_currents, voltage_ahead
+from app.estimation.recording.cell_recording import Recording
+from app.sources.recordings.dataset import load_recording
+
+AHEAD_S = 10.0
+SETTLED_S = 60.0  # the filter has started
+PANASONIC = "panasonic-18650pf"
+HEADER = f"{'drive':44} {'n':>6} {'in band %':>9} {'median off mV':>13} {'RMS mV':>7} {'band +- mV':>10}"
+
+
+def models(data: Path) -> list[tuple[str, CellModel, Recording]]:
+    """Return name, cell identified without the drive, and drive; those marked "training" took part in tuning."""
+    found = []
+    folder = data / PANASONIC
+    if folder.is_dir():
+
+        def read(name: str, temperature: str = "25degC") -> Recording:
+            return load_recording(folder / f"{name}_{temperature}.csv.gz")
+
+        model = identify([read("c20_ocv")], [read("hppc5pulse")], [], 2, "Panasonic").model
+        found.append(("Panasonic US06, from pulses", model, read("us06")))
+        found.append(("Panasonic Cycle 1, from pulses (training)", model, read("cycle1")))
+        found.append(("Panasonic Cycle 1 at 10 degC, from 25 degC", model, read("cycle1", "10degC")))
+        found.append(("Panasonic Cycle 1 at 0 degC, from 25 degC", model, read("cycle1", "0degC")))
+    folder = data / "physics"
+    for cell in ("Mohtat2020", "Chen2020", "Prada2013") if folder.is_dir() else ():
+        slow, pulses, train = (load_recording(folder / f"{cell}_{name}.csv.gz") for name in ("c30", "hppc", "train"))
+        name = f"{cell}, from pulses" + (" (training)" if cell == "Chen2020" else "")
+        found.append((name, identify([slow], [pulses], [], 2, cell).model, train))
+    return found
+
+
+def score(cell: CellModel, drive: Recording) -> tuple[int, float, float, float, float]:
+    """Return rows judged, share in the band, median and RMS error [V], and half the band [V]."""
+    result = run_filter(make_estimator("fused", cell, 1), drive, cell.capacity_ah)
+    degc = np.where(np.isnan(drive.temperature_degc), 25.0, drive.temperature_degc)
+    branches = branch_currents(cell, drive.step_s, drive.current_a, result.soc, degc)
+    states = OperatingPoint(result.soc, branches, degc)
+    middle, low, high = voltage_ahead(cell, drive.time_s, drive.current_a, states, result.soc_sigma, AHEAD_S)
+    rows = np.isfinite(middle) & np.isfinite(drive.voltage_v) & (drive.time_s - drive.time_s[0] > SETTLED_S)
+    error = (drive.voltage_v - middle)[rows]
+    inside = ((drive.voltage_v >= low) & (drive.voltage_v <= high))[rows]
+    half = float(np.median((high - low)[rows]) / 2)
+    return (
+        int(rows.sum()),
+        float(inside.mean()),
+        float(np.median(np.abs(error))),
+        float(np.sqrt(np.mean(error**2))),
+        half,
+    )
+
+
+def score_drives(data: Path) -> None:
+    """Print a line a drive."""
+    print(f"\nvoltage {AHEAD_S:g} s ahead, under the current that flowed\n{HEADER}")
+    for name, cell, drive in models(data):
+        n, inside, median, rms, half = score(cell, drive)
+        print(
+            f"{name:44} {n:6d} {100 * inside:9.0f} {1e3 * median:13.1f} {1e3 * rms:7.1f} {1e3 * half:10.1f}", flush=True
+        )
