@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.battery.shape import N_CELLS
+from app.battery.shape import N_CELLS, N_PACKS
 from app.estimation.health.joint_watch import ALARM_OHM
 from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
 from app.telemetry.link_messages import LATE, SILENT, link_lost
@@ -15,6 +15,7 @@ from app.words import Message, Quantity
 NEAR_LOW_V = 0.2  # above the lowest voltage allowed
 NEAR_HIGH_V = 0.01  # below the highest: a full cell stands close to it
 T_WATCH_DEGC = 5.0
+SLAVES_AWAY = (0, 255)  # absent, at fault
 CHARGER_REPORTS = {
     "hardware": Message("charger-hardware"),
     "over-temperature": Message("charger-over-temperature"),
@@ -152,6 +153,15 @@ def _master(snapshot: Snapshot) -> Iterator[Condition]:
         yield Condition("trip", Message("master-fault", why=master.why))
     if master.map_matches is False:
         yield Condition("warning", Message("map-mismatch"))
+    if master.implausible:
+        yield Condition("warning", Message("value-implausible", fields=master.implausible))
+    missing = tuple(place for place, pack in enumerate(snapshot.packs, 1) if pack.slave_status in SLAVES_AWAY)
+    if missing:
+        yield Condition("warning", Message("slave-missing", n=len(missing), packs=missing))
+    elif master.n_slaves is not None and master.n_slaves < N_PACKS:
+        yield Condition("warning", Message("slaves-too-few", n=master.n_slaves, expected=N_PACKS))
+    if snapshot.charger.state == "fault":
+        yield Condition("warning", Message("charging-fault"))
     for flag in snapshot.charger.flags:
         yield Condition("warning", CHARGER_REPORTS[flag])
 

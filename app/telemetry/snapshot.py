@@ -169,6 +169,7 @@ class Master:
     map_hash: str | None
     map_matches: bool | None
     boots: int | None
+    implausible: tuple[str, ...]  # fields of the memory map whose values cannot be, and are left out
 
 
 @dataclass(frozen=True, slots=True)

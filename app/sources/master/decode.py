@@ -36,6 +36,7 @@ PARTS: dict[str, tuple[int, int]] = {
 _FLAGS_OFFSET = FIELDS["status.flags"].offset
 CHARGER_FLAGS = ("hardware", "over-temperature", "input voltage", "battery", "time-out")
 _CONNECTED = sum(1 << STATUS_FLAGS.index(name) for name in ("charger", "charging", "load"))
+PLAUSIBLE = {"i_fs": 3000.0, "soc": 1.0}  # largest size that the value can have; beyond it, it is missing
 T = TypeVar("T", bound=np.generic)
 LIMITS = (  # in the order of ProtectionLimits
     "v_cell_min",
@@ -66,11 +67,16 @@ class Decoder:
         return age is not None and age <= BLANK_S
 
     def number(self, name: str) -> float | None:
-        """Return a single field in its unit."""
+        """Return a single field in its unit; None where it is unknown, or cannot be."""
         if not self.is_known(name):
             return None
         field = FIELDS[name]
-        return field.unpack(self._shadow.image)[0] * field.scale
+        value = field.unpack(self._shadow.image)[0] * field.scale
+        return value if abs(value) <= PLAUSIBLE.get(name, np.inf) else None
+
+    def implausible(self) -> tuple[str, ...]:
+        """Fields that hold what cannot be: a current of a million ampere, 655 % of charge."""
+        return tuple(name for name in PLAUSIBLE if self.is_known(name) and self.number(name) is None)
 
     def integer(self, name: str) -> int | None:
         """Return a single field's raw count."""

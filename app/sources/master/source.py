@@ -229,6 +229,7 @@ class MasterSource:
             map_hash=None if identity is None else identity.map_hash,
             map_matches=None if identity is None else identity.is_compatible,
             boots=None if identity is None else identity.boots,
+            implausible=decoder.implausible(),
         )
 
     def _links(self, t_mono_ns: int) -> Links:

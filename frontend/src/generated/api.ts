@@ -818,6 +818,7 @@ export interface Master {
   map_hash: string | null;
   map_matches: boolean | null;
   boots: number | null;
+  implausible: string[];
   why_words: Words | null;
 }
 

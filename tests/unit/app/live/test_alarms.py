@@ -139,3 +139,40 @@ def test_a_wall_clock_that_is_set_does_not_stretch_an_alarm(pipeline, master, ju
     seconds = float(texts[0].split()[2])
     assert 2 <= seconds <= 6
     assert "cell-voltage-low" in codes(output.snapshot, active=False)
+
+
+SLAVES = (440, 1444)
+
+
+def with_slaves(pipeline, master, statuses, n_slaves=8, seconds=2.0):
+    master.set("n_slaves", [n_slaves])
+    for pack, status in enumerate(statuses):
+        master.set(f"slave[{pack}].status", [status])
+    for part in range(0, SLAVES[1], 200):
+        pipeline.feed(master.windows((SLAVES[0] + part, min(200, SLAVES[1] - part))))
+    return run(pipeline, master, seconds)[0]
+
+
+def test_every_slave_that_does_not_work_is_named(pipeline, master):
+    snapshot = with_slaves(pipeline, master, [1, 1, 0, 1, 1, 1, 255, 1])
+    (alarm,) = (each for each in snapshot.alarms if each.code == "slave-missing")
+    assert (alarm.severity, alarm.message.args["packs"]) == ("warning", (3, 7))
+
+
+def test_fewer_slaves_than_packs_are_an_alarm(pipeline, master):
+    snapshot = with_slaves(pipeline, master, [1] * 8, n_slaves=7)
+    assert "slaves-too-few" in codes(snapshot)
+    assert codes(with_slaves(pipeline, master, [1] * 8, seconds=4)) == set()
+
+
+@pytest.mark.parametrize(("field", "count"), [("i_fs", 2_100_000_000), ("i_fs", -2_100_000_000), ("soc", 65535)])
+def test_what_cannot_be_is_missing_and_said(pipeline, master, field, count):
+    run(pipeline, master, 1)
+    before = run(pipeline, master, 1)[0].accumulator
+    master.set(field, [count])
+    snapshot = run(pipeline, master, 2)[0]
+    (alarm,) = (each for each in snapshot.alarms if each.code == "value-implausible")
+    assert alarm.message.args["fields"] == (field,)
+    assert (snapshot.accumulator.current_a if field == "i_fs" else snapshot.master.soc) is None
+    assert snapshot.accumulator.energy_out_wh - before.energy_out_wh < 5.0
+    assert abs(snapshot.accumulator.soc - before.soc) < 0.01
