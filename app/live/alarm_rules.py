@@ -66,12 +66,15 @@ def is_judged(code: str, snapshot: Snapshot) -> bool:
         return _has_limits(snapshot) and total.temperature_max_degc is not None
     if code.startswith("current"):
         return _has_limits(snapshot) and total.current_a is not None
-    if code.startswith("charger"):
+    if code.startswith(("charger", "charging")):
         return snapshot.charger.state is not None
     known: dict[str, bool] = {
         "master-fault": master.state != "unknown",
         "map-mismatch": master.map_matches is not None,
         "cell-missing": _is_recent(snapshot),
+        "value-implausible": _is_recent(snapshot),
+        "slave-missing": all(pack.slave_status is not None for pack in snapshot.packs),
+        "slaves-too-few": master.n_slaves is not None,
         "model-not-valid": snapshot.cells.model_valid is not None,
     }
     return known.get(code, True)

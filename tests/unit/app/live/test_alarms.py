@@ -176,3 +176,8 @@ def test_what_cannot_be_is_missing_and_said(pipeline, master, field, count):
     assert (snapshot.accumulator.current_a if field == "i_fs" else snapshot.master.soc) is None
     assert snapshot.accumulator.energy_out_wh - before.energy_out_wh < 5.0
     assert abs(snapshot.accumulator.soc - before.soc) < 0.01
+
+
+def test_a_slave_that_is_not_heard_of_any_more_is_not_well_again(pipeline, master):
+    with_slaves(pipeline, master, [1, 1, 0, 1, 1, 1, 1, 1])
+    assert "slave-missing" in codes(run(pipeline, master, 20)[0])  # its part of the memory is blank by now
