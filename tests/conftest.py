@@ -4,6 +4,7 @@ A module whose tests shall hold on either master says so: `MASTERS = ("simulated
 nothing in the service says `READS_ONLY = True`, and shares one with all others that do.
 """
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,6 +42,11 @@ def c_master_program() -> Path:
 def tell() -> Callable[[str], None]:
     """Say the figure of a campaign, in one line."""
     return tell_figure
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One process per core and one more: where a test waits for a service or a page, another one computes."""
+    return (os.cpu_count() or 1) + 1
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -8,6 +8,7 @@ import graphlib
 import re
 from collections import defaultdict
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -44,7 +45,12 @@ def imports_of(folders: tuple[str, ...]) -> dict[str, set[str]]:
     return graph
 
 
-IMPORTS = imports_of(PACKAGES)
+@cache
+def imports() -> dict[str, set[str]]:
+    """Return who imports whom among our packages."""
+    return imports_of(PACKAGES)
+
+
 FOLDERS_OF_APP = sorted(
     {module_name(file) for file in (ROOT / "app").rglob("__init__.py") if file.parent.name != "static"}
 )
@@ -54,7 +60,7 @@ def rooms_of(package: str) -> Graph:
     """Return the rooms of a package, and which of them each one imports."""
     inside = f"{package}."
     graph: dict[str, set[str]] = defaultdict(set)
-    for module, targets in IMPORTS.items():
+    for module, targets in imports().items():
         if module.startswith(inside):
             room = module.removeprefix(inside).split(".")[0]
             graph[room] |= {
