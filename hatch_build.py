@@ -154,7 +154,8 @@ def compiler(target: Target | None) -> list[str]:
     """
     own = own_compiler()
     if target is None and own is not None:
-        return [own]
+        # threaded jumps keep gcc from taking several cells at a time; clang has no such flag
+        return [own, "-fno-thread-jumps"] if Path(own).stem == "gcc" and sys.platform != "darwin" else [own]
     try:
         import ziglang
     except ImportError as error:

@@ -34,25 +34,33 @@ void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *
 }
 
 /* Linear in SOC at both temperatures, then linear between them. */
-static void interpolate(const vw_real *table, int width, int n_soc, int n_rows, const vw_temperature_place *at,
+static void interpolate(const vw_cell_model *model, const vw_real *table, int width, const vw_temperature_place *at,
                         const vw_soc_place *soc, vw_lanes *values)
 {
-    VW_EACH_CELL(c)
-    {
-        const vw_real *here = table + (at->row[c] * n_soc + soc->column[c]) * width;
-        const vw_real *above = n_rows > 1 ? here + n_soc * width : here;
-        const vw_real f = soc->weight[c], g = at->row_weight[c];
-        for (int q = 0; q < width; q++) {
-            const vw_real cool = here[q] + f * (here[width + q] - here[q]);
-            const vw_real warm = above[q] + f * (above[width + q] - above[q]);
-            values[q][c] = cool + g * (warm - cool);
+    const int n_soc = model->n_soc, n_rows = model->n_temperatures;
+    const int warmer = n_rows > 1 ? n_soc * width : 0;
+    int32_t place[VW_LANES];
+    VW_EACH_CELL(c) place[c] = (at->row[c] * n_soc + soc->column[c]) * width;
+    for (int q = 0; q < width; q++) {
+        if (table == model->table && q == VW_OVERPOTENTIAL && !model->has_overpotential) {
+            VW_EACH_CELL(c) values[q][c] = 0;
+            continue;
+        }
+        const vw_real *cool = table + q, *cool_next = cool + width;
+        const vw_real *warm = cool + warmer, *warm_next = warm + width;
+        VW_EACH_CELL(c)
+        {
+            const int32_t k = place[c];
+            const vw_real at_cool = cool[k] + soc->weight[c] * (cool_next[k] - cool[k]);
+            const vw_real at_warm = warm[k] + soc->weight[c] * (warm_next[k] - warm[k]);
+            values[q][c] = at_cool + at->row_weight[c] * (at_warm - at_cool);
         }
     }
 }
 
 void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes *values)
 {
-    interpolate(model->table, width_of(model), model->n_soc, model->n_temperatures, at, soc, values);
+    interpolate(model, model->table, width_of(model), at, soc, values);
 }
 
 void vw_circuit_slope(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
@@ -78,7 +86,7 @@ void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *a
                        vw_lanes *tau_s)
 {
     if (model->has_tau_table) {
-        interpolate(model->tau_s, model->n_rc, model->n_soc, model->n_temperatures, at, soc, tau_s);
+        interpolate(model, model->tau_s, model->n_rc, at, soc, tau_s);
         return;
     }
     for (int k = 0; k < model->n_rc; k++)

@@ -17,8 +17,16 @@ static int count_of(const vw_filter *filter, int first)
     return filter->n_cells - first < VW_LANES ? filter->n_cells - first : VW_LANES;
 }
 
+/* The first n of a block's numbers; a whole block is the usual case. */
+static void copy(vw_real *to, const vw_real *from, int n)
+{
+    if (n == VW_LANES) VW_EACH_CELL(c) to[c] = from[c];
+    else
+        for (int c = 0; c < n; c++) to[c] = from[c];
+}
+
 /* Take the measurements of a block: what is impossible is missing, a missing temperature is the last one. */
-void vw_read(const vw_filter *filter, vw_cells *x, const vw_sample *sample, int first, vw_work *work)
+void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sample, int first, vw_work *restrict work)
 {
     const vw_cell_model *model = &filter->model;
     const vw_real coldest = model->temperature_degc[0];
@@ -26,15 +34,13 @@ void vw_read(const vw_filter *filter, vw_cells *x, const vw_sample *sample, int 
     const int n = count_of(filter, first);
     vw_lanes degc;
     VW_EACH_CELL(c) work->voltage_v[c] = degc[c] = NAN;
-    for (int c = 0; c < n; c++) {
-        work->voltage_v[c] = sample->voltage_v[first + c];
-        degc[c] = sample->temperature_degc[first + c];
-    }
+    copy(work->voltage_v, sample->voltage_v + first, n);
+    copy(degc, sample->temperature_degc + first, n);
     VW_EACH_CELL(c)
     {
         const vw_real v = work->voltage_v[c];
-        work->voltage_v[c] = (v > VOLTAGE_MIN_V) & (v < VOLTAGE_MAX_V) ? v : NAN;
-        x->temperature_degc[c] = vw_abs(degc[c]) < TEMPERATURE_MAX_DEGC ? degc[c] : x->temperature_degc[c];
+        work->voltage_v[c] = vw_pick((v > VOLTAGE_MIN_V) & (v < VOLTAGE_MAX_V), v, NAN);
+        x->temperature_degc[c] = vw_pick(vw_abs(degc[c]) < TEMPERATURE_MAX_DEGC, degc[c], x->temperature_degc[c]);
         /* the model's error grows by cold_factor for every 10 K outside the tables */
         const vw_real outside_k =
             vw_max(coldest - x->temperature_degc[c], 0) + vw_max(x->temperature_degc[c] - warmest, 0);
@@ -44,7 +50,7 @@ void vw_read(const vw_filter *filter, vw_cells *x, const vw_sample *sample, int 
 }
 
 /* The charge count alone: the voltage is predicted for the self-check only. */
-static void count_only(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work)
+static void count_only(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
     VW_EACH_CELL(c) x->soc[c] = x->count_soc[c];
     vw_output_tangent(filter, motion, x, work);
@@ -52,7 +58,7 @@ static void count_only(const vw_filter *filter, const vw_motion *motion, vw_cell
     {
         work->innovation_v[c] = work->voltage_v[c] - work->h[c];
         work->innovation_sigma_v[c] = vw_sqrt(motion->noise_v2 * work->cold[c]);
-        work->used[c] = vw_is_missing(work->innovation_v[c]) ? 0 : 1;
+        work->used[c] = vw_pick(vw_is_missing(work->innovation_v[c]), 0, 1);
         work->soc[c] = x->count_soc[c];
         work->soc_v2[c] = vw_min(vw_count_v2(x, c), vw_square(VW_COUNT_SIGMA_MAX));
     }
@@ -60,7 +66,7 @@ static void count_only(const vw_filter *filter, const vw_motion *motion, vw_cell
     VW_EACH_CELL(c) work->used[c] = 0;
 }
 
-static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work)
+static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
     if (filter->kind == VW_TANGENT) vw_output_tangent(filter, motion, x, work);
     else vw_output_sigma(filter, motion, x, work);
@@ -70,7 +76,7 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
     vw_self_check(filter, motion, x, work);
 }
 
-static void answer(const vw_filter *filter, const vw_work *work, int first, vw_real *estimates)
+static void answer(const vw_filter *filter, const vw_work *restrict work, int first, vw_real *estimates)
 {
     const int n = count_of(filter, first), n_cells = filter->n_cells;
     vw_lanes rows[VW_ESTIMATES];
@@ -87,8 +93,7 @@ static void answer(const vw_filter *filter, const vw_work *work, int first, vw_r
         rows[VW_MODEL_VALID][c] = work->valid[c];
         rows[VW_ACCEPTED][c] = work->used[c];
     }
-    for (int row = 0; row < VW_ESTIMATES; row++)
-        for (int c = 0; c < n; c++) estimates[row * n_cells + first + c] = rows[row][c];
+    for (int row = 0; row < VW_ESTIMATES; row++) copy(estimates + row * n_cells + first, rows[row], n);
 }
 
 void vw_filter_step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, vw_real *estimates)

@@ -2,7 +2,7 @@
 #include "vw_parts.h"
 
 /* v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less. */
-void vw_soc_variance(const vw_filter *filter, const vw_cells *x, vw_work *work)
+void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_real bias_v2 = vw_square(filter->tuning.bias_v), floor_v2 = vw_square(VW_SLOPE_FLOOR_V);
     VW_EACH_CELL(c)
@@ -30,7 +30,7 @@ void vw_soc_variance(const vw_filter *filter, const vw_cells *x, vw_work *work)
  * t is Student's density with 31 degrees of freedom: (1 + d^2 / 32 v_t)^-16, tails a little heavier than normal and
  * no exponential to compute.
  */
-void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work)
+void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_real a = motion->wander_share, root_2pi = (vw_real)2.5066282746310002;
@@ -54,14 +54,14 @@ void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_w
         work->soc[c] = x->soc[c] - w * g * d;
         work->soc_v2[c] = filter_v2 + w * g * (count_v2 - filter_v2 + (1 - w) * g * d * d);
         /* contradicted for too long: count on from where the filter is */
-        const vw_real doubt_s = w < (vw_real)0.5 ? x->doubt_s[c] + motion->dt_s : 0;
+        const vw_real doubt_s = vw_pick(w < (vw_real)0.5, x->doubt_s[c] + motion->dt_s, 0);
         const int is_anew = doubt_s > t->anchor_s;
-        x->count_soc[c] = is_anew ? x->soc[c] : x->count_soc[c];
-        x->count_gain[c] = is_anew ? 0 : x->count_gain[c];
-        x->count_offset[c] = is_anew ? 0 : x->count_offset[c];
-        x->anchor_v2[c] = is_anew ? t->anchor_factor * filter_v2 : x->anchor_v2[c];
-        x->apart[c] = is_anew ? 0 : apart;
-        x->doubt_s[c] = is_anew ? 0 : doubt_s;
+        x->count_soc[c] = vw_pick(is_anew, x->soc[c], x->count_soc[c]);
+        x->count_gain[c] = vw_pick(is_anew, 0, x->count_gain[c]);
+        x->count_offset[c] = vw_pick(is_anew, 0, x->count_offset[c]);
+        x->anchor_v2[c] = vw_pick(is_anew, t->anchor_factor * filter_v2, x->anchor_v2[c]);
+        x->apart[c] = vw_pick(is_anew, 0, apart);
+        x->doubt_s[c] = vw_pick(is_anew, 0, doubt_s);
         x->wander_v2[c] = wander_v2;
     }
 }
@@ -73,15 +73,16 @@ void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_w
  * over check_s for y and y^2, over bias_s for y, and over check_s again for the square of that: an innovation that
  * does not average out is an error that the filter takes for charge.
  */
-void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work)
+void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_real scale = t->model_error_v / vw_sqrt(motion->noise_v2);
     VW_EACH_CELL(c)
     {
         const int counts = work->used[c] > 0;
-        const vw_real y = counts ? work->innovation_v[c] * scale : 0;
-        const vw_real share = counts ? motion->check_share : 0, bias_share = counts ? motion->bias_share : 0;
+        const vw_real y = vw_pick(counts, work->innovation_v[c] * scale, 0);
+        const vw_real share = vw_pick(counts, motion->check_share, 0);
+        const vw_real bias_share = vw_pick(counts, motion->bias_share, 0);
         const vw_real slow = x->slow_mean_v[c];
         x->check_mean_v[c] += share * (y - x->check_mean_v[c]);
         x->check_square_v2[c] += share * (y * y - x->check_square_v2[c]);
@@ -89,6 +90,6 @@ void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *x
         x->slow_mean_v[c] += bias_share * (y - slow);
         const int is_small = x->check_square_v2[c] < vw_square(t->check_rms_v);
         const int is_centred = vw_abs(x->check_mean_v[c]) < t->check_bias_v;
-        work->valid[c] = is_small & is_centred ? 1 : 0;
+        work->valid[c] = vw_pick(is_small & is_centred, 1, 0);
     }
 }

@@ -42,18 +42,18 @@ typedef struct {
 
 void vw_hold_current(vw_filter *filter, vw_real current_a);
 vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a);
-void vw_read(const vw_filter *filter, vw_cells *x, const vw_sample *sample, int first, vw_work *work);
-void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *x, const vw_work *work);
-void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *x, vw_work *work);
-void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, const vw_cells *x, vw_work *work);
-void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work);
-void vw_soc_variance(const vw_filter *filter, const vw_cells *x, vw_work *work);
-void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work);
-void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work);
+void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sample, int first, vw_work *restrict work);
+void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work);
+void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work);
+void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work);
+void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
+void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work);
+void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
+void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
 
 static inline vw_real vw_square(vw_real x) { return x * x; }
 
-static inline vw_real vw_count_v2(const vw_cells *x, int c)
+static inline vw_real vw_count_v2(const vw_cells *restrict x, int c)
 {
     return vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]) + x->anchor_v2[c];
 }

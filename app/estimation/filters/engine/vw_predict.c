@@ -32,7 +32,7 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
 }
 
 /* a_k = exp(-dt / tau_k) of each cell. */
-static void decays(const vw_filter *filter, const vw_motion *motion, const vw_cells *x, const vw_work *work,
+static void decays(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, const vw_work *restrict work,
                    vw_lanes *decay)
 {
     const vw_cell_model *model = &filter->model;
@@ -48,7 +48,7 @@ static void decays(const vw_filter *filter, const vw_motion *motion, const vw_ce
         VW_EACH_CELL(c) decay[k][c] = vw_exp(-motion->dt_s / decay[k][c]);
 }
 
-void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *x, const vw_work *work)
+void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
     const int n_rc = filter->model.n_rc;

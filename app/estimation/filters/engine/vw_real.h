@@ -37,6 +37,9 @@ typedef vw_real vw_lanes[VW_LANES]; /* one number for each cell of a block */
 
 #define VW_EACH_CELL(c) for (int c = 0; c < VW_LANES; c++)
 
+/* a where a condition holds, else b. Both are evaluated, so a loop over cells stays without branches. */
+static inline vw_real vw_pick(int condition, vw_real a, vw_real b) { return condition ? a : b; }
+
 static inline vw_real vw_min(vw_real a, vw_real b) { return a < b ? a : b; }
 static inline vw_real vw_max(vw_real a, vw_real b) { return a > b ? a : b; }
 static inline vw_real vw_clip(vw_real x, vw_real low, vw_real high) { return vw_min(vw_max(x, low), high); }

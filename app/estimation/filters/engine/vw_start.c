@@ -7,7 +7,7 @@
 static vw_real number_of(const vw_real *values, int k) { return values ? values[k] : NAN; }
 
 /* SOC from the voltage without the drop, RC currents half of the current: how far they have followed is unknown. */
-static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, vw_cells *x, const vw_work *work,
+static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work,
                              vw_lanes *here)
 {
     const vw_cell_model *model = &filter->model;
@@ -31,7 +31,7 @@ static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, v
 }
 
 /* The RC currents' spread is one of the SOC too, so both share a covariance. */
-static void covariance(const vw_filter *filter, const vw_motion *motion, vw_cells *x, const vw_work *work,
+static void covariance(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work,
                        const vw_lanes *here)
 {
     const vw_tuning *t = &filter->tuning;
@@ -56,7 +56,7 @@ static void covariance(const vw_filter *filter, const vw_motion *motion, vw_cell
     }
 }
 
-static void forget(const vw_filter *filter, vw_cells *x)
+static void forget(const vw_filter *filter, vw_cells *restrict x)
 {
     VW_EACH_CELL(c)
     {
@@ -78,8 +78,8 @@ static vw_real ocv_of(const vw_cell_model *model, vw_real soc)
 }
 
 /* Sigma of an initial SOC that came without one: at rest, how far the voltage says that it is off. */
-static vw_real initial_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *x,
-                             const vw_work *work, int c, vw_real soc)
+static vw_real initial_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x,
+                             const vw_work *restrict work, int c, vw_real soc)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_real off = vw_abs(x->soc[c] - soc);
@@ -90,7 +90,7 @@ static vw_real initial_sigma(const vw_filter *filter, const vw_motion *motion, c
 }
 
 /* The count begins at the SOC given, or else where the voltage says; a filter without a count begins there too. */
-static void begin(const vw_filter *filter, const vw_motion *motion, vw_cells *x, const vw_work *work, int c,
+static void begin(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work, int c,
                   vw_real soc, vw_real sigma)
 {
     x->count_soc[c] = vw_clip(x->soc[c], VW_SOC_MIN, VW_SOC_MAX);

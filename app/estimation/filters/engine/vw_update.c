@@ -8,7 +8,7 @@
 #include "vw_parts.h"
 
 /* P_xy = P H, and P_yy into `Pyy`. */
-static void project(const vw_cells *x, const vw_work *work, int n_states, vw_lanes *Pxy, vw_lanes Pyy)
+static void project(const vw_cells *restrict x, const vw_work *restrict work, int n_states, vw_lanes *Pxy, vw_lanes Pyy)
 {
     VW_EACH_CELL(c) Pyy[c] = work->bend_v2[c];
     for (int u = 0; u < n_states; u++) {
@@ -21,7 +21,7 @@ static void project(const vw_cells *x, const vw_work *work, int n_states, vw_lan
     }
 }
 
-void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw_work *work)
+void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
     const int n_states = 1 + filter->model.n_rc;
@@ -37,19 +37,19 @@ void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *x, vw
         const vw_real nu = work->voltage_v[c] - work->h[c];
         /* gate: nu^2 <= gate^2 S, or outside it for longer than gate_hold_s; then the SOC's variance grows */
         const int is_missing = vw_is_missing(nu), is_inside = nu * nu <= gate_v2 * expected_v2;
-        const vw_real held_s = is_missing ? x->refused_s[c] : x->refused_s[c] + motion->dt_s;
-        const vw_real refused_s = is_inside ? 0 : held_s;
+        const vw_real held_s = x->refused_s[c] + vw_pick(is_missing, 0, motion->dt_s);
+        const vw_real refused_s = vw_pick(is_inside, 0, held_s);
         const int is_believed = !is_inside & !is_missing & (refused_s > t->gate_hold_s);
         const int is_used = is_inside | is_believed;
         const vw_real wide_v2 = vw_max(vw_min(x->cov[0][c] + widening, VW_SOC_VARIANCE_MAX), x->cov[0][c]);
-        x->cov[0][c] = is_believed ? wide_v2 : x->cov[0][c];
+        x->cov[0][c] = vw_pick(is_believed, wide_v2, x->cov[0][c]);
         x->refused_s[c] = refused_s;
         const vw_real root = 1 / vw_sqrt(Pyy[c] + growth * (motion->noise_v2 * motion->correlation));
-        per_sigma[c] = is_used ? root : 0;
-        pull[c] = is_used ? nu * root : 0;
+        per_sigma[c] = vw_pick(is_used, root, 0);
+        pull[c] = vw_pick(is_used, nu * root, 0);
         work->innovation_v[c] = nu;
         work->innovation_sigma_v[c] = vw_sqrt(expected_v2);
-        work->used[c] = is_used ? 1 : 0;
+        work->used[c] = vw_pick(is_used, 1, 0);
     }
     /* with y = P_xy / sqrt(S):  x' = x + y nu / sqrt(S),  P' = P - y y' */
     for (int u = 0; u < n_states; u++) {
