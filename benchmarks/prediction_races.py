@@ -27,7 +27,7 @@ CELL = "samsung-25r-10p"
 STEP_S = 0.05  # of the race
 AHEAD_STEP_S = 0.1  # of the physics run ahead
 LONG_STEP_S = 1.0  # over minutes at a constant current
-POWER_ROUNDS = 9  # of bisection
+POWER_ROUNDS = 11  # of bisection
 LAPS_REPEATED = 5  # of the race's last, after its end
 EMPTY_SOC = 0.0
 
@@ -189,32 +189,30 @@ def _is_within(run: RaceRun, probe: Probe, accumulator: Accumulator) -> bool:
 
 
 def _power_w(run: RaceRun, probe: Probe, limit: PowerLimit, sign: float) -> float:
-    """The largest constant power held over the horizon, by bisection [W]."""
+    """The power held throughout the horizon at the largest constant current within the limits, by bisection [W]."""
     full_a = probe.limits.discharge_max_a if sign > 0 else -probe.limits.discharge_min_a
-    low_w, high_w = 0.0, full_a * 4.3 * N_CELLS
-    for _ in range(POWER_ROUNDS + 3):
-        watts = 0.5 * (low_w + high_w)
-        step = _ahead(run, probe)
-        accumulator, holds = run.accumulator, True
-        for _ in range(max(round(limit.horizon_s / AHEAD_STEP_S), 1)):
-            current_a = _current_for(accumulator, sign * watts)
-            if not abs(current_a) <= full_a * 1.001:
-                holds = False
-                break
-            step(AHEAD_STEP_S, current_a)
-            if not _is_within(run, probe, accumulator):
-                holds = False
-                break
-        low_w, high_w = (watts, high_w) if holds else (low_w, watts)
-    return low_w
+    held_w, low_a, high_a, current_a = 0.0, 0.0, full_a, full_a
+    for _ in range(POWER_ROUNDS):
+        watts = _held_w(run, probe, limit.horizon_s, sign * current_a)
+        if watts is None:
+            high_a = current_a
+        else:
+            held_w, low_a = watts, current_a
+        if low_a == full_a:
+            break
+        current_a = 0.5 * (low_a + high_a)
+    return held_w
 
 
-def _current_for(accumulator: Accumulator, power_w: float) -> float:
-    """The current at which the terminals give a power next, p = (u - r i) i [A]; NaN where they cannot."""
-    r_ohm = float(accumulator.resistance_ohm.sum())
-    u_v = accumulator.voltage_v + r_ohm * accumulator.current_a
-    root = u_v * u_v - 4.0 * r_ohm * power_w
-    return (u_v - root**0.5) / (2.0 * r_ohm) if root >= 0.0 else float("nan")
+def _held_w(run: RaceRun, probe: Probe, horizon_s: float, current_a: float) -> float | None:
+    """The least power at a constant current [W]; None where it passes a limit."""
+    step, least_w = _ahead(run, probe), float("inf")
+    for _ in range(round(horizon_s / AHEAD_STEP_S)):
+        accumulator = step(AHEAD_STEP_S, current_a)
+        if not _is_within(run, probe, accumulator):
+            return None
+        least_w = min(least_w, accumulator.voltage_v * abs(current_a))
+    return least_w
 
 
 def _seconds(run: RaceRun, probe: Probe, current_a: float, trip: TimeToTrip) -> float:

@@ -6,7 +6,8 @@ Simulated races go through the real path in process, at full speed: the virtual 
 estimator, predictor. At moments of the race the prediction is compared with what the simulator's own physics does from
 its true state, which shares no code with the filter's model:
 
-- power: the largest constant power that the physics holds for so long without a cell or the current passing a limit;
+- power: the largest constant current that the physics holds for so long without a cell passing a limit, and the power
+  that this gives throughout;
 - seconds to a limit: the constant current that the prediction names, until a cell passes it;
 - energy and laps left: the current that the race then really takes, its laps repeated after the end, until the first
   cell is empty.

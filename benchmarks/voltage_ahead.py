@@ -10,12 +10,12 @@ from app.commands.cell_commands.filter_run import run_filter
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.identification.identify import identify
+from app.estimation.prediction.calibration import AHEAD_S, LOADED_C
 from app.estimation.prediction.constant_current import OperatingPoint
 from app.estimation.prediction.power_along import branch_currents, voltage_ahead
 from app.estimation.recording.cell_recording import Recording
 from app.sources.recordings.dataset import load_recording
 
-AHEAD_S = 10.0
 SETTLED_S = 60.0  # the filter has started
 PANASONIC = "panasonic-18650pf"
 HEADER = f"{'drive':44} {'n':>6} {'in band %':>9} {'median off mV':>13} {'RMS mV':>7} {'band +- mV':>10}"
@@ -49,18 +49,13 @@ def score(cell: CellModel, drive: Recording) -> tuple[int, float, float, float, 
     degc = np.where(np.isnan(drive.temperature_degc), 25.0, drive.temperature_degc)
     branches = branch_currents(cell, drive.step_s, drive.current_a, result.soc, degc)
     states = OperatingPoint(result.soc, branches, degc)
-    middle, low, high = voltage_ahead(cell, drive.time_s, drive.current_a, states, result.soc_sigma, AHEAD_S)
-    rows = np.isfinite(middle) & np.isfinite(drive.voltage_v) & (drive.time_s - drive.time_s[0] > SETTLED_S)
-    error = (drive.voltage_v - middle)[rows]
-    inside = ((drive.voltage_v >= low) & (drive.voltage_v <= high))[rows]
-    half = float(np.median((high - low)[rows]) / 2)
-    return (
-        int(rows.sum()),
-        float(inside.mean()),
-        float(np.median(np.abs(error))),
-        float(np.sqrt(np.mean(error**2))),
-        half,
-    )
+    foretold = voltage_ahead(cell, drive.time_s, drive.current_a, drive.voltage_v, states, result.soc_sigma, AHEAD_S)
+    off_v, half_v = drive.voltage_v - foretold.voltage_v, foretold.half_band_v
+    rows = np.isfinite(off_v) & (drive.time_s - drive.time_s[0] > SETTLED_S)
+    rows &= np.abs(drive.current_a) > LOADED_C * cell.capacity_ah
+    error_v, inside = np.abs(off_v[rows]), np.abs(off_v[rows]) <= half_v[rows]
+    rms_v, half = float(np.sqrt(np.mean(error_v**2))), float(np.median(half_v[rows]))
+    return int(rows.sum()), float(inside.mean()), float(np.median(error_v)), rms_v, half
 
 
 def score_drives(data: Path) -> None:

@@ -109,10 +109,10 @@ class Pipeline:
         """The estimator's latest."""
         return self._estimates
 
-    def mark_lap(self) -> None:
-        """The car crosses the line now."""
+    def mark_lap(self, ago_s: float = 0.0) -> None:
+        """The car crosses the line now, or did so long ago [s]. From any thread."""
         if self._predictor is not None:
-            self._predictor.mark_lap()
+            self._predictor.mark_lap(ago_s)
 
     def predict(self) -> None:
         """Judge what lies ahead, for the next snapshot; call it when the last one has gone out."""

@@ -20,6 +20,7 @@ from app.estimation.health.learned import Learned, learned
 from app.estimation.health.resistance_scale import ResistanceScale, trusted_factor
 from app.estimation.health.rest_capacity import CapacityBetweenRests
 from app.estimation.health.sensor_offset import OffsetTracker
+from app.estimation.prediction.calibration import VoltageForecast
 from app.estimation.prediction.constant_current import CellKnowledge, Limits, OperatingPoint
 from app.estimation.prediction.energy import EnergyLeft, LapsLeft, energy_left, laps_left
 from app.estimation.prediction.heat import HeatBalance
@@ -79,10 +80,11 @@ class Predictor:
         self._needs_voltage_soc = False  # voltages, to compare the current with
         self.sensor = self._offset.estimate()
         self._laps = LapWatch()
-        self._marks: deque[None] = deque()  # crossings of the line not yet told to the above
+        self._marks: deque[float] = deque()  # seconds since crossings of the line, not yet told to the above
         self._t_s = 0.0
         self._assessed_s = self._judged_s = -1e9
         self._driven = (0.0, 0.0, 0.0)  # fading sums of time, current and its square while driving [s], [A s], [A^2 s]
+        self._forecast = VoltageForecast(cell)
         self._heat = HeatBalance(Limits().heat_capacity_j_k)
         self._load_a: float | None = None  # mean of the last seconds
         self._joints: JointReport | None = None
@@ -100,9 +102,9 @@ class Predictor:
         resistance = np.array((self._scale.factor(), self._scale.sigma()))
         return LearnedCells(self._capacities.tracker.state, self._joint_watch.baseline_ohm, resistance)
 
-    def mark_lap(self) -> None:
-        """The car crosses the line now. From any thread."""
-        self._marks.append(None)
+    def mark_lap(self, ago_s: float = 0.0) -> None:
+        """The car crosses the line now, or did so long ago [s]. From any thread."""
+        self._marks.append(ago_s)
 
     def apply_learned(self, estimator: CellEstimator) -> None:
         """Let an estimator count with what was learned of its cells."""
@@ -148,10 +150,10 @@ class Predictor:
             time, charge, square = self._driven
             moved = current_a * dt_s
             self._driven = fade * time + dt_s, fade * charge + moved, fade * square + current_a * moved
+        self._forecast.step(dt_s, current_a - self.offset_a, voltages_v)
         self._laps.step(dt_s, power_w)
         while self._marks:
-            self._marks.popleft()
-            self._laps.mark()
+            self._laps.mark(self._marks.popleft())
         self._capacities.step(dt_s, current_a, voltages_v)
 
     def assess(
@@ -189,6 +191,8 @@ class Predictor:
             known.capacity_sigma_ah / known.capacity_ah,
             self._heat.cooling_w,
         )
+        self._forecast.begin(states, of_cells)
+        of_cells = replace(of_cells, voltage_scale=self._forecast.scale)
         mean_a, loss_a = self._driven_current_a()
         energy = energy_left(
             self.cell,

@@ -103,6 +103,10 @@ class PipelineThread:
         """Mask of the CAN rx messages that are alive."""
         return None if self.snapshot is None else self.snapshot.master.can_rx_active
 
+    def mark_lap(self, ago_s: float) -> None:
+        """The car crosses the line now, or did so long ago [s]: laps left counts with it."""
+        self._pipeline.mark_lap(ago_s)
+
     def acknowledge_alarm(self, alarm_id: int, who: str) -> bool:
         """Mark an alarm as seen, False where there is none.
 

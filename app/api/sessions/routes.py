@@ -12,7 +12,7 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 from starlette.background import BackgroundTask
 
-from app.analysis.laps.from_session import lap_times
+from app.analysis.laps.from_session import LAP_KINDS, lap_times
 from app.api.schemas.sessions import (
     DeletedOut,
     MarkedOut,
@@ -25,7 +25,15 @@ from app.api.schemas.sessions import (
     SessionsOut,
     StoppedOut,
 )
-from app.api.web.dependencies import CataloguePart, EventsPart, PipelinesPart, RecorderPart, ReplayPart, UserDep
+from app.api.web.dependencies import (
+    CataloguePart,
+    EventsPart,
+    LivePart,
+    PipelinesPart,
+    RecorderPart,
+    ReplayPart,
+    UserDep,
+)
 from app.api.web.problems import Problem, invalid, not_found
 from app.api.web.request_body import Body
 from app.estimation.filters.estimators import FILTERS
@@ -183,11 +191,13 @@ def split(
 
 @router.post("/sessions/{session_id}/markers", status_code=201, response_model=MarkedOut)
 def mark(
-    session_id: str, body: NewMarker, recorder: RecorderPart, catalogue: CataloguePart, user: UserDep
+    session_id: str, body: NewMarker, recorder: RecorderPart, catalogue: CataloguePart, live: LivePart, user: UserDep
 ) -> dict[str, Any]:
-    """Mark this instant of the running session."""
+    """Mark this instant of the running session; kind `lap` is the line crossed, which laps left counts with."""
     _require_recording(catalogue, recorder, session_id)
     recorder.marker(body.text, body.kind, user.name, body.ago_s)
+    if body.kind in LAP_KINDS:
+        live.mark_lap(body.ago_s)
     recorder.flush()
     return {"marked": True}
 

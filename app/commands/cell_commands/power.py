@@ -12,7 +12,7 @@ from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.prediction.constant_current import OperatingPoint
 from app.estimation.prediction.power import COVERAGE
-from app.estimation.prediction.power_along import PowerAlong, branch_currents, limits_of, power_along
+from app.estimation.prediction.power_along import PowerAlong, branch_currents, limits_of, power_along, voltage_ahead
 from app.estimation.recording.cell_recording import Recording
 
 
@@ -20,7 +20,10 @@ def power_of(recording: Recording, result: Run, cell: CellModel) -> Iterator[Pow
     """Return the state of power at every row of a recording that was estimated."""
     degc = np.where(np.isnan(recording.temperature_degc), DEFAULT_TEMPERATURE_DEGC, recording.temperature_degc)
     branches = branch_currents(cell, recording.step_s, recording.current_a, result.soc, degc)
-    return power_along(cell, OperatingPoint(result.soc, branches, degc), result.soc_sigma)
+    states = OperatingPoint(result.soc, branches, degc)
+    current_a, voltage_v = recording.current_a, recording.voltage_v
+    foretold = voltage_ahead(cell, recording.time_s, current_a, voltage_v, states, result.soc_sigma)
+    return power_along(cell, states, result.soc_sigma, foretold.scale)
 
 
 def power_columns(held: Sequence[PowerAlong]) -> dict[str, FloatArray]:

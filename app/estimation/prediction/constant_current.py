@@ -22,7 +22,7 @@ VOLTAGE_SIGMA_V: Final = 0.01  # of a circuit against a cell, where the cell fil
 RESISTANCE_SIGMA_FRAC: Final = 0.06  # of any resistance: what lasts and what is fast do not scale alike
 BEYOND_SIGMA_FRAC: Final = 0.5  # of the drop that the current beyond the largest measured one adds
 TEMPERATURE_SIGMA_DEGC: Final = 1.0  # the sensor, and that it is not in the cell
-HEATING_SIGMA_FRAC: Final = 0.3  # of what the cell would warm without cooling
+HEATING_SIGMA_FRAC: Final = 0.5  # of what the cell would warm without cooling
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,7 @@ class CellKnowledge:
         capacity_ah: capacity [Ah]; None = the cell file's.
         capacity_sigma_frac: its standard deviation over the capacity.
         cooling_w: heat that a cell loses to its surroundings [W].
+        voltage_scale: of the sigma of a voltage, see `calibration`; scalar, or one a cell.
     """
 
     soc_sigma: ArrayLike = 0.0
@@ -84,6 +85,7 @@ class CellKnowledge:
     capacity_ah: ArrayLike | None = None
     capacity_sigma_frac: ArrayLike = 0.0
     cooling_w: float = 0.0
+    voltage_scale: ArrayLike = 1.0
 
     def of(self, cells: ArrayLike) -> CellKnowledge:
         """Return what is known of some of the cells, by index."""
@@ -99,6 +101,7 @@ class CellKnowledge:
             None if self.capacity_ah is None else part(self.capacity_ah),
             part(self.capacity_sigma_frac),
             self.cooling_w,
+            part(self.voltage_scale),
         )
 
 
@@ -186,4 +189,4 @@ def voltage_sigma_v(
         magnitude = np.abs(current)
         beyond = np.maximum(magnitude - cell.fit_current_max_a, 0.0) / np.maximum(magnitude, 1e-9)
         variance = variance + (BEYOND_SIGMA_FRAC * beyond * drop) ** 2
-    return np.asarray(np.sqrt(variance))
+    return np.asarray(np.sqrt(variance) * known.voltage_scale)

@@ -87,9 +87,11 @@ class LapWatch:
             while self._driving_s - self._trace[0][0] > TRACE_S:
                 self._trace.popleft()
 
-    def mark(self) -> None:
-        """The line is crossed now."""
-        self._marks.append(_Mark(self._time_s, self._driving_s, self._energy_wh))
+    def mark(self, ago_s: float = 0.0) -> None:
+        """The line is crossed now, or was so long ago [s]."""
+        driving_s = max(self._driving_s - ago_s, 0.0)
+        time_s, energy_wh = np.array((*self._trace, (self._driving_s, self._energy_wh))).T
+        self._marks.append(_Mark(self._time_s - ago_s, driving_s, float(np.interp(driving_s, time_s, energy_wh))))
 
     def judge(self) -> None:
         """Find the laps anew: `laps`, None where they are not known."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel, charge_moved_coulomb
+from app.estimation.prediction.calibration import AHEAD_S, scale_along
 from app.estimation.prediction.constant_current import CellKnowledge, Limits, OperatingPoint, voltage_sigma_v
 from app.estimation.prediction.power import BAND_SIGMAS, HORIZONS_S, QUANTILES, PowerModel
 
@@ -75,7 +76,11 @@ def branch_currents(
 
 
 def power_along(
-    cell: CellModel, states: OperatingPoint, soc_sigma: FloatArray, horizons_s: tuple[float, ...] = HORIZONS_S
+    cell: CellModel,
+    states: OperatingPoint,
+    soc_sigma: FloatArray,
+    voltage_scale: FloatArray | None = None,
+    horizons_s: tuple[float, ...] = HORIZONS_S,
 ) -> Iterator[PowerAlong]:
     """Yield the state of power at every row, for each direction and horizon.
 
@@ -83,15 +88,19 @@ def power_along(
         cell: model of the cell.
         states: of the cell at each of n rows.
         soc_sigma: (n,) standard deviation of the SOC.
+        voltage_scale: (n,) of the sigma of a voltage, see `voltage_ahead`; None = 1.
         horizons_s: how long it is held [s].
     """
     limits = limits_of(cell)
+    scale = np.ones(states.n_cells) if voltage_scale is None else voltage_scale
     for direction, full_a in (("discharge", limits.discharge_max_a), ("charge", -limits.charge_max_a)):
         for horizon_s in horizons_s:
             parts = []
             for start in range(0, states.n_cells, CHUNK_ROWS):
                 rows = np.arange(start, min(start + CHUNK_ROWS, states.n_cells))
-                known = CellKnowledge(soc_sigma[rows], capacity_sigma_frac=CAPACITY_SIGMA_FRAC)
+                known = CellKnowledge(
+                    soc_sigma[rows], capacity_sigma_frac=CAPACITY_SIGMA_FRAC, voltage_scale=scale[rows]
+                )
                 parts.append(_held(PowerModel(cell, limits, known), states.of(rows), full_a, horizon_s))
             watts, current_a = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
             measured_a = cell.fit_current_max_a or math.inf
@@ -119,22 +128,39 @@ def _held(model: PowerModel, states: OperatingPoint, full_a: float, horizon_s: f
     return watts, np.abs(current_a[1])
 
 
+@dataclass(frozen=True)
+class VoltageAhead:
+    """The voltage of every row as it was foretold some seconds before: (n,) [V], NaN where no row was so long before.
+
+    `scale` is that of `sigma_v` at the row, learned from those before it.
+    """
+
+    voltage_v: FloatArray
+    sigma_v: FloatArray
+    scale: FloatArray
+
+    @property
+    def half_band_v(self) -> FloatArray:
+        """(n,) half the width of the band [V]."""
+        return np.asarray(BAND_SIGMAS * self.scale * self.sigma_v)
+
+
 def voltage_ahead(
     cell: CellModel,
     time_s: FloatArray,
     current_a: FloatArray,
+    voltage_v: FloatArray,
     states: OperatingPoint,
     soc_sigma: FloatArray,
-    ahead_s: float,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what was foretold at earlier rows: voltage, low and high (n,) [V]; NaN where no row was so long before.
-
-    The current that then really flowed is taken as known, the state of charge is the one estimated at the earlier row.
+    ahead_s: float = AHEAD_S,
+) -> VoltageAhead:
+    """Return what was foretold of each row's voltage, under the current that then really flowed.
 
     Args:
         cell: model of the cell.
         time_s: (n,) rising [s].
         current_a: (n,) measured [A].
+        voltage_v: (n,) measured [V]; the band learns from it afterwards.
         states: as estimated at each row; the RC currents follow from the current.
         soc_sigma: (n,) standard deviation of the SOC.
         ahead_s: how long before the row it is foretold [s].
@@ -144,8 +170,9 @@ def voltage_ahead(
     has_row = (then >= 0) & (time_s - time_s[np.maximum(then, 0)] < 2.0 * ahead_s)
     then = np.maximum(then, 0)
     soc = states.soc[then] - (moved - moved[then]) / (SECONDS_PER_HOUR * cell.capacity_ah)
-    voltage_v = cell.terminal_voltage(soc, states.branch_a, current_a, states.temperature_degc)
-    drop_v = cell.ocv.voltage(soc) - voltage_v
+    foretold_v = cell.terminal_voltage(soc, states.branch_a, current_a, states.temperature_degc)
+    drop_v = cell.ocv.voltage(soc) - foretold_v
     sigma_v = voltage_sigma_v(cell, CellKnowledge(), soc, soc_sigma[then], current_a, drop_v)
-    foretold = (voltage_v, voltage_v - BAND_SIGMAS * sigma_v, voltage_v + BAND_SIGMAS * sigma_v)
-    return tuple(np.where(has_row, each, np.nan) for each in foretold)  # type: ignore[return-value]
+    foretold_v = np.where(has_row, foretold_v, np.nan)
+    scale = scale_along(time_s, current_a, (voltage_v - foretold_v) / sigma_v, cell.capacity_ah)
+    return VoltageAhead(foretold_v, sigma_v, scale)

@@ -81,6 +81,16 @@ def test_two_marked_laps_are_enough():
     np.testing.assert_allclose(watch.laps.energies_wh, 36e3 * 50 / 3600, rtol=0.01)
 
 
+def test_a_mark_may_be_set_late():
+    watch = LapWatch()
+    for ago_s in (0.0, 4.0, 0.0):
+        watch.mark(ago_s)
+        follow(watch, np.full(500, 36e3))
+    watch.judge()
+    assert watch.laps.period_s == pytest.approx(50.0, abs=0.1)
+    np.testing.assert_allclose(watch.laps.energies_wh, [36e3 * 46 / 3600, 36e3 * 54 / 3600], rtol=0.01)
+
+
 def test_a_marked_lap_with_a_stop_is_none():
     watch = LapWatch()
     watch.mark()
