@@ -82,6 +82,11 @@ class Live {
     return freshness(this.age(part, of));
   }
 
+  /** Whether what is shown comes from the simulator: training data must never be taken for the car. */
+  get simulated(): boolean {
+    return this.snapshot?.source === 'simulator';
+  }
+
   /** Seconds since the service sent what is shown. */
   get late(): number {
     return this.waited + this.behind;
