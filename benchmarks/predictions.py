@@ -20,16 +20,17 @@ from __future__ import annotations
 
 import argparse
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.prediction_races import RaceRun, fly_ahead
-from benchmarks.voltage_ahead import score_drives
+from benchmarks.voltage_ahead import drive_scores, print_drives
 
 DATA = Path("../shared/data")
+SEED, EVERY_S = 31, 60.0
 HEADER = (
     f"{'prediction':34} {'n':>5} {'in band %':>9} {'below':>6} {'above':>6} {'median off %':>12} {'bias %':>7} "
     f"{'band +- %':>9}"
@@ -84,6 +85,16 @@ def race_scores(scenario: str, seeds: Iterable[int], every_s: float, seconds: fl
     return scores
 
 
+def run() -> Iterator[tuple[str, str, str]]:
+    """Yield what, figure and method for `voltwall bench --predictions`: one race, and the drives where they are."""
+    method = f"clean-endurance, seed {SEED}, a moment each {EVERY_S:g} s; truth: the simulator's physics from there"
+    for name, score in sorted(race_scores("clean-endurance", [SEED], EVERY_S).items()):
+        yield f"prediction: {name}", f"{100 * score.coverage():.0f} % in band", method
+    for name, (_, inside, median_v, _, _) in drive_scores(DATA) if DATA.is_dir() else ():
+        figure = f"{100 * inside:.0f} % in band"
+        yield f"voltage 10 s ahead: {name}", figure, f"the current that flowed; median off {1e3 * median_v:.1f} mV"
+
+
 def print_scores(title: str, scores: dict[str, Score]) -> None:
     """Print a table."""
     print(f"\n{title}\n{HEADER}")
@@ -95,8 +106,8 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--races", type=int, default=4)
-    parser.add_argument("--seed", type=int, default=31, help="of the first race")
-    parser.add_argument("--every", type=float, default=60.0, help="seconds between two moments that are judged")
+    parser.add_argument("--seed", type=int, default=SEED, help="of the first race")
+    parser.add_argument("--every", type=float, default=EVERY_S, help="seconds between two moments that are judged")
     parser.add_argument("--scenario", action="append", help="default: clean-endurance, then hot-endurance")
     parser.add_argument("--data", type=Path, default=DATA, help="folder with panasonic-18650pf/ and physics/")
     args = parser.parse_args()
@@ -104,7 +115,7 @@ def main() -> None:
         seeds = range(args.seed, args.seed + args.races)
         print_scores(f"{scenario}, seeds {seeds[0]} to {seeds[-1]}", race_scores(scenario, seeds, args.every))
     if args.data.is_dir():
-        score_drives(args.data)
+        print_drives(args.data)
     else:
         print(f"skipped: nothing in {args.data}")
 

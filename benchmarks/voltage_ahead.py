@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -58,11 +59,15 @@ def score(cell: CellModel, drive: Recording) -> tuple[int, float, float, float, 
     return int(rows.sum()), float(inside.mean()), float(np.median(error_v)), rms_v, half
 
 
-def score_drives(data: Path) -> None:
-    """Print a line a drive."""
-    print(f"\nvoltage {AHEAD_S:g} s ahead, under the current that flowed\n{HEADER}")
+def drive_scores(data: Path) -> Iterator[tuple[str, tuple[int, float, float, float, float]]]:
+    """Yield the name of each drive and its `score`."""
     for name, cell, drive in models(data):
-        n, inside, median, rms, half = score(cell, drive)
-        print(
-            f"{name:44} {n:6d} {100 * inside:9.0f} {1e3 * median:13.1f} {1e3 * rms:7.1f} {1e3 * half:10.1f}", flush=True
-        )
+        yield name, score(cell, drive)
+
+
+def print_drives(data: Path) -> None:
+    """Print a line a drive."""
+    print(f"\nvoltage {AHEAD_S:g} s ahead under load, by the current that flowed\n{HEADER}")
+    for name, (n, inside, median_v, rms_v, half_v) in drive_scores(data):
+        off = f"{1e3 * median_v:13.1f} {1e3 * rms_v:7.1f} {1e3 * half_v:10.1f}"
+        print(f"{name:44} {n:6d} {100 * inside:9.0f} {off}", flush=True)

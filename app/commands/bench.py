@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or name (default: %(default)s)")
     parser.add_argument("--estimation", action="store_true", help="the estimators beside their peers (from a checkout)")
+    parser.add_argument("--predictions", action="store_true", help="how often bands held the truth (from a checkout)")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
 
@@ -38,7 +39,10 @@ def run(args: argparse.Namespace) -> int:
         ConfigError: there is no such cell.
     """
     PipelineFactory("coulomb", args.cell)  # refuse a cell that is none before minutes of measuring
-    rows = _estimation() if args.estimation else [*_numerics(args.cell), *_service(args.seconds)]
+    if args.estimation or args.predictions:
+        rows = _from_checkout("estimation" if args.estimation else "predictions")
+    else:
+        rows = [*_numerics(args.cell), *_service(args.seconds)]
     if args.json:
         print(json.dumps([dict(zip(("what", "figure", "method"), row, strict=True)) for row in rows], indent=2))
         return 0
@@ -100,10 +104,10 @@ def _megabytes(value: float | None) -> str:
     return "unknown" if value is None else f"{value:.0f} MB"
 
 
-def _estimation() -> list[Row]:
+def _from_checkout(name: str) -> list[Row]:
     sys.path.insert(0, os.getcwd())  # noqa: PTH109  benchmarks/ is part of a checkout, not of the package
     try:
-        module: Any = import_module("benchmarks.estimation")
+        module: Any = import_module(f"benchmarks.{name}")
     except ImportError as error:
-        raise ConfigError("estimation", error.name, "run it in a checkout with the bench packages installed") from error
+        raise ConfigError(name, error.name, "run it in a checkout with the bench packages installed") from error
     return [tuple(row) for row in module.run()]
