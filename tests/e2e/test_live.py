@@ -24,6 +24,7 @@ def test_all_cells_are_shown_and_move(service, open_page):
 def test_the_overview_shows_what_the_service_says(service, open_page):
     page = open_page(f"{service.base_url}/#/overview")
     expect(page.get_by_test_id("voltage")).to_have_text(re.compile(r"^\d{3}\.\d\sV$"))
+    expect(page.get_by_test_id("driver-soc")).to_be_visible()  # a range until 3 sigma are within 10 points
     with service.client() as client:
         snapshot = client.get("/snapshot").json()
     shown = int(page.get_by_test_id("driver-soc").inner_text().split()[0])
