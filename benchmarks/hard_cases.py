@@ -2,9 +2,9 @@
 
 Every run is what `voltwall identify` and `voltwall estimate` make of the shared data with their defaults, with the
 sensor errors of a car (all four signs, see `tests/numeric/judgement.py`). Per row: RMSE in points of SOC, median and
-worst over starts and signs, of the product and of `benchmarks/plain_ekf.py` with the same cell file and the same start
-(an unknown SOC is read off the first voltage); share of time within three sigma, of both; share in which the product
-calls its model valid. Rows marked "training" took part in choosing the tuning.
+worst over starts and signs, of the product and of `benchmarks/plain_ekf.py` with the same cell file and start (an
+unknown SOC is read off the first voltage); share of time within three sigma, of both; share in which the product calls
+its model valid. Rows marked "training" took part in choosing the tuning.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ SOC_LOW: Final = -0.1  # the tables reach past 0 and 1, because sigma points do
 SOC_HIGH: Final = 1.1
 SOC_STEP: Final = 0.001
 SOC_INVERSE: Final = (-0.05, 1.05)  # range of a SOC that is read off a voltage
+READING_V: Final = 0.02  # error of a model's voltage by which the SOC is misread
 OCV, R0, OVERPOTENTIAL, R1 = range(4)  # columns of the table; the other RC resistances follow
 
 Place = tuple[IntArray, FloatArray]  # grid index and weight of the next point, for each cell
@@ -31,6 +32,7 @@ class CellTables:
         temperature_degc: (n_t,) temperature of the tables [degC], rising.
         table: (n_t, n_soc, 3 + n_rc) OCV [V], R0 [ohm], e [V] and R_k [ohm].
         ocv_slope_v: (n_soc,) dOCV/dSOC; with a smoothed OCV this is the smoothed slope [V].
+        reading_slope_v: (n_soc,) volts per SOC at which a voltage READING_V off reads the SOC, the less of both sides.
         tau_s: (n_rc,) where every time constant is the same at any SOC and temperature, else (n_t, n_soc, n_rc) [s].
     """
 
@@ -46,6 +48,7 @@ class CellTables:
         ocv = np.broadcast_to(model.ocv.voltage(self.soc), r0.shape)
         self.table = np.ascontiguousarray(np.stack([ocv, r0, over, *rc[: self.n_rc]], axis=-1))
         self.ocv_slope_v = model.ocv.slope(self.soc)
+        self.reading_slope_v = reading_slope(model, np.asarray(self.soc, dtype=np.float64))
         self.has_overpotential = bool(over.any())
         self.has_tau_table = any(np.ptp(tau) > 0.0 for tau in model.tau_s)
         taus = np.moveaxis(np.array(rc[self.n_rc :]).reshape(self.n_rc, *r0.shape), 0, -1)
@@ -88,6 +91,19 @@ class CellTables:
         """Return dOCV/dSOC [V] at each SOC."""
         return np.asarray(np.interp(soc, self.soc, self.ocv_slope_v))
 
+    def reading_slope(self, soc: FloatArray) -> FloatArray:
+        """Return volts per SOC at which a voltage reads each SOC [V]."""
+        return np.asarray(np.interp(soc, self.soc, self.reading_slope_v))
+
+    def reading_sigma(self, soc: FloatArray, sigma_v: FloatArray) -> FloatArray:
+        """Return (n,) how far the SOC may lie from `soc` where the voltage there has a sigma; the farther side.
+
+        At the foot of a step of the OCV the near side says little.
+        """
+        ocv = self.ocv(soc)
+        above, below = self.soc_of_ocv(ocv + sigma_v) - soc, soc - self.soc_of_ocv(ocv - sigma_v)
+        return np.maximum(np.maximum(above, below), 1e-3)
+
     def soc_of_ocv(self, voltage_v: FloatArray) -> FloatArray:
         """Return the SOC, -0.05 .. 1.05, whose OCV is the given voltage [V]; NaN for NaN."""
         ocv = self.table[0, :, OCV]
@@ -110,3 +126,14 @@ def _interpolate(table: FloatArray, at: Place, soc: Place) -> FloatArray:
     cool = (1.0 - f) * table[row, j] + f * table[row, right]
     warm = (1.0 - f) * table[up, j] + f * table[up, right]
     return np.asarray(((1.0 - g) * cool + g * warm).T)
+
+
+def reading_slope(model: CellModel, soc: FloatArray) -> FloatArray:
+    """Return (n,) volts per SOC at which a voltage that is READING_V off reads the SOC, the less of both sides."""
+    grid = np.linspace(*SOC_INVERSE, 4401)
+    ocv = np.maximum.accumulate(model.ocv.voltage(grid)) + 1e-9 * np.arange(grid.size)
+    inside = np.clip(soc, *SOC_INVERSE)
+    here = np.interp(inside, grid, ocv)
+    above = np.interp(here + READING_V, ocv, grid) - inside
+    below = inside - np.interp(here - READING_V, ocv, grid)
+    return np.asarray(READING_V / np.maximum(np.maximum(above, below), 1e-3))

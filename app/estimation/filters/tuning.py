@@ -37,19 +37,27 @@ class Tuning:
         gate_hold_s: ... for at most this long; then they are accepted [s].
         gate_recovery: and the SOC sigma grows by this much per square root of a second.
         counter_soc_sigma: sigma of a SOC given without one, for the charge count.
-        rest_c: below this current, in C, the first voltage is taken for one at rest [C].
-        rest_error_v: a SOC given without a sigma whose OCV lies farther from that voltage than this [V] ...
-        rest_off_max: ... and which itself lies nearer than this has the distance for its sigma. Nearer in voltage, the
-            OCV is no surer; farther, the cell had not come to rest, or the SOC is plainly wrong, which the odds see.
+        rest_c: below this current, in C, a cell rests [C].
+        rest_s: a rest of this length from the start on is read as one [s].
+        rest_v: sigma of the OCV read there: rests that began late and the curve itself [V]; twice that where no SOC
+            was given, for who does not know the SOC rather wakes up in a drive.
+        rest_tail: what a cell still has to relax, over what its voltage moved from one half of that rest to the other.
+        start_rough_sigma: sigma of a SOC that was given and is not as exact as was said.
+        start_exact: probability that a SOC is as exact as was said ...
+        start_rough: ... and that it is roughly right; otherwise it says nothing.
         counter_gain: relative error of charge over capacity.
         counter_offset_c: offset of the current sensor, in C.
-        start_unknown: probability that a start SOC is simply wrong.
+        start_unknown: weight of having no right start at all, once the voltages are in: density over all SOC.
+        gain_sigma: sigma of the charge that moves the SOC against what the capacity says: old cells, wrong cell files.
+        gain_doubt: variance of that over the filter's own when it is asked whether the capacity is right.
+        gain_prior: probability beforehand that it is not.
         doubt_soc: largest sigma of a disagreement: what lies many of them apart is no accident, however little the
             filter knows.
         wander_s: a count does not move within this time, so what the filter moves against it is the filter's error [s].
         wander_factor: variance of that error over the part of it that shows within the time: errors last longer.
-        anchor_s: the count is anchored anew when it has been less likely than not for this long without a break [s].
-        anchor_factor: variance of a new anchor over the filter's: a filter that finds its way leads.
+        look_s: starts are weighed this often [s].
+        conflict_s: time constant of the disagreement of filter and fusion [s].
+        conflict_max: mean square of it, over its variance, above which the model is not valid.
         check_s: time constant of the self-check [s].
         check_rms_v: RMS innovation above which the model is not valid for the cell [V].
         check_bias_v: mean innovation above which it is not [V].
@@ -76,16 +84,24 @@ class Tuning:
     gate_recovery: float = 0.02
     counter_soc_sigma: float = 0.003
     rest_c: float = 0.1
-    rest_error_v: float = 0.02
-    rest_off_max: float = 0.04
+    rest_s: float = 8.0
+    rest_v: float = 0.015
+    rest_tail: float = 30.0
+    start_rough_sigma: float = 0.05
+    start_exact: float = 0.65
+    start_rough: float = 0.25
     counter_gain: float = 0.007
     counter_offset_c: float = 0.01
     start_unknown: float = 0.05
+    gain_sigma: float = 0.08
+    gain_doubt: float = 2.0
+    gain_prior: float = 0.2
     doubt_soc: float = 0.06
     wander_s: float = 200.0
-    wander_factor: float = 3.0
-    anchor_s: float = 120.0
-    anchor_factor: float = 4.0
+    wander_factor: float = 2.0
+    look_s: float = 1.0
+    conflict_s: float = 100.0
+    conflict_max: float = 9.0
     check_s: float = 120.0
     check_rms_v: float = 0.04
     check_bias_v: float = 0.025

@@ -22,6 +22,7 @@ FOLDER: Final = Path(__file__).resolve().parent
 LANES: Final = 8
 RC_MAX: Final = 4
 STATES_MAX: Final = 1 + RC_MAX
+STARTS: Final = 3
 
 _suffix = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
 LIBRARY: Final = FOLDER / f"vw_filter.{_suffix}"
@@ -30,6 +31,9 @@ CELL_ROWS: Final = {
     "soc": 1,
     "branch_a": RC_MAX,
     "cov": STATES_MAX * (STATES_MAX + 1) // 2,
+    "gain": 1,
+    "gain_v2": 1,
+    "gain_slope": STATES_MAX,
     "hysteresis": 1,
     "temperature_degc": 1,
     "capacity_ah": 1,
@@ -39,7 +43,16 @@ CELL_ROWS: Final = {
     "count_gain": 1,
     "count_offset": 1,
     "anchor_v2": 1,
-    "doubt_s": 1,
+    "rest_early_v": 1,
+    "rest_late_v": 1,
+    "drawn": 1,
+    "start_soc": STARTS,
+    "start_v2": STARTS,
+    "start_weight": STARTS,
+    "fused_soc": 1,
+    "fused_v2": 1,
+    "fused_gain": 1,
+    "conflict": 1,
     "apart": 1,
     "wander_v2": 1,
     "check_mean_v": 1,
@@ -71,7 +84,7 @@ class CellModelStruct(ctypes.Structure):
         *[(name, _int32) for name in ("n_rc", "n_soc", "n_temperatures", "has_overpotential", "has_tau_table")],
         *[(name, _real) for name in ("soc_low", "soc_step", "capacity_ah", "efficiency", "overpotential_a")],
         *[(name, _real) for name in ("hysteresis_v", "hysteresis_rate", "drop_per_a_v")],
-        *[(name, _pointer) for name in ("temperature_degc", "table", "ocv_slope_v", "tau_s")],
+        *[(name, _pointer) for name in ("temperature_degc", "table", "ocv_slope_v", "reading_slope_v", "tau_s")],
     ]
 
 
@@ -82,6 +95,8 @@ class FilterStruct(ctypes.Structure):
         ("n_cells", _int32),
         ("kind", _int32),
         ("current_a", _real),
+        ("since_s", _real),
+        ("rest_s", _real),
         ("rule", SigmaRuleStruct),
         ("tuning", TuningStruct),
         ("model", CellModelStruct),

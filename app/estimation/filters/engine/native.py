@@ -39,7 +39,14 @@ class NativeEngine:
         self._numbers = np.empty((N_OUT, n_cells))
         rule = (setup.rule.spread, setup.rule.weight, setup.rule.curvature) if setup.rule else (0.0, 0.0, 0.0)
         self._filter = FilterStruct(
-            n_cells, setup.kind, 0.0, SigmaRuleStruct(*rule), TuningStruct(*astuple(setup.tuning)), _model(setup.cell)
+            n_cells,
+            setup.kind,
+            0.0,
+            0.0,
+            0.0,
+            SigmaRuleStruct(*rule),
+            TuningStruct(*astuple(setup.tuning)),
+            _model(setup.cell),
         )
         self._sample = SampleStruct(0.0, 0.0, self._voltage_v.ctypes.data, self._temperature_degc.ctypes.data)
         self._at = ctypes.byref(self._filter), ctypes.c_void_p(self._blocks.ctypes.data)
@@ -94,7 +101,9 @@ class NativeEngine:
             for row, (u, w) in enumerate(zip(*np.tril_indices(1 + n_rc), strict=True)):
                 cov[u, w] = cov[w, u] = values[row]
             return cov
-        return np.array(values[0])
+        if name == "gain_slope":
+            return np.array(values[: 1 + n_rc])
+        return np.array(values if name.startswith("start_") else values[0])
 
     def set(self, name: str, values: FloatArray) -> None:
         """Replace one quantity of the state; see `Engine.set`."""
@@ -129,5 +138,8 @@ def _model(cell: CellTables) -> CellModelStruct:
         model.hysteresis_v,
         model.hysteresis_rate,
         model.drop_per_c_v / model.c_rate_a,
-        *(each.ctypes.data for each in (cell.temperature_degc, cell.table, cell.ocv_slope_v, cell.tau_s)),
+        *(
+            each.ctypes.data
+            for each in (cell.temperature_degc, cell.table, cell.ocv_slope_v, cell.reading_slope_v, cell.tau_s)
+        ),
     )

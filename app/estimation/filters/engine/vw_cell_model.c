@@ -103,12 +103,22 @@ void vw_ocv(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes ocv_v)
     }
 }
 
-vw_real vw_ocv_slope(const vw_cell_model *model, vw_real soc)
+vw_real vw_reading_slope(const vw_cell_model *model, vw_real soc)
 {
     const vw_real end = (vw_real)(model->n_soc - 1), last = (vw_real)(model->n_soc - 2);
     const vw_real x = vw_clip((soc - model->soc_low) / model->soc_step, 0, end);
     const int j = (int)vw_min(x, last);
-    return model->ocv_slope_v[j] + (x - (vw_real)j) * (model->ocv_slope_v[j + 1] - model->ocv_slope_v[j]);
+    return model->reading_slope_v[j] + (x - (vw_real)j) * (model->reading_slope_v[j + 1] - model->reading_slope_v[j]);
+}
+
+vw_real vw_ocv_of(const vw_cell_model *model, vw_real soc)
+{
+    const int width = width_of(model);
+    const vw_real end = (vw_real)(model->n_soc - 1), last = (vw_real)(model->n_soc - 2);
+    const vw_real x = vw_clip((soc - model->soc_low) / model->soc_step, 0, end);
+    const int j = (int)vw_min(x, last);
+    const vw_real *here = model->table + j * width;
+    return here[VW_OCV] + (x - (vw_real)j) * (here[width + VW_OCV] - here[VW_OCV]);
 }
 
 /* The last point that does not lie above the voltage, by bisection; the OCV never falls. */
@@ -125,4 +135,12 @@ vw_real vw_soc_of_ocv(const vw_cell_model *model, vw_real voltage_v)
     const vw_real weight = high_v > low_v ? (voltage_v - low_v) / (high_v - low_v) : 0;
     const vw_real soc = model->soc_low + model->soc_step * ((vw_real)below + weight);
     return vw_clip(soc, (vw_real)-0.05, (vw_real)1.05);
+}
+
+/* The farther of both sides: at the foot of a step of the OCV the near one says little. */
+vw_real vw_reading_sigma(const vw_cell_model *model, vw_real soc, vw_real sigma_v)
+{
+    const vw_real ocv_v = vw_ocv_of(model, soc);
+    const vw_real above = vw_soc_of_ocv(model, ocv_v + sigma_v) - soc, below = soc - vw_soc_of_ocv(model, ocv_v - sigma_v);
+    return vw_max(vw_max(above, below), (vw_real)1e-3);
 }

@@ -32,6 +32,7 @@ typedef struct {
     const vw_real *temperature_degc; /* (n_temperatures) rising [degC] */
     const vw_real *table;        /* (n_temperatures, n_soc, VW_R1 + n_rc) [V, ohm, V, ohm ..] */
     const vw_real *ocv_slope_v;  /* (n_soc) dOCV/dSOC [V] */
+    const vw_real *reading_slope_v; /* (n_soc) volts per SOC at which a voltage reads the SOC, see tables.py [V] */
     const vw_real *tau_s;        /* (n_rc) time constants, or (n_temperatures, n_soc, n_rc) where has_tau_table [s] */
 } vw_cell_model;
 
@@ -63,8 +64,14 @@ void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *a
 /* OCV [V] of each cell. */
 void vw_ocv(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes ocv_v);
 
-/* dOCV/dSOC [V] of one cell. */
-vw_real vw_ocv_slope(const vw_cell_model *model, vw_real soc);
+/* Volts per SOC at which a voltage reads the SOC of one cell. */
+vw_real vw_reading_slope(const vw_cell_model *model, vw_real soc);
+
+/* OCV [V] of one cell. */
+vw_real vw_ocv_of(const vw_cell_model *model, vw_real soc);
+
+/* How far the SOC may lie from `soc` where the voltage there has the standard deviation sigma_v. */
+vw_real vw_reading_sigma(const vw_cell_model *model, vw_real soc, vw_real sigma_v);
 
 /* The SOC of one cell, -0.05 .. 1.05, whose OCV is `voltage_v`. */
 vw_real vw_soc_of_ocv(const vw_cell_model *model, vw_real voltage_v);

@@ -72,6 +72,8 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
     else vw_output_sigma(filter, motion, x, work);
     vw_update(filter, motion, x, work);
     vw_soc_variance(filter, x, work);
+    vw_watch_rest(motion, x, work);
+    if (motion->reads_rest) vw_read_rest(filter, motion, x, work);
     if (filter->kind == VW_SIGMA_FUSED) vw_fuse(filter, motion, x, work);
     vw_self_check(filter, motion, x, work);
 }
@@ -100,6 +102,9 @@ void vw_filter_step(vw_filter *filter, vw_cells *cells, const vw_sample *sample,
 {
     vw_hold_current(filter, sample->current_a);
     const vw_motion motion = vw_motion_of(filter, sample->dt_s, filter->current_a);
+    const int rests = motion.rest_early > 0 || motion.rest_late > 0 || (filter->rest_s == 0 && sample->dt_s == 0);
+    filter->rest_s = rests && !motion.reads_rest ? filter->rest_s + sample->dt_s : -1;
+    filter->since_s = motion.look_s > 0 ? 0 : filter->since_s + sample->dt_s;
     for (int first = 0; first < filter->n_cells; first += VW_LANES) {
         vw_cells *x = &cells[first / VW_LANES];
         vw_work work;

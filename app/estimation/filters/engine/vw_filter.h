@@ -36,16 +36,24 @@ typedef struct {
     vw_real gate_recovery;
     vw_real counter_soc_sigma;
     vw_real rest_c;
-    vw_real rest_error_v;
-    vw_real rest_off_max;
+    vw_real rest_s;
+    vw_real rest_v;
+    vw_real rest_tail;
+    vw_real start_rough_sigma;
+    vw_real start_exact;
+    vw_real start_rough;
     vw_real counter_gain;
     vw_real counter_offset_c;
     vw_real start_unknown;
+    vw_real gain_sigma;
+    vw_real gain_doubt;
+    vw_real gain_prior;
     vw_real doubt_soc;
     vw_real wander_s;
     vw_real wander_factor;
-    vw_real anchor_s;
-    vw_real anchor_factor;
+    vw_real look_s;
+    vw_real conflict_s;
+    vw_real conflict_max;
     vw_real check_s;
     vw_real check_rms_v;
     vw_real check_bias_v;
@@ -68,17 +76,25 @@ typedef enum {
 typedef struct {
     int32_t n_cells;
     int32_t kind; /* vw_kind */
-    vw_real current_a; /* last current that was measured; the engine's own */
+    /* the engine's own: */
+    vw_real current_a; /* last current that was measured [A] */
+    vw_real since_s;   /* since the starts were last weighed [s] */
+    vw_real rest_s;    /* of rest since the start; negative once it has been read or broken [s] */
     vw_sigma_rule rule;
     vw_tuning tuning;
     vw_cell_model model;
 } vw_filter;
+
+#define VW_STARTS 3 /* hypotheses: the SOC given as exactly as was said, roughly, or the one read at rest */
 
 /* State of a block of cells: one row for each quantity. */
 typedef struct {
     vw_lanes soc;                  /* mean of the filter's state: SOC, 0..1 */
     vw_lanes branch_a[VW_RC_MAX];  /* and currents through the RC resistors [A] */
     vw_lanes cov[VW_STATES_MAX * (VW_STATES_MAX + 1) / 2]; /* its covariance, lower triangle: see VW_COV */
+    vw_lanes gain;                 /* share by which charge moves the SOC more than the capacity says */
+    vw_lanes gain_v2;              /* its variance */
+    vw_lanes gain_slope[VW_STATES_MAX]; /* how the mean would move with it */
     vw_lanes hysteresis;           /* -1 after discharge .. 1 after charge */
     vw_lanes temperature_degc;     /* last temperature that was measured [degC] */
     vw_lanes capacity_ah;          /* of this cell [Ah] */
@@ -88,7 +104,16 @@ typedef struct {
     vw_lanes count_gain;           /* its sigma by the gain of the current sensor */
     vw_lanes count_offset;         /* its sigma by the offset of the current sensor */
     vw_lanes anchor_v2;            /* variance of the SOC where the count began */
-    vw_lanes doubt_s;              /* for how long the count has been less likely than not [s] */
+    vw_lanes rest_early_v;         /* mean voltage over the first half of a rest from the start on [V] */
+    vw_lanes rest_late_v;          /* and over the second [V] */
+    vw_lanes drawn;                /* charge taken out since the start, over the capacity */
+    vw_lanes start_soc[VW_STARTS]; /* SOC at the start by each hypothesis */
+    vw_lanes start_v2[VW_STARTS];  /* its variance */
+    vw_lanes start_weight[VW_STARTS]; /* its probability before any drive */
+    vw_lanes fused_soc;            /* what is reported, counted on between two looks */
+    vw_lanes fused_v2;             /* its variance */
+    vw_lanes fused_gain;           /* the gain it is counted with: that of the filter, as far as it is believed */
+    vw_lanes conflict;             /* mean square of filter minus fusion over its variance */
     vw_lanes apart;                /* mean of the filter's SOC minus the count's */
     vw_lanes wander_v2;            /* variance that the filter shows against the count beyond that mean */
     vw_lanes check_mean_v;         /* mean of the scaled innovation over check_s [V] */

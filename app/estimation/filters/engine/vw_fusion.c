@@ -1,68 +1,150 @@
 /* What is reported: sigma, fusion with the charge count, self-check. */
 #include "vw_parts.h"
 
-/* v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less. */
+/* v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less. The slope
+ * is that of the sigma points or, if it is less, of a voltage that is read: in a plateau's step neither may be local. */
 void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_real bias_v2 = vw_square(filter->tuning.bias_v), floor_v2 = vw_square(VW_SLOPE_FLOOR_V);
     VW_EACH_CELL(c)
     {
-        const vw_real slope_v2 = vw_max(vw_square(work->ocv_slope_v[c]), floor_v2);
+        const vw_real slope_v = vw_min(work->ocv_slope_v[c], vw_reading_slope(&filter->model, x->soc[c]));
+        const vw_real slope_v2 = vw_max(vw_square(slope_v), floor_v2);
         work->soc[c] = x->soc[c];
         work->soc_v2[c] = vw_min((x->slow_square_v2[c] + bias_v2) / slope_v2 + x->cov[0][c], VW_SOC_VARIANCE_MAX);
     }
 }
 
-/* Fuse the filter, which starts from voltage alone, with the charge count: two independent estimates of the SOC.
+/* Normal density of d with variance v2. */
+static vw_real normal(vw_real d, vw_real v2) { return vw_exp(-d * d / v2 / 2) / vw_sqrt(v2 * (vw_real)6.283185307179586); }
+
+/* Student's density with 31 degrees of freedom: tails a little heavier than normal, and no exponential to compute. */
+static vw_real student(vw_real d, vw_real v2)
+{
+    const vw_real tail2 = vw_square(1 + d * d / v2 * (vw_real)(1.0 / 32.0)), tail4 = tail2 * tail2;
+    return 1 / (vw_square(vw_square(tail4)) * vw_sqrt(v2) * (vw_real)2.5066282746310002);
+}
+
+/* Mean voltages of both halves of a rest from the start on. */
+void vw_watch_rest(const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
+{
+    VW_EACH_CELL(c)
+    {
+        const int is_missing = vw_is_missing(work->voltage_v[c]);
+        x->rest_early_v[c] += vw_pick(is_missing, 0, motion->rest_early * (work->voltage_v[c] - x->rest_early_v[c]));
+        x->rest_late_v[c] += vw_pick(is_missing, 0, motion->rest_late * (work->voltage_v[c] - x->rest_late_v[c]));
+    }
+}
+
+/* The voltage after a rest from the start on is a witness: of the SOC that was given, and a hypothesis of its own. A
+ * cell whose voltage still moves has rested late: what is left to relax is rest_tail times as much. */
+void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
+{
+    const vw_tuning *t = &filter->tuning;
+    const vw_cell_model *model = &filter->model;
+    const int last = VW_STARTS - 1;
+    VW_EACH_CELL(c)
+    {
+        if (vw_is_missing(work->voltage_v[c])) continue;
+        const int is_given = x->start_weight[0][c] > 0;
+        const vw_real drop_v = x->resistance[c] * model->drop_per_a_v * motion->current_a;
+        const vw_real read = vw_soc_of_ocv(model, x->rest_late_v[c] + drop_v), seen = read + x->drawn[c];
+        const vw_real relaxing_v = t->rest_tail * (x->rest_late_v[c] - x->rest_early_v[c]);
+        const vw_real error_v2 = vw_square(is_given ? t->rest_v : 2 * t->rest_v) + vw_square(relaxing_v);
+        const vw_real v2 = vw_square(vw_reading_sigma(model, read, vw_sqrt(error_v2)));
+        for (int k = 0; k < last; k++) {
+            const vw_real total = x->start_v2[k][c] + v2, d = seen - x->start_soc[k][c];
+            x->start_weight[k][c] *= normal(d, total);
+            x->start_soc[k][c] += x->start_v2[k][c] / total * d;
+            x->start_v2[k][c] *= v2 / total;
+        }
+        x->start_soc[last][c] = seen;
+        x->start_v2[last][c] = v2;
+        x->start_weight[last][c] = is_given ? 1 - t->start_exact - t->start_rough : 1;
+        vw_real sum = 0;
+        for (int k = 0; k < VW_STARTS; k++) sum += x->start_weight[k][c];
+        for (int k = 0; k < VW_STARTS; k++) x->start_weight[k][c] /= sum;
+    }
+}
+
+/* How far the capacity of the cell file is doubted, and so the gain that filter and counts go with.
  *
- * While they agree the surer one counts: by the squares of their variances, steeper than the precision-weighted mean,
- * since the errors of a model last and do not average out against those of a count. When they contradict each other
- * the start was wrong, and the filter rules; a count that stays contradicted is anchored anew. Within minutes a count
- * cannot wander, whatever its start: how far the filter wanders against it is an error it does not know of.
+ *   p = P(gain is not 0 | filter),  odds against = (1 - prior) / prior sigma_0 / s exp(-g^2 / 2 s^2),  s^2 = doubt M
+ *
+ * Returns the variance of p g.
+ */
+static vw_real believe_gain(const vw_tuning *t, vw_cells *restrict x, int c)
+{
+    const vw_real gain = x->gain[c], gain_v2 = x->gain_v2[c];
+    const vw_real s = vw_max(vw_sqrt(t->gain_doubt * gain_v2), (vw_real)1e-6);
+    const vw_real against = (1 - t->gain_prior) / t->gain_prior * t->gain_sigma / s * vw_exp(-vw_square(gain / s) / 2);
+    const vw_real p = 1 / (1 + against);
+    x->fused_gain[c] = p * gain;
+    return p * gain_v2 + p * (1 - p) * vw_square(gain);
+}
+
+/* The filter's error that it does not know of: within minutes a count cannot wander, whatever its start. */
+static vw_real wander(const vw_tuning *t, const vw_motion *motion, vw_cells *restrict x, int c)
+{
+    const vw_real a = motion->wander_share, beyond = x->soc[c] - x->count_soc[c] - x->apart[c];
+    x->wander_v2[c] += a * (1 - a) * (t->wander_factor * beyond * beyond - x->wander_v2[c]);
+    x->apart[c] += a * beyond;
+    return x->wander_v2[c];
+}
+
+/* Weigh the starts, and fuse the filter, which knows voltages only, with the count from each of them. */
+static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work, int c)
+{
+    const vw_tuning *t = &filter->tuning;
+    const vw_real gain_v2 = believe_gain(t, x, c), slope = x->gain_slope[0][c];
+    const vw_real z = x->soc[c] + slope * x->fused_gain[c];
+    const vw_real filter_v2 =
+        vw_min(work->soc_v2[c] + vw_square(slope) * gain_v2 + wander(t, motion, x, c), VW_SOC_VARIANCE_MAX);
+    const vw_real drift_v2 =
+        gain_v2 * vw_square(x->drawn[c]) + vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]);
+    /* beginning with the case that no start is right; moments count from the filter's SOC */
+    vw_real sum = t->start_unknown, moved = 0, square = 0, v2 = t->start_unknown * filter_v2;
+    for (int k = 0; k < VW_STARTS; k++) {
+        const vw_real count_v2 = x->start_v2[k][c] + drift_v2;
+        const vw_real d = z - (x->start_soc[k][c] - x->drawn[c] * (1 + x->fused_gain[c]));
+        const vw_real total_v2 = vw_min(filter_v2 + count_v2, vw_square(t->doubt_soc));
+        const vw_real w = x->start_weight[k][c] * student(d, total_v2);
+        const vw_real share = vw_square(filter_v2) / (vw_square(filter_v2) + vw_square(count_v2));
+        sum += w;
+        moved -= w * share * d;
+        square += w * vw_square(share * d);
+        v2 += w * (filter_v2 + share * (count_v2 - filter_v2));
+    }
+    moved /= sum;
+    x->fused_soc[c] = z + moved;
+    x->fused_v2[c] = v2 / sum + vw_max(square / sum - vw_square(moved), 0);
+    x->conflict[c] += motion->conflict_share * (vw_square(moved) / (filter_v2 + x->fused_v2[c]) - x->conflict[c]);
+}
+
+/* Fuse the filter, which starts from voltage alone, with charge counted from every start that there may have been.
+ *
+ * Starts are hypotheses: the SOC that was given is exact, or it is roughly right, or the voltage at rest was; or none
+ * of them. While a count and the filter agree the surer one counts: by the squares of their variances, steeper than the
+ * precision-weighted mean, since the errors of a model last and do not average out against those of a count. What
+ * contradicts the filter loses its weight.
  *
  *   v_f = v_filter + S,  S' = S + a (1 - a) (f (d - m)^2 - S),  m' = m + a (d - m),  a = 1 - exp(-dt / wander_s)
- *   v_c = v_anchor + gain^2 + offset^2
- *   v_t = min(v_f + v_c, doubt_soc^2)
- *   w   = P(start was right | both)                   from t(d; 0, v_t) against "anywhere in 0..1"
- *   z   = z_f - w g d,  g = v_f^2 / (v_f^2 + v_c^2),  d = z_f - z_c
- *   v   = v_f + w g (v_c - v_f + (1 - w) g d^2)       no less than either's where their errors are the same
+ *   z_f = z_filter + p g V_z,  v_filter likewise with var(p g) V_z^2
+ *   z_k = s_k - q (1 + p g),   v_k = v_s + var(p g) q^2 + gain^2 + offset^2      q charge drawn since the start
+ *   d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(v_f + v_k, doubt_soc^2)),   w_0 = start_unknown
+ *   z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = v_f^2 / (v_f^2 + v_k^2)
+ *   v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
  *
- * t is Student's density with 31 degrees of freedom: (1 + d^2 / 32 v_t)^-16, tails a little heavier than normal and
- * no exponential to compute.
+ * Where filter and fusion disagree for long by more than both may err, sigma grows by as much; see conflict_s.
  */
 void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
-    const vw_tuning *t = &filter->tuning;
-    const vw_real a = motion->wander_share, root_2pi = (vw_real)2.5066282746310002;
-    const vw_real odds = t->start_unknown / (1 - t->start_unknown) * root_2pi;
-    const vw_real total_max = vw_square(t->doubt_soc);
+    if (motion->look_s > 0)
+        VW_EACH_CELL(c) weigh(filter, motion, x, work, c);
     VW_EACH_CELL(c)
     {
-        const vw_real d = x->soc[c] - x->count_soc[c], count_v2 = vw_count_v2(x, c);
-        const vw_real beyond = d - x->apart[c];
-        const vw_real wander_v2 = x->wander_v2[c] + a * (1 - a) * (t->wander_factor * beyond * beyond - x->wander_v2[c]);
-        const vw_real apart = x->apart[c] + a * beyond;
-        const vw_real filter_v2 = vw_min(work->soc_v2[c] + wander_v2, VW_SOC_VARIANCE_MAX);
-        const vw_real total_v2 = vw_min(filter_v2 + count_v2, total_max);
-        const vw_real tail2 = vw_square(1 + d * d / total_v2 * (vw_real)(1.0 / 32.0)), tail4 = tail2 * tail2;
-        const vw_real tail16 = vw_square(vw_square(tail4));
-        /* w = 1 / against,  g = v_f^2 / squares, with one division for two */
-        const vw_real against = 1 + odds * vw_sqrt(total_v2) * tail16;
-        const vw_real squares = vw_square(count_v2) + vw_square(filter_v2);
-        const vw_real inverse = 1 / (against * squares);
-        const vw_real w = squares * inverse, g = vw_square(filter_v2) * against * inverse;
-        work->soc[c] = x->soc[c] - w * g * d;
-        work->soc_v2[c] = filter_v2 + w * g * (count_v2 - filter_v2 + (1 - w) * g * d * d);
-        /* contradicted for too long: count on from where the filter is */
-        const vw_real doubt_s = vw_pick(w < (vw_real)0.5, x->doubt_s[c] + motion->dt_s, 0);
-        const int is_anew = doubt_s > t->anchor_s;
-        x->count_soc[c] = vw_pick(is_anew, x->soc[c], x->count_soc[c]);
-        x->count_gain[c] = vw_pick(is_anew, 0, x->count_gain[c]);
-        x->count_offset[c] = vw_pick(is_anew, 0, x->count_offset[c]);
-        x->anchor_v2[c] = vw_pick(is_anew, t->anchor_factor * filter_v2, x->anchor_v2[c]);
-        x->apart[c] = vw_pick(is_anew, 0, apart);
-        x->doubt_s[c] = vw_pick(is_anew, 0, doubt_s);
-        x->wander_v2[c] = wander_v2;
+        work->soc[c] = x->fused_soc[c];
+        work->soc_v2[c] = vw_min(x->fused_v2[c] * vw_max(1, x->conflict[c]), VW_SOC_VARIANCE_MAX);
     }
 }
 
@@ -90,6 +172,6 @@ void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *r
         x->slow_mean_v[c] += bias_share * (y - slow);
         const int is_small = x->check_square_v2[c] < vw_square(t->check_rms_v);
         const int is_centred = vw_abs(x->check_mean_v[c]) < t->check_bias_v;
-        work->valid[c] = vw_pick(is_small & is_centred, 1, 0);
+        work->valid[c] = vw_pick(is_small & is_centred & (x->conflict[c] < t->conflict_max), 1, 0);
     }
 }

@@ -23,7 +23,10 @@ typedef struct {
     vw_real hysteresis_keep, hysteresis_pull;
     vw_real noise_v2;            /* variance of the model's voltage at this current [V^2] */
     vw_real correlation;         /* growth of it for the gain: errors that last average out less */
-    vw_real check_share, bias_share, wander_share;
+    vw_real look_s;              /* since the starts were last weighed; 0 where it is not time to weigh them [s] */
+    vw_real rest_early, rest_late; /* by which the means of a rest move towards this sample */
+    int reads_rest;              /* a rest from the start on has just become long enough to be read */
+    vw_real check_share, bias_share, wander_share, conflict_share;
 } vw_motion;
 
 /* What is known of a block of cells within a step; what a part writes, the parts after it read. */
@@ -47,6 +50,8 @@ void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *rest
 void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work);
 void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work);
 void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
+void vw_watch_rest(const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work);
+void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work);
 void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work);
 void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
 void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);

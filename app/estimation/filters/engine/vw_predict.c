@@ -27,7 +27,14 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     to.correlation = 1 + 2 * t->correlation_s / vw_max(dt_s, (vw_real)1e-3);
     to.check_share = share_of(dt_s, t->check_s);
     to.bias_share = share_of(dt_s, t->bias_s);
-    to.wander_share = share_of(dt_s, t->wander_s);
+    to.look_s = filter->since_s + dt_s < t->look_s ? 0 : filter->since_s + dt_s;
+    const vw_real half_s = t->rest_s / 2, rest_s = filter->rest_s + dt_s;
+    const int rests = filter->rest_s >= 0 && dt_s > 0 && vw_abs(current_a) < t->rest_c * model->capacity_ah;
+    to.rest_early = rests && rest_s <= half_s ? dt_s / rest_s : 0;
+    to.rest_late = rests && rest_s > half_s ? vw_min(dt_s / (rest_s - half_s), 1) : 0;
+    to.reads_rest = rests && rest_s >= t->rest_s;
+    to.wander_share = share_of(to.look_s, t->wander_s);
+    to.conflict_share = share_of(to.look_s, t->conflict_s);
     return to;
 }
 
@@ -55,12 +62,16 @@ void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *rest
     const vw_real i = motion->current_a;
     vw_lanes decay[VW_RC_MAX];
     decays(filter, motion, x, work, decay);
-    /* z' = z - m,  P_zz' = keep^2 P_zz + walk,  m = eta i dt / capacity; the count and its sigmas likewise */
+    /* z' = z - m,  P_zz' = keep^2 P_zz + walk,  m = eta i dt / capacity; the count and its sigmas likewise.
+     * With a gain g it would be z - m (1 + g): V_z' = V_z - m. */
     const vw_real offset = t->counter_offset_c / VW_SECONDS_PER_HOUR * motion->dt_s;
     VW_EACH_CELL(c)
     {
         const vw_real moved = motion->moved_ah / x->capacity_ah[c];
         x->soc[c] -= moved;
+        x->gain_slope[0][c] -= moved;
+        x->fused_soc[c] -= moved * (1 + x->fused_gain[c]);
+        x->drawn[c] += moved;
         x->count_soc[c] -= moved;
         x->count_gain[c] += t->counter_gain * moved;
         x->count_offset[c] += offset;
@@ -74,6 +85,7 @@ void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *rest
         {
             const vw_real a = decay[k][c];
             x->branch_a[k][c] = a * x->branch_a[k][c] + (1 - a) * i;
+            x->gain_slope[u][c] *= a;
             x->cov[VW_COV(u, 0)][c] *= motion->keep * a;
         }
         for (int q = 0; q < k; q++)

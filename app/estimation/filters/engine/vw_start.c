@@ -40,10 +40,10 @@ static void covariance(const vw_filter *filter, const vw_motion *motion, vw_cell
         vw_square(t->start_branch_c * model->capacity_ah) + vw_square(t->start_branch_rel * motion->current_a);
     VW_EACH_CELL(c)
     {
-        const vw_real slope_v = vw_max(vw_ocv_slope(model, x->soc[c]), VW_SLOPE_FLOOR_V);
-        vw_real variance = motion->noise_v2 * work->cold[c] / vw_square(slope_v) + vw_square(t->start_voltage_sigma);
-        for (int k = 0; k < model->n_rc; k++)
-            variance += vw_square(x->resistance[c] * here[VW_R1 + k][c] / slope_v) * branch_v2;
+        vw_real voltage_v2 = motion->noise_v2 * work->cold[c];
+        for (int k = 0; k < model->n_rc; k++) voltage_v2 += vw_square(x->resistance[c] * here[VW_R1 + k][c]) * branch_v2;
+        const vw_real sigma_v = vw_sqrt(voltage_v2), slope_v = sigma_v / vw_reading_sigma(model, x->soc[c], sigma_v);
+        const vw_real variance = voltage_v2 / vw_square(slope_v) + vw_square(t->start_voltage_sigma);
         const int is_missing = vw_is_missing(work->voltage_v[c]);
         const vw_real shrink = vw_sqrt(vw_min(1, VW_SOC_VARIANCE_MAX / variance));
         x->cov[0][c] = is_missing ? VW_SOC_VARIANCE_MAX : variance * vw_square(shrink);
@@ -60,47 +60,44 @@ static void forget(const vw_filter *filter, vw_cells *restrict x)
 {
     VW_EACH_CELL(c)
     {
-        x->hysteresis[c] = x->refused_s[c] = x->doubt_s[c] = x->wander_v2[c] = 0;
+        x->hysteresis[c] = x->refused_s[c] = x->wander_v2[c] = 0;
+        x->gain_v2[c] = vw_square(filter->tuning.gain_sigma);
+        for (int u = 0; u < VW_STATES_MAX; u++) x->gain_slope[u][c] = 0;
+        x->gain[c] = x->fused_gain[c] = x->drawn[c] = x->conflict[c] = 0;
         x->count_gain[c] = x->count_offset[c] = 0;
         x->check_mean_v[c] = x->check_square_v2[c] = x->slow_mean_v[c] = 0;
         x->slow_square_v2[c] = vw_square(filter->tuning.bias_start_v);
     }
 }
 
-static vw_real ocv_of(const vw_cell_model *model, vw_real soc)
+/* A SOC that was given is right as exactly as was said, or roughly, or says nothing. */
+static void suppose(const vw_tuning *t, vw_cells *restrict x, int c, vw_real soc, vw_real sigma)
 {
-    vw_lanes z, ocv_v;
-    vw_soc_place at;
-    VW_EACH_CELL(c) z[c] = soc;
-    vw_place_soc(model, z, &at);
-    vw_ocv(model, &at, ocv_v);
-    return ocv_v[0];
-}
-
-/* Sigma of an initial SOC that came without one: at rest, how far the voltage says that it is off. */
-static vw_real initial_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x,
-                             const vw_work *restrict work, int c, vw_real soc)
-{
-    const vw_tuning *t = &filter->tuning;
-    const vw_real off = vw_abs(x->soc[c] - soc);
-    const int at_rest = !vw_is_missing(work->voltage_v[c]) &
-                        (vw_abs(motion->current_a) < t->rest_c * filter->model.capacity_ah);
-    const vw_real off_v = vw_abs(ocv_of(&filter->model, x->soc[c]) - ocv_of(&filter->model, soc));
-    return at_rest && off_v > t->rest_error_v && off < t->rest_off_max ? off : t->counter_soc_sigma;
+    const int is_given = !vw_is_missing(soc);
+    const vw_real exact = vw_is_missing(sigma) ? t->counter_soc_sigma : sigma;
+    const vw_real spread[VW_STARTS] = {exact, vw_max(t->start_rough_sigma, 3 * exact), 1};
+    const vw_real weight[VW_STARTS] = {t->start_exact, t->start_rough, 0};
+    for (int k = 0; k < VW_STARTS; k++) {
+        x->start_soc[k][c] = is_given ? vw_clip(soc, VW_SOC_MIN, VW_SOC_MAX) : x->soc[c];
+        x->start_v2[k][c] = vw_clip(vw_square(spread[k]), LEAST_VARIANCE, VW_SOC_VARIANCE_MAX);
+        x->start_weight[k][c] = is_given ? weight[k] : 0;
+    }
+    x->fused_soc[c] = x->soc[c];
+    x->fused_v2[c] = x->cov[0][c];
 }
 
 /* The count begins at the SOC given, or else where the voltage says; a filter without a count begins there too. */
-static void begin(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work, int c,
-                  vw_real soc, vw_real sigma)
+static void begin(const vw_filter *filter, vw_cells *restrict x, int c, vw_real soc, vw_real sigma)
 {
     x->count_soc[c] = vw_clip(x->soc[c], VW_SOC_MIN, VW_SOC_MAX);
     x->anchor_v2[c] = x->cov[0][c];
     x->soc[c] = x->count_soc[c];
     x->apart[c] = 0;
+    suppose(&filter->tuning, x, c, soc, sigma);
     if (vw_is_missing(soc)) return;
     const int is_counted = filter->kind == VW_COUNT || filter->kind == VW_SIGMA_FUSED;
     if (vw_is_missing(sigma))
-        sigma = is_counted ? initial_sigma(filter, motion, x, work, c, soc) : filter->tuning.start_soc_sigma;
+        sigma = is_counted ? filter->tuning.counter_soc_sigma : filter->tuning.start_soc_sigma;
     x->count_soc[c] = vw_clip(soc, VW_SOC_MIN, VW_SOC_MAX);
     x->anchor_v2[c] = vw_clip(vw_square(sigma), LEAST_VARIANCE, VW_SOC_VARIANCE_MAX);
     x->apart[c] = x->soc[c] - x->count_soc[c];
@@ -112,9 +109,10 @@ static void begin(const vw_filter *filter, const vw_motion *motion, vw_cells *re
 
 void vw_filter_init(vw_filter *filter, vw_cells *cells)
 {
-    filter->current_a = 0;
+    filter->current_a = filter->since_s = 0;
+    filter->rest_s = -1;
     for (int block = 0; block < VW_BLOCKS(filter->n_cells); block++) {
-        vw_cells *x = &cells[block];
+        vw_cells *restrict x = &cells[block];
         VW_EACH_CELL(c)
         {
             x->temperature_degc[c] = TEMPERATURE_UNKNOWN_DEGC;
@@ -128,17 +126,21 @@ void vw_filter_start(vw_filter *filter, vw_cells *cells, const vw_sample *sample
                      const vw_real *soc_sigma)
 {
     vw_hold_current(filter, sample->current_a);
+    filter->since_s = filter->tuning.look_s;
+    filter->rest_s = 0;
     const vw_motion motion = vw_motion_of(filter, 0, filter->current_a);
     vw_real sum = 0;
     int n_seen = 0;
     vw_work work;
     for (int k = 0; k < filter->n_cells; k += VW_LANES) {
-        vw_cells *x = &cells[k / VW_LANES];
+        vw_cells *restrict x = &cells[k / VW_LANES];
         vw_lanes here[VW_COLUMNS_MAX];
         vw_read(filter, x, sample, k, &work);
         soc_from_voltage(filter, &motion, x, &work, here);
         covariance(filter, &motion, x, &work, here);
         forget(filter, x);
+        VW_EACH_CELL(c)
+        x->rest_early_v[c] = x->rest_late_v[c] = vw_is_missing(work.voltage_v[c]) ? 0 : work.voltage_v[c];
         VW_EACH_CELL(c)
         {
             if (vw_is_missing(work.voltage_v[c])) continue;
@@ -149,10 +151,10 @@ void vw_filter_start(vw_filter *filter, vw_cells *cells, const vw_sample *sample
     /* a cell that was not measured begins at the mean of the others, as unknown as can be */
     const vw_real mean = n_seen > 0 ? sum / (vw_real)n_seen : (vw_real)0.5;
     for (int k = 0; k < filter->n_cells; k++) {
-        vw_cells *x = &cells[k / VW_LANES];
+        vw_cells *restrict x = &cells[k / VW_LANES];
         const int c = k % VW_LANES;
         if (c == 0) vw_read(filter, x, sample, k, &work);
         if (vw_is_missing(work.voltage_v[c])) x->soc[c] = mean;
-        begin(filter, &motion, x, &work, c, number_of(soc, k), number_of(soc_sigma, k));
+        begin(filter, x, c, number_of(soc, k), number_of(soc_sigma, k));
     }
 }

@@ -21,6 +21,30 @@ static void project(const vw_cells *restrict x, const vw_work *restrict work, in
     }
 }
 
+/* The gain g of the charge, beside the filter, which goes on as if there were none (Friedland 1969): with one the mean
+ * would be x + V g and its innovation nu - H V g.
+ *
+ *   g' = g + M H V (nu - H V g) / (S + (H V)^2 M),   M' = M S / (S + (H V)^2 M),   V' = V - P_xy H V / S
+ *
+ * Outside the temperatures that were measured nothing is learned of it. */
+static void learn_gain(vw_cells *restrict x, const vw_work *restrict work, int n_states, const vw_lanes *Pxy, const vw_lanes per_sigma)
+{
+    vw_lanes HV;
+    VW_EACH_CELL(c) HV[c] = 0;
+    for (int u = 0; u < n_states; u++)
+        VW_EACH_CELL(c) HV[c] += work->H[u][c] * x->gain_slope[u][c];
+    VW_EACH_CELL(c)
+    {
+        const vw_real per_v2 = vw_square(per_sigma[c]), off_v = work->innovation_v[c] - HV[c] * x->gain[c];
+        const int learns = (work->used[c] > 0) & (work->cold[c] <= 1);
+        const vw_real kept = 1 / (1 + vw_square(HV[c]) * x->gain_v2[c] * per_v2);
+        x->gain[c] += vw_pick(learns, kept * x->gain_v2[c] * HV[c] * per_v2 * off_v, 0);
+        x->gain_v2[c] *= vw_pick(learns, kept, 1);
+    }
+    for (int u = 0; u < n_states; u++)
+        VW_EACH_CELL(c) x->gain_slope[u][c] -= Pxy[u][c] * vw_square(per_sigma[c]) * HV[c];
+}
+
 void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
@@ -51,6 +75,7 @@ void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restr
         work->innovation_sigma_v[c] = vw_sqrt(expected_v2);
         work->used[c] = vw_pick(is_used, 1, 0);
     }
+    learn_gain(x, work, n_states, Pxy, per_sigma);
     /* with y = P_xy / sqrt(S):  x' = x + y nu / sqrt(S),  P' = P - y y' */
     for (int u = 0; u < n_states; u++) {
         vw_real *state = u == 0 ? x->soc : x->branch_a[u - 1];

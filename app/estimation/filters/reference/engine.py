@@ -9,7 +9,7 @@ import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.estimation.filters.estimates import N_OUT
-from app.estimation.filters.reference.fusion import fuse, self_check, soc_variance
+from app.estimation.filters.reference.fusion import fuse, read_rest, self_check, soc_variance, watch_rest
 from app.estimation.filters.reference.output import Output, output_sigma, output_tangent
 from app.estimation.filters.reference.predict import predict
 from app.estimation.filters.reference.start import start
@@ -36,6 +36,9 @@ def step(setup: FilterSetup, state: State, motion: Motion, measured: Measurement
     output = _output(setup, state, motion, measured)
     state, innovation = update(setup, state, motion, measured, output)
     soc, variance = state.soc, soc_variance(setup, state, output)
+    state = watch_rest(state, motion, measured)
+    if motion.reads_rest:
+        state = read_rest(setup, state, motion, measured)
     if setup.kind is Kind.SIGMA_FUSED:
         state, soc, variance = fuse(setup, state, motion, variance)
     state, valid = self_check(setup, state, motion, innovation.nu, innovation.used)
@@ -67,6 +70,8 @@ class ReferenceEngine:
         self.state = initial_state(setup, n_cells)
         self._setup = setup
         self._current_a = 0.0
+        self._since_s = 0.0  # since the starts were last weighed
+        self._rest_s = -1.0  # of rest since the start; negative once it has been read or broken
 
     def start(
         self,
@@ -78,12 +83,19 @@ class ReferenceEngine:
     ) -> None:
         """Set the state from one sample; see `Engine.start`."""
         motion = motion_of(self._setup, 0.0, self._held(current_a))
+        self._since_s, self._rest_s = self._setup.tuning.look_s, 0.0
         state, measured = read(self._setup, self.state, voltage_v, temperature_degc)
         self.state = start(self._setup, state, motion, measured, soc, soc_sigma)
 
     def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> FloatArray:
         """Return (8, n_cells) estimates after one sample; see `Engine.step`."""
-        motion = motion_of(self._setup, dt_s, self._held(current_a))
+        current_a = self._held(current_a)
+        look_s = self._since_s + dt_s
+        self._since_s = 0.0 if look_s >= self._setup.tuning.look_s else look_s
+        is_due = look_s >= self._setup.tuning.look_s
+        motion = motion_of(self._setup, dt_s, current_a, look_s if is_due else 0.0, self._rest_s)
+        rests = motion.rest_early > 0.0 or motion.rest_late > 0.0 or (self._rest_s == 0.0 and dt_s == 0.0)
+        self._rest_s = self._rest_s + dt_s if rests and not motion.reads_rest else -1.0
         state, measured = read(self._setup, self.state, voltage_v, temperature_degc)
         self.state, numbers = step(self._setup, state, motion, measured)
         return numbers

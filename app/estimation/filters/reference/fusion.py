@@ -9,16 +9,18 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.filters.reference.output import Output
-from app.estimation.filters.reference.state import SLOPE_FLOOR_V, SOC_VARIANCE_MAX, Motion, State
+from app.estimation.filters.reference.state import SLOPE_FLOOR_V, SOC_VARIANCE_MAX, Measurement, Motion, State
 from app.estimation.filters.setup import FilterSetup
 
 
 def soc_variance(setup: FilterSetup, state: State, output: Output) -> FloatArray:
     """Return (n,) variance of the filter's SOC with the error that averaging does not remove.
 
-    v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less.
+    v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less. The
+    slope is that of the sigma points or, if less, of a voltage that is read: in a plateau's step neither may be local.
     """
-    slope_v2 = np.maximum(output.ocv_slope_v**2, SLOPE_FLOOR_V**2)
+    slope_v = np.minimum(output.ocv_slope_v, setup.cell.reading_slope(state.soc))
+    slope_v2 = np.maximum(slope_v**2, SLOPE_FLOOR_V**2)
     variance = state.cov[0, 0] + (setup.tuning.bias_v**2 + state.slow_square_v2) / slope_v2
     return np.asarray(np.minimum(variance, SOC_VARIANCE_MAX))
 
@@ -26,22 +28,21 @@ def soc_variance(setup: FilterSetup, state: State, output: Output) -> FloatArray
 def fuse(
     setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArray
 ) -> tuple[State, FloatArray, FloatArray]:
-    """Return the state, and (n,) SOC and variance of the filter fused with the charge count.
+    """Return the state, and (n,) SOC and variance of the filter fused with charge counted from every likely start.
 
-    The filter starts from voltage alone: two independent estimates of the SOC. While they agree the surer one counts:
-    by the squares of their variances, steeper than the precision-weighted mean, since the errors of a model last and do
-    not average out against those of a count. When they contradict each other the start was wrong, and the filter rules;
-    a count that stays contradicted is anchored anew. Within minutes a count cannot wander, whatever its start: how far
-    the filter wanders against it is an error it does not know of.
+    The filter starts from voltage alone. Starts are hypotheses: the SOC that was given is exact, or it is roughly
+    right, or the voltage at rest was; or none of them. While a count and the filter agree the surer one counts: by the
+    squares of their variances, steeper than the precision-weighted mean, since the errors of a model last and do not
+    average out against those of a count. What contradicts the filter loses its weight.
 
         v_f = v_filter + S,  S' = S + a (1 - a) (f (d - m)^2 - S),  m' = m + a (d - m),  a = 1 - exp(-dt / wander_s)
-        v_c = v_anchor + gain^2 + offset^2
-        v_t = min(v_f + v_c, doubt_soc^2)
-        w   = P(start was right | both)                   from t(d; 0, v_t) against "anywhere in 0..1"
-        z   = z_f - w g d,  g = v_f^2 / (v_f^2 + v_c^2),  d = z_f - z_c
-        v   = v_f + w g (v_c - v_f + (1 - w) g d^2)       no less than either's where their errors are the same
+        z_f = z_filter + p g V_z,  v_filter likewise with var(p g) V_z^2
+        z_k = s_k - q (1 + p g),   v_k = v_s + var(p g) q^2 + gain^2 + offset^2     q charge drawn since the start
+        d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(v_f + v_k, doubt_soc^2)),  w_0 = start_unknown
+        z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = v_f^2 / (v_f^2 + v_k^2)
+        v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
 
-    t is Student's density with 31 degrees of freedom: (1 + d^2 / 32 v_t)^-16, tails a little heavier than normal.
+    Where filter and fusion disagree for long by more than both may err, sigma grows by as much; see `conflict_s`.
 
     Args:
         setup: the filter.
@@ -49,31 +50,104 @@ def fuse(
         motion: the step.
         filter_v2: (n,) variance of the filter's SOC.
     """
+    if motion.look_s > 0.0:
+        state = weigh(setup, state, motion, filter_v2)
+    return state, state.fused_soc, np.minimum(state.fused_v2 * np.maximum(1.0, state.conflict), SOC_VARIANCE_MAX)
+
+
+def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArray) -> State:
+    """Return the state with its starts weighed, and the filter fused with the count from each of them; see `fuse`."""
     tuning = setup.tuning
-    a = motion.share(tuning.wander_s)
-    odds = tuning.start_unknown / (1.0 - tuning.start_unknown) * math.sqrt(2.0 * math.pi)
-    d, count_v2 = state.soc - state.count_soc, state.count_v2
-    beyond = d - state.apart
-    wander_v2 = state.wander_v2 + a * (1.0 - a) * (tuning.wander_factor * beyond**2 - state.wander_v2)
-    filter_v2 = np.minimum(filter_v2 + wander_v2, SOC_VARIANCE_MAX)
-    total_v2 = np.minimum(filter_v2 + count_v2, tuning.doubt_soc**2)
-    w = 1.0 / (1.0 + odds * np.sqrt(total_v2) * (1.0 + d**2 / (32.0 * total_v2)) ** 16)
-    g = filter_v2**2 / (filter_v2**2 + count_v2**2)
-    soc = state.soc - w * g * d
-    variance = filter_v2 + w * g * (count_v2 - filter_v2 + (1.0 - w) * g * d**2)
-    doubt_s = np.where(w < 0.5, state.doubt_s + motion.dt_s, 0.0)
-    anew = doubt_s > tuning.anchor_s
-    after = replace(
+    state = wander(setup, state, motion)
+    fused_gain, gain_v2 = believe_gain(setup, state)
+    z = state.soc + state.gain_slope[0] * fused_gain
+    filter_v2 = np.minimum(filter_v2 + state.gain_slope[0] ** 2 * gain_v2 + state.wander_v2, SOC_VARIANCE_MAX)
+    count_v2 = state.start_v2 + gain_v2 * state.drawn**2 + state.count_gain**2 + state.count_offset**2
+    d = z - (state.start_soc - state.drawn * (1.0 + fused_gain))
+    w = state.start_weight * student(d, np.minimum(filter_v2 + count_v2, tuning.doubt_soc**2))
+    share = filter_v2**2 / (filter_v2**2 + count_v2**2)
+    total = tuning.start_unknown + w.sum(axis=0)
+    moved = -(w * share * d).sum(axis=0) / total
+    spread_v2 = (w * (share * d) ** 2).sum(axis=0) / total - moved**2
+    within_v2 = filter_v2 + (w * share * (count_v2 - filter_v2)).sum(axis=0) / total
+    fused_v2 = within_v2 + np.maximum(spread_v2, 0.0)
+    beyond = moved**2 / (filter_v2 + fused_v2) - state.conflict
+    return replace(
         state,
-        count_soc=np.where(anew, state.soc, state.count_soc),
-        count_gain=np.where(anew, 0.0, state.count_gain),
-        count_offset=np.where(anew, 0.0, state.count_offset),
-        anchor_v2=np.where(anew, tuning.anchor_factor * filter_v2, state.anchor_v2),
-        doubt_s=np.where(anew, 0.0, doubt_s),
-        apart=np.where(anew, 0.0, state.apart + a * beyond),
-        wander_v2=wander_v2,
+        fused_soc=z + moved,
+        fused_v2=fused_v2,
+        fused_gain=fused_gain,
+        conflict=state.conflict + motion.look_share(tuning.conflict_s) * beyond,
     )
-    return after, soc, variance
+
+
+def wander(setup: FilterSetup, state: State, motion: Motion) -> State:
+    """Return the state with the error that the filter does not know of.
+
+    Within minutes a count cannot wander, whatever its start: what the filter moves against it is the filter's error.
+    """
+    a = motion.look_share(setup.tuning.wander_s)
+    beyond = state.soc - state.count_soc - state.apart
+    wander_v2 = state.wander_v2 + a * (1.0 - a) * (setup.tuning.wander_factor * beyond**2 - state.wander_v2)
+    return replace(state, wander_v2=wander_v2, apart=state.apart + a * beyond)
+
+
+def believe_gain(setup: FilterSetup, state: State) -> tuple[FloatArray, FloatArray]:
+    """Return the (n,) gain that filter and counts go with, and its variance: the doubt about the cell file's capacity.
+
+    p = P(gain is not 0 | filter),  odds against = (1 - prior) / prior sigma_0 / s exp(-g^2 / 2 s^2),  s^2 = doubt M
+    """
+    tuning, gain_v2 = setup.tuning, state.gain_v2
+    s = np.maximum(np.sqrt(tuning.gain_doubt * gain_v2), 1e-6)
+    odds = (1.0 - tuning.gain_prior) / tuning.gain_prior
+    p = 1.0 / (1.0 + odds * tuning.gain_sigma / s * np.exp(-((state.gain / s) ** 2) / 2.0))
+    return p * state.gain, p * gain_v2 + p * (1.0 - p) * state.gain**2
+
+
+def watch_rest(state: State, motion: Motion, measured: Measurement) -> State:
+    """Return the state with the mean voltages of both halves of a rest from the start on."""
+    seen, v = measured.is_measured, np.where(measured.is_measured, measured.voltage_v, 0.0)
+    early, late = (np.where(seen, share, 0.0) for share in (motion.rest_early, motion.rest_late))
+    return replace(
+        state,
+        rest_early_v=state.rest_early_v + early * (v - state.rest_early_v),
+        rest_late_v=state.rest_late_v + late * (v - state.rest_late_v),
+    )
+
+
+def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
+    """Return the state after a rest from the start on: its voltage is a witness of the SOC given, and a hypothesis.
+
+    A cell whose voltage still moves has rested late: what is left to relax is `rest_tail` times as much.
+    """
+    tuning, cell, seen = setup.tuning, setup.cell, measured.is_measured
+    drop_v = state.resistance * cell.model.drop_per_c_v / cell.model.c_rate_a * motion.current_a
+    read = cell.soc_of_ocv(state.rest_late_v + drop_v)
+    given = state.start_weight[0] > 0.0
+    relaxing_v = tuning.rest_tail * (state.rest_late_v - state.rest_early_v)
+    v2 = cell.reading_sigma(read, np.hypot(np.where(given, 1.0, 2.0) * tuning.rest_v, relaxing_v)) ** 2
+    start_v2, d = state.start_v2[:-1], read + state.drawn - state.start_soc[:-1]
+    total = start_v2 + v2
+    soc = np.vstack((state.start_soc[:-1] + start_v2 / total * d, (read + state.drawn)[None]))
+    variance = np.vstack((start_v2 * v2 / total, v2[None]))
+    says_nothing = np.where(given, 1.0 - tuning.start_exact - tuning.start_rough, 1.0)
+    weight = np.vstack((state.start_weight[:-1] * normal(d, total), says_nothing[None]))
+    return replace(
+        state,
+        start_soc=np.where(seen, soc, state.start_soc),
+        start_v2=np.where(seen, variance, state.start_v2),
+        start_weight=np.where(seen, weight / weight.sum(axis=0), state.start_weight),
+    )
+
+
+def normal(d: FloatArray, v2: FloatArray) -> FloatArray:
+    """Return the normal density of d with variance v2."""
+    return np.asarray(np.exp(-(d**2) / v2 / 2.0) / np.sqrt(2.0 * math.pi * v2))
+
+
+def student(d: FloatArray, v2: FloatArray) -> FloatArray:
+    """Return Student's density of d with 31 degrees of freedom: tails a little heavier than normal."""
+    return np.asarray(1.0 / ((1.0 + d**2 / (32.0 * v2)) ** 16 * np.sqrt(2.0 * math.pi * v2)))
 
 
 def self_check(
@@ -104,5 +178,5 @@ def self_check(
         slow_mean_v=state.slow_mean_v + bias_share * (y - state.slow_mean_v),
         slow_square_v2=state.slow_square_v2 + share * (state.slow_mean_v**2 - state.slow_square_v2),
     )
-    is_small = after.check_square_v2 < tuning.check_rms_v**2
+    is_small = (after.check_square_v2 < tuning.check_rms_v**2) & (after.conflict < tuning.conflict_max)
     return after, is_small & (np.abs(after.check_mean_v) < tuning.check_bias_v)

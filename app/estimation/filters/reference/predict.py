@@ -17,6 +17,7 @@ def predict(setup: FilterSetup, state: State, motion: Motion, measured: Measurem
     z'   = z - m,   m = eta i dt / capacity          the count likewise
     i_k' = a_k i_k + (1 - a_k) i,   a_k = exp(-dt / tau_k)
     P'   = A P A + Q,   A = diag(keep, a_1 ..)       keep^2 P_zz + walk stays below its maximum
+    V_z' = V_z - m,   V_k' = a_k V_k                 a gain g of the charge would make it x + V g
     h'   = f h - sign(m) (1 - f),   f = exp(-rate |m|)
 
     Args:
@@ -42,6 +43,9 @@ def predict(setup: FilterSetup, state: State, motion: Motion, measured: Measurem
     return replace(
         state,
         soc=state.soc - moved,
+        gain_slope=np.vstack(((state.gain_slope[0] - moved)[None], a * state.gain_slope[1:])),
+        fused_soc=state.fused_soc - moved * (1.0 + state.fused_gain),
+        drawn=state.drawn + moved,
         branch_a=a * state.branch_a + (1.0 - a) * i,
         cov=cov,
         hysteresis=follow * state.hysteresis - math.copysign(1.0 - follow, model_moved),

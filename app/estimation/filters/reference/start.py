@@ -10,7 +10,7 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.filters.reference.output import drop
 from app.estimation.filters.reference.state import (
-    SLOPE_FLOOR_V,
+    N_STARTS,
     SOC_MAX,
     SOC_MIN,
     SOC_VARIANCE_MAX,
@@ -37,7 +37,7 @@ def start(
         soc: (n,) initial SOC, NaN = unknown.
         soc_sigma: (n,) its sigma, NaN = unknown.
     """
-    return impose_soc(setup, from_voltage(setup, state, motion, measured), motion, measured, soc, soc_sigma)
+    return impose_soc(setup, from_voltage(setup, state, motion, measured), soc, soc_sigma)
 
 
 def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
@@ -54,11 +54,11 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
         here = cell.circuit(z, measured.place)
         ocv_v = measured.voltage_v + state.resistance * drop(here, motion, branch_a)
         z = np.where(seen, cell.soc_of_ocv(ocv_v), z)
-    slope_v = np.maximum(cell.ocv_slope(z), SLOPE_FLOOR_V)
     branch_v2 = (tuning.start_branch_c * cell.model.c_rate_a) ** 2 + (tuning.start_branch_rel * motion.current_a) ** 2
+    voltage_v2 = motion.noise_v2 * measured.cold + ((state.resistance * here[R1:]) ** 2 * branch_v2).sum(axis=0)
+    slope_v = np.sqrt(voltage_v2) / cell.reading_sigma(z, np.sqrt(voltage_v2))
     share = state.resistance * here[R1:] / slope_v
-    variance = motion.noise_v2 * measured.cold / slope_v**2 + tuning.start_voltage_sigma**2
-    variance = variance + (share**2 * branch_v2).sum(axis=0)
+    variance = voltage_v2 / slope_v**2 + tuning.start_voltage_sigma**2
     shrink = np.sqrt(np.minimum(1.0, SOC_VARIANCE_MAX / variance))
     cov = np.zeros_like(state.cov)
     cov[0, 0] = np.where(seen, variance * shrink**2, SOC_VARIANCE_MAX)
@@ -70,6 +70,9 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
         soc=z,
         branch_a=branch_a,
         cov=cov,
+        gain=zeros,
+        gain_v2=np.full_like(z, tuning.gain_sigma**2),
+        gain_slope=np.zeros_like(state.gain_slope),
         hysteresis=zeros,
         temperature_degc=state.temperature_degc,
         capacity_ah=state.capacity_ah,
@@ -79,7 +82,16 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
         count_gain=zeros,
         count_offset=zeros,
         anchor_v2=cov[0, 0].copy(),
-        doubt_s=zeros,
+        rest_early_v=np.where(seen, measured.voltage_v, 0.0),
+        rest_late_v=np.where(seen, measured.voltage_v, 0.0),
+        drawn=zeros,
+        start_soc=np.tile(z, (N_STARTS, 1)),
+        start_v2=np.full((N_STARTS, z.size), SOC_VARIANCE_MAX),
+        start_weight=np.zeros((N_STARTS, z.size)),
+        fused_soc=z,
+        fused_v2=cov[0, 0].copy(),
+        fused_gain=zeros,
+        conflict=zeros,
         apart=zeros,
         wander_v2=zeros,
         check_mean_v=zeros,
@@ -89,13 +101,12 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
     )
 
 
-def impose_soc(
-    setup: FilterSetup, state: State, motion: Motion, measured: Measurement, soc: FloatArray, soc_sigma: FloatArray
-) -> State:
+def impose_soc(setup: FilterSetup, state: State, soc: FloatArray, soc_sigma: FloatArray) -> State:
     """Return the state with the count begun at a given SOC; a filter that is not fused begins there too."""
-    given = ~np.isnan(soc)
-    default = initial_sigma(setup, state, motion, measured, soc)
-    sigma = np.where(np.isnan(soc_sigma), default if setup.counts else setup.tuning.start_soc_sigma, soc_sigma)
+    given, tuning = ~np.isnan(soc), setup.tuning
+    default = tuning.counter_soc_sigma if setup.counts else tuning.start_soc_sigma
+    sigma = np.where(np.isnan(soc_sigma), default, soc_sigma)
+    state = suppose(setup, state, soc, soc_sigma)
     count_soc = np.where(given, np.clip(soc, SOC_MIN, SOC_MAX), state.soc)
     anchor_v2 = np.where(given, np.clip(sigma**2, LEAST_VARIANCE, SOC_VARIANCE_MAX), state.cov[0, 0])
     state = replace(state, count_soc=count_soc, anchor_v2=anchor_v2, apart=state.soc - count_soc)
@@ -107,12 +118,18 @@ def impose_soc(
     return replace(state, soc=count_soc, cov=cov)
 
 
-def initial_sigma(
-    setup: FilterSetup, state: State, motion: Motion, measured: Measurement, soc: FloatArray
-) -> FloatArray:
-    """Return (n,) sigma of an initial SOC that came without one: at rest, how far the voltage says that it is off."""
-    tuning, cell = setup.tuning, setup.cell
-    off, off_v = np.abs(state.soc - soc), np.abs(cell.ocv(state.soc) - cell.ocv(soc))
-    at_rest = measured.is_measured & (abs(motion.current_a) < tuning.rest_c * cell.model.c_rate_a)
-    is_off = at_rest & (off_v > tuning.rest_error_v) & (off < tuning.rest_off_max)
-    return np.where(is_off, off, tuning.counter_soc_sigma)
+def suppose(setup: FilterSetup, state: State, soc: FloatArray, soc_sigma: FloatArray) -> State:
+    """Return the state with the hypotheses of a SOC that was given.
+
+    It is right as exactly as was said, or roughly, or says nothing.
+    """
+    tuning, given = setup.tuning, ~np.isnan(soc)
+    exact = np.where(np.isnan(soc_sigma), tuning.counter_soc_sigma, soc_sigma)
+    spread = np.array([exact, np.maximum(tuning.start_rough_sigma, 3.0 * exact), np.ones_like(exact)])
+    weight = np.array([[tuning.start_exact], [tuning.start_rough], [0.0]])
+    return replace(
+        state,
+        start_soc=np.where(given, np.clip(soc, SOC_MIN, SOC_MAX), state.start_soc),
+        start_v2=np.clip(spread**2, LEAST_VARIANCE, SOC_VARIANCE_MAX),
+        start_weight=np.where(given, weight, 0.0),
+    )

@@ -18,6 +18,7 @@ SOC_MAX: Final = 1.05
 SOC_VARIANCE_MAX: Final = 0.25  # no cell's SOC is less known than this
 VARIANCE_STEP: Final = 1e-12  # added at every step, in units of 1 and C^2: keeps P definite
 SLOPE_FLOOR_V: Final = 0.02  # least slope by which a voltage error is turned into one of SOC
+N_STARTS: Final = 3  # hypotheses of the SOC at the start
 TEMPERATURE_UNKNOWN_DEGC: Final = 25.0
 TEMPERATURE_MAX_DEGC: Final = 200.0  # beyond it, either way, the sensor is broken
 CURRENT_MAX_C: Final = 60.0  # a larger reading is a broken sensor, not a current
@@ -33,6 +34,9 @@ class State:
         soc: mean of the filter's state: SOC, 0..1.
         branch_a: (n_rc, n) and currents through the RC resistors [A].
         cov: (1 + n_rc, 1 + n_rc, n) its covariance P.
+        gain: share by which charge moves the SOC more than the capacity says.
+        gain_v2: its variance M.
+        gain_slope: (1 + n_rc, n) how the mean would move with it, V.
         hysteresis: -1 after discharge .. 1 after charge.
         temperature_degc: last temperature that was measured [degC].
         capacity_ah: of each cell [Ah].
@@ -42,7 +46,16 @@ class State:
         count_gain: its sigma by the gain of the current sensor.
         count_offset: its sigma by the offset of the current sensor.
         anchor_v2: variance of the SOC where the count began.
-        doubt_s: for how long the count has been less likely than not [s].
+        rest_early_v: mean voltage over the first half of a rest from the start on [V].
+        rest_late_v: and over the second [V].
+        drawn: charge taken out since the start, over the capacity.
+        start_soc: (3, n) SOC at the start: as given, as exact as was said; the same, roughly; as read at rest.
+        start_v2: (3, n) its variance by each hypothesis.
+        start_weight: (3, n) their probabilities before any drive.
+        fused_soc: what is reported, counted on between two looks.
+        fused_v2: its variance.
+        fused_gain: the gain it is counted with: that of the filter, as far as it is believed.
+        conflict: mean square of filter minus fusion over its variance.
         apart: mean of the filter's SOC minus the count's.
         wander_v2: variance that the filter shows against the count beyond that mean.
         check_mean_v: mean of the scaled innovation over `check_s` [V].
@@ -54,6 +67,9 @@ class State:
     soc: FloatArray
     branch_a: FloatArray
     cov: FloatArray
+    gain: FloatArray
+    gain_v2: FloatArray
+    gain_slope: FloatArray
     hysteresis: FloatArray
     temperature_degc: FloatArray
     capacity_ah: FloatArray
@@ -63,7 +79,16 @@ class State:
     count_gain: FloatArray
     count_offset: FloatArray
     anchor_v2: FloatArray
-    doubt_s: FloatArray
+    rest_early_v: FloatArray
+    rest_late_v: FloatArray
+    drawn: FloatArray
+    start_soc: FloatArray
+    start_v2: FloatArray
+    start_weight: FloatArray
+    fused_soc: FloatArray
+    fused_v2: FloatArray
+    fused_gain: FloatArray
+    conflict: FloatArray
     apart: FloatArray
     wander_v2: FloatArray
     check_mean_v: FloatArray
@@ -86,6 +111,8 @@ def initial_state(setup: FilterSetup, n_cells: int) -> State:
         | {
             "branch_a": np.zeros((m, n_cells)),
             "cov": np.zeros((1 + m, 1 + m, n_cells)),
+            "gain_slope": np.zeros((1 + m, n_cells)),
+            **dict.fromkeys(("start_soc", "start_v2", "start_weight"), np.zeros((N_STARTS, n_cells))),
             "temperature_degc": np.full(n_cells, TEMPERATURE_UNKNOWN_DEGC),
             "capacity_ah": np.full(n_cells, setup.cell.model.capacity_ah),
             "resistance": np.ones(n_cells),
@@ -146,6 +173,9 @@ class Motion:
         moved_ah: charge taken out; charging counts times the efficiency [Ah].
         noise_v2: variance of the model's voltage at this current [V^2].
         correlation: growth of it for the gain: errors that last average out less.
+        look_s: since the starts were last weighed; 0 where it is not time to weigh them [s].
+        rest_early, rest_late: by which the mean voltages of a rest move towards this sample.
+        reads_rest: whether a rest from the start on has just become long enough to be read.
     """
 
     dt_s: float
@@ -154,18 +184,35 @@ class Motion:
     moved_ah: float
     noise_v2: float
     correlation: float
+    look_s: float
+    rest_early: float
+    rest_late: float
+    reads_rest: bool
 
     def share(self, time_s: float) -> float:
         """Return 1 - exp(-dt / T), by which a mean over T moves towards a new value."""
         return 1.0 - math.exp(-self.dt_s / time_s)
 
+    def look_share(self, time_s: float) -> float:
+        """Return the same for what moves only when the starts are weighed."""
+        return 1.0 - math.exp(-self.look_s / time_s)
 
-def motion_of(setup: FilterSetup, dt_s: float, current_a: float) -> Motion:
+
+def motion_of(setup: FilterSetup, dt_s: float, current_a: float, look_s: float = 0.0, rest_s: float = -1.0) -> Motion:
     """Return what a step means.
 
     r = r_0 + (share of the drop that a lasting current causes)^2
+
+    Args:
+        setup: the filter.
+        dt_s: its length [s].
+        current_a: held over it [A].
+        look_s: since the starts were last weighed, where it is time to weigh them [s].
+        rest_s: of rest from the start on before it; negative = none, or read already [s].
     """
     model, tuning = setup.cell.model, setup.tuning
+    half_s, rested_s = tuning.rest_s / 2.0, rest_s + dt_s
+    rests = rest_s >= 0.0 and dt_s > 0.0 and abs(current_a) < tuning.rest_c * model.capacity_ah
     kept = model.coulombic_efficiency if current_a < 0.0 else 1.0
     return Motion(
         dt_s=dt_s,
@@ -174,4 +221,8 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float) -> Motion:
         moved_ah=kept * current_a * dt_s / SECONDS_PER_HOUR,
         noise_v2=tuning.voltage_variance(current_a * model.drop_per_c_v / model.c_rate_a),
         correlation=tuning.correlation_factor(dt_s),
+        look_s=look_s,
+        rest_early=dt_s / rested_s if rests and rested_s <= half_s else 0.0,
+        rest_late=min(dt_s / (rested_s - half_s), 1.0) if rests and rested_s > half_s else 0.0,
+        reads_rest=rests and rested_s >= tuning.rest_s,
     )

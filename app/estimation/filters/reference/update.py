@@ -55,6 +55,7 @@ def update(
     state, used = gate(setup, state, motion, nu, sigma)
     S = Pyy + noise_v2 * motion.correlation
     gain = np.where(used, Pxy / S, 0.0)
+    state = learn_gain(state, measured, output.H, Innovation(nu, sigma, used), gain, S)
     moved = gain * np.where(used, nu, 0.0)
     after = replace(
         state,
@@ -63,6 +64,38 @@ def update(
         cov=state.cov - gain[:, None] * gain * S,
     )
     return after, Innovation(nu, sigma, used)
+
+
+def learn_gain(
+    state: State, measured: Measurement, H: FloatArray, innovation: Innovation, gain: FloatArray, S: FloatArray
+) -> State:
+    """Return the state with what the innovations say of the gain g of the charge.
+
+    It stands beside the filter, which goes on as if there were none (Friedland 1969): with it the mean would be x + V g
+    and the innovation nu - H V g.
+
+    g' = g + M H V (nu - H V g) / (S + (H V)^2 M),   M' = M S / (S + (H V)^2 M),   V' = V - K H V
+
+    Outside the temperatures that were measured nothing is learned of it.
+
+    Args:
+        state: before the update.
+        measured: the sample.
+        H: (1 + n_rc, n) slopes of the output.
+        innovation: what the voltages said.
+        gain: (1 + n_rc, n) K of the filter, 0 where the innovation is not used.
+        S: (n,) variance that the filter expects of the innovation, with correlation [V^2].
+    """
+    HV, M = (H * state.gain_slope).sum(axis=0), state.gain_v2
+    learns = innovation.used & (measured.cold <= 1.0)
+    off_v = np.where(learns, innovation.nu - HV * state.gain, 0.0)
+    total = S + HV**2 * M
+    return replace(
+        state,
+        gain=state.gain + M * HV * off_v / total,
+        gain_v2=np.where(learns, M * S / total, M),
+        gain_slope=state.gain_slope - gain * HV,
+    )
 
 
 def gate(

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.estimation.filters.reference.fusion import fuse, self_check
+from app.estimation.filters.reference.fusion import believe_gain, fuse, read_rest, self_check
 from app.estimation.filters.reference.state import motion_of
 from app.estimation.filters.tuning import Tuning
-from tests.unit.app.estimation.filters.reference.cells import setup_of, state_at
+from tests.unit.app.estimation.filters.reference.cells import sample, setup_of, state_at
 
-TUNING = Tuning(anchor_s=60.0)
+TUNING = Tuning()
 SETUP = setup_of(tuning=TUNING)
 
 
@@ -22,14 +22,18 @@ class Pair:
         self.state = replace(
             state,
             count_soc=np.array([count_soc]),
-            anchor_v2=np.array([count_sigma**2]),
+            start_soc=np.full((3, 1), count_soc),
+            start_v2=np.full((3, 1), count_sigma**2),
+            start_weight=np.array([[1.0], [0.0], [0.0]]),
             apart=np.array([filter_soc - count_soc]),
         )
 
     def fuse(self, dt_s, filter_v2, filter_soc=None):
         if filter_soc is not None:
             self.state = replace(self.state, soc=np.array([filter_soc]))
-        self.state, soc, variance = fuse(SETUP, self.state, motion_of(SETUP, dt_s, 0.0), np.array([filter_v2]))
+        self.state, soc, variance = fuse(
+            SETUP, self.state, motion_of(SETUP, dt_s, 0.0, look_s=max(dt_s, 1.0)), np.array([filter_v2])
+        )
         return soc[0], variance[0]
 
 
@@ -84,18 +88,71 @@ def test_between_agreement_and_contradiction_sigma_covers_both():
         assert 0.6 - gap - 1e-12 <= soc <= 0.6 + 1e-12
 
 
-def test_a_count_contradicted_without_a_break_is_anchored_anew():
-    pair = Pair(0.90, 0.40)
-    for _ in range(61):
-        pair.fuse(1.0, 4e-4)
-    assert pair.state.count_soc[0] == 0.90
-    assert pair.state.count_v2[0] > 4e-4
-    soc, _ = pair.fuse(1.0, 1e-4, 0.92)
-    assert soc == pytest.approx(0.92, abs=0.002), "a filter that has become surer leads"
-    pair = Pair(0.90, 0.40)
-    for k in range(200):
-        pair.fuse(1.0, 4e-4, 0.40 if k % 50 == 49 else 0.90)
-    assert pair.state.count_soc[0] == 0.40
+def test_between_two_looks_nothing_is_weighed():
+    pair = Pair(0.51, 0.50)
+    before, _ = pair.fuse(1.0, 1e-4)
+    state = replace(pair.state, soc=np.array([0.9]))
+    _, soc, _ = fuse(SETUP, state, motion_of(SETUP, 0.1, 0.0), np.array([1e-6]))
+    assert soc[0] == before
+
+
+def test_a_disagreement_beyond_both_errors_widens_sigma_and_clears_the_verdict():
+    pair = Pair(0.60, 0.50, 0.003)
+    for _ in range(600):
+        _, variance = pair.fuse(1.0, 0.02**2)
+        pair.state = replace(pair.state, start_weight=np.array([[1e9], [0.0], [0.0]]))
+    assert variance > 4.0 * pair.state.fused_v2[0]
+    state = replace(pair.state, conflict=np.array([TUNING.conflict_max + 1.0]))
+    _, valid = self_check(SETUP, state, motion_of(SETUP, 1.0, 0.0), np.zeros(1), np.array([True]))
+    assert not valid[0]
+
+
+def gain_believed(gain, sigma):
+    state = replace(state_at(SETUP, 0.5), gain=np.array([gain]), gain_v2=np.array([sigma**2]))
+    believed, variance = believe_gain(SETUP, state)
+    return believed[0], variance[0]
+
+
+def test_a_small_gain_is_left_to_the_cell_file_and_a_large_one_is_believed():
+    assert abs(gain_believed(0.01, 0.01)[0]) < 0.002
+    assert gain_believed(0.10, 0.01)[0] == pytest.approx(0.10, rel=0.01)
+    assert gain_believed(0.0, TUNING.gain_sigma)[0] == 0.0
+
+
+def rested(given=None, sigma=0.003, soc=0.6):
+    """Return the hypotheses after a rest at the OCV of `soc`."""
+    volts = SETUP.cell.ocv(np.array([soc]))
+    state, motion, measured = sample(SETUP, state_at(SETUP, soc), volts)
+    state = replace(state, rest_early_v=volts, rest_late_v=volts)
+    if given is not None:
+        state = replace(
+            state,
+            start_soc=np.array([[given], [given], [soc]]),
+            start_v2=np.array([[sigma**2], [TUNING.start_rough_sigma**2], [0.25]]),
+            start_weight=np.array([[TUNING.start_exact], [TUNING.start_rough], [0.0]]),
+        )
+    else:
+        state = replace(state, start_v2=np.full((3, 1), 0.25), start_weight=np.zeros((3, 1)))
+    return read_rest(SETUP, state, motion, measured)
+
+
+def test_a_rest_confirms_a_start_that_is_right_and_refuses_one_that_is_far_off():
+    assert rested(0.6).start_weight[0] > 0.8
+    wrong = rested(0.1)
+    assert wrong.start_weight[2] > 0.99
+    assert wrong.start_soc[2] == pytest.approx(0.6, abs=1e-3)
+
+
+def test_a_start_some_points_off_is_rather_roughly_right():
+    off = rested(0.52)
+    assert off.start_weight[0] < 0.1
+    assert (off.start_weight * off.start_soc).sum() == pytest.approx(0.6, abs=0.02)
+
+
+def test_a_rest_of_a_cell_that_nobody_knew_is_read_with_more_doubt():
+    unknown = rested()
+    assert unknown.start_weight[:, 0].tolist() == [0.0, 0.0, 1.0]
+    assert unknown.start_v2[2] > rested(0.6).start_v2[2]
 
 
 REST_V2 = TUNING.voltage_variance(0.0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from app.estimation.filters.estimators import make_estimator
+from app.estimation.filters.tuning import Tuning
 from tests.engines import ENGINES
 from tests.open_loop import simulate
 from tests.unit.app.estimation.filters.reference.cells import MODEL
@@ -68,16 +69,18 @@ def count_from(engine, soc, rest_soc, current_a=0.0, sigma=None, is_measured=Tru
 
 
 @engines
-def test_a_soc_without_a_sigma_is_as_sure_as_the_rested_voltage_allows(engine):
-    assert count_from(engine, 0.63, 0.60) == pytest.approx((0.63, 0.03), abs=1e-3)
-    _, confirmed = count_from(engine, 0.61, 0.60)
-    assert confirmed < 0.004
-    for unheard in (
-        count_from(engine, 0.63, 0.60, current_a=MODEL.capacity_ah),
-        count_from(engine, 0.63, 0.60, is_measured=False),
-        count_from(engine, 0.90, 0.60),
-    ):
-        assert unheard[1] == pytest.approx(confirmed)
+def test_a_soc_without_a_sigma_is_supposed_to_be_exact(engine):
+    assert count_from(engine, 0.63, 0.60) == pytest.approx((0.63, Tuning().counter_soc_sigma), abs=1e-3)
+
+
+@engines
+def test_a_soc_that_was_given_is_exact_or_roughly_right(engine):
+    estimator = make_estimator("fused", MODEL, 2, engine=engine)
+    estimator.start([3.7, 3.7], [25.0, 25.0], MODEL.capacity_ah, [0.6, np.nan])
+    weight, spread = estimator.engine.get("start_weight"), np.sqrt(estimator.engine.get("start_v2"))
+    assert weight[0, 0] > weight[1, 0] > 0.0
+    assert spread[:2, 0].tolist() == pytest.approx([Tuning().counter_soc_sigma, Tuning().start_rough_sigma])
+    assert not weight[:, 1].any()
 
 
 @engines
