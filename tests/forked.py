@@ -4,6 +4,7 @@
 times. multiprocessing's fork server imports once. What runs afterwards is what a command line starts.
 """
 
+import contextlib
 import ctypes
 import importlib
 import os
@@ -23,6 +24,7 @@ CONTEXT = get_context("forkserver")
 CONTEXT.set_forkserver_preload(["tests.forked", "app.commands.serve", "simulator.cli"])
 PARENTS_THREADS = 2  # of a service that starts its car: it does so before it has others
 POLL_S = 0.01
+BEFORE_OTHERS = -10  # nice(2)
 PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
@@ -104,11 +106,21 @@ def _end_with_parent() -> None:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
+def _go_first() -> None:
+    """Be scheduled before tests and browsers that fill the machine: a car and its service have moments to keep.
+
+    Where that is not allowed (it takes root, in a container the right to it), they wait like everybody.
+    """
+    with contextlib.suppress(OSError):
+        os.nice(BEFORE_OTHERS)
+
+
 def _run(module: str, arguments: list[str], environment: dict[str, str], output: Connection) -> None:
     """Be the program of a module with these arguments, everything it says on one pipe."""
     from app.service import simulator_process
 
     _end_with_parent()
+    _go_first()
     os.dup2(output.fileno(), 1)
     os.dup2(output.fileno(), 2)
     output.close()

@@ -24,7 +24,7 @@ FLAGS = [
 ]
 SIZES = {"desktop": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
 TOUCH = {"phone"}
-PATIENCE_MS = 45_000
+PATIENCE_MS = 30_000
 SNAPSHOTS_PER_S = 5  # enough to see values move; drawing all 28 would keep half a processor busy
 FEWER_SNAPSHOTS = f"""
 window.WebSocket = class extends WebSocket {{

@@ -57,8 +57,20 @@ def test_a_limit_is_written_verified_and_stored(make_service, phone):
     expect(page.get_by_role("main").get_by_text("lead").first).to_be_visible()
 
 
-def test_a_charge_is_started_watched_and_stopped(make_service, phone):
-    service = make_service("--seed", "6", "--scenario", "charger-faults")
+CHARGER_PLUGGED_IN = """
+title = "Plugged in"
+description = "A charger is there; nobody but the person at the page starts it."
+[start]
+soc = 0.5
+[[phase]]
+load = "charge-by-hand"
+for_s = 3600
+"""
+
+
+def test_a_charge_is_started_watched_and_stopped(make_service, phone, tmp_path):
+    (tmp_path / "plugged-in.toml").write_text(CHARGER_PLUGGED_IN)
+    service = make_service("--seed", "6", "--scenario", str(tmp_path / "plugged-in.toml"))
     service.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 96)
     page = phone(service, "charging")
     steps = page.get_by_role("list", name="Charging state")
