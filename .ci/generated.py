@@ -15,10 +15,20 @@ sys.path[:0] = [str(ROOT), str(ROOT / ".ci")]
 from reference import cli_reference, dependency_reference, settings_reference  # noqa: E402
 from typescript import api_types, fixture_schema, memory_map_types  # noqa: E402
 
+from app.estimation.cell_model.cell_file import load_cell  # noqa: E402
+from app.estimation.filters.c_tables import c_tables  # noqa: E402
+
+
+def cell_of_team() -> str:
+    """Return the C tables of the default cell."""
+    return c_tables(load_cell("samsung-25r-10p"))
+
+
 GENERATED: dict[str, Callable[[], str]] = {
     "docs/reference/cli.md": cli_reference,
     "docs/reference/settings.md": settings_reference,
     "docs/reference/dependencies.md": dependency_reference,
+    "firmware_protocol/c/estimator/vw_cell_of_team.h": cell_of_team,
     "frontend/fixtures/schema.json": fixture_schema,
     "frontend/src/generated/api.ts": api_types,
     "frontend/src/generated/memory_map.ts": memory_map_types,

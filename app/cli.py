@@ -16,6 +16,7 @@ COMMANDS = {
     "export": "write a session's signals as CSV, Parquet and other formats",
     "config": "read, write, store, roll back the master's configuration through a running service; profiles",
     "dbc": "write the CAN tables as a DBC file",
+    "firmware": "write a cell's tables as a C header, for the estimator on the master",
     "identify": "fit a cell model to measured data",
     "estimate": "run a filter over recorded current, voltage and temperature",
     "bench": "measure this machine: filter, decoder, latency, memory",

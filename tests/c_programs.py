@@ -12,7 +12,10 @@ import pytest
 from filelock import FileLock
 
 C_FOLDER = Path(__file__).parents[1] / "firmware_protocol" / "c"
+ENGINE = Path(__file__).parents[1] / "app" / "estimation" / "filters" / "engine"
 FLAGS = ("-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
+ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=2", "-I", str(ENGINE))  # how a microcontroller has the engine
+ESTIMATOR = (*sorted(ENGINE.glob("vw_*.c")), C_FOLDER / "estimator" / "vw_estimator.c")
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 BUILT = Path(__file__).parents[1] / ".pytest_cache" / "c"
 
@@ -31,9 +34,9 @@ def build_program(folder: str, *, sanitized: bool = True) -> Path:
     What is compiled once serves every test process, and later runs as long as no source has changed.
     """
     require_gcc()
-    sources = [*sorted(C_FOLDER.glob("vw_*.c")), *sorted((C_FOLDER / folder).glob("*.c"))]
-    seen = hashlib.sha256(repr((FLAGS, sanitized)).encode())
-    for path in (*sources, *sorted(C_FOLDER.rglob("*.h"))):
+    sources = [*sorted(C_FOLDER.glob("vw_*.c")), *sorted((C_FOLDER / folder).glob("*.c")), *ESTIMATOR]
+    seen = hashlib.sha256(repr((FLAGS, ON_CHIP, sanitized)).encode())
+    for path in (*sources, *sorted(C_FOLDER.rglob("*.h")), *sorted(ENGINE.glob("*.h"))):
         seen.update(path.read_bytes())
     program = BUILT / f"{folder}-{seen.hexdigest()[:24]}"
     BUILT.mkdir(parents=True, exist_ok=True)
@@ -45,8 +48,22 @@ def build_program(folder: str, *, sanitized: bool = True) -> Path:
     return program
 
 
+@cache
+def estimator_library() -> Path:
+    """Return the estimator of the master as a shared library, in single precision as on the chip."""
+    require_gcc()
+    library = BUILT / "vw_estimator.so"
+    BUILT.mkdir(parents=True, exist_ok=True)
+    with FileLock(f"{library}.lock"):
+        part = library.with_suffix(".part")
+        command = ["gcc", *FLAGS, "-Wconversion", "-O2", *ON_CHIP, "-fPIC", "-shared", *map(str, ESTIMATOR)]
+        subprocess.run([*command, "-o", str(part), "-lm"], check=True)
+        part.replace(library)
+    return library
+
+
 def _compile(program: Path, sources: list[Path], sanitized: bool) -> None:
-    command = ["gcc", *FLAGS, *map(str, sources), "-o", str(program)]
+    command = ["gcc", *FLAGS, *ON_CHIP, *map(str, sources), "-o", str(program), "-lm"]
     if sanitized:
         built = subprocess.run([*command, *SANITIZERS], capture_output=True, text=True, check=False)
         if not (built.returncode and "cannot find" in built.stderr):  # a gcc without its sanitizers

@@ -1,4 +1,4 @@
-"""What the C reference costs on a Cortex-M4: flash, RAM, worst-case stack, instructions.
+"""What protocol and estimator cost on a Cortex-M4: flash, RAM, worst-case stack, instructions.
 
     python benchmarks/firmware/cost.py [--cc gcc]
 
@@ -18,8 +18,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-C_FOLDER = HERE.parents[1] / "firmware_protocol" / "c"
+ROOT = HERE.parents[1]
+C_FOLDER = ROOT / "firmware_protocol" / "c"
+ENGINE = ROOT / "app" / "estimation" / "filters" / "engine"
 ARM_FLAGS = ("-mcpu=cortex-m4", "-mthumb")
+FPU_FLAGS = ("-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
+ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=2", f"-I{ENGINE}", f"-I{C_FOLDER / 'estimator'}")
+CELLS = (12, 96)
 QEMU = ("qemu-system-arm", "-M", "netduinoplus2", "-icount", "shift=0", "-nographic", "-monitor", "none")
 QEMU_OPTIONS = ("-serial", "none", "-semihosting-config", "enable=on,target=native")
 CALIBRATION = 200_000
@@ -28,6 +33,7 @@ CLOCK_HZ = 168e6
 LIBRARY_STACK = 32  # bytes for memcpy, memset, memcmp: newlib's push at most eight registers
 LIBRARY = {"memcpy", "memset", "memcmp", "memmove"}
 ENTRIES = ("vw_link_init", "vw_link_received", "vw_link_run", "vw_link_next", "vw_can_next", "vw_can_received")
+ESTIMATOR_ENTRIES = ("vw_filter_start", "vw_filter_step")
 # Who can stand behind a pointer; the firmware's own callbacks are its own to add.
 INDIRECT = {
     "close_chunk": "on_item",
@@ -50,11 +56,18 @@ def bare(name: str) -> str:
     return re.sub(r"\.(isra|part|constprop|cold)(\.\d+)?", "", name.rsplit(":", 1)[-1])
 
 
-def call_graph(compiler: str, optimisation: str, folder: Path) -> dict[str, Function]:
+def engine_sources() -> list[Path]:
+    """Return the C files of the estimator; the part that only a shared library has is left out."""
+    return [path for path in sorted(ENGINE.glob("vw_*.c")) if path.stem != "vw_library"]
+
+
+def call_graph(
+    compiler: str, optimisation: str, folder: Path, sources: list[Path], options: tuple[str, ...] = ()
+) -> dict[str, Function]:
     """Compile and read gcc's call graph; a function of which there are several copies gets the largest."""
     functions: dict[str, Function] = {}
-    for source in sorted(C_FOLDER.glob("vw_*.c")):
-        flags = ARM_FLAGS if compiler.startswith("arm") else ()
+    for source in sources:
+        flags = (*(ARM_FLAGS if compiler.startswith("arm") else ()), *options)
         command = [compiler, "-std=c99", *flags, optimisation, "-fcallgraph-info=su", "-c", str(source)]
         subprocess.run([*command, "-o", str(folder / f"{source.stem}.o")], cwd=folder, check=True)
         text = (folder / f"{source.stem}.ci").read_text(encoding="utf-8")
@@ -84,47 +97,82 @@ def print_stack(compiler: str) -> None:
     """Print each entry's worst case, without the firmware's own callbacks."""
     for optimisation in ("-Os", "-O2"):
         with tempfile.TemporaryDirectory() as folder:
-            functions = call_graph(compiler, optimisation, Path(folder))
-        for entry in ENTRIES:
+            functions = call_graph(compiler, optimisation, Path(folder), sorted(C_FOLDER.glob("vw_*.c")))
+            fpu = FPU_FLAGS if compiler.startswith("arm") else ()
+            functions |= call_graph(compiler, optimisation, Path(folder), engine_sources(), (*ON_CHIP, *fpu))
+        for entry in (*ENTRIES, *ESTIMATOR_ENTRIES):
             stack, path = deepest(functions, entry)
             print(f"{compiler} {optimisation} stack {entry}: {stack} bytes ({' > '.join(path)})")
 
 
+def run_on_chip(sources: list[Path], flags: tuple[str, ...], optimisation: str) -> dict[str, int]:
+    """Return what a program of `bare_metal.h` prints: instructions, and sizes in bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "firmware.elf"
+        options = ("-std=gnu99", *ARM_FLAGS, optimisation, "-ffunction-sections", "-I", str(C_FOLDER), *flags)
+        linking = ("-nostartfiles", "--specs=nano.specs", "-T", str(HERE / "link.ld"), "-Wl,--gc-sections", "-lm")
+        subprocess.run(["arm-none-eabi-gcc", *options, *map(str, sources), *linking, "-o", str(program)], check=True)
+        command = [*QEMU, *QEMU_OPTIONS, "-kernel", str(program)]
+        ran = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    lines = [line.rsplit(" ", 1) for line in (ran.stdout + ran.stderr).splitlines()]
+    per_tick = CALIBRATION / int(lines[0][1])
+    return {
+        name: int(number) if name.startswith("size of") else round(int(number) * per_tick) for name, number in lines[1:]
+    }
+
+
+def microseconds(instructions: int) -> float:
+    """Return the time of so many instructions at the STM32F405's clock."""
+    return instructions * CYCLES_PER_INSTRUCTION / CLOCK_HZ * 1e6
+
+
 def print_instructions() -> None:
-    """Print flash and RAM, and what each call takes."""
+    """Print what each call of the protocol takes, and a pass of the estimator."""
     for optimisation in ("-Os", "-O2"):
-        with tempfile.TemporaryDirectory() as folder:
-            program = Path(folder) / "firmware.elf"
-            sources = [*map(str, sorted(C_FOLDER.glob("vw_*.c"))), str(HERE / "bare_metal.c")]
-            flags = ("-std=gnu99", *ARM_FLAGS, optimisation, "-ffunction-sections", "-I", str(C_FOLDER))
-            linking = ("-nostartfiles", "--specs=nano.specs", "-T", str(HERE / "link.ld"), "-Wl,--gc-sections")
-            subprocess.run(["arm-none-eabi-gcc", *flags, *sources, *linking, "-o", str(program)], check=True)
-            ran = subprocess.run(
-                [*QEMU, *QEMU_OPTIONS, "-kernel", str(program)], capture_output=True, text=True, timeout=60, check=True
+        found = run_on_chip([*sorted(C_FOLDER.glob("vw_*.c")), HERE / "protocol.c"], (), optimisation)
+        print_found(found, optimisation)
+    for optimisation in ("-Os", "-O2"):
+        for n in CELLS:
+            sources = [*engine_sources(), HERE / "estimator.c"]
+            found = run_on_chip(sources, (*FPU_FLAGS, *ON_CHIP, f"-DN_CELLS={n}"), optimisation)
+            print_found(found, f"estimator, {n} cells, {optimisation}")
+            step = microseconds(found["vw_filter_step"])
+            print(
+                f"estimator, {n} cells, {optimisation}: {step / n:.1f} us a cell, {step * 12 / n:.0f} us a slave of 12"
             )
-        lines = [line.rsplit(" ", 1) for line in (ran.stdout + ran.stderr).splitlines()]
-        per_tick = CALIBRATION / int(lines[0][1])
-        for name, number in lines[1:]:
-            if name.startswith("size of"):
-                print(f"{optimisation} {name}: {int(number)} bytes")
-                continue
-            instructions = int(number) * per_tick
-            microseconds = instructions * CYCLES_PER_INSTRUCTION / CLOCK_HZ * 1e6
-            print(f"{optimisation} {name}: {instructions:,.0f} instructions, about {microseconds:,.0f} us at 168 MHz")
+    print("the thesis had 290 us for a slave of 12, the time in which the monitor delivers it")
+
+
+def print_found(found: dict[str, int], about: str) -> None:
+    """Print instructions and sizes, a line each."""
+    for name, number in found.items():
+        if name.startswith("size of"):
+            print(f"{about} {name}: {number} bytes")
+        else:
+            print(f"{about} {name}: {number:,} instructions, about {microseconds(number):,.0f} us at 168 MHz")
 
 
 def print_flash() -> None:
-    """Print the size of the library's code and constants."""
+    """Print the size of code and constants: the protocol, the estimator, and the default cell's tables."""
+    tables = [C_FOLDER / "estimator" / "vw_estimator.c"]
+    flags = (*FPU_FLAGS, *ON_CHIP)
+    print_size("protocol", sorted(C_FOLDER.glob("vw_*.c")), ())
+    print_size("estimator", engine_sources(), flags)
+    print_size("tables of the default cell, and the estimator on the struct", tables, flags)
+
+
+def print_size(about: str, sources: list[Path], flags: tuple[str, ...]) -> None:
+    """Print the flash that some sources take."""
     for optimisation in ("-Os", "-O2"):
         total = 0
         with tempfile.TemporaryDirectory() as folder:
-            for source in sorted(C_FOLDER.glob("vw_*.c")):
+            for source in sources:
                 target = Path(folder) / f"{source.stem}.o"
-                command = ["arm-none-eabi-gcc", "-std=c99", *ARM_FLAGS, optimisation, "-c", str(source)]
+                command = ["arm-none-eabi-gcc", "-std=c99", *ARM_FLAGS, *flags, optimisation, "-c", str(source)]
                 subprocess.run([*command, "-o", str(target)], check=True)
                 size = subprocess.run(["arm-none-eabi-size", str(target)], capture_output=True, text=True, check=True)
                 total += sum(map(int, size.stdout.splitlines()[1].split()[:2]))
-        print(f"{optimisation} flash: {total} bytes")
+        print(f"{optimisation} flash, {about}: {total} bytes")
 
 
 def main() -> int:

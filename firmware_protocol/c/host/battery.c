@@ -21,7 +21,7 @@ void battery_init(battery_t *battery, vw_master_t *master, vw_link_t *link, bool
     memset((uint8_t *)master + VW_CONFIG_SIZE, 0, VW_MASTER_SIZE - VW_CONFIG_SIZE);
     master->n_slaves = VW_N_PACKS;
     master->status.charger_status = 255u;
-    master->soc = 8000u;
+    vw_estimator_init(&battery->estimator);
     for (i = 0; i < VW_N_PACKS; i++) {
         master->slave[i].status = 1u;
     }
@@ -47,7 +47,7 @@ void battery_measure(battery_t *battery, uint32_t now_ms)
     master->v_max = 0;
     for (i = 0; i < VW_N_CELLS; i++) {
         uint16_t v = (uint16_t)(REST_V + SPREAD_V * (i * 5u % N_SPREAD) + (now_ms / 100u + i) % 3u);
-        master->v[i] = master->ocv[i] = v;
+        master->v[i] = v;
         master->slave[i / VW_CELLS_PER_PACK].cvr[i % VW_CELLS_PER_PACK] = v;
         sum += v;
         if (v < master->v_min) {
@@ -61,6 +61,7 @@ void battery_measure(battery_t *battery, uint32_t now_ms)
     }
     master->v_avg = (uint16_t)(sum / VW_N_CELLS);
     master->v_tot = (uint16_t)(sum / 100u);
+    vw_estimator_run(&battery->estimator, master, now_ms);
     set_flag(battery, VW_STATUS_FIT | VW_STATUS_I2C1, true);
     set_flag(battery, VW_STATUS_USART1, battery->link->is_streaming);
     set_flag(battery, VW_STATUS_LOAD, battery->is_driving);
@@ -116,7 +117,7 @@ enum vw_result battery_command(battery_t *battery, uint8_t command, int32_t argu
         vw_link_event(battery->link, VW_EVENT_FAULTS_CLEARED, VW_NO_OFFSET, 0, 0);
         break;
     case VW_COMMAND_SET_SOC:
-        battery->master->soc = (uint16_t)argument;
+        vw_estimator_set_soc(&battery->estimator, battery->master, (uint16_t)argument);
         vw_link_event(battery->link, VW_EVENT_SOC_SET, VW_NO_OFFSET, argument, 0);
         break;
     case VW_COMMAND_CAN_TX_ENABLE:

@@ -2,11 +2,13 @@
 #ifndef BATTERY_H
 #define BATTERY_H
 
+#include "../estimator/vw_estimator.h"
 #include "../vw_link.h"
 
 typedef struct {
     vw_master_t *master;
     vw_link_t *link;
+    vw_estimator_t estimator; /* fills `soc` and `ocv` */
     bool is_driving; /* relays closed: configuration and most commands are refused */
 } battery_t;
 

@@ -14,7 +14,7 @@
 #include "vw_parts.h"
 
 /* h = OCV - rho (R0 i + e asinh(i / i_ref) + sum R_k i_k) + M h_yst */
-static void open_loop(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, const vw_lanes *here,
+static void open_loop(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_lanes *here,
                       vw_lanes h)
 {
     vw_lanes drop;
@@ -52,7 +52,7 @@ void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, const v
 
 /* Output at one point along the first column, counted from the centre; `side` is 1 to the right, -1 to the left. */
 static void beside(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, const vw_work *restrict work,
-                   const vw_lanes *here, const vw_lanes reach, const vw_lanes per_sd, vw_real side, vw_lanes ocv,
+                   vw_lanes *here, const vw_lanes reach, const vw_lanes per_sd, vw_real side, vw_lanes ocv,
                    vw_lanes h)
 {
     const vw_cell_model *model = &filter->model;

@@ -32,7 +32,7 @@ static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, v
 
 /* The RC currents' spread is one of the SOC too, so both share a covariance. */
 static void covariance(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work,
-                       const vw_lanes *here)
+                       vw_lanes *here)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_cell_model *model = &filter->model;

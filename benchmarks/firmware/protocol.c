@@ -1,56 +1,7 @@
-/* Counts instructions of the C reference on an emulated STM32F4 (QEMU, one instruction a nanosecond, SysTick at HCLK).
- * Prints "name ticks" through semihosting.
- */
-#include <string.h>
-
+/* Counts instructions of the protocol's library on an emulated STM32F4. */
+#include "bare_metal.h"
 #include "vw_config.h"
 #include "vw_link.h"
-
-#define SYSTICK_CONTROL (*(volatile uint32_t *)0xE000E010u)
-#define SYSTICK_RELOAD (*(volatile uint32_t *)0xE000E014u)
-#define SYSTICK_VALUE (*(volatile uint32_t *)0xE000E018u)
-#define TICKS 0xFFFFFFu
-#define CALIBRATION "calibration of 200000 instructions"
-
-extern uint32_t stack_top, data_start, data_end, data_load, bss_start, bss_end;
-int main(void);
-
-static void reset(void)
-{
-    memcpy(&data_start, &data_load, (size_t)((uint8_t *)&data_end - (uint8_t *)&data_start));
-    memset(&bss_start, 0, (size_t)((uint8_t *)&bss_end - (uint8_t *)&bss_start));
-    (void)main();
-}
-
-static void hang(void)
-{
-    for (;;) {
-    }
-}
-
-__attribute__((section(".vectors"), used)) static void (*const vectors[16])(void) = {
-    (void (*)(void)) & stack_top, reset, hang, hang, hang, hang, hang
-};
-
-static void semihost(uint32_t operation, const void *argument)
-{
-    register uint32_t r0 __asm__("r0") = operation;
-    register const void *r1 __asm__("r1") = argument;
-    __asm__ volatile("bkpt 0xAB" : "+r"(r0) : "r"(r1) : "memory");
-}
-
-static void print_number(const char *name, uint32_t number)
-{
-    char text[12] = " 0000000000";
-    int i;
-    for (i = 10; i > 0; i--) {
-        text[i] = (char)('0' + number % 10u);
-        number /= 10u;
-    }
-    semihost(4u, name);
-    semihost(4u, text);
-    semihost(4u, "\n");
-}
 
 static uint8_t content[VW_EEPROM_SIZE];
 
@@ -82,22 +33,9 @@ static vw_link_t line;
 static vw_can_t can;
 static uint8_t frame[VW_MAX_FRAME], body[VW_MAX_BODY];
 
-#define MEASURE(name, statement) \
-    do { \
-        uint32_t before = SYSTICK_VALUE; \
-        statement; \
-        print_number(name, (before - SYSTICK_VALUE) & TICKS); \
-    } while (0)
-
 static size_t request(uint8_t type, uint8_t sequence, size_t length)
 {
     return vw_frame_encode(type, sequence, 0u, body, length, frame, sizeof frame);
-}
-
-/* Two instructions a turn. */
-static void count_down(uint32_t turns)
-{
-    __asm__ volatile("1: subs %0, #1\n bne 1b" : "+r"(turns) : : "cc");
 }
 
 int main(void)
@@ -107,10 +45,7 @@ int main(void)
     size_t n;
     int i;
     memset(content, 0xFF, sizeof content);
-    SYSTICK_RELOAD = TICKS;
-    SYSTICK_VALUE = 0u;
-    SYSTICK_CONTROL = 5u;
-    MEASURE(CALIBRATION, count_down(100000u));
+    calibrate();
     print_number("size of vw_link_t", sizeof line);
     print_number("size of vw_can_t", sizeof can);
     MEASURE("vw_link_init", vw_link_init(&line, &board, &memory, &can, &ident));
@@ -152,6 +87,6 @@ int main(void)
     MEASURE("vw_can_next (a message)", (void)vw_can_next(&can, 106u, &message));
     memset(body, 0x55, sizeof body);
     MEASURE("vw_decoder_feed (one byte)", vw_link_received(&line, 107u, (const uint8_t *)"a", 1u));
-    semihost(0x18u, (const void *)0x20026u);
+    finish();
     return 0;
 }

@@ -1,0 +1,46 @@
+"""`voltwall firmware`: a cell file as a C header, for the estimator on the master's microcontroller."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from app.commands.number import between
+from app.errors import ConfigError
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.errors import EstimatorError
+from app.estimation.filters.c_tables import SOC_STEP, c_tables
+
+FINEST, COARSEST = 0.001, 0.05
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Which cell, how fine, where to."""
+    parser.add_argument("--cell", default="samsung-25r-10p", help="cell file or name (default: %(default)s)")
+    parser.add_argument(
+        "--soc-step",
+        type=between(FINEST, COARSEST, "SOC"),
+        default=SOC_STEP,
+        metavar="SOC",
+        help="distance of the tables' points (default: %(default)s); half of it takes twice the flash",
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: standard output)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write it.
+
+    Raises:
+        ConfigError: there is no such cell, or the file cannot be written.
+    """
+    try:
+        text = c_tables(load_cell(args.cell), args.soc_step)
+    except EstimatorError as error:
+        raise ConfigError("cell", args.cell, str(error)) from error
+    if args.out is None:
+        sys.stdout.write(text)
+        return 0
+    try:
+        args.out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError("out", args.out, error.strerror or str(error)) from error
+    return 0
