@@ -19,7 +19,7 @@ from app.estimation.prediction.power import BAND_SIGMAS, COVERAGE
 
 AHEAD_S: Final = 10.0
 GAIN: Final = 0.2  # a miss widens by a fifth, a hit narrows by a fiftieth
-SCALE: Final = (0.5, 6.0)
+SCALE: Final = (0.8, 6.0)
 LOADED_C: Final = 0.3  # at rest every band holds, which says nothing of a load
 UNKNOWN_S: Final = 10.0  # what flowed in a longer gap is not known
 
