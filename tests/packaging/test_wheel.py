@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from hatch_build import TARGETS, compile_engine, engine_digest
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("app", "firmware_protocol", "simulator")
 NOT_PACKED = shutil.ignore_patterns(
@@ -67,6 +69,53 @@ def test_the_wheel_holds_nothing_else(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         top = {name.split("/")[0] for name in archive.namelist()}
     assert {name for name in top if not name.endswith(".dist-info")} == set(PACKAGES)
+
+
+def test_the_wheel_is_for_this_platform_and_for_every_python(wheel: Path) -> None:
+    assert re.fullmatch(r"voltwall-[^-]+-py3-none-(?!any)\w+\.whl", wheel.name)
+    with zipfile.ZipFile(wheel) as archive:
+        about = archive.read(next(name for name in archive.namelist() if name.endswith(".dist-info/WHEEL"))).decode()
+    assert "Root-Is-Purelib: false" in about
+
+
+def test_a_clean_environment_has_the_c_engine(wheel: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "venv"
+    subprocess.run([sys.executable, "-m", "venv", "--system-site-packages", str(folder)], check=True)
+    python = folder / "bin" / "python"
+    install = [str(python), "-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--force-reinstall"]
+    subprocess.run([*install, str(wheel)], check=True)
+    code = (
+        "from app.estimation.filters.engine import library; library.load(); "
+        "from app.estimation.cell_model.cell_file import load_cell; "
+        "from app.estimation.filters.estimators import make_estimator; "
+        "print(library.LIBRARY); print(type(make_estimator('fused', load_cell(), 2).engine).__name__)"
+    )
+    answer = subprocess.run([str(python), "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    library, engine = answer.stdout.split()
+    assert Path(library).is_relative_to(folder)
+    assert engine == "NativeEngine"
+
+
+HEADERS = {
+    "linux-x86_64": (b"\x7fELF\x02\x01", 18, b"\x3e\x00"),
+    "linux-aarch64": (b"\x7fELF\x02\x01", 18, b"\xb7\x00"),
+    "macos-x86_64": (b"\xcf\xfa\xed\xfe", 4, b"\x07\x00\x00\x01"),
+    "macos-arm64": (b"\xcf\xfa\xed\xfe", 4, b"\x0c\x00\x00\x01"),
+    "windows-x86_64": (b"MZ", None, b"PE\x00\x00\x64\x86"),
+}  # how a library begins, where the processor is named, and its name
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_the_engine_is_built_for_other_platforms(name: str, tmp_path: Path) -> None:
+    pytest.importorskip("ziglang")
+    target = TARGETS[name]
+    compile_engine(ROOT, tmp_path / target.library, target)
+    content = (tmp_path / target.library).read_bytes()
+    magic, at, machine = HEADERS[name]
+    at = int.from_bytes(content[0x3C:0x40], "little") if at is None else at
+    assert content.startswith(magic)
+    assert content[at : at + len(machine)] == machine
+    assert engine_digest(ROOT).encode() in content
 
 
 def test_the_unpacked_wheel_tells_its_version(wheel: Path, site: Path, tmp_path: Path) -> None:
