@@ -127,6 +127,10 @@ def summary(
         "current_offset_a": None if result.sensor is None else result.sensor.offset_a,
         "current_offset_sigma_a": None if result.sensor is None else result.sensor.sigma_a,
         "current_offset_observed": None if result.sensor is None else result.sensor.is_observed,
+        "capacity_ah": result.capacity_ah,
+        "capacity_sigma_ah": result.capacity_sigma_ah,
+        "resistance_factor": result.resistance_factor,
+        "resistance_factor_sigma": result.resistance_sigma,
         "model_valid": result.model_valid_frac,
         "us_per_step": result.us_per_step,
         "notes": [*recording.notes, *gap_notes(recording, cell.capacity_ah), *outside_notes(recording, cell)],
@@ -175,6 +179,10 @@ def _print_report(report: dict[str, Any]) -> None:
             f"  offset of the current sensor {report['current_offset_a']:+.3g} A, "
             f"sigma {report['current_offset_sigma_a']:.2g} A{said}"
         )
+    print(
+        f"  capacity {report['capacity_ah']:.4g} Ah, sigma {report['capacity_sigma_ah']:.2g} Ah; resistance "
+        f"{report['resistance_factor']:.2f} times the cell file's, sigma {report['resistance_factor_sigma']:.2g}"
+    )
     print(f"  {report['us_per_step']:.0f} us for a step")
     if report["soc_rmse"] is None:
         print("  no soc column: nothing to compare with")

@@ -27,6 +27,7 @@ from app.telemetry.measurement import BLANK_S, Measurement
 from app.words import Message
 
 MIN_CURRENT_LIMIT_A = 1.0
+MASTER_SOC_SIGMA = 0.03  # of one number for all cells, counted on a chip
 MAX_ENERGY_STEP_S = 10.0  # what flowed in a longer gap is not known, and not made up
 
 
@@ -160,7 +161,7 @@ class Pipeline:
         if current_a is None or np.isnan(voltages_v).all():
             return None, ()
         true_a = current_a if self._predictor is None else current_a - self._predictor.offset_a
-        estimates, events = self._estimate(measured.t_wall_ns, dt_s, true_a, voltages_v, measured.temperature_degc)
+        estimates, events = self._estimate(measured, dt_s, true_a)
         power_w = float(np.nansum(voltages_v)) * current_a
         self._plausibility.step(dt_s, current_a, voltages_v, measured.chip_voltage_v)
         if self._predictor is not None:
@@ -173,23 +174,24 @@ class Pipeline:
         return estimates, events
 
     def _estimate(
-        self, t_wall_ns: int, dt_s: float | None, current_a: float, voltages_v: FloatArray, degc: FloatArray
+        self, measured: Measurement, dt_s: float | None, current_a: float
     ) -> tuple[Estimates | None, tuple[Event, ...]]:
         """Step the estimator; one that fails is begun anew at the next measurement, which is told once."""
         started_ns = self._stopwatch_ns() if self._stopwatch_ns else 0
+        voltages_v, degc = measured.voltage_v, measured.temperature_degc
         try:
             if self._estimator is None:
                 estimator, self._spare = self._spare or self._make_estimator(), None
                 if self._predictor is not None:
                     self._predictor.apply_learned(estimator)
-                _start(estimator, voltages_v, degc, current_a, self._start_soc)
+                _start(estimator, measured, current_a, self._start_soc)
                 self._estimator, dt_s = estimator, 0.0
             self._estimates = self._estimator.step(dt_s or 0.0, current_a, voltages_v, degc)
         except (EstimatorError, ArithmeticError, ValueError) as error:
             self._estimator = self._estimates = None
             is_news, self._estimator_error = self._estimator_error is None, str(error)
             message = Message("estimator-failed", error=str(error))
-            event = Event(t_wall_ns, "warning", message.code, message)
+            event = Event(measured.t_wall_ns, "warning", message.code, message)
             return None, (event,) if is_news else ()
         self._estimator_error = None
         self._driver_percent = self._driver.step(self._estimates.soc).percent
@@ -247,16 +249,18 @@ class Pipeline:
 
 def _start(
     estimator: CellEstimator,
-    voltages_v: FloatArray,
-    degc: FloatArray,
+    measured: Measurement,
     current_a: float,
     known: tuple[FloatArray, FloatArray] | None,
 ) -> None:
-    """Start from the voltages, and where an earlier run's charge agrees with them within 3 sigma, from that."""
+    """Start from the voltages and what else is known: an earlier run's SOC where both agree, else the master's own."""
+    voltages_v, degc = measured.voltage_v, measured.temperature_degc
     estimator.start(voltages_v, degc, current_a)
-    if known is None:
-        return
-    soc, sigma = known
-    by_voltage, variance = estimator.state_mean[0], estimator.state_cov[:, 0, 0]
-    agrees = np.abs(soc - by_voltage) < 3.0 * np.sqrt(variance + sigma**2)
-    estimator.start(voltages_v, degc, current_a, np.where(agrees, soc, np.nan), sigma)
+    master_soc = measured.master.soc
+    soc = np.full(voltages_v.shape, np.nan if master_soc is None else master_soc)
+    sigma = np.full(voltages_v.shape, MASTER_SOC_SIGMA)
+    if known is not None:
+        by_voltage, variance = estimator.state_mean[0], estimator.state_cov[:, 0, 0]
+        agrees = np.abs(known[0] - by_voltage) < 3.0 * np.sqrt(variance + known[1] ** 2)
+        soc, sigma = np.where(agrees, known[0], soc), np.where(agrees, known[1], sigma)
+    estimator.start(voltages_v, degc, current_a, soc, sigma)

@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.estimation.arrays import FloatArray
-from app.estimation.cell_model.circuit import CellModel
+from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.filters.estimators import CellEstimator
+from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
+from app.estimation.health.resistance_scale import ResistanceScale, trusted_factor
 from app.estimation.health.sensor_offset import OffsetTracker, SensorOffset
 from app.estimation.identification.branches import GAP_S
 from app.estimation.recording.cell_recording import GAP_STEPS, Recording
 
 DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
+LEARN_S = 1.0  # between two uses of what was learned
+CURRENT_LASTS_S = 2.0  # correlation time of the current of a drive
+UNKNOWN_SOC = 0.5  # sigma of a SOC of which nothing is known
 BEYOND_FIT = 1.1  # times the largest current of the fit: above, the model has no evidence
 
 
 @dataclass(frozen=True)
 class Run:
-    """What a filter said along a recording, every array (n,); `innovation_v` is measured minus predicted [V]."""
+    """What a filter said along a recording, every array (n,); `innovation_v` is measured minus predicted [V].
+
+    Capacity [Ah] and resistance over that of the cell file are those learned at the end.
+    """
 
     soc: FloatArray
     soc_sigma: FloatArray
@@ -31,6 +39,10 @@ class Run:
     model_valid_frac: float
     us_per_step: float
     sensor: SensorOffset | None
+    capacity_ah: float
+    capacity_sigma_ah: float
+    resistance_factor: float
+    resistance_sigma: float
 
 
 def run_filter(
@@ -61,25 +73,46 @@ def run_filter(
     valid = 0
     offset = None if estimator.voltage_soc() is None else OffsetTracker(capacity_ah)
     begun = time.perf_counter()
-    in_gap = _in_gap(recording).tolist()
-    unheard = np.full(1, np.nan)
+    gaps = gaps_of(recording, capacity_ah)
+    unheard, scale, factor, since_s = np.full(1, np.nan), ResistanceScale(1), np.ones(1), 0.0
     for k, (dt_s, current_a) in enumerate(zip(steps, current, strict=True)):
-        if in_gap[k]:
-            gap_a = _gap_current_a(current[k - 1], current_a, dt_s, capacity_ah)
+        if k in gaps:
+            gap = gaps[k]
             dt_s = recording.usual_step_s
-            estimator.step(steps[k] - dt_s, gap_a, unheard, temperatures[k])
+            estimator.step(steps[k] - dt_s, gap.current_a, unheard, temperatures[k])
+            estimator.widen(gap.soc_sigma)
             if offset is not None:
                 offset.interrupt()
         e = estimator.step(dt_s, current_a, voltages[k], temperatures[k])
         table[0, k], table[1, k], table[2, k] = e.soc[0], e.soc_sigma[0], e.voltage_v[0]
         table[3, k], table[4, k] = e.innovation_v[0], e.innovation_sigma_v[0]
         valid += bool(e.model_valid[0])
+        scale.step(steps[k], e.ocv_v, e.ocv_v - (e.ocv_v - e.voltage_v) / factor, voltages[k])
+        since_s += steps[k]
+        if since_s >= LEARN_S:
+            since_s = 0.0
+            factor = trusted_factor(np.where(scale.sigma() <= RESISTANCE_SIGMA_MAX, scale.factor(), 1.0))
+            estimator.use_resistance(factor)
         if offset is not None and offset.step(dt_s, current_a) and (voltage_soc := estimator.voltage_soc()) is not None:
             offset.compare(*voltage_soc)
     took_s = time.perf_counter() - begun
     soc, sigma, voltage, innovation, innovation_sigma = table
     sensor = None if offset is None else offset.estimate()
-    return Run(soc, sigma, voltage, innovation, innovation_sigma, valid / len(steps), 1e6 * took_s / len(steps), sensor)
+    own_ah, own_sigma_ah = estimator.capacity()
+    return Run(
+        soc,
+        sigma,
+        voltage,
+        innovation,
+        innovation_sigma,
+        valid / len(steps),
+        1e6 * took_s / len(steps),
+        sensor,
+        float(own_ah[0]),
+        float(own_sigma_ah[0]),
+        float(scale.factor()[0]),
+        float(scale.sigma()[0]),
+    )
 
 
 def _first_measured(recording: Recording) -> int:
@@ -105,9 +138,33 @@ def outside_notes(recording: Recording, cell: CellModel) -> list[str]:
     return notes
 
 
-def _in_gap(recording: Recording) -> NDArray[np.bool_]:
-    """Return (n,) True for rows before which nothing was measured for long."""
-    return np.asarray(recording.step_s > max(GAP_S, GAP_STEPS * recording.usual_step_s))
+@dataclass(frozen=True)
+class Gap:
+    """Time in which nothing was measured: the current taken for it [A], and sigma of the SOC that moved unseen."""
+
+    current_a: float
+    soc_sigma: float
+
+
+def gaps_of(recording: Recording, capacity_ah: float) -> dict[int, Gap]:
+    """Return the gaps by the row behind them: steps of more than GAP_STEPS usual ones.
+
+    In a short gap the current is taken for the mean of its ends; it may have been any that the minute around shows, and
+    changes within some seconds. A gap of more than a minute may hide a rest as well as a drive: the smaller current of
+    its ends, and as sigma what the recording's usual current would have moved.
+    """
+    current, steps = recording.current_a, recording.step_s
+    found = {}
+    for k in np.flatnonzero(steps > GAP_STEPS * recording.usual_step_s).tolist():
+        gap_s, ends_a = float(steps[k]), (float(current[k - 1]), float(current[k]))
+        if gap_s > GAP_S:
+            held_a, spread_a = _gap_current_a(*ends_a, gap_s, capacity_ah), float(np.sqrt(np.mean(current**2)))
+        else:
+            around = np.abs(recording.time_s - recording.time_s[k]) < GAP_S / 2.0
+            share = min(1.0, 2.0 * CURRENT_LASTS_S / gap_s)
+            held_a, spread_a = float(np.mean(ends_a)), float(np.sqrt(share) * np.std(current[around]))
+        found[k] = Gap(held_a, min(spread_a * gap_s / (SECONDS_PER_HOUR * capacity_ah), UNKNOWN_SOC))
+    return found
 
 
 def _gap_current_a(before_a: float, after_a: float, gap_s: float, capacity_ah: float) -> float:
@@ -116,17 +173,17 @@ def _gap_current_a(before_a: float, after_a: float, gap_s: float, capacity_ah: f
     None, where they differ in sign or would have moved half of the capacity: then nothing is known of it.
     """
     smaller_a = min(before_a, after_a, key=abs) if before_a * after_a > 0.0 else 0.0
-    return smaller_a if abs(smaller_a) * gap_s < 0.5 * 3600.0 * capacity_ah else 0.0
+    return smaller_a if abs(smaller_a) * gap_s < 0.5 * SECONDS_PER_HOUR * capacity_ah else 0.0
 
 
 def gap_notes(recording: Recording, capacity_ah: float) -> list[str]:
     """Say what was assumed of gaps."""
-    current, steps = recording.current_a.tolist(), recording.step_s
-    after = np.flatnonzero(_in_gap(recording)).tolist()
-    charge_ah = 0.0
-    for k in after:
-        gap_s = float(steps[k])
-        charge_ah += _gap_current_a(current[k - 1], current[k], gap_s, capacity_ah) * gap_s / 3600.0
-    if abs(charge_ah) < 1e-3:
+    steps = recording.step_s
+    moved_ah = [
+        (gap.current_a * float(steps[k]) / SECONDS_PER_HOUR, gap.soc_sigma * capacity_ah)
+        for k, gap in gaps_of(recording, capacity_ah).items()
+    ]
+    charge_ah, sigma_ah = sum(charge for charge, _ in moved_ah), math.hypot(*(sigma for _, sigma in moved_ah))
+    if max(abs(charge_ah), sigma_ah) < 1e-3:
         return []
-    return [f"in gaps the smaller current of their two ends counts: {charge_ah:+.3g} Ah that were not measured"]
+    return [f"in gaps {charge_ah:+.3g} Ah, sigma {sigma_ah:.2g} Ah, are taken to have flowed that were not measured"]

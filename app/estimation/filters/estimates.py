@@ -129,6 +129,21 @@ class CellEstimator(Protocol):
         """
         ...
 
+    def widen(self, soc_sigma: ArrayLike) -> None:
+        """Know the SOC less surely, because charge has moved that was not measured.
+
+        Args:
+            soc_sigma: (n_cells,) or scalar, standard deviation of that charge over the capacity.
+
+        Raises:
+            ShapeError: it is neither.
+        """
+        ...
+
+    def capacity(self) -> tuple[FloatArray, FloatArray]:
+        """Return (n_cells,) capacities as far as the run contradicts the ones counted with, and their sigmas [Ah]."""
+        ...
+
     def use_resistance(self, factor: ArrayLike) -> None:
         """From the next step on predict voltages with resistances that differ from the cell file's.
 

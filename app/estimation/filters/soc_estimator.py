@@ -82,7 +82,34 @@ class SocEstimator:
 
     def use_capacity(self, capacity_ah: ArrayLike) -> None:
         """Count with capacities of the cells' own; see `CellEstimator.use_capacity`."""
-        self.engine.set("capacity_ah", self._positive("capacity_ah", capacity_ah))
+        own, engine = self._positive("capacity_ah", capacity_ah), self.engine
+        ratio = own / engine.get("capacity_ah")
+        if (ratio == 1.0).all():
+            return
+        engine.set("capacity_ah", own)
+        # charge over capacity counts in the new unit from the start on; what was learned of it stays true
+        for name in ("gain", "fused_gain"):
+            engine.set(name, (1.0 + engine.get(name)) * ratio - 1.0)
+        for name in ("drawn", "gain_slope"):
+            engine.set(name, engine.get(name) / ratio)
+
+    def widen(self, soc_sigma: ArrayLike) -> None:
+        """Know the SOC less surely; see `CellEstimator.widen`."""
+        more_v2, engine = self._per_cell("soc_sigma", soc_sigma) ** 2, self.engine
+        cov = engine.get("cov")
+        cov[0, 0] = np.minimum(cov[0, 0] + more_v2, SOC_VARIANCE_MAX)
+        engine.set("cov", cov)
+        for name in ("anchor_v2", "start_v2", "fused_v2"):
+            engine.set(name, np.minimum(engine.get(name) + more_v2, SOC_VARIANCE_MAX))
+
+    def capacity(self) -> tuple[FloatArray, FloatArray]:
+        """Return what the run says of the capacities; see `CellEstimator.capacity`."""
+        counted_ah, gain = self.engine.get("capacity_ah"), self.engine.get("gain")
+        per_gain_ah = counted_ah / (1.0 + gain) ** 2
+        doubt = self.tuning.gain_doubt
+        return counted_ah / (1.0 + self.engine.get("fused_gain")), per_gain_ah * np.sqrt(
+            doubt * self.engine.get("gain_v2")
+        )
 
     def use_resistance(self, factor: ArrayLike) -> None:
         """Predict voltages with resistances of the cells' own; see `CellEstimator.use_resistance`."""

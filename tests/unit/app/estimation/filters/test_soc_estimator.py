@@ -191,3 +191,23 @@ def test_where_no_library_fits_the_reference_estimates_and_the_log_says_so(monke
     monkeypatch.setattr(soc_estimator, "NativeEngine", absent)
     assert isinstance(make_estimator("fused", CELL, 1).engine, ReferenceEngine)
     assert "none for this machine" in caplog.text
+
+
+def test_charge_that_nobody_measured_widens_sigma():
+    estimator = make_estimator("fused", CELL, N)
+    estimator.start(VOLTS, DEGC, 0.0, soc=0.7)
+    before = estimator.step(1.0, 0.0, VOLTS, DEGC).soc_sigma
+    estimator.widen(0.05)
+    assert (estimator.step(1.0, 0.0, VOLTS, DEGC).soc_sigma > before).all()
+    assert (estimator.engine.get("start_v2")[0] >= 0.05**2).all()
+
+
+def test_a_capacity_that_is_learned_elsewhere_is_not_counted_twice():
+    estimator = make_estimator("fused", CELL, N)
+    estimator.start(VOLTS, DEGC, 0.0)
+    estimator.engine.set("gain", np.full(N, 0.25))
+    estimator.engine.set("fused_gain", np.full(N, 0.25))
+    assert estimator.capacity()[0] == pytest.approx(0.8 * CELL.capacity_ah)
+    estimator.use_capacity(0.8 * CELL.capacity_ah)
+    assert estimator.engine.get("gain") == pytest.approx(np.zeros(N), abs=1e-12)
+    assert estimator.capacity()[0] == pytest.approx(0.8 * CELL.capacity_ah)
