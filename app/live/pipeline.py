@@ -253,14 +253,14 @@ def _start(
     current_a: float,
     known: tuple[FloatArray, FloatArray] | None,
 ) -> None:
-    """Start from the voltages and what else is known: an earlier run's SOC where both agree, else the master's own."""
+    """Start from the voltages and what agrees with them: an earlier run's SOC, or else the master's own."""
     voltages_v, degc = measured.voltage_v, measured.temperature_degc
     estimator.start(voltages_v, degc, current_a)
+    by_voltage, variance = estimator.state_mean[0], estimator.state_cov[:, 0, 0]
+    soc, sigma = np.full((2, *voltages_v.shape), np.nan)
     master_soc = measured.master.soc
-    soc = np.full(voltages_v.shape, np.nan if master_soc is None else master_soc)
-    sigma = np.full(voltages_v.shape, MASTER_SOC_SIGMA)
-    if known is not None:
-        by_voltage, variance = estimator.state_mean[0], estimator.state_cov[:, 0, 0]
-        agrees = np.abs(known[0] - by_voltage) < 3.0 * np.sqrt(variance + known[1] ** 2)
-        soc, sigma = np.where(agrees, known[0], soc), np.where(agrees, known[1], sigma)
+    said = [] if master_soc is None else [(np.full_like(soc, master_soc), np.full_like(soc, MASTER_SOC_SIGMA))]
+    for told_soc, told_sigma in [*said, *([] if known is None else [known])]:
+        agrees = np.abs(told_soc - by_voltage) < 3.0 * np.sqrt(variance + told_sigma**2)
+        soc, sigma = np.where(agrees, told_soc, soc), np.where(agrees, told_sigma, sigma)
     estimator.start(voltages_v, degc, current_a, soc, sigma)
