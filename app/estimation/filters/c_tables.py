@@ -44,6 +44,7 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         "temperature_degc": "vw_cell_temperature_degc",
         "table": "vw_cell_table",
         "ocv_slope_v": "vw_cell_ocv_slope_v",
+        "reading_slope_v": "vw_cell_reading_slope_v",
         "tau_s": "vw_cell_tau_s",
     }
     rule_fields = {name: _number(getattr(rule, name)) for name in ("spread", "weight", "curvature")}
@@ -63,6 +64,7 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         _array("vw_cell_temperature_degc", cell.temperature_degc),
         _array("vw_cell_table", cell.table),
         _array("vw_cell_ocv_slope_v", cell.ocv_slope_v),
+        _array("vw_cell_reading_slope_v", cell.reading_slope_v),
         _array("vw_cell_tau_s", cell.tau_s if cell.n_rc else np.ones(1)),
         _struct("vw_cell_model", "vw_cell_model_of_team", fields),
         _struct("vw_sigma_rule", "vw_rule_of_team", rule_fields),

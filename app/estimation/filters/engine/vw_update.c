@@ -27,7 +27,7 @@ static void project(const vw_cells *restrict x, const vw_work *restrict work, in
  *   g' = g + M H V (nu - H V g) / (S + (H V)^2 M),   M' = M S / (S + (H V)^2 M),   V' = V - P_xy H V / S
  *
  * Outside the temperatures that were measured nothing is learned of it. */
-static void learn_gain(vw_cells *restrict x, const vw_work *restrict work, int n_states, const vw_lanes *Pxy, const vw_lanes per_sigma)
+static void learn_gain(vw_cells *restrict x, const vw_work *restrict work, int n_states, vw_lanes *Pxy, const vw_lanes per_sigma)
 {
     vw_lanes HV;
     VW_EACH_CELL(c) HV[c] = 0;

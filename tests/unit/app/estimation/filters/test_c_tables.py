@@ -9,7 +9,7 @@ import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.c_tables import c_tables
-from app.estimation.filters.engine.library import FOLDER
+from app.estimation.filters.engine.library import FOLDER, CellModelStruct, SigmaRuleStruct, TuningStruct
 from app.estimation.filters.tables import CellTables
 from tests.c_programs import require_gcc
 
@@ -29,6 +29,12 @@ def test_the_tables_are_those_of_the_cell(name):
     np.testing.assert_allclose(numbers(text, "vw_cell_ocv_slope_v"), cell.ocv_slope_v, rtol=1e-7)
     np.testing.assert_allclose(numbers(text, "vw_cell_tau_s"), cell.tau_s.ravel(), rtol=1e-7)
     assert f".n_soc = {cell.soc.size}," in text
+
+
+def test_every_field_of_the_structs_is_set():
+    text = c_tables(load_cell())
+    wanted = [name for struct in (CellModelStruct, SigmaRuleStruct, TuningStruct) for name, _ in struct._fields_]
+    assert re.findall(r"^    \.(\w+) = ", text, re.MULTILINE) == wanted
 
 
 @pytest.mark.parametrize("n_rc", [0, 2])
