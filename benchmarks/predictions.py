@@ -19,70 +19,14 @@ really flowed. The bands were tuned on the runs marked "training" only: races wi
 from __future__ import annotations
 
 import argparse
-from collections import defaultdict
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
-from benchmarks.prediction_races import RaceRun, fly_ahead
-from benchmarks.voltage_ahead import drive_scores, print_drives
+from tests.numeric.prediction_score import HEADER, Score, race_scores
+from tests.numeric.voltage_ahead import drive_scores, print_drives
 
 DATA = Path("../shared/data")
 SEED, EVERY_S = 31, 60.0
-HEADER = (
-    f"{'prediction':34} {'n':>5} {'in band %':>9} {'below':>6} {'above':>6} {'median off %':>12} {'bias %':>7} "
-    f"{'band +- %':>9}"
-)
-
-
-@dataclass
-class Score:
-    """What was foretold and what came, pair by pair; an endless one counts as the longest that is looked at."""
-
-    low: list[float] = field(default_factory=list)
-    middle: list[float] = field(default_factory=list)
-    high: list[float] = field(default_factory=list)
-    truth: list[float] = field(default_factory=list)
-
-    def add(self, low: float, middle: float, high: float, truth: float) -> None:
-        """Take one prediction and its truth."""
-        for values, value in zip(
-            (self.low, self.middle, self.high, self.truth), (low, middle, high, truth), strict=True
-        ):
-            values.append(value)
-
-    def coverage(self) -> float:
-        """Share of the truths that lay within their band."""
-        low, high, truth = (np.array(values) for values in (self.low, self.high, self.truth))
-        return float(((truth >= low) & (truth <= high)).mean())
-
-    def line(self, name: str) -> str:
-        """Return a line of the table."""
-        low, middle, high, truth = (np.array(v) for v in (self.low, self.middle, self.high, self.truth))
-        scale = np.maximum(np.abs(truth), 1e-9)
-        off = (middle - truth) / scale
-        return (
-            f"{name:34} {truth.size:5d} {100 * self.coverage():9.0f} {100 * (truth < low).mean():6.0f} "
-            f"{100 * (truth > high).mean():6.0f} {100 * np.median(np.abs(off)):12.1f} {100 * np.median(off):7.1f} "
-            f"{100 * np.median((high - low) / 2 / scale):9.1f}"
-        )
-
-
-def score_race(run: RaceRun, scores: dict[str, Score]) -> None:
-    """Add the probes of a race."""
-    for probe in run.probes:
-        for name, low, middle, high, truth in fly_ahead(run, probe):
-            scores[name].add(low, middle, high, truth)
-
-
-def race_scores(scenario: str, seeds: Iterable[int], every_s: float, seconds: float = 1e9) -> dict[str, Score]:
-    """Return the scores of some races by prediction."""
-    scores: dict[str, Score] = defaultdict(Score)
-    for seed in seeds:
-        score_race(RaceRun(scenario, seed, every_s, seconds), scores)
-    return scores
 
 
 def run() -> Iterator[tuple[str, str, str]]:

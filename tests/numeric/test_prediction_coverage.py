@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.predictions import race_scores
-from benchmarks.voltage_ahead import drive_scores
+from tests.numeric.prediction_score import race_scores
+from tests.numeric.voltage_ahead import drive_scores
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 LEAST = 0.8  # of 90 % claimed: a race has few independent moments
