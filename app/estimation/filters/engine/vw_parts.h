@@ -8,6 +8,7 @@
 #define VW_SOC_MAX ((vw_real)1.05)
 #define VW_SOC_VARIANCE_MAX ((vw_real)0.25) /* no cell's SOC is less known than this */
 #define VW_VARIANCE_STEP ((vw_real)1e-12)   /* added at every step, in units of 1 and C^2: keeps P definite */
+#define VW_TICK_S ((vw_real)1e-3) /* times that lie no farther apart are the same: sums of steps round */
 #define VW_SLOPE_FLOOR_V ((vw_real)0.02)    /* least slope by which a voltage error is turned into one of SOC */
 #define VW_COUNT_SIGMA_MAX ((vw_real)0.5)
 

@@ -27,12 +27,12 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     to.correlation = 1 + 2 * t->correlation_s / vw_max(dt_s, (vw_real)1e-3);
     to.check_share = share_of(dt_s, t->check_s);
     to.bias_share = share_of(dt_s, t->bias_s);
-    to.look_s = filter->since_s + dt_s < t->look_s ? 0 : filter->since_s + dt_s;
-    const vw_real half_s = t->rest_s / 2, rest_s = filter->rest_s + dt_s;
+    to.look_s = filter->since_s + dt_s < t->look_s - VW_TICK_S ? 0 : filter->since_s + dt_s;
+    const vw_real half_s = t->rest_s / 2 + VW_TICK_S, rest_s = filter->rest_s + dt_s;
     const int rests = filter->rest_s >= 0 && dt_s > 0 && vw_abs(current_a) < t->rest_c * model->capacity_ah;
     to.rest_early = rests && rest_s <= half_s ? dt_s / rest_s : 0;
     to.rest_late = rests && rest_s > half_s ? vw_min(dt_s / (rest_s - half_s), 1) : 0;
-    to.reads_rest = rests && rest_s >= t->rest_s;
+    to.reads_rest = rests && rest_s >= t->rest_s - VW_TICK_S;
     to.wander_share = share_of(to.look_s, t->wander_s);
     to.conflict_share = share_of(to.look_s, t->conflict_s);
     return to;

@@ -15,6 +15,7 @@ from app.estimation.filters.reference.predict import predict
 from app.estimation.filters.reference.start import start
 from app.estimation.filters.reference.state import (
     CURRENT_MAX_C,
+    TICK_S,
     Measurement,
     Motion,
     State,
@@ -91,8 +92,8 @@ class ReferenceEngine:
         """Return (8, n_cells) estimates after one sample; see `Engine.step`."""
         current_a = self._held(current_a)
         look_s = self._since_s + dt_s
-        self._since_s = 0.0 if look_s >= self._setup.tuning.look_s else look_s
-        is_due = look_s >= self._setup.tuning.look_s
+        is_due = look_s >= self._setup.tuning.look_s - TICK_S
+        self._since_s = 0.0 if is_due else look_s
         motion = motion_of(self._setup, dt_s, current_a, look_s if is_due else 0.0, self._rest_s)
         rests = motion.rest_early > 0.0 or motion.rest_late > 0.0 or (self._rest_s == 0.0 and dt_s == 0.0)
         self._rest_s = self._rest_s + dt_s if rests and not motion.reads_rest else -1.0

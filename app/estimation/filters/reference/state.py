@@ -17,6 +17,7 @@ SOC_MIN: Final = -0.05  # the filter's SOC is held here
 SOC_MAX: Final = 1.05
 SOC_VARIANCE_MAX: Final = 0.25  # no cell's SOC is less known than this
 VARIANCE_STEP: Final = 1e-12  # added at every step, in units of 1 and C^2: keeps P definite
+TICK_S: Final = 1e-3  # times that lie no farther apart are the same: sums of steps round
 SLOPE_FLOOR_V: Final = 0.02  # least slope by which a voltage error is turned into one of SOC
 N_STARTS: Final = 3  # hypotheses of the SOC at the start
 TEMPERATURE_UNKNOWN_DEGC: Final = 25.0
@@ -211,7 +212,7 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, look_s: float =
         rest_s: of rest from the start on before it; negative = none, or read already [s].
     """
     model, tuning = setup.cell.model, setup.tuning
-    half_s, rested_s = tuning.rest_s / 2.0, rest_s + dt_s
+    half_s, rested_s = tuning.rest_s / 2.0 + TICK_S, rest_s + dt_s
     rests = rest_s >= 0.0 and dt_s > 0.0 and abs(current_a) < tuning.rest_c * model.capacity_ah
     kept = model.coulombic_efficiency if current_a < 0.0 else 1.0
     return Motion(
@@ -224,5 +225,5 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, look_s: float =
         look_s=look_s,
         rest_early=dt_s / rested_s if rests and rested_s <= half_s else 0.0,
         rest_late=min(dt_s / (rested_s - half_s), 1.0) if rests and rested_s > half_s else 0.0,
-        reads_rest=rests and rested_s >= tuning.rest_s,
+        reads_rest=rests and rested_s >= tuning.rest_s - TICK_S,
     )
