@@ -14,7 +14,7 @@ from filelock import FileLock
 C_FOLDER = Path(__file__).parents[1] / "firmware_protocol" / "c"
 ENGINE = Path(__file__).parents[1] / "app" / "estimation" / "filters" / "engine"
 FLAGS = ("-std=c99", "-O1", "-g", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow", "-I", str(C_FOLDER))
-ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=2", "-I", str(ENGINE))  # how a microcontroller has the engine
+ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=3", "-I", str(ENGINE))  # how a microcontroller has the engine
 ESTIMATOR = (*sorted(ENGINE.glob("vw_*.c")), C_FOLDER / "estimator" / "vw_estimator.c")
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 BUILT = Path(__file__).parents[1] / ".pytest_cache" / "c"

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         cell = load_cell(args.cell)
         recording = believable(read_recording(args.file, args), cell.capacity_ah)
         estimator = make_estimator(args.filter, cell, 1)
-        result = run_filter(estimator, recording, cell.capacity_ah, args.initial_soc, args.initial_sigma)
+        result = run_filter(estimator, recording, cell.capacity_ah, args.initial_soc, args.initial_sigma, cell)
         score = score_soc(recording.time_s, result.soc, result.soc_sigma, recording.soc)
         white = score_innovations(recording.time_s, result.innovation_v, result.innovation_sigma_v)
         report = summary(args, recording, result, cell, score, white)

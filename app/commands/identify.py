@@ -73,7 +73,7 @@ def _report(found: Identification, read_notes: list[tuple[str, str]], out: Path)
         "capacity_ah": found.model.capacity_ah,
         "counted_ah": found.counted_ah,
         "tau_s": list(found.tau_s),
-        "activation_j_mol": list(found.activation_j_mol),
+        "activation_j_mol": found.activation_j_mol,
         "fit_voltage_rms_v": found.model.fit_voltage_rms_v,
         "parts": parts,
         "notes": [f"{source}: {note}" for source, note in read_notes] + list(found.notes),

@@ -13,6 +13,7 @@ import numpy as np
 from app.battery.shape import CELLS_PER_PACK
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.estimators import CellEstimator, Estimates
+from app.estimation.filters.tuning import Tuning
 from app.estimation.health.capacity import CapacityTracker, StateOfHealth, state_of_health
 from app.estimation.health.joint_watch import JUDGE_S, JointWatch
 from app.estimation.health.joints import JointReport
@@ -77,6 +78,8 @@ class Predictor:
         self.learned = self._learned()
         self._factors_in_use = np.ones(n_cells)  # resistance factors that the estimator counts with
         self._offset = OffsetTracker(float(self.learned.capacity_ah.mean()))
+        self._is_measured = True  # the cells' temperatures are those the model was made at
+        self._drop_error_max = Tuning().drop_error_max
         self._needs_voltage_soc = False  # voltages, to compare the current with
         self.sensor = self._offset.estimate()
         self._laps = LapWatch()
@@ -140,7 +143,7 @@ class Predictor:
         self._t_s += dt_s
         if estimates is not None:
             drop_v = (estimates.ocv_v - estimates.voltage_v) / self._factors_in_use
-            self._scale.step(dt_s, estimates.ocv_v, estimates.ocv_v - drop_v, voltages_v)
+            self._scale.step(dt_s, estimates.ocv_v, estimates.ocv_v - drop_v, self._where_measured(voltages_v))
             self._heat.step(dt_s, (estimates.ocv_v - estimates.voltage_v) * current_a, temperatures_degc)
         self._joint_watch.step(dt_s, current_a, voltages_v)
         before = current_a if self._load_a is None else self._load_a
@@ -154,7 +157,11 @@ class Predictor:
         self._laps.step(dt_s, power_w)
         while self._marks:
             self._laps.mark(self._marks.popleft())
-        self._capacities.step(dt_s, current_a, voltages_v)
+        self._capacities.step(dt_s, current_a, self._where_measured(voltages_v))
+
+    def _where_measured(self, voltages_v: FloatArray) -> FloatArray:
+        """Return the voltages, NaN while the cells are too cold or too hot for their model: nothing is learned then."""
+        return voltages_v if self._is_measured else np.full_like(voltages_v, np.nan)
 
     def assess(
         self,
@@ -171,7 +178,10 @@ class Predictor:
         if not np.isfinite(estimates.soc).any():
             self.assessment = Assessment()
             return True
-        if self._needs_voltage_soc and (voltage_soc := estimator.voltage_soc()) is not None:
+        degc = temperatures_degc[np.isfinite(temperatures_degc)]
+        self._is_measured = not degc.size or float(self.cell.drop_error(degc).max()) < self._drop_error_max
+        is_valid = estimates.model_valid.mean() > 0.5  # a model that is not valid says nothing of the sensor
+        if self._needs_voltage_soc and is_valid and (voltage_soc := estimator.voltage_soc()) is not None:
             self._needs_voltage_soc = False
             self._offset.compare(*voltage_soc)
             self.sensor = self._offset.estimate()

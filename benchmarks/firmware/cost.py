@@ -23,7 +23,7 @@ C_FOLDER = ROOT / "firmware_protocol" / "c"
 ENGINE = ROOT / "app" / "estimation" / "filters" / "engine"
 ARM_FLAGS = ("-mcpu=cortex-m4", "-mthumb")
 FPU_FLAGS = ("-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")
-ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=2", f"-I{ENGINE}", f"-I{C_FOLDER / 'estimator'}")
+ON_CHIP = ("-DVW_SINGLE", "-DVW_LANES=1", "-DVW_RC_MAX=3", f"-I{ENGINE}", f"-I{C_FOLDER / 'estimator'}")
 CELLS = (12, 96)
 QEMU = ("qemu-system-arm", "-M", "netduinoplus2", "-icount", "shift=0", "-nographic", "-monitor", "none")
 QEMU_OPTIONS = ("-serial", "none", "-semihosting-config", "enable=on,target=native")

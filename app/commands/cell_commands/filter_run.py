@@ -11,6 +11,7 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.filters.estimators import CellEstimator
+from app.estimation.filters.tuning import Tuning
 from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
 from app.estimation.health.resistance_scale import ResistanceScale, trusted_factor
 from app.estimation.health.sensor_offset import OffsetTracker, SensorOffset
@@ -21,6 +22,7 @@ DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
 LEARN_S = 1.0  # between two uses of what was learned
 CURRENT_LASTS_S = 2.0  # correlation time of the current of a drive
 UNKNOWN_SOC = 0.5  # sigma of a SOC of which nothing is known
+DOUBT_NOTED = 0.1  # by which resistances may be off for want of measurements before a note says so
 BEYOND_FIT = 1.1  # times the largest current of the fit: above, the model has no evidence
 
 
@@ -51,6 +53,7 @@ def run_filter(
     capacity_ah: float,
     initial_soc: float | None = None,
     initial_sigma: float | None = None,
+    cell: CellModel | None = None,
 ) -> Run:
     """Return what a one-cell estimator says at every row of a recording.
 
@@ -60,6 +63,7 @@ def run_filter(
         capacity_ah: of the cell [Ah].
         initial_soc: SOC believed at the first row, 0..1; None = from the voltage there.
         initial_sigma: standard deviation of that; None = the filter's default.
+        cell: its model; resistances are learned only near temperatures it was made at. None = at all.
 
     Raises:
         EstimatorError: the filter refuses the numbers.
@@ -71,6 +75,8 @@ def run_filter(
     estimator.start(voltages[first], temperatures[first], current[first], initial_soc, initial_sigma)
     table = np.empty((5, len(steps)))
     valid = 0
+    is_due = False
+    is_measured = np.full(len(steps), True) if cell is None else cell.drop_error(temperature) < Tuning().drop_error_max
     offset = None if estimator.voltage_soc() is None else OffsetTracker(capacity_ah)
     begun = time.perf_counter()
     gaps = gaps_of(recording, capacity_ah)
@@ -87,13 +93,18 @@ def run_filter(
         table[0, k], table[1, k], table[2, k] = e.soc[0], e.soc_sigma[0], e.voltage_v[0]
         table[3, k], table[4, k] = e.innovation_v[0], e.innovation_sigma_v[0]
         valid += bool(e.model_valid[0])
-        scale.step(steps[k], e.ocv_v, e.ocv_v - (e.ocv_v - e.voltage_v) / factor, voltages[k])
+        scale.step(
+            steps[k], e.ocv_v, e.ocv_v - (e.ocv_v - e.voltage_v) / factor, voltages[k] if is_measured[k] else unheard
+        )
         since_s += steps[k]
         if since_s >= LEARN_S:
             since_s = 0.0
             factor = trusted_factor(np.where(scale.sigma() <= RESISTANCE_SIGMA_MAX, scale.factor(), 1.0))
             estimator.use_resistance(factor)
-        if offset is not None and offset.step(dt_s, current_a) and (voltage_soc := estimator.voltage_soc()) is not None:
+        is_due |= offset is not None and offset.step(dt_s, current_a)
+        # a model that is not valid says nothing of the sensor
+        if is_due and offset is not None and e.model_valid[0] and (voltage_soc := estimator.voltage_soc()) is not None:
+            is_due = False
             offset.compare(*voltage_soc)
     took_s = time.perf_counter() - begun
     soc, sigma, voltage, innovation, innovation_sigma = table
@@ -124,12 +135,16 @@ def _first_measured(recording: Recording) -> int:
 def outside_notes(recording: Recording, cell: CellModel) -> list[str]:
     """Say where the recording leaves what the cell file knows."""
     notes = []
-    temperature, grid = recording.temperature_degc, cell.temperature_grid_degc
-    if np.isnan(temperature).all():
+    temperature = recording.temperature_degc
+    known = temperature[np.isfinite(temperature)]
+    if known.size == 0:
         notes.append(f"no temperature: {DEFAULT_TEMPERATURE_DEGC:g} degC taken")
-    elif grid.size > 1 and (temperature.min() < grid[0] or temperature.max() > grid[-1]):
-        reach = f"{temperature.min():.0f} to {temperature.max():.0f} degC"
-        notes.append(f"warning: {reach}, the tables of the cell reach from {grid[0]:.0f} to {grid[-1]:.0f} degC")
+    elif float(doubt := cell.drop_error(known[[known.argmin(), known.argmax()]]).max()) > DOUBT_NOTED:
+        seen = cell.measured_degc
+        notes.append(
+            f"warning: {known.min():.0f} to {known.max():.0f} degC, the cell was measured from {seen[0]:.0f} to "
+            f"{seen[-1]:.0f} degC: resistances may be off by {100.0 * doubt:.0f} %"
+        )
     largest_a = float(np.abs(recording.current_a).max())
     if cell.fit_current_max_a and largest_a > BEYOND_FIT * cell.fit_current_max_a:
         notes.append(

@@ -14,10 +14,10 @@ from app.estimation.errors import CellFileError
 _TOP: Final = {"name", "source", "capacity_ah", "coulombic_efficiency", "v_min_v", "v_max_v"}
 SECTIONS: Final = {
     "ocv": {"method", "soc", "voltage_v"},
-    "circuit": {"soc", "temperature_degc", "r0_ohm", "rc"},
+    "circuit": {"soc", "temperature_degc", "r0_ohm", "ocv_shift_v", "rc"},
     "asinh": {"current_a", "voltage_v"},
     "hysteresis": {"voltage_v", "rate"},
-    "fit": {"voltage_rms_v", "current_max_a"},
+    "fit": {"voltage_rms_v", "current_max_a", "temperature_degc", "activation_sigma_j_mol"},
     "limits": {"temperature_min_degc", "temperature_max_degc", "discharge_max_a", "charge_max_a"},
 }
 
@@ -77,9 +77,13 @@ class CellDocument:
         except OverflowError as exc:
             raise self._error(section, key, "is too large") from exc
 
+    def has(self, section: str, key: str) -> bool:
+        """Return whether a field is given."""
+        return key in self._section(section)
+
     def known(self, section: str, key: str) -> float | None:
         """Return a field as a number, None where it is not given."""
-        return self.number(section, key) if key in self._section(section) else None
+        return self.number(section, key) if self.has(section, key) else None
 
     def word(self, section: str, key: str) -> Any:
         """Return a field as text."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.cell_model.cell_document import SECTIONS, CellDocument
-from app.estimation.cell_model.circuit import CellLimits, CellModel
+from app.estimation.cell_model.circuit import ACTIVATION_SIGMA_J_MOL, CellLimits, CellModel
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.errors import CellFileError, ModelError
 
@@ -30,6 +30,9 @@ _FIELD_OF_ATTRIBUTE: Final = {
     "hysteresis_rate": "hysteresis.rate",
     "fit_voltage_rms_v": "fit.voltage_rms_v",
     "fit_current_max_a": "fit.current_max_a",
+    "fit_temperature_degc": "fit.temperature_degc",
+    "activation_sigma_j_mol": "fit.activation_sigma_j_mol",
+    "ocv_shift_v": "circuit.ocv_shift_v",
     "ocv": "ocv.voltage_v",
 }
 
@@ -99,6 +102,11 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
             hysteresis_rate=reader.number("hysteresis", "rate", 50.0),
             fit_voltage_rms_v=reader.number("fit", "voltage_rms_v", 0.0),
             fit_current_max_a=reader.number("fit", "current_max_a", 0.0),
+            fit_temperature_degc=reader.row("fit", "temperature_degc")
+            if reader.has("fit", "temperature_degc")
+            else None,
+            activation_sigma_j_mol=reader.number("fit", "activation_sigma_j_mol", ACTIVATION_SIGMA_J_MOL),
+            ocv_shift_v=reader.table("circuit", "ocv_shift_v", shape) if reader.has("circuit", "ocv_shift_v") else None,
             limits=CellLimits(**{name: reader.known("limits", name) for name in sorted(SECTIONS["limits"])}),
         )
     except CellFileError:
@@ -135,6 +143,8 @@ def format_cell(model: CellModel) -> str:
         f"temperature_degc = {_row(model.temperature_grid_degc)}",
         f"r0_ohm = {_table(model.r0_ohm)}",
     ]
+    if model.ocv_shift_v is not None and model.ocv_shift_v.any():
+        lines.append(f"ocv_shift_v = {_table(model.ocv_shift_v)}")
     for r, tau in zip(model.r_ohm, model.tau_s, strict=True):
         lines += ["", "[[circuit.rc]]", f"r_ohm = {_table(r)}", f"tau_s = {_table(tau)}"]
     if model.overpotential_v is not None and model.overpotential_v.any():
@@ -145,6 +155,9 @@ def format_cell(model: CellModel) -> str:
         lines.append(f"rate = {_number(model.hysteresis_rate)}")
     lines += ["", "[fit]", f"voltage_rms_v = {_number(model.fit_voltage_rms_v)}"]
     lines.append(f"current_max_a = {_number(model.fit_current_max_a)}")
+    if model.fit_temperature_degc is not None:
+        lines.append(f"temperature_degc = {_row(model.fit_temperature_degc)}")
+    lines.append(f"activation_sigma_j_mol = {_number(model.activation_sigma_j_mol)}")
     limits = {name: getattr(model.limits, name) for name in sorted(SECTIONS["limits"])}
     if known := [f"{name} = {_number(value)}" for name, value in limits.items() if value is not None]:
         lines += ["", "[limits]  # of the data sheet", *known]

@@ -4,7 +4,7 @@ State is the *current* through each RC resistor, so the process is linear whatev
 
     z'   = z - dt eta i / (3600 Q)                    eta = coulombic efficiency on charge, 1 on discharge
     i_k' = a_k i_k + (1 - a_k) i,   a_k = exp(-dt / tau_k)            exact for a held current
-    v    = OCV(z) - R0 i - e asinh(i / i_ref) - sum R_k i_k + M h
+    v    = OCV(z, T) - R0 i - e asinh(i / i_ref) - sum R_k i_k + M h
 
 Current is positive on discharge. Tables run over SOC and temperature and are interpolated linearly in both.
 Source: the notes STATE-SPACE (zero-order hold) and EKF-CDKF-2022 (currents as states).
@@ -26,6 +26,11 @@ MAX_RC_PAIRS: Final = 4
 SECONDS_PER_HOUR: Final = 3600.0
 TEMPERATURE_DEGC: Final = (-60.0, 150.0)  # of any cell that is still one
 VOLTAGE_MAX_V: Final = 10.0  # no single cell has more
+KELVIN: Final = 273.15
+GAS_CONSTANT: Final = 8.314462618  # J/(mol K)
+ACTIVATION_SIGMA_J_MOL: Final = 12e3  # between lithium-ion cells, of what the whole drop follows over temperature
+SHIFT_MAX_V: Final = 0.3
+ENTROPY_SIGMA_V_K: Final = 3e-4  # by which an OCV changes with temperature where nothing has shown it
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +79,10 @@ class CellModel:
         limits: the data sheet's other limits; no filter uses them.
         fit_voltage_rms_v: open-loop voltage error of the identification [V]; 0 = not known.
         fit_current_max_a: largest current magnitude the identification has seen [A]; 0 = not known.
+        fit_temperature_degc: (m,) rising temperatures the identification has seen [degC]; None = those of the tables.
+        activation_sigma_j_mol: how far the activation energy of the resistances may be off between and beyond these
+            temperatures [J/mol].
+        ocv_shift_v: (n_t, n_soc) by which the OCV at a temperature lies above the curve [V]; None = nowhere.
 
     Raises:
         ModelError: a shape does not match, a value is not finite or out of range.
@@ -96,9 +105,14 @@ class CellModel:
     v_max_v: float = 4.2
     fit_voltage_rms_v: float = 0.0
     fit_current_max_a: float = 0.0
+    fit_temperature_degc: FloatArray | None = None
+    activation_sigma_j_mol: float = ACTIVATION_SIGMA_J_MOL
+    ocv_shift_v: FloatArray | None = None
     source: str = ""
     limits: CellLimits = CellLimits()
     _static: FloatArray = field(init=False, repr=False)
+    _shift: FloatArray = field(init=False, repr=False)
+    _measured_degc: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         for name in ("soc_grid", "temperature_grid_degc", "r0_ohm", "r_ohm", "tau_s"):
@@ -106,6 +120,12 @@ class CellModel:
         shape = (self.temperature_grid_degc.size, self.soc_grid.size)
         over = np.zeros(shape) if self.overpotential_v is None else np.array(self.overpotential_v, dtype=np.float64)
         object.__setattr__(self, "overpotential_v", over)
+        for name in ("ocv_shift_v", "fit_temperature_degc"):
+            given = getattr(self, name)
+            object.__setattr__(self, name, None if given is None else np.array(given, dtype=np.float64))
+        object.__setattr__(self, "_shift", np.zeros(shape) if self.ocv_shift_v is None else self.ocv_shift_v)
+        measured = self.temperature_grid_degc if self.fit_temperature_degc is None else self.fit_temperature_degc
+        object.__setattr__(self, "_measured_degc", measured)
         _check(self, shape)
         object.__setattr__(self, "_static", np.concatenate(([self.r0_ohm, over], self.r_ohm, self.tau_s)))
 
@@ -115,6 +135,11 @@ class CellModel:
         return int(self.r_ohm.shape[0])
 
     @property
+    def measured_degc(self) -> FloatArray:
+        """(m,) rising temperatures that were measured; without a word about them those of the tables [degC]."""
+        return self._measured_degc
+
+    @property
     def c_rate_a(self) -> float:
         """The current that empties the cell in an hour [A]."""
         return self.capacity_ah
@@ -122,10 +147,14 @@ class CellModel:
     @property
     def drop_per_c_v(self) -> float:
         """Voltage a lasting current takes for each C of it, at 3C, half charge and 25 degC [V]."""
+        return float(self.lasting_ohm(25.0)) * self.c_rate_a
+
+    def lasting_ohm(self, temperature_degc: ArrayLike) -> FloatArray:
+        """Return the voltage a lasting current takes for each ampere of it, at 3C and half charge [ohm]."""
         i = 3.0 * self.c_rate_a
-        p = self.parameters(0.5, 25.0)
-        over = float(p[1]) * float(np.arcsinh(i / self.overpotential_current_a))
-        return (i * float(p[0] + p[2 : 2 + self.n_rc].sum()) + over) / 3.0
+        p = self.parameters(0.5, temperature_degc)
+        over = p[1] * np.arcsinh(i / self.overpotential_current_a)
+        return np.asarray(p[0] + p[2 : 2 + self.n_rc].sum(axis=0) + over / i)
 
     def parameters(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
         """Return (2 + 2 n_rc, ...) rows R0, e, R_1.., tau_1.. at each SOC and temperature, broadcast together.
@@ -143,6 +172,38 @@ class CellModel:
         high = table.take(above + js, axis=1) * one_minus_ws + table.take(above + ks, axis=1) * ws
         return np.asarray(low * (1 - wt) + high * wt)
 
+    def open_circuit_voltage(self, soc: ArrayLike, temperature_degc: ArrayLike) -> FloatArray:
+        """Return the OCV [V] at each SOC and temperature, broadcast together."""
+        js, ws = _weights(self.soc_grid, np.asarray(soc, dtype=np.float64))
+        jt, wt = _weights(self.temperature_grid_degc, np.asarray(temperature_degc, dtype=np.float64))
+        ks, kt = np.minimum(js + 1, self.soc_grid.size - 1), np.minimum(jt + 1, self.temperature_grid_degc.size - 1)
+        t = self._shift
+        low, high = t[jt, js] * (1 - ws) + t[jt, ks] * ws, t[kt, js] * (1 - ws) + t[kt, ks] * ws
+        return np.asarray(self.ocv.voltage(soc) + low * (1 - wt) + high * wt)
+
+    def drop_error(self, temperature_degc: ArrayLike) -> FloatArray:
+        """Return by what share the resistances may be off at each temperature for want of measurements.
+
+        sigma_E / R |1/T - 1/T_m| beyond the measured temperatures T_m; between two of them the distances count as
+        d1 d2 / (d1 + d2).
+        """
+        below, above = self._measured_around(1.0 / (np.asarray(temperature_degc, dtype=np.float64) + KELVIN))
+        return np.asarray(self.activation_sigma_j_mol / GAS_CONSTANT * _bridge(below, above))
+
+    def ocv_error_v(self, temperature_degc: ArrayLike) -> FloatArray:
+        """Return how far the OCV may be off at each temperature for want of measurements [V]."""
+        inverse = 1.0 / (np.asarray(temperature_degc, dtype=np.float64) + KELVIN)
+        below, above = self._measured_around(inverse)
+        return np.asarray(ENTROPY_SIGMA_V_K * _bridge(below, above) / inverse**2)
+
+    def _measured_around(self, inverse_k: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return how far in 1/K the next warmer and the next colder measured temperature are, infinite without."""
+        apart = 1.0 / (self._measured_degc + KELVIN) - inverse_k[..., None]
+        with np.errstate(invalid="ignore"):
+            warmer = np.where(apart <= 0.0, -apart, np.inf).min(axis=-1)
+            colder = np.where(apart >= 0.0, apart, np.inf).min(axis=-1)
+        return warmer, colder
+
     def terminal_voltage(
         self,
         soc: ArrayLike,
@@ -153,7 +214,7 @@ class CellModel:
     ) -> FloatArray:
         """Return the terminal voltage [V], same shape as `soc`.
 
-        v = OCV(z) - R0 i - e asinh(i / i_ref) - sum R_k i_k + M h
+        v = OCV(z, T) - R0 i - e asinh(i / i_ref) - sum R_k i_k + M h
 
         Args:
             soc: (...) state of charge.
@@ -164,7 +225,11 @@ class CellModel:
         """
         p = self.parameters(soc, temperature_degc)
         i = np.asarray(current_a, dtype=np.float64)
-        v = self.ocv.voltage(soc) - p[0] * i - p[1] * np.arcsinh(i / self.overpotential_current_a)
+        v = (
+            self.open_circuit_voltage(soc, temperature_degc)
+            - p[0] * i
+            - p[1] * np.arcsinh(i / self.overpotential_current_a)
+        )
         branches = (p[2 : 2 + self.n_rc] * np.asarray(branch_a, dtype=np.float64)).sum(axis=0)
         return np.asarray(v - branches + self.hysteresis_v * np.asarray(hysteresis))
 
@@ -183,6 +248,12 @@ def _weights(grid: FloatArray, x: FloatArray) -> tuple[NDArray[np.intp], FloatAr
     return j, np.minimum(np.maximum((x - start) / (grid.take(j + 1) - start), 0.0), 1.0)
 
 
+def _bridge(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return left right / (left + right), which is the other one where one is infinite."""
+    least, most = np.minimum(left, right), np.maximum(left, right)
+    return np.asarray(least / (1.0 + least / np.where(most > 0.0, most, 1.0)))
+
+
 def _check(model: CellModel, shape: tuple[int, int]) -> None:
     for name in ("soc_grid", "temperature_grid_degc"):
         grid = getattr(model, name)
@@ -199,6 +270,15 @@ def _check(model: CellModel, shape: tuple[int, int]) -> None:
             raise ModelError(name, f"has shape {table.shape}, the grids ask for {shape}")
         if not (np.isfinite(table).all() and (table >= 0).all()):
             raise ModelError(name, "has to be finite and not negative")
+    if model._shift.shape != shape:
+        raise ModelError("ocv_shift_v", f"has shape {model._shift.shape}, the grids ask for {shape}")
+    if not (np.abs(model._shift) <= SHIFT_MAX_V).all():
+        raise ModelError(
+            "ocv_shift_v", f"has to be finite and within {SHIFT_MAX_V:g} V: what temperature does to an OCV"
+        )
+    seen = model._measured_degc
+    if seen.ndim != 1 or seen.size < 1 or not np.isfinite(seen).all() or not (np.diff(seen) > 0).all():
+        raise ModelError("fit_temperature_degc", "has to be one rising row of finite numbers")
     n_rc = model.r_ohm.shape[0] if model.r_ohm.ndim == 3 else -1
     if not 0 <= n_rc <= MAX_RC_PAIRS or model.r_ohm.shape[1:] != shape or model.tau_s.shape != model.r_ohm.shape:
         raise ModelError(
@@ -213,7 +293,7 @@ def _check(model: CellModel, shape: tuple[int, int]) -> None:
     for name in ("capacity_ah", "overpotential_current_a", "hysteresis_rate"):
         if not (np.isfinite(getattr(model, name)) and getattr(model, name) > 0):
             raise ModelError(name, "has to be finite and positive")
-    for name in ("hysteresis_v", "fit_voltage_rms_v", "fit_current_max_a"):
+    for name in ("hysteresis_v", "fit_voltage_rms_v", "fit_current_max_a", "activation_sigma_j_mol"):
         if not (np.isfinite(getattr(model, name)) and getattr(model, name) >= 0):
             raise ModelError(name, "has to be finite and not negative")
     if not 0.5 <= model.coulombic_efficiency <= 1.0:

@@ -10,7 +10,7 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.sigma_points import central_difference
-from app.estimation.filters.tables import CellTables
+from app.estimation.filters.tables import DOUBT_DEGC, CellTables
 from app.estimation.filters.tuning import Tuning
 
 SOC_STEP = 0.005  # of the tables: coarser than on a PC, for the flash
@@ -26,13 +26,15 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         tuning: assumptions of the filter; None = the one tuning for all cells.
     """
     cell = CellTables(model, soc_step)
-    rule = central_difference(1 + model.n_rc)
+    rule = central_difference(1 + cell.n_rc)
     fields = {
         "n_rc": cell.n_rc,
         "n_soc": cell.soc.size,
         "n_temperatures": cell.temperature_degc.size,
         "has_overpotential": int(cell.has_overpotential),
         "has_tau_table": int(cell.has_tau_table),
+        "slow_pair": cell.slow_pair,
+        "n_doubt": cell.doubt.shape[0],
         "soc_low": _number(cell.soc_low),
         "soc_step": _number(cell.soc_step),
         "capacity_ah": _number(model.capacity_ah),
@@ -41,31 +43,35 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         "hysteresis_v": _number(model.hysteresis_v),
         "hysteresis_rate": _number(model.hysteresis_rate),
         "drop_per_a_v": _number(model.drop_per_c_v / model.c_rate_a),
+        "doubt_low_degc": _number(DOUBT_DEGC[0]),
+        "doubt_step_k": _number(DOUBT_DEGC[2]),
         "temperature_degc": "vw_cell_temperature_degc",
         "table": "vw_cell_table",
         "ocv_slope_v": "vw_cell_ocv_slope_v",
         "reading_slope_v": "vw_cell_reading_slope_v",
         "tau_s": "vw_cell_tau_s",
+        "doubt": "vw_cell_doubt",
     }
     rule_fields = {name: _number(getattr(rule, name)) for name in ("spread", "weight", "curvature")}
     tuning_fields = {name: _number(value) for name, value in asdict(tuning or Tuning()).items()}
     parts = [
         f"/* {_comment(model.name)}, {model.capacity_ah:g} Ah: written by `voltwall firmware` from its cell file.",
-        " * Columns of the table: OCV [V], R0 [ohm], overpotential [V], RC resistances [ohm]. */",
+        " * Columns of the table: OCV [V], R0 [ohm], overpotential [V], RC resistances [ohm], lasting error. */",
         "#ifndef VW_CELL_OF_TEAM_H",
         "#define VW_CELL_OF_TEAM_H",
         "",
         '#include "vw_filter.h"',
         "",
         f"#if VW_RC_MAX < {cell.n_rc}",
-        f'#error "this cell has {cell.n_rc} RC pairs: compile with -DVW_RC_MAX={cell.n_rc}"',
+        f'#error "this cell has {model.n_rc} RC pairs and a lasting error: compile with -DVW_RC_MAX={cell.n_rc}"',
         "#endif",
         "",
         _array("vw_cell_temperature_degc", cell.temperature_degc),
         _array("vw_cell_table", cell.table),
         _array("vw_cell_ocv_slope_v", cell.ocv_slope_v),
         _array("vw_cell_reading_slope_v", cell.reading_slope_v),
-        _array("vw_cell_tau_s", cell.tau_s if cell.n_rc else np.ones(1)),
+        _array("vw_cell_tau_s", cell.tau_s),
+        _array("vw_cell_doubt", cell.doubt),
         _struct("vw_cell_model", "vw_cell_model_of_team", fields),
         _struct("vw_sigma_rule", "vw_rule_of_team", rule_fields),
         _struct("vw_tuning", "vw_tuning_of_team", tuning_fields),

@@ -63,4 +63,4 @@ def filter_setup(filter_name: str, cell: CellModel, tuning: Tuning | None = None
     if filter_name not in _KINDS:
         raise EstimatorError(f"{filter_name!r} is none of the filters: {', '.join(FILTERS)}")
     kind, rule = _KINDS[filter_name]
-    return FilterSetup(CellTables(cell), kind, rule(1 + cell.n_rc) if rule else None, tuning or Tuning())
+    return FilterSetup(CellTables(cell), kind, rule(2 + cell.n_rc) if rule else None, tuning or Tuning())

@@ -54,12 +54,13 @@ class SocEstimator:
     @property
     def state_mean(self) -> FloatArray:
         """(n_states, n_cells) of the filter: SOC, then RC currents [A]; a copy."""
-        return np.concatenate((self.engine.get("soc")[None], self.engine.get("branch_a")))
+        return np.concatenate((self.engine.get("soc")[None], self.engine.get("branch_a")[: self.model.n_rc]))
 
     @property
     def state_cov(self) -> FloatArray:
         """(n_cells, n_states, n_states) of the filter; a copy."""
-        cov = self.engine.get("cov")
+        d = 1 + self.model.n_rc  # the lasting error is the engine's own
+        cov = self.engine.get("cov")[:d, :d]
         if self.setup.kind is Kind.COUNT:  # the SOC is counted, the RC currents are as good as the model says
             cov[0, :] = cov[:, 0] = 0.0
             cov[0, 0] = self._count_variance()

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import FloatArray, IntArray
-from app.estimation.cell_model.circuit import CellModel
+from app.estimation.cell_model.circuit import GAS_CONSTANT, KELVIN, CellModel
 
 SOC_LOW: Final = -0.1  # the tables reach past 0 and 1, because sigma points do
 SOC_HIGH: Final = 1.1
@@ -19,6 +19,12 @@ SOC_STEP: Final = 0.001
 SOC_INVERSE: Final = (-0.05, 1.05)  # range of a SOC that is read off a voltage
 READING_V: Final = 0.02  # error of a model's voltage by which the SOC is misread
 OCV, R0, OVERPOTENTIAL, R1 = range(4)  # columns of the table; the other RC resistances follow
+REFERENCE_DEGC: Final = 25.0
+LASTING_OHM: Final = 1.0  # the state of the lasting error is a current through this much
+LASTING_S: Final = 600.0  # its correlation time
+DROP_ERROR, OCV_ERROR, LASTING_DROP, COLD = range(4)  # columns of the doubt
+DOUBT_DEGC: Final = (-60.0, 120.0, 2.5)  # temperatures of the doubt: first, last, step
+EMPTY_ACTIVATION_J_MOL: Final = 30e3  # by which the cold makes a cell look empty early: diffusion in solids
 
 Place = tuple[IntArray, FloatArray]  # grid index and weight of the next point, for each cell
 
@@ -30,7 +36,12 @@ class CellTables:
         model: the cell model.
         soc: (n_soc,) SOC of the points.
         temperature_degc: (n_t,) temperature of the tables [degC], rising.
+        n_rc: branches: the RC pairs of the model, and last the lasting error, which no current drives.
+        slow_pair: which RC pair is the slowest, -1 without any.
         table: (n_t, n_soc, 3 + n_rc) OCV [V], R0 [ohm], e [V] and R_k [ohm].
+        doubt: (n, 4) what is not known at temperatures even apart: share by which resistances may be off, how far the
+            OCV may be off [V], voltage a lasting current takes for each ampere [ohm], and how much earlier than at
+            25 degC the cell looks empty.
         ocv_slope_v: (n_soc,) dOCV/dSOC; with a smoothed OCV this is the smoothed slope [V].
         reading_slope_v: (n_soc,) volts per SOC at which a voltage READING_V off reads the SOC, the less of both sides.
         tau_s: (n_rc,) where every time constant is the same at any SOC and temperature, else (n_t, n_soc, n_rc) [s].
@@ -39,24 +50,36 @@ class CellTables:
     def __init__(self, model: CellModel, soc_step: float = SOC_STEP) -> None:
         n = round((SOC_HIGH - SOC_LOW) / soc_step) + 1
         self.model = model
-        self.n_rc = model.n_rc
+        self.n_rc = model.n_rc + 1
+        self.slow_pair = int(np.argmax(model.tau_s.mean(axis=(1, 2)))) if model.n_rc else -1
         self.soc_low = SOC_LOW
         self.soc_step = soc_step
         self.soc = SOC_LOW + soc_step * np.arange(n)
         self.temperature_degc = model.temperature_grid_degc
         r0, over, *rc = model.parameters(self.soc, self.temperature_degc[:, None])
-        ocv = np.broadcast_to(model.ocv.voltage(self.soc), r0.shape)
-        self.table = np.ascontiguousarray(np.stack([ocv, r0, over, *rc[: self.n_rc]], axis=-1))
+        # what temperature does to the OCV may not make it fall anywhere: its inverse has to exist
+        ocv = np.maximum.accumulate(model.open_circuit_voltage(self.soc, self.temperature_degc[:, None]), axis=1)
+        lasting_ohm, lasting_s = np.full_like(r0, LASTING_OHM), np.full_like(r0, LASTING_S)
+        self.table = np.ascontiguousarray(np.stack([ocv, r0, over, *rc[: model.n_rc], lasting_ohm], axis=-1))
         self.ocv_slope_v = model.ocv.slope(self.soc)
         self.reading_slope_v = reading_slope(model, np.asarray(self.soc, dtype=np.float64))
         self.has_overpotential = bool(over.any())
         self.has_tau_table = any(np.ptp(tau) > 0.0 for tau in model.tau_s)
-        taus = np.moveaxis(np.array(rc[self.n_rc :]).reshape(self.n_rc, *r0.shape), 0, -1)
-        self.tau_s = np.ascontiguousarray(taus if self.has_tau_table else model.tau_s[:, 0, 0])
+        taus = np.stack([*rc[model.n_rc :], lasting_s], axis=-1)
+        self.tau_s = np.ascontiguousarray(taus if self.has_tau_table else taus[0, 0])
+        self.doubt = _doubt(model)
 
     def place_temperature(self, temperature_degc: FloatArray) -> Place:
         """Return the table row (n,) and the weight (n,) of the next one, for each temperature [degC]."""
         return _place(np.interp(temperature_degc, self.temperature_degc, np.arange(self.temperature_degc.size)))
+
+    def doubt_at(self, temperature_degc: FloatArray) -> FloatArray:
+        """Return (4, n) the doubt at each temperature [degC]."""
+        low, _, step = DOUBT_DEGC
+        x = np.clip((temperature_degc - low) / step, 0.0, self.doubt.shape[0] - 1.0)
+        j = np.minimum(x.astype(np.intp), self.doubt.shape[0] - 2)
+        w = (x - j)[:, None]
+        return np.asarray((self.doubt[j] + w * (self.doubt[j + 1] - self.doubt[j])).T)
 
     def place_soc(self, soc: FloatArray) -> Place:
         """Return the grid index and the weight of the next point, for each SOC."""
@@ -83,9 +106,10 @@ class CellTables:
             return _interpolate(self.tau_s, at, self.place_soc(soc))
         return np.repeat(self.tau_s[:, None], soc.size, axis=1)
 
-    def ocv(self, soc: FloatArray) -> FloatArray:
-        """Return the OCV [V] at each SOC."""
-        return np.asarray(np.interp(soc, self.soc, self.table[0, :, OCV]))
+    def ocv(self, soc: FloatArray, at: Place | None = None) -> FloatArray:
+        """Return the OCV [V] of each cell, at its SOC and the place of its temperature; None = 25 degC."""
+        at = self.place_temperature(np.full(soc.shape, REFERENCE_DEGC)) if at is None else at
+        return np.asarray(_interpolate(self.table[:, :, OCV : OCV + 1], at, self.place_soc(soc))[0])
 
     def ocv_slope(self, soc: FloatArray) -> FloatArray:
         """Return dOCV/dSOC [V] at each SOC."""
@@ -95,22 +119,37 @@ class CellTables:
         """Return volts per SOC at which a voltage reads each SOC [V]."""
         return np.asarray(np.interp(soc, self.soc, self.reading_slope_v))
 
-    def reading_sigma(self, soc: FloatArray, sigma_v: FloatArray) -> FloatArray:
+    def reading_sigma(self, soc: FloatArray, sigma_v: FloatArray, at: Place | None = None) -> FloatArray:
         """Return (n,) how far the SOC may lie from `soc` where the voltage there has a sigma; the farther side.
 
         At the foot of a step of the OCV the near side says little.
         """
-        ocv = self.ocv(soc)
-        above, below = self.soc_of_ocv(ocv + sigma_v) - soc, soc - self.soc_of_ocv(ocv - sigma_v)
+        ocv = self.ocv(soc, at)
+        above, below = self.soc_of_ocv(ocv + sigma_v, at) - soc, soc - self.soc_of_ocv(ocv - sigma_v, at)
         return np.maximum(np.maximum(above, below), 1e-3)
 
-    def soc_of_ocv(self, voltage_v: FloatArray) -> FloatArray:
-        """Return the SOC, -0.05 .. 1.05, whose OCV is the given voltage [V]; NaN for NaN."""
-        ocv = self.table[0, :, OCV]
-        below = np.clip(np.searchsorted(ocv, voltage_v, side="right") - 1, 0, ocv.size - 2)
-        low, high = ocv[below], ocv[below + 1]
-        weight = np.where(high > low, (voltage_v - low) / np.where(high > low, high - low, 1.0), 0.0)
-        return np.clip(self.soc_low + self.soc_step * (below + weight), *SOC_INVERSE)
+    def soc_of_ocv(self, voltage_v: FloatArray, at: Place | None = None) -> FloatArray:
+        """Return the SOC, -0.05 .. 1.05, whose OCV at a temperature is the given voltage [V]; NaN for NaN."""
+        row, g = self.place_temperature(np.full(voltage_v.shape, REFERENCE_DEGC)) if at is None else at
+        above = np.minimum(row + 1, self.temperature_degc.size - 1)
+        cool, warm = self.table[row, :, OCV], self.table[above, :, OCV]
+        soc = np.full(voltage_v.shape, np.nan)
+        for k, ocv in enumerate((1.0 - g)[:, None] * cool + g[:, None] * warm):
+            below = int(np.clip(np.searchsorted(ocv, voltage_v[k], side="right") - 1, 0, ocv.size - 2))
+            low, high = ocv[below], ocv[below + 1]
+            soc[k] = self.soc_low + self.soc_step * (
+                below + ((voltage_v[k] - low) / (high - low) if high > low else 0.0)
+            )
+        return np.asarray(np.clip(soc, *SOC_INVERSE))
+
+
+def _doubt(model: CellModel) -> FloatArray:
+    low, high, step = DOUBT_DEGC
+    degc = np.arange(low, high + 0.5 * step, step)
+    colder = np.maximum(1.0 / (degc + KELVIN) - 1.0 / (REFERENCE_DEGC + KELVIN), 0.0)
+    columns = [model.drop_error(degc), model.ocv_error_v(degc), model.lasting_ohm(degc)]
+    columns.append(np.exp(EMPTY_ACTIVATION_J_MOL / GAS_CONSTANT * colder))
+    return np.ascontiguousarray(np.stack(columns, axis=-1))
 
 
 def _place(x: FloatArray) -> Place:

@@ -23,9 +23,12 @@ class Tuning:
         bias_v: error that no averaging removes; enters the sigma that is reported, not the gain [V].
         bias_start_v: what innovations that average out over `bias_s` are taken for before there are any [V].
         bias_s: innovations that do not average out over this time are such an error too [s].
-        cold_factor: growth of the model error for every 10 K outside the temperatures of the cell file.
-        empty_soc: below this SOC the model error grows ...
-        empty_factor: ... up to this many times at SOC 0.
+        lasting_v: error of the model that stays for ten minutes, at rest: a state of the filter [V].
+        lasting_rel: growth of it with what the current of the slowest RC pair drops, as a share of that.
+        lasting_hysteresis: and by this share of the half gap between charge and discharge OCV.
+        empty_soc: below this SOC at 25 degC, and below more of it in the cold, the model error grows ...
+        empty_soc_max: ... at most below this ...
+        empty_factor: ... up to this many times at SOC 0, in the cold more.
         soc_walk: random walk of the SOC, per square root of a second.
         branch_rel: standard deviation of an RC current, relative to the current.
         branch_c: the same at no current, in C.
@@ -61,6 +64,7 @@ class Tuning:
         check_s: time constant of the self-check [s].
         check_rms_v: RMS innovation above which the model is not valid for the cell [V].
         check_bias_v: mean innovation above which it is not [V].
+        drop_error_max: where resistances may be off by more than this share, the model is not valid.
     """
 
     model_error_v: float = 0.010
@@ -69,8 +73,11 @@ class Tuning:
     bias_v: float = 0.0025
     bias_start_v: float = 0.008
     bias_s: float = 20.0
-    cold_factor: float = 1.0
+    lasting_v: float = 0.008
+    lasting_rel: float = 0.08
+    lasting_hysteresis: float = 0.5
     empty_soc: float = 0.1
+    empty_soc_max: float = 0.6
     empty_factor: float = 3.0
     soc_walk: float = 1e-4
     branch_rel: float = 0.1
@@ -105,6 +112,7 @@ class Tuning:
     check_s: float = 120.0
     check_rms_v: float = 0.04
     check_bias_v: float = 0.025
+    drop_error_max: float = 0.25
 
     def voltage_variance(self, drop_v: float) -> float:
         """Return the variance of the model's voltage [V^2] where a lasting current would drop `drop_v`."""

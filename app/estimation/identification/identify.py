@@ -14,35 +14,37 @@ import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import MAX_RC_PAIRS, CellModel
-from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.errors import ModelError
-from app.estimation.identification.design import (
-    OVERPOTENTIAL_SOC,
-    REFERENCE_DEGC,
-    RESISTANCE_SOC,
-    arrhenius,
-    branch_current,
+from app.estimation.identification.cell_tables import (
+    activation_energy,
+    cell_model,
+    ocv_shift,
+    temperature_knots,
+    typical_temperature,
 )
-from app.estimation.identification.parts import REST_CURRENT_C, Part, choose_capacity, reference_soc, typical_resistance
-from app.estimation.identification.problem import DEFAULT_ACTIVATION, Activation, Problem, Solution
+from app.estimation.identification.design import REFERENCE_DEGC, branch_current
+from app.estimation.identification.parts import (
+    REST_CURRENT_C,
+    OcvShift,
+    Part,
+    choose_capacity,
+    has_soc_column,
+    reference_soc,
+    typical_resistance,
+)
+from app.estimation.identification.problem import Problem, Solution
 from app.estimation.identification.slow_tests import SlowCurves, read_slow
 from app.estimation.recording.cell_recording import Recording, believable
 
-ACTIVATION_STEPS: Final = (10e3, 4e3)  # J/mol, of the search
-ACTIVATION_LIMIT: Final = 60e3
 RATED_C: Final = 4.0  # a race draws at least this much: pulses below it leave the fit without evidence
 TEMPERATURE_SPAN_K: Final = 8.0  # less than this between the recordings and the activation energies stay at the default
 TAU_MIN_S: Final = 1.0
 TAU_COUNT: Final = 7  # candidates, each twice the one before: 1 to 64 s at 10 Hz; slower states delay a cold start
-OCV_POINTS: Final = 101
 JUDGED_SOC: Final = 0.05  # below, the voltage falls so fast that its error says nothing about the SOC
 VOLTAGE_RMS_LIMIT_V: Final = 0.03  # above, estimates drift: see docs/explanation/identification.md
 SOC_BEYOND: Final = 0.05  # a recording further beyond full or empty is not on the SOC axis
 FLAT_V: Final = 0.15  # per unit of SOC: an OCV that rises less tells little
 FLAT_SHARE: Final = 0.25  # of the range: less is a dip that a drive passes
-EXTRAPOLATION_COLD_K: Final = 15.0  # the activation energies are believed this far beyond the data
-EXTRAPOLATION_HOT_K: Final = 20.0
-TEMPERATURE_STEP_K: Final = 10.0
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class Identification:
     model: CellModel
     parts: tuple[PartFit, ...]
     tau_s: tuple[float, ...]
-    activation_j_mol: Activation
+    activation_j_mol: float
     counted_ah: float
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -113,13 +115,26 @@ def identify(
     typical_ohm = typical_resistance([*pulses, *drives])
     capacity_ah = choose_capacity(slow, [*slow_tests, *pulses, *drives], typical_ohm, notes)
     pulses, drives = ([believable(r, capacity_ah) for r in given] for given in (pulses, drives))
-    parts = [
-        Part(r, reference_soc(r, capacity_ah, slow, typical_ohm, notes), is_drive=k >= len(pulses))
-        for k, r in enumerate((*pulses, *drives))
-    ]
-    problem = Problem(parts, slow, capacity_ah, typical_ohm)
-    solution = problem.robust(_search(problem, parts, capacity_ah, n_rc, notes))
-    model = _model(solution, slow, parts, capacity_ah, name, [r.source for r in (*slow_tests, *pulses, *drives)])
+    measured = [*pulses, *drives]
+    knots_degc, slow_degc = temperature_knots(measured), typical_temperature(slow_tests)
+
+    def laid(recordings: Sequence[Recording], said: list[str], shift: OcvShift | None = None) -> list[Part]:
+        return [
+            Part(r, reference_soc(r, capacity_ah, slow, typical_ohm, said, shift), is_drive=any(r is d for d in drives))
+            for r in recordings
+        ]
+
+    parts = laid(measured, notes)
+    columned = [part for part in parts if has_soc_column(part.recording)]
+    if knots_degc.size > 1 and 0 < len(columned) < len(parts):
+        # the rests of the others lie on the OCV at their temperature, which those with a soc column show
+        first = Problem(columned, slow, capacity_ah, typical_ohm, knots_degc, slow_degc)
+        shift = ocv_shift(first.solve(tau_candidates(measured, capacity_ah)), slow_degc)
+        parts = laid(measured, [], shift)
+    problem = Problem(parts, slow, capacity_ah, typical_ohm, knots_degc, slow_degc)
+    solution = problem.robust(_search(problem, parts, capacity_ah, n_rc))
+    source = f"identified from {', '.join(r.source for r in (*slow_tests, *measured))}"
+    model = cell_model(solution, slow, slow_degc, measured, capacity_ah, name, source)
     fits = tuple(_part_fit(model, part) for part in parts)
     judged = [fit for fit in fits if fit.is_drive] or list(fits)
     model = replace(
@@ -127,28 +142,28 @@ def identify(
         fit_voltage_rms_v=float(np.sqrt(np.mean([fit.voltage_rms_v**2 for fit in judged]))),
         fit_current_max_a=max(fit.current_max_a for fit in fits),
     )
+    energy, sigma = activation_energy(solution, capacity_ah)
+    if solution.knots_degc.size == 1:
+        notes.append(_one_temperature(solution, energy, sigma))
     warnings = [*slow.warnings, *_warnings(fits, capacity_ah), *_flat(slow)]
-    return Identification(
-        model, fits, solution.tau_s, solution.activation, slow.counted_ah, tuple(notes), tuple(warnings)
-    )
+    return Identification(model, fits, solution.tau_s, energy, slow.counted_ah, tuple(notes), tuple(warnings))
 
 
-def _search(problem: Problem, parts: Sequence[Part], capacity_ah: float, n_rc: int, notes: list[str]) -> Solution:
-    """Return the best time constants and activation energies: a coarse choice, the energies, a fine choice."""
+def _search(problem: Problem, parts: Sequence[Part], capacity_ah: float, n_rc: int) -> Solution:
+    """Return the solution at the best time constants: a coarse choice, then a fine one."""
     candidates = tau_candidates([part.recording for part in parts], capacity_ah)
-    solution = problem.choose_tau(candidates, n_rc, DEFAULT_ACTIVATION)
-    temperatures = np.concatenate([part.recording.temperature_degc for part in parts])
-    temperatures = temperatures[np.isfinite(temperatures)]
-    if temperatures.size and float(np.ptp(np.percentile(temperatures, (5.0, 95.0)))) >= TEMPERATURE_SPAN_K:
-        solution = _search_activation(problem, solution)
-        solution = problem.choose_tau(candidates, n_rc, solution.activation)
-    else:
-        known = "one temperature only" if temperatures.size else f"no temperatures, {REFERENCE_DEGC:g} degC taken"
-        notes.append(f"{known}: resistances follow an activation energy of {DEFAULT_ACTIVATION[0]:g} J/mol")
+    solution = problem.choose_tau(candidates, n_rc)
     if n_rc:
         near = sorted({tau * factor for tau in solution.tau_s for factor in (2**-0.5, 1.0, 2**0.5)})
-        solution = problem.choose_tau(near, n_rc, solution.activation)
+        solution = problem.choose_tau(near, n_rc)
     return solution
+
+
+def _one_temperature(solution: Solution, energy: float, sigma: float) -> str:
+    return (
+        f"measured at {solution.knots_degc[0]:.0f} degC alone: resistances at other temperatures follow an activation "
+        f"energy of {energy / 1e3:.0f} +- {sigma / 1e3:.0f} kJ/mol"
+    )
 
 
 def tau_candidates(recordings: Sequence[Recording], capacity_ah: float) -> tuple[float, ...]:
@@ -163,66 +178,6 @@ def tau_candidates(recordings: Sequence[Recording], capacity_ah: float) -> tuple
         raise ModelError("--pulses", f"{problem}: is one of them in mA?")
     shortest = max(TAU_MIN_S, 2.0 * min(steps))
     return tuple(float(shortest * 2.0**k) for k in range(TAU_COUNT))
-
-
-def _search_activation(problem: Problem, start: Solution) -> Solution:
-    """Return the best activation energies at the start's time constants, one after the other in shrinking steps."""
-    best = start
-    for step in ACTIVATION_STEPS:
-        for which in range(3):
-            for direction in (step, -step):
-                while True:
-                    activation = list(best.activation)
-                    activation[which] += direction
-                    if not 0.0 <= activation[which] <= ACTIVATION_LIMIT:
-                        break
-                    trial = problem.solve(best.tau_s, (activation[0], activation[1], activation[2]))
-                    if trial.cost >= best.cost:
-                        break
-                    best = trial
-    return best
-
-
-def _model(
-    solution: Solution,
-    slow: SlowCurves,
-    parts: Sequence[Part],
-    capacity_ah: float,
-    name: str,
-    sources: Sequence[str],
-) -> CellModel:
-    """Return the solution as tables over SOC and temperature."""
-    grid_degc = _temperature_grid(parts)
-    ohmic, branch, over = (arrhenius(grid_degc, e)[:, None] for e in solution.activation)
-    soc = np.linspace(0.0, 1.0, OCV_POINTS)
-    ocv_v = np.maximum.accumulate(solution.ocv(slow, soc)) + 1e-7 * np.arange(OCV_POINTS)
-    over_v = np.interp(RESISTANCE_SOC, OVERPOTENTIAL_SOC, solution.overpotential_v)
-    r_ohm = solution.r_ohm[:, None, :] * branch
-    tau_s = np.broadcast_to(np.array(solution.tau_s)[:, None, None], r_ohm.shape)
-    return CellModel(
-        name=name,
-        source=f"identified from {', '.join(sources)}",
-        capacity_ah=capacity_ah,
-        ocv=OcvCurve(soc, ocv_v),
-        soc_grid=RESISTANCE_SOC,
-        temperature_grid_degc=grid_degc,
-        r0_ohm=solution.r0_ohm * ohmic,
-        r_ohm=r_ohm,
-        tau_s=tau_s,
-        overpotential_v=over_v * over,
-        overpotential_current_a=capacity_ah,
-        v_min_v=round(float(slow.discharge_v.min()) * 20.0) / 20.0,
-        v_max_v=round(float(slow.charge_v.max()) * 20.0) / 20.0,
-    )
-
-
-def _temperature_grid(parts: Sequence[Part]) -> FloatArray:
-    temperatures = np.concatenate([part.recording.temperature_degc for part in parts])
-    temperatures = temperatures[np.isfinite(temperatures)]
-    low, high = (temperatures.min(), temperatures.max()) if temperatures.size else (REFERENCE_DEGC, REFERENCE_DEGC)
-    first = TEMPERATURE_STEP_K * np.floor((low - EXTRAPOLATION_COLD_K) / TEMPERATURE_STEP_K)
-    last = TEMPERATURE_STEP_K * np.ceil((high + EXTRAPOLATION_HOT_K) / TEMPERATURE_STEP_K)
-    return np.arange(first, last + 1.0, TEMPERATURE_STEP_K)
 
 
 def open_loop_voltage(model: CellModel, part: Part) -> FloatArray:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -13,6 +13,7 @@ from app.estimation.errors import ModelError
 from app.estimation.identification.branches import REST_S, stretches
 from app.estimation.identification.slow_tests import SlowCurves
 from app.estimation.recording.cell_recording import Recording
+from app.estimation.recording.time_axis import usual_step
 
 REST_SIGMA_V: Final = 0.003  # how near the OCV a rest of `REST_S` ends
 SHORT_REST_S: Final = 60.0  # a rest this long ends not far from it
@@ -24,12 +25,16 @@ FOREIGN_FRAC: Final = 0.5  # of the charge moved: further apart than that, count
 COUNT_DRIFT_FRAC: Final = 0.25  # of the charge moved to and fro: a counter may be as bad as that
 REST_CURRENT_C: Final = 0.01  # below this a cell rests
 
+EDGE_STEP_S: Final = 30.0
+EDGE_STEPS: Final = 2.0  # of the usual step
+EDGE_REST_FRAC: Final = 0.02  # of the current at the other end: that is rest
 COUNT_ERROR_FRAC: Final = 0.003  # drift of a laboratory's charge counter, of the charge moved
 SPAN_MIN: Final = 0.2  # SOC that has to be covered to say something about the capacity
 COLUMN_STEP_MIN: Final = 0.01  # of it, what one stretch with a soc column has to cover
 COLUMN_ERROR_SOC: Final = 1e-4  # of a soc column, at either end of a stretch
 UNSURE_RATIO: Final = 3.0  # between the errors of stretches that count alike
 DISAGREEMENT_FRAC: Final = 0.015  # above this two capacities are worth a note
+OcvShift = Callable[[FloatArray, FloatArray], FloatArray]  # (n,) SOC and temperature [degC] to (n,) volts
 COARSE_SOC: Final = 0.002  # a soc column in larger steps is smoothed by the charge count
 
 
@@ -42,10 +47,22 @@ class Part:
     is_drive: bool
 
 
+def current_between(time_s: FloatArray, current_a: FloatArray) -> FloatArray:
+    """Return the (n,) current that flowed before each row since the one before it [A]: the mean of the two.
+
+    Between a row under load and one at rest that lie far apart none flowed: rigs add a row where a step ends or begins.
+    """
+    before_a = np.concatenate((current_a[:1], current_a[:-1]))
+    least, most = np.sort(np.abs([before_a, current_a]), axis=0)
+    step_s = np.diff(time_s, prepend=time_s[:1])
+    is_edge = (step_s > max(EDGE_STEP_S, EDGE_STEPS * usual_step(time_s))) & (least < EDGE_REST_FRAC * most)
+    return np.where(is_edge, 0.0, 0.5 * (before_a + current_a))
+
+
 def charge_ah(recording: Recording, rows: IntArray) -> FloatArray:
-    """Return the (m,) charge drawn since the first of the rows [Ah], trapezoidal."""
+    """Return the (m,) charge drawn since the first of the rows [Ah]."""
     current, time_s = recording.current_a[rows], recording.time_s[rows]
-    moved = np.cumsum(0.5 * (current[1:] + current[:-1]) * np.diff(time_s)) / 3600.0
+    moved = np.cumsum(current_between(time_s, current)[1:] * np.diff(time_s)) / 3600.0
     return np.concatenate(([0.0], moved))
 
 
@@ -204,10 +221,28 @@ def choose_capacity(
     return slow.counted_ah
 
 
+def has_soc_column(recording: Recording) -> bool:
+    """Return whether the recording says its SOC at most of its rows."""
+    return bool(np.isfinite(recording.soc).mean() > 0.5)
+
+
 def reference_soc(
-    recording: Recording, capacity_ah: float, slow: SlowCurves, resistance_ohm: float, notes: list[str]
+    recording: Recording,
+    capacity_ah: float,
+    slow: SlowCurves,
+    resistance_ohm: float,
+    notes: list[str],
+    ocv_shift: OcvShift | None = None,
 ) -> FloatArray:
     """Return the (n,) SOC of a recording: its soc column, else the charge count laid on the anchors.
+
+    Args:
+        recording: the recording.
+        capacity_ah: of the cell [Ah].
+        slow: its slow curves.
+        resistance_ohm: ohmic, for a recording that begins under load [ohm].
+        notes: where what was assumed is added.
+        ocv_shift: what the OCV at a SOC and a temperature lies above the slow curves, where that is known.
 
     Raises:
         ModelError: the recording has no soc column and no anchor.
@@ -228,6 +263,8 @@ def reference_soc(
                 continue
             at = drawn[anchors.rows - rows[0]]
             anchor_soc, sigma = _soc_of(slow, anchors)
+            if ocv_shift is not None:
+                anchor_soc, sigma = _soc_of(slow, _unshifted(anchors, anchor_soc, recording, ocv_shift))
             weight = 1.0 / (sigma**2 + (COUNT_ERROR_FRAC * (at - at[0])) ** 2)
             start = float(np.sum(weight * (anchor_soc + at)) / np.sum(weight))
         soc[rows] = start - drawn
@@ -246,6 +283,12 @@ def _soc_of(slow: SlowCurves, anchors: Anchors) -> tuple[FloatArray, FloatArray]
     slope = np.interp(soc, slow.soc, np.gradient(slow.rested_v, slow.soc))
     gap_v = np.interp(soc, slow.soc, slow.charge_v - slow.discharge_v)
     return soc, np.hypot(anchors.sigma_v, 0.25 * gap_v) / np.maximum(slope, SLOPE_MIN_V)
+
+
+def _unshifted(anchors: Anchors, soc: FloatArray, recording: Recording, ocv_shift: OcvShift) -> Anchors:
+    """Return the anchors with the OCV they would show at the temperature of the slow curves."""
+    degc = recording.temperature_degc[anchors.rows]
+    return replace(anchors, ocv_v=anchors.ocv_v - ocv_shift(soc, degc))
 
 
 def _is_coarse(soc: FloatArray) -> bool:

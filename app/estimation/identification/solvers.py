@@ -61,8 +61,12 @@ def non_negative_least_squares(gram: FloatArray, moment: FloatArray, is_free: ND
     n = moment.size
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     G, c = gram * scale[:, None] * scale, moment * scale
-    passive = is_free.copy()
+    # whatever is positive without the constraint begins in the passive set: any feasible start leads to the minimum
+    passive = np.ones(n, dtype=np.bool_)
     x = _solve_passive(G, c, passive)
+    while (negative := passive & ~is_free & (x < 0.0)).any():
+        passive &= ~negative
+        x = _solve_passive(G, c, passive)
     tolerance = 1e-10 * max(float(np.abs(c).max()), 1e-300)
     for _ in range(ITERATIONS_PER_UNKNOWN * n + 1):
         gradient = np.where(passive, -np.inf, c - G @ x)

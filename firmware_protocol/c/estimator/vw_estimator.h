@@ -3,8 +3,8 @@
  *     vw_estimator_init(&estimator);                                   once
  *     vw_estimator_run(&estimator, &vw_memory, HAL_GetTick());         after each measurement of all cells
  *
- * Compile it with the engine, `app/estimation/filters/engine/vw_*.c`, and with -DVW_SINGLE -DVW_LANES=1 -DVW_RC_MAX=2
- * (or as many RC pairs as your cell has). The cell is `vw_cell_of_team.h`; write your own from a cell file with
+ * Compile it with the engine, `app/estimation/filters/engine/vw_*.c`, and with -DVW_SINGLE -DVW_LANES=1 -DVW_RC_MAX=3
+ * (one more than your cell has RC pairs). The cell is `vw_cell_of_team.h`; write your own from a cell file with
  * `voltwall firmware --cell`. Missing voltages and temperatures are those of the struct.
  */
 #ifndef VW_ESTIMATOR_H

@@ -20,7 +20,7 @@ from app.estimation.filters.tuning import Tuning
 
 FOLDER: Final = Path(__file__).resolve().parent
 LANES: Final = 8
-RC_MAX: Final = 4
+RC_MAX: Final = 5  # branches: RC pairs and the lasting error
 STATES_MAX: Final = 1 + RC_MAX
 STARTS: Final = 3
 
@@ -82,9 +82,16 @@ class CellModelStruct(ctypes.Structure):
 
     _fields_ = [
         *[(name, _int32) for name in ("n_rc", "n_soc", "n_temperatures", "has_overpotential", "has_tau_table")],
+        *[(name, _int32) for name in ("slow_pair", "n_doubt")],
         *[(name, _real) for name in ("soc_low", "soc_step", "capacity_ah", "efficiency", "overpotential_a")],
-        *[(name, _real) for name in ("hysteresis_v", "hysteresis_rate", "drop_per_a_v")],
-        *[(name, _pointer) for name in ("temperature_degc", "table", "ocv_slope_v", "reading_slope_v", "tau_s")],
+        *[
+            (name, _real)
+            for name in ("hysteresis_v", "hysteresis_rate", "drop_per_a_v", "doubt_low_degc", "doubt_step_k")
+        ],
+        *[
+            (name, _pointer)
+            for name in ("temperature_degc", "table", "ocv_slope_v", "reading_slope_v", "tau_s", "doubt")
+        ],
     ]
 
 

@@ -22,9 +22,9 @@ from app.estimation.filters.engine.library import (
 )
 from app.estimation.filters.estimates import N_OUT
 from app.estimation.filters.setup import FilterSetup
-from app.estimation.filters.tables import CellTables
+from app.estimation.filters.tables import DOUBT_DEGC, CellTables
 
-assert MAX_RC_PAIRS == RC_MAX
+assert MAX_RC_PAIRS + 1 == RC_MAX
 
 
 class NativeEngine:
@@ -130,6 +130,8 @@ def _model(cell: CellTables) -> CellModelStruct:
         cell.temperature_degc.size,
         cell.has_overpotential,
         cell.has_tau_table,
+        cell.slow_pair,
+        cell.doubt.shape[0],
         cell.soc_low,
         cell.soc_step,
         model.capacity_ah,
@@ -138,8 +140,17 @@ def _model(cell: CellTables) -> CellModelStruct:
         model.hysteresis_v,
         model.hysteresis_rate,
         model.drop_per_c_v / model.c_rate_a,
+        DOUBT_DEGC[0],
+        DOUBT_DEGC[2],
         *(
             each.ctypes.data
-            for each in (cell.temperature_degc, cell.table, cell.ocv_slope_v, cell.reading_slope_v, cell.tau_s)
+            for each in (
+                cell.temperature_degc,
+                cell.table,
+                cell.ocv_slope_v,
+                cell.reading_slope_v,
+                cell.tau_s,
+                cell.doubt,
+            )
         ),
     )

@@ -20,6 +20,19 @@ void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature
     }
 }
 
+void vw_doubt(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *doubt)
+{
+    const vw_real last = (vw_real)(model->n_doubt - 1), per_step = 1 / model->doubt_step_k;
+    VW_EACH_CELL(c)
+    {
+        const vw_real x = vw_clip((temperature_degc[c] - model->doubt_low_degc) * per_step, 0, last);
+        const int j = (int)vw_min(x, last - 1);
+        const vw_real *here = model->doubt + j * VW_DOUBTS;
+        for (int q = 0; q < VW_DOUBTS; q++)
+            doubt[q][c] = here[q] + (x - (vw_real)j) * (here[VW_DOUBTS + q] - here[q]);
+    }
+}
+
 /* Beyond the ends of the tables their last values hold. */
 void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *place)
 {
@@ -93,13 +106,21 @@ void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *a
         VW_EACH_CELL(c) tau_s[k][c] = model->tau_s[k];
 }
 
-void vw_ocv(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes ocv_v)
+/* OCV at point j of the table, linear between the temperatures. */
+static vw_real ocv_at(const vw_cell_model *model, const vw_temperature_place *at, int c, int j)
 {
     const int width = width_of(model);
+    const vw_real *here = model->table + (at->row[c] * model->n_soc + j) * width;
+    const vw_real *above = model->n_temperatures > 1 ? here + model->n_soc * width : here;
+    return here[VW_OCV] + at->row_weight[c] * (above[VW_OCV] - here[VW_OCV]);
+}
+
+void vw_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes ocv_v)
+{
     VW_EACH_CELL(c)
     {
-        const vw_real *here = model->table + soc->column[c] * width;
-        ocv_v[c] = here[VW_OCV] + soc->weight[c] * (here[width + VW_OCV] - here[VW_OCV]);
+        const vw_real low_v = ocv_at(model, at, c, soc->column[c]), high_v = ocv_at(model, at, c, soc->column[c] + 1);
+        ocv_v[c] = low_v + soc->weight[c] * (high_v - low_v);
     }
 }
 
@@ -111,36 +132,36 @@ vw_real vw_reading_slope(const vw_cell_model *model, vw_real soc)
     return model->reading_slope_v[j] + (x - (vw_real)j) * (model->reading_slope_v[j + 1] - model->reading_slope_v[j]);
 }
 
-vw_real vw_ocv_of(const vw_cell_model *model, vw_real soc)
+vw_real vw_ocv_of(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc)
 {
-    const int width = width_of(model);
     const vw_real end = (vw_real)(model->n_soc - 1), last = (vw_real)(model->n_soc - 2);
     const vw_real x = vw_clip((soc - model->soc_low) / model->soc_step, 0, end);
     const int j = (int)vw_min(x, last);
-    const vw_real *here = model->table + j * width;
-    return here[VW_OCV] + (x - (vw_real)j) * (here[width + VW_OCV] - here[VW_OCV]);
+    const vw_real low_v = ocv_at(model, at, c, j);
+    return low_v + (x - (vw_real)j) * (ocv_at(model, at, c, j + 1) - low_v);
 }
 
 /* The last point that does not lie above the voltage, by bisection; the OCV never falls. */
-vw_real vw_soc_of_ocv(const vw_cell_model *model, vw_real voltage_v)
+vw_real vw_soc_of_ocv(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real voltage_v)
 {
-    const int width = width_of(model);
     int below = 0, above = model->n_soc - 1;
     while (above - below > 1) {
         const int middle = (below + above) / 2;
-        if (model->table[middle * width + VW_OCV] <= voltage_v) below = middle;
+        if (ocv_at(model, at, c, middle) <= voltage_v) below = middle;
         else above = middle;
     }
-    const vw_real low_v = model->table[below * width + VW_OCV], high_v = model->table[above * width + VW_OCV];
+    const vw_real low_v = ocv_at(model, at, c, below), high_v = ocv_at(model, at, c, above);
     const vw_real weight = high_v > low_v ? (voltage_v - low_v) / (high_v - low_v) : 0;
     const vw_real soc = model->soc_low + model->soc_step * ((vw_real)below + weight);
     return vw_clip(soc, (vw_real)-0.05, (vw_real)1.05);
 }
 
 /* The farther of both sides: at the foot of a step of the OCV the near one says little. */
-vw_real vw_reading_sigma(const vw_cell_model *model, vw_real soc, vw_real sigma_v)
+vw_real vw_reading_sigma(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc,
+                         vw_real sigma_v)
 {
-    const vw_real ocv_v = vw_ocv_of(model, soc);
-    const vw_real above = vw_soc_of_ocv(model, ocv_v + sigma_v) - soc, below = soc - vw_soc_of_ocv(model, ocv_v - sigma_v);
+    const vw_real ocv_v = vw_ocv_of(model, at, c, soc);
+    const vw_real above = vw_soc_of_ocv(model, at, c, ocv_v + sigma_v) - soc;
+    const vw_real below = soc - vw_soc_of_ocv(model, at, c, ocv_v - sigma_v);
     return vw_max(vw_max(above, below), (vw_real)1e-3);
 }

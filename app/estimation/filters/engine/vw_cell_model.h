@@ -1,9 +1,11 @@
 /* The cell model: an equivalent circuit whose parameters are tables over SOC and temperature.
  *
- *   v = OCV(z) - rho (R0(z, T) i + e(z, T) asinh(i / i_ref) + sum R_k(z, T) i_k) + M h
+ *   v = OCV(z, T) - rho (R0(z, T) i + e(z, T) asinh(i / i_ref) + sum R_k(z, T) i_k) + M h
  *
  * z SOC, i current (positive on discharge), i_k current through the resistor of RC pair k, h hysteresis, rho the
  * resistance of this cell over that of its model. Tables are even in SOC and linear between their points.
+ *
+ * The last of the branches is no RC pair: 1 ohm, whose current no current drives. It is the lasting error of the model.
  */
 #ifndef VW_CELL_MODEL_H
 #define VW_CELL_MODEL_H
@@ -15,12 +17,23 @@
 /* Columns of the table; the RC resistances follow. */
 enum { VW_OCV, VW_R0, VW_OVERPOTENTIAL, VW_R1, VW_COLUMNS_MAX = VW_R1 + VW_RC_MAX };
 
+/* What is not known of a cell at a temperature. */
+enum {
+    VW_DROP_ERROR,   /* share by which its resistances may be off for want of measurements */
+    VW_OCV_ERROR,    /* how far its OCV may be off [V] */
+    VW_LASTING_DROP, /* voltage that a lasting current costs [V/A] */
+    VW_COLD,         /* how much earlier than at 25 degC it looks empty */
+    VW_DOUBTS
+};
+
 typedef struct {
-    int32_t n_rc;           /* RC pairs, 0 .. VW_RC_MAX */
+    int32_t n_rc;           /* branches: RC pairs and the lasting error, 1 .. VW_RC_MAX */
     int32_t n_soc;          /* SOC points of the tables, >= 2 */
     int32_t n_temperatures; /* temperatures of the tables, >= 1; one holds everywhere */
     int32_t has_overpotential;
     int32_t has_tau_table; /* whether time constants change with SOC or temperature */
+    int32_t slow_pair;     /* the slowest RC pair, -1 without any */
+    int32_t n_doubt;       /* temperatures of the doubt, >= 2 */
     vw_real soc_low;             /* SOC of the first point */
     vw_real soc_step;            /* from one point to the next */
     vw_real capacity_ah;         /* between SOC 1 and 0 [Ah] */
@@ -29,11 +42,14 @@ typedef struct {
     vw_real hysteresis_v;        /* M, half the gap between charge and discharge [V]; 0 = none */
     vw_real hysteresis_rate;     /* how fast h follows, per unit of SOC moved */
     vw_real drop_per_a_v;        /* voltage that a lasting current costs [V/A] */
+    vw_real doubt_low_degc;      /* first temperature of the doubt [degC] */
+    vw_real doubt_step_k;        /* from one to the next [K] */
     const vw_real *temperature_degc; /* (n_temperatures) rising [degC] */
     const vw_real *table;        /* (n_temperatures, n_soc, VW_R1 + n_rc) [V, ohm, V, ohm ..] */
     const vw_real *ocv_slope_v;  /* (n_soc) dOCV/dSOC [V] */
     const vw_real *reading_slope_v; /* (n_soc) volts per SOC at which a voltage reads the SOC, see tables.py [V] */
     const vw_real *tau_s;        /* (n_rc) time constants, or (n_temperatures, n_soc, n_rc) where has_tau_table [s] */
+    const vw_real *doubt;        /* (n_doubt, VW_DOUBTS) */
 } vw_cell_model;
 
 /* Where the cells of a block lie in the tables: row and column below, and the weight of the next ones. */
@@ -50,6 +66,9 @@ typedef struct {
 void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature_degc, vw_temperature_place *place);
 void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *place);
 
+/* The doubt at each temperature: `doubt` has VW_DOUBTS rows. */
+void vw_doubt(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *doubt);
+
 /* OCV, R0, e and R_k of each cell: `values` has VW_R1 + n_rc rows. */
 void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes *values);
 
@@ -62,18 +81,19 @@ void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *a
                        vw_lanes *tau_s);
 
 /* OCV [V] of each cell. */
-void vw_ocv(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes ocv_v);
+void vw_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes ocv_v);
 
 /* Volts per SOC at which a voltage reads the SOC of one cell. */
 vw_real vw_reading_slope(const vw_cell_model *model, vw_real soc);
 
 /* OCV [V] of one cell. */
-vw_real vw_ocv_of(const vw_cell_model *model, vw_real soc);
+vw_real vw_ocv_of(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc);
 
 /* How far the SOC may lie from `soc` where the voltage there has the standard deviation sigma_v. */
-vw_real vw_reading_sigma(const vw_cell_model *model, vw_real soc, vw_real sigma_v);
+vw_real vw_reading_sigma(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc,
+                         vw_real sigma_v);
 
-/* The SOC of one cell, -0.05 .. 1.05, whose OCV is `voltage_v`. */
-vw_real vw_soc_of_ocv(const vw_cell_model *model, vw_real voltage_v);
+/* The SOC of cell c, -0.05 .. 1.05, whose OCV at its temperature is `voltage_v`. */
+vw_real vw_soc_of_ocv(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real voltage_v);
 
 #endif

@@ -29,8 +29,6 @@ static void copy(vw_real *to, const vw_real *from, int n)
 void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sample, int first, vw_work *restrict work)
 {
     const vw_cell_model *model = &filter->model;
-    const vw_real coldest = model->temperature_degc[0];
-    const vw_real warmest = model->temperature_degc[model->n_temperatures - 1];
     const int n = count_of(filter, first);
     vw_lanes degc;
     VW_EACH_CELL(c) work->voltage_v[c] = degc[c] = NAN;
@@ -41,12 +39,9 @@ void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sam
         const vw_real v = work->voltage_v[c];
         work->voltage_v[c] = vw_pick((v > VOLTAGE_MIN_V) & (v < VOLTAGE_MAX_V), v, NAN);
         x->temperature_degc[c] = vw_pick(vw_abs(degc[c]) < TEMPERATURE_MAX_DEGC, degc[c], x->temperature_degc[c]);
-        /* the model's error grows by cold_factor for every 10 K outside the tables */
-        const vw_real outside_k =
-            vw_max(coldest - x->temperature_degc[c], 0) + vw_max(x->temperature_degc[c] - warmest, 0);
-        work->cold[c] = vw_square(1 + filter->tuning.cold_factor * outside_k / 10);
     }
     vw_place_temperature(model, x->temperature_degc, &work->place);
+    vw_doubt(model, x->temperature_degc, work->doubt);
 }
 
 /* The charge count alone: the voltage is predicted for the self-check only. */
@@ -57,7 +52,7 @@ static void count_only(const vw_filter *filter, const vw_motion *motion, vw_cell
     VW_EACH_CELL(c)
     {
         work->innovation_v[c] = work->voltage_v[c] - work->h[c];
-        work->innovation_sigma_v[c] = vw_sqrt(motion->noise_v2 * work->cold[c]);
+        work->innovation_sigma_v[c] = vw_sqrt(vw_noise_v2(motion, work, c));
         work->used[c] = vw_pick(vw_is_missing(work->innovation_v[c]), 0, 1);
         work->soc[c] = x->count_soc[c];
         work->soc_v2[c] = vw_min(vw_count_v2(x, c), vw_square(VW_COUNT_SIGMA_MAX));
@@ -84,7 +79,7 @@ static void answer(const vw_filter *filter, const vw_work *restrict work, int fi
     vw_lanes rows[VW_ESTIMATES];
     vw_soc_place at;
     vw_place_soc(&filter->model, work->soc, &at);
-    vw_ocv(&filter->model, &at, rows[VW_OCV_V]);
+    vw_ocv(&filter->model, &work->place, &at, rows[VW_OCV_V]);
     VW_EACH_CELL(c)
     {
         rows[VW_SOC][c] = vw_clip(work->soc[c], 0, 1);

@@ -21,8 +21,11 @@ typedef struct {
     vw_real bias_v;
     vw_real bias_start_v;
     vw_real bias_s;
-    vw_real cold_factor;
+    vw_real lasting_v;
+    vw_real lasting_rel;
+    vw_real lasting_hysteresis;
     vw_real empty_soc;
+    vw_real empty_soc_max;
     vw_real empty_factor;
     vw_real soc_walk;
     vw_real branch_rel;
@@ -57,6 +60,7 @@ typedef struct {
     vw_real check_s;
     vw_real check_rms_v;
     vw_real check_bias_v;
+    vw_real drop_error_max;
 } vw_tuning;
 
 /* A symmetric sigma-point rule; see sigma_points.py. */
@@ -90,7 +94,7 @@ typedef struct {
 /* State of a block of cells: one row for each quantity. */
 typedef struct {
     vw_lanes soc;                  /* mean of the filter's state: SOC, 0..1 */
-    vw_lanes branch_a[VW_RC_MAX];  /* and currents through the RC resistors [A] */
+    vw_lanes branch_a[VW_RC_MAX];  /* and branch currents [A] */
     vw_lanes cov[VW_STATES_MAX * (VW_STATES_MAX + 1) / 2]; /* its covariance, lower triangle: see VW_COV */
     vw_lanes gain;                 /* share by which charge moves the SOC more than the capacity says */
     vw_lanes gain_v2;              /* its variance */
@@ -122,7 +126,7 @@ typedef struct {
     vw_lanes slow_square_v2;       /* mean of the square of that over check_s [V^2] */
 } vw_cells;
 
-/* Row of the covariance of states u and w <= u; state 0 is the SOC, state 1 + k the current of RC pair k. */
+/* Row of the covariance of states u and w <= u; state 0 is the SOC, state 1 + k the current of branch k. */
 #define VW_COV(u, w) ((u) * ((u) + 1) / 2 + (w))
 
 typedef struct {

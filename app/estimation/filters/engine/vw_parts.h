@@ -7,6 +7,7 @@
 #define VW_SOC_MIN ((vw_real)-0.05) /* the filter's SOC is held here */
 #define VW_SOC_MAX ((vw_real)1.05)
 #define VW_SOC_VARIANCE_MAX ((vw_real)0.25) /* no cell's SOC is less known than this */
+#define VW_LASTING_VARIANCE_MAX ((vw_real)0.04) /* no model errs by more, whatever the current [V^2] */
 #define VW_VARIANCE_STEP ((vw_real)1e-12)   /* added at every step, in units of 1 and C^2: keeps P definite */
 #define VW_TICK_S ((vw_real)1e-3) /* times that lie no farther apart are the same: sums of steps round */
 #define VW_SLOPE_FLOOR_V ((vw_real)0.02)    /* least slope by which a voltage error is turned into one of SOC */
@@ -34,7 +35,7 @@ typedef struct {
 typedef struct {
     vw_lanes voltage_v;          /* NaN where not measured */
     vw_temperature_place place;
-    vw_lanes cold;               /* growth of the model error's variance outside the tables */
+    vw_lanes doubt[VW_DOUBTS];   /* what is not known at their temperatures */
     vw_lanes h;                  /* predicted voltage [V] */
     vw_lanes H[VW_STATES_MAX];   /* its slopes */
     vw_lanes bend_v2;            /* k q^2, what curvature adds to its variance [V^2] */
@@ -58,6 +59,35 @@ void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restric
 void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
 
 static inline vw_real vw_square(vw_real x) { return x * x; }
+
+/* r = r_0 + (share of the drop that a lasting current causes)^2, the share of doubt included [V^2] */
+static inline vw_real vw_noise_v2(const vw_motion *motion, const vw_work *work, int c)
+{
+    const vw_real drop_v = work->doubt[VW_LASTING_DROP][c] * motion->current_a;
+    return motion->noise_v2 + vw_square(work->doubt[VW_DROP_ERROR][c] * drop_v);
+}
+
+/* Growth of the model's error where the cell is nearly empty, which in the cold it looks early. */
+static inline vw_real vw_empty_growth(const vw_tuning *t, const vw_cells *x, const vw_work *work, int c)
+{
+    const vw_real empty = vw_min(t->empty_soc * work->doubt[VW_COLD][c], t->empty_soc_max);
+    const vw_real low = vw_max(empty - x->soc[c], 0) / empty;
+    return 1 + low * (t->empty_factor * work->doubt[VW_COLD][c] - 1);
+}
+
+/* Variance that the lasting error comes to: at rest, by hysteresis, and as a share of what the slow current drops. */
+static inline vw_real vw_lasting_v2(const vw_filter *filter, const vw_motion *motion, const vw_cells *x,
+                                    const vw_work *work, int c)
+{
+    const vw_tuning *t = &filter->tuning;
+    const int slow = filter->model.slow_pair;
+    const vw_real slow_a = slow < 0 ? motion->current_a : x->branch_a[slow][c];
+    const vw_real drop_v = work->doubt[VW_LASTING_DROP][c] * slow_a * vw_empty_growth(t, x, work, c);
+    const vw_real share2 = vw_square(t->lasting_rel) + vw_square(work->doubt[VW_DROP_ERROR][c]);
+    const vw_real rest_v2 = vw_square(t->lasting_v) + vw_square(work->doubt[VW_OCV_ERROR][c]) +
+                            vw_square(t->lasting_hysteresis * filter->model.hysteresis_v);
+    return vw_min(rest_v2 + share2 * vw_square(drop_v), VW_LASTING_VARIANCE_MAX);
+}
 
 static inline vw_real vw_count_v2(const vw_cells *restrict x, int c)
 {

@@ -62,6 +62,8 @@ void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *rest
     const vw_real i = motion->current_a;
     vw_lanes decay[VW_RC_MAX];
     decays(filter, motion, x, work, decay);
+    vw_lanes lasting_v2;
+    VW_EACH_CELL(c) lasting_v2[c] = vw_lasting_v2(filter, motion, x, work, c);
     /* z' = z - m,  P_zz' = keep^2 P_zz + walk,  m = eta i dt / capacity; the count and its sigmas likewise.
      * With a gain g it would be z - m (1 + g): V_z' = V_z - m. */
     const vw_real offset = t->counter_offset_c / VW_SECONDS_PER_HOUR * motion->dt_s;
@@ -78,13 +80,14 @@ void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *rest
         x->hysteresis[c] = x->hysteresis[c] * motion->hysteresis_keep - motion->hysteresis_pull;
         x->cov[0][c] = x->cov[0][c] * vw_square(motion->keep) + motion->walk;
     }
-    /* i_k' = a_k i_k + (1 - a_k) i,  P' = A P A + Q,  A = diag(keep, a_1 ..) */
+    /* i_k' = a_k i_k + (1 - a_k) i,  P' = A P A + Q,  A = diag(keep, a_1 ..); nothing drives the lasting error */
     for (int k = 0; k < n_rc; k++) {
-        const int u = 1 + k;
+        const int u = 1 + k, is_lasting = k == n_rc - 1;
+        const vw_real drive_a = is_lasting ? 0 : i;
         VW_EACH_CELL(c)
         {
             const vw_real a = decay[k][c];
-            x->branch_a[k][c] = a * x->branch_a[k][c] + (1 - a) * i;
+            x->branch_a[k][c] = a * x->branch_a[k][c] + (1 - a) * drive_a;
             x->gain_slope[u][c] *= a;
             x->cov[VW_COV(u, 0)][c] *= motion->keep * a;
         }
@@ -94,7 +97,8 @@ void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *rest
         {
             const vw_real a2 = vw_square(decay[k][c]);
             vw_real *P = &x->cov[VW_COV(u, u)][c];
-            *P = a2 * *P + (1 - a2) * motion->branch_v2 + motion->branch_floor_v2;
+            const vw_real steady_v2 = is_lasting ? lasting_v2[c] : motion->branch_v2;
+            *P = a2 * *P + (1 - a2) * steady_v2 + (is_lasting ? VW_VARIANCE_STEP : motion->branch_floor_v2);
         }
     }
 }

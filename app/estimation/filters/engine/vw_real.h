@@ -27,10 +27,10 @@ typedef double vw_real;
 #endif
 
 #ifndef VW_RC_MAX
-#define VW_RC_MAX 4 /* RC pairs a cell model may have */
+#define VW_RC_MAX 5 /* branches a cell model may have: RC pairs and the lasting error */
 #endif
 
-#define VW_STATES_MAX (1 + VW_RC_MAX) /* SOC and the current through each RC resistor */
+#define VW_STATES_MAX (1 + VW_RC_MAX) /* SOC and the current of each branch */
 #define VW_BLOCKS(n_cells) (((n_cells) + VW_LANES - 1) / VW_LANES)
 
 typedef vw_real vw_lanes[VW_LANES]; /* one number for each cell of a block */

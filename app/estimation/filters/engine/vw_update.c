@@ -27,7 +27,8 @@ static void project(const vw_cells *restrict x, const vw_work *restrict work, in
  *   g' = g + M H V (nu - H V g) / (S + (H V)^2 M),   M' = M S / (S + (H V)^2 M),   V' = V - P_xy H V / S
  *
  * Outside the temperatures that were measured nothing is learned of it. */
-static void learn_gain(vw_cells *restrict x, const vw_work *restrict work, int n_states, vw_lanes *Pxy, const vw_lanes per_sigma)
+static void learn_gain(vw_real drop_error_max, vw_cells *restrict x, const vw_work *restrict work, int n_states,
+                       vw_lanes *Pxy, const vw_lanes per_sigma)
 {
     vw_lanes HV;
     VW_EACH_CELL(c) HV[c] = 0;
@@ -36,7 +37,7 @@ static void learn_gain(vw_cells *restrict x, const vw_work *restrict work, int n
     VW_EACH_CELL(c)
     {
         const vw_real per_v2 = vw_square(per_sigma[c]), off_v = work->innovation_v[c] - HV[c] * x->gain[c];
-        const int learns = (work->used[c] > 0) & (work->cold[c] <= 1);
+        const int learns = (work->used[c] > 0) & (work->doubt[VW_DROP_ERROR][c] < drop_error_max);
         const vw_real kept = 1 / (1 + vw_square(HV[c]) * x->gain_v2[c] * per_v2);
         x->gain[c] += vw_pick(learns, kept * x->gain_v2[c] * HV[c] * per_v2 * off_v, 0);
         x->gain_v2[c] *= vw_pick(learns, kept, 1);
@@ -50,14 +51,13 @@ void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restr
     const vw_tuning *t = &filter->tuning;
     const int n_states = 1 + filter->model.n_rc;
     const vw_real gate_v2 = vw_square(t->gate), widening = vw_square(t->gate_recovery) * motion->dt_s;
-    const vw_real empty_slope = (t->empty_factor - 1) / t->empty_soc;
     vw_lanes Pxy[VW_STATES_MAX], Pyy, per_sigma, pull;
     project(x, work, n_states, Pxy, Pyy);
     VW_EACH_CELL(c)
     {
-        /* the model's error grows below empty_soc and outside the tables */
-        const vw_real growth = (vw_max(t->empty_soc - x->soc[c], 0) * empty_slope + 1) * work->cold[c];
-        const vw_real expected_v2 = Pyy[c] + growth * motion->noise_v2;
+        /* the model's error grows near empty and where nothing was measured */
+        const vw_real noise_v2 = vw_noise_v2(motion, work, c) * vw_square(vw_empty_growth(t, x, work, c));
+        const vw_real expected_v2 = Pyy[c] + noise_v2;
         const vw_real nu = work->voltage_v[c] - work->h[c];
         /* gate: nu^2 <= gate^2 S, or outside it for longer than gate_hold_s; then the SOC's variance grows */
         const int is_missing = vw_is_missing(nu), is_inside = nu * nu <= gate_v2 * expected_v2;
@@ -68,14 +68,14 @@ void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restr
         const vw_real wide_v2 = vw_max(vw_min(x->cov[0][c] + widening, VW_SOC_VARIANCE_MAX), x->cov[0][c]);
         x->cov[0][c] = vw_pick(is_believed, wide_v2, x->cov[0][c]);
         x->refused_s[c] = refused_s;
-        const vw_real root = 1 / vw_sqrt(Pyy[c] + growth * (motion->noise_v2 * motion->correlation));
+        const vw_real root = 1 / vw_sqrt(Pyy[c] + noise_v2 * motion->correlation);
         per_sigma[c] = vw_pick(is_used, root, 0);
         pull[c] = vw_pick(is_used, nu * root, 0);
         work->innovation_v[c] = nu;
         work->innovation_sigma_v[c] = vw_sqrt(expected_v2);
         work->used[c] = vw_pick(is_used, 1, 0);
     }
-    learn_gain(x, work, n_states, Pxy, per_sigma);
+    learn_gain(t->drop_error_max, x, work, n_states, Pxy, per_sigma);
     /* with y = P_xy / sqrt(S):  x' = x + y nu / sqrt(S),  P' = P - y y' */
     for (int u = 0; u < n_states; u++) {
         vw_real *state = u == 0 ? x->soc : x->branch_a[u - 1];

@@ -21,6 +21,7 @@ from app.estimation.filters.reference.state import (
     State,
     initial_state,
     motion_of,
+    noise_v2,
     read,
 )
 from app.estimation.filters.reference.update import update
@@ -42,8 +43,9 @@ def step(setup: FilterSetup, state: State, motion: Motion, measured: Measurement
         state = read_rest(setup, state, motion, measured)
     if setup.kind is Kind.SIGMA_FUSED:
         state, soc, variance = fuse(setup, state, motion, variance)
-    state, valid = self_check(setup, state, motion, innovation.nu, innovation.used)
-    rows = (variance**0.5, setup.cell.ocv(soc), output.h, innovation.nu, innovation.sigma, valid, innovation.used)
+    state, valid = self_check(setup, state, motion, measured, innovation.nu, innovation.used)
+    ocv_v = setup.cell.ocv(soc, measured.place)
+    rows = (variance**0.5, ocv_v, output.h, innovation.nu, innovation.sigma, valid, innovation.used)
     return state, np.array([np.clip(soc, 0.0, 1.0), *rows])
 
 
@@ -57,10 +59,11 @@ def _count(setup: FilterSetup, state: State, motion: Motion, measured: Measureme
     """The charge count alone: the voltage is predicted for the self-check only."""
     state = replace(state, soc=state.count_soc)
     h = output_tangent(setup, state, motion, measured).h
-    nu, sigma = measured.voltage_v - h, np.sqrt(motion.noise_v2 * measured.cold)
-    state, valid = self_check(setup, state, motion, nu, measured.is_measured)
+    nu, sigma = measured.voltage_v - h, np.sqrt(noise_v2(motion, measured))
+    state, valid = self_check(setup, state, motion, measured, nu, measured.is_measured)
     soc, soc_sigma = np.clip(state.soc, 0.0, 1.0), np.minimum(np.sqrt(state.count_v2), COUNT_SIGMA_MAX)
-    return state, np.array([soc, soc_sigma, setup.cell.ocv(state.soc), h, nu, sigma, valid, np.zeros_like(nu)])
+    ocv_v = setup.cell.ocv(state.soc, measured.place)
+    return state, np.array([soc, soc_sigma, ocv_v, h, nu, sigma, valid, np.zeros_like(nu)])
 
 
 class ReferenceEngine:

@@ -9,8 +9,9 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.filters.reference.output import Output
-from app.estimation.filters.reference.state import SLOPE_FLOOR_V, SOC_VARIANCE_MAX, Measurement, Motion, State
+from app.estimation.filters.reference.state import SLOPE_FLOOR_V, SOC_VARIANCE_MAX, Measurement, Motion, State, noise_v2
 from app.estimation.filters.setup import FilterSetup
+from app.estimation.filters.tables import DROP_ERROR
 
 
 def soc_variance(setup: FilterSetup, state: State, output: Output) -> FloatArray:
@@ -122,10 +123,10 @@ def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measur
     """
     tuning, cell, seen = setup.tuning, setup.cell, measured.is_measured
     drop_v = state.resistance * cell.model.drop_per_c_v / cell.model.c_rate_a * motion.current_a
-    read = cell.soc_of_ocv(state.rest_late_v + drop_v)
+    read = cell.soc_of_ocv(state.rest_late_v + drop_v, measured.place)
     given = state.start_weight[0] > 0.0
     relaxing_v = tuning.rest_tail * (state.rest_late_v - state.rest_early_v)
-    v2 = cell.reading_sigma(read, np.hypot(np.where(given, 1.0, 2.0) * tuning.rest_v, relaxing_v)) ** 2
+    v2 = cell.reading_sigma(read, np.hypot(np.where(given, 1.0, 2.0) * tuning.rest_v, relaxing_v), measured.place) ** 2
     start_v2, d = state.start_v2[:-1], read + state.drawn - state.start_soc[:-1]
     total = start_v2 + v2
     soc = np.vstack((state.start_soc[:-1] + start_v2 / total * d, (read + state.drawn)[None]))
@@ -151,7 +152,7 @@ def student(d: FloatArray, v2: FloatArray) -> FloatArray:
 
 
 def self_check(
-    setup: FilterSetup, state: State, motion: Motion, nu: FloatArray, counts: BoolArray
+    setup: FilterSetup, state: State, motion: Motion, measured: Measurement, nu: FloatArray, counts: BoolArray
 ) -> tuple[State, BoolArray]:
     """Return the state, and (n,) True while the model describes the cell.
 
@@ -164,11 +165,12 @@ def self_check(
         setup: the filter.
         state: after the fusion.
         motion: the step.
+        measured: the sample.
         nu: (n,) innovations [V].
         counts: (n,) False where the sample is missing or was refused: it says nothing about the model.
     """
     tuning = setup.tuning
-    y = np.where(counts, nu * tuning.model_error_v / math.sqrt(motion.noise_v2), 0.0)
+    y = np.where(counts, nu * tuning.model_error_v / np.sqrt(noise_v2(motion, measured)), 0.0)
     share = np.where(counts, motion.share(tuning.check_s), 0.0)
     bias_share = np.where(counts, motion.share(tuning.bias_s), 0.0)
     after = replace(
@@ -179,4 +181,5 @@ def self_check(
         slow_square_v2=state.slow_square_v2 + share * (state.slow_mean_v**2 - state.slow_square_v2),
     )
     is_small = (after.check_square_v2 < tuning.check_rms_v**2) & (after.conflict < tuning.conflict_max)
-    return after, is_small & (np.abs(after.check_mean_v) < tuning.check_bias_v)
+    is_known = measured.doubt[DROP_ERROR] < tuning.drop_error_max
+    return after, is_small & (np.abs(after.check_mean_v) < tuning.check_bias_v) & is_known

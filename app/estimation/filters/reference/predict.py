@@ -7,7 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.estimation.filters.reference.state import SOC_VARIANCE_MAX, VARIANCE_STEP, Measurement, Motion, State
+from app.estimation.filters.reference.state import (
+    SOC_VARIANCE_MAX,
+    VARIANCE_STEP,
+    Measurement,
+    Motion,
+    State,
+    lasting_v2,
+)
 from app.estimation.filters.setup import FilterSetup
 
 
@@ -34,7 +41,13 @@ def predict(setup: FilterSetup, state: State, motion: Motion, measured: Measurem
     walk = min(tuning.soc_walk**2 * dt, SOC_VARIANCE_MAX) + VARIANCE_STEP
     keep = math.sqrt(max(1.0 - walk / SOC_VARIANCE_MAX, 0.0))
     A = np.vstack((np.full_like(state.soc, keep), a))
-    Q = np.vstack((np.full_like(state.soc, walk), (1.0 - a**2) * branch_v2 + VARIANCE_STEP * cell.model.c_rate_a**2))
+    steady_v2 = np.full_like(a, branch_v2)
+    steady_v2[-1] = lasting_v2(setup, state, motion, measured)
+    least_v2 = np.full((cell.n_rc, 1), VARIANCE_STEP * cell.model.c_rate_a**2)
+    least_v2[-1] = VARIANCE_STEP
+    Q = np.vstack((np.full_like(state.soc, walk), (1.0 - a**2) * steady_v2 + least_v2))
+    driven = np.full((cell.n_rc, 1), i)
+    driven[-1] = 0.0  # nothing drives the lasting error
     cov = (A[:, None] * A) * state.cov
     diagonal = np.arange(1 + cell.n_rc)
     cov[diagonal, diagonal] += Q
@@ -46,7 +59,7 @@ def predict(setup: FilterSetup, state: State, motion: Motion, measured: Measurem
         gain_slope=np.vstack(((state.gain_slope[0] - moved)[None], a * state.gain_slope[1:])),
         fused_soc=state.fused_soc - moved * (1.0 + state.fused_gain),
         drawn=state.drawn + moved,
-        branch_a=a * state.branch_a + (1.0 - a) * i,
+        branch_a=a * state.branch_a + (1.0 - a) * driven,
         cov=cov,
         hysteresis=follow * state.hysteresis - math.copysign(1.0 - follow, model_moved),
         count_soc=state.count_soc - moved,

@@ -17,6 +17,8 @@ from app.estimation.filters.reference.state import (
     Measurement,
     Motion,
     State,
+    lasting_v2,
+    noise_v2,
 )
 from app.estimation.filters.setup import FilterSetup, Kind
 from app.estimation.filters.tables import R1
@@ -49,14 +51,17 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
     cell, tuning, seen = setup.cell, setup.tuning, measured.is_measured
     zeros = np.zeros_like(state.soc)
     branch_a = np.full_like(state.branch_a, motion.current_a / 2.0)
-    z = np.where(seen, cell.soc_of_ocv(measured.voltage_v), 0.5)
+    branch_a[-1] = 0.0
+    z = np.where(seen, cell.soc_of_ocv(measured.voltage_v, measured.place), 0.5)
     for _ in range(3):
         here = cell.circuit(z, measured.place)
         ocv_v = measured.voltage_v + state.resistance * drop(here, motion, branch_a)
-        z = np.where(seen, cell.soc_of_ocv(ocv_v), z)
-    branch_v2 = (tuning.start_branch_c * cell.model.c_rate_a) ** 2 + (tuning.start_branch_rel * motion.current_a) ** 2
-    voltage_v2 = motion.noise_v2 * measured.cold + ((state.resistance * here[R1:]) ** 2 * branch_v2).sum(axis=0)
-    slope_v = np.sqrt(voltage_v2) / cell.reading_sigma(z, np.sqrt(voltage_v2))
+        z = np.where(seen, cell.soc_of_ocv(ocv_v, measured.place), z)
+    pair_v2 = (tuning.start_branch_c * cell.model.c_rate_a) ** 2 + (tuning.start_branch_rel * motion.current_a) ** 2
+    branch_v2 = np.full_like(branch_a, pair_v2)
+    branch_v2[-1] = lasting_v2(setup, replace(state, soc=z, branch_a=branch_a), motion, measured)
+    voltage_v2 = noise_v2(motion, measured) + ((state.resistance * here[R1:]) ** 2 * branch_v2).sum(axis=0)
+    slope_v = np.sqrt(voltage_v2) / cell.reading_sigma(z, np.sqrt(voltage_v2), measured.place)
     share = state.resistance * here[R1:] / slope_v
     variance = voltage_v2 / slope_v**2 + tuning.start_voltage_sigma**2
     shrink = np.sqrt(np.minimum(1.0, SOC_VARIANCE_MAX / variance))

@@ -11,11 +11,12 @@ import numpy as np
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR
 from app.estimation.filters.setup import FilterSetup
-from app.estimation.filters.tables import Place
+from app.estimation.filters.tables import COLD, DROP_ERROR, LASTING_DROP, OCV_ERROR, Place
 
 SOC_MIN: Final = -0.05  # the filter's SOC is held here
 SOC_MAX: Final = 1.05
 SOC_VARIANCE_MAX: Final = 0.25  # no cell's SOC is less known than this
+LASTING_VARIANCE_MAX: Final = 0.04  # no model errs by more, whatever the current [V^2]
 VARIANCE_STEP: Final = 1e-12  # added at every step, in units of 1 and C^2: keeps P definite
 TICK_S: Final = 1e-3  # times that lie no farther apart are the same: sums of steps round
 SLOPE_FLOOR_V: Final = 0.02  # least slope by which a voltage error is turned into one of SOC
@@ -128,12 +129,12 @@ class Measurement:
     Attributes:
         voltage_v: (n,) [V]; NaN where not measured.
         place: of the temperatures in the tables.
-        cold: (n,) growth of the model error's variance outside the tables.
+        doubt: (4, n) of `CellTables.doubt_at`: what is not known at these temperatures.
     """
 
     voltage_v: FloatArray
     place: Place
-    cold: FloatArray
+    doubt: FloatArray
 
     @property
     def is_measured(self) -> BoolArray:
@@ -159,10 +160,8 @@ def read(
     voltage = np.where((voltage_v > VOLTAGE_MIN_V) & (voltage_v < VOLTAGE_MAX_V), voltage_v, np.nan)
     known = np.abs(temperature_degc) < TEMPERATURE_MAX_DEGC
     degc = np.where(known, temperature_degc, state.temperature_degc)
-    coldest, warmest = cell.temperature_degc[[0, -1]]
-    outside_k = np.maximum(coldest - degc, 0.0) + np.maximum(degc - warmest, 0.0)
-    cold = (1.0 + setup.tuning.cold_factor * outside_k / 10.0) ** 2
-    return replace(state, temperature_degc=degc), Measurement(voltage, cell.place_temperature(degc), cold)
+    measured = Measurement(voltage, cell.place_temperature(degc), cell.doubt_at(degc))
+    return replace(state, temperature_degc=degc), measured
 
 
 @dataclass(frozen=True)
@@ -227,3 +226,31 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, look_s: float =
         rest_late=min(dt_s / (rested_s - half_s), 1.0) if rests and rested_s > half_s else 0.0,
         reads_rest=rests and rested_s >= tuning.rest_s - TICK_S,
     )
+
+
+def noise_v2(motion: Motion, measured: Measurement) -> FloatArray:
+    """Return (n,) r = r_0 + (share of the drop that a lasting current causes)^2, the share of doubt included [V^2]."""
+    drop_v = measured.doubt[LASTING_DROP] * motion.current_a
+    return np.asarray(motion.noise_v2 + (measured.doubt[DROP_ERROR] * drop_v) ** 2)
+
+
+def empty_growth(setup: FilterSetup, state: State, measured: Measurement) -> FloatArray:
+    """Return (n,) growth of the model's error where the cell is nearly empty, which in the cold it looks early."""
+    tuning, cold = setup.tuning, measured.doubt[COLD]
+    empty = np.minimum(tuning.empty_soc * cold, tuning.empty_soc_max)
+    low = np.maximum(empty - state.soc, 0.0) / empty
+    return np.asarray(1.0 + low * (tuning.empty_factor * cold - 1.0))
+
+
+def lasting_v2(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> FloatArray:
+    """Return (n,) the variance that the lasting error comes to [V^2].
+
+    At rest, by hysteresis, and as a share of what the current of the slowest RC pair drops.
+    """
+    tuning, cell = setup.tuning, setup.cell
+    slow_a = motion.current_a if cell.slow_pair < 0 else state.branch_a[cell.slow_pair]
+    drop_v = measured.doubt[LASTING_DROP] * slow_a * empty_growth(setup, state, measured)
+    share2 = tuning.lasting_rel**2 + measured.doubt[DROP_ERROR] ** 2
+    rest_v2 = tuning.lasting_v**2 + measured.doubt[OCV_ERROR] ** 2
+    rest_v2 = rest_v2 + (tuning.lasting_hysteresis * cell.model.hysteresis_v) ** 2
+    return np.asarray(np.minimum(rest_v2 + share2 * drop_v**2, LASTING_VARIANCE_MAX))

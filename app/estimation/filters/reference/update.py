@@ -15,8 +15,11 @@ from app.estimation.filters.reference.state import (
     Measurement,
     Motion,
     State,
+    empty_growth,
+    noise_v2,
 )
 from app.estimation.filters.setup import FilterSetup
+from app.estimation.filters.tables import DROP_ERROR
 
 
 @dataclass(frozen=True)
@@ -44,18 +47,16 @@ def update(
 
     P' cannot lose definiteness: S - P_xy' P^-1 P_xy = R + k q^2 > 0, and R is never below the model's own variance.
     """
-    tuning = setup.tuning
     Pxy = np.einsum("uwn,wn->un", state.cov, output.H)
     Pyy = (output.H * Pxy).sum(axis=0) + output.bend_v2
-    # the model's error grows below empty_soc and outside the tables
-    low = np.maximum(tuning.empty_soc - state.soc, 0.0) / tuning.empty_soc
-    noise_v2 = motion.noise_v2 * (1.0 + low * (tuning.empty_factor - 1.0)) * measured.cold
+    # the model's error grows near empty and where nothing was measured
+    error_v2 = noise_v2(motion, measured) * empty_growth(setup, state, measured) ** 2
     nu = measured.voltage_v - output.h
-    sigma = np.sqrt(Pyy + noise_v2)
+    sigma = np.sqrt(Pyy + error_v2)
     state, used = gate(setup, state, motion, nu, sigma)
-    S = Pyy + noise_v2 * motion.correlation
+    S = Pyy + error_v2 * motion.correlation
     gain = np.where(used, Pxy / S, 0.0)
-    state = learn_gain(state, measured, output.H, Innovation(nu, sigma, used), gain, S)
+    state = learn_gain(setup.tuning.drop_error_max, state, measured, output.H, Innovation(nu, sigma, used), gain, S)
     moved = gain * np.where(used, nu, 0.0)
     after = replace(
         state,
@@ -67,7 +68,13 @@ def update(
 
 
 def learn_gain(
-    state: State, measured: Measurement, H: FloatArray, innovation: Innovation, gain: FloatArray, S: FloatArray
+    drop_error_max: float,
+    state: State,
+    measured: Measurement,
+    H: FloatArray,
+    innovation: Innovation,
+    gain: FloatArray,
+    S: FloatArray,
 ) -> State:
     """Return the state with what the innovations say of the gain g of the charge.
 
@@ -79,6 +86,7 @@ def learn_gain(
     Outside the temperatures that were measured nothing is learned of it.
 
     Args:
+        drop_error_max: where resistances may be off by more than this share nothing is learned.
         state: before the update.
         measured: the sample.
         H: (1 + n_rc, n) slopes of the output.
@@ -87,7 +95,7 @@ def learn_gain(
         S: (n,) variance that the filter expects of the innovation, with correlation [V^2].
     """
     HV, M = (H * state.gain_slope).sum(axis=0), state.gain_v2
-    learns = innovation.used & (measured.cold <= 1.0)
+    learns = innovation.used & (measured.doubt[DROP_ERROR] < drop_error_max)
     off_v = np.where(learns, innovation.nu - HV * state.gain, 0.0)
     total = S + HV**2 * M
     return replace(

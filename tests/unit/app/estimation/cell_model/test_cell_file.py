@@ -64,6 +64,9 @@ def test_what_is_saved_is_what_is_loaded(tmp_path):
         overpotential_v=np.full((2, 2), 0.005),
         overpotential_current_a=2.5,
         fit_voltage_rms_v=0.004,
+        fit_temperature_degc=[12.0, 25.0],
+        activation_sigma_j_mol=6e3,
+        ocv_shift_v=[[-0.01, -0.02], [0.0, 0.0]],
     )
     path = tmp_path / "cell.toml"
     save_cell(model, path)
@@ -73,6 +76,16 @@ def test_what_is_saved_is_what_is_loaded(tmp_path):
     np.testing.assert_allclose(
         again.terminal_voltage(0.3, [1.0], 4.0, 22.0, -0.5), model.terminal_voltage(0.3, [1.0], 4.0, 22.0, -0.5)
     )
+    np.testing.assert_allclose(again.drop_error([0.0, 18.0, 30.0]), model.drop_error([0.0, 18.0, 30.0]))
+
+
+def test_a_file_of_an_earlier_version_vouches_for_the_temperatures_of_its_tables():
+    model = parse_cell(GOOD)
+    assert model.fit_temperature_degc is None
+    assert model.drop_error(10.0) == model.drop_error(30.0) == 0.0
+    assert model.drop_error(0.0) > 0.0
+    assert "temperature_degc = [10.0, 30.0]" in format_cell(model)
+    assert "[fit]\nvoltage_rms_v = 0.0\ncurrent_max_a = 0.0\nactivation" in format_cell(model)
 
 
 @pytest.mark.parametrize(

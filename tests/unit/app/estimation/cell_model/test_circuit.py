@@ -96,3 +96,28 @@ def test_numbers_that_describe_no_cell_are_refused_by_name(changes, field):
     with pytest.raises(ModelError) as caught:
         cell(**changes)
     assert caught.value.field == field
+
+
+def test_the_open_circuit_voltage_of_a_temperature_is_a_shift_of_the_curve():
+    model = cell(ocv_shift_v=[[-0.04, -0.02], [0.0, 0.0]])
+    assert model.open_circuit_voltage(0.5, 40.0) == pytest.approx(3.5)
+    assert model.open_circuit_voltage(0.5, 20.0) == pytest.approx(3.485)
+    assert model.open_circuit_voltage(0.0, -30.0) == pytest.approx(2.96)
+    assert cell().open_circuit_voltage(0.5, 0.0) == pytest.approx(3.5)
+    with pytest.raises(ModelError, match="ocv_shift_v"):
+        cell(ocv_shift_v=[[0.0, 0.0]])
+    with pytest.raises(ModelError, match="ocv_shift_v"):
+        cell(ocv_shift_v=[[0.0, 0.0], [0.0, 1.0]])
+
+
+def test_doubt_begins_where_measured_temperatures_end_not_where_tables_do():
+    """Tables from 0 to 40 degC, measured from 20 to 30."""
+    model = cell(fit_temperature_degc=[20.0, 25.0, 30.0], activation_sigma_j_mol=12e3)
+    np.testing.assert_allclose(model.drop_error([20.0, 25.0, 30.0]), 0.0, atol=1e-12)
+    assert model.drop_error(0.0) == pytest.approx(12e3 / 8.314 * (1 / 273.15 - 1 / 293.15), rel=1e-3)
+    assert model.drop_error(-10.0) > model.drop_error(0.0) > model.drop_error(22.5) > 0.0
+    assert model.drop_error(40.0) > model.drop_error(32.0) > 0.0
+    assert model.ocv_error_v(0.0) == pytest.approx(20.0 * 3e-4, rel=0.1)
+    assert cell().drop_error(0.0) == 0.0, "a file of an earlier version vouches for its tables"
+    with pytest.raises(ModelError, match="fit_temperature_degc"):
+        cell(fit_temperature_degc=[30.0, 20.0])

@@ -6,7 +6,20 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.filters.tables import OCV, OVERPOTENTIAL, R0, R1, SOC_LOW, SOC_STEP, CellTables
+from app.estimation.filters.tables import (
+    COLD,
+    DROP_ERROR,
+    LASTING_DROP,
+    LASTING_OHM,
+    LASTING_S,
+    OCV,
+    OVERPOTENTIAL,
+    R0,
+    R1,
+    SOC_LOW,
+    SOC_STEP,
+    CellTables,
+)
 
 MODEL = load_cell("samsung-25r-10p")
 OVER = replace(MODEL, overpotential_v=np.full(MODEL.r0_ohm.shape, 0.01), overpotential_current_a=25.0)
@@ -32,8 +45,11 @@ def test_parameters_are_the_models_at_any_soc_and_temperature(model):
     found, expected = cell.circuit(SOC, at), model.parameters(SOC, DEGC)
     np.testing.assert_allclose(found[OCV], cell.ocv(SOC), atol=1e-12)
     np.testing.assert_allclose(found[[R0, OVERPOTENTIAL]], expected[:2], rtol=1e-3)
-    np.testing.assert_allclose(found[R1:], expected[2 : 2 + model.n_rc], rtol=1e-3)
-    np.testing.assert_allclose(cell.time_constants(SOC, at), expected[2 + model.n_rc :], rtol=1e-3)
+    np.testing.assert_allclose(found[R1:-1], expected[2 : 2 + model.n_rc], rtol=1e-3)
+    np.testing.assert_array_equal(found[-1], LASTING_OHM)
+    tau_s = cell.time_constants(SOC, at)
+    np.testing.assert_allclose(tau_s[:-1], expected[2 + model.n_rc :], rtol=1e-3)
+    np.testing.assert_array_equal(tau_s[-1], LASTING_S)
 
 
 def test_slopes_of_the_resistances_are_their_differences():
@@ -79,3 +95,27 @@ def test_a_coarser_grid_stays_near():
     coarse = CellTables(MODEL, soc_step=0.01)
     assert coarse.soc.size == 121
     np.testing.assert_allclose(coarse.ocv(SOC), MODEL.ocv.voltage(SOC), atol=0.01)
+
+
+def test_an_open_circuit_voltage_that_depends_on_temperature_has_its_inverse_there():
+    grid = MODEL.temperature_grid_degc
+    shift_v = np.outer((grid - 25.0) * 1e-3, np.ones(MODEL.soc_grid.size))
+    cell = CellTables(replace(MODEL, ocv_shift_v=shift_v))
+    inside = np.linspace(0.05, 0.95, 10)
+    for degc in (float(grid[0]), float(grid[-1])):
+        at = cell.place_temperature(np.full(inside.shape, degc))
+        expected_v = MODEL.ocv.voltage(inside) + (degc - 25.0) * 1e-3
+        np.testing.assert_allclose(cell.ocv(inside, at), expected_v, atol=1e-4)
+        np.testing.assert_allclose(cell.soc_of_ocv(cell.ocv(inside, at), at), inside, atol=1e-9)
+
+
+def test_the_doubt_is_the_models_at_any_temperature():
+    model = replace(MODEL, fit_temperature_degc=np.array([20.0, 30.0]))
+    cell = CellTables(model)
+    degc = np.array([-20.0, 0.0, 25.0, 45.0])
+    doubt = cell.doubt_at(degc)
+    np.testing.assert_allclose(doubt[DROP_ERROR], model.drop_error(degc), atol=1e-9)
+    np.testing.assert_allclose(doubt[LASTING_DROP], model.lasting_ohm(degc), rtol=1e-9)
+    assert doubt[COLD].tolist() == sorted(doubt[COLD], reverse=True)
+    assert doubt[COLD][2] == doubt[COLD][3] == 1.0
+    assert np.isfinite(cell.doubt_at(np.array([-300.0, 300.0]))).all()

@@ -3,7 +3,7 @@ import pytest
 
 from app.estimation.errors import ModelError
 from app.estimation.identification.branches import stretches
-from app.estimation.identification.parts import capacity_from_column, charge_ah, typical_resistance
+from app.estimation.identification.parts import capacity_from_column, charge_ah, current_between, typical_resistance
 from app.estimation.recording.cell_recording import Recording
 
 CAPACITY_AH = 3.0
@@ -39,6 +39,15 @@ def test_many_short_stretches_with_a_soc_column_tell_the_capacity_together():
     short = [discharge(tenth, start_soc=1.0 - 0.1 * k) for k in range(6)]
     assert capacity_from_column(short) == pytest.approx(CAPACITY_AH, rel=1e-6)
     assert capacity_from_column(short[:2]) is None
+
+
+def test_between_load_and_a_rest_logged_rarely_nothing_flows():
+    """A rig that logs a row where a step ends, then one every five minutes."""
+    time_s = np.array([0.0, 60.0, 120.0, 150.0, 450.0, 750.0])
+    flows = current_between(time_s, np.array([2.0, 2.0, 2.0, 2.0, 0.0, 0.0]))
+    np.testing.assert_array_equal(flows, [2.0, 2.0, 2.0, 2.0, 0.0, 0.0])
+    regular = current_between(300.0 * np.arange(4), np.array([2.0, 2.0, 0.0, 0.0]))
+    np.testing.assert_array_equal(regular, [2.0, 2.0, 1.0, 0.0])
 
 
 def test_pulses_whose_end_fell_between_rows_do_not_outvote_a_plain_stretch():

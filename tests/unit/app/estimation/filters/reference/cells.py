@@ -12,19 +12,20 @@ from app.estimation.filters.tables import CellTables
 from app.estimation.filters.tuning import Tuning
 
 MODEL = load_cell("samsung-25r-10p")
+KNOWN_V2 = 1e-10  # of a lasting error that plays no part in a test
 
 
 def setup_of(model=MODEL, kind=Kind.SIGMA_FUSED, rule=central_difference, tuning=None) -> FilterSetup:
     """A filter of the model, a fused central-difference one unless told otherwise."""
-    return FilterSetup(CellTables(model), kind, rule and rule(1 + model.n_rc), tuning or Tuning())
+    return FilterSetup(CellTables(model), kind, rule and rule(2 + model.n_rc), tuning or Tuning())
 
 
 def state_at(setup: FilterSetup, soc, variance=1e-4, branch_v2=1.0) -> State:
-    """Cells at a SOC that both filter and count believe in, RC currents 0."""
+    """Cells at a SOC that both filter and count believe in, RC currents and lasting error 0, the latter known."""
     soc = np.atleast_1d(np.asarray(soc, dtype=float))
     state = initial_state(setup, soc.size)
     cov = state.cov.copy()
-    for u, own in enumerate((variance, *np.full(setup.cell.n_rc, branch_v2))):
+    for u, own in enumerate((variance, *np.full(setup.cell.n_rc - 1, branch_v2), KNOWN_V2)):
         cov[u, u] = own
     return replace(state, soc=soc, cov=cov, count_soc=soc, anchor_v2=np.full(soc.size, 1e-4))
 

@@ -103,7 +103,8 @@ def test_a_disagreement_beyond_both_errors_widens_sigma_and_clears_the_verdict()
         pair.state = replace(pair.state, start_weight=np.array([[1e9], [0.0], [0.0]]))
     assert variance > 4.0 * pair.state.fused_v2[0]
     state = replace(pair.state, conflict=np.array([TUNING.conflict_max + 1.0]))
-    _, valid = self_check(SETUP, state, motion_of(SETUP, 1.0, 0.0), np.zeros(1), np.array([True]))
+    state, motion, measured = sample(SETUP, state)
+    _, valid = self_check(SETUP, state, motion, measured, np.zeros(1), np.array([True]))
     assert not valid[0]
 
 
@@ -163,7 +164,8 @@ def judged(innovations, current_a=0.0, counts=True):
     state = state_at(SETUP, 0.5)
     valid = []
     for y in innovations:
-        state, ok = self_check(SETUP, state, motion_of(SETUP, 1.0, current_a), np.array([y]), np.array([counts]))
+        state, motion, measured = sample(SETUP, state, current_a=current_a)
+        state, ok = self_check(SETUP, state, motion, measured, np.array([y]), np.array([counts]))
         valid.append(bool(ok[0]))
     return state, valid
 

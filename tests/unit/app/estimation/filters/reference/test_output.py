@@ -20,8 +20,8 @@ def output(model, rule, sigma, correlated=0.0):
     setup = setup_of(model, rule=rule)
     state = state_at(setup, SOCS, variance=sigma**2, branch_v2=4.0)
     cov = state.cov.copy()
-    cov[0, 1:] = cov[1:, 0] = correlated * sigma * 2.0
-    state = replace(state, cov=cov, branch_a=np.array([[20.0, 30.0, 60.0], [5.0, 0.0, -10.0]]))
+    cov[0, 1:-1] = cov[1:-1, 0] = correlated * sigma * 2.0
+    state = replace(state, cov=cov, branch_a=np.array([[20.0, 30.0, 60.0], [5.0, 0.0, -10.0], [0.0, 0.0, 0.0]]))
     state, motion, measured = sample(setup, state, degc=DEGC, current_a=CURRENT_A)
     if rule is None:
         return state, output_tangent(setup, state, motion, measured)
@@ -32,11 +32,11 @@ def output(model, rule, sigma, correlated=0.0):
 @pytest.mark.parametrize("rule", [None, central_difference, unscented])
 def test_a_sure_state_predicts_the_models_voltage_and_its_slopes(model, rule):
     state, found = output(model, rule, 1e-3)
-    np.testing.assert_allclose(found.h, model.terminal_voltage(SOCS, state.branch_a, CURRENT_A, DEGC), atol=3e-4)
+    np.testing.assert_allclose(found.h, model.terminal_voltage(SOCS, state.branch_a[:-1], CURRENT_A, DEGC), atol=3e-4)
     step = 2e-3
-    high, low = (model.terminal_voltage(SOCS + d, state.branch_a, CURRENT_A, DEGC) for d in (step, -step))
+    high, low = (model.terminal_voltage(SOCS + d, state.branch_a[:-1], CURRENT_A, DEGC) for d in (step, -step))
     np.testing.assert_allclose(found.H[0], (high - low) / (2 * step), rtol=0.05, atol=0.03)
-    np.testing.assert_allclose(found.H[1:], -model.parameters(SOCS, DEGC)[2 : 2 + model.n_rc], rtol=2e-3)
+    np.testing.assert_allclose(found.H[1:-1], -model.parameters(SOCS, DEGC)[2 : 2 + model.n_rc], rtol=2e-3)
     assert (found.bend_v2 >= 0.0).all()
     assert found.bend_v2.max() < 1e-7, "a third of a millivolt"
 
@@ -46,7 +46,7 @@ def test_a_spread_of_the_charge_sees_the_bend_of_the_curve():
     sigma = 0.06
     state, found = output(MODEL, central_difference, sigma)
     z = SOCS + sigma * np.random.default_rng(1).normal(size=(200_000, 3))
-    branch = np.broadcast_to(state.branch_a[:, None], (MODEL.n_rc, *z.shape))
+    branch = np.broadcast_to(state.branch_a[:-1, None], (MODEL.n_rc, *z.shape))
     rows = MODEL.terminal_voltage(z, branch, CURRENT_A, DEGC)
     _, tangent = output(MODEL, None, sigma)
     true_slope = ((z - SOCS) * (rows - rows.mean(axis=0))).mean(axis=0) / sigma**2

@@ -1,9 +1,17 @@
 """What a filter is spared: missing and impossible measurements."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from app.estimation.filters.reference.state import TEMPERATURE_UNKNOWN_DEGC, motion_of
+from app.estimation.filters.reference.state import (
+    TEMPERATURE_UNKNOWN_DEGC,
+    empty_growth,
+    lasting_v2,
+    motion_of,
+    noise_v2,
+)
 from tests.unit.app.estimation.filters.reference.cells import MODEL, sample, setup_of, state_at
 
 SETUP = setup_of()
@@ -28,12 +36,38 @@ def test_a_missing_temperature_is_the_last_one_and_at_first_a_usual_one(reading)
     assert (row + weight == sum(SETUP.cell.place_temperature(np.array([5.0, 31.0])))).all()
 
 
-def test_outside_the_tables_the_model_is_trusted_less():
-    low, high = SETUP.cell.temperature_degc[[0, -1]]
-    _, _, inside = sample(SETUP, TWO, degc=[low, high])
-    assert inside.cold.tolist() == [1.0, 1.0]
-    _, _, outside = sample(SETUP, TWO, degc=[low - 20.0, high + 10.0])
-    assert outside.cold[0] > outside.cold[1] > 1.0
+MEASURED = setup_of(replace(MODEL, fit_temperature_degc=np.array([20.0, 30.0])))
+
+
+def test_where_nothing_was_measured_the_model_is_trusted_less_inside_its_tables_too():
+    _, drive, inside = sample(MEASURED, TWO, degc=[20.0, 30.0], current_a=50.0)
+    _, _, outside = sample(MEASURED, TWO, degc=[0.0, 15.0], current_a=50.0)
+    np.testing.assert_allclose(noise_v2(drive, inside), drive.noise_v2)
+    assert noise_v2(drive, outside)[0] > noise_v2(drive, outside)[1] > drive.noise_v2
+    _, rest, cold = sample(MEASURED, TWO, degc=[0.0, 15.0])
+    np.testing.assert_allclose(noise_v2(rest, cold), rest.noise_v2, err_msg="without current resistances do not matter")
+
+
+def test_in_the_cold_a_cell_looks_empty_early():
+    state, _, warm = sample(SETUP, state_at(SETUP, [0.05, 0.25]), degc=25.0)
+    _, _, cold = sample(SETUP, TWO, degc=0.0)
+    assert empty_growth(SETUP, state, warm)[0] > 1.5
+    assert empty_growth(SETUP, state, warm)[1] == 1.0
+    assert (empty_growth(SETUP, state, cold) > empty_growth(SETUP, state, warm)).all()
+
+
+def test_the_lasting_error_grows_with_the_slow_current_and_with_what_was_not_measured():
+    rest, motion, warm = sample(MEASURED, TWO, degc=25.0)
+    _, _, cold = sample(MEASURED, TWO, degc=0.0)
+    driven = replace(rest, branch_a=np.full_like(rest.branch_a, 50.0))
+    at_rest, in_a_drive, in_the_cold = (
+        lasting_v2(MEASURED, state, motion, measured)[0]
+        for state, measured in ((rest, warm), (driven, warm), (driven, cold))
+    )
+    assert MEASURED.tuning.lasting_v**2 == pytest.approx(at_rest, rel=0.02)
+    assert at_rest < in_a_drive < in_the_cold
+    wide = setup_of(replace(MODEL, hysteresis_v=0.02))
+    assert lasting_v2(wide, rest, motion, warm)[0] > at_rest
 
 
 def test_the_models_error_grows_with_current_either_way_and_repeats_itself_more_in_short_steps():
@@ -43,8 +77,6 @@ def test_the_models_error_grows_with_current_either_way_and_repeats_itself_more_
 
 
 def test_charging_moves_less_charge_than_it_takes_where_some_is_lost():
-    from dataclasses import replace
-
     lossy = setup_of(replace(MODEL, coulombic_efficiency=0.98))
     assert motion_of(lossy, 3600.0, -10.0).moved_ah == pytest.approx(-9.8)
     assert motion_of(lossy, 3600.0, 10.0).moved_ah == pytest.approx(10.0)
