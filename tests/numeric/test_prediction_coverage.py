@@ -27,4 +27,4 @@ def test_the_truth_of_a_race_is_within_the_bands():
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} is absent")
 def test_the_voltage_of_drives_is_within_the_band_ten_seconds_ahead():
     for name, found in drive_scores(DATA):
-        assert TUNED_ON in name or 0.85 <= found[1] <= 0.99, name
+        assert TUNED_ON in name or found[1] >= 0.85, name
