@@ -96,7 +96,10 @@ def test_the_worst_case_stack_is_known_and_small(gcc):
     done = subprocess.run([sys.executable, script, "--cc", "gcc"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     stacks = dict(re.findall(r"-Os stack (\w+): (\d+) bytes", done.stdout))
-    assert len(stacks) == 6
+    assert stacks.keys() == {
+        *("vw_link_init", "vw_link_received", "vw_link_run", "vw_link_next", "vw_can_next", "vw_can_received"),
+        *("vw_filter_start", "vw_filter_step"),
+    }
     assert max(map(int, stacks.values())) < 1024
 
 
