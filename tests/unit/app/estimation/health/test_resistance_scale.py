@@ -87,5 +87,6 @@ def test_a_past_that_cannot_be_is_none():
 
 def test_growth_is_believed_and_what_a_circuit_cannot_tell_is_not():
     np.testing.assert_allclose(trusted_factor(np.array([0.93, 1.0, 1.1])), 1.0, atol=0.008)
+    np.testing.assert_allclose(trusted_factor(np.array([0.78])), 1.0, atol=0.02)  # age makes no cell resist less
     np.testing.assert_allclose(trusted_factor(np.array([0.4, 1.6, 2.5])), [0.4, 1.6, 2.5], atol=0.03)
     assert (np.diff(trusted_factor(np.linspace(0.3, 3.0, 200))) > 0.0).all()
