@@ -21,7 +21,7 @@ from app.words import Message, Quantity
 log = logging.getLogger(__name__)
 TICK_S = 1.0  # without anything new there is a snapshot this often
 STALL_S = 3 * TICK_S  # without a snapshot for so long, the pipeline stands still
-LATE_S = 0.25  # an item that has waited this long is worked on, but not always shown ...
+LATE_S = 2.0  # an item that has waited this long is worked on, but not always shown ...
 LATE_SHOWN_S = 0.2  # ... only the newest in each of these times
 JOIN_S = 5.0
 ItemListener = Callable[[Item], None]

@@ -1,5 +1,7 @@
 """What the links deliver is shown, recorded and judged; one item or listener that fails costs only itself."""
 
+from dataclasses import replace
+
 import pytest
 
 from app.errors import NotNow
@@ -115,3 +117,25 @@ def test_what_follows_publishing_is_called_for_new_snapshots_and_not_for_ages(be
     clock.advance(2.0)
     bench.live.step(0.0)
     assert [snapshot.is_fresh for snapshot in published] == [True]
+
+
+def work_late(bench, clock, master, late_s):
+    """Let two seconds of frames wait so long; return what the thread makes of them."""
+    for k in range(20):
+        now_ns = clock.monotonic_ns() + k * 100_000_000
+        bench.inbox.put(replace(master.frame(), t_mono_ns=now_ns, t_wall_ns=clock.wall_ns()))
+    clock.advance(2.0 + late_s)
+    for _ in range(20):
+        bench.live.step(0.0)
+    return bench.outputs
+
+
+def test_a_lag_of_a_second_hides_no_sample_from_the_alarms(bench, clock, master):
+    made = work_late(bench, clock, master, -0.5)
+    assert sum(output.snapshot is not None and output.snapshot.is_fresh for output in made) == 20
+
+
+def test_of_what_is_very_late_all_is_estimated_and_the_newest_shown(bench, clock, master):
+    made = work_late(bench, clock, master, 10.0)
+    assert sum(output.estimates is not None for output in made) == 20
+    assert sum(output.snapshot is not None and output.snapshot.is_fresh for output in made) == 1

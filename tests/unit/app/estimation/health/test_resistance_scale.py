@@ -90,3 +90,12 @@ def test_growth_is_believed_and_what_a_circuit_cannot_tell_is_not():
     np.testing.assert_allclose(trusted_factor(np.array([0.78])), 1.0, atol=0.02)  # age makes no cell resist less
     np.testing.assert_allclose(trusted_factor(np.array([0.4, 1.6, 2.5])), [0.4, 1.6, 2.5], atol=0.03)
     assert (np.diff(trusted_factor(np.linspace(0.3, 3.0, 200))) > 0.0).all()
+
+
+def test_a_factor_below_one_is_believed_later_than_one_above():
+    growth = np.linspace(0.01, 0.6, 60)
+    believed_more, believed_less = trusted_factor(1.0 + growth) - 1.0, 1.0 - trusted_factor(1.0 - growth)
+    assert (believed_less < believed_more).all()
+    assert (np.diff(believed_more) > 0.0).all()
+    assert (np.diff(believed_less) > 0.0).all()
+    assert believed_more[-1] > 0.95 * growth[-1]

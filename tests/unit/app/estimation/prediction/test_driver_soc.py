@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.estimation.errors import ShapeError
 from app.estimation.prediction.driver_soc import WINDOW, DriverSoc
@@ -40,3 +42,13 @@ def test_cells_without_an_estimate_are_left_out():
 def test_wrong_shape_is_refused():
     with pytest.raises(ShapeError):
         DriverSoc(2).step([0.5])
+
+
+@given(st.lists(st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3), min_size=1, max_size=250))
+def test_the_number_never_flatters(rows):
+    driver = DriverSoc(3)
+    for row in rows:
+        reading = driver.step(row)
+    mean = np.rint(1000.0 * np.array(rows[-WINDOW:])).mean(axis=0) / 10.0
+    assert reading.percent <= mean.min() + 1e-9 < reading.percent + 1.0 + 1e-6
+    assert mean[reading.cell] == pytest.approx(mean.min())

@@ -31,3 +31,29 @@ def test_rows_without_reference_do_not_count():
 
 def test_no_reference_no_score():
     assert score_soc(np.arange(3.0), np.zeros(3), np.ones(3), np.full(3, np.nan)) is None
+
+
+@pytest.mark.parametrize(("claimed", "nees"), [(1.0, 1.0), (0.5, 4.0), (2.0, 0.25)])
+def test_nees_tells_a_sigma_that_is_too_small_from_one_that_is_too_large(claimed, nees):
+    reference = np.linspace(0.9, 0.2, 20_000)
+    error = 0.01 * np.random.default_rng(3).normal(size=reference.size)
+    score = score_soc(
+        0.1 * np.arange(reference.size), reference + error, np.full(reference.size, 0.01 * claimed), reference
+    )
+    assert score.nees == pytest.approx(nees, rel=0.05)
+    assert score.sigma_rms == pytest.approx(0.01 * claimed)
+
+
+def test_a_bias_has_a_sign_and_does_not_hide_in_the_rmse():
+    reference = np.full(100, 0.5)
+    low = score_soc(np.arange(100.0), reference - 0.03, np.full(100, 0.02), reference)
+    assert low.soc_bias == pytest.approx(-0.03)
+    assert low.soc_rmse == pytest.approx(0.03)
+    assert (low.settle_5_s, low.settle_2_s) == (0.0, None)
+
+
+def test_a_run_starts_at_its_first_row_also_where_no_reference_is_known_there():
+    reference = np.where(np.arange(100) < 50, np.nan, 0.5)
+    score = score_soc(np.arange(100.0) + 5000.0, np.full(100, 0.5), np.full(100, 0.01), reference)
+    assert score.settle_5_s == 0.0
+    assert score.soc_max_error_after_60s == 0.0
