@@ -80,7 +80,7 @@ def textbook_s(augmented: bool) -> float:
     def output(state: FloatArray) -> float:
         c = cell.circuit(state[:1], at)[:, 0]
         over = np.arcsinh(10.0 / cell.model.overpotential_current_a)
-        return float(c[OCV] - 10.0 * c[R0] - over * c[OVERPOTENTIAL] - c[R1:] @ state[1:])
+        return float(c[OCV] - 10.0 * c[R0] - over * c[OVERPOTENTIAL] - c[R1 : R1 + 2] @ state[1:])
 
     mean, cov = np.array([0.6, 0.0, 0.0]), np.diag([1e-3, 10.0, 10.0])
     if augmented:
