@@ -3,11 +3,12 @@
 Joints differ by more than an early fault does, so each cell's own excess over its peers, averaged over sound driving,
 is taken off before it is judged; a joint that is being judged loose teaches nothing. Until a cell's past is known, cell
 and joint are told apart by pattern alone. In 30 races a bolt of +0.3 mohm was named within 40 s, and none else.
+What was found stays until driving shows otherwise: standing, a restart and a missing voltage are no evidence.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
@@ -24,24 +25,56 @@ LEARN_OHM: Final = 7.5e-5  # beyond this the joint is changing, and so nothing i
 PAST_JUDGEMENTS: Final = 8  # before the past of a joint is believed
 CONFIRMATIONS: Final = 3  # judgements in a row
 BASELINE_JUDGEMENTS: Final = 120  # in the moving average of a sound joint
+QUICK_MEMORY_S: Final = 6.0  # of a second regression, which shows that a joint has changed
+CHANGED_SIGMAS: Final = 5.0  # apart: the slow one remembers another joint
+NEW_S: Final = 1.0  # of driving since the last judgement: less is no new evidence
+
+
+@dataclass(frozen=True)
+class LooseJoints:
+    """What an earlier session found of joints, (n_cells,): their excess and its sigma [ohm]; NaN where sound."""
+
+    excess_ohm: FloatArray
+    sigma_ohm: FloatArray
 
 
 class JointWatch:
     """Call `step` with every sample and `judge` every JUDGE_S seconds."""
 
-    def __init__(self, n_cells: int, cells_per_pack: int, baseline_ohm: FloatArray | None = None) -> None:
-        """Start, or go on with the `baseline_ohm` (n_cells,) of an earlier session of the same car [ohm].
+    def __init__(
+        self,
+        n_cells: int,
+        cells_per_pack: int,
+        baseline_ohm: FloatArray | None = None,
+        found: LooseJoints | None = None,
+    ) -> None:
+        """Start, or go on with what an earlier session of the same car knew.
+
+        Args:
+            n_cells: number of cells.
+            cells_per_pack: cells in a row that form a pack.
+            baseline_ohm: (n_cells,) `baseline_ohm` of then [ohm].
+            found: `found` of then.
 
         Raises:
-            ShapeError: the baseline belongs to another number of cells.
+            ShapeError: it belongs to another number of cells.
         """
-        if baseline_ohm is not None and baseline_ohm.shape != (n_cells,):
-            raise ShapeError("baseline_ohm", (n_cells,), baseline_ohm.shape)
+        nan = np.full(n_cells, np.nan)
+        before = LooseJoints(nan, nan) if found is None else found
+        baseline = nan if baseline_ohm is None else baseline_ohm
+        for name, array in (("baseline_ohm", baseline), ("found", before.excess_ohm), ("found", before.sigma_ohm)):
+            if array.shape != (n_cells,):
+                raise ShapeError(name, (n_cells,), array.shape)
         self._cells_per_pack = cells_per_pack
         self._tracker = ResistanceTracker(n_cells, memory_s=MEMORY_S)
-        self._baseline_ohm = np.full(n_cells, np.nan) if baseline_ohm is None else baseline_ohm.copy()
+        self._quick = ResistanceTracker(n_cells, memory_s=QUICK_MEMORY_S)
+        self._baseline_ohm = baseline.copy()
         self._learnt = np.where(np.isnan(self._baseline_ohm), 0, BASELINE_JUDGEMENTS)
-        self._in_a_row = np.zeros(n_cells, dtype=np.int64)
+        self._is_loose = np.isfinite(before.excess_ohm)
+        self._in_a_row = np.zeros(n_cells, dtype=np.int64)  # judgements that contradict `_is_loose`
+        self._report = JointReport(nan, nan, nan, before.excess_ohm.copy(), before.sigma_ohm.copy(), self._is_loose)
+        self._judged_at_s = 0.0  # of learned seconds
+        self._apart_ohm = np.zeros(n_cells)
 
     @property
     def baseline_ohm(self) -> FloatArray:
@@ -49,35 +82,94 @@ class JointWatch:
         return self._baseline_ohm.copy()
 
     @property
+    def found(self) -> LooseJoints:
+        """The loose joints; for the next session."""
+        joint_ohm, sigma_ohm = self._report.joint_excess_ohm, self._report.sigma_ohm
+        return LooseJoints(np.where(self._is_loose, joint_ohm, np.nan), np.where(self._is_loose, sigma_ohm, np.nan))
+
+    @property
     def loose(self) -> BoolArray:
-        """(n_cells,) joints judged loose CONFIRMATIONS times in a row."""
-        return np.asarray(self._in_a_row >= CONFIRMATIONS)
+        """(n_cells,) joints judged loose CONFIRMATIONS times in a row, and not sound as often since."""
+        return self._is_loose.copy()
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since current last showed the resistances; infinite before it did [s]."""
+        return self._tracker.age_s
+
+    @property
+    def change_ohm(self) -> FloatArray:
+        """(n_cells,) how far the last seconds lie from the last half minute: what is changing is not known well."""
+        return self._apart_ohm
+
+    @property
+    def evidence_s(self) -> float:
+        """Seconds of driving that the regression remembers [s]."""
+        return min(self._tracker.learned_s, MEMORY_S)
+
+    @property
+    def excitation_a(self) -> float:
+        """Rms of the current's movement in what the regression remembers [A]; NaN before there was any."""
+        return self._tracker.excitation_a
 
     def step(self, dt_s: float, current_a: float, voltages_v: FloatArray) -> None:
         """Take one sample: step [s], current [A] positive on discharge, (n_cells,) voltages [V]; NaN = missing."""
         self._tracker.step(dt_s, current_a, voltages_v)
+        self._quick.step(dt_s, current_a, voltages_v)
 
     def judge(self) -> JointReport:
-        """Return what the resistances say now; `joint_excess_ohm` is against the cell's own past where known."""
+        """Return what the resistances say; `joint_excess_ohm` is against the cell's own past where known.
+
+        Without driving since the last judgement it is the last judgement; a cell of which nothing new is known keeps
+        its own.
+        """
+        if self._tracker.learned_s - self._judged_at_s < NEW_S:
+            return self._report
+        self._judged_at_s = self._tracker.learned_s
+        self._forget_what_changed()
         has_past = self._learnt >= PAST_JUDGEMENTS
-        resistance_ohm, sigma_ohm = self._tracker.resistance_ohm(), self._tracker.sigma_ohm()
         report = judge_joints(
-            resistance_ohm,
-            sigma_ohm,
+            self._tracker.resistance_ohm(),
+            self._tracker.sigma_ohm(),
             self._cells_per_pack,
             alarm_ohm=ALARM_OHM,
             baseline_ohm=np.where(has_past, self._baseline_ohm, np.nan),
         )
         is_loose = report.is_loose & (has_past | (report.joint_excess_ohm > FIRST_ALARM_OHM))
-        self._in_a_row = np.where(is_loose, self._in_a_row + 1, 0)
+        self._confirm(is_loose, np.isfinite(report.joint_excess_ohm))
         self._learn(report, is_loose, has_past)
-        return replace(report, is_loose=is_loose)
+        self._report = _kept(self._report, replace(report, is_loose=is_loose))
+        return self._report
+
+    def _forget_what_changed(self) -> None:
+        """Take the quick regression's word for cells that no longer resist as the slow one remembers."""
+        slow, quick = self._tracker, self._quick
+        sigma_ohm = np.hypot(slow.sigma_ohm()[0], quick.sigma_ohm()[0])
+        apart_ohm = np.abs(slow.resistance_ohm()[0] - quick.resistance_ohm()[0])
+        self._apart_ohm = np.nan_to_num(apart_ohm)
+        slow.adopt(quick, np.asarray(apart_ohm > np.maximum(CHANGED_SIGMAS * sigma_ohm, ALARM_OHM)))
+
+    def _confirm(self, is_loose: BoolArray, is_known: BoolArray) -> None:
+        contradicts = is_known & (is_loose != self._is_loose)
+        self._in_a_row = np.where(contradicts, self._in_a_row + 1, np.where(is_known, 0, self._in_a_row))
+        turns = self._in_a_row >= CONFIRMATIONS
+        self._is_loose = self._is_loose ^ turns
+        self._in_a_row[turns] = 0
 
     def _learn(self, report: JointReport, is_loose: BoolArray, has_past: BoolArray) -> None:
         excess_ohm = report.ohmic_excess_ohm
         steady = ~has_past | (np.abs(report.joint_excess_ohm) < LEARN_OHM)
-        sound = np.isfinite(excess_ohm) & ~is_loose & steady
+        sound = np.isfinite(excess_ohm) & ~is_loose & ~self._is_loose & steady
         self._learnt = np.where(sound, np.minimum(self._learnt + 1, BASELINE_JUDGEMENTS), self._learnt)
         known = np.nan_to_num(self._baseline_ohm)
         moved = known + (np.nan_to_num(excess_ohm) - known) / np.maximum(self._learnt, 1)
         self._baseline_ohm = np.where(sound, moved, self._baseline_ohm)
+
+
+def _kept(before: JointReport, now: JointReport) -> JointReport:
+    """Return what is known now, cell by cell what was known before where that is nothing."""
+    is_known = np.isfinite(now.joint_excess_ohm)
+    if is_known.all():
+        return now
+    pairs = {each.name: (getattr(now, each.name), getattr(before, each.name)) for each in fields(JointReport)}
+    return JointReport(**{name: np.where(is_known, new, old) for name, (new, old) in pairs.items()})

@@ -2,7 +2,8 @@
 
 A cell's measuring span holds the cell and one joint. Every cell's voltage is regressed on the common current and on the
 current through an RC pair: an aged cell grows in both coefficients in proportion, a joint in the first alone.
-No OCV and no SOC enter, so a wrong SOC cannot pretend a loose bolt.
+No OCV and no SOC enter, so a wrong SOC cannot pretend a loose bolt. Only samples in which the current moves teach
+anything, and only they let older ones fade: what was learned stays as it was while the car stands.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ MEMORY_S: Final = 60.0  # of the regression: about one lap of a Formula Student 
 RESTART_S: Final = 2.0  # after a hole this long the signals start anew
 SETTLE_S: Final = 30.0  # after a start: the pair's current was not known then and has to be forgotten
 BLOCK: Final = 64  # samples taken at once; RESTART_S each, they last 13 PAIR_S: exp of that is a number
+EXCITED_A: Final = 3.0  # a current nearer to its slow mean than this is noise and moves no resistance
+STANDING_A: Final = 2.0  # below it the car stands ...
+STANDING_S: Final = 5.0  # ... after this long: what follows is slow recovery
 SAMPLES_MIN: Final = 20.0  # effective number of samples below which nothing is known
 MAD_TO_SIGMA: Final = 1.4826  # of a normal distribution
 POLISH_ROUNDS: Final = 6
@@ -47,9 +51,28 @@ class ResistanceTracker:
         self._y = np.empty(n_cells)
         self._new = np.empty((6, n_cells))
         self._since_s: float | None = None
+        self._still_s = float("inf")  # since there was a current
+        self._age_s = float("inf")
+        self._learned_s = 0.0
         self._gains: tuple[float, float, float, float] = (-1.0, 0.0, 0.0, 0.0)
         self._has_unknown = False
         self._has_settled = False
+
+    @property
+    def learned_s(self) -> float:
+        """Seconds of samples that taught something, in all."""
+        return self._learned_s
+
+    @property
+    def age_s(self) -> float:
+        """Seconds since the last sample that taught something; infinite before the first."""
+        return self._age_s
+
+    @property
+    def excitation_a(self) -> float:
+        """Rms of the current's movement in the samples that are remembered [A]; NaN before there are any."""
+        weight = self._weight[0].max()
+        return float(np.sqrt(self._sums[0].max() / weight)) if weight > 0.0 else float("nan")
 
     def step(self, dt_s: float, current_a: float, voltages_v: ArrayLike) -> None:
         """Take one sample.
@@ -68,8 +91,10 @@ class ResistanceTracker:
             raise ShapeError("voltages_v", (self.n_cells,), v.shape)
         if not 0.0 <= dt_s < float("inf"):
             raise EstimatorError(f"dt_s is {dt_s}: a step length is finite and not negative")
+        self._age_s += dt_s
         if not -1e9 < current_a < 1e9 or dt_s == 0.0:
             return
+        self._still_s = 0.0 if abs(current_a) >= STANDING_A else self._still_s + dt_s
         if self._since_s is None or dt_s > RESTART_S:
             self._pair_a, self._since_s, self._has_settled = current_a, 0.0, False
             return
@@ -91,7 +116,10 @@ class ResistanceTracker:
         self._drift_v -= drift * y
         y *= 1.0 - drift
         x, p = current_a - self._drift_a, self._pair_a - self._drift_pair_a
-        self._accumulate(x, p, fade, is_missing if has_missing else None)
+        if abs(x) >= EXCITED_A and self._still_s <= STANDING_S:
+            self._accumulate(x, p, fade, is_missing if has_missing else None)
+            self._age_s = 0.0
+            self._learned_s += dt_s
 
     def take(self, dt_s: FloatArray, current_a: FloatArray, voltages_v: FloatArray) -> None:
         """Take n samples: the same as `step` with each, ten times as fast where nothing is missing.
@@ -118,6 +146,11 @@ class ResistanceTracker:
             else:
                 self.step(float(dt_s[k]), float(current_a[k]), voltages_v[k])
                 k += 1
+
+    def adopt(self, other: ResistanceTracker, cells: BoolArray) -> None:
+        """Remember of some cells, (n_cells,), what another tracker of the same samples remembers of them."""
+        self._sums[:, cells] = other._sums[:, cells]
+        self._weight[:, cells] = other._weight[:, cells]
 
     def resistance_ohm(self) -> FloatArray:
         """Return (2, n_cells): ohmic resistance with the joint, and that of the pair [ohm]; NaN while not known."""
@@ -175,8 +208,18 @@ class ResistanceTracker:
         self._since_s = (self._since_s or 0.0) + float(time_s[-1])
         y = drift[:, : self.n_cells] - voltages_v
         x, p = (drifting - drift)[:, self.n_cells :].T
-        fade = np.exp((time_s - time_s[-1]) / self._memory_s)
-        left = exp(-time_s[-1] / self._memory_s)
+        still_s = _still_s(time_s, current_a, self._still_s)
+        self._still_s = float(still_s[-1])
+        teaches = (np.abs(x) >= EXCITED_A) & (still_s <= STANDING_S)
+        self._age_s += float(time_s[-1])
+        if not teaches.any():
+            return
+        last = len(teaches) - 1 - int(teaches[::-1].argmax())
+        self._age_s = float(time_s[-1] - time_s[last])
+        taught_s = np.cumsum(np.where(teaches, dt_s, 0.0))
+        self._learned_s += float(taught_s[-1])
+        fade = np.where(teaches, np.exp((taught_s - taught_s[-1]) / self._memory_s), 0.0)
+        left = exp(-taught_s[-1] / self._memory_s)
         self._weight[0] = self._weight[0] * left + fade.sum()
         self._weight[1] = self._weight[1] * left**2 + (fade**2).sum()
         self._sums *= left
@@ -198,6 +241,12 @@ class ResistanceTracker:
             new[:, is_missing] = 0.0
             self._weight += ~is_missing
         self._sums += new
+
+
+def _still_s(time_s: FloatArray, current_a: FloatArray, before_s: float) -> FloatArray:
+    """Return (n,) the time since there was a current, from what it was before the first sample [s]."""
+    flowed_s = np.maximum.accumulate(np.where(np.abs(current_a) >= STANDING_A, time_s, -np.inf))
+    return np.where(np.isfinite(flowed_s), time_s - flowed_s, before_s + time_s)
 
 
 def _low_passed(

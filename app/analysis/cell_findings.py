@@ -1,0 +1,55 @@
+"""What a recorded session shows of its cells, by the judge that judges live: an old session gains what is new in it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.analysis.session_survey import read_pieces
+from app.analysis.survey import Piece
+from app.battery.shape import CELLS_PER_PACK, N_CELLS
+from app.estimation.arrays import BoolArray
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.health.cell_finding import CellFinding
+from app.estimation.health.cell_watch import JUDGE_S, CellWatch, CellWatchMemory
+from app.sessions.reading.reader import SessionFile
+
+
+class CellJudge:
+    """Takes a session piece by piece, in order; give `add` to `survey_session` as `also`."""
+
+    def __init__(self, cell: CellModel, memory: CellWatchMemory | None = None) -> None:
+        self.watch = CellWatch(cell, N_CELLS, CELLS_PER_PACK, memory)
+        self._before_s: float | None = None
+        self._judged_s = -np.inf
+
+    def add(self, piece: Piece) -> None:
+        """Take the next piece."""
+        balancing: BoolArray = np.asarray(piece.balancing) > 0.0
+        knows_balancing: BoolArray = np.asarray(np.isfinite(piece.balancing).all(axis=1))
+        for k, time_s in enumerate(piece.time_s.tolist()):
+            dt_s = 0.0 if self._before_s is None else max(time_s - self._before_s, 0.0)
+            self._before_s = time_s
+            self.watch.step(
+                time_s,
+                dt_s,
+                float(piece.current_a[k]),
+                piece.voltage_v[k],
+                piece.temperature_degc[k],
+                balancing[k] if knows_balancing[k] else None,
+            )
+            if time_s - self._judged_s >= JUDGE_S:
+                self._judged_s = time_s
+                self.watch.judge()
+
+    def result(self) -> tuple[CellFinding, ...]:
+        """Return what is wrong at the end of what was taken, the surest first; times are unix time."""
+        return self.watch.judge()
+
+
+def cell_findings(session: SessionFile, cell: CellModel | None = None) -> tuple[CellFinding, ...]:
+    """Read a session and return what is wrong with its cells at its end, the surest first."""
+    judge = CellJudge(cell or load_cell())
+    for piece in read_pieces(session):
+        judge.add(piece)
+    return judge.result()

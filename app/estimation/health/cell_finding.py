@@ -1,0 +1,73 @@
+"""A finding: what is wrong with one cell, how much, on which evidence, and how sure that is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import erf, sqrt
+from typing import Final, Literal
+
+FindingCode = Literal[
+    "joint-grown",  # its busbar joint resists more than it did, or than the others' do [ohm]
+    "resistance-grown",  # the cell itself resists more than the others do [ohm]
+    "capacity-lost",  # it holds less than the others do [1: part of their capacity that is gone]
+    "cell-leaks",  # it loses charge while the others do not [A]
+    "thermistor-off",  # its temperature sensor tells nothing of the cell [K from the others, NaN: no value]
+    "channel-stuck",  # its voltage stands still while the others move [V that the others moved by]
+]
+CODES: Final[tuple[FindingCode, ...]] = (
+    "joint-grown",
+    "resistance-grown",
+    "capacity-lost",
+    "cell-leaks",
+    "thermistor-off",
+    "channel-stuck",
+)
+SURE: Final = 0.99  # no finding is surer: what was not thought of is not in sigma
+BAND_SIGMAS: Final = 2.0
+
+
+@dataclass(frozen=True)
+class CellFinding:
+    """What is wrong with one cell. Times are those that the watch was fed with.
+
+    Attributes:
+        code: what it is.
+        cell: index from 0.
+        size: how much, in `unit`; NaN where it has no size.
+        sigma: its standard deviation, in `unit`.
+        unit: ohm, 1, A, K or V.
+        since_s: when the evidence first sufficed.
+        seen_s: the latest evidence; while the car stands it does not move on.
+        evidence_s: seconds of samples that the evidence rests on.
+        current_a: rms current of that evidence; NaN where current is none of it [A].
+        value: what the cell shows: its resistance, capacity, voltage or temperature, NaN where it shows none.
+        usual: what its neighbours show of the same.
+        neighbours: the cells that it was compared with.
+        confidence: probability that the size is beyond what is tolerated, at most `SURE`.
+    """
+
+    code: FindingCode
+    cell: int
+    size: float
+    sigma: float
+    unit: str
+    since_s: float
+    seen_s: float
+    evidence_s: float
+    current_a: float
+    value: float
+    usual: float
+    neighbours: tuple[int, ...]
+    confidence: float
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Low and high end of the size: BAND_SIGMAS either side, and no lower than nothing."""
+        return max(self.size - BAND_SIGMAS * self.sigma, 0.0), self.size + BAND_SIGMAS * self.sigma
+
+
+def confidence_of(size: float, sigma: float, tolerated: float) -> float:
+    """Return the probability that a normal variable lies above `tolerated`, at most SURE; 0 where nothing is known."""
+    if not sigma > 0.0 or size != size:
+        return 0.0
+    return min(0.5 * (1.0 + erf((size - tolerated) / (sigma * sqrt(2.0)))), SURE)
