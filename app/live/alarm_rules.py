@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.battery.shape import N_CELLS, N_PACKS
+from app.estimation.arrays import BoolArray
 from app.estimation.health.joint_watch import ALARM_OHM
 from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
 from app.telemetry.link_messages import LATE, SILENT, link_lost
 from app.telemetry.measurement import BLANK_S
-from app.words import Message, Quantity
+from app.words import Cell, Message, Quantity
 
 NEAR_LOW_V = 0.2  # above the lowest voltage allowed
 NEAR_HIGH_V = 0.01  # below the highest: a full cell stands close to it
@@ -35,6 +36,7 @@ class Condition:
     value: float | None = None
     limit: float | None = None
     unit: str = ""
+    cells: tuple[int, ...] = ()  # every cell it is about, where they are more than `cell`
 
     @property
     def code(self) -> str:
@@ -153,7 +155,7 @@ def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Itera
 def _master(snapshot: Snapshot) -> Iterator[Condition]:
     master = snapshot.master
     if master.state == "fault":
-        yield Condition("trip", Message("master-fault", why=master.why))
+        yield _fault(master.why)
     if master.map_matches is False:
         yield Condition("warning", Message("map-mismatch"))
     if master.implausible:
@@ -169,19 +171,35 @@ def _master(snapshot: Snapshot) -> Iterator[Condition]:
         yield Condition("warning", CHARGER_REPORTS[flag])
 
 
+def _fault(why: Message) -> Condition:
+    """The master's trip, with the cell, the value and the limit that its reason names."""
+    cell, value, limit = (why.args.get(name) for name in ("cell", "value", "limit"))
+    return Condition(
+        "trip",
+        Message("master-fault", why=why),
+        cell.index if isinstance(cell, Cell) else None,
+        value.value if isinstance(value, Quantity) else None,
+        limit.value if isinstance(limit, Quantity) else None,
+        value.unit if isinstance(value, Quantity) else "",
+    )
+
+
 def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     voltage_v = snapshot.cells.voltage_v
-    missing = np.flatnonzero(np.isnan(voltage_v))
-    if len(missing) and (len(missing) < N_CELLS or _is_recent(snapshot)):
-        cell = int(missing[0])
-        yield Condition("warning", Message("cell-missing", n=len(missing)), cell)
-    loose = snapshot.cells.joint_loose
-    if loose is not None and loose.any():
-        cell = int(np.flatnonzero(loose)[0])
-        excess_mohm = float(snapshot.cells.joint_excess_ohm[cell] * 1000)
-        limit_mohm = ALARM_OHM * 1000
-        yield Condition("warning", Message("joint-loose", n=int(loose.sum())), cell, excess_mohm, limit_mohm, "mohm")
+    missing = _indices(np.isnan(voltage_v))
+    if missing and (len(missing) < N_CELLS or _is_recent(snapshot)):
+        yield Condition("warning", Message("cell-missing", n=len(missing)), missing[0], cells=missing)
+    loose = () if snapshot.cells.joint_loose is None else _indices(snapshot.cells.joint_loose)
+    if loose:
+        worst = max(loose, key=lambda cell: float(snapshot.cells.joint_excess_ohm[cell]))
+        excess_mohm = float(snapshot.cells.joint_excess_ohm[worst] * 1000)
+        message = Message("joint-loose", n=len(loose))
+        yield Condition("warning", message, worst, excess_mohm, ALARM_OHM * 1000, "mohm", loose)
     if snapshot.cells.model_valid is not None:
-        invalid = np.flatnonzero(~snapshot.cells.model_valid & ~np.isnan(voltage_v))
-        if len(invalid):
-            yield Condition("watch", Message("model-not-valid", n=len(invalid)), int(invalid[0]))
+        invalid = _indices(~snapshot.cells.model_valid & ~np.isnan(voltage_v))
+        if invalid:
+            yield Condition("watch", Message("model-not-valid", n=len(invalid)), invalid[0], cells=invalid)
+
+
+def _indices(is_so: BoolArray) -> tuple[int, ...]:
+    return tuple(np.flatnonzero(is_so).tolist())

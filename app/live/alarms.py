@@ -55,7 +55,13 @@ class AlarmKeeper:
                 self._seen_ns[key] = now_ns
                 if alarm.active:
                     self._alarms[key] = replace(
-                        alarm, value=now_held.value, cell=now_held.cell, limit=now_held.limit, message=now_held.message
+                        alarm,
+                        value=now_held.value,
+                        cell=now_held.cell,
+                        limit=now_held.limit,
+                        unit=now_held.unit,
+                        message=now_held.message,
+                        cells=now_held.cells,
                     )
             elif not is_judged(key, snapshot):
                 self._seen_ns[key] = now_ns  # what cannot be seen has not ended
@@ -90,6 +96,7 @@ class AlarmKeeper:
             condition.value,
             condition.limit,
             condition.unit,
+            cells=condition.cells,
         )
 
     def _drop_finished(self) -> None:

@@ -9,13 +9,14 @@ from collections import deque
 
 import numpy as np
 
-from app.battery.shape import N_PACKS
+from app.battery.shape import N_CELLS, N_PACKS
 from app.telemetry import Cells, Check, FloatArray, Plausibility
 
 SUM_LIMIT_V = 0.5  # rounding of 96 cells and of the total
-CHIP_LIMIT_V = 0.025  # of a cell's deviation from its pack; the chips' readings are older than the master's
-CHIP_MEMORY_S = 5.0
+CHIP_LIMIT_V = 0.025  # of a cell's deviation from its pack
 CHIPS_EVERY_S = 1.0  # the slow windows come no sooner
+CHIP_AGE_S = 5  # the chips' readings are older than the master's by up to this
+CHIP_READINGS = 10  # one after the other have to contradict
 STEP_S = 0.5  # between the two samples of a difference: longer than the master's voltage filter takes
 MEMORY_S = 60.0
 LEAST_CURRENT_A = 30.0  # root of the summed squares of the steps, before their ratio says anything
@@ -32,8 +33,7 @@ class PlausibilityChecks:
         self._squares_a2 = 0.0
         self._products_va = 0.0
         self._squares_v2 = 0.0
-        self._chip_v: FloatArray | None = None
-        self._since_chips_s = 0.0
+        self._chips = _ChipComparison()
 
     def step(self, dt_s: float | None, current_a: float, cells_v: FloatArray, chips_v: FloatArray) -> None:
         """Take a measurement.
@@ -60,24 +60,11 @@ class PlausibilityChecks:
             self._squares_a2 += step_a**2
             self._products_va -= step_a * step_v
             self._squares_v2 += step_v**2
-        self._follow_chips(dt_s, cells_v, chips_v)
-
-    def _follow_chips(self, dt_s: float, cells_v: FloatArray, chips_v: FloatArray) -> None:
-        self._since_chips_s += dt_s
-        if self._chip_v is not None and self._since_chips_s < CHIPS_EVERY_S:
-            return
-        since_s, self._since_chips_s = self._since_chips_s, 0.0
-        difference = _deviation(chips_v) - _deviation(cells_v)
-        if self._chip_v is None:
-            self._chip_v = difference
-        else:
-            share = 1 - math.exp(-since_s / CHIP_MEMORY_S)
-            moved = self._chip_v + share * (difference - self._chip_v)
-            self._chip_v = np.where(np.isnan(moved), difference, moved)
+        self._chips.step(dt_s, cells_v, chips_v)
 
     def verdicts(self, cells: Cells, total_v: float | None) -> Plausibility:
         """Return what each check finds; `total_v` is the sum that the master measured."""
-        return Plausibility(_sum(cells, total_v), self._current(), self._chips())
+        return Plausibility(_sum(cells, total_v), self._current(), self._chips.check())
 
     def _current(self) -> Check:
         low, high = RESISTANCE_OHM
@@ -87,12 +74,45 @@ class PlausibilityChecks:
         resistance_ohm = self._products_va / self._squares_a2
         return Check(low <= resistance_ohm <= high, resistance_ohm, high, "ohm", None)
 
-    def _chips(self) -> Check:
-        if self._chip_v is None or np.isnan(self._chip_v).all():
+
+class _ChipComparison:
+    """Each cell's deviation from its pack, by the slave's chip and by the master.
+
+    A chip's reading was taken at another instant, maybe at another current, and at a grown joint the deviation follows
+    the current. So a cell is allowed to be as far outside what the master reported of late as it moved meanwhile, and
+    only what is outside at every look is a contradiction.
+    """
+
+    def __init__(self) -> None:
+        self._since_s = 0.0
+        self._low_v = self._high_v = np.full(N_CELLS, np.nan)  # of the second that runs
+        self._ranges: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=CHIP_AGE_S)  # of the seconds before
+        self._outside_v: deque[FloatArray] = deque(maxlen=CHIP_READINGS)
+
+    def step(self, dt_s: float, cells_v: FloatArray, chips_v: FloatArray) -> None:
+        deviation_v = _deviation(cells_v)
+        self._low_v, self._high_v = np.fmin(self._low_v, deviation_v), np.fmax(self._high_v, deviation_v)
+        self._since_s += dt_s
+        if self._outside_v and self._since_s < CHIPS_EVERY_S:
+            return
+        self._since_s = 0.0
+        self._ranges.append((self._low_v, self._high_v))
+        self._low_v = self._high_v = deviation_v
+        low_v = np.fmin.reduce([low for low, _ in self._ranges])
+        high_v = np.fmax.reduce([high for _, high in self._ranges])
+        chip_v = _deviation(chips_v)
+        beyond_v = np.maximum(low_v - chip_v, chip_v - high_v) - (high_v - low_v)
+        self._outside_v.append(np.maximum(beyond_v, 0.0))
+
+    def check(self) -> Check:
+        least_v = np.fmin.reduce(self._outside_v) if self._outside_v else np.full(N_CELLS, np.nan)
+        if np.isnan(least_v).all():
             return Check(None, None, CHIP_LIMIT_V, "V", None)
-        cell = int(np.nanargmax(np.abs(self._chip_v)))
-        value = abs(float(self._chip_v[cell]))
-        return Check(value <= CHIP_LIMIT_V, value, CHIP_LIMIT_V, "V", cell)
+        cell = int(np.nanargmax(least_v))
+        value_v = float(least_v[cell])
+        agree = value_v <= CHIP_LIMIT_V
+        verdict = agree or (False if len(self._outside_v) == CHIP_READINGS else None)
+        return Check(verdict, value_v, CHIP_LIMIT_V, "V", cell)
 
 
 def _sum(cells: Cells, total_v: float | None) -> Check:

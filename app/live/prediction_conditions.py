@@ -51,6 +51,7 @@ def as_of(prediction: Prediction | None, measured: Measurement, judged_ns: int |
     aged = replace(prediction, age_s=max(measured.t_mono_ns - judged_ns, 0) / 1e9)
     if measured.master.state == "fault":
         why_power, why_laps = Message("power-none-fault"), Message("laps-none-fault")
+        aged = _without_energy(aged)
     elif measured.relays_open:
         why_power, why_laps = Message("power-none-relays-open"), Message("laps-none-relays-open")
     else:
@@ -67,4 +68,17 @@ def as_of(prediction: Prediction | None, measured: Measurement, judged_ns: int |
         power_condition=why_power,
         to_trip_condition=Message("to-trip-at-rest"),
         laps_condition=why_laps,
+    )
+
+
+def _without_energy(prediction: Prediction) -> Prediction:
+    """Of a car that may not drive nobody knows how it will be driven, so not what of its charge is of use."""
+    return replace(
+        prediction,
+        energy_left_wh=None,
+        energy_left_sigma_wh=None,
+        energy_left_low_wh=None,
+        energy_left_high_wh=None,
+        energy_left_cell=None,
+        energy_condition=Message("energy-none-fault"),
     )

@@ -94,6 +94,7 @@ class Alarm:
     limit: Annotated[float | None, Unit("", "in `unit`")] = None
     unit: str = ""
     acknowledged_by: str | None = None
+    cells: tuple[int, ...] = ()  # every cell it is about, where they are more than `cell`
 
     @property
     def text(self) -> str:

@@ -105,7 +105,8 @@ class MasterSource:
             if message.code in (EventCode.CONFIG_WRITTEN, EventCode.BOOT):
                 self._config_from_ns = measured_ns
             event, trip = describe(message, item.t_wall_ns)
-            self._last_trip = trip if trip is not None else self._last_trip
+            if trip is not None or message.code == EventCode.FAULTS_CLEARED:
+                self._last_trip = trip
             return Received(events=(event,))
         if message.request_type == MessageType.IDENT:
             self._identify(message)

@@ -61,6 +61,7 @@ export interface Alarm {
   limit: number | null;
   unit: string;
   acknowledged_by: string | null;
+  cells: number[];
   text_words: Words | null;
 }
 

@@ -5,6 +5,7 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sources.items import LinkChange
 from app.sources.master.source import MasterSource
+from firmware_protocol.messages import EventCode, EventMessage, MessageType
 
 CELL = load_cell("samsung-25r-10p")
 
@@ -52,6 +53,15 @@ def test_a_trip_is_raised_with_its_cell_value_and_limit_and_once(pipeline, maste
     assert [e.code for e in events].count("cell-voltage-low") == 1
 
 
+def test_the_masters_trip_names_the_cell_the_value_and_the_limit_of_its_reason(pipeline, master):
+    trip = EventMessage(EventCode.TRIP_V_MAX, 0, 63, 42969, 42000)
+    pipeline.feed(master.item(MessageType.EVENT, trip.to_body()))
+    master.set("status.flags", [0])
+    snapshot, _ = run(pipeline, master, 1)
+    alarm = next(a for a in snapshot.alarms if a.code == "master-fault")
+    assert (alarm.cell, alarm.value, alarm.limit, alarm.unit) == (63, pytest.approx(4.2969), pytest.approx(4.2), "V")
+
+
 def test_a_trip_stays_until_it_ended_and_was_acknowledged(pipeline, master):
     master.set("v", [24000, *[37000] * 95])
     run(pipeline, master, 2)
@@ -82,11 +92,12 @@ def test_hot_cells_are_watched_before_they_trip(pipeline, master):
     assert "cell-hot" in codes(snapshot)
 
 
-def test_missing_cells_are_one_alarm_that_names_the_first(pipeline, master):
+def test_missing_cells_are_one_alarm_that_names_them_all(pipeline, master):
     master.set("v", [*[37000] * 50, 0, 0, *[37000] * 44])
     snapshot, _ = run(pipeline, master, 3)
     alarm = next(a for a in snapshot.alarms if a.code == "cell-missing")
     assert alarm.cell == 50
+    assert alarm.cells == (50, 51)
     assert alarm.text.startswith("2 ")
 
 

@@ -84,3 +84,24 @@ def test_a_chip_that_reads_another_cell_voltage_is_named():
     cells_v = drive(bad, 300, chips_v=chips_v)
     found = verdicts(bad, cells_v).chips
     assert (found.verdict, found.cell) == (False, 36)
+
+
+def test_a_chip_that_was_read_at_another_current_contradicts_nothing():
+    rng = np.random.default_rng(3)
+    check, joint_ohm, delay = PlausibilityChecks(), np.zeros(96), 20
+    joint_ohm[63] = 0.014
+    currents_a = np.repeat(rng.uniform(-40.0, 160.0, 300), 5)
+    seen = set()
+    for i in range(delay, len(currents_a)):
+        cells_v, chips_v = (3.9 - (RESISTANCE_OHM + joint_ohm) * currents_a[k] for k in (i, i - i % 10 - delay))
+        check.step(DT_S, currents_a[i], cells_v, chips_v + rng.normal(0, 1e-3, 96))
+        seen.add(verdicts(check, cells_v).chips.verdict)
+    assert False not in seen
+
+
+def test_a_chip_has_to_contradict_for_ten_seconds():
+    check, chips_v = PlausibilityChecks(), np.full(96, 3.7)
+    chips_v[5] += 0.1
+    cells_v = drive(check, 85, chips_v=chips_v)
+    assert verdicts(check, cells_v).chips.verdict is None
+    assert verdicts(check, drive(check, 30, chips_v=chips_v)).chips.verdict is False

@@ -109,3 +109,11 @@ def test_the_master_introduces_itself_and_says_why_it_tripped(source, master):
 
 def test_the_flags_are_the_memory_maps_in_their_order():
     assert tuple(field.name for field in fields(Flags)) == STATUS_FLAGS
+
+
+def test_a_reason_ends_with_the_fault_that_it_was_of(source, master):
+    source.feed(master.item(MessageType.EVENT, EventMessage(EventCode.TRIP_V_MAX, 0, 31, 42100, 42000).to_body()))
+    source.feed(master.item(MessageType.EVENT, EventMessage(EventCode.FAULTS_CLEARED, 0, 255, 0, 0).to_body()))
+    master.set("status.flags", [0])
+    measured = source.feed(master.frame()).measurement
+    assert (measured.master.state, measured.master.why.code) == ("fault", "shutdown-circuit-open")
