@@ -27,6 +27,7 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
     """
     cell = CellTables(model, soc_step)
     rule = central_difference(1 + cell.n_rc)
+    table = cell.packed()
     fields = {
         "n_rc": cell.n_rc,
         "n_soc": cell.soc.size,
@@ -35,6 +36,7 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         "has_tau_table": int(cell.has_tau_table),
         "slow_pair": cell.slow_pair,
         "n_doubt": cell.doubt.shape[0],
+        "width": table.shape[-1],
         "soc_low": _number(cell.soc_low),
         "soc_step": _number(cell.soc_step),
         "capacity_ah": _number(model.capacity_ah),
@@ -56,7 +58,7 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
     tuning_fields = {name: _number(value) for name, value in asdict(tuning or Tuning()).items()}
     parts = [
         f"/* {_comment(model.name)}, {model.capacity_ah:g} Ah: written by `voltwall firmware` from its cell file.",
-        " * Columns of the table: OCV [V], R0 [ohm], overpotential [V], RC resistances [ohm], lasting error. */",
+        " * Columns of the table: OCV [V], R0 [ohm], RC resistances [ohm], overpotential [V] where there is one. */",
         "#ifndef VW_CELL_OF_TEAM_H",
         "#define VW_CELL_OF_TEAM_H",
         "",
@@ -67,7 +69,7 @@ def c_tables(model: CellModel, soc_step: float = SOC_STEP, tuning: Tuning | None
         "#endif",
         "",
         _array("vw_cell_temperature_degc", cell.temperature_degc),
-        _array("vw_cell_table", cell.table),
+        _array("vw_cell_table", table),
         _array("vw_cell_ocv_slope_v", cell.ocv_slope_v),
         _array("vw_cell_reading_slope_v", cell.reading_slope_v),
         _array("vw_cell_tau_s", cell.tau_s),

@@ -69,6 +69,19 @@ class CellTables:
         self.tau_s = np.ascontiguousarray(taus if self.has_tau_table else taus[0, 0])
         self.doubt = _doubt(model)
 
+    def packed(self, width: int | None = None) -> FloatArray:
+        """Return (n_t, n_soc, width) the columns that the C engine looks up: OCV, R0, R_k, and e where there is one.
+
+        The lasting error's resistance is always the same.
+
+        Args:
+            width: numbers from one point to the next, zeros in those that are not used; None = just what is used.
+        """
+        columns = [OCV, R0, *range(R1, R1 + self.n_rc - 1), *([OVERPOTENTIAL] if self.has_overpotential else [])]
+        packed = np.zeros((*self.table.shape[:2], width or len(columns)))
+        packed[..., : len(columns)] = self.table[..., columns]
+        return packed
+
     def place_temperature(self, temperature_degc: FloatArray) -> Place:
         """Return the table row (n,) and the weight (n,) of the next one, for each temperature [degC]."""
         return _place(np.interp(temperature_degc, self.temperature_degc, np.arange(self.temperature_degc.size)))

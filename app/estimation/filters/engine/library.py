@@ -19,7 +19,7 @@ from app.estimation.errors import EstimatorError
 from app.estimation.filters.tuning import Tuning
 
 FOLDER: Final = Path(__file__).resolve().parent
-LANES: Final = 8
+LANES: Final = 16
 RC_MAX: Final = 5  # branches: RC pairs and the lasting error
 STATES_MAX: Final = 1 + RC_MAX
 STARTS: Final = 3
@@ -60,7 +60,10 @@ CELL_ROWS: Final = {
     "slow_mean_v": 1,
     "slow_square_v2": 1,
 }  # of `vw_cells`, and how many rows each has
-CELLS: Final = np.dtype([(name, np.float64, (rows, LANES)) for name, rows in CELL_ROWS.items()])
+CLIMATE_ROWS: Final = 9  # of `vw_climate`, which the engine keeps for itself
+CELLS: Final = np.dtype(
+    [(name, np.float64, (rows, LANES)) for name, rows in (CELL_ROWS | {"climate": CLIMATE_ROWS}).items()]
+)
 
 _real, _int32, _pointer = ctypes.c_double, ctypes.c_int32, ctypes.c_void_p
 
@@ -82,7 +85,7 @@ class CellModelStruct(ctypes.Structure):
 
     _fields_ = [
         *[(name, _int32) for name in ("n_rc", "n_soc", "n_temperatures", "has_overpotential", "has_tau_table")],
-        *[(name, _int32) for name in ("slow_pair", "n_doubt")],
+        *[(name, _int32) for name in ("slow_pair", "n_doubt", "width")],
         *[(name, _real) for name in ("soc_low", "soc_step", "capacity_ah", "efficiency", "overpotential_a")],
         *[
             (name, _real)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import astuple
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import MAX_RC_PAIRS
@@ -24,6 +26,9 @@ from app.estimation.filters.estimates import N_OUT
 from app.estimation.filters.setup import FilterSetup
 from app.estimation.filters.tables import DOUBT_DEGC, CellTables
 
+VECTOR_BYTES: Final = 64  # of the widest that a processor has
+WIDTHS: Final = (4, 8)  # columns of the packed table that the engine is quick with
+
 assert MAX_RC_PAIRS + 1 == RC_MAX
 
 
@@ -34,9 +39,10 @@ class NativeEngine:
         self.n_cells = n_cells
         self._setup = setup
         self._library = load()
-        self._blocks = np.zeros(-(-n_cells // LANES), CELLS)
-        self._voltage_v, self._temperature_degc = np.empty((2, n_cells))
-        self._numbers = np.empty((N_OUT, n_cells))
+        self._table = _packed(setup.cell)
+        self._blocks = _zeros(-(-n_cells // LANES), CELLS)
+        self._voltage_v, self._temperature_degc = _zeros((2, n_cells))
+        self._numbers = _zeros((N_OUT, n_cells))
         rule = (setup.rule.spread, setup.rule.weight, setup.rule.curvature) if setup.rule else (0.0, 0.0, 0.0)
         self._filter = FilterStruct(
             n_cells,
@@ -46,7 +52,7 @@ class NativeEngine:
             0.0,
             SigmaRuleStruct(*rule),
             TuningStruct(*astuple(setup.tuning)),
-            _model(setup.cell),
+            _model(setup.cell, self._table),
         )
         self._sample = SampleStruct(0.0, 0.0, self._voltage_v.ctypes.data, self._temperature_degc.ctypes.data)
         self._at = ctypes.byref(self._filter), ctypes.c_void_p(self._blocks.ctypes.data)
@@ -95,7 +101,7 @@ class NativeEngine:
         values = rows.reshape(rows.shape[0], -1)[:, : self.n_cells]
         n_rc = self._setup.cell.n_rc
         if name == "branch_a":
-            return values[:n_rc]
+            return np.array(values[:n_rc])
         if name == "cov":
             cov = np.empty((1 + n_rc, 1 + n_rc, self.n_cells))
             for row, (u, w) in enumerate(zip(*np.tril_indices(1 + n_rc), strict=True)):
@@ -121,8 +127,25 @@ class NativeEngine:
         self._temperature_degc[...] = temperature_degc
 
 
-def _model(cell: CellTables) -> CellModelStruct:
-    """Return the struct of a cell's tables, which have to outlive it."""
+def _zeros(shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    """Return a new array that begins where a vector of the processor does."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    memory = np.zeros(size + VECTOR_BYTES, np.uint8)
+    start = -memory.ctypes.data % VECTOR_BYTES
+    return memory[start : start + size].view(dtype).reshape(shape)
+
+
+def _packed(cell: CellTables) -> FloatArray:
+    """Return the cell's table with the numbers of a point as one vector."""
+    narrow, wide = WIDTHS
+    table = cell.packed(narrow if cell.packed().shape[-1] <= narrow else wide)
+    aligned = _zeros(table.shape)
+    aligned[...] = table
+    return aligned
+
+
+def _model(cell: CellTables, table: FloatArray) -> CellModelStruct:
+    """Return the struct of a cell's tables, which have to outlive it; `table` is the packed one."""
     model = cell.model
     return CellModelStruct(
         cell.n_rc,
@@ -132,6 +155,7 @@ def _model(cell: CellTables) -> CellModelStruct:
         cell.has_tau_table,
         cell.slow_pair,
         cell.doubt.shape[0],
+        table.shape[-1],
         cell.soc_low,
         cell.soc_step,
         model.capacity_ah,
@@ -146,7 +170,7 @@ def _model(cell: CellTables) -> CellModelStruct:
             each.ctypes.data
             for each in (
                 cell.temperature_degc,
-                cell.table,
+                table,
                 cell.ocv_slope_v,
                 cell.reading_slope_v,
                 cell.tau_s,

@@ -1,7 +1,5 @@
 #include "vw_cell_model.h"
 
-static int width_of(const vw_cell_model *model) { return VW_R1 + model->n_rc; }
-
 /* x = sum_r clip((T - T_r) / (T_r+1 - T_r), 0, 1): whole part the row, the rest the weight of the next. */
 void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature_degc, vw_temperature_place *place)
 {
@@ -15,8 +13,8 @@ void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature
     }
     VW_EACH_CELL(c)
     {
-        place->row[c] = (int32_t)vw_min(x[c], last);
-        place->row_weight[c] = x[c] - (vw_real)place->row[c];
+        place->row[c] = (vw_real)(int32_t)vw_min(x[c], last);
+        place->row_weight[c] = x[c] - place->row[c];
     }
 }
 
@@ -46,49 +44,49 @@ void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *
     }
 }
 
-/* Linear in SOC at both temperatures, then linear between them. */
-static void interpolate(const vw_cell_model *model, const vw_real *table, int width, const vw_temperature_place *at,
-                        const vw_soc_place *soc, vw_lanes *values)
+/* Linear in SOC at both temperatures, then linear between them. The numbers at a point of the table are neighbours in
+ * memory, so `width` of them are computed at a time, cell after cell, and turned into rows of cells in the end. */
+static inline void interpolate(const vw_cell_model *model, const vw_real *table, const int width,
+                               const vw_temperature_place *restrict at, const vw_soc_place *restrict soc,
+                               vw_lanes *restrict values)
 {
-    const int n_soc = model->n_soc, n_rows = model->n_temperatures;
-    const int warmer = n_rows > 1 ? n_soc * width : 0;
-    int32_t place[VW_LANES];
-    VW_EACH_CELL(c) place[c] = (at->row[c] * n_soc + soc->column[c]) * width;
-    for (int q = 0; q < width; q++) {
-        if (table == model->table && q == VW_OVERPOTENTIAL && !model->has_overpotential) {
-            VW_EACH_CELL(c) values[q][c] = 0;
-            continue;
-        }
-        const vw_real *cool = table + q, *cool_next = cool + width;
-        const vw_real *warm = cool + warmer, *warm_next = warm + width;
-        VW_EACH_CELL(c)
-        {
-            const int32_t k = place[c];
-            const vw_real at_cool = cool[k] + soc->weight[c] * (cool_next[k] - cool[k]);
-            const vw_real at_warm = warm[k] + soc->weight[c] * (warm_next[k] - warm[k]);
-            values[q][c] = at_cool + at->row_weight[c] * (at_warm - at_cool);
+    const int32_t n_soc = model->n_soc, warmer = model->n_temperatures > 1 ? n_soc * width : 0;
+    vw_real found[VW_LANES * VW_COLUMNS_MAX];
+    VW_EACH_CELL(c)
+    {
+        const vw_real *cool = table + ((int32_t)at->row[c] * n_soc + soc->column[c]) * width, *warm = cool + warmer;
+        const vw_real f = soc->weight[c], g = at->row_weight[c];
+        for (int q = 0; q < width; q++) {
+            const vw_real at_cool = cool[q] + f * (cool[width + q] - cool[q]);
+            const vw_real at_warm = warm[q] + f * (warm[width + q] - warm[q]);
+            found[c * width + q] = at_cool + g * (at_warm - at_cool);
         }
     }
+    for (int q = 0; q < width; q++)
+        VW_EACH_CELL(c) values[q][c] = found[c * width + q];
 }
 
 void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes *values)
 {
-    interpolate(model, model->table, width_of(model), at, soc, values);
+    /* with a width that the compiler knows the numbers of a point are one vector */
+    if (VW_LANES > 1 && model->width == 4) interpolate(model, model->table, 4, at, soc, values);
+    else if (VW_LANES > 1 && model->width == 8) interpolate(model, model->table, 8, at, soc, values);
+    else interpolate(model, model->table, model->width, at, soc, values);
 }
 
 void vw_circuit_slope(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc,
                       vw_lanes *slopes)
 {
-    const int width = width_of(model), n_soc = model->n_soc;
+    const int width = model->width, n_soc = model->n_soc, n_columns = vw_columns(model);
     const vw_real per_step = 1 / model->soc_step;
     VW_EACH_CELL(c)
     {
         const int j = soc->column[c];
-        const vw_real *here = model->table + (at->row[c] * n_soc + j) * width;
+        const vw_real *here = model->table + ((int32_t)at->row[c] * n_soc + j) * width;
         const vw_real *above = model->n_temperatures > 1 ? here + n_soc * width : here;
         const vw_real f = soc->weight[c], g = at->row_weight[c];
         slopes[VW_OCV][c] = model->ocv_slope_v[j] + f * (model->ocv_slope_v[j + 1] - model->ocv_slope_v[j]);
-        for (int q = VW_R0; q < width; q++) {
+        for (int q = VW_R0; q < n_columns; q++) {
             const vw_real cool = here[width + q] - here[q], warm = above[width + q] - above[q];
             slopes[q][c] = (cool + g * (warm - cool)) * per_step;
         }
@@ -109,8 +107,8 @@ void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *a
 /* OCV at point j of the table, linear between the temperatures. */
 static vw_real ocv_at(const vw_cell_model *model, const vw_temperature_place *at, int c, int j)
 {
-    const int width = width_of(model);
-    const vw_real *here = model->table + (at->row[c] * model->n_soc + j) * width;
+    const int width = model->width;
+    const vw_real *here = model->table + ((int32_t)at->row[c] * model->n_soc + j) * width;
     const vw_real *above = model->n_temperatures > 1 ? here + model->n_soc * width : here;
     return here[VW_OCV] + at->row_weight[c] * (above[VW_OCV] - here[VW_OCV]);
 }

@@ -14,8 +14,12 @@
 
 #define VW_SECONDS_PER_HOUR ((vw_real)3600.0)
 
-/* Columns of the table; the RC resistances follow. */
-enum { VW_OCV, VW_R0, VW_OVERPOTENTIAL, VW_R1, VW_COLUMNS_MAX = VW_R1 + VW_RC_MAX };
+/* Columns of the table: after the resistances of the RC pairs that of the overpotential e, where the model has one. */
+enum { VW_OCV, VW_R0, VW_R1, VW_COLUMNS_MAX = 8 };
+
+#if VW_RC_MAX > 5
+#error "a point of the table holds OCV, R0, four RC resistances and the overpotential"
+#endif
 
 /* What is not known of a cell at a temperature. */
 enum {
@@ -34,6 +38,7 @@ typedef struct {
     int32_t has_tau_table; /* whether time constants change with SOC or temperature */
     int32_t slow_pair;     /* the slowest RC pair, -1 without any */
     int32_t n_doubt;       /* temperatures of the doubt, >= 2 */
+    int32_t width;         /* numbers from one point of the table to the next; 4 and 8 are fast on a PC */
     vw_real soc_low;             /* SOC of the first point */
     vw_real soc_step;            /* from one point to the next */
     vw_real capacity_ah;         /* between SOC 1 and 0 [Ah] */
@@ -45,16 +50,16 @@ typedef struct {
     vw_real doubt_low_degc;      /* first temperature of the doubt [degC] */
     vw_real doubt_step_k;        /* from one to the next [K] */
     const vw_real *temperature_degc; /* (n_temperatures) rising [degC] */
-    const vw_real *table;        /* (n_temperatures, n_soc, VW_R1 + n_rc) [V, ohm, V, ohm ..] */
+    const vw_real *table;        /* (n_temperatures, n_soc, width) [V, ohm, ohm .. V] */
     const vw_real *ocv_slope_v;  /* (n_soc) dOCV/dSOC [V] */
     const vw_real *reading_slope_v; /* (n_soc) volts per SOC at which a voltage reads the SOC, see tables.py [V] */
     const vw_real *tau_s;        /* (n_rc) time constants, or (n_temperatures, n_soc, n_rc) where has_tau_table [s] */
     const vw_real *doubt;        /* (n_doubt, VW_DOUBTS) */
 } vw_cell_model;
 
-/* Where the cells of a block lie in the tables: row and column below, and the weight of the next ones. */
+/* Where the cells of a block lie in the tables: the temperature below, the point below, and the weights of the next. */
 typedef struct {
-    int32_t row[VW_LANES];
+    vw_lanes row; /* a whole number */
     vw_lanes row_weight;
 } vw_temperature_place;
 
@@ -63,13 +68,19 @@ typedef struct {
     vw_lanes weight;
 } vw_soc_place;
 
+/* RC pairs of the model: its branches but the lasting error. */
+static inline int vw_pairs(const vw_cell_model *model) { return model->n_rc - 1; }
+
+/* Numbers in use at a point of the table. */
+static inline int vw_columns(const vw_cell_model *model) { return VW_R1 + vw_pairs(model) + model->has_overpotential; }
+
 void vw_place_temperature(const vw_cell_model *model, const vw_lanes temperature_degc, vw_temperature_place *place);
 void vw_place_soc(const vw_cell_model *model, const vw_lanes soc, vw_soc_place *place);
 
 /* The doubt at each temperature: `doubt` has VW_DOUBTS rows. */
 void vw_doubt(const vw_cell_model *model, const vw_lanes temperature_degc, vw_lanes *doubt);
 
-/* OCV, R0, e and R_k of each cell: `values` has VW_R1 + n_rc rows. */
+/* OCV, R0, R_k and e of each cell: `values` has VW_COLUMNS_MAX rows, of which vw_columns are set. */
 void vw_circuit(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes *values);
 
 /* Derivatives of the same with SOC; that of the OCV comes from its own table, which may be smoothed. */

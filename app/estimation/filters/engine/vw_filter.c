@@ -25,11 +25,32 @@ static void copy(vw_real *to, const vw_real *from, int n)
         for (int c = 0; c < n; c++) to[c] = from[c];
 }
 
+/* What the temperatures of a block say, beginning with the doubt about the model there. */
+static void feel(const vw_filter *filter, const vw_lanes degc, vw_climate *climate)
+{
+    const vw_tuning *t = &filter->tuning;
+    const vw_real hysteresis_v2 = vw_square(t->lasting_hysteresis * filter->model.hysteresis_v);
+    vw_lanes doubt[VW_DOUBTS];
+    vw_place_temperature(&filter->model, degc, &climate->place);
+    vw_doubt(&filter->model, degc, doubt);
+    VW_EACH_CELL(c)
+    {
+        const vw_real error2 = vw_square(doubt[VW_DROP_ERROR][c]), ohm2 = vw_square(doubt[VW_LASTING_DROP][c]);
+        climate->degc[c] = degc[c];
+        climate->drop_error[c] = doubt[VW_DROP_ERROR][c];
+        climate->noise_ohm2[c] = error2 * ohm2;
+        climate->lasting_v2[c] = vw_square(t->lasting_v) + vw_square(doubt[VW_OCV_ERROR][c]) + hysteresis_v2;
+        climate->lasting_ohm2[c] = (vw_square(t->lasting_rel) + error2) * ohm2;
+        climate->empty_soc[c] = vw_min(t->empty_soc * doubt[VW_COLD][c], t->empty_soc_max);
+        climate->empty_rise[c] = (t->empty_factor * doubt[VW_COLD][c] - 1) / climate->empty_soc[c];
+    }
+}
+
 /* Take the measurements of a block: what is impossible is missing, a missing temperature is the last one. */
 void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sample, int first, vw_work *restrict work)
 {
-    const vw_cell_model *model = &filter->model;
     const int n = count_of(filter, first);
+    int n_changed = 0;
     vw_lanes degc;
     VW_EACH_CELL(c) work->voltage_v[c] = degc[c] = NAN;
     copy(work->voltage_v, sample->voltage_v + first, n);
@@ -38,10 +59,11 @@ void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sam
     {
         const vw_real v = work->voltage_v[c];
         work->voltage_v[c] = vw_pick((v > VOLTAGE_MIN_V) & (v < VOLTAGE_MAX_V), v, NAN);
-        x->temperature_degc[c] = vw_pick(vw_abs(degc[c]) < TEMPERATURE_MAX_DEGC, degc[c], x->temperature_degc[c]);
+        degc[c] = vw_pick(vw_abs(degc[c]) < TEMPERATURE_MAX_DEGC, degc[c], x->temperature_degc[c]);
+        n_changed += degc[c] != x->climate.degc[c];
+        x->temperature_degc[c] = degc[c];
     }
-    vw_place_temperature(model, x->temperature_degc, &work->place);
-    vw_doubt(model, x->temperature_degc, work->doubt);
+    if (n_changed > 0) feel(filter, degc, &x->climate);
 }
 
 /* The charge count alone: the voltage is predicted for the self-check only. */
@@ -52,7 +74,7 @@ static void count_only(const vw_filter *filter, const vw_motion *motion, vw_cell
     VW_EACH_CELL(c)
     {
         work->innovation_v[c] = work->voltage_v[c] - work->h[c];
-        work->innovation_sigma_v[c] = vw_sqrt(vw_noise_v2(motion, work, c));
+        work->innovation_sigma_v[c] = vw_sqrt(vw_noise_v2(motion, x, c));
         work->used[c] = vw_pick(vw_is_missing(work->innovation_v[c]), 0, 1);
         work->soc[c] = x->count_soc[c];
         work->soc_v2[c] = vw_min(vw_count_v2(x, c), vw_square(VW_COUNT_SIGMA_MAX));
@@ -73,13 +95,13 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
     vw_self_check(filter, motion, x, work);
 }
 
-static void answer(const vw_filter *filter, const vw_work *restrict work, int first, vw_real *estimates)
+static void answer(const vw_filter *filter, const vw_cells *restrict x, const vw_work *restrict work, int first, vw_real *estimates)
 {
     const int n = count_of(filter, first), n_cells = filter->n_cells;
     vw_lanes rows[VW_ESTIMATES];
     vw_soc_place at;
     vw_place_soc(&filter->model, work->soc, &at);
-    vw_ocv(&filter->model, &work->place, &at, rows[VW_OCV_V]);
+    vw_ocv(&filter->model, &x->climate.place, &at, rows[VW_OCV_V]);
     VW_EACH_CELL(c)
     {
         rows[VW_SOC][c] = vw_clip(work->soc[c], 0, 1);
@@ -104,10 +126,10 @@ void vw_filter_step(vw_filter *filter, vw_cells *cells, const vw_sample *sample,
         vw_cells *x = &cells[first / VW_LANES];
         vw_work work;
         vw_read(filter, x, sample, first, &work);
-        vw_predict(filter, &motion, x, &work);
+        vw_predict(filter, &motion, x);
         if (filter->kind == VW_COUNT) count_only(filter, &motion, x, &work);
         else filter_block(filter, &motion, x, &work);
-        answer(filter, &work, first, estimates);
+        answer(filter, x, &work, first, estimates);
     }
 }
 

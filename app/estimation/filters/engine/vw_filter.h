@@ -91,6 +91,18 @@ typedef struct {
 
 #define VW_STARTS 3 /* hypotheses: the SOC given as exactly as was said, roughly, or the one read at rest */
 
+/* What the temperatures of a block of cells mean to it: computed when one of them changes, which is seldom. */
+typedef struct {
+    vw_lanes degc;               /* for which the rest holds [degC] */
+    vw_temperature_place place;
+    vw_lanes drop_error;         /* share by which resistances may be off */
+    vw_lanes noise_ohm2;         /* growth of the model's variance with the square of the current [ohm^2] */
+    vw_lanes lasting_v2;         /* variance of the lasting error at rest [V^2] */
+    vw_lanes lasting_ohm2;       /* growth of it with the square of the slow current [ohm^2] */
+    vw_lanes empty_soc;          /* below it the model's error grows ... */
+    vw_lanes empty_rise;         /* ... by so much per unit of SOC */
+} vw_climate;
+
 /* State of a block of cells: one row for each quantity. */
 typedef struct {
     vw_lanes soc;                  /* mean of the filter's state: SOC, 0..1 */
@@ -124,6 +136,7 @@ typedef struct {
     vw_lanes check_square_v2;      /* mean of its square over check_s [V^2] */
     vw_lanes slow_mean_v;          /* mean of the scaled innovation over bias_s [V] */
     vw_lanes slow_square_v2;       /* mean of the square of that over check_s [V^2] */
+    vw_climate climate;            /* follows from temperature_degc */
 } vw_cells;
 
 /* Row of the covariance of states u and w <= u; state 0 is the SOC, state 1 + k the current of branch k. */

@@ -48,10 +48,10 @@ void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         if (vw_is_missing(work->voltage_v[c])) continue;
         const int is_given = x->start_weight[0][c] > 0;
         const vw_real drop_v = x->resistance[c] * model->drop_per_a_v * motion->current_a;
-        const vw_real read = vw_soc_of_ocv(model, &work->place, c, x->rest_late_v[c] + drop_v), seen = read + x->drawn[c];
+        const vw_real read = vw_soc_of_ocv(model, &x->climate.place, c, x->rest_late_v[c] + drop_v), seen = read + x->drawn[c];
         const vw_real relaxing_v = t->rest_tail * (x->rest_late_v[c] - x->rest_early_v[c]);
         const vw_real error_v2 = vw_square(is_given ? t->rest_v : 2 * t->rest_v) + vw_square(relaxing_v);
-        const vw_real v2 = vw_square(vw_reading_sigma(model, &work->place, c, read, vw_sqrt(error_v2)));
+        const vw_real v2 = vw_square(vw_reading_sigma(model, &x->climate.place, c, read, vw_sqrt(error_v2)));
         for (int k = 0; k < last; k++) {
             const vw_real total = x->start_v2[k][c] + v2, d = seen - x->start_soc[k][c];
             x->start_weight[k][c] *= normal(d, total);
@@ -161,7 +161,7 @@ void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *r
     VW_EACH_CELL(c)
     {
         const int counts = work->used[c] > 0;
-        const vw_real scale = t->model_error_v / vw_sqrt(vw_noise_v2(motion, work, c));
+        const vw_real scale = t->model_error_v / vw_sqrt(vw_noise_v2(motion, x, c));
         const vw_real y = vw_pick(counts, work->innovation_v[c] * scale, 0);
         const vw_real share = vw_pick(counts, motion->check_share, 0);
         const vw_real bias_share = vw_pick(counts, motion->bias_share, 0);
@@ -172,7 +172,7 @@ void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *r
         x->slow_mean_v[c] += bias_share * (y - slow);
         const int is_small = x->check_square_v2[c] < vw_square(t->check_rms_v);
         const int is_centred = vw_abs(x->check_mean_v[c]) < t->check_bias_v;
-        const int is_known = work->doubt[VW_DROP_ERROR][c] < t->drop_error_max;
+        const int is_known = x->climate.drop_error[c] < t->drop_error_max;
         work->valid[c] = vw_pick(is_small & is_centred & is_known & (x->conflict[c] < t->conflict_max), 1, 0);
     }
 }

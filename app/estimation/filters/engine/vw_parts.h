@@ -34,8 +34,6 @@ typedef struct {
 /* What is known of a block of cells within a step; what a part writes, the parts after it read. */
 typedef struct {
     vw_lanes voltage_v;          /* NaN where not measured */
-    vw_temperature_place place;
-    vw_lanes doubt[VW_DOUBTS];   /* what is not known at their temperatures */
     vw_lanes h;                  /* predicted voltage [V] */
     vw_lanes H[VW_STATES_MAX];   /* its slopes */
     vw_lanes bend_v2;            /* k q^2, what curvature adds to its variance [V^2] */
@@ -48,7 +46,7 @@ typedef struct {
 void vw_hold_current(vw_filter *filter, vw_real current_a);
 vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a);
 void vw_read(const vw_filter *filter, vw_cells *restrict x, const vw_sample *sample, int first, vw_work *restrict work);
-void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work);
+void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x);
 void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work);
 void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work);
 void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
@@ -61,32 +59,23 @@ void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *r
 static inline vw_real vw_square(vw_real x) { return x * x; }
 
 /* r = r_0 + (share of the drop that a lasting current causes)^2, the share of doubt included [V^2] */
-static inline vw_real vw_noise_v2(const vw_motion *motion, const vw_work *work, int c)
+static inline vw_real vw_noise_v2(const vw_motion *motion, const vw_cells *x, int c)
 {
-    const vw_real drop_v = work->doubt[VW_LASTING_DROP][c] * motion->current_a;
-    return motion->noise_v2 + vw_square(work->doubt[VW_DROP_ERROR][c] * drop_v);
+    return motion->noise_v2 + x->climate.noise_ohm2[c] * vw_square(motion->current_a);
 }
 
 /* Growth of the model's error where the cell is nearly empty, which in the cold it looks early. */
-static inline vw_real vw_empty_growth(const vw_tuning *t, const vw_cells *x, const vw_work *work, int c)
+static inline vw_real vw_empty_growth(const vw_cells *x, int c)
 {
-    const vw_real empty = vw_min(t->empty_soc * work->doubt[VW_COLD][c], t->empty_soc_max);
-    const vw_real low = vw_max(empty - x->soc[c], 0) / empty;
-    return 1 + low * (t->empty_factor * work->doubt[VW_COLD][c] - 1);
+    return 1 + vw_max(x->climate.empty_soc[c] - x->soc[c], 0) * x->climate.empty_rise[c];
 }
 
 /* Variance that the lasting error comes to: at rest, by hysteresis, and as a share of what the slow current drops. */
-static inline vw_real vw_lasting_v2(const vw_filter *filter, const vw_motion *motion, const vw_cells *x,
-                                    const vw_work *work, int c)
+static inline vw_real vw_lasting_v2(const vw_motion *motion, const vw_cells *x, int slow_pair, int c)
 {
-    const vw_tuning *t = &filter->tuning;
-    const int slow = filter->model.slow_pair;
-    const vw_real slow_a = slow < 0 ? motion->current_a : x->branch_a[slow][c];
-    const vw_real drop_v = work->doubt[VW_LASTING_DROP][c] * slow_a * vw_empty_growth(t, x, work, c);
-    const vw_real share2 = vw_square(t->lasting_rel) + vw_square(work->doubt[VW_DROP_ERROR][c]);
-    const vw_real rest_v2 = vw_square(t->lasting_v) + vw_square(work->doubt[VW_OCV_ERROR][c]) +
-                            vw_square(t->lasting_hysteresis * filter->model.hysteresis_v);
-    return vw_min(rest_v2 + share2 * vw_square(drop_v), VW_LASTING_VARIANCE_MAX);
+    const vw_real slow_a = slow_pair < 0 ? motion->current_a : x->branch_a[slow_pair][c];
+    const vw_real grown_a2 = vw_square(slow_a * vw_empty_growth(x, c));
+    return vw_min(x->climate.lasting_v2[c] + x->climate.lasting_ohm2[c] * grown_a2, VW_LASTING_VARIANCE_MAX);
 }
 
 static inline vw_real vw_count_v2(const vw_cells *restrict x, int c)

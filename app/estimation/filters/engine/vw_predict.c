@@ -39,8 +39,7 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
 }
 
 /* a_k = exp(-dt / tau_k) of each cell. */
-static void decays(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, const vw_work *restrict work,
-                   vw_lanes *decay)
+static void decays(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_lanes *decay)
 {
     const vw_cell_model *model = &filter->model;
     if (!model->has_tau_table) {
@@ -50,20 +49,20 @@ static void decays(const vw_filter *filter, const vw_motion *motion, const vw_ce
     }
     vw_soc_place at;
     vw_place_soc(model, x->soc, &at);
-    vw_time_constants(model, &work->place, &at, decay);
+    vw_time_constants(model, &x->climate.place, &at, decay);
     for (int k = 0; k < model->n_rc; k++)
         VW_EACH_CELL(c) decay[k][c] = vw_exp(-motion->dt_s / decay[k][c]);
 }
 
-void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
+void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x)
 {
     const vw_tuning *t = &filter->tuning;
     const int n_rc = filter->model.n_rc;
     const vw_real i = motion->current_a;
     vw_lanes decay[VW_RC_MAX];
-    decays(filter, motion, x, work, decay);
+    decays(filter, motion, x, decay);
     vw_lanes lasting_v2;
-    VW_EACH_CELL(c) lasting_v2[c] = vw_lasting_v2(filter, motion, x, work, c);
+    VW_EACH_CELL(c) lasting_v2[c] = vw_lasting_v2(motion, x, filter->model.slow_pair, c);
     /* z' = z - m,  P_zz' = keep^2 P_zz + walk,  m = eta i dt / capacity; the count and its sigmas likewise.
      * With a gain g it would be z - m (1 + g): V_z' = V_z - m. */
     const vw_real offset = t->counter_offset_c / VW_SECONDS_PER_HOUR * motion->dt_s;

@@ -1,6 +1,6 @@
 /* The number type of the estimator and how many cells are computed at a time.
  *
- * Python: double, eight cells at a time, which a compiler turns into vector instructions.
+ * Python: double, sixteen cells at a time, which a compiler turns into vector instructions.
  * Microcontroller: -DVW_SINGLE -DVW_LANES=1, single precision, one cell after the other.
  */
 #ifndef VW_REAL_H
@@ -23,7 +23,7 @@ typedef double vw_real;
 #define vw_abs VW_MATH(fabs)
 
 #ifndef VW_LANES
-#define VW_LANES 8 /* cells of a block */
+#define VW_LANES 16 /* cells of a block */
 #endif
 
 #ifndef VW_RC_MAX

@@ -11,22 +11,24 @@ static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, v
                              vw_lanes *here)
 {
     const vw_cell_model *model = &filter->model;
+    const int n_pairs = vw_pairs(model);
     const vw_real i = motion->current_a;
     vw_soc_place at;
     for (int k = 0; k < model->n_rc; k++)
-        VW_EACH_CELL(c) x->branch_a[k][c] = k == model->n_rc - 1 ? 0 : i / 2;
+        VW_EACH_CELL(c) x->branch_a[k][c] = k < n_pairs ? i / 2 : 0;
     VW_EACH_CELL(c)
     x->soc[c] = vw_is_missing(work->voltage_v[c]) ? (vw_real)0.5
-                                                  : vw_soc_of_ocv(model, &work->place, c, work->voltage_v[c]);
+                                                  : vw_soc_of_ocv(model, &x->climate.place, c, work->voltage_v[c]);
     for (int round = 0; round < 3; round++) {
         vw_place_soc(model, x->soc, &at);
-        vw_circuit(model, &work->place, &at, here);
+        vw_circuit(model, &x->climate.place, &at, here);
         VW_EACH_CELL(c)
         {
-            vw_real drop = here[VW_R0][c] * i + here[VW_OVERPOTENTIAL][c] * motion->over;
-            for (int k = 0; k < model->n_rc; k++) drop += here[VW_R1 + k][c] * x->branch_a[k][c];
+            vw_real drop = here[VW_R0][c] * i;
+            for (int k = 0; k < n_pairs; k++) drop += here[VW_R1 + k][c] * x->branch_a[k][c];
+            if (model->has_overpotential) drop += here[VW_R1 + n_pairs][c] * motion->over;
             if (!vw_is_missing(work->voltage_v[c]))
-                x->soc[c] = vw_soc_of_ocv(model, &work->place, c, work->voltage_v[c] + x->resistance[c] * drop);
+                x->soc[c] = vw_soc_of_ocv(model, &x->climate.place, c, work->voltage_v[c] + x->resistance[c] * drop);
         }
     }
 }
@@ -41,19 +43,21 @@ static void covariance(const vw_filter *filter, const vw_motion *motion, vw_cell
         vw_square(t->start_branch_c * model->capacity_ah) + vw_square(t->start_branch_rel * motion->current_a);
     VW_EACH_CELL(c)
     {
-        vw_real branch_v2[VW_RC_MAX], voltage_v2 = vw_noise_v2(motion, work, c);
+        vw_real branch_v2[VW_RC_MAX], ohm[VW_RC_MAX], voltage_v2 = vw_noise_v2(motion, x, c);
         for (int k = 0; k < model->n_rc; k++) {
-            branch_v2[k] = k < model->n_rc - 1 ? pair_v2 : vw_lasting_v2(filter, motion, x, work, c);
-            voltage_v2 += vw_square(x->resistance[c] * here[VW_R1 + k][c]) * branch_v2[k];
+            const int is_pair = k < vw_pairs(model);
+            branch_v2[k] = is_pair ? pair_v2 : vw_lasting_v2(motion, x, filter->model.slow_pair, c);
+            ohm[k] = x->resistance[c] * (is_pair ? here[VW_R1 + k][c] : 1);
+            voltage_v2 += vw_square(ohm[k]) * branch_v2[k];
         }
         const vw_real sigma_v = vw_sqrt(voltage_v2);
-        const vw_real slope_v = sigma_v / vw_reading_sigma(model, &work->place, c, x->soc[c], sigma_v);
+        const vw_real slope_v = sigma_v / vw_reading_sigma(model, &x->climate.place, c, x->soc[c], sigma_v);
         const vw_real variance = voltage_v2 / vw_square(slope_v) + vw_square(t->start_voltage_sigma);
         const int is_missing = vw_is_missing(work->voltage_v[c]);
         const vw_real shrink = vw_sqrt(vw_min(1, VW_SOC_VARIANCE_MAX / variance));
         x->cov[0][c] = is_missing ? VW_SOC_VARIANCE_MAX : variance * vw_square(shrink);
         for (int k = 0; k < model->n_rc; k++) {
-            const vw_real shared = x->resistance[c] * here[VW_R1 + k][c] / slope_v * branch_v2[k];
+            const vw_real shared = ohm[k] / slope_v * branch_v2[k];
             x->cov[VW_COV(1 + k, 0)][c] = is_missing ? 0 : shared * shrink;
             for (int q = 0; q < k; q++) x->cov[VW_COV(1 + k, 1 + q)][c] = 0;
             x->cov[VW_COV(1 + k, 1 + k)][c] = branch_v2[k];
@@ -121,6 +125,7 @@ void vw_filter_init(vw_filter *filter, vw_cells *cells)
         VW_EACH_CELL(c)
         {
             x->temperature_degc[c] = TEMPERATURE_UNKNOWN_DEGC;
+            x->climate.degc[c] = NAN;
             x->capacity_ah[c] = filter->model.capacity_ah;
             x->resistance[c] = 1;
         }

@@ -37,7 +37,7 @@ static void learn_gain(vw_real drop_error_max, vw_cells *restrict x, const vw_wo
     VW_EACH_CELL(c)
     {
         const vw_real per_v2 = vw_square(per_sigma[c]), off_v = work->innovation_v[c] - HV[c] * x->gain[c];
-        const int learns = (work->used[c] > 0) & (work->doubt[VW_DROP_ERROR][c] < drop_error_max);
+        const int learns = (work->used[c] > 0) & (x->climate.drop_error[c] < drop_error_max);
         const vw_real kept = 1 / (1 + vw_square(HV[c]) * x->gain_v2[c] * per_v2);
         x->gain[c] += vw_pick(learns, kept * x->gain_v2[c] * HV[c] * per_v2 * off_v, 0);
         x->gain_v2[c] *= vw_pick(learns, kept, 1);
@@ -56,7 +56,7 @@ void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restr
     VW_EACH_CELL(c)
     {
         /* the model's error grows near empty and where nothing was measured */
-        const vw_real noise_v2 = vw_noise_v2(motion, work, c) * vw_square(vw_empty_growth(t, x, work, c));
+        const vw_real noise_v2 = vw_noise_v2(motion, x, c) * vw_square(vw_empty_growth(x, c));
         const vw_real expected_v2 = Pyy[c] + noise_v2;
         const vw_real nu = work->voltage_v[c] - work->h[c];
         /* gate: nu^2 <= gate^2 S, or outside it for longer than gate_hold_s; then the SOC's variance grows */

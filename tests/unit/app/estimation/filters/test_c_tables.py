@@ -25,7 +25,7 @@ def numbers(text: str, name: str):
 def test_the_tables_are_those_of_the_cell(name):
     model = load_cell(name)
     text, cell = c_tables(model, 0.02), CellTables(model, 0.02)
-    np.testing.assert_allclose(numbers(text, "vw_cell_table"), cell.table.ravel(), rtol=1e-7)
+    np.testing.assert_allclose(numbers(text, "vw_cell_table"), cell.packed().ravel(), rtol=1e-7)
     np.testing.assert_allclose(numbers(text, "vw_cell_ocv_slope_v"), cell.ocv_slope_v, rtol=1e-7)
     np.testing.assert_allclose(numbers(text, "vw_cell_tau_s"), cell.tau_s.ravel(), rtol=1e-7)
     assert f".n_soc = {cell.soc.size}," in text
