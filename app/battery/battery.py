@@ -1,0 +1,127 @@
+"""A battery as a value: segments and their cells, temperature sensors, drawing, limits. Frozen; read from a profile."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.estimation.arrays import FloatArray
+
+DEFAULT_CELL = "samsung-25r-10p"
+LIMITS = (  # name of a limit, in a profile and here
+    "cell_voltage_min_v",
+    "cell_voltage_max_v",
+    "temperature_min_degc",
+    "temperature_max_degc",
+    "discharge_current_max_a",
+    "charge_current_max_a",
+    "pack_voltage_max_v",
+    "segment_voltage_max_v",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """Where the segments sit on the map."""
+
+    rows: int = 1
+    order: tuple[int, ...] = ()  # segments from left to right, row by row, from 0; empty: as they count
+    turned: tuple[int, ...] = ()  # segments whose cells count from right to left
+
+
+@dataclass(frozen=True, slots=True)
+class SignalName:
+    """A signal of the DBC; `message` is empty where one message only has one of this name."""
+
+    message: str
+    signal: str
+
+    def __str__(self) -> str:
+        return f"{self.message}.{self.signal}" if self.message else self.signal
+
+
+Limit = float | SignalName
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """Cells count through the segments in order, from 0. A segment is what the master's pages call a pack."""
+
+    name: str
+    segments: tuple[int, ...]  # cells of each, >= 1
+    parallel: int = 1  # cells in parallel that are measured as one
+    cell: str = DEFAULT_CELL  # cell file, or name of a bundled one
+    drawing: Drawing = Drawing()
+    sensors: tuple[tuple[int, ...], ...] = ()  # of each temperature sensor the cells that it stands for
+    limits: dict[str, Limit] = field(default_factory=dict, hash=False)  # by a name of LIMITS
+    rules: dict[str, float] = field(default_factory=dict, hash=False)  # what the competition's rules say, likewise
+
+    @property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return sum(self.segments)
+
+    @property
+    def n_segments(self) -> int:
+        """Number of segments."""
+        return len(self.segments)
+
+    @property
+    def n_sensors(self) -> int:
+        """Number of temperature sensors."""
+        return len(self.sensors)
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """Index of the first cell of each segment."""
+        found, at = [], 0
+        for cells in self.segments:
+            found.append(at)
+            at += cells
+        return tuple(found)
+
+    def place(self, cell: int) -> tuple[int, int]:
+        """Return the segment of a cell and its place in it, both from 0.
+
+        Raises:
+            IndexError: the battery has no such cell.
+        """
+        if not 0 <= cell < self.n_cells:
+            raise IndexError(cell)
+        segment = max(i for i, start in enumerate(self.starts) if start <= cell)
+        return segment, cell - self.starts[segment]
+
+    def cell_temperatures(self, sensors_degc: FloatArray) -> FloatArray:
+        """Return (..., n_cells) the highest reading of each cell's sensors; NaN where it has none.
+
+        Args:
+            sensors_degc: (..., n_sensors) readings, NaN where missing.
+        """
+        cells = np.full((*sensors_degc.shape[:-1], self.n_cells), np.nan)
+        for sensor, stands_for in enumerate(self.sensors):
+            for cell in stands_for:
+                cells[..., cell] = np.fmax(cells[..., cell], sensors_degc[..., sensor])
+        return cells
+
+
+def each_cell(n_cells: int) -> tuple[tuple[int, ...], ...]:
+    """One sensor a cell."""
+    return tuple((cell,) for cell in range(n_cells))
+
+
+def spread(n_sensors: int, cells: range) -> tuple[tuple[int, ...], ...]:
+    """Sensors evenly over cells; more sensors than cells share a cell, fewer stand for several."""
+    n = len(cells)
+    return tuple(
+        tuple(cells[i * n // n_sensors : max(i * n // n_sensors + 1, (i + 1) * n // n_sensors)])
+        for i in range(n_sensors)
+    )
+
+
+def spread_in_segments(n_sensors: int, segments: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+    """As many sensors in each segment, evenly over its cells; `n_sensors` is a multiple of the number of segments."""
+    found: list[tuple[int, ...]] = []
+    at = 0
+    for cells in segments:
+        found += spread(n_sensors // len(segments), range(at, at + cells))
+        at += cells
+    return tuple(found)

@@ -1,0 +1,97 @@
+"""Where profiles are: bundled ones by name, files by path, what they include beside them."""
+
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+from app.battery.profile import Document, Profile, read_document, understand
+from app.battery.table_reader import ProfileError
+from app.words import Message
+
+TEAM_PROFILE = "team"
+_DEEPEST = 8  # profiles that include each other
+
+
+def bundled_profiles() -> tuple[str, ...]:
+    """Return the names of the profiles that come with the program."""
+    return tuple(sorted(file.name.removesuffix(".toml") for file in _folder().iterdir() if file.name.endswith(".toml")))
+
+
+def _folder() -> Path:
+    return Path(str(resources.files("app.battery") / "bundled"))
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedProfile:
+    """A profile with its text and the files that it names."""
+
+    profile: Profile
+    text: str
+    dbc_files: tuple[Path, ...]
+
+
+def load_profile(name: str) -> LoadedProfile:
+    """Return a bundled profile by its name, or one of a file.
+
+    Raises:
+        ProfileError: it cannot be read, or is wrong; the error names line and field.
+    """
+    text, folder, file = _read(name, Path(), None)
+    document = _document(text, file, folder, 0)
+    profile = understand(document)
+    dbc = getattr(profile.source, "dbc", ())
+    return LoadedProfile(profile, text, tuple(Path(each) for each in dbc))
+
+
+def load_part(name: str) -> Document:
+    """Return the tables of a bundled profile that is no whole battery, a part to include.
+
+    Raises:
+        ProfileError: it cannot be read.
+    """
+    text, folder, file = _read(name, Path(), None)
+    return _document(text, file, folder, 0)
+
+
+def _document(text: str, file: str, folder: Path, depth: int) -> Document:
+    def include(name: str) -> Document:
+        if depth >= _DEEPEST:
+            raise ProfileError(file, None, "include", name, Message("includes-itself"))
+        return _document(*_inner(name, folder, file), depth + 1)
+
+    document = read_document(text, file, include)
+    source = document.values.get("source")
+    if isinstance(source, dict) and isinstance(source.get("dbc"), str | list):
+        named = source["dbc"] if isinstance(source["dbc"], list) else [source["dbc"]]
+        source["dbc"] = [str(_found(folder, each)) if isinstance(each, str) else each for each in named]
+    return document
+
+
+def _inner(name: str, folder: Path, file: str) -> tuple[str, str, Path]:
+    text, inner_folder, inner_file = _read(name, folder, file)
+    return text, inner_file, inner_folder
+
+
+def _found(folder: Path, name: str) -> Path:
+    """A file beside the profile, else a bundled one of this name."""
+    beside = folder / name
+    return _folder() / name if not beside.is_file() and (_folder() / name).is_file() else beside
+
+
+def _read(name: str, folder: Path, included_by: str | None) -> tuple[str, Path, str]:
+    """Text, folder and name for errors."""
+    path = folder / name
+    if name in bundled_profiles() and not path.is_file():
+        path = _folder() / f"{name}.toml"
+    try:
+        return path.read_text(encoding="utf-8-sig"), path.parent, path.name
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        field = "battery" if included_by is None else "include"
+        raise ProfileError(
+            included_by or name,
+            None,
+            field,
+            name,
+            Message("profile-unreadable", error=reason or str(error), names=bundled_profiles()),
+        ) from error

@@ -1,0 +1,228 @@
+"""A battery's profile: TOML text to the battery and how it speaks. What is wrong is told by line and field."""
+
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from app.battery.battery import DEFAULT_CELL, LIMITS, Battery, Drawing, each_cell, spread, spread_in_segments
+from app.battery.fields import MANY, MOST_CELLS, TABLES
+from app.battery.source import KINDS, STATES, CellSignals, Reading, Source, SpeaksDbc, SpeaksMaster, StateSignal
+from app.battery.table_reader import ProfileError, TableReader
+from app.battery.toml_lines import lines_of_keys
+from app.words import Message
+
+_READINGS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
+Include = Callable[[str], "Document"]
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """A profile's tables before they are understood, with what it includes merged in."""
+
+    file: str
+    values: Mapping[str, Any]
+    lines: Mapping[str, int]  # of the profile itself
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """A battery and how it speaks."""
+
+    file: str
+    battery: Battery
+    source: Source
+
+
+def read_document(text: str, file: str, include: Include) -> Document:
+    """Return a profile's tables; `include` returns those of another one by its name.
+
+    Raises:
+        ProfileError: the text is no TOML, or what it includes is missing or wrong.
+    """
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        found = re.search(r"line (\d+)", str(error))
+        raise ProfileError(file, int(found[1]) if found else None, "TOML", "", str(error)) from error
+    lines = lines_of_keys(text)
+    reader = TableReader(file, "", values, TABLES[""], lines)
+    for name in reader.texts("include"):
+        values = _merged(include(name).values, values)
+    return Document(file, values, lines)
+
+
+def _merged(under: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables are joined, DBC files are added up, anything else of `over` replaces what is under it."""
+    joined = dict(under)
+    for name, value in over.items():
+        if isinstance(value, dict) and isinstance(under.get(name), dict):
+            joined[name] = _merged(under[name], value)
+        elif name == "dbc" and name in under:
+            joined[name] = [*_list(value), *(each for each in _list(under[name]) if each not in _list(value))]
+        else:
+            joined[name] = value
+    return joined
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def understand(document: Document) -> Profile:
+    """Return the battery and source of a profile's tables.
+
+    Raises:
+        ProfileError: a field is missing, unknown, of the wrong kind or beyond its bounds.
+    """
+    _table(document, "").check_names(("battery", "source"))
+    _table(document, "battery").check_names(("drawing", "temperatures", "limits", "rules"))
+    return Profile(document.file, _battery(document), _source(document))
+
+
+def _table(document: Document, path: str, index: int | None = None) -> TableReader:
+    values: Any = document.values
+    for name in path.split(".") if path else ():
+        values = values.get(name, {}) if isinstance(values, Mapping) else {}
+    if index is not None:
+        values = values[index]
+    here = path if index is None else f"{path}[{index}]"
+    reader = TableReader(
+        document.file, here, values if isinstance(values, Mapping) else {}, TABLES[path], document.lines
+    )
+    if not isinstance(values, Mapping):
+        raise ProfileError(document.file, reader.line, here, str(values)[:60], Message("kind-table"))
+    return reader
+
+
+def _battery(document: Document) -> Battery:
+    table = _table(document, "battery")
+    segments = table.counts("segments") or ()
+    if not segments or sum(segments) > MOST_CELLS:
+        raise table.error("segments", list(segments), Message("kind-counts", bounds=f"1..{MOST_CELLS}"))
+    limits, rules = _table(document, "battery.limits"), _table(document, "battery.rules")
+    for each in (limits, rules):
+        each.check_names()
+    return Battery(
+        name=table.text("name"),
+        segments=segments,
+        parallel=table.count("parallel", 1),
+        cell=table.text("cell", DEFAULT_CELL),
+        drawing=_drawing(_table(document, "battery.drawing"), len(segments)),
+        sensors=_sensors(_table(document, "battery.temperatures"), segments),
+        limits={name: limit for name in LIMITS if (limit := limits.limit(name)) is not None},
+        rules={name: rule for name in LIMITS if (rule := rules.optional_number(name)) is not None},
+    )
+
+
+def _drawing(table: TableReader, n_segments: int) -> Drawing:
+    table.check_names()
+    order, turned = table.counts("order") or (), table.counts("turned") or ()
+    if order and sorted(order) != list(range(1, n_segments + 1)):
+        raise table.error("order", list(order), Message("each-segment-once", n=n_segments))
+    if turned and max(turned) > n_segments:
+        raise table.error("turned", list(turned), Message("kind-counts", bounds=f"1..{n_segments}"))
+    return Drawing(table.count("rows", 1), tuple(each - 1 for each in order), tuple(each - 1 for each in turned))
+
+
+def _sensors(table: TableReader, segments: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+    table.check_names()
+    n_cells = sum(segments)
+    cells = table.values.get("cells")
+    n_sensors = table.count("sensors", len(cells) if isinstance(cells, list) else n_cells)
+    if isinstance(cells, list):
+        return _listed(table, cells, n_sensors, n_cells)
+    if cells not in (None, "each", "segment", "spread"):
+        raise table.error("cells", str(cells)[:60], Message("one-of-these", names=("each", "segment", "spread")))
+    if n_sensors == 0:
+        return ()
+    if cells == "segment":
+        if n_sensors % len(segments):
+            raise table.error("sensors", n_sensors, Message("multiple-of-segments", n=len(segments)))
+        return spread_in_segments(n_sensors, segments)
+    if n_sensors == n_cells:
+        return each_cell(n_cells)
+    if cells == "each":
+        raise table.error("cells", "each", Message("not-one-sensor-a-cell", sensors=n_sensors, cells=n_cells))
+    return spread(n_sensors, range(n_cells))
+
+
+def _listed(table: TableReader, cells: list[Any], n_sensors: int, n_cells: int) -> tuple[tuple[int, ...], ...]:
+    if n_sensors != len(cells):
+        raise table.error("sensors", n_sensors, Message("sensors-not-listed", lists=len(cells)))
+    for each in cells:
+        if not isinstance(each, list) or not all(type(cell) is int and 1 <= cell <= n_cells for cell in each):
+            raise table.error("cells", str(each)[:60], Message("kind-counts", bounds=f"1..{n_cells}"))
+    return tuple(tuple(cell - 1 for cell in each) for each in cells)
+
+
+def _source(document: Document) -> Source:
+    table = _table(document, "source")
+    if table.text("kind", "dbc") == "master":
+        return SpeaksMaster()
+    table.check_names((*KINDS, *_READINGS, "state"))
+    values = table.values
+    readings = {name: _reading(document, f"source.{name}") for name in _READINGS if name in values}
+    states = values.get("state", {})
+    if not isinstance(states, Mapping) or not set(states) <= set(STATES):
+        raise table.error("state", str(states)[:60], Message("no-such-key", names=STATES))
+    return SpeaksDbc(
+        dbc=table.texts("dbc"),
+        cells={kind: _cell_signals(document, f"source.{kind}") for kind in KINDS if kind in values},
+        states={name: _state(document, f"source.state.{name}") for name in states},
+        period_s=table.number("period_s", 0.1),
+        **readings,
+    )
+
+
+def _cell_signals(document: Document, path: str) -> tuple[CellSignals, ...]:
+    name = path.rpartition(".")[2]
+    given = document.values["source"][name]
+    if not isinstance(given, list) or path not in MANY:
+        raise _table(document, "source").error(name, str(given)[:60], Message("kind-tables", name=path))
+    found = []
+    for i in range(len(given)):
+        table = _table(document, path, i)
+        table.check_names()
+        found.append(
+            CellSignals(
+                signal=table.text("signal"),
+                message=table.text("message", "*"),
+                numbers=table.parts("numbers"),
+                base=table.bases("base"),
+                group_cells=table.count("group_cells", 1),
+                order=tuple(each - 1 for each in table.counts("order") or ()),
+                unit=table.text("unit"),
+                scale=table.number("scale", 1.0),
+                offset=table.number("offset", 0.0),
+                invalid=table.counts("invalid") or (),
+                invalid_signal=table.text("invalid_signal"),
+                valid_signal=table.text("valid_signal"),
+                valid_range=table.pair("valid_range"),
+                checksum=table.text("checksum"),
+                max_age_s=table.optional_number("max_age_s"),
+                line=table.line,
+            )
+        )
+    return tuple(found)
+
+
+def _reading(document: Document, path: str) -> Reading:
+    table = _table(document, path)
+    table.check_names()
+    has_sign = any(field.name == "positive" for field in table.fields)
+    return Reading(
+        signal=table.signal("signal"),
+        unit=table.text("unit"),
+        positive="charge" if has_sign and table.text("positive", "discharge") == "charge" else "discharge",
+        zero=table.number("zero", 0.0),
+        max_age_s=table.optional_number("max_age_s"),
+        line=table.line,
+    )
+
+
+def _state(document: Document, path: str) -> StateSignal:
+    table = _table(document, path)
+    table.check_names()
+    return StateSignal(table.signal("signal"), table.counts("equals") or (1,), table.count("mask", 0), table.line)

@@ -1,0 +1,90 @@
+"""How a battery speaks: which signals of a DBC carry cells, current, pack voltage and state. No protocol code here."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from app.battery.battery import SignalName
+
+PARTS = ("segment", "group", "cell")  # what numbers a cell: of names `{cell}`, or of signals in the frame
+VOLTAGE_UNITS = {"V": 1.0, "mV": 1e-3, "0.1mV": 1e-4, "0.01V": 1e-2, "0.1V": 0.1}
+CURRENT_UNITS = {"A": 1.0, "mA": 1e-3, "0.1A": 0.1, "0.01A": 0.01}
+TEMPERATURE_UNITS = {"degC": 1.0, "0.1degC": 0.1, "0.01degC": 0.01, "K": 1.0, "0.1K": 0.1, "degF": 5 / 9}
+RESISTANCE_UNITS = {"ohm": 1.0, "mohm": 1e-3, "0.01mohm": 1e-5}
+ZERO_AT = {"K": -273.15, "0.1K": -273.15, "degF": -160 / 9}  # degC at 0 of the unit
+SOC_UNITS = {"percent": 0.01, "fraction": 1.0, "0.1percent": 1e-3}
+STATES = ("closed", "precharge", "fault", "charging", "balancing")
+CHECKSUMS = ("orion",)  # orion: last byte = id + length + sum of the bytes before, modulo 256
+Kind = str  # a name of KINDS
+KINDS: tuple[Kind, ...] = ("voltage", "temperature", "balancing", "resistance")
+
+
+@dataclass(frozen=True, slots=True)
+class CellSignals:
+    """One way in which values of many cells are spoken.
+
+    Index of a cell = start of its segment + (group - base) * group_cells + (cell - base); a part that is not told
+    counts as its base. Parts come from `{segment}`, `{group}`, `{cell}` in the names of signal and message, or from
+    `numbers`, signals of the same frame.
+    """
+
+    signal: str  # pattern; `*` stands for anything
+    message: str = "*"
+    numbers: dict[str, str] = field(default_factory=dict, hash=False)  # part -> pattern of the signal that tells it
+    base: dict[str, int] = field(default_factory=dict, hash=False)  # part -> lowest number; 0 where not named
+    group_cells: int = 1
+    order: tuple[int, ...] = ()  # the k-th value is that of this cell, from 0; empty: in order
+    unit: str = ""  # of the decoded value; empty: as the DBC says
+    scale: float = 1.0
+    offset: float = 0.0  # in V or degC, added after unit and scale
+    invalid: tuple[int, ...] = ()  # raw numbers that mean: not measured
+    invalid_signal: str = ""  # pattern of a signal that is not 0 where the value is invalid
+    valid_signal: str = ""  # pattern of a signal that is 0 where the value is invalid
+    valid_range: tuple[float, float] | None = None  # V or degC; beyond it a value is missing
+    checksum: str = ""
+    max_age_s: float | None = None  # older is missing; None: measured from what is heard
+    line: int | None = None  # of the profile
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One quantity of the whole battery: value = sign * (decoded * unit - zero)."""
+
+    signal: SignalName
+    unit: str = ""
+    positive: Literal["discharge", "charge"] = "discharge"  # of a current only
+    zero: float = 0.0
+    max_age_s: float | None = None
+    line: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StateSignal:
+    """A claim about the battery: the signal's raw number is one of `equals`, or has one of the bits of `mask`."""
+
+    signal: SignalName
+    equals: tuple[int, ...] = (1,)
+    mask: int = 0
+    line: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SpeaksDbc:
+    """A battery that is heard by a DBC."""
+
+    dbc: tuple[str, ...]  # files, as the profile names them
+    cells: dict[Kind, tuple[CellSignals, ...]] = field(default_factory=dict, hash=False)
+    current: Reading | None = None
+    pack_voltage: Reading | None = None
+    soc: Reading | None = None
+    charger_voltage: Reading | None = None
+    charger_current: Reading | None = None
+    states: dict[str, StateSignal] = field(default_factory=dict, hash=False)  # by a name of STATES
+    period_s: float = 0.1  # between two measurements that are made of what was heard
+
+
+@dataclass(frozen=True, slots=True)
+class SpeaksMaster:
+    """The team's own master, by its memory map."""
+
+
+Source = SpeaksDbc | SpeaksMaster
