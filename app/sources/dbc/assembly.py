@@ -1,0 +1,169 @@
+"""Values as they come into measurements of the whole battery: the newest of each cell with its own time.
+
+One code for live batches and for logs: values in, in their order; measurements out, one a period.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.battery.battery import Battery
+from app.battery.source import STATES, SpeaksDbc
+from app.estimation.arrays import FloatArray
+from app.sources.dbc.battery_decoder import Values
+
+PERIODS_BRIDGED = 3.0  # a value is old after so many of its own periods
+LEAST_AGE_S = 0.5
+UNKNOWN_AGE_S = 60.0  # of a channel that was heard once only
+_SCALARS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
+_ARRAYS = ("voltage", "temperature", "resistance", "balancing")
+_NEVER = np.iinfo(np.int64).min
+
+
+@dataclass(frozen=True, slots=True)
+class BatteryMeasurement:
+    """What one instant says of a battery. NaN = missing or too old; times are those of the frames [ns]."""
+
+    t_ns: int
+    voltage_v: FloatArray  # (n_cells,)
+    voltage_t_ns: NDArray[np.int64]  # (n_cells,)
+    temperature_degc: FloatArray  # (n_sensors,)
+    temperature_t_ns: NDArray[np.int64]  # (n_sensors,)
+    resistance_ohm: FloatArray  # (n_cells,) by the BMS
+    balancing: FloatArray  # (n_cells,) 0 or 1
+    current_a: float  # positive on discharge
+    current_t_ns: int
+    pack_voltage_v: float
+    soc: float  # of the BMS, 0..1
+    charger_voltage_v: float
+    charger_current_a: float
+    states: Mapping[str, bool | None]  # closed, precharge, fault, charging, balancing; None = not told
+    limits: Mapping[str, float]  # those that signals carry
+    is_sample: bool  # a voltage and the current are new since the measurement before
+    n_new_cells: int  # cell voltages that came since
+
+
+@dataclass(slots=True)
+class _Channels:
+    """The newest value of each channel of a kind."""
+
+    value: FloatArray
+    t_ns: NDArray[np.int64]
+    period_s: FloatArray  # as heard, NaN until a channel was heard twice
+    max_age_s: float | None
+
+    @classmethod
+    def empty(cls, n: int, max_age_s: float | None) -> "_Channels":
+        return cls(np.full(n, np.nan), np.full(n, _NEVER, np.int64), np.full(n, np.nan), max_age_s)
+
+    def take(self, values: Values, first: int, last: int) -> int:
+        """Take values of `first` up to `last`; return how many channels are new."""
+        if last <= first:
+            return 0
+        index, t_ns = values.index[first:last], values.t_ns[first:last]
+        channels, counts = np.unique(index, return_counts=True)
+        before = self.t_ns[channels]
+        self.value[index] = values.value[first:last]  # of several the last one stays
+        self.t_ns[index] = t_ns
+        known = before != _NEVER
+        gap_s = (self.t_ns[channels] - np.where(known, before, self.t_ns[channels])) / 1e9 / counts
+        old = self.period_s[channels]
+        smooth = np.where(np.isnan(old), gap_s, np.where(gap_s > old, gap_s, 0.95 * old + 0.05 * gap_s))
+        self.period_s[channels] = np.where(known, smooth, old)
+        return len(channels)
+
+    def at(self, t_ns: int) -> FloatArray:
+        """The values that are not too old at an instant."""
+        age_s = (t_ns - np.where(self.t_ns == _NEVER, t_ns, self.t_ns)) / 1e9
+        if self.max_age_s is not None:
+            most: FloatArray | float = self.max_age_s
+        else:
+            most = np.where(
+                np.isnan(self.period_s), UNKNOWN_AGE_S, np.maximum(LEAST_AGE_S, PERIODS_BRIDGED * self.period_s)
+            )
+        return np.where(age_s <= most, self.value, np.nan)
+
+
+class Assembler:
+    """Makes measurements of decoded values. Called from one thread; time comes with the values."""
+
+    def __init__(self, battery: Battery, source: SpeaksDbc) -> None:
+        self._battery = battery
+        self._period_ns = round(source.period_s * 1e9)
+        ages = {kind: _age_of(tuple(e.max_age_s for e in entries)) for kind, entries in source.cells.items()}
+        sizes = dict.fromkeys(_ARRAYS, battery.n_cells) | {"temperature": battery.n_sensors}
+        self._kinds = {kind: _Channels.empty(sizes[kind], ages.get(kind)) for kind in _ARRAYS}
+        for name in _SCALARS:
+            reading = getattr(source, name)
+            self._kinds[name] = _Channels.empty(1, None if reading is None else reading.max_age_s)
+        for name in STATES:
+            self._kinds[f"state.{name}"] = _Channels.empty(1, None)
+        for name in battery.limits:
+            self._kinds[f"limit.{name}"] = _Channels.empty(1, None)
+        self._next_ns: int | None = None
+        self._pending: dict[str, int] = {}  # channels that are new since the last measurement
+
+    def feed(self, values: Mapping[str, Values], until_ns: int | None = None) -> list[BatteryMeasurement]:
+        """Take values and return the measurements of the periods that ended.
+
+        Args:
+            values: by kind, as a decoder gives them, not older than those of the call before.
+            until_ns: the time now; None: that of the newest value.
+        """
+        known = {kind: each for kind, each in values.items() if kind in self._kinds and len(each.t_ns)}
+        newest = [int(each.t_ns[-1]) for each in known.values()]
+        end_ns = max([*newest, *([] if until_ns is None else [until_ns])], default=None)
+        if end_ns is None:
+            return []
+        if self._next_ns is None:
+            first = min((int(each.t_ns[0]) for each in known.values()), default=end_ns)
+            self._next_ns = (first // self._period_ns + 1) * self._period_ns
+        at = dict.fromkeys(known, 0)
+        found = []
+        while self._next_ns <= end_ns:
+            new = self._take(known, at, self._next_ns)
+            found.append(self._measure(self._next_ns, new))
+            self._next_ns += self._period_ns
+        rest = self._take(known, at, None)
+        self._pending = {kind: n for kind, n in rest.items() if n}
+        return found
+
+    def _take(self, values: Mapping[str, Values], at: dict[str, int], until_ns: int | None) -> dict[str, int]:
+        new = dict(self._pending)
+        self._pending = {}
+        for kind, each in values.items():
+            last = len(each.t_ns) if until_ns is None else int(np.searchsorted(each.t_ns, until_ns, side="right"))
+            new[kind] = new.get(kind, 0) + self._kinds[kind].take(each, at[kind], last)
+            at[kind] = max(at[kind], last)
+        return new
+
+    def _measure(self, t_ns: int, new: Mapping[str, int]) -> BatteryMeasurement:
+        of = {kind: channels.at(t_ns) for kind, channels in self._kinds.items()}
+        states = {name: of[f"state.{name}"][0] for name in STATES}
+        return BatteryMeasurement(
+            t_ns=t_ns,
+            voltage_v=of["voltage"],
+            voltage_t_ns=self._kinds["voltage"].t_ns.copy(),
+            temperature_degc=of["temperature"],
+            temperature_t_ns=self._kinds["temperature"].t_ns.copy(),
+            resistance_ohm=of["resistance"],
+            balancing=of["balancing"],
+            current_a=float(of["current"][0]),
+            current_t_ns=int(self._kinds["current"].t_ns[0]),
+            pack_voltage_v=float(of["pack_voltage"][0]),
+            soc=float(of["soc"][0]),
+            charger_voltage_v=float(of["charger_voltage"][0]),
+            charger_current_a=float(of["charger_current"][0]),
+            states={name: None if np.isnan(value) else bool(value) for name, value in states.items()},
+            limits={name: float(of[f"limit.{name}"][0]) for name in self._battery.limits if f"limit.{name}" in of},
+            is_sample=bool(new.get("voltage")) and bool(new.get("current")),
+            n_new_cells=new.get("voltage", 0),
+        )
+
+
+def _age_of(ages: tuple[float | None, ...]) -> float | None:
+    """The longest age of several ways; one that is measured leaves all measured."""
+    known = [age for age in ages if age is not None]
+    return max(known) if known and len(known) == len(ages) else None

@@ -1,0 +1,149 @@
+"""Message definitions from a file that cantools reads: DBC, SYM, KCD, ARXML. DBCs are mended first."""
+
+import contextlib
+import re
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from app.errors import ExtraMissing, ImportFailed
+from app.sources.dbc.definitions import Condition, Definitions, Layout, MessageDefinition, Oddity, Signal
+from app.sources.dbc.repair import mended
+from app.words import Message
+from firmware_protocol.memory_map import CAN_ID_EXTENDED
+
+DEFINITION_ENDINGS = (".dbc", ".sym", ".kcd", ".arxml")
+_LENGTHS_FD = (12, 16, 20, 24, 32, 48, 64)
+
+
+def load_definitions(path: Path) -> Definitions:
+    """Return the messages of a file, and what was odd about it.
+
+    Raises:
+        ExtraMissing: cantools is not installed.
+        ImportFailed: the file cannot be read as what its name says.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise ImportFailed(path.name, Message("cannot-be-read", error=error.strerror or str(error))) from error
+    return parse_definitions(data, path.name)
+
+
+def parse_definitions(data: bytes, name: str) -> Definitions:
+    """Return the messages of a file's bytes; `name` tells its format.
+
+    Raises:
+        ExtraMissing: cantools is not installed.
+        ImportFailed: the bytes cannot be read as what the name says.
+    """
+    try:
+        database = import_module("cantools.database")
+    except ImportError as error:
+        raise ExtraMissing("a DBC", "cantools", "dbc") from error
+    ending = Path(name.lower()).suffix
+    oddities: list[Oddity] = []
+    text = _text(data, name, oddities)
+    if ending == ".dbc":
+        text, found = mended(text, name)
+        oddities += found
+    options = {"database_format": "dbc"} if ending == ".dbc" else {}
+    try:
+        loaded: Any = database.load_string(text, strict=False, sort_signals=None, **options)
+    except Exception as error:  # every format raises its own
+        raise ImportFailed(name, Message("no-dbc", error=_first_line(error))) from error
+    lines = _lines_of_messages(text)
+    messages = []
+    for message in getattr(loaded, "messages", []):
+        definition = _message(message)
+        messages.append(definition)
+        oddities += _doubts(definition, name, lines.get(definition.name))
+    if not messages:
+        raise ImportFailed(name, Message("dbc-no-message"))
+    return Definitions(tuple(messages), tuple(oddities))
+
+
+def _text(data: bytes, name: str, oddities: list[Oddity]) -> str:
+    for encoding in ("utf-8-sig", "cp1252", "latin-1"):
+        with contextlib.suppress(UnicodeDecodeError):
+            text = data.decode(encoding)
+            if encoding != "utf-8-sig":
+                line = next((n for n, each in enumerate(data.split(b"\n"), 1) if not _is_utf8(each)), None)
+                oddities.append(Oddity(name, line, Message("dbc-not-utf-8", encoding=encoding)))
+            return text
+    return data.decode("latin-1")
+
+
+def _is_utf8(line: bytes) -> bool:
+    try:
+        line.decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:200]
+
+
+def _lines_of_messages(text: str) -> dict[str, int]:
+    return {
+        found[1]: number
+        for number, line in enumerate(text.split("\n"), 1)
+        if (found := re.match(r"BO_ \d+ (\w+)\s*:", line))
+    }
+
+
+def _message(message: Any) -> MessageDefinition:
+    can_id = int(message.frame_id) | (CAN_ID_EXTENDED if message.is_extended_frame else 0)
+    by_name = {each.name: each for each in message.signals}
+    senders = list(message.senders or [])
+    signals = tuple(_signal(each, by_name) for each in message.signals if 1 <= each.length <= 64)
+    return MessageDefinition(can_id, str(message.name), int(message.length), signals, senders[0] if senders else "")
+
+
+def _signal(signal: Any, by_name: dict[str, Any]) -> Signal:
+    is_float = bool(signal.is_float)
+    layout = Layout(
+        start=int(signal.start),
+        length=int(signal.length),
+        is_little_endian=signal.byte_order == "little_endian",
+        is_signed=bool(signal.is_signed) and not is_float,
+        is_float=is_float,
+        scale=float(signal.scale),
+        offset=float(signal.offset),
+    )
+    conditions: list[Condition] = []
+    inner = signal
+    while inner.multiplexer_ids is not None and inner.multiplexer_signal in by_name and len(conditions) < 8:
+        conditions.append(Condition(inner.multiplexer_signal, tuple(int(each) for each in inner.multiplexer_ids)))
+        inner = by_name[inner.multiplexer_signal]
+    choices = {int(number): str(text) for number, text in (signal.choices or {}).items()}
+    low, high = signal.minimum, signal.maximum
+    return Signal(
+        name=str(signal.name),
+        layout=layout,
+        unit=str(signal.unit or "").strip(),
+        minimum=None if low is None else float(low),
+        maximum=None if high is None else float(high),
+        conditions=tuple(conditions),
+        is_multiplexer=bool(signal.is_multiplexer),
+        choices=choices,
+    )
+
+
+def _doubts(message: MessageDefinition, file: str, line: int | None) -> list[Oddity]:
+    """A length that no frame has, signals that stand beyond it."""
+    found = []
+    if message.length > 8 and message.length not in _LENGTHS_FD:
+        found.append(Oddity(file, line, Message("dbc-length", name=message.name, bytes=message.length)))
+    beyond = [each.name for each in message.signals if each.layout.end_byte > max(message.length, 0)]
+    if beyond:
+        found.append(
+            Oddity(
+                file,
+                line,
+                Message("dbc-signals-beyond", name=message.name, bytes=message.length, names=tuple(beyond[:6])),
+            )
+        )
+    return found

@@ -1,0 +1,89 @@
+"""What a database of CAN messages says: signals as places of bits, messages, and what was odd about the file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from app.words import Text
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where a raw number stands in a frame, and what it means; equal layouts are extracted together."""
+
+    start: int  # as a DBC writes it: lowest bit if little endian, highest bit (sawtooth count) if big endian
+    length: int  # bits, 1 to 64
+    is_little_endian: bool = True
+    is_signed: bool = False
+    is_float: bool = False  # IEEE 754 of 16, 32 or 64 bits
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def end_byte(self) -> int:
+        """Bytes that a frame must have to carry it."""
+        if self.is_little_endian:
+            return (self.start + self.length + 7) // 8
+        first = self.start // 8 * 8 + 7 - self.start % 8
+        return (first + self.length + 7) // 8
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """The frame carries a signal only where a multiplexer has one of these raw values."""
+
+    multiplexer: str
+    values: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A signal of a message."""
+
+    name: str
+    layout: Layout
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    conditions: tuple[Condition, ...] = ()  # all must hold; more than one where multiplexers are nested
+    is_multiplexer: bool = False
+    choices: Mapping[int, str] = field(default_factory=dict, hash=False)
+
+
+@dataclass(frozen=True, slots=True)
+class MessageDefinition:
+    """A message; bit 31 of the id marks a 29-bit one."""
+
+    can_id: int
+    name: str
+    length: int  # bytes, as the file says; frames may be shorter or longer
+    signals: tuple[Signal, ...]
+    sender: str = ""
+
+    def signal(self, name: str) -> Signal | None:
+        """The signal of this name."""
+        return next((each for each in self.signals if each.name == name), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Oddity:
+    """What is odd in a file; loaded all the same."""
+
+    file: str
+    line: int | None
+    what: Text
+
+
+@dataclass(frozen=True, slots=True)
+class Definitions:
+    """The messages of one or more files; of two with one id the first counts."""
+
+    messages: tuple[MessageDefinition, ...]
+    oddities: tuple[Oddity, ...] = ()
+
+    def by_id(self) -> dict[int, MessageDefinition]:
+        """The messages by id."""
+        return {message.can_id: message for message in reversed(self.messages)}
+
+    def joined(self, other: "Definitions") -> "Definitions":
+        """The messages of both."""
+        return Definitions(self.messages + other.messages, self.oddities + other.oddities)

@@ -1,0 +1,184 @@
+"""DBC files as they are found: lines that cantools refuses are mended or left out, each with a warning."""
+
+import re
+from collections.abc import Iterator
+
+from app.sources.dbc.definitions import Oddity
+from app.words import Message
+
+_PSEUDO_IDS = (0xC0000000, 0x80000000)  # Vector's message of signals without a message, and the empty 29-bit id
+_MOST_29_BITS = 0x1FFFFFFF
+_MESSAGE = re.compile(r"\s*BO_\s+(\d+)\s+([^\s:]+)\s*:?\s*(\d+)\s*(\S*)")
+_SIGNAL = re.compile(
+    r"\s*SG_\s+(?P<name>[^\s:]+)\s*(?P<mux>M|m\d+M?)?\s*:\s*(?P<start>\d+)\s*\|\s*(?P<length>\d+)\s*@\s*"
+    r"(?P<order>[01])\s*(?P<sign>[+-])\s*\(\s*(?P<factor>[^,\s]+)\s*,\s*(?P<offset>[^)\s]+)\s*\)\s*"
+    r"(?:\[\s*(?P<low>[^|\s]*)\s*\|\s*(?P<high>[^\]\s]*)\s*\])?\s*\"?(?P<unit>[^\"]*)\"?\s*(?P<receivers>.*)$"
+)
+_DEFINITION = re.compile(r"\s*BA_DEF_\s*(?:BU_|BO_|SG_|EV_)?\s*\"([^\"]+)\"")
+_ATTRIBUTE = re.compile(r"\s*(?:BA_|BA_DEF_DEF_)\s+\"([^\"]+)\"")
+_NOTED = re.compile(r"\s*(VAL_|CM_|BA_|SIG_VALTYPE_|SG_MUL_VAL_|SIG_GROUP_|BO_TX_BU_)\s")
+_OF_ID = re.compile(
+    r"\s*(?:VAL_\s+(\d+)\s|CM_\s+(?:BO_|SG_)\s+(\d+)\s|BA_\s+\"[^\"]*\"\s+(?:BO_|SG_)\s+(\d+)\s"
+    r"|SIG_VALTYPE_\s+(\d+)\s|SG_MUL_VAL_\s+(\d+)\s|SIG_GROUP_\s+(\d+)\s|BO_TX_BU_\s+(\d+)\s)"
+)
+_OF_SIGNAL = re.compile(
+    r"\s*(?:VAL_\s+(\d+)\s+(\w+)\s+\d|CM_\s+SG_\s+(\d+)\s+(\w+)\s|BA_\s+\"[^\"]*\"\s+SG_\s+(\d+)\s+(\w+)\s"
+    r"|SIG_VALTYPE_\s+(\d+)\s+(\w+)\s|SG_MUL_VAL_\s+(\d+)\s+(\w+)\s)"
+)
+
+
+def mended(text: str, file: str) -> tuple[str, list[Oddity]]:
+    """Return a DBC's text that a strict reader takes, and what was odd, by line.
+
+    Left out: what is said of pseudo messages, of messages and signals that are not there, and attributes without a
+    definition. Mended: missing spaces, names that are not identifiers, a name given twice.
+    """
+    worker = _Mending(file, text)
+    return worker.run(), worker.oddities
+
+
+class _Mending:
+    def __init__(self, file: str, text: str) -> None:
+        self._file = file
+        self._lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        self._defined = {found[1] for line in self._lines if (found := _DEFINITION.match(line))}
+        self.oddities: list[Oddity] = []
+        self._ids: dict[int, set[str]] = {}
+        self._names: set[str] = set()
+        self._renamed: dict[tuple[int, str], str] = {}
+        self._renamed_messages: set[str] = set()
+        self._message: int | None = None
+        self._is_dropping = False
+
+    def run(self) -> str:
+        return "\n".join(self._mended())
+
+    def _mended(self) -> Iterator[str]:
+        in_text = False  # a comment goes on over several lines
+        is_left_out = False
+        for number, line in enumerate(self._lines, 1):
+            if in_text:
+                in_text = _is_open(line, in_text)
+                yield "" if is_left_out else line
+                continue
+            kept = self._line(number, line)
+            is_left_out = kept is None
+            in_text = _NOTED.match(line) is not None and _is_open(line, False)
+            yield kept if kept is not None else ""
+
+    def _note(self, line: int, what: Message) -> None:
+        self.oddities.append(Oddity(self._file, line, what))
+
+    def _line(self, number: int, line: str) -> str | None:
+        """A line as it shall be; None = left out."""
+        stripped = line.strip()
+        if stripped.startswith("BO_ "):
+            return self._message_line(number, line)
+        if stripped.startswith("SG_ "):
+            return self._signal_line(number, line)
+        if stripped and not stripped.startswith("BO_TX_BU_"):
+            self._message = None
+        attribute = _ATTRIBUTE.match(line)
+        if attribute and attribute[1] not in self._defined:
+            self._note(number, Message("dbc-attribute-undefined", name=attribute[1]))
+            return None
+        if not _NOTED.match(line):
+            return line
+        return self._noted_line(number, line)
+
+    def _noted_line(self, number: int, line: str) -> str | None:
+        found = _OF_ID.match(line)
+        if found is None:
+            return line
+        can_id = int(next(part for part in found.groups() if part))
+        if can_id not in self._ids:
+            what = Message("dbc-of-pseudo-message", id=_hex(can_id))
+            if can_id not in _PSEUDO_IDS:
+                what = Message("dbc-of-unknown-message", id=_hex(can_id))
+            self._note(number, what)
+            return None
+        of_signal = _OF_SIGNAL.match(line)
+        if of_signal is not None:
+            name = [part for part in of_signal.groups() if part][1]
+            if name not in self._ids[can_id]:
+                self._note(number, Message("dbc-of-unknown-signal", name=name, id=_hex(can_id)))
+                return None
+        return line
+
+    def _message_line(self, number: int, line: str) -> str | None:
+        found = _MESSAGE.match(line)
+        self._message, self._is_dropping = None, True
+        if found is None:
+            self._note(number, Message("dbc-line-unreadable", text=line.strip()[:60]))
+            return None
+        can_id, name, length, sender = int(found[1]), found[2], int(found[3]), found[4]
+        if can_id in _PSEUDO_IDS:
+            self._note(number, Message("dbc-pseudo-message", name=name))
+            return None
+        if can_id & ~0x80000000 > _MOST_29_BITS or (not can_id & 0x80000000 and can_id > 0x7FF):
+            can_id = (can_id & _MOST_29_BITS) | 0x80000000
+            self._note(number, Message("dbc-id-29-bit", name=name, id=_hex(int(found[1]))))
+        if can_id in self._ids:
+            self._note(number, Message("dbc-id-twice", name=name, id=_hex(can_id)))
+            return None
+        clean = self._unique(number, name, self._names)
+        self._ids[can_id] = set()
+        self._message, self._is_dropping = can_id, False
+        return f"BO_ {can_id} {clean}: {length} {_identifier(sender) if sender else 'Vector__XXX'}"
+
+    def _signal_line(self, number: int, line: str) -> str | None:
+        if self._is_dropping or self._message is None:
+            return None
+        found = _SIGNAL.match(line)
+        if found is None:
+            self._note(number, Message("dbc-line-unreadable", text=line.strip()[:60]))
+            return None
+        if not 1 <= int(found["length"]) <= 64:
+            self._note(number, Message("dbc-signal-length", name=found["name"], bits=int(found["length"])))
+            return None
+        name = self._unique(number, found["name"], self._ids[self._message])
+        mux = f" {found['mux']}" if found["mux"] else ""
+        numbers = [_number(found[key], default) for key, default in (("factor", 1.0), ("offset", 0.0))]
+        low, high = (_number(found[key], 0.0) for key in ("low", "high"))
+        if numbers[0] == "0":
+            self._note(number, Message("dbc-factor-zero", name=name))
+            numbers[0] = "1"
+        unit = found["unit"].strip()
+        return (
+            f" SG_ {name}{mux} : {found['start']}|{found['length']}@{found['order']}{found['sign']}"
+            f' ({numbers[0]},{numbers[1]}) [{low}|{high}] "{unit}" Vector__XXX'
+        )
+
+    def _unique(self, number: int, name: str, taken: set[str]) -> str:
+        clean = _identifier(name)
+        if clean != name:
+            self._note(number, Message("dbc-name-mended", name=name, as_name=clean))
+        if clean in taken:
+            base, count = clean, 2
+            while clean in taken:
+                clean, count = f"{base}_{count}", count + 1
+            self._note(number, Message("dbc-name-twice", name=name, as_name=clean))
+        taken.add(clean)
+        return clean
+
+
+def _is_open(line: str, is_open: bool) -> bool:
+    """Whether a text in quotes goes on in the next line."""
+    return (line.replace('\\"', "").count('"') % 2 == 1) != is_open
+
+
+def _identifier(name: str) -> str:
+    clean = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return clean if not clean[:1].isdigit() else f"_{clean}"
+
+
+def _number(text: str | None, default: float) -> str:
+    try:
+        value = float((text or "").replace(",", "."))
+    except ValueError:
+        value = default
+    return f"{value:.15g}"
+
+
+def _hex(can_id: int) -> str:
+    return f"0x{can_id:X}"
