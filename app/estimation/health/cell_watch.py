@@ -13,13 +13,28 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import CellModel
-from app.estimation.health.cell_finding import CellFinding, confidence_of
+from app.estimation.health.cell_finding import SURE, CellFinding, FindingCode, confidence_of
+from app.estimation.health.charge_watch import ChargeDrift, ChargeMemory, ChargeWatch
 from app.estimation.health.joint_watch import ALARM_OHM, JUDGE_S, JointWatch, LooseJoints
 from app.estimation.health.joints import JointReport
+from app.estimation.health.sensor_watch import ChannelWatch, DeadSensors, ThermistorWatch
 
 __all__ = ["JUDGE_S", "CellWatch", "CellWatchMemory"]
 
 SIGMA_MIN_FRAC: Final = 0.02  # of a size: gain of the current sensor, and what a model leaves out
+GROWTH_MIN: Final = 0.15  # of a cell's own resistance
+GROWTH_JUDGEMENTS: Final = 60.0  # of driving that a cell's own growth is the mean of
+GROWTH_SIGMAS: Final = 6.0  # of its scatter over the cells
+CELL_SHARE: Final = 0.25  # of what is more: a joint has nothing that lasts, so it is the cell that resists
+LEAK_MIN_A: Final = 4e-3  # 0.4 % of 25 Ah in a day
+LEAK_SIGMAS: Final = 5.0
+LOST_MIN: Final = 0.06
+LOST_SIGMAS: Final = 4.0
+THERMAL_S: Final = 1.0  # between two looks at the thermistors
+CHANNEL_S: Final = 0.15  # and at the voltage channels
+THERMISTOR_K: Final = 1.0  # resolution of a temperature
+CHANNEL_V: Final = 1e-3
+HOLD: Final = 0.6  # of a threshold: what was found ends below it
 
 
 @dataclass(frozen=True)
@@ -29,11 +44,13 @@ class CellWatchMemory:
     Attributes:
         joint_baseline_ohm: (n_cells,) of `JointWatch`.
         loose: joints that were loose.
+        charge: of `ChargeWatch`.
         findings: what was found.
     """
 
     joint_baseline_ohm: FloatArray
     loose: LooseJoints | None = None
+    charge: ChargeMemory | None = None
     findings: tuple[CellFinding, ...] = ()
 
 
@@ -52,15 +69,22 @@ class CellWatch:
         self._cells_per_pack = cells_per_pack
         before = memory or CellWatchMemory(np.full(n_cells, np.nan))
         self._joint_watch = JointWatch(n_cells, cells_per_pack, before.joint_baseline_ohm, before.loose)
+        self._charge_watch = ChargeWatch(cell, n_cells, cells_per_pack, before.charge)
+        self._thermistors = ThermistorWatch(n_cells, cells_per_pack)
+        self._channels = ChannelWatch(n_cells, cells_per_pack)
         self._findings = {(each.code, each.cell): each for each in before.findings}
         self._time_s = -np.inf
-        self._typical_ohm = float("nan")
+        self._thermal_s = self._channel_s = 0.0  # since they were looked at
+        self._has_looked = False
+        self._growth = _Mean(n_cells)
         self.joints: JointReport | None = None
 
     @property
     def memory(self) -> CellWatchMemory:
         """What to keep for the next session."""
-        return CellWatchMemory(self._joint_watch.baseline_ohm, self._joint_watch.found, self.findings)
+        return CellWatchMemory(
+            self._joint_watch.baseline_ohm, self._joint_watch.found, self._charge_watch.memory, self.findings
+        )
 
     @property
     def findings(self) -> tuple[CellFinding, ...]:
@@ -97,55 +121,160 @@ class CellWatch:
             balancing: (n_cells,) cells that are bled; None = not known.
         """
         self._time_s = time_s
+        self._thermal_s += dt_s
+        if self._thermal_s >= THERMAL_S:
+            self._thermistors.step(time_s, self._thermal_s, temperatures_degc)
+            self._thermal_s = 0.0
+        self._channel_s += dt_s
+        if self._channel_s >= CHANNEL_S:
+            self._channels.step(time_s, self._channel_s, current_a, voltages_v)
+            self._channel_s = 0.0
+        dead = self._channels.is_dead
+        if dead.any():
+            self._charge_watch.forget(dead)
+            voltages_v = np.where(dead, np.nan, voltages_v)
         self._joint_watch.step(dt_s, current_a, voltages_v)
+        growth = None if self.joints is None else self.joints.cell_growth_frac
+        self._has_looked |= self._charge_watch.step(time_s, dt_s, current_a, voltages_v, balancing, growth)
 
     def judge(self) -> tuple[CellFinding, ...]:
         """Return what is wrong now, the surest first: also what was found before and nothing has contradicted."""
-        self.joints = report = self._joint_watch.judge()
-        self._keep("joint-grown", self._grown_joints(report))
+        self.joints = self._joint_watch.judge()
+        self._keep(("joint-grown", "resistance-grown"), self._resisting(self.joints))
+        if self._has_looked:
+            self._has_looked = False
+            drift = self._charge_watch.drift()
+            self._keep(("cell-leaks",), self._leaking(drift))
+            self._keep(("capacity-lost",), self._losing(drift))
+        self._keep(("thermistor-off",), self._dead("thermistor-off", "K", THERMISTOR_K, self._thermistors.result()))
+        self._keep(("channel-stuck",), self._dead("channel-stuck", "V", CHANNEL_V, self._channels.result()))
         return self.findings
 
-    def _keep(self, code: str, found: list[CellFinding]) -> None:
+    def _keep(self, codes: tuple[FindingCode, ...], found: list[CellFinding]) -> None:
         """Put what was found of a kind in the place of what was known of it; a finding keeps when it began."""
-        before = {cell: each for (kind, cell), each in self._findings.items() if kind == code}
-        for cell in before:
-            del self._findings[code, cell]  # type: ignore[arg-type]
+        before = {key: self._findings.pop(key) for key in list(self._findings) if key[0] in codes}
         for each in found:
-            since_s = before[each.cell].since_s if each.cell in before else each.since_s
-            self._findings[each.code, each.cell] = replace(each, since_s=since_s)
+            known = before.get((each.code, each.cell))
+            self._findings[each.code, each.cell] = each if known is None else replace(each, since_s=known.since_s)
 
-    def _grown_joints(self, report: JointReport) -> list[CellFinding]:
+    def _resisting(self, report: JointReport) -> list[CellFinding]:
+        """Return the joints and the cells that resist more than they ought to."""
         watch = self._joint_watch
+        if not np.isfinite(watch.age_s):  # nothing has been seen since an earlier session
+            return [each for (code, _), each in self._findings.items() if code in ("joint-grown", "resistance-grown")]
+        usual = _median(report.resistance_ohm)
+        growth = self._growth.add(report.cell_growth_frac, watch.evidence_count)
+        scatter = 1.4826 * _median(np.abs(growth - _median(growth)))
+        excess_ohm = np.nan_to_num(report.ohmic_excess_ohm)
+        limit = max(GROWTH_MIN, GROWTH_SIGMAS * scatter)
+        is_cell = np.zeros(len(growth), dtype=np.bool_)
+        is_cell[self._beyond("resistance-grown", growth, np.full(len(growth), limit))] = True
+        is_cell &= (growth * usual > CELL_SHARE * excess_ohm) & (excess_ohm > GROWTH_MIN * usual)
         found = []
-        known = report.resistance_ohm[np.isfinite(report.resistance_ohm)]
-        usual = float(np.median(known)) if known.size else float("nan")
-        for cell in np.flatnonzero(watch.loose).tolist():
-            before = self._findings.get(("joint-grown", cell))
-            if not np.isfinite(watch.age_s) and before is not None:
-                found.append(before)  # of an earlier session: nothing has been seen since
-                continue
-            size = float(report.joint_excess_ohm[cell])
-            sigma = float(np.linalg.norm((report.sigma_ohm[cell], watch.change_ohm[cell], SIGMA_MIN_FRAC * size)))
+        for cell in np.flatnonzero(watch.loose | is_cell).tolist():
+            code: FindingCode = "resistance-grown" if is_cell[cell] else "joint-grown"
+            size = float((report.ohmic_excess_ohm if code == "resistance-grown" else report.joint_excess_ohm)[cell])
+            of_cell = scatter * usual if code == "resistance-grown" else 0.0
+            sigma = float(
+                np.linalg.norm((report.sigma_ohm[cell], watch.change_ohm[cell], of_cell, SIGMA_MIN_FRAC * size))
+            )
             seen_s = self._time_s - watch.age_s
+            value, evidence_s = float(report.resistance_ohm[cell]), watch.evidence_s
+            neighbours, confidence = self._neighbours(cell), confidence_of(size, sigma, ALARM_OHM)
             found.append(
                 CellFinding(
-                    "joint-grown",
-                    cell,
-                    size,
-                    sigma,
-                    "ohm",
-                    seen_s,
-                    seen_s,
-                    watch.evidence_s,
-                    watch.excitation_a,
-                    float(report.resistance_ohm[cell]),
+                    *(code, cell, size, sigma, "ohm", seen_s, seen_s, evidence_s, watch.excitation_a),
+                    value,
                     usual,
-                    self._neighbours(cell),
-                    confidence_of(size, sigma, ALARM_OHM),
+                    neighbours,
+                    confidence,
                 )
             )
         return found
 
+    def _leaking(self, drift: ChargeDrift) -> list[CellFinding]:
+        limits_a = np.maximum(LEAK_MIN_A, LEAK_SIGMAS * drift.leak_sigma_a)
+        found = []
+        for cell in self._beyond("cell-leaks", drift.leak_a, limits_a):
+            size, sigma = float(drift.leak_a[cell]), float(drift.leak_sigma_a[cell])
+            usual = _median(drift.leak_a)
+            found.append(
+                self._of_charge("cell-leaks", cell, size, sigma, "A", size, usual, confidence_of(size, sigma, 0.0))
+            )
+        return found
+
+    def _losing(self, drift: ChargeDrift) -> list[CellFinding]:
+        limits = np.maximum(LOST_MIN, LOST_SIGMAS * drift.lost_sigma)
+        found = []
+        for cell in self._beyond("capacity-lost", drift.lost, limits):
+            size, sigma = float(drift.lost[cell]), float(drift.lost_sigma[cell])
+            value, usual = 1.0 - size, 1.0 - _median(drift.lost)
+            confidence = confidence_of(size, sigma, 0.0)
+            found.append(self._of_charge("capacity-lost", cell, size, sigma, "1", value, usual, confidence))
+        return found
+
+    def _dead(self, code: FindingCode, unit: str, sigma: float, found: DeadSensors) -> list[CellFinding]:
+        nan = float("nan")
+        dead = []
+        for cell in np.flatnonzero(found.is_dead).tolist():
+            size, since_s, seen_s = float(found.size[cell]), float(found.since_s[cell]), float(found.seen_s[cell])
+            value, usual, neighbours = float(found.value[cell]), float(found.usual[cell]), self._neighbours(cell)
+            evidence_s = seen_s - since_s
+            dead.append(
+                CellFinding(
+                    code, cell, size, sigma, unit, since_s, seen_s, evidence_s, nan, value, usual, neighbours, SURE
+                )
+            )
+        return dead
+
+    def _of_charge(
+        self,
+        code: FindingCode,
+        cell: int,
+        size: float,
+        sigma: float,
+        unit: str,
+        value: float,
+        usual: float,
+        confidence: float,
+    ) -> CellFinding:
+        watch = self._charge_watch
+        seen_s, evidence_s, current_a = watch.looked_s, watch.evidence_s, watch.mean_current_a
+        neighbours = self._neighbours(cell)
+        return CellFinding(
+            code, cell, size, sigma, unit, seen_s, seen_s, evidence_s, current_a, value, usual, neighbours, confidence
+        )
+
+    def _beyond(self, code: FindingCode, values: FloatArray, limits: FloatArray) -> list[int]:
+        """Return the cells beyond a limit; one that was found ends well below it."""
+        held = np.array([HOLD if (code, cell) in self._findings else 1.0 for cell in range(len(values))])
+        return [int(cell) for cell in np.flatnonzero(np.nan_to_num(values) > held * limits)]
+
     def _neighbours(self, cell: int) -> tuple[int, ...]:
         first = cell - cell % self._cells_per_pack
         return tuple(other for other in range(first, first + self._cells_per_pack) if other != cell)
+
+
+class _Mean:
+    """Mean of the last GROWTH_JUDGEMENTS values, a fading one; each counts once."""
+
+    def __init__(self, n_cells: int) -> None:
+        self._mean = np.full(n_cells, np.nan)
+        self._counts = np.zeros(n_cells)
+        self._last = -1
+
+    def add(self, values: FloatArray, count: int) -> FloatArray:
+        """Take a value, the same `count` is the same value; return the mean."""
+        if count != self._last:
+            self._last = count
+            is_known = np.isfinite(values)
+            self._counts += is_known
+            share = 1.0 / np.clip(self._counts, 1.0, GROWTH_JUDGEMENTS)
+            before = np.where(np.isfinite(self._mean), self._mean, values)
+            self._mean = np.where(is_known, before + share * (values - before), self._mean)
+        return self._mean
+
+
+def _median(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")

@@ -74,6 +74,7 @@ class JointWatch:
         self._in_a_row = np.zeros(n_cells, dtype=np.int64)  # judgements that contradict `_is_loose`
         self._report = JointReport(nan, nan, nan, before.excess_ohm.copy(), before.sigma_ohm.copy(), self._is_loose)
         self._judged_at_s = 0.0  # of learned seconds
+        self._judgements = 0
         self._apart_ohm = np.zeros(n_cells)
 
     @property
@@ -108,6 +109,11 @@ class JointWatch:
         return min(self._tracker.learned_s, MEMORY_S)
 
     @property
+    def evidence_count(self) -> int:
+        """Judgements that had new evidence."""
+        return self._judgements
+
+    @property
     def excitation_a(self) -> float:
         """Rms of the current's movement in what the regression remembers [A]; NaN before there was any."""
         return self._tracker.excitation_a
@@ -126,6 +132,7 @@ class JointWatch:
         if self._tracker.learned_s - self._judged_at_s < NEW_S:
             return self._report
         self._judged_at_s = self._tracker.learned_s
+        self._judgements += 1
         self._forget_what_changed()
         has_past = self._learnt >= PAST_JUDGEMENTS
         report = judge_joints(

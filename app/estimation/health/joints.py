@@ -328,7 +328,7 @@ def judge_joints(
     past = np.broadcast_to(np.asarray(np.nan if baseline_ohm is None else baseline_ohm, dtype=np.float64), (n,))
     has_past = np.isfinite(past)
     joint = ohmic - np.where(has_past, past, from_cell)
-    scatter_ohm = np.where(has_past, _sound_sigma(joint[has_past]), _sound_sigma(joint[~has_past]))
+    scatter_ohm = np.where(has_past, _sound_sigma(joint[has_past]), _sound_sigma(ohmic - from_cell))
     sigma = np.hypot(np.nan_to_num(sigma_ohm[0], nan=np.inf), scatter_ohm)
     is_loose = np.nan_to_num(joint) > np.maximum(alarm_ohm, alarm_sigmas * sigma)
     growth = from_cell / max(float(typical[0]), 1e-12)
