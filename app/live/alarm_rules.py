@@ -173,10 +173,10 @@ def _master(snapshot: Snapshot) -> Iterator[Condition]:
 
 def _fault(why: Message) -> Condition:
     """The master's trip, with the cell, the value and the limit that its reason names."""
-    cell, value, limit = (why.args.get(name) for name in ("cell", "value", "limit"))
+    what, cell, value, limit = (why.args.get(name) for name in ("what", "cell", "value", "limit"))
     return Condition(
         "trip",
-        Message("master-fault", why=why),
+        Message("master-fault", why=what if isinstance(what, Message) else why),
         cell.index if isinstance(cell, Cell) else None,
         value.value if isinstance(value, Quantity) else None,
         limit.value if isinstance(limit, Quantity) else None,

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { makeSnapshot } from '../fixtures/snapshot';
 import type { Alarm } from '../src/link/types';
-import { openAlarms } from '../src/store/alarms';
+import { activeTrips, openAlarms, trippedCells } from '../src/store/alarms';
 
 const alarm = (id: number, over: Partial<Alarm>): Alarm => ({
   ...makeSnapshot('fault', 0, 0, 0).alarms[0]!,
@@ -32,7 +32,31 @@ describe('open alarms', () => {
     ).toEqual([3, 2, 4, 1]);
   });
 
+  it('puts what holds before what is over, whatever it is', () => {
+    expect(ids([alarm(1, { active: false, since: 9 }), alarm(2, { severity: 'watch', since: 1 })])).toEqual([
+      2, 1,
+    ]);
+  });
+
   it('has none before the first snapshot', () => {
     expect(openAlarms(null)).toEqual([]);
+  });
+});
+
+describe('trips', () => {
+  const alarms = [
+    alarm(1, { code: 'cell-hot', cell: 30, cells: [], since: 9 }),
+    alarm(2, { code: 'master-fault', cell: 63, cells: [], since: 1 }),
+    alarm(3, { code: 'cell-voltage-low', cell: 5, cells: [], active: false }),
+    alarm(4, { code: 'joint-loose', severity: 'warning', cell: 7, cells: [7, 8] }),
+  ];
+  const snapshot = { ...makeSnapshot('drive', 0, 0, 0), alarms };
+
+  it('puts the reason that opened the circuit first', () => {
+    expect(activeTrips(snapshot).map((a) => a.id)).toEqual([2, 1]);
+  });
+
+  it('marks the cells of trips that hold, and no others', () => {
+    expect([...trippedCells(snapshot)].sort()).toEqual([30, 63]);
   });
 });

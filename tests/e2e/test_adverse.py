@@ -41,7 +41,8 @@ def test_what_is_seen_in_one_tab_is_seen_in_the_other(make_service, open_page):
         client.post("/simulator/faults", json={"fault": "open-wire", "pack": 3, "cell": 7}).raise_for_status()
     for page in (one, other):
         expect(page.get_by_test_id("alarms")).to_contain_text("trip")
-    expect(one.get_by_test_id("worst-alarm")).to_contain_text("sensor lost, pack 3, cell 7")
+    expect(one.get_by_test_id("trip-banner")).to_contain_text("sensor lost")
+    expect(one.get_by_test_id("trip-cell")).to_have_text("pack 3, cell 7")
     expect(one).to_have_title(re.compile(r"^\(\d\) trip"))
     button = one.get_by_role("button", name=re.compile("^Acknowledge: shutdown circuit open"))
     button.click()

@@ -1,12 +1,41 @@
-// Which alarms still want a person's attention, and how bad the worst of them is.
+// Which alarms still want a person's attention, how bad the worst of them is, and which cells tripped.
 
+import type { Message } from '../words/render';
 import type { Alarm, Maybe, Severity, Snapshot } from '../link/types';
 
 const RANK: Record<Severity, number> = { watch: 0, warning: 1, trip: 2 };
+const MASTER = 'master-fault'; // says that the circuit is open; the other trips say what is beyond a limit
 
-/** Alarms that are active or not yet acknowledged, worst first, newest first among equals. */
+/** Alarms that are active or not yet acknowledged: what holds before what is over, worst first, newest first. */
 export function openAlarms(snapshot: Maybe<Snapshot>): Alarm[] {
   return (snapshot?.alarms ?? [])
     .filter((a) => a.active || !a.acknowledged_by)
-    .sort((a, b) => RANK[b.severity] - RANK[a.severity] || b.since - a.since);
+    .sort(
+      (a, b) =>
+        Number(b.active) - Number(a.active) || RANK[b.severity] - RANK[a.severity] || b.since - a.since,
+    );
 }
+
+/** The trips that hold, the master's own first: it is the one that opened the circuit. */
+export function activeTrips(snapshot: Maybe<Snapshot>): Alarm[] {
+  return openAlarms(snapshot)
+    .filter((a) => a.active && a.severity === 'trip')
+    .sort((a, b) => Number(b.code === MASTER) - Number(a.code === MASTER));
+}
+
+/** What the service takes for the cause of a trip; null until it knows. */
+export interface Cause {
+  message: string;
+  message_words: Message | null;
+}
+
+export const causeOf = (alarm: Alarm): Maybe<Cause> =>
+  (alarm as Alarm & { cause?: Cause | null }).cause ?? null;
+
+/** Every cell that an alarm is about. */
+export const cellsOf = (alarm: Alarm): number[] =>
+  alarm.cells.length ? alarm.cells : alarm.cell === null ? [] : [alarm.cell];
+
+/** The cells that the trips which hold are about. */
+export const trippedCells = (snapshot: Maybe<Snapshot>): ReadonlySet<number> =>
+  new Set(activeTrips(snapshot).flatMap(cellsOf));

@@ -1,6 +1,7 @@
-// What a frame draws. A snapshot is spread over three frames, so that none of them is long: numbers, cells, charts.
+// What a frame draws. All numbers of a snapshot are drawn in one frame: a map, a table and a card never disagree. The
+// charts follow in the next one, so that neither is long.
 
-export type Step = 'numbers' | 'cells' | 'charts';
+export type Step = 'numbers' | 'charts';
 
 const BEAT_MS = 60; // eyes read no faster
 const TICK_MS = 250; // ages grow and charts move on while nothing arrives
@@ -12,8 +13,7 @@ export class FrameSchedule {
   /** The step of the frame at `stamp` [ms]; null where it has nothing to draw. */
   next(stamp: number, changed: boolean): Step | null {
     const since = stamp - this.begunAt;
-    if (this.step === 'numbers') this.step = 'cells';
-    else if (this.step === 'cells') this.step = 'charts';
+    if (this.step === 'numbers') this.step = 'charts';
     else if (since >= (changed ? BEAT_MS : TICK_MS)) {
       this.step = 'numbers';
       this.begunAt = stamp;

@@ -3,7 +3,7 @@
 
 import { LiveSocket, liveUrl, type Connection } from '../link/socket';
 import { get } from '../link/rest';
-import type { History, Maybe, Part, Snapshot } from '../link/types';
+import type { History, Link, Maybe, Part, Snapshot } from '../link/types';
 import { freshness, isLive, type Freshness } from '../format';
 import { FrameSchedule } from './frame_schedule';
 import { MinimumDelay } from './minimum_delay';
@@ -33,11 +33,12 @@ const PARTS: Record<SeriesName, Part> = {
 };
 
 const HISTORY_S = 900;
+const QUIET_S = 2.5; // the service speaks once a second even when the master does not
+const CLOSED = new Set<Link['state']>(['off', 'connecting', 'lost']);
 const HISTORY_SAMPLES = 30 * HISTORY_S;
 
 class Live {
   snapshot = $state.raw<Snapshot | null>(null);
-  cells = $state.raw<Snapshot | null>(null); // the same for tables of all cells, one frame later
   connection = $state<Connection>('connecting');
   now = $state(performance.now() / 1000);
   beat = $state(0); // of the charts
@@ -73,18 +74,34 @@ class Live {
   }
 
   /** Seconds since the master measured a part, grown by the snapshot's way to here and the time since. */
-  age(part: Part, of: Maybe<Snapshot> = this.snapshot): Maybe<number> {
-    const age = of?.age[part] ?? null;
+  age(part: Part): Maybe<number> {
+    const age = this.snapshot?.age[part] ?? null;
     return age === null ? null : age + this.late;
   }
 
-  freshness(part: Part, of: Maybe<Snapshot> = this.snapshot): Freshness {
-    return freshness(this.age(part, of));
+  freshness(part: Part): Freshness {
+    return freshness(this.age(part));
   }
 
   /** Whether what is shown comes from the simulator: training data must never be taken for the car. */
   get simulated(): boolean {
     return this.snapshot?.source === 'simulator';
+  }
+
+  /** The service is gone, or stands: what is shown is the last that was heard of it. */
+  get gone(): boolean {
+    return this.connection === 'lost' || this.behind > QUIET_S;
+  }
+
+  /** The service answers, so what asks it for something can work. */
+  get answers(): boolean {
+    return this.connection === 'open' && !this.gone;
+  }
+
+  /** A command can reach the master: the service answers, its RS232 port is open and the snapshot is no replay's. */
+  get commands(): boolean {
+    const { snapshot } = this;
+    return this.answers && snapshot !== null && !snapshot.replay && !CLOSED.has(snapshot.links.rs232.state);
   }
 
   /** Seconds since the service sent what is shown. */
@@ -150,8 +167,6 @@ class Live {
     if (step === 'numbers') {
       this.snapshot = this.latest;
       this.now = stamp / 1000;
-    } else if (step === 'cells') {
-      this.cells = this.snapshot;
     } else if (step === 'charts') {
       this.beat++;
     }

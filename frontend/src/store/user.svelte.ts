@@ -13,8 +13,13 @@ class User {
   me = $state.raw<Me | null>(null);
   theme = $state<ThemeName>('dark');
 
-  mayWrite = $derived(this.me?.role === 'engineer');
+  isEngineer = $derived(this.me?.role === 'engineer');
   mustLogIn = $derived(this.me !== null && this.me.password_required && this.me.role === null);
+
+  /** Whether something can be changed now: by an engineer, while the service answers. */
+  get mayWrite(): boolean {
+    return this.isEngineer && live.answers;
+  }
 
   async start(): Promise<void> {
     const preferred = matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark';

@@ -59,6 +59,7 @@ def test_the_masters_trip_names_the_cell_the_value_and_the_limit_of_its_reason(p
     master.set("status.flags", [0])
     snapshot, _ = run(pipeline, master, 1)
     alarm = next(a for a in snapshot.alarms if a.code == "master-fault")
+    assert alarm.text == "shutdown circuit open: cell over-voltage"
     assert (alarm.cell, alarm.value, alarm.limit, alarm.unit) == (63, pytest.approx(4.2969), pytest.approx(4.2), "V")
 
 
