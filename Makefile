@@ -66,7 +66,7 @@ lock: | $(PY) ## resolve pyproject.toml anew into requirements/*.lock
 	$(PY) .ci/lock.py $(ARGS)
 
 clean: ## remove everything that was fetched or built
-	rm -rf mutants $(VENV) frontend/node_modules app/static app/estimation/filters/engine/vw_filter.so app/estimation/filters/engine/vw_filter.dylib .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf mutants $(VENV) frontend/node_modules app/static app/estimation/filters/engine/vw_filter*.so app/estimation/filters/engine/vw_filter*.dylib .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 
 frontend: | $(VENV)/.build-installed
 	@$(PY) hatch_build.py

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -30,8 +31,12 @@ NOT_SOURCES = frozenset({"node_modules", "dist", "coverage", "__pycache__"})
 
 
 ENGINE = Path("app", "estimation", "filters", "engine")
-C_FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-s", "-Wall", "-Wextra")
+C_FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-s", "-Wall", "-Wextra", "-Wno-pass-failed")
 IEEE_FLAGS = ("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off")  # every sum rounds the same everywhere
+LEVELS = {
+    "avx2": ("-mavx2",),
+    "avx512": ("-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512"),
+}  # variants of the engine for newer x86-64 processors, chosen when it is loaded; the results are the same
 ZIG = "ziglang==0.17.1"
 WHEEL_TARGET = "VOLTWALL_WHEEL_TARGET"  # environment: the name of a target; without it a wheel is for this machine
 
@@ -82,11 +87,11 @@ class VoltwallBuildHook(BuildHookInterface[Any]):
         target = TARGETS.get(os.environ.get(WHEEL_TARGET, ""))
         self._folder = tempfile.TemporaryDirectory(prefix="voltwall-engine-")
         library = Path(self._folder.name, target.library if target else library_name())
-        compile_engine(root, library, target)
-        build_data["force_include"][str(library)] = (ENGINE / library.name).as_posix()
+        for built in compile_engine(root, library, target):
+            build_data["force_include"][str(built)] = (ENGINE / built.name).as_posix()
         build_data["pure_python"] = False
-        platform = target.tag if target else sysconfig.get_platform().replace("-", "_").replace(".", "_")
-        build_data["tag"] = f"py3-none-{platform}"
+        tag = target.tag if target else sysconfig.get_platform().replace("-", "_").replace(".", "_")
+        build_data["tag"] = f"py3-none-{tag}"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove the library once it is in the wheel."""
@@ -119,17 +124,17 @@ def build_engine(root: Path) -> bool:
     library = root / ENGINE / library_name()
     if library.is_file() and engine_digest(root).encode() in library.read_bytes():
         return False
-    fresh = library.with_suffix(f".{os.getpid()}{library.suffix}")
-    try:
-        compile_engine(root, fresh, None)
-        fresh.replace(library)  # whole or not at all: other processes may be loading it
-    finally:
-        fresh.unlink(missing_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".vw_filter-", dir=library.parent) as folder:
+        for fresh in reversed(compile_engine(root, Path(folder, library.name), None)):  # last what is looked at first
+            fresh.replace(library.with_name(fresh.name))  # whole or not at all: other processes may be loading it
     return True
 
 
-def compile_engine(root: Path, library: Path, target: Target | None) -> None:
-    """Compile the engine for a target, None = this machine.
+def compile_engine(root: Path, library: Path, target: Target | None) -> list[Path]:
+    """Compile the engine for a target, None = this machine; for x86-64 in every variant of LEVELS too.
+
+    Returns:
+        The libraries: first the one that every processor of the target runs, named as asked, then its variants.
 
     Raises:
         subprocess.CalledProcessError: the compiler failed.
@@ -137,8 +142,20 @@ def compile_engine(root: Path, library: Path, target: Target | None) -> None:
     """
     sources = [str(source) for source in engine_sources(root) if source.suffix == ".c"]
     digest = f'-DVW_SOURCES="{engine_digest(root)}"'
-    command = [*compiler(target), *C_FLAGS, *IEEE_FLAGS, digest, *sources, "-o", str(library), "-lm"]
-    subprocess.run(command, stdin=subprocess.DEVNULL, check=True)
+    built = {library: ()} | {library.with_suffix(f".{name}{library.suffix}"): LEVELS[name] for name in levels(target)}
+    for path, level in built.items():
+        command = [*compiler(target), *C_FLAGS, *IEEE_FLAGS, *level, digest, *sources, "-o", str(path), "-lm"]
+        subprocess.run(command, stdin=subprocess.DEVNULL, check=True)
+    return list(built)
+
+
+def levels(target: Target | None) -> list[str]:
+    """Return the names of the variants there are for a target, None = this machine."""
+    if target is not None:
+        return list(LEVELS) if target.zig.startswith("x86_64") else []
+    # gcc on Windows does not keep the stack where wide vectors have to lie
+    is_safe = sys.platform != "win32" or own_compiler() is None
+    return list(LEVELS) if is_safe and platform.machine().lower() in ("x86_64", "amd64") else []
 
 
 def own_compiler() -> str | None:

@@ -19,13 +19,14 @@ from app.estimation.errors import EstimatorError
 from app.estimation.filters.tuning import Tuning
 
 FOLDER: Final = Path(__file__).resolve().parent
-LANES: Final = 16
+LANES: Final = 32
 RC_MAX: Final = 5  # branches: RC pairs and the lasting error
 STATES_MAX: Final = 1 + RC_MAX
 STARTS: Final = 3
 
 _suffix = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
-LIBRARY: Final = FOLDER / f"vw_filter.{_suffix}"
+LIBRARY: Final = FOLDER / f"vw_filter.{_suffix}"  # for every processor of its kind
+FASTER: Final = ("avx512", "avx2")  # variants that newer ones run, with the same results; last what most have
 
 CELL_ROWS: Final = {
     "soc": 1,
@@ -121,24 +122,34 @@ class SampleStruct(ctypes.Structure):
 
 @cache
 def load() -> ctypes.PyDLL:
-    """Return the library.
+    """Return the library, in the fastest variant that this processor runs.
 
     Raises:
         EstimatorError: there is none for this machine, or it was built from other sources than those beside it.
     """
-    if not LIBRARY.is_file():
-        raise EstimatorError(f"{LIBRARY.name} has not been built for this machine")
+    library = _open(LIBRARY)
+    level = library.vw_library_level()
+    for variant in FASTER[-level:] if level else ():
+        faster = LIBRARY.with_suffix(f".{variant}{LIBRARY.suffix}")
+        if faster.is_file():
+            return _open(faster)
+    return library
+
+
+def _open(path: Path) -> ctypes.PyDLL:
+    if not path.is_file():
+        raise EstimatorError(f"{path.name} has not been built for this machine")
     try:
-        library = ctypes.PyDLL(str(LIBRARY))  # a call is short; another thread may wait for it
+        library = ctypes.PyDLL(str(path))  # a call is short; another thread may wait for it
     except OSError as error:
-        raise EstimatorError(f"{LIBRARY.name} cannot be loaded: {error}") from error
+        raise EstimatorError(f"{path.name} cannot be loaded: {error}") from error
     library.vw_library_sources.restype = ctypes.c_char_p
     built_from = library.vw_library_sources().decode()
     if built_from != sources_digest():
-        raise EstimatorError(f"{LIBRARY.name} was built from other sources than these: python hatch_build.py engine")
+        raise EstimatorError(f"{path.name} was built from other sources than these: python hatch_build.py engine")
     sizes = library.vw_library_size_of_filter(), library.vw_library_size_of_cells()
     if sizes != (ctypes.sizeof(FilterStruct), CELLS.itemsize):
-        raise EstimatorError(f"{LIBRARY.name} has another memory layout: {sizes}")
+        raise EstimatorError(f"{path.name} has another memory layout: {sizes}")
     return library
 
 

@@ -122,12 +122,14 @@ void vw_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw
     }
 }
 
-vw_real vw_reading_slope(const vw_cell_model *model, vw_real soc)
+void vw_reading_slope(const vw_cell_model *model, const vw_soc_place *restrict soc, vw_lanes slope_v)
 {
-    const vw_real end = (vw_real)(model->n_soc - 1), last = (vw_real)(model->n_soc - 2);
-    const vw_real x = vw_clip((soc - model->soc_low) / model->soc_step, 0, end);
-    const int j = (int)vw_min(x, last);
-    return model->reading_slope_v[j] + (x - (vw_real)j) * (model->reading_slope_v[j + 1] - model->reading_slope_v[j]);
+    const vw_real *here = model->reading_slope_v, *next = here + 1;
+    VW_EACH_CELL(c)
+    {
+        const int j = soc->column[c];
+        slope_v[c] = here[j] + soc->weight[c] * (next[j] - here[j]);
+    }
 }
 
 vw_real vw_ocv_of(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc)

@@ -94,8 +94,8 @@ void vw_time_constants(const vw_cell_model *model, const vw_temperature_place *a
 /* OCV [V] of each cell. */
 void vw_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes ocv_v);
 
-/* Volts per SOC at which a voltage reads the SOC of one cell. */
-vw_real vw_reading_slope(const vw_cell_model *model, vw_real soc);
+/* Volts per SOC at which a voltage reads the SOC of each cell. */
+void vw_reading_slope(const vw_cell_model *model, const vw_soc_place *soc, vw_lanes slope_v);
 
 /* OCV [V] of one cell. */
 vw_real vw_ocv_of(const vw_cell_model *model, const vw_temperature_place *at, int c, vw_real soc);

@@ -4,11 +4,15 @@ import ctypes
 import re
 from dataclasses import fields
 
+import numpy as np
 import pytest
 
+from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.engine import library
+from app.estimation.filters.engine.native import NativeEngine
 from app.estimation.filters.estimates import Estimates
+from app.estimation.filters.estimators import make_estimator
 from app.estimation.filters.reference.state import State
 from app.estimation.filters.setup import Kind
 from app.estimation.filters.tuning import Tuning
@@ -83,3 +87,19 @@ def test_a_missing_broken_or_outdated_library_is_refused(monkeypatch, tmp_path):
     refused(monkeypatch, "cannot be loaded")
     monkeypatch.setattr(library, "sources_digest", lambda: "of other sources")
     refused(monkeypatch, "other sources")
+
+
+def test_every_variant_that_this_processor_runs_gives_the_same_numbers(monkeypatch):
+    answers = []
+    for variants in (library.FASTER, library.FASTER[-1:], ()):
+        library.load.cache_clear()
+        monkeypatch.setattr(library, "FASTER", variants)
+        estimator = make_estimator("fused", load_cell(), 40, engine=NativeEngine)
+        estimator.start(np.linspace(3.3, 4.1, 40), np.full(40, 30.0), 0.0, soc=0.5)
+        for step in range(100):
+            found = estimator.step(0.1, 3.0 * step, np.linspace(3.2, 4.1, 40), np.full(40, 30.0 + step // 50))
+        answers.append(found.numbers)
+    monkeypatch.undo()
+    library.load.cache_clear()
+    for numbers in answers[1:]:
+        np.testing.assert_allclose(numbers, answers[0], rtol=1e-12, atol=1e-12)
