@@ -1,5 +1,9 @@
 """Limits with persistence, latched: 500 ms for voltage and current, 1 s for temperature (FS rules EV 5.8.7).
 
+The rules count from the violation, and tell to consider the sample rate: the persistence is what measuring and
+filtering leave of those times. A voltage is up to 20 ms old, and the filter at its default weight takes up to nine
+passes to follow a step; a temperature is up to 400 ms old.
+
 A lost measurement is critical like a passed limit. Once tripped, the OK signal stays off until faults are cleared: a
 flip-flop on the board holds it, which no restart of the firmware and no loss of power resets (EV 6.1.6).
 """
@@ -11,8 +15,10 @@ from firmware_protocol.memory_map import CELLS_PER_PACK
 from firmware_protocol.messages import NO_OFFSET, EventCode, EventMessage
 from simulator.memory import Config
 
-FAST_PERSISTENCE_S = 0.5
-SLOW_PERSISTENCE_S = 1.0
+FAST_PERSISTENCE_S = 0.3
+SLOW_PERSISTENCE_S = 0.4
+WIRE_PERSISTENCE_S = 0.5  # a lost measurement has no time in the rules: on a disturbed line it may come back
+SENSOR_PERSISTENCE_S = 1.0  # of a temperature
 CHARGE_TOLERANCE = 100  # 1 A [10 mA]: the sensor's accuracy, so that the asked current does not trip
 
 
@@ -66,11 +72,11 @@ def violations(config: Config, reading: Reading) -> Iterator[Violation]:
     if reading.lost_slave is not None:
         yield Violation(EventCode.TRIP_SLAVE_LOST, fast, reading.lost_slave * CELLS_PER_PACK, 0, 0)
     if reading.lost_cell is not None:
-        yield Violation(EventCode.TRIP_SENSOR_LOST, fast, reading.lost_cell, 0, 0)
+        yield Violation(EventCode.TRIP_SENSOR_LOST, WIRE_PERSISTENCE_S, reading.lost_cell, 0, 0)
     elif reading.lost_current:
         yield Violation(EventCode.TRIP_SENSOR_LOST, fast, NO_OFFSET, 0, 0)
     elif reading.lost_temperature is not None:
-        yield Violation(EventCode.TRIP_SENSOR_LOST, slow, reading.lost_temperature, 0, 0)
+        yield Violation(EventCode.TRIP_SENSOR_LOST, SENSOR_PERSISTENCE_S, reading.lost_temperature, 0, 0)
 
 
 def _current_violations(config: Config, reading: Reading) -> Iterator[Violation]:

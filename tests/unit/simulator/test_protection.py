@@ -5,7 +5,17 @@ import pytest
 from firmware_protocol.config_image import default_image
 from firmware_protocol.messages import NO_OFFSET, EventCode
 from simulator.memory import Config
-from simulator.protection import CHARGE_TOLERANCE, Latch, Protection, Reading, violations
+from simulator.protection import (
+    CHARGE_TOLERANCE,
+    FAST_PERSISTENCE_S,
+    SENSOR_PERSISTENCE_S,
+    SLOW_PERSISTENCE_S,
+    WIRE_PERSISTENCE_S,
+    Latch,
+    Protection,
+    Reading,
+    violations,
+)
 
 CONFIG = Config.from_image(default_image())
 GOOD = Reading(
@@ -26,18 +36,23 @@ def trip_time_s(reading: Reading, step_s: float = 0.02) -> tuple[float, int, int
 @pytest.mark.parametrize(
     ("changes", "code", "cell", "after_s"),
     [
-        ({"v_min": 24_999}, EventCode.TRIP_V_MIN, 3, 0.5),
-        ({"v_max": 42_001}, EventCode.TRIP_V_MAX, 7, 0.5),
-        ({"t_min": -16}, EventCode.TRIP_T_MIN, 1, 1.0),
-        ({"t_max": 46}, EventCode.TRIP_T_MAX, 9, 1.0),
-        ({"i_fc": 20_001}, EventCode.TRIP_I_DISC, NO_OFFSET, 0.5),
-        ({"i_fc": -10_001}, EventCode.TRIP_I_DISC, NO_OFFSET, 0.5),
-        ({"i_fc": -1_200 - CHARGE_TOLERANCE - 1, "is_charging": True}, EventCode.TRIP_I_CHRG, NO_OFFSET, 0.5),
-        ({"i_fc": 500, "is_charging": True}, EventCode.TRIP_I_CHRG, NO_OFFSET, 0.5),
-        ({"lost_slave": 2}, EventCode.TRIP_SLAVE_LOST, 24, 0.5),
-        ({"lost_cell": 40}, EventCode.TRIP_SENSOR_LOST, 40, 0.5),
-        ({"lost_temperature": 41}, EventCode.TRIP_SENSOR_LOST, 41, 1.0),
-        ({"lost_current": True}, EventCode.TRIP_SENSOR_LOST, NO_OFFSET, 0.5),
+        ({"v_min": 24_999}, EventCode.TRIP_V_MIN, 3, FAST_PERSISTENCE_S),
+        ({"v_max": 42_001}, EventCode.TRIP_V_MAX, 7, FAST_PERSISTENCE_S),
+        ({"t_min": -16}, EventCode.TRIP_T_MIN, 1, SLOW_PERSISTENCE_S),
+        ({"t_max": 46}, EventCode.TRIP_T_MAX, 9, SLOW_PERSISTENCE_S),
+        ({"i_fc": 20_001}, EventCode.TRIP_I_DISC, NO_OFFSET, FAST_PERSISTENCE_S),
+        ({"i_fc": -10_001}, EventCode.TRIP_I_DISC, NO_OFFSET, FAST_PERSISTENCE_S),
+        (
+            {"i_fc": -1_200 - CHARGE_TOLERANCE - 1, "is_charging": True},
+            EventCode.TRIP_I_CHRG,
+            NO_OFFSET,
+            FAST_PERSISTENCE_S,
+        ),
+        ({"i_fc": 500, "is_charging": True}, EventCode.TRIP_I_CHRG, NO_OFFSET, FAST_PERSISTENCE_S),
+        ({"lost_slave": 2}, EventCode.TRIP_SLAVE_LOST, 24, FAST_PERSISTENCE_S),
+        ({"lost_cell": 40}, EventCode.TRIP_SENSOR_LOST, 40, WIRE_PERSISTENCE_S),
+        ({"lost_temperature": 41}, EventCode.TRIP_SENSOR_LOST, 41, SENSOR_PERSISTENCE_S),
+        ({"lost_current": True}, EventCode.TRIP_SENSOR_LOST, NO_OFFSET, FAST_PERSISTENCE_S),
     ],
 )
 def test_each_limit_trips_after_its_persistence(changes, code, cell, after_s):
@@ -65,8 +80,8 @@ def test_a_violation_that_ends_in_time_does_not_trip_and_the_next_starts_anew():
     bad = replace(GOOD, v_min=20_000)
     for start_s in (0.0, 1.0):
         assert protection.judge(violations(CONFIG, bad), start_s) == []
-        assert protection.judge(violations(CONFIG, bad), start_s + 0.48) == []
-        assert protection.judge(violations(CONFIG, GOOD), start_s + 0.49) == []
+        assert protection.judge(violations(CONFIG, bad), start_s + 0.28) == []
+        assert protection.judge(violations(CONFIG, GOOD), start_s + 0.29) == []
     assert protection.is_ok
 
 
