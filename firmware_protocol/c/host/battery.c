@@ -18,6 +18,8 @@ void battery_init(battery_t *battery, vw_master_t *master, vw_link_t *link, bool
     battery->master = master;
     battery->link = link;
     battery->is_driving = is_driving;
+    faults_init(&battery->faults);
+    memset(&battery->protection, 0, sizeof battery->protection);
     memset((uint8_t *)master + VW_CONFIG_SIZE, 0, VW_MASTER_SIZE - VW_CONFIG_SIZE);
     master->n_slaves = VW_N_PACKS;
     master->status.charger_status = 255u;
@@ -37,10 +39,11 @@ void battery_init(battery_t *battery, vw_master_t *master, vw_link_t *link, bool
     master->t_max_id = 2u * VW_CELLS_PER_PACK;
 }
 
-void battery_measure(battery_t *battery, uint32_t now_ms)
+bool battery_measure(battery_t *battery, uint32_t now_ms)
 {
     vw_master_t *master = battery->master;
-    uint32_t i, sum = 0;
+    uint32_t i, sum = 0, n_known = 0;
+    bool has_opened;
     master->i_fs = battery->is_driving ? 4200 : 0;
     master->i_fc = master->i_fc_hp = master->i_fs;
     master->v_min = UINT16_MAX;
@@ -49,8 +52,13 @@ void battery_measure(battery_t *battery, uint32_t now_ms)
         uint16_t v = (uint16_t)(REST_V + SPREAD_V * (i * 5u % N_SPREAD) + (now_ms / 100u + i) % 3u);
         master->v[i] = v;
         master->slave[i / VW_CELLS_PER_PACK].cvr[i % VW_CELLS_PER_PACK] = v;
+    }
+    faults_apply(&battery->faults, master);
+    for (i = 0; i < VW_N_CELLS; i++) {
+        uint16_t v = master->v[i];
         sum += v;
-        if (v < master->v_min) {
+        n_known += v != VW_V_MISSING;
+        if (v != VW_V_MISSING && v < master->v_min) {
             master->v_min = v;
             master->v_min_id = (uint8_t)i;
         }
@@ -59,12 +67,15 @@ void battery_measure(battery_t *battery, uint32_t now_ms)
             master->v_max_id = (uint8_t)i;
         }
     }
-    master->v_avg = (uint16_t)(sum / VW_N_CELLS);
+    master->v_avg = (uint16_t)(n_known == 0u ? VW_V_MISSING : sum / n_known);
     master->v_tot = (uint16_t)(sum / 100u);
     vw_estimator_run(&battery->estimator, master, now_ms);
-    set_flag(battery, VW_STATUS_FIT | VW_STATUS_I2C1, true);
+    has_opened = protection_judge(&battery->protection, master, battery->link, now_ms);
+    set_flag(battery, VW_STATUS_I2C1, true);
+    set_flag(battery, VW_STATUS_FIT, !battery->protection.is_open);
     set_flag(battery, VW_STATUS_USART1, battery->link->is_streaming);
-    set_flag(battery, VW_STATUS_LOAD, battery->is_driving);
+    set_flag(battery, VW_STATUS_LOAD, battery->is_driving && !battery->protection.is_open);
+    return has_opened;
 }
 
 bool battery_may_configure(const battery_t *battery)
@@ -114,6 +125,9 @@ enum vw_result battery_command(battery_t *battery, uint8_t command, int32_t argu
         set_flag(battery, VW_STATUS_BALANCING, ((uint32_t)argument & 0xFFFu) != 0u);
         break;
     case VW_COMMAND_CLEAR_FAULTS:
+        if (!protection_clear(&battery->protection)) {
+            return VW_RESULT_NOT_NOW;
+        }
         vw_link_event(battery->link, VW_EVENT_FAULTS_CLEARED, VW_NO_OFFSET, 0, 0);
         break;
     case VW_COMMAND_SET_SOC:

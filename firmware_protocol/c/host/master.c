@@ -6,6 +6,7 @@
  */
 #define _POSIX_C_SOURCE 200809L
 #include <errno.h>
+#include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
@@ -42,6 +43,8 @@ static const char usage[] =
     "  [--cut-byte B]      what the byte under way is left as, 0..255\n"
     "  [--worn]            the EEPROM keeps what it holds\n"
     "  [--no-eeprom]       the EEPROM does not answer\n"
+    "  [--faults]          faults come as lines on standard input: `v CELL COUNTS`, `t CELL DEGC`, `i COUNTS`,\n"
+    "                      `slave PACK`, `clear`; standard error tells `fault US` and `open US` by the monotonic clock\n"
     "  [--driving]         the relays are closed: configuration and charging are refused\n"
     "  [--other-map]       another memory map's hash in IDENT\n";
 
@@ -91,6 +94,7 @@ typedef struct {
     int fd;
     bool is_driving;
     bool has_other_map;
+    bool takes_faults;
 } options_t;
 
 static void boot(const options_t *options, uint8_t cause)
@@ -105,7 +109,7 @@ static void boot(const options_t *options, uint8_t cause)
     }
     battery_init(&pc.battery, &memory, &line, options->is_driving);
     vw_can_init(&can, &board, &memory);
-    battery_measure(&pc.battery, 0u);
+    (void)battery_measure(&pc.battery, 0u);
     pc.is_restarting = false;
 }
 
@@ -131,6 +135,33 @@ static size_t transmit(int fd, uint32_t now_ms)
     return n;
 }
 
+/* What is true, for who judges the measuring of it. */
+static void tell(const char *what)
+{
+    fprintf(stderr, "%s %llu\n", what, (unsigned long long)clock_us());
+    (void)fflush(stderr);
+}
+
+/* Take the lines on standard input that are there. */
+static void take_faults(void)
+{
+    static char said[64];
+    static size_t n;
+    char byte;
+    while (read(STDIN_FILENO, &byte, 1u) == 1) {
+        if (byte != '\n') {
+            n = n < sizeof said - 1u ? n + 1u : n;
+            said[n - 1u] = byte;
+            continue;
+        }
+        said[n] = '\0';
+        n = 0u;
+        if (faults_parse(&pc.battery.faults, said)) {
+            tell("fault");
+        }
+    }
+}
+
 static int run(const options_t *options, const pty_t *pty, int fd)
 {
     uint64_t start_us = clock_us(), busy_until_us = 0u;
@@ -148,9 +179,14 @@ static int run(const options_t *options, const pty_t *pty, int fd)
         if (pc.eeprom.is_power_lost) {
             return POWER_LOST;
         }
+        if (options->takes_faults) {
+            take_faults();
+        }
         if (now_ms - measured_ms >= MEASURE_MS) {
             measured_ms = now_ms;
-            battery_measure(&pc.battery, now_ms);
+            if (battery_measure(&pc.battery, now_ms)) {
+                tell("open");
+            }
         }
         if (now_us >= busy_until_us) {
             size_t n = transmit(fd, now_ms);
@@ -180,6 +216,10 @@ static bool parse(int argc, char **argv, options_t *options, const char **eeprom
         const char *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (strcmp(name, "--driving") == 0) {
             options->is_driving = true;
+            continue;
+        }
+        if (strcmp(name, "--faults") == 0) {
+            options->takes_faults = true;
             continue;
         }
         if (strcmp(name, "--other-map") == 0) {
@@ -237,6 +277,9 @@ int main(int argc, char **argv)
         return 1;
     }
     fd = options.link != NULL ? pty.master : options.fd;
+    if (options.takes_faults) {
+        (void)fcntl(STDIN_FILENO, F_SETFL, O_NONBLOCK);
+    }
     (void)signal(SIGTERM, on_signal);
     (void)signal(SIGINT, on_signal);
     (void)signal(SIGPIPE, SIG_IGN);
