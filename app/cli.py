@@ -13,6 +13,7 @@ COMMANDS = {
     "simulate": "run the simulated accumulator by itself, on a port that looks like the master's",
     "replay": "play a recorded session through the same pipeline",
     "sessions": "recorded sessions: list, check, fetch, import, prune; laps, reports, black boxes, cell passports",
+    "evidence": "measure how fast the master opens the shutdown circuit, as a document for the scrutineers",
     "export": "write a session's signals as CSV, Parquet and other formats",
     "config": "read, write, store, roll back the master's configuration through a running service; profiles",
     "dbc": "write the CAN tables as a DBC file",

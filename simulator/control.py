@@ -73,6 +73,7 @@ class Control:
             "current_a": round(simulation.current_a, 2),
             "master_is_running": simulation.master is not None,
             "relays": _relays(simulation.master),
+            "relays_since_s": None if simulation.master is None else round(simulation.master.relays_since_s, 3),
             "link_v": round(simulation.link.voltage_v, 1),
             "notices": [_notice_json(notice) for notice in self._player.notices],
             "active": [_fault_json(fault) for fault in self._player.faults.active],

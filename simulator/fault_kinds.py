@@ -222,7 +222,7 @@ _AREAS = {
     ),
     "current and relays": (
         _Kind("current-unplugged", "the current sensor is off", _NONE, *_ON, _current_unplugged),
-        _Kind("current-offset", "the current sensor is off by this", _NONE, "A", -100, 100, 2, 0, _current_offset),
+        _Kind("current-offset", "the current sensor is off by this", _NONE, "A", -400, 400, 2, 0, _current_offset),
         _Kind("shutdown-open", "a button or the insulation monitor opens the relays", _NONE, *_ON, _shutdown),
         _Kind("precharge-open", "the pre-charge resistor is burnt", _NONE, *_ON, _precharge),
         _Kind("link-leak", "a load across the vehicle's link", _NONE, "ohm", 100, 1e6, 2000, _INFINITE, _link_leak),

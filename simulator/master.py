@@ -95,6 +95,11 @@ class VirtualMaster:
         return self._relays.state
 
     @property
+    def relays_since_s(self) -> float:
+        """When they came to that."""
+        return self._relays.since_s
+
+    @property
     def has_precharge_failed(self) -> bool:
         """The vehicle's link did not reach its voltage in time."""
         return self._relays.has_precharge_failed

@@ -25,7 +25,7 @@ class Relays:
     def __init__(self) -> None:
         self.state = RelayState.OPEN
         self.has_precharge_failed = False
-        self._since_s = 0.0
+        self.since_s = 0.0  # in this state
 
     def step(
         self, now_s: float, *, is_ok: bool, drive_requested: bool, charging: bool, link_share: float
@@ -42,7 +42,7 @@ class Relays:
         elif self.state is RelayState.PRECHARGE:
             if link_share >= PRECHARGED:
                 self._go(RelayState.VEHICLE, now_s)
-            elif now_s - self._since_s >= PRECHARGE_LIMIT_S:
+            elif now_s - self.since_s >= PRECHARGE_LIMIT_S:
                 self.has_precharge_failed = True
                 self._go(RelayState.OPEN, now_s)
         return self.state
@@ -54,4 +54,4 @@ class Relays:
     def _go(self, state: RelayState, now_s: float) -> None:
         if state is not self.state:
             self.state = state
-            self._since_s = now_s
+            self.since_s = now_s

@@ -1,4 +1,6 @@
-"""A report or a black box as one HTML file: the page of the front end with its data inside, to print or to hand over.
+"""A report, a black box or a reaction test as one HTML file, to print or to hand over.
+
+The page of the front end stands in it with its data inside.
 
 The page is `frontend/document.html`, built into one file that asks for nothing else.
 """
@@ -11,11 +13,14 @@ from importlib.resources import files
 from typing import Final
 
 from app.analysis.black_box.box import BlackBox
+from app.analysis.evidence.evidence import Evidence
 from app.analysis.report.report import Report
 from app.errors import AppError
 from app.words import Message
 
 TEMPLATE: Final = files("app") / "static" / "document.html"
+Subject = Report | BlackBox | Evidence
+KINDS: Final = {Report: "report", BlackBox: "black-box", Evidence: "evidence"}
 SLOT: Final = '<script type="application/json" id="data">'
 
 
@@ -26,7 +31,7 @@ class NotBuilt(AppError):
         super().__init__(Message("document-not-built"))
 
 
-def document(subject: Report | BlackBox, language: str = "en") -> str:
+def document(subject: Subject, language: str = "en") -> str:
     """Return the whole document; `language` is that of its words.
 
     Raises:
@@ -36,6 +41,7 @@ def document(subject: Report | BlackBox, language: str = "en") -> str:
         page = TEMPLATE.read_text(encoding="utf-8")
     except OSError as error:
         raise NotBuilt from error
-    kind = "report" if isinstance(subject, Report) else "black-box"
-    body = json.dumps({"kind": kind, "language": language, "data": asdict(subject)}, separators=(",", ":"))
+    body = json.dumps(
+        {"kind": KINDS[type(subject)], "language": language, "data": asdict(subject)}, separators=(",", ":")
+    )
     return page.replace(SLOT, SLOT + body.replace("<", "\\u003c"), 1)  # no end of the script within its data

@@ -1,15 +1,18 @@
-// A report or a black box as a file of its own: the service or the command line puts its data into `#data`.
+// A report, a black box or a reaction test as a file of its own: the service or the command line puts its data into `#data`.
 
 import { mount } from 'svelte';
 import './theme/tokens.css';
 import './theme/base.css';
 import './theme/print.css';
 import Document from './views/Document.svelte';
-import type { BlackBox, Report } from './link/types';
+import type { BlackBox, Evidence, Report } from './link/types';
 import { paper } from './store/paper.svelte';
 import { chosen } from './words/words.svelte';
 
-export type Subject = { kind: 'report'; data: Report } | { kind: 'black-box'; data: BlackBox };
+export type Subject =
+  | { kind: 'report'; data: Report }
+  | { kind: 'black-box'; data: BlackBox }
+  | { kind: 'evidence'; data: Evidence };
 
 const { language, ...subject } = JSON.parse(document.getElementById('data')!.textContent) as Subject & {
   language: string;

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.from_session import keep_black_boxes, stored_box
+from app.analysis.evidence.evidence import Evidence, NoEvidence, evidence_of
 from app.analysis.laps.figures import OVERLAY_POINTS, Lap
 from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, overlay_laps, settle_laps
 from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
@@ -177,3 +178,19 @@ def compare(session_id: str, other_id: str, catalogue: CataloguePart) -> Session
     """Two sessions side by side: key figures, histograms, and the cells that changed the most."""
     with open_session(catalogue, session_id) as first, open_session(catalogue, other_id) as second:
         return compare_sessions(first, second)
+
+
+@router.get("/sessions/{session_id}/evidence")
+def evidence(session_id: str, catalogue: CataloguePart) -> Evidence:
+    """How fast the master opened the shutdown circuit, of a session that `voltwall evidence` recorded."""
+    with open_session(catalogue, session_id) as file:
+        try:
+            return evidence_of(file)
+        except NoEvidence as error:
+            raise not_found("reaction test", session_id) from error
+
+
+@router.get("/sessions/{session_id}/evidence/page", response_class=HTMLResponse)
+def evidence_as_page(session_id: str, catalogue: CataloguePart, language: Language = "en") -> HTMLResponse:
+    """The same as one HTML file, to print and to sign."""
+    return document_response(evidence(session_id, catalogue), language)

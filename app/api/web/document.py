@@ -5,9 +5,7 @@ from hashlib import sha256
 
 from fastapi.responses import HTMLResponse
 
-from app.analysis.black_box.box import BlackBox
-from app.analysis.document import document
-from app.analysis.report.report import Report
+from app.analysis.document import Subject, document
 
 _SCRIPT = '<script type="module">'
 _POLICY = (
@@ -16,8 +14,8 @@ _POLICY = (
 )
 
 
-def document_response(subject: Report | BlackBox, language: str) -> HTMLResponse:
-    """Return a report or a black box as one HTML file.
+def document_response(subject: Subject, language: str) -> HTMLResponse:
+    """Return a report, a black box or a reaction test as one HTML file.
 
     Raises:
         NotBuilt: the front end was not built.

@@ -104,6 +104,7 @@ _KINDS = {
     "command": Message("a-command"),
     "event": Message("an-event"),
     "file": Message("a-file"),
+    "reaction test": Message("a-reaction-test"),
     "record": Message("a-record"),
     "route": Message("a-route"),
     "scenario": Message("a-scenario"),

@@ -138,6 +138,17 @@ export interface BoxList {
   boxes: StoredBox[];
 }
 
+/** How good the recording is. */
+export interface Bytes {
+  frames: number;
+  bad: number;
+  lost: number;
+  interval_s: number;
+  line_s: number;
+  clock: ClockRate;
+  baud_rate: number;
+}
+
 /** A reading of the current sensor, and what would correct it. */
 export interface Calibration {
   measured: Measured;
@@ -352,6 +363,13 @@ export interface Clock {
   was_set: boolean;
 }
 
+/** Seconds of this computer in one of the master's, and how far that may be off. */
+export interface ClockRate {
+  rate: number;
+  doubt: number;
+  latest_s: number;
+}
+
 /** The names of the commands, and why some would be refused now. */
 export interface Commands {
   commands: string[];
@@ -417,6 +435,23 @@ export interface CountedWith {
   capacity_factor: number | null;
   resistance_cells: number;
   resistance_factor: number | null;
+}
+
+/** What is measured: the rules want all voltages, and a temperature for a share of the cells of every segment. */
+export interface Coverage {
+  cells: number;
+  voltages: number;
+  temperatures: number;
+  least_share: number;
+  rules_share: number;
+  is_enough: boolean;
+}
+
+/** How often the firmware measures, as the team declares it [s]: it cannot be read from the bytes. */
+export interface Cycles {
+  pass_s: number;
+  temperature_s: number;
+  wire_check_s: number;
 }
 
 /** The session is gone. */
@@ -499,6 +534,27 @@ export interface Estimator {
 /** Newest first. */
 export interface Events {
   events: LogEvent[];
+}
+
+/** The document's data. */
+export interface Evidence {
+  session_id: string;
+  tested: number;
+  voltwall: string;
+  is_simulated: boolean;
+  outcome: 'passed' | 'failed' | 'incomplete';
+  firmware: string | null;
+  protocol: number | null;
+  map_matches: boolean | null;
+  url: string;
+  config_hash: string;
+  interval_s: number;
+  cell: string;
+  cycles: Cycles;
+  limits: LimitRow[];
+  coverage: Coverage;
+  steps: StepResult[];
+  bytes: Bytes;
 }
 
 /** A fault that acts now. */
@@ -719,6 +775,16 @@ export interface Laps {
   lap_energy_wh: number;
   lap_energy_sigma_wh: number;
   period_s: number | null;
+}
+
+/** A limit in force against the data sheet's and the rules', in its unit; None where there is none. */
+export interface LimitRow {
+  name: string;
+  unit: string;
+  in_force: number;
+  sheet: number | null;
+  rules: number | null;
+  standing: 'within' | 'beyond' | 'pulses';
 }
 
 /** One link's trust. */
@@ -1269,6 +1335,7 @@ export interface SimulatorStatus {
   current_a: number;
   master_is_running: boolean;
   relays: 'open' | 'precharge' | 'precharge failed' | 'vehicle' | 'charger';
+  relays_since_s: number | null;
   link_v: number;
   notices: Notice[];
   active: FaultInForce[];
@@ -1372,6 +1439,18 @@ export interface Speed {
   speed: number | 'max';
 }
 
+/** One step: `timing` where it was measured, else `why` not, or what the crew said of skipping it. */
+export interface StepResult {
+  name: string;
+  rule: string;
+  allowed_s: number | null;
+  verdict: 'passed' | 'failed' | 'not-shown' | 'opened' | 'not-tested';
+  timing?: Timing | null;
+  trip_fits?: boolean | null;
+  why?: 'no-frames' | 'violated-before' | 'not-seen' | 'not-opened' | 'restarted' | null;
+  skipped: string;
+}
+
 /** Recording stopped. */
 export interface Stopped {
   stopped: true;
@@ -1433,6 +1512,21 @@ export interface System {
   disk: Disk | null;
   clock: Clock;
   readers: Reader[];
+}
+
+/** A reaction time as a band [s], and what makes the band wide [s]. */
+export interface Timing {
+  low_s: number;
+  high_s: number;
+  sampled_s: number;
+  opened_s: number;
+  latency_s: number;
+  clock_s: number;
+  host_s: number;
+  cell: number | null;
+  value: number | null;
+  limit: number | null;
+  trip: number | null;
 }
 
 /** Whether frames may be sent, and what is being sent, or was last. */

@@ -3,6 +3,7 @@
 
 import type can from '../../../app/words/nb/page/can.json';
 import type debrief from '../../../app/words/nb/page/debrief.json';
+import type evidence from '../../../app/words/nb/page/evidence.json';
 import type help from '../../../app/words/nb/page/help.json';
 import type overview from '../../../app/words/nb/page/overview.json';
 import type packs from '../../../app/words/nb/page/packs.json';
@@ -16,6 +17,7 @@ import type system from '../../../app/words/nb/page/system.json';
 export type Text =
   | keyof typeof can
   | keyof typeof debrief
+  | keyof typeof evidence
   | keyof typeof help
   | keyof typeof overview
   | keyof typeof packs

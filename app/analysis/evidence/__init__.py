@@ -1,0 +1,1 @@
+"""How fast the master opens the shutdown circuit, measured from recorded bytes, as a document for the scrutineers."""

@@ -1,0 +1,1 @@
+"""What `voltwall evidence` is made of."""

@@ -1,0 +1,125 @@
+"""Who makes a fault: the simulator by itself, or a person at the plug."""
+
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+from app.analysis.evidence.steps import Sign, Step
+from app.analysis.evidence.timing import Limits
+from firmware_protocol.memory_map import CONFIG
+
+SCENARIO: Final = """\
+title = "Reaction test"
+description = "Standing, relays closed, a steady current: faults come over the control port."
+seed = 58
+[start]
+soc = 0.8
+[[phase]]
+load = "constant"
+current_a = 20
+for_s = 100000
+"""
+PACK, CELL = 3, 7
+_BEYOND_A, _BEYOND_K = 400.0, 20
+_OVER_V, _UNDER_V = 5.0, 1.0  # so far that the filter needs a pass or two
+_KINDS: Final[dict[Sign, str]] = {
+    "voltage-high": "stuck-sensor",
+    "voltage-low": "stuck-sensor",
+    "current-high": "current-offset",
+    "current-low": "current-offset",
+    "temperature-high": "stuck-temperature",
+    "temperature-low": "stuck-temperature",
+    "slave-lost": "lost-slave",
+    "wire-lost": "open-wire",
+    "temperature-lost": "temperature-unplugged",
+    "current-lost": "current-unplugged",
+}
+_WHAT: Final[dict[Sign, tuple[str, str]]] = {  # what the person does, and undoes
+    "voltage-high": (
+        "Raise the measured voltage of one cell above {v_cell_max} V (a supply at one cell input)",
+        "Put the cell's voltage back",
+    ),
+    "voltage-low": (
+        "Lower the measured voltage of one cell below {v_cell_min} V, not to nothing",
+        "Put the cell's voltage back",
+    ),
+    "current-high": (
+        "Drive more than {i_disc_max} A through the current sensor (a wire wound through it counts each turn)",
+        "Switch that current off",
+    ),
+    "current-low": ("Drive more than {i_disc_min} A backwards through the current sensor", "Switch that current off"),
+    "temperature-high": (
+        "Make one temperature sensor show more than {t_cell_max} degC (a resistor in its place)",
+        "Connect the sensor again",
+    ),
+    "temperature-low": (
+        "Make one temperature sensor show less than {t_cell_min} degC (a resistor in its place)",
+        "Connect the sensor again",
+    ),
+    "slave-lost": ("Pull the plug of slave {pack}", "Plug it in again"),
+    "wire-lost": ("Disconnect one cell wire", "Connect it again"),
+    "temperature-lost": ("Disconnect one temperature sensor", "Connect it again"),
+    "current-lost": ("Disconnect the current sensor", "Connect it again"),
+}
+
+
+class Skipped(Exception):
+    """A step that is not done, and why."""
+
+
+class Bench(Protocol):
+    """Makes faults and takes them away."""
+
+    def fail(self, step: Step, limits: Limits) -> None:
+        """Make the fault; Skipped where it is not done."""
+
+    def mend(self, step: Step) -> None:
+        """Take it away, so that faults can be cleared."""
+
+
+class SimulatedBench:
+    """The simulator, asked over its control port."""
+
+    def __init__(self, ask: Callable[[str, dict[str, Any]], object]) -> None:
+        self._ask = ask
+
+    def fail(self, step: Step, limits: Limits) -> None:
+        """Inject the fault."""
+        value = {
+            "voltage-high": _OVER_V,
+            "voltage-low": _UNDER_V,
+            "current-high": _BEYOND_A,
+            "current-low": -_BEYOND_A,
+            "temperature-high": limits.t_cell_max + _BEYOND_K,
+            "temperature-low": limits.t_cell_min - _BEYOND_K,
+        }.get(step.name)
+        self._ask("inject", {"fault": _KINDS[step.name], "value": value, **self._place(step)})
+
+    def mend(self, step: Step) -> None:
+        """Clear it."""
+        self._ask("clear", {"fault": _KINDS[step.name], **self._place(step)})
+
+    def _place(self, step: Step) -> dict[str, int]:
+        if step.name.startswith("current"):
+            return {}
+        return {"pack": PACK} if step.name == "slave-lost" else {"pack": PACK, "cell": CELL}
+
+
+class PersonAtThePlug:
+    """Asks a person on the console."""
+
+    def __init__(self, ask: Callable[[str], str] = input) -> None:
+        self._ask = ask
+
+    def fail(self, step: Step, limits: Limits) -> None:
+        """Prompt; an answer other than nothing is why the step is skipped."""
+        numbers = {
+            name: f"{getattr(limits, name) * CONFIG[name].scale:g}"
+            for name in ("v_cell_min", "v_cell_max", "t_cell_min", "t_cell_max", "i_disc_min", "i_disc_max")
+        }
+        what = _WHAT[step.name][0].format(**numbers, pack=PACK)
+        if reason := self._ask(f"  {what} now, then press Enter (or type why this step is skipped): ").strip():
+            raise Skipped(reason)
+
+    def mend(self, step: Step) -> None:
+        """Prompt."""
+        self._ask(f"  {_WHAT[step.name][1]}, reset the shutdown circuit, then press Enter: ")
