@@ -24,6 +24,7 @@ __all__ = ["JUDGE_S", "CellWatch", "CellWatchMemory"]
 SIGMA_MIN_FRAC: Final = 0.02  # of a size: gain of the current sensor, and what a model leaves out
 GROWTH_MIN: Final = 0.15  # of a cell's own resistance
 GROWTH_JUDGEMENTS: Final = 60.0  # of driving that a cell's own growth is the mean of
+GROWTH_SIGMA_MAX: Final = 0.5  # what is less sure teaches nothing of it
 GROWTH_SIGMAS: Final = 6.0  # of its scatter over the cells
 CELL_SHARE: Final = 0.25  # of what is more: a joint has nothing that lasts, so it is the cell that resists
 LEAK_MIN_A: Final = 4e-3  # 0.4 % of 25 Ah in a day
@@ -163,13 +164,14 @@ class CellWatch:
         if not np.isfinite(watch.age_s):  # nothing has been seen since an earlier session
             return [each for (code, _), each in self._findings.items() if code in ("joint-grown", "resistance-grown")]
         usual = _median(report.resistance_ohm)
-        growth = self._growth.add(report.cell_growth_frac, watch.evidence_count)
+        is_sure = watch.growth_sigma < GROWTH_SIGMA_MAX
+        growth = self._growth.add(np.where(is_sure, report.cell_growth_frac, np.nan), watch.evidence_count)
         scatter = 1.4826 * _median(np.abs(growth - _median(growth)))
         excess_ohm = np.nan_to_num(report.ohmic_excess_ohm)
         limit = max(GROWTH_MIN, GROWTH_SIGMAS * scatter)
         is_cell = np.zeros(len(growth), dtype=np.bool_)
         is_cell[self._beyond("resistance-grown", growth, np.full(len(growth), limit))] = True
-        is_cell &= (growth * usual > CELL_SHARE * excess_ohm) & (excess_ohm > GROWTH_MIN * usual)
+        is_cell &= (np.nan_to_num(growth) * usual > CELL_SHARE * excess_ohm) & (excess_ohm > GROWTH_MIN * usual)
         found = []
         for cell in np.flatnonzero(watch.loose | is_cell).tolist():
             code: FindingCode = "resistance-grown" if is_cell[cell] else "joint-grown"

@@ -132,6 +132,7 @@ class ChargeWatch:
         self._flowed_as = self._flow_as = 0.0  # since the last look, with sign and without
         self._is_gap = memory is not None
         self._bleeds = np.zeros(n_cells, dtype=np.bool_)
+        self._first_v: FloatArray = np.zeros(n_cells)
         self._begin()
 
     @property
@@ -192,7 +193,8 @@ class ChargeWatch:
         if COASTING_S < self._still_s < SETTLED_S:
             self._begin()  # neither rest nor drive
             return False
-        self._first_v = voltages_v if self._span_s == 0.0 else self._first_v
+        if self._span_s == 0.0:
+            self._first_v = voltages_v
         row = np.array((1.0, current_a, self._pair_a))
         self._inputs += np.outer(row, row)
         self._outputs += row[:, None] * voltages_v
@@ -230,7 +232,7 @@ class ChargeWatch:
         self._inputs = np.zeros((3, 3))
         self._outputs = np.zeros((3, n))
         self._squares = np.zeros(n)
-        self._first_v: FloatArray = np.zeros(n)
+        self._first_v = np.zeros(n)
 
     def _look(self, resistance_excess: FloatArray | None) -> bool:
         n = self._inputs[0, 0]

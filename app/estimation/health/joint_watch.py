@@ -76,6 +76,7 @@ class JointWatch:
         self._judged_at_s = 0.0  # of learned seconds
         self._judgements = 0
         self._apart_ohm = np.zeros(n_cells)
+        self._growth_sigma = np.full(n_cells, np.inf)
 
     @property
     def baseline_ohm(self) -> FloatArray:
@@ -102,6 +103,11 @@ class JointWatch:
     def change_ohm(self) -> FloatArray:
         """(n_cells,) how far the last seconds lie from the last half minute: what is changing is not known well."""
         return self._apart_ohm
+
+    @property
+    def growth_sigma(self) -> FloatArray:
+        """(n_cells,) standard deviation of a cell's own growth, as a fraction; large while its resistance changes."""
+        return self._growth_sigma
 
     @property
     def evidence_s(self) -> float:
@@ -151,9 +157,14 @@ class JointWatch:
     def _forget_what_changed(self) -> None:
         """Take the quick regression's word for cells that no longer resist as the slow one remembers."""
         slow, quick = self._tracker, self._quick
-        sigma_ohm = np.hypot(slow.sigma_ohm()[0], quick.sigma_ohm()[0])
-        apart_ohm = np.abs(slow.resistance_ohm()[0] - quick.resistance_ohm()[0])
+        slow_ohm, slow_sigma_ohm = slow.resistance_ohm(), slow.sigma_ohm()
+        sigma_ohm = np.hypot(slow_sigma_ohm[0], quick.sigma_ohm()[0])
+        apart_ohm, pair_apart_ohm = np.abs(slow_ohm - quick.resistance_ohm())
         self._apart_ohm = np.nan_to_num(apart_ohm)
+        known_ohm = slow_ohm[1][np.isfinite(slow_ohm[1])]
+        if known_ohm.size:
+            pair_ohm = max(abs(float(np.median(known_ohm))), 1e-9)
+            self._growth_sigma = np.hypot(slow_sigma_ohm[1], pair_apart_ohm) / pair_ohm
         slow.adopt(quick, np.asarray(apart_ohm > np.maximum(CHANGED_SIGMAS * sigma_ohm, ALARM_OHM)))
 
     def _confirm(self, is_loose: BoolArray, is_known: BoolArray) -> None:
