@@ -1,6 +1,6 @@
 """What can be wrong, as facts about one snapshot: code, severity, where, value, limit. No memory, no time."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -195,6 +195,7 @@ def _cells(snapshot: Snapshot) -> Iterator[Condition]:
         excess_mohm = float(snapshot.cells.joint_excess_ohm[worst] * 1000)
         message = Message("joint-loose", n=len(loose))
         yield Condition("warning", message, worst, excess_mohm, ALARM_OHM * 1000, "mohm", loose)
+    yield from _findings(snapshot)
     if snapshot.cells.model_valid is not None:
         invalid = _indices(~snapshot.cells.model_valid & ~np.isnan(voltage_v))
         if invalid:
@@ -203,3 +204,22 @@ def _cells(snapshot: Snapshot) -> Iterator[Condition]:
 
 def _indices(is_so: BoolArray) -> tuple[int, ...]:
     return tuple(np.flatnonzero(is_so).tolist())
+
+
+def _findings(snapshot: Snapshot) -> Iterator[Condition]:
+    """Every kind of finding once, with all its cells; a grown joint has an alarm of its own, as has a missing value."""
+    for code, told in _FINDINGS.items():
+        found = [each for each in snapshot.findings if each.code == code and each.value is not None]
+        if found:
+            worst = max(found, key=lambda each: each.size or 0.0)
+            cells = (worst.cell, *(each.cell for each in found if each is not worst))
+            yield Condition("warning", told(len(found)), worst.cell, worst.size, None, worst.unit, cells)
+
+
+_FINDINGS: dict[str, Callable[[int], Message]] = {
+    "resistance-grown": lambda n: Message("resistance-grown", n=n),
+    "capacity-lost": lambda n: Message("capacity-lost", n=n),
+    "cell-leaks": lambda n: Message("cell-leaks", n=n),
+    "thermistor-off": lambda n: Message("thermistor-off", n=n),
+    "channel-stuck": lambda n: Message("channel-stuck", n=n),
+}

@@ -1,14 +1,21 @@
 """What earlier runs learned about these cells, in one file of the data folder: charge, capacities, joints."""
 
+import json
 import logging
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from app.battery.shape import N_CELLS
+from app.estimation.health.cell_finding import CellFinding
+from app.estimation.health.cell_watch import CellWatchMemory
+from app.estimation.health.charge_watch import STATES, ChargeMemory
+from app.estimation.health.joint_watch import LooseJoints
 from app.live.prediction import LearnedCells
 from app.telemetry import FloatArray
 
@@ -49,9 +56,10 @@ def load_learned_state(path: Path) -> LearnedState | None:
                     file["capacity_state"],
                     file["joint_baseline_ohm"],
                     file.get("resistance"),  # older versions saved none
+                    _watched(file),
                 ),
             )
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
         log.warning("%s cannot be read and is ignored: %s", path, error)
         return None
     shapes = {state.soc.shape, state.soc_sigma.shape, state.cells.joint_baseline_ohm.shape}
@@ -66,17 +74,59 @@ def save_learned_state(path: Path, state: LearnedState) -> None:
     draft = path.with_suffix(".new")
     try:
         with draft.open("wb") as file:
-            np.savez(
-                file,
-                saved_wall_ns=state.saved_wall_ns,
-                soc=state.soc,
-                soc_sigma=state.soc_sigma,
-                capacity_state=state.cells.capacity_state,
-                joint_baseline_ohm=state.cells.joint_baseline_ohm,
-                resistance=NOTHING if state.cells.resistance is None else state.cells.resistance,
-            )
+            np.savez(file, allow_pickle=False, **_arrays(state))
             file.flush()
             os.fsync(file.fileno())
         draft.replace(path)
     except OSError as error:
         log.warning("%s was not saved: %s", path, error.strerror or error)
+
+
+def _arrays(state: LearnedState) -> dict[str, ArrayLike]:
+    cells = state.cells
+    return {
+        "saved_wall_ns": state.saved_wall_ns,
+        "soc": state.soc,
+        "soc_sigma": state.soc_sigma,
+        "capacity_state": cells.capacity_state,
+        "joint_baseline_ohm": cells.joint_baseline_ohm,
+        "resistance": NOTHING if cells.resistance is None else cells.resistance,
+        **_watch_arrays(cells.watch),
+    }
+
+
+def _watch_arrays(watch: CellWatchMemory | None) -> dict[str, FloatArray]:
+    """What `CellWatch` remembers, as arrays; findings as JSON in one array of a text."""
+    if watch is None:
+        return {}
+    said = json.dumps([asdict(each) for each in watch.findings])
+    arrays: dict[str, FloatArray] = {"findings": np.array(said)}
+    if watch.loose is not None:
+        arrays["loose_ohm"] = np.array((watch.loose.excess_ohm, watch.loose.sigma_ohm))
+    if watch.charge is not None:
+        charge = watch.charge
+        arrays |= {
+            "charge_at": np.array((charge.time_s, charge.evidence_s, charge.soc)),
+            "charge_mean": charge.mean,
+            "charge_cov": charge.cov,
+        }
+    return arrays
+
+
+def _watched(file: Mapping[str, FloatArray]) -> CellWatchMemory | None:
+    """The reverse; None of a file of an older version, which knows the joints' baseline only.
+
+    Raises:
+        ValueError, TypeError: the file is damaged.
+    """
+    if "findings" not in file:
+        return None
+    found = [
+        CellFinding(**each | {"neighbours": tuple(each["neighbours"])}) for each in json.loads(str(file["findings"]))
+    ]
+    loose = LooseJoints(*file["loose_ohm"]) if "loose_ohm" in file else None
+    charge = None
+    if "charge_at" in file and file["charge_mean"].shape == (STATES, N_CELLS):
+        time_s, evidence_s, soc = file["charge_at"].tolist()
+        charge = ChargeMemory(time_s, evidence_s, soc, file["charge_mean"], file["charge_cov"])
+    return CellWatchMemory(file["joint_baseline_ohm"], loose, charge, tuple(found))

@@ -17,6 +17,7 @@ from app.estimation.prediction.driver_soc import DriverSoc
 from app.live.accumulator import accumulator_of
 from app.live.alarms import AlarmKeeper
 from app.live.cells import cells_of, packs_of
+from app.live.finding_news import FindingNews
 from app.live.plausibility import PlausibilityChecks
 from app.live.prediction import Assessment, Predictor
 from app.live.prediction_conditions import as_of
@@ -65,6 +66,7 @@ class Pipeline:
         self.filter_name, self.cell_name = filter_name, cell_name
         self._watch = AlarmKeeper()
         self._watch_lock = threading.Lock()
+        self._news = FindingNews()
         self._driver = DriverSoc(N_CELLS)
         self._plausibility = PlausibilityChecks()
         self._estimates: Estimates | None = None
@@ -166,7 +168,10 @@ class Pipeline:
         self._plausibility.step(dt_s, current_a, voltages_v, measured.chip_voltage_v)
         if self._predictor is not None:
             degc = measured.temperature_degc
-            self._predictor.step(dt_s, current_a, voltages_v, power_w, estimates, degc, measured.relays_open)
+            time_s, balancing = measured.t_wall_ns / 1e9, measured.balancing
+            self._predictor.step(
+                dt_s, current_a, voltages_v, power_w, estimates, degc, measured.relays_open, time_s, balancing
+            )
             self._measured = current_a, degc, measured.t_mono_ns
         if dt_s is not None and dt_s <= MAX_ENERGY_STEP_S:
             self._energy_out_wh += max(power_w, 0.0) * dt_s / 3600
@@ -219,6 +224,7 @@ class Pipeline:
             packs=packs_of(cells, measured.slave_status),
             accumulator=accumulator_of(cells, measured, self._driver_percent, self._energy_out_wh, self._energy_in_wh),
             prediction=as_of(assessment.prediction, measured, self._judged_ns),
+            findings=() if self._predictor is None else self._predictor.findings,
             master=measured.master,
             charger=measured.charger,
             links=measured.links,
@@ -232,6 +238,7 @@ class Pipeline:
         )
         with self._watch_lock:
             alarms, events = self._watch.step(snapshot)
+        events += self._news.step(snapshot)
         return Output(replace(snapshot, alarms=alarms), tuple(events))
 
     def _estimator_state(self) -> Estimator:
@@ -244,6 +251,7 @@ class Pipeline:
             skipped=self._skipped,
             current_offset_a=sensor.offset_a if sensor is not None and sensor.is_observed else None,
             current_offset_sigma_a=None if sensor is None else sensor.sigma_a,
+            resistance_age_s=None if self._predictor is None else self._predictor.resistance_age_s,
         )
 
 

@@ -15,7 +15,7 @@ from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.estimators import CellEstimator, Estimates
 from app.estimation.filters.tuning import Tuning
 from app.estimation.health.capacity import CapacityTracker, StateOfHealth, state_of_health
-from app.estimation.health.joint_watch import JUDGE_S, JointWatch
+from app.estimation.health.cell_watch import JUDGE_S, CellWatch, CellWatchMemory
 from app.estimation.health.joints import JointReport
 from app.estimation.health.learned import Learned, learned
 from app.estimation.health.resistance_scale import ResistanceScale, trusted_factor
@@ -29,6 +29,7 @@ from app.estimation.prediction.laps import LapWatch
 from app.estimation.prediction.power import COVERAGE, PowerModel, StatePower, TimeToTrip
 from app.live.prediction_conditions import at_load, laps_known, power_held, until_empty
 from app.telemetry import BoolArray, CountedWith, FloatArray, Prediction
+from app.telemetry.cell_findings import Finding, finding_of
 
 ASSESS_S = 1.0
 UNKNOWN_S = 10.0  # what flowed in a longer gap is not known
@@ -62,6 +63,7 @@ class LearnedCells:
     capacity_state: FloatArray  # (6, n_cells), of CapacityTracker
     joint_baseline_ohm: FloatArray  # (n_cells,), of JointWatch
     resistance: FloatArray | None = None  # (2, n_cells), factor and sigma of ResistanceScale
+    watch: CellWatchMemory | None = None  # of CellWatch; the baseline above is its own
 
 
 class Predictor:
@@ -71,7 +73,8 @@ class Predictor:
         self.cell = cell
         self.assessment = Assessment()
         before = learned_before
-        self._joint_watch = JointWatch(n_cells, CELLS_PER_PACK, None if before is None else before.joint_baseline_ohm)
+        self._watch = CellWatch(cell, n_cells, CELLS_PER_PACK, _watched_before(before))
+        self.findings = self._found()
         capacities = CapacityTracker(cell.capacity_ah, n_cells, None if before is None else before.capacity_state)
         self._capacities = CapacityBetweenRests(cell, capacities)
         self._scale = ResistanceScale(n_cells, None if before is None else before.resistance)
@@ -100,10 +103,17 @@ class Predictor:
         return self.sensor.offset_a if self.sensor.is_observed else 0.0
 
     @property
+    def resistance_age_s(self) -> float | None:
+        """Seconds since current last showed the resistances; None before it did."""
+        age_s = self._watch.resistance_age_s
+        return age_s if isfinite(age_s) else None
+
+    @property
     def learned_cells(self) -> LearnedCells:
         """What to keep for the next session of the same cells."""
         resistance = np.array((self._scale.factor(), self._scale.sigma()))
-        return LearnedCells(self._capacities.tracker.state, self._joint_watch.baseline_ohm, resistance)
+        watched = self._watch.memory
+        return LearnedCells(self._capacities.tracker.state, watched.joint_baseline_ohm, resistance, watched)
 
     def mark_lap(self, ago_s: float = 0.0) -> None:
         """The car crosses the line now, or did so long ago [s]. From any thread."""
@@ -124,6 +134,8 @@ class Predictor:
         estimates: Estimates | None,
         temperatures_degc: FloatArray,
         relays_open: bool = False,
+        time_s: float | None = None,
+        balancing: BoolArray | None = None,
     ) -> None:
         """Take one measurement, with what the estimator said of it if it did.
 
@@ -135,6 +147,8 @@ class Predictor:
             estimates: of this measurement, by an estimator that `apply_learned` was called for.
             temperatures_degc: (n_cells,) [degC]; NaN = missing.
             relays_open: no current can flow.
+            time_s: when it was measured, unix time; None = a clock of its own [s].
+            balancing: (n_cells,) cells that are bled; None = not known.
         """
         if dt_s is None or dt_s > UNKNOWN_S:
             self._offset.interrupt()
@@ -145,7 +159,9 @@ class Predictor:
             drop_v = (estimates.ocv_v - estimates.voltage_v) / self._factors_in_use
             self._scale.step(dt_s, estimates.ocv_v, estimates.ocv_v - drop_v, self._where_measured(voltages_v))
             self._heat.step(dt_s, (estimates.ocv_v - estimates.voltage_v) * current_a, temperatures_degc)
-        self._joint_watch.step(dt_s, current_a, voltages_v)
+        self._watch.step(
+            self._t_s if time_s is None else time_s, dt_s, current_a, voltages_v, temperatures_degc, balancing
+        )
         before = current_a if self._load_a is None else self._load_a
         self._load_a = before + min(1.0, dt_s / LOAD_S) * (current_a - before)
         if abs(current_a) > DRIVING_A:
@@ -227,7 +243,7 @@ class Predictor:
             energy=energy,
             laps=self._laps_left(energy),
             joints=self._joints,
-            loose=self._joint_watch.loose,
+            loose=self._watch.loose,
             health=self._health,
             capacity_ah=self._capacity_ah,
             learned=known,
@@ -247,7 +263,9 @@ class Predictor:
 
     def _judge(self) -> None:
         self._judged_s = self._t_s
-        self._joints = self._joint_watch.judge()
+        self._watch.judge()
+        self._joints = self._watch.joints
+        self.findings = self._found()
         tracker = self._capacities.tracker
         self.learned = known = self._learned()
         self._offset.use_capacity(float(known.capacity_ah.mean()))
@@ -256,6 +274,9 @@ class Predictor:
         resistance_factor = np.where(known.has_resistance, known.resistance_factor, np.nan)
         self._health = state_of_health(capacity_ah, known.capacity_sigma_ah, tracker.nominal_ah, resistance_factor)
         self._laps.judge()
+
+    def _found(self) -> tuple[Finding, ...]:
+        return tuple(finding_of(each) for each in self._watch.findings)
 
     def _learned(self) -> Learned:
         tracker, scale = self._capacities.tracker, self._scale
@@ -286,6 +307,12 @@ class Predictor:
             energy_condition=until_empty(driven_a),
             laps_condition=laps_known(self._laps, assessment.laps),
         )
+
+
+def _watched_before(learned_before: LearnedCells | None) -> CellWatchMemory | None:
+    if learned_before is None:
+        return None
+    return learned_before.watch or CellWatchMemory(learned_before.joint_baseline_ohm)
 
 
 def _counted_with(known: Learned) -> CountedWith:

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.prediction.energy import LapsLeft
 from app.estimation.prediction.power import StatePower, TimeToTrip
+from app.telemetry.cell_findings import Finding
 from app.telemetry.events import Alarm, Disagreement, Links
 from app.telemetry.fields import INTERNAL, MESSAGE, TREND, Kept, SentAs, Unit
 from app.words import Message
@@ -196,6 +197,7 @@ class Estimator:
     skipped: int
     current_offset_a: Annotated[Number, Unit("A", "offset of the current sensor, where observable")]
     current_offset_sigma_a: Annotated[Number, Unit("A", "its standard deviation")]
+    resistance_age_s: Annotated[Number, Unit("s", "since current last showed the resistances", 1)] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,6 +254,7 @@ class Snapshot:
     estimator: Estimator
     plausibility: Plausibility
     alarms: tuple[Alarm, ...] = ()
+    findings: tuple[Finding, ...] = ()  # of single cells, the surest first; kept until evidence ends them
     config_hash: str | None = None
     limits: Annotated[ProtectionLimits | None, INTERNAL] = None
     config: Annotated[bytes | None, INTERNAL] = None  # in force, as last received as a whole

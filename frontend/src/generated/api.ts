@@ -353,7 +353,7 @@ export interface CheckedProfile {
   saved_by: string;
   saved_at: string;
   hash: string;
-  findings: Finding[];
+  findings: app__api__schemas__config__Finding[];
 }
 
 /** The service's wall clock: unix seconds, and how far it was set since the start. */
@@ -411,7 +411,7 @@ export interface Config {
   age_s: number | null;
   values: Record<string, unknown>;
   raw: Record<string, number | number[] | number[][]>;
-  findings: Finding[];
+  findings: app__api__schemas__config__Finding[];
 }
 
 /** One write in the history; `genuine` is false where its signature, or one before it, is not right. */
@@ -529,6 +529,7 @@ export interface Estimator {
   skipped: number;
   current_offset_a: number | null;
   current_offset_sigma_a: number | null;
+  resistance_age_s: number | null;
 }
 
 /** Newest first. */
@@ -612,22 +613,6 @@ export interface FieldError {
   element?: number | null;
   value?: boolean | number | string | null;
   limit?: number | string | null;
-}
-
-/** What the rules say about one element: errors block, warnings need a reason unless they stand already. */
-export interface Finding {
-  level: 'error' | 'warning';
-  code: string;
-  standing: boolean;
-  field: string;
-  element: number | null;
-  value: number;
-  limit: string;
-  limit_words: Words | null;
-  why: string;
-  why_words: Words | null;
-  message: string;
-  message_words: Words | null;
 }
 
 /** What is said of a session, as codes with arguments. */
@@ -1418,6 +1403,7 @@ export interface Snapshot {
   estimator: Estimator;
   plausibility: Plausibility;
   alarms: Alarm[];
+  findings: app__api__schemas__snapshot__Finding[];
   config_hash: string | null;
   recording: Recording | null;
   replay: Replay | null;
@@ -1431,7 +1417,7 @@ export interface Source {
   hash: string;
   values: Record<string, unknown>;
   raw: Record<string, number | number[] | number[][]>;
-  findings: Finding[];
+  findings: app__api__schemas__config__Finding[];
 }
 
 /** Times real time. */
@@ -1592,7 +1578,50 @@ export interface WriteResult {
   dry_run: boolean;
   verified: boolean;
   difference: Difference[];
-  warnings: Finding[];
+  warnings: app__api__schemas__config__Finding[];
   hindrance: string | null;
   hindrance_words: Words | null;
+}
+
+/** What the rules say about one element: errors block, warnings need a reason unless they stand already. */
+export interface app__api__schemas__config__Finding {
+  level: 'error' | 'warning';
+  code: string;
+  standing: boolean;
+  field: string;
+  element: number | null;
+  value: number;
+  limit: string;
+  limit_words: Words | null;
+  why: string;
+  why_words: Words | null;
+  message: string;
+  message_words: Words | null;
+}
+
+/** What is wrong with one cell: how much, since when, on which evidence, and how sure that is. */
+export interface app__api__schemas__snapshot__Finding {
+  code:
+    | 'joint-grown'
+    | 'resistance-grown'
+    | 'capacity-lost'
+    | 'cell-leaks'
+    | 'thermistor-off'
+    | 'channel-stuck';
+  cell: number;
+  text: string;
+  evidence: string;
+  size: number | null;
+  low: number | null;
+  high: number | null;
+  unit: string;
+  since: number;
+  seen: number;
+  current_a: number | null;
+  value: number | null;
+  usual: number | null;
+  neighbours: number[];
+  confidence: number;
+  text_words: Words | null;
+  evidence_words: Words | null;
 }

@@ -3,11 +3,16 @@ from dataclasses import replace
 import numpy as np
 
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.health.cell_finding import CellFinding
+from app.estimation.health.cell_watch import CellWatchMemory
+from app.estimation.health.charge_watch import STATES, ChargeMemory
+from app.estimation.health.joint_watch import LooseJoints
 from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
 from app.live.prediction import Predictor
 from firmware_protocol.memory_map import N_CELLS
 
 CELL = load_cell("samsung-25r-10p")
+NAN = float("nan")
 FACTOR = np.linspace(0.9, 1.7, N_CELLS)
 
 
@@ -33,3 +38,29 @@ def test_a_file_of_an_older_version_knows_no_resistances_and_is_read(tmp_path):
     found = load_learned_state(file)
     assert found.soc[0] == 0.7
     assert not Predictor(CELL, N_CELLS, found.cells).learned.has_resistance.any()
+
+
+def test_what_was_found_of_cells_and_their_charge_survives_a_restart(tmp_path):
+    file = tmp_path / "past.npz"
+    found = CellFinding("cell-leaks", 22, 0.02, 0.003, "A", 1e9, 1.1e9, 1e5, NAN, 0.02, 0.0, (21, 23), 0.99)
+    charge = ChargeMemory(1.1e9, 1e5, 0.8, np.full((STATES, N_CELLS), 0.5), np.ones((STATES, STATES, N_CELLS)))
+    loose = LooseJoints(np.where(np.arange(N_CELLS) == 63, 14e-3, NAN), np.full(N_CELLS, 1e-4))
+    watch = CellWatchMemory(np.zeros(N_CELLS), loose, charge, (found,))
+    before = state(None)
+    save_learned_state(file, replace(before, cells=replace(before.cells, watch=watch)))
+    predictor = Predictor(CELL, N_CELLS, load_learned_state(file).cells)
+    assert [(each.code, each.cell, each.size, each.since) for each in predictor.findings] == [
+        ("cell-leaks", 22, 0.02, 1e9)
+    ]
+    kept = predictor.learned_cells.watch
+    np.testing.assert_array_equal(kept.charge.mean, charge.mean)
+    np.testing.assert_array_equal(kept.loose.excess_ohm, loose.excess_ohm)
+
+
+def test_a_file_of_an_older_version_knows_the_joints_alone(tmp_path):
+    file = tmp_path / "past.npz"
+    save_learned_state(file, state(None))
+    with np.load(file) as new:
+        old = {name: new[name] for name in new if not name.startswith(("findings", "loose", "charge"))}
+    np.savez(file, **old)
+    assert Predictor(CELL, N_CELLS, load_learned_state(file).cells).findings == ()

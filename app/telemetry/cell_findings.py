@@ -1,0 +1,160 @@
+"""A cell's finding as it is told: with its words, its band and unix times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite, isnan
+from typing import Annotated
+
+from app.estimation.health.cell_finding import CellFinding, FindingCode
+from app.telemetry.fields import MESSAGE, SentAs, Unit
+from app.words import Cell, Message, Quantity
+
+Number = float | None
+HOURS_S = 5400.0  # from here on a time is told in hours
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What is wrong with one cell: how much, since when, on which evidence, and how sure that is."""
+
+    code: FindingCode
+    cell: int
+    message: Annotated[Message, SentAs("text"), MESSAGE]
+    evidence: Annotated[Message, MESSAGE]  # when, at which current, against which neighbours
+    size: Annotated[Number, Unit("", "how much, in `unit`; missing where it has no size", None)]
+    low: Annotated[Number, Unit("", "lower end of its band, in `unit`", None)]
+    high: Annotated[Number, Unit("", "upper end of its band, in `unit`", None)]
+    unit: str
+    since: Annotated[float, Unit("s", "when the evidence first sufficed, in unix time", 1)]
+    seen: Annotated[float, Unit("s", "the latest evidence, in unix time", 1)]
+    current_a: Annotated[Number, Unit("A", "current of that evidence", 1)]
+    value: Annotated[Number, Unit("", "what the cell shows, in `unit`", None)]
+    usual: Annotated[Number, Unit("", "what its neighbours show, in `unit`", None)]
+    neighbours: tuple[int, ...]  # the cells that it was compared with
+    confidence: Annotated[float, Unit("1", "probability that it is so", 3)]
+
+
+def finding_of(found: CellFinding) -> Finding:
+    """Return a finding of a watch that was fed with unix times."""
+    low, high = found.band
+    return Finding(
+        code=found.code,
+        cell=found.cell,
+        message=what_of(found),
+        evidence=evidence_of(found),
+        size=_known(found.size),
+        low=_known(low) if isfinite(found.size) else None,
+        high=_known(high),
+        unit=found.unit,
+        since=found.since_s,
+        seen=found.seen_s,
+        current_a=_known(found.current_a),
+        value=_known(found.value),
+        usual=_known(found.usual),
+        neighbours=found.neighbours,
+        confidence=found.confidence,
+    )
+
+
+def what_of(found: CellFinding) -> Message:
+    """Return what is wrong, with the cell's name and the size."""
+    cell, (low, high) = Cell(found.cell), found.band
+    match found.code:
+        case "joint-grown":
+            size, band = _milliohm(found.size), _span(1000 * low, 1000 * high, "mohm")
+            return Message("finding-joint-grown", cell=cell, size=size, band=band)
+        case "resistance-grown":
+            size, band = _milliohm(found.size), _span(1000 * low, 1000 * high, "mohm")
+            return Message("finding-resistance-grown", cell=cell, size=size, band=band)
+        case "capacity-lost":
+            size, band = _percent(found.size), _span(100 * low, min(100 * high, 100.0), "%")
+            return Message("finding-capacity-lost", cell=cell, size=size, band=band)
+        case "cell-leaks":
+            size, band = _leak(found.size), _leak_span(low, high)
+            return Message("finding-cell-leaks", cell=cell, size=size, band=band, resistance=_leak_ohm(found.size))
+        case "thermistor-off" if isnan(found.value):
+            return Message("finding-thermistor-missing", cell=cell)
+        case "thermistor-off":
+            shown, usual = Quantity(found.value, "degC", 0), Quantity(found.usual, "degC", 0)
+            return Message("finding-thermistor-off", cell=cell, shown=shown, usual=usual)
+        case "channel-stuck" if isnan(found.value):
+            return Message("finding-channel-missing", cell=cell)
+        case "channel-stuck":
+            shown, moved = Quantity(found.value, "V", 3), Quantity(found.size, "V", 2)
+            return Message("finding-channel-stuck", cell=cell, shown=shown, moved=moved)
+
+
+def evidence_of(found: CellFinding) -> Message:
+    """Return what speaks for it: how long, at which current, against which neighbours, and how sure that is."""
+    lasted, sure = _time(found.evidence_s), Quantity(100 * found.confidence, "%", 0)
+    others = _others(found.neighbours)
+    current = Quantity(found.current_a, "A", 0)
+    match found.code:
+        case "joint-grown" | "resistance-grown":
+            value, usual = _milliohm(found.value), _milliohm(found.usual)
+            return Message(
+                "evidence-resistance",
+                lasted=lasted,
+                current=current,
+                value=value,
+                usual=usual,
+                others=others,
+                sure=sure,
+            )
+        case "capacity-lost":
+            return Message("evidence-charge", lasted=lasted, current=current, others=others, sure=sure)
+        case "cell-leaks":
+            return Message("evidence-drift", lasted=lasted, current=current, others=others, sure=sure)
+        case _:
+            return Message("evidence-sensor", lasted=lasted, others=others, sure=sure)
+
+
+def named(cells: Sequence[int]) -> tuple[Cell, ...]:
+    """Return every cell by its name, in order."""
+    return tuple(Cell(cell) for cell in cells)
+
+
+def _others(cells: tuple[int, ...]) -> Message:
+    if not cells:
+        return Message("evidence-others-none")
+    return Message("evidence-others", n=len(cells), first=Cell(cells[0]), last=Cell(cells[-1]))
+
+
+def _known(value: float) -> Number:
+    return value if isfinite(value) else None
+
+
+def _milliohm(ohm: float) -> Quantity:
+    return Quantity(1000 * ohm, "mohm", 2)
+
+
+def _percent(fraction: float) -> Quantity:
+    return Quantity(100 * fraction, "%", 0)
+
+
+def _span(low: float, high: float, unit: str) -> Message:
+    digits = 2 if unit == "mohm" else 0
+    return Message("finding-band", low=Quantity(low, "", digits), high=Quantity(high, unit, digits))
+
+
+def _leak(ampere: float) -> Quantity:
+    return Quantity(1000 * ampere, "mA", 0) if ampere < 1.0 else Quantity(ampere, "A", 1)
+
+
+def _leak_span(low_a: float, high_a: float) -> Message:
+    if high_a < 1.0:
+        return Message("finding-band", low=Quantity(1000 * low_a, "", 0), high=Quantity(1000 * high_a, "mA", 0))
+    return Message("finding-band", low=Quantity(low_a, "", 1), high=Quantity(high_a, "A", 1))
+
+
+def _leak_ohm(ampere: float) -> Quantity:
+    ohm = 3.7 / max(ampere, 1e-6)
+    return Quantity(ohm, "ohm", 0 if ohm >= 10.0 else 1)
+
+
+def _time(seconds: float) -> Quantity:
+    if seconds < 120.0:
+        return Quantity(seconds, "s", 0)
+    return Quantity(seconds / 60, "min", 0) if seconds < HOURS_S else Quantity(seconds / 3600, "h", 1)
