@@ -17,6 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TESTS = (
+    "tests/numeric/test_prediction_coverage.py",
     "tests/property/test_filters_engine.py",
     "tests/integration/test_openapi.py",
     "tests/integration/test_day_race.py",

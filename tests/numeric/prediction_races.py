@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,7 +28,7 @@ STEP_S = 0.05  # of the race
 AHEAD_STEP_S = 0.1  # of the physics run ahead
 LONG_STEP_S = 1.0  # over minutes at a constant current
 POWER_ROUNDS = 11  # of bisection
-LAPS_REPEATED = 5  # of the race's last, after its end
+LAPS_REPEATED = 5  # of the race's last, after its end; all where it has fewer
 EMPTY_SOC = 0.0
 
 Foretold = tuple[str, float, float, float, float]  # name, low, median, high, truth
@@ -118,10 +118,12 @@ class RaceRun:
         driven = np.interp(self.time_s, starts, np.arange(len(starts), dtype=np.float64))  # laps so far
         now = int(np.searchsorted(self.time_s, at_s))
         end = int(np.searchsorted(self.time_s, starts[-1]))
-        first = int(np.searchsorted(self.time_s, starts[-1 - LAPS_REPEATED]))
-        current = np.concatenate((self.current_a[now:end], np.tile(self.current_a[first:end], 20)))
+        repeated = min(LAPS_REPEATED, len(starts) - 1)
+        times = 20 * LAPS_REPEATED // repeated
+        first = int(np.searchsorted(self.time_s, starts[-1 - repeated]))
+        current = np.concatenate((self.current_a[now:end], np.tile(self.current_a[first:end], times)))
         again = driven[first:end] - driven[first]
-        laps = np.concatenate((driven[now:end], *(driven[end - 1] + LAPS_REPEATED * k + again for k in range(20))))
+        laps = np.concatenate((driven[now:end], *(driven[end - 1] + repeated * k + again for k in range(times))))
         current = current[: len(current) // every * every].reshape(-1, every).mean(axis=1)
         yield from zip(current.tolist(), laps[::every].tolist(), strict=False)
 
@@ -147,26 +149,33 @@ def put_state(accumulator: Accumulator, kept: list[dict[str, Any]]) -> None:
     accumulator._sum_v = accumulator._outlet_v = None
 
 
-def fly_ahead(run: RaceRun, probe: Probe) -> Iterator[Foretold]:
-    """Yield what was foretold at a moment, and what the physics then does."""
+def fly_ahead(run: RaceRun, probe: Probe, only: Set[str] | None = None) -> Iterator[Foretold]:
+    """Yield what was foretold at a moment, and what the physics then does; `only` of these names, None = of all."""
     prediction = probe.prediction
+
+    def is_asked(*names: str) -> bool:
+        return only is None or not only.isdisjoint(names)
+
     if prediction.power is not None:
         for side, sign in (("discharge", 1.0), ("charge", -1.0)):
             for limit in getattr(prediction.power, side):
-                if limit.reason != "relays":
+                name = f"power {side} {limit.horizon_s:2g} s"
+                if limit.reason != "relays" and is_asked(name):
                     truth = _power_w(run, probe, limit, sign)
-                    yield f"power {side} {limit.horizon_s:2g} s", limit.low_w, limit.power_w, limit.high_w, truth
+                    yield name, limit.low_w, limit.power_w, limit.high_w, truth
     for kind, current_a, trips in (
         ("at load", prediction.load_a, prediction.to_trip),
         ("at full current", probe.limits.discharge_max_a, prediction.to_trip_full),
     ):
         for trip in trips:
-            if current_a:
+            name = f"{trip.limit} {kind} [s]"
+            if current_a and is_asked(name):
                 truth = _seconds(run, probe, float(current_a), trip)
                 values = (min(s, TIME_LIMIT_S) for s in (trip.low_s, trip.seconds, trip.high_s))
                 low, middle, high = values
-                yield f"{trip.limit} {kind} [s]", low, middle, high, truth
-    yield from _energy_and_laps(run, probe)
+                yield name, low, middle, high, truth
+    if is_asked("energy left", "laps left"):
+        yield from _energy_and_laps(run, probe)
 
 
 def _ahead(run: RaceRun, probe: Probe) -> Callable[[float, float], Accumulator]:

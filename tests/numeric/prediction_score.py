@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -49,16 +49,18 @@ class Score:
         )
 
 
-def score_race(run: RaceRun, scores: dict[str, Score]) -> None:
-    """Add the probes of a race."""
+def score_race(run: RaceRun, scores: dict[str, Score], only: Set[str] | None = None) -> None:
+    """Add the probes of a race, of all predictions or `only` of some."""
     for probe in run.probes:
-        for name, low, middle, high, truth in fly_ahead(run, probe):
+        for name, low, middle, high, truth in fly_ahead(run, probe, only):
             scores[name].add(low, middle, high, truth)
 
 
-def race_scores(scenario: str, seeds: Iterable[int], every_s: float, seconds: float = 1e9) -> dict[str, Score]:
-    """Return the scores of some races by prediction."""
+def race_scores(
+    scenario: str, seeds: Iterable[int], every_s: float, seconds: float = 1e9, only: Set[str] | None = None
+) -> dict[str, Score]:
+    """Return the scores of some races by prediction, of all or `only` of some."""
     scores: dict[str, Score] = defaultdict(Score)
     for seed in seeds:
-        score_race(RaceRun(scenario, seed, every_s, seconds), scores)
+        score_race(RaceRun(scenario, seed, every_s, seconds), scores, only)
     return scores

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +16,17 @@ from app.estimation.identification.identify import identify
 from app.estimation.prediction.calibration import AHEAD_S, LOADED_C
 from app.estimation.prediction.constant_current import OperatingPoint
 from app.estimation.prediction.power_along import branch_currents, voltage_ahead
-from app.estimation.recording.cell_recording import Recording
+from app.estimation.recording.cell_recording import FIELDS, Recording
 from app.sources.recordings.dataset import load_recording
 
 SETTLED_S = 60.0  # the filter has started
+TRAINING = "(training)"
 PANASONIC = "panasonic-18650pf"
 HEADER = f"{'drive':44} {'n':>6} {'in band %':>9} {'median off mV':>13} {'RMS mV':>7} {'band +- mV':>10}"
 
 
-def models(data: Path) -> list[tuple[str, CellModel, Recording]]:
-    """Return name, cell identified without the drive, and drive; those marked "training" took part in tuning."""
-    found = []
+def models(data: Path) -> Iterator[tuple[str, CellModel, Recording]]:
+    """Yield name, cell identified without the drive, and drive; those marked "training" took part in tuning."""
     folder = data / PANASONIC
     if folder.is_dir():
 
@@ -32,16 +34,21 @@ def models(data: Path) -> list[tuple[str, CellModel, Recording]]:
             return load_recording(folder / f"{name}_{temperature}.csv.gz")
 
         model = identify([read("c20_ocv")], [read("hppc5pulse")], [], 2, "Panasonic").model
-        found.append(("Panasonic US06, from pulses", model, read("us06")))
-        found.append(("Panasonic Cycle 1, from pulses (training)", model, read("cycle1")))
-        found.append(("Panasonic Cycle 1 at 10 degC, from 25 degC", model, read("cycle1", "10degC")))
-        found.append(("Panasonic Cycle 1 at 0 degC, from 25 degC", model, read("cycle1", "0degC")))
+        yield "Panasonic US06, from pulses", model, read("us06")
+        yield f"Panasonic Cycle 1, from pulses {TRAINING}", model, read("cycle1")
+        yield "Panasonic Cycle 1 at 10 degC, from 25 degC", model, read("cycle1", "10degC")
+        yield "Panasonic Cycle 1 at 0 degC, from 25 degC", model, read("cycle1", "0degC")
     folder = data / "physics"
     for cell in ("Mohtat2020", "Chen2020", "Prada2013") if folder.is_dir() else ():
         slow, pulses, train = (load_recording(folder / f"{cell}_{name}.csv.gz") for name in ("c30", "hppc", "train"))
-        name = f"{cell}, from pulses" + (" (training)" if cell == "Chen2020" else "")
-        found.append((name, identify([slow], [pulses], [], 2, cell).model, train))
-    return found
+        name = f"{cell}, from pulses" + (f" {TRAINING}" if cell == "Chen2020" else "")
+        yield name, identify([slow], [pulses], [], 2, cell).model, train
+
+
+def first_seconds(drive: Recording, seconds: float) -> Recording:
+    """Return the beginning of a drive."""
+    rows = drive.time_s <= drive.time_s[0] + seconds
+    return replace(drive, **{name: getattr(drive, name)[rows] for name in FIELDS})
 
 
 def score(cell: CellModel, drive: Recording) -> tuple[int, float, float, float, float]:
@@ -59,10 +66,13 @@ def score(cell: CellModel, drive: Recording) -> tuple[int, float, float, float, 
     return int(rows.sum()), float(inside.mean()), float(np.median(error_v)), rms_v, half
 
 
-def drive_scores(data: Path) -> Iterator[tuple[str, tuple[int, float, float, float, float]]]:
-    """Yield the name of each drive and its `score`."""
+def drive_scores(
+    data: Path, seconds: float = inf, *, with_training: bool = True
+) -> Iterator[tuple[str, tuple[int, float, float, float, float]]]:
+    """Yield the name of each drive and its `score`, of the first seconds alone or of all."""
     for name, cell, drive in models(data):
-        yield name, score(cell, drive)
+        if with_training or TRAINING not in name:
+            yield name, score(cell, first_seconds(drive, seconds))
 
 
 def print_drives(data: Path) -> None:
