@@ -23,6 +23,7 @@ settings.load_profile("voltwall")
 
 TESTS_FOLDER = Path(__file__).parent
 ROOT = TESTS_FOLDER.parent
+READ_SERVICE = pytest.StashKey[Service]()
 SLOWEST_FIRST = ("e2e", "integration", "numeric", "property", "docs", "unit")
 
 
@@ -50,10 +51,30 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Start with the folders whose files take longest, so that all workers end at nearly the same time."""
+    """Start with the folders whose files take longest, so that all workers end at nearly the same time.
+
+    Before them comes what shares a service, so that this need not run for long.
+    """
+
+    def place(item: pytest.Item) -> tuple[bool, int]:
+        return not reads_only(item), rank.get(item.path.relative_to(TESTS_FOLDER).parts[0], 0)
+
     if hasattr(config, "workerinput"):  # pytest-xdist's
         rank = {name: number for number, name in enumerate(SLOWEST_FIRST)}
-        items.sort(key=lambda item: rank.get(item.path.relative_to(TESTS_FOLDER).parts[0], 0))
+        items.sort(key=place)
+
+
+def reads_only(item: pytest.Item | None) -> bool:
+    """Whether a test changes nothing in the service, by its module's word."""
+    return getattr(getattr(item, "module", None), "READS_ONLY", False)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """End the shared service before tests that do not need it: it would simulate, estimate and record beside them."""
+    if READ_SERVICE in item.config.stash and not reads_only(nextitem):
+        item.config.stash[READ_SERVICE].stop()
+        del item.config.stash[READ_SERVICE]
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -123,14 +144,14 @@ def live_service(folder: Path, scenario: str, c_master: CMaster | None = None) -
     return running
 
 
-@pytest.fixture(scope="session")
-def read_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
+def read_service(request: pytest.FixtureRequest, make_folder: pytest.TempPathFactory) -> Service:
     """One service for all tests that only read; its master has a stored configuration, as in the car."""
-    running = live_service(tmp_path_factory.mktemp("read"), "race-day")
-    with running.client() as client:
-        until(lambda: client.post("/config/store").is_success)
-    yield running
-    running.stop()
+    stash = request.config.stash
+    if READ_SERVICE not in stash:
+        stash[READ_SERVICE] = running = live_service(make_folder.mktemp("read"), "race-day")
+        with running.client() as client:
+            until(lambda: client.post("/config/store").is_success)
+    return stash[READ_SERVICE]
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +160,7 @@ def service(
 ) -> Iterator[Service]:
     """One service for all tests of a module, or of all modules that only read."""
     if getattr(request.module, "READS_ONLY", False):
-        yield request.getfixturevalue("read_service")
+        yield read_service(request, tmp_path_factory)
         return
     folder = tmp_path_factory.mktemp("service")
     running = live_service(folder, scenario, c_master_for(master, folder, request))
