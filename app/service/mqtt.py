@@ -18,9 +18,11 @@ from urllib.parse import unquote, urlsplit
 from app.clock import Clock
 from app.errors import ConfigError
 from app.service.settings import Settings
-from app.telemetry import Event, Snapshot
+from app.telemetry import Event, Snapshot, Source
 from app.telemetry.aging import aged
 from app.telemetry.encoding import encode, plain
+from app.telemetry.fields import Part
+from app.telemetry.measurement import STALE_S
 from app.telemetry.service_state import Recording
 from app.words import Message, Text, render
 
@@ -28,7 +30,12 @@ PERIOD_S = 1.0
 KEEPALIVE_S = 15
 RETRY_MIN_S, RETRY_MAX_S = 1, 30
 MAX_EVENTS = 1000  # kept for a broker that is gone; older ones are in the event log
-PER_CELL = ("voltage_v", "temperature_degc", "soc", "soc_sigma")
+PER_CELL: dict[str, Part] = {
+    "voltage_v": "voltage",
+    "temperature_degc": "temperature",
+    "soc": "voltage",
+    "soc_sigma": "voltage",
+}
 DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
 Messages = Iterator[tuple[str, bytes]]
 
@@ -82,9 +89,10 @@ class MqttPublisher:
         recording: Callable[[], Recording | None],
         clock: Clock,
         *,
+        source: Source = "serial",
         period_s: float = PERIOD_S,
     ) -> None:
-        """Prepare the connection; `recording` says what is being recorded, in JSON's terms.
+        """Prepare the connection; `recording` says what is being recorded, `source` where values and events come from.
 
         Raises:
             ConfigError: paho-mqtt is not installed, or the CA file is none.
@@ -96,6 +104,7 @@ class MqttPublisher:
         self._broker = broker
         self._recording = recording
         self._clock = clock
+        self._source = source
         self._period_s = period_s
         self._snapshot: Snapshot | None = None
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
@@ -176,7 +185,7 @@ class MqttPublisher:
             if not self._is_connected.wait(self._period_s):
                 continue
             while self._events:
-                self._client.publish(self._topic("events"), event_body(self._events.popleft()), qos=1)
+                self._client.publish(self._topic("events"), event_body(self._events.popleft(), self._source), qos=1)
             snapshot = self._snapshot
             if snapshot is None or snapshot is shown:
                 continue
@@ -188,25 +197,34 @@ class MqttPublisher:
 
 
 def messages(snapshot: Snapshot, recording: Recording | None) -> Messages:
-    """Yield the state's topics and bodies; null is missing."""
-    stamp = {"time": round(snapshot.t_wall_ns / 1e9, 3), "source": snapshot.source}
-    cells, master = plain(snapshot.cells), snapshot.master
-    yield "accumulator", encode(stamp | {"age_s": plain(snapshot.age_s)} | plain(snapshot.accumulator))
-    for name in PER_CELL:
-        yield f"cells/{name}", encode(stamp | {"values": cells[name]})
-    yield "master", encode({"state": master.state, "why": render(master.why), "fit": master.fit, "flags": master.flags})
-    yield "links", encode({name: {"state": link.state, "lost": link.lost} for name, link in snapshot.links.items()})
-    yield "alarms", encode([plain(alarm) for alarm in snapshot.alarms])
-    yield "recording", encode(None if recording is None else plain(recording))
+    """Yield the state's topics and bodies; null is missing. Every object says whether the car is a simulated one."""
+    car = car_of(snapshot.source)
+    stamp = {"time": round(snapshot.t_wall_ns / 1e9, 3), "source": snapshot.source} | car
+    cells, master, ages = plain(snapshot.cells), snapshot.master, plain(snapshot.age_s)
+    stale = {part: age is None or age >= STALE_S for part, age in ages.items()}
+    yield "accumulator", encode(stamp | {"age_s": ages, "stale": stale} | plain(snapshot.accumulator))
+    for name, part in PER_CELL.items():
+        yield f"cells/{name}", encode(stamp | {"age_s": ages[part], "stale": stale[part], "values": cells[name]})
+    said = {"state": master.state, "why": render(master.why), "fit": master.fit, "flags": master.flags}
+    yield "master", encode(said | {"stale": stale["status"]} | car)
+    links = {name: {"state": link.state, "lost": link.lost} for name, link in snapshot.links.items()}
+    yield "links", encode(links | car)
+    yield "alarms", encode([plain(alarm) | car for alarm in snapshot.alarms])
+    yield "recording", encode(None if recording is None else plain(recording) | car)
 
 
-def event_body(event: Event) -> bytes:
+def car_of(source: Source) -> dict[str, bool]:
+    """Return what every object is marked with: training data must never be taken for the car."""
+    return {"simulated": source == "simulator"}
+
+
+def event_body(event: Event, source: Source) -> bytes:
     """An event as JSON."""
-    return encode(plain(event))
+    return encode(plain(event) | car_of(source))
 
 
 def configured_publisher(
-    settings: Settings, recording: Callable[[], Recording | None], clock: Clock
+    settings: Settings, recording: Callable[[], Recording | None], clock: Clock, source: Source
 ) -> MqttPublisher | None:
     """Return a publisher to the broker of the settings, None where they name none.
 
@@ -216,4 +234,5 @@ def configured_publisher(
     if settings.mqtt is None:
         return None
     password = None if settings.mqtt_password is None else settings.mqtt_password.get_secret_value()
-    return MqttPublisher(parse_broker(settings.mqtt, password, settings.mqtt_ca), recording, clock)
+    broker = parse_broker(settings.mqtt, password, settings.mqtt_ca)
+    return MqttPublisher(broker, recording, clock, source=source)

@@ -134,7 +134,7 @@ def make_service(
         limits=DiskLimits(session_bytes=settings.split_bytes),
         source=source,
     )
-    mqtt = configured_publisher(settings, lambda: recording_state(recorder), clock)
+    mqtt = configured_publisher(settings, lambda: recording_state(recorder), clock, source)
     events.subscribe(recorder.on_event)
     if mqtt is not None:
         events.subscribe(mqtt.offer_event)

@@ -6,6 +6,7 @@ from app.estimation.arrays import BoolArray, FloatArray
 from app.telemetry.events import Disagreement, Links
 from app.telemetry.snapshot import Ages, Charger, Master, Number, ProtectionLimits
 
+STALE_S = 1.0  # older than this, a value is not live
 BLANK_S = 10.0  # older than this, a value is not shown
 Extreme = tuple[float | None, int | None]  # value and cell
 

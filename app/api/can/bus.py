@@ -88,14 +88,17 @@ def bus(trace: CanTracePart, in_force: InForcePart, live: LivePart, clock: Clock
 
 @router.get("/trace/export", response_class=FileResponse)
 def export(
-    trace: CanTracePart, export_format: Annotated[Literal["candump", "asc", "blf"], Query(alias="format")]
+    trace: CanTracePart,
+    live: LivePart,
+    export_format: Annotated[Literal["candump", "asc", "blf"], Query(alias="format")],
 ) -> Response:
     """The trace as it stands, for other CAN tools."""
     suffix, write = LOG_FORMATS[export_format]
     with tempfile.NamedTemporaryFile(suffix=suffix, delete=False) as file:
         path = Path(file.name)
-    write_items(write, path, trace.latest(None))
-    name = f"voltwall-can{suffix}"
+    is_simulated = live.source == "simulator"
+    write_items(write, path, trace.latest(None), is_simulated=is_simulated)
+    name = f"voltwall-can{'-simulated' if is_simulated else ''}{suffix}"
     return FileResponse(path, filename=name, media_type=OCTETS, background=BackgroundTask(path.unlink, missing_ok=True))
 
 

@@ -7,12 +7,15 @@ from fastapi.responses import PlainTextResponse
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
-from app.api.web.dependencies import LivePart, RecorderPart
+from app.api.web.dependencies import ClockPart, LivePart, RecorderPart
 from app.battery.shape import CELLS_PER_PACK
+from app.clock import Clock
 from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
-from app.telemetry import Accumulator, Cells, Snapshot
-from app.telemetry.fields import units
+from app.telemetry import Accumulator, Ages, Cells, Snapshot
+from app.telemetry.aging import aged
+from app.telemetry.fields import Part, kept, units
+from app.telemetry.measurement import BLANK_S, STALE_S
 
 router = APIRouter(tags=["metrics"])
 _TOTALS = {
@@ -38,6 +41,7 @@ _CELLS = {
     "soc_sigma": "voltwall_cell_soc_sigma_ratio",
     "resistance_ohm": "voltwall_cell_resistance_ohms",
 }
+_PARTS = {name: part for owner in (Accumulator, Cells) for name, _, part in kept(owner)}
 _SEVERITIES = ("watch", "warning", "trip")
 _JOULES_PER_WH = 3600.0
 
@@ -45,14 +49,17 @@ _JOULES_PER_WH = 3600.0
 class SnapshotCollector:
     """A value that is missing is left out, never 0."""
 
-    def __init__(self, live: PipelineThread, recorder: AutoRecorder) -> None:
+    def __init__(self, live: PipelineThread, recorder: AutoRecorder, clock: Clock) -> None:
         self._live = live
         self._recorder = recorder
+        self._clock = clock
 
     def collect(self) -> Iterator[Metric]:
         """Yield every family."""
         snapshot = self._live.snapshot  # of the car, also while a replay is shown
         if snapshot is not None:
+            snapshot = aged(snapshot, self._clock.monotonic_ns())  # a service that stands has old values
+            yield from _ages(snapshot)
             yield from _totals(snapshot)
             yield from _links(snapshot)
             yield from _cells(snapshot)
@@ -60,10 +67,30 @@ class SnapshotCollector:
         yield GaugeMetricFamily("voltwall_live_readers", "websocket readers", self._live.hub.readers)
 
 
+def _ages(snapshot: Snapshot) -> Iterator[Metric]:
+    age = GaugeMetricFamily("voltwall_age_seconds", "since the master measured a part", labels=["part"])
+    stale = GaugeMetricFamily("voltwall_stale", "1 while a part is older than 1 s: it is not live", labels=["part"])
+    for name, _ in units(Ages):
+        age_s = getattr(snapshot.age_s, name)
+        if age_s is not None:
+            age.add_metric([name], age_s)
+        stale.add_metric([name], int(age_s is None or age_s >= STALE_S))
+    yield age
+    yield stale
+    simulated = int(snapshot.source == "simulator")
+    yield GaugeMetricFamily("voltwall_simulated", "1 while the car is a simulated one", simulated)
+
+
+def _is_known(snapshot: Snapshot, part: Part | None) -> bool:
+    """A value that is too old to be shown is left out."""
+    age_s = None if part is None else getattr(snapshot.age_s, part)
+    return part is None or (age_s is not None and age_s < BLANK_S)
+
+
 def _totals(snapshot: Snapshot) -> Iterator[Metric]:
     for name, unit in units(Accumulator):
         value = getattr(snapshot.accumulator, name)
-        if name in _TOTALS and value is not None:
+        if name in _TOTALS and value is not None and _is_known(snapshot, _PARTS.get(name)):
             yield GaugeMetricFamily(_TOTALS[name], unit.meaning, value)
     for name, metric in _ENERGY.items():
         way = "out" if name == "energy_out_wh" else "in"
@@ -98,7 +125,7 @@ def _links(snapshot: Snapshot) -> Iterator[Metric]:
 
 def _cells(snapshot: Snapshot) -> Iterator[Metric]:
     for name, unit in units(Cells):
-        if name not in _CELLS:
+        if name not in _CELLS or not _is_known(snapshot, _PARTS.get(name)):
             continue
         family = GaugeMetricFamily(_CELLS[name], unit.meaning, labels=["pack", "cell"])
         for index, value in enumerate(getattr(snapshot.cells, name).tolist()):
@@ -126,8 +153,8 @@ def _recorder(recorder: AutoRecorder) -> Iterator[Metric]:
 
 
 @router.get("/metrics", response_class=PlainTextResponse)
-def metrics(live: LivePart, recorder: RecorderPart) -> Response:
+def metrics(live: LivePart, recorder: RecorderPart, clock: ClockPart) -> Response:
     """Prometheus text."""
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(SnapshotCollector(live, recorder))
+    registry.register(SnapshotCollector(live, recorder, clock))
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)

@@ -273,6 +273,7 @@ def download(
     try:
         with open_session(catalogue, session_id) as file:
             laps = lap_times(file) if export_format == "ldx" else None
+            mark = "-simulated" if file.info.metadata.get("source") == "simulator" else ""
             export(file, path, export_format, signals=signal, t_from_s=t_from, t_to_s=t_to, lap_times_s=laps)
     except UnknownSignal as error:
         path.unlink(missing_ok=True)
@@ -283,7 +284,7 @@ def download(
     except BaseException:
         path.unlink(missing_ok=True)
         raise
-    name = session_id + FORMATS[export_format].suffix
+    name = session_id + mark + FORMATS[export_format].suffix
     return FileResponse(
         str(path),
         filename=name,

@@ -12,13 +12,15 @@ from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 CHANNEL = "can0"
+SIMULATED_CHANNEL = "simulated0"  # the one place that a candump log has for it
+SIMULATED_MARK = "simulated car"
 Writer = can.CanutilsLogWriter | can.ASCWriter | can.BLFWriter
 
 
 def write_candump(table: SignalTable, path: Path) -> None:
     """Write what `candump -L` would have written."""
     with can.CanutilsLogWriter(str(path)) as writer:
-        _write(table, writer, CHANNEL)
+        _write(table, writer, SIMULATED_CHANNEL if table.is_simulated else CHANNEL)
 
 
 def write_asc(table: SignalTable, path: Path) -> None:
@@ -33,16 +35,21 @@ def write_blf(table: SignalTable, path: Path) -> None:
         _write(table, writer, 0)
 
 
-def write_items(write: Callable[[Path], Writer], path: Path, items: Iterable[CanItem]) -> None:
+def write_items(
+    write: Callable[[Path], Writer], path: Path, items: Iterable[CanItem], *, is_simulated: bool = False
+) -> None:
     """Write frames that are in memory; `write` opens one of LOG_FORMATS."""
+    channel = SIMULATED_CHANNEL if is_simulated else CHANNEL
     with write(path) as writer:
+        if is_simulated:
+            _mark_simulated(writer)
         for item in items:
             message = can.Message(
                 timestamp=item.t_wall_ns / 1e9,
                 arbitration_id=item.can_id & ~CAN_ID_EXTENDED,
                 is_extended_id=bool(item.can_id & CAN_ID_EXTENDED),
                 data=item.data,
-                channel=CHANNEL if isinstance(writer, can.CanutilsLogWriter) else 0,
+                channel=channel if isinstance(writer, can.CanutilsLogWriter) else 0,
                 is_rx=not item.sent,
             )
             writer.on_message_received(message)
@@ -55,6 +62,12 @@ LOG_FORMATS: dict[str, tuple[str, Callable[[Path], Writer]]] = {
 }
 
 
+def _mark_simulated(writer: Writer) -> None:
+    """Training data must never be taken for the car; candump has no events, its channel says it."""
+    if not isinstance(writer, can.CanutilsLogWriter):
+        writer.log_event(SIMULATED_MARK)
+
+
 def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
     """Write the frames of the table's range; its signals have no part in it.
 
@@ -62,6 +75,8 @@ def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
         ConfigError: there is none.
     """
     session, is_empty = table.session, True
+    if table.is_simulated:
+        _mark_simulated(writer)
     for frame in session.can_frames(table.t_from_s, table.t_to_s):
         message = can.Message(
             timestamp=session.unix_s(frame.t_mono_ns),

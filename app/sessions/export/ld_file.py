@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
-from app.sessions.export.table import FILLED, SignalTable
+from app.sessions.export.table import AGE, FILLED, SIMULATED, SignalTable
 from app.sessions.reading.reader import Samples
 from app.sessions.reading.series import find_gaps
 from app.sessions.storage.chunks import Track
@@ -34,22 +34,29 @@ _DEVICE = (1, 0x4240, 0xF, 0x1F44, b"ADL", 420, 0xADB0)
 _FLOAT, _FLOAT_SIZE = 7, 4
 _FIRST_CHANNEL_ID = 0x2EE1
 MAX_RATE_HZ = 1000
+_CONSTANT = (FILLED, SIMULATED)
 _READ_TOGETHER = 64  # signals held in memory at a time
 
 
 def write_ld(table: SignalTable, path: Path) -> None:
     """Write the file."""
     times, rate_hz = _extent(table)
+    signals = _channels(table)
     n_samples = 0 if times is None else int((times[1] - times[0]) * rate_hz) + 1
     start_s = table.info.started_wall_ns / 1e9 if times is None else times[0]
-    data_at = _CHANNELS_AT + _CHANNEL.size * len(table.signals)
+    data_at = _CHANNELS_AT + _CHANNEL.size * len(signals)
     with path.open("wb") as file:
         file.write(_head(table, start_s, data_at))
-        for i, signal in enumerate(table.signals):
-            file.write(_channel(i, len(table.signals), signal, data_at, n_samples, rate_hz))
+        for i, signal in enumerate(signals):
+            file.write(_channel(i, len(signals), signal, data_at, n_samples, rate_hz))
         grid_s = start_s + np.arange(n_samples) / rate_hz
         for values in _resampled(table, grid_s):
             file.write(values.astype("<f4").tobytes())
+
+
+def _channels(table: SignalTable) -> list[Signal]:
+    """Without AGE: a value that is held has no age of its own."""
+    return [signal for signal in table.signals if signal is not AGE]
 
 
 def _extent(table: SignalTable) -> tuple[tuple[float, float] | None, int]:
@@ -71,12 +78,13 @@ def _extent(table: SignalTable) -> tuple[tuple[float, float] | None, int]:
 
 
 def _samples(table: SignalTable) -> Iterator[tuple[Signal, Samples | None]]:
-    """Each signal with its samples, none for FILLED; some are read together, not all of them held."""
-    for start in range(0, len(table.signals), _READ_TOGETHER):
-        signals = table.signals[start : start + _READ_TOGETHER]
-        recorded = [signal for signal in signals if signal is not FILLED]
+    """Each signal with its samples, none for what a table adds; some are read together, not all of them held."""
+    channels = _channels(table)
+    for start in range(0, len(channels), _READ_TOGETHER):
+        signals = channels[start : start + _READ_TOGETHER]
+        recorded = [signal for signal in signals if signal not in _CONSTANT]
         yield from zip(recorded, table.session.samples(recorded, table.t_from_s, table.t_to_s), strict=True)
-        yield from ((signal, None) for signal in signals if signal is FILLED)
+        yield from ((signal, None) for signal in signals if signal in _CONSTANT)
 
 
 def _resampled(table: SignalTable, grid_s: FloatArray) -> Iterator[FloatArray]:
@@ -84,7 +92,7 @@ def _resampled(table: SignalTable, grid_s: FloatArray) -> Iterator[FloatArray]:
     track: Track | None = None
     for signal, samples in _samples(table):
         if samples is None:
-            yield table.is_filled(grid_s)
+            yield table.constant(signal, grid_s)
             continue
         if samples.track is not track:
             track = samples.track
@@ -117,8 +125,8 @@ def _head(table: SignalTable, start_s: float, data_at: int) -> bytes:
     info, when = table.info, datetime.fromtimestamp(start_s, UTC)
     driver, vehicle = (str(info.metadata.get(key, "")) for key in ("driver", "vehicle"))
     venue, event = (str(info.metadata.get(key, "")) for key in ("venue", "event"))
-    comment = f"voltwall {info.voltwall}, session {info.id}"
-    serials = (*_DEVICE, len(table.signals))
+    comment = f"{'SIMULATED CAR, ' if table.is_simulated else ''}voltwall {info.voltwall}, session {info.id}"
+    serials = (*_DEVICE, len(_channels(table)))
     head = bytearray(_CHANNELS_AT)
     _HEADER.pack_into(
         head, 0, _MARK, _CHANNELS_AT, data_at, _EVENT_AT, *serials,
@@ -173,12 +181,13 @@ def write_ldx(table: SignalTable, path: Path) -> None:
     laps = np.diff([0.0, *beacons])
     fastest = int(np.argmin(laps))
     minutes, seconds = divmod(float(laps[fastest]), 60)
+    car = '<String Id="Vehicle Comment" Value="simulated car"/>' if table.is_simulated else ""
     path.write_text(
         '<?xml version="1.0"?>\n<LDXFile Locale="C" DefaultLocale="C" Version="1.6"><Layers><Layer><MarkerBlock>'
         f'<MarkerGroup Name="Beacons" Index="3">{"".join(lines)}</MarkerGroup></MarkerBlock><RangeBlock/></Layer>'
         f'<Details><String Id="Total Laps" Value="{len(beacons) + 1}"/>'
         f'<String Id="Fastest Time" Value="{int(minutes)}:{seconds:06.3f}"/>'
-        f'<String Id="Fastest Lap" Value="{fastest + 1}"/></Details></Layers></LDXFile>\n',
+        f'<String Id="Fastest Lap" Value="{fastest + 1}"/>{car}</Details></Layers></LDXFile>\n',
         encoding="utf-8",
     )
 

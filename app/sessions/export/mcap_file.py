@@ -10,7 +10,7 @@ import numpy as np
 import orjson
 
 from app.sessions.errors import ExportUnavailable
-from app.sessions.export.table import Rows, SignalTable
+from app.sessions.export.table import Rows, SignalTable, source_of
 
 _NUMBER = {"type": ["number", "null"]}
 _LOG_SCHEMA = {
@@ -48,6 +48,8 @@ def write_mcap(table: SignalTable, path: Path) -> None:
         for rows in table.rows():
             for time_ns, channel_id, body in _messages(table, rows, fields, channels):
                 writer.add_message(channel_id, log_time=time_ns, publish_time=time_ns, data=body)
+        if source := source_of(table):
+            writer.add_metadata("voltwall", source)
         _write_events(writer, table)
         writer.finish()
 

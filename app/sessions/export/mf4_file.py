@@ -38,5 +38,6 @@ def _append(file: Any, signal_type: Any, table: SignalTable, rows: Rows) -> int:
         signal_type(samples=samples, timestamps=rows.elapsed_s, name=name, unit=unit)
         for name, unit, samples in channels
     ]
-    file.append(signals, comment=f"voltwall session {table.info.id}, {table.info.name}")
+    car = "simulated car, " if table.is_simulated else ""
+    file.append(signals, comment=f"{car}voltwall session {table.info.id}, {table.info.name}")
     return len(file.groups) - 1

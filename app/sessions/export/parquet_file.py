@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from app.sessions.errors import ExportUnavailable
-from app.sessions.export.table import Rows, SignalTable, column_name
+from app.sessions.export.table import Rows, SignalTable, column_name, source_of
 
 ROW_GROUP_S = 600.0
 
@@ -27,7 +27,7 @@ def write_parquet(table: SignalTable, path: Path) -> None:
         pyarrow.field(column_name(signal), pyarrow.float64(), metadata={"unit": signal.unit})
         for signal in table.signals
     ]
-    about = {"session": table.info.id, "name": table.info.name, "voltwall": table.info.voltwall}
+    about = {"session": table.info.id, "name": table.info.name, "voltwall": table.info.voltwall} | source_of(table)
     schema = pyarrow.schema([*times, *columns], metadata=about)
     # Of these columns dictionaries make a larger file and cost a third of the time.
     with parquet.ParquetWriter(path, schema, compression="zstd", use_dictionary=False) as writer:

@@ -15,16 +15,26 @@ from app.estimation.arrays import FloatArray
 from app.sessions.reading.blocks import Block
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.signals import Signal, default_signals, find_signal
+from app.sources.master.uptime_clock import UptimeClock
 
 PIECE_S = 240.0
 MARGIN_US = 1_000_000  # what belongs to one instant arrives within this time
 _SAME_S = 1e-4  # a span is told to the millisecond
+# What every row is told besides its signals, in this order behind them.
 FILLED = Signal("filled", "filled", 0, "", 1.0)  # 1 where the row came from another recorder of the same run
+SIMULATED = Signal("simulated", "simulated", 0, "", 1.0)  # 1 in every row of a car that was none
+AGE = Signal("age", "age", 0, "s", 1e-3)  # how long before its time a row was measured
 
 
 def column_name(signal: Signal) -> str:
     """Return the signal's name with its unit: `v[36] (V)`."""
     return signal.name if signal.unit in ("", "1") else f"{signal.name} ({signal.unit})"
+
+
+def source_of(table: "SignalTable") -> dict[str, str]:
+    """Return what a format with metadata of its own says of the car: where the session came from, if it is known."""
+    source = table.info.metadata.get("source")
+    return {"source": source} if isinstance(source, str) else {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +50,8 @@ class Rows:
 class SignalTable:
     """Some signals over a range; without `signals` the default ones that the session holds.
 
-    Where gaps of the session were filled from another recorder the last signal is FILLED.
+    Behind them stand FILLED where gaps of the session were filled from another recorder, SIMULATED where the car was
+    simulated, and AGE: what waited on its way to the recorder is old at its `time_s`; beyond 1 s it was not live.
     """
 
     def __init__(
@@ -67,9 +78,14 @@ class SignalTable:
         for i, signal in enumerate(self.signals):
             self._of_field[signal.field].append(i)
         self._filled = session.filled()
-        if self._filled:
-            self.signals = [*self.signals, FILLED]
         self.info = session.info
+        self.is_simulated = self.info.metadata.get("source") == "simulator"
+        self._added = [
+            *([FILLED] if self._filled else []),
+            *([SIMULATED] if self.is_simulated else []),
+            AGE,
+        ]
+        self.signals = [*self.signals, *self._added]
         self.t_from_s, self.t_to_s = t_from_s, t_to_s
         self.lap_times_s = lap_times_s
 
@@ -80,7 +96,10 @@ class SignalTable:
         first_us, last_us = self._range_us(start_us)
         margin_s = MARGIN_US / 1e6
         ends_s = self.session.unix_s(first_us * 1000) - margin_s, self.session.unix_s(last_us * 1000) + margin_s
-        blocks = self.session.blocks([s for s in self.signals if s is not FILLED], *ends_s)
+        blocks = self.session.blocks([s for s in self.signals if s not in self._added], *ends_s)
+        uptime_clock = UptimeClock()
+        for arrived_ns, uptime_ms in self.session.uptimes(first_us * 1000):
+            uptime_clock.measured_ns(uptime_ms, arrived_ns)
         held: list[Block] = []
         upcoming = next(blocks, None)
         while first_us <= last_us:
@@ -89,7 +108,7 @@ class SignalTable:
                 held.append(upcoming)
                 upcoming = next(blocks, None)
             held = [block for block in held if block.last_us >= first_us - MARGIN_US]
-            rows = self._rows(held, first_us, end_us, start_us)
+            rows = self._rows(held, first_us, end_us, start_us, uptime_clock)
             if len(rows.time_s):
                 yield rows
             first_us = end_us
@@ -113,7 +132,13 @@ class SignalTable:
             last_us = min(last_us, self.session.mono_us(self.t_to_s))
         return first_us, last_us
 
-    def _rows(self, blocks: Sequence[Block], first_us: int, end_us: int, start_us: int) -> Rows:
+    def constant(self, signal: Signal, time_s: FloatArray) -> FloatArray:
+        """Return (n,) values of FILLED or SIMULATED."""
+        return self.is_filled(time_s) if signal is FILLED else np.ones(len(time_s))
+
+    def _rows(
+        self, blocks: Sequence[Block], first_us: int, end_us: int, start_us: int, uptime_clock: UptimeClock
+    ) -> Rows:
         """Rows whose time is within [first_us, end_us).
 
         Samples of one instant that arrived on both sides of an end meet in one row, because the rows on both sides look
@@ -147,9 +172,22 @@ class SignalTable:
         uptime_s = np.where(instants[order] >= 0, (instants[order] & 0xFFFFFFFF) / 1000, np.nan)
         elapsed_s = (row_us[order] - start_us) / 1e6
         time_s, values = self.session.unix_s(start_us * 1000) + elapsed_s, values[:, _as_slice(order)]
-        if self._filled:
-            values[-1] = self.is_filled(time_s)
+        for i, signal in enumerate(self._added, start=len(values) - len(self._added)):
+            is_age = signal is AGE
+            values[i] = (
+                _ages_s(row_us[order], instants[order], uptime_clock) if is_age else self.constant(signal, time_s)
+            )
         return Rows(time_s, elapsed_s, uptime_s, values.T)
+
+
+def _ages_s(row_us: NDArray[np.int64], instants: NDArray[np.int64], uptime_clock: UptimeClock) -> FloatArray:
+    """Return (n,) how long before it arrived each row was measured, NaN where the master's clock has no part in it."""
+    ages_s = np.full(len(row_us), np.nan)
+    for i, (arrived_us, instant) in enumerate(zip(row_us.tolist(), instants.tolist(), strict=True)):
+        if instant >= 0:
+            measured_ns = uptime_clock.measured_ns(instant & 0xFFFFFFFF, arrived_us * 1000)
+            ages_s[i] = arrived_us / 1e6 - measured_ns / 1e9
+    return ages_s
 
 
 def _as_slice(index: NDArray[np.intp]) -> slice | NDArray[np.intp]:

@@ -133,6 +133,12 @@ class SessionFile:
         start_s = info.started_wall_ns / 1e9
         return [(start_s + first, start_s + last) for first, last in spans] if isinstance(spans, list) else []
 
+    def uptimes(self, until_ns: int) -> list[tuple[int, int]]:
+        """Return when frames arrived [ns, monotonic] and what the master's clock showed [ms], every ten seconds."""
+        return self._stored.rows(
+            "SELECT t_mono_ns, uptime_ms FROM clock WHERE uptime_ms NOTNULL AND t_mono_ns < ? ORDER BY id", (until_ns,)
+        )
+
     def mono_us(self, unix_s: float) -> int:
         """Return the monotonic time of a unix time, to the microsecond, which is what a float can tell apart."""
         return round((round(unix_s * 1e9) - self._offset_ns) / 1000)

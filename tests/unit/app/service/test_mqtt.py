@@ -1,13 +1,19 @@
 """Which broker a URL names, and what of a snapshot is published."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
 from app.errors import ConfigError
-from app.service.mqtt import messages, parse_broker
+from app.service.mqtt import event_body, messages, parse_broker
 from app.sources.items import LinkChange
+from app.telemetry import Alarm, Event
+from app.telemetry.aging import aged
 from app.telemetry.service_state import Recording
+from app.words import Message
+
+EVENT = Event(1, "info", "noted", Message("verbatim", text="noted"))
 
 
 def test_a_url_names_host_port_prefix_and_user():
@@ -54,9 +60,31 @@ def test_a_snapshot_is_published_in_parts_and_what_is_missing_is_null(bench, mas
     assert bodies["accumulator"]["current_a"] == pytest.approx(10.0)
     assert bodies["cells/voltage_v"]["values"][5:7] == [None, pytest.approx(3.7006)]
     assert bodies["links"]["rs232"]["state"] == "live"
+    assert bodies["cells/voltage_v"]["age_s"] == bodies["accumulator"]["age_s"]["voltage"]
     assert (bodies["recording"]["session_id"], bodies["recording"]["since"]) == ("s1", 5.5)
 
 
 def test_without_a_recording_its_topic_is_null(bench, master):
     bench.feed(master.frame())
     assert dict(messages(bench.live.snapshot, None))["recording"] == b"null"
+
+
+def test_a_simulated_car_is_marked_in_every_object(bench, master):
+    bench.feed(LinkChange(0, 0, "rs232", "open"), master.frame())
+    recording = Recording("s1", 5_500_000_000, 7, 4096)
+    alarm = Alarm(1, "cell-hot", "trip", Message("cell-hot"), 0, True)
+    for source in ("simulator", "serial"):
+        snapshot = replace(bench.live.snapshot, source=source, alarms=(alarm,))
+        bodies = {topic: json.loads(body) for topic, body in messages(snapshot, recording)}
+        marked = [*bodies.pop("alarms"), *bodies.values(), json.loads(event_body(EVENT, source))]
+        assert [body["simulated"] for body in marked] == [source == "simulator"] * len(marked)
+
+
+def test_what_is_older_than_a_second_is_stale(bench, master):
+    bench.feed(LinkChange(0, 0, "rs232", "open"), master.frame())
+    snapshot = bench.live.snapshot
+    for waited_s, stale in ((0.5, False), (2.0, True)):
+        later = aged(snapshot, snapshot.t_mono_ns + round(waited_s * 1e9))
+        bodies = {topic: json.loads(body) for topic, body in messages(later, None)}
+        assert bodies["cells/soc"]["stale"] is bodies["accumulator"]["stale"]["voltage"] is stale
+        assert bodies["cells/voltage_v"]["age_s"] == pytest.approx(waited_s, abs=0.01)

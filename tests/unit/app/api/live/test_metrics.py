@@ -1,8 +1,40 @@
-from app.api.live.metrics import _CELLS, _ENERGY, _TOTALS
+from types import SimpleNamespace
+
+import pytest
+
+from app.api.live.metrics import _CELLS, _ENERGY, _TOTALS, SnapshotCollector
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.estimators import make_estimator
+from app.live.pipeline import Pipeline
+from app.sources.master.source import MasterSource
 from app.telemetry import Accumulator, Cells
 from app.telemetry.fields import units
+from tests.fake_clock import FunctionClock
 
 
 def test_every_metric_is_of_a_field_of_the_snapshot():
     assert {*_TOTALS, *_ENERGY} <= {name for name, _ in units(Accumulator)}
     assert _CELLS.keys() <= {name for name, _ in units(Cells)}
+
+
+@pytest.mark.parametrize(("waited_s", "stale", "shown"), [(0.2, 0, True), (3.0, 1, True), (20.0, 1, False)])
+def test_old_values_are_marked_and_then_left_out(master, waited_s, stale, shown):
+    cell = load_cell("samsung-25r-10p")
+    pipeline = Pipeline(
+        MasterSource("serial"), lambda: make_estimator("coulomb", cell, 96), filter_name="coulomb", cell_name="c"
+    )
+    snapshot = pipeline.feed(master.frame()).snapshot
+    live = SimpleNamespace(snapshot=snapshot, hub=SimpleNamespace(readers=0))
+    now_ns = snapshot.t_mono_ns + round(waited_s * 1e9)
+    status = SimpleNamespace(session=None, queued_items=0, lost_items=0, error=None, disk_free_bytes=None)
+    clock = FunctionClock(lambda: now_ns, lambda: now_ns)
+    collector = SnapshotCollector(live, SimpleNamespace(status=status), clock)
+    found = {family.name: family for family in collector.collect()}
+    of_voltage = {
+        name: next(each.value for each in found[name].samples if each.labels["part"] == "voltage")
+        for name in ("voltwall_age_seconds", "voltwall_stale")
+    }
+    assert of_voltage["voltwall_age_seconds"] == pytest.approx(waited_s, abs=0.05)
+    assert of_voltage["voltwall_stale"] == stale
+    assert ("voltwall_accumulator_volts" in found) is shown
+    assert bool(found["voltwall_cell_volts"].samples if "voltwall_cell_volts" in found else ()) is shown

@@ -3,6 +3,7 @@
 import json
 import struct
 import xml.etree.ElementTree as ElementTree
+import zlib
 from pathlib import Path
 
 import can
@@ -160,3 +161,43 @@ def test_a_session_without_samples_gives_a_file(recorder: Recorder, tmp_path: Pa
         path = tmp_path / f"empty{FORMATS[name].suffix}"
         export(session, path, name, signals=["v[0]"])
     assert path.is_file()
+
+
+@pytest.fixture
+def simulated(recorder: Recorder, stream):
+    info = recorder.start("demo", {"source": "simulator"})
+    stream.feed(recorder, 100)
+    recorder.can_frame(MONO_NS, WALL_S * 10**9, 0x100, b"1")
+    for at_s in (2, 6):
+        recorder.marker(MONO_NS + at_s * 10**9, 0, "lap", kind="lap")
+    recorder.flush()
+    with SessionFile(info.path) as session:
+        yield session
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("car", ["simulated", "session"])
+def test_a_simulated_car_is_marked_in_every_format(request, tmp_path: Path, car: str, name: str) -> None:
+    if name in ("mcap", "mf4"):
+        pytest.importorskip({"mcap": "mcap", "mf4": "asammdf"}[name])
+    path = tmp_path / f"a{FORMATS[name].suffix}"
+    export(request.getfixturevalue(car), path, name, signals=["i_fs"])
+    content = path.read_bytes()
+    if name == "blf":
+        content = b"".join(_blf_objects(content))
+    assert (b"simulat" in content.lower()) is (car == "simulated")
+
+
+def _blf_objects(content: bytes) -> list[bytes]:
+    """The containers of a BLF file, decompressed: each begins with LOBJ, of kind 10, its zlib stream after 32 bytes."""
+    parts = content.split(b"LOBJ")[1:]
+    return [
+        zlib.decompressobj().decompress(part[28:]) for part in parts if part[28:30] in (b"x\x9c", b"x\xda", b"x\x01")
+    ]
+
+
+def test_the_simulated_mark_is_a_column_of_ones(simulated: SessionFile, tmp_path: Path) -> None:
+    export(simulated, tmp_path / "a.csv", "csv", signals=["i_fs"])
+    header, *rows = (tmp_path / "a.csv").read_text().splitlines()
+    assert header.split(",")[-2:] == ["simulated", "age (s)"]
+    assert {row.split(",")[-2] for row in rows} == {"1"}

@@ -49,9 +49,19 @@ def test_csv_has_a_row_per_instant_with_units_in_names(session: SessionFile, str
         "estimate.soc[0]",
         "estimate.soc_sigma[0]",
         "t[3] (degC)",
+        "age (s)",
     ]
     assert len(rows) == 1300
-    assert rows[7] == [f"{WALL_S}.700", "0.700", "1.700", f"{stream.voltages[7][36] * 1e-4:.4f}", "0.50000", "", "23"]
+    assert rows[7] == [
+        f"{WALL_S}.700",
+        "0.700",
+        "1.700",
+        f"{stream.voltages[7][36] * 1e-4:.4f}",
+        "0.50000",
+        "",
+        "23",
+        "0.000",
+    ]
     assert [row[3] for row in rows] == [f"{each[36] * 1e-4:.4f}" for each in stream.voltages]
 
 
@@ -78,7 +88,7 @@ def test_without_signals_the_fast_ones_and_the_estimates_are_written(session: Se
     export(session, tmp_path / "a.csv", "csv", t_to_s=WALL_S + 1)
     header, _ = read_csv(tmp_path / "a.csv")
     assert {"i_fs (A)", "v[95] (V)", "t[0] (degC)", "estimate.soc[95]", "soc"} <= set(header)
-    assert len(header) == len(set(header)) == 3 + 11 + 4 * 96
+    assert len(header) == len(set(header)) == 3 + 11 + 4 * 96 + 1
 
 
 def test_blocks_join_without_seam(session: SessionFile, tmp_path: Path, monkeypatch) -> None:
@@ -115,4 +125,23 @@ def test_an_empty_session_gives_the_header_alone(recorder: Recorder, tmp_path: P
     recorder.flush()
     with SessionFile(info.path) as session:
         export(session, tmp_path / "a.csv", "csv", signals=["v[0]"])
-    assert (tmp_path / "a.csv").read_text() == "time_s,elapsed_s,uptime_s,v[0] (V)\n"
+    assert (tmp_path / "a.csv").read_text() == "time_s,elapsed_s,uptime_s,v[0] (V),age (s)\n"
+
+
+def test_what_waited_on_its_way_is_old_and_a_range_knows_it_too(recorder: Recorder, stream, tmp_path: Path) -> None:
+    info = recorder.start()
+    for i in range(300):
+        uptime_ms = stream.uptime_ms
+        t_mono_ns, t_wall_ns, raw = stream.next()
+        delay_ns = 2_500_000_000 if i >= 150 else 0
+        recorder.frame(t_mono_ns + delay_ns, t_wall_ns + delay_ns, 0, raw, True)
+        if i % 100 == 0:
+            recorder.clock(t_mono_ns + delay_ns, t_wall_ns + delay_ns, uptime_ms)
+    recorder.flush()
+    with SessionFile(info.path) as session:
+        for t_from_s in (None, WALL_S + 20):
+            export(session, tmp_path / "a.csv", "csv", signals=["v[0]"], t_from_s=t_from_s)
+            header, rows = read_csv(tmp_path / "a.csv")
+            ages_s = [float(row[header.index("age (s)")]) for row in rows]
+            assert ages_s[-1] == pytest.approx(2.5, abs=0.02)
+            assert ages_s[0] == pytest.approx(0.0 if t_from_s is None else 2.5, abs=0.02)
