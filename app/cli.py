@@ -14,6 +14,7 @@ COMMANDS = {
     "replay": "play a recorded session through the same pipeline",
     "sessions": "recorded sessions: list, check, fetch, import, prune; laps, reports, black boxes, cell passports",
     "evidence": "measure how fast the master opens the shutdown circuit, as a document for the scrutineers",
+    "battery": "batteries other than the team's own: profiles, what one means, what is doubtful, learn one from a bus",
     "export": "write a session's signals as CSV, Parquet and other formats",
     "config": "read, write, store, roll back the master's configuration through a running service; profiles",
     "dbc": "write the CAN tables as a DBC file",

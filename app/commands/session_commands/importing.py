@@ -21,7 +21,8 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     """Declare the actions."""
     taking = new_action(actions, "import", "make a session of another system's recording, estimated", _import)
     taking.epilog = (
-        "CSV or Parquet; or candump .log, .asc, .blf with --dbc. Without --dbc a CAN log is taken as of our own master."
+        "CSV or Parquet; or candump .log, .asc, .blf, .trc, .mf4 with --dbc. Without --dbc a CAN log is taken as of our"
+        " own master."
     )
     columns = new_action(actions, "columns", "what is in such a file, and the profile that is guessed for it", _columns)
     for action in (taking, columns):

@@ -1,4 +1,4 @@
-"""CAN logs of other tools, candump, Vector ASC and BLF: as frames, and by a DBC as a table of signals."""
+"""CAN logs of other tools, candump, ASC, BLF, TRC, MF4: as frames, and by a DBC as a table of signals."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -15,7 +15,7 @@ from app.sources.recordings.table import Table, matching
 from app.words import Message, Quantity
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
-ENDINGS = (".log", ".asc", ".blf")
+ENDINGS = (".log", ".asc", ".blf", ".trc", ".mf4")
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
 
 

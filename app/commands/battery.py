@@ -1,0 +1,21 @@
+"""`voltwall battery`: profiles of batteries that are not the team's own."""
+
+import argparse
+
+from app.commands.battery_commands import check, learn, show
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the actions."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    for module in (show, check, learn):
+        module.add_actions(actions)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do what was asked for.
+
+    Raises:
+        AppError: a profile, a DBC or a log cannot be read, or is wrong.
+    """
+    return int(args.do(args))

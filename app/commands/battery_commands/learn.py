@@ -1,0 +1,148 @@
+"""`voltwall battery learn`: what speaks on a bus, and the profile that it suggests."""
+
+import argparse
+import os
+from pathlib import Path
+
+import numpy as np
+
+from app.commands.battery_commands.inputs import bundled_definitions, bus_frames, definitions_of, log_frames
+from app.errors import ConfigError
+from app.sources.dbc.definitions import Definitions
+from app.sources.dbc.frames import Frames, frames_of
+from app.sources.dbc.learn.learning import Learned, learn
+from app.sources.dbc.learn.profile_text import profile_text
+from app.sources.dbc.learn.survey import Survey, survey
+from app.words import Message, render
+
+_MOST_ODDITIES = 10
+
+
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    learning = actions.add_parser(
+        "learn",
+        help="what speaks on a bus or in a log, and a profile with the reasons for it; exit code 1 where none fits",
+    )
+    learning.add_argument(
+        "--dbc", type=Path, action="append", default=[], metavar="FILE",
+        help="message definitions: .dbc, .sym, .kcd, .arxml; may be given again (default: those that come along)",
+    )  # fmt: skip
+    source = learning.add_mutually_exclusive_group()
+    source.add_argument("--log", type=Path, metavar="FILE", help="a CAN log: .log (candump), .trc, .asc, .blf, .mf4")
+    source.add_argument("--can", metavar="IF:CH", help="listen to a bus: a python-can interface and channel")
+    learning.add_argument("--seconds", type=float, default=30.0, metavar="S", help="how long to listen (default: 30)")
+    learning.add_argument("--name", default="", help="what people call the battery (default: the DBC's name)")
+    learning.add_argument("--out", type=Path, metavar="FILE", help="write the profile (default: standard output)")
+    learning.add_argument("--signals", action="store_true", help="list every signal with its range too")
+    learning.set_defaults(do=_learn)
+
+
+def _learn(args: argparse.Namespace) -> int:
+    frames = frames_of([])
+    if args.log is not None:
+        frames = log_frames(args.log)
+    elif args.can is not None:
+        frames = bus_frames(args.can, args.seconds)
+    elif not args.dbc:
+        raise ConfigError("dbc", "", "say --dbc, --log or --can")
+    definitions, files = (definitions_of(args.dbc), args.dbc) if args.dbc else _bundled(frames)
+    _print_oddities(definitions)
+    found = survey(definitions, frames)
+    _print_messages(found, with_signals=args.signals)
+    folder = Path() if args.out is None else args.out.parent
+    names = tuple(_relative(file, folder) for file in files)
+    learned = learn(found, frames, args.name or files[0].stem, names)
+    if learned is None:
+        print(render(Message("learn-nothing")))
+        return 1
+    _print_summary(learned)
+    text = profile_text(learned)
+    if args.out is None:
+        print("\n" + text, end="")
+    else:
+        try:
+            args.out.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise ConfigError("out", args.out, error.strerror or str(error)) from error
+        print(f"\n{args.out} written; read it, correct it, then: voltwall battery check {args.out}")
+    return 0
+
+
+def _bundled(frames: Frames) -> tuple[Definitions, list[Path]]:
+    """The definitions that come along of which most frames are heard."""
+    best: tuple[int, Definitions, list[Path]] | None = None
+    for files in bundled_definitions().values():
+        definitions = definitions_of(files)
+        heard = int(np.isin(frames.can_id, np.array(list(definitions.by_id()), np.uint32)).sum())
+        if best is None or heard > best[0]:
+            best = heard, definitions, list(files)
+    if best is None or best[0] == 0:
+        raise ConfigError("dbc", "", "none of the frames is of a battery that is known here: say --dbc FILE")
+    return best[1], best[2]
+
+
+def _relative(file: Path, folder: Path) -> str:
+    try:
+        return Path(os.path.relpath(file, folder)).as_posix()
+    except ValueError:  # another drive
+        return file.as_posix()
+
+
+def _print_oddities(definitions: Definitions) -> None:
+    for oddity in definitions.oddities[:_MOST_ODDITIES]:
+        place = oddity.file if oddity.line is None else f"{oddity.file}:{oddity.line}"
+        print(f"{place}: {render(oddity.what)}")
+    if len(definitions.oddities) > _MOST_ODDITIES:
+        print(f"... and {len(definitions.oddities) - _MOST_ODDITIES} more: voltwall battery check tells all")
+
+
+def _print_messages(found: Survey, with_signals: bool) -> None:
+    messages = found.definitions.by_id()
+    if not found.n_frames:
+        print(f"{len(messages)} messages in the DBC; without --log or --can nothing is known of their values")
+        return
+    print(f"{found.n_frames} frames in {found.duration_s:.1f} s; {len(found.heard)} of {len(messages)} messages heard")
+    print(f"{'id':>10}  {'message':32} {'signals':>7} {'frames':>8} {'Hz':>8}")
+    for can_id, heard in sorted(found.heard.items()):
+        message = heard.message
+        print(
+            f"{_id(can_id):>10}  {message.name:32} {len(message.signals):>7} {len(heard.group.frames):>8}"
+            f" {heard.rate_hz:>8.4g}"
+        )
+        for signal in message.signals if with_signals else ():
+            values = heard.signal(signal.name)
+            if values is not None:
+                print(f"{'':12}{signal.name}: {values.low:.6g} to {values.high:.6g} {signal.unit}")
+    if found.unknown:
+        most = sorted(found.unknown.items(), key=lambda each: -each[1])[:8]
+        print(
+            f"not in the DBC: {', '.join(f'{_id(i)} ({n})' for i, n in most)}"
+            + (", ..." if len(found.unknown) > 8 else "")
+        )
+
+
+def _id(can_id: int) -> str:
+    return f"{can_id & 0x1FFFFFFF:08X}x" if can_id >> 31 else f"{can_id:03X}"
+
+
+def _print_summary(learned: Learned) -> None:
+    battery = learned.battery
+    print(
+        f"\nsuggested: {battery.n_cells} cells in {battery.n_segments} segments,"
+        f" {battery.n_sensors} temperature sensors"
+    )
+    for title, proposal in (("voltages", learned.voltage), ("temperatures", learned.temperature)):
+        if proposal is not None:
+            fit = proposal.fit
+            heard = "" if fit is None else f", {fit.low:.4g} to {fit.high:.4g}"
+            print(f"  {title}: {proposal.entries[0].signal}{heard}")
+            for reason in proposal.reasons:
+                print(f"    {render(reason)}")
+    for name, reading in learned.readings.items():
+        span = f", {reading.low:.5g} to {reading.high:.5g}" if np.isfinite(reading.low) else ""
+        print(f"  {name}: {reading.reading.signal}{span}")
+        for reason in reading.reasons:
+            print(f"    {render(reason)}")
+    for doubt in learned.doubts:
+        print(f"  to decide: {render(doubt)}")

@@ -1,0 +1,89 @@
+"""`voltwall battery list` and `show`: bundled profiles, and what one means."""
+
+import argparse
+
+from app.battery.battery import Battery
+from app.battery.drawing import drawn, sensors_in_words
+from app.battery.library import bundled_profiles, load_part, load_profile
+from app.battery.source import CellSignals, SpeaksDbc, SpeaksMaster
+from app.battery.table_reader import ProfileError
+
+
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the actions."""
+    listing = actions.add_parser("list", help="the profiles that come with the program")
+    listing.set_defaults(do=_list)
+    showing = actions.add_parser("show", help="what a profile means, with a drawing")
+    showing.add_argument("profile", metavar="NAME|FILE", help="a bundled profile, or a TOML file")
+    showing.add_argument("--toml", action="store_true", help="the profile's text, to copy and change")
+    showing.set_defaults(do=_show)
+
+
+def _list(_: argparse.Namespace) -> int:
+    for name in bundled_profiles():
+        try:
+            battery = load_profile(name).profile.battery
+        except ProfileError:
+            load_part(name)
+            print(f"{name:20} a part, to include in a profile")
+            continue
+        print(f"{name:20} {battery.name}: {battery.n_segments} segments, {battery.n_sensors} temperature sensors")
+    return 0
+
+
+def _show(args: argparse.Namespace) -> int:
+    loaded = load_profile(args.profile)
+    if args.toml:
+        print(loaded.text, end="")
+        return 0
+    battery, source = loaded.profile.battery, loaded.profile.source
+    _show_battery(battery)
+    if isinstance(source, SpeaksMaster):
+        print("source: the team's own master, over RS232 and CAN")
+    elif isinstance(source, SpeaksDbc):
+        _show_source(source)
+    return 0
+
+
+def _show_battery(battery: Battery) -> None:
+    print(f"{battery.name}: {battery.n_cells} cells in {battery.n_segments} segments, {battery.parallel} in parallel")
+    print(f"cell: {battery.cell}")
+    print("segments on the map, with their cells:")
+    print("\n".join(drawn(battery)))
+    print(f"temperature sensors: {sensors_in_words(battery)}")
+    for title, values in (("limits", battery.limits), ("rules", battery.rules)):
+        if values:
+            print(f"{title}: " + ", ".join(f"{name} = {value}" for name, value in values.items()))
+
+
+def _show_source(source: SpeaksDbc) -> None:
+    print(f"source: CAN by {', '.join(source.dbc)}")
+    for kind, entries in source.cells.items():
+        for entry in entries:
+            print(f"  {kind}: {_in_words(entry)}")
+    for name in ("current", "pack_voltage", "soc", "charger_voltage", "charger_current"):
+        reading = getattr(source, name)
+        if reading is not None:
+            sign = f", positive on {reading.positive}" if "current" in name else ""
+            print(f"  {name}: {reading.signal}{sign}")
+    for name, state in source.states.items():
+        wanted = f"one of the bits {state.mask:#x}" if state.mask else f"{' or '.join(map(str, state.equals))}"
+        print(f"  {name}: where {state.signal} is {wanted}")
+
+
+def _in_words(entry: CellSignals) -> str:
+    parts = [f"signals {entry.signal}" + ("" if entry.message == "*" else f" of messages {entry.message}")]
+    parts += [f"{part} by signal {signal} of the frame" for part, signal in entry.numbers.items()]
+    bases = {part: low for part, low in entry.base.items() if low}
+    if bases:
+        parts.append("counted from " + ", ".join(f"{low} ({part})" for part, low in bases.items()))
+    if entry.group_cells > 1:
+        parts.append(f"{entry.group_cells} a group")
+    if entry.checksum:
+        parts.append(f"checksum {entry.checksum}")
+    parts.append(
+        "older than three periods is missing"
+        if entry.max_age_s is None
+        else f"older than {entry.max_age_s:g} s is missing"
+    )
+    return "; ".join(parts)

@@ -1,0 +1,1 @@
+"""What speaks on a bus, and the profile that it suggests."""

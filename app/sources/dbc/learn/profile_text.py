@@ -1,0 +1,108 @@
+"""A suggested profile as TOML, with its reasons as comments, for a person to confirm or correct."""
+
+import json
+from collections.abc import Iterable, Iterator
+
+from app.battery.battery import Battery, each_cell, spread, spread_in_segments
+from app.battery.source import CellSignals, Reading
+from app.sources.dbc.learn.learning import Learned
+from app.words import Text, render
+
+
+def profile_text(learned: Learned, language: str = "en") -> str:
+    """Return the TOML of a suggestion."""
+    return "\n".join(_lines(learned, language)) + "\n"
+
+
+def _lines(learned: Learned, language: str) -> Iterator[str]:
+    battery = learned.battery
+    yield "# Suggested by `voltwall battery learn`. Read the reasons, correct what is wrong; then"
+    yield "# `voltwall battery check` this file."
+    yield from _comments(learned.doubts, language)
+    yield "[battery]"
+    yield f"name = {_text(battery.name)}"
+    yield f"segments = {list(battery.segments)}"
+    yield f"parallel = {battery.parallel}  # cells in parallel that are measured as one: not on the bus"
+    yield f"cell = {_text(battery.cell)}  # the model of what is measured as one: not on the bus"
+    yield ""
+    yield "[battery.temperatures]"
+    yield from _sensors(battery)
+    yield ""
+    yield "[source]"
+    dbc = learned.source.dbc
+    yield f"dbc = {_text(dbc[0]) if len(dbc) == 1 else json.dumps(dbc)}"
+    for kind, entries in learned.source.cells.items():
+        proposal = learned.voltage if kind == "voltage" else learned.temperature
+        for i, entry in enumerate(entries):
+            yield ""
+            if i == 0 and proposal is not None:
+                yield from _comments(proposal.reasons, language)
+            yield f"[[source.{kind}]]"
+            yield from _cell_signals(entry)
+    for name, reading in learned.readings.items():
+        yield ""
+        yield from _comments(reading.reasons, language)
+        yield f"[source.{name}]"
+        yield from _reading(name, reading.reading)
+    for name, others in learned.others.items():
+        if others:
+            yield ""
+            yield f"# also possible as {name}, less likely:"
+            for other in others:
+                signal = other.entries[0] if hasattr(other, "entries") else other.reading
+                place = f"{signal.message}: {signal.signal}" if isinstance(signal, CellSignals) else str(signal.signal)
+                yield f"#   {place}"
+
+
+def _comments(texts: Iterable[Text], language: str) -> Iterator[str]:
+    for text in texts:
+        yield f"# {render(text, language)}"
+
+
+def _sensors(battery: Battery) -> Iterator[str]:
+    yield f"sensors = {battery.n_sensors}"
+    if not battery.n_sensors or battery.sensors == each_cell(battery.n_cells):
+        return
+    if (
+        battery.n_sensors % battery.n_segments == 0
+        and spread_in_segments(battery.n_sensors, battery.segments) == battery.sensors
+    ):
+        yield 'cells = "segment"  # a guess: which cells each stands for is not on the bus'
+    elif spread(battery.n_sensors, range(battery.n_cells)) == battery.sensors:
+        yield 'cells = "spread"  # a guess: which cells each stands for is not on the bus'
+    else:
+        yield f"cells = {[[cell + 1 for cell in cells] for cells in battery.sensors]}"
+
+
+def _cell_signals(entry: CellSignals) -> Iterator[str]:
+    if entry.message != "*":
+        yield f"message = {_text(entry.message)}"
+    yield f"signal = {_text(entry.signal)}"
+    if entry.numbers:
+        yield f"numbers = {_table(entry.numbers)}"
+    base = {part: low for part, low in entry.base.items() if low}
+    if base:
+        yield f"base = {_table(base)}"
+    if entry.group_cells != 1:
+        yield f"group_cells = {entry.group_cells}"
+    for name in ("unit", "invalid_signal", "valid_signal", "checksum"):
+        if getattr(entry, name):
+            yield f"{name} = {_text(getattr(entry, name))}"
+    if entry.invalid:
+        yield f"invalid = {list(entry.invalid)}"
+
+
+def _reading(name: str, reading: Reading) -> Iterator[str]:
+    yield f"signal = {_text(str(reading.signal))}"
+    if reading.unit:
+        yield f"unit = {_text(reading.unit)}"
+    if name == "current":
+        yield f"positive = {_text(reading.positive)}"
+
+
+def _table(values: dict[str, str] | dict[str, int]) -> str:
+    return "{ " + ", ".join(f"{name} = {json.dumps(value)}" for name, value in values.items()) + " }"
+
+
+def _text(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)

@@ -1,0 +1,213 @@
+"""Current, pack voltage and SOC among all signals: by name, unit, and what the cells do meanwhile."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.battery.battery import SignalName
+from app.battery.source import CURRENT_UNITS, SOC_UNITS, VOLTAGE_UNITS, Reading
+from app.estimation.arrays import FloatArray
+from app.sources.dbc.definitions import MessageDefinition, Signal
+from app.sources.dbc.learn.proposal import Member
+from app.sources.dbc.learn.survey import Survey
+from app.sources.dbc.learn.words_of_names import (
+    CURRENT,
+    NOT_THE_PACK,
+    PACK,
+    VOLTAGE,
+    words,
+)
+from app.sources.dbc.units import known_conversion
+from app.words import Message, Quantity, Text
+
+_LONG_S = 5.0
+_CLEAR = 0.4  # correlation of current and voltage steps from which on the sign is told by it
+_SOC = frozenset({"soc"})
+
+
+@dataclass(frozen=True, slots=True)
+class PackVoltage:
+    """What all cells together read over time, from cells or from the pack voltage."""
+
+    t_ns: NDArray[np.int64]
+    values: FloatArray  # V
+
+
+@dataclass(frozen=True, slots=True)
+class ReadingProposal:
+    """A signal that may carry a quantity of the whole battery."""
+
+    reading: Reading
+    reasons: tuple[Text, ...]
+    score: float
+    low: float = float("nan")
+    high: float = float("nan")
+
+
+def pack_voltage_proposals(survey: Survey, sum_v: float, used: set[tuple[int, str]]) -> list[ReadingProposal]:
+    """Return signals that may be the voltage of all cells; `sum_v` of the cells, NaN where unknown. The best first."""
+    found = []
+    for message, signal in _candidates(survey, used, "pack_voltage"):
+        said, around = words(signal.name), words(message.name)
+        if not said & VOLTAGE or said & {
+            "cell",
+            "cells",
+            "zelle",
+            "min",
+            "max",
+            "avg",
+            "limit",
+            "lim",
+            "target",
+            "soc",
+        }:
+            continue
+        score = 2.0 * len(said & PACK) + 0.7 * len(around & PACK) - 2.0 * len(said & (NOT_THE_PACK - {"sum"}))
+        score -= 1.0 * len(around & NOT_THE_PACK) + 1.5 * len({"bus", "dc", "link"} & said)
+        score += 1.0 if {"pack", "total", "sum", "batt", "battery"} & said else 0.0
+        reasons: list[Text] = []
+        unit, low, high, mean = _in_unit(survey, message, signal, "pack_voltage", VOLTAGE_UNITS, sum_v)
+        if np.isfinite(mean) and np.isfinite(sum_v) and sum_v > 0:
+            off = abs(mean - sum_v) / sum_v
+            score += 6.0 if off < 0.02 else (3.0 if off < 0.08 else -4.0)
+            reasons.append(Message("learn-pack-voltage-is", mean=Quantity(mean, "V", 1), sum=Quantity(sum_v, "V", 1)))
+        elif survey.n_frames and not np.isfinite(mean):
+            score -= _unheard(survey)
+        if score > 1.5:
+            name = _name(survey, message, signal)
+            found.append(ReadingProposal(Reading(name, unit), (*reasons, _named(signal, message)), score, low, high))
+    return sorted(found, key=lambda each: -each.score)
+
+
+def current_proposals(survey: Survey, pack: PackVoltage | None, used: set[tuple[int, str]]) -> list[ReadingProposal]:
+    """Return signals that may be the current of all cells; the sign by what the voltage does. The best first."""
+    found = []
+    for message, signal in _candidates(survey, used, "current"):
+        said, around = words(signal.name), words(message.name)
+        if not said & CURRENT and not ("ivt" in around | said and "i" in said):
+            continue
+        score = 2.0 + 1.5 * len(said & PACK) + 0.7 * len(around & PACK)
+        score -= 2.5 * len(said & NOT_THE_PACK) + 1.0 * len(around & NOT_THE_PACK)
+        score += 1.0 if signal.layout.is_signed or signal.layout.offset < 0 else -0.5
+        score += 1.0 if known_conversion("current", signal.unit) else -0.5
+        unit, low, high, mean = _in_unit(survey, message, signal, "current", CURRENT_UNITS, float("nan"))
+        reasons: list[Text] = [_named(signal, message)]
+        positive: Literal["discharge", "charge"] = "discharge"
+        if np.isfinite(mean):
+            together = _correlation(survey, message, signal, pack)
+            if abs(together) >= _CLEAR:
+                score += 4.0 * abs(together)
+                positive = "charge" if together > 0 else "discharge"
+                reasons.append(
+                    Message("learn-sign-is", positive=_side(positive), correlation=Quantity(together, "", 2))
+                )
+            else:
+                reasons.append(Message("learn-sign-unknown"))
+            if low == high:
+                score -= 0.5
+        elif survey.n_frames:
+            score -= _unheard(survey)
+        else:
+            reasons.append(Message("learn-sign-unknown"))
+        if score > 1.5:
+            name = _name(survey, message, signal)
+            found.append(ReadingProposal(Reading(name, unit, positive), tuple(reasons), score, low, high))
+    return sorted(found, key=lambda each: -each.score)
+
+
+def soc_proposals(survey: Survey, used: set[tuple[int, str]]) -> list[ReadingProposal]:
+    """Return signals that may be the SOC by the BMS. The best first."""
+    found = []
+    for message, signal in _candidates(survey, used, "soc"):
+        said = words(signal.name)
+        is_soc = bool(said & _SOC) or {"state", "charge"} <= said
+        if not is_soc or said & {"limit", "target", "error", "fault", "status", "cell", "valid", "cells"}:
+            continue
+        score = 2.0 - 0.6 * len(said & {"min", "max", "minimum", "maximum", "low", "high", "raw", "avg"})
+        unit, low, high, mean = _in_unit(survey, message, signal, "soc", SOC_UNITS, float("nan"))
+        if not unit and known_conversion("soc", signal.unit) is None:
+            most = high if np.isfinite(high) else (signal.maximum or 100.0)
+            unit = "fraction" if most <= 1.0 else ("percent" if most <= 110 else "0.1percent")
+        if survey.n_frames and not np.isfinite(mean):
+            score -= _unheard(survey)
+        if score > 0:
+            name = _name(survey, message, signal)
+            found.append(ReadingProposal(Reading(name, unit), (_named(signal, message),), score, low, high))
+    return sorted(found, key=lambda each: -each.score)
+
+
+def _candidates(survey: Survey, used: set[tuple[int, str]], kind: str) -> Iterator[Member]:
+    for message in survey.definitions.by_id().values():
+        for signal in message.signals:
+            fits = not signal.unit or known_conversion(kind, signal.unit) is not None
+            long_enough = signal.layout.length >= (7 if kind == "soc" else 8)
+            if fits and long_enough and not signal.is_multiplexer and (message.can_id, signal.name) not in used:
+                yield message, signal
+
+
+def _name(survey: Survey, message: MessageDefinition, signal: Signal) -> SignalName:
+    return SignalName(message.name, signal.name)
+
+
+def _unheard(survey: Survey) -> float:
+    """How much speaks against a signal that was not heard: little after a short time."""
+    return 4.0 if survey.duration_s > _LONG_S else 0.5
+
+
+def _named(signal: Signal, message: MessageDefinition) -> Text:
+    return Message("learn-by-name", name=signal.name, message=message.name, unit=signal.unit or "-")
+
+
+def _side(positive: str) -> Message:
+    return Message("side-charge") if positive == "charge" else Message("side-discharge")
+
+
+def _in_unit(
+    survey: Survey, message: MessageDefinition, signal: Signal, kind: str, units: dict[str, float], wanted: float
+) -> tuple[str, float, float, float]:
+    """Unit for the profile ("" = the DBC's), and what was heard in it: lowest, highest, mean; NaN without a log."""
+    heard = survey.signal(message, signal.name)
+    factor = (known_conversion(kind, signal.unit) or (1.0, 0.0))[0]
+    if heard is None:
+        return "", float("nan"), float("nan"), float("nan")
+    values = heard.values * factor
+    unit = ""
+    mean = float(np.median(values))
+    if np.isfinite(wanted) and mean > 0 and abs(mean - wanted) / wanted > 0.1:
+        for each, scale in units.items():
+            tried = float(np.median(heard.values)) * scale
+            if abs(tried - wanted) / wanted < 0.05:
+                unit, values, mean = each, heard.values * scale, tried
+                break
+    return unit, float(values.min()), float(values.max()), mean
+
+
+def _correlation(survey: Survey, message: MessageDefinition, signal: Signal, pack: PackVoltage | None) -> float:
+    """Correlation of the steps of a current with those of the voltage: -1 where positive is discharge."""
+    heard = survey.signal(message, signal.name)
+    if heard is None or pack is None or len(pack.t_ns) < 8 or len(heard.t_ns) < 8:
+        return 0.0
+    start, end = max(heard.t_ns[0], pack.t_ns[0]), min(heard.t_ns[-1], pack.t_ns[-1])
+    n = int(min(len(heard.t_ns), len(pack.t_ns), 5000))
+    if end <= start or n < 8:
+        return 0.0
+    edges = np.linspace(start, end, n + 1)
+    current, voltage = _binned(heard.t_ns, heard.values, edges), _binned(pack.t_ns, pack.values, edges)
+    both = np.isfinite(current) & np.isfinite(voltage)
+    steps_a, steps_v = np.diff(current[both]), np.diff(voltage[both])
+    moved = np.abs(steps_a) > 0.05 * (np.ptp(current[both]) if both.any() else 1.0)
+    if np.count_nonzero(moved) < 4 or np.std(steps_v) == 0 or np.std(steps_a) == 0:
+        return 0.0
+    return float(np.corrcoef(steps_a, steps_v)[0, 1])
+
+
+def _binned(t_ns: NDArray[np.int64], values: FloatArray, edges: FloatArray) -> FloatArray:
+    """(n,) mean in each bin, NaN where nothing was heard."""
+    at = np.clip(np.searchsorted(edges, t_ns, side="right") - 1, 0, len(edges) - 2)
+    inside = (t_ns >= edges[0]) & (t_ns <= edges[-1])
+    count = np.bincount(at[inside], minlength=len(edges) - 1)
+    total = np.bincount(at[inside], weights=values[inside], minlength=len(edges) - 1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -1,0 +1,431 @@
+"""Batteries as other teams speak: a DBC, its frames and what is true of them, one for each way to address cells.
+
+Written from public descriptions; names vary as they do in the field. Frames are packed by whole integers, a way of
+its own, not by the code under test.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+HEAD = 'VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_: BMS VCU MC\n\n'
+OHM = 0.002  # of a cell
+Value = Callable[[float], float]  # of time [s]
+
+
+@dataclass(frozen=True)
+class Bits:
+    """A signal of a DBC and what it shall carry; `mux` is the value of the multiplexer under which it stands."""
+
+    name: str
+    start: int
+    length: int
+    value: Value
+    factor: float = 1.0
+    offset: float = 0.0
+    unit: str = ""
+    order: int = 1  # 1 little endian, 0 big endian
+    signed: bool = False
+    mux: int | None = None
+    is_mux: bool = False
+    limits: tuple[float, float] = (0, 0)
+
+    def line(self) -> str:
+        mux = " M" if self.is_mux else ("" if self.mux is None else f" m{self.mux}")
+        sign = "-" if self.signed else "+"
+        return (
+            f" SG_ {self.name}{mux} : {self.start}|{self.length}@{self.order}{sign} ({self.factor:g},{self.offset:g})"
+            f' [{self.limits[0]:g}|{self.limits[1]:g}] "{self.unit}" Vector__XXX'
+        )
+
+    def packed(self, t: float, size: int) -> int:
+        """Return the frame's bytes as one little-endian integer with this signal in it."""
+        low, high = (
+            (-(1 << (self.length - 1)), (1 << (self.length - 1)) - 1) if self.signed else (0, (1 << self.length) - 1)
+        )
+        raw = int(min(max(round((self.value(t) - self.offset) / self.factor), low), high)) & ((1 << self.length) - 1)
+        if self.order == 1:
+            return raw << self.start
+        first = self.start // 8 * 8 + 7 - self.start % 8
+        big = raw << (8 * size - first - self.length)
+        return int.from_bytes(big.to_bytes(size, "big"), "little")
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A message; each of `turns` are the signals of one of its frames, sent in turn."""
+
+    can_id: int
+    name: str
+    size: int
+    period_s: float
+    turns: list[list[Bits]]
+    fix: Callable[[int, bytes], bytes] = lambda _, data: data
+
+    def lines(self) -> str:
+        seen: dict[str, Bits] = {}
+        for turn in self.turns:
+            for bits in turn:
+                seen.setdefault(bits.name, bits)
+        return "\n".join(
+            [f"BO_ {self.can_id} {self.name}: {self.size} BMS", *(bits.line() for bits in seen.values()), "", ""]
+        )
+
+
+@dataclass
+class Peer:
+    """A battery that speaks; voltages and temperatures are true at any time."""
+
+    name: str
+    n_cells: int
+    n_sensors: int
+    profile: str = ""  # TOML of [source], to decode it
+    positive: str = "discharge"  # of the current on the wire
+    segments: tuple[int, ...] | None = None  # where names tell them
+    sent: list[Sent] = field(default_factory=list)
+    resolution_v: float = 0.0001
+
+    def voltage(self, cell: int, t: float) -> float:
+        return 3.6 + 0.15 * np.sin(1.7 * cell) + 0.01 * ((cell * 7) % 11) - OHM * self.current(t)
+
+    def temperature(self, sensor: int, t: float) -> float:
+        return 22.0 + (sensor * 5) % 17 + 0.02 * t
+
+    def current(self, t: float) -> float:
+        """Positive on discharge: a drive in steps, now and then recuperation."""
+        return float((0, 60, 120, 30, -25, 90, 10, 150, -40, 5)[int(t / 1.3) % 10])
+
+    def pack_voltage(self, t: float) -> float:
+        return sum(self.voltage(cell, t) for cell in range(self.n_cells))
+
+    def dbc(self) -> str:
+        return HEAD + "".join(each.lines() for each in self.sent)
+
+    def frames(self, duration_s: float) -> list[tuple[int, int, bytes]]:
+        found = [each for sent in self.sent for each in _frames(sent, duration_s)]
+        return sorted(found, key=lambda frame: frame[0])
+
+
+def _frames(sent: Sent, duration_s: float) -> Iterator[tuple[int, int, bytes]]:
+    gap_s = sent.period_s / len(sent.turns)
+    for k in range(int(duration_s / gap_s)):
+        t = k * gap_s + (sent.can_id % 97) * 1e-5
+        whole = 0
+        for bits in sent.turns[k % len(sent.turns)]:
+            whole |= bits.packed(t, sent.size)
+        yield round(t * 1e9), sent.can_id, sent.fix(sent.can_id, whole.to_bytes(sent.size, "little"))
+
+
+def fixed(value: float) -> Value:
+    return lambda _t: value
+
+
+def others(peer: Peer, names: dict[str, str] | None = None) -> list[Sent]:
+    """What else is on a bus: the pack's own figures, and things that could be taken for cells."""
+    n = {"pack": "BMS_PackStatus", "u": "Pack_Voltage", "i": "Pack_Current", "soc": "Pack_SOC"} | (names or {})
+    sign = 1 if peer.positive == "discharge" else -1
+    status = [
+        Bits(n["u"], 0, 16, peer.pack_voltage, 0.1, unit="V"),
+        Bits(n["i"], 16, 16, lambda t: sign * peer.current(t), 0.1, unit="A", signed=True),
+        Bits(n["soc"], 32, 8, fixed(64), 0.5, unit="%"),
+        Bits("Max_Cell_Temp", 40, 8, fixed(39), 1, -40, "degC"),
+    ]
+    cells = [
+        Bits("Min_Cell_Voltage", 0, 16, lambda t: peer.voltage(3, t), 0.0001, unit="V"),
+        Bits("Max_Cell_Voltage", 16, 16, lambda t: peer.voltage(1, t), 0.0001, unit="V"),
+        Bits("Avg_Cell_Voltage", 32, 16, lambda t: 3.6, 0.0001, unit="V"),
+        Bits("Min_Cell_Voltage_ID", 48, 8, fixed(3)),
+        Bits("Max_Cell_Voltage_ID", 56, 8, fixed(1)),
+    ]
+    limits = [
+        Bits("Cell_OverVoltage_Threshold", 0, 16, fixed(4.2), 0.001, unit="V"),
+        Bits("Cell_UnderVoltage_Threshold", 16, 16, fixed(2.8), 0.001, unit="V"),
+        Bits("Discharge_Current_Limit", 32, 16, fixed(300), 0.1, unit="A"),
+    ]
+    balancing = [Bits(f"Balancing_Cell_{k + 1}", k, 1, fixed(k % 3 == 0)) for k in range(min(peer.n_cells, 64))]
+    motor = [
+        Bits("MC_DC_Bus_Voltage", 0, 16, lambda t: peer.pack_voltage(t) * 0.98, 0.1, unit="V", signed=True),
+        Bits("MC_Phase_A_Current", 16, 16, lambda t: 40 * np.sin(9 * t), 0.1, unit="A", signed=True),
+        Bits("MC_Phase_B_Current", 32, 16, lambda t: 40 * np.sin(9 * t + 2), 0.1, unit="A", signed=True),
+        Bits("MC_DC_Bus_Current", 48, 16, lambda t: peer.current(t) * 0.9, 0.1, unit="A", signed=True),
+    ]
+    heat = [Bits(f"Motor_Temp_{k + 1}", 16 * k, 16, fixed(55 + k), 0.1, unit="degC") for k in range(4)]
+    low = [
+        Bits(f"LV_Rail_{k + 1}_Voltage", 16 * k, 16, fixed((3.3, 5.0, 12.1, 3.3)[k]), 0.001, unit="V") for k in range(4)
+    ]
+    return [
+        Sent(0x5A0, n["pack"], 8, 0.1, [status]),
+        Sent(0x5A1, "BMS_CellStats", 8, 0.1, [cells]),
+        Sent(0x5A2, "BMS_Limits", 8, 1.0, [limits]),
+        Sent(0x5A3, "BMS_Balancing", 8, 1.0, [balancing]),
+        Sent(0x5B0, "MC_Electrical", 8, 0.05, [motor]),
+        Sent(0x5B1, "MC_Temps", 8, 0.5, [heat]),
+        Sent(0x5B2, "VCU_Rails", 8, 0.5, [low]),
+    ]
+
+
+def one_signal_a_cell(
+    n_cells: int, n_sensors: int, name: str, sensor: str, factor: float, unit: str, base: int = 1, order: int = 1
+) -> Peer:
+    """Way 1: four 16-bit voltages a frame, eight temperatures of 8 bits."""
+    scale = {"mV": 1000.0, "V": 1.0}[unit]
+    peer = Peer(f"1: {name}", n_cells, n_sensors, resolution_v=factor / scale)
+
+    def volt(cell: int) -> Value:
+        return lambda t: peer.voltage(cell, t) * scale
+
+    def heat(k: int) -> Value:
+        return lambda t: peer.temperature(k, t)
+
+    for f in range(0, n_cells, 4):
+        bits = [
+            Bits(name.format(c + base), 16 * k if order else 16 * k + 7, 16, volt(c), factor, unit=unit, order=order)
+            for k, c in enumerate(range(f, min(f + 4, n_cells)))
+        ]
+        peer.sent.append(Sent(0x200 + f // 4, f"BMS_CellFrame_{f // 4 + 1}", 8, 0.2, [bits]))
+    for f in range(0, n_sensors, 8):
+        bits = [
+            Bits(sensor.format(s + base), 8 * k, 8, heat(s), 0.5, -40, "degC")
+            for k, s in enumerate(range(f, min(f + 8, n_sensors)))
+        ]
+        peer.sent.append(Sent(0x280 + f // 8, f"BMS_TempFrame_{f // 8 + 1}", 8, 0.5, [bits]))
+    patterns = {kind: re.sub(r"{.*?}", "{cell}", each) for kind, each in (("voltage", name), ("temperature", sensor))}
+    peer.profile = "".join(
+        f'[[source.{kind}]]\nsignal = "{pattern}"\nbase = {base}\n' for kind, pattern in patterns.items()
+    )
+    peer.sent += others(peer)
+    return peer
+
+
+def segments_in_fd_frames() -> Peer:
+    """Way 1 in CAN FD: `SegS_CellC`, 28 voltages of 16 bits in a frame of 64 bytes, temperatures likewise."""
+    peer = Peer("1: FD SegA_Cell", 140, 140, segments=(28,) * 5, positive="charge")
+    for s in range(5):
+        letter = "ABCDE"[s]
+        volts = [
+            Bits(f"Seg{letter}_Cell{c + 1}", 16 * c, 16, lambda t, i=28 * s + c: peer.voltage(i, t), 0.0001, unit="V")
+            for c in range(28)
+        ]
+        heats = [
+            Bits(
+                f"Seg{letter}_Temp{c + 1}",
+                16 * c,
+                16,
+                lambda t, i=28 * s + c: peer.temperature(i, t),
+                0.1,
+                unit="C",
+                signed=True,
+            )
+            for c in range(28)
+        ]
+        peer.sent.append(Sent(0x400 + s, f"AMS_Seg{letter}_Voltages", 64, 0.1, [volts]))
+        peer.sent.append(Sent(0x410 + s, f"AMS_Seg{letter}_Temps", 64, 0.5, [heats]))
+    peer.profile = (
+        '[[source.voltage]]\nsignal = "Seg{segment:a}_Cell{cell}"\nbase = {segment = 0, cell = 1}\n'
+        '[[source.temperature]]\nsignal = "Seg{segment:a}_Temp{cell}"\nbase = {segment = 0, cell = 1}\n'
+    )
+    peer.sent += others(peer, {"pack": "AMS_Status", "u": "TS_Voltage", "i": "TS_Current", "soc": "SOC"})
+    return peer
+
+
+def multiplexed() -> Peer:
+    """Way 2: extended ids, a multiplexer, three values a frame, more sensors than cells."""
+    peer = Peer("2: mux, 140 V 189 T", 140, 189)
+
+    def turns(n: int, name: str, value: Callable[[int, float], float], factor: float, unit: str) -> list[list[Bits]]:
+        found = []
+        for m in range((n + 2) // 3):
+            bits = [Bits("Mux", 0, 8, fixed(m), is_mux=True)]
+            for k in range(3):
+                if 3 * m + k < n:
+                    bits.append(
+                        Bits(
+                            name.format(3 * m + k),
+                            8 + 16 * k,
+                            16,
+                            lambda t, i=3 * m + k: value(i, t),
+                            factor,
+                            unit=unit,
+                            mux=m,
+                        )
+                    )
+            found.append(bits)
+        return found
+
+    peer.sent = [
+        Sent(
+            0x80000000 | 0x1806F001,
+            "Accu_Voltages",
+            8,
+            0.5,
+            turns(140, "VCell_{}", lambda i, t: peer.voltage(i, t) * 1000, 1, "mV"),
+        ),
+        Sent(
+            0x80000000 | 0x1806F002, "Accu_Temperatures", 8, 1.0, turns(189, "TCell_{}", peer.temperature, 0.01, "degC")
+        ),
+        *others(peer),
+    ]
+    peer.resolution_v = 0.001
+    peer.profile = '[[source.voltage]]\nsignal = "VCell_{cell}"\n[[source.temperature]]\nsignal = "TCell_{cell}"\n'
+    return peer
+
+
+def _orion_sum(can_id: int, data: bytes) -> bytes:
+    return data[:7] + bytes([(can_id + len(data) + sum(data[:7])) & 0xFF])
+
+
+def cell_number() -> Peer:
+    """Way 3: a cell number in the frame, 72 cells, one every 100 ms, big endian, with a checksum."""
+    peer = Peer("3: cell number", 72, 12)
+    volts = [
+        [
+            Bits("Cell_ID", 7, 8, fixed(c), order=0),
+            Bits("Cell_Voltage", 15, 16, lambda t, i=c: peer.voltage(i, t), 0.0001, unit="V", order=0),
+            Bits("Cell_Shunting", 31, 1, fixed(c % 2), order=0),
+            Bits("Cell_Resistance", 30, 15, fixed(2.1), 0.01, unit="mOhm", order=0),
+            Bits("Cell_OpenVoltage", 47, 16, lambda t, i=c: peer.voltage(i, t) + 0.01, 0.0001, unit="V", order=0),
+            Bits("Checksum", 63, 8, fixed(0), order=0),
+        ]
+        for c in range(72)
+    ]
+    heats = [
+        [
+            Bits("Thermistor_ID", 7, 8, fixed(c), order=0),
+            Bits(
+                "Thermistor_Value", 15, 8, lambda t, i=c: peer.temperature(i, t), 1, unit="degC", order=0, signed=True
+            ),
+        ]
+        for c in range(12)
+    ]
+    peer.sent = [
+        Sent(0x036, "CellBroadcast", 8, 7.2, volts, _orion_sum),
+        Sent(0x076, "ThermistorBroadcast", 8, 2.4, heats),
+        *others(peer, {"u": "Pack_Inst_Voltage"}),
+    ]
+    peer.profile = (
+        '[[source.voltage]]\nsignal = "Cell_Voltage"\nnumbers = {cell = "Cell_ID"}\nchecksum = "orion"\n'
+        '[[source.temperature]]\nsignal = "Thermistor_Value"\nnumbers = {cell = "Thermistor_ID"}\n'
+    )
+    return peer
+
+
+def module_and_cell() -> Peer:
+    """Way 4: one cell a frame with module and cell number, both from 1; voltage of 0.01 V, temperature with it."""
+    peer = Peer("4: module and cell", 96, 96, segments=(12,) * 8, resolution_v=0.01, positive="charge")
+    turns = [
+        [
+            Bits("voltage", 0, 16, lambda t, i=12 * m + c: peer.voltage(i, t), 0.01, unit="V"),
+            Bits("module_num", 16, 8, fixed(m + 1)),
+            Bits("cell_num", 24, 8, fixed(c + 1)),
+            Bits("temperature", 32, 8, lambda t, i=12 * m + c: peer.temperature(i, t), 1, unit="C"),
+            Bits("balance", 40, 1, fixed(0)),
+        ]
+        for m in range(8)
+        for c in range(12)
+    ]
+    peer.sent = [Sent(0x310, "BMS_Cell_Data", 6, 0.96, turns), *others(peer)]
+    numbers = 'numbers = {segment = "module_num", cell = "cell_num"}\nbase = 1\n'
+    peer.profile = (
+        f'[[source.voltage]]\nsignal = "voltage"\n{numbers}[[source.temperature]]\nsignal = "temperature"\n{numbers}'
+    )
+    return peer
+
+
+def base_and_values() -> Peer:
+    """Way 5: ic and group in the frame, three voltages of 0.1 mV without a unit."""
+    peer = Peer("5: ic, group and three", 90, 0, segments=(18,) * 5)
+    turns = [
+        [
+            Bits("ic_id", 0, 8, fixed(ic)),
+            Bits("group_id", 8, 8, fixed(g)),
+            *(
+                Bits(f"cell_voltage_{k}", 16 + 16 * k, 16, lambda t, i=18 * ic + 3 * g + k: peer.voltage(i, t) * 1e4)
+                for k in range(3)
+            ),
+        ]
+        for ic in range(5)
+        for g in range(6)
+    ]
+    peer.sent = [Sent(0x320, "CellVoltages", 8, 0.6, turns), *others(peer)]
+    peer.profile = (
+        '[[source.voltage]]\nsignal = "cell_voltage_{cell}"\nnumbers = {segment = "ic_id", group = "group_id"}\n'
+        'group_cells = 3\nunit = "0.1mV"\n'
+    )
+    return peer
+
+
+def first_cell_and_values() -> Peer:
+    """Way 5 with the number of the first cell: 1, 4, 7, ..."""
+    peer = Peer("5: first cell and three", 84, 0, resolution_v=0.001)
+    turns = [
+        [
+            Bits("StartCell", 0, 8, fixed(3 * g + 1)),
+            *(
+                Bits(f"U_{'ABC'[k]}", 16 + 16 * k, 16, lambda t, i=3 * g + k: peer.voltage(i, t) * 1000, unit="mV")
+                for k in range(3)
+            ),
+        ]
+        for g in range(28)
+    ]
+    peer.sent = [Sent(0x321, "Zellspannungen", 8, 0.56, turns), *others(peer)]
+    peer.profile = '[[source.voltage]]\nsignal = "U_{cell:a}"\nnumbers = {group = "StartCell"}\nbase = {group = 1}\n'
+    return peer
+
+
+def own_numbers() -> Peer:
+    """Way 6: one chip number, two cells each with its number, voltages of 13 bits, a temperature of 10."""
+    peer = Peer("6: two cells with own numbers", 108, 9, segments=(12,) * 9, resolution_v=0.001)
+    turns = [
+        [
+            Bits("chip_id", 0, 4, fixed(chip)),
+            Bits("cell_a_num", 4, 4, fixed(c)),
+            Bits("cell_b_num", 8, 4, fixed(c + 1)),
+            Bits("cell_a_volt", 12, 13, lambda t, i=12 * chip + c: peer.voltage(i, t), 0.001, unit="V"),
+            Bits("cell_b_volt", 25, 13, lambda t, i=12 * chip + c + 1: peer.voltage(i, t), 0.001, unit="V"),
+            Bits("chip_temp", 38, 10, lambda t, i=chip: peer.temperature(i, t), 0.1, unit="C"),
+        ]
+        for chip in range(9)
+        for c in range(0, 12, 2)
+    ]
+    peer.sent = [Sent(0x330, "ChipFrame", 6, 0.54, turns), *others(peer)]
+    peer.profile = (
+        "".join(
+            f'[[source.voltage]]\nsignal = "cell_{x}_volt"\nnumbers = {{segment = "chip_id", cell = "cell_{x}_num"}}\n'
+            for x in "ab"
+        )
+        + '[[source.temperature]]\nsignal = "chip_temp"\nnumbers = {cell = "chip_id"}\n'
+    )
+    return peer
+
+
+def alternating_fd() -> Peer:
+    """Way 7: CAN FD, 64 bytes, voltage u8 (0.01, +2 V) and temperature u8 (0.25) alternate, 32 cells a frame."""
+    peer = Peer("7: FD, V and T alternate", 160, 160, resolution_v=0.01)
+    for m in range(5):
+        bits = []
+        for c in range(32):
+            i = 32 * m + c
+            bits.append(Bits(f"CELL_V_{i}", 16 * c, 8, lambda t, i=i: peer.voltage(i, t), 0.01, 2, "V"))
+            bits.append(Bits(f"CELL_T_{i}", 16 * c + 8, 8, lambda t, i=i: peer.temperature(i, t), 0.25, 0, "degC"))
+        peer.sent.append(Sent(0x340 + m, f"ACC_BLOCK_{m}", 64, 0.1, [bits]))
+    peer.profile = '[[source.voltage]]\nsignal = "CELL_V_{cell}"\n[[source.temperature]]\nsignal = "CELL_T_{cell}"\n'
+    peer.sent += others(peer)
+    return peer
+
+
+PEERS: list[Callable[[], Peer]] = [
+    lambda: one_signal_a_cell(90, 45, "Voltage_Cell_{:02d}", "Temp_Sensor_{:02d}", 0.0001, "V"),
+    lambda: one_signal_a_cell(72, 24, "cv{}", "ct{}", 1, "mV", base=0, order=0),
+    lambda: one_signal_a_cell(84, 30, "CELL_V_{}", "CELL_NTC_{}", 0.01, "V", base=0),
+    lambda: one_signal_a_cell(60, 20, "Zelle_{:03d}_Spannung", "Zelle_{:03d}_Temp", 0.1, "mV"),
+    segments_in_fd_frames,
+    multiplexed,
+    cell_number,
+    module_and_cell,
+    base_and_values,
+    first_cell_and_values,
+    own_numbers,
+    alternating_fd,
+]
