@@ -415,6 +415,58 @@ def alternating_fd() -> Peer:
     return peer
 
 
+def same_names_in_each_message() -> Peer:
+    """Way 1 as it is found: eighteen messages with the same four names; only their ids tell them apart."""
+    peer = Peer("1: same names in each message", 72, 0)
+    for f in range(18):
+        bits = [
+            Bits(f"CellVoltage_{k + 1}", 16 * k, 16, lambda t, i=4 * f + k: peer.voltage(i, t), 0.0001, unit="V")
+            for k in range(4)
+        ]
+        can_id = (0x3B0 if f < 2 else 0x3D0) + f
+        peer.sent.append(Sent(can_id, f"UNK_{can_id:X}", 8, 0.2, [bits]))
+        peer.profile += (
+            f'[[source.voltage]]\nmessage = "UNK_{can_id:X}"\nsignal = "CellVoltage_{{cell}}"\n'
+            f"base = 1\nfirst = {4 * f + 1}\n"
+        )
+    peer.sent += others(peer)
+    return peer
+
+
+def module_and_group_in_the_message() -> Peer:
+    """Way 1 with numbers in the message's name: `BMS_Module_02_Cells_05_08` and `Voltage1` to `Voltage4`."""
+    peer = Peer("1: module and cells in the message", 96, 48, segments=(12,) * 8)
+    for m in range(8):
+        for g in range(3):
+            bits = [
+                Bits(
+                    f"Voltage{k + 1}", 16 * k, 16, lambda t, i=12 * m + 4 * g + k: peer.voltage(i, t), 0.0001, unit="V"
+                )
+                for k in range(4)
+            ]
+            name = f"BMS_Module_{m + 1:02d}_Cells_{4 * g + 1:02d}_{4 * g + 4:02d}"
+            peer.sent.append(Sent(0x300 + 3 * m + g, name, 8, 0.1, [bits]))
+        heats = [
+            Bits(f"Temp{k + 1}", 8 * k, 8, lambda t, i=6 * m + k: peer.temperature(i, t), 1, -40, "C") for k in range(6)
+        ]
+        peer.sent.append(Sent(0x380 + m, f"BMS_Module_{m + 1:02d}_Temps", 8, 0.5, [heats]))
+    peer.profile = (
+        '[[source.voltage]]\nmessage = "BMS_Module_{segment}_Cells_{group}_*"\nsignal = "Voltage{cell}"\nbase = 1\n'
+        '[[source.temperature]]\nmessage = "BMS_Module_{segment}_Temps"\nsignal = "Temp{cell}"\nbase = 1\n'
+    )
+    peer.sent += others(peer)
+    return peer
+
+
+def half_a_round() -> Peer:
+    """Way 3 so slow that the log ends before every cell was told, and the numbers begin anew within it."""
+    peer = cell_number()
+    slow = peer.sent[0]
+    peer.name = "3: slow, begun in the middle"
+    peer.sent[0] = Sent(slow.can_id, slow.name, 8, 18.0, slow.turns[30:] + slow.turns[:30], slow.fix)
+    return peer
+
+
 PEERS: list[Callable[[], Peer]] = [
     lambda: one_signal_a_cell(90, 45, "Voltage_Cell_{:02d}", "Temp_Sensor_{:02d}", 0.0001, "V"),
     lambda: one_signal_a_cell(72, 24, "cv{}", "ct{}", 1, "mV", base=0, order=0),
@@ -428,4 +480,6 @@ PEERS: list[Callable[[], Peer]] = [
     first_cell_and_values,
     own_numbers,
     alternating_fd,
+    same_names_in_each_message,
+    module_and_group_in_the_message,
 ]

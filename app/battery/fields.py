@@ -49,6 +49,7 @@ def _cell_fields(units: tuple[str, ...], unit: str) -> tuple[Field, ...]:
         Field("numbers", "parts", "signals of the same frame that tell `segment`, `group` or `cell`; may hold the signal's own `{cell}`", "none"),  # noqa: E501
         Field("base", "bases", "the lowest number: one for all, or a table by `segment`, `group`, `cell`", "0", low=0, high=65535),  # noqa: E501
         Field("group_cells", "count", "cells from one group number to the next; 1 where the group number is that of its first cell", "1", "cells", 1, MOST_CELLS),  # noqa: E501
+        Field("first", "count", "the cell, from 1, of which the lowest numbers tell; for messages whose numbers begin anew", "1", low=1, high=MOST_CELLS),  # noqa: E501
         Field("order", "counts", "the k-th number is that of this cell, from 1; as many numbers as cells (sensors)", "in order", low=1, high=MOST_CELLS),  # noqa: E501
         Field("unit", "text", "unit of the signal after the DBC's own scale", "the DBC's", one_of=units),
         Field("scale", "number", "factor on top", "1"),

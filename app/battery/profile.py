@@ -192,6 +192,7 @@ def _cell_signals(document: Document, path: str) -> tuple[CellSignals, ...]:
                 numbers=table.parts("numbers"),
                 base=table.bases("base"),
                 group_cells=table.count("group_cells", 1),
+                first=table.count("first", 1) - 1,
                 order=tuple(each - 1 for each in table.counts("order") or ()),
                 unit=table.text("unit"),
                 scale=table.number("scale", 1.0),

@@ -22,9 +22,9 @@ KINDS: tuple[Kind, ...] = ("voltage", "temperature", "balancing", "resistance")
 class CellSignals:
     """One way in which values of many cells are spoken.
 
-    Index of a cell = start of its segment + (group - base) * group_cells + (cell - base); a part that is not told
-    counts as its base. Parts come from `{segment}`, `{group}`, `{cell}` in the names of signal and message, or from
-    `numbers`, signals of the same frame.
+    Index of a cell = first + start of its segment + (group - base) * group_cells + (cell - base); a part that is not
+    told counts as its base. Parts come from `{segment}`, `{group}`, `{cell}` in the names of signal and message, or
+    from `numbers`, signals of the same frame.
     """
 
     signal: str  # pattern; `*` stands for anything
@@ -32,6 +32,7 @@ class CellSignals:
     numbers: dict[str, str] = field(default_factory=dict, hash=False)  # part -> pattern of the signal that tells it
     base: dict[str, int] = field(default_factory=dict, hash=False)  # part -> lowest number; 0 where not named
     group_cells: int = 1
+    first: int = 0  # cell, from 0, of which the lowest numbers tell
     order: tuple[int, ...] = ()  # the k-th value is that of this cell, from 0; empty: in order
     unit: str = ""  # of the decoded value; empty: as the DBC says
     scale: float = 1.0

@@ -95,7 +95,7 @@ def channel(entry: CellSignals, segments: tuple[int, ...], parts: dict[str, IntA
         segments: channels of each segment.
         parts: (n,) numbers by part, as they are spoken.
     """
-    at = np.zeros(len(next(iter(parts.values()))) if parts else 1, np.intp)
+    at = np.full(len(next(iter(parts.values()))) if parts else 1, entry.first, np.intp)
     if "group" in parts:
         at = at + (parts["group"] - entry.base.get("group", 0)) * entry.group_cells
     if "cell" in parts:

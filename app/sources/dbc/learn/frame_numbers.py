@@ -204,13 +204,11 @@ def _named(segment: _Number | None) -> dict[str, str]:
 
 
 def _run(seen: tuple[int, ...]) -> tuple[int, ...]:
-    """The numbers from the lowest on without a large gap: a lone 255 is no cell."""
-    run = list(seen[:1])
-    for each in seen[1:]:
-        if each - run[-1] > 4:
-            break
-        run.append(each)
-    return tuple(run)
+    """The numbers up to which at least half are there: a lone 255 is no cell, cells that were not heard yet are."""
+    low = min(seen[0], 1) if seen else 0
+    step = float(np.median(np.diff(seen))) if len(seen) > 1 else 1.0
+    full = [n for n, each in enumerate(seen, 1) if 2 * n * step >= each - low + 1]
+    return seen[: full[-1]] if full else seen[:1]
 
 
 def _lowest(number: _Number) -> int:

@@ -150,7 +150,7 @@ def _sum_of_cells(voltages: Values | None, n_cells: int) -> float:
         return float("nan")
     means = cell_means(voltages, n_cells)
     known = np.isfinite(means)
-    return float(np.nanmean(means) * n_cells) if known.mean() > 0.8 else float("nan")
+    return float(np.nanmean(means) * n_cells) if known.mean() > 0.5 else float("nan")
 
 
 def _pack_voltage(

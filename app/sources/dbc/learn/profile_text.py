@@ -85,6 +85,8 @@ def _cell_signals(entry: CellSignals) -> Iterator[str]:
         yield f"base = {_table(base)}"
     if entry.group_cells != 1:
         yield f"group_cells = {entry.group_cells}"
+    if entry.first:
+        yield f"first = {entry.first + 1}"
     for name in ("unit", "invalid_signal", "valid_signal", "checksum"):
         if getattr(entry, name):
             yield f"{name} = {_text(getattr(entry, name))}"

@@ -10,7 +10,7 @@ from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.learning import learn
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.survey import survey
-from tests.peer_batteries import HEAD, PEERS, others
+from tests.peer_batteries import HEAD, PEERS, half_a_round, others
 from tests.peer_batteries import Peer as AnyPeer
 
 LONG_S = 16.0
@@ -54,6 +54,13 @@ def test_without_a_log_names_alone_tell_the_signals(make):
     assert without.source.current.signal == with_log.source.current.signal
     if not with_log.source.cells["voltage"][0].numbers:
         assert without.battery.n_cells == peer.n_cells
+
+
+def test_cells_that_were_not_heard_yet_are_counted():
+    peer = half_a_round()
+    _, _, learned = learned_of(peer, 14)
+    assert learned.battery.n_cells == 72
+    assert learned.source.cells["voltage"][0].checksum == "orion"
 
 
 def test_a_bus_without_cells_suggests_nothing():
