@@ -13,6 +13,7 @@ from app.api.schemas.words import WordsOut
 from app.estimation.prediction.energy import LapsLeft
 from app.estimation.prediction.power import StatePower, TimeToTrip
 from app.telemetry import Ages, BoolArray, LinkStatus, Snapshot
+from app.telemetry.cell_findings import Finding
 from app.telemetry.encoding import alternatives, element_of, is_array
 from app.telemetry.fields import Described, SentAs, Unit, described
 from app.telemetry.service_state import Replay, ServiceState
@@ -20,7 +21,14 @@ from app.telemetry.service_state import Replay, ServiceState
 Number = float | None
 PerCell = list[float | None]
 Severity = Literal["info", "watch", "warning", "trip"]
-_NAMES = {Ages: "Age", LinkStatus: "Link", StatePower: "Power", TimeToTrip: "Trip", LapsLeft: "Laps"}
+_NAMES = {
+    Finding: "CellFinding",
+    Ages: "Age",
+    LinkStatus: "Link",
+    StatePower: "Power",
+    TimeToTrip: "Trip",
+    LapsLeft: "Laps",
+}
 _INFINITE = {(TimeToTrip, name) for name in ("seconds", "low_s", "high_s")}  # not within an hour: null in JSON
 
 

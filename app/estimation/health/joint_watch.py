@@ -16,6 +16,7 @@ import numpy as np
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.errors import ShapeError
 from app.estimation.health.joints import JointReport, ResistanceTracker, judge_joints
+from app.estimation.health.step_resistance import StepResistance
 
 MEMORY_S: Final = 25.0  # of the regression: less than half a lap, so that a fault shows within the lap
 JUDGE_S: Final = 2.5  # between two judgements
@@ -27,6 +28,8 @@ CONFIRMATIONS: Final = 3  # judgements in a row
 BASELINE_JUDGEMENTS: Final = 120  # in the moving average of a sound joint
 QUICK_MEMORY_S: Final = 6.0  # of a second regression, which shows that a joint has changed
 CHANGED_SIGMAS: Final = 5.0  # apart: the slow one remembers another joint
+JUMP_OHM: Final = 1e-3  # by which a joint parts within one step of the current
+JUMP_SIGMAS: Final = 8.0
 NEW_S: Final = 1.0  # of driving since the last judgement: less is no new evidence
 
 
@@ -68,6 +71,8 @@ class JointWatch:
         self._cells_per_pack = cells_per_pack
         self._tracker = ResistanceTracker(n_cells, memory_s=MEMORY_S)
         self._quick = ResistanceTracker(n_cells, memory_s=QUICK_MEMORY_S)
+        self._steps = StepResistance(n_cells)
+        self._steps_judged = 0
         self._baseline_ohm = baseline.copy()
         self._learnt = np.where(np.isnan(self._baseline_ohm), 0, BASELINE_JUDGEMENTS)
         self._is_loose = np.isfinite(before.excess_ohm)
@@ -128,6 +133,7 @@ class JointWatch:
         """Take one sample: step [s], current [A] positive on discharge, (n_cells,) voltages [V]; NaN = missing."""
         self._tracker.step(dt_s, current_a, voltages_v)
         self._quick.step(dt_s, current_a, voltages_v)
+        self._steps.step(dt_s, current_a, voltages_v)
 
     def judge(self) -> JointReport:
         """Return what the resistances say; `joint_excess_ohm` is against the cell's own past where known.
@@ -135,7 +141,8 @@ class JointWatch:
         Without driving since the last judgement it is the last judgement; a cell of which nothing new is known keeps
         its own.
         """
-        if self._tracker.learned_s - self._judged_at_s < NEW_S:
+        jumped = self._jumped()
+        if self._tracker.learned_s - self._judged_at_s < NEW_S and not jumped.any():
             return self._report
         self._judged_at_s = self._tracker.learned_s
         self._judgements += 1
@@ -150,6 +157,7 @@ class JointWatch:
         )
         is_loose = report.is_loose & (has_past | (report.joint_excess_ohm > FIRST_ALARM_OHM))
         self._confirm(is_loose, np.isfinite(report.joint_excess_ohm))
+        self._is_loose |= jumped & is_loose
         self._learn(report, is_loose, has_past)
         self._report = _kept(self._report, replace(report, is_loose=is_loose))
         return self._report
@@ -166,6 +174,23 @@ class JointWatch:
             pair_ohm = max(abs(float(np.median(known_ohm))), 1e-9)
             self._growth_sigma = np.hypot(slow_sigma_ohm[1], pair_apart_ohm) / pair_ohm
         slow.adopt(quick, np.asarray(apart_ohm > np.maximum(CHANGED_SIGMAS * sigma_ohm, ALARM_OHM)))
+
+    def _jumped(self) -> BoolArray:
+        """Return the cells that resist far more in the last steps than by the regression, and set that to it."""
+        if self._steps.learned == self._steps_judged:
+            return np.zeros(len(self._is_loose), dtype=np.bool_)
+        self._steps_judged = self._steps.learned
+        ratio, slow_ohm = self._steps.ratio(), self._tracker.resistance_ohm()[0]
+        known_ohm = slow_ohm[np.isfinite(slow_ohm)]
+        if not known_ohm.size:
+            return np.zeros(len(ratio), dtype=np.bool_)
+        usual_ohm = float(np.median(known_ohm))
+        apart_ohm, sigma_ohm = ratio * usual_ohm - slow_ohm, self._steps.sigma() * usual_ohm
+        jumped = np.asarray(np.nan_to_num(apart_ohm) > np.maximum(JUMP_OHM, JUMP_SIGMAS * np.nan_to_num(sigma_ohm)))
+        if jumped.any():
+            for tracker in (self._tracker, self._quick):
+                tracker.set_ohmic(ratio * usual_ohm, jumped)
+        return jumped
 
     def _confirm(self, is_loose: BoolArray, is_known: BoolArray) -> None:
         contradicts = is_known & (is_loose != self._is_loose)

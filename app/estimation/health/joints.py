@@ -27,6 +27,7 @@ BLOCK: Final = 64  # samples taken at once; RESTART_S each, they last 13 PAIR_S:
 EXCITED_A: Final = 3.0  # a current nearer to its slow mean than this is noise and moves no resistance
 STANDING_A: Final = 2.0  # below it the car stands ...
 STANDING_S: Final = 5.0  # ... after this long: what follows is slow recovery
+SET_NOISE_V: Final = 2e-3  # of samples that a resistance was set for
 SAMPLES_MIN: Final = 20.0  # effective number of samples below which nothing is known
 MAD_TO_SIGMA: Final = 1.4826  # of a normal distribution
 POLISH_ROUNDS: Final = 6
@@ -54,6 +55,8 @@ class ResistanceTracker:
         self._still_s = float("inf")  # since there was a current
         self._age_s = float("inf")
         self._learned_s = 0.0
+        self._moved = (0.0, 0.0)  # current and pair's current against their drift, at the last sample
+        self._last_v: FloatArray | None = None
         self._gains: tuple[float, float, float, float] = (-1.0, 0.0, 0.0, 0.0)
         self._has_unknown = False
         self._has_settled = False
@@ -115,7 +118,8 @@ class ResistanceTracker:
         np.subtract(self._drift_v, v, out=y)
         self._drift_v -= drift * y
         y *= 1.0 - drift
-        x, p = current_a - self._drift_a, self._pair_a - self._drift_pair_a
+        x, p = self._moved = current_a - self._drift_a, self._pair_a - self._drift_pair_a
+        self._last_v = v
         if abs(x) >= EXCITED_A and self._still_s <= STANDING_S:
             self._accumulate(x, p, fade, is_missing if has_missing else None)
             self._age_s = 0.0
@@ -151,6 +155,18 @@ class ResistanceTracker:
         """Remember of some cells, (n_cells,), what another tracker of the same samples remembers of them."""
         self._sums[:, cells] = other._sums[:, cells]
         self._weight[:, cells] = other._weight[:, cells]
+
+    def set_ohmic(self, ohmic_ohm: FloatArray, cells: BoolArray) -> None:
+        """Go on as if some cells, (n_cells,), had always had this ohmic resistance [ohm]: theirs has changed."""
+        xx, xp, pp, _, _, _ = self._sums
+        pair = np.nan_to_num(self._solved()[0][1])
+        xy, py = ohmic_ohm * xx + pair * xp, ohmic_ohm * xp + pair * pp
+        noise = SET_NOISE_V**2 * self._weight[0]
+        replaced = np.array((xy, py, ohmic_ohm * xy + pair * py + noise))
+        self._sums[3:, cells] = replaced[:, cells]
+        x, p = self._moved
+        if self._last_v is not None:
+            self._drift_v[cells] = (self._last_v + ohmic_ohm * x + pair * p)[cells]
 
     def resistance_ohm(self) -> FloatArray:
         """Return (2, n_cells): ohmic resistance with the joint, and that of the pair [ohm]; NaN while not known."""
