@@ -286,6 +286,33 @@ export interface CellChange {
   resistance_b_ohm: number;
 }
 
+/** What is wrong with one cell: how much, since when, on which evidence, and how sure that is. */
+export interface CellFinding {
+  code:
+    | 'joint-grown'
+    | 'resistance-grown'
+    | 'capacity-lost'
+    | 'cell-leaks'
+    | 'thermistor-off'
+    | 'channel-stuck';
+  cell: number;
+  text: string;
+  evidence: string;
+  size: number | null;
+  low: number | null;
+  high: number | null;
+  unit: string;
+  since: number;
+  seen: number;
+  current_a: number | null;
+  value: number | null;
+  usual: number | null;
+  neighbours: number[];
+  confidence: number;
+  text_words: Words | null;
+  evidence_words: Words | null;
+}
+
 /** The life of one cell's place, the oldest session first. */
 export interface CellPassport {
   cell: number;
@@ -353,7 +380,7 @@ export interface CheckedProfile {
   saved_by: string;
   saved_at: string;
   hash: string;
-  findings: app__api__schemas__config__Finding[];
+  findings: Finding[];
 }
 
 /** The service's wall clock: unix seconds, and how far it was set since the start. */
@@ -411,7 +438,7 @@ export interface Config {
   age_s: number | null;
   values: Record<string, unknown>;
   raw: Record<string, number | number[] | number[][]>;
-  findings: app__api__schemas__config__Finding[];
+  findings: Finding[];
 }
 
 /** One write in the history; `genuine` is false where its signature, or one before it, is not right. */
@@ -613,6 +640,22 @@ export interface FieldError {
   element?: number | null;
   value?: boolean | number | string | null;
   limit?: number | string | null;
+}
+
+/** What the rules say about one element: errors block, warnings need a reason unless they stand already. */
+export interface Finding {
+  level: 'error' | 'warning';
+  code: string;
+  standing: boolean;
+  field: string;
+  element: number | null;
+  value: number;
+  limit: string;
+  limit_words: Words | null;
+  why: string;
+  why_words: Words | null;
+  message: string;
+  message_words: Words | null;
 }
 
 /** What is said of a session, as codes with arguments. */
@@ -1403,7 +1446,7 @@ export interface Snapshot {
   estimator: Estimator;
   plausibility: Plausibility;
   alarms: Alarm[];
-  findings: app__api__schemas__snapshot__Finding[];
+  findings: CellFinding[];
   config_hash: string | null;
   recording: Recording | null;
   replay: Replay | null;
@@ -1417,7 +1460,7 @@ export interface Source {
   hash: string;
   values: Record<string, unknown>;
   raw: Record<string, number | number[] | number[][]>;
-  findings: app__api__schemas__config__Finding[];
+  findings: Finding[];
 }
 
 /** Times real time. */
@@ -1578,50 +1621,7 @@ export interface WriteResult {
   dry_run: boolean;
   verified: boolean;
   difference: Difference[];
-  warnings: app__api__schemas__config__Finding[];
+  warnings: Finding[];
   hindrance: string | null;
   hindrance_words: Words | null;
-}
-
-/** What the rules say about one element: errors block, warnings need a reason unless they stand already. */
-export interface app__api__schemas__config__Finding {
-  level: 'error' | 'warning';
-  code: string;
-  standing: boolean;
-  field: string;
-  element: number | null;
-  value: number;
-  limit: string;
-  limit_words: Words | null;
-  why: string;
-  why_words: Words | null;
-  message: string;
-  message_words: Words | null;
-}
-
-/** What is wrong with one cell: how much, since when, on which evidence, and how sure that is. */
-export interface app__api__schemas__snapshot__Finding {
-  code:
-    | 'joint-grown'
-    | 'resistance-grown'
-    | 'capacity-lost'
-    | 'cell-leaks'
-    | 'thermistor-off'
-    | 'channel-stuck';
-  cell: number;
-  text: string;
-  evidence: string;
-  size: number | null;
-  low: number | null;
-  high: number | null;
-  unit: string;
-  since: number;
-  seen: number;
-  current_a: number | null;
-  value: number | null;
-  usual: number | null;
-  neighbours: number[];
-  confidence: number;
-  text_words: Words | null;
-  evidence_words: Words | null;
 }
