@@ -51,10 +51,12 @@ static inline void interpolate(const vw_cell_model *model, const vw_real *table,
                                vw_lanes *restrict values)
 {
     const int32_t n_soc = model->n_soc, warmer = model->n_temperatures > 1 ? n_soc * width : 0;
+    int32_t place[VW_LANES];
     vw_real found[VW_LANES * VW_COLUMNS_MAX];
+    VW_EACH_CELL(c) place[c] = ((int32_t)at->row[c] * n_soc + soc->column[c]) * width;
     VW_EACH_CELL(c)
     {
-        const vw_real *cool = table + ((int32_t)at->row[c] * n_soc + soc->column[c]) * width, *warm = cool + warmer;
+        const vw_real *cool = table + place[c], *warm = cool + warmer;
         const vw_real f = soc->weight[c], g = at->row_weight[c];
         for (int q = 0; q < width; q++) {
             const vw_real at_cool = cool[q] + f * (cool[width + q] - cool[q]);
@@ -113,12 +115,18 @@ static vw_real ocv_at(const vw_cell_model *model, const vw_temperature_place *at
     return here[VW_OCV] + at->row_weight[c] * (above[VW_OCV] - here[VW_OCV]);
 }
 
-void vw_ocv(const vw_cell_model *model, const vw_temperature_place *at, const vw_soc_place *soc, vw_lanes ocv_v)
+void vw_ocv(const vw_cell_model *model, const vw_temperature_place *restrict at, const vw_soc_place *restrict soc,
+            vw_lanes ocv_v)
 {
+    const int32_t n_soc = model->n_soc, width = model->width;
+    const vw_real *cool = model->table + VW_OCV, *cool_next = cool + width;
+    const vw_real *warm = cool + (model->n_temperatures > 1 ? n_soc * width : 0), *warm_next = warm + width;
     VW_EACH_CELL(c)
     {
-        const vw_real low_v = ocv_at(model, at, c, soc->column[c]), high_v = ocv_at(model, at, c, soc->column[c] + 1);
-        ocv_v[c] = low_v + soc->weight[c] * (high_v - low_v);
+        const int32_t k = ((int32_t)at->row[c] * n_soc + soc->column[c]) * width;
+        const vw_real at_cool = cool[k] + soc->weight[c] * (cool_next[k] - cool[k]);
+        const vw_real at_warm = warm[k] + soc->weight[c] * (warm_next[k] - warm[k]);
+        ocv_v[c] = at_cool + at->row_weight[c] * (at_warm - at_cool);
     }
 }
 

@@ -89,7 +89,7 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
     else vw_output_sigma(filter, motion, x, work);
     vw_update(filter, motion, x, work);
     vw_soc_variance(filter, x, work);
-    vw_watch_rest(motion, x, work);
+    if (motion->rest_early > 0 || motion->rest_late > 0) vw_watch_rest(motion, x, work);
     if (motion->reads_rest) vw_read_rest(filter, motion, x, work);
     if (filter->kind == VW_SIGMA_FUSED) vw_fuse(filter, motion, x, work);
     vw_self_check(filter, motion, x, work);

@@ -75,54 +75,67 @@ void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  *
  *   p = P(gain is not 0 | filter),  odds against = (1 - prior) / prior sigma_0 / s exp(-g^2 / 2 s^2),  s^2 = doubt M
  *
- * Returns the variance of p g.
+ * `gain_v2` becomes the variance of p g.
  */
-static vw_real believe_gain(const vw_tuning *t, vw_cells *restrict x, int c)
+static void believe_gain(const vw_tuning *t, vw_cells *restrict x, vw_lanes gain_v2)
 {
-    const vw_real gain = x->gain[c], gain_v2 = x->gain_v2[c];
-    const vw_real s = vw_max(vw_sqrt(t->gain_doubt * gain_v2), (vw_real)1e-6);
-    const vw_real against = (1 - t->gain_prior) / t->gain_prior * t->gain_sigma / s * vw_exp(-vw_square(gain / s) / 2);
-    const vw_real p = 1 / (1 + against);
-    x->fused_gain[c] = p * gain;
-    return p * gain_v2 + p * (1 - p) * vw_square(gain);
+    const vw_real odds = (1 - t->gain_prior) / t->gain_prior * t->gain_sigma;
+    vw_lanes s2, likely;
+    VW_EACH_CELL(c) s2[c] = vw_max(t->gain_doubt * x->gain_v2[c], (vw_real)1e-12);
+    VW_EACH_CELL(c) likely[c] = vw_exp(-vw_square(x->gain[c]) / s2[c] / 2);
+    VW_EACH_CELL(c)
+    {
+        const vw_real p = 1 / (1 + odds / vw_sqrt(s2[c]) * likely[c]);
+        x->fused_gain[c] = p * x->gain[c];
+        gain_v2[c] = p * x->gain_v2[c] + p * (1 - p) * vw_square(x->gain[c]);
+    }
 }
 
 /* The filter's error that it does not know of: within minutes a count cannot wander, whatever its start. */
-static vw_real wander(const vw_tuning *t, const vw_motion *motion, vw_cells *restrict x, int c)
+static void wander(const vw_tuning *t, const vw_motion *motion, vw_cells *restrict x)
 {
-    const vw_real a = motion->wander_share, beyond = x->soc[c] - x->count_soc[c] - x->apart[c];
-    x->wander_v2[c] += a * (1 - a) * (t->wander_factor * beyond * beyond - x->wander_v2[c]);
-    x->apart[c] += a * beyond;
-    return x->wander_v2[c];
+    const vw_real a = motion->wander_share;
+    VW_EACH_CELL(c)
+    {
+        const vw_real beyond = x->soc[c] - x->count_soc[c] - x->apart[c];
+        x->wander_v2[c] += a * (1 - a) * (t->wander_factor * beyond * beyond - x->wander_v2[c]);
+        x->apart[c] += a * beyond;
+    }
 }
 
 /* Weigh the starts, and fuse the filter, which knows voltages only, with the count from each of them. */
-static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work, int c)
+static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
-    const vw_real gain_v2 = believe_gain(t, x, c), slope = x->gain_slope[0][c];
-    const vw_real z = x->soc[c] + slope * x->fused_gain[c];
-    const vw_real filter_v2 =
-        vw_min(work->soc_v2[c] + vw_square(slope) * gain_v2 + wander(t, motion, x, c), VW_SOC_VARIANCE_MAX);
-    const vw_real drift_v2 =
-        gain_v2 * vw_square(x->drawn[c]) + vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]);
-    /* beginning with the case that no start is right; moments count from the filter's SOC */
-    vw_real sum = t->start_unknown, moved = 0, square = 0, v2 = t->start_unknown * filter_v2;
-    for (int k = 0; k < VW_STARTS; k++) {
-        const vw_real count_v2 = x->start_v2[k][c] + drift_v2;
-        const vw_real d = z - (x->start_soc[k][c] - x->drawn[c] * (1 + x->fused_gain[c]));
-        const vw_real total_v2 = vw_min(filter_v2 + count_v2, vw_square(t->doubt_soc));
-        const vw_real w = x->start_weight[k][c] * student(d, total_v2);
-        const vw_real share = vw_square(filter_v2) / (vw_square(filter_v2) + vw_square(count_v2));
-        sum += w;
-        moved -= w * share * d;
-        square += w * vw_square(share * d);
-        v2 += w * (filter_v2 + share * (count_v2 - filter_v2));
+    vw_lanes gain_v2;
+    believe_gain(t, x, gain_v2);
+    wander(t, motion, x);
+    VW_EACH_CELL(c)
+    {
+        const vw_real slope = x->gain_slope[0][c], z = x->soc[c] + slope * x->fused_gain[c];
+        const vw_real filter_v2 =
+            vw_min(work->soc_v2[c] + vw_square(slope) * gain_v2[c] + x->wander_v2[c], VW_SOC_VARIANCE_MAX);
+        const vw_real drift_v2 =
+            gain_v2[c] * vw_square(x->drawn[c]) + vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]);
+        /* beginning with the case that no start is right; moments count from the filter's SOC */
+        vw_real sum = t->start_unknown, moved = 0, square = 0, v2 = t->start_unknown * filter_v2;
+        for (int k = 0; k < VW_STARTS; k++) {
+            const vw_real count_v2 = x->start_v2[k][c] + drift_v2;
+            const vw_real d = z - (x->start_soc[k][c] - x->drawn[c] * (1 + x->fused_gain[c]));
+            const vw_real total_v2 = vw_min(filter_v2 + count_v2, vw_square(t->doubt_soc));
+            const vw_real w = x->start_weight[k][c] * student(d, total_v2);
+            const vw_real share = vw_square(filter_v2) / (vw_square(filter_v2) + vw_square(count_v2));
+            sum += w;
+            moved -= w * share * d;
+            square += w * vw_square(share * d);
+            v2 += w * (filter_v2 + share * (count_v2 - filter_v2));
+        }
+        moved /= sum;
+        const vw_real fused_v2 = v2 / sum + vw_max(square / sum - vw_square(moved), 0);
+        x->fused_soc[c] = z + moved;
+        x->fused_v2[c] = fused_v2;
+        x->conflict[c] += motion->conflict_share * (vw_square(moved) / (filter_v2 + fused_v2) - x->conflict[c]);
     }
-    moved /= sum;
-    x->fused_soc[c] = z + moved;
-    x->fused_v2[c] = v2 / sum + vw_max(square / sum - vw_square(moved), 0);
-    x->conflict[c] += motion->conflict_share * (vw_square(moved) / (filter_v2 + x->fused_v2[c]) - x->conflict[c]);
 }
 
 /* Fuse the filter, which starts from voltage alone, with charge counted from every start that there may have been.
@@ -143,8 +156,7 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  */
 void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
-    if (motion->look_s > 0)
-        VW_EACH_CELL(c) weigh(filter, motion, x, work, c);
+    if (motion->look_s > 0) weigh(filter, motion, x, work);
     VW_EACH_CELL(c)
     {
         work->soc[c] = x->fused_soc[c];
