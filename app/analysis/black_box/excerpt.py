@@ -14,6 +14,7 @@ from app.analysis.black_box.incidents import AFTER_S, BEFORE_S, Trigger, inciden
 from app.analysis.finding import english, finding_or_none
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
+from app.telemetry.cell_findings import Finding
 
 _QUANTITIES: Final[dict[str, Quantity]] = {"V": "voltage", "degC": "temperature", "A": "current"}
 
@@ -38,6 +39,7 @@ def build(
     session_id: str | None,
     config_hash: str | None,
     limits: dict[str, float],
+    found: Sequence[Finding] = (),
 ) -> BlackBox:
     """Return the black box of an incident.
 
@@ -47,6 +49,7 @@ def build(
         session_id: the recording that they are in, None without one.
         config_hash: of the configuration in force, None where it was not received.
         limits: the configuration's limits by name, in units.
+        found: what was known against cells when it ended.
     """
     main = main_trigger(group)
     time_s = window.mono_s - main.mono_s
@@ -87,7 +90,7 @@ def build(
         findings=[],
         summary=[],
     )
-    findings = findings_of(box)
+    findings = findings_of(box, found)
     return replace(box, findings=findings, summary=[each.text for each in findings])
 
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from app.analysis.black_box.box import BlackBox
 from app.analysis.finding import AnalysisFinding, finding
+from app.telemetry.cell_findings import Finding
 from app.words import Cell, Message, Quantity
 
 
-def findings_of(box: BlackBox) -> list[AnalysisFinding]:
-    """Return what happened in a few sentences."""
+def findings_of(box: BlackBox, found: Sequence[Finding] = ()) -> list[AnalysisFinding]:
+    """Return what happened in a few sentences; `found`: what was known against cells then, its own cell first."""
     said = [
         Message("box-event", event=box.text if box.text_words is None else box.text_words.message),
         *_beyond(box),
         *_peers(box),
     ]
+    own_first = sorted(found, key=lambda each: each.cell != box.cell)
+    said += [Message("box-finding", finding=each.message, evidence=each.evidence) for each in own_first]
     current_a, opened_s = box.cells.current_at_trip_a, box.cells.opened_s
     if current_a is not None:
         said.append(Message("box-current", current=Quantity(current_a, "A", 1)))

@@ -11,11 +11,15 @@ from app.analysis.black_box.box import BlackBox, box_from_json
 from app.analysis.black_box.excerpt import Window, build
 from app.analysis.black_box.findings import findings_of
 from app.analysis.black_box.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger
+from app.analysis.cell_findings import CellJudge
 from app.analysis.finding import message_of_event
+from app.analysis.session_survey import read_pieces
 from app.battery.shape import N_CELLS
 from app.estimation.arrays import FloatArray
+from app.estimation.cell_model.cell_file import load_cell
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.reading.reader import SessionFile
+from app.telemetry.cell_findings import finding_of
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import CONFIG, STATUS_FLAGS
 
@@ -47,15 +51,24 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         for event in session.events()
         if is_trigger(event["severity"], event["code"])
     ]
+    if not triggers:
+        return []
     configs = session.configs()
     session_id = session.info.id
+    judge = CellJudge(load_cell())
+    for piece in read_pieces(session):
+        judge.add(piece)
+    judge.result()
     boxes = []
     for group in incidents(triggers):
         known = [config.image for config in configs if config.t_mono_ns <= group[0].mono_s * 1e9]
         image = known[-1] if known else None
         window = read_window(session, group)
         config_hash = None if image is None else image_hash(image)
-        boxes.append(build(group, window, session_id=session_id, config_hash=config_hash, limits=limits_of(image)))
+        known_s = session.unix_s(round(group[-1].mono_s * 1e9)) + AFTER_S
+        found = [finding_of(each) for each in judge.as_of(known_s)]
+        limits = limits_of(image)
+        boxes.append(build(group, window, session_id=session_id, config_hash=config_hash, limits=limits, found=found))
     return boxes
 
 

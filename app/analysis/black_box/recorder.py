@@ -20,6 +20,7 @@ from app.analysis.black_box.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigg
 from app.errors import AppError
 from app.sessions.black_box_store import BlackBoxStore
 from app.telemetry import Event, FloatArray, Snapshot
+from app.telemetry.cell_findings import Finding
 
 log = logging.getLogger(__name__)
 KEPT_S = BEFORE_S + LONGEST_S + AFTER_S + 2.0
@@ -52,6 +53,7 @@ class BlackBoxRecorder:
         self._on_made = on_made
         self._samples: deque[_Sample] = deque(maxlen=MAX_SAMPLES)
         self._triggers: list[Trigger] = []
+        self._found: tuple[Finding, ...] = ()
         self._session: str | None = None
         self._config: tuple[bytes, str | None] | None = None
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="blackbox")
@@ -63,6 +65,8 @@ class BlackBoxRecorder:
             if is_trigger(event.severity, event.code):
                 self._session = self._session_id() if not self._triggers else self._session
                 self._triggers.append(_trigger(event, now_s))
+        if snapshot is not None:
+            self._found = snapshot.findings
         if snapshot is not None and snapshot.is_fresh:
             self._samples.append(_sample(snapshot))
             while self._samples and now_s - self._samples[0].mono_s > KEPT_S:
@@ -85,7 +89,7 @@ class BlackBoxRecorder:
     def _finish(self) -> None:
         triggers, self._triggers = self._triggers, []
         image, config_hash = self._config or (None, None)
-        arguments = (triggers, list(self._samples), self._session, image, config_hash)
+        arguments = (triggers, list(self._samples), self._session, image, config_hash, self._found)
         with contextlib.suppress(RuntimeError):  # shutting down
             self._writer.submit(self._write, *arguments).add_done_callback(_tell_failure)
 
@@ -96,10 +100,12 @@ class BlackBoxRecorder:
         session_id: str | None,
         image: bytes | None,
         config_hash: str | None,
+        found: tuple[Finding, ...],
     ) -> None:
         for group in incidents(triggers):
             window = _window(samples, group[0].mono_s - BEFORE_S, group[-1].mono_s + AFTER_S)
-            box = build(group, window, session_id=session_id, config_hash=config_hash, limits=limits_of(image))
+            limits = limits_of(image)
+            box = build(group, window, session_id=session_id, config_hash=config_hash, limits=limits, found=found)
             try:
                 if store_box(self.store, box):
                     self._on_made(box)

@@ -16,7 +16,7 @@ from app.words import Argument, Cell, Message, Quantity, render
 
 MAD_TO_SIGMA: Final = 1.4826
 ODD_SIGMAS: Final = 5.0  # beyond so many robust standard deviations a cell is unlike the others
-ODD_NAMED: Final = 3  # of the oddest cells, by name
+ODD_NAMED: Final = 3  # of the oddest cells, with what is odd; the others by name alone
 LEAST_SAG_V: Final = 0.005
 LEAST_GROWTH: Final = 0.1  # of the resistance, against the median
 LEAST_HEAT_K: Final = 4.0
@@ -124,7 +124,7 @@ def odd_cells(survey: Survey) -> list[Odd]:
             found.append(
                 _odd(Message("odd-lowest", share=percent(share)), cell, "lowest", share, 1 / survey.n_cells, "1")
             )
-    for cell in np.flatnonzero(survey.missing > MISSING_SHARE * max(survey.samples, 1))[:ODD_NAMED].tolist():
+    for cell in np.flatnonzero(survey.missing > MISSING_SHARE * max(survey.samples, 1)).tolist():
         share = float(survey.missing[cell]) / max(survey.samples, 1)
         found.append(_odd(Message("odd-missing", share=percent(share, 1)), cell, "missing", share, 0.0, "1"))
     return found
@@ -187,12 +187,10 @@ def what_to_look_at(
     for each in odd:
         by_kind.setdefault(each.what, []).append(each)
     for kind in by_kind.values():
-        more = len(kind) - ODD_NAMED
-        for k, each in enumerate(kind[:ODD_NAMED], 1):
-            if k == ODD_NAMED and more > 0:
-                said.append(finding(Message("report-odd-more", cell=Cell(each.cell), what=each.message, n=more)))
-            else:
-                said.append(finding(Message("report-odd", cell=Cell(each.cell), what=each.message)))
+        said += [finding(Message("report-odd", cell=Cell(each.cell), what=each.message)) for each in kind[:ODD_NAMED]]
+        others = tuple(Cell(each.cell) for each in kind[ODD_NAMED:])
+        if others:
+            said.append(finding(Message("report-odd-more", n=len(others), cells=others)))
     lowest = _extreme(survey.soc_last, lowest=True)
     apart = _spread(survey.soc_last)
     if lowest is not None and apart > SPREAD_SOC:

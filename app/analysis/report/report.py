@@ -8,6 +8,7 @@ from typing import Any
 
 from app.analysis.black_box.from_session import limits_of
 from app.analysis.black_box.incidents import is_trigger
+from app.analysis.cell_findings import CellJudge
 from app.analysis.finding import AnalysisFinding, message_of_event, with_cell
 from app.analysis.laps.figures import compare_drivers, figures_of
 from app.analysis.laps.from_session import LapTable, find_laps
@@ -29,9 +30,11 @@ from app.analysis.session_arrays import TotalsCollector
 from app.analysis.session_survey import survey_session
 from app.analysis.survey import Histogram
 from app.analysis.totals import listed
+from app.estimation.cell_model.cell_file import load_cell
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
-from app.words import Argument
+from app.telemetry.cell_findings import Finding, finding_of
+from app.words import Argument, Message
 from firmware_protocol.config_image import image_hash
 
 
@@ -117,10 +120,12 @@ class SessionComparison:
 def report_of(session: SessionFile) -> Report:
     """Read a session and judge it."""
     info, collector = session.info, TotalsCollector()
-    survey = survey_session(session, totals=collector)
+    judge = CellJudge(load_cell())
+    survey = survey_session(session, judge.add, collector)
+    found, ended = ([finding_of(each) for each in kind] for kind in (judge.result(), judge.ended()))
     totals = collector.totals()
-    source, found = find_laps(session, totals, None, None)
-    laps = [figures_of(lap, totals) for lap in found]
+    source, found_laps = find_laps(session, totals, None, None)
+    laps = [figures_of(lap, totals) for lap in found_laps]
     configs = session.configs()
     image = configs[-1].image if configs else None
     limits, events = limits_of(image), session.events()
@@ -129,10 +134,10 @@ def report_of(session: SessionFile) -> Report:
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
     loose = [event for event in warned if event["code"] == "joint-loose"]
     findings = Findings(
-        headline(survey, len(found)),
-        verdicts(survey, odd, _cells(trips), _cells(loose)),
+        headline(survey, len(found_laps)),
+        verdicts(survey, odd, _cells(trips), _cells(loose), found),
         what_limited(near, _told(trips)),
-        what_to_look_at(survey, odd, _told(warned), session.bad_frames()),
+        what_to_look_at(survey, _unexplained(odd, found), [*_ended(ended), *_told(warned)], session.bad_frames()),
     )
     return Report(
         session=ReportedSession(info.id, info.name, info.started_wall_ns / 1e9, info.voltwall),
@@ -176,6 +181,16 @@ def _texts(findings: Sequence[AnalysisFinding]) -> list[str]:
 
 def _cells(events: Sequence[dict[str, Any]]) -> list[int]:
     return [event["cell"] for event in events if event["cell"] is not None]
+
+
+def _unexplained(odd: Sequence[Odd], found: Sequence[Finding]) -> list[Odd]:
+    """What is odd without the mean resistance of cells whose finding says what it came to."""
+    resisting = {each.cell for each in found if each.code in ("joint-grown", "resistance-grown")}
+    return [each for each in odd if each.what != "resistance" or each.cell not in resisting]
+
+
+def _ended(found: Sequence[Finding]) -> list[Argument]:
+    return [Message("finding-ended", finding=each.message) for each in found]
 
 
 def _told(events: Sequence[dict[str, Any]]) -> list[Argument]:

@@ -16,14 +16,20 @@ from app.analysis.finding import AnalysisFinding, finding
 from app.analysis.report.findings import LEAST_GROWTH, MISSING_SHARE, SPREAD_SOC, Odd, percent
 from app.analysis.survey import Survey
 from app.estimation.arrays import FloatArray
+from app.telemetry.cell_findings import Finding
 from app.words import Cell, Message, Quantity
 
 USED_MIN: Final = 0.05  # of the charge, by the median cell: less tells nothing of capacity
 USED_MORE: Final = 1.15  # times the median: capacity is lost
-MOST: Final = 3  # cells that are explained
 
 
-def verdicts(survey: Survey, odd: Sequence[Odd], tripped: Sequence[int], loose: Sequence[int]) -> list[AnalysisFinding]:
+def verdicts(
+    survey: Survey,
+    odd: Sequence[Odd],
+    tripped: Sequence[int],
+    loose: Sequence[int],
+    found: Sequence[Finding] = (),
+) -> list[AnalysisFinding]:
     """Return why, of each cell that tripped, was reported, or has more resistance than the others.
 
     Args:
@@ -31,10 +37,18 @@ def verdicts(survey: Survey, odd: Sequence[Odd], tripped: Sequence[int], loose: 
         odd: the cells that stand out.
         tripped: cells named by trips, in order.
         loose: cells whose joint was reported to have grown.
+        found: what the session shows against single cells; who has a finding is explained by it.
     """
     resisting = [each.cell for each in odd if each.what == "resistance"]
-    suspects = list(dict.fromkeys([*tripped, *loose, *resisting]))[:MOST]
-    return [_verdict(survey, cell, is_loose=cell in loose, resists=cell in resisting) for cell in suspects]
+    by_cell = {each.cell: [other for other in found if other.cell == each.cell] for each in found}
+    said = []
+    for cell in dict.fromkeys([*tripped, *by_cell, *loose, *resisting]):
+        if cell in by_cell:
+            messages = [Message("why-finding", finding=each.message, evidence=each.evidence) for each in by_cell[cell]]
+            said += [finding(each) for each in messages]
+        else:
+            said.append(_verdict(survey, cell, is_loose=cell in loose, resists=cell in resisting))
+    return said
 
 
 def _verdict(survey: Survey, index: int, *, is_loose: bool, resists: bool) -> AnalysisFinding:

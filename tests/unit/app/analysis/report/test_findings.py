@@ -114,9 +114,10 @@ def test_of_two_sessions_the_cell_that_changed_comes_first():
     assert compare_cells(survey(resistance_ohm=np.full(96, np.nan)), second) == []
 
 
-def test_of_many_cells_of_a_kind_three_are_named_and_the_others_counted():
+def test_of_many_cells_of_a_kind_every_one_is_named():
     made = survey()
     made.sag_v[[5, 6, 7, 8, 9]] = 0.05
     found = what_to_look_at(made, odd_cells(made), [], 0)
-    assert [each.code for each in found] == ["report-odd", "report-odd", "report-odd-more"]
-    assert found[-1].text.endswith("and 2 more cells stand out likewise.")
+    assert [each.code for each in found] == ["report-odd"] * 3 + ["report-odd-more"]
+    said = " ".join(each.text.lower() for each in found)
+    assert all(f"pack 1, cell {cell}" in said for cell in (6, 7, 8, 9, 10))
