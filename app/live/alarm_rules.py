@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.battery.shape import N_CELLS, N_PACKS
+from app.battery.shape import CELLS_PER_PACK, N_CELLS, N_PACKS
 from app.estimation.arrays import BoolArray
 from app.estimation.health.joint_watch import ALARM_OHM
 from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
@@ -174,13 +174,16 @@ def _master(snapshot: Snapshot) -> Iterator[Condition]:
 def _fault(why: Message) -> Condition:
     """The master's trip, with the cell, the value and the limit that its reason names."""
     what, cell, value, limit = (why.args.get(name) for name in ("what", "cell", "value", "limit"))
+    index = cell.index if isinstance(cell, Cell) else None
+    is_slave = isinstance(what, Message) and what.code == "slave-lost"  # the cell is the first of its pack
     return Condition(
         "trip",
         Message("master-fault", why=what if isinstance(what, Message) else why),
-        cell.index if isinstance(cell, Cell) else None,
+        index,
         value.value if isinstance(value, Quantity) else None,
         limit.value if isinstance(limit, Quantity) else None,
         value.unit if isinstance(value, Quantity) else "",
+        tuple(range(index, index + CELLS_PER_PACK)) if is_slave and index is not None else (),
     )
 
 

@@ -9,7 +9,7 @@ from app.sessions.catalogue_index import Known, State, load_index, save_index
 from app.sessions.errors import SessionError, SessionNotFound
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
-from app.sessions.storage.files import FETCHED, SUFFIX, is_in_use, merge_log, sha256
+from app.sessions.storage.files import SUFFIX, is_in_use, merge_log, remove, sha256
 
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 
@@ -92,8 +92,7 @@ class Catalogue:
         path = self.path(session_id)
         if is_in_use(path):
             raise NotNow(f"session {session_id} is being recorded or read")
-        for name in (path.name, f"{path.name}-wal", f"{path.name}-shm", path.name + FETCHED):
-            path.with_name(name).unlink(missing_ok=True)
+        remove(path)
         self._digests.pop(session_id, None)
 
     def expired(

@@ -22,7 +22,11 @@ FLAGS = [
     # a page costs as much again where the browser around it, which nobody sees, draws its own pages
     "--disable-features=WebUIOmniboxPopup,WebUIOmniboxAimPopup",
 ]
-SIZES = {"desktop": {"width": 1440, "height": 900}, "phone": {"width": 390, "height": 844}}
+SIZES = {
+    "desktop": {"width": 1440, "height": 900},
+    "phone": {"width": 390, "height": 844},
+    "television": {"width": 2560, "height": 1440},
+}
 TOUCH = {"phone"}
 PATIENCE_MS = 30_000
 SNAPSHOTS_PER_S = 5  # enough to see values move; drawing all 28 would keep half a processor busy

@@ -60,6 +60,7 @@ class AutoRecorder:
             version=__version__,
             limits=limits,
             next_name=next_part,
+            keeps_empty=False,
         )
         self._automatic = automatic
         self._on_event = on_event

@@ -35,6 +35,7 @@ COMMIT_S = 0.3  # with the time that the commit takes, at most 0.5 s of a sessio
 CLOCK_STEP_NS = 50_000_000  # the wall clock moved by more than this against the monotonic one: noted
 _ROW_BYTES = 250  # what an item costs in memory beside its payload
 _START, _STOP = "start", "stop"
+_CONTENT = ("frames", "can_frames", "markers")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +64,11 @@ class Recorder:
         limits: DiskLimits | None = None,
         free_bytes: Callable[[Path], int] = _free_bytes,
         next_name: Callable[[str], str] = lambda name: name,
+        keeps_empty: bool = True,
     ) -> None:
+        """Start the thread; without `keeps_empty` a session that nothing came into is deleted when it ends."""
         self._folder = folder
+        self._keeps_empty = keeps_empty
         self._next_name = next_name  # of the session that goes on where one is split
         self._version = version
         self._clock = clock
@@ -128,7 +132,7 @@ class Recorder:
         """End the session; nothing without one. What it still holds in memory is written by the thread."""
         with self._lock:
             if self._session is not None:
-                self._append((_STOP, (self._clock.monotonic_ns(), self._clock.wall_ns())), 0)
+                self._append_stop(self._clock.monotonic_ns(), self._clock.wall_ns())
                 self._session = None
                 self._wake.set()
 
@@ -231,7 +235,7 @@ class Recorder:
         except OSError as error:
             raise RecordingFailed(Message("of-source", source=str(self._folder), reason=error.strerror)) from error
         if self._session is not None:
-            self._append((_STOP, (started_mono_ns, started_wall_ns)), 0)
+            self._append_stop(started_mono_ns, started_wall_ns)
         self._session = SessionInfo(
             id=path.stem,
             path=path,
@@ -260,6 +264,11 @@ class Recorder:
             return
         self._counts[table] += 1
         self._append((table, row), size)
+
+    def _append_stop(self, t_mono_ns: int, t_wall_ns: int) -> None:
+        """Queue the session's end, and whether its file stays; the lock is held."""
+        has_content = any(self._counts[table] for table in _CONTENT)
+        self._append((_STOP, (t_mono_ns, t_wall_ns, self._keeps_empty or has_content)), 0)
 
     def _append(self, item: TableRow, size: int) -> None:
         self._pending.append(item)
@@ -324,7 +333,11 @@ class Recorder:
             if self._writer is None:
                 raise RecordingFailed("no session is open")
             if kind == _STOP:
-                self._writer.close(*row)
+                *ended, is_kept = row
+                if is_kept:
+                    self._writer.close(*ended)
+                else:
+                    self._writer.discard()
                 self._writer = None
                 self._finish(1)
             else:

@@ -14,6 +14,7 @@ import orjson
 from app.sessions.info import SessionInfo
 from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, SeriesKey, encode_estimate
 from app.sessions.storage.database import open_for_writing
+from app.sessions.storage.files import remove
 from app.sessions.storage.migrate import SESSION
 from app.sessions.storage.streams import pack_block
 from app.telemetry import Event
@@ -62,6 +63,7 @@ class SessionWriter:
         Raises:
             sqlite3.Error: the disk does not take it.
         """
+        self._path = info.path
         self._connection = open_for_writing(info.path, SESSION)
         self._builder = ChunkBuilder(decodes_can=FOREIGN_CAN not in info.metadata)
         self._chunk_start_ns: int | None = None
@@ -165,6 +167,11 @@ class SessionWriter:
     def abandon(self) -> None:
         """Close the file as it is: what was committed stays, the session remains marked as not closed."""
         self._connection.close()
+
+    def discard(self) -> None:
+        """Close the file and delete it: nothing came into it."""
+        self._connection.close()
+        remove(self._path)
 
     def _close_chunk(self) -> None:
         if self._frames < self._chunk_first_frame and not len(self._builder):

@@ -25,6 +25,12 @@ def new_file(folder: Path, wall_ns: int) -> Path:
             return path
 
 
+def remove(path: Path) -> None:
+    """Delete a session with its log."""
+    for name in (path.name, f"{path.name}-wal", f"{path.name}-shm", path.name + FETCHED):
+        path.with_name(name).unlink(missing_ok=True)
+
+
 def size_on_disk(path: Path) -> int:
     """Bytes of a session's file and of its log."""
     size = 0

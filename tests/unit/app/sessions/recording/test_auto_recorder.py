@@ -205,3 +205,23 @@ def test_a_marker_is_set_where_the_key_was_pressed(make, master, tmp_path):
     with Catalogue(tmp_path / "sessions").open(session_id) as file:
         first, second = file.markers()
     assert second.t_mono_ns - first.t_mono_ns == 12 * 10**9
+
+
+def test_a_session_that_nothing_came_into_leaves_no_file(make, master, pipeline, tmp_path):
+    recorder = make()
+    play(recorder, pipeline, master, 20)
+    recorder.split()
+    recorder.stop()
+    recorder.flush()
+    (kept,) = Catalogue(tmp_path / "sessions").survey()[0]
+    assert kept.frames == 20
+    assert [path.name for path in (tmp_path / "sessions").glob("*.sqlite*")] == [kept.path.name]
+
+
+def test_a_session_in_which_somebody_marked_something_stays(make, tmp_path):
+    recorder = make(automatic=False)
+    recorder.start()
+    recorder.marker("here", "note", "kari")
+    recorder.stop()
+    recorder.flush()
+    assert len(Catalogue(tmp_path / "sessions").survey()[0]) == 1
