@@ -21,6 +21,7 @@ from app.sources.dbc.learn.readings import (
     soc_proposals,
 )
 from app.sources.dbc.learn.survey import Survey
+from app.sources.dbc.learn.words_of_names import words
 from app.words import Message, Text
 
 _LEAST_SCORE = {"voltage": 6.0, "temperature": 5.0}
@@ -47,6 +48,10 @@ def learn(survey: Survey, frames: Frames, name: str, dbc: tuple[str, ...]) -> Le
         return None
     voltage = voltages[0]
     doubts: list[Text] = []
+    unit = _guessed_unit(voltage)
+    if unit:
+        voltage = replace(voltage, entries=tuple(replace(entry, unit=unit) for entry in voltage.entries))
+        doubts.append(Message("learn-unit-guessed", unit=unit))
     segments = voltage.segments
     if segments is None or sum(segments) != voltage.n or 0 in segments:
         segments = _guessed_segments(voltage.n)
@@ -88,6 +93,16 @@ def learn(survey: Survey, frames: Frames, name: str, dbc: tuple[str, ...]) -> Le
     }
     voltage = voltage.with_reason(*_facts(heard.get("voltage"), battery.n_cells, sum_v))
     return Learned(battery, source, voltage, temperature, readings, others, tuple(doubts))
+
+
+def _guessed_unit(voltage: CellProposal) -> str:
+    """A unit by name and number of bits, where neither the DBC nor a log tells one; "" where one does."""
+    signal = voltage.members[0][1]
+    if voltage.fit is not None or signal.unit or signal.layout.scale != 1.0:
+        return ""
+    if "mv" in words(signal.name):
+        return "mV"
+    return "0.1mV" if signal.layout.length >= 16 else "mV"
 
 
 def _ranked(survey: Survey, kind: str) -> list[CellProposal]:

@@ -97,6 +97,4 @@ def declared_fit(kind: str, signal: Signal) -> float:
         span = abs(signal.layout.scale) * factor * 2.0 ** min(signal.layout.length, 40)
         if known is not None and not span > 1.0:
             return -1.0
-        if known is not None and signal.maximum and 0 < signal.maximum * factor < 2.0:
-            return -1.0
     return 1.0 if known is not None else 0.0

@@ -18,6 +18,7 @@ from app.sources.dbc.learn.words_of_names import (
     NOT_THE_PACK,
     PACK,
     VOLTAGE,
+    name_set,
     words,
 )
 from app.sources.dbc.units import known_conversion
@@ -25,6 +26,8 @@ from app.words import Message, Quantity, Text
 
 _LONG_S = 5.0
 _CLEAR = 0.4  # correlation of current and voltage steps from which on the sign is told by it
+_OF_A_PART = name_set("module slave segment seg ic cmu chip board bmb")
+_NO_PACK_VOLTAGE = name_set("cell cells zelle min max avg limit lim target soc power status state fault error counter")
 _SOC = frozenset({"soc"})
 
 
@@ -52,20 +55,11 @@ def pack_voltage_proposals(survey: Survey, sum_v: float, used: set[tuple[int, st
     found = []
     for message, signal in _candidates(survey, used, "pack_voltage"):
         said, around = words(signal.name), words(message.name)
-        if not said & VOLTAGE or said & {
-            "cell",
-            "cells",
-            "zelle",
-            "min",
-            "max",
-            "avg",
-            "limit",
-            "lim",
-            "target",
-            "soc",
-        }:
+        is_named = bool(said & VOLTAGE)
+        if said & (_NO_PACK_VOLTAGE | CURRENT) or not (is_named or (said & PACK and not signal.unit)):
             continue
         score = 2.0 * len(said & PACK) + 0.7 * len(around & PACK) - 2.0 * len(said & (NOT_THE_PACK - {"sum"}))
+        score -= 2.0 * len((said | around) & _OF_A_PART)
         score -= 1.0 * len(around & NOT_THE_PACK) + 1.5 * len({"bus", "dc", "link"} & said)
         score += 1.0 if {"pack", "total", "sum", "batt", "battery"} & said else 0.0
         reasons: list[Text] = []
@@ -76,6 +70,8 @@ def pack_voltage_proposals(survey: Survey, sum_v: float, used: set[tuple[int, st
             reasons.append(Message("learn-pack-voltage-is", mean=Quantity(mean, "V", 1), sum=Quantity(sum_v, "V", 1)))
         elif survey.n_frames and not np.isfinite(mean):
             score -= _unheard(survey)
+        if not is_named:
+            score -= 4.0
         if score > 1.5:
             name = _name(survey, message, signal)
             found.append(ReadingProposal(Reading(name, unit), (*reasons, _named(signal, message)), score, low, high))

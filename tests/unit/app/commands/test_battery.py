@@ -1,0 +1,81 @@
+import pytest
+
+from app.battery.library import bundled_profiles, load_profile
+from app.cli import main
+from tests.peer_batteries import cell_number, one_signal_a_cell
+
+
+@pytest.fixture
+def car(tmp_path):
+    """A DBC and a candump log of 90 cells."""
+    peer = one_signal_a_cell(90, 45, "Voltage_Cell_{:02d}", "Temp_Sensor_{:02d}", 0.0001, "V")
+    return written(peer, tmp_path)
+
+
+def written(peer, folder, seconds=6):
+    (folder / "car.dbc").write_text(peer.dbc())
+    lines = [f"({t / 1e9:.6f}) can0 {i:03X}#{data.hex().upper()}" for t, i, data in peer.frames(seconds)]
+    (folder / "car.log").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def test_every_bundled_profile_is_listed_and_shown(capsys):
+    assert main(["battery", "list"]) == 0
+    listed = capsys.readouterr().out
+    for name in bundled_profiles():
+        assert name in listed
+        if name != "ivt-s":
+            assert main(["battery", "show", name]) == 0
+            assert str(load_profile(name).profile.battery.n_cells) in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["foxbms-2", "one-signal-a-cell"])
+def test_bundled_profiles_have_no_doubts(name, capsys):
+    assert main(["battery", "check", name]) == 0, capsys.readouterr().out
+
+
+def test_what_is_learned_can_be_checked_with_the_same_log(car, capsys):
+    out = car / "profiles" / "car.toml"
+    out.parent.mkdir()
+    assert main(["battery", "learn", "--dbc", f"{car}/car.dbc", "--log", f"{car}/car.log", "--out", str(out)]) == 0
+    told = capsys.readouterr().out
+    assert "suggested: 90 cells" in told
+    assert "45 temperature sensors" in told
+    assert main(["battery", "check", str(out), "--log", f"{car}/car.log"]) == 0, capsys.readouterr().out
+    assert main(["battery", "show", str(out)]) == 0
+    assert "positive on discharge" in capsys.readouterr().out
+
+
+def test_a_log_alone_is_read_by_the_definitions_that_come_along(tmp_path, capsys):
+    written(cell_number(), tmp_path, 9)
+    assert main(["battery", "learn", "--log", f"{tmp_path}/car.log"]) == 0
+    told = capsys.readouterr().out
+    assert "suggested: 72 cells" in told
+    assert 'checksum = "orion"' in told
+
+
+def test_errors_are_one_line_with_file_line_and_field(car, capsys):
+    wrong = car / "wrong.toml"
+    wrong.write_text('[battery]\nname = "x"\nsegments = [0]\n[source]\ndbc = "car.dbc"\n')
+    assert main(["battery", "check", str(wrong)]) == 2
+    assert "wrong.toml:3: battery.segments" in capsys.readouterr().err
+    wrong.write_text('[battery]\nname = "x"\nsegments = [1]\n[source]\ndbc = "no.dbc"\n')
+    assert main(["battery", "check", str(wrong)]) == 2
+    assert "no.dbc" in capsys.readouterr().err
+    wrong.write_text(
+        '[battery]\nname = "x"\nsegments = [1]\n[source]\ndbc = "car.dbc"\n[[source.voltage]]\nsignal = "Q{cell}"\n'
+    )
+    assert main(["battery", "check", str(wrong)]) == 2
+    assert "wrong.toml:6: error: source.voltage[0].signal" in capsys.readouterr().out
+
+
+def test_a_bus_of_something_else_is_told_and_ends_with_1(car, tmp_path, capsys):
+    dbc = tmp_path / "motor.dbc"
+    dbc.write_text('VERSION ""\nNS_ :\nBS_:\nBU_: MC\nBO_ 9 Motor: 8 MC\n SG_ Speed : 0|16@1+ (1,0) [0|0] "rpm" X\n')
+    assert main(["battery", "learn", "--dbc", str(dbc)]) == 1
+    assert "no cell voltages" in capsys.readouterr().out
+
+
+def test_nothing_to_learn_from_is_an_error(capsys):
+    assert main(["battery", "learn"]) == 2
+    assert "--dbc" in capsys.readouterr().err
