@@ -14,6 +14,7 @@ from app.sources.dbc.learn.learning import Learned, learn
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.survey import Survey, survey
 from app.words import Message, render
+from app.words.render import number
 
 _MOST_ODDITIES = 10
 
@@ -108,7 +109,7 @@ def _print_messages(found: Survey, with_signals: bool) -> None:
         message = heard.message
         print(
             f"{_id(can_id):>10}  {message.name:32} {len(message.signals):>7} {len(heard.group.frames):>8}"
-            f" {heard.rate_hz:>8.4g}"
+            f" {number(heard.rate_hz, 2):>8}"
         )
         for signal in message.signals if with_signals else ():
             values = heard.signal(signal.name)

@@ -59,7 +59,7 @@ def _by_id(survey: Survey, kind: str, members: Sequence[Member]) -> CellProposal
     for message, signal in members:
         by_id[message.can_id].append((message, signal))
     most = max(map(len, by_id.values()))
-    if len(by_id) < 2 or len(members) <= (len(by_id) - 1) * most or most > _MOST_IN_A_MESSAGE:
+    if len(by_id) < 2 or most < 2 or len(members) <= (len(by_id) - 1) * most or most > _MOST_IN_A_MESSAGE:
         return None
     judgement = judged(survey, kind, tuple(members), len(members)) if kind != "balancing" else None
     if judgement is None:
@@ -75,7 +75,7 @@ def _by_id(survey: Survey, kind: str, members: Sequence[Member]) -> CellProposal
         low = min(chosen[0].values) if chosen else 0
         entries.append(
             CellSignals(
-                _pattern(part, chosen, ["cell"], "signal"),
+                _pattern(part, chosen, ["cell"] if chosen else [], "signal"),
                 part[0][0].name,
                 base={"cell": low} if low else {},
                 first=first,
@@ -117,8 +117,9 @@ def _proposal(survey: Survey, kind: str, members: Sequence[Member]) -> CellPropo
     }
     group_cells = _group_cells(chosen, roles)
     reasons: list[Text] = [Message("learn-names", n=len(members), pattern=signal_pattern, messages=len(message_names))]
-    if any(signal.conditions for _, signal in members):
-        reasons.append(Message("learn-multiplexed", name=members[0][1].conditions[0].multiplexer))
+    multiplexers = [signal.conditions[0].multiplexer for _, signal in members if signal.conditions]
+    if multiplexers:
+        reasons.append(Message("learn-multiplexed", name=multiplexers[0]))
     entry = CellSignals(
         signal=signal_pattern,
         message=message_pattern,

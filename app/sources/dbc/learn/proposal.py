@@ -16,6 +16,7 @@ _HARD = name_set(
     "balance balancing soc soh resist resistance ocv open lowest highest low high over under ov uv ot ut "
     "current"
 )
+_INNER = name_set("afe debug sim simulation test dummy raw request req rx")  # messages that are rather not the car's
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +61,7 @@ def judged(survey: Survey, kind: str, members: tuple[Member, ...], n: int) -> tu
     if said & other and not said & wanted:
         score -= 4.0
     score -= 2.0 * len(said & NOT_A_CELL) + 1.5 * len(around & NOT_A_CELL & _HARD)
+    score -= 0.3 * len(around & _INNER)
     heard = heard_of(survey, members)
     found = fit(kind, heard) if heard else None
     if heard:

@@ -26,6 +26,7 @@ from app.words import Message, Quantity, Text
 
 _LONG_S = 5.0
 _CLEAR = 0.4  # correlation of current and voltage steps from which on the sign is told by it
+_SENSORS = name_set("ivt shunt result string stack")
 _OF_A_PART = name_set("module slave segment seg ic cmu chip board bmb")
 _NO_PACK_VOLTAGE = name_set("cell cells zelle min max avg limit lim target soc power status state fault error counter")
 _SOC = frozenset({"soc"})
@@ -58,7 +59,11 @@ def pack_voltage_proposals(survey: Survey, sum_v: float, used: set[tuple[int, st
         is_named = bool(said & VOLTAGE)
         if said & (_NO_PACK_VOLTAGE | CURRENT) or not (is_named or (said & PACK and not signal.unit)):
             continue
-        score = 2.0 * len(said & PACK) + 0.7 * len(around & PACK) - 2.0 * len(said & (NOT_THE_PACK - {"sum"}))
+        score = (
+            2.0 * len(said & PACK - _SENSORS)
+            + 0.7 * len(around & PACK - _SENSORS)
+            - 2.0 * len(said & (NOT_THE_PACK - {"sum"}))
+        )
         score -= 2.0 * len((said | around) & _OF_A_PART)
         score -= 1.0 * len(around & NOT_THE_PACK) + 1.5 * len({"bus", "dc", "link"} & said)
         score += 1.0 if {"pack", "total", "sum", "batt", "battery"} & said else 0.0
@@ -86,6 +91,7 @@ def current_proposals(survey: Survey, pack: PackVoltage | None, used: set[tuple[
         if not said & CURRENT and not ("ivt" in around | said and "i" in said):
             continue
         score = 2.0 + 1.5 * len(said & PACK) + 0.7 * len(around & PACK)
+        score += 1.6 if "pack" in around and said <= CURRENT else 0.0
         score -= 2.5 * len(said & NOT_THE_PACK) + 1.0 * len(around & NOT_THE_PACK)
         score += 1.0 if signal.layout.is_signed or signal.layout.offset < 0 else -0.5
         score += 1.0 if known_conversion("current", signal.unit) else -0.5
@@ -122,7 +128,11 @@ def soc_proposals(survey: Survey, used: set[tuple[int, str]]) -> list[ReadingPro
         is_soc = bool(said & _SOC) or {"state", "charge"} <= said
         if not is_soc or said & {"limit", "target", "error", "fault", "status", "cell", "valid", "cells"}:
             continue
-        score = 2.0 - 0.6 * len(said & {"min", "max", "minimum", "maximum", "low", "high", "raw", "avg"})
+        score = (
+            2.0
+            + 0.5 * len(around & PACK - _SENSORS)
+            - 0.6 * len(said & {"min", "max", "minimum", "maximum", "low", "high", "raw", "avg"})
+        )
         unit, low, high, mean = _in_unit(survey, message, signal, "soc", SOC_UNITS, float("nan"))
         if not unit and known_conversion("soc", signal.unit) is None:
             most = high if np.isfinite(high) else (signal.maximum or 100.0)
