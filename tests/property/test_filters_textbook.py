@@ -89,11 +89,12 @@ def test_three_points_equal_the_full_set(engine, name, n_rc, soc_value, sd, curr
     gain = np.concatenate(([-motion.moved_ah / cell.model.capacity_ah], (1.0 - decay[1:]) * current))
     gain[-1] = 0.0  # nothing drives the lasting error
     doubt = cell.doubt_at(np.array([degc]))[:, 0]
-    unmeasured_v = doubt[DROP_ERROR] * doubt[LASTING_DROP] * current
+    drop_v = doubt[LASTING_DROP] * current
+    error_v2 = OPEN_GATE.voltage_variance(drop_v) + (doubt[DROP_ERROR] * drop_v) ** 2
     predicted_soc = mean[0] + gain[0]
     empty = min(OPEN_GATE.empty_soc * doubt[COLD], OPEN_GATE.empty_soc_max)
     growth = 1.0 + max(empty - predicted_soc, 0.0) / empty * (OPEN_GATE.empty_factor * doubt[COLD] - 1.0)
-    noise_v2 = (motion.noise_v2 + unmeasured_v**2) * growth**2 * motion.correlation
+    noise_v2 = error_v2 * growth**2 * motion.correlation
     wanted, wanted_cov = additive_step(
         mean,
         cov,

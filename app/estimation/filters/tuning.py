@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from app.estimation.arrays import FloatArray
+
 
 @dataclass(frozen=True)
 class Tuning:
@@ -85,14 +87,14 @@ class Tuning:
     start_soc_sigma: float = 0.25
     start_voltage_sigma: float = 0.05
     start_branch_c: float = 0.5
-    start_branch_rel: float = 0.35
+    start_branch_rel: float = 0.5
     gate: float = 5.0
     gate_hold_s: float = 2.0
     gate_recovery: float = 0.02
     counter_soc_sigma: float = 0.003
     rest_c: float = 0.1
     rest_s: float = 8.0
-    rest_v: float = 0.015
+    rest_v: float = 0.010
     rest_tail: float = 30.0
     start_rough_sigma: float = 0.05
     start_exact: float = 0.65
@@ -100,9 +102,9 @@ class Tuning:
     counter_gain: float = 0.007
     counter_offset_c: float = 0.01
     start_unknown: float = 0.05
-    gain_sigma: float = 0.08
+    gain_sigma: float = 0.1
     gain_doubt: float = 2.0
-    gain_prior: float = 0.2
+    gain_prior: float = 0.5
     doubt_soc: float = 0.06
     wander_s: float = 200.0
     wander_factor: float = 2.0
@@ -114,10 +116,10 @@ class Tuning:
     check_bias_v: float = 0.025
     drop_error_max: float = 0.25
 
-    def voltage_variance(self, drop_v: float) -> float:
+    def voltage_variance(self, drop_v: FloatArray) -> FloatArray:
         """Return the variance of the model's voltage [V^2] where a lasting current would drop `drop_v`."""
         with_current_v = self.model_error_rel * drop_v
-        return self.model_error_v * self.model_error_v + with_current_v * with_current_v
+        return self.model_error_v**2 + with_current_v**2
 
     def correlation_factor(self, dt_s: float) -> float:
         """Return the growth of one sample's variance that keeps the information per second honest."""

@@ -38,7 +38,7 @@ static void feel(const vw_filter *filter, const vw_lanes degc, vw_climate *clima
         const vw_real error2 = vw_square(doubt[VW_DROP_ERROR][c]), ohm2 = vw_square(doubt[VW_LASTING_DROP][c]);
         climate->degc[c] = degc[c];
         climate->drop_error[c] = doubt[VW_DROP_ERROR][c];
-        climate->noise_ohm2[c] = error2 * ohm2;
+        climate->noise_ohm2[c] = (vw_square(t->model_error_rel) + error2) * ohm2;
         climate->lasting_v2[c] = vw_square(t->lasting_v) + vw_square(doubt[VW_OCV_ERROR][c]) + hysteresis_v2;
         climate->lasting_ohm2[c] = (vw_square(t->lasting_rel) + error2) * ohm2;
         climate->empty_soc[c] = vw_min(t->empty_soc * doubt[VW_COLD][c], t->empty_soc_max);

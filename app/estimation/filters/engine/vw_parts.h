@@ -23,7 +23,7 @@ typedef struct {
     vw_real branch_v2;           /* variance of an RC current in steady state [A^2] */
     vw_real branch_floor_v2;     /* least growth of it [A^2] */
     vw_real hysteresis_keep, hysteresis_pull;
-    vw_real noise_v2;            /* variance of the model's voltage at this current [V^2] */
+    vw_real noise_v2;            /* variance of the model's voltage without current [V^2] */
     vw_real correlation;         /* growth of it for the gain: errors that last average out less */
     vw_real look_s;              /* since the starts were last weighed; 0 where it is not time to weigh them [s] */
     vw_real rest_early, rest_late; /* by which the means of a rest move towards this sample */
@@ -58,7 +58,7 @@ void vw_self_check(const vw_filter *filter, const vw_motion *motion, vw_cells *r
 
 static inline vw_real vw_square(vw_real x) { return x * x; }
 
-/* r = r_0 + (share of the drop that a lasting current causes)^2, the share of doubt included [V^2] */
+/* r = r_0 + (share of the drop that a lasting current causes at this temperature)^2, with doubt [V^2] */
 static inline vw_real vw_noise_v2(const vw_motion *motion, const vw_cells *x, int c)
 {
     return motion->noise_v2 + x->climate.noise_ohm2[c] * vw_square(motion->current_a);

@@ -22,8 +22,7 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     const vw_real moved = to.moved_ah / model->capacity_ah;
     to.hysteresis_keep = model->hysteresis_v > 0 ? vw_exp(-model->hysteresis_rate * vw_abs(moved)) : 1;
     to.hysteresis_pull = moved < 0 ? to.hysteresis_keep - 1 : 1 - to.hysteresis_keep;
-    /* r = r_0 + (share of the drop that a lasting current causes)^2 */
-    to.noise_v2 = vw_square(t->model_error_v) + vw_square(t->model_error_rel * (model->drop_per_a_v * current_a));
+    to.noise_v2 = vw_square(t->model_error_v);
     to.correlation = 1 + 2 * t->correlation_s / vw_max(dt_s, (vw_real)1e-3);
     to.check_share = share_of(dt_s, t->check_s);
     to.bias_share = share_of(dt_s, t->bias_s);

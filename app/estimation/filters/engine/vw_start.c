@@ -2,63 +2,101 @@
 #include "vw_parts.h"
 
 #define TEMPERATURE_UNKNOWN_DEGC 25
+#define START_POINTS 101 /* of the SOC, among which the first voltage chooses */
 #define LEAST_VARIANCE ((vw_real)1e-8) /* of a SOC that was handed over */
 
 static vw_real number_of(const vw_real *values, int k) { return values ? values[k] : NAN; }
 
-/* SOC from the voltage without the drop, RC currents half of the current: how far they have followed is unknown. */
-static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work,
-                             vw_lanes *here)
-{
-    const vw_cell_model *model = &filter->model;
-    const int n_pairs = vw_pairs(model);
-    const vw_real i = motion->current_a;
-    vw_soc_place at;
-    for (int k = 0; k < model->n_rc; k++)
-        VW_EACH_CELL(c) x->branch_a[k][c] = k < n_pairs ? i / 2 : 0;
-    VW_EACH_CELL(c)
-    x->soc[c] = vw_is_missing(work->voltage_v[c]) ? (vw_real)0.5
-                                                  : vw_soc_of_ocv(model, &x->climate.place, c, work->voltage_v[c]);
-    for (int round = 0; round < 3; round++) {
-        vw_place_soc(model, x->soc, &at);
-        vw_circuit(model, &x->climate.place, &at, here);
-        VW_EACH_CELL(c)
-        {
-            vw_real drop = here[VW_R0][c] * i;
-            for (int k = 0; k < n_pairs; k++) drop += here[VW_R1 + k][c] * x->branch_a[k][c];
-            if (model->has_overpotential) drop += here[VW_R1 + n_pairs][c] * motion->over;
-            if (!vw_is_missing(work->voltage_v[c]))
-                x->soc[c] = vw_soc_of_ocv(model, &x->climate.place, c, work->voltage_v[c] + x->resistance[c] * drop);
-        }
-    }
-}
-
-/* The RC currents' spread is one of the SOC too, so both share a covariance. */
-static void covariance(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work,
-                       vw_lanes *here)
+/* Variance of the voltage at the start where the SOC is x->soc, and what each branch has of it: ohm^2 branch_v2 [V^2]. */
+static vw_real start_voltage_v2(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x,
+                                vw_lanes *here, int c, vw_real *ohm, vw_real *branch_v2)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_cell_model *model = &filter->model;
     const vw_real pair_v2 =
         vw_square(t->start_branch_c * model->capacity_ah) + vw_square(t->start_branch_rel * motion->current_a);
+    vw_real voltage_v2 = vw_noise_v2(motion, x, c);
+    for (int k = 0; k < model->n_rc; k++) {
+        const int is_pair = k < vw_pairs(model);
+        branch_v2[k] = is_pair ? pair_v2 : vw_lasting_v2(motion, x, model->slow_pair, c);
+        ohm[k] = x->resistance[c] * (is_pair ? here[VW_R1 + k][c] : 1);
+        voltage_v2 += vw_square(ohm[k]) * branch_v2[k];
+    }
+    return voltage_v2;
+}
+
+/* Tables at x->soc. */
+static void look_up(const vw_filter *filter, const vw_cells *restrict x, vw_lanes *here)
+{
+    vw_soc_place at;
+    vw_place_soc(&filter->model, x->soc, &at);
+    vw_circuit(&filter->model, &x->climate.place, &at, here);
+}
+
+/* Mean and variance of the SOC over all SOC, each as likely as it makes the voltage:
+ *
+ *   p(z) ~ exp(-(v - h(z))^2 / 2 s^2) / s,   s^2 = r + sum (rho R_k)^2 P_kk
+ *
+ * In a plateau that is its middle, as unsure as it is wide. RC currents are half of the current: how far they have
+ * followed is unknown. Exponents count from the likeliest SOC so far.
+ */
+static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                             const vw_work *restrict work, vw_lanes *here, vw_lanes variance)
+{
+    const vw_cell_model *model = &filter->model;
+    const int n_pairs = vw_pairs(model);
+    const vw_real i = motion->current_a;
+    vw_lanes best, sum, first, second;
+    for (int k = 0; k < model->n_rc; k++)
+        VW_EACH_CELL(c) x->branch_a[k][c] = k < n_pairs ? i / 2 : 0;
+    VW_EACH_CELL(c) sum[c] = first[c] = second[c] = best[c] = 0;
+    for (int j = 0; j < START_POINTS; j++) {
+        const vw_real z = (vw_real)j / (START_POINTS - 1);
+        VW_EACH_CELL(c) x->soc[c] = z;
+        look_up(filter, x, here);
+        VW_EACH_CELL(c)
+        {
+            vw_real ohm[VW_RC_MAX], branch_v2[VW_RC_MAX], drop_v = here[VW_R0][c] * i;
+            const vw_real voltage_v2 = start_voltage_v2(filter, motion, x, here, c, ohm, branch_v2);
+            for (int k = 0; k < n_pairs; k++) drop_v += here[VW_R1 + k][c] * x->branch_a[k][c];
+            if (model->has_overpotential) drop_v += here[VW_R1 + n_pairs][c] * motion->over;
+            const vw_real off_v = work->voltage_v[c] - (here[VW_OCV][c] - x->resistance[c] * drop_v);
+            const vw_real likely = -vw_square(off_v) / voltage_v2 / 2;
+            if (j == 0 || likely > best[c]) {
+                const vw_real fade = j == 0 ? 0 : vw_exp(best[c] - likely);
+                sum[c] *= fade;
+                first[c] *= fade;
+                second[c] *= fade;
+                best[c] = likely;
+            }
+            const vw_real weight = vw_exp(likely - best[c]) / vw_sqrt(voltage_v2);
+            sum[c] += weight;
+            first[c] += weight * z;
+            second[c] += weight * vw_square(z);
+        }
+    }
     VW_EACH_CELL(c)
     {
-        vw_real branch_v2[VW_RC_MAX], ohm[VW_RC_MAX], voltage_v2 = vw_noise_v2(motion, x, c);
-        for (int k = 0; k < model->n_rc; k++) {
-            const int is_pair = k < vw_pairs(model);
-            branch_v2[k] = is_pair ? pair_v2 : vw_lasting_v2(motion, x, filter->model.slow_pair, c);
-            ohm[k] = x->resistance[c] * (is_pair ? here[VW_R1 + k][c] : 1);
-            voltage_v2 += vw_square(ohm[k]) * branch_v2[k];
-        }
-        const vw_real sigma_v = vw_sqrt(voltage_v2);
-        const vw_real slope_v = sigma_v / vw_reading_sigma(model, &x->climate.place, c, x->soc[c], sigma_v);
-        const vw_real variance = voltage_v2 / vw_square(slope_v) + vw_square(t->start_voltage_sigma);
         const int is_missing = vw_is_missing(work->voltage_v[c]);
-        const vw_real shrink = vw_sqrt(vw_min(1, VW_SOC_VARIANCE_MAX / variance));
-        x->cov[0][c] = is_missing ? VW_SOC_VARIANCE_MAX : variance * vw_square(shrink);
-        for (int k = 0; k < model->n_rc; k++) {
-            const vw_real shared = ohm[k] / slope_v * branch_v2[k];
-            x->cov[VW_COV(1 + k, 0)][c] = is_missing ? 0 : shared * shrink;
+        x->soc[c] = is_missing ? (vw_real)0.5 : first[c] / sum[c];
+        variance[c] = vw_max(second[c] / sum[c] - vw_square(x->soc[c]), 0) + vw_square(filter->tuning.start_voltage_sigma);
+        variance[c] = is_missing ? VW_SOC_VARIANCE_MAX : vw_min(variance[c], VW_SOC_VARIANCE_MAX);
+    }
+    look_up(filter, x, here);
+}
+
+/* The RC currents' spread is one of the SOC too, so both share a covariance: as over a line of slope s / sigma. */
+static void covariance(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work,
+                       vw_lanes *here, const vw_lanes variance)
+{
+    VW_EACH_CELL(c)
+    {
+        vw_real branch_v2[VW_RC_MAX], ohm[VW_RC_MAX];
+        const vw_real voltage_v2 = start_voltage_v2(filter, motion, x, here, c, ohm, branch_v2);
+        const vw_real slope_v = vw_sqrt(voltage_v2 / variance[c]);
+        x->cov[0][c] = variance[c];
+        for (int k = 0; k < filter->model.n_rc; k++) {
+            x->cov[VW_COV(1 + k, 0)][c] = vw_is_missing(work->voltage_v[c]) ? 0 : ohm[k] / slope_v * branch_v2[k];
             for (int q = 0; q < k; q++) x->cov[VW_COV(1 + k, 1 + q)][c] = 0;
             x->cov[VW_COV(1 + k, 1 + k)][c] = branch_v2[k];
         }
@@ -146,8 +184,9 @@ void vw_filter_start(vw_filter *filter, vw_cells *cells, const vw_sample *sample
         vw_cells *restrict x = &cells[k / VW_LANES];
         vw_lanes here[VW_COLUMNS_MAX];
         vw_read(filter, x, sample, k, &work);
-        soc_from_voltage(filter, &motion, x, &work, here);
-        covariance(filter, &motion, x, &work, here);
+        vw_lanes variance;
+        soc_from_voltage(filter, &motion, x, &work, here, variance);
+        covariance(filter, &motion, x, &work, here, variance);
         forget(filter, x);
         VW_EACH_CELL(c)
         x->rest_early_v[c] = x->rest_late_v[c] = vw_is_missing(work.voltage_v[c]) ? 0 : work.voltage_v[c];

@@ -24,10 +24,11 @@ static void project(const vw_cells *restrict x, const vw_work *restrict work, in
 /* The gain g of the charge, beside the filter, which goes on as if there were none (Friedland 1969): with one the mean
  * would be x + V g and its innovation nu - H V g.
  *
- *   g' = g + M H V (nu - H V g) / (S + (H V)^2 M),   M' = M S / (S + (H V)^2 M),   V' = V - P_xy H V / S
+ *   g' = g + M H V (nu - H V g) / (S_g + (H V)^2 M),   M' = M S_g / (S_g + (H V)^2 M),   V' = V - P_xy H V / S
+ *   S_g = S + correlation (H_z^2 wander + slow)
  *
- * Outside the temperatures that were measured nothing is learned of it. */
-static void learn_gain(vw_real drop_error_max, vw_cells *restrict x, const vw_work *restrict work, int n_states,
+ * A filter that wanders against the count, or whose innovations do not average out, says the less of charge. Outside the temperatures that were measured nothing is learned of it. */
+static void learn_gain(vw_real drop_error_max, vw_real correlation, vw_cells *restrict x, const vw_work *restrict work, int n_states,
                        vw_lanes *Pxy, const vw_lanes per_sigma)
 {
     vw_lanes HV;
@@ -36,7 +37,9 @@ static void learn_gain(vw_real drop_error_max, vw_cells *restrict x, const vw_wo
         VW_EACH_CELL(c) HV[c] += work->H[u][c] * x->gain_slope[u][c];
     VW_EACH_CELL(c)
     {
-        const vw_real per_v2 = vw_square(per_sigma[c]), off_v = work->innovation_v[c] - HV[c] * x->gain[c];
+        const vw_real shown_v2 = correlation * (vw_square(work->H[0][c]) * x->wander_v2[c] + x->slow_square_v2[c]);
+        const vw_real per_v2 = vw_square(per_sigma[c]) / (1 + shown_v2 * vw_square(per_sigma[c]));
+        const vw_real off_v = work->innovation_v[c] - HV[c] * x->gain[c];
         const int learns = (work->used[c] > 0) & (x->climate.drop_error[c] < drop_error_max);
         const vw_real kept = 1 / (1 + vw_square(HV[c]) * x->gain_v2[c] * per_v2);
         x->gain[c] += vw_pick(learns, kept * x->gain_v2[c] * HV[c] * per_v2 * off_v, 0);
@@ -75,7 +78,7 @@ void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restr
         work->innovation_sigma_v[c] = vw_sqrt(expected_v2);
         work->used[c] = vw_pick(is_used, 1, 0);
     }
-    learn_gain(t->drop_error_max, x, work, n_states, Pxy, per_sigma);
+    learn_gain(t->drop_error_max, motion->correlation, x, work, n_states, Pxy, per_sigma);
     /* with y = P_xy / sqrt(S):  x' = x + y nu / sqrt(S),  P' = P - y y' */
     for (int u = 0; u < n_states; u++) {
         vw_real *state = u == 0 ? x->soc : x->branch_a[u - 1];

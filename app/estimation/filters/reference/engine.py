@@ -59,7 +59,7 @@ def _count(setup: FilterSetup, state: State, motion: Motion, measured: Measureme
     """The charge count alone: the voltage is predicted for the self-check only."""
     state = replace(state, soc=state.count_soc)
     h = output_tangent(setup, state, motion, measured).h
-    nu, sigma = measured.voltage_v - h, np.sqrt(noise_v2(motion, measured))
+    nu, sigma = measured.voltage_v - h, np.sqrt(noise_v2(setup, motion, measured))
     state, valid = self_check(setup, state, motion, measured, nu, measured.is_measured)
     soc, soc_sigma = np.clip(state.soc, 0.0, 1.0), np.minimum(np.sqrt(state.count_v2), COUNT_SIGMA_MAX)
     ocv_v = setup.cell.ocv(state.soc, measured.place)

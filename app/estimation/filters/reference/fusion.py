@@ -170,7 +170,7 @@ def self_check(
         counts: (n,) False where the sample is missing or was refused: it says nothing about the model.
     """
     tuning = setup.tuning
-    y = np.where(counts, nu * tuning.model_error_v / np.sqrt(noise_v2(motion, measured)), 0.0)
+    y = np.where(counts, nu * tuning.model_error_v / np.sqrt(noise_v2(setup, motion, measured)), 0.0)
     share = np.where(counts, motion.share(tuning.check_s), 0.0)
     bias_share = np.where(counts, motion.share(tuning.bias_s), 0.0)
     after = replace(

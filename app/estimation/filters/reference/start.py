@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import FloatArray
-from app.estimation.filters.reference.output import drop
+from app.estimation.filters.reference.output import open_loop
 from app.estimation.filters.reference.state import (
     N_STARTS,
     SOC_MAX,
@@ -23,6 +23,7 @@ from app.estimation.filters.reference.state import (
 from app.estimation.filters.setup import FilterSetup, Kind
 from app.estimation.filters.tables import R1
 
+START_POINTS: Final = 101  # of the SOC, among which the first voltage chooses
 LEAST_VARIANCE: Final = 1e-8  # of a SOC that was handed over
 
 
@@ -43,31 +44,23 @@ def start(
 
 
 def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
-    """Return a state that knows the voltage only: SOC without the drop, RC currents half of the current.
+    """Return a state that knows the voltage only: SOC as the voltage makes it likely, RC currents half of the current.
 
-    How far the RC pairs have followed the current is unknown, and so is the SOC because of it: both share a covariance.
-    A cell that was not measured starts at the mean of the others (at one half if there are none), as unknown as can be.
+    How far the RC pairs have followed the current is unknown, and so is the SOC because of it: both share a covariance,
+    as over a line of slope s / sigma. A cell that was not measured starts at the mean of the others (at one half if
+    there are none), as unknown as can be.
     """
     cell, tuning, seen = setup.cell, setup.tuning, measured.is_measured
     zeros = np.zeros_like(state.soc)
     branch_a = np.full_like(state.branch_a, motion.current_a / 2.0)
     branch_a[-1] = 0.0
-    z = np.where(seen, cell.soc_of_ocv(measured.voltage_v, measured.place), 0.5)
-    for _ in range(3):
-        here = cell.circuit(z, measured.place)
-        ocv_v = measured.voltage_v + state.resistance * drop(here, motion, branch_a)
-        z = np.where(seen, cell.soc_of_ocv(ocv_v, measured.place), z)
-    pair_v2 = (tuning.start_branch_c * cell.model.c_rate_a) ** 2 + (tuning.start_branch_rel * motion.current_a) ** 2
-    branch_v2 = np.full_like(branch_a, pair_v2)
-    branch_v2[-1] = lasting_v2(setup, replace(state, soc=z, branch_a=branch_a), motion, measured)
-    voltage_v2 = noise_v2(motion, measured) + ((state.resistance * here[R1:]) ** 2 * branch_v2).sum(axis=0)
-    slope_v = np.sqrt(voltage_v2) / cell.reading_sigma(z, np.sqrt(voltage_v2), measured.place)
-    share = state.resistance * here[R1:] / slope_v
-    variance = voltage_v2 / slope_v**2 + tuning.start_voltage_sigma**2
-    shrink = np.sqrt(np.minimum(1.0, SOC_VARIANCE_MAX / variance))
+    state = replace(state, branch_a=branch_a, hysteresis=zeros)
+    z, variance = likely_soc(setup, state, motion, measured)
+    z, variance = np.where(seen, z, 0.5), np.where(seen, variance + tuning.start_voltage_sigma**2, SOC_VARIANCE_MAX)
+    voltage_v2, ohm, branch_v2 = start_voltage_v2(setup, replace(state, soc=z), motion, measured)
     cov = np.zeros_like(state.cov)
-    cov[0, 0] = np.where(seen, variance * shrink**2, SOC_VARIANCE_MAX)
-    cov[0, 1:] = cov[1:, 0] = np.where(seen, share * branch_v2 * shrink, 0.0)
+    cov[0, 0] = np.minimum(variance, SOC_VARIANCE_MAX)
+    cov[0, 1:] = cov[1:, 0] = np.where(seen, ohm * branch_v2 * np.sqrt(cov[0, 0] / voltage_v2), 0.0)
     rc = np.arange(1, 1 + cell.n_rc)
     cov[rc, rc] = branch_v2
     z = np.clip(np.where(seen, z, z[seen].mean() if seen.any() else 0.5), SOC_MIN, SOC_MAX)
@@ -104,6 +97,40 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
         slow_mean_v=zeros,
         slow_square_v2=np.full_like(z, tuning.bias_start_v**2),
     )
+
+
+def likely_soc(
+    setup: FilterSetup, state: State, motion: Motion, measured: Measurement
+) -> tuple[FloatArray, FloatArray]:
+    """Return (n,) mean and variance of the SOC over all SOC, each as likely as it makes the voltage.
+
+    p(z) ~ exp(-(v - h(z))^2 / 2 s^2) / s,   s^2 of `start_voltage_v2`
+
+    In a plateau that is its middle, as unsure as it is wide.
+    """
+    found = []
+    for z in np.linspace(0.0, 1.0, START_POINTS):
+        at = replace(state, soc=np.full_like(state.soc, z))
+        voltage_v2, _, _ = start_voltage_v2(setup, at, motion, measured)
+        off_v = measured.voltage_v - open_loop(setup, at, motion, setup.cell.circuit(at.soc, measured.place))
+        found.append((at.soc, -(off_v**2) / voltage_v2 / 2.0, 1.0 / np.sqrt(voltage_v2)))
+    soc, exponent, height = np.moveaxis(np.array(found), 1, 0)
+    weight = height * np.exp(exponent - exponent.max(axis=0))
+    weight /= weight.sum(axis=0)
+    mean = (weight * soc).sum(axis=0)
+    return mean, (weight * (soc - mean) ** 2).sum(axis=0)
+
+
+def start_voltage_v2(
+    setup: FilterSetup, state: State, motion: Motion, measured: Measurement
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return s^2 = r + sum (rho R_k)^2 P_kk (n,) of the voltage at a SOC [V^2], and (n_rc, n) rho R_k and P_kk."""
+    tuning, cell = setup.tuning, setup.cell
+    ohm = state.resistance * cell.circuit(state.soc, measured.place)[R1:]
+    pair_v2 = (tuning.start_branch_c * cell.model.c_rate_a) ** 2 + (tuning.start_branch_rel * motion.current_a) ** 2
+    branch_v2 = np.full_like(ohm, pair_v2)
+    branch_v2[-1] = lasting_v2(setup, state, motion, measured)
+    return noise_v2(setup, motion, measured) + (ohm**2 * branch_v2).sum(axis=0), ohm, branch_v2
 
 
 def impose_soc(setup: FilterSetup, state: State, soc: FloatArray, soc_sigma: FloatArray) -> State:

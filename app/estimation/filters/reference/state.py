@@ -171,7 +171,6 @@ class Motion:
     Attributes:
         over: asinh(i / i_ref) of the overpotential.
         moved_ah: charge taken out; charging counts times the efficiency [Ah].
-        noise_v2: variance of the model's voltage at this current [V^2].
         correlation: growth of it for the gain: errors that last average out less.
         look_s: since the starts were last weighed; 0 where it is not time to weigh them [s].
         rest_early, rest_late: by which the mean voltages of a rest move towards this sample.
@@ -182,7 +181,6 @@ class Motion:
     current_a: float
     over: float
     moved_ah: float
-    noise_v2: float
     correlation: float
     look_s: float
     rest_early: float
@@ -201,8 +199,6 @@ class Motion:
 def motion_of(setup: FilterSetup, dt_s: float, current_a: float, look_s: float = 0.0, rest_s: float = -1.0) -> Motion:
     """Return what a step means.
 
-    r = r_0 + (share of the drop that a lasting current causes)^2
-
     Args:
         setup: the filter.
         dt_s: its length [s].
@@ -219,7 +215,6 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, look_s: float =
         current_a=current_a,
         over=math.asinh(current_a / model.overpotential_current_a) if setup.cell.has_overpotential else 0.0,
         moved_ah=kept * current_a * dt_s / SECONDS_PER_HOUR,
-        noise_v2=tuning.voltage_variance(current_a * model.drop_per_c_v / model.c_rate_a),
         correlation=tuning.correlation_factor(dt_s),
         look_s=look_s,
         rest_early=dt_s / rested_s if rests and rested_s <= half_s else 0.0,
@@ -228,10 +223,10 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, look_s: float =
     )
 
 
-def noise_v2(motion: Motion, measured: Measurement) -> FloatArray:
-    """Return (n,) r = r_0 + (share of the drop that a lasting current causes)^2, the share of doubt included [V^2]."""
+def noise_v2(setup: FilterSetup, motion: Motion, measured: Measurement) -> FloatArray:
+    """Return (n,) r = r_0 + (share of the drop that a lasting current causes here)^2, doubt included [V^2]."""
     drop_v = measured.doubt[LASTING_DROP] * motion.current_a
-    return np.asarray(motion.noise_v2 + (measured.doubt[DROP_ERROR] * drop_v) ** 2)
+    return np.asarray(setup.tuning.voltage_variance(drop_v) + (measured.doubt[DROP_ERROR] * drop_v) ** 2)
 
 
 def empty_growth(setup: FilterSetup, state: State, measured: Measurement) -> FloatArray:

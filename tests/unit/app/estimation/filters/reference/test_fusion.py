@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from app.estimation.filters.reference.fusion import believe_gain, fuse, read_rest, self_check
-from app.estimation.filters.reference.state import motion_of
+from app.estimation.filters.reference.state import motion_of, noise_v2
 from app.estimation.filters.tuning import Tuning
 from tests.unit.app.estimation.filters.reference.cells import sample, setup_of, state_at
 
@@ -156,7 +156,7 @@ def test_a_rest_of_a_cell_that_nobody_knew_is_read_with_more_doubt():
     assert unknown.start_v2[2] > rested(0.6).start_v2[2]
 
 
-REST_V2 = TUNING.voltage_variance(0.0)
+REST_V2 = TUNING.model_error_v**2
 
 
 def judged(innovations, current_a=0.0, counts=True):
@@ -188,7 +188,11 @@ def test_noise_above_the_limit_invalidates_and_a_model_that_recovers_is_valid_ag
 
 
 def test_the_limits_stand_for_rest_and_grow_with_the_expected_error():
-    current_a = next(i for i in range(0, 2000, 5) if motion_of(SETUP, 1.0, float(i)).noise_v2 > 9.0 * REST_V2)
+    def error_v2(current_a):
+        _, motion, measured = sample(SETUP, state_at(SETUP, 0.5), current_a=current_a)
+        return noise_v2(SETUP, motion, measured)[0]
+
+    current_a = next(i for i in range(0, 2000, 5) if error_v2(float(i)) > 9.0 * REST_V2)
     _, valid = judged(np.full(900, 1.5 * TUNING.check_bias_v), float(current_a))
     assert valid[-1]
 

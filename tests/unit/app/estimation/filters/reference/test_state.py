@@ -12,6 +12,7 @@ from app.estimation.filters.reference.state import (
     motion_of,
     noise_v2,
 )
+from app.estimation.filters.tables import LASTING_DROP
 from tests.unit.app.estimation.filters.reference.cells import MODEL, sample, setup_of, state_at
 
 SETUP = setup_of()
@@ -42,10 +43,17 @@ MEASURED = setup_of(replace(MODEL, fit_temperature_degc=np.array([20.0, 30.0])))
 def test_where_nothing_was_measured_the_model_is_trusted_less_inside_its_tables_too():
     _, drive, inside = sample(MEASURED, TWO, degc=[20.0, 30.0], current_a=50.0)
     _, _, outside = sample(MEASURED, TWO, degc=[0.0, 15.0], current_a=50.0)
-    np.testing.assert_allclose(noise_v2(drive, inside), drive.noise_v2)
-    assert noise_v2(drive, outside)[0] > noise_v2(drive, outside)[1] > drive.noise_v2
+    doubted = noise_v2(MEASURED, drive, outside)
+    known = MEASURED.tuning.voltage_variance(outside.doubt[LASTING_DROP] * 50.0)
+    known_v2 = MEASURED.tuning.voltage_variance(inside.doubt[LASTING_DROP] * 50.0)
+    np.testing.assert_allclose(noise_v2(MEASURED, drive, inside), known_v2)
+    assert (doubted > known).all()
+    assert doubted[0] > doubted[1]
     _, rest, cold = sample(MEASURED, TWO, degc=[0.0, 15.0])
-    np.testing.assert_allclose(noise_v2(rest, cold), rest.noise_v2, err_msg="without current resistances do not matter")
+    rest_v2 = SETUP.tuning.voltage_variance(np.zeros(2))
+    np.testing.assert_allclose(
+        noise_v2(MEASURED, rest, cold), rest_v2, err_msg="without current resistances do not matter"
+    )
 
 
 def test_in_the_cold_a_cell_looks_empty_early():
@@ -72,7 +80,9 @@ def test_the_lasting_error_grows_with_the_slow_current_and_with_what_was_not_mea
 
 def test_the_models_error_grows_with_current_either_way_and_repeats_itself_more_in_short_steps():
     rest, drive, charge = (motion_of(SETUP, 0.1, i) for i in (0.0, 100.0, -100.0))
-    assert drive.noise_v2 == charge.noise_v2 > rest.noise_v2
+    _, _, warm = sample(SETUP, TWO, degc=25.0)
+    in_a_drive, in_a_charge, at_rest = (noise_v2(SETUP, motion, warm)[0] for motion in (drive, charge, rest))
+    assert in_a_drive == in_a_charge > at_rest
     assert rest.correlation > motion_of(SETUP, 1.0, 0.0).correlation > 1.0
 
 
