@@ -19,13 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.commands.cell_commands.filter_run import run_filter
+from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.identification.identify import identify
 from app.estimation.recording.cell_recording import Recording
+from app.live.pipeline import MASTER_SOC_SIGMA
 from app.sources.recordings.dataset import load_recording
 from benchmarks.accuracy import DATA, MIDDLES, part
 from benchmarks.plain_ekf import plain_ekf
+from benchmarks.simulated_race import drive
 from tests.numeric.judgement import SIGNS, disturbed
 
 FloatArray = NDArray[np.float64]
@@ -38,6 +41,12 @@ LITTLE_LOW = (-0.08, -0.05, -0.03)  # where the run begins full
 GAP_S = 2.0
 GAP_EVERY_S = 20.0
 AGED = 0.9
+CAR_SEED = 41
+CAR_STARTS_S = (30.0, 240.0, 500.0)
+CAR_RUN_S = 240.0
+CAR_LOAD_A = 100.0
+CAR_CELLS = (0, 50, 95)
+MASTER_OFF = (-0.01, 0.01)
 
 
 @dataclass(frozen=True)
@@ -50,6 +59,9 @@ class Row:
     model: CellModel
     recordings: Sequence[Recording]
     starts: Sequence[float | None] = RIGHT
+    soc_sigma: float | None = None  # said with the start
+    since_s: float = 0.0  # rows before are not scored
+    is_sensed: bool = False  # the recordings hold the errors of their sensors
 
 
 @dataclass(frozen=True)
@@ -96,6 +108,9 @@ def judge(row: Row, n_signs: int = len(SIGNS)) -> list[Score]:
     scores, model = [], row.model
     for recording in row.recordings:
         sensed = [disturbed(recording, model.capacity_ah, *sign) for sign in SIGNS[:n_signs]]
+        if row.is_sensed:
+            sensed = [(recording.voltage_v, recording.current_a)]
+        scored = recording.time_s - recording.time_s[0] >= row.since_s
         told = [(start_soc(recording, off), *one) for off in row.starts for one in sensed]
         first = [float(model.ocv.soc_at(voltage[0])) if soc is None else soc for soc, voltage, _ in told]
         voltage_v, current_a = np.array([one[1] for one in told]).T, np.array([one[2] for one in told]).T
@@ -103,9 +118,10 @@ def judge(row: Row, n_signs: int = len(SIGNS)) -> list[Score]:
         by_ekf = plain_ekf(model, recording.step_s, current_a, voltage_v, degc, first)
         for k, (soc, voltage, current) in enumerate(told):
             run = replace(recording, voltage_v=voltage, current_a=current)
-            found = run_filter(make_estimator("fused", model, 1), run, model.capacity_ah, soc)
-            fused, inside = score(found.soc, found.soc_sigma, recording.soc)
-            ekf, ekf_inside = score(by_ekf[0][:, k], by_ekf[1][:, k], recording.soc)
+            found = run_filter(make_estimator("fused", model, 1), run, model.capacity_ah, soc, row.soc_sigma)
+            truth = np.where(scored, recording.soc, np.nan)
+            fused, inside = score(found.soc, found.soc_sigma, truth)
+            ekf, ekf_inside = score(by_ekf[0][:, k], by_ekf[1][:, k], truth)
             scores.append(Score(fused, ekf, inside, ekf_inside, found.model_valid_frac))
     return scores
 
@@ -154,6 +170,26 @@ def physics_rows(folder: Path) -> Iterator[Row]:
         yield Row("gaps of 2 s in 20 s", name, True, model, [with_gaps(train)])
 
 
+def car_rows() -> Iterator[Row]:
+    """Yield the rows of the simulated car, which is read from a moment of a race at which much current flows."""
+    model = load_cell("samsung-25r-10p")
+    samples = list(drive(CAR_SEED, CAR_STARTS_S[-1] + 2.0 * CAR_RUN_S))
+    time_s, current_a = np.array([(s.uptime_s, s.current_a) for s in samples]).T
+    recordings = []
+    for begin_s in CAR_STARTS_S:
+        loaded = int(np.argmax((time_s >= begin_s) & (current_a > CAR_LOAD_A)))
+        rows = slice(loaded, int(np.searchsorted(time_s, time_s[loaded] + CAR_RUN_S)))
+        for cell in CAR_CELLS:
+            volts, soc = (
+                np.array([getattr(s, name)[cell] for s in samples[rows]]) for name in ("voltages_v", "true_soc")
+            )
+            degc = np.full_like(volts, float(np.mean(samples[loaded].temperatures_degc)))
+            recordings.append(Recording("simulated car", time_s[rows], current_a[rows], volts, degc, soc, notes=()))
+    told = {"soc_sigma": MASTER_SOC_SIGMA, "since_s": 12.0, "is_sensed": True}
+    yield Row("from 12 s on, master's SOC 1 point off", "simulated car", False, model, recordings, MASTER_OFF, **told)
+    yield Row("from 12 s on, SOC unknown", "simulated car", False, model, recordings, UNKNOWN, **told)
+
+
 def line(row: Row, scores: Sequence[Score]) -> str:
     """Return a line of the table, in Markdown."""
     fused, ekf = (np.array([getattr(s, name) for s in scores]) for name in ("fused", "ekf"))
@@ -180,6 +216,8 @@ def main() -> None:
     parser.add_argument("--signs", type=int, default=len(SIGNS), help="signs of the sensor errors, for a quicker look")
     args = parser.parse_args()
     rows: list[Row] = []
+    if args.only.lower() in "simulated car from 12 s on":
+        rows += car_rows()
     for name, make in (("panasonic-18650pf", panasonic_rows), ("physics", physics_rows)):
         if (args.data / name).is_dir():
             rows += [row for row in make(args.data / name) if args.only.lower() in f"{row.what} {row.run}".lower()]

@@ -14,6 +14,7 @@ from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimators import CellEstimator, Estimates
 from app.estimation.prediction.constant_current import Limits
 from app.estimation.prediction.driver_soc import DriverSoc
+from app.estimation.recording.gaps import GapWatch
 from app.live.accumulator import accumulator_of
 from app.live.alarms import AlarmKeeper
 from app.live.cells import cells_of, packs_of
@@ -29,6 +30,7 @@ from app.words import Message
 
 MIN_CURRENT_LIMIT_A = 1.0
 MASTER_SOC_SIGMA = 0.03  # of one number for all cells, counted on a chip
+UNKNOWN_SOC = 0.5  # sigma of a SOC of which nothing is known
 MAX_ENERGY_STEP_S = 10.0  # what flowed in a longer gap is not known, and not made up
 
 
@@ -81,6 +83,8 @@ class Pipeline:
         self._judged_ns: int | None = None  # time of what the prediction was judged by
         self._step_us: float | None = None
         self._estimator_error: str | None = None
+        self._gaps = GapWatch()
+        self._stepped_ns: int | None = None  # when the estimator last stepped
 
     def warm_up(self) -> None:
         """Make the estimator before it is needed: compiling it takes longer than frames can wait. From any thread."""
@@ -191,7 +195,11 @@ class Pipeline:
                     self._predictor.apply_learned(estimator)
                 _start(estimator, measured, current_a, self._start_soc)
                 self._estimator, dt_s = estimator, 0.0
-            self._estimates = self._estimator.step(dt_s or 0.0, current_a, voltages_v, degc)
+            if dt_s is None and self._stepped_ns is not None:  # the master was reset, or silent for long
+                dt_s = max(measured.t_mono_ns - self._stepped_ns, 0) / 1e9
+            dt_s = self._bridge(self._estimator, dt_s or 0.0, current_a, degc)
+            self._stepped_ns = measured.t_mono_ns
+            self._estimates = self._estimator.step(dt_s, current_a, voltages_v, degc)
         except (EstimatorError, ArithmeticError, ValueError) as error:
             self._estimator = self._estimates = None
             is_news, self._estimator_error = self._estimator_error is None, str(error)
@@ -204,6 +212,17 @@ class Pipeline:
             took_us = (self._stopwatch_ns() - started_ns) / 1000
             self._step_us = took_us if self._step_us is None else self._step_us + 0.02 * (took_us - self._step_us)
         return self._estimates, ()
+
+    def _bridge(self, estimator: CellEstimator, dt_s: float, current_a: float, degc: FloatArray) -> float:
+        """Let the estimator know of a gap before this measurement; return what is left of the step [s]."""
+        capacity_ah = estimator.capacity()[0] if self._gaps.is_gap(dt_s) else np.ones(1)
+        gap = self._gaps.step(dt_s, current_a, float(capacity_ah.mean()))
+        if gap is None:
+            return dt_s
+        left_s = self._gaps.usual_step_s
+        estimator.step(dt_s - left_s, gap.current_a, np.full_like(degc, np.nan), degc)
+        estimator.widen(np.minimum(gap.sigma_ah / capacity_ah, UNKNOWN_SOC))
+        return left_s
 
     def _publish(self, measured: Measurement) -> Output:
         age_s = measured.age_s.voltage

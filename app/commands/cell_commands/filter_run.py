@@ -17,10 +17,10 @@ from app.estimation.health.resistance_scale import ResistanceScale, trusted_fact
 from app.estimation.health.sensor_offset import OffsetTracker, SensorOffset
 from app.estimation.identification.branches import GAP_S
 from app.estimation.recording.cell_recording import GAP_STEPS, Recording
+from app.estimation.recording.gaps import SHORT_GAP_S, Gap, bridge_gap
 
 DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
 LEARN_S = 1.0  # between two uses of what was learned
-CURRENT_LASTS_S = 2.0  # correlation time of the current of a drive
 UNKNOWN_SOC = 0.5  # sigma of a SOC of which nothing is known
 DOUBT_NOTED = 0.1  # by which resistances may be off for want of measurements before a note says so
 BEYOND_FIT = 1.1  # times the largest current of the fit: above, the model has no evidence
@@ -86,7 +86,7 @@ def run_filter(
             gap = gaps[k]
             dt_s = recording.usual_step_s
             estimator.step(steps[k] - dt_s, gap.current_a, unheard, temperatures[k])
-            estimator.widen(gap.soc_sigma)
+            estimator.widen(min(gap.sigma_ah / capacity_ah, UNKNOWN_SOC))
             if offset is not None:
                 offset.interrupt()
         e = estimator.step(dt_s, current_a, voltages[k], temperatures[k])
@@ -153,49 +153,23 @@ def outside_notes(recording: Recording, cell: CellModel) -> list[str]:
     return notes
 
 
-@dataclass(frozen=True)
-class Gap:
-    """Time in which nothing was measured: the current taken for it [A], and sigma of the SOC that moved unseen."""
-
-    current_a: float
-    soc_sigma: float
-
-
 def gaps_of(recording: Recording, capacity_ah: float) -> dict[int, Gap]:
-    """Return the gaps by the row behind them: steps of more than GAP_STEPS usual ones.
-
-    In a short gap the current is taken for the mean of its ends; it may have been any that the minute around shows, and
-    changes within some seconds. A gap of more than a minute may hide a rest as well as a drive: the smaller current of
-    its ends, and as sigma what the recording's usual current would have moved.
-    """
+    """Return the gaps by the row behind them: steps of more than GAP_STEPS usual ones."""
     current, steps = recording.current_a, recording.step_s
+    usual_a = float(np.sqrt(np.mean(current**2)))
     found = {}
     for k in np.flatnonzero(steps > GAP_STEPS * recording.usual_step_s).tolist():
-        gap_s, ends_a = float(steps[k]), (float(current[k - 1]), float(current[k]))
-        if gap_s > GAP_S:
-            held_a, spread_a = _gap_current_a(*ends_a, gap_s, capacity_ah), float(np.sqrt(np.mean(current**2)))
-        else:
-            around = np.abs(recording.time_s - recording.time_s[k]) < GAP_S / 2.0
-            share = min(1.0, 2.0 * CURRENT_LASTS_S / gap_s)
-            held_a, spread_a = float(np.mean(ends_a)), float(np.sqrt(share) * np.std(current[around]))
-        found[k] = Gap(held_a, min(spread_a * gap_s / (SECONDS_PER_HOUR * capacity_ah), UNKNOWN_SOC))
+        around = np.abs(recording.time_s - recording.time_s[k]) < SHORT_GAP_S / 2.0
+        ends_a = float(current[k - 1]), float(current[k])
+        found[k] = bridge_gap(float(steps[k]), ends_a, float(np.std(current[around])), usual_a, capacity_ah)
     return found
-
-
-def _gap_current_a(before_a: float, after_a: float, gap_s: float, capacity_ah: float) -> float:
-    """Return the current taken to have flowed in a gap [A]: the smaller one at its ends.
-
-    None, where they differ in sign or would have moved half of the capacity: then nothing is known of it.
-    """
-    smaller_a = min(before_a, after_a, key=abs) if before_a * after_a > 0.0 else 0.0
-    return smaller_a if abs(smaller_a) * gap_s < 0.5 * SECONDS_PER_HOUR * capacity_ah else 0.0
 
 
 def gap_notes(recording: Recording, capacity_ah: float) -> list[str]:
     """Say what was assumed of gaps."""
     steps = recording.step_s
     moved_ah = [
-        (gap.current_a * float(steps[k]) / SECONDS_PER_HOUR, gap.soc_sigma * capacity_ah)
+        (gap.current_a * float(steps[k]) / SECONDS_PER_HOUR, min(gap.sigma_ah, UNKNOWN_SOC * capacity_ah))
         for k, gap in gaps_of(recording, capacity_ah).items()
     ]
     charge_ah, sigma_ah = sum(charge for charge, _ in moved_ah), math.hypot(*(sigma for _, sigma in moved_ah))

@@ -276,3 +276,22 @@ def test_measurements_that_cannot_be_estimated_are_counted(pipeline, master):
     pipeline.feed(master.frame())
     master.set("v", [0] * 96)
     assert pipeline.feed(master.frame()).snapshot.estimator.skipped == 1
+
+
+def soc_after_a_gap(pipeline, master, gap_ms):
+    """Return the mean SOC and sigma before and after a gap in a drive at some 10 A."""
+    master.set("i_fs", [1000])
+    for _ in range(50):
+        before = pipeline.feed(master.frame()).snapshot.accumulator
+    after = pipeline.feed(master.frame(gap_ms)).snapshot.accumulator
+    return before, after
+
+
+def test_after_a_gap_the_charge_is_less_sure_by_what_may_have_flowed(pipeline, master):
+    before, after = soc_after_a_gap(pipeline, master, 600_000)
+    assert after.soc_sigma > before.soc_sigma + 0.01
+
+
+def test_after_a_missing_frame_it_is_not(pipeline, master):
+    before, after = soc_after_a_gap(pipeline, master, 300)
+    assert after.soc_sigma < before.soc_sigma + 0.001
