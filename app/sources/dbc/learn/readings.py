@@ -110,9 +110,8 @@ def current_proposals(survey: Survey, pack: PackVoltage | None, used: set[tuple[
                 reasons.append(Message("learn-sign-unknown"))
             if low == high:
                 score -= 0.5
-        elif survey.n_frames:
-            score -= _unheard(survey)
         else:
+            score -= _unheard(survey) if survey.n_frames else 0.0
             reasons.append(Message("learn-sign-unknown"))
         if score > 1.5:
             name = _name(survey, message, signal)
@@ -124,7 +123,7 @@ def soc_proposals(survey: Survey, used: set[tuple[int, str]]) -> list[ReadingPro
     """Return signals that may be the SOC by the BMS. The best first."""
     found = []
     for message, signal in _candidates(survey, used, "soc"):
-        said = words(signal.name)
+        said, around = words(signal.name), words(message.name)
         is_soc = bool(said & _SOC) or {"state", "charge"} <= said
         if not is_soc or said & {"limit", "target", "error", "fault", "status", "cell", "valid", "cells"}:
             continue
