@@ -33,12 +33,14 @@ class Cell:
         capacity_ah: charge between its voltage limits, by a C/30 discharge [Ah].
         peak_c: largest current of a race, in C.
         mean_c: mean of it, in C.
+        is_isothermal: whether the parameter set has no heat.
     """
 
     name: str
     capacity_ah: float
     peak_c: float
     mean_c: float
+    is_isothermal: bool = False
 
 
 CELLS = {
@@ -90,7 +92,9 @@ def simulate(
     kind = pybamm.lithium_ion.DFN if full else pybamm.lithium_ion.SPMe
     longest_s = 20.0 if dt_s >= SLOW_DT_S else 2.0 if dt_s >= PULSE_DT_S else 0.5
     solver = pybamm.IDAKLUSolver(options={"dt_max": longest_s})
-    simulation = pybamm.Simulation(kind({"thermal": "lumped"}), parameter_values=values, solver=solver)
+    simulation = pybamm.Simulation(
+        kind(None if cell.is_isothermal else {"thermal": "lumped"}), parameter_values=values, solver=solver
+    )
     solution = simulation.solve(t_eval=[0.0, float(time_s[-1])], t_interp=time_s)
     time_s = time_s[time_s <= solution.t[-1]]
     voltage = np.asarray(solution["Voltage [V]"](t=time_s))
