@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / ".ci")]
 
-from reference import cli_reference, dependency_reference, settings_reference  # noqa: E402
+from reference import battery_profile_reference, cli_reference, dependency_reference, settings_reference  # noqa: E402
 from typescript import api_types, fixture_schema, memory_map_types  # noqa: E402
 
 from app.estimation.cell_model.cell_file import load_cell  # noqa: E402
@@ -25,6 +25,7 @@ def cell_of_team() -> str:
 
 
 GENERATED: dict[str, Callable[[], str]] = {
+    "docs/reference/battery-profile.md": battery_profile_reference,
     "docs/reference/cli.md": cli_reference,
     "docs/reference/settings.md": settings_reference,
     "docs/reference/dependencies.md": dependency_reference,

