@@ -92,7 +92,7 @@ How a cell is found, for each way in which batteries number them:
 PROFILE_NOTES = {
     "battery.limits": "At which the battery's own protection acts. Numbers, or signals that carry them.",
     "battery.rules": "What the competition allows, to stand beside the limits.",
-    "source.voltage": "Index of a cell = `first` + start of its segment + (group - base) * `group_cells` + (cell - base)."
+    "source.voltage": "Index = `first` + start of the segment + (group - base) * `group_cells` + (cell - base)."
     " What is not told counts as its base. There may be several.",
     "source.temperature": "As voltages; numbers count temperature sensors.",
     "source.balancing": "As voltages: 1 where a cell is being balanced.",
