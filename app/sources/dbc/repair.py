@@ -14,6 +14,7 @@ _SIGNAL = re.compile(
     r"(?P<order>[01])\s*(?P<sign>[+-])\s*\(\s*(?P<factor>[^,\s]+)\s*,\s*(?P<offset>[^)\s]+)\s*\)\s*"
     r"(?:\[\s*(?P<low>[^|\s]*)\s*\|\s*(?P<high>[^\]\s]*)\s*\])?\s*\"?(?P<unit>[^\"]*)\"?\s*(?P<receivers>.*)$"
 )
+_SELECTS = re.compile(r"mux|multiplex|page|index|group|(?:^|_)id(?:$|_)|select", re.IGNORECASE)
 _DEFINITION = re.compile(r"\s*BA_DEF_\s*(?:BU_|BO_|SG_|EV_)?\s*\"([^\"]+)\"")
 _ATTRIBUTE = re.compile(r"\s*(?:BA_|BA_DEF_DEF_)\s+\"([^\"]+)\"")
 _NOTED = re.compile(r"\s*(VAL_|CM_|BA_|SIG_VALTYPE_|SG_MUL_VAL_|SIG_GROUP_|BO_TX_BU_)\s")
@@ -42,6 +43,7 @@ class _Mending:
         self._file = file
         self._lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
         self._defined = {found[1] for line in self._lines if (found := _DEFINITION.match(line))}
+        self._multiplexers = _unmarked_multiplexers(self._lines)
         self.oddities: list[Oddity] = []
         self._ids: dict[int, set[str]] = {}
         self._names: set[str] = set()
@@ -138,6 +140,9 @@ class _Mending:
             return None
         name = self._unique(number, found["name"], self._ids[self._message])
         mux = f" {found['mux']}" if found["mux"] else ""
+        if number in self._multiplexers:
+            mux = " M"
+            self._note(number, Message("dbc-multiplexer-unmarked", name=name))
         numbers = [_number(found[key], default) for key, default in (("factor", 1.0), ("offset", 0.0))]
         low, high = (_number(found[key], 0.0) for key in ("low", "high"))
         if numbers[0] == "0":
@@ -160,6 +165,26 @@ class _Mending:
             self._note(number, Message("dbc-name-twice", name=name, as_name=clean))
         taken.add(clean)
         return clean
+
+
+def _unmarked_multiplexers(lines: list[str]) -> set[int]:
+    """Lines of signals that must be the multiplexer of their message, because others stand under its values."""
+    found: set[int] = set()
+    plain: list[tuple[int, str]] = []
+    kinds: set[str] = set()
+    for number, line in enumerate([*lines, "BO_ 0"], 1):
+        if line.strip().startswith("BO_ "):
+            if "m" in kinds and "M" not in kinds and plain:
+                named = [n for n, name in plain if _SELECTS.search(name)]
+                if len(named) == 1 or len(plain) == 1:
+                    found.add(named[0] if named else plain[0][0])
+            plain, kinds = [], set()
+        elif signal := _SIGNAL.match(line):
+            mux = signal["mux"] or ""
+            kinds |= {mux[-1:] if mux.endswith("M") else mux[:1]}
+            if not mux:
+                plain.append((number, signal["name"]))
+    return found
 
 
 def _is_open(line: str, is_open: bool) -> bool:

@@ -49,6 +49,18 @@ def test_missing_spaces_do_not_matter():
     assert found.oddities == ()
 
 
+def test_a_multiplexer_that_is_not_marked_as_one_is_found():
+    found = parsed(
+        HEAD
+        + 'BO_ 256 Cells: 8 BMS\n SG_ Mux : 0|8@1+ (1,0) [0|3] "" X\n'
+        + ' SG_ V1 m0 : 8|16@1+ (0.001,0) [0|5] "V" X\n SG_ V2 m1 : 8|16@1+ (0.001,0) [0|5] "V" X\n'
+    )
+    assert [(condition.multiplexer, condition.values) for condition in found.messages[0].signal("V2").conditions] == [
+        ("Mux", (1,))
+    ]
+    assert codes(found) == [(6, "dbc-multiplexer-unmarked")]
+
+
 def test_a_sound_file_has_no_oddity():
     assert parsed(HEAD + GOOD + 'VAL_ 256 V1 0 "none" ;\nCM_ SG_ 256 V1 "one\ntwo";\n').oddities == ()
 
