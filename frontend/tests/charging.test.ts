@@ -8,6 +8,7 @@ const made = (): Snapshot => makeSnapshot('drive', 10, 1_790_000_000, 1);
 
 function charging(currentA: number): Snapshot {
   const s = made();
+  s.master.state = 'charge';
   s.accumulator.current_a = currentA;
   s.cells.soc = s.cells.soc.map((_, i) => (i === 40 ? 0.9 : 0.5));
   s.cells.capacity_ah = s.cells.capacity_ah.map(() => 25);
@@ -17,6 +18,12 @@ function charging(currentA: number): Snapshot {
 describe('secondsToFull', () => {
   it('is the time of the first cell that is full, at the present current', () => {
     expect(secondsToFull(charging(-10))).toBeCloseTo((0.1 * 25 * 3600) / 10);
+  });
+
+  it('is unknown while the car does not charge: a current inwards may be noise, or recuperated', () => {
+    const s = charging(-10);
+    s.master.state = 'fault';
+    expect(secondsToFull(s)).toBeNull();
   });
 
   it('is unknown while nothing flows in', () => {

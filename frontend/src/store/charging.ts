@@ -6,12 +6,17 @@ import { named, t, messageText } from '../words/words.svelte';
 
 const LEAST_A = 0.2; // below it nothing is charged
 
+/** Whether charge flows: a sensor's noise while the master does not charge is none. */
+function flows(snapshot: Snapshot): boolean {
+  const current = snapshot.accumulator.current_a;
+  return snapshot.master.state === 'charge' && current !== null && current < -LEAST_A;
+}
+
 /** Reasons in the order in which they have to be dealt with; empty while charge flows. */
 export function whyNot(snapshot: Maybe<Snapshot>, known: boolean): string[] {
   if (!snapshot || !known) return [t('Nothing is heard of the charger or the master.')];
   const { charger, master, accumulator, cells } = snapshot;
-  const flowing = accumulator.current_a !== null && accumulator.current_a < -LEAST_A;
-  if (flowing) return [];
+  if (flows(snapshot)) return [];
   const reasons: string[] = [];
   if (master.fit === false)
     reasons.push(
@@ -46,7 +51,7 @@ export function whyNot(snapshot: Maybe<Snapshot>, known: boolean): string[] {
 /** Seconds at the present current until the first cell is full, null where none is charged or nothing is known. */
 export function secondsToFull(snapshot: Maybe<Snapshot>): Maybe<number> {
   const current = snapshot?.accumulator.current_a ?? null;
-  if (!snapshot || current === null || current > -LEAST_A) return null;
+  if (!snapshot || current === null || !flows(snapshot)) return null;
   let least: Maybe<number> = null;
   snapshot.cells.soc.forEach((soc, i) => {
     const capacity = snapshot.cells.capacity_ah[i];
