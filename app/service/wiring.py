@@ -152,7 +152,8 @@ def make_service(
         made = Message("black-box", what=what) if box.is_complete else Message("black-box-incomplete", what=what)
         events.add(Event(clock.wall_ns(), "info", "blackbox", made, cell=box.cell))
 
-    black_boxes = BlackBoxRecorder(data / "blackboxes.sqlite", session_id, black_box_made)
+    is_simulated = source == "simulator"
+    black_boxes = BlackBoxRecorder(data / "blackboxes.sqlite", session_id, black_box_made, is_simulated=is_simulated)
     pipelines = Pipelines(settings)
     passports = PassportKeeper(
         data,

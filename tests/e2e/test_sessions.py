@@ -69,7 +69,7 @@ def test_a_moment_is_marked_by_key_and_a_file_of_another_system_is_brought_in(ma
     page.get_by_text("candump").first.click()
     with page.expect_download() as download:
         page.get_by_test_id("take").click()
-    assert download.value.suggested_filename == f"{session_id}.log"
+    assert download.value.suggested_filename == f"{session_id}-simulated.log"
     rows = "\n".join(f"{i / 10},12,3.7,3.71" for i in range(50))
     (tmp_path / "theirs.csv").write_text(f"t,I,Cell 1 [V],Cell 2 [V]\n{rows}\n")
     first_look = []  # what the page asks when it opens is answered after the import has begun

@@ -99,6 +99,7 @@ class BlackBox:
     samples: Samples
     findings: list[AnalysisFinding]
     summary: list[str]
+    simulated: bool = False  # the car was the simulator
 
 
 def box_from_json(body: dict[str, Any]) -> BlackBox:

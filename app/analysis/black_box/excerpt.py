@@ -40,6 +40,7 @@ def build(
     config_hash: str | None,
     limits: dict[str, float],
     found: Sequence[Finding] = (),
+    is_simulated: bool = False,
 ) -> BlackBox:
     """Return the black box of an incident.
 
@@ -50,6 +51,7 @@ def build(
         config_hash: of the configuration in force, None where it was not received.
         limits: the configuration's limits by name, in units.
         found: what was known against cells when it ended.
+        is_simulated: the car was the simulator.
     """
     main = main_trigger(group)
     time_s = window.mono_s - main.mono_s
@@ -89,6 +91,7 @@ def build(
         samples=_samples(time_s, window),
         findings=[],
         summary=[],
+        simulated=is_simulated,
     )
     findings = findings_of(box, found)
     return replace(box, findings=findings, summary=[each.text for each in findings])

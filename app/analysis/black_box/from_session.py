@@ -68,7 +68,17 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         known_s = session.unix_s(round(group[-1].mono_s * 1e9)) + AFTER_S
         found = [finding_of(each) for each in judge.as_of(known_s)]
         limits = limits_of(image)
-        boxes.append(build(group, window, session_id=session_id, config_hash=config_hash, limits=limits, found=found))
+        boxes.append(
+            build(
+                group,
+                window,
+                session_id=session_id,
+                config_hash=config_hash,
+                limits=limits,
+                found=found,
+                is_simulated=session.info.metadata.get("source") == "simulator",
+            )
+        )
     return boxes
 
 

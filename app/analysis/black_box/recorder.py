@@ -42,7 +42,14 @@ class _Sample:
 class BlackBoxRecorder:
     """Feeds on what the pipeline puts out; finished boxes go into the store."""
 
-    def __init__(self, path: Path, session_id: Callable[[], str | None], on_made: Callable[[BlackBox], None]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        session_id: Callable[[], str | None],
+        on_made: Callable[[BlackBox], None],
+        *,
+        is_simulated: bool = False,
+    ) -> None:
         """Write into the file at `path`; `on_made` is told of every box, by the writing thread.
 
         Raises:
@@ -50,6 +57,7 @@ class BlackBoxRecorder:
         """
         self.store = BlackBoxStore(path)
         self._session_id = session_id
+        self._is_simulated = is_simulated
         self._on_made = on_made
         self._samples: deque[_Sample] = deque(maxlen=MAX_SAMPLES)
         self._triggers: list[Trigger] = []
@@ -105,7 +113,15 @@ class BlackBoxRecorder:
         for group in incidents(triggers):
             window = _window(samples, group[0].mono_s - BEFORE_S, group[-1].mono_s + AFTER_S)
             limits = limits_of(image)
-            box = build(group, window, session_id=session_id, config_hash=config_hash, limits=limits, found=found)
+            box = build(
+                group,
+                window,
+                session_id=session_id,
+                config_hash=config_hash,
+                limits=limits,
+                found=found,
+                is_simulated=self._is_simulated,
+            )
             try:
                 if store_box(self.store, box):
                     self._on_made(box)

@@ -46,6 +46,7 @@ class ReportedSession:
     name: str
     started: float
     voltwall: str
+    simulated: bool  # the car was the simulator
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,13 @@ def report_of(session: SessionFile) -> Report:
         what_to_look_at(survey, _unexplained(odd, found), [*_ended(ended), *_told(warned)], session.bad_frames()),
     )
     return Report(
-        session=ReportedSession(info.id, info.name, info.started_wall_ns / 1e9, info.voltwall),
+        session=ReportedSession(
+            info.id,
+            info.name,
+            info.started_wall_ns / 1e9,
+            info.voltwall,
+            info.metadata.get("source") == "simulator",
+        ),
         findings=findings,
         headline=findings.headline.text,
         why=_texts(findings.why),

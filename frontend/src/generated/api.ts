@@ -122,6 +122,7 @@ export interface BlackBox {
   samples: Samples;
   findings: AnalysisFinding[];
   summary: string[];
+  simulated: boolean;
 }
 
 /** What was reported; `t_s` from the trip. */
@@ -1204,6 +1205,7 @@ export interface ReportedSession {
   name: string;
   started: number;
   voltwall: string;
+  simulated: boolean;
 }
 
 /** Everything at full rate; tables are cell by cell, `time_s` from the trip. */

@@ -130,3 +130,11 @@ def test_every_sample_of_every_cell_is_in_it():
     assert box.samples.voltage_v[CELL] == pytest.approx(np.linspace(3.6, 3.4, len(TIME_S)), abs=1e-4)
     assert box.samples.time_s[0] == pytest.approx(-10)
     assert box.rate_hz == pytest.approx(10, abs=0.1)
+
+
+def test_a_box_of_a_simulated_car_says_so_and_one_of_before_is_none():
+    box = build([trigger()], window(), session_id=None, config_hash=None, limits={}, is_simulated=True)
+    assert box.simulated is True
+    older = json.loads(json.dumps(asdict(box)))
+    del older["simulated"]
+    assert box_from_json(older).simulated is False
