@@ -33,6 +33,7 @@ from app.api.web.limits import BodyLimit
 from app.api.web.readers import Readers
 from app.api.web.static import serve_front_end
 from app.clock import Clock
+from app.service.drill import Drill
 from app.service.host import ClockWatch
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
@@ -97,6 +98,9 @@ def create_app(
         responses={"default": {"model": ProblemOut, "description": "What went wrong"}},
     )
     authentication = Authentication(settings, clock)
+    drill = None if simulated_car is None else Drill(simulated_car, settings.data, clock)
+    if drill is not None:
+        service.events.subscribe(drill.on_event)
     app.state.parts = WebParts(
         service=service,
         authentication=authentication,
@@ -104,6 +108,7 @@ def create_app(
         readers=Readers(clock),
         clock_watch=ClockWatch(clock),
         simulator=simulated_car,
+        drill=drill,
     )
     problems.install(app)
     for module in (

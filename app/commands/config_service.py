@@ -26,13 +26,13 @@ class Refusal(AppError):
 
 
 class ConfigService:
-    """Talks to `/api/v1/config` of a running service."""
+    """Talks to `/api/v1/config`, or another part of the interface, of a running service."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, part: str = "config") -> None:
         """Raises Refusal where no service can be at such a URL."""
         if not url.startswith(("http://", "https://")):
             raise Refusal(f"url = {url}: has to be http://HOST:PORT", REFUSED)
-        self._base = url.rstrip("/") + "/api/v1/config"
+        self._base = url.rstrip("/") + f"/api/v1/{part}"
 
     def ask(
         self,

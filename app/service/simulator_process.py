@@ -100,7 +100,12 @@ class SimulatorProcess:
             arguments = " ".join([*self._arguments[2:], *(("--scenario", self._scenario) if self._scenario else ())])
             raise ConfigError("simulator", arguments, Message("simulator-ended", exit_code=self._first_exit))
 
-    def restart(self, scenario: str) -> None:
+    @property
+    def scenario(self) -> str | None:
+        """What it plays: a name or a file, None for its own default."""
+        return self._scenario
+
+    def restart(self, scenario: str | None) -> None:
         """End the car and start another one on the same ports; its EEPROM stays."""
         with self._lock:
             self._scenario = scenario

@@ -20,6 +20,7 @@ from app.configuration.safe_write import ConfigurationWriter
 from app.configuration.slave_check_log import SlaveCheckLog
 from app.live.can_trace import CanTrace
 from app.service.configuration import ConfigurationInForce, Rules
+from app.service.drill import Drill
 from app.service.events import Events
 from app.service.health import Health
 from app.service.host import ClockWatch
@@ -48,6 +49,7 @@ class WebParts:
     readers: Readers
     clock_watch: ClockWatch
     simulator: SimulatorProcess | None
+    drill: Drill | None = None  # with the simulated car
 
 
 def _web(connection: HTTPConnection) -> WebParts:
@@ -75,6 +77,13 @@ def _simulator(connection: HTTPConnection) -> SimulatorProcess:
     return simulator
 
 
+def _drill(connection: HTTPConnection) -> Drill:
+    drill = _web(connection).drill
+    if drill is None:
+        raise Problem(404, "not-found", Message("no-simulator"))
+    return drill
+
+
 def _user(connection: HTTPConnection) -> User:
     """The middleware let nobody through without one, but for the open paths."""
     return cast(User, connection.state.user)
@@ -88,6 +97,7 @@ ClockPart = Annotated[Clock, _from_service("clock")]
 ConfigHistoryPart = Annotated[ConfigHistory, _from_service("config_history")]
 ConfigSourcesPart = Annotated[ConfigSources, _from_service("config_sources")]
 ConfigurationPart = Annotated[ConfigurationWriter, _from_service("configuration")]
+DrillPart = Annotated[Drill, Depends(_drill)]
 EventsPart = Annotated[Events, _from_service("events")]
 FetchesPart = Annotated[FetchJobs, _from_service("fetches")]
 HealthPart = Annotated[Health, _from_service("health")]

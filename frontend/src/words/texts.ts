@@ -3,6 +3,7 @@
 
 import type can from '../../../app/words/nb/page/can.json';
 import type debrief from '../../../app/words/nb/page/debrief.json';
+import type drill from '../../../app/words/nb/page/drill.json';
 import type evidence from '../../../app/words/nb/page/evidence.json';
 import type help from '../../../app/words/nb/page/help.json';
 import type overview from '../../../app/words/nb/page/overview.json';
@@ -17,6 +18,7 @@ import type system from '../../../app/words/nb/page/system.json';
 export type Text =
   | keyof typeof can
   | keyof typeof debrief
+  | keyof typeof drill
   | keyof typeof evidence
   | keyof typeof help
   | keyof typeof overview

@@ -1,0 +1,1 @@
+"""What `voltwall drill` is made of."""

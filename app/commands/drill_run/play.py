@@ -1,0 +1,148 @@
+"""Plays a bad day without anybody watching: simulator, line, pipeline and recorder, faster than real time."""
+
+import subprocess
+import sys
+import tempfile
+import threading
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from app.analysis.drill.days import Day
+from app.analysis.drill.product import tells
+from app.clock import Clock
+from app.errors import LinkLost
+from app.live.pipeline import Pipeline
+from app.live.pipeline_factory import PipelineFactory
+from app.sessions.recording.auto_recorder import AutoRecorder
+from app.sources.items import Item, LinkChange, SerialItem
+from app.sources.links.serial import SerialLink
+from app.telemetry import Event
+from app.words import Message
+from firmware_protocol.framing import Frame
+
+END_S: Final = 20.0  # of real time, for the simulator to end by itself
+_JUDGE_NS: Final = 1_000_000_000
+
+
+class CarClock(Clock):
+    """The car's time as its frames tell it, from where the real clock stood: at any speed it looks like one."""
+
+    def __init__(self) -> None:
+        self._mono_ns, self._wall_ns = super().monotonic_ns(), super().wall_ns()
+        self._uptime_ms = self._base_ms = 0
+
+    @property
+    def car_s(self) -> float:
+        """Seconds since the start, restarts of the master counted through."""
+        return (self._base_ms + self._uptime_ms) / 1000
+
+    def advance(self, uptime_ms: int) -> None:
+        """Go on to a frame; one whose uptime goes back comes after a restart."""
+        if uptime_ms < self._uptime_ms:
+            self._base_ms += self._uptime_ms
+        self._uptime_ms = uptime_ms
+
+    def monotonic_ns(self) -> int:
+        """Return nanoseconds of the car's time."""
+        return self._mono_ns + round(self.car_s * 1e9)
+
+    def wall_ns(self) -> int:
+        """Return nanoseconds since 1970 UTC, moved on with it."""
+        return self._wall_ns + round(self.car_s * 1e9)
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """A day that is over: its session, and the events with their time in the car's clock [s]."""
+
+    session: Path | None
+    events: list[tuple[float, Event]]
+
+    def after(self, at_s: float) -> list[tuple[float, Event]]:
+        """Return the events since then that tell of something."""
+        return [(t_s, event) for t_s, event in self.events if t_s >= at_s and tells(event.severity, event.code)]
+
+
+def play(day: Day, folder: Path, speed: float, factory: PipelineFactory) -> Played:
+    """Play a day to its end.
+
+    Args:
+        day: to play.
+        folder: where the session goes.
+        speed: times real time; where the machine cannot do it, the day takes longer.
+        factory: of the pipeline.
+    """
+    return _Player(folder, factory).play(day, speed)
+
+
+class _Player:
+    def __init__(self, folder: Path, factory: PipelineFactory) -> None:
+        self._clock = CarClock()
+        self._events: list[tuple[float, Event]] = []
+        self._pipeline: Pipeline = factory.pipeline("simulator")
+        self._recorder = AutoRecorder(
+            folder, automatic=True, on_event=self._told, clock=self._clock, source="simulator"
+        )
+        self._lock = threading.Lock()
+        self._ended = threading.Event()
+        self._judged_ns = 0
+        self._session: Path | None = None
+
+    def play(self, day: Day, speed: float) -> Played:
+        with tempfile.TemporaryDirectory(prefix="voltwall-drill-") as place:
+            scenario = Path(place) / "day.toml"
+            scenario.write_text(day.scenario, encoding="utf-8")
+            # a socket: what waits in it is not lost, as it would be in a pseudo-terminal at many times real time
+            command = [sys.executable, "-m", "simulator.cli", "--serial", "tcp:0", "--scenario", str(scenario)]
+            more = ["--speed", str(speed), "--duration", str(day.length_s), "--with-parent"]
+            with subprocess.Popen([*command, *more], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as simulator:
+                link = SerialLink(_url(simulator), self._take, Clock())
+                link.start()
+                try:
+                    simulator.wait(day.length_s / speed * 10 + END_S)
+                    self._ended.wait(END_S)
+                finally:
+                    simulator.kill()
+                    link.stop()
+        self._recorder.close()
+        return Played(self._session, self._events)
+
+    def _take(self, item: Item) -> None:
+        with self._lock:
+            if isinstance(item, LinkChange) and item.state == "lost":
+                self._ended.set()  # the end of the day is no failure
+                return
+            if isinstance(item, SerialItem) and isinstance(item.frame, Frame):
+                self._clock.advance(item.frame.uptime_ms)
+            item = replace(item, t_mono_ns=self._clock.monotonic_ns(), t_wall_ns=self._clock.wall_ns())
+            self._recorder.on_item(item)
+            output = self._pipeline.feed(item)
+            for event in output.events:
+                self._told(event)
+            self._recorder.on_output(output)
+            if output.snapshot is not None and output.t_mono_ns - self._judged_ns >= _JUDGE_NS:
+                self._judged_ns = output.t_mono_ns
+                self._pipeline.predict()
+            if self._session is None and (session := self._recorder.session) is not None:
+                self._session = session.path
+
+    def _told(self, event: Event) -> None:
+        self._recorder.on_event(event)
+        self._events.append((self._clock.car_s, event))
+
+
+def _url(simulator: "subprocess.Popen[bytes]") -> str:
+    """Return where the line ends, once the simulator says that it is ready.
+
+    Raises:
+        LinkLost: it ended before.
+    """
+    url = ""
+    for line in simulator.stdout or ():
+        name, _, value = line.decode(errors="replace").strip().partition(": ")
+        if name == "serial":
+            url = value
+        elif name == "ready":
+            return url
+    raise LinkLost(Message("closed-by-other-end"))
