@@ -11,6 +11,7 @@ from fastapi import FastAPI
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import __version__
+from app.analysis.drill.drill import Drill
 from app.api import simulator
 from app.api.can import bus as can_bus
 from app.api.can import tables as can
@@ -33,7 +34,6 @@ from app.api.web.limits import BodyLimit
 from app.api.web.readers import Readers
 from app.api.web.static import serve_front_end
 from app.clock import Clock
-from app.service.drill import Drill
 from app.service.host import ClockWatch
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
@@ -98,7 +98,7 @@ def create_app(
         responses={"default": {"model": ProblemOut, "description": "What went wrong"}},
     )
     authentication = Authentication(settings, clock)
-    drill = None if simulated_car is None else Drill(simulated_car, settings.data, clock)
+    drill = None if simulated_car is None else Drill(simulated_car, settings.data, clock.wall_ns)
     if drill is not None:
         service.events.subscribe(drill.on_event)
     app.state.parts = WebParts(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from app.commands.config_service import JSON, OCTETS, REFUSED, ConfigService, Refusal
+from app.commands.console.config_service import JSON, OCTETS, REFUSED, ConfigService, Refusal
 from app.configuration.config_sources import NAMES
 from app.configuration.profile import is_profile
 from app.errors import ConfigError

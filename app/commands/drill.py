@@ -14,9 +14,9 @@ from app.analysis.drill.days import CHOICES, DAYS, POOL, Day, draw_days
 from app.analysis.drill.product import answer_of_events
 from app.analysis.drill.score import Answer, most_points, points, total
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
-from app.commands.config_service import ConfigService
-from app.commands.drill_run.play import Played, play
-from app.commands.number import between
+from app.commands.console.config_service import ConfigService
+from app.commands.console.number import between
+from app.commands.guided.play import Played, play
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import DEFAULT_CELL
 from app.live.pipeline_factory import PipelineFactory

@@ -13,10 +13,10 @@ from app.analysis.document import document
 from app.analysis.evidence.evidence import METADATA, Evidence, StepResult, evidence_of
 from app.analysis.evidence.steps import STEPS, Cycles
 from app.clock import Clock
-from app.commands.evidence_run.benches import SCENARIO, PersonAtThePlug, SimulatedBench
-from app.commands.evidence_run.station import Station
-from app.commands.evidence_run.walk import walk
-from app.commands.number import between
+from app.commands.console.number import between
+from app.commands.guided.benches import SCENARIO, PersonAtThePlug, SimulatedBench
+from app.commands.guided.station import Station
+from app.commands.guided.walk import walk
 from app.commands.session_commands.selection import add_data_argument, data_folder, find_session
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import DEFAULT_CELL, load_cell

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from app.commands.number import between
+from app.commands.console.number import between
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError

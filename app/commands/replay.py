@@ -11,7 +11,7 @@ from typing import Any
 from app.analysis.expectations import Expectations
 from app.analysis.replay_check import prove
 from app.api.encoding.snapshot import snapshot_json
-from app.commands.number import between
+from app.commands.console.number import between
 from app.commands.serve import serve
 from app.commands.session_commands.selection import add_data_argument, add_session_argument, find_session
 from app.errors import ConfigError

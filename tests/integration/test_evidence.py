@@ -5,7 +5,7 @@ import json
 import pytest
 
 from app.commands import evidence as command
-from app.commands.evidence_run.benches import SimulatedBench
+from app.commands.guided.benches import SimulatedBench
 
 
 class Judge(SimulatedBench):

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from app.commands.evidence_run import benches
+from app.commands.guided import benches
 from tests.c_programs import build_program
 
 FAULTS = {

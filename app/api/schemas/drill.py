@@ -3,11 +3,11 @@
 from pydantic import BaseModel
 
 from app.analysis.drill.days import CHOICES
+from app.analysis.drill.drill import DrillState, Result
 from app.analysis.drill.score import Answer
 from app.api.encoding.words import messages_json
 from app.api.schemas.snapshot import Number
 from app.api.schemas.words import WordsOut
-from app.service.drill import DrillState, Result
 
 
 class DrillAnswerOut(BaseModel):

@@ -7,6 +7,7 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from app.analysis.black_box.recorder import BlackBoxRecorder
+from app.analysis.drill.drill import Drill
 from app.analysis.passport.keeper import PassportKeeper
 from app.api.encoding.encoder import SnapshotEncoder
 from app.api.web.authentication import Authentication, User
@@ -20,7 +21,6 @@ from app.configuration.safe_write import ConfigurationWriter
 from app.configuration.slave_check_log import SlaveCheckLog
 from app.live.can_trace import CanTrace
 from app.service.configuration import ConfigurationInForce, Rules
-from app.service.drill import Drill
 from app.service.events import Events
 from app.service.health import Health
 from app.service.host import ClockWatch

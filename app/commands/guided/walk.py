@@ -7,8 +7,8 @@ from typing import Final
 from app.analysis.evidence.evidence import MARKER
 from app.analysis.evidence.steps import STEPS
 from app.analysis.evidence.timing import Limits
-from app.commands.evidence_run.benches import Bench, Skipped
-from app.commands.evidence_run.station import Station
+from app.commands.guided.benches import Bench, Skipped
+from app.commands.guided.station import Station
 from app.errors import AppError, MasterRefused, MasterSilent
 from app.words import Message
 from firmware_protocol.memory_map import CONFIG

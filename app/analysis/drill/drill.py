@@ -1,26 +1,34 @@
 """A drill on the simulated car: plays the bad days one after the other, takes the crew's answers, keeps the score."""
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 from app.analysis.drill.days import Day, draw_days
 from app.analysis.drill.product import answer_of_events, tells
 from app.analysis.drill.score import Answer, most_points, points, total
-from app.clock import Clock
 from app.errors import NotNow
-from app.service.simulator_control import SimulatorControl
 from app.telemetry import Event
 from app.words import Message
 
 MOST_SAID: Final = 8
 
 
+class Control(Protocol):
+    """The simulator's control port."""
+
+    def ask(self, do: str, /) -> dict[str, Any]:
+        """Return the answer to a request."""
+
+
 class Car(Protocol):
     """The simulated car, as far as a drill needs it."""
 
-    control: SimulatorControl
+    @property
+    def control(self) -> Control:
+        """Where it is asked how it is."""
 
     @property
     def scenario(self) -> str | None:
@@ -69,10 +77,11 @@ class _Running:
 class Drill:
     """One drill at a time. Methods may be called from any thread."""
 
-    def __init__(self, car: Car, folder: Path, clock: Clock) -> None:
+    def __init__(self, car: Car, folder: Path, wall_ns: Callable[[], int]) -> None:
+        """Take the car, where its scenario is written, and the clock that events are told by."""
         self._car = car
         self._file = folder / "drill.toml"
-        self._clock = clock
+        self._wall_ns = wall_ns
         self._lock = threading.Lock()
         self._running: _Running | None = None
         self._state = DrillState()
@@ -151,7 +160,7 @@ class Drill:
 
     def _result(self, running: _Running, day: Day, answer: Answer, since_s: float) -> Result:
         """The car runs in real time: what was told before the fault began is not of it."""
-        fault_ns = self._clock.wall_ns() - round(since_s * 1e9)
+        fault_ns = self._wall_ns() - round(since_s * 1e9)
         told = [event for event in running.told if event.time_ns >= fault_ns]
         product = answer_of_events([(event.code, event.cell) for event in told])
         return Result(

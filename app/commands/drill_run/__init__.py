@@ -1,1 +1,0 @@
-"""What `voltwall drill` is made of."""

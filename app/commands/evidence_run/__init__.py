@@ -1,1 +1,0 @@
-"""What `voltwall evidence` is made of."""

@@ -1,0 +1,40 @@
+import pytest
+
+from app.analysis.drill.days import CHOICES
+from app.analysis.drill.product import CAUSES, MEANS, answer_of_cause, answer_of_events, tells
+from app.analysis.drill.score import Answer
+
+
+@pytest.mark.parametrize(
+    ("events", "answer"),
+    [
+        ([], None),
+        ([("cell-voltage-near-low", 3)], None),
+        ([("trip-slave-lost", 24)], Answer("lost-slave", 3)),
+        ([("trip-sensor-lost", None)], Answer("current-unplugged")),
+        ([("trip-sensor-lost", 30)], Answer("open-wire", 3, 7)),
+        ([("trip-v-min", 75), ("finding-joint-grown", 75)], Answer("loose-joint", 7, 4)),  # the finding knows more
+        ([("boot", None)], Answer("reset")),
+    ],
+)
+def test_events_mean_an_answer(events, answer):
+    assert answer_of_events(events) == answer
+
+
+def test_a_named_cause_means_the_fault_that_makes_it():
+    assert answer_of_cause("weak-joint", 75, 6) == Answer("loose-joint", 7, 4)
+    assert answer_of_cause("slave-lost", None, 2) == Answer("lost-slave", 3)
+    assert answer_of_cause("master-reset", None, None) == Answer("reset")
+    assert answer_of_cause("unknown", 4, 0) is None
+
+
+def test_everything_means_a_fault_that_a_day_may_have():
+    assert {*MEANS.values(), *CAUSES.values()} <= set(CHOICES)
+    assert set(CAUSES.values()) == set(CHOICES)
+
+
+def test_what_is_said_in_passing_tells_nothing():
+    assert tells("trip", "trip-v-min")
+    assert tells("info", "finding-cell-leaks")
+    assert not tells("info", "finding-ended")
+    assert not tells("info", "config-written")
