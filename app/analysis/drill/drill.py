@@ -9,7 +9,7 @@ from typing import Any, Final, Protocol
 from app.analysis.drill.days import Day, draw_days
 from app.analysis.drill.product import answer_of_events, tells
 from app.analysis.drill.score import Answer, most_points, points, total
-from app.errors import NotNow
+from app.errors import LinkError, NotNow
 from app.telemetry import Event
 from app.words import Message
 
@@ -110,12 +110,11 @@ class Drill:
 
         Raises:
             NotNow: no drill is running.
-            LinkError: the simulator does not answer.
         """
         with self._lock:
             running = self._needed()
             day = running.days[self._state.day - 1]
-            since_s = float(self._car.control.ask("status")["time_s"]) - day.at_s
+            since_s = self._car_time_s() - day.at_s
             results = (*self._state.results, self._result(running, day, answer, since_s))
             got, most = total([(each.points, each.most) for each in results])
             is_on = len(results) < len(running.days)
@@ -137,6 +136,13 @@ class Drill:
         running = self._running
         if running is not None and tells(event.severity, event.code):
             running.told.append(event)
+
+    def _car_time_s(self) -> float:
+        """Seconds since the day began; 0 while the car is still starting."""
+        try:
+            return float(self._car.control.ask("status")["time_s"])
+        except LinkError:
+            return 0.0
 
     def _needed(self) -> _Running:
         if self._running is None:

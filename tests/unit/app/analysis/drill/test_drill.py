@@ -3,7 +3,7 @@ import pytest
 from app.analysis.drill.days import draw_days
 from app.analysis.drill.drill import Drill
 from app.analysis.drill.score import Answer
-from app.errors import NotNow
+from app.errors import LinkError, NotNow
 from app.telemetry import Event
 from app.words import Message
 
@@ -23,6 +23,8 @@ class Car:
 
     def ask(self, do):
         assert do == "status"
+        if self.time_s is None:
+            raise LinkError("starting")
         return {"time_s": self.time_s}
 
 
@@ -33,7 +35,7 @@ def car():
 
 @pytest.fixture
 def drill(car, tmp_path):
-    return Drill(car, tmp_path, lambda: round(car.time_s * 1e9))
+    return Drill(car, tmp_path, lambda: round((car.time_s or 0) * 1e9))
 
 
 def told(at_s, code="trip-v-min", cell=3):
@@ -75,3 +77,11 @@ def test_one_drill_at_a_time(drill):
     drill.start(1, 2)
     with pytest.raises(NotNow):
         drill.start(1, 2)
+
+
+def test_an_answer_while_the_car_still_starts_counts_from_before_the_fault(car, drill):
+    (day,) = draw_days(5, 1)
+    drill.start(5, 1)
+    car.time_s = None
+    (result,) = drill.answer(Answer(day.fault, day.pack, day.cell)).results
+    assert result.taken_s == pytest.approx(-day.at_s)
