@@ -124,7 +124,7 @@ class Assembler:
         found = []
         while self._next_ns <= end_ns:
             new = self._take(known, at, self._next_ns)
-            found.append(self._measure(self._next_ns, new))
+            found.append(self.measure(self._next_ns, new))
             self._next_ns += self._period_ns
         rest = self._take(known, at, None)
         self._pending = {kind: n for kind, n in rest.items() if n}
@@ -139,7 +139,9 @@ class Assembler:
             at[kind] = max(at[kind], last)
         return new
 
-    def _measure(self, t_ns: int, new: Mapping[str, int]) -> BatteryMeasurement:
+    def measure(self, t_ns: int, new: Mapping[str, int] | None = None) -> BatteryMeasurement:
+        """Return what is known at an instant; `new` = channels of each kind that are new since the one before."""
+        new = new or {}
         of = {kind: channels.at(t_ns) for kind, channels in self._kinds.items()}
         states = {name: of[f"state.{name}"][0] for name in STATES}
         return BatteryMeasurement(

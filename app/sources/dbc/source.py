@@ -1,0 +1,195 @@
+"""A battery that speaks by a DBC as a source: CAN frames in, measurements of any number of cells out."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from app.battery.battery import Battery
+from app.battery.source import SpeaksDbc
+from app.sources.dbc.assembly import Assembler, BatteryMeasurement
+from app.sources.dbc.battery_decoder import BatteryDecoder
+from app.sources.dbc.definitions import Definitions
+from app.sources.dbc.frames import frames_of_items
+from app.sources.items import CanFault, CanItem, Item, LinkChange
+from app.sources.links.monitor import LinkMonitor
+from app.sources.source import Received
+from app.telemetry import Ages, Charger, Event, Identity, Links, Master, ProtectionLimits, Source
+from app.telemetry.link_messages import link_lost
+from app.telemetry.measurement import Measurement, Reported
+from app.telemetry.snapshot import MasterState, Number
+from app.words import Message
+
+_NO_EXTREME = (None, None)
+_STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is told counts
+    ("fault", "fault"),
+    ("charging", "charge"),
+    ("balancing", "balance"),
+    ("closed", "drive"),
+)
+
+
+class DbcSource:
+    """Decodes in batches of one period. Called from one thread; time comes with the items."""
+
+    name: Source = "can"
+    identity: Identity | None = None
+
+    def __init__(self, battery: Battery, source: SpeaksDbc, definitions: Definitions, url: str | None = None) -> None:
+        self.battery = battery
+        self._decoder = BatteryDecoder(battery, source, definitions)
+        self._assembler = Assembler(battery, source)
+        self._period_ns = round(source.period_s * 1e9)
+        self._waiting: list[CanItem] = []
+        self._newest: BatteryMeasurement | None = None
+        self._sampled_ns: int | None = None
+        self._rs232, self._can = LinkMonitor(None), LinkMonitor(url)
+
+    def feed(self, item: Item) -> Received:
+        """Take one item from a link; a measurement follows the last frame of each period."""
+        if isinstance(item, LinkChange):
+            return self._on_change(item)
+        if isinstance(item, CanFault):
+            self._can.on_fault(item)
+        if not isinstance(item, CanItem) or item.sent:
+            return Received()
+        self._can.on_can_frame(item.t_mono_ns, len(item.data), is_extended=bool(item.can_id >> 31))
+        begun = self._waiting[0].t_mono_ns // self._period_ns if self._waiting else None
+        if begun is None or item.t_mono_ns // self._period_ns == begun:
+            self._waiting.append(item)
+            return Received()
+        found = self._take(item.t_mono_ns)
+        self._waiting.append(item)
+        if found is None:
+            return Received()
+        return Received(measurement=self._measurement(found, item.t_mono_ns, item.t_wall_ns, is_fresh=True))
+
+    def measure(self, t_mono_ns: int, t_wall_ns: int) -> Measurement:
+        """Return a measurement of this instant; what waited is in it."""
+        is_fresh = bool(self._waiting)
+        found = self._take(t_mono_ns)
+        newest = found or self._newest or self._assembler.measure(t_mono_ns)
+        return self._measurement(newest, t_mono_ns, t_wall_ns, is_fresh=is_fresh and found is not None)
+
+    def _take(self, until_ns: int) -> BatteryMeasurement | None:
+        """Decode what waited; the newest measurement of the periods that ended."""
+        values = self._decoder.decode(frames_of_items(self._waiting)) if self._waiting else {}
+        self._waiting = []
+        found = self._assembler.feed(values, until_ns - until_ns % self._period_ns)
+        self._newest = found[-1] if found else self._newest
+        return found[-1] if found else None
+
+    def _on_change(self, change: LinkChange) -> Received:
+        if change.link != "can" or not self._can.on_change(change) or change.state == "connecting":
+            return Received()
+        if change.state == "open":
+            message = Message("can-open")
+            return Received(events=(Event(change.t_wall_ns, "info", message.code, message),))
+        message = link_lost("can", change.error)
+        return Received(events=(Event(change.t_wall_ns, "watch", message.code, message),))
+
+    def _measurement(self, found: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, *, is_fresh: bool) -> Measurement:
+        is_sample = is_fresh and found.is_sample
+        dt_s = None
+        if is_sample:
+            dt_s = None if self._sampled_ns is None else (found.t_ns - self._sampled_ns) / 1e9
+            self._sampled_ns = found.t_ns
+        n_cells = self.battery.n_cells
+        unknown = np.full(n_cells, np.nan)
+        closed = found.states.get("closed")
+        return Measurement(
+            t_mono_ns=t_mono_ns,
+            t_wall_ns=t_wall_ns,
+            uptime_ms=found.t_ns // 1_000_000,
+            dt_s=dt_s,
+            is_sample=is_sample,
+            is_fresh=is_fresh,
+            current_a=_number(found.current_a),
+            voltage_v=found.voltage_v,
+            temperature_degc=self.battery.cell_temperatures(found.temperature_degc),
+            resistance_ohm=found.resistance_ohm,
+            capacity_ah=unknown,
+            chip_voltage_v=unknown,
+            balancing=None if np.isnan(found.balancing).all() else found.balancing == 1.0,
+            relays_open=closed is False,
+            slave_status=(None,) * self.battery.n_segments,
+            reported=Reported(_number(found.pack_voltage_v), _NO_EXTREME, _NO_EXTREME, _NO_EXTREME, _NO_EXTREME, None),
+            master=_master(found),
+            charger=_charger(found),
+            age_s=_ages(found, t_mono_ns),
+            links=Links(self._rs232.status(t_mono_ns), self._can.status(t_mono_ns)),
+            disagreements=(),
+            limits=_limits(self.battery, found.limits),
+            config=None,
+            config_hash=None,
+        )
+
+
+def _number(value: float) -> Number:
+    return None if np.isnan(value) else value
+
+
+def _ages(found: BatteryMeasurement, now_ns: int) -> Ages:
+    """Of arrays the oldest value that is shown; None where nothing is."""
+
+    def oldest(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], times: object) -> Number:
+        known = np.isfinite(values)
+        return (now_ns - int(np.asarray(times)[known].min())) / 1e9 if known.any() else None
+
+    current = None if np.isnan(found.current_a) else (now_ns - found.current_t_ns) / 1e9
+    return Ages(
+        current=current,
+        voltage=oldest(found.voltage_v, found.voltage_t_ns),
+        temperature=oldest(found.temperature_degc, found.temperature_t_ns),
+        status=None,
+        charger=None,
+        soc=None,
+        slaves=None,
+        config=None,
+    )
+
+
+def _master(found: BatteryMeasurement) -> Master:
+    told = [state for name, state in _STATES if found.states.get(name)]
+    state: MasterState = told[0] if told else ("idle" if found.states.get("closed") is False else "unknown")
+    return Master(
+        state=state,
+        why=Message("bms-tells-state") if state != "unknown" else Message("bms-tells-no-state"),
+        fit=None if found.states.get("fault") is None else not found.states["fault"],
+        flags=None,
+        soc=_number(found.soc),
+        charge_drawn_ah=None,
+        n_slaves=None,
+        can_tx_enabled=None,
+        can_rx_enabled=None,
+        can_rx_active=None,
+        firmware=None,
+        protocol=None,
+        map_hash=None,
+        map_matches=None,
+        boots=None,
+        implausible=(),
+    )
+
+
+def _charger(found: BatteryMeasurement) -> Charger:
+    voltage_v, current_a = _number(found.charger_voltage_v), _number(found.charger_current_a)
+    return Charger(None, None, None, voltage_v, current_a, None, ())
+
+
+def _limits(battery: Battery, told: Mapping[str, float]) -> ProtectionLimits | None:
+    """The limits where the profile or the BMS has all that the service judges by."""
+    of = {name: told.get(name, limit) for name, limit in battery.limits.items()}
+    numbers = {name: float(value) for name, value in of.items() if isinstance(value, float) and not np.isnan(value)}
+    try:
+        return ProtectionLimits(
+            cell_voltage_min_v=numbers["cell_voltage_min_v"],
+            cell_voltage_max_v=numbers["cell_voltage_max_v"],
+            temperature_min_degc=numbers["temperature_min_degc"],
+            temperature_max_degc=numbers["temperature_max_degc"],
+            discharge_max_a=numbers["discharge_current_max_a"],
+            discharge_min_a=-numbers["charge_current_max_a"],
+            charger_max_a=numbers["charge_current_max_a"],
+            charger_min_a=0.0,
+        )
+    except KeyError:
+        return None
