@@ -42,7 +42,6 @@ class BatteryMeasurement:
     states: Mapping[str, bool | None]  # closed, precharge, fault, charging, balancing; None = not told
     limits: Mapping[str, float]  # those that signals carry
     is_sample: bool  # a voltage and the current are new since the measurement before
-    n_new_cells: int  # cell voltages that came since
 
 
 @dataclass(slots=True)
@@ -161,7 +160,6 @@ class Assembler:
             states={name: None if np.isnan(value) else bool(value) for name, value in states.items()},
             limits={name: float(of[f"limit.{name}"][0]) for name in self._battery.limits if f"limit.{name}" in of},
             is_sample=bool(new.get("voltage")) and bool(new.get("current")),
-            n_new_cells=new.get("voltage", 0),
         )
 
 

@@ -1,0 +1,120 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.battery.battery import Battery, SignalName
+from app.battery.source import CellSignals, Reading, SpeaksDbc, StateSignal
+from app.sources.dbc.dbc_file import parse_definitions
+from app.sources.dbc.lanes import channel, find_signals, lanes_of, segments_of
+from tests.peer_batteries import HEAD
+
+SEGMENTS = st.lists(st.integers(1, 20), min_size=1, max_size=6).map(tuple)
+
+
+def definitions(*messages):
+    return parse_definitions((HEAD + "\n".join(messages) + "\n").encode(), "x.dbc")
+
+
+def message(can_id, name, *signals, length=8):
+    lines = [f"BO_ {can_id} {name}: {length} BMS"]
+    return "\n".join([*lines, *(f' SG_ {each} : {16 * i}|16@1+ (1,0) [0|0] "mV" X' for i, each in enumerate(signals))])
+
+
+def troubles_of(entry, n_cells=2, **source):
+    found = lanes_of(
+        Battery("x", (n_cells,)),
+        SpeaksDbc(("x.dbc",), {"voltage": (entry,)}, **source),
+        definitions(message(1, "M", "V1", "V2"), message(2, "N", "V1", "I")),
+    )
+    return [(each.line, each.field, each.what.code) for each in found.troubles]
+
+
+@given(SEGMENTS, st.sampled_from([0, 1]), st.sampled_from([0, 1]), st.data())
+def test_segment_and_cell_name_the_cell_that_counts_through_the_segments(segments, segment_base, cell_base, data):
+    segment = data.draw(st.integers(0, len(segments) - 1))
+    cell = data.draw(st.integers(0, segments[segment] - 1))
+    entry = CellSignals("V{segment}_{cell}", base={"segment": segment_base, "cell": cell_base})
+    parts = {"segment": np.array([segment + segment_base]), "cell": np.array([cell + cell_base])}
+    assert channel(entry, segments, parts).tolist() == [sum(segments[:segment]) + cell]
+
+
+@given(SEGMENTS, st.integers(-300, 300), st.integers(-300, 300))
+def test_numbers_that_no_cell_has_are_no_cell(segments, segment, cell):
+    found = channel(CellSignals("V"), segments, {"segment": np.array([segment]), "cell": np.array([cell])})[0]
+    is_one = 0 <= segment < len(segments) and 0 <= cell < segments[segment]
+    assert found == (sum(segments[:segment]) + cell if is_one else -1)
+
+
+@given(st.integers(1, 12), st.integers(0, 30), st.integers(0, 12))
+def test_groups_of_cells_follow_each_other_from_the_first(group_cells, group, cell):
+    entry = CellSignals("V", base={"group": 1, "cell": 0}, group_cells=group_cells, first=3)
+    parts = {"group": np.array([group]), "cell": np.array([cell])}
+    expected = 3 + (group - 1) * group_cells + cell
+    assert channel(entry, (400,), parts)[0] == (expected if 0 <= expected < 400 else -1)
+
+
+def test_an_order_says_which_cell_the_kth_value_is_of():
+    entry = CellSignals("V", order=(2, 0, 1))
+    assert channel(entry, (4,), {"cell": np.arange(5)}).tolist() == [2, 0, 1, 3, -1]
+
+
+def test_a_sensor_is_of_the_segment_of_its_first_cell():
+    battery = Battery("x", (2, 3), sensors=((0,), (1, 2), (4,), ()))
+    assert segments_of(battery, "temperature") == (3, 1)
+    assert segments_of(battery, "voltage") == (2, 3)
+
+
+def test_each_cell_has_its_lane_and_the_profiles_unit_its_scale():
+    entry = CellSignals("V{cell}", "M", base={"cell": 1}, unit="0.1mV")
+    source = SpeaksDbc(("x.dbc",), {"voltage": (entry,)})
+    found = lanes_of(Battery("x", (2,)), source, definitions(message(1, "M", "V1", "V2")))
+    assert found.troubles == ()
+    assert [(lane.index, lane.signal) for lane in found.by_id[1]] == [(0, "V1"), (1, "V2")]
+    assert found.by_id[1][0].layout.scale == 1e-4
+    assert found.sizes == {"voltage": 2}
+
+
+def test_what_of_a_profile_fits_nothing_is_told_by_line_and_field():
+    assert troubles_of(CellSignals("W{cell}", line=7)) == [(7, "source.voltage[0].signal", "no-signal-fits")]
+    assert troubles_of(CellSignals("V{cel}", line=7)) == [(7, "source.voltage[0].signal", "no-such-placeholder")]
+    assert troubles_of(CellSignals("V{cell}", "M", base={"cell": 1}, line=7), n_cells=1) == [
+        (7, "source.voltage[0].signal", "cell-beyond")
+    ]
+    flag = CellSignals("V{cell}", "M", base={"cell": 1}, invalid_signal="Bad{cell}", line=7)
+    assert troubles_of(flag) == [(7, "source.voltage[0]", "signal-not-in-dbc")]
+    number = CellSignals("V1", "M", numbers={"cell": "Cell_Id"}, line=7)
+    assert troubles_of(number) == [(7, "source.voltage[0]", "signal-not-in-dbc")]
+
+
+def test_a_signal_that_is_missing_or_of_several_messages_is_told_and_the_first_counts():
+    good = CellSignals("V{cell}", "M", base={"cell": 1})
+    missing = Reading(SignalName("", "J"), line=9)
+    assert troubles_of(good, current=missing) == [(9, "source.current.signal", "signal-not-in-dbc")]
+    closed = StateSignal(SignalName("", "V1"), line=11)
+    assert troubles_of(good, states={"closed": closed}) == [(11, "source.state.closed.signal", "signal-of-several")]
+    several = []
+    known = definitions(message(1, "M", "V1"), message(2, "N", "V1"))
+    found = find_signals(known, SignalName("N", "V1"), several, "x", None)
+    assert [each.name for each, _ in found] == ["N"]
+    assert several == []
+
+
+def test_a_current_that_counts_charge_as_positive_is_turned_and_its_zero_taken_off():
+    reading = Reading(SignalName("N", "I"), unit="mA", positive="charge", zero=2.0)
+    found = lanes_of(
+        Battery("x", (1,)),
+        SpeaksDbc(("x.dbc",), {}, current=reading),
+        definitions(message(2, "N", "V1", "I")),
+    )
+    layout = found.by_id[2][0].layout
+    assert 5000 * layout.scale + layout.offset == -(5.0 - 2.0)
+
+
+def test_signals_that_differ_only_in_the_multiplexer_share_one_lane():
+    lines = [f' SG_ V{k} m{k} : 8|16@1+ (0.001,0) [0|0] "V" X' for k in range(4)]
+    text = "\n".join(["BO_ 1 M: 8 BMS", ' SG_ Mux M : 0|8@1+ (1,0) [0|0] "" X', *lines])
+    source = SpeaksDbc(("x.dbc",), {"voltage": (CellSignals("V{cell}"),)})
+    (lane,) = lanes_of(Battery("x", (4,)), source, definitions(text)).by_id[1]
+    assert lane.multiplexer == "Mux"
+    assert lane.table.tolist()[:4] == [0, 1, 2, 3]
+    assert lane.signal_names == ("V0", "V1", "V2", "V3")

@@ -1,0 +1,60 @@
+import pytest
+
+from app.sources.dbc.units import conversion, known_conversion
+
+
+def value(kind, unit, number):
+    factor, zero = conversion(kind, unit)
+    return number * factor + zero
+
+
+@pytest.mark.parametrize(
+    ("kind", "unit", "number", "expected"),
+    [
+        ("voltage", "V", 3.7, 3.7),
+        ("voltage", "mV", 3700, 3.7),
+        ("voltage", "0.1mV", 37000, 3.7),
+        ("voltage", "100uV", 37000, 3.7),
+        ("voltage", "100 µV", 37000, 3.7),
+        ("voltage", "Volts", 3.7, 3.7),
+        ("voltage", "millivolts", 3700, 3.7),
+        ("voltage", "0,1 V", 37, 3.7),
+        ("pack_voltage", "kV", 0.4, 400.0),
+        ("charger_voltage", "dV", 4000, 400.0),
+        ("current", "A", 120, 120.0),
+        ("current", "mA", 120000, 120.0),
+        ("current", "Amps", 120, 120.0),
+        ("current", "10mA", 12000, 120.0),
+        ("charger_current", "dA", 120, 12.0),
+        ("resistance", "mOhm", 2, 0.002),
+        ("resistance", "mΩ", 2, 0.002),
+        ("resistance", "uOhms", 2000, 0.002),
+        ("temperature", "degC", 25, 25.0),
+        ("temperature", "°C", 25, 25.0),
+        ("temperature", "[C]", 25, 25.0),
+        ("temperature", "0.1degC", 250, 25.0),
+        ("temperature", "K", 298.15, 25.0),
+        ("temperature", "degF", 77, 25.0),
+        ("temperature", "ddegC", 250, 25.0),
+        ("soc", "%", 64, 0.64),
+        ("soc", "0.5%", 128, 0.64),
+    ],
+)
+def test_a_unit_as_dbcs_write_it_becomes_the_si_unit(kind, unit, number, expected):
+    assert known_conversion(kind, unit) is not None
+    assert value(kind, unit, number) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("kind", "unit"),
+    [("voltage", "A"), ("voltage", "degC"), ("current", "V"), ("temperature", "V"), ("soc", "V"), ("voltage", "")],
+)
+def test_a_unit_of_another_quantity_is_none_and_leaves_the_number(kind, unit):
+    assert known_conversion(kind, unit) is None
+    assert conversion(kind, unit) == (1.0, 0.0)
+
+
+def test_capital_and_small_prefixes_are_not_taken_for_each_other_where_it_matters():
+    assert value("voltage", "mV", 1.0) == pytest.approx(1e-3)
+    assert value("current", "mA", 1.0) == pytest.approx(1e-3)
+    assert value("pack_voltage", "kV", 1.0) == pytest.approx(1e3)
