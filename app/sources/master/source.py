@@ -17,7 +17,7 @@ from app.sources.source import Received
 from app.telemetry import BusState, Charger, Event, Identity, Links, Master, Severity, Source
 from app.telemetry.link_messages import link_lost
 from app.telemetry.measurement import Measurement
-from app.words import Message
+from app.words import Message, Quantity
 from firmware_protocol.can_tables import TableReader, bit_rate, tx_messages
 from firmware_protocol.config_image import default_image, image_hash
 from firmware_protocol.errors import DecodeError
@@ -27,6 +27,8 @@ from firmware_protocol.messages import Data, EventCode, EventMessage, Ident, Mes
 
 VOLTAGE_OFFSET = PARTS["voltage"][0]
 CAN_SNAPSHOT_NS = 50_000_000
+CAN_ERRORS_NS = 5_000_000_000  # between two events of error frames on the CAN bus
+CAN_ERRORS_LEAST = 5  # in that time
 UPTIME_WRAP_MS = 1 << 32
 MAX_STEP_S = 3600.0
 _BUS_STATES: dict[BusState, tuple[Severity, Message]] = {
@@ -49,6 +51,7 @@ class MasterSource:
         self._uptime_ms: int | None = None
         self._uptime_clock = UptimeClock()
         self._last_can_snapshot_ns = 0
+        self._can_errors = (0, 0)  # when last looked at, and how many there were
         self._last_trip: Message | None = None
         self._config: tuple[bytes, str] | None = None
         self._config_from_ns = 0  # bytes measured before are of an older configuration
@@ -80,13 +83,29 @@ class MasterSource:
         return Received(events=(event,))
 
     def _on_fault(self, fault: CanFault) -> Received:
-        if not self._can.on_fault(fault) or fault.bus_state is None:
-            return Received()
+        is_news = self._can.on_fault(fault)
+        if not is_news or fault.bus_state is None:
+            return self._on_error_frames(fault)
         severity, message = _BUS_STATES[fault.bus_state]
         if fault.errors is not None:
             message = Message("with-errors", what=message, n=fault.errors)
         event = Event(fault.t_wall_ns, severity, f"can-{fault.bus_state}", message)
         return Received(events=(event,))
+
+    def _on_error_frames(self, fault: CanFault) -> Received:
+        """Tell of error frames at most every CAN_ERRORS_NS: one now and then is nothing to tell."""
+        told_ns, told = self._can_errors
+        errors = fault.errors or 0
+        if errors < told:
+            self._can_errors = fault.t_mono_ns, errors
+        new, waited_ns = errors - told, fault.t_mono_ns - told_ns
+        if waited_ns < CAN_ERRORS_NS:
+            return Received()
+        self._can_errors = fault.t_mono_ns, errors
+        if new < CAN_ERRORS_LEAST or waited_ns > 2 * CAN_ERRORS_NS:
+            return Received()
+        message = Message("can-error-frames", n=new, time=Quantity(waited_ns / 1e9, "s", 0))
+        return Received(events=(Event(fault.t_wall_ns, "watch", message.code, message),))
 
     def _on_serial(self, item: SerialItem) -> Received:
         if isinstance(item.frame, BadFrame):

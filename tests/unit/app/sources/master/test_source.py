@@ -3,7 +3,7 @@ from dataclasses import asdict, fields
 import numpy as np
 import pytest
 
-from app.sources.items import CanItem, LinkChange
+from app.sources.items import CanFault, CanItem, LinkChange
 from app.sources.master.source import MasterSource
 from app.telemetry import Flags
 from firmware_protocol.memory_map import CONFIG, STATUS_FLAGS
@@ -117,3 +117,19 @@ def test_a_reason_ends_with_the_fault_that_it_was_of(source, master):
     master.set("status.flags", [0])
     measured = source.feed(master.frame()).measurement
     assert (measured.master.state, measured.master.why.code) == ("fault", "shutdown-circuit-open")
+
+
+def test_error_frames_on_can_are_told_every_few_seconds():
+    source = MasterSource("serial", None, "virtual:x")
+    told = []
+    for k in range(120):  # one every 0.1 s
+        at_ns = 10**10 + k * 10**8
+        told += source.feed(CanFault(at_ns, at_ns, "active", k + 1)).events
+    assert [event.code for event in told if event.code == "can-error-frames"] == ["can-error-frames"] * 2
+    assert all(event.severity == "watch" for event in told)
+
+
+def test_a_single_error_frame_on_can_is_not_told():
+    source = MasterSource("serial", None, "virtual:x")
+    faults = [CanFault(10**10 + k * 6 * 10**9, 0, "active", k + 1) for k in range(5)]
+    assert [event for fault in faults for event in source.feed(fault).events] == []
