@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from app.live.alarm_rules import Condition, conditions, is_judged
-from app.telemetry import Alarm, Event, Severity, Snapshot
+from app.telemetry import Alarm, Event, Severity, Snapshot, TripCause
 from app.words import Message, Quantity
 
 RAISE_AFTER_NS: dict[Severity, int] = {
@@ -82,6 +82,12 @@ class AlarmKeeper:
                 self._alarms[key] = replace(alarm, acknowledged_by=who)
                 return True
         return False
+
+    def explain(self, cause: TripCause) -> None:
+        """Tell what caused the trips that hold."""
+        for key, alarm in self._alarms.items():
+            if alarm.active and alarm.severity == "trip":
+                self._alarms[key] = replace(alarm, cause=cause)
 
     def _raise(self, condition: Condition, since_ns: int) -> Alarm:
         self._next_id += 1

@@ -24,7 +24,7 @@ from app.live.prediction import Assessment, Predictor
 from app.live.prediction_conditions import as_of
 from app.sources.items import Item
 from app.sources.source import NOTHING_RECEIVED, MeasurementSource, Received
-from app.telemetry import Estimator, Event, FloatArray, Identity, ProtectionLimits, Snapshot, Source
+from app.telemetry import Estimator, Event, FloatArray, Identity, ProtectionLimits, Snapshot, Source, TripCause
 from app.telemetry.measurement import BLANK_S, Measurement
 from app.words import Message
 
@@ -149,6 +149,11 @@ class Pipeline:
         """Mark an alarm as seen."""
         with self._watch_lock:
             return self._watch.acknowledge(alarm_id, who)
+
+    def explain(self, cause: TripCause) -> None:
+        """Tell what caused the trips that hold. From any thread."""
+        with self._watch_lock:
+            self._watch.explain(cause)
 
     def _take(self, measured: Measurement, *, publishes: bool = True) -> Output:
         estimates: Estimates | None = None

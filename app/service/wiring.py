@@ -11,7 +11,10 @@ from functools import partial
 from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.from_session import keep_black_boxes
 from app.analysis.black_box.recorder import BlackBoxRecorder
+from app.analysis.incidents import Trigger
 from app.analysis.passport.keeper import PassportKeeper
+from app.analysis.root_cause.cause import Cause, trip_cause
+from app.analysis.root_cause.from_session import cause_of_trip
 from app.battery.shape import N_CELLS
 from app.clock import Clock
 from app.configuration.config_sources import ConfigSources
@@ -151,9 +154,20 @@ def make_service(
         what = box.text if box.text_words is None else box.text_words.message
         made = Message("black-box", what=what) if box.is_complete else Message("black-box-incomplete", what=what)
         events.add(Event(clock.wall_ns(), "info", "blackbox", made, cell=box.cell))
+        if box.cause is not None and box.severity == "trip":
+            told = Message("trip-cause", cause=box.cause.message_words.message)
+            events.add(Event(clock.wall_ns(), "info", "trip-cause", told, cell=box.cause.cell))
+            pipeline.explain(trip_cause(box.cause))
+
+    def explain(recorded: str, trigger: Trigger) -> Cause | None:
+        """Look for the cause in what is on the disk of the recording that runs."""
+        recorder.flush()
+        with catalogue.open(recorded) as session:
+            return cause_of_trip(session, trigger, pipelines.cell)
 
     is_simulated = source == "simulator"
-    black_boxes = BlackBoxRecorder(data / "blackboxes.sqlite", session_id, black_box_made, is_simulated=is_simulated)
+    boxes_path = data / "blackboxes.sqlite"
+    black_boxes = BlackBoxRecorder(boxes_path, session_id, black_box_made, explain, is_simulated=is_simulated)
     pipelines = Pipelines(settings)
     passports = PassportKeeper(
         data,

@@ -12,7 +12,9 @@ from app.telemetry.events import (
     Links,
     LinkState,
     LinkStatus,
+    PossibleCause,
     Severity,
+    TripCause,
 )
 from app.telemetry.snapshot import (
     Accumulator,
@@ -60,9 +62,11 @@ __all__ = [
     "MasterState",
     "Pack",
     "Plausibility",
+    "PossibleCause",
     "Prediction",
     "ProtectionLimits",
     "Severity",
     "Snapshot",
     "Source",
+    "TripCause",
 ]

@@ -80,6 +80,29 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
+class PossibleCause:
+    """What else a trip may have been caused by; cell and pack count from 0."""
+
+    code: str
+    message: Annotated[Message, MESSAGE]
+    cell: int | None
+    pack: int | None
+    confidence: Annotated[float, Unit("1", "share among what it may be", 3)]
+
+
+@dataclass(frozen=True, slots=True)
+class TripCause:
+    """What is taken for the cause of a trip, found in the recording seconds after it; cell and pack count from 0."""
+
+    code: str
+    message: Annotated[Message, MESSAGE]
+    cell: int | None
+    pack: int | None
+    confidence: Annotated[float, Unit("1", "share among what it may be", 3)]
+    others: tuple[PossibleCause, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Alarm:
     """A condition that holds, or held and was not acknowledged."""
 
@@ -95,6 +118,7 @@ class Alarm:
     unit: str = ""
     acknowledged_by: str | None = None
     cells: tuple[int, ...] = ()  # every cell it is about, where they are more than `cell`
+    cause: TripCause | None = None  # of a trip, once it was looked for
 
     @property
     def text(self) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from app.analysis.finding import AnalysisFinding
+from app.analysis.root_cause.cause import Cause, cause_from_json
 from app.telemetry import Severity
 
 Quantity = Literal["voltage", "temperature", "current"]
@@ -100,6 +101,7 @@ class BlackBox:
     findings: list[AnalysisFinding]
     summary: list[str]
     simulated: bool = False  # the car was the simulator
+    cause: Cause | None = None  # None: nothing that can be explained, or not looked for yet
 
 
 def box_from_json(body: dict[str, Any]) -> BlackBox:
@@ -116,6 +118,7 @@ def box_from_json(body: dict[str, Any]) -> BlackBox:
         "cells": CellsAround(**body["cells"]),
         "samples": Samples(**body["samples"]),
         "findings": [AnalysisFinding(**found) for found in body.get("findings", [])],
+        "cause": cause_from_json(body.get("cause")),
     }
     return BlackBox(**body | parts)
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from app.analysis.black_box.box import Beyond, BlackBox, BoxEvent, CellsAround, Peers, Quantity, Samples, Side
 from app.analysis.black_box.findings import findings_of
-from app.analysis.black_box.incidents import AFTER_S, BEFORE_S, Trigger, incident_id, main_trigger
 from app.analysis.finding import english, finding_or_none
+from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incident_id, main_trigger
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
 from app.telemetry.cell_findings import Finding

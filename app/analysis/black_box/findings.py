@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from app.analysis.black_box.box import BlackBox
 from app.analysis.finding import AnalysisFinding, finding
+from app.analysis.root_cause.cause import Cause
 from app.telemetry.cell_findings import Finding
 from app.words import Cell, Message, Quantity
 
@@ -32,6 +33,22 @@ def findings_of(box: BlackBox, found: Sequence[Finding] = ()) -> list[AnalysisFi
     if not box.is_complete:
         said.append(Message("box-partial"))
     return [finding(message) for message in said]
+
+
+def cause_findings(cause: Cause | None) -> list[AnalysisFinding]:
+    """Return the likeliest cause, what speaks for it, what it cannot be told apart from, and what else it could be."""
+    if cause is None:
+        return []
+    if cause.code == "unknown":
+        return [finding(Message("box-no-cause"))]
+    share = Quantity(100 * cause.confidence, "%", 0)
+    said = [finding(Message("box-cause", cause=cause.message_words.message, share=share)), *cause.evidence]
+    if cause.same:
+        said.append(finding(Message("box-cause-same", causes=tuple(each.message for each in cause.same))))
+    if cause.others:
+        others = tuple(each.message_words.message for each in cause.others)
+        said.append(finding(Message("box-cause-others", causes=others)))
+    return said
 
 
 def _beyond(box: BlackBox) -> list[Message]:

@@ -9,10 +9,13 @@ import numpy as np
 
 from app.analysis.black_box.box import BlackBox, box_from_json
 from app.analysis.black_box.excerpt import Window, build
-from app.analysis.black_box.findings import findings_of
-from app.analysis.black_box.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger
+from app.analysis.black_box.findings import cause_findings, findings_of
 from app.analysis.cell_findings import CellJudge
 from app.analysis.finding import message_of_event
+from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger, main_trigger
+from app.analysis.limits import limits_of
+from app.analysis.root_cause.cause import Cause
+from app.analysis.root_cause.from_session import cause_of_trip
 from app.analysis.session_survey import read_pieces
 from app.battery.shape import N_CELLS
 from app.estimation.arrays import FloatArray
@@ -21,22 +24,14 @@ from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.reading.reader import SessionFile
 from app.telemetry.cell_findings import finding_of
 from firmware_protocol.config_image import image_hash
-from firmware_protocol.memory_map import CONFIG, STATUS_FLAGS
+from firmware_protocol.memory_map import STATUS_FLAGS
 
-LIMITS = ("v_cell_min", "v_cell_max", "t_cell_min", "t_cell_max", "i_disc_max", "i_disc_min")
+SAME_S = 0.01  # between a stored time and the one it was read from
 _FIELDS = ("i_fs", "v", "t", "estimate.soc", "status.flags")
 
 
-def limits_of(image: bytes | None) -> dict[str, float]:
-    """Return what the configuration limits, by name, in units."""
-    if image is None:
-        return {}
-    return {name: round(CONFIG[name].unpack(image)[0] * CONFIG[name].scale, 6) for name in LIMITS}
-
-
-def black_boxes(session: SessionFile) -> list[BlackBox]:
-    """Return a black box for every incident of a session, in order."""
-    triggers = [
+def _triggers(session: SessionFile) -> list[Trigger]:
+    return [
         Trigger(
             event["t_wall_ns"] / 1e9,
             event["t_mono_ns"] / 1e9,
@@ -51,6 +46,11 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         for event in session.events()
         if is_trigger(event["severity"], event["code"])
     ]
+
+
+def black_boxes(session: SessionFile) -> list[BlackBox]:
+    """Return a black box for every incident of a session, in order."""
+    triggers = _triggers(session)
     if not triggers:
         return []
     configs = session.configs()
@@ -68,18 +68,31 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         known_s = session.unix_s(round(group[-1].mono_s * 1e9)) + AFTER_S
         found = [finding_of(each) for each in judge.as_of(known_s)]
         limits = limits_of(image)
-        boxes.append(
-            build(
-                group,
-                window,
-                session_id=session_id,
-                config_hash=config_hash,
-                limits=limits,
-                found=found,
-                is_simulated=session.info.metadata.get("source") == "simulator",
-            )
+        box = build(
+            group,
+            window,
+            session_id=session_id,
+            config_hash=config_hash,
+            limits=limits,
+            found=found,
+            is_simulated=session.info.metadata.get("source") == "simulator",
         )
+        boxes.append(with_cause(box, cause_of_trip(session, main_trigger(group))))
     return boxes
+
+
+def with_cause(box: BlackBox, cause: Cause | None) -> BlackBox:
+    """Return a box that tells its cause."""
+    findings = [*box.findings, *cause_findings(cause)]
+    return replace(box, cause=cause, findings=findings, summary=[each.text for each in findings])
+
+
+def explained(session: SessionFile, box: BlackBox) -> BlackBox:
+    """Return a box with the cause that its session tells; as it is where the session does not hold its event."""
+    for trigger in _triggers(session):
+        if trigger.code == box.code and abs(trigger.at_s - box.at) < SAME_S:
+            return with_cause(box, cause_of_trip(session, trigger))
+    return box
 
 
 def keep_black_boxes(session: SessionFile, store: BlackBoxStore) -> list[StoredBox]:
@@ -110,7 +123,7 @@ def stored_box(store: BlackBoxStore, box_id: str) -> BlackBox | None:
     if body is None:
         return None
     box = box_from_json(body)
-    return box if box.findings else replace(box, findings=findings_of(box))
+    return box if box.findings else replace(box, findings=[*findings_of(box), *cause_findings(box.cause)])
 
 
 def read_window(session: SessionFile, group: Sequence[Trigger]) -> Window:

@@ -15,8 +15,10 @@ import numpy as np
 
 from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.excerpt import Window, build
-from app.analysis.black_box.from_session import limits_of, store_box
-from app.analysis.black_box.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, incidents, is_trigger
+from app.analysis.black_box.from_session import store_box, with_cause
+from app.analysis.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, incidents, is_trigger, main_trigger
+from app.analysis.limits import limits_of
+from app.analysis.root_cause.cause import Cause
 from app.errors import AppError
 from app.sessions.black_box_store import BlackBoxStore
 from app.telemetry import Event, FloatArray, Snapshot
@@ -47,10 +49,18 @@ class BlackBoxRecorder:
         path: Path,
         session_id: Callable[[], str | None],
         on_made: Callable[[BlackBox], None],
+        explain: Callable[[str, Trigger], Cause | None] = lambda session_id, trip: None,
         *,
         is_simulated: bool = False,
     ) -> None:
-        """Write into the file at `path`; `on_made` is told of every box, by the writing thread.
+        """Write into the file at `path`.
+
+        Args:
+            path: of the store.
+            session_id: what is being recorded.
+            on_made: told of every box, by the writing thread.
+            explain: finds the cause of a trip in the session that is being recorded; AppError where it cannot be read.
+            is_simulated: the car is the simulator.
 
         Raises:
             AppError: the file cannot be used.
@@ -59,6 +69,7 @@ class BlackBoxRecorder:
         self._session_id = session_id
         self._is_simulated = is_simulated
         self._on_made = on_made
+        self._explain = explain
         self._samples: deque[_Sample] = deque(maxlen=MAX_SAMPLES)
         self._triggers: list[Trigger] = []
         self._found: tuple[Finding, ...] = ()
@@ -122,11 +133,21 @@ class BlackBoxRecorder:
                 found=found,
                 is_simulated=self._is_simulated,
             )
+            box = self._with_cause(box, session_id, main_trigger(group))
             try:
                 if store_box(self.store, box):
                     self._on_made(box)
             except AppError as error:
                 log.warning("a black box was not written: %s", error)
+
+    def _with_cause(self, box: BlackBox, session_id: str | None, trip: Trigger) -> BlackBox:
+        if session_id is None:
+            return box
+        try:
+            return with_cause(box, self._explain(session_id, trip))
+        except AppError as error:
+            log.warning("the cause of a trip was not looked for: %s", error)
+            return box
 
 
 def _tell_failure(done: "Future[None]") -> None:

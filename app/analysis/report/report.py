@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app.analysis.black_box.from_session import limits_of
-from app.analysis.black_box.incidents import is_trigger
 from app.analysis.cell_findings import CellJudge
-from app.analysis.finding import AnalysisFinding, message_of_event, with_cell
+from app.analysis.finding import AnalysisFinding, finding, message_of_event, with_cell
+from app.analysis.incidents import is_trigger
 from app.analysis.laps.figures import compare_drivers, figures_of
 from app.analysis.laps.from_session import LapTable, find_laps
+from app.analysis.limits import limits_of
 from app.analysis.report.findings import (
     CellChange,
     Margin,
@@ -26,6 +26,8 @@ from app.analysis.report.findings import (
 )
 from app.analysis.report.over_time import OverTime, over_time
 from app.analysis.report.verdict import verdicts
+from app.analysis.root_cause.cause import Cause
+from app.analysis.root_cause.from_session import causes_of
 from app.analysis.session_arrays import TotalsCollector
 from app.analysis.session_survey import survey_session
 from app.analysis.survey import Histogram
@@ -66,6 +68,7 @@ class Report:
     Attributes:
         session: whose report it is.
         findings: what is said of it.
+        causes: of each trip, then of what is wrong without one; the first is the main one.
         headline, why, limited, look_at: the findings in English; `why`: which cell failed, and why.
         margins: how near each limit came, the nearest first.
         odd: the cells that are unlike the others.
@@ -80,6 +83,7 @@ class Report:
 
     session: ReportedSession
     findings: Findings
+    causes: list[Cause]
     headline: str
     why: list[str]
     limited: list[str]
@@ -134,9 +138,10 @@ def report_of(session: SessionFile) -> Report:
     trips = [event for event in events if event["severity"] == "trip" and event["code"] != "master-fault"]
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
     loose = [event for event in warned if event["code"] == "joint-loose"]
+    causes = causes_of(session)
     findings = Findings(
         headline(survey, len(found_laps)),
-        verdicts(survey, odd, _cells(trips), _cells(loose), found),
+        [*_causes_told(causes), *verdicts(survey, odd, _cells(trips), _cells(loose), found, _blamed(causes))],
         what_limited(near, _told(trips)),
         what_to_look_at(survey, _unexplained(odd, found), [*_ended(ended), *_told(warned)], session.bad_frames()),
     )
@@ -149,6 +154,7 @@ def report_of(session: SessionFile) -> Report:
             info.metadata.get("source") == "simulator",
         ),
         findings=findings,
+        causes=causes,
         headline=findings.headline.text,
         why=_texts(findings.why),
         limited=_texts(findings.limited),
@@ -166,6 +172,30 @@ def report_of(session: SessionFile) -> Report:
         temperature_max_degc=listed(survey.temperature_max_degc),
         balancing_s=listed(survey.balancing_s),
     )
+
+
+def _causes_told(causes: Sequence[Cause]) -> list[AnalysisFinding]:
+    """Each cause once, with the first thing that speaks for it."""
+    said: dict[tuple[str, int | None, int | None], AnalysisFinding] = {}
+    for cause in causes:
+        if cause.code == "unknown":
+            continue
+        evidence = tuple(each.message for each in cause.evidence)
+        same = tuple(each.message for each in cause.same)
+        others = tuple(each.message_words.message for each in cause.others)
+        message = Message("report-cause", cause=cause.message_words.message, evidence=evidence)
+        if same:
+            message = Message("report-cause-same", cause=cause.message_words.message, evidence=evidence, causes=same)
+        elif others:
+            message = Message("report-cause-or", cause=cause.message_words.message, evidence=evidence, causes=others)
+        said.setdefault((cause.code, cause.cell, cause.pack), finding(message))
+    return list(said.values())
+
+
+def _blamed(causes: Sequence[Cause]) -> set[int]:
+    """Cells that a cause names, first or among others: nobody says of them that nothing is wrong."""
+    first, others = {cause.cell for cause in causes}, {each.cell for cause in causes for each in cause.others}
+    return {cell for cell in first | others if cell is not None}
 
 
 def compare_sessions(first: SessionFile, second: SessionFile) -> SessionComparison:

@@ -7,7 +7,7 @@ out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
 import numpy as np
@@ -29,6 +29,7 @@ def verdicts(
     tripped: Sequence[int],
     loose: Sequence[int],
     found: Sequence[Finding] = (),
+    blamed: Collection[int] = (),
 ) -> list[AnalysisFinding]:
     """Return why, of each cell that tripped, was reported, or has more resistance than the others.
 
@@ -38,6 +39,7 @@ def verdicts(
         tripped: cells named by trips, in order.
         loose: cells whose joint was reported to have grown.
         found: what the session shows against single cells; who has a finding is explained by it.
+        blamed: cells that a cause names: that one of them is like the others is not said.
     """
     resisting = [each.cell for each in odd if each.what == "resistance"]
     by_cell = {each.cell: [other for other in found if other.cell == each.cell] for each in found}
@@ -47,7 +49,9 @@ def verdicts(
             messages = [Message("why-finding", finding=each.message, evidence=each.evidence) for each in by_cell[cell]]
             said += [finding(each) for each in messages]
         else:
-            said.append(_verdict(survey, cell, is_loose=cell in loose, resists=cell in resisting))
+            verdict = _verdict(survey, cell, is_loose=cell in loose, resists=cell in resisting)
+            if verdict.code != "why-like-others" or cell not in blamed:
+                said.append(verdict)
     return said
 
 

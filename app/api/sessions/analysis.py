@@ -9,7 +9,7 @@ from fastapi.responses import HTMLResponse
 from pydantic import Field
 
 from app.analysis.black_box.box import BlackBox
-from app.analysis.black_box.from_session import keep_black_boxes, stored_box
+from app.analysis.black_box.from_session import explained, keep_black_boxes, stored_box
 from app.analysis.evidence.evidence import Evidence, NoEvidence, evidence_of
 from app.analysis.laps.figures import OVERLAY_POINTS, Lap
 from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, overlay_laps, settle_laps
@@ -21,6 +21,7 @@ from app.api.web.dependencies import BlackBoxesPart, CataloguePart, ClockPart, E
 from app.api.web.document import document_response
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
+from app.errors import AppError
 from app.sessions.black_box_store import StoredBox
 from app.sessions.errors import UnknownSignal
 from app.sessions.reading.reader import SessionFile
@@ -139,18 +140,26 @@ def black_boxes(black_boxes: BlackBoxesPart, passports: PassportsPart) -> BoxLis
 
 
 @router.get("/blackboxes/{box_id}")
-def black_box(box_id: str, black_boxes: BlackBoxesPart) -> BlackBox:
-    """One of them: the cell, value, limit, persistence, what the others did, every sample at full rate."""
+def black_box(box_id: str, black_boxes: BlackBoxesPart, catalogue: CataloguePart) -> BlackBox:
+    """One of them: the cell, value, limit, the likely cause, what the others did, every sample at full rate."""
     box = stored_box(black_boxes.store, box_id)
     if box is None:
         raise not_found("black box", box_id)
-    return box
+    if box.cause is not None or box.session_id is None:
+        return box
+    try:
+        with catalogue.open(box.session_id) as file:  # one of an earlier version: its session tells the cause
+            return explained(file, box)
+    except AppError:
+        return box
 
 
 @router.get("/blackboxes/{box_id}/page", response_class=HTMLResponse)
-def black_box_page(box_id: str, black_boxes: BlackBoxesPart, language: Language = "en") -> HTMLResponse:
+def black_box_page(
+    box_id: str, black_boxes: BlackBoxesPart, catalogue: CataloguePart, language: Language = "en"
+) -> HTMLResponse:
     """The same as one HTML file, to print or to hand over."""
-    return document_response(black_box(box_id, black_boxes), language)
+    return document_response(black_box(box_id, black_boxes, catalogue), language)
 
 
 @router.get("/sessions/{session_id}/blackboxes")

@@ -62,6 +62,7 @@ export interface Alarm {
   unit: string;
   acknowledged_by: string | null;
   cells: number[];
+  cause: TripCause | null;
   text_words: Words | null;
 }
 
@@ -123,6 +124,7 @@ export interface BlackBox {
   findings: AnalysisFinding[];
   summary: string[];
   simulated: boolean;
+  cause?: Cause | null;
 }
 
 /** What was reported; `t_s` from the trip. */
@@ -277,6 +279,22 @@ export interface CanValue {
   value: number;
   unit: string;
   text: string | null;
+}
+
+/** The likeliest cause of a trip, or of something that is wrong without one. */
+export interface Cause {
+  at: number;
+  trip: string | null;
+  code: string;
+  message: string;
+  message_words: AnalysisFinding;
+  cell: number | null;
+  pack: number | null;
+  since: number | null;
+  confidence: number;
+  same: AnalysisFinding[];
+  evidence: AnalysisFinding[];
+  others: OtherCause[];
 }
 
 /** A cell whose resistance changed against the others' change. */
@@ -989,6 +1007,16 @@ export interface Odd {
   unit: string;
 }
 
+/** What else it could be; cell and pack count from 0. */
+export interface OtherCause {
+  code: string;
+  message: string;
+  message_words: AnalysisFinding;
+  cell: number | null;
+  pack: number | null;
+  confidence: number;
+}
+
 /** Lists of one length: each entry is a part of the recording; None where nothing was measured. */
 export interface OverTime {
   time_s: number[];
@@ -1053,6 +1081,16 @@ export interface Plausibility {
   sum: Check;
   current: Check;
   chips: Check;
+}
+
+/** What else a trip may have been caused by; cell and pack count from 0. */
+export interface PossibleCause {
+  code: string;
+  message: string;
+  cell: number | null;
+  pack: number | null;
+  confidence: number;
+  message_words: Words | null;
 }
 
 /** What can be held for one horizon in one direction. */
@@ -1218,6 +1256,7 @@ export interface ReplayState {
 export interface Report {
   session: ReportedSession;
   findings: Findings;
+  causes: Cause[];
   headline: string;
   why: string[];
   limited: string[];
@@ -1616,6 +1655,17 @@ export interface Trend {
   time: number[];
   series: Record<string, (number | null)[]>;
   balanced_s: number;
+}
+
+/** What is taken for the cause of a trip, found in the recording seconds after it; cell and pack count from 0. */
+export interface TripCause {
+  code: string;
+  message: string;
+  cell: number | null;
+  pack: number | null;
+  confidence: number;
+  others: PossibleCause[];
+  message_words: Words | null;
 }
 
 /** Seconds until a limit is met at a constant current, with their band; inf = not within an hour. */

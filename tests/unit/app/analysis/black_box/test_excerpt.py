@@ -6,7 +6,7 @@ import pytest
 
 from app.analysis.black_box.box import Beyond, box_from_json
 from app.analysis.black_box.excerpt import Window, build
-from app.analysis.black_box.incidents import AFTER_S, Trigger, incident_id, incidents, is_trigger, main_trigger
+from app.analysis.incidents import AFTER_S, Trigger, incident_id, incidents, is_trigger, main_trigger
 
 WALL_S = 1_790_000_000.0
 TIME_S = np.arange(90.0, 105.05, 0.1)

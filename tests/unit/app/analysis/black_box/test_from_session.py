@@ -1,11 +1,12 @@
 """Black boxes live and out of the file are one and the same."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import pytest
 
-from app.analysis.black_box.from_session import black_boxes, keep_black_boxes, stored_box
+from app.analysis.black_box.from_session import black_boxes, explained, keep_black_boxes, stored_box
 from app.analysis.black_box.recorder import BlackBoxRecorder
+from app.analysis.root_cause.from_session import cause_of_trip
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
@@ -29,8 +30,13 @@ class Car:
         self.recorder = Recorder(folder / "sessions", FunctionClock(lambda: master.t_ns), version="0")
         self.info = self.recorder.start()
         self.made = []
-        self.boxes = BlackBoxRecorder(folder / "boxes.sqlite", lambda: self.info.id, self.made.append)
+        self.boxes = BlackBoxRecorder(folder / "boxes.sqlite", lambda: self.info.id, self.made.append, self.explain)
         self.take(master.config())
+
+    def explain(self, session_id, trigger):
+        self.recorder.flush()
+        with SessionFile(self.info.path) as session:
+            return cause_of_trip(session, trigger)
 
     def take(self, item):
         self.recorder.frame(item.t_mono_ns, item.t_wall_ns, 0, item.frame.raw, True)
@@ -127,6 +133,21 @@ def test_a_box_of_an_earlier_version_gets_its_findings_when_it_is_read(car, tmp_
     store.close()
 
 
+def test_a_box_of_before_there_were_causes_is_explained_by_its_session(car, tmp_path):
+    car.run(15)
+    car.set_cell(2.3)
+    car.run(8)
+    car.boxes.close()
+    car.recorder.close()
+    (live,) = car.made
+    findings = [each for each in live.findings if each.code != "box-no-cause"]
+    old = replace(live, cause=None, findings=findings, summary=[each.text for each in findings])
+    with SessionFile(car.info.path) as session:
+        assert same(asdict(explained(session, old)), asdict(live))
+        elsewhere = replace(old, at=old.at + 100.0)
+        assert explained(session, elsewhere) == elsewhere
+
+
 def test_a_box_of_nothing_but_an_event_says_what_is_missing(make_session):
     path = make_session(
         [], [], events=[{"at_s": 3.0, "severity": "trip", "code": "trip-slave-lost", "text": "a slave"}]
@@ -134,5 +155,5 @@ def test_a_box_of_nothing_but_an_event_says_what_is_missing(make_session):
     with SessionFile(path) as session:
         (box,) = black_boxes(session)
     assert not box.is_complete
-    assert [found.code for found in box.findings] == ["box-event", "box-no-cell", "box-partial"]
+    assert [found.code for found in box.findings] == ["box-event", "box-no-cell", "box-partial", "box-no-cause"]
     assert box.cells.voltage_at_v == [None] * 96

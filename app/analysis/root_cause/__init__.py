@@ -1,0 +1,1 @@
+"""The likeliest cause of what went wrong, from what was recorded."""

@@ -1,0 +1,120 @@
+"""Hypotheses about what all cells share: cold, an empty accumulator, hot or cold air, cooling that fails."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from app.analysis.root_cause.recording import Recording, Suspicion, row_mean
+from app.estimation.cell_model.circuit import CellModel
+from app.words import Message, Quantity
+
+EMPTY_SOC: Final = 0.12
+NEAR_V: Final = 0.25  # of the median cell above the limit
+LOW_V: Final = 0.45
+LOW_CELLS: Final = 8  # that near the limit together are an empty accumulator, not a weak cell
+COLD_DEGC: Final = 0.0
+CELL_J_PER_K: Final = 450.0
+AIR_K: Final = 2.5
+AIR_WINDOW_S: Final = 90.0
+COOLING_FROM_K: Final = 1.5  # duty times kelvin above the air: less tells nothing of the fans
+COOLING_LEAST_S: Final = 150.0
+COOLING_SOC: Final = 0.3  # below, the reaction itself takes up heat
+HOT_K: Final = 10.0  # below the limit: cooler, nobody needs the fans
+COOLING_W_PER_K: Final = 0.6  # of a cell at full duty: what moving air takes away at least
+
+
+def pack_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspicion]:
+    """Yield what all cells do together."""
+    if recording.time_s.size < 20:
+        return
+    for event in recording.events:
+        if event.severity != "trip":
+            continue
+        rows = recording.near(event.at_s - 1.5, event.at_s + 0.1)
+        if rows.start == rows.stop:
+            continue
+        volts, degc = np.nanmin(recording.middle_v[rows]), np.nanmedian(recording.middle_degc[rows])
+        soc = np.nanmedian(recording.soc[rows])
+        limit = recording.limits.get("v_cell_min", 2.5)
+        if "v-min" in event.code or "voltage-low" in event.code:
+            if degc < COLD_DEGC:
+                yield Suspicion("cold-pack", event.at_s - 5.0, 15.0, (_cold(degc),))
+            low = int((np.nanmin(recording.voltage_v[rows], axis=0) < limit + LOW_V).sum())
+            if volts < limit + NEAR_V or (soc < EMPTY_SOC and low >= LOW_CELLS):
+                level = Quantity(100 * float(soc), "%", 0)
+                middle = Quantity(float(volts), "V", 2)
+                yield Suspicion(
+                    "empty-pack", event.at_s - 5.0, 16.0, (Message("seen-empty", soc=level, middle=middle),)
+                )
+        hot_limit = recording.limits.get("t_cell_max", 60.0)
+        if ("t-max" in event.code or event.code == "cell-hot") and degc > hot_limit - 4.0:
+            evidence = (Message("seen-hot", temperature=Quantity(float(degc), "degC", 0)),)
+            yield Suspicion("hot-pack", event.at_s - 5.0, 8.0, evidence)
+        if ("t-min" in event.code or "cold" in event.code) and degc < recording.limits.get("t_cell_min", -15.0) + 4.0:
+            yield Suspicion("cold-pack", event.at_s - 5.0, 15.0, (_cold(degc),))
+    yield from _air(recording, model)
+
+
+def _cold(degc: float) -> Message:
+    return Message("seen-cold", temperature=Quantity(float(degc), "degC", 0))
+
+
+def _air(recording: Recording, model: CellModel) -> Iterator[Suspicion]:
+    """The boards are light and follow the air; the cells follow their own heat."""
+    boards = recording.boards
+    own = row_mean(boards.own_degc)
+    known = np.isfinite(own)
+    if known.sum() < 20:
+        return
+    times, own = boards.time_s[known], own[known]
+    cells = np.interp(times, recording.time_s, recording.mean_degc)
+    before = np.searchsorted(times, times - AIR_WINDOW_S)
+    rows = np.flatnonzero(times - times[0] >= 0.5 * AIR_WINDOW_S)
+    moved, warmed = own[rows] - own[before[rows]], cells[rows] - cells[before[rows]]
+    is_charging = bool((recording.charger_state > 0).any())  # bleeding warms the boards then
+    hot = np.flatnonzero((moved - warmed >= AIR_K) & (moved >= AIR_K))
+    cold = np.flatnonzero(moved <= -AIR_K)
+    for code, found in (("air-hot", hot), ("air-cold", cold)):
+        if found.size and not is_charging:
+            worst = int(found[np.abs(moved[found]).argmax()])
+            at_s = float(times[rows[found[0]]]) - 0.5 * AIR_WINDOW_S
+            of_boards, of_cells = Quantity(float(moved[worst]), "K", 1), Quantity(float(warmed[worst]), "K", 1)
+            evidence = (Message("seen-boards-moved", boards=of_boards, cells=of_cells),)
+            yield Suspicion(code, at_s, 10.0 + 2.0 * float(np.abs(moved[worst])), evidence)
+            return
+    yield from _cooling(recording, model, float(min(own[:10].mean(), cells[:10].mean())))
+
+
+def _cooling(recording: Recording, model: CellModel, air_degc: float) -> Iterator[Suspicion]:
+    """C dT/dt = loss - b duty (T - air): b is what the fans take away; loss = i (OCV - v) of the median cell."""
+    ocv = model.ocv.voltage(np.clip(recording.soc, -0.05, 1.05))
+    loss_w = recording.steady_a * (ocv - recording.middle_v)
+    degc = recording.mean_degc
+    is_known = np.isfinite(loss_w) & np.isfinite(degc) & np.isfinite(recording.fan_duty)
+    known = np.flatnonzero(is_known & (recording.soc > COOLING_SOC))
+    if known.size < 200:
+        return
+    dt_s = np.clip(np.diff(recording.time_s[known], prepend=recording.time_s[known[0]]), 0.0, 5.0)
+    warm = recording.fan_duty[known] * (degc[known] - air_degc)
+    far = warm >= COOLING_FROM_K
+    if (dt_s * far).sum() < COOLING_LEAST_S:
+        return
+    first, last = int(np.flatnonzero(far)[0]), int(np.flatnonzero(far)[-1])
+    part = slice(first, last + 1)
+    start = float(recording.time_s[known[first]])
+    given = float((dt_s[part] * loss_w[known][part]).sum())
+    taken = float((dt_s[part] * warm[part]).sum())
+    edge = min(100, (last - first) // 3)
+    moved = float(degc[known][last - edge : last + 1].mean() - degc[known][first : first + edge + 1].mean())
+    lasted = float(dt_s[part].sum())
+    moved *= lasted / max(lasted - float(dt_s[first : first + edge].sum()), 1.0)
+    watts = (given - CELL_J_PER_K * moved) / max(taken, 1.0)
+    if degc[known].max() < recording.limits.get("t_cell_max", 60.0) - HOT_K:
+        return
+    if watts < COOLING_W_PER_K:
+        duty = Quantity(100 * float(np.nanmax(recording.fan_duty)), "%", 0)
+        evidence = (Message("seen-cooling", cooling=Quantity(max(watts, 0.0), "W/K", 2), duty=duty),)
+        yield Suspicion("cooling-failed", start, 20.0 * (1.0 - watts / COOLING_W_PER_K) + 6.0, evidence)

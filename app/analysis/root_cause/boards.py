@@ -1,0 +1,66 @@
+"""Hypotheses about the slave boards and the line between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from app.analysis.root_cause.recording import Recording, Suspicion
+from app.battery.shape import CELLS_PER_PACK
+from app.estimation.arrays import BoolArray
+from app.words import Message
+
+CONVERTER_BITS: Final = 1 | 2 | 4  # cells, auxiliary, status: what is converted is wrong
+MULTIPLEXER_BIT: Final = 8
+
+
+def board_suspicions(recording: Recording) -> Iterator[Suspicion]:
+    """Yield what the boards' own tests, their silence and their damaged packets tell."""
+    noisy = list(_line(recording))
+    yield from noisy
+    yield from _self_tests(recording)
+    yield from _silent(recording, is_noisy=bool(noisy))
+
+
+def _line(recording: Recording) -> Iterator[Suspicion]:
+    damaged = np.nan_to_num(recording.boards.damaged)
+    rows = np.flatnonzero((damaged > 0).sum(axis=1) >= 2)
+    if rows.size < 2 and not (rows.size and damaged[rows].sum() > 20):
+        return
+    packs = int((damaged[rows].max(axis=0) > 0).sum())
+    evidence = (Message("seen-damaged-packets", n=round(float(damaged[rows].sum(axis=1).mean())), packs=packs),)
+    yield Suspicion("slave-line-disturbed", float(recording.boards.time_s[rows[0]]) - 2.0, 30.0 + rows.size, evidence)
+
+
+def _self_tests(recording: Recording) -> Iterator[Suspicion]:
+    boards = recording.boards
+    failed = np.nan_to_num(boards.failed_tests).astype(np.int64)
+    for pack in np.flatnonzero(failed.any(axis=0)):
+        rows = np.flatnonzero(failed[:, pack])
+        bits = int(np.bitwise_or.reduce(failed[rows, pack]))
+        code, seen = "reference-drifted", Message("seen-reference-test", pack=int(pack) + 1)
+        if bits & CONVERTER_BITS:
+            code, seen = "converter-broken", Message("seen-converter-test", pack=int(pack) + 1)
+        elif bits & MULTIPLEXER_BIT:
+            code, seen = "multiplexer-failed", Message("seen-multiplexer-test", pack=int(pack) + 1)
+        at_s = float(boards.time_s[rows[0]]) - 3.0  # a round of the slow windows and of the tests before
+        yield Suspicion(code, at_s, 60.0, (seen,), pack=int(pack))
+
+
+def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Suspicion]:
+    if not recording.time_s.size:
+        return
+    told = [event for event in recording.events if event.code == "trip-slave-lost" and event.cell is not None]
+    cells = np.isnan(recording.voltage_v).reshape(len(recording.time_s), -1, CELLS_PER_PACK)
+    missing: BoolArray = np.logical_and.reduce(cells, axis=2)
+    tested = (np.nan_to_num(recording.boards.failed_tests) != 0).any(axis=0)
+    packs = {event.cell // CELLS_PER_PACK for event in told if event.cell is not None}
+    if not missing.all(axis=1).any():
+        packs |= {int(pack) for pack in np.flatnonzero(missing.sum(axis=0) >= 5) if not tested[pack]}
+    for pack in sorted(packs):
+        rows = np.flatnonzero(missing[:, pack])
+        at_s = float(recording.time_s[rows[0]]) if rows.size else told[0].at_s
+        weight = 10.0 if is_noisy else 60.0
+        yield Suspicion("slave-lost", at_s, weight, (Message("seen-slave-silent", pack=pack + 1),), pack=pack)

@@ -1,0 +1,250 @@
+"""How well each thing that can be wrong with one cell explains its voltage: least squares, onset and size searched.
+
+The cell is compared with the median cell, which carries the same current. The noise is what healthy cells differ by.
+Every model is: nothing until an onset, then its own law with one size.
+
+    joint        apart = -R i
+    resistance   apart = -R (i + slow i)            the polarisation grows with it
+    capacity     apart = OCV(soc - x used) - OCV(soc)       charge used counts more by the share x
+    leak         apart = OCV(soc - I t / Q) - OCV(soc)      charge leaves by itself
+    stuck        voltage = constant
+    lower        apart = OCV(soc - d) - OCV(soc)            it began with less charge
+    warm         apart = r i, less resistance of a cell that is warmer; capacity and leak may have it, too
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from app.analysis.root_cause.recording import IntArray, Recording
+from app.estimation.arrays import FloatArray
+from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
+
+Law = Literal["joint", "resistance", "capacity", "leak", "stuck", "warm", "lower"]
+FULL_RATE_S: Final = 8.0  # around the instant that is asked about every sample counts
+SPACING_S: Final = 1.0  # elsewhere one a second
+ONSETS: Final = 48
+LEAST_NOISE_V: Final = 1.5e-3
+SHARE_NOISE: Final = 0.03  # of a cell's own drop under load: healthy cells differ by this
+CORRELATED: Final = 0.1  # independent values a sample: errors of one second are alike
+MOST_INDEPENDENT: Final = 15.0  # values of a recording: drifts of healthy cells last as long as it does
+HEALTHY_OHM: Final = 2.5e-4  # by which sound cells and joints differ
+WARM_OHM: Final = 8e-4  # of a cell of 2 mohm, from 25 to 60 degC
+STUCK_V: Final = 1.5e-3
+CAPACITY_SIZES: Final = np.geomspace(0.05, 4.0, 24)
+HEALTHY_SPREAD: Final = 0.015  # of the charge that cells begin with
+LOWER_SIZES: Final = np.concatenate((np.linspace(-0.015, 0.015, 13), np.geomspace(0.02, 0.3, 16)))
+LEAK_SIZES_A: Final = np.geomspace(0.5, 60.0, 28)
+
+
+@dataclass(frozen=True)
+class CellFit:
+    """One law against one cell's voltage: log of the likelihood, size [ohm, share, A or V], since when."""
+
+    law: Law
+    log_likelihood: float
+    size: float
+    onset_s: float
+
+
+@dataclass(frozen=True)
+class CellVoltage:
+    """What the laws are fitted to, thinned; arrays are (m,)."""
+
+    time_s: FloatArray
+    current_a: FloatArray
+    slow_a: FloatArray  # through the cell's slow RC pair
+    used: FloatArray  # charge used since the beginning, of the median cell's capacity
+    soc: FloatArray
+    voltage_v: FloatArray
+    middle_v: FloatArray
+    noise_v: FloatArray
+    around_s: float  # the instant that is asked about
+
+    @property
+    def apart_v(self) -> FloatArray:
+        """The cell against the median cell."""
+        return self.voltage_v - self.middle_v
+
+
+def slow_current(time_s: FloatArray, current_a: FloatArray, tau_s: float) -> FloatArray:
+    """Return the (n,) current through an RC pair, i' = a i + (1 - a) current, a = exp(-dt / tau)."""
+    keep = np.exp(-np.diff(time_s, prepend=time_s[:1]) / tau_s)
+    out = np.empty_like(current_a)
+    held = 0.0
+    for k, (share, amps) in enumerate(zip(keep.tolist(), current_a.tolist(), strict=True)):
+        held = share * held + (1.0 - share) * amps
+        out[k] = held
+    return out
+
+
+class CellVoltages:
+    """A recording's voltages as the fits want them: made once, asked for cell by cell."""
+
+    def __init__(self, recording: Recording, model: CellModel, around_s: float) -> None:
+        self._recording = recording
+        self._around_s = around_s
+        time_s = recording.time_s
+        current = np.nan_to_num(recording.steady_a)
+        self._rows = _thinned(time_s, around_s)
+        dt_s = np.clip(np.diff(time_s, prepend=time_s[:1]), 0.0, 10.0)
+        used = np.cumsum(current * dt_s) / (SECONDS_PER_HOUR * model.capacity_ah)
+        slow = slow_current(time_s, current, float(model.tau_s.max(axis=0).mean()))
+        known = np.isfinite(recording.soc)
+        start = float(recording.soc[known][0] + used[known][0]) if known.any() else 0.5
+        self._shared = tuple(each[self._rows] for each in (time_s, current, slow, used, start - used))
+        apart = recording.apart_v[self._rows]
+        usual = 1.4826 * np.nanmedian(np.abs(apart - np.nanmedian(apart, axis=0)), axis=1)
+        self._noise = np.hypot(np.nan_to_num(usual), LEAST_NOISE_V)
+
+    def of(self, cell: int) -> CellVoltage | None:
+        """Return one cell, None where it was hardly measured."""
+        voltage = self._recording.voltage_v[self._rows, cell]
+        middle = self._recording.middle_v[self._rows]
+        known = np.isfinite(voltage) & np.isfinite(middle)
+        if known.sum() < 10:
+            return None
+        time_s, current, slow, used, soc = (each[known] for each in self._shared)
+        return CellVoltage(
+            time_s, current, slow, used, soc, voltage[known], middle[known], self._noise[known], self._around_s
+        )
+
+
+def _thinned(time_s: FloatArray, around_s: float) -> IntArray:
+    near = np.abs(time_s - around_s) <= FULL_RATE_S
+    second = np.floor(time_s / SPACING_S)
+    first = np.diff(second, prepend=-1.0) > 0
+    return np.flatnonzero(near | first)
+
+
+def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: Callable[[float, float], float]) -> list[CellFit]:
+    """Return every law's best fit, in no order.
+
+    The log likelihood is against nothing being wrong with the cell. `leak_heat` gives that of the temperature for a
+    leak [A] since an onset, which counts where the leak's size and onset are searched.
+    """
+    lower = list(_lower(cell, model))
+    spread = [found for found, size, _ in lower if abs(size) <= HEALTHY_SPREAD]
+    healthy = max(_warm_likelihood(cell, cell.apart_v, HEALTHY_OHM), *spread)
+    onsets = _onsets(cell)
+    slow_share = float(model.r_ohm.sum(axis=0).mean() / model.r0_ohm.mean()) if model.n_rc else 0.0
+    drops: tuple[tuple[Law, FloatArray], ...] = (
+        ("joint", cell.current_a),
+        ("resistance", cell.current_a + slow_share * cell.slow_a),
+    )
+    fits: list[CellFit | None] = [_best(law, _drops(cell, drop, onsets), healthy) for law, drop in drops]
+    fits.append(CellFit("warm", _warm_likelihood(cell, cell.apart_v) - healthy, 0.0, float(cell.time_s[0])))
+    fits.append(_best("capacity", _capacities(cell, model), healthy))
+    fits.append(_best("lower", iter([each for each in lower if each[1] > HEALTHY_SPREAD]), healthy))
+    fits.append(_best_leak(_leaks(cell, model, onsets), healthy, leak_heat))
+    fits.append(_stuck(cell))
+    return [fit for fit in fits if fit is not None]
+
+
+_Candidate = tuple[float, float, float]  # log likelihood, size, onset
+
+
+def _best(law: Law, candidates: Iterator[_Candidate], healthy: float) -> CellFit | None:
+    best = max(candidates, default=None)
+    return None if best is None else CellFit(law, best[0] - healthy, best[1], best[2])
+
+
+def _best_leak(
+    candidates: Iterator[_Candidate], healthy: float, heat: Callable[[float, float], float]
+) -> CellFit | None:
+    told = [(found + heat(size, onset_s), found, size, onset_s) for found, size, onset_s in candidates]
+    if not told:
+        return None
+    _, found, size, onset_s = max(told)
+    return CellFit("leak", found - healthy, size, onset_s)
+
+
+def _onsets(cell: CellVoltage) -> FloatArray:
+    """Times since which it may be so: the beginning, and closer and closer towards the instant that is asked about."""
+    before_s = max(cell.around_s - cell.time_s[0], 1.0)
+    back = np.geomspace(0.2, before_s, ONSETS - 1)
+    return np.unique(np.concatenate(([cell.time_s[0]], cell.around_s - back)))
+
+
+def _residual(apart_v: FloatArray, cell: CellVoltage) -> FloatArray:
+    """What is left of a deviation beside a constant one, by weighted least squares."""
+    weight = 1.0 / cell.noise_v**2
+    residual: FloatArray = apart_v - (weight * apart_v).sum() / weight.sum()
+    return residual
+
+
+def _log_likelihood(cell: CellVoltage, residual_v: FloatArray) -> float:
+    """Gaussian with broad shoulders: no single sample decides."""
+    ratio = (residual_v / cell.noise_v) ** 2
+    share = min(CORRELATED, MOST_INDEPENDENT / len(ratio))
+    return float(-0.5 * share * (25.0 * np.log1p(ratio / 25.0)).sum())
+
+
+def _warm_likelihood(cell: CellVoltage, apart_v: FloatArray, most_ohm: float = WARM_OHM) -> float:
+    """As `_log_likelihood`, with the resistance that fits: a little more, or less up to what warmth takes away."""
+    weight = 1.0 / cell.noise_v**2
+    x = cell.current_a - (weight * cell.current_a).sum() / weight.sum()
+    y = _residual(apart_v, cell)
+    square = (weight * x * x).sum()
+    less = float(np.clip((weight * x * y).sum() / square, -HEALTHY_OHM, most_ohm)) if square > 0.0 else 0.0
+    return _log_likelihood(cell, y - less * x)
+
+
+def _drops(cell: CellVoltage, drop_a: FloatArray, onsets: FloatArray) -> Iterator[_Candidate]:
+    weight = 1.0 / cell.noise_v**2
+    for onset_s in onsets:
+        x = np.where(cell.time_s >= onset_s, -drop_a, 0.0)
+        x = x - (weight * x).sum() / weight.sum()
+        square = (weight * x * x).sum()
+        if square <= 0.0:
+            continue
+        y = _residual(cell.apart_v, cell)
+        size = float((weight * x * y).sum() / square)
+        if size > 0.0:
+            yield _log_likelihood(cell, y - size * x), size, float(onset_s)
+
+
+def _capacities(cell: CellVoltage, model: CellModel) -> Iterator[_Candidate]:
+    for size in CAPACITY_SIZES:
+        moved = _ocv(model, cell.soc - size * cell.used) - _ocv(model, cell.soc)
+        yield _warm_likelihood(cell, cell.apart_v - moved), float(size), float(cell.time_s[0])
+
+
+def _lower(cell: CellVoltage, model: CellModel) -> Iterator[_Candidate]:
+    usual = _ocv(model, cell.soc)
+    for size in LOWER_SIZES:
+        moved = _ocv(model, cell.soc - size) - usual
+        yield _log_likelihood(cell, cell.apart_v - moved), float(size), float(cell.time_s[0])
+
+
+def _leaks(cell: CellVoltage, model: CellModel, onsets: FloatArray) -> Iterator[_Candidate]:
+    capacity_coulomb = SECONDS_PER_HOUR * model.capacity_ah
+    usual = _ocv(model, cell.soc)
+    for onset_s in onsets[::2]:
+        ago_s = np.maximum(cell.time_s - onset_s, 0.0)
+        for size in LEAK_SIZES_A:
+            moved = _ocv(model, cell.soc - size * ago_s / capacity_coulomb) - usual
+            yield _warm_likelihood(cell, cell.apart_v - moved), float(size), float(onset_s)
+
+
+def _stuck(cell: CellVoltage) -> CellFit | None:
+    """The voltage stands still to the end although the others move."""
+    held = float(cell.voltage_v[-1])
+    moving = np.flatnonzero(np.abs(cell.voltage_v - held) > STUCK_V)
+    first = int(moving[-1]) + 1 if moving.size else 0
+    after = slice(first, None)
+    if len(cell.voltage_v) - first < 8 or np.ptp(cell.middle_v[after]) < 8 * STUCK_V:
+        return None
+    healthy = _warm_likelihood(cell, cell.apart_v, HEALTHY_OHM)
+    before = cell.apart_v[:first]
+    level = float(np.median(before)) if first else 0.0
+    residual = np.concatenate((before - level, cell.voltage_v[after] - held))
+    return CellFit("stuck", _log_likelihood(cell, residual) - healthy, held, float(cell.time_s[first]))
+
+
+def _ocv(model: CellModel, soc: FloatArray) -> FloatArray:
+    return np.asarray(model.ocv.voltage(np.clip(soc, -0.05, 1.05)), dtype=np.float64)

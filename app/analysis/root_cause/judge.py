@@ -1,0 +1,168 @@
+"""From suspicions to causes: what explains each trip, and what is wrong without one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.analysis.incidents import Trigger
+from app.analysis.root_cause.recording import Suspicion
+from app.battery.shape import CELLS_PER_PACK
+
+LATE_S: Final = 1.5  # what is seen first after a trip may have been there before it
+ENOUGH: Final = 6.0  # log odds from which a suspicion without a trip is told
+SURE_WHEN_EMPTY: Final = 40.0
+CONFIDENT: Final = 0.99
+TEMPER: Final = 4.0  # the odds are products of models; this much of them is believed
+MOST_OTHERS: Final = 4
+LEAST_OTHER: Final = 0.02
+
+_CELL = (
+    "weak-joint", "high-resistance", "lost-capacity", "leaking-cell", "unbalanced-cell", "voltage-input-stuck",
+    "voltage-input-noisy",
+)  # fmt: skip
+_BOARD = ("slave-line-disturbed", "reference-drifted", "converter-broken", "multiplexer-failed", "slave-lost")
+_LOST = ("broken-wire", "temperature-unplugged", *_BOARD)
+_WARM = (
+    "heated-cell",
+    "leaking-cell",
+    "weak-joint",
+    "high-resistance",
+    "temperature-stuck",
+    "cooling-failed",
+    "air-hot",
+    "hot-pack",
+)
+EXPLAINS: Final[dict[str, tuple[str, ...]]] = {
+    "v-min": (*_CELL, *_BOARD, "empty-pack", "cold-pack", "air-cold"),
+    "v-max": (*_CELL, *_BOARD),
+    "t-max": (*_WARM, *_LOST),
+    "t-min": ("cold-pack", "air-cold", "temperature-stuck", *_LOST),
+    "i-disc": ("overload", "current-sensor-offset", "current-sensor-unplugged"),
+    "i-chrg": ("overload", "current-sensor-offset", "current-sensor-unplugged"),
+    "slave-lost": _BOARD,
+    "sensor-lost": (*_LOST, "current-sensor-unplugged", "temperature-stuck"),
+}
+_KINDS: Final = {
+    "cell-voltage-low": "v-min", "cell-voltage-high": "v-max", "cell-hot": "t-max", "cell-cold": "t-min",
+    "current-high": "i-disc", "current-low": "i-disc",
+}  # fmt: skip
+# What follows from another cause when both are seen: the first is told, the second is not
+FOLLOWS: Final[dict[str, tuple[str, ...]]] = {
+    "can-flooded": ("charger-silent", "can-silent", "can-master-off", "can-master-silent", "can-disturbed"),
+    "can-silent": ("charger-silent", "can-disturbed"),
+    "can-master-off": ("charger-silent",),
+    "can-master-silent": ("charger-silent",),
+    "can-disturbed": ("charger-silent",),
+    "serial-silent": ("can-master-silent",),
+    "master-reset": ("shutdown-opened", "serial-silent", "can-master-silent", "can-master-off", "charger-silent"),
+    "master-power-lost": ("shutdown-opened", "serial-silent", "can-master-silent", "can-master-off", "charger-silent"),
+    "slave-line-disturbed": (
+        "slave-lost", "voltage-input-noisy", "temperature-unplugged", "temperature-stuck", "broken-wire",
+    ),
+    "converter-broken": (*_CELL, "temperature-stuck", "heated-cell", "temperature-unplugged", "broken-wire"),
+    "multiplexer-failed": (*_CELL, "temperature-stuck", "heated-cell", "temperature-unplugged", "broken-wire"),
+    "reference-drifted": (*_CELL, "temperature-stuck", "heated-cell", "temperature-unplugged", "broken-wire"),
+    "slave-lost": (*_CELL, "temperature-stuck", "heated-cell", "temperature-unplugged", "broken-wire"),
+    "broken-wire": (*_CELL, "temperature-stuck", "heated-cell", "temperature-unplugged"),
+    "current-sensor-unplugged": ("current-sensor-offset", "overload"),
+    "current-sensor-offset": _CELL,
+    "air-hot": ("heated-cell", "cooling-failed", "hot-pack"),
+    "air-cold": ("heated-cell", "cold-pack"),
+    "cooling-failed": ("hot-pack", "leaking-cell"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One thing that happened and what explains it, the likeliest first; `trip` None: it tripped nothing."""
+
+    at_s: float
+    trip: Trigger | None
+    ranked: tuple[Suspicion, ...]
+    confidence: tuple[float, ...]
+
+
+def trip_kind(code: str) -> str | None:
+    """What a trip is about; None for one that only repeats another."""
+    return _KINDS.get(code, code.removeprefix("trip-") if code.startswith("trip-") else None)
+
+
+def judge(trips: Sequence[Trigger], suspicions: Iterable[Suspicion]) -> list[Judgement]:
+    """Return what explains each trip, then what is wrong without having tripped anything; trips in order."""
+    left = _without_consequences(_once(suspicions))
+    found: list[Judgement] = []
+    explained: set[int | None] = set()  # cells of which it is known what they have
+    used: set[tuple[str, int | None, int | None]] = set()
+    for trip in trips:
+        kind = trip_kind(trip.code)
+        if kind is None:
+            continue
+        able = [each for each in left if each.code in EXPLAINS.get(kind, ()) and each.at_s <= trip.at_s + LATE_S]
+        named = [each for each in able if _fits_place(each, trip)]
+        ranked = _ranked(named or able)
+        found.append(Judgement(trip.at_s, trip, ranked, confidences(ranked)))
+        used |= {_key(each) for each in ranked}
+        explained |= {each.cell for each in ranked[:1]} - {None}
+    rest = [each for each in left if _key(each) not in used and each.weight >= ENOUGH and each.cell not in explained]
+    if any(each.ranked and each.ranked[0].code == "empty-pack" for each in found):  # then small differences are large
+        rest = [each for each in rest if each.code not in _CELL or each.weight >= SURE_WHEN_EMPTY]
+    for group in _places(rest):
+        ranked = _ranked(group)
+        found.append(Judgement(ranked[0].at_s, None, ranked, confidences(ranked)))
+    return found
+
+
+def _key(each: Suspicion) -> tuple[str, int | None, int | None]:
+    return each.code, *each.place
+
+
+def _once(suspicions: Iterable[Suspicion]) -> list[Suspicion]:
+    best: dict[tuple[str, int | None, int | None], Suspicion] = {}
+    for each in suspicions:
+        if _key(each) not in best or each.weight > best[_key(each)].weight:
+            best[_key(each)] = each
+    return list(best.values())
+
+
+def _without_consequences(found: list[Suspicion]) -> list[Suspicion]:
+    def follows(each: Suspicion) -> bool:
+        return any(
+            each.code in FOLLOWS.get(other.code, ())
+            and (other.place[1] is None or each.place[1] in (None, other.place[1]))
+            for other in found
+        )
+
+    return [each for each in found if not follows(each)]
+
+
+def _fits_place(each: Suspicion, trip: Trigger) -> bool:
+    """The suspicion is about the cell that tripped, or about its pack, or about no place."""
+    if trip.cell is None or each.place[1] is None:
+        return True
+    return each.cell == trip.cell if each.cell is not None else each.pack == trip.cell // CELLS_PER_PACK
+
+
+def _places(rest: list[Suspicion]) -> list[list[Suspicion]]:
+    """Suspicions of one place explain the same; the strongest place first."""
+    groups: dict[object, list[Suspicion]] = {}
+    for each in rest:
+        key: object = each.place if each.cell is not None else (each.code, each.place)
+        groups.setdefault(key, []).append(each)
+    return sorted(groups.values(), key=lambda group: -max(each.weight for each in group))
+
+
+def _ranked(found: Sequence[Suspicion]) -> tuple[Suspicion, ...]:
+    return tuple(sorted(found, key=lambda each: -each.weight))
+
+
+def confidences(ranked: Sequence[Suspicion]) -> tuple[float, ...]:
+    """Return the probability of each suspicion beside the others and beside none of them."""
+    if not ranked:
+        return ()
+    odds = np.array([each.weight for each in ranked] + [0.0]) / TEMPER
+    share = np.exp(odds - odds.max())
+    return tuple(float(min(each, CONFIDENT)) for each in (share / share.sum())[:-1])

@@ -1,0 +1,130 @@
+"""Hypotheses about the master's supply, its memory, and the links to it: RS232 and CAN."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from app.analysis.root_cause.recording import Recording, Suspicion
+from app.estimation.arrays import FloatArray
+from app.words import Message, Quantity
+
+SETTLED_S: Final = 4.0  # a boot this soon after the start is the start
+SILENT_S: Final = 2.0
+CUT_LENGTH: Final = 0.85  # of a good frame's: shorter damaged frames broke off
+FLOOD_PER_S: Final = 1500.0  # frames of one foreign identifier
+BOOTS: Final = {
+    "boot-watchdog": "master-reset",
+    "boot-brown-out": "master-power-lost",
+    "boot-power-on": "master-power-lost",
+}
+
+
+def link_suspicions(recording: Recording) -> Iterator[Suspicion]:
+    """Yield what restarts, silences and damaged frames tell."""
+    yield from _restarts(recording)
+    yield from _memory(recording)
+    yield from _line(recording)
+    yield from _bus(recording)
+
+
+def _restarts(recording: Recording) -> Iterator[Suspicion]:
+    for event in recording.events:
+        if event.code != "boot" or event.at_s - recording.start_s < SETTLED_S or isinstance(event.message, str):
+            continue
+        cause = event.message.args.get("cause")
+        code = BOOTS.get(cause.code) if isinstance(cause, Message) else None
+        if code is not None and isinstance(cause, Message):
+            yield Suspicion(code, event.at_s - 6.0, 80.0, (Message("seen-boot", cause=cause),))
+
+
+def _memory(recording: Recording) -> Iterator[Suspicion]:
+    off = np.flatnonzero(recording.bit("i2c1") == 0.0)
+    if off.size >= 5:
+        yield Suspicion("eeprom-worn", float(recording.time_s[off[0]]), 40.0, (Message("seen-eeprom-flag"),))
+
+
+def _gaps(times_s: FloatArray, from_s: float, to_s: float, least_s: float) -> list[tuple[float, float]]:
+    """Silences of `least_s` and more between two instants."""
+    edges = np.concatenate(([from_s], times_s[(times_s >= from_s) & (times_s <= to_s)], [to_s]))
+    wide = np.flatnonzero(np.diff(edges) >= least_s)
+    return [(float(edges[k]), float(edges[k + 1])) for k in wide]
+
+
+def _line(recording: Recording) -> Iterator[Suspicion]:
+    line, bus = recording.line, recording.bus
+    total = line.good_s.size + line.bad_s.size
+    if line.bad_s.size >= 3 and line.bad_s.size / max(total, 1) > 1e-3:
+        is_cut = float(np.median(line.bad_length)) < CUT_LENGTH
+        share = Quantity(100 * line.bad_s.size / total, "%", 1)
+        n = int(line.bad_s.size)
+        if is_cut:
+            yield Suspicion("serial-cut", float(line.bad_s[0]), 40.0, (Message("seen-cut-frames", n=n, share=share),))
+        else:
+            evidence = (Message("seen-damaged-frames", n=n, share=share),)
+            yield Suspicion("serial-disturbed", float(line.bad_s[0]), 40.0, evidence)
+    if not total:
+        return
+    of_master = [times for can_id, times in bus.times_s.items() if can_id in bus.master_period_s]
+    heard = np.sort(np.concatenate(of_master)) if of_master else np.empty(0)
+    end_s = max(recording.end_s, float(heard[-1]) if heard.size else 0.0)
+    every = np.sort(np.concatenate((line.good_s, line.bad_s)))
+    for from_s, to_s in _gaps(every, float(every[0]), end_s, SILENT_S):
+        others = ((heard > from_s) & (heard < to_s)).sum()
+        if others > 3:
+            length = Quantity(to_s - from_s, "s", 0)
+            yield Suspicion("serial-silent", from_s, 50.0, (Message("seen-serial-silent", length=length),))
+            return
+
+
+def _bus(recording: Recording) -> Iterator[Suspicion]:
+    bus, line = recording.bus, recording.line
+    if not bus.times_s:
+        return
+    known = {*bus.master_period_s, *([] if bus.charger_id is None else [bus.charger_id])}
+    foreign = {can_id: times for can_id, times in bus.times_s.items() if can_id not in known}
+    for can_id, times in foreign.items():
+        per_s = np.bincount(np.floor(times - times[0]).astype(int))
+        if (per_s > FLOOD_PER_S).any() and can_id & 0x1FFFFFFF < min(each & 0x1FFFFFFF for each in known):
+            at_s = float(times[0] + np.flatnonzero(per_s > FLOOD_PER_S)[0])
+            evidence = (Message("seen-can-flood", identifier=f"{can_id:X}", n=int(per_s.max())),)
+            yield Suspicion("can-flooded", at_s, 80.0, evidence)
+            return
+    errors = [event for event in recording.events if event.code == "can-error-frames"]
+    silence = _silence_of_master(recording)
+    if silence is not None:
+        from_s, to_s = silence
+        length = Quantity(to_s - from_s, "s", 0)
+        charger = bus.times_s.get(bus.charger_id or -1, np.empty(0))
+        talked = ((charger < from_s) & (charger > from_s - 5.0)).any()
+        talks = ((charger > from_s + 1.5) & (charger < to_s)).sum() >= 1
+        code, seen = "can-master-silent", Message("seen-can-master-silent", length=length)
+        if talks:
+            code, seen = "can-master-off", Message("seen-can-master-off", length=length)
+        elif talked:
+            code, seen = "can-silent", Message("seen-can-silent", length=length)
+        told: tuple[Message, ...] = (seen,)
+        if any(from_s - 2.0 <= event.at_s <= to_s for event in errors):
+            code = "can-silent"
+            told = (*told, Message("seen-can-errors"))
+        yield Suspicion(code, from_s, 60.0, told)
+        if to_s - from_s > 5.0:
+            return
+    if len(errors) >= 2 and line.good_s.size:
+        yield Suspicion("can-disturbed", errors[0].at_s, 30.0, (Message("seen-can-errors"),))
+
+
+def _silence_of_master(recording: Recording) -> tuple[float, float] | None:
+    """The first silence of a message that the master sends by its tables while RS232 says that it runs."""
+    bus, line = recording.bus, recording.line
+    for can_id, period_s in bus.master_period_s.items():
+        times = bus.times_s.get(can_id)
+        if times is None or not line.good_s.size:
+            continue
+        for from_s, to_s in _gaps(times, float(times[0]), float(line.good_s[-1]), max(5 * period_s, 1.0)):
+            alive = (line.good_s > from_s + period_s) & (line.good_s < to_s)
+            if alive.sum() > 0.6 * (to_s - from_s) / 0.1 - 5 and alive.sum() >= 5:
+                return from_s, to_s
+    return None

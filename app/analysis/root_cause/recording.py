@@ -1,0 +1,160 @@
+"""What a stretch of a recording shows, as arrays: the only thing that hypotheses look at. No file, no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.analysis.incidents import Trigger
+from app.battery.shape import CELLS_PER_PACK
+from app.estimation.arrays import FloatArray
+from app.words import Message
+
+IntArray = NDArray[np.int64]
+UNKNOWN = -1  # of a byte that was not received
+
+
+@dataclass(frozen=True)
+class Boards:
+    """What the slave boards said, (m,) times [s] and a row each; a board that said nothing has no row."""
+
+    time_s: FloatArray
+    status: FloatArray  # (m, packs)
+    damaged: FloatArray  # (m, packs) packets in the last second that arrived damaged
+    failed_tests: FloatArray  # (m, packs) bits of the self-tests that failed
+    own_degc: FloatArray  # (m, packs) temperature of the chip
+
+
+@dataclass(frozen=True)
+class LineTraffic:
+    """RS232: arrival of good frames and of damaged ones [s]; the length of the damaged ones against a good one's."""
+
+    good_s: FloatArray
+    bad_s: FloatArray
+    bad_length: FloatArray
+
+
+@dataclass(frozen=True)
+class BusTraffic:
+    """CAN: arrivals [s] by identifier (bit 31: 29 bits); what the master sends by its tables, with the period [s]."""
+
+    times_s: Mapping[int, FloatArray]
+    master_period_s: Mapping[int, float]
+    charger_id: int | None
+    shares: FloatArray = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A stretch of a session on the time axis of the cell voltages; NaN and UNKNOWN = not measured.
+
+    Attributes:
+        time_s: (n,) unix time [s].
+        current_a, steady_a: (n,) current as sampled and averaged by the master, positive on discharge [A].
+        voltage_v, temperature_degc: (n, n_cells) [V], [degC].
+        soc: (n,) median estimated state of charge, 0..1.
+        flags: (n,) the master's status bits by `bit`.
+        charger_state, charger_flags: (n,) as the master has them.
+        fan_duty: (n,) 0..1.
+        events: everything that was reported in the stretch, in order, at unix times.
+        limits: of the configuration then, by name; empty where it was not received.
+        start_s: of the session, unix time [s].
+    """
+
+    time_s: FloatArray
+    current_a: FloatArray
+    steady_a: FloatArray
+    voltage_v: FloatArray
+    temperature_degc: FloatArray
+    soc: FloatArray
+    flags: IntArray
+    charger_state: IntArray
+    charger_flags: IntArray
+    fan_duty: FloatArray
+    boards: Boards
+    line: LineTraffic
+    bus: BusTraffic
+    events: Sequence[Trigger]
+    limits: Mapping[str, float]
+    start_s: float
+    bits: Mapping[str, int]
+
+    def bit(self, name: str) -> FloatArray:
+        """(n,) 1 or 0, NaN where not received."""
+        known = self.flags != UNKNOWN
+        return np.where(known, self.flags >> self.bits[name] & 1, np.nan)
+
+    @cached_property
+    def middle_v(self) -> FloatArray:
+        """(n,) the median cell's voltage."""
+        return row_median(self.voltage_v)
+
+    @cached_property
+    def apart_v(self) -> FloatArray:
+        """(n, n_cells) each cell against the median cell."""
+        return self.voltage_v - self.middle_v[:, None]
+
+    @cached_property
+    def middle_degc(self) -> FloatArray:
+        """(n,) the median cell's temperature."""
+        return row_median(self.temperature_degc)
+
+    @cached_property
+    def mean_degc(self) -> FloatArray:
+        """(n,) the mean cell's temperature: finer than the whole degrees of one."""
+        return row_mean(self.temperature_degc)
+
+    def near(self, from_s: float, to_s: float) -> slice:
+        """Samples between two unix times, both included."""
+        low, high = np.searchsorted(self.time_s, from_s), np.searchsorted(self.time_s, to_s, side="right")
+        return slice(int(low), int(high))
+
+    @property
+    def end_s(self) -> float:
+        """Of the last sample [s]."""
+        return float(self.time_s[-1]) if self.time_s.size else self.start_s
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """A hypothesis with what speaks for it.
+
+    Attributes:
+        code: of the hypothesis.
+        at_s: since when, unix time.
+        weight: log of the odds against nothing being wrong with it.
+        evidence: what was seen, the strongest first.
+        cell, pack: where, by index from 0.
+    """
+
+    code: str
+    at_s: float
+    weight: float
+    evidence: tuple[Message, ...] = ()
+    cell: int | None = None
+    pack: int | None = None
+
+    @property
+    def place(self) -> tuple[int | None, int | None]:
+        """Cell and pack."""
+        pack = self.cell // CELLS_PER_PACK if self.cell is not None else self.pack
+        return self.cell, pack
+
+
+def row_median(values: FloatArray) -> FloatArray:
+    """Median of each row's known elements, NaN where none is known."""
+    found = np.full(len(values), np.nan)
+    known = np.isfinite(values).any(axis=1)
+    if known.any():
+        found[known] = np.nanmedian(values[known], axis=1)
+    return found
+
+
+def row_mean(values: FloatArray) -> FloatArray:
+    """Mean of each row's known elements, NaN where none is known."""
+    count = np.isfinite(values).sum(axis=1)
+    return np.where(count > 0, np.nansum(values, axis=1) / np.maximum(count, 1), np.nan)

@@ -1,0 +1,103 @@
+"""Hypotheses about the relays, the pre-charge and the vehicle's link.
+
+The accumulator sees only its own current: a pre-charge shows as the charge that fills the link's capacitor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from app.analysis.root_cause.recording import Recording, Suspicion
+from app.words import Message, Quantity
+
+LOADED_A: Final = 5.0  # nobody switches high voltage off at more
+BEFORE_S: Final = 2.0
+TRY_S: Final = 2.6  # a little less than a pre-charge lasts that gives up
+TRY_A: Final = 0.045  # mean over it: five times the noise
+INRUSH_S: Final = 2.0
+INRUSH_COULOMB: Final = 0.1  # less than half of what fills the capacitor of a car's inverters
+REOPENED_S: Final = 8.0  # within so long the link may still hold its charge
+
+
+def relay_suspicions(recording: Recording) -> Iterator[Suspicion]:
+    """Yield why the relays opened or did not close without a trip."""
+    load, fit = recording.bit("load"), recording.bit("fit")
+    if recording.time_s.size < 20 or not np.isfinite(load).any():
+        return
+    zero_a = _zero(recording, load)
+    yield from _opened(recording, load, fit)
+    yield from _never_closed(recording, load, fit, zero_a)
+    yield from _not_discharged(recording, load)
+
+
+def _zero(recording: Recording, load: np.ndarray) -> float:
+    """What the sensor shows without current [A]."""
+    is_open = (load == 0.0) & (recording.charger_state <= 0)
+    still = recording.steady_a[is_open & np.isfinite(recording.steady_a)]
+    return float(np.median(still)) if still.size >= 5 else 0.0
+
+
+def _opened(recording: Recording, load: np.ndarray, fit: np.ndarray) -> Iterator[Suspicion]:
+    for row in np.flatnonzero((load[:-1] == 1.0) & (load[1:] == 0.0)) + 1:
+        at_s = float(recording.time_s[row])
+        before, after = recording.near(at_s - BEFORE_S, at_s - 0.01), recording.near(at_s, at_s + 1.5)
+        still_a = float(np.nanmedian(recording.steady_a[recording.near(at_s + 0.3, at_s + 1.5)]))
+        amps = np.abs(recording.steady_a[before] - still_a)
+        was_reset = any(e.code == "boot" and abs(e.at_s - at_s) < 8.0 for e in recording.events)
+        if amps.size and np.nanmax(amps) > LOADED_A and (fit[after] == 1.0).all() and not was_reset:
+            evidence = (Message("seen-opened-under-load", current=Quantity(float(np.nanmax(amps)), "A", 0)),)
+            yield Suspicion("shutdown-opened", at_s - 1.0, 40.0, evidence)
+
+
+def _tries(recording: Recording, load: np.ndarray, zero_a: float) -> list[float]:
+    """Instants in the middle of currents with open relays that last as long as a pre-charge that gives up."""
+    is_open = (load == 0.0) & (recording.charger_state <= 0)
+    amps = np.where(is_open, recording.steady_a - zero_a, np.nan)
+    step_s = max(float(np.median(np.diff(recording.time_s))), 1e-2)
+    width = max(round(TRY_S / step_s), 5)
+    if amps.size < 4 * width:
+        return []
+    flows = np.convolve(np.nan_to_num(amps), np.ones(width) / width, "same")
+    known = np.convolve(np.isnan(amps), np.ones(width), "same") < 0.5
+    around = np.maximum(np.roll(flows, int(1.6 * width)), np.roll(flows, -int(1.6 * width)))
+    rows = np.flatnonzero(known & (flows > TRY_A) & (np.abs(around) < 0.4 * flows))
+    return [] if not rows.size else [float(recording.time_s[rows[int(flows[rows].argmax())]])]
+
+
+def _never_closed(recording: Recording, load: np.ndarray, fit: np.ndarray, zero_a: float) -> Iterator[Suspicion]:
+    for at_s in _tries(recording, load, zero_a):
+        after = recording.near(at_s, at_s + 4.0)
+        if (load[after] == 1.0).any() or (fit[after] != 1.0).any():
+            continue
+        rows = recording.near(at_s - 0.4 * TRY_S, at_s + 0.4 * TRY_S)
+        amps = Quantity(float(np.mean(recording.steady_a[rows])) - zero_a, "A", 2)
+        evidence = (Message("seen-precharge-loaded", current=amps),)
+        yield Suspicion("link-loaded", at_s - TRY_S, 40.0, evidence)
+        return
+    for event in recording.events:
+        if event.code != "faults-cleared":
+            continue
+        rows = recording.near(event.at_s - 20.0, event.at_s)
+        tripped = any(e.severity == "trip" and e.at_s < event.at_s for e in recording.events)
+        if rows.stop - rows.start > 20 and (load[rows] == 0.0).all() and (fit[rows] == 1.0).all() and not tripped:
+            yield Suspicion("relays-not-closed", event.at_s - 20.0, 20.0, (Message("seen-cleared-without-trip"),))
+
+
+def _not_discharged(recording: Recording, load: np.ndarray) -> Iterator[Suspicion]:
+    closed = np.flatnonzero((load[:-1] == 0.0) & (load[1:] == 1.0)) + 1
+    for row in closed:
+        at_s = float(recording.time_s[row])
+        before = recording.near(at_s - REOPENED_S, at_s - 0.01)
+        opened_before = (load[: before.start] == 1.0).any()
+        if before.stop - before.start < 40 or (load[before] != 0.0).any() or not opened_before:
+            continue
+        still_a = float(np.nanmean(recording.steady_a[recording.near(at_s - REOPENED_S, at_s - INRUSH_S - 0.5)]))
+        rows = recording.near(at_s - INRUSH_S, at_s - 0.01)
+        dt_s = np.diff(recording.time_s[rows], append=at_s)
+        inrush = float(((recording.steady_a[rows] - still_a) * dt_s).sum())
+        if inrush < INRUSH_COULOMB:
+            evidence = (Message("seen-no-inrush", charge=Quantity(1000 * max(inrush, 0.0), "mC", 0)),)
+            yield Suspicion("link-not-discharged", at_s - 5.0, 25.0, evidence)
