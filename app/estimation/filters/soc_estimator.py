@@ -171,7 +171,11 @@ class SocEstimator:
         return Estimates(self.engine.record(dt_s, current_a, voltage_v, temperature_degc))
 
     def _sample(self, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        voltage, temperature = np.asarray(voltages_v, np.float64), np.asarray(temperatures_degc, np.float64)
+        # an array needs no conversion here: the engine copies it
+        voltage = voltages_v if type(voltages_v) is np.ndarray else np.asarray(voltages_v, np.float64)
+        temperature = (
+            temperatures_degc if type(temperatures_degc) is np.ndarray else np.asarray(temperatures_degc, np.float64)
+        )
         if voltage.shape != self._shape:
             raise ShapeError("voltages_v", self._shape, voltage.shape)
         if temperature.shape != self._shape:

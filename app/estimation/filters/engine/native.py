@@ -58,6 +58,7 @@ class NativeEngine:
         self._at = ctypes.byref(self._filter), ctypes.c_void_p(self._blocks.ctypes.data)
         self._step_arguments = *self._at, ctypes.byref(self._sample), ctypes.c_void_p(self._numbers.ctypes.data)
         self._step = self._library.vw_filter_step
+        self._step.restype = None
         self._library.vw_filter_init(*self._at)
 
     def start(
