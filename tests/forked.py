@@ -21,7 +21,7 @@ from multiprocessing.process import BaseProcess
 from typing import TextIO
 
 CONTEXT = get_context("forkserver")
-CONTEXT.set_forkserver_preload(["tests.forked", "app.commands.serve", "simulator.cli"])
+CONTEXT.set_forkserver_preload(["tests.forked", "tests.warmed", "simulator.cli"])
 PARENTS_THREADS = 2  # of a service that starts its car: it does so before it has others
 POLL_S = 0.01
 BEFORE_OTHERS = -10  # nice(2)
