@@ -3,6 +3,7 @@
 One code for live batches and for logs: values in, in their order; measurements out, one a period.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,7 +20,8 @@ LEAST_AGE_S = 0.5
 UNKNOWN_AGE_S = 60.0  # of a channel that was heard once only
 _SCALARS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
 _ARRAYS = ("voltage", "temperature", "resistance", "balancing")
-_NEVER = np.iinfo(np.int64).min
+_KEPT = 0.95  # of a measured period, from one value to the next
+_NEVER = -(2**62)  # ns; older than any time
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,30 +61,61 @@ class _Channels:
 
     def take(self, values: Values, first: int, last: int) -> int:
         """Take values of `first` up to `last`; return how many channels are new."""
-        if last <= first:
-            return 0
         index, t_ns = values.index[first:last], values.t_ns[first:last]
-        channels, counts = np.unique(index, return_counts=True)
+        counts = np.bincount(index, minlength=len(self.value))
+        channels = np.flatnonzero(counts)
         before = self.t_ns[channels]
         self.value[index] = values.value[first:last]  # of several the last one stays
         self.t_ns[index] = t_ns
-        known = before != _NEVER
-        gap_s = (self.t_ns[channels] - np.where(known, before, self.t_ns[channels])) / 1e9 / counts
-        old = self.period_s[channels]
-        smooth = np.where(np.isnan(old), gap_s, np.where(gap_s > old, gap_s, 0.95 * old + 0.05 * gap_s))
-        self.period_s[channels] = np.where(known, smooth, old)
+        if self.max_age_s is None:
+            known = before != _NEVER
+            gap_s = (self.t_ns[channels] - before) / (1e9 * counts[channels])
+            old = self.period_s[channels]
+            longer = np.minimum(gap_s, PERIODS_BRIDGED * old)  # a pause is no period
+            smooth = np.where(gap_s > old, longer, _KEPT * old + (1 - _KEPT) * gap_s)
+            self.period_s[channels] = np.where(known, np.where(np.isnan(old), gap_s, smooth), old)
         return len(channels)
 
     def at(self, t_ns: int) -> FloatArray:
         """The values that are not too old at an instant."""
-        age_s = (t_ns - np.where(self.t_ns == _NEVER, t_ns, self.t_ns)) / 1e9
         if self.max_age_s is not None:
-            most: FloatArray | float = self.max_age_s
+            most_ns: FloatArray | float = 1e9 * self.max_age_s
         else:
-            most = np.where(
-                np.isnan(self.period_s), UNKNOWN_AGE_S, np.maximum(LEAST_AGE_S, PERIODS_BRIDGED * self.period_s)
-            )
-        return np.where(age_s <= most, self.value, np.nan)
+            most_ns = np.maximum(1e9 * LEAST_AGE_S, 1e9 * PERIODS_BRIDGED * self.period_s)
+            most_ns = np.where(np.isnan(most_ns), 1e9 * UNKNOWN_AGE_S, most_ns)
+        return np.where(t_ns - self.t_ns.astype(np.float64) <= most_ns, self.value, np.nan)
+
+
+@dataclass(slots=True)
+class _Scalar:
+    """The newest value of one signal."""
+
+    max_age_s: float | None
+    value: float = float("nan")
+    t_ns: int = _NEVER
+    period_s: float = float("nan")
+
+    def take(self, values: Values, first: int, last: int) -> int:
+        """As `_Channels.take`."""
+        t_ns = int(values.t_ns[last - 1])
+        if self.t_ns != _NEVER:
+            gap_s = (t_ns - self.t_ns) / 1e9 / (last - first)
+            if math.isnan(self.period_s):
+                self.period_s = gap_s
+            elif gap_s > self.period_s:
+                self.period_s = min(gap_s, PERIODS_BRIDGED * self.period_s)
+            else:
+                self.period_s = _KEPT * self.period_s + (1 - _KEPT) * gap_s
+        self.value, self.t_ns = float(values.value[last - 1]), t_ns
+        return 1
+
+    def at(self, t_ns: int) -> float:
+        """The value, NaN where it is too old."""
+        most_s = self.max_age_s
+        if most_s is None:
+            is_known = self.period_s == self.period_s
+            most_s = max(LEAST_AGE_S, PERIODS_BRIDGED * self.period_s) if is_known else UNKNOWN_AGE_S
+        return self.value if t_ns - self.t_ns <= 1e9 * most_s else float("nan")
 
 
 class Assembler:
@@ -93,14 +126,13 @@ class Assembler:
         self._period_ns = round(source.period_s * 1e9)
         ages = {kind: _age_of(tuple(e.max_age_s for e in entries)) for kind, entries in source.cells.items()}
         sizes = dict.fromkeys(_ARRAYS, battery.n_cells) | {"temperature": battery.n_sensors}
-        self._kinds = {kind: _Channels.empty(sizes[kind], ages.get(kind)) for kind in _ARRAYS}
+        self._arrays = {kind: _Channels.empty(sizes[kind], ages.get(kind)) for kind in _ARRAYS}
+        self._scalars = {f"limit.{name}": _Scalar(None) for name in battery.limits}
+        self._scalars |= {f"state.{name}": _Scalar(None) for name in STATES}
         for name in _SCALARS:
             reading = getattr(source, name)
-            self._kinds[name] = _Channels.empty(1, None if reading is None else reading.max_age_s)
-        for name in STATES:
-            self._kinds[f"state.{name}"] = _Channels.empty(1, None)
-        for name in battery.limits:
-            self._kinds[f"limit.{name}"] = _Channels.empty(1, None)
+            self._scalars[name] = _Scalar(None if reading is None else reading.max_age_s)
+        self._kinds: dict[str, _Channels | _Scalar] = {**self._arrays, **self._scalars}
         self._next_ns: int | None = None
         self._pending: dict[str, int] = {}  # channels that are new since the last measurement
 
@@ -134,31 +166,33 @@ class Assembler:
         self._pending = {}
         for kind, each in values.items():
             last = len(each.t_ns) if until_ns is None else int(np.searchsorted(each.t_ns, until_ns, side="right"))
-            new[kind] = new.get(kind, 0) + self._kinds[kind].take(each, at[kind], last)
-            at[kind] = max(at[kind], last)
+            if last > at[kind]:
+                new[kind] = new.get(kind, 0) + self._kinds[kind].take(each, at[kind], last)
+                at[kind] = last
         return new
 
     def measure(self, t_ns: int, new: Mapping[str, int] | None = None) -> BatteryMeasurement:
         """Return what is known at an instant; `new` = channels of each kind that are new since the one before."""
         new = new or {}
-        of = {kind: channels.at(t_ns) for kind, channels in self._kinds.items()}
-        states = {name: of[f"state.{name}"][0] for name in STATES}
+        of = {kind: channels.at(t_ns) for kind, channels in self._arrays.items()}
+        one = {kind: scalar.at(t_ns) for kind, scalar in self._scalars.items()}
+        states = {name: one[f"state.{name}"] for name in STATES}
         return BatteryMeasurement(
             t_ns=t_ns,
             voltage_v=of["voltage"],
-            voltage_t_ns=self._kinds["voltage"].t_ns.copy(),
+            voltage_t_ns=self._arrays["voltage"].t_ns.copy(),
             temperature_degc=of["temperature"],
-            temperature_t_ns=self._kinds["temperature"].t_ns.copy(),
+            temperature_t_ns=self._arrays["temperature"].t_ns.copy(),
             resistance_ohm=of["resistance"],
             balancing=of["balancing"],
-            current_a=float(of["current"][0]),
-            current_t_ns=int(self._kinds["current"].t_ns[0]),
-            pack_voltage_v=float(of["pack_voltage"][0]),
-            soc=float(of["soc"][0]),
-            charger_voltage_v=float(of["charger_voltage"][0]),
-            charger_current_a=float(of["charger_current"][0]),
-            states={name: None if np.isnan(value) else bool(value) for name, value in states.items()},
-            limits={name: float(of[f"limit.{name}"][0]) for name in self._battery.limits if f"limit.{name}" in of},
+            current_a=one["current"],
+            current_t_ns=self._scalars["current"].t_ns,
+            pack_voltage_v=one["pack_voltage"],
+            soc=one["soc"],
+            charger_voltage_v=one["charger_voltage"],
+            charger_current_a=one["charger_current"],
+            states={name: None if math.isnan(value) else bool(value) for name, value in states.items()},
+            limits={name: one[f"limit.{name}"] for name in self._battery.limits},
             is_sample=bool(new.get("voltage")) and bool(new.get("current")),
         )
 

@@ -1,3 +1,6 @@
+import threading
+
+import can
 import pytest
 
 from app.battery.library import bundled_profiles, load_profile
@@ -52,6 +55,29 @@ def test_a_log_alone_is_read_by_the_definitions_that_come_along(tmp_path, capsys
     told = capsys.readouterr().out
     assert "suggested: 72 cells" in told
     assert 'checksum = "orion"' in told
+
+
+def test_a_bus_is_listened_to(tmp_path, capsys):
+    peer = one_signal_a_cell(12, 0, "CellVoltage{}", "T{}", 0.0001, "V")
+    (tmp_path / "car.dbc").write_text(peer.dbc())
+    frames, stopping = peer.frames(1), threading.Event()
+
+    def speak():
+        with can.Bus("voltwall-learn", interface="virtual") as bus:
+            while not stopping.is_set():
+                for _, can_id, data in frames:
+                    bus.send(can.Message(arbitration_id=can_id, is_extended_id=False, data=data))
+                stopping.wait(0.05)
+
+    car = threading.Thread(target=speak)
+    car.start()
+    try:
+        command = ["battery", "learn", "--dbc", f"{tmp_path}/car.dbc", "--can", "virtual:voltwall-learn"]
+        assert main([*command, "--seconds", "1.5"]) == 0
+    finally:
+        stopping.set()
+        car.join()
+    assert "12 of 12 cells heard" in capsys.readouterr().out
 
 
 def test_errors_are_one_line_with_file_line_and_field(car, capsys):

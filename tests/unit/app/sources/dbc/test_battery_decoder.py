@@ -122,3 +122,17 @@ def test_what_is_not_heard_any_more_becomes_missing_and_never_stays_live():
     assert np.isnan(later[-1].voltage_v).all()
     assert np.isnan(later[-1].current_a)
     assert not later[-1].is_sample
+
+
+def test_after_a_pause_of_the_bus_old_values_are_not_live_for_long():
+    peer = one_signal_a_cell(8, 0, "V{}", "T{}", 0.0001, "V")
+    peer.profile = '[[source.voltage]]\nsignal = "V{cell}"\nbase = 1\n'
+    decoder = decoder_of(peer, CURRENT)
+    assembler = Assembler(decoder.battery, decoder.source)
+    first = peer.frames(3)
+    again = [(t + 63_000_000_000, can_id, data) for t, can_id, data in peer.frames(1)]
+    for part in (first, again):
+        assembler.feed(decoder.decode(frames_of(part)))
+    later = assembler.feed({}, again[-1][0] + 5_000_000_000)
+    assert np.isnan(later[-1].voltage_v).all()
+    assert np.isnan(later[-1].current_a)
