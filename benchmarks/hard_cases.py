@@ -24,7 +24,7 @@ from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.identification.identify import identify
 from app.estimation.recording.cell_recording import Recording
-from app.live.pipeline import MASTER_SOC_SIGMA
+from app.live.estimator_start import MASTER_SOC_SIGMA
 from app.sources.recordings.dataset import load_recording
 from benchmarks.accuracy import DATA, MIDDLES, part
 from benchmarks.plain_ekf import plain_ekf

@@ -12,12 +12,14 @@ import numpy as np
 from app.battery.shape import N_CELLS
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimators import CellEstimator, Estimates
+from app.estimation.filters.first_minutes import FirstMinutes
 from app.estimation.prediction.constant_current import Limits
 from app.estimation.prediction.driver_soc import DriverSoc
 from app.estimation.recording.gaps import GapWatch
 from app.live.accumulator import accumulator_of
 from app.live.alarms import AlarmKeeper
 from app.live.cells import cells_of, packs_of
+from app.live.estimator_start import start_estimator
 from app.live.finding_news import FindingNews
 from app.live.plausibility import PlausibilityChecks
 from app.live.prediction import Assessment, Predictor
@@ -29,7 +31,6 @@ from app.telemetry.measurement import BLANK_S, Measurement
 from app.words import Message
 
 MIN_CURRENT_LIMIT_A = 1.0
-MASTER_SOC_SIGMA = 0.03  # of one number for all cells, counted on a chip
 UNKNOWN_SOC = 0.5  # sigma of a SOC of which nothing is known
 MAX_ENERGY_STEP_S = 10.0  # what flowed in a longer gap is not known, and not made up
 
@@ -84,6 +85,8 @@ class Pipeline:
         self._step_us: float | None = None
         self._estimator_error: str | None = None
         self._gaps = GapWatch()
+        self._first_minutes = FirstMinutes()
+        self._started_with: tuple[Measurement, float] | None = None
         self._stepped_ns: int | None = None  # when the estimator last stepped
 
     def warm_up(self) -> None:
@@ -131,6 +134,23 @@ class Pipeline:
         if self._predictor.assess(self._estimator, self._estimates, temperatures_degc, current_a, limits):
             self._judged_ns = t_mono_ns
         self._predictor.apply_learned(self._estimator)
+        self._estimate_again(self._predictor)
+
+    def _estimate_again(self, predictor: Predictor) -> None:
+        """Estimate the first minutes again once driving has shown the resistances of the cells."""
+        if self._started_with is None:
+            return
+        measured, current_a = self._started_with
+
+        def restart() -> CellEstimator:
+            estimator = self._make_estimator()
+            predictor.apply_learned(estimator)
+            start_estimator(estimator, measured, current_a, self._start_soc)
+            return estimator
+
+        found = self._first_minutes.again(predictor.factors_in_use, predictor.learned.has_resistance, restart)
+        if found is not None:
+            self._estimator, self._estimates = found
 
     def _power_limits(self) -> Limits:
         """The configuration's, the cell's own where none was received."""
@@ -196,14 +216,18 @@ class Pipeline:
         try:
             if self._estimator is None:
                 estimator, self._spare = self._spare or self._make_estimator(), None
+                factors: FloatArray | float = 1.0
                 if self._predictor is not None:
                     self._predictor.apply_learned(estimator)
-                _start(estimator, measured, current_a, self._start_soc)
+                    factors = self._predictor.factors_in_use
+                start_estimator(estimator, measured, current_a, self._start_soc)
+                self._started_with, self._first_minutes = (measured, current_a), FirstMinutes(factors)
                 self._estimator, dt_s = estimator, 0.0
             if dt_s is None and self._stepped_ns is not None:  # the master was reset, or silent for long
                 dt_s = max(measured.t_mono_ns - self._stepped_ns, 0) / 1e9
             dt_s = self._bridge(self._estimator, dt_s or 0.0, current_a, degc)
             self._stepped_ns = measured.t_mono_ns
+            self._first_minutes.keep(dt_s, current_a, voltages_v, degc)
             self._estimates = self._estimator.step(dt_s, current_a, voltages_v, degc)
         except (EstimatorError, ArithmeticError, ValueError) as error:
             self._estimator = self._estimates = None
@@ -224,6 +248,7 @@ class Pipeline:
         gap = self._gaps.step(dt_s, current_a, float(capacity_ah.mean()))
         if gap is None:
             return dt_s
+        self._first_minutes.drop()
         left_s = self._gaps.usual_step_s
         estimator.step(dt_s - left_s, gap.current_a, np.full_like(degc, np.nan), degc)
         estimator.widen(np.minimum(gap.sigma_ah / capacity_ah, UNKNOWN_SOC))
@@ -277,22 +302,3 @@ class Pipeline:
             current_offset_sigma_a=None if sensor is None else sensor.sigma_a,
             resistance_age_s=None if self._predictor is None else self._predictor.resistance_age_s,
         )
-
-
-def _start(
-    estimator: CellEstimator,
-    measured: Measurement,
-    current_a: float,
-    known: tuple[FloatArray, FloatArray] | None,
-) -> None:
-    """Start from the voltages and what agrees with them: an earlier run's SOC, or else the master's own."""
-    voltages_v, degc = measured.voltage_v, measured.temperature_degc
-    estimator.start(voltages_v, degc, current_a)
-    by_voltage, variance = estimator.state_mean[0], estimator.state_cov[:, 0, 0]
-    soc, sigma = np.full((2, *voltages_v.shape), np.nan)
-    master_soc = measured.master.soc
-    said = [] if master_soc is None else [(np.full_like(soc, master_soc), np.full_like(soc, MASTER_SOC_SIGMA))]
-    for told_soc, told_sigma in [*said, *([] if known is None else [known])]:
-        agrees = np.abs(told_soc - by_voltage) < 3.0 * np.sqrt(variance + told_sigma**2)
-        soc, sigma = np.where(agrees, told_soc, soc), np.where(agrees, told_sigma, sigma)
-    estimator.start(voltages_v, degc, current_a, soc, sigma)

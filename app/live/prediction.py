@@ -119,6 +119,11 @@ class Predictor:
         """The car crosses the line now, or did so long ago [s]. From any thread."""
         self._marks.append(ago_s)
 
+    @property
+    def factors_in_use(self) -> FloatArray:
+        """(n_cells,) resistances over those of the cell file that the estimator was last told to predict with."""
+        return self._factors_in_use
+
     def apply_learned(self, estimator: CellEstimator) -> None:
         """Let an estimator count with what was learned of its cells."""
         self._factors_in_use = trusted_factor(self.learned.resistance_factor)

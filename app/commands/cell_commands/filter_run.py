@@ -11,6 +11,7 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.filters.estimators import CellEstimator
+from app.estimation.filters.first_minutes import FirstMinutes
 from app.estimation.filters.tuning import Tuning
 from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
 from app.estimation.health.resistance_scale import ResistanceScale, trusted_factor
@@ -72,7 +73,13 @@ def run_filter(
     voltages, temperatures = recording.voltage_v[:, None], temperature[:, None]
     current, steps = recording.current_a.tolist(), recording.step_s.tolist()
     first = _first_measured(recording)
-    estimator.start(voltages[first], temperatures[first], current[first], initial_soc, initial_sigma)
+
+    def restart() -> CellEstimator:
+        estimator.start(voltages[first], temperatures[first], current[first], initial_soc, initial_sigma)
+        return estimator
+
+    restart()
+    first_minutes = FirstMinutes()
     table = np.empty((5, len(steps)))
     valid = 0
     is_due = False
@@ -87,8 +94,10 @@ def run_filter(
             dt_s = recording.usual_step_s
             estimator.step(steps[k] - dt_s, gap.current_a, unheard, temperatures[k])
             estimator.widen(min(gap.sigma_ah / capacity_ah, UNKNOWN_SOC))
+            first_minutes.drop()
             if offset is not None:
                 offset.interrupt()
+        first_minutes.keep(dt_s, current_a, voltages[k], temperatures[k])
         e = estimator.step(dt_s, current_a, voltages[k], temperatures[k])
         table[0, k], table[1, k], table[2, k] = e.soc[0], e.soc_sigma[0], e.voltage_v[0]
         table[3, k], table[4, k] = e.innovation_v[0], e.innovation_sigma_v[0]
@@ -99,8 +108,10 @@ def run_filter(
         since_s += steps[k]
         if since_s >= LEARN_S:
             since_s = 0.0
-            factor = trusted_factor(np.where(scale.sigma() <= RESISTANCE_SIGMA_MAX, scale.factor(), 1.0))
+            is_learned = scale.sigma() <= RESISTANCE_SIGMA_MAX
+            factor = trusted_factor(np.where(is_learned, scale.factor(), 1.0))
             estimator.use_resistance(factor)
+            first_minutes.again(factor, is_learned, restart)
         is_due |= offset is not None and offset.step(dt_s, current_a)
         # a model that is not valid says nothing of the sensor
         if is_due and offset is not None and e.model_valid[0] and (voltage_soc := estimator.voltage_soc()) is not None:
