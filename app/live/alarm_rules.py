@@ -212,7 +212,11 @@ def _indices(is_so: BoolArray) -> tuple[int, ...]:
 def _findings(snapshot: Snapshot) -> Iterator[Condition]:
     """Every kind of finding once, with all its cells; a grown joint has an alarm of its own, as has a missing value."""
     for code, told in _FINDINGS.items():
-        found = [each for each in snapshot.findings if each.code == code and each.value is not None]
+        found = [
+            each
+            for each in snapshot.findings
+            if each.code == code and (each.value is not None or code != "channel-stuck")
+        ]
         if found:
             worst = max(found, key=lambda each: each.size or 0.0)
             cells = (worst.cell, *(each.cell for each in found if each is not worst))

@@ -13,7 +13,7 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import CellModel
-from app.estimation.health.cell_finding import SURE, CellFinding, FindingCode, confidence_of
+from app.estimation.health.cell_finding import BAND_SIGMAS, SURE, CellFinding, FindingCode, confidence_of
 from app.estimation.health.charge_watch import ChargeDrift, ChargeMemory, ChargeWatch
 from app.estimation.health.joint_watch import ALARM_OHM, JUDGE_S, JointWatch, LooseJoints
 from app.estimation.health.joints import JointReport
@@ -35,6 +35,8 @@ THERMAL_S: Final = 1.0  # between two looks at the thermistors
 CHANNEL_S: Final = 0.15  # and at the voltage channels
 THERMISTOR_K: Final = 1.0  # resolution of a temperature
 CHANNEL_V: Final = 1e-3
+EMPTY_SOC: Final = 0.12
+GONE: Final = 0.5  # of what was found: evidence that it is less ends a finding, want of evidence does not
 HOLD: Final = 0.6  # of a threshold: what was found ends below it
 
 
@@ -173,7 +175,10 @@ class CellWatch:
         is_cell[self._beyond("resistance-grown", growth, np.full(len(growth), limit))] = True
         is_cell &= (np.nan_to_num(growth) * usual > CELL_SHARE * excess_ohm) & (excess_ohm > GROWTH_MIN * usual)
         found = []
+        is_empty = self._charge_watch.soc < EMPTY_SOC  # an empty cell resists more, and a fuller one does not
         for cell in np.flatnonzero(watch.loose | is_cell).tolist():
+            if is_empty[cell] and not self._is_found(cell, "joint-grown", "resistance-grown"):
+                continue
             code: FindingCode = "resistance-grown" if is_cell[cell] else "joint-grown"
             size = float((report.ohmic_excess_ohm if code == "resistance-grown" else report.joint_excess_ohm)[cell])
             of_cell = scatter * usual if code == "resistance-grown" else 0.0
@@ -195,7 +200,7 @@ class CellWatch:
         return found
 
     def _leaking(self, drift: ChargeDrift) -> list[CellFinding]:
-        limits_a = np.maximum(LEAK_MIN_A, LEAK_SIGMAS * drift.leak_sigma_a)
+        limits_a = np.maximum(LEAK_MIN_A, LEAK_SIGMAS * drift.leak_noise_a)
         found = []
         for cell in self._beyond("cell-leaks", drift.leak_a, limits_a):
             size, sigma = float(drift.leak_a[cell]), float(drift.leak_sigma_a[cell])
@@ -203,7 +208,7 @@ class CellWatch:
             found.append(
                 self._of_charge("cell-leaks", cell, size, sigma, "A", size, usual, confidence_of(size, sigma, 0.0))
             )
-        return found
+        return self._lasting("cell-leaks", found, drift.leak_a, drift.leak_sigma_a)
 
     def _losing(self, drift: ChargeDrift) -> list[CellFinding]:
         limits = np.maximum(LOST_MIN, LOST_SIGMAS * drift.lost_sigma)
@@ -213,7 +218,7 @@ class CellWatch:
             value, usual = 1.0 - size, 1.0 - _median(drift.lost)
             confidence = confidence_of(size, sigma, 0.0)
             found.append(self._of_charge("capacity-lost", cell, size, sigma, "1", value, usual, confidence))
-        return found
+        return self._lasting("capacity-lost", found, drift.lost, drift.lost_sigma)
 
     def _dead(self, code: FindingCode, unit: str, sigma: float, found: DeadSensors) -> list[CellFinding]:
         nan = float("nan")
@@ -246,6 +251,19 @@ class CellWatch:
         return CellFinding(
             code, cell, size, sigma, unit, seen_s, seen_s, evidence_s, current_a, value, usual, neighbours, confidence
         )
+
+    def _is_found(self, cell: int, *codes: FindingCode) -> bool:
+        return any((code, cell) in self._findings for code in codes)
+
+    def _lasting(
+        self, code: FindingCode, found: list[CellFinding], values: FloatArray, sigmas: FloatArray
+    ) -> list[CellFinding]:
+        """Return `found` with what was found before and is less sure now, but not contradicted."""
+        seen = {each.cell for each in found}
+        kept = [each for (kind, cell), each in self._findings.items() if kind == code and cell not in seen]
+        return found + [
+            each for each in kept if values[each.cell] + BAND_SIGMAS * sigmas[each.cell] >= GONE * each.size
+        ]
 
     def _beyond(self, code: FindingCode, values: FloatArray, limits: FloatArray) -> list[int]:
         """Return the cells beyond a limit; one that was found ends well below it."""

@@ -12,14 +12,13 @@ suddenly, one that remembers over sessions what is as small as self-discharge.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp
 from typing import Final
 
 import numpy as np
 
-from app.estimation.arrays import BoolArray, FloatArray, IntArray
+from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 from app.estimation.errors import ShapeError
 
@@ -34,7 +33,7 @@ GAP_S: Final = 10.0  # what flowed in a longer gap is not known
 SLOW_S: Final = np.array((150.0, 1800.0))  # time constants of slow overpotentials
 MEAN_S: Final = 600.0  # of the mean current
 QUICK, LASTING = 0, 1  # the two filters
-LEAK_WALK_A2: Final = np.array((1.0 / 60.0, (2e-3) ** 2 / 3600.0))[:, None]  # of i_leak, in a second [A^2/s]
+LEAK_WALK_A2: Final = np.array((1.0 / 60.0, (2e-3) ** 2 / 86400.0))[:, None]  # of i_leak, in a second [A^2/s]
 LEAK_PRIOR_A: Final = np.array((0.5, 0.5))[:, None]
 CAPACITY_PRIOR: Final = 0.3
 START_SIGMA: Final = 0.3  # of the charge against the pack's
@@ -48,13 +47,16 @@ SLOW_FRAC_OHM: Final = 1.5e-3  # and of a cell that resists more, for so much of
 LIKE: Final = 0.15  # a resistance that is no more than this above the others' is like them
 OCV_SHAPE: Final = 0.03  # of a distance between charges: the cell file's OCV is not quite the cell's
 COUNT_FRAC: Final = 2e-3  # of the charge that flowed
+SOC_MIN, SOC_MAX = 0.15, 1.0  # where the cell file's OCV can be trusted to a few millivolts
 BLEED_A: Final = 0.3  # more does not flow through a balancing resistor
 MOVED_FRAC: Final = 0.01  # of charge in a gap: then the car was driven or charged
 LOST_SIGMA: Final = 0.02  # of the charge against the pack's after that
 CAPACITY_SHAPE: Final = 0.2  # of lost capacity that a wrong OCV may show as a leak
-SUDDEN_SIGMAS: Final = 4.0
+SURPRISE_SIGMAS: Final = 4.0
+SUDDEN_SIGMAS: Final = 4.0  # apart: the lasting filter does not see a leak that the quick one does
+QUICK_SIGMAS: Final = 3.0  # above nothing: then the quick filter is heard
 CAPACITY_SIGMA: Final = 0.015  # what the looks' model leaves out of lost capacity
-LEAK_SIGMA_FRAC: Final = 0.1  # and of a leak: slope of the OCV, slow drop of the leak itself
+LEAK_SIGMA_FRAC: Final = 0.15  # and of a leak: slope of the OCV, slow drop of the leak itself
 X, LEAK, CAPACITY, SLOW, SLOWER = range(5)
 STATES: Final = 5
 
@@ -83,14 +85,16 @@ class ChargeDrift:
     """What the looks so far say, (n_cells,).
 
     Attributes:
-        leak_a: what leaks [A], by the filter that is surer of it.
+        leak_a: what leaks [A], by the quick filter where that is surer of it.
         leak_sigma_a: its standard deviation, scatter of the other cells included [A].
+        leak_noise_a: the part of it that is there without a leak: what a leak has to exceed [A].
         lost: part of the capacity that is gone against the pack's median cell, by the filter that is less sure of it.
         lost_sigma: its standard deviation.
     """
 
     leak_a: FloatArray
     leak_sigma_a: FloatArray
+    leak_noise_a: FloatArray
     lost: FloatArray
     lost_sigma: FloatArray
 
@@ -120,6 +124,8 @@ class ChargeWatch:
         self._looked_s = float("nan")
         self._soc = float("nan")
         self._evidence_s = 0.0
+        self._since_look_s = LOOK_S
+        self.soc = np.full(n_cells, np.nan)
         if memory is not None:
             self._looked_s, self._soc, self._evidence_s = memory.time_s, memory.soc, memory.evidence_s
             self._mean[:, LASTING], self._cov[:, :, LASTING] = memory.mean, memory.cov
@@ -221,9 +227,12 @@ class ChargeWatch:
         leak = self._mean[LEAK]
         scatter = 1.4826 * np.nanmedian(np.abs(leak), axis=1)[:, None]
         shape_a = CAPACITY_SHAPE * np.abs(g) * self._slow_a
-        sigma = np.sqrt(self._cov[LEAK, LEAK] + scatter**2 + shape_a**2 + (LEAK_SIGMA_FRAC * leak) ** 2)
-        surer, warier = _chosen(leak / sigma, np.argmax), _chosen(lost / lost_sigma, np.argmin)
-        return ChargeDrift(leak[surer], sigma[surer], lost[warier], lost_sigma[warier])
+        noise = np.sqrt(self._cov[LEAK, LEAK] + scatter**2 + shape_a**2)
+        certainty, sigma = leak / noise, np.hypot(noise, LEAK_SIGMA_FRAC * leak)
+        is_quick = certainty[QUICK] > np.maximum(certainty[LASTING], QUICK_SIGMAS)
+        chosen = np.where(is_quick, QUICK, LASTING), np.arange(leak.shape[1])
+        warier = np.argmin(lost / lost_sigma, axis=0), np.arange(leak.shape[1])
+        return ChargeDrift(leak[chosen], sigma[chosen], noise[chosen], lost[warier], lost_sigma[warier])
 
     def _begin(self) -> None:
         """Begin a look."""
@@ -250,6 +259,8 @@ class ChargeWatch:
             ocv_v = np.linalg.solve(self._inputs + 1e-6 * np.eye(3), self._outputs)[0]
             noise_v = np.full_like(ocv_v, DRIVE_V)
         soc = self._ocv.soc_at(ocv_v)
+        self.soc = np.where(np.isfinite(soc), soc, self.soc)
+        soc = np.where((soc >= SOC_MIN) & (soc <= SOC_MAX), soc, np.nan)
         middle = _middle(soc.reshape(self._shape))
         apart = soc - middle
         slope = np.maximum(self._ocv.slope(np.nan_to_num(soc, nan=0.5)), 1e-3)
@@ -271,7 +282,7 @@ class ChargeWatch:
         self._bleeds[:] = False
         if not np.isfinite(before_s):
             return
-        dt_s = max(self._time_s - before_s, 0.0)
+        dt_s = self._since_look_s = max(self._time_s - before_s, 0.0)
         self._evidence_s += dt_s
         noise = np.full(self._mean.shape[1:], (COUNT_FRAC * flowed_as / self._capacity_as) ** 2)
         if is_gap:
@@ -298,13 +309,22 @@ class ChargeWatch:
         """Learn from one look; a cell without a voltage learns nothing."""
         row = np.zeros((STATES, len(apart)))
         row[X], row[LEAK], row[SLOW], row[SLOWER] = 1.0, -self._drop_ohm / slope, 1.0 / slope, 1.0 / slope
+        missed = np.where(np.isfinite(apart), apart, np.nan) - np.einsum("in,ifn->fn", row, self._mean)
+        self._open_to_sudden(row, missed[QUICK], variance)
         column = np.einsum("ijfn,jn->ifn", self._cov, row)
         total = np.einsum("in,ifn->fn", row, column) + variance
         gain = np.where(np.isfinite(apart), column / total, 0.0)
-        missed = np.nan_to_num(apart) - np.einsum("in,ifn->fn", row, self._mean)
+        missed = np.nan_to_num(missed)
         self._mean = self._mean + gain * missed
         self._cov = self._cov - gain[:, None] * column[None]
         self._believe_sudden()
+
+    def _open_to_sudden(self, row: FloatArray, missed: FloatArray, variance: FloatArray) -> None:
+        """Let the quick filter doubt its leak where a look is far from what it expected: a leak may just have begun."""
+        total = np.einsum("in,ijn,jn->n", row, self._cov[:, :, QUICK], row) + variance
+        is_surprise = np.nan_to_num(np.square(missed) / total) > SURPRISE_SIGMAS**2
+        rate_a = missed * self._capacity_as / max(self._since_look_s, LOOK_S)
+        self._cov[LEAK, LEAK, QUICK] += np.where(is_surprise, np.square(rate_a), 0.0)
 
     def _believe_sudden(self) -> None:
         """Let the lasting filter go on from the quick one where that is sure of a leak that the other does not see."""
@@ -312,11 +332,6 @@ class ChargeWatch:
         is_sudden = apart_a > SUDDEN_SIGMAS * np.sqrt(self._cov[LEAK, LEAK].sum(axis=0))
         self._mean[:, LASTING, is_sudden] = self._mean[:, QUICK, is_sudden]
         self._cov[:, :, LASTING, is_sudden] = self._cov[:, :, QUICK, is_sudden]
-
-
-def _chosen(certainty: FloatArray, choose: Callable[..., IntArray]) -> tuple[IntArray, IntArray]:
-    """Return the index that takes of (2, n) values the filter's whose certainty is chosen, cell by cell."""
-    return choose(certainty, axis=0), np.arange(certainty.shape[1])
 
 
 def _middle(table: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ COLD_K: Final = 15.0  # below the pack's median
 FROZEN_K: Final = 6.0  # by which the pack moved while the sensor showed one value
 BACK_K: Final = 5.0  # from the pack: it tells of the cell again
 STILL_V: Final = 1.5e-3  # a live channel's noise and the cell's own movement exceed it
-MOVED_V: Final = 30e-3  # of the other cells' mean meanwhile
+MOVED_V: Final = 30e-3  # of the median cell meanwhile
 HOP_V: Final = 0.15  # in one sample without current; a short of 75 A does less
 QUIET_V: Final = 5e-3  # the others in that sample
 REST_A: Final = 1.0
@@ -133,8 +133,8 @@ class ChannelWatch:
         self._shape = (-1, cells_per_pack)
         self._verdicts = _Verdicts(n_cells)
         self._still_v = np.full(n_cells, np.nan)  # where each cell last moved to
-        self._others_v = np.full((2, n_cells), np.nan)  # lowest and highest mean of all since
-        self._before = (np.full(n_cells, np.nan), np.nan, np.inf)  # voltages, mean, current
+        self._others_v = np.full((2, n_cells), np.nan)  # lowest and highest median of all since
+        self._before = (np.full(n_cells, np.nan), np.nan, np.inf)  # voltages, median, current
         self._hopped = np.zeros(n_cells, dtype=np.bool_)
 
     @property
@@ -148,28 +148,27 @@ class ChannelWatch:
         known = v[np.isfinite(v)]
         if not known.size:
             return
-        mean_v = float(known.mean())
-        before_v, before_mean_v, before_a = self._before
-        self._before = v, mean_v, current_a
+        middle_v = float(np.median(known))
+        before_v, before_middle_v, before_a = self._before
+        self._before = v, middle_v, current_a
         has_moved = ~(np.abs(v - self._still_v) <= STILL_V) | (dt_s > GAP_S)
         self._still_v = np.where(has_moved, v, self._still_v)
         low, high = self._others_v
-        self._others_v = np.where(has_moved, mean_v, (np.fmin(low, mean_v), np.fmax(high, mean_v)))
+        self._others_v = np.where(has_moved, middle_v, (np.fmin(low, middle_v), np.fmax(high, middle_v)))
         moved_v = self._others_v[1] - self._others_v[0]
         is_still = (moved_v >= MOVED_V) & np.isfinite(v)
         if abs(current_a) < REST_A and abs(before_a) < REST_A and 0.0 < dt_s <= GAP_S:
             hop_v = np.nan_to_num(v - before_v)
-            others_v = ((mean_v - before_mean_v) * known.size - hop_v) / max(known.size - 1, 1)
-            self._hopped ^= (np.abs(hop_v) > HOP_V) & (np.abs(others_v) < QUIET_V)
+            self._hopped ^= (np.abs(hop_v) > HOP_V) & (abs(middle_v - before_middle_v) < QUIET_V)
         elif abs(current_a) >= REST_A:
             self._hopped &= ~has_moved  # it follows the current
         suspect = is_still | self._hopped
         is_missing = np.isnan(v)
         if is_missing.any():
             suspect |= is_missing & _is_there(v, self._shape)
-        size = np.where(is_missing, np.nan, np.where(is_still, moved_v, np.abs(v - mean_v)))
+        size = np.where(is_missing, np.nan, np.where(is_still, moved_v, np.abs(v - middle_v)))
         delay_s = np.where(is_missing, MISSING_S, np.where(is_still, CONFIRM_S, 0.0))
-        usual = np.full(len(v), mean_v)
+        usual = np.full(len(v), middle_v)
         is_back = ~is_missing & (has_moved | np.isnan(self._verdicts.size))
         self._verdicts.add(time_s, dt_s, suspect, is_back, delay_s, (size, v, usual))
 
