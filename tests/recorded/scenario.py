@@ -14,7 +14,7 @@ from app.live.prediction import Predictor
 from app.sessions.recording.recorder import Recorder
 from app.sources.items import LinkChange, SerialItem
 from app.sources.master.source import MasterSource
-from app.telemetry import FloatArray
+from app.telemetry import FloatArray, Snapshot
 from firmware_protocol.framing import Frame, FrameDecoder
 from firmware_protocol.memory_map import N_CELLS
 from simulator.library import find_scenario
@@ -30,7 +30,8 @@ FLUSH_FRAMES = 2000
 class ScenarioRecorder:
     """One scenario into one session file; `mark` sets markers on the way.
 
-    `sent` and `digest` tell of every frame that the line carried, `soc` is the newest estimate, (96,) fractions.
+    `snapshot` is the newest, `pipeline` and `predictor` are those it went through; `sent` and `digest` tell of every
+    frame that the line carried, `soc` is the newest estimate, (96,) fractions.
     Without looking ahead (power, times to limits, joints) it runs twice as fast.
     """
 
@@ -48,12 +49,13 @@ class ScenarioRecorder:
         self._simulation = self.player.simulation
         self._decoder = FrameDecoder()
         cell = load_cell(CELL)
-        self._pipeline = Pipeline(
+        self.predictor = Predictor(cell, N_CELLS) if looks_ahead else None
+        self.pipeline = Pipeline(
             MasterSource("serial", "simulated"),
             lambda: make_estimator("fused", cell, N_CELLS),
             filter_name="fused",
             cell_name=CELL,
-            predictor=Predictor(cell, N_CELLS) if looks_ahead else None,
+            predictor=self.predictor,
         )
         self.recorder = Recorder(
             folder,
@@ -65,8 +67,9 @@ class ScenarioRecorder:
         self.sent = 0
         self.digest = hashlib.sha256()
         self.soc: FloatArray | None = None
+        self.snapshot: Snapshot | None = None  # the newest
         self.info = self.recorder.start(scenario, {"scenario": scenario})
-        self._pipeline.feed(LinkChange(0, epoch_ns, "rs232", "open"))
+        self.pipeline.feed(LinkChange(0, epoch_ns, "rs232", "open"))
         self._simulation.serial_out = self._take
         self.player.run(1.0)
         self._simulation.receive(b"x")
@@ -95,8 +98,8 @@ class ScenarioRecorder:
         wall_ns = self._epoch_ns + now_ns
         for item in self._decoder.feed(data):
             self.recorder.frame(now_ns, wall_ns, 0, item.raw, isinstance(item, Frame))
-            self._record(self._pipeline.feed(SerialItem(now_ns, wall_ns, item)))
-            self._pipeline.predict()
+            self._record(self.pipeline.feed(SerialItem(now_ns, wall_ns, item)))
+            self.pipeline.predict()
             self.sent += 1
             self.digest.update(item.raw)
             if self.sent % FLUSH_FRAMES == 0:
@@ -108,6 +111,7 @@ class ScenarioRecorder:
         snapshot = output.snapshot
         if snapshot is None:
             return
+        self.snapshot = snapshot
         if output.estimates is not None:
             estimates = output.estimates
             self.soc = estimates.soc

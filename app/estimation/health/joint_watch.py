@@ -29,7 +29,7 @@ BASELINE_JUDGEMENTS: Final = 120  # in the moving average of a sound joint
 QUICK_MEMORY_S: Final = 6.0  # of a second regression, which shows that a joint has changed
 CHANGED_SIGMAS: Final = 5.0  # apart: the slow one remembers another joint
 JUMP_OHM: Final = 1e-3  # by which a joint parts within one step of the current
-JUMP_SIGMAS: Final = 8.0
+JUMP_SIGMAS: Final = 4.0
 NEW_S: Final = 1.0  # of driving since the last judgement: less is no new evidence
 
 
@@ -73,6 +73,7 @@ class JointWatch:
         self._quick = ResistanceTracker(n_cells, memory_s=QUICK_MEMORY_S)
         self._steps = StepResistance(n_cells)
         self._steps_judged = 0
+        self._jump_sigma_ohm, self._jumped_at_s = np.zeros(n_cells), 0.0
         self._baseline_ohm = baseline.copy()
         self._learnt = np.where(np.isnan(self._baseline_ohm), 0, BASELINE_JUDGEMENTS)
         self._is_loose = np.isfinite(before.excess_ohm)
@@ -107,7 +108,8 @@ class JointWatch:
     @property
     def change_ohm(self) -> FloatArray:
         """(n_cells,) how far the last seconds lie from the last half minute: what is changing is not known well."""
-        return self._apart_ohm
+        left = np.exp((self._jumped_at_s - self._tracker.learned_s) / MEMORY_S)
+        return np.asarray(np.hypot(self._apart_ohm, left * self._jump_sigma_ohm))
 
     @property
     def growth_sigma(self) -> FloatArray:
@@ -188,6 +190,8 @@ class JointWatch:
         apart_ohm, sigma_ohm = ratio * usual_ohm - slow_ohm, self._steps.sigma() * usual_ohm
         jumped = np.asarray(np.nan_to_num(apart_ohm) > np.maximum(JUMP_OHM, JUMP_SIGMAS * np.nan_to_num(sigma_ohm)))
         if jumped.any():
+            self._jump_sigma_ohm[jumped] = sigma_ohm[jumped]
+            self._jumped_at_s = self._tracker.learned_s
             for tracker in (self._tracker, self._quick):
                 tracker.set_ohmic(ratio * usual_ohm, jumped)
         return jumped

@@ -19,8 +19,8 @@ LAG_S: Final = 0.4
 LAG_MAX_S: Final = 0.8
 STEP_A: Final = 20.0
 BURST_S: Final = 1.5  # without a step: the next one is judged by itself
-MEMORY: Final = 10.0  # differences: one step or two
-COUNT_MIN: Final = 3.0
+MEMORY: Final = 4.0  # differences: the first of a step may still hold what was before a joint parted
+COUNT_MIN: Final = 2.5
 
 
 class StepResistance:
@@ -30,6 +30,7 @@ class StepResistance:
         self._before: deque[tuple[float, float, FloatArray]] = deque(maxlen=64)
         self._time_s = 0.0
         self._learned_s = -np.inf
+        self._rises = False
         self._sums = np.zeros((3, n_cells))  # of the typical cell's and the cell's difference: x x, x y, y y [V^2]
         self._count = np.zeros(n_cells)
         self.learned = 0  # differences, in all
@@ -44,11 +45,11 @@ class StepResistance:
         if self._before:
             then_s, then_a, then_v = self._before[0]
             if LAG_S <= self._time_s - then_s <= LAG_MAX_S and abs(current_a - then_a) >= STEP_A:
-                self._learn(then_v - voltages_v)
+                self._learn(then_v - voltages_v, rises=current_a > then_a)
         self._before.append((self._time_s, current_a, voltages_v))
 
     def ratio(self) -> FloatArray:
-        """Return (n_cells,) resistance over the typical cell's in the last step or two; NaN while not known."""
+        """Return (n_cells,) resistance over the typical cell's in the last step; NaN while not known."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(self._count >= COUNT_MIN, self._sums[1] / self._sums[0], np.nan)
 
@@ -59,11 +60,12 @@ class StepResistance:
             left = np.maximum(yy - xy * xy / xx, 0.0)
             return np.where(self._count >= COUNT_MIN, np.sqrt(left / xx), np.nan)
 
-    def _learn(self, dropped_v: FloatArray) -> None:
+    def _learn(self, dropped_v: FloatArray, *, rises: bool) -> None:
         known = np.isfinite(dropped_v)
         if not known.any():
             return
-        if self._time_s - self._learned_s > BURST_S:
+        if self._time_s - self._learned_s > BURST_S or rises != self._rises:  # the joint may part within a step, too
+            self._rises = rises
             self._sums[:] = 0.0
             self._count[:] = 0.0
         self._learned_s = self._time_s

@@ -1,0 +1,48 @@
+"""A joint of 14 mohm more at pack 6, cell 4: from injection to alarm, event, session, restart, report, black box."""
+
+from app.analysis.black_box.from_session import black_boxes
+from app.analysis.report.report import report_of
+from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
+from app.live.prediction import Predictor
+from app.sessions.reading.reader import SessionFile
+from tests.recorded.scenario import ScenarioRecorder
+
+CELL, MORE_MOHM = 63, 14.0
+PLACE = "ack 6, cell 4"
+
+
+def test_a_joint_that_parts_is_named_from_injection_to_report(tmp_path):
+    car = ScenarioRecorder(tmp_path, "clean-endurance")
+    car.run(60.0)
+    assert car.snapshot.findings == ()
+    car.player.faults.inject("loose-joint", CELL, MORE_MOHM)
+    car.run(30.0)
+    (live,) = car.snapshot.findings
+    assert (live.code, live.cell) == ("joint-grown", CELL)
+    assert live.low <= 1e-3 * MORE_MOHM <= live.high
+    alarm = next(each for each in car.snapshot.alarms if each.code == "joint-loose")
+    assert alarm.cell == CELL
+
+    car.run(120.0)
+    (stood,) = car.snapshot.findings
+    assert stood.size == live.size
+    assert stood.seen - live.seen < 10.0
+    assert car.snapshot.cells.joint_excess_ohm[CELL] > 0.012
+    assert car.snapshot.estimator.resistance_age_s > 60.0
+
+    estimates, predictor = car.pipeline.estimates, car.predictor
+    save_learned_state(
+        tmp_path / "past.npz", LearnedState(0, estimates.soc, estimates.soc_sigma, predictor.learned_cells)
+    )
+    again = Predictor(predictor.cell, 96, load_learned_state(tmp_path / "past.npz").cells)
+    assert [(each.code, each.cell, each.size) for each in again.findings] == [("joint-grown", CELL, live.size)]
+
+    car.close()
+    with SessionFile(car.info.path) as session:
+        told = [event for event in session.events() if event["code"] == "finding-joint-grown"]
+        assert [event["cell"] for event in told] == [CELL]
+        report = report_of(session)
+        assert f"P{PLACE}: the joint has grown by" in report.why[0]
+        assert not any("like the others" in each for each in report.why)
+        box = next(each for each in black_boxes(session) if each.severity == "trip")
+        assert any(PLACE in each and "joint has grown" in each for each in box.summary)
