@@ -57,6 +57,9 @@ WRITES = [
     ("POST", "/simulator/next"),
     ("POST", "/simulator/unplug"),
     ("POST", "/simulator/scenario"),
+    ("POST", "/simulator/drill"),
+    ("POST", "/simulator/drill/answer"),
+    ("DELETE", "/simulator/drill"),
 ]
 
 

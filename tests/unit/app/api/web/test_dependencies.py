@@ -6,14 +6,14 @@ from typing import Annotated, get_args, get_origin, get_type_hints
 import pytest
 
 from app.api.web import dependencies
-from app.api.web.dependencies import SimulatorPart, WebParts
+from app.api.web.dependencies import DrillPart, SimulatorPart, WebParts
 from app.api.web.problems import Problem
 from app.service.wiring import Service
 
 ALIASES = {
     name: alias
     for name, alias in vars(dependencies).items()
-    if name.endswith("Part") and get_origin(alias) is Annotated and alias is not SimulatorPart
+    if name.endswith("Part") and get_origin(alias) is Annotated and alias not in (DrillPart, SimulatorPart)
 }
 FIELDS = get_type_hints(Service) | get_type_hints(WebParts)
 
@@ -42,7 +42,8 @@ def test_no_two_aliases_give_the_same_part():
 
 
 def test_without_a_simulated_car_there_is_none_to_ask():
-    _, depends = get_args(SimulatorPart)
-    with pytest.raises(Problem) as caught:
-        depends.dependency(connection(SimpleNamespace(simulator=None)))
-    assert caught.value.status == 404
+    for alias in (SimulatorPart, DrillPart):
+        _, depends = get_args(alias)
+        with pytest.raises(Problem) as caught:
+            depends.dependency(connection(SimpleNamespace(simulator=None, drill=None)))
+        assert caught.value.status == 404
