@@ -148,10 +148,10 @@ def panasonic_rows(folder: Path) -> Iterator[Row]:
     yield Row("in mid-drive, SOC unknown", "Cycle 1, model of pulses", True, pulses, middles(cycle), UNKNOWN)
     yield Row("capacity 10 % too large in the cell file", "US06", True, aged, [us06])
     yield Row("gaps of 2 s in 20 s", "US06", True, driven, [with_gaps(us06)])
-    yield Row("10 degC, model of 25 degC", "Cycle 1", False, driven, [cool])
-    yield Row("0 degC, model of 25 degC", "Cycle 1", False, driven, [cold])
-    yield Row("10 degC, pulses down to -10 degC", "Cycle 1", False, everywhere, [cool])
-    yield Row("0 degC, pulses down to -10 degC", "Cycle 1", False, everywhere, [cold])
+    yield Row("10 degC, model of 25 degC", "Cycle 1", True, driven, [cool])
+    yield Row("0 degC, model of 25 degC", "Cycle 1", True, driven, [cold])
+    yield Row("10 degC, pulses down to -10 degC", "Cycle 1", True, everywhere, [cool])
+    yield Row("0 degC, pulses down to -10 degC", "Cycle 1", True, everywhere, [cold])
 
 
 def physics_rows(folder: Path) -> Iterator[Row]:
@@ -186,8 +186,8 @@ def car_rows() -> Iterator[Row]:
             degc = np.full_like(volts, float(np.mean(samples[loaded].temperatures_degc)))
             recordings.append(Recording("simulated car", time_s[rows], current_a[rows], volts, degc, soc, notes=()))
     told = {"soc_sigma": MASTER_SOC_SIGMA, "since_s": 12.0, "is_sensed": True}
-    yield Row("from 12 s on, master's SOC 1 point off", "simulated car", False, model, recordings, MASTER_OFF, **told)
-    yield Row("from 12 s on, SOC unknown", "simulated car", False, model, recordings, UNKNOWN, **told)
+    yield Row("from 12 s on, master's SOC 1 point off", "simulated car", True, model, recordings, MASTER_OFF, **told)
+    yield Row("from 12 s on, SOC unknown", "simulated car", True, model, recordings, UNKNOWN, **told)
 
 
 def line(row: Row, scores: Sequence[Score]) -> str:
