@@ -79,6 +79,7 @@ class CellWatch:
         self._time_s = -np.inf
         self._thermal_s = self._channel_s = 0.0  # since they were looked at
         self._has_looked = False
+        self._leaked = {cell for code, cell in self._findings if code == "cell-leaks"}
         self._growth = _Mean(n_cells)
         self.joints: JointReport | None = None
 
@@ -202,7 +203,9 @@ class CellWatch:
     def _leaking(self, drift: ChargeDrift) -> list[CellFinding]:
         limits_a = np.maximum(LEAK_MIN_A, LEAK_SIGMAS * drift.leak_noise_a)
         found = []
-        for cell in self._beyond("cell-leaks", drift.leak_a, limits_a):
+        beyond, before = set(self._beyond("cell-leaks", drift.leak_a, limits_a)), self._leaked
+        self._leaked = beyond
+        for cell in sorted(beyond & before):  # two looks in a row
             size, sigma = float(drift.leak_a[cell]), float(drift.leak_sigma_a[cell])
             usual = _median(drift.leak_a)
             found.append(
