@@ -10,6 +10,7 @@ import numpy as np
 
 from app.errors import ExtraMissing, ImportFailed
 from app.estimation.arrays import FloatArray
+from app.sources.recordings.candump import candump_frames
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import Table, matching
 from app.words import Message, Quantity
@@ -25,6 +26,9 @@ def read_frames(path: Path) -> Iterator[Frame]:
     Raises:
         ImportFailed: the file cannot be read as what its name says.
     """
+    if not path.name.lower().endswith(ENDINGS[1:]):
+        yield from _candump(path)
+        return
     can = import_module("can")  # brings the libraries of every format it knows, hundreds of files
     try:
         options = {"relative_timestamp": False} if path.name.lower().endswith(".asc") else {}
@@ -35,6 +39,14 @@ def read_frames(path: Path) -> Iterator[Frame]:
                     extended = CAN_ID_EXTENDED if message.is_extended_id else 0
                     yield float(message.timestamp), message.arbitration_id | extended, bytes(message.data)
     except Exception as error:  # every reader raises its own: struct.error, BLFParseError, ...
+        raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
+
+
+def _candump(path: Path) -> Iterator[Frame]:
+    try:
+        with path.open(encoding="ascii") as lines:
+            yield from candump_frames(lines)
+    except (OSError, ValueError) as error:
         raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
 
 
