@@ -20,7 +20,6 @@ from tests.forked import start_program
 START_S = 60.0
 WAIT_S = 45.0
 END_S = 40.0
-TRIES = 4
 LOOK_S = 0.02
 N_CELLS = 96
 
@@ -31,20 +30,6 @@ def until(condition: Callable[[], object], seconds: float = WAIT_S) -> None:
     while not condition():
         assert time.monotonic() < deadline, f"not within {seconds} s"
         time.sleep(LOOK_S)
-
-
-class Patient(httpx.HTTPTransport):
-    """Asks again where the master did not answer in time, as a person would: it may not have had the processor."""
-
-    def handle_request(self, request: httpx.Request) -> httpx.Response:
-        """The answer, at the latest the one to the last try."""
-        request.read()
-        for _ in range(TRIES - 1):
-            answer = super().handle_request(request)
-            if answer.status_code != httpx.codes.GATEWAY_TIMEOUT:
-                return answer
-            answer.read()
-        return super().handle_request(request)
 
 
 @dataclass
@@ -85,7 +70,7 @@ class Service:
 
     def client(self, **options) -> httpx.Client:
         """An HTTP client of /api/v1."""
-        return httpx.Client(base_url=self.base_url + "/api/v1", timeout=WAIT_S, transport=Patient(), **options)
+        return httpx.Client(base_url=self.base_url + "/api/v1", timeout=WAIT_S, **options)
 
     def kill(self) -> None:
         """SIGKILL, as a power cut would."""

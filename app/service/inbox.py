@@ -31,6 +31,13 @@ class Inbox:
         except queue.Empty:
             return None
 
+    @property
+    def oldest_ns(self) -> int | None:
+        """When the oldest item inside arrived, monotonic [ns]; None while it is empty."""
+        with self._queue.mutex:
+            item = self._queue.queue[0] if self._queue.queue else None
+        return None if item is None else item.t_mono_ns
+
     def close(self) -> None:
         """Take no more items; those inside can still be taken out."""
         self._closed.set()

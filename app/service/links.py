@@ -25,12 +25,22 @@ class Links:
         clock: Clock,
         *,
         may_transmit: bool,
+        unread_since_ns: Callable[[], int | None] = lambda: None,
     ) -> None:
-        """Prepare the links; what they deliver goes into `sink`. `may_transmit`: this is no car's bus."""
+        """Prepare the links.
+
+        Args:
+            serial_url: of the RS232 link; None = not configured.
+            can_url: of the CAN link; None = not configured.
+            sink: takes what they deliver.
+            clock: of the links and of the requests to the master.
+            may_transmit: this is no car's bus.
+            unread_since_ns: when the oldest delivered item that nobody has worked on arrived, see `MasterClient`.
+        """
         self.serial = SerialLink(serial_url, sink, clock) if serial_url else None
         self.can = CanLink(can_url, sink, clock) if can_url else None
         self.can_sender = CanSender(self._send_can, clock)
-        self.master = MasterClient(self._send_serial, clock)
+        self.master = MasterClient(self._send_serial, clock, unread_since_ns=unread_since_ns)
         self._lock = threading.Lock()
         self._is_closed = False
         self._may_transmit = may_transmit

@@ -190,7 +190,14 @@ def make_service(
 
     # The links, and the configuration behind them
     inbox = Inbox()
-    links = Links(serial_url, can_url, inbox.put, clock, may_transmit=source == "simulator" or settings.bench)
+    links = Links(
+        serial_url,
+        can_url,
+        inbox.put,
+        clock,
+        may_transmit=source == "simulator" or settings.bench,
+        unread_since_ns=lambda: inbox.oldest_ns,
+    )
     trace = CanTrace()
     rules = Rules(pipelines.cell, trace)
     config_history = ConfigHistory(data)

@@ -21,15 +21,32 @@ from firmware_protocol.messages import (
     Write,
 )
 
+UNREAD_MAX_S = 5.0  # what was received and is not worked on for longer counts as no reply
+WAIT_MIN_S = 0.01  # until the next look while a reply may be unread
 MAX_WAITING = 4  # requests behind the one that is out; a silent master must not take all of the server's threads
 
 
 class MasterClient:
     """Sends requests through `send` and waits for what `on_reply` is given."""
 
-    def __init__(self, send: Callable[[bytes], None], clock: Clock) -> None:
+    def __init__(
+        self,
+        send: Callable[[bytes], None],
+        clock: Clock,
+        *,
+        unread_since_ns: Callable[[], int | None] = lambda: None,
+    ) -> None:
+        """Prepare the client.
+
+        Args:
+            send: puts a frame on the line.
+            clock: for the time that a reply may take.
+            unread_since_ns: when the oldest of what arrived and is not read yet came, monotonic [ns]; None = all is
+                read. A reply may be in it, so this time is not counted against the master, up to UNREAD_MAX_S.
+        """
         self._send = send
         self._clock = clock
+        self._unread_since_ns = unread_since_ns
         self._one_at_a_time = threading.Lock()
         self._changed = threading.Condition()
         self._exchange = Exchange(secrets.randbelow(256))
@@ -90,9 +107,14 @@ class MasterClient:
             if due is not None:
                 self._send(due)
             if self._reply is None:  # a master in this very process answers before `send` returns
-                self._changed.wait(max(0.0, (self._exchange.deadline_s or 0.0) - self._clock.monotonic_s()))
-            due = None if self._reply is not None else self._exchange.poll(self._clock.monotonic_s())
+                self._changed.wait(max(WAIT_MIN_S, (self._exchange.deadline_s or 0.0) - self._read_until_s()))
+            due = None if self._reply is not None else self._exchange.poll(self._read_until_s())
         return self._reply
+
+    def _read_until_s(self) -> float:
+        """The time up to which everything that arrived has been read [s]: later than that a reply cannot be missed."""
+        now_s, since_ns = self._clock.monotonic_s(), self._unread_since_ns()
+        return now_s if since_ns is None else min(now_s, max(since_ns / 1e9, now_s - UNREAD_MAX_S))
 
     def identify(self) -> None:
         """Ask who the master is; the pipeline reads the answer off the stream."""

@@ -60,3 +60,16 @@ def test_a_link_that_waits_is_let_go_when_the_inbox_closes():
     inbox.close()
     waiting.join(5.0)
     assert not waiting.is_alive()
+
+
+def test_the_oldest_item_says_since_when_it_waits():
+    inbox = Inbox()
+    assert inbox.oldest_ns is None
+    for number in (5, 6):
+        inbox.put(item(number))
+    assert inbox.oldest_ns == item(5).t_mono_ns
+    inbox.get(0.0)
+    inbox.get(0.0)
+    assert inbox.oldest_ns is None
+    inbox.close()
+    assert inbox.oldest_ns is None

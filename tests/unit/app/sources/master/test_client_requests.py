@@ -160,3 +160,33 @@ def test_a_reply_that_nobody_waits_for_is_dropped():
     master.client.on_reply(Reply(MessageType.STORE, 3, Result.DONE))
     master.client.identify()
     assert [frame.type for frame in master.frames] == [MessageType.IDENT]
+
+
+def test_time_in_which_a_reply_lies_unread_is_not_counted_against_the_master():
+    clock, frames, looks = FakeClock(), [], []
+
+    def send(raw):
+        frames.extend(FrameDecoder().feed(raw))
+        clock.advance(3.0)  # the reply came at once, and waits behind three seconds of telemetry
+
+    def unread_since_ns():
+        looks.append(clock.monotonic_ns())
+        if len(looks) < 5:
+            return round(1_000.59e9)
+        client.on_reply(Reply(frames[0].type, frames[0].sequence, Result.DONE, NO_OFFSET, b""))
+        return None
+
+    client = MasterClient(send, clock, unread_since_ns=unread_since_ns)
+    client.write(4, b"\x1c\xa2")
+    assert len(frames) == 1
+
+
+def test_a_service_that_reads_nothing_at_all_does_not_wait_for_ever():
+    clock = FakeClock()
+
+    def unread_since_ns():
+        clock.advance(1.0)
+        return round(1_000e9)
+
+    with pytest.raises(MasterSilent):
+        MasterClient(lambda raw: None, clock, unread_since_ns=unread_since_ns).identify()
