@@ -185,8 +185,8 @@ class Surveyor:
     def _extremes(self, piece: Piece, dt_s: FloatArray) -> None:
         survey = self._survey
         survey.missing += np.isnan(piece.voltage_v).sum(axis=0)
-        _keep_extreme(survey.voltage_min_v, survey.voltage_min_at_s, piece.voltage_v, piece.time_s, lowest=True)
-        _keep_extreme(
+        keep_extreme(survey.voltage_min_v, survey.voltage_min_at_s, piece.voltage_v, piece.time_s, lowest=True)
+        keep_extreme(
             survey.temperature_max_degc, survey.temperature_max_at_s, piece.temperature_degc, piece.time_s, lowest=False
         )
         survey.voltage_max_v = np.fmax(survey.voltage_max_v, np.fmax.reduce(piece.voltage_v, axis=0))
@@ -264,7 +264,7 @@ def _spaced(time_s: FloatArray, before_s: float) -> NDArray[np.intp]:
     return np.array(chosen, dtype=np.intp)
 
 
-def _keep_extreme(
+def keep_extreme(
     best: FloatArray, best_at_s: FloatArray, values: FloatArray, time_s: FloatArray, *, lowest: bool
 ) -> None:
     """Put a piece's extremes into `best` and when they were into `best_at_s` where they go beyond it."""

@@ -23,6 +23,7 @@ from app.configuration.profile_store import Profiles
 from app.configuration.safe_write import ConfigurationWriter
 from app.configuration.slave_check_log import SlaveCheckLog
 from app.configuration.write_log import WriteLog
+from app.estimation.cell_model.cell_file import format_cell
 from app.live.can_trace import CanTrace
 from app.live.hub import Hub
 from app.live.learned_state import load_learned_state
@@ -128,6 +129,7 @@ def make_service(
 
     # Events, and what is recorded
     events = Events(EventLog(data / "events.sqlite", clock), clock)
+    pipelines = Pipelines(settings)
     recorder = AutoRecorder(
         sessions_folder,
         clock=clock,
@@ -136,6 +138,7 @@ def make_service(
         event=settings.event,
         limits=DiskLimits(session_bytes=settings.split_bytes),
         source=source,
+        cell_file=format_cell(pipelines.cell),
     )
     mqtt = configured_publisher(settings, lambda: recording_state(recorder), clock, source)
     events.subscribe(recorder.on_event)
@@ -168,7 +171,6 @@ def make_service(
     is_simulated = source == "simulator"
     boxes_path = data / "blackboxes.sqlite"
     black_boxes = BlackBoxRecorder(boxes_path, session_id, black_box_made, explain, is_simulated=is_simulated)
-    pipelines = Pipelines(settings)
     passports = PassportKeeper(
         data,
         catalogue,

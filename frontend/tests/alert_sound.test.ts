@@ -16,6 +16,7 @@ const alarm = (id: number, part: Partial<Alarm> = {}): Alarm => ({
   active: true,
   acknowledged_by: null,
   cells: [],
+  cause: null,
   ...part,
 });
 

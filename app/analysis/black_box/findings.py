@@ -42,7 +42,9 @@ def cause_findings(cause: Cause | None) -> list[AnalysisFinding]:
     if cause.code == "unknown":
         return [finding(Message("box-no-cause"))]
     share = Quantity(100 * cause.confidence, "%", 0)
-    said = [finding(Message("box-cause", cause=cause.message_words.message, share=share)), *cause.evidence]
+    said = [finding(Message("box-cause", cause=cause.message_words.message, share=share))]
+    if cause.evidence:
+        said.append(finding(Message("box-evidence", evidence=tuple(each.message for each in cause.evidence))))
     if cause.same:
         said.append(finding(Message("box-cause-same", causes=tuple(each.message for each in cause.same))))
     if cause.others:

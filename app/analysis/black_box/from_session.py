@@ -16,10 +16,10 @@ from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_tri
 from app.analysis.limits import limits_of
 from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import cause_of_trip
+from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
 from app.battery.shape import N_CELLS
 from app.estimation.arrays import FloatArray
-from app.estimation.cell_model.cell_file import load_cell
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.reading.reader import SessionFile
 from app.telemetry.cell_findings import finding_of
@@ -55,7 +55,7 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         return []
     configs = session.configs()
     session_id = session.info.id
-    judge = CellJudge(load_cell())
+    judge = CellJudge(cell_of(session)[0])
     for piece in read_pieces(session):
         judge.add(piece)
     judge.result()

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from app import __version__
 from app.analysis.cell_findings import CellJudge
 from app.analysis.finding import AnalysisFinding, finding, message_of_event, with_cell
 from app.analysis.incidents import is_trigger
@@ -19,20 +20,21 @@ from app.analysis.report.findings import (
     compare_cells,
     headline,
     key_figures,
-    margins,
     odd_cells,
     what_limited,
     what_to_look_at,
 )
+from app.analysis.report.margins import MarginWatch
 from app.analysis.report.over_time import OverTime, over_time
 from app.analysis.report.verdict import verdicts
 from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import causes_of
 from app.analysis.session_arrays import TotalsCollector
+from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import survey_session
-from app.analysis.survey import Histogram
+from app.analysis.survey import Histogram, Piece
 from app.analysis.totals import listed
-from app.estimation.cell_model.cell_file import load_cell
+from app.battery.shape import N_CELLS
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
 from app.telemetry.cell_findings import Finding, finding_of
@@ -59,6 +61,7 @@ class Findings:
     why: list[AnalysisFinding]
     limited: list[AnalysisFinding]
     look_at: list[AnalysisFinding]
+    judged: list[AnalysisFinding]  # what of then judges it, and what of today
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class Report:
         histograms: of current, temperature and soc.
         over_time: the accumulator from start to end.
         laps: with their figures.
-        limits: of the configuration in force at the end, by name, in units.
+        limits: of the configuration in force at the end, by name, in units; `margins` go by those of their time.
         config_hash: of that configuration, None where none was received.
         resistance_ohm, voltage_min_v, temperature_max_degc, balancing_s: of every cell.
     """
@@ -125,25 +128,33 @@ class SessionComparison:
 def report_of(session: SessionFile) -> Report:
     """Read a session and judge it."""
     info, collector = session.info, TotalsCollector()
-    judge = CellJudge(load_cell())
-    survey = survey_session(session, judge.add, collector)
+    cell, is_cell_of_then = cell_of(session)
+    judge, configs = CellJudge(cell), session.configs()
+    in_force = [(session.unix_s(config.t_mono_ns), limits_of(config.image)) for config in configs]
+    watch = MarginWatch(N_CELLS, in_force)
+
+    def watched(piece: Piece) -> None:
+        judge.add(piece)
+        watch.add(piece)
+
+    survey = survey_session(session, watched, collector)
     found, ended = ([finding_of(each) for each in kind] for kind in (judge.result(), judge.ended()))
     totals = collector.totals()
     source, found_laps = find_laps(session, totals, None, None)
     laps = [figures_of(lap, totals) for lap in found_laps]
-    configs = session.configs()
     image = configs[-1].image if configs else None
     limits, events = limits_of(image), session.events()
-    near, odd = margins(survey, limits), odd_cells(survey)
+    near, odd = watch.nearest(), odd_cells(survey)
     trips = [event for event in events if event["severity"] == "trip" and event["code"] != "master-fault"]
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
     loose = [event for event in warned if event["code"] == "joint-loose"]
-    causes = causes_of(session)
+    causes = causes_of(session, cell)
     findings = Findings(
         headline(survey, len(found_laps)),
         [*_causes_told(causes), *verdicts(survey, odd, _cells(trips), _cells(loose), found, _blamed(causes))],
         what_limited(near, _told(trips)),
         what_to_look_at(survey, _unexplained(odd, found), [*_ended(ended), *_told(warned)], session.bad_frames()),
+        _judged_by(info.voltwall, len(configs), is_cell_of_then=is_cell_of_then),
     )
     return Report(
         session=ReportedSession(
@@ -172,6 +183,14 @@ def report_of(session: SessionFile) -> Report:
         temperature_max_degc=listed(survey.temperature_max_degc),
         balancing_s=listed(survey.balancing_s),
     )
+
+
+def _judged_by(recorded: str, n_configs: int, *, is_cell_of_then: bool) -> list[AnalysisFinding]:
+    """What of then judges the run, and what of today does."""
+    said = [Message("report-versions", recorded=recorded, judged=__version__)]
+    said.append(Message("report-limits-of-then", n=n_configs) if n_configs else Message("report-limits-unknown"))
+    said.append(Message("report-cell-of-then") if is_cell_of_then else Message("report-cell-of-today"))
+    return [finding(each) for each in said]
 
 
 def _causes_told(causes: Sequence[Cause]) -> list[AnalysisFinding]:

@@ -11,7 +11,7 @@ from app.analysis.root_cause.cause import Cause, cause_of
 from app.analysis.root_cause.judge import Judgement, judge, trip_kind
 from app.analysis.root_cause.reading import read_events, read_recording
 from app.analysis.root_cause.suspicions import suspicions
-from app.estimation.cell_model.cell_file import load_cell
+from app.analysis.session_cell import cell_of
 from app.estimation.cell_model.circuit import CellModel
 from app.sessions.reading.reader import SessionFile
 
@@ -22,7 +22,7 @@ MOST_TRIPS = 12  # of a session; more are the same again
 
 def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause]:
     """Return what explains each trip of a session, in order, then what is wrong without having tripped anything."""
-    model, info = cell or load_cell(), session.info
+    model, info = cell or cell_of(session)[0], session.info
     start_s = info.started_wall_ns / 1e9
     end_s = start_s + info.duration_s
     trips = _trips(read_events(session, start_s - 1.0, end_s + 1.0))[:MOST_TRIPS]
@@ -46,7 +46,9 @@ def cause_of_trip(session: SessionFile, trigger: Trigger, cell: CellModel | None
     if trip_kind(trip.code) is None and trip.severity == "trip":
         return None
     is_trip = trip.severity == "trip"
-    told = _judged(session, cell or load_cell(), trip if is_trip else None, trip.at_s - BACK_S, trip.at_s + SETTLED_S)
+    told = _judged(
+        session, cell or cell_of(session)[0], trip if is_trip else None, trip.at_s - BACK_S, trip.at_s + SETTLED_S
+    )
     about = [each for each in told if is_trip or trip.cell in (None, each.ranked[0].cell)]
     return cause_of(about[0]) if about else None
 

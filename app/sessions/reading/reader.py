@@ -122,6 +122,11 @@ class SessionFile:
             **counts,
         )
 
+    @property
+    def cell_file(self) -> str | None:
+        """Text of the cell file that the session was estimated with; None in sessions of earlier versions."""
+        return self._meta().get("cell_file")
+
     def unix_s(self, t_mono_ns: int) -> float:
         """Return the unix time of an instant of the recording machine's monotonic clock."""
         return (t_mono_ns + self._offset_ns) / 1e9

@@ -41,10 +41,12 @@ class AutoRecorder:
         event: str | None = None,
         limits: DiskLimits | None = None,
         source: Source | None = None,
+        cell_file: str | None = None,
     ) -> None:
         """Open the folder; what the page was told of the next sessions lies beside it.
 
-        `source` is kept in every session, so that a simulated car is never taken for a real one.
+        `source` is kept in every session, so that a simulated car is never taken for a real one; the text of the cell
+        file, so that the session is judged with it later, too.
 
         Raises:
             ConfigError: the event's name is too long.
@@ -60,6 +62,7 @@ class AutoRecorder:
             version=__version__,
             limits=limits,
             next_name=next_part,
+            cell_file=cell_file,
             keeps_empty=False,
         )
         self._automatic = automatic

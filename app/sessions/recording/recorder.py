@@ -64,6 +64,7 @@ class Recorder:
         limits: DiskLimits | None = None,
         free_bytes: Callable[[Path], int] = _free_bytes,
         next_name: Callable[[str], str] = lambda name: name,
+        cell_file: str | None = None,
         keeps_empty: bool = True,
     ) -> None:
         """Start the thread; without `keeps_empty` a session that nothing came into is deleted when it ends."""
@@ -71,6 +72,7 @@ class Recorder:
         self._keeps_empty = keeps_empty
         self._next_name = next_name  # of the session that goes on where one is split
         self._version = version
+        self._cell_file = cell_file  # what the sessions are estimated with
         self._clock = clock
         self._limits = limits or DiskLimits()
         self._free_bytes = free_bytes
@@ -327,7 +329,7 @@ class Recorder:
         while self._batch:
             kind, row = self._batch[0]
             if kind == _START:
-                self._writer = SessionWriter(row[0])
+                self._writer = SessionWriter(row[0], self._cell_file)
                 self._finish(1)
                 continue
             if self._writer is None:

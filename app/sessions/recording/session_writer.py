@@ -57,8 +57,8 @@ _RECEIVED = {"meta", "frames", "can_frames", "estimates", "configs", "chunks", "
 class SessionWriter:
     """Writes one new session. Every method either has its effect on the disk or raises and changes nothing."""
 
-    def __init__(self, info: SessionInfo) -> None:
-        """Create the session's tables in its file, which exists and is empty.
+    def __init__(self, info: SessionInfo, cell_file: str | None = None) -> None:
+        """Create the session's tables in its file, which exists and is empty; `cell_file` is what it is estimated with.
 
         Raises:
             sqlite3.Error: the disk does not take it.
@@ -81,6 +81,8 @@ class SessionWriter:
             "start_wall_ns": str(info.started_wall_ns),
             "metadata": json.dumps(dict(info.metadata)),
         }
+        if cell_file is not None:
+            facts["cell_file"] = cell_file
         try:
             self.write([("meta", pair) for pair in facts.items()])
         except sqlite3.Error:

@@ -720,6 +720,7 @@ export interface Findings {
   why: AnalysisFinding[];
   limited: AnalysisFinding[];
   look_at: AnalysisFinding[];
+  judged: AnalysisFinding[];
 }
 
 /** The master's status bits. */

@@ -1,6 +1,5 @@
 // Which alarms still want a person's attention, how bad the worst of them is, and which cells tripped.
 
-import type { Message } from '../words/render';
 import type { Alarm, Maybe, Severity, Snapshot } from '../link/types';
 
 const RANK: Record<Severity, number> = { watch: 0, warning: 1, trip: 2 };
@@ -24,13 +23,7 @@ export function activeTrips(snapshot: Maybe<Snapshot>): Alarm[] {
 }
 
 /** What the service takes for the cause of a trip; null until it knows. */
-export interface Cause {
-  message: string;
-  message_words: Message | null;
-}
-
-export const causeOf = (alarm: Alarm): Maybe<Cause> =>
-  (alarm as Alarm & { cause?: Cause | null }).cause ?? null;
+export const causeOf = (alarm: Alarm): Alarm['cause'] => alarm.cause;
 
 /** Every cell that an alarm is about. */
 export const cellsOf = (alarm: Alarm): number[] =>

@@ -1,0 +1,47 @@
+"""Limits of then judge what happened then."""
+
+import numpy as np
+import pytest
+
+from app.analysis.report.margins import MarginWatch
+from app.analysis.survey import Piece
+
+LIMITS = {"t_cell_max": 45.0, "v_cell_min": 2.5, "v_cell_max": 4.2, "i_disc_max": 200.0, "i_disc_min": -100.0}
+
+
+def piece(time_s, degc):
+    rows = len(time_s)
+    table = np.full((rows, 3), 3.7)
+    return Piece(
+        np.array(time_s, dtype=float),
+        np.full(rows, 20.0),
+        table,
+        np.array(degc, dtype=float)[:, None] + np.array([0.0, 0.0, 1.0]),
+        table * 0.1,
+        table * 0.0,
+    )
+
+
+def of(watch, name):
+    return next(each for each in watch.nearest() if each.limit == name)
+
+
+def test_a_limit_raised_afterwards_does_not_take_back_how_near_it_came():
+    watch = MarginWatch(3, [(0.0, LIMITS), (50.0, LIMITS | {"t_cell_max": 60.0})])
+    watch.add(piece([10.0, 40.0, 60.0], [30.0, 40.0, 41.0]))
+    hottest = of(watch, "t_max")
+    assert (hottest.margin, hottest.allowed, hottest.cell, hottest.at_s) == (4.0, 45.0, 2, 40.0)
+
+
+def test_a_limit_lowered_afterwards_does_not_judge_what_was_before():
+    watch = MarginWatch(3, [(0.0, LIMITS | {"t_cell_max": 60.0}), (50.0, LIMITS)])
+    watch.add(piece([10.0, 40.0], [30.0, 50.0]))
+    watch.add(piece([60.0], [35.0]))
+    assert of(watch, "t_max").margin == pytest.approx(9.0)
+    assert of(watch, "t_max").allowed == 60.0
+
+
+def test_without_a_configuration_no_limit_is_known():
+    watch = MarginWatch(3, [])
+    watch.add(piece([10.0], [30.0]))
+    assert watch.nearest() == []
