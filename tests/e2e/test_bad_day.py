@@ -133,7 +133,7 @@ def test_a_trip_is_on_every_page_and_its_cell_is_marked_on_every_map(service, op
     expect(page.get_by_role("heading", level=1)).to_have_text(re.compile("cell .*voltage|shutdown circuit", re.I))
 
 
-def test_without_both_links_nothing_can_be_commanded_and_nothing_is_claimed(service, open_page):
+def test_without_both_links_nothing_can_be_commanded_and_nothing_is_claimed(service, open_page, violations):
     page = open_page(f"{service.base_url}/#/system")
     expect(page.get_by_test_id("command-reset")).to_be_enabled()
     with service.client() as client:
@@ -143,3 +143,4 @@ def test_without_both_links_nothing_can_be_commanded_and_nothing_is_claimed(serv
     expect(page.get_by_test_id("command-reset")).to_be_disabled()
     expect(page.get_by_test_id("trip-banner")).to_contain_text("last known")  # it has not ended, nobody can see it
     expect(page.get_by_test_id("doubts")).not_to_contain_text("None:")
+    assert violations(page) == {}
