@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from app.analysis.drill.days import CHOICES, DAYS, POOL, Day, draw_days
-from app.analysis.drill.product import answer_of_events
+from app.analysis.drill.product import answer_of_cause, answer_of_events
 from app.analysis.drill.score import Answer, most_points, points, total
+from app.analysis.root_cause.cause import Cause
+from app.analysis.root_cause.from_session import causes_of
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.commands.console.config_service import ConfigService
 from app.commands.console.number import between
@@ -20,6 +22,7 @@ from app.commands.guided.play import Played, play
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import DEFAULT_CELL
 from app.live.pipeline_factory import PipelineFactory
+from app.sessions.reading.reader import SessionFile
 
 SEEDS = 1_000_000
 EPILOG = """\
@@ -84,7 +87,10 @@ def _product(args: argparse.Namespace, seed: int) -> int:
 
 def _result(day: Day, played: Played) -> dict[str, Any]:
     told = played.after(day.at_s)
-    answer = answer_of_events((event.code, event.cell) for _, event in told)
+    causes = [] if played.session is None else _causes(played.session)
+    meant = [answer_of_cause(cause.code, cause.cell, cause.pack) for cause in causes]
+    events = answer_of_events((event.code, event.cell) for _, event in told)
+    answer = next((each for each in meant if each is not None), events)
     return {
         "number": day.number,
         "fault": day.fault,
@@ -95,8 +101,13 @@ def _result(day: Day, played: Played) -> dict[str, Any]:
         "points": points(day, answer),
         "most": most_points(day),
         "visible_s": round(min((t_s for t_s, _ in told), default=0.0) - day.at_s, 1) if told else None,
-        "said": [event.text for _, event in told][:8],
+        "said": [*(cause.message for cause in causes), *(event.text for _, event in told)][:8],
     }
+
+
+def _causes(path: Path) -> list[Cause]:
+    with SessionFile(path) as session:
+        return causes_of(session)
 
 
 def _print_day(result: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from app.analysis.drill.days import Day, draw_days
-from app.analysis.drill.product import answer_of_events, tells
+from app.analysis.drill.product import TRIP_CAUSE, answer_of_events, answer_of_message, tells
 from app.analysis.drill.score import Answer, most_points, points, total
 from app.errors import LinkError, NotNow
 from app.telemetry import Event
@@ -168,7 +168,9 @@ class Drill:
         """The car runs in real time: what was told before the fault began is not of it."""
         fault_ns = self._wall_ns() - round(since_s * 1e9)
         told = [event for event in running.told if event.time_ns >= fault_ns]
-        product = answer_of_events([(event.code, event.cell) for event in told])
+        causes = (answer_of_message(event.message, event.cell) for event in told if event.code == TRIP_CAUSE)
+        named = next((cause for cause in causes if cause is not None), None)
+        product = named or answer_of_events([(event.code, event.cell) for event in told])
         return Result(
             day=day,
             answer=answer,

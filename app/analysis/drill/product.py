@@ -8,6 +8,7 @@ from typing import Final
 from app.analysis.drill.days import CHOICES
 from app.analysis.drill.score import Answer
 from app.battery.shape import CELLS_PER_PACK
+from app.words import Message
 
 MEANS: Final = {  # the first of these that was told counts
     "finding-joint-grown": "loose-joint",
@@ -33,6 +34,7 @@ MEANS: Final = {  # the first of these that was told counts
 }
 
 
+TRIP_CAUSE: Final = "trip-cause"  # the event that names what root-cause analysis found
 CAUSES: Final = {  # a cause that root-cause analysis names, as the fault that makes it
     "weak-joint": "loose-joint",
     "high-resistance": "high-resistance",
@@ -59,13 +61,26 @@ CAUSES: Final = {  # a cause that root-cause analysis names, as the fault that m
 
 def tells(severity: str, code: str) -> bool:
     """Return whether an event tells of something wrong."""
-    return severity != "info" or code == "boot" or (code.startswith("finding-") and code != "finding-ended")
+    return (
+        severity != "info" or code in ("boot", TRIP_CAUSE) or (code.startswith("finding-") and code != "finding-ended")
+    )
 
 
 def answer_of_cause(code: str, cell: int | None, pack: int | None) -> Answer | None:
     """Return what a named cause means; cell and pack from 0. None for one that no fault of a drill makes."""
     fault = CAUSES.get(code)
     return None if fault is None else answer_at(fault, cell, pack)
+
+
+def answer_of_message(message: Message, cell: int | None) -> Answer | None:
+    """Return what the message of a trip's cause means; None where it names nothing that a drill has."""
+    pack = message.args.get("pack")
+    if found := answer_of_cause(message.code.removeprefix("cause-"), cell, pack - 1 if isinstance(pack, int) else None):
+        return found
+    for inner in message.args.values():
+        if isinstance(inner, Message) and (found := answer_of_message(inner, cell)):
+            return found if pack is None or found.pack is not None else Answer(found.fault, int(str(pack)))
+    return None
 
 
 def answer_of_events(events: Iterable[tuple[str, int | None]]) -> Answer | None:

@@ -1,8 +1,10 @@
 import pytest
 
 from app.analysis.drill.days import CHOICES
-from app.analysis.drill.product import CAUSES, MEANS, answer_of_cause, answer_of_events, tells
+from app.analysis.drill.product import CAUSES, MEANS, answer_of_cause, answer_of_events, answer_of_message, tells
 from app.analysis.drill.score import Answer
+from app.analysis.root_cause.codes import NAMES, cause_message
+from app.words import Message
 
 
 @pytest.mark.parametrize(
@@ -38,3 +40,15 @@ def test_what_is_said_in_passing_tells_nothing():
     assert tells("info", "finding-cell-leaks")
     assert not tells("info", "finding-ended")
     assert not tells("info", "config-written")
+
+
+def test_the_event_of_a_trips_cause_means_the_same():
+    told = Message("trip-cause", cause=cause_message("weak-joint", 75, 6))
+    assert answer_of_message(told, 75) == Answer("loose-joint", 7, 4)
+    told = Message("trip-cause", cause=cause_message("slave-lost", None, 2))
+    assert answer_of_message(told, None) == Answer("lost-slave", 3)
+    assert answer_of_message(Message("trip-cause", cause=cause_message("unknown", None, None)), None) is None
+
+
+def test_every_cause_is_one_that_root_cause_analysis_knows():
+    assert set(CAUSES) <= set(NAMES)
