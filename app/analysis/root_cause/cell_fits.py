@@ -237,7 +237,7 @@ def _stuck(cell: CellVoltage) -> CellFit | None:
     moving = np.flatnonzero(np.abs(cell.voltage_v - held) > STUCK_V)
     first = int(moving[-1]) + 1 if moving.size else 0
     after = slice(first, None)
-    if len(cell.voltage_v) - first < 8 or np.ptp(cell.middle_v[after]) < 8 * STUCK_V:
+    if len(cell.voltage_v) - first < 8 or np.ptp(cell.middle_v[after]) < 4 * STUCK_V:
         return None
     healthy = _warm_likelihood(cell, cell.apart_v, HEALTHY_OHM)
     before = cell.apart_v[:first]

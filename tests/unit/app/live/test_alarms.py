@@ -5,6 +5,8 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sources.items import LinkChange
 from app.sources.master.source import MasterSource
+from app.telemetry import TripCause
+from app.words import Message
 from firmware_protocol.messages import EventCode, EventMessage, MessageType
 
 CELL = load_cell("samsung-25r-10p")
@@ -193,3 +195,15 @@ def test_what_cannot_be_is_missing_and_said(pipeline, master, field, count):
 def test_a_slave_that_is_not_heard_of_any_more_is_not_well_again(pipeline, master):
     with_slaves(pipeline, master, [1, 1, 0, 1, 1, 1, 1, 1])
     assert "slave-missing" in codes(run(pipeline, master, 20)[0])  # its part of the memory is blank by now
+
+
+def test_the_cause_of_a_trip_stays_with_its_alarm_while_it_holds(pipeline, master):
+    cause = TripCause("weak-joint", Message("cause-weak-joint"), 40, 3, 0.9)
+    pipeline.explain(cause)  # nothing tripped: there is nothing to explain
+    master.set("v", [*[37000] * 40, 24000, *[37000] * 55])
+    snapshot, _ = run(pipeline, master, 2)
+    assert [alarm.cause for alarm in snapshot.alarms if alarm.severity == "trip"] == [None]
+    pipeline.explain(cause)
+    master.set("v", [*[37000] * 40, 23000, *[37000] * 55])
+    snapshot, _ = run(pipeline, master, 2)
+    assert [alarm.cause for alarm in snapshot.alarms if alarm.severity == "trip"] == [cause]

@@ -1,0 +1,66 @@
+"""Each law is found in the voltage that it makes, with its size; a sound cell has none."""
+
+import numpy as np
+import pytest
+
+from app.analysis.root_cause.cell_fits import HEALTHY_OHM, CellVoltage, fit_cell, slow_current
+from app.estimation.cell_model.cell_file import load_cell
+
+MODEL = load_cell("samsung-25r-10p")
+TIME_S = np.arange(0.0, 300.0, 1.0)
+CURRENT_A = np.where((TIME_S // 12) % 3 == 2, -20.0, 80.0) * (TIME_S < 280)
+USED = np.cumsum(CURRENT_A) / 3600 / MODEL.capacity_ah
+
+
+def cell(apart_v):
+    rng = np.random.default_rng(1)
+    soc = 0.7 - USED
+    middle = MODEL.ocv.voltage(soc) - 2.4e-3 * CURRENT_A
+    slow = slow_current(TIME_S, CURRENT_A, float(MODEL.tau_s.max(axis=0).mean()))
+    noise = np.full(TIME_S.size, 2e-3)
+    voltage = middle + apart_v + 5e-4 * rng.standard_normal(TIME_S.size)
+    return CellVoltage(TIME_S, CURRENT_A, slow, USED, soc, voltage, middle, noise, float(TIME_S[-1]))
+
+
+def fits(apart_v):
+    return {fit.law: fit for fit in fit_cell(cell(apart_v), MODEL, lambda size, onset_s: 0.0)}
+
+
+def test_a_joint_that_grows_is_found_with_its_size_and_beginning():
+    found = fits(np.where(TIME_S > 150.0, -2e-3 * CURRENT_A, 0.0))
+    best = max(found.values(), key=lambda fit: fit.log_likelihood)
+    assert best.law == "joint"
+    assert best.size == pytest.approx(2e-3, rel=0.15)
+    assert best.onset_s == pytest.approx(150.0, abs=25.0)
+
+
+def test_inner_resistance_is_told_from_a_joint_by_what_comes_slowly():
+    slow = slow_current(TIME_S, CURRENT_A, float(MODEL.tau_s.max(axis=0).mean()))
+    share = float(MODEL.r_ohm.sum(axis=0).mean() / MODEL.r0_ohm.mean())
+    found = fits(-2e-3 * (CURRENT_A + share * slow))
+    assert found["resistance"].log_likelihood > found["joint"].log_likelihood + 2.0
+
+
+def test_lost_capacity_follows_the_charge_used():
+    soc = 0.7 - USED
+    found = fits(MODEL.ocv.voltage(soc - 0.6 * USED) - MODEL.ocv.voltage(soc))
+    best = max(found.values(), key=lambda fit: fit.log_likelihood)
+    assert best.law == "capacity"
+    assert best.size == pytest.approx(0.6, rel=0.3)
+
+
+def test_an_input_that_stands_still_is_found():
+    one = cell(0.0)
+    voltage = np.where(TIME_S > 200.0, 3.3, one.voltage_v)
+    found = fit_cell(CellVoltage(**{**_parts(one), "voltage_v": voltage}), MODEL, lambda size, onset_s: 0.0)
+    best = max(found, key=lambda fit: fit.log_likelihood)
+    assert (best.law, best.size) == ("stuck", pytest.approx(3.3))
+
+
+def test_a_sound_cell_gains_nothing_from_any_law():
+    for apart_v in (0.0, -0.5 * HEALTHY_OHM * CURRENT_A, 0.5 * HEALTHY_OHM * CURRENT_A):
+        assert max(fit.log_likelihood for fit in fits(apart_v).values()) < 2.0
+
+
+def _parts(one):
+    return {name: getattr(one, name) for name in CellVoltage.__dataclass_fields__}
