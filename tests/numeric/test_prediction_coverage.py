@@ -26,7 +26,7 @@ def test_the_truth_of_a_race_is_within_the_bands(tell):
     assert len(energy.truth) >= 4
     assert energy.coverage() >= LEAST
     assert all(abs(middle / truth - 1.0) < 0.06 for middle, truth in zip(energy.middle, energy.truth, strict=True))
-    found = ", ".join(f"{name} {100 * scores[name].coverage():.0f} %" for name in scores)
+    found = ", ".join(f"{name} {100 * scores[name].coverage():.0f} %" for name in (*POWERS, "energy left"))
     tell(f"predictions of a race: in the band of 90 %: {found}")
 
 
