@@ -129,6 +129,7 @@ def test_a_trip_is_on_every_page_and_its_cell_is_marked_on_every_map(service, op
     assert violations(page) == {}
     compare(page, service.base_url)
     expect(page.get_by_test_id("trip-box")).to_have_attribute("href", re.compile("^#/sessions/box/."))
+    expect(page.get_by_test_id("trip-cause")).to_contain_text(re.compile(r"Likely cause.+\d %"))
     page.get_by_test_id("trip-box").click()
     expect(page.get_by_role("heading", level=1)).to_have_text(re.compile("cell .*voltage|shutdown circuit", re.I))
 

@@ -22,9 +22,6 @@ export function activeTrips(snapshot: Maybe<Snapshot>): Alarm[] {
     .sort((a, b) => Number(b.code === MASTER) - Number(a.code === MASTER));
 }
 
-/** What the service takes for the cause of a trip; null until it knows. */
-export const causeOf = (alarm: Alarm): Alarm['cause'] => alarm.cause;
-
 /** Every cell that an alarm is about. */
 export const cellsOf = (alarm: Alarm): number[] =>
   alarm.cells.length ? alarm.cells : alarm.cell === null ? [] : [alarm.cell];
