@@ -67,6 +67,9 @@ def learn(survey: Survey, frames: Frames, name: str, dbc: tuple[str, ...]) -> Le
         doubts.append(Message("learn-no-temperatures"))
     else:
         used |= {(message.can_id, signal.name) for message, signal in temperature.members}
+        if temperature.fit is not None and temperature.fit.others:  # 2950 is 22 degC in 0.1 K, 29.5 in 0.01 degC
+            others = ", ".join(temperature.fit.others)
+            doubts.append(Message("learn-temperature-unit-guessed", unit=temperature.fit.unit, others=others))
     sensors = () if temperature is None else _sensors(temperature, segments)
     battery = Battery(name, segments, sensors=sensors)
     cells = {"voltage": voltage.entries} | ({} if temperature is None else {"temperature": temperature.entries})
@@ -83,16 +86,18 @@ def learn(survey: Survey, frames: Frames, name: str, dbc: tuple[str, ...]) -> Le
     }
     if "current" not in readings:
         doubts.append(Message("learn-no-current"))
+    elif not readings["current"].is_unit_told:
+        doubts.append(Message("learn-current-unit-guessed", name=str(readings["current"].reading.signal)))
     chosen: dict[str, Any] = {key: each.reading for key, each in readings.items()}
     source = replace(source, **chosen)
-    others: dict[str, tuple[CellProposal | ReadingProposal, ...]] = {
+    also: dict[str, tuple[CellProposal | ReadingProposal, ...]] = {
         "voltage": tuple(voltages[1:4]),
         "temperature": tuple(temperatures[1:4]),
         "current": tuple(currents[1:4]),
         "pack_voltage": tuple(packs[1:4]),
     }
     voltage = voltage.with_reason(*_facts(heard.get("voltage"), battery.n_cells, sum_v))
-    return Learned(battery, source, voltage, temperature, readings, others, tuple(doubts))
+    return Learned(battery, source, voltage, temperature, readings, also, tuple(doubts))
 
 
 def _guessed_unit(voltage: CellProposal) -> str:

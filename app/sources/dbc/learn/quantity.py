@@ -29,6 +29,7 @@ class Fit:
     high: float
     invalid: tuple[int, ...]  # raw numbers out of range that mean: not measured
     n: int  # values
+    others: tuple[str, ...] = ()  # units that fit as well, where `unit` is a guess
 
 
 def converted(kind: str, values: FloatArray, unit: str, dbc_unit: str) -> FloatArray:
@@ -53,9 +54,10 @@ def fit(kind: str, signals: Iterable[tuple[Signal, Heard]]) -> Fit | None:
         return None
     low, high = _RANGES[kind]
     best: tuple[float, str, FloatArray] | None = None
+    shares: dict[str, float] = {}
     for unit in ("", *_UNITS[kind]):
         found = converted(kind, values[measured], unit, dbc_unit)
-        share = float(np.mean((found >= low) & (found <= high)))
+        share = shares[unit] = float(np.mean((found >= low) & (found <= high)))
         if best is None or share > best[0] + 0.25:  # the DBC's own unit first
             best = share, unit, found
     assert best is not None
@@ -65,7 +67,8 @@ def fit(kind: str, signals: Iterable[tuple[Signal, Heard]]) -> Fit | None:
         return None
     outside = converted(kind, values, unit, dbc_unit)
     invalid = tuple(c for c in codes if not _all_in(outside[raw == c], low, high))
-    return Fit(share, unit, float(inside.min()), float(inside.max()), invalid, int(measured.sum()))
+    others = tuple(other for other, of in shares.items() if unit and other not in ("", unit) and of >= share)
+    return Fit(share, unit, float(inside.min()), float(inside.max()), invalid, int(measured.sum()), others)
 
 
 def _all_in(values: FloatArray, low: float, high: float) -> bool:

@@ -49,6 +49,7 @@ class ReadingProposal:
     score: float
     low: float = float("nan")
     high: float = float("nan")
+    is_unit_told: bool = True  # by the DBC, or by a scale
 
 
 def pack_voltage_proposals(survey: Survey, sum_v: float, used: set[tuple[int, str]]) -> list[ReadingProposal]:
@@ -115,7 +116,8 @@ def current_proposals(survey: Survey, pack: PackVoltage | None, used: set[tuple[
             reasons.append(Message("learn-sign-unknown"))
         if score > 1.5:
             name = _name(survey, message, signal)
-            found.append(ReadingProposal(Reading(name, unit, positive), tuple(reasons), score, low, high))
+            told = known_conversion("current", signal.unit) is not None or signal.layout.scale != 1.0
+            found.append(ReadingProposal(Reading(name, unit, positive), tuple(reasons), score, low, high, told))
     return sorted(found, key=lambda each: -each.score)
 
 

@@ -9,7 +9,9 @@ def name_set(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-_TOKEN = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_]+")
+_TOKEN = re.compile(
+    r"m[VA](?![A-Za-z])|[A-ZÄÖÜÆØÅ]+(?![a-zäöüßæøå])|[A-ZÄÖÜÆØÅ]?[a-zäöüßæøå]+|\d+|[^\W\d_]+"
+)  # mV and mA stay whole
 VOLTAGE = name_set(
     "v u mv volt volts voltage voltages vcell cellv cv cvolt vc cellvolt cellvoltage spannung spenning "
     "tension uc uz zv vz vcel potential"

@@ -1,0 +1,144 @@
+"""Whether numbers can be cell voltages or temperatures: the unit that is found, or that it is not known."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.battery.source import TEMPERATURE_UNITS, VOLTAGE_UNITS, ZERO_AT
+from app.sources.dbc.definitions import Layout, Signal
+from app.sources.dbc.learn.quantity import (
+    CELL_VOLTAGE_V,
+    TEMPERATURE_DEGC,
+    converted,
+    declared_fit,
+    fit,
+    fits,
+)
+from app.sources.dbc.learn.survey import Heard
+
+
+def signal(unit="", scale=1.0, length=16, *, is_signed=False, choices=None):
+    return Signal("x", Layout(0, length, is_signed=is_signed, scale=scale), unit, choices=choices or {})
+
+
+def heard(raw, scale=1.0):
+    numbers = np.array(raw, np.int64)
+    return Heard(np.arange(len(numbers)) * 1_000_000, numbers * scale, numbers)
+
+
+def fitted(kind, raw, unit="", scale=1.0, **layout):
+    return fit(kind, [(signal(unit, scale, **layout), heard(raw, scale))])
+
+
+@given(
+    st.sampled_from([unit for unit in VOLTAGE_UNITS if unit != "0.1V"]),
+    st.lists(st.floats(2.5, 4.25), min_size=2, max_size=20),
+)
+def test_the_unit_of_any_cell_voltages_without_one_is_found(unit, volts):
+    factor = VOLTAGE_UNITS[unit]
+    raw = [round(volt / factor) for volt in volts] if unit != "V" else volts
+    values = np.array(raw, float)
+    found = fit("voltage", [(signal(), Heard(np.arange(len(raw)), values, np.rint(values * 1000).astype(np.int64)))])
+    assert found.unit in ("", unit)
+    got = converted("voltage", values, found.unit, "")
+    np.testing.assert_allclose(got, volts, atol=0.51 * factor if unit != "V" else 1e-9)
+    assert found.others == ()
+    assert fits(found)
+
+
+@given(
+    st.sampled_from(sorted(set(TEMPERATURE_UNITS) - {"degF"})),  # 77 is sound in degC too: a DBC has to name degF
+    st.lists(st.floats(15.0, 60.0), min_size=2, max_size=20),
+)
+def test_a_temperature_without_a_unit_is_right_or_the_right_unit_is_named_as_possible_too(unit, degrees):
+    zero = ZERO_AT.get(unit, 0.0)
+    raw = [round((degree - zero) / TEMPERATURE_UNITS[unit]) for degree in degrees]
+    found = fitted("temperature", raw)
+    got = converted("temperature", np.array(raw, float), found.unit, "")
+    is_right = np.allclose(got, degrees, atol=0.51 * TEMPERATURE_UNITS[unit])
+    assert is_right or unit in found.others
+
+
+def test_tenths_of_a_kelvin_and_hundredths_of_a_degree_are_both_told_where_both_fit():
+    found = fitted("temperature", [2950, 2980, 3010])
+    assert {found.unit, *found.others} >= {"0.1K", "0.01degC"}
+
+
+@pytest.mark.parametrize(
+    ("raw", "unit"),
+    [([1850, 2120, 3010], "0.01degC"), ([3010, 3690, 3700], "0.01degC"), ([18, 25, 40], ""), ([-5, 3, 40], "")],
+)
+def test_a_range_that_only_one_unit_allows_decides(raw, unit):
+    found = fitted("temperature", raw, is_signed=True)
+    assert (found.unit, found.others) == (unit, ())
+
+
+def test_the_unit_of_the_dbc_comes_first_where_it_fits():
+    found = fitted("voltage", [37000, 36900], "V", 0.0001)
+    assert (found.unit, found.others, found.share) == ("", (), 1.0)
+    assert (found.low, found.high) == pytest.approx((3.69, 3.7))
+    assert fitted("voltage", [3700, 3690], "mV").unit == ""
+    assert fitted("temperature", [2951, 2960], "K", 0.1).unit == ""
+
+
+def test_a_wrong_unit_of_the_dbc_is_replaced_by_the_one_that_fits():
+    assert fitted("voltage", [3700, 3690], "V").unit == "mV"
+    assert fitted("voltage", [37000, 36900], "mV").unit == "0.1mV"
+    assert fitted("temperature", [220, 230], "degC").unit == "0.1degC"
+
+
+@pytest.mark.parametrize("code", [0, 0xFFFF])
+def test_a_number_that_means_not_measured_is_no_voltage(code):
+    found = fitted("voltage", [3700, 3710, code, code], "mV")
+    assert found.invalid == (code,)
+    assert (found.share, found.n) == (1.0, 2)
+    assert found.low == pytest.approx(3.7)
+
+
+@pytest.mark.parametrize("code", [-1, -(1 << 15), (1 << 15) - 1])
+def test_the_ends_of_a_signed_number_mean_not_measured(code):
+    assert fitted("voltage", [3700, 3710, code], "mV", is_signed=True).invalid == (code,)
+
+
+def test_zero_degrees_are_a_temperature_and_no_code():
+    assert fitted("temperature", [0, 5, 9], "degC").invalid == ()
+
+
+def test_numbers_that_are_no_cell_voltage_in_any_unit_do_not_fit():
+    assert not fits(fitted("voltage", [12_000, 13_800, 14_000], "mV"))
+    assert not fits(fitted("voltage", [0, 0, 0]))
+    assert fit("voltage", []) is None
+    assert not fits(None)
+
+
+def test_a_few_values_out_of_range_do_not_spoil_the_fit_and_many_do():
+    good, bad = [3700] * 90, [9000] * 10
+    assert fits(fitted("voltage", good + bad, "mV"))
+    assert not fits(fitted("voltage", good[:50] + bad * 5, "mV"))
+
+
+@pytest.mark.parametrize(
+    ("kind", "declared", "expected"),
+    [
+        ("voltage", signal("mV"), 1.0),
+        ("voltage", signal(""), 0.0),
+        ("voltage", signal("A"), -1.0),
+        ("voltage", signal("degC"), -1.0),
+        ("voltage", signal("V", length=4), -1.0),
+        ("voltage", signal("mV", length=8), -1.0),  # 255 mV at most
+        ("voltage", signal("V", 0.02, length=8), 1.0),
+        ("voltage", signal("V", choices={0: "off"}), -1.0),
+        ("temperature", signal("degC", length=8), 1.0),
+        ("temperature", signal("", length=8), 0.0),
+        ("temperature", signal("V", length=8), -1.0),
+        ("temperature", signal("degC", length=4), -1.0),
+    ],
+)
+def test_what_a_declaration_can_be(kind, declared, expected):
+    assert declared_fit(kind, declared) == expected
+
+
+def test_the_ranges_hold_every_lithium_cell_in_use():
+    assert CELL_VOLTAGE_V[0] < 2.0 < 4.4 < CELL_VOLTAGE_V[1]
+    assert TEMPERATURE_DEGC[0] < -20.0 < 80.0 < TEMPERATURE_DEGC[1]
