@@ -51,3 +51,13 @@ class DatasetError(EstimatorError):
         self.source = source
         self.problem = problem
         super().__init__(f"{source}: {problem}")
+
+
+def check_step(dt_s: float) -> None:
+    """Refuse a step length that no time can have: one such number would spoil every mean for good.
+
+    Raises:
+        EstimatorError: dt_s is negative or not finite.
+    """
+    if not 0.0 <= dt_s < float("inf"):
+        raise EstimatorError(f"dt_s is {dt_s}: a step length is finite and not negative")

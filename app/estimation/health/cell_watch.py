@@ -13,6 +13,7 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import CellModel
+from app.estimation.errors import check_step
 from app.estimation.health.cell_finding import BAND_SIGMAS, SURE, CellFinding, FindingCode, confidence_of
 from app.estimation.health.charge_watch import ChargeDrift, ChargeMemory, ChargeWatch
 from app.estimation.health.joint_watch import ALARM_OHM, JUDGE_S, JointWatch, LooseJoints
@@ -123,7 +124,11 @@ class CellWatch:
             voltages_v: (n_cells,) [V]; NaN = missing.
             temperatures_degc: (n_cells,) [degC]; NaN = missing.
             balancing: (n_cells,) cells that are bled; None = not known.
+
+        Raises:
+            EstimatorError: dt_s is negative or not finite.
         """
+        check_step(dt_s)
         self._time_s = time_s
         self._thermal_s += dt_s
         if self._thermal_s >= THERMAL_S:

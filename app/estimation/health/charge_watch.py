@@ -20,7 +20,7 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
-from app.estimation.errors import ShapeError
+from app.estimation.errors import ShapeError, check_step
 
 LOOK_S: Final = 30.0
 SAMPLES_MIN: Final = 10  # in a look
@@ -134,7 +134,10 @@ class ChargeWatch:
         self._pair_a = 0.0
         self._still_s = 0.0
         self._slow_a = 0.0  # mean current magnitude of the last MEAN_S
-        self._time_s = float("nan")
+        self._time_s = self._looked_s
+        self._passed_s = 0.0  # since the last look, by the steps: the labels' clock may be set meanwhile
+        self._unheard_s = 0.0  # without a current
+        self._has_begun = False
         self._flowed_as = self._flow_as = 0.0  # since the last look, with sign and without
         self._is_gap = memory is not None
         self._bleeds = np.zeros(n_cells, dtype=np.bool_)
@@ -176,19 +179,28 @@ class ChargeWatch:
         """Take one sample; True where a look was made.
 
         Args:
-            time_s: when it was measured [s].
-            dt_s: since the one before [s].
+            time_s: when it was measured [s]; it counts after a restart and where dt_s is not known.
+            dt_s: since the one before, 0 = not known [s].
             current_a: positive on discharge [A].
             voltages_v: (n_cells,) [V]; NaN = missing.
             balancing: (n_cells,) cells that are bled; None = not known.
             resistance_excess: (n_cells,) resistance against the typical one, less one; NaN or None = not known.
+
+        Raises:
+            EstimatorError: dt_s is negative or not finite.
         """
+        check_step(dt_s)
+        # max takes the 0 where a label is NaN: nothing is known before the first sample
+        passed_s = dt_s if dt_s > 0.0 and self._has_begun else max(0.0, time_s - self._time_s)
+        self._has_begun, self._time_s = True, time_s
+        self._passed_s += passed_s
         if not abs(current_a) < 1e9:
+            self._unheard_s += passed_s
             return False
-        if dt_s > GAP_S:
+        passed_s, self._unheard_s = passed_s + self._unheard_s, 0.0
+        if passed_s > GAP_S:
             self._is_gap = True
             self._begin()
-        self._time_s = time_s
         self._pair_a += (1.0 - exp(-dt_s / PAIR_S)) * (current_a - self._pair_a)
         self._slow_a += (1.0 - exp(-dt_s / MEAN_S)) * (abs(current_a) - self._slow_a)
         self._still_s = self._still_s + dt_s if abs(current_a) < REST_A else 0.0
@@ -276,13 +288,14 @@ class ChargeWatch:
         """Go on from the last look to this one."""
         before_s, before = self._looked_s, self._soc
         self._looked_s, self._soc = self._time_s, soc
+        passed_s, self._passed_s = self._passed_s, 0.0
         flowed_as, self._flowed_as = self._flowed_as, 0.0
         is_gap, self._is_gap = self._is_gap, False
         bleeds = np.repeat(self._bleeds.reshape(self._shape).any(axis=1), self._shape[1])
         self._bleeds[:] = False
         if not np.isfinite(before_s):
             return
-        dt_s = self._since_look_s = max(self._time_s - before_s, 0.0)
+        dt_s = self._since_look_s = passed_s
         self._evidence_s += dt_s
         noise = np.full(self._mean.shape[1:], (COUNT_FRAC * flowed_as / self._capacity_as) ** 2)
         if is_gap:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.estimation.arrays import BoolArray, FloatArray
-from app.estimation.errors import EstimatorError, ShapeError
+from app.estimation.errors import ShapeError, check_step
 
 PAIR_S: Final = 10.0  # time constant of the RC pair in the regression; cells in parallel cans lie at 8 to 20 s
 DRIFT_S: Final = 40.0  # slower than this is SOC and heat and is taken away from all signals alike
@@ -92,8 +92,7 @@ class ResistanceTracker:
         v = np.asarray(voltages_v, dtype=np.float64)
         if v.shape != (self.n_cells,):
             raise ShapeError("voltages_v", (self.n_cells,), v.shape)
-        if not 0.0 <= dt_s < float("inf"):
-            raise EstimatorError(f"dt_s is {dt_s}: a step length is finite and not negative")
+        check_step(dt_s)
         self._age_s += dt_s
         if not -1e9 < current_a < 1e9 or dt_s == 0.0:
             return

@@ -2,7 +2,7 @@
 
 import pytest
 
-from app.estimation.errors import CellFileError, DatasetError, EstimatorError, ModelError, ShapeError
+from app.estimation.errors import CellFileError, DatasetError, EstimatorError, ModelError, ShapeError, check_step
 
 
 @pytest.mark.parametrize(
@@ -31,3 +31,14 @@ def test_a_cell_file_at_fault_is_a_model_at_fault():
 def test_a_wrong_shape_keeps_both_shapes():
     error = ShapeError("soc", (96,), (8, 12))
     assert (error.name, error.expected, error.received) == ("soc", (96,), (8, 12))
+
+
+@pytest.mark.parametrize("dt_s", [-1e-9, float("nan"), float("inf"), float("-inf")])
+def test_a_step_that_no_time_can_have_is_refused_with_its_value(dt_s):
+    with pytest.raises(EstimatorError, match=f"dt_s is {dt_s}"):
+        check_step(dt_s)
+
+
+@pytest.mark.parametrize("dt_s", [0.0, 0.1, 1e6])
+def test_no_step_and_a_long_one_are_steps(dt_s):
+    check_step(dt_s)
