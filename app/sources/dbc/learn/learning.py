@@ -76,6 +76,8 @@ def learn(survey: Survey, frames: Frames, name: str, dbc: tuple[str, ...]) -> Le
     cells = {kind: _checked(survey, kind, entries) for kind, entries in cells.items()}
     source = SpeaksDbc(dbc, cells)
     heard = _decoded(survey, battery, source, frames)
+    if "voltage" in heard and any(entry.numbers for entry in voltage.entries) and not _came_round(heard["voltage"]):
+        doubts.append(Message("learn-round-not-complete", n=battery.n_cells))
     sum_v = _sum_of_cells(heard.get("voltage"), battery.n_cells)
     packs = pack_voltage_proposals(survey, sum_v, used)
     pack = _pack_voltage(survey, packs, heard.get("voltage"), battery.n_cells)
@@ -153,6 +155,11 @@ def _checked(survey: Survey, kind: str, entries: tuple[CellSignals, ...]) -> tup
 
 def _decoded(survey: Survey, battery: Battery, source: SpeaksDbc, frames: Frames) -> dict[str, Values]:
     return BatteryDecoder(battery, source, survey.definitions).decode(frames) if len(frames) else {}
+
+
+def _came_round(voltages: Values) -> bool:
+    """Whether cells that frames number began anew: before, there may be more than were heard."""
+    return bool(np.any(np.diff(voltages.index) < 0))
 
 
 def cell_means(voltages: Values, n_cells: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

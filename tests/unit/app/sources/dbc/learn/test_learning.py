@@ -1,5 +1,7 @@
 """What is learned of batteries whose truth is known, for each way to address cells."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -10,10 +12,14 @@ from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.learning import learn
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.survey import survey
-from tests.peer_batteries import HEAD, PEERS, half_a_round, others
+from tests.peer_batteries import HEAD, PEERS, Bits, Sent, cell_number, half_a_round, one_signal_a_cell, others
 from tests.peer_batteries import Peer as AnyPeer
 
 LONG_S = 16.0
+
+
+def codes(learned):
+    return [doubt.code for doubt in learned.doubts]
 
 
 def learned_of(peer, duration_s):
@@ -22,17 +28,24 @@ def learned_of(peer, duration_s):
     return definitions, frames, learn(survey(definitions, frames), frames, "x", ("x.dbc",))
 
 
-@pytest.mark.parametrize("make", PEERS, ids=[make().name for make in PEERS])
-def test_what_is_learned_from_a_log_decodes_it(make):
-    peer = make()
-    definitions, frames, learned = learned_of(peer, LONG_S)
-    text = profile_text(learned)
-    profile = understand(read_document(text, "x.toml", lambda name: None))
+@cache
+def learned_of_way(way):
+    """A way to address cells with what its definitions, its frames and what is learned of them; made once."""
+    peer = PEERS[way]()
+    return peer, *learned_of(peer, LONG_S)
+
+
+def assert_learned_rightly(peer, duration_s=LONG_S):
+    """Learn a battery; written as a profile and read again it decodes what is true."""
+    return assert_decodes(peer, *learned_of(peer, duration_s))
+
+
+def assert_decodes(peer, definitions, frames, learned):
+    profile = understand(read_document(profile_text(learned), "x.toml", lambda name: None))
     battery = profile.battery
     assert (battery.n_cells, battery.n_sensors) == (peer.n_cells, peer.n_sensors)
     assert peer.segments in (None, battery.segments)
-    decoder = BatteryDecoder(battery, profile.source, definitions)
-    found = decoder.decode(frames)
+    found = BatteryDecoder(battery, profile.source, definitions).decode(frames)
     voltages = found["voltage"]
     expected = [peer.voltage(c, t / 1e9) for c, t in zip(voltages.index.tolist(), voltages.t_ns.tolist(), strict=True)]
     np.testing.assert_allclose(voltages.value, expected, atol=0.51 * peer.resolution_v + 1e-9)
@@ -43,12 +56,17 @@ def test_what_is_learned_from_a_log_decodes_it(make):
     pack = found["pack_voltage"]
     np.testing.assert_allclose(pack.value, [peer.pack_voltage(t / 1e9) for t in pack.t_ns.tolist()], atol=0.051)
     assert found["soc"].value[0] == pytest.approx(0.64)
+    return learned
 
 
-@pytest.mark.parametrize("make", PEERS, ids=[make().name for make in PEERS])
-def test_without_a_log_names_alone_tell_the_signals(make):
-    peer = make()
-    _, _, with_log = learned_of(peer, LONG_S)
+@pytest.mark.parametrize("way", range(len(PEERS)), ids=[make().name for make in PEERS])
+def test_what_is_learned_from_a_log_decodes_it(way):
+    assert_decodes(*learned_of_way(way))
+
+
+@pytest.mark.parametrize("way", range(len(PEERS)), ids=[make().name for make in PEERS])
+def test_without_a_log_names_alone_tell_the_signals(way):
+    peer, _, _, with_log = learned_of_way(way)
     _, _, without = learned_of(peer, 0)
     assert without.source.cells["voltage"][0].signal == with_log.source.cells["voltage"][0].signal
     assert without.source.current.signal == with_log.source.current.signal
@@ -63,6 +81,39 @@ def test_cells_that_were_not_heard_yet_are_counted():
     assert learned.source.cells["voltage"][0].checksum == "orion"
 
 
+@pytest.mark.parametrize(("heard_s", "is_told"), [(3.0, True), (7.0, True), (9.0, False)])
+def test_a_log_that_ends_before_the_first_round_of_cells_does_says_that_there_may_be_more(heard_s, is_told):
+    _, _, learned = learned_of(cell_number(), heard_s)  # a round takes 7.2 s
+    assert ("learn-round-not-complete" in codes(learned)) == is_told
+    assert is_told or learned.battery.n_cells == 72
+
+
+def test_temperatures_in_tenths_of_a_kelvin_without_a_unit_are_a_guess_and_said_to_be_one():
+    peer = one_signal_a_cell(8, 0, "Cell{}_V", "T{}", 0.0001, "V")
+    heats = [Bits(f"Cell{k}_Temp", 16 * k, 16, lambda t, k=k: 10 * (peer.temperature(k, t) + 273.15)) for k in range(4)]
+    peer.sent.insert(0, Sent(0x400, "Temps", 8, 0.2, [heats]))
+    _, _, learned = learned_of(peer, 3)
+    guess = next(doubt for doubt in learned.doubts if doubt.code == "learn-temperature-unit-guessed")
+    assert "0.1K" in (guess.args["unit"], *guess.args["others"].split(", "))
+    assert "0.1K" in profile_text(learned)
+
+
+def test_temperatures_with_a_unit_are_no_guess():
+    _, _, learned = learned_of(one_signal_a_cell(8, 8, "V{}", "T{}", 0.0001, "V"), 3)
+    assert "learn-temperature-unit-guessed" not in codes(learned)
+
+
+@pytest.mark.parametrize(
+    ("name", "bits", "unit"), [("Cell{}_mV", 16, "mV"), ("Cell{}_Volt", 12, "mV"), ("Cell{}_Volt", 16, "0.1mV")]
+)
+def test_without_a_log_and_a_unit_the_guess_is_by_name_and_bits_and_said_to_be_one(name, bits, unit):
+    lines = "".join(f' SG_ {name.format(k)} : {bits * k}|{bits}@1+ (1,0) [0|0] "" X\n' for k in range(4))
+    definitions = parse_definitions((HEAD + "BO_ 1 Cells: 8 BMS\n" + lines).encode(), "x.dbc")
+    learned = learn(survey(definitions, frames_of([])), frames_of([]), "x", ("x.dbc",))
+    assert learned.source.cells["voltage"][0].unit == unit
+    assert {"learn-unit-guessed", "learn-no-temperatures", "learn-no-current"} <= set(codes(learned))
+
+
 def test_a_bus_without_cells_suggests_nothing():
     peer = AnyPeer("none", 4, 0)
     peer.sent = [each for each in others(peer) if "Cell" not in each.name]
@@ -70,7 +121,7 @@ def test_a_bus_without_cells_suggests_nothing():
 
 
 def test_every_text_of_a_suggestion_is_a_sound_profile_with_reasons():
-    text = profile_text(learned_of(PEERS[0](), LONG_S)[2])
+    text = profile_text(learned_of_way(0)[3])
     assert "# " in text
     assert understand(read_document(text, "x.toml", lambda name: None)).battery.n_cells == 90
 

@@ -1,0 +1,179 @@
+"""Families of signals as teams name them: number of cells, order, unit and segments are found."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.sources.dbc.dbc_file import parse_definitions
+from app.sources.dbc.frames import frames_of
+from app.sources.dbc.learn.families import family_proposals
+from app.sources.dbc.learn.survey import survey
+from tests.peer_batteries import HEAD, Bits, Peer, Sent, others
+from tests.unit.app.sources.dbc.learn.test_learning import assert_learned_rightly
+
+RUNNING = (
+    "Cell{c}_Voltage",
+    "CellVoltage{c:02d}",
+    "V_Cell_{c:03d}",
+    "cellVolt{c}",
+    "Zelle{c}_U",
+    "CV{c}",
+    "BMS_Cell_{c}_mV",
+)
+OF_SEGMENTS = (
+    "Seg{s}_Cell{c}",
+    "SEG_{S}_CELL_{c:02d}",
+    "Module{s}Cell{c}Voltage",
+    "Stack_{s}_V{c}",
+    "Slave{s:02d}_CellV_{c:02d}",
+)
+UNITS = (("V", 1.0, 0.0001), ("mV", 1000.0, 1.0), ("", 1000.0, 1.0), ("", 1e4, 1.0), ("V", 1e4, 1.0))
+
+
+@st.composite
+def peers(draw, with_segments):
+    """A battery of four voltages a frame, and on the same bus what could be taken for cells."""
+    n_segments, size = draw(st.integers(2, 5)), draw(st.integers(6, 14))
+    pattern = draw(st.sampled_from(OF_SEGMENTS if with_segments else RUNNING))
+    unit, per_volt, factor = draw(st.sampled_from(UNITS))
+    base_s, base_c, order = draw(st.integers(0, 1)), draw(st.integers(0, 1)), draw(st.integers(0, 1))
+    n = n_segments * size
+    peer = Peer(pattern, n, 0, segments=(size,) * n_segments if with_segments else None, resolution_v=factor / per_volt)
+    peer.positive = draw(st.sampled_from(["discharge", "charge"]))
+
+    def name(i):
+        if not with_segments:
+            return pattern.format(c=i + base_c)
+        s, c = divmod(i, size)
+        return pattern.format(s=s + base_s, S="ABCDE"[s], c=c + base_c)
+
+    for f, first in enumerate(range(0, n, 4)):
+        bits = [
+            Bits(
+                name(i), 16 * k if order else 16 * k + 7, 16,
+                lambda t, i=i: peer.voltage(i, t) * per_volt, factor, unit=unit, order=order,
+            )
+            for k, i in enumerate(range(first, min(first + 4, n)))
+        ]  # fmt: skip
+        peer.sent.append(Sent(0x120 + f, f"AMS_Cells_{f}", 8, 0.4, [bits]))
+    peer.sent += others(peer)
+    return peer
+
+
+@settings(max_examples=25)
+@given(peers(with_segments=False))
+def test_cells_that_are_numbered_in_one_run_are_found_with_their_unit_and_order(peer):
+    learned = assert_learned_rightly(peer, 15.6)
+    assert "learn-segments-guessed" in [doubt.code for doubt in learned.doubts]
+
+
+@settings(max_examples=25)
+@given(peers(with_segments=True))
+def test_cells_that_are_numbered_by_segment_are_found_with_their_segments(peer):
+    learned = assert_learned_rightly(peer, 15.6)
+    assert "learn-segments-guessed" not in [doubt.code for doubt in learned.doubts]
+
+
+def proposals(text, kind="voltage", frames=()):
+    definitions = parse_definitions((HEAD + text).encode(), "x.dbc")
+    found = family_proposals(survey(definitions, frames_of(list(frames))), kind)
+    return sorted(found, key=lambda each: -each.score)
+
+
+def signals(names, unit="V", factor=0.0001, bits=16, mux=""):
+    return "".join(
+        f' SG_ {name}{mux} : {bits * k}|{bits}@1+ ({factor},0) [0|0] "{unit}" X\n' for k, name in enumerate(names)
+    )
+
+
+def message(can_id, name, text, length=8):
+    return f"BO_ {can_id} {name}: {length} BMS\n{text}"
+
+
+def entry_of(text, kind="voltage"):
+    (entry,) = proposals(text, kind)[0].entries
+    return entry
+
+
+def test_the_pattern_names_what_counts():
+    entry = entry_of(message(1, "M", signals([f"Cell_{k}_V" for k in range(1, 5)])))
+    assert (entry.signal, entry.message, entry.base) == ("Cell_{cell}_V", "*", {"cell": 1})
+
+
+def test_letters_of_segments_become_a_letter_in_the_pattern():
+    text = "".join(message(1 + s, f"M{s}", signals([f"Seg{'AB'[s]}_Cell{k}" for k in range(4)])) for s in range(2))
+    best = proposals(text)[0]
+    assert best.entries[0].signal == "Seg{segment:a}_Cell{cell}"
+    assert (best.n, best.segments) == (8, (4, 4))
+
+
+def test_the_message_is_named_where_signals_of_others_would_fit_too():
+    cells = "".join(message(1 + m, f"Module_{m}", signals([f"V{k}" for k in range(4)])) for m in range(3))
+    alike = message(9, "Charger", signals(["V1", "V2"], "A"))
+    assert entry_of(cells + alike).message == "Module_{segment}"
+
+
+def test_a_bit_beside_each_cell_that_says_invalid_is_its_flag():
+    values = signals([f"Cell{k}_V" for k in range(1, 5)], factor=0.001, bits=12)
+    flags = "".join(f' SG_ Cell{k}_Invalid : {47 + k}|1@1+ (1,0) [0|1] "" X\n' for k in range(1, 5))
+    assert entry_of(message(1, "M", values + flags)).invalid_signal == "Cell{cell}_Invalid"
+    some = "".join(f' SG_ Cell{k}_Invalid : {47 + k}|1@1+ (1,0) [0|1] "" X\n' for k in range(1, 4))
+    assert entry_of(message(1, "M", values + some)).invalid_signal == ""
+
+
+def test_messages_with_the_same_signals_are_taken_by_their_ids_and_that_is_said():
+    cells = "".join(message(0x30 - i, f"N{'XYZ'[i]}x", signals([f"CellV{k}" for k in range(4)])) for i in range(3))
+    best = proposals(cells)[0]
+    assert [(entry.message, entry.first) for entry in best.entries] == [("NZx", 0), ("NYx", 4), ("NXx", 8)]
+    assert [reason.code for reason in best.reasons] == ["learn-by-id"]
+    assert best.n == 12
+
+
+def test_cells_under_a_multiplexer_are_found_and_it_is_named():
+    page = ' SG_ Page M : 0|8@1+ (1,0) [0|3] "" X\n'
+    cells = "".join(
+        f' SG_ CellV_{4 * p + k} m{p} : {8 + 12 * k}|12@1+ (0.001,0) [0|5] "V" X\n' for p in range(4) for k in range(4)
+    )
+    best = proposals(message(1, "M", page + cells))[0]
+    assert (best.n, best.entries[0].signal) == (16, "CellV_{cell}")
+    assert "learn-multiplexed" in [reason.code for reason in best.reasons]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"Min_Cell_Voltage_{k}" for k in range(4)],
+        [f"Cell_OverVoltage_Limit_{k}" for k in range(4)],
+        [f"Motor_Voltage_{k}" for k in range(4)],
+        [f"Balancing_Cell_{k}" for k in range(4)],
+    ],
+)
+def test_figures_of_cells_are_no_cells(names):
+    assert proposals(message(1, "M", signals(names))) == []
+
+
+def test_a_unit_of_another_quantity_is_no_voltage():
+    assert proposals(message(1, "M", signals([f"Cell_{k}" for k in range(4)], "degC"))) == []
+    assert proposals(message(1, "M", signals([f"Cell_{k}" for k in range(4)], "degC", 0.1)), "temperature")[0].n == 4
+
+
+def test_too_few_signals_are_no_family():
+    assert proposals(message(1, "M", signals([f"Cell_{k}_V" for k in range(3)]))) == []
+    assert proposals(message(1, "M", signals(["Cell_Temp_1", "Cell_Temp_2"], "degC")), "temperature")[0].n == 2
+
+
+def test_cells_that_read_what_no_cell_reads_score_less_than_those_that_do():
+    text = message(1, "M", signals([f"Cell_{k}_V" for k in range(4)])) + message(
+        2, "N", signals([f"Cell_{k}_X_V" for k in range(4)])
+    )
+    good, bad = (37000).to_bytes(2, "little") * 4, (60000).to_bytes(2, "little") * 4
+    found = proposals(text, frames=[(t, can_id, data) for t in range(5) for can_id, data in ((1, bad), (2, good))])
+    assert found[0].entries[0].signal == "Cell_{cell}_X_V"
+    assert found[1].score < 6.0
+
+
+@pytest.mark.parametrize("gap", [3, 7])
+def test_a_cell_that_the_dbc_does_not_have_keeps_its_number(gap):
+    best = proposals(message(1, "M", signals([f"Cell_{k}_V" for k in range(9) if k != gap], bits=8, factor=0.02)))[0]
+    assert best.n == 9
+    assert best.entries[0].base == {}

@@ -1,0 +1,180 @@
+"""Frames that number what they tell: right for any base, order, unit and number of segments, or said to be unknown."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.sources.dbc.dbc_file import parse_definitions
+from app.sources.dbc.frames import frames_of
+from app.sources.dbc.learn.frame_numbers import UNKNOWN_COUNT, frame_number_proposals
+from app.sources.dbc.learn.survey import survey
+from tests.peer_batteries import HEAD, Bits, Peer, Sent, fixed, others
+from tests.unit.app.sources.dbc.learn.test_learning import assert_learned_rightly
+
+UNITS = (("V", 1.0, 0.0001), ("mV", 1000.0, 1.0), ("", 1000.0, 1.0), ("", 1e4, 1.0), ("V", 1e4, 1.0))
+CELL_NAMES = (("Cell_ID", "Cell_Voltage"), ("CellNumber", "CellVolt"), ("cell_index", "voltage"), ("ZellNr", "Zelle_U"))
+SEGMENT_NAMES = ("module_num", "SegmentID", "ic_id", "Slave_Number")
+PERIOD_S = 0.02  # between two frames
+
+
+def number(name, value, start, order):
+    return Bits(name, start if order else start + 7, 8, fixed(value), order=order)
+
+
+def value(name, peer, cell, unit, start, order):
+    unit_text, per_volt, factor = unit
+    of = lambda t: peer.voltage(cell, t) * per_volt  # noqa: E731
+    return Bits(name, start if order else start + 7, 16, of, factor, unit=unit_text, order=order)
+
+
+def sent(peer, turns):
+    peer.sent = [Sent(0x310, "BMS_Cells", 8, PERIOD_S * len(turns), turns), *others(peer)]
+    return peer
+
+
+def new_peer(draw, n, segments=None):
+    unit, order = draw(st.sampled_from(UNITS)), draw(st.integers(0, 1))
+    positive = draw(st.sampled_from(["discharge", "charge"]))
+    peer = Peer("x", n, 0, segments=segments, resolution_v=unit[2] / unit[1], positive=positive)
+    return peer, unit, order
+
+
+@st.composite
+def with_a_cell_number(draw):
+    peer, unit, order = new_peer(draw, draw(st.integers(8, 150)))
+    base, (name, volts) = draw(st.integers(0, 1)), draw(st.sampled_from(CELL_NAMES))
+    turns = [[number(name, c + base, 0, order), value(volts, peer, c, unit, 8, order)] for c in range(peer.n_cells)]
+    return sent(peer, turns)
+
+
+@st.composite
+def with_segment_and_cell(draw):
+    segments = tuple(draw(st.lists(st.integers(6, 18), min_size=2, max_size=8)))
+    peer, unit, order = new_peer(draw, sum(segments), segments)
+    base_s, base_c = draw(st.integers(0, 1)), draw(st.integers(0, 1))
+    (name, volts), segment = draw(st.sampled_from(CELL_NAMES)), draw(st.sampled_from(SEGMENT_NAMES))
+    places = [(s, c) for s, size in enumerate(segments) for c in range(size)]
+    turns = [
+        [
+            number(segment, s + base_s, 0, order),
+            number(name, c + base_c, 8, order),
+            value(volts, peer, i, unit, 16, order),
+        ]
+        for i, (s, c) in enumerate(places)
+    ]
+    return sent(peer, turns)
+
+
+@st.composite
+def with_a_base_number(draw):
+    k, groups = draw(st.integers(2, 3)), draw(st.integers(4, 40))
+    peer, unit, order = new_peer(draw, k * groups)
+    base, counts_cells = draw(st.integers(0, 1)), draw(st.booleans())
+    name = "StartCell" if counts_cells else draw(st.sampled_from(["Group", "PageIndex", "Mux"]))
+    low = draw(st.integers(0, 1))
+    turns = [
+        [
+            number(name, (k * g if counts_cells else g) + base, 0, order),
+            *(value(f"CellV{j + low}", peer, k * g + j, unit, 8 + 16 * j, order) for j in range(k)),
+        ]
+        for g in range(groups)
+    ]
+    return sent(peer, turns)
+
+
+@settings(max_examples=20)
+@given(with_a_cell_number())
+def test_cells_that_a_frame_numbers_are_all_found(peer):
+    assert_learned_rightly(peer, 13)
+
+
+@settings(max_examples=20)
+@given(with_segment_and_cell())
+def test_segments_of_any_size_are_found_with_their_cells(peer):
+    assert_learned_rightly(peer, 13)
+
+
+@settings(max_examples=20)
+@given(with_a_base_number())
+def test_a_group_or_a_first_cell_with_several_values_is_understood(peer):
+    assert_learned_rightly(peer, 13)
+
+
+def best(text, frames=()):
+    definitions = parse_definitions((HEAD + text).encode(), "x.dbc")
+    found = frame_number_proposals(survey(definitions, frames_of(list(frames))), "voltage")
+    return max(found, key=lambda each: each.score, default=None)
+
+
+CELLS = 'BO_ 1 Cells: 8 BMS\n SG_ Cell_ID : 0|8@1+ (1,0) [0|{most}] "" X\n'
+CELLS += ' SG_ Cell_Voltage : 8|16@1+ (0.001,0) [0|5] "V" X\n'
+
+
+def told(numbers):
+    return [(k, 1, bytes([each]) + (3700).to_bytes(2, "little")) for k, each in enumerate(numbers)]
+
+
+def test_without_a_log_the_highest_number_of_the_dbc_counts():
+    found = best(CELLS.format(most=71))
+    assert (found.n, found.entries[0].numbers) == (72, {"cell": "Cell_ID"})
+    assert [reason.code for reason in found.reasons] == ["learn-cell-number"]
+
+
+@pytest.mark.parametrize("most", [0, 255])
+def test_without_a_log_and_a_highest_number_the_count_is_said_to_be_unknown(most):
+    found = best(CELLS.format(most=most))
+    assert found.n == UNKNOWN_COUNT
+    assert "learn-count-unknown" in [reason.code for reason in found.reasons]
+
+
+def test_what_is_heard_counts_more_than_the_dbc():
+    found = best(CELLS.format(most=71), told(range(96)))
+    assert found.n == 96
+    assert "learn-count-unknown" not in [reason.code for reason in found.reasons]
+
+
+def test_a_lone_number_far_beyond_the_others_is_no_cell():
+    assert best(CELLS.format(most=255), told([*range(1, 25), 255])).n == 24
+
+
+def test_cells_that_were_not_heard_between_others_are_counted():
+    assert best(CELLS.format(most=255), told([k for k in range(24) if k % 5 != 2])).n == 24
+
+
+def test_numbers_that_begin_with_one_have_a_base():
+    assert best(CELLS.format(most=255), told(range(1, 25))).entries[0].base == {"cell": 1}
+    assert best(CELLS.format(most=255), told(range(24))).entries[0].base == {}
+
+
+@pytest.mark.parametrize("name", ["Alive_Counter", "CRC", "Status_Flags", "Fault_Number", "Rolling_Count"])
+def test_a_counter_or_a_checksum_numbers_no_cells(name):
+    assert best(CELLS.format(most=71).replace("Cell_ID", name), told(range(24))) is None
+
+
+def test_a_value_with_a_unit_is_no_number():
+    assert best(CELLS.format(most=71).replace('[0|71] ""', '[0|71] "degC"')) is None
+
+
+def test_a_single_number_heard_makes_no_battery():
+    found = best(CELLS.format(most=71), told([1, 1, 1]))
+    assert found is None
+
+
+def test_two_cells_a_frame_each_with_its_own_number_are_two_ways():
+    text = (
+        'BO_ 1 Two: 8 BMS\n SG_ cell_a_num : 0|8@1+ (1,0) [0|0] "" X\n SG_ cell_b_num : 8|8@1+ (1,0) [0|0] "" X\n'
+        ' SG_ cell_b_volt : 32|16@1+ (0.001,0) [0|5] "V" X\n SG_ cell_a_volt : 16|16@1+ (0.001,0) [0|5] "V" X\n'
+    )
+    volts = (3700).to_bytes(2, "little") * 2
+    found = best(text, [(k, 1, bytes([2 * k, 2 * k + 1]) + volts) for k in range(12)])
+    assert {entry.signal: entry.numbers["cell"] for entry in found.entries} == {
+        "cell_a_volt": "cell_a_num",
+        "cell_b_volt": "cell_b_num",
+    }
+    assert found.n == 24
+    assert [reason.code for reason in found.reasons] == ["learn-own-numbers"]
+
+
+def test_numbers_that_mean_not_measured_are_invalid_and_not_zero_volts():
+    frames = [*told(range(24)), (30, 1, bytes([5, 0, 0])), (31, 1, bytes([6, 0xFF, 0xFF]))]
+    assert set(best(CELLS.format(most=71), frames).entries[0].invalid) == {0, 0xFFFF}

@@ -1,0 +1,176 @@
+"""Current, pack voltage and SOC among all that is on a bus: signal, sign and unit, or that they are unknown."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from app.sources.dbc.dbc_file import parse_definitions
+from app.sources.dbc.frames import frames_of
+from app.sources.dbc.learn.readings import current_proposals, pack_voltage_proposals, soc_proposals
+from app.sources.dbc.learn.survey import survey
+from tests.peer_batteries import HEAD, Bits, Peer, Sent, fixed, one_signal_a_cell, others
+from tests.unit.app.sources.dbc.learn.test_learning import codes, learned_of
+
+CURRENTS = ("Pack_Current", "BatteryCurrent", "HV_Current", "Accu_Current", "TS_Current", "Strom_Batterie", "Pack_I")
+VOLTAGES = ("Pack_Voltage", "TS_Voltage", "HV_Voltage", "Batt_U", "Total_Voltage", "PackVolt")
+
+
+def line(name, unit="", bits=16, factor=1.0, sign="+", start=0, low=0, high=0):
+    return f' SG_ {name} : {start}|{bits}@1{sign} ({factor},0) [{low}|{high}] "{unit}" X\n'
+
+
+def surveyed(*messages, frames=()):
+    text = HEAD + "".join(f"BO_ {k} {name}: 8 BMS\n{lines}" for k, (name, *lines_) in enumerate(messages, 1)
+                          for lines in ["".join(lines_)])  # fmt: skip
+    return survey(parse_definitions(text.encode(), "x.dbc"), frames_of(list(frames)))
+
+
+def names(found):
+    return [str(each.reading.signal) for each in found]
+
+
+@st.composite
+def driven(draw):
+    """A battery with a current of any name, sign and unit among the others of a car."""
+    peer = one_signal_a_cell(12, 0, "Cell_{}_V", "T{}", 0.0001, "V")
+    peer.positive = draw(st.sampled_from(["discharge", "charge"]))
+    unit, per_a, factor = draw(st.sampled_from([("A", 1.0, 0.1), ("mA", 1000.0, 100.0), ("0.1A", 10.0, 1.0)]))
+    sign = 1 if peer.positive == "discharge" else -1
+    current, voltage = draw(st.sampled_from(CURRENTS)), draw(st.sampled_from(VOLTAGES))
+    status = [
+        Bits(voltage, 0, 16, peer.pack_voltage, 0.1, unit="V"),
+        Bits(current, 16, 16, lambda t: sign * per_a * peer.current(t), factor, unit=unit, signed=True),
+        Bits("SOC", 32, 8, fixed(64), 0.5, unit="%"),
+    ]
+    rest = [each for each in others(peer) if each.name != "BMS_PackStatus"]
+    peer.sent = [each for each in peer.sent if each.name.startswith("BMS_CellFrame")]
+    peer.sent += [Sent(0x5A0, "BMS_PackStatus", 8, 0.1, [status]), *rest]
+    return peer, current, voltage
+
+
+@settings(max_examples=25)
+@given(driven())
+def test_current_and_pack_voltage_of_any_name_are_found_with_their_sign(case):
+    peer, current, voltage = case
+    _, _, learned = learned_of(peer, 15)
+    assert learned.source.current.signal.signal == current
+    assert learned.source.current.positive == peer.positive
+    assert learned.source.pack_voltage.signal.signal == voltage
+    assert learned.source.soc.signal.signal == "SOC"
+    assert "learn-sign-is" in [reason.code for reason in learned.readings["current"].reasons]
+    assert "learn-current-unit-guessed" not in codes(learned)
+
+
+def test_a_current_that_does_not_move_has_a_sign_that_is_said_to_be_unknown():
+    peer = one_signal_a_cell(12, 0, "Cell_{}_V", "T{}", 0.0001, "V")
+    peer.current = fixed(20.0)
+    _, _, learned = learned_of(peer, 6)
+    assert "learn-sign-unknown" in [reason.code for reason in learned.readings["current"].reasons]
+
+
+def test_a_current_that_has_nothing_to_do_with_the_cells_has_no_sign():
+    peer, other = one_signal_a_cell(12, 0, "Cell_{}_V", "T{}", 0.0001, "V"), Peer("other", 12, 0)
+    other.current = lambda t: float((7, -60, 3, 40, 40, -8, 110)[int(t / 0.31) % 7])
+    frames = [frame for frame in peer.frames(12) if frame[1] != 0x5A0]
+    frames += [frame for each in others(other) if each.can_id == 0x5A0 for frame in _of(other)]
+    definitions = parse_definitions(peer.dbc().encode(), "x.dbc")
+    found = current_proposals(survey(definitions, frames_of(sorted(frames))), None, set())
+    best = next(each for each in found if each.reading.signal.signal == "Pack_Current")
+    assert "learn-sign-unknown" in [reason.code for reason in best.reasons]
+
+
+def _of(peer):
+    peer.sent = [each for each in others(peer) if each.can_id == 0x5A0]
+    return peer.frames(12)
+
+
+def test_a_current_without_any_unit_is_said_to_be_a_guess():
+    peer = one_signal_a_cell(12, 0, "Cell_{}_V", "T{}", 0.0001, "V")
+    text = peer.dbc().replace('(0.1,0) [0|0] "A"', '(1,0) [0|0] ""')
+    definitions = parse_definitions(text.encode(), "x.dbc")
+    found = current_proposals(survey(definitions, frames_of(peer.frames(3))), None, set())
+    best = next(each for each in found if each.reading.signal.signal == "Pack_Current")
+    assert not best.is_unit_told
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Discharge_Current_Limit",
+        "Motor_Phase_Current",
+        "Max_Current",
+        "Charger_Current_Setpoint",
+        "Fan_Current",
+        "DCL_Current",
+    ],
+)
+def test_currents_of_other_things_come_after_that_of_the_pack(name):
+    found = current_proposals(
+        surveyed(("VCU", line(name, "A")), ("BMS", line("Pack_Current", "A", sign="-"))), None, set()
+    )
+    assert names(found)[0] == "BMS.Pack_Current"
+
+
+def test_a_signal_that_is_used_already_or_of_another_unit_is_no_reading():
+    found = surveyed(("BMS", line("Pack_Current", "A", sign="-")), ("X", line("Pack_Current_2", "V")))
+    assert names(current_proposals(found, None, set())) == ["BMS.Pack_Current"]
+    assert current_proposals(found, None, {(1, "Pack_Current")}) == []
+
+
+def frames_of_volts(raw, n=5):
+    return [(k * 10**8, 1, raw.to_bytes(2, "little") + bytes(6)) for k in range(n)]
+
+
+@pytest.mark.parametrize(("raw", "unit"), [(400, ""), (4000, "0.1V"), (40000, "0.01V")])
+def test_the_unit_of_a_pack_voltage_is_the_one_that_the_cells_sum_up_to(raw, unit):
+    found = surveyed(("BMS", line("Pack_Voltage")), frames=frames_of_volts(raw))
+    (best,) = pack_voltage_proposals(found, 401.0, set())
+    assert best.reading.unit == unit
+    assert (best.low, best.high) == pytest.approx((400.0, 400.0))
+    assert "learn-pack-voltage-is" in [reason.code for reason in best.reasons]
+
+
+def test_a_voltage_that_is_not_the_sum_of_the_cells_is_not_the_packs():
+    right = surveyed(("BMS", line("Pack_Voltage", "V")), frames=frames_of_volts(400))
+    wrong = surveyed(("BMS", line("Pack_Voltage", "V")), frames=frames_of_volts(300))
+    score = [
+        found[0].score if (found := pack_voltage_proposals(each, 400.0, set())) else 0.0 for each in (right, wrong)
+    ]
+    assert score[0] > score[1] + 5
+
+
+@pytest.mark.parametrize("name", ["Min_Cell_Voltage", "Voltage_Limit", "Pack_Power", "Target_Voltage", "Error_Counter"])
+def test_other_figures_are_no_pack_voltage(name):
+    assert pack_voltage_proposals(surveyed(("BMS", line(name, "V"))), float("nan"), set()) == []
+
+
+def test_the_voltage_of_a_module_comes_after_that_of_the_pack():
+    found = surveyed(("Module_1", line("Module_Voltage", "V")), ("BMS", line("Pack_Voltage", "V")))
+    assert names(pack_voltage_proposals(found, float("nan"), set()))[0] == "BMS.Pack_Voltage"
+
+
+@pytest.mark.parametrize(
+    ("declared", "raw", "unit"),
+    [
+        (line("SOC", "%", 8), 64, ""),
+        (line("SOC", "", 8), 64, "percent"),
+        (line("Pack_SOC", "", 16), 640, "0.1percent"),
+        (line("State_Of_Charge", "", 16, 0.001), 640, "fraction"),
+    ],
+)
+def test_the_unit_of_an_soc_is_by_its_range(declared, raw, unit):
+    (best,) = soc_proposals(surveyed(("BMS", declared), frames=frames_of_volts(raw)), set())
+    assert best.reading.unit == unit
+
+
+@pytest.mark.parametrize("name", ["SOC_Limit", "SOC_Error", "Cell_SOC_Target", "SOH", "Socket_Temp"])
+def test_what_is_no_soc_is_not_taken_for_one(name):
+    assert soc_proposals(surveyed(("BMS", line(name, "%", 8))), set()) == []
+
+
+def test_a_signal_that_is_never_heard_comes_after_one_that_is():
+    found = surveyed(
+        ("BMS", line("Pack_Voltage", "V")), ("Old", line("Pack_Voltage", "V")),
+        frames=[(k * 10**9, 1, (400).to_bytes(2, "little")) for k in range(10)],
+    )  # fmt: skip
+    assert names(pack_voltage_proposals(found, float("nan"), set()))[0] == "BMS.Pack_Voltage"
