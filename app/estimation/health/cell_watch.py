@@ -13,7 +13,7 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import CellModel
-from app.estimation.errors import check_step
+from app.estimation.errors import ShapeError, check_step
 from app.estimation.health.cell_finding import BAND_SIGMAS, SURE, CellFinding, FindingCode, confidence_of
 from app.estimation.health.charge_watch import ChargeDrift, ChargeMemory, ChargeWatch
 from app.estimation.health.joint_watch import ALARM_OHM, JUDGE_S, JointWatch, LooseJoints
@@ -67,8 +67,10 @@ class CellWatch:
         """Start, or go on with what an earlier session left.
 
         Raises:
-            ShapeError: the memory belongs to another number of cells.
+            ShapeError: the memory belongs to another number of cells, or the packs do not divide the cells.
         """
+        if n_cells <= 0 or n_cells % cells_per_pack:
+            raise ShapeError("cells_per_pack", (cells_per_pack,), (n_cells,))
         self._cell = cell
         self._cells_per_pack = cells_per_pack
         before = memory or CellWatchMemory(np.full(n_cells, np.nan))

@@ -184,8 +184,9 @@ class ResistanceTracker:
             ohmic, pair = (pp * xy - xp * py) / determinant, (xx * py - xp * xy) / determinant
             scatter = np.maximum(yy - ohmic * xy - pair * py, 0.0) / self._weight[0]
             variance = scatter / determinant * np.array([pp, xx]) * self._weight[0] / samples
+            sigma = np.sqrt(variance)
         known = np.where(usable, 1.0, np.nan)
-        return np.array([ohmic, pair]) * known, np.sqrt(variance) * known
+        return np.array([ohmic, pair]) * known, sigma * known
 
     def _gains_for(self, dt_s: float) -> tuple[float, float, float, float]:
         if dt_s != self._gains[0]:

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from app.estimation.errors import ShapeError
-from app.estimation.health.joint_watch import CONFIRMATIONS, JointWatch
+from app.estimation.errors import EstimatorError, ShapeError
+from app.estimation.health.joint_watch import CONFIRMATIONS, JointWatch, LooseJoints
 
 N, PER_PACK = 96, 12
 PAIR_OHM = 1e-3  # of the RC pair, 10 s
@@ -15,7 +17,7 @@ def drive(watch, resistance_ohm, seconds, rng):
         if k % 12 == 0:
             current_a = rng.choice([-60.0, 0.0, 20.0, 120.0, 200.0])
         pair_a += 0.01 * (current_a - pair_a)
-        voltages_v = 3.7 - resistance_ohm * current_a - PAIR_OHM * pair_a + rng.normal(0, 1e-3, N)
+        voltages_v = 3.7 - resistance_ohm * current_a - PAIR_OHM * pair_a + rng.normal(0, 1e-3, len(resistance_ohm))
         watch.step(0.1, current_a, voltages_v)
         if k % 25 == 24:
             watch.judge()
@@ -72,3 +74,79 @@ def test_one_judgement_names_nobody():
 def test_a_past_of_other_cells_is_refused():
     with pytest.raises(ShapeError):
         JointWatch(N, PER_PACK, np.zeros(5))
+
+
+@settings(max_examples=6, deadline=None)
+@given(
+    st.sampled_from([(14, 14), (24, 12), (216, 18)]),
+    st.floats(0.0, 1.0, exclude_max=True),
+    st.floats(3e-4, 2e-2),
+    st.integers(0, 10**6),
+)
+def test_a_joint_that_grows_is_named_in_any_pack_and_no_other(shape, place, grown_ohm, seed):
+    (n, per_pack), rng = shape, np.random.default_rng(seed)
+    cell, resistance_ohm = int(place * n), 2e-3 + rng.normal(0, 2e-5, n)
+    watch = JointWatch(n, per_pack)
+    assert drive(watch, resistance_ohm, 90, rng) == set()
+    resistance_ohm[cell] += grown_ohm
+    assert drive(watch, resistance_ohm, 60, rng) == {cell}
+    excess_ohm, sigma_ohm = watch.found.excess_ohm[cell], np.hypot(watch.found.sigma_ohm, watch.change_ohm)[cell]
+    assert abs(excess_ohm - grown_ohm) < 3 * np.hypot(sigma_ohm, 0.02 * grown_ohm)
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.integers(0, 10**6))
+def test_sound_joints_are_left_alone_whatever_the_noise(seed):
+    rng = np.random.default_rng(seed)
+    assert drive(JointWatch(N, PER_PACK), 2e-3 + rng.normal(0, 2e-5, N), 150, rng) == set()
+
+
+def test_what_was_found_survives_a_restart_and_so_does_what_was_not():
+    rng, resistance_ohm = np.random.default_rng(5), np.full(N, 2e-3)
+    first = JointWatch(N, PER_PACK)
+    drive(first, resistance_ohm, 90, rng)
+    resistance_ohm[7] += 5e-4
+    drive(first, resistance_ohm, 60, rng)
+    second = JointWatch(N, PER_PACK, first.baseline_ohm, first.found)
+    assert np.flatnonzero(second.loose).tolist() == [7]
+    second.judge()
+    assert np.flatnonzero(second.loose).tolist() == [7], "no driving, no news"
+    np.testing.assert_array_equal(second.found.excess_ohm, first.found.excess_ohm)
+    assert np.isinf(second.age_s)
+    assert drive(second, resistance_ohm, 60, rng) == {7}
+
+
+def test_a_bolt_that_is_tightened_again_is_sound_again(cells):
+    rng, resistance_ohm = cells
+    watch = JointWatch(N, PER_PACK)
+    drive(watch, resistance_ohm, 90, rng)
+    resistance_ohm[7] += 5e-4
+    drive(watch, resistance_ohm, 60, rng)
+    resistance_ohm[7] -= 5e-4
+    drive(watch, resistance_ohm, 90, rng)
+    assert not watch.loose.any()
+    assert np.isnan(watch.found.excess_ohm).all()
+
+
+def test_currents_that_are_missing_teach_nothing_and_name_nobody(cells):
+    rng, resistance_ohm = cells
+    watch = JointWatch(N, PER_PACK)
+    drive(watch, resistance_ohm, 90, rng)
+    before = watch.judge().resistance_ohm
+    for _ in range(300):
+        watch.step(0.1, np.nan, np.full(N, 3.0))
+    np.testing.assert_array_equal(watch.judge().resistance_ohm, before)
+    assert watch.age_s >= 29.0
+
+
+@pytest.mark.parametrize("dt_s", [-0.1, np.nan, np.inf])
+def test_a_step_of_no_length_is_refused(dt_s):
+    with pytest.raises(EstimatorError, match="dt_s"):
+        JointWatch(N, PER_PACK).step(dt_s, 0.0, np.full(N, 3.7))
+
+
+@pytest.mark.parametrize("name", ["excess_ohm", "sigma_ohm"])
+def test_findings_of_other_cells_are_refused(name):
+    arrays = {"excess_ohm": np.zeros(N), "sigma_ohm": np.zeros(N), name: np.zeros(5)}
+    with pytest.raises(ShapeError, match="found"):
+        JointWatch(N, PER_PACK, None, LooseJoints(**arrays))
