@@ -4,6 +4,7 @@ import pytest
 
 from app.analysis.black_box.from_session import black_boxes
 from app.analysis.report.report import report_of
+from app.analysis.root_cause.from_session import causes_of
 from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
 from app.live.prediction import Predictor
 from app.sessions.reading.reader import SessionFile
@@ -44,7 +45,9 @@ def test_a_joint_that_parts_is_named_from_injection_to_report(tmp_path):
     with SessionFile(car.info.path) as session:
         told = [event for event in session.events() if event["code"] == "finding-joint-grown"]
         assert [event["cell"] for event in told] == [CELL]
+        assert [(cause.code, cause.cell) for cause in causes_of(session)][:1] == [("weak-joint", CELL)]
         report = report_of(session)
+        assert f"weak joint at p{PLACE}" in report.why[0]
         assert any(f"P{PLACE}: the joint has grown by" in each for each in report.why)
         assert not any("like the others" in each for each in report.why)
         box = next(each for each in black_boxes(session) if each.severity == "trip")

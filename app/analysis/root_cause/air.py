@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from app.analysis.root_cause.recording import Recording, Suspicion, row_mean
+from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity
 
@@ -36,14 +37,14 @@ def pack_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspicio
         rows = recording.near(event.at_s - 1.5, event.at_s + 0.1)
         if rows.start == rows.stop:
             continue
-        volts, degc = np.nanmin(recording.middle_v[rows]), np.nanmedian(recording.middle_degc[rows])
-        soc = np.nanmedian(recording.soc[rows])
+        volts = float(np.min(_or_inf(recording.middle_v[rows])))
+        degc, soc = _median(recording.middle_degc[rows]), _median(recording.soc[rows])
         limit = recording.limits.get("v_cell_min", 2.5)
         if "v-min" in event.code or "voltage-low" in event.code:
             if degc < COLD_DEGC:
                 yield Suspicion("cold-pack", event.at_s - 5.0, 15.0, (_cold(degc),))
-            low = int((np.nanmin(recording.voltage_v[rows], axis=0) < limit + LOW_V).sum())
-            if volts < limit + NEAR_V or (soc < EMPTY_SOC and low >= LOW_CELLS):
+            low = int((_or_inf(recording.voltage_v[rows]).min(axis=0) < limit + LOW_V).sum())
+            if np.isfinite(soc) and (volts < limit + NEAR_V or (soc < EMPTY_SOC and low >= LOW_CELLS)):
                 level = Quantity(100 * float(soc), "%", 0)
                 middle = Quantity(float(volts), "V", 2)
                 yield Suspicion(
@@ -56,6 +57,17 @@ def pack_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspicio
         if ("t-min" in event.code or "cold" in event.code) and degc < recording.limits.get("t_cell_min", -15.0) + 4.0:
             yield Suspicion("cold-pack", event.at_s - 5.0, 15.0, (_cold(degc),))
     yield from _air(recording, model)
+
+
+def _or_inf(values: FloatArray) -> FloatArray:
+    """Values whose missing ones are no minimum."""
+    return np.where(np.isnan(values), np.inf, values)
+
+
+def _median(values: FloatArray) -> float:
+    """Of the known values; NaN where none is."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")
 
 
 def _cold(degc: float) -> Message:

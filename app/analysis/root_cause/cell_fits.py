@@ -29,6 +29,7 @@ FULL_RATE_S: Final = 8.0  # around the instant that is asked about every sample 
 SPACING_S: Final = 1.0  # elsewhere one a second
 ONSETS: Final = 48
 LEAST_NOISE_V: Final = 1.5e-3
+LAG_SHARE: Final = 0.3  # of what a cell moves by from sample to sample: the master's low pass, and when it was measured
 SHARE_NOISE: Final = 0.03  # of a cell's own drop under load: healthy cells differ by this
 CORRELATED: Final = 0.1  # independent values a sample: errors of one second are alike
 MOST_INDEPENDENT: Final = 15.0  # values of a recording: drifts of healthy cells last as long as it does
@@ -109,9 +110,15 @@ class CellVoltages:
         if known.sum() < 10:
             return None
         time_s, current, slow, used, soc = (each[known] for each in self._shared)
-        return CellVoltage(
-            time_s, current, slow, used, soc, voltage[known], middle[known], self._noise[known], self._around_s
-        )
+        noise = np.hypot(self._noise[known], LAG_SHARE * _movement(time_s, voltage[known] - middle[known]))
+        return CellVoltage(time_s, current, slow, used, soc, voltage[known], middle[known], noise, self._around_s)
+
+
+def _movement(time_s: FloatArray, apart_v: FloatArray) -> FloatArray:
+    """How far a deviation moves, to or from each of its samples where they follow each other at full rate [V]."""
+    steps = np.where(np.diff(time_s) < 0.5 * SPACING_S, np.abs(np.diff(apart_v)), 0.0)
+    moved: FloatArray = np.maximum(np.append(steps, 0.0), np.insert(steps, 0, 0.0))
+    return moved
 
 
 def _thinned(time_s: FloatArray, around_s: float) -> IntArray:

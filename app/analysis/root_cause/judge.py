@@ -103,7 +103,7 @@ def judge(trips: Sequence[Trigger], suspicions: Iterable[Suspicion]) -> list[Jud
             continue
         able = [each for each in left if each.code in EXPLAINS.get(kind, ()) and each.at_s <= trip.at_s + LATE_S]
         named = [each for each in able if _fits_place(each, trip)]
-        ranked = _ranked(named or able)
+        ranked = _ranked(named or [each for each in able if _is_of_pack(each, trip)])
         found.append(Judgement(trip.at_s, trip, ranked, confidences(ranked)))
         used |= {_key(each) for each in ranked}
         explained |= {each.cell for each in ranked[:1]} - {None}
@@ -144,6 +144,11 @@ def _fits_place(each: Suspicion, trip: Trigger) -> bool:
     if trip.cell is None or each.place[1] is None:
         return True
     return each.cell == trip.cell if each.cell is not None else each.pack == trip.cell // CELLS_PER_PACK
+
+
+def _is_of_pack(each: Suspicion, trip: Trigger) -> bool:
+    """A cell of another pack is no cause of what one cell did."""
+    return trip.cell is None or each.place[1] in (None, trip.cell // CELLS_PER_PACK)
 
 
 def _places(rest: list[Suspicion]) -> list[list[Suspicion]]:

@@ -47,8 +47,9 @@ def test_a_session_of_can_frames_alone_has_their_signals(recorder: Recorder, clo
     assert found["i_fs"].minimum == pytest.approx([10 - 0.2 * i for i in range(900)])
     assert found["soc"].time_s == pytest.approx([1_790_000_000 + i / 10 for i in range(900)])
     assert len(found["v[0]"].time_s) == 0
-    assert rows.shape == (900, 3)
-    assert not np.isnan(rows).any()
+    assert rows.shape == (900, 4)
+    assert not np.isnan(rows[:, :3]).any()
+    assert np.isnan(rows[:, 3]).all()  # age of the cell voltages: there are none
 
 
 def test_tables_that_were_changed_count_from_then_on(recorder: Recorder) -> None:

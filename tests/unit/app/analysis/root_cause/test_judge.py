@@ -29,6 +29,15 @@ def test_the_strongest_suspicion_of_the_tripped_cell_is_its_cause():
     assert cause_from_json(asdict(cause)) == cause
 
 
+def test_a_cell_of_another_pack_is_no_cause_of_what_one_cell_did():
+    elsewhere = Suspicion("lost-capacity", 0.0, 90.0, (), cell=3)
+    told = judge([trip()], [elsewhere])
+    assert told[0].ranked == ()
+    assert cause_of(told[0]).code == "unknown"
+    neighbour = Suspicion("lost-capacity", 0.0, 9.0, (), cell=74)
+    assert judge([trip()], [elsewhere, neighbour])[0].ranked == (neighbour,)
+
+
 def test_what_began_after_a_trip_did_not_cause_it():
     (told,) = judge([trip(at_s=50.0)], [Suspicion("weak-joint", 60.0, 5.0, (), cell=75)])
     assert cause_of(told).code == "unknown"
