@@ -4,6 +4,9 @@
 
 Against the typical cell, filters and delays of the measurement cancel; r is the resistance over the typical one.
 A regression over half a minute needs half a minute; a trip leaves one step, the opening of the relays.
+
+A joint that parts within a step to more current drops by r I, not by r dI: 48 mohm were read where 14 were true. So
+what a cell drops by more than the typical one counts as if it parted there, |dI / I| of it: never more than is true.
 """
 
 from __future__ import annotations
@@ -45,7 +48,8 @@ class StepResistance:
         if self._before:
             then_s, then_a, then_v = self._before[0]
             if LAG_S <= self._time_s - then_s <= LAG_MAX_S and abs(current_a - then_a) >= STEP_A:
-                self._learn(then_v - voltages_v, rises=current_a > then_a)
+                share = min(abs((current_a - then_a) / current_a), 1.0) if abs(current_a) > abs(then_a) else 1.0
+                self._learn(then_v - voltages_v, share, rises=current_a > then_a)
         self._before.append((self._time_s, current_a, voltages_v))
 
     def ratio(self) -> FloatArray:
@@ -60,7 +64,7 @@ class StepResistance:
             left = np.maximum(yy - xy * xy / xx, 0.0)
             return np.where(self._count >= COUNT_MIN, np.sqrt(left / xx), np.nan)
 
-    def _learn(self, dropped_v: FloatArray, *, rises: bool) -> None:
+    def _learn(self, dropped_v: FloatArray, share: float, *, rises: bool) -> None:
         known = np.isfinite(dropped_v)
         if not known.any():
             return
@@ -70,7 +74,7 @@ class StepResistance:
             self._count[:] = 0.0
         self._learned_s = self._time_s
         x = float(np.median(dropped_v[known]))
-        y = np.where(known, dropped_v, 0.0)
+        y = np.where(known, x + share * (dropped_v - x), 0.0)
         fade = np.where(known, 1.0 - 1.0 / MEMORY, 1.0)
         self._sums *= fade
         self._sums += known * np.array((np.full_like(y, x * x), x * y, y * y))

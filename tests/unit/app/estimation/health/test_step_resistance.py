@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.estimation.health.step_resistance import StepResistance
 
@@ -25,6 +27,19 @@ def test_one_opening_of_the_relays_shows_a_joint_that_parted(cell):
     others = np.delete(steps.ratio(), cell)
     np.testing.assert_allclose(others, 1.0, atol=0.05)
     assert steps.sigma()[cell] < 0.5
+
+
+@given(st.integers(1, 9), st.floats(2e-3, 3e-2))
+def test_a_joint_that_parts_within_a_step_is_never_taken_for_a_larger_one(parts_at, joint_ohm):
+    """The current rises from 60 to 150 A in a second, and stays; the joint parts on the way."""
+    steps, rng = StepResistance(N), np.random.default_rng(1)
+    rising_a = np.linspace(60.0, 150.0, 10).tolist()
+    run(steps, [60.0] * 10 + rising_a[:parts_at], np.full(N, 2e-3), rng)
+    parted = np.where(np.arange(N) == 4, 2e-3 + joint_ohm, 2e-3)
+    run(steps, rising_a[parts_at:] + [150.0] * 3, parted, rng)
+    assert not steps.ratio()[4] > 1.05 * (1.0 + joint_ohm / 2e-3)
+    run(steps, [0.0] * 10, parted, rng)
+    assert steps.ratio()[4] == pytest.approx(1.0 + joint_ohm / 2e-3, rel=0.05)
 
 
 def test_without_a_step_nothing_is_known():
