@@ -185,9 +185,11 @@ def car_rows() -> Iterator[Row]:
             )
             degc = np.full_like(volts, float(np.mean(samples[loaded].temperatures_degc)))
             recordings.append(Recording("simulated car", time_s[rows], current_a[rows], volts, degc, soc, notes=()))
-    told = {"soc_sigma": MASTER_SOC_SIGMA, "since_s": 12.0, "is_sensed": True}
-    yield Row("from 12 s on, master's SOC 1 point off", "simulated car", True, model, recordings, MASTER_OFF, **told)
-    yield Row("from 12 s on, SOC unknown", "simulated car", True, model, recordings, UNKNOWN, **told)
+    for what, starts in (
+        ("from 12 s on, master's SOC 1 point off", MASTER_OFF),
+        ("from 12 s on, SOC unknown", UNKNOWN),
+    ):
+        yield Row(what, "simulated car", True, model, recordings, starts, MASTER_SOC_SIGMA, 12.0, is_sensed=True)
 
 
 def line(row: Row, scores: Sequence[Score]) -> str:

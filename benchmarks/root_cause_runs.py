@@ -173,13 +173,13 @@ def _situation(fault: str, rng: np.random.Generator) -> _Situation:
         case "can-bus-off" | "can-broken" | "can-babble" | "can-noise":
             return Start(0.5, ambient_degc=degc), charge(at_s + 25.0), at_s, None, [started]
         case "overload":
-            load = PhasePlan("constant", for_s=20.0, current_a=float(rng.uniform(203.0, 260.0)))
-            return Start(soc, ambient_degc=degc), [PhasePlan("endurance", for_s=at_s), load], 0.0, None, []
+            phase = PhasePlan("constant", for_s=20.0, current_a=float(rng.uniform(203.0, 260.0)))
+            return Start(soc, ambient_degc=degc), [PhasePlan("endurance", for_s=at_s), phase], 0.0, None, []
         case "cold pack":
             return Start(soc, ambient_degc=float(rng.uniform(-25.0, -17.0))), [drive], 0.0, None, []
         case "empty pack":
-            load = PhasePlan("constant", for_s=600.0, current_a=float(rng.uniform(60.0, 140.0)))
-            return Start(float(rng.uniform(0.05, 0.15)), ambient_degc=degc), [load], 0.0, None, []
+            phase = PhasePlan("constant", for_s=600.0, current_a=float(rng.uniform(60.0, 140.0)))
+            return Start(float(rng.uniform(0.05, 0.15)), ambient_degc=degc), [phase], 0.0, None, []
         case "clean acceleration":
             return Start(soc, ambient_degc=degc), [PhasePlan("acceleration"), PhasePlan("rest", for_s=60.0)], 0.0, None, []  # fmt: skip  # noqa: E501
         case "clean charging":
@@ -258,7 +258,7 @@ def record(case: Case, folder: Path, factory: PipelineFactory) -> Path:
     simulation.bus.error_listeners.append(can_error)
     simulation.serial_out = serial
     for link in ("rs232", "can"):
-        take(LinkChange(clock.monotonic_ns(), clock.wall_ns(), link, "open"))  # type: ignore[arg-type]
+        take(LinkChange(clock.monotonic_ns(), clock.wall_ns(), link, "open"))
     simulation.run_until(STREAM_S)
     simulation.receive(b"x")
     asked_s, flushed_s = simulation.now_s, simulation.now_s
