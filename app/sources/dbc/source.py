@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from app.battery.battery import Battery
+from app.battery.battery import Battery, SignalName
 from app.battery.source import SpeaksDbc
 from app.sources.dbc.assembly import Assembler, BatteryMeasurement
 from app.sources.dbc.battery_decoder import BatteryDecoder
@@ -178,7 +178,7 @@ def _charger(found: BatteryMeasurement) -> Charger:
 
 def _limits(battery: Battery, told: Mapping[str, float]) -> ProtectionLimits | None:
     """The limits where the profile or the BMS has all that the service judges by."""
-    of = {name: told.get(name, limit) for name, limit in battery.limits.items()}
+    of = {name: told[name] if isinstance(limit, SignalName) else limit for name, limit in battery.limits.items()}
     numbers = {name: float(value) for name, value in of.items() if isinstance(value, float) and not np.isnan(value)}
     try:
         return ProtectionLimits(

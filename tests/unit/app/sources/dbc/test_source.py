@@ -3,8 +3,8 @@ import pytest
 
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.source import DbcSource
-from app.sources.items import CanItem, LinkChange
-from tests.peer_batteries import one_signal_a_cell, segments_in_fd_frames
+from app.sources.items import CanFault, CanItem, LinkChange
+from tests.peer_batteries import HEAD, one_signal_a_cell, segments_in_fd_frames
 from tests.unit.app.sources.dbc.test_battery_decoder import CURRENT, battery_and_source
 
 CURRENT_FD = CURRENT.replace("BMS_PackStatus", "AMS_Status").replace("Pack_Current", "TS_Current").replace(
@@ -76,3 +76,222 @@ def test_a_lost_bus_is_told_once():
     lost = LinkChange(1, 1, "can", "lost", "unplugged")
     assert [event.code for event in source.feed(lost).events] == ["can-lost"]
     assert source.feed(lost).events == ()
+
+
+S = 1_000_000_000
+STATE_DBC = (
+    HEAD
+    + "BO_ 1 Cells: 8 BMS\n"
+    + "".join(f' SG_ V{k + 1} : {16 * k}|16@1+ (0.001,0) [0|5] "V" X\n' for k in range(4))
+    + """BO_ 2 Pack: 8 BMS
+ SG_ I : 0|16@1- (0.1,0) [0|0] "A" X
+ SG_ U : 16|16@1+ (0.1,0) [0|0] "V" X
+ SG_ SOC : 32|8@1+ (0.5,0) [0|100] "%" X
+ SG_ State : 40|8@1+ (1,0) [0|0] "" X
+ SG_ Faults : 48|8@1+ (1,0) [0|0] "" X
+ SG_ MaxDischarge : 56|8@1+ (2,0) [0|0] "A" X
+
+BO_ 3 Charger: 4 BMS
+ SG_ Charger_U : 0|16@1+ (0.1,0) [0|0] "V" X
+ SG_ Charger_I : 16|16@1- (0.1,0) [0|0] "A" X
+
+BO_ 4 More: 4 BMS
+ SG_ Bal1 : 0|1@1+ (1,0) [0|1] "" X
+ SG_ Bal2 : 1|1@1+ (1,0) [0|1] "" X
+ SG_ Bal3 : 2|1@1+ (1,0) [0|1] "" X
+ SG_ Bal4 : 3|1@1+ (1,0) [0|1] "" X
+ SG_ R1 : 8|8@1+ (0.1,0) [0|0] "mOhm" X
+"""
+)
+STATE_PROFILE = """[[source.voltage]]
+signal = "V{cell}"
+base = 1
+[[source.balancing]]
+signal = "Bal{cell}"
+base = 1
+[[source.resistance]]
+signal = "R{cell}"
+base = 1
+[source.current]
+signal = "I"
+[source.pack_voltage]
+signal = "U"
+[source.soc]
+signal = "SOC"
+[source.charger_voltage]
+signal = "Charger_U"
+[source.charger_current]
+signal = "Charger_I"
+[source.state.closed]
+signal = "State"
+equals = [2, 3, 4]
+[source.state.charging]
+signal = "State"
+equals = [3]
+[source.state.balancing]
+signal = "State"
+equals = [4]
+[source.state.fault]
+signal = "Faults"
+mask = 6
+"""
+LIMITS = """[battery.limits]
+cell_voltage_min_v = 2.8
+cell_voltage_max_v = 4.2
+temperature_min_degc = -10
+temperature_max_degc = 60
+charge_current_max_a = 40
+discharge_current_max_a = { signal = "MaxDischarge" }
+"""
+
+
+def told(state=2, faults=0, limit=100, current=125, at_s=0.0, volts=(3700, 3710, 3720, 3730)):
+    """Frames of one instant: cells and pack."""
+    pack = current.to_bytes(2, "little", signed=True) + (148).to_bytes(2, "little") + bytes([80, state, faults, limit])
+    cells = b"".join(volt.to_bytes(2, "little") for volt in volts)
+    return [(round(at_s * S) + 1, 1, cells), (round(at_s * S) + 2, 2, pack)]
+
+
+def state_source(more=""):
+    battery, source = battery_and_source(STATE_PROFILE, 4, 0, None, more)
+    return DbcSource(battery, source, parse_definitions(STATE_DBC.encode(), "x.dbc"), "virtual:x")
+
+
+def measured(frames, more="", after_s=0.1):
+    source = state_source(more)
+    fed(source, frames)
+    now_ns = frames[-1][0] + round(after_s * S)
+    return source.measure(now_ns, 10**18 + now_ns)
+
+
+@pytest.mark.parametrize(
+    ("state", "faults", "expected", "is_open"),
+    [
+        (2, 0, "drive", False),
+        (3, 0, "charge", False),
+        (4, 0, "balance", False),
+        (1, 0, "idle", True),
+        (2, 2, "fault", False),
+        (1, 4, "fault", True),
+        (3, 8, "charge", False),  # not one of the bits of the mask
+    ],
+)
+def test_the_state_is_what_the_bms_tells_a_fault_before_all(state, faults, expected, is_open):
+    found = measured(told(state, faults))
+    assert (found.master.state, found.relays_open) == (expected, is_open)
+    assert found.master.fit == (expected != "fault")
+    assert found.master.why.code == "bms-tells-state"
+
+
+def test_a_profile_without_states_claims_none():
+    battery, source = battery_and_source(STATE_PROFILE.partition("[source.state.closed]")[0], 4, 0)
+    silent = DbcSource(battery, source, parse_definitions(STATE_DBC.encode(), "x.dbc"))
+    fed(silent, told(state=1, faults=6))
+    found = silent.measure(S // 5, S)
+    assert (found.master.state, found.master.fit, found.relays_open) == ("unknown", None, False)
+    assert found.master.why.code == "bms-tells-no-state"
+
+
+def test_every_reading_comes_in_si_units():
+    charger = (3999).to_bytes(2, "little") + (-75).to_bytes(2, "little", signed=True)
+    found = measured([*told(), (3, 3, charger), (4, 4, bytes([0b0101, 21, 0, 0]))])
+    assert found.current_a == pytest.approx(12.5)
+    assert found.reported.voltage_v == pytest.approx(14.8)
+    assert found.master.soc == pytest.approx(0.4)
+    assert (found.charger.voltage_v, found.charger.current_a) == pytest.approx((399.9, -7.5))
+    np.testing.assert_allclose(found.voltage_v, [3.7, 3.71, 3.72, 3.73])
+    np.testing.assert_allclose(found.resistance_ohm, [0.0021, np.nan, np.nan, np.nan])
+    assert list(found.balancing) == [True, False, True, False]
+
+
+def test_what_was_never_told_is_missing_and_not_zero():
+    found = measured(told())
+    assert found.balancing is None
+    assert (found.charger.voltage_v, found.charger.current_a) == (None, None)
+    assert np.isnan(found.resistance_ohm).all()
+    assert np.isnan(found.temperature_degc).all()
+    assert found.age_s.temperature is None
+    assert found.slave_status == (None,)
+
+
+def test_a_limit_is_that_of_the_profile_or_what_the_bms_tells_now():
+    limits = measured(told(limit=90), LIMITS).limits
+    assert (limits.discharge_max_a, limits.discharge_min_a) == (180.0, -40.0)
+    assert (limits.cell_voltage_min_v, limits.cell_voltage_max_v) == (2.8, 4.2)
+    assert measured(told(), LIMITS.replace("temperature_max_degc = 60\n", "")).limits is None
+
+
+def test_limits_of_the_profile_alone_hold_whatever_is_heard():
+    fixed = LIMITS.replace('{ signal = "MaxDischarge" }', "150")
+    assert measured(told(), fixed).limits.discharge_max_a == 150.0
+    assert state_source(fixed).measure(1, 1).limits.cell_voltage_max_v == 4.2
+
+
+def test_a_limit_that_the_bms_does_not_tell_any_more_is_no_limit():
+    source = state_source(LIMITS)
+    fed(source, [frame for k in range(10) for frame in told(at_s=0.1 * k)])
+    assert source.measure(S, S).limits is not None
+    assert source.measure(20 * S, 20 * S).limits is None
+
+
+def test_a_measurement_follows_the_first_frame_of_the_next_period():
+    source = state_source()
+    assert fed(source, told(at_s=0.0)) == []
+    assert fed(source, told(at_s=0.05)) == []
+    (one,) = fed(source, told(at_s=0.12))
+    assert (one.uptime_ms, one.is_sample, one.is_fresh, one.dt_s) == (100, True, True, None)
+    (two,) = fed(source, told(at_s=0.2, volts=(3600,) * 4))
+    assert two.dt_s == pytest.approx(0.1)
+    np.testing.assert_allclose(two.voltage_v, [3.7, 3.71, 3.72, 3.73])  # what came after the period ended is not in it
+
+
+def test_between_two_samples_time_goes_on_where_a_period_brought_no_current():
+    source = state_source()
+    fed(source, told(at_s=0.0))
+    cells_only = [frame for k in (0.1, 0.2) for frame in told(at_s=k) if frame[1] == 1]
+    assert [m.is_sample for m in fed(source, cells_only)] == [True, False]
+    found = fed(source, [*told(at_s=0.3), *told(at_s=0.4)])
+    assert [m.dt_s for m in found if m.is_sample] == pytest.approx([0.3])
+
+
+def test_ages_are_those_of_the_frames_the_oldest_of_the_cells_counts():
+    source = state_source()
+    fed(source, told(at_s=0.0))
+    found = source.measure(3 * S // 10, S)
+    assert found.age_s.voltage == pytest.approx(0.3, abs=1e-6)
+    assert found.age_s.current == pytest.approx(0.3, abs=1e-6)
+
+
+def test_asked_twice_nothing_is_new_the_second_time():
+    source = state_source()
+    fed(source, told())
+    assert source.measure(S // 10 + 5, S).is_fresh
+    again = source.measure(S // 10 + 9, S)
+    assert not again.is_fresh
+    assert not again.is_sample
+    np.testing.assert_allclose(again.voltage_v, [3.7, 3.71, 3.72, 3.73])
+
+
+def test_frames_of_others_on_the_bus_change_nothing_but_the_load():
+    alone, among = state_source(), state_source()
+    fed(alone, told())
+    fed(among, [(0, 0x7F0, bytes(8)), *told(), (5, 0x80000001, b"\xff" * 8), (6, 0x1, b"")])
+    one, other = alone.measure(S // 5, S), among.measure(S // 5, S)
+    np.testing.assert_array_equal(one.voltage_v, other.voltage_v)
+    assert one.current_a == other.current_a
+    assert other.links.can.frames == one.links.can.frames + 3
+
+
+def test_the_link_of_another_bus_and_a_try_to_connect_are_no_events():
+    source = state_source()
+    assert source.feed(LinkChange(0, 0, "rs232", "open")).events == ()
+    assert source.feed(LinkChange(0, 0, "can", "connecting")).events == ()
+    assert [event.code for event in source.feed(LinkChange(1, 1, "can", "open")).events] == ["can-open"]
+
+
+def test_faults_of_the_controller_are_shown_with_the_link():
+    source = state_source()
+    source.feed(LinkChange(0, 0, "can", "open"))
+    source.feed(CanFault(1, 1, "passive", 12, 130, 4))
+    fed(source, told())
+    assert source.measure(S // 5, S).links.can.bus_state == "passive"
