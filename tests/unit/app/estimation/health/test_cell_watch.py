@@ -1,7 +1,11 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.errors import EstimatorError, ShapeError
+from app.estimation.health.cell_finding import SURE
 from app.estimation.health.cell_watch import JUDGE_S, CellWatch
 
 N, PER_PACK, DT_S = 96, 12, 0.1
@@ -102,3 +106,152 @@ def test_a_missing_voltage_is_no_evidence_of_a_sound_joint(cell):
     car.resistance_ohm[63] = np.nan
     car.drive(100)
     assert list(joints(car.watch)) == [63]
+
+
+class Pack:
+    """Cells by the OCV of the cell file, plain resistances, capacities, leaks and temperatures; sensors that fail."""
+
+    def __init__(self, cell, n_cells=24, per_pack=12, seed=1):
+        self.cell, self.n, self.per_pack, self.rng = cell, n_cells, per_pack, np.random.default_rng(seed)
+        self.soc = 0.8 + 0.003 * self.rng.normal(size=n_cells)
+        self.capacity_ah = cell.capacity_ah * (1 + 0.005 * self.rng.normal(size=n_cells))
+        self.leak_a, self.ohm = np.zeros(n_cells), 3e-3 + self.rng.normal(0, 3e-5, n_cells)
+        self.shown_v, self.shown_degc = {}, {}  # what failed sensors show instead
+        self.time_s, self.degc = 1.7e9, 25.0
+        self.watch = CellWatch(cell, n_cells, per_pack)
+
+    def restart(self, pause_s=60.0):
+        self.time_s += pause_s
+        self.watch = CellWatch(self.cell, self.n, self.per_pack, self.watch.memory)
+
+    def run(self, seconds, currents_a=(0.0,), dt_s=0.2):
+        """Let time pass with another current every 2 s; return what is found, as pairs of code and cell."""
+        current_a = 0.0
+        for k in range(round(seconds / dt_s)):
+            if k % 10 == 0:
+                current_a = float(self.rng.choice(currents_a))
+            self.time_s += dt_s
+            self.degc += 2e-6 * current_a**2 * dt_s
+            self.soc -= (current_a + self.leak_a) * dt_s / 3600 / self.capacity_ah
+            v = self.cell.ocv.voltage(self.soc) - self.ohm * (current_a + self.leak_a)
+            v += self.rng.normal(0, 2e-4, self.n)
+            degc = np.full(self.n, np.round(self.degc))
+            v[list(self.shown_v)] = list(self.shown_v.values())
+            degc[list(self.shown_degc)] = list(self.shown_degc.values())
+            self.watch.step(self.time_s, dt_s, current_a, v, degc)
+            if k % 12 == 0:
+                self.watch.judge()
+        return {(each.code, each.cell) for each in self.watch.findings}
+
+
+RACING = (-40.0, 0.0, 30.0, 60.0, 120.0)
+shapes = st.sampled_from([(14, 14), (24, 12), (54, 18)])
+places = st.floats(0.0, 1.0, exclude_max=True)
+
+
+@settings(max_examples=4, deadline=None)
+@given(shapes, st.integers(0, 10**6))
+def test_a_sound_pack_has_no_finding_whatever_the_noise(shape, seed):
+    pack = Pack(load_cell(), *shape, seed)
+    assert pack.run(90) == set()
+    assert pack.run(240, RACING) == set()
+    assert pack.run(120) == set()
+
+
+@settings(max_examples=4, deadline=None)
+@given(shapes, places, st.floats(4.0, 20.0), st.integers(0, 10**6))
+def test_a_leak_is_a_finding_of_its_cell_alone_with_a_band_that_holds_it(shape, place, leak_a, seed):
+    pack, cell = Pack(load_cell(), *shape, seed), int(place * shape[0])
+    pack.run(90)
+    pack.leak_a[cell] = leak_a
+    assert pack.run(240) == {("cell-leaks", cell)}
+    (found,) = pack.watch.findings
+    assert abs(found.size - leak_a) < 3 * found.sigma
+    assert cell not in found.neighbours
+    assert len(found.neighbours) == shape[1] - 1
+    assert all(other // shape[1] == cell // shape[1] for other in found.neighbours)
+
+
+@settings(max_examples=4, deadline=None)
+@given(shapes, places, st.sampled_from([-40.0, 125.0, float("nan")]), st.integers(0, 10**6))
+def test_a_thermistor_that_came_off_is_the_finding_and_the_cell_is_not(shape, place, shown_degc, seed):
+    pack, cell = Pack(load_cell(), *shape, seed), int(place * shape[0])
+    pack.run(10)
+    pack.shown_degc[cell] = shown_degc
+    assert pack.run(30) == {("thermistor-off", cell)}
+    pack.shown_degc.clear()
+    assert pack.run(40) == set()
+
+
+@pytest.mark.parametrize(("shape", "stuck", "seed"), [((14, 14), 0, 1), ((24, 12), 12, 2), ((54, 18), 53, 3)])
+def test_a_channel_that_is_stuck_is_neither_leak_nor_joint_nor_capacity(cell, shape, stuck, seed):
+    pack = Pack(cell, *shape, seed)
+    pack.run(60, RACING)
+    pack.shown_v[stuck] = 3.9
+    assert pack.run(120, RACING) == {("channel-stuck", stuck)}
+    assert pack.run(120) == {("channel-stuck", stuck)}
+    pack.shown_v.clear()
+    assert pack.run(400, RACING) == set()
+
+
+def test_a_leak_survives_a_restart_and_ends_when_the_cell_is_mended(cell):
+    pack = Pack(cell)
+    pack.run(90)
+    pack.leak_a[5] = 6.0
+    assert pack.run(240) == {("cell-leaks", 5)}
+    (before,) = pack.watch.findings
+    pack.restart()
+    assert pack.run(30) == {("cell-leaks", 5)}
+    assert pack.watch.findings[0].since_s == before.since_s
+    pack.leak_a[5] = 0.0
+    assert pack.run(1800) == set()
+
+
+def test_two_faults_are_two_findings(cell):
+    pack = Pack(cell)
+    pack.run(90)
+    pack.leak_a[5], pack.shown_degc[17] = 6.0, 125.0
+    assert pack.run(240) == {("cell-leaks", 5), ("thermistor-off", 17)}
+    assert all(0.0 < each.confidence <= SURE for each in pack.watch.findings)
+
+
+@pytest.mark.parametrize("jump_s", [-1e5, 1e5, -1.7e9])
+def test_a_clock_that_is_set_is_no_finding_and_ends_none(cell, jump_s):
+    pack = Pack(cell)
+    pack.run(90)
+    pack.leak_a[5] = 6.0
+    pack.run(240)
+    pack.time_s += jump_s
+    assert pack.run(120) == {("cell-leaks", 5)}
+
+
+def test_samples_without_current_voltage_or_temperature_are_no_evidence(cell):
+    pack, nothing = Pack(cell), np.full(24, np.nan)
+    pack.run(60, RACING)
+    for k in range(300):
+        pack.watch.step(pack.time_s + 0.2 * k, 0.2, float("nan"), nothing, nothing)
+        pack.watch.judge()
+    pack.time_s += 60.0
+    assert pack.watch.findings == ()
+    assert pack.run(60, RACING) == set()
+
+
+@pytest.mark.parametrize("dt_s", [-0.1, float("nan"), float("inf")])
+def test_a_step_of_no_length_is_refused_and_leaves_every_watch_awake(cell, dt_s):
+    pack = Pack(cell)
+    pack.run(10)
+    with pytest.raises(EstimatorError, match="dt_s"):
+        pack.watch.step(pack.time_s, dt_s, 0.0, np.full(24, 3.9), np.full(24, 25.0))
+    pack.shown_degc[3] = 125.0
+    assert pack.run(30) == {("thermistor-off", 3)}
+
+
+@pytest.mark.parametrize(("n_cells", "per_pack"), [(14, 12), (10, 12), (0, 12)])
+def test_packs_that_do_not_divide_the_cells_are_refused(cell, n_cells, per_pack):
+    with pytest.raises(ShapeError, match="cells_per_pack"):
+        CellWatch(cell, n_cells, per_pack)
+
+
+def test_a_memory_of_another_battery_is_refused(cell):
+    with pytest.raises(ShapeError):
+        CellWatch(cell, 24, 12, Pack(cell, 14, 14).watch.memory)
