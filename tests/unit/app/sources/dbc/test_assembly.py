@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.battery.battery import Battery, SignalName
 from app.battery.source import CellSignals, Reading, SpeaksDbc
@@ -81,3 +83,83 @@ def test_values_in_parts_make_the_measurements_of_values_in_one():
 
 def test_nothing_heard_makes_no_measurement():
     assert assembler().feed({}) == []
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 2_000), st.integers(0, 2), st.floats(2.5, 4.3)), min_size=1, max_size=60),
+    st.sampled_from([0.02, 0.1, 0.5]),
+)
+def test_a_measurement_never_holds_what_came_later_nor_an_older_one_than_the_newest(rows, period_s):
+    rows = sorted(rows, key=lambda row: row[0])
+    rows = [(t / 1000, cell, volt) for t, cell, volt in rows]
+    for measured in assembler(max_age_s=100.0, n_cells=3, period_s=period_s).feed({"voltage": values(*rows)}):
+        for cell in range(3):
+            before = [volt for t, i, volt in rows if i == cell and round(t * S) <= measured.t_ns]
+            if before:
+                assert measured.voltage_v[cell] == before[-1]
+            else:
+                assert np.isnan(measured.voltage_v[cell])
+
+
+@given(st.lists(st.integers(1, 900), min_size=2, max_size=30), st.integers(1, 29))
+def test_wherever_batches_are_cut_measurements_are_the_same(gaps_ms, cut):
+    times = np.cumsum(gaps_ms) / 1000
+    rows = [(t, k % 2, 3.0 + 0.01 * k) for k, t in enumerate(times)]
+    amps = [(t, 0, float(k)) for k, t in enumerate(times)]
+    whole = assembler().feed({"voltage": values(*rows), "current": values(*amps)})
+    parts, found = assembler(), []
+    for some in (slice(0, cut), slice(cut, None)):
+        if rows[some]:
+            found += parts.feed({"voltage": values(*rows[some]), "current": values(*amps[some])})
+    assert [(m.t_ns, m.is_sample) for m in found] == [(m.t_ns, m.is_sample) for m in whole]
+    for one, other in zip(found, whole, strict=True):
+        np.testing.assert_array_equal(one.voltage_v, other.voltage_v)
+        np.testing.assert_equal(one.current_a, other.current_a)
+
+
+def test_a_value_that_is_invalid_replaces_the_one_before():
+    found = assembler().feed({"voltage": values((0.05, 0, 3.7), (0.15, 0, np.nan))})
+    assert found[0].voltage_v[0] == 3.7
+    assert len(found) == 1
+    hear = assembler()
+    hear.feed({"voltage": values((0.05, 0, 3.7), (0.15, 0, np.nan))})
+    assert np.isnan(hear.feed({}, S // 2)[-1].voltage_v).all()
+
+
+def test_states_are_told_or_unknown():
+    hear = assembler()
+    found = hear.feed({"state.closed": values((0.01, 0, 1.0)), "state.fault": values((0.02, 0, 0.0))}, S // 10)[-1]
+    assert (found.states["closed"], found.states["fault"], found.states["charging"]) == (True, False, None)
+
+
+def test_a_kind_that_the_profile_does_not_have_is_left_out():
+    assert assembler().feed({"humidity": values((0.01, 0, 1.0))}) == []
+
+
+def test_the_longest_age_of_several_ways_counts():
+    entries = (CellSignals("A{cell}", max_age_s=1.0), CellSignals("B{cell}", max_age_s=4.0))
+    hear = Assembler(Battery("x", (2,)), SpeaksDbc(("x.dbc",), {"voltage": entries}))
+    hear.feed({"voltage": values((0.05, 0, 3.0))})
+    lived = [m.t_ns / S for m in hear.feed({}, 8 * S) if np.isfinite(m.voltage_v[0])]
+    assert max(lived) == pytest.approx(4.05, abs=0.1)
+
+
+@pytest.mark.parametrize("slow_s", [0.4, 2.0])
+def test_each_cell_lives_by_its_own_period(slow_s):
+    hear = assembler()
+    fast = [(0.02 * k + 0.01, 0, 3.0) for k in range(500)]
+    slow = [(slow_s * k + 0.015, 1, 3.1) for k in range(int(10 / slow_s))]
+    rows = sorted(fast + slow)
+    hear.feed({"voltage": values(*rows)})
+    later = hear.feed({}, 30 * S)
+    for cell, times in ((0, fast), (1, slow)):
+        end_s = times[-1][0]
+        lived = [m.t_ns / S - end_s for m in later if np.isfinite(m.voltage_v[cell])]
+        most = max(LEAST_AGE_S, PERIODS_BRIDGED * (0.02 if cell == 0 else slow_s))
+        assert max(lived, default=0.0) <= most + 0.01
+
+
+def test_time_alone_makes_measurements_in_which_all_is_missing():
+    found = assembler().feed({}, S)
+    assert all(np.isnan(m.voltage_v).all() and np.isnan(m.current_a) for m in found)
+    assert not any(m.is_sample for m in found)

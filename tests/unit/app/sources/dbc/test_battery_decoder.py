@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.battery.profile import read_document, understand
 from app.sources.dbc.assembly import Assembler
@@ -136,3 +138,137 @@ def test_after_a_pause_of_the_bus_old_values_are_not_live_for_long():
     later = assembler.feed({}, again[-1][0] + 5_000_000_000)
     assert np.isnan(later[-1].voltage_v).all()
     assert np.isnan(later[-1].current_a)
+
+
+SIGNALS = """BO_ 1 M: 8 BMS
+ SG_ V1 : 0|16@1+ (0.001,0) [0|0] "V" X
+ SG_ V2 : 16|16@1+ (0.001,0) [0|0] "V" X
+ SG_ Good1 : 32|1@1+ (1,0) [0|1] "" X
+ SG_ Good2 : 33|1@1+ (1,0) [0|1] "" X
+ SG_ State : 40|8@1+ (1,0) [0|0] "" X
+ SG_ I : 48|16@1- (0.1,0) [0|0] "A" X
+"""
+VOLTAGES = '[[source.voltage]]\nsignal = "V{cell}"\nbase = 1\n'
+
+
+def decoded(text, *frames, dbc=SIGNALS, n_cells=2, n_sensors=0, segments=None):
+    battery, source = battery_and_source(text, n_cells, n_sensors, segments)
+    decoder = BatteryDecoder(battery, source, parse_definitions((HEAD + dbc).encode(), "x.dbc"))
+    return decoder, decoder.decode(frames_of([(k, can_id, data) for k, (can_id, data) in enumerate(frames)]))
+
+
+def frame(one=3700, two=3710, flags=0, state=0, current=0):
+    raw = one | two << 16 | flags << 32 | state << 40 | (current & 0xFFFF) << 48
+    return 1, raw.to_bytes(8, "little")
+
+
+@given(st.lists(st.tuples(st.integers(0, 65535), st.integers(0, 65535)), min_size=1, max_size=20))
+def test_every_value_of_every_frame_comes_once_with_its_cell_and_time(volts):
+    _, found = decoded(VOLTAGES, *(frame(one, two) for one, two in volts))
+    values = found["voltage"]
+    assert list(zip(values.t_ns.tolist(), values.index.tolist(), strict=True)) == [
+        (k, cell) for k in range(len(volts)) for cell in (0, 1)
+    ]
+    np.testing.assert_allclose(values.value, [volt / 1000 for pair in volts for volt in pair])
+
+
+def test_a_bit_that_says_valid_has_to_be_there():
+    _, found = decoded(VOLTAGES + 'valid_signal = "Good{cell}"\n', frame(flags=0b01), frame(flags=0b10))
+    np.testing.assert_array_equal(found["voltage"].value, [3.7, np.nan, np.nan, 3.71])
+
+
+def test_scale_and_offset_of_the_profile_come_after_the_unit():
+    _, found = decoded(VOLTAGES + 'unit = "mV"\nscale = 2.0\noffset = 0.5\n', frame(3700, 3710))
+    np.testing.assert_allclose(found["voltage"].value, [0.0037 * 2 + 0.5, 0.00371 * 2 + 0.5])
+
+
+@pytest.mark.parametrize(("positive", "expected"), [("discharge", 12.0), ("charge", -12.0)])
+def test_a_current_is_positive_on_discharge_whatever_the_bus_says(positive, expected):
+    text = VOLTAGES + f'[source.current]\nsignal = "I"\npositive = "{positive}"\nzero = 0.5\n'
+    _, found = decoded(text, frame(current=125))
+    assert found["current"].value.tolist() == pytest.approx([expected])
+
+
+def test_states_are_the_raw_numbers_that_the_profile_names():
+    text = VOLTAGES + '[source.state.closed]\nsignal = "State"\nequals = [2, 5]\n'
+    text += '[source.state.fault]\nsignal = "State"\nmask = 4\n'
+    _, found = decoded(text, *(frame(state=state) for state in (0, 2, 5, 6)))
+    assert found["state.closed"].value.tolist() == [0, 1, 1, 0]
+    assert found["state.fault"].value.tolist() == [0, 0, 1, 1]
+
+
+def test_a_frame_that_is_too_short_tells_what_it_carries_and_nothing_else():
+    _, found = decoded(VOLTAGES, frame(), (1, b"\x74\x0e"), (1, b"\x74"), (1, b""))
+    values = found["voltage"]
+    assert list(zip(values.t_ns.tolist(), values.index.tolist(), strict=True)) == [(0, 0), (0, 1), (1, 0)]
+
+
+def test_frames_of_other_messages_and_of_a_29_bit_id_of_the_same_number_tell_nothing():
+    _, found = decoded(VOLTAGES, (2, bytes(8)), (0x80000001, bytes(8)))
+    assert found == {}
+
+
+PAGES = """BO_ 1 M: 8 BMS
+ SG_ Page M : 0|8@1+ (1,0) [0|3] "" X
+ SG_ V0 m0 : 8|16@1+ (0.001,0) [0|5] "V" X
+ SG_ V1 m1 : 8|16@1+ (0.001,0) [0|5] "V" X
+ SG_ V2 m5 : 8|16@1+ (0.001,0) [0|5] "V" X
+"""
+
+
+@given(st.lists(st.integers(0, 255), min_size=1, max_size=30))
+def test_a_page_that_no_cell_stands_on_tells_nothing(pages):
+    frames = [(1, bytes([page]) + (3000 + page).to_bytes(2, "little")) for page in pages]
+    _, found = decoded('[[source.voltage]]\nsignal = "V{cell}"\n', *frames, dbc=PAGES, n_cells=3)
+    cell_of = {0: 0, 1: 1, 5: 2}
+    expected = [(k, cell_of[page], 3.0 + page / 1000) for k, page in enumerate(pages) if page in cell_of]
+    values = found.get("voltage")
+    got = [] if values is None else list(zip(values.t_ns.tolist(), values.index.tolist(), values.value, strict=True))
+    assert [row[:2] for row in got] == [row[:2] for row in expected]
+    np.testing.assert_allclose([row[2] for row in got], [row[2] for row in expected])
+
+
+NUMBERED = """BO_ 1 M: 8 BMS
+ SG_ Module : 7|8@0+ (1,0) [0|0] "" X
+ SG_ Cell : 15|8@0+ (1,0) [0|0] "" X
+ SG_ U : 23|16@0+ (0.1,0) [0|0] "mV" X
+"""
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 5), st.integers(0, 9)), min_size=1, max_size=30),
+    st.integers(0, 1),
+    st.lists(st.integers(1, 8), min_size=1, max_size=4),
+)
+def test_module_and_cell_of_the_frame_tell_the_cell_and_others_are_counted(told, base, segments):
+    text = '[[source.voltage]]\nsignal = "U"\nnumbers = { segment = "Module", cell = "Cell" }\n'
+    text += f"base = {{ segment = {base}, cell = {base} }}\n"
+    frames = [(1, bytes([module, cell]) + (37000 + module * 10 + cell).to_bytes(2, "big")) for module, cell in told]
+    decoder, found = decoded(text, *frames, dbc=NUMBERED, n_cells=sum(segments), segments=segments)
+    expected = [
+        (sum(segments[: module - base]) + cell - base, (37000 + module * 10 + cell) / 1e4)
+        for module, cell in told
+        if 0 <= module - base < len(segments) and 0 <= cell - base < segments[module - base]
+    ]
+    values = found.get("voltage")
+    got = [] if values is None else list(zip(values.index.tolist(), values.value.tolist(), strict=True))
+    assert [cell for cell, _ in got] == [cell for cell, _ in expected]
+    np.testing.assert_allclose([volt for _, volt in got], [volt for _, volt in expected])
+    assert decoder.beyond["M.U"] == len(told) - len(expected)
+
+
+def test_a_limit_that_the_bms_tells_is_a_value_like_others():
+    battery, source = battery_and_source(
+        VOLTAGES, 2, 0, None, '[battery.limits]\ndischarge_current_max_a = { signal = "I" }\n'
+    )
+    decoder = BatteryDecoder(battery, source, parse_definitions((HEAD + SIGNALS).encode(), "x.dbc"))
+    found = decoder.decode(frames_of([(0, *frame(current=1500))]))
+    assert found["limit.discharge_current_max_a"].value.tolist() == [150.0]
+
+
+def test_the_same_cell_of_two_ways_comes_from_both_in_the_order_of_time():
+    twin = SIGNALS + '\nBO_ 2 N: 2 BMS\n SG_ W1 : 0|16@1+ (0.001,0) [0|0] "V" X\n'
+    text = VOLTAGES + '[[source.voltage]]\nsignal = "W{cell}"\nbase = 1\n'
+    _, found = decoded(text, frame(), (2, b"\x74\x0e"), frame(), dbc=twin)
+    assert found["voltage"].t_ns.tolist() == [0, 0, 1, 2, 2]
+    assert found["voltage"].index.tolist() == [0, 1, 0, 0, 1]

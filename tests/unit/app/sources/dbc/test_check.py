@@ -4,6 +4,7 @@ from app.battery.profile import read_document, understand
 from app.sources.dbc.check import doubts_of
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
+from app.words import render
 from tests.peer_batteries import HEAD, cell_number, one_signal_a_cell
 
 VOLTAGES = '[[source.voltage]]\nsignal = "V{cell}"\nbase = 1\n'
@@ -92,3 +93,151 @@ def test_oddities_of_the_dbc_are_doubts_with_their_line(peer):
         battery(8) + VOLTAGES + READINGS, peer.dbc() + 'CM_ BO_ 2000 "far";\n'
     )
     assert HEAD in peer.dbc()
+
+
+STATES_DBC = HEAD + """BO_ 1 Cells: 8 BMS
+ SG_ V1 : 0|16@1+ (0.001,0) [0|5] "V" X
+ SG_ V2 : 16|16@1+ (0.001,0) [0|5] "V" X
+ SG_ T1 : 32|8@1+ (1,-40) [0|0] "degC" X
+ SG_ Bad_V1 : 40|1@1+ (1,0) [0|1] "" X
+
+BO_ 2 Pack: 8 BMS
+ SG_ Pack_Current : 0|16@1- (0.1,0) [0|0] "A" X
+ SG_ Pack_Voltage : 16|16@1+ (0.1,0) [0|0] "V" X
+ SG_ SOC : 32|8@1+ (0.5,0) [0|0] "%" X
+
+BO_ 3 Twin: 8 BMS
+ SG_ SOC : 0|8@1+ (0.5,0) [0|0] "%" X
+"""  # fmt: skip
+SOC = '[source.soc]\nsignal = "Pack.SOC"\n'
+HEATS = '[[source.temperature]]\nsignal = "T{cell}"\nbase = 1\n'
+
+
+def doubts(profile, frames=None, dbc=STATES_DBC):
+    profile = understand(read_document(profile, "x.toml", lambda name: None))
+    definitions = parse_definitions(dbc.encode(), "x.dbc")
+    frames = None if frames is None else frames_of(frames)
+    return doubts_of(profile.battery, profile.source, definitions, "x.toml", frames)
+
+
+def heard(n=20, volts=(3700, 3720), pack=74, heat=65, soc=100, period_s=0.1):
+    cells = b"".join(volt.to_bytes(2, "little") for volt in volts) + bytes([heat, 0])
+    status = bytes(2) + pack.to_bytes(2, "little") + bytes([soc])
+    return [
+        (round((k + part) * period_s * 1e9), can_id, data)
+        for k in range(n)
+        for part, can_id, data in ((0.0, 1, cells), (0.5, 2, status))
+    ]
+
+
+def of_code(found, code):
+    return [doubt for doubt in found if doubt.what.code == code]
+
+
+def test_a_sound_battery_with_all_its_readings_has_no_doubts_in_its_log():
+    assert doubts(battery(2, 1) + VOLTAGES + HEATS + READINGS + SOC, heard()) == []
+
+
+def test_errors_come_first_and_name_line_and_field():
+    found = doubts(battery(2, 1) + VOLTAGES + HEATS.replace("T{", "X{"), heard())
+    assert [doubt.is_error for doubt in found] == sorted((doubt.is_error for doubt in found), reverse=True)
+    assert (found[0].what.code, found[0].file, found[0].field) == (
+        "no-signal-fits",
+        "x.toml",
+        "source.temperature[0].signal",
+    )
+    assert found[0].line == battery(2, 1).count("\n") + VOLTAGES.count("\n") + 1
+
+
+def test_a_signal_of_two_messages_is_a_doubt_and_with_its_message_none():
+    text = battery(2) + VOLTAGES + READINGS
+    (doubt,) = of_code(doubts(text + SOC.replace("Pack.", "")), "signal-of-several")
+    assert set(doubt.what.args["names"]) == {"Pack", "Twin"}
+    assert not doubt.is_error
+    assert of_code(doubts(text + SOC), "signal-of-several") == []
+
+
+def test_the_cells_without_a_signal_are_listed_as_people_count():
+    (doubt,) = of_code(doubts(battery(8) + VOLTAGES + READINGS), "check-without-signal")
+    assert (doubt.what.args["numbers"], doubt.what.args["n"]) == ("3-8", 6)
+
+
+def test_two_signals_of_one_cell_are_named():
+    text = battery(2) + VOLTAGES + VOLTAGES.replace("V{cell}", "V1").replace("base = 1", "first = 2") + READINGS
+    (doubt,) = of_code(doubts(text), "check-two-signals")
+    assert doubt.what.args["number"] == 2
+    assert set(doubt.what.args["names"]) == {"Cells.V1", "Cells.V2"}
+
+
+def test_a_reading_that_is_never_heard_is_named():
+    found = doubts(battery(2) + VOLTAGES + READINGS + SOC, [frame for frame in heard() if frame[1] == 1])
+    assert sorted(doubt.field for doubt in of_code(found, "check-never-heard")) == [
+        "source.current",
+        "source.pack_voltage",
+        "source.soc",
+    ]
+
+
+def test_a_kind_that_is_never_heard_is_told_once_and_not_by_cell():
+    found = doubts(battery(2, 1) + VOLTAGES + HEATS + READINGS, [frame for frame in heard() if frame[1] == 2])
+    assert [doubt.field for doubt in of_code(found, "check-nothing-of-it")] == ["source.voltage", "source.temperature"]
+    assert of_code(found, "check-cells-never-heard") == []
+
+
+def test_a_cell_that_is_invalid_all_the_time_was_never_heard():
+    text = battery(2) + VOLTAGES + "invalid = [65535]\n" + READINGS
+    (doubt,) = of_code(doubts(text, heard(volts=(3700, 65535))), "check-cells-never-heard")
+    assert doubt.what.args["numbers"] == "2"
+
+
+@pytest.mark.parametrize(("pack", "is_told"), [(74, False), (75, False), (78, True), (70, True)])
+def test_a_sum_that_is_off_by_more_than_two_percent_is_told(pack, is_told):
+    found = of_code(doubts(battery(2) + VOLTAGES + READINGS, heard(pack=pack)), "check-sum-off")
+    assert bool(found) == is_told
+
+
+def test_a_sum_is_not_judged_while_a_cell_is_unknown():
+    text = battery(3) + VOLTAGES + READINGS
+    assert of_code(doubts(text, heard(pack=111)), "check-sum-off") == []
+
+
+@pytest.mark.parametrize(("volts", "numbers"), [((900, 3700), "1"), ((900, 6000), "1-2"), ((1500, 4400), None)])
+def test_voltages_that_no_cell_has_are_told_by_cell(volts, numbers):
+    found = of_code(doubts(battery(2) + VOLTAGES + READINGS, heard(volts=volts)), "check-implausible")
+    assert [doubt.what.args["numbers"] for doubt in found] == ([numbers] if numbers else [])
+
+
+@pytest.mark.parametrize(("period_s", "is_told"), [(1.0, False), (9.0, False), (11.0, True)])
+def test_cells_slower_than_the_filter_bridges_are_told_with_the_slowest(period_s, is_told):
+    found = of_code(doubts(battery(2) + VOLTAGES + READINGS, heard(5, period_s=period_s)), "check-slow")
+    assert bool(found) == is_told
+    assert not found or found[0].what.args["n"] == 2
+
+
+@pytest.mark.parametrize(("age_s", "is_told"), [(0.5, True), (2.0, False)])
+def test_an_age_shorter_than_the_time_between_two_values_is_told(age_s, is_told):
+    text = battery(2) + VOLTAGES + f"max_age_s = {age_s}\n" + READINGS
+    assert bool(of_code(doubts(text, heard(period_s=1.0)), "check-age-too-short")) == is_told
+
+
+def test_frames_with_a_wrong_checksum_are_counted():
+    peer = cell_number()
+    frames = [(t, i, data[:7] + bytes([data[7] ^ 1]) if i == 0x036 else data) for t, i, data in peer.frames(7.2)]
+    text = battery(72, 12) + peer.profile + READINGS.replace("Pack_V", "Pack_Inst_V")
+    (doubt,) = of_code(doubts(text, frames, peer.dbc()), "check-bad-checksums")
+    assert doubt.what.args["n"] == sum(can_id == 0x036 for _, can_id, _ in frames)
+
+
+def test_many_cells_are_listed_shortened():
+    odd = "".join(f' SG_ V{k} : {8 * (k // 2)}|8@1+ (0.02,0) [0|5] "V" X\n' for k in range(1, 41, 2))
+    found = doubts(battery(40) + VOLTAGES, None, HEAD + "BO_ 1 Cells: 64 BMS\n" + odd)
+    (doubt,) = of_code(found, "check-without-signal")
+    assert doubt.what.args["numbers"] == "2, 4, 6, 8, 10, 12, 14, 16, ..."
+    assert doubt.what.args["n"] == 20
+
+
+def test_every_doubt_can_be_said_in_both_languages():
+    found = doubts(battery(9, 2, NOTHING) + VOLTAGES + VOLTAGES + READINGS + SOC.replace("Pack.", ""), heard(pack=200))
+    assert len(found) >= 5
+    for language in ("en", "nb"):
+        assert all("{" not in render(doubt.what, language) for doubt in found)

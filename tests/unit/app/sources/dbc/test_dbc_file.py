@@ -1,7 +1,12 @@
+import contextlib
+
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from app.errors import ImportFailed
-from app.sources.dbc.dbc_file import parse_definitions
+from app.sources.dbc.dbc_file import load_definitions, parse_definitions
+from app.sources.dbc.definitions import Layout
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: BMS\n'
 GOOD = 'BO_ 256 Cells: 8 BMS\n SG_ V1 : 0|16@1+ (0.001,0) [0|5] "V" X\n SG_ V2 : 16|16@1+ (0.001,0) [0|5] "V" X\n'
@@ -69,3 +74,83 @@ def test_a_sound_file_has_no_oddity():
 def test_what_is_no_dbc_is_refused(data):
     with pytest.raises(ImportFailed):
         parsed(data)
+
+
+SYM = """FormatVersion=6.0 // Do not edit this line!
+Title="Cells"
+
+{SENDRECEIVE}
+
+[Cells]
+ID=100h
+Len=8
+Var=V1 unsigned 0,16 /u:V /f:0.001
+Var=V2 unsigned 16,16 /u:V /f:0.001
+"""
+KCD = """<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0">
+  <Document name="x"/>
+  <Bus name="hv"><Message id="0x100" length="8" name="Cells">
+    <Signal name="V1" offset="0" length="16"><Value slope="0.001" unit="V"/></Signal>
+    <Signal name="V2" offset="16" length="16"><Value slope="0.001" unit="V"/></Signal>
+  </Message></Bus>
+</NetworkDefinition>
+"""
+
+
+@pytest.mark.parametrize(("name", "text"), [("x.dbc", HEAD + GOOD), ("x.sym", SYM), ("x.kcd", KCD)])
+def test_the_same_message_is_the_same_from_every_format(tmp_path, name, text):
+    path = tmp_path / name
+    path.write_text(text)
+    (message,) = load_definitions(path).messages
+    assert (message.can_id, message.name, message.length) == (0x100, "Cells", 8)
+    for signal, start in zip(message.signals, (0, 16), strict=True):
+        assert signal.layout == Layout(start, 16, scale=0.001)
+        assert signal.unit == "V"
+
+
+def test_a_29_bit_id_has_its_mark():
+    found = parsed(HEAD + 'BO_ 2566869221 Temps: 8 BMS\n SG_ T1 : 0|8@1+ (1,-40) [0|0] "C" X\n')
+    assert found.messages[0].can_id == 0x80000000 | 0x18FF50E5
+
+
+def test_choices_limits_and_the_sender_are_kept():
+    found = parsed(HEAD + GOOD + 'VAL_ 256 V1 0 "none" 65535 "open" ;\n').messages[0]
+    signal = found.signal("V1")
+    assert signal.choices == {0: "none", 65535: "open"}
+    assert (signal.minimum, signal.maximum) == (0.0, 5.0)
+    assert found.sender == "BMS"
+
+
+def test_floats_are_floats_and_have_no_sign_of_their_own():
+    found = parsed(HEAD + 'BO_ 256 M: 8 BMS\n SG_ F : 0|32@1- (1,0) [0|0] "V" X\n\nSIG_VALTYPE_ 256 F : 1;\n')
+    layout = found.messages[0].signal("F").layout
+    assert (layout.is_float, layout.is_signed, layout.length) == (True, False, 32)
+
+
+def test_a_length_that_no_frame_has_is_told():
+    found = parsed(HEAD + 'BO_ 256 M: 11 BMS\n SG_ F : 0|8@1+ (1,0) [0|0] "V" X\n')
+    assert codes(found) == [(5, "dbc-length")]
+    assert codes(parsed(HEAD + 'BO_ 256 M: 12 BMS\n SG_ F : 0|8@1+ (1,0) [0|0] "V" X\n')) == []
+
+
+def test_a_byte_order_mark_and_windows_line_ends_do_not_matter():
+    plain = parsed(HEAD + GOOD)
+    assert parsed(b"\xef\xbb\xbf" + (HEAD + GOOD).replace("\n", "\r\n").encode()) == plain
+
+
+def test_a_unit_in_windows_code_is_read_as_it_was_meant():
+    found = parsed((HEAD + GOOD).replace('"V"', '"°C"').encode("cp1252"))
+    assert found.messages[0].signal("V1").unit == "°C"
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(ImportFailed, match=r"gone\.dbc"):
+        load_definitions(tmp_path / "gone.dbc")
+
+
+@settings(max_examples=30)
+@given(st.binary(max_size=200))
+def test_any_bytes_are_definitions_or_refused(data):
+    for text in (data, (HEAD + GOOD).encode() + data):
+        with contextlib.suppress(ImportFailed):
+            assert parsed(text).messages
