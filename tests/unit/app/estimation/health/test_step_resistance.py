@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.estimation.health.step_resistance import StepResistance
@@ -14,7 +14,7 @@ def run(steps, currents_a, resistance_ohm, rng):
     for current_a in currents_a:
         v = 3.9 - resistance_ohm * current_a
         seen_v = v if seen_v is None else seen_v + 0.6 * (v - seen_v)
-        steps.step(DT_S, current_a, seen_v + rng.normal(0, 1e-4, N))
+        steps.step(DT_S, current_a, seen_v + rng.normal(0, 1e-4, len(resistance_ohm)))
 
 
 @pytest.mark.parametrize("cell", [0, 7])
@@ -54,3 +54,41 @@ def test_a_missing_voltage_is_not_known_and_spoils_no_other():
     run(steps, [100.0] * 10 + [0.0] * 10, resistance_ohm, np.random.default_rng(1))
     assert np.isnan(steps.ratio()[3])
     assert np.isfinite(np.delete(steps.ratio(), 3)).all()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from([14, 96, 216]), st.floats(0, 1, exclude_max=True), st.floats(2.0, 20.0), st.integers(0, 10**6))
+def test_any_joint_that_parted_shows_in_one_step_and_no_other(n, place, times, seed):
+    steps, rng, cell = StepResistance(n), np.random.default_rng(seed), int(place * n)
+    resistance_ohm = np.full(n, 2e-3)
+    resistance_ohm[cell] *= times
+    run(steps, [100.0] * 10 + [0.0] * 10, resistance_ohm, rng)
+    assert abs(steps.ratio()[cell] - times) < max(4 * steps.sigma()[cell], 0.02 * times)
+    np.testing.assert_allclose(np.delete(steps.ratio(), cell), 1.0, atol=0.05)
+
+
+def test_a_step_that_is_too_small_or_over_a_hole_teaches_nothing():
+    small, hole = StepResistance(N), StepResistance(N)
+    run(small, [15.0] * 10 + [0.0] * 10, np.full(N, 2e-3), np.random.default_rng(1))
+    assert small.learned == 0
+    hole.step(0.1, 100.0, np.full(N, 3.7))
+    hole.step(5.0, 0.0, np.full(N, 3.9))
+    assert hole.learned == 0
+    assert np.isnan(hole.ratio()).all()
+
+
+def test_the_next_step_is_judged_by_itself():
+    steps, rng = StepResistance(N), np.random.default_rng(1)
+    parted = np.where(np.arange(N) == 3, 16e-3, 2e-3)
+    run(steps, [100.0] * 10 + [0.0] * 30, parted, rng)
+    assert steps.ratio()[3] > 6.0
+    run(steps, [0.0] * 10 + [100.0] * 10, np.full(N, 2e-3), rng)
+    assert steps.ratio()[3] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_sample_without_a_current_is_passed_over():
+    steps, rng = StepResistance(N), np.random.default_rng(1)
+    run(steps, [100.0] * 10, np.full(N, 2e-3), rng)
+    steps.step(DT_S, float("nan"), np.full(N, 3.0))
+    run(steps, [0.0] * 10, np.full(N, 2e-3), rng)
+    np.testing.assert_allclose(steps.ratio(), 1.0, atol=0.05)

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from app.estimation.recording.gaps import GapWatch, bridge_gap
 
@@ -46,3 +48,50 @@ def test_a_gap_in_a_drive_leaves_the_charge_unsure_and_one_in_a_rest_does_not():
     assert gap.sigma_ah > 0.05
     assert rested.step(20.0, 0.0, 40.0).sigma_ah == 0.0
     assert driven.usual_step_s == pytest.approx(0.1)
+
+
+any_current = st.floats(-300.0, 300.0)
+
+
+@given(st.floats(0.5, 1e5), any_current, any_current, st.floats(0.0, 200.0), st.floats(0.0, 200.0))
+def test_what_is_taken_for_a_gap_lies_between_nothing_and_its_ends(gap_s, before_a, after_a, spread_a, usual_a):
+    gap = bridge_gap(gap_s, (before_a, after_a), spread_a, usual_a, 25.0)
+    low, high = min(before_a, after_a, 0.0), max(before_a, after_a, 0.0)
+    assert low - 1e-9 <= gap.current_a <= high + 1e-9
+    assert 0.0 <= gap.sigma_ah <= max(spread_a, usual_a) * gap_s / 3600.0 + 1e-9
+    if gap_s > 60.0:
+        assert abs(gap.current_a) * gap_s <= 0.5 * 25.0 * 3600.0
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.floats(2.0, 4.0))
+def test_the_charge_that_flowed_in_a_gap_of_seconds_is_inside_its_band(seed, gap_s):
+    rng = np.random.default_rng(seed)
+    drive = np.repeat(rng.choice([-40.0, 0.0, 60.0, 120.0], 900), 20)  # another current every 2 s
+    hole = round(gap_s / 0.1)
+    watch = watched(drive[:9000])
+    gap = watch.step(gap_s, float(drive[9000 + hole]), 25.0)
+    assert gap is not None
+    flowed_ah = drive[9000 : 9000 + hole].sum() * 0.1 / 3600.0
+    assert abs(flowed_ah - gap.current_a * gap_s / 3600.0) < 4.0 * gap.sigma_ah
+
+
+@given(st.lists(st.floats(0.05, 0.2), min_size=30, max_size=60), any_current)
+def test_no_jitter_of_the_steps_is_a_gap(steps_s, current_a):
+    watch = GapWatch()
+    assert [watch.step(dt_s, current_a, 25.0) for dt_s in steps_s] == [None] * len(steps_s)
+
+
+def test_measurements_of_one_moment_are_no_step():
+    watch = watched(np.full(100, 50.0))
+    assert watch.step(0.0, 50.0, 25.0) is None
+    assert watch.usual_step_s == pytest.approx(0.1)
+    assert watch.is_gap(5.0)
+    assert not watch.is_gap(0.1)
+
+
+def test_a_second_gap_is_judged_by_the_step_before_the_first():
+    watch = watched(np.full(100, 50.0))
+    assert watch.step(20.0, 50.0, 25.0) is not None
+    assert watch.usual_step_s == pytest.approx(0.1)
+    assert watch.step(20.0, 50.0, 25.0) is not None

@@ -1,5 +1,7 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.estimation.scoring.scoring import score_soc, settling_time
 
@@ -57,3 +59,31 @@ def test_a_run_starts_at_its_first_row_also_where_no_reference_is_known_there():
     score = score_soc(np.arange(100.0) + 5000.0, np.full(100, 0.5), np.full(100, 0.01), reference)
     assert score.settle_5_s == 0.0
     assert score.soc_max_error_after_60s == 0.0
+
+
+@given(st.lists(st.floats(-0.5, 0.5), min_size=1, max_size=60), st.floats(0.001, 0.2))
+def test_after_the_settling_time_the_error_stays_within_and_just_before_it_did_not(errors, bound):
+    error, elapsed_s = np.array(errors), np.arange(float(len(errors)))
+    settled_s = settling_time(elapsed_s, error, bound)
+    if settled_s is None:
+        assert abs(error[-1]) > bound
+    else:
+        assert (np.abs(error[elapsed_s >= settled_s]) <= bound).all()
+        assert settled_s == 0.0 or abs(error[int(settled_s) - 1]) > bound
+
+
+@given(st.lists(st.floats(-0.3, 0.3), min_size=2, max_size=60))
+def test_the_scores_of_a_run_agree_with_each_other(errors):
+    error = np.array(errors)
+    reference = np.full(error.size, 0.5)
+    score = score_soc(30.0 * np.arange(error.size), reference + error, np.full(error.size, 0.05), reference)
+    assert abs(score.soc_bias) <= score.soc_rmse + 1e-12
+    assert score.nees == pytest.approx((score.soc_rmse / 0.05) ** 2)
+    assert 0.0 <= score.inside_3_sigma <= 1.0
+    assert score.settle_2_s is None or score.settle_5_s <= score.settle_2_s
+
+
+def test_a_sigma_of_nothing_is_a_lie_and_no_division_by_zero():
+    score = score_soc(np.arange(3.0), np.full(3, 0.6), np.zeros(3), np.full(3, 0.5))
+    assert np.isfinite(score.nees)
+    assert score.inside_3_sigma == 0.0
