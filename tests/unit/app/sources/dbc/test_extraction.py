@@ -1,4 +1,7 @@
+import struct
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -36,3 +39,29 @@ def test_scale_and_offset_make_the_value():
     layout = Layout(0, 8, scale=0.25, offset=-40.0)
     data = np.array([[200, 0, 0, 0, 0, 0, 0, 0]], np.uint8)
     np.testing.assert_array_equal(physical_values(raw_values(data, layout), layout), [10.0])
+
+
+@pytest.mark.parametrize(("bits", "code"), [(16, "e"), (32, "f"), (64, "d")])
+@pytest.mark.parametrize("is_little", [True, False])
+@given(number=st.floats(-1e4, 1e4, width=16))
+def test_floats_of_every_length_are_those_of_their_bytes(bits, code, is_little, number):
+    packed = struct.pack(("<" if is_little else ">") + code, number).ljust(8, b"\0")
+    layout = Layout(0 if is_little else 7, bits, is_little, is_float=True)
+    found = physical_values(raw_values(np.frombuffer(packed, np.uint8).reshape(1, 8), layout), layout)
+    assert found.tolist() == [number]
+
+
+@given(st.lists(st.binary(min_size=8, max_size=8), min_size=1, max_size=5), st.integers(0, 48), st.integers(1, 16))
+def test_a_frame_of_classic_can_reads_the_same_in_a_log_with_can_fd(datas, start, bits):
+    classic = np.frombuffer(b"".join(datas), np.uint8).reshape(-1, 8)
+    fd = np.zeros((len(datas), 64), np.uint8)
+    fd[:, :8] = classic
+    layout = Layout(start, bits)
+    assert raw_values(classic, layout).tolist() == raw_values(fd, layout).tolist()
+    assert raw_values(fd[:, ::-1][:, ::-1], layout).tolist() == raw_values(fd, layout).tolist()
+
+
+def test_a_negative_number_with_a_scale_is_negative():
+    layout = Layout(0, 12, is_signed=True, scale=0.5, offset=1.0)
+    data = np.array([[0xFE, 0x0F, 0, 0, 0, 0, 0, 0]], np.uint8)
+    assert physical_values(raw_values(data, layout), layout).tolist() == [0.0]

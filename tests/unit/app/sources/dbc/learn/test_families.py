@@ -1,15 +1,17 @@
 """Families of signals as teams name them: number of cells, order, unit and segments are found."""
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.families import family_proposals
 from app.sources.dbc.learn.survey import survey
 from tests.peer_batteries import HEAD, Bits, Peer, Sent, others
-from tests.unit.app.sources.dbc.learn.test_learning import assert_learned_rightly
+from tests.unit.app.sources.dbc.learn.test_learning import assert_learned_rightly, learned_of
 
 RUNNING = (
     "Cell{c}_Voltage",
@@ -177,3 +179,45 @@ def test_a_cell_that_the_dbc_does_not_have_keeps_its_number(gap):
     best = proposals(message(1, "M", signals([f"Cell_{k}_V" for k in range(9) if k != gap], bits=8, factor=0.02)))[0]
     assert best.n == 9
     assert best.entries[0].base == {}
+
+
+@st.composite
+def heated(draw):
+    """A battery with temperatures of any number, name, base and scale beside its cells and those of the motor."""
+    peer = Peer("heat", 24, draw(st.integers(4, 30)), segments=None)
+    for f in range(6):
+        bits = [
+            Bits(f"Cell{4 * f + k}_V", 16 * k, 16, lambda t, i=4 * f + k: peer.voltage(i, t), 0.0001, unit="V")
+            for k in range(4)
+        ]
+        peer.sent.append(Sent(0x120 + f, f"Cells_{f}", 8, 0.4, [bits]))
+    pattern = draw(st.sampled_from(["Cell_Temp_{}", "Temp{:02d}", "NTC_{}", "Therm{}_T", "Zelle{}_Temperatur"]))
+    unit, factor, offset, bits = draw(
+        st.sampled_from(
+            [("degC", 1, -40, 8), ("C", 0.5, -40, 8), ("degC", 0.1, 0, 16), ("K", 0.1, 0, 16), ("", 1, 0, 8)]
+        )
+    )
+    zero = 273.15 if unit == "K" else 0.0
+    base, a_frame = draw(st.integers(0, 1)), 64 // bits
+    for f, first in enumerate(range(0, peer.n_sensors, a_frame)):
+        signals_of = [
+            Bits(
+                pattern.format(i + base), bits * k, bits, lambda t, i=i: peer.temperature(i, t) + zero,
+                factor, offset, unit,
+            )
+            for k, i in enumerate(range(first, min(first + a_frame, peer.n_sensors)))
+        ]  # fmt: skip
+        peer.sent.append(Sent(0x180 + f, f"Temps_{f}", 8, 0.5, [signals_of]))
+    peer.sent += others(peer)
+    return peer
+
+
+@settings(max_examples=20)
+@given(heated())
+def test_temperatures_of_any_number_name_and_unit_are_found_and_those_of_the_motor_are_not(peer):
+    definitions, frames, learned = learned_of(peer, 3)
+    assert learned.battery.n_sensors == peer.n_sensors
+    found = BatteryDecoder(learned.battery, learned.source, definitions).decode(frames)["temperature"]
+    expected = [peer.temperature(s, t / 1e9) for s, t in zip(found.index.tolist(), found.t_ns.tolist(), strict=True)]
+    np.testing.assert_allclose(found.value, expected, atol=0.51)
+    assert set(found.index.tolist()) == set(range(peer.n_sensors))
