@@ -33,3 +33,9 @@ def test_what_a_link_delivers_has_the_time_of_the_monotonic_clock():
     item = CanItem(t_mono_ns=5_000, t_wall_ns=1_700_000_000_000_000_000, can_id=0x123, data=b"\x01\x02")
     frames = frames_of_items([item])
     assert (frames.t_ns.tolist(), frames.length.tolist()) == ([5_000], [2])
+
+
+def test_no_frames_are_columns_without_rows():
+    frames = frames_of([])
+    assert (len(frames), frames.data.shape) == (0, (0, 8))
+    assert len(frames.part(slice(0, 5))) == 0

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -118,3 +119,24 @@ def test_signals_that_differ_only_in_the_multiplexer_share_one_lane():
     assert lane.multiplexer == "Mux"
     assert lane.table.tolist()[:4] == [0, 1, 2, 3]
     assert lane.signal_names == ("V0", "V1", "V2", "V3")
+
+
+@pytest.mark.parametrize(
+    ("dbc_unit", "unit", "scale", "offset"),
+    [("V", "", 1.0, 0.0), ("mV", "", 1e-3, 0.0), ("V", "mV", 1e-3, 0.0), ("", "0.1mV", 1e-4, 0.0), ("", "", 1.0, 0.0)],
+)
+def test_the_unit_of_the_profile_counts_and_else_that_of_the_dbc(dbc_unit, unit, scale, offset):
+    text = f'BO_ 1 M: 8 BMS\n SG_ V1 : 0|16@1+ (1,0) [0|0] "{dbc_unit}" X\n'
+    source = SpeaksDbc(("x.dbc",), {"voltage": (CellSignals("V{cell}", base={"cell": 1}, unit=unit),)})
+    (lane,) = lanes_of(Battery("x", (1,)), source, definitions(text)).by_id[1]
+    assert (lane.layout.scale, lane.layout.offset) == pytest.approx((scale, offset))
+
+
+@pytest.mark.parametrize(
+    ("unit", "raw", "degc"), [("0.1K", 2981.5, 25.0), ("K", 298.15, 25.0), ("degF", 77.0, 25.0), ("0.1degC", 250, 25.0)]
+)
+def test_temperatures_of_any_unit_are_degc(unit, raw, degc):
+    text = 'BO_ 1 M: 8 BMS\n SG_ T1 : 0|16@1+ (1,0) [0|0] "" X\n'
+    source = SpeaksDbc(("x.dbc",), {"temperature": (CellSignals("T{cell}", base={"cell": 1}, unit=unit),)})
+    (lane,) = lanes_of(Battery("x", (1,), sensors=((0,),)), source, definitions(text)).by_id[1]
+    assert raw * lane.layout.scale + lane.layout.offset == pytest.approx(degc)

@@ -38,3 +38,10 @@ def test_the_name_of_a_flag_is_made_from_the_texts_of_its_value():
     assert filled("CellVoltage_{cell}_invalidFlag", texts) == "CellVoltage_007_invalidFlag"
     assert filled("Bad{segment}_{cell}", texts) == "Bad{segment}_007"
     assert texts_in("CellVoltage_{cell}", "Current") == {}
+
+
+@given(st.text("ABCxyz_.*+([", max_size=8).filter(lambda text: "*" not in text), st.integers(0, 999))
+def test_whatever_stands_around_a_number_stands_for_itself(text, cell):
+    assert numbers_in(text + "{cell}", f"{text}{cell}", {}) == {"cell": cell}
+    assert numbers_in("{cell}" + text, f"{cell}{text}", {}) == {"cell": cell}
+    assert numbers_in(text + "{cell}", f"{text}{cell}x", {}) is None

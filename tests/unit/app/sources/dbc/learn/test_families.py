@@ -10,7 +10,7 @@ from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.families import family_proposals
 from app.sources.dbc.learn.survey import survey
-from tests.peer_batteries import HEAD, Bits, Peer, Sent, others
+from tests.peer_batteries import HEAD, Bits, Peer, Sent, fixed, others
 from tests.unit.app.sources.dbc.learn.test_learning import assert_learned_rightly, learned_of
 
 RUNNING = (
@@ -221,3 +221,62 @@ def test_temperatures_of_any_number_name_and_unit_are_found_and_those_of_the_mot
     expected = [peer.temperature(s, t / 1e9) for s, t in zip(found.index.tolist(), found.t_ns.tolist(), strict=True)]
     np.testing.assert_allclose(found.value, expected, atol=0.51)
     assert set(found.index.tolist()) == set(range(peer.n_sensors))
+
+
+@st.composite
+def paged(draw):
+    """A battery under a multiplexer, of any width of its values, with or without numbers that begin with one."""
+    width, unit = draw(st.sampled_from([(16, ("V", 1.0, 0.0001)), (16, ("mV", 1000.0, 1.0)), (12, ("V", 1.0, 0.002))]))
+    k = draw(st.integers(1, 48 // width))
+    pages, base = draw(st.integers(6, 24)), draw(st.integers(0, 1))
+    unit_text, per_volt, factor = unit
+    peer = Peer("paged", k * pages, 0, resolution_v=factor / per_volt)
+    pattern = draw(st.sampled_from(["CellV_{}", "Cell{:03d}_Voltage", "VCell{}", "U_Zelle_{}"]))
+    turns = []
+    for page in range(pages):
+        bits = [Bits("Mux", 0, 8, fixed(page), is_mux=True)]
+        for j in range(k):
+            i = k * page + j
+            bits.append(
+                Bits(
+                    pattern.format(i + base), 8 + width * j, width,
+                    lambda t, i=i: peer.voltage(i, t) * per_volt, factor, unit=unit_text, mux=page,
+                )
+            )  # fmt: skip
+        turns.append(bits)
+    can_id = draw(st.sampled_from([0x220, 0x80000000 | 0x18FF0001]))
+    peer.sent = [Sent(can_id, "BMS_Cell_Pages", 8, 0.02 * pages, turns), *others(peer)]
+    return peer
+
+
+@settings(max_examples=20)
+@given(paged())
+def test_cells_under_a_multiplexer_of_any_width_are_found(peer):
+    assert_learned_rightly(peer, 13)
+
+
+@pytest.mark.parametrize("sizes", [(12, 12, 11), (7, 8), (10, 12, 14, 12)])
+def test_segments_of_different_sizes_keep_their_sizes(sizes):
+    text = "".join(
+        message(1 + s, f"Seg{s + 1}", signals([f"Seg{s + 1}_Cell{k + 1}" for k in range(size)], bits=16), 64)
+        for s, size in enumerate(sizes)
+    )
+    best = proposals(text)[0]
+    assert (best.n, best.segments) == (sum(sizes), sizes)
+    assert best.entries[0].base == {"segment": 1, "cell": 1}
+
+
+@pytest.mark.parametrize("ids", [[0x30, 0x20, 0x10], [0x10, 0x20, 0x30]])
+def test_names_count_and_not_ids_nor_the_order_of_the_file(ids):
+    text = "".join(
+        message(can_id, f"Frame{f}", signals([f"Cell_{4 * f + k}_V" for k in range(4)])) for f, can_id in enumerate(ids)
+    )
+    best = proposals(text)[0]
+    assert (best.n, best.entries[0].signal, best.entries[0].base) == (12, "Cell_{cell}_V", {})
+    assert [signal.name for _, signal in best.members] == [f"Cell_{k}_V" for k in range(12)]
+
+
+def test_balancing_bits_are_a_family_of_their_own():
+    bits = "".join(f' SG_ Balance_Cell_{k} : {k}|1@1+ (1,0) [0|1] "" X\n' for k in range(1, 13))
+    best = proposals(message(1, "M", bits), "balancing")[0]
+    assert (best.n, best.entries[0].signal) == (12, "Balance_Cell_{cell}")

@@ -178,3 +178,20 @@ def test_two_cells_a_frame_each_with_its_own_number_are_two_ways():
 def test_numbers_that_mean_not_measured_are_invalid_and_not_zero_volts():
     frames = [*told(range(24)), (30, 1, bytes([5, 0, 0])), (31, 1, bytes([6, 0xFF, 0xFF]))]
     assert set(best(CELLS.format(most=71), frames).entries[0].invalid) == {0, 0xFFFF}
+
+
+@given(st.permutations(range(24)), st.integers(0, 1))
+def test_the_order_in_which_cells_are_told_does_not_matter(order, base):
+    found = best(CELLS.format(most=255), told([cell + base for cell in order]))
+    assert (found.n, found.entries[0].base) == (24, {"cell": 1} if base else {})
+
+
+@pytest.mark.parametrize("segments", [(3, 3), (12, 12, 11), (1, 5)])
+def test_each_segment_has_as_many_cells_as_were_heard_of_it(segments):
+    text = CELLS.format(most=255).replace("8|16", "16|16") + ' SG_ Module_ID : 8|8@1+ (1,0) [0|0] "" X\n'
+    volts = (3700).to_bytes(2, "little")
+    places = [(s + 1, c + 1) for s, size in enumerate(segments) for c in range(size)]
+    found = best(text, [(k, 1, bytes([c, s]) + volts) for k, (s, c) in enumerate(places)])
+    assert (found.n, found.segments) == (sum(segments), segments)
+    assert found.entries[0].numbers == {"segment": "Module_ID", "cell": "Cell_ID"}
+    assert [reason.code for reason in found.reasons] == ["learn-two-numbers"]
