@@ -57,6 +57,7 @@ def test_a_limit_beyond_the_rules_fails(tmp_path, monkeypatch, voltwall):
         (("--steps", "spark"), "--steps"),
         (("--session", "none"), "none"),
         (("--serial", "bogus://x"), "serial"),
+        (("--serial", "/dev/no-such-port"), "no such port"),
         (("--cell", "none.toml"), "cell"),
     ],
 )

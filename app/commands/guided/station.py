@@ -7,11 +7,13 @@ from pathlib import Path
 from app.analysis.evidence.looks import Look, Values, looks
 from app.analysis.evidence.timing import TRIPS
 from app.clock import Clock
+from app.errors import LinkLost
 from app.sessions.info import SessionInfo
 from app.sessions.recording.recorder import Recorder
-from app.sources.items import Item, SerialItem
+from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.links.serial import SerialLink
 from app.sources.master.client import MasterClient
+from app.telemetry.link_messages import link_lost
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.framing import BAUD_RATE, Frame
 from firmware_protocol.memory_map import CONFIG_SIZE
@@ -23,11 +25,12 @@ class Station:
 
     def __init__(self, url: str, folder: Path, version: str, clock: Clock) -> None:
         self._clock = clock
-        self.recorder = Recorder(folder, clock, version=version)
+        self.recorder = Recorder(folder, clock, version=version, keeps_empty=False)
         self._link = SerialLink(url, self._take, clock)
         self.client = MasterClient(self._link.write, clock)
         self._news = threading.Condition()
         self._newest: Look | None = None
+        self._lost: LinkChange | None = None
         self._trips: list[EventMessage] = []
 
     def start(self, name: str, metadata: dict[str, object]) -> SessionInfo:
@@ -62,6 +65,18 @@ class Station:
         with self._news:
             return self._news.wait_for(lambda: self._holds(condition), seconds)
 
+    def wait_for_telemetry(self, seconds: float) -> bool:
+        """Wait until the master speaks; False after the time.
+
+        Raises:
+            LinkLost: the port cannot be opened.
+        """
+        with self._news:
+            self._news.wait_for(lambda: self._newest is not None or self._lost is not None, seconds)
+            if self._newest is None and self._lost is not None:
+                raise LinkLost(link_lost("rs232", self._lost.error))
+            return self._newest is not None
+
     def rest(self, seconds: float) -> None:
         """Let so much be recorded."""
         self.wait(lambda *_: False, seconds)
@@ -71,6 +86,10 @@ class Station:
         return values is not None and condition(values, self._trips)
 
     def _take(self, item: Item) -> None:
+        if isinstance(item, LinkChange) and item.state == "lost":
+            with self._news:
+                self._lost = item
+                self._news.notify_all()
         if not isinstance(item, SerialItem):
             return
         frame = item.frame

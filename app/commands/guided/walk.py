@@ -29,9 +29,9 @@ def walk(station: Station, bench: Bench, names: set[str], say: Callable[[str], N
 
     Raises:
         NotReady: no telemetry, or the circuit is open before the first step.
-        LinkLost, MasterSilent, MasterRefused: the master does not answer, or does not take a request.
+        LinkLost, MasterSilent, MasterRefused: the port cannot be opened, the master does not answer, or refuses.
     """
-    if not station.wait(lambda *_: True, READY_S):
+    if not station.wait_for_telemetry(READY_S):
         raise NotReady(Message("evidence-no-telemetry"))
     station.client.identify()
     image = station.read_config()
