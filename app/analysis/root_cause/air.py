@@ -23,6 +23,7 @@ AIR_WINDOW_S: Final = 90.0
 COOLING_FROM_K: Final = 1.5  # duty times kelvin above the air: less tells nothing of the fans
 COOLING_LEAST_S: Final = 150.0
 COOLING_SOC: Final = 0.3  # below, the reaction itself takes up heat
+EMPTY_WEIGHT: Final = 36.0  # of an empty pack small differences of cells are large
 HOT_K: Final = 10.0  # below the limit: cooler, nobody needs the fans
 COOLING_W_PER_K: Final = 0.6  # of a cell at full duty: what moving air takes away at least
 
@@ -48,7 +49,7 @@ def pack_suspicions(recording: Recording, model: CellModel) -> Iterator[Suspicio
                 level = Quantity(100 * float(soc), "%", 0)
                 middle = Quantity(float(volts), "V", 2)
                 yield Suspicion(
-                    "empty-pack", event.at_s - 5.0, 16.0, (Message("seen-empty", soc=level, middle=middle),)
+                    "empty-pack", event.at_s - 5.0, EMPTY_WEIGHT, (Message("seen-empty", soc=level, middle=middle),)
                 )
         hot_limit = recording.limits.get("t_cell_max", 60.0)
         if ("t-max" in event.code or event.code == "cell-hot") and degc > hot_limit - 4.0:
