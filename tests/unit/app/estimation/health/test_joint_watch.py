@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.health.joint_watch import CONFIRMATIONS, JointWatch, LooseJoints
@@ -76,13 +74,8 @@ def test_a_past_of_other_cells_is_refused():
         JointWatch(N, PER_PACK, np.zeros(5))
 
 
-@settings(max_examples=6, deadline=None)
-@given(
-    st.sampled_from([(14, 14), (24, 12), (216, 18)]),
-    st.floats(0.0, 1.0, exclude_max=True),
-    st.floats(3e-4, 2e-2),
-    st.integers(0, 10**6),
-)
+@pytest.mark.parametrize("shape", [(14, 14), (24, 12), (216, 18)])
+@pytest.mark.parametrize(("place", "grown_ohm", "seed"), [(0.0, 3e-4, 1), (0.99, 2e-2, 2)])
 def test_a_joint_that_grows_is_named_in_any_pack_and_no_other(shape, place, grown_ohm, seed):
     (n, per_pack), rng = shape, np.random.default_rng(seed)
     cell, resistance_ohm = int(place * n), 2e-3 + rng.normal(0, 2e-5, n)
@@ -94,8 +87,7 @@ def test_a_joint_that_grows_is_named_in_any_pack_and_no_other(shape, place, grow
     assert abs(excess_ohm - grown_ohm) < 3 * np.hypot(sigma_ohm, 0.02 * grown_ohm)
 
 
-@settings(max_examples=5, deadline=None)
-@given(st.integers(0, 10**6))
+@pytest.mark.parametrize("seed", range(4))
 def test_sound_joints_are_left_alone_whatever_the_noise(seed):
     rng = np.random.default_rng(seed)
     assert drive(JointWatch(N, PER_PACK), 2e-3 + rng.normal(0, 2e-5, N), 150, rng) == set()
