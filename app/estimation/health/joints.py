@@ -31,6 +31,7 @@ SET_NOISE_V: Final = 2e-3  # of samples that a resistance was set for
 SAMPLES_MIN: Final = 20.0  # effective number of samples below which nothing is known
 MAD_TO_SIGMA: Final = 1.4826  # of a normal distribution
 POLISH_ROUNDS: Final = 6
+LESS_SIGMAS: Final = 3.0  # of sound cells' scatter, by which a cell may resist less than its peers
 SLOPE_MAX: Final = 5.0  # ohmic over pair resistance; more means that the pair was hardly seen
 
 
@@ -313,6 +314,7 @@ def judge_joints(
         e_ohmic = g R_ohmic + j,   e_pair = g R_pair
 
     As far as the sound cells show that both spread together, their slope is used; a cell far outside takes all of it.
+    No cell resists less than its peers by more than they scatter: a pair that was not seen well makes no joint of it.
     Where the past of a cell is known its whole growth is the joint's: no cell ages within a session.
 
     Args:
@@ -340,11 +342,13 @@ def judge_joints(
     shown_slope = float(np.clip(_slope_of_sound(pair, ohmic), 0.0, full_slope))
     scatter = max(_mad_sigma(pair), 1e-12)
     outlying = np.clip((np.abs(pair) / scatter - 4.0) / 4.0, 0.0, 1.0)
-    from_cell = (shown_slope + (full_slope - shown_slope) * outlying) * pair
+    slope = shown_slope + (full_slope - shown_slope) * outlying
+    from_cell = np.maximum(slope * pair, -LESS_SIGMAS * _mad_sigma(ohmic))
     past = np.broadcast_to(np.asarray(np.nan if baseline_ohm is None else baseline_ohm, dtype=np.float64), (n,))
     has_past = np.isfinite(past)
     joint = ohmic - np.where(has_past, past, from_cell)
     scatter_ohm = np.where(has_past, _sound_sigma(joint[has_past]), _sound_sigma(ohmic - from_cell))
+    scatter_ohm = np.hypot(scatter_ohm, np.where(has_past, 0.0, slope * np.nan_to_num(sigma_ohm[1])))
     sigma = np.hypot(np.nan_to_num(sigma_ohm[0], nan=np.inf), scatter_ohm)
     is_loose = np.nan_to_num(joint) > np.maximum(alarm_ohm, alarm_sigmas * sigma)
     growth = from_cell / max(float(typical[0]), 1e-12)

@@ -87,7 +87,7 @@ def test_a_joint_that_grows_is_named_in_any_pack_and_no_other(shape, place, grow
     assert abs(excess_ohm - grown_ohm) < 3 * np.hypot(sigma_ohm, 0.02 * grown_ohm)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, 2, 33100])  # the last: a pair's resistance that was learned 0.13 mohm too small
 def test_sound_joints_are_left_alone_whatever_the_noise(seed):
     rng = np.random.default_rng(seed)
     assert drive(JointWatch(N, PER_PACK), 2e-3 + rng.normal(0, 2e-5, N), 150, rng) == set()
