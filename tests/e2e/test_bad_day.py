@@ -39,7 +39,7 @@ COMPARE = """async ([page, frames]) => {
   }[page];
   const differ = [];
   const seen = new Set();
-  for (let i = 0; i < frames; i++) {
+  for (let i = 0; i < frames || (seen.size < 2 && i < 20 * frames); i++) {
     await new Promise(requestAnimationFrame);
     const found = pairs();
     seen.add(found.join(';'));
