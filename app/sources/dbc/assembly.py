@@ -134,7 +134,7 @@ class Assembler:
             self._scalars[name] = _Scalar(None if reading is None else reading.max_age_s)
         self._kinds: dict[str, _Channels | _Scalar] = {**self._arrays, **self._scalars}
         self._next_ns: int | None = None
-        self._pending: dict[str, int] = {}  # channels that are new since the last measurement
+        self._rest: dict[str, Values] = {}  # of the period that has not ended: taken when it does, as in one batch
 
     def feed(self, values: Mapping[str, Values], until_ns: int | None = None) -> list[BatteryMeasurement]:
         """Take values and return the measurements of the periods that ended.
@@ -151,23 +151,24 @@ class Assembler:
         if self._next_ns is None:
             first = min((int(each.t_ns[0]) for each in known.values()), default=end_ns)
             self._next_ns = (first // self._period_ns + 1) * self._period_ns
-        at = dict.fromkeys(known, 0)
+        waiting = self._rest | {kind: _joined(self._rest.get(kind), each) for kind, each in known.items()}
+        at = dict.fromkeys(waiting, 0)
         found = []
         while self._next_ns <= end_ns:
-            new = self._take(known, at, self._next_ns)
+            new = self._take(waiting, at, self._next_ns)
             found.append(self.measure(self._next_ns, new))
             self._next_ns += self._period_ns
-        rest = self._take(known, at, None)
-        self._pending = {kind: n for kind, n in rest.items() if n}
+        rest = ((kind, each, at[kind]) for kind, each in waiting.items())
+        self._rest = {kind: _from(each, first) for kind, each, first in rest if first < len(each.t_ns)}
         return found
 
-    def _take(self, values: Mapping[str, Values], at: dict[str, int], until_ns: int | None) -> dict[str, int]:
-        new = dict(self._pending)
-        self._pending = {}
+    def _take(self, values: Mapping[str, Values], at: dict[str, int], until_ns: int) -> dict[str, int]:
+        """Take what came up to an instant, from `at` on, which moves; return how many channels of each kind are new."""
+        new = {}
         for kind, each in values.items():
-            last = len(each.t_ns) if until_ns is None else int(np.searchsorted(each.t_ns, until_ns, side="right"))
+            last = int(np.searchsorted(each.t_ns, until_ns, side="right"))
             if last > at[kind]:
-                new[kind] = new.get(kind, 0) + self._kinds[kind].take(each, at[kind], last)
+                new[kind] = self._kinds[kind].take(each, at[kind], last)
                 at[kind] = last
         return new
 
@@ -195,6 +196,16 @@ class Assembler:
             limits={name: one[f"limit.{name}"] for name in self._battery.limits},
             is_sample=bool(new.get("voltage")) and bool(new.get("current")),
         )
+
+
+def _from(values: Values, first: int) -> Values:
+    return Values(values.t_ns[first:], values.index[first:], values.value[first:])
+
+
+def _joined(before: Values | None, after: Values) -> Values:
+    if before is None:
+        return after
+    return Values(*(np.concatenate((getattr(before, n), getattr(after, n))) for n in ("t_ns", "index", "value")))
 
 
 def _age_of(ages: tuple[float | None, ...]) -> float | None:

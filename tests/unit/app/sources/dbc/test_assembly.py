@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -24,7 +22,7 @@ def assembler(max_age_s=None, n_cells=2, period_s=0.1):
     entry = CellSignals("V{cell}", max_age_s=max_age_s)
     return Assembler(
         Battery("x", (n_cells,)),
-        SpeaksDbc(("x.dbc",), {"voltage": (entry,)}, current=replace(CURRENT, max_age_s=max_age_s), period_s=period_s),
+        SpeaksDbc(("x.dbc",), {"voltage": (entry,)}, current=CURRENT, period_s=period_s),
     )
 
 
@@ -105,12 +103,11 @@ def test_a_measurement_never_holds_what_came_later_nor_an_older_one_than_the_new
 
 @given(st.lists(st.integers(1, 900), min_size=2, max_size=30), st.integers(1, 29))
 def test_wherever_batches_are_cut_measurements_are_the_same(gaps_ms, cut):
-    """With ages that the profile names: measured periods are means over what comes in one batch."""
     times = np.cumsum(gaps_ms) / 1000
     rows = [(t, k % 2, 3.0 + 0.01 * k) for k, t in enumerate(times)]
     amps = [(t, 0, float(k)) for k, t in enumerate(times)]
-    whole = assembler(max_age_s=0.5).feed({"voltage": values(*rows), "current": values(*amps)})
-    parts, found = assembler(max_age_s=0.5), []
+    whole = assembler().feed({"voltage": values(*rows), "current": values(*amps)})
+    parts, found = assembler(), []
     for some in (slice(0, cut), slice(cut, None)):
         if rows[some]:
             found += parts.feed({"voltage": values(*rows[some]), "current": values(*amps[some])})
