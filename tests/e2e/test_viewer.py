@@ -7,6 +7,8 @@ import pytest
 from playwright.sync_api import expect
 
 from app.sessions.recording.recorder import Recorder
+from app.telemetry.events import Event
+from app.words.message import Message
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
 from firmware_protocol.messages import Data, MessageType, Window
@@ -30,7 +32,7 @@ def times_s():
 
 
 def record(folder: Path, name: str, *, dips: bool) -> None:
-    """Write a session as the service does."""
+    """Write a session as the service does; at the dip two cells trip and two people set a marker in one instant."""
     now_ns = 0
     recorder = Recorder(folder, FunctionClock(lambda: now_ns, lambda: START_NS + now_ns), version="test")
     recorder.start(name)
@@ -48,6 +50,12 @@ def record(folder: Path, name: str, *, dips: bool) -> None:
         recorder.frame(now_ns, START_NS + now_ns, 0, raw, True)
         if count % 2000 == 0:
             recorder.flush(60)
+    if dips:
+        at_ns = START_NS + round(DIP_S * 1e9)
+        for cell in (CELL, CELL + 1):
+            trip = Event(at_ns, "trip", "trip-v-min", Message("cell-voltage-low"), cell=cell)
+            recorder.event(round(DIP_S * 1e9), trip)
+            recorder.marker(round(DIP_S * 1e9), at_ns, f"cell {cell}")
     recorder.close(60)
 
 
@@ -111,6 +119,17 @@ def test_a_link_leads_to_the_moment_and_cursors_read_it(viewed, open_page):
     again = open_page(shared)
     row = again.get_by_test_id("readout").get_by_role("row", name=re.compile("Voltage of pack 3, cell 7"))
     expect(row).to_contain_text("2.900 … 3.703 V")
+
+
+def test_alarms_and_markers_of_one_instant_are_all_shown(viewed, open_page):
+    """A key that two of them share stops the page from drawing."""
+    service, found = viewed
+    page = open_page(f"{service.base_url}/#/sessions/{found['dip']}?cell={CELL}")
+    trips = page.get_by_test_id("alarm-timeline")
+    for cell in (7, 8):
+        expect(trips.get_by_role("button", name=re.compile(f"pack 3, cell {cell},"))).to_be_visible()
+    expect(page.get_by_text("cell 30")).to_be_visible()
+    expect(page.get_by_text("cell 31")).to_be_visible()
 
 
 def test_the_scrubber_is_worked_by_keys(viewed, open_page):
