@@ -1,8 +1,10 @@
 """Where profiles are: bundled ones by name, files by path, what they include beside them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from app.battery.profile import Document, Profile, read_document, understand
 from app.battery.table_reader import ProfileError
@@ -41,6 +43,59 @@ def load_profile(name: str) -> LoadedProfile:
     profile = understand(document)
     dbc = getattr(profile.source, "dbc", ())
     return LoadedProfile(profile, text, tuple(Path(each) for each in dbc))
+
+
+def profile_files(name: str) -> dict[str, bytes]:
+    """Return a profile, what it includes and its DBCs, each by the name under which it is named; its own comes first.
+
+    Raises:
+        ProfileError: one cannot be read, or two files have the same name.
+    """
+    found: dict[str, bytes] = {}
+
+    def keep(file: str, key: str, data: bytes) -> None:
+        if found.setdefault(key, data) != data:
+            raise ProfileError(file, None, "include", key, Message("two-files-of-a-name"))
+
+    def collect(name: str, folder: Path, included_by: str | None, depth: int) -> None:
+        if depth >= _DEEPEST:
+            raise ProfileError(included_by or name, None, "include", name, Message("includes-itself"))
+        text, inner, file = _read(name, folder, included_by)
+        keep(included_by or file, name if included_by else file, text.encode())
+        values = read_document(text, file, lambda _: Document("", {}, {})).values
+        for each in _texts(values.get("source", {}), "dbc"):
+            try:
+                keep(file, each, _found(inner, each).read_bytes())
+            except OSError as error:
+                raise ProfileError(file, None, "source.dbc", each, error.strerror or str(error)) from error
+        for each in _texts(values, "include"):
+            collect(each, inner, file, depth + 1)
+
+    collect(name, Path(), None, 0)
+    return found
+
+
+def profile_of(files: Mapping[str, bytes]) -> Profile:
+    """Return the profile of such files; it names its DBCs as they are named there.
+
+    Raises:
+        ProfileError: it is wrong; the error names line and field.
+    """
+
+    def document(name: str, depth: int) -> Document:
+        if depth >= _DEEPEST:
+            raise ProfileError(own, None, "include", name, Message("includes-itself"))
+        if name not in files:
+            raise ProfileError(own, None, "include", name, Message("no-such-file"))
+        return read_document(files[name].decode("utf-8", "replace"), name, lambda inner: document(inner, depth + 1))
+
+    own = next(iter(files))
+    return understand(document(own, 0))
+
+
+def _texts(table: Any, name: str) -> list[str]:
+    given = table.get(name, []) if isinstance(table, Mapping) else []
+    return [each for each in (given if isinstance(given, list) else [given]) if isinstance(each, str)]
 
 
 def load_part(name: str) -> Document:

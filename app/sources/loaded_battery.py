@@ -1,0 +1,57 @@
+"""A battery with all that explains how it speaks: its profile, what that includes, and its DBCs, read and as bytes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+from app.battery.battery import Battery
+from app.battery.library import TEAM_PROFILE, profile_files, profile_of
+from app.battery.source import Source, SpeaksDbc
+from app.sources.dbc.dbc_file import parse_definitions
+from app.sources.dbc.definitions import Definitions
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedBattery:
+    """A battery, how it speaks, and the messages that it speaks in; none of a master."""
+
+    battery: Battery
+    source: Source
+    definitions: Definitions
+    files: Mapping[str, bytes]  # the profile first, then what it names; equal files are the same battery
+
+    @property
+    def speaks_dbc(self) -> SpeaksDbc | None:
+        """How it speaks, where that is by a DBC."""
+        return self.source if isinstance(self.source, SpeaksDbc) else None
+
+
+def load_battery(name: str) -> LoadedBattery:
+    """Return a bundled battery by its name, or the one of a profile's file.
+
+    Raises:
+        ProfileError: the profile, or a file that it names, cannot be read, or is wrong.
+        ImportFailed, ExtraMissing: a DBC cannot be read.
+    """
+    return battery_from_files(profile_files(name))
+
+
+def battery_from_files(files: Mapping[str, bytes]) -> LoadedBattery:
+    """Return the battery of such files, as a session keeps them.
+
+    Raises:
+        ProfileError: the profile is wrong.
+        ImportFailed, ExtraMissing: a DBC cannot be read.
+    """
+    profile = profile_of(files)
+    definitions = Definitions(())
+    if isinstance(profile.source, SpeaksDbc):
+        for name in profile.source.dbc:
+            definitions = definitions.joined(parse_definitions(files[name], name))
+    return LoadedBattery(profile.battery, profile.source, definitions, dict(files))
+
+
+@cache
+def team_battery() -> LoadedBattery:
+    """The team's own, which sessions of earlier versions are of."""
+    return load_battery(TEAM_PROFILE)

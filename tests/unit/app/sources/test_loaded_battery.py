@@ -1,0 +1,69 @@
+"""A battery and its files: read from disk, and again from what was read."""
+
+from pathlib import Path
+
+import pytest
+
+from app.battery.library import bundled_profiles
+from app.battery.source import SpeaksMaster
+from app.battery.table_reader import ProfileError
+from app.sources.loaded_battery import battery_from_files, load_battery, team_battery
+
+PARTS = ("ivt-s",)
+DBC = 'VERSION ""\nBU_: A\nBO_ 256 {name}: 8 A\n SG_ {signal} : 0|16@1+ (0.001,0) [0|0] "V" A\n'
+PROFILE = """
+include = "ivt-s"
+[battery]
+name = "two cells"
+segments = [2]
+[source]
+dbc = "own.dbc"
+[[source.voltage]]
+signal = "Cell_{cell}"
+"""
+
+
+@pytest.mark.parametrize("name", [name for name in bundled_profiles() if name not in PARTS])
+def test_files_of_a_bundled_battery_give_it_again(name: str) -> None:
+    loaded = load_battery(name)
+    again = battery_from_files(loaded.files)
+    assert again == loaded
+    assert again.battery.n_cells == loaded.battery.n_cells
+
+
+def test_team_speaks_by_its_master() -> None:
+    assert isinstance(team_battery().source, SpeaksMaster)
+    assert team_battery().speaks_dbc is None
+    assert team_battery().battery.segments == (12,) * 8
+
+
+def written(folder: Path, profile: str = PROFILE) -> Path:
+    (folder / "own.dbc").write_text(DBC.format(name="Cells", signal="Cell_0"))
+    path = folder / "car.toml"
+    path.write_text(profile)
+    return path
+
+
+def test_what_a_profile_includes_is_among_its_files(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    loaded = load_battery(str(path))
+    assert list(loaded.files) == ["car.toml", "own.dbc", "ivt-s", "ivt-s.dbc"]
+    assert {message.name for message in loaded.definitions.messages} >= {"Cells", "IVT_Result_I"}
+    path.unlink()
+    assert battery_from_files(loaded.files).source == loaded.source
+
+
+def test_two_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "part.toml").write_text('[source]\ndbc = "own.dbc"\n')
+    (tmp_path / "inner" / "own.dbc").write_text(DBC.format(name="Other", signal="X"))
+    path = written(tmp_path, PROFILE.replace("ivt-s", "inner/part.toml"))
+    with pytest.raises(ProfileError, match=r"own\.dbc"):
+        load_battery(str(path))
+
+
+def test_a_missing_dbc_is_named(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    (tmp_path / "own.dbc").unlink()
+    with pytest.raises(ProfileError, match=r"source\.dbc.*own\.dbc"):
+        load_battery(str(path))
