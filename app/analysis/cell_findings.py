@@ -9,7 +9,7 @@ import numpy as np
 
 from app.analysis.session_survey import read_pieces
 from app.analysis.survey import Piece
-from app.battery.shape import CELLS_PER_PACK, N_CELLS
+from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.estimation.arrays import BoolArray
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellModel
@@ -24,7 +24,7 @@ class CellJudge:
     """Takes a session piece by piece, in order; give `add` to `survey_session` as `also`."""
 
     def __init__(self, cell: CellModel, memory: CellWatchMemory | None = None) -> None:
-        self.watch = CellWatch(cell, N_CELLS, CELLS_PER_PACK, memory)
+        self.watch = CellWatch(cell, (CELLS_PER_PACK,) * N_PACKS, memory)
         self._before_s: float | None = None
         self._judged_s = -np.inf
         self._history: list[tuple[float, tuple[CellFinding, ...]]] = []

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR
 from app.estimation.arrays import FloatArray
-from app.estimation.health.joints import ResistanceTracker
+from app.estimation.health.resistance_tracker import ResistanceTracker
 
 CURRENT_EDGES_A: Final = np.arange(-150.0, 301.0, 10.0)
 TEMPERATURE_EDGES_DEGC: Final = np.arange(-20.0, 91.0, 1.0)

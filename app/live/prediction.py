@@ -73,7 +73,7 @@ class Predictor:
         self.cell = cell
         self.assessment = Assessment()
         before = learned_before
-        self._watch = CellWatch(cell, n_cells, CELLS_PER_PACK, _watched_before(before))
+        self._watch = CellWatch(cell, (CELLS_PER_PACK,) * (n_cells // CELLS_PER_PACK), _watched_before(before))
         self.findings = self._found()
         capacities = CapacityTracker(cell.capacity_ah, n_cells, None if before is None else before.capacity_state)
         self._capacities = CapacityBetweenRests(cell, capacities)

@@ -13,11 +13,12 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import CellModel
-from app.estimation.errors import ShapeError, check_step
+from app.estimation.errors import check_step
 from app.estimation.health.cell_finding import BAND_SIGMAS, SURE, CellFinding, FindingCode, confidence_of
 from app.estimation.health.charge_watch import ChargeDrift, ChargeMemory, ChargeWatch
 from app.estimation.health.joint_watch import ALARM_OHM, JUDGE_S, JointWatch, LooseJoints
 from app.estimation.health.joints import JointReport
+from app.estimation.health.segments import Segments
 from app.estimation.health.sensor_watch import ChannelWatch, DeadSensors, ThermistorWatch
 
 __all__ = ["JUDGE_S", "CellWatch", "CellWatchMemory"]
@@ -61,23 +62,20 @@ class CellWatchMemory:
 class CellWatch:
     """All that is watched of every cell."""
 
-    def __init__(
-        self, cell: CellModel, n_cells: int, cells_per_pack: int, memory: CellWatchMemory | None = None
-    ) -> None:
+    def __init__(self, cell: CellModel, segments: tuple[int, ...], memory: CellWatchMemory | None = None) -> None:
         """Start, or go on with what an earlier session left.
 
         Raises:
-            ShapeError: the memory belongs to another number of cells, or the packs do not divide the cells.
+            ShapeError: the memory belongs to another number of cells, or a segment has none.
         """
-        if n_cells <= 0 or n_cells % cells_per_pack:
-            raise ShapeError("cells_per_pack", (cells_per_pack,), (n_cells,))
         self._cell = cell
-        self._cells_per_pack = cells_per_pack
+        self._segments = Segments(segments)
+        n_cells = self._segments.n_cells
         before = memory or CellWatchMemory(np.full(n_cells, np.nan))
-        self._joint_watch = JointWatch(n_cells, cells_per_pack, before.joint_baseline_ohm, before.loose)
-        self._charge_watch = ChargeWatch(cell, n_cells, cells_per_pack, before.charge)
-        self._thermistors = ThermistorWatch(n_cells, cells_per_pack)
-        self._channels = ChannelWatch(n_cells, cells_per_pack)
+        self._joint_watch = JointWatch(self._segments, before.joint_baseline_ohm, before.loose)
+        self._charge_watch = ChargeWatch(cell, self._segments, before.charge)
+        self._thermistors = ThermistorWatch(self._segments)
+        self._channels = ChannelWatch(self._segments)
         self._findings = {(each.code, each.cell): each for each in before.findings}
         self._time_s = -np.inf
         self._thermal_s = self._channel_s = 0.0  # since they were looked at
@@ -195,7 +193,7 @@ class CellWatch:
             )
             seen_s = self._time_s - watch.age_s
             value, evidence_s = float(report.resistance_ohm[cell]), watch.evidence_s
-            neighbours, confidence = self._neighbours(cell), confidence_of(size, sigma, ALARM_OHM)
+            neighbours, confidence = self._segments.neighbours(cell), confidence_of(size, sigma, ALARM_OHM)
             found.append(
                 CellFinding(
                     *(code, cell, size, sigma, "ohm", seen_s, seen_s, evidence_s, watch.excitation_a),
@@ -235,7 +233,11 @@ class CellWatch:
         dead = []
         for cell in np.flatnonzero(found.is_dead).tolist():
             size, since_s, seen_s = float(found.size[cell]), float(found.since_s[cell]), float(found.seen_s[cell])
-            value, usual, neighbours = float(found.value[cell]), float(found.usual[cell]), self._neighbours(cell)
+            value, usual, neighbours = (
+                float(found.value[cell]),
+                float(found.usual[cell]),
+                self._segments.neighbours(cell),
+            )
             evidence_s = seen_s - since_s
             dead.append(
                 CellFinding(
@@ -257,7 +259,7 @@ class CellWatch:
     ) -> CellFinding:
         watch = self._charge_watch
         seen_s, evidence_s, current_a = watch.looked_s, watch.evidence_s, watch.mean_current_a
-        neighbours = self._neighbours(cell)
+        neighbours = self._segments.neighbours(cell)
         return CellFinding(
             code, cell, size, sigma, unit, seen_s, seen_s, evidence_s, current_a, value, usual, neighbours, confidence
         )
@@ -279,10 +281,6 @@ class CellWatch:
         """Return the cells beyond a limit; one that was found ends well below it."""
         held = np.array([HOLD if (code, cell) in self._findings else 1.0 for cell in range(len(values))])
         return [int(cell) for cell in np.flatnonzero(np.nan_to_num(values) > held * limits)]
-
-    def _neighbours(self, cell: int) -> tuple[int, ...]:
-        first = cell - cell % self._cells_per_pack
-        return tuple(other for other in range(first, first + self._cells_per_pack) if other != cell)
 
 
 class _Mean:

@@ -15,7 +15,9 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.errors import ShapeError
-from app.estimation.health.joints import JointReport, ResistanceTracker, judge_joints
+from app.estimation.health.joints import JointReport, judge_joints
+from app.estimation.health.resistance_tracker import ResistanceTracker
+from app.estimation.health.segments import Segments
 from app.estimation.health.step_resistance import StepResistance
 
 MEMORY_S: Final = 25.0  # of the regression: less than half a lap, so that a fault shows within the lap
@@ -46,29 +48,28 @@ class JointWatch:
 
     def __init__(
         self,
-        n_cells: int,
-        cells_per_pack: int,
+        segments: Segments,
         baseline_ohm: FloatArray | None = None,
         found: LooseJoints | None = None,
     ) -> None:
         """Start, or go on with what an earlier session of the same car knew.
 
         Args:
-            n_cells: number of cells.
-            cells_per_pack: cells in a row that form a pack.
+            segments: which cells share a pack.
             baseline_ohm: (n_cells,) `baseline_ohm` of then [ohm].
             found: `found` of then.
 
         Raises:
             ShapeError: it belongs to another number of cells.
         """
+        n_cells = segments.n_cells
         nan = np.full(n_cells, np.nan)
         before = LooseJoints(nan, nan) if found is None else found
         baseline = nan if baseline_ohm is None else baseline_ohm
         for name, array in (("baseline_ohm", baseline), ("found", before.excess_ohm), ("found", before.sigma_ohm)):
             if array.shape != (n_cells,):
                 raise ShapeError(name, (n_cells,), array.shape)
-        self._cells_per_pack = cells_per_pack
+        self._segments = segments
         self._tracker = ResistanceTracker(n_cells, memory_s=MEMORY_S)
         self._quick = ResistanceTracker(n_cells, memory_s=QUICK_MEMORY_S)
         self._steps = StepResistance(n_cells)
@@ -153,7 +154,7 @@ class JointWatch:
         report = judge_joints(
             self._tracker.resistance_ohm(),
             self._tracker.sigma_ohm(),
-            self._cells_per_pack,
+            self._segments,
             alarm_ohm=ALARM_OHM,
             baseline_ohm=np.where(has_past, self._baseline_ohm, np.nan),
         )

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
+from app.estimation.health.segments import Segments
 
 JUMP_K: Final = 8.0  # against the pack within JUMP_S; 50 W warm a cell by 1 K in that time
 JUMP_S: Final = 10.0
@@ -87,8 +88,9 @@ class _Verdicts:
 class ThermistorWatch:
     """Call `step` every second or so."""
 
-    def __init__(self, n_cells: int, cells_per_pack: int) -> None:
-        self._shape = (-1, cells_per_pack)
+    def __init__(self, segments: Segments) -> None:
+        n_cells = segments.n_cells
+        self._segments = segments
         self._verdicts = _Verdicts(n_cells)
         self._apart_k = np.full(n_cells, np.nan)  # slow mean of the distance from the pack
         self._jumped_k = np.zeros(n_cells)
@@ -97,7 +99,7 @@ class ThermistorWatch:
     def step(self, time_s: float, dt_s: float, temperatures_degc: FloatArray) -> None:
         """Take one sample: when [s], since the last [s], (n_cells,) [degC]; NaN = missing."""
         t = temperatures_degc
-        pack, is_there = _pack_median(t, self._shape)
+        pack, is_there = self._segments.median(t), self._segments.has_more_than(PACK_SHARE, np.isfinite(t))
         apart = t - pack
         if dt_s > RELEASE_S:
             self._apart_k[:] = np.nan
@@ -129,8 +131,9 @@ class ThermistorWatch:
 class ChannelWatch:
     """Call `step` with every sample."""
 
-    def __init__(self, n_cells: int, cells_per_pack: int) -> None:
-        self._shape = (-1, cells_per_pack)
+    def __init__(self, segments: Segments) -> None:
+        n_cells = segments.n_cells
+        self._segments = segments
         self._verdicts = _Verdicts(n_cells)
         self._still_v = np.full(n_cells, np.nan)  # where each cell last moved to
         self._others_v = np.full((2, n_cells), np.nan)  # lowest and highest median of all since
@@ -165,7 +168,7 @@ class ChannelWatch:
         suspect = is_still | self._hopped
         is_missing = np.isnan(v)
         if is_missing.any():
-            suspect |= is_missing & _is_there(v, self._shape)
+            suspect |= is_missing & self._segments.has_more_than(PACK_SHARE, ~is_missing)
         size = np.where(is_missing, np.nan, np.where(is_still, moved_v, np.abs(v - middle_v)))
         delay_s = np.where(is_missing, MISSING_S, np.where(is_still, CONFIRM_S, 0.0))
         usual = np.full(len(v), middle_v)
@@ -175,21 +178,3 @@ class ChannelWatch:
     def result(self) -> DeadSensors:
         """Return the channels that stand still, hop, or show nothing."""
         return self._verdicts.result()
-
-
-def _is_there(values: FloatArray, shape: tuple[int, int]) -> BoolArray:
-    """Return for each cell whether enough of its pack is measured."""
-    share = np.isfinite(values.reshape(shape)).mean(axis=1)
-    return np.repeat(share > PACK_SHARE, shape[1])
-
-
-def _pack_median(values: FloatArray, shape: tuple[int, int]) -> tuple[FloatArray, BoolArray]:
-    """Return for each cell the median of its pack, and whether enough of the pack is measured."""
-    table = values.reshape(shape)
-    known = np.isfinite(table)
-    count = known.sum(axis=1)
-    ordered = np.sort(np.where(known, table, np.inf), axis=1)
-    rows = np.arange(len(table))
-    low, high = ordered[rows, np.maximum((count - 1) // 2, 0)], ordered[rows, np.minimum(count // 2, shape[1] - 1)]
-    median = np.where(count > 0, 0.5 * (low + np.where(count > 0, high, low)), np.nan)
-    return np.repeat(median, shape[1]), np.repeat(count > PACK_SHARE * shape[1], shape[1])

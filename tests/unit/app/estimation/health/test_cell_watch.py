@@ -48,7 +48,7 @@ def cell():
 
 
 def new_watch(cell, memory=None):
-    return CellWatch(cell, N, PER_PACK, memory)
+    return CellWatch(cell, (PER_PACK,) * (N // PER_PACK), memory)
 
 
 def joints(watch):
@@ -118,11 +118,11 @@ class Pack:
         self.leak_a, self.ohm = np.zeros(n_cells), 3e-3 + self.rng.normal(0, 3e-5, n_cells)
         self.shown_v, self.shown_degc = {}, {}  # what failed sensors show instead
         self.time_s, self.degc = 1.7e9, 25.0
-        self.watch = CellWatch(cell, n_cells, per_pack)
+        self.watch = CellWatch(cell, (per_pack,) * (n_cells // per_pack))
 
     def restart(self, pause_s=60.0):
         self.time_s += pause_s
-        self.watch = CellWatch(self.cell, self.n, self.per_pack, self.watch.memory)
+        self.watch = CellWatch(self.cell, (self.per_pack,) * (self.n // self.per_pack), self.watch.memory)
 
     def run(self, seconds, currents_a=(0.0,), dt_s=0.2):
         """Let time pass with another current every 2 s; return what is found, as pairs of code and cell."""
@@ -246,12 +246,12 @@ def test_a_step_of_no_length_is_refused_and_leaves_every_watch_awake(cell, dt_s)
     assert pack.run(30) == {("thermistor-off", 3)}
 
 
-@pytest.mark.parametrize(("n_cells", "per_pack"), [(14, 12), (10, 12), (0, 12)])
-def test_packs_that_do_not_divide_the_cells_are_refused(cell, n_cells, per_pack):
-    with pytest.raises(ShapeError, match="cells_per_pack"):
-        CellWatch(cell, n_cells, per_pack)
+@pytest.mark.parametrize("segments", [(), (12, 0), (-1,)])
+def test_a_segment_without_a_cell_is_refused(cell, segments):
+    with pytest.raises(ShapeError, match="segments"):
+        CellWatch(cell, segments)
 
 
 def test_a_memory_of_another_battery_is_refused(cell):
     with pytest.raises(ShapeError):
-        CellWatch(cell, 24, 12, Pack(cell, 14, 14).watch.memory)
+        CellWatch(cell, (12, 12), Pack(cell, 14, 14).watch.memory)

@@ -6,8 +6,10 @@ from hypothesis import strategies as st
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.health.charge_watch import ChargeMemory, ChargeWatch
+from app.estimation.health.segments import Segments
 
 N, PER_PACK = 24, 12
+SEGMENTS = Segments((PER_PACK,) * (N // PER_PACK))
 DT_S = 1.0
 OHM = 3.5e-3
 DAY_S = 86_400.0
@@ -19,7 +21,7 @@ class Pack:
     def __init__(self, watch=None, seed=1, n_cells=N, per_pack=PER_PACK):
         self.cell, self.n = load_cell(), n_cells
         self.rng = np.random.default_rng(seed)
-        self.watch = watch or ChargeWatch(self.cell, n_cells, per_pack)
+        self.watch = watch or ChargeWatch(self.cell, Segments((per_pack,) * (n_cells // per_pack)))
         self.soc = 0.8 + 0.004 * self.rng.normal(size=n_cells)
         self.capacity_ah = self.cell.capacity_ah * (1 + 0.01 * self.rng.normal(size=n_cells))
         self.leak_a = np.zeros(n_cells)
@@ -89,7 +91,7 @@ def test_self_discharge_of_two_percent_a_day_shows_from_session_to_session():
         pack.run(200, DRIVING)
         pack.run(600)
         pack.pass_time(DAY_S)
-        pack.watch = ChargeWatch(pack.cell, N, PER_PACK, pack.watch.memory)
+        pack.watch = ChargeWatch(pack.cell, SEGMENTS, pack.watch.memory)
     assert certain(drift) == [5]
     assert in_band(pack.leak_a[5], drift.leak_a[5], drift.leak_sigma_a[5])
 
@@ -129,7 +131,7 @@ def test_a_missing_cell_is_not_judged_and_spoils_no_other():
 
 def test_a_memory_of_other_cells_is_refused():
     with pytest.raises(ShapeError):
-        ChargeWatch(load_cell(), N, PER_PACK, ChargeMemory(0.0, 0.0, 0.5, np.zeros((5, 7)), np.zeros((5, 5, 7))))
+        ChargeWatch(load_cell(), SEGMENTS, ChargeMemory(0.0, 0.0, 0.5, np.zeros((5, 7)), np.zeros((5, 5, 7))))
 
 
 @settings(max_examples=5, deadline=None)
@@ -201,7 +203,7 @@ def test_a_silence_of_unknown_length_is_timed_by_the_labels():
 def test_a_clock_that_ran_back_while_switched_off_is_no_leak():
     pack = Pack()
     pack.run(600)
-    pack.watch = ChargeWatch(pack.cell, N, PER_PACK, pack.watch.memory)
+    pack.watch = ChargeWatch(pack.cell, SEGMENTS, pack.watch.memory)
     pack.time_s -= DAY_S
     drift = pack.run(600)
     assert certain(drift) == []
@@ -272,7 +274,7 @@ def test_a_leak_is_still_known_after_a_restart_before_anything_is_seen():
     pack = Pack()
     pack.leak_a[5] = 0.2
     before = pack.run(3 * 3600)
-    after = ChargeWatch(pack.cell, N, PER_PACK, pack.watch.memory).drift()
+    after = ChargeWatch(pack.cell, SEGMENTS, pack.watch.memory).drift()
     assert after.leak_a[5] == pytest.approx(before.leak_a[5], abs=before.leak_sigma_a[5])
 
 

@@ -3,8 +3,10 @@ import pytest
 
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.health.joint_watch import CONFIRMATIONS, JointWatch, LooseJoints
+from app.estimation.health.segments import Segments
 
 N, PER_PACK = 96, 12
+SEGMENTS = Segments((PER_PACK,) * (N // PER_PACK))
 PAIR_OHM = 1e-3  # of the RC pair, 10 s
 
 
@@ -31,7 +33,7 @@ def cells():
 
 def test_a_joint_that_grows_is_named_within_a_lap_and_no_other(cells):
     rng, resistance_ohm = cells
-    watch = JointWatch(N, PER_PACK)
+    watch = JointWatch(SEGMENTS)
     assert drive(watch, resistance_ohm, 150, rng) == set()
     loose = resistance_ohm.copy()
     loose[7] += 3e-4
@@ -41,12 +43,12 @@ def test_a_joint_that_grows_is_named_within_a_lap_and_no_other(cells):
 def test_a_joint_that_was_loose_from_the_start_is_named_without_a_past(cells):
     rng, resistance_ohm = cells
     resistance_ohm[20] += 4e-4
-    assert 20 in drive(JointWatch(N, PER_PACK), resistance_ohm, 120, rng)
+    assert 20 in drive(JointWatch(SEGMENTS), resistance_ohm, 120, rng)
 
 
 def test_a_loose_joint_does_not_become_the_new_normal(cells):
     rng, resistance_ohm = cells
-    watch = JointWatch(N, PER_PACK)
+    watch = JointWatch(SEGMENTS)
     drive(watch, resistance_ohm, 150, rng)
     before = watch.baseline_ohm[7]
     resistance_ohm[7] += 3e-4
@@ -57,21 +59,21 @@ def test_a_loose_joint_does_not_become_the_new_normal(cells):
 
 def test_the_past_of_an_earlier_session_is_used(cells):
     rng, resistance_ohm = cells
-    first = JointWatch(N, PER_PACK)
+    first = JointWatch(SEGMENTS)
     drive(first, resistance_ohm, 150, rng)
-    second = JointWatch(N, PER_PACK, first.baseline_ohm)
+    second = JointWatch(SEGMENTS, first.baseline_ohm)
     resistance_ohm[3] += 2.5e-4
     assert 3 in drive(second, resistance_ohm, 90, rng)
 
 
 def test_one_judgement_names_nobody():
     assert CONFIRMATIONS > 1
-    assert not JointWatch(N, PER_PACK).loose.any()
+    assert not JointWatch(SEGMENTS).loose.any()
 
 
 def test_a_past_of_other_cells_is_refused():
     with pytest.raises(ShapeError):
-        JointWatch(N, PER_PACK, np.zeros(5))
+        JointWatch(SEGMENTS, np.zeros(5))
 
 
 @pytest.mark.parametrize("shape", [(14, 14), (24, 12), (216, 18)])
@@ -79,7 +81,7 @@ def test_a_past_of_other_cells_is_refused():
 def test_a_joint_that_grows_is_named_in_any_pack_and_no_other(shape, place, grown_ohm, seed):
     (n, per_pack), rng = shape, np.random.default_rng(seed)
     cell, resistance_ohm = int(place * n), 2e-3 + rng.normal(0, 2e-5, n)
-    watch = JointWatch(n, per_pack)
+    watch = JointWatch(Segments((per_pack,) * (n // per_pack)))
     assert drive(watch, resistance_ohm, 90, rng) == set()
     resistance_ohm[cell] += grown_ohm
     assert drive(watch, resistance_ohm, 60, rng) == {cell}
@@ -90,16 +92,16 @@ def test_a_joint_that_grows_is_named_in_any_pack_and_no_other(shape, place, grow
 @pytest.mark.parametrize("seed", [0, 1, 2, 33100])  # the last: a pair's resistance that was learned 0.13 mohm too small
 def test_sound_joints_are_left_alone_whatever_the_noise(seed):
     rng = np.random.default_rng(seed)
-    assert drive(JointWatch(N, PER_PACK), 2e-3 + rng.normal(0, 2e-5, N), 150, rng) == set()
+    assert drive(JointWatch(SEGMENTS), 2e-3 + rng.normal(0, 2e-5, N), 150, rng) == set()
 
 
 def test_what_was_found_survives_a_restart_and_so_does_what_was_not():
     rng, resistance_ohm = np.random.default_rng(5), np.full(N, 2e-3)
-    first = JointWatch(N, PER_PACK)
+    first = JointWatch(SEGMENTS)
     drive(first, resistance_ohm, 90, rng)
     resistance_ohm[7] += 5e-4
     drive(first, resistance_ohm, 60, rng)
-    second = JointWatch(N, PER_PACK, first.baseline_ohm, first.found)
+    second = JointWatch(SEGMENTS, first.baseline_ohm, first.found)
     assert np.flatnonzero(second.loose).tolist() == [7]
     second.judge()
     assert np.flatnonzero(second.loose).tolist() == [7], "no driving, no news"
@@ -110,7 +112,7 @@ def test_what_was_found_survives_a_restart_and_so_does_what_was_not():
 
 def test_a_bolt_that_is_tightened_again_is_sound_again(cells):
     rng, resistance_ohm = cells
-    watch = JointWatch(N, PER_PACK)
+    watch = JointWatch(SEGMENTS)
     drive(watch, resistance_ohm, 90, rng)
     resistance_ohm[7] += 5e-4
     drive(watch, resistance_ohm, 60, rng)
@@ -122,7 +124,7 @@ def test_a_bolt_that_is_tightened_again_is_sound_again(cells):
 
 def test_currents_that_are_missing_teach_nothing_and_name_nobody(cells):
     rng, resistance_ohm = cells
-    watch = JointWatch(N, PER_PACK)
+    watch = JointWatch(SEGMENTS)
     drive(watch, resistance_ohm, 90, rng)
     before = watch.judge().resistance_ohm
     for _ in range(300):
@@ -134,11 +136,11 @@ def test_currents_that_are_missing_teach_nothing_and_name_nobody(cells):
 @pytest.mark.parametrize("dt_s", [-0.1, np.nan, np.inf])
 def test_a_step_of_no_length_is_refused(dt_s):
     with pytest.raises(EstimatorError, match="dt_s"):
-        JointWatch(N, PER_PACK).step(dt_s, 0.0, np.full(N, 3.7))
+        JointWatch(SEGMENTS).step(dt_s, 0.0, np.full(N, 3.7))
 
 
 @pytest.mark.parametrize("name", ["excess_ohm", "sigma_ohm"])
 def test_findings_of_other_cells_are_refused(name):
     arrays = {"excess_ohm": np.zeros(N), "sigma_ohm": np.zeros(N), name: np.zeros(5)}
     with pytest.raises(ShapeError, match="found"):
-        JointWatch(N, PER_PACK, None, LooseJoints(**arrays))
+        JointWatch(SEGMENTS, None, LooseJoints(**arrays))

@@ -3,15 +3,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.estimation.health.segments import Segments
 from app.estimation.health.sensor_watch import ChannelWatch, ThermistorWatch
 
 N, PER_PACK = 24, 12
+SEGMENTS = Segments((PER_PACK,) * (N // PER_PACK))
 NAN = float("nan")
 
 
 def warm(seconds, shown=None, rate_k=0.02):
     """Warm both packs by `rate_k` a second, seen to a degree; `shown(t, degc)` spoils what a sensor shows."""
-    watch = ThermistorWatch(N, PER_PACK)
+    watch = ThermistorWatch(SEGMENTS)
     apart = np.linspace(-1.5, 1.5, N)
     for k in range(seconds):
         degc = np.round(25.0 + rate_k * k + apart)
@@ -67,7 +69,7 @@ def test_a_cell_that_really_heats_is_no_broken_sensor():
 
 
 def drive(shown=None, seconds=60, current=None, noise_v=2e-4):
-    watch, rng = ChannelWatch(N, PER_PACK), np.random.default_rng(3)
+    watch, rng = ChannelWatch(SEGMENTS), np.random.default_rng(3)
     for k in range(seconds * 5):
         current_a = (60.0 + 50.0 * np.sin(k / 9.0)) if current is None else current
         v = 3.9 - 2e-3 * current_a - 1e-5 * k + rng.normal(0, noise_v, N)
@@ -101,7 +103,7 @@ def test_a_missing_voltage_is_found_after_some_seconds_and_ends_with_its_return(
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.floats(-200, 200, allow_nan=False), min_size=2, max_size=12))
 def test_no_sequence_of_currents_makes_a_sound_channel_stuck(currents):
-    watch, rng = ChannelWatch(N, PER_PACK), np.random.default_rng(1)
+    watch, rng = ChannelWatch(SEGMENTS), np.random.default_rng(1)
     resistance_ohm = 2e-3 * (1 + 0.1 * rng.normal(size=N))
     for k in range(200):
         current_a = currents[k // 10 % len(currents)]
@@ -119,7 +121,7 @@ shapes_and_cells = st.sampled_from(SHAPES).flatmap(
 @given(shapes_and_cells, st.sampled_from([-40.0, 85.0, 125.0, NAN]))
 def test_a_thermistor_that_came_off_is_named_in_any_pack_and_no_other(placed, shown_degc):
     (n, per_pack), cell = placed
-    watch = ThermistorWatch(n, per_pack)
+    watch = ThermistorWatch(Segments((per_pack,) * (n // per_pack)))
     for k in range(60):
         degc = np.round(30.0 + 0.02 * k + np.linspace(-2.0, 2.0, n))
         if k >= 20:
@@ -134,7 +136,7 @@ def test_a_thermistor_that_came_off_is_named_in_any_pack_and_no_other(placed, sh
 @given(shapes_and_cells, st.integers(0, 10**6))
 def test_a_channel_that_stands_still_is_named_in_any_pack_and_no_other(placed, seed):
     (n, per_pack), cell = placed
-    watch, rng, stuck_v = ChannelWatch(n, per_pack), np.random.default_rng(seed), NAN
+    watch, rng, stuck_v = ChannelWatch(Segments((per_pack,) * (n // per_pack))), np.random.default_rng(seed), NAN
     for k in range(150):
         current_a = 60.0 + 50.0 * np.sin(k / 9.0)
         v = 3.9 - 2e-3 * current_a + rng.normal(0, 2e-4, n)
@@ -152,7 +154,7 @@ def test_a_channel_that_stands_still_is_named_in_any_pack_and_no_other(placed, s
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10**6), st.floats(-0.05, 0.05))
 def test_no_noise_of_sound_thermistors_is_a_finding(seed, rate_k):
-    watch, rng = ThermistorWatch(N, PER_PACK), np.random.default_rng(seed)
+    watch, rng = ThermistorWatch(SEGMENTS), np.random.default_rng(seed)
     own = rng.normal(0, 1.0, N)
     for k in range(300):
         watch.step(float(k), 1.0, np.round(30.0 + rate_k * k + own + rng.normal(0, 0.3, N)))
@@ -167,7 +169,7 @@ def test_a_pack_that_is_warmer_than_the_other_is_no_fault_of_its_thermistors():
 
 
 def test_after_a_hole_a_thermistor_is_compared_with_its_pack_as_it_is_then():
-    watch = ThermistorWatch(N, PER_PACK)
+    watch = ThermistorWatch(SEGMENTS)
     for k in range(30):
         watch.step(float(k), 1.0, np.full(N, 25.0))
     later = np.where(np.arange(N) == 5, 36.0, 25.0)  # a cell that was driven hard meanwhile
@@ -178,7 +180,7 @@ def test_after_a_hole_a_thermistor_is_compared_with_its_pack_as_it_is_then():
 
 @pytest.mark.parametrize("jump_s", [-1e5, 1e9])
 def test_a_clock_that_is_set_makes_no_sensor_dead(jump_s):
-    thermistors, channels, rng = ThermistorWatch(N, PER_PACK), ChannelWatch(N, PER_PACK), np.random.default_rng(2)
+    thermistors, channels, rng = ThermistorWatch(SEGMENTS), ChannelWatch(SEGMENTS), np.random.default_rng(2)
     for k in range(120):
         time_s = k + (jump_s if k >= 60 else 0.0)
         current_a = float(rng.choice([0.0, 60.0]))
@@ -189,7 +191,7 @@ def test_a_clock_that_is_set_makes_no_sensor_dead(jump_s):
 
 
 def test_no_channel_of_a_silent_battery_is_stuck():
-    watch = ChannelWatch(N, PER_PACK)
+    watch = ChannelWatch(SEGMENTS)
     for k in range(100):
         watch.step(0.2 * k, 0.2, NAN, np.full(N, NAN))
     assert not watch.result().is_dead.any()
@@ -200,7 +202,7 @@ def test_a_slave_that_is_missing_is_no_fault_of_its_channels():
 
 
 def test_a_stuck_channel_stays_dead_while_the_car_stands_and_is_sound_once_it_follows():
-    watch, rng, told = ChannelWatch(N, PER_PACK), np.random.default_rng(3), []
+    watch, rng, told = ChannelWatch(SEGMENTS), np.random.default_rng(3), []
     for k in range(900):
         current_a = 0.0 if 300 <= k < 600 else 60.0 + 50.0 * np.sin(k / 9.0)
         v = 3.9 - 2e-3 * current_a + rng.normal(0, 2e-4, N)
