@@ -20,7 +20,7 @@ from app.api.configuration import commands, slave_check
 from app.api.configuration import library as config_library
 from app.api.configuration import routes as config
 from app.api.encoding.encoder import SnapshotEncoder
-from app.api.live import events, metrics, system
+from app.api.live import battery, events, metrics, system
 from app.api.live import routes as live
 from app.api.schemas.service import ProblemOut
 from app.api.sessions import analysis as debrief
@@ -125,6 +125,7 @@ def api_routes() -> APIRouter:
     """The routes, made once: FastAPI takes longer over their schemas than over all else in an application."""
     api = APIRouter(responses={"default": {"model": ProblemOut, "description": "What went wrong"}})
     for module in (
+        battery,
         can,
         can_bus,
         commands,

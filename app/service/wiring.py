@@ -50,6 +50,7 @@ from app.sessions.replay import ReplayPlayer
 from app.sessions.retention import Retention, RetentionRule
 from app.sessions.transfer.fetch_jobs import FetchJobs
 from app.sessions.transfer.import_jobs import ImportJobs
+from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.telemetry import Event, Snapshot, Source
 from app.words import Message
 
@@ -60,6 +61,7 @@ class Service:
 
     settings: Settings
     clock: Clock
+    battery: LoadedBattery
     events: Events
     links: Links
     live: PipelineThread
@@ -241,6 +243,7 @@ def make_service(
     return Service(
         settings=settings,
         clock=clock,
+        battery=team_battery(),
         events=events,
         links=links,
         live=live,

@@ -36,6 +36,7 @@ from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.replay import ReplayPlayer
 from app.sessions.transfer.fetch_jobs import FetchJobs
 from app.sessions.transfer.import_jobs import ImportJobs
+from app.sources.loaded_battery import LoadedBattery
 from app.words import Message
 
 
@@ -89,6 +90,7 @@ def _user(connection: HTTPConnection) -> User:
     return cast(User, connection.state.user)
 
 
+BatteryPart = Annotated[LoadedBattery, _from_service("battery")]
 BlackBoxesPart = Annotated[BlackBoxRecorder, _from_service("black_boxes")]
 CanTracePart = Annotated[CanTrace, _from_service("trace")]
 CataloguePart = Annotated[Catalogue, _from_service("catalogue")]

@@ -89,6 +89,22 @@ export interface AnalysisFinding {
   text: string;
 }
 
+/** Cells count from 0 through the segments in order; `order` and `turned` name segments from 0. */
+export interface Battery {
+  name: string;
+  segments: number[];
+  parallel: number;
+  cell: string;
+  drawing: Drawing;
+  sensors: number[][];
+  limits: Record<string, number | null>;
+  rules: Record<string, number>;
+  source: 'master' | 'dbc' | 'recording';
+  can_write: boolean;
+  why_not: string | null;
+  why_not_words: Words | null;
+}
+
 /** How long the value was beyond its limit; `since_s` None: never seen beyond it. */
 export interface Beyond {
   since_s: number | null;
@@ -535,6 +551,13 @@ export interface Disk {
 /** The master did it. */
 export interface Done {
   done: true;
+}
+
+/** Where the segments sit on the map. */
+export interface Drawing {
+  rows: number;
+  order: number[];
+  turned: number[];
 }
 
 /** A cell that moves away from the others; `weeks` until its limit, 0: it is passed. */
