@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+import app  # noqa: F401  before numpy: it keeps each process to one thread
 from hatch_build import build_engine
 from tests.c_programs import CMaster, build_program
 from tests.campaign import tell_figure
