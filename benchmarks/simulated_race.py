@@ -100,7 +100,7 @@ class Result:
 def race(seed: int, seconds: float, filter_name: str, bolt: int | None = None) -> Result:
     """Estimate a race and judge its joints."""
     cell, driver, limits = load_cell("samsung-25r-10p"), DriverSoc(N_CELLS), Limits()
-    estimator, predictor = make_estimator(filter_name, cell, N_CELLS), Predictor(cell, N_CELLS)
+    estimator, predictor = make_estimator(filter_name, cell, N_CELLS), Predictor(cell, (12,) * 8)
     before_s: float | None = None
     squares, worst, inside, n, too_high = np.zeros(N_CELLS), 0.0, 0.0, 0, -100.0
     named_after_s, wrong = None, set[int]()

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.battery.shape import CELLS_PER_PACK, N_CELLS, N_PACKS
 from app.estimation.arrays import BoolArray
 from app.estimation.health.joint_watch import ALARM_OHM
 from app.telemetry import AlarmSeverity, ProtectionLimits, Snapshot
@@ -155,7 +154,7 @@ def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Itera
 def _master(snapshot: Snapshot) -> Iterator[Condition]:
     master = snapshot.master
     if master.state == "fault":
-        yield _fault(master.why)
+        yield _fault(master.why, snapshot.segments)
     if master.map_matches is False:
         yield Condition("warning", Message("map-mismatch"))
     if master.implausible:
@@ -163,15 +162,15 @@ def _master(snapshot: Snapshot) -> Iterator[Condition]:
     missing = tuple(place for place, pack in enumerate(snapshot.packs, 1) if pack.slave_status in SLAVES_AWAY)
     if missing:
         yield Condition("warning", Message("slave-missing", n=len(missing), packs=missing))
-    elif master.n_slaves is not None and master.n_slaves < N_PACKS:
-        yield Condition("warning", Message("slaves-too-few", n=master.n_slaves, expected=N_PACKS))
+    elif master.n_slaves is not None and master.n_slaves < len(snapshot.packs):
+        yield Condition("warning", Message("slaves-too-few", n=master.n_slaves, expected=len(snapshot.packs)))
     if snapshot.charger.state == "fault":
         yield Condition("warning", Message("charging-fault"))
     for flag in snapshot.charger.flags:
         yield Condition("warning", CHARGER_REPORTS[flag])
 
 
-def _fault(why: Message) -> Condition:
+def _fault(why: Message, segments: tuple[int, ...]) -> Condition:
     """The master's trip, with the cell, the value and the limit that its reason names."""
     what, cell, value, limit = (why.args.get(name) for name in ("what", "cell", "value", "limit"))
     index = cell.index if isinstance(cell, Cell) else None
@@ -183,14 +182,24 @@ def _fault(why: Message) -> Condition:
         value.value if isinstance(value, Quantity) else None,
         limit.value if isinstance(limit, Quantity) else None,
         value.unit if isinstance(value, Quantity) else "",
-        tuple(range(index, index + CELLS_PER_PACK)) if is_slave and index is not None else (),
+        _pack_from(index, segments) if is_slave and index is not None else (),
     )
+
+
+def _pack_from(first: int, segments: tuple[int, ...]) -> tuple[int, ...]:
+    """The cells of the pack that begins with this one."""
+    at = 0
+    for n_cells in segments:
+        if at == first:
+            return tuple(range(at, at + n_cells))
+        at += n_cells
+    return (first,)
 
 
 def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     voltage_v = snapshot.cells.voltage_v
     missing = _indices(np.isnan(voltage_v))
-    if missing and (len(missing) < N_CELLS or _is_recent(snapshot)):
+    if missing and (len(missing) < len(voltage_v) or _is_recent(snapshot)):
         yield Condition("warning", Message("cell-missing", n=len(missing)), missing[0], cells=missing)
     loose = () if snapshot.cells.joint_loose is None else _indices(snapshot.cells.joint_loose)
     if loose:

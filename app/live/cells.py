@@ -4,14 +4,11 @@ import math
 
 import numpy as np
 
-from app.battery.shape import CELLS_PER_PACK, N_CELLS, N_PACKS
+from app.battery.battery import Battery
 from app.estimation.filters.estimators import Estimates
 from app.live.prediction import Assessment
 from app.telemetry import Cells, FloatArray, Pack
 from app.telemetry.measurement import Measurement
-
-_NOTHING = np.full(N_CELLS, np.nan)
-_NOTHING.flags.writeable = False
 
 
 def cells_of(measured: Measurement, estimate: Estimates | None, assessment: Assessment) -> Cells:
@@ -20,7 +17,7 @@ def cells_of(measured: Measurement, estimate: Estimates | None, assessment: Asse
     joints, health, growth = assessment.joints, assessment.health, assessment.learned
     if joints is not None:
         resistance_ohm = np.where(np.isfinite(joints.resistance_ohm), joints.resistance_ohm, resistance_ohm)
-    none = _NOTHING
+    none = np.full(voltages_v.shape, np.nan)
     return Cells(
         voltage_v=voltages_v,
         temperature_degc=measured.temperature_degc,
@@ -53,18 +50,17 @@ def mean(values: FloatArray) -> float | None:
     return float(present.sum() / len(present)) if len(present) else None
 
 
-def packs_of(cells: Cells, slave_status: tuple[int | None, ...]) -> tuple[Pack, ...]:
-    """Eight packs: voltage only where all twelve cells are there."""
-    voltages_v = cells.voltage_v.reshape(N_PACKS, CELLS_PER_PACK)
-    temperatures_degc = cells.temperature_degc.reshape(N_PACKS, CELLS_PER_PACK)
-    low_v, high_v = np.fmin.reduce(voltages_v, axis=1), np.fmax.reduce(voltages_v, axis=1)
+def packs_of(battery: Battery, cells: Cells, slave_status: tuple[int | None, ...]) -> tuple[Pack, ...]:
+    """A pack for each segment: voltage only where all its cells are there."""
+    starts, voltages_v, temperatures_degc = battery.starts, cells.voltage_v, cells.temperature_degc
+    low_v, high_v = np.fmin.reduceat(voltages_v, starts), np.fmax.reduceat(voltages_v, starts)
     columns = (
-        voltages_v.sum(axis=1),
+        np.add.reduceat(voltages_v, starts),
         low_v,
         high_v,
         high_v - low_v,
-        np.fmax.reduce(temperatures_degc, axis=1),
-        np.fmin.reduce(temperatures_degc, axis=1),
+        np.fmax.reduceat(temperatures_degc, starts),
+        np.fmin.reduceat(temperatures_degc, starts),
     )
     known = ([None if math.isnan(value) else value for value in column.tolist()] for column in columns)
     return tuple(map(Pack, *known, slave_status))

@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.battery.shape import N_CELLS
 from app.telemetry import Accumulator, Cells, FloatArray, Snapshot
 from app.telemetry.fields import Part, kept
 
 LENGTH_S = 900
 TOTALS_LENGTH = LENGTH_S * 28  # the line carries no more than 28 snapshots a second
-CELLS_EVERY_NS = 180_000_000  # 96 cells fill memory: of more than two samples in this time, lowest and highest
+CELLS_EVERY_NS = 180_000_000  # many cells fill memory: of more than two samples in this time, lowest and highest
 CELLS_LENGTH = LENGTH_S * 12  # rows, two for each such time
 STALE_S = 1.0  # a part that is older is no sample: another link may have brought the snapshot
 TOTALS = {name: part for name, _, part in kept(Accumulator)}  # and the part of the measurement that dates each
@@ -81,10 +80,11 @@ class History:
     service runs neither folds the time axis nor empties it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, n_cells: int) -> None:
+        self._n_cells = n_cells
         self._lock = threading.Lock()
         self._totals = _Ring({name: np.empty(TOTALS_LENGTH, np.float32) for name in TOTALS})
-        self._cells = _Ring({name: np.empty((CELLS_LENGTH, N_CELLS), np.int16) for name in PER_CELL})
+        self._cells = _Ring({name: np.empty((CELLS_LENGTH, n_cells), np.int16) for name in PER_CELL})
         self._held: list[tuple[int, dict[str, NDArray[np.int16]]]] = []  # samples of cells that are not in the ring yet
         self._wall_minus_mono_ns = 0
 
@@ -102,7 +102,7 @@ class History:
             if self._held and t_ns - self._held[0][0] >= CELLS_EVERY_NS:
                 self._keep_held()
             counts = {
-                name: np.full(N_CELLS, MISSING, np.int16)
+                name: np.full(self._n_cells, MISSING, np.int16)
                 if scale.part in old
                 else scale.of(getattr(snapshot.cells, name))
                 for name, scale in PER_CELL.items()

@@ -11,7 +11,6 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import ArrayLike
 
-from app.battery.shape import N_CELLS
 from app.estimation.health.cell_finding import CellFinding
 from app.estimation.health.cell_watch import CellWatchMemory
 from app.estimation.health.charge_watch import STATES, ChargeMemory
@@ -31,7 +30,7 @@ class LearnedState:
     """The state of charge when the service last ran, and what does not change from day to day."""
 
     saved_wall_ns: int
-    soc: FloatArray  # (96,)
+    soc: FloatArray  # (n_cells,)
     soc_sigma: FloatArray
     cells: LearnedCells
 
@@ -42,7 +41,7 @@ class LearnedState:
         return self.soc, np.sqrt(self.soc_sigma**2 + grown)
 
 
-def load_learned_state(path: Path) -> LearnedState | None:
+def load_learned_state(path: Path, n_cells: int) -> LearnedState | None:
     """Return what was saved, None where there is nothing or it cannot be read (which is logged)."""
     if not path.is_file():
         return None
@@ -56,14 +55,14 @@ def load_learned_state(path: Path) -> LearnedState | None:
                     file["capacity_state"],
                     file["joint_baseline_ohm"],
                     file.get("resistance"),  # older versions saved none
-                    _watched(file),
+                    _watched(file, n_cells),
                 ),
             )
     except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile) as error:
         log.warning("%s cannot be read and is ignored: %s", path, error)
         return None
     shapes = {state.soc.shape, state.soc_sigma.shape, state.cells.joint_baseline_ohm.shape}
-    if shapes != {(N_CELLS,)} or state.cells.capacity_state.shape != (6, N_CELLS):
+    if shapes != {(n_cells,)} or state.cells.capacity_state.shape != (6, n_cells):
         log.warning("%s is of another accumulator and is ignored", path)
         return None
     return state
@@ -113,7 +112,7 @@ def _watch_arrays(watch: CellWatchMemory | None) -> dict[str, FloatArray]:
     return arrays
 
 
-def _watched(file: Mapping[str, FloatArray]) -> CellWatchMemory | None:
+def _watched(file: Mapping[str, FloatArray], n_cells: int) -> CellWatchMemory | None:
     """The reverse; None of a file of an older version, which knows the joints' baseline only.
 
     Raises:
@@ -126,7 +125,7 @@ def _watched(file: Mapping[str, FloatArray]) -> CellWatchMemory | None:
     ]
     loose = LooseJoints(*file["loose_ohm"]) if "loose_ohm" in file else None
     charge = None
-    if "charge_at" in file and file["charge_mean"].shape == (STATES, N_CELLS):
+    if "charge_at" in file and file["charge_mean"].shape == (STATES, n_cells):
         time_s, evidence_s, soc = file["charge_at"].tolist()
         charge = ChargeMemory(time_s, evidence_s, soc, file["charge_mean"], file["charge_cov"])
     return CellWatchMemory(file["joint_baseline_ohm"], loose, charge, tuple(found))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from app.battery.shape import N_CELLS
+from app.battery.battery import Battery
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimators import CellEstimator, Estimates
 from app.estimation.filters.first_minutes import FirstMinutes
@@ -70,8 +70,8 @@ class Pipeline:
         self._watch = AlarmKeeper()
         self._watch_lock = threading.Lock()
         self._news = FindingNews()
-        self._driver = DriverSoc(N_CELLS)
-        self._plausibility = PlausibilityChecks()
+        self._driver = DriverSoc(source.battery.n_cells)
+        self._plausibility = PlausibilityChecks(source.battery)
         self._estimates: Estimates | None = None
         self._sequence = 0
         self._driver_percent: int | None = None
@@ -103,6 +103,11 @@ class Pipeline:
     def tick(self, t_mono_ns: int, t_wall_ns: int) -> Output:
         """Return a snapshot in which nothing is new but the ages."""
         return self._take(self._source.measure(t_mono_ns, t_wall_ns))
+
+    @property
+    def battery(self) -> Battery:
+        """Whose snapshots they are."""
+        return self._source.battery
 
     @property
     def source(self) -> Source:
@@ -270,7 +275,7 @@ class Pipeline:
             source=self.source,
             age_s=measured.age_s,
             cells=cells,
-            packs=packs_of(cells, measured.slave_status),
+            packs=packs_of(self.battery, cells, measured.slave_status),
             accumulator=accumulator_of(cells, measured, self._driver_percent, self._energy_out_wh, self._energy_in_wh),
             prediction=as_of(assessment.prediction, measured, self._judged_ns),
             findings=() if self._predictor is None else self._predictor.findings,
@@ -284,6 +289,7 @@ class Pipeline:
             config=measured.config,
             disagreements=measured.disagreements,
             is_fresh=measured.is_fresh,
+            segments=self.battery.segments,
         )
         with self._watch_lock:
             alarms, events = self._watch.step(snapshot)

@@ -1,28 +1,37 @@
-"""What the names of a filter and a cell stand for: the one place where they become a pipeline."""
+"""What the names of a filter and a cell stand for, and of which battery: the one place where they become a pipeline."""
 
 from collections.abc import Callable
 
-from app.battery.shape import N_CELLS
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimators import FILTERS, CellEstimator, make_estimator
 from app.live.pipeline import Pipeline
-from app.live.prediction import Predictor
+from app.live.prediction import LearnedCells, Predictor
+from app.sources.dbc.source import DbcSource
+from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.master.source import MasterSource
+from app.sources.source import MeasurementSource
 from app.telemetry import FloatArray, Source
 from app.words import Message
 
 
 class PipelineFactory:
-    """A filter and a cell for 96 cells; makes as many pipelines as asked for."""
+    """A filter and a cell for each cell of a battery; makes as many pipelines as asked for."""
 
-    def __init__(self, filter_name: str, cell_name: str) -> None:
+    def __init__(self, filter_name: str, cell_name: str | None = None, battery: LoadedBattery | None = None) -> None:
         """Read the cell file.
+
+        Args:
+            filter_name: one of FILTERS.
+            cell_name: a cell file, or the name of a bundled one; None: that of the battery.
+            battery: None: the team's own.
 
         Raises:
             ConfigError: there is no such filter, or the cell cannot be used.
         """
+        self.battery = battery or team_battery()
+        cell_name = cell_name or self.battery.battery.cell
         if filter_name not in FILTERS:
             raise ConfigError("filter", filter_name, Message("one-of", choices=tuple(FILTERS)))
         try:
@@ -44,14 +53,24 @@ class PipelineFactory:
     ) -> Pipeline:
         """Return a fresh pipeline; without `predictor` nothing of the cells was learned before."""
         return Pipeline(
-            MasterSource(source, rs232_url, can_url),
+            self._source(source, rs232_url, can_url),
             self._new_estimator,
             filter_name=self._filter_name,
             cell_name=self._cell_name,
             stopwatch_ns=stopwatch_ns,
-            predictor=predictor or Predictor(self.cell, N_CELLS),
+            predictor=predictor or self.predictor(),
             start_soc=start_soc,
         )
 
+    def predictor(self, learned_before: LearnedCells | None = None) -> Predictor:
+        """Return a fresh predictor that goes on with what earlier sessions learned."""
+        return Predictor(self.cell, self.battery.battery.segments, learned_before)
+
+    def _source(self, name: Source, rs232_url: str | None, can_url: str | None) -> MeasurementSource:
+        speaks = self.battery.speaks_dbc
+        if speaks is None:
+            return MasterSource(name, rs232_url, can_url)
+        return DbcSource(self.battery.battery, speaks, self.battery.definitions, can_url, name=name)
+
     def _new_estimator(self) -> CellEstimator:
-        return make_estimator(self._filter_name, self.cell, N_CELLS)
+        return make_estimator(self._filter_name, self.cell, self.battery.battery.n_cells)

@@ -9,7 +9,8 @@ from collections import deque
 
 import numpy as np
 
-from app.battery.shape import N_CELLS, N_PACKS
+from app.battery.battery import Battery
+from app.estimation.health.segments import Segments
 from app.telemetry import Cells, Check, FloatArray, Plausibility
 
 SUM_LIMIT_V = 0.5  # rounding of 96 cells and of the total
@@ -21,19 +22,20 @@ STEP_S = 0.5  # between the two samples of a difference: longer than the master'
 MEMORY_S = 60.0
 LEAST_CURRENT_A = 30.0  # root of the summed squares of the steps, before their ratio says anything
 LEAST_VOLTAGE_V = 0.08  # of a cell on average, likewise
-RESISTANCE_OHM = (2e-4, 2e-2)  # of one cell of ten 18650 in parallel with its joints, new to worn out
+RESISTANCE_OHM = (2e-3, 0.2)  # of one 18650 with its joints, new to worn out; cells in parallel share it
 
 
 class PlausibilityChecks:
     """Follows the measurements; `verdicts` judges the newest."""
 
-    def __init__(self) -> None:
+    def __init__(self, battery: Battery) -> None:
+        self._resistance_ohm = tuple(ohm / battery.parallel for ohm in RESISTANCE_OHM)
         self._recent: deque[tuple[float, float, float]] = deque()  # (time, current, mean cell voltage)
         self._time_s = 0.0
         self._squares_a2 = 0.0
         self._products_va = 0.0
         self._squares_v2 = 0.0
-        self._chips = _ChipComparison()
+        self._chips = _ChipComparison(Segments(battery.segments))
 
     def step(self, dt_s: float | None, current_a: float, cells_v: FloatArray, chips_v: FloatArray) -> None:
         """Take a measurement.
@@ -41,8 +43,8 @@ class PlausibilityChecks:
         Args:
             dt_s: since the last one [s]; None begins anew.
             current_a: positive on discharge [A].
-            cells_v: (96,) cell voltages, NaN where missing [V].
-            chips_v: (96,) as the slaves' chips read them, NaN where missing [V].
+            cells_v: (n_cells,) cell voltages, NaN where missing [V].
+            chips_v: (n_cells,) as the slaves' chips read them, NaN where missing [V].
         """
         if dt_s is None or dt_s > STEP_S:
             self._recent.clear()
@@ -67,7 +69,7 @@ class PlausibilityChecks:
         return Plausibility(_sum(cells, total_v), self._current(), self._chips.check())
 
     def _current(self) -> Check:
-        low, high = RESISTANCE_OHM
+        low, high = self._resistance_ohm
         if self._squares_a2 < LEAST_CURRENT_A**2:
             still = math.sqrt(self._squares_v2) >= LEAST_VOLTAGE_V  # voltages move, current does not
             return Check(False if still else None, None, high, "ohm", None)
@@ -83,14 +85,15 @@ class _ChipComparison:
     only what is outside at every look is a contradiction.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, segments: Segments) -> None:
+        self._segments = segments
         self._since_s = 0.0
-        self._low_v = self._high_v = np.full(N_CELLS, np.nan)  # of the second that runs
+        self._low_v = self._high_v = np.full(segments.n_cells, np.nan)  # of the second that runs
         self._ranges: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=CHIP_AGE_S)  # of the seconds before
         self._outside_v: deque[FloatArray] = deque(maxlen=CHIP_READINGS)
 
     def step(self, dt_s: float, cells_v: FloatArray, chips_v: FloatArray) -> None:
-        deviation_v = _deviation(cells_v)
+        deviation_v = self._deviation(cells_v)
         self._low_v, self._high_v = np.fmin(self._low_v, deviation_v), np.fmax(self._high_v, deviation_v)
         self._since_s += dt_s
         if self._outside_v and self._since_s < CHIPS_EVERY_S:
@@ -100,12 +103,12 @@ class _ChipComparison:
         self._low_v = self._high_v = deviation_v
         low_v = np.fmin.reduce([low for low, _ in self._ranges])
         high_v = np.fmax.reduce([high for _, high in self._ranges])
-        chip_v = _deviation(chips_v)
+        chip_v = self._deviation(chips_v)
         beyond_v = np.maximum(low_v - chip_v, chip_v - high_v) - (high_v - low_v)
         self._outside_v.append(np.maximum(beyond_v, 0.0))
 
     def check(self) -> Check:
-        least_v = np.fmin.reduce(self._outside_v) if self._outside_v else np.full(N_CELLS, np.nan)
+        least_v = np.fmin.reduce(self._outside_v) if self._outside_v else self._low_v * np.nan
         if np.isnan(least_v).all():
             return Check(None, None, CHIP_LIMIT_V, "V", None)
         cell = int(np.nanargmax(least_v))
@@ -114,19 +117,13 @@ class _ChipComparison:
         verdict = agree or (False if len(self._outside_v) == CHIP_READINGS else None)
         return Check(verdict, value_v, CHIP_LIMIT_V, "V", cell)
 
+    def _deviation(self, values_v: FloatArray) -> FloatArray:
+        """(n_cells,) each cell against the median of its pack, NaN where it or all of the pack is missing."""
+        return values_v - self._segments.median(values_v)
+
 
 def _sum(cells: Cells, total_v: float | None) -> Check:
     if total_v is None or np.isnan(cells.voltage_v).any():
         return Check(None, None, SUM_LIMIT_V, "V", None)
     difference = abs(float(cells.voltage_v.sum()) - total_v)
     return Check(difference <= SUM_LIMIT_V, difference, SUM_LIMIT_V, "V", None)
-
-
-def _deviation(values_v: FloatArray) -> FloatArray:
-    """(96,) each cell against the median of its pack, NaN where it or all of the pack is missing."""
-    packs = values_v.reshape(N_PACKS, -1)
-    known = ~np.isnan(packs).all(axis=1)
-    middle = np.full((N_PACKS, 1), np.nan)
-    middle[known, 0] = np.nanmedian(packs[known], axis=1)
-    deviation: FloatArray = (packs - middle).ravel()
-    return deviation

@@ -10,7 +10,6 @@ from math import isfinite
 
 import numpy as np
 
-from app.battery.shape import CELLS_PER_PACK
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.filters.estimators import CellEstimator, Estimates
 from app.estimation.filters.tuning import Tuning
@@ -69,11 +68,12 @@ class LearnedCells:
 class Predictor:
     """Keeps what has to be remembered between two assessments."""
 
-    def __init__(self, cell: CellModel, n_cells: int, learned_before: LearnedCells | None = None) -> None:
+    def __init__(self, cell: CellModel, segments: tuple[int, ...], learned_before: LearnedCells | None = None) -> None:
+        n_cells = sum(segments)
         self.cell = cell
         self.assessment = Assessment()
         before = learned_before
-        self._watch = CellWatch(cell, (CELLS_PER_PACK,) * (n_cells // CELLS_PER_PACK), _watched_before(before))
+        self._watch = CellWatch(cell, segments, _watched_before(before))
         self.findings = self._found()
         capacities = CapacityTracker(cell.capacity_ah, n_cells, None if before is None else before.capacity_state)
         self._capacities = CapacityBetweenRests(cell, capacities)

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from app.battery.shape import N_CELLS
 from app.telemetry import Cells, FloatArray, Snapshot
 from app.telemetry.fields import TREND, marked
 
@@ -18,16 +17,17 @@ NAMES = marked(Cells, TREND)
 class Trend:
     """One row every ten seconds for six hours, each the mean of what came in between; thread-safe."""
 
-    def __init__(self) -> None:
+    def __init__(self, n_cells: int) -> None:
+        self._n_cells = n_cells
         self._lock = threading.Lock()
         self._t_ns = np.empty(LENGTH, np.int64)
-        self._rows = np.empty((LENGTH, len(NAMES), N_CELLS), np.float32)
+        self._rows = np.empty((LENGTH, len(NAMES), n_cells), np.float32)
         self._count = 0
-        self._sum: FloatArray = np.zeros((len(NAMES), N_CELLS))
-        self._weight: FloatArray = np.zeros((len(NAMES), N_CELLS))
+        self._sum: FloatArray = np.zeros((len(NAMES), n_cells))
+        self._weight: FloatArray = np.zeros((len(NAMES), n_cells))
         self._since_ns: int | None = None
         self._before_ns: int | None = None
-        self._balanced_s: FloatArray = np.zeros(N_CELLS)
+        self._balanced_s: FloatArray = np.zeros(n_cells)
         self._wall_minus_mono_ns = 0
 
     def add(self, snapshot: Snapshot) -> None:
@@ -35,7 +35,7 @@ class Trend:
         if not snapshot.is_fresh:
             return
         cells, t_ns = snapshot.cells, snapshot.t_mono_ns
-        balancing = np.full(N_CELLS, np.nan) if cells.balancing is None else cells.balancing.astype(np.float64)
+        balancing = np.full(self._n_cells, np.nan) if cells.balancing is None else cells.balancing.astype(np.float64)
         values = np.stack([balancing if name == "balancing" else getattr(cells, name) for name in NAMES])
         known = ~np.isnan(values)
         with self._lock:

@@ -56,8 +56,8 @@ class PipelineThread:
             after_publishing: called with what a new item led to, when the snapshot has gone out.
         """
         self.hub = hub
-        self.history = History()
-        self.trend = Trend()
+        self.history = History(pipeline.battery.n_cells)
+        self.trend = Trend(pipeline.battery.n_cells)
         self.snapshot: Snapshot | None = None  # the car's, also while a replay is shown
         self._pipeline = pipeline
         self._inbox = inbox
@@ -87,6 +87,11 @@ class PipelineThread:
             self._pipeline.warm_up()
         except EstimatorError as error:
             log.warning("the estimator could not be made ready: %s", error)
+
+    @property
+    def n_cells(self) -> int:
+        """Of the live battery."""
+        return self._pipeline.battery.n_cells
 
     @property
     def source(self) -> str:

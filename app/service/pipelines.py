@@ -6,8 +6,9 @@ from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import bundled_cells
 from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
-from app.live.prediction import Predictor
+from app.live.prediction import LearnedCells, Predictor
 from app.service.settings import Settings
+from app.sources.loaded_battery import LoadedBattery
 from app.telemetry import FloatArray, Source
 from app.words import Message
 
@@ -15,21 +16,25 @@ from app.words import Message
 class Pipelines:
     """The configured filter and cell, and every other that a replay may choose."""
 
-    def __init__(self, settings: Settings) -> None:
-        """Read the cell file.
+    def __init__(self, settings: Settings, battery: LoadedBattery | None = None) -> None:
+        """Read the cell file; without `battery` it is the team's own.
 
         Raises:
             ConfigError: there is no such filter, or the cell cannot be used.
         """
         self._filter_name = settings.filter
         self._cell_name = settings.cell
-        self._chain = PipelineFactory(settings.filter, settings.cell)
+        self._chain = PipelineFactory(settings.filter, settings.cell, battery)
         self.cell = self._chain.cell
 
     @property
     def cells(self) -> list[str]:
         """Names of the cells to choose from, the configured one first."""
         return list(dict.fromkeys((self._cell_name, *bundled_cells())))
+
+    def predictor(self, learned_before: LearnedCells | None) -> Predictor:
+        """Return a predictor of the configured cells that goes on with what earlier sessions learned."""
+        return self._chain.predictor(learned_before)
 
     def new(
         self,
@@ -40,17 +45,20 @@ class Pipelines:
         start_soc: tuple[FloatArray, FloatArray] | None = None,
         filter_name: str | None = None,
         cell_name: str | None = None,
+        battery: LoadedBattery | None = None,
     ) -> Pipeline:
-        """Return a fresh pipeline; None is the configured filter or cell.
+        """Return a fresh pipeline; None is the configured filter, cell or battery.
 
         Raises:
             ConfigError: there is no such filter or cell.
         """
         chain = self._chain
-        if filter_name is not None or cell_name is not None:
+        is_another = battery is not None and battery.files != chain.battery.files
+        if filter_name is not None or cell_name is not None or is_another:
             if cell_name is not None and cell_name not in self.cells:
                 raise ConfigError("cell", cell_name, Message("one-of-cells", choices=tuple(bundled_cells())))
-            chain = PipelineFactory(filter_name or self._filter_name, cell_name or self._cell_name)
+            cell_name = cell_name or (None if is_another else self._cell_name)
+            chain = PipelineFactory(filter_name or self._filter_name, cell_name, battery or chain.battery)
         return chain.pipeline(
             source, serial_url, can_url, predictor=predictor, start_soc=start_soc, stopwatch_ns=time.perf_counter_ns
         )

@@ -15,7 +15,6 @@ from app.analysis.incidents import Trigger
 from app.analysis.passport.keeper import PassportKeeper
 from app.analysis.root_cause.cause import Cause, trip_cause
 from app.analysis.root_cause.from_session import cause_of_trip
-from app.battery.shape import N_CELLS
 from app.clock import Clock
 from app.configuration.config_sources import ConfigSources
 from app.configuration.history import ConfigHistory
@@ -28,7 +27,6 @@ from app.live.can_trace import CanTrace
 from app.live.hub import Hub
 from app.live.learned_state import load_learned_state
 from app.live.pipeline import Output
-from app.live.prediction import Predictor
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
 from app.service.health import Health
@@ -131,7 +129,8 @@ def make_service(
 
     # Events, and what is recorded
     events = Events(EventLog(data / "events.sqlite", clock), clock)
-    pipelines = Pipelines(settings)
+    battery = team_battery()
+    pipelines = Pipelines(settings, battery)
     recorder = AutoRecorder(
         sessions_folder,
         clock=clock,
@@ -182,8 +181,8 @@ def make_service(
     )
 
     # The pipeline of the live source, which goes on from what earlier runs learned; the replay has its own
-    learned = load_learned_state(data / "cells.npz")
-    predictor = Predictor(pipelines.cell, N_CELLS, None if learned is None else learned.cells)
+    learned = load_learned_state(data / "cells.npz", battery.battery.n_cells)
+    predictor = pipelines.predictor(None if learned is None else learned.cells)
     start_soc = None if learned is None else learned.start(clock.wall_ns())
     pipeline = pipelines.new(source, serial_url, can_url, predictor, start_soc)
     learned_state = LearnedStateSaver(data / "cells.npz", pipeline, predictor, clock)
@@ -243,7 +242,7 @@ def make_service(
     return Service(
         settings=settings,
         clock=clock,
-        battery=team_battery(),
+        battery=battery,
         events=events,
         links=links,
         live=live,

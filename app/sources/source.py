@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Protocol
 
+from app.battery.battery import Battery
 from app.sources.items import Item
 from app.telemetry import Event, Identity, Source
 from app.telemetry.measurement import Measurement
@@ -27,6 +28,10 @@ class MeasurementSource(Protocol):
     @property
     def name(self) -> Source:
         """Where the items come from."""
+
+    @property
+    def battery(self) -> Battery:
+        """Whose measurements they are."""
 
     @property
     def identity(self) -> Identity | None:

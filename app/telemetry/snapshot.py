@@ -57,7 +57,7 @@ class Cells:
 
 @dataclass(frozen=True, slots=True)
 class Pack:
-    """Twelve cells and their slave."""
+    """Cells that are measured by one board."""
 
     voltage_v: Annotated[Number, Unit("V", "sum of the cells, missing where one is missing")]
     min_v: Annotated[Number, Unit("V", "lowest cell voltage")]
@@ -260,3 +260,4 @@ class Snapshot:
     config: Annotated[bytes | None, INTERNAL] = None  # in force, as last received as a whole
     disagreements: Annotated[tuple[Disagreement, ...], INTERNAL] = ()  # between RS232 and CAN
     is_fresh: Annotated[bool, INTERNAL] = True  # made from new bytes, not only aged
+    segments: Annotated[tuple[int, ...], INTERNAL] = ()  # cells of each, in the order of the packs

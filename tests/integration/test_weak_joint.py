@@ -38,7 +38,7 @@ def test_a_joint_that_parts_is_named_from_injection_to_report(tmp_path):
     save_learned_state(
         tmp_path / "past.npz", LearnedState(0, estimates.soc, estimates.soc_sigma, predictor.learned_cells)
     )
-    again = Predictor(predictor.cell, 96, load_learned_state(tmp_path / "past.npz").cells)
+    again = Predictor(predictor.cell, (12,) * 8, load_learned_state(tmp_path / "past.npz", 96).cells)
     assert [(each.code, each.cell, each.size) for each in again.findings] == [("joint-grown", CELL, live.size)]
 
     car.close()

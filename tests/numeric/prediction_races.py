@@ -65,7 +65,7 @@ class RaceRun:
             lambda: make_estimator("fused", cell, N_CELLS),
             filter_name="fused",
             cell_name=CELL,
-            predictor=Predictor(cell, N_CELLS),
+            predictor=Predictor(cell, (12,) * 8),
         )
         self._decoder = FrameDecoder()
         self._snapshot: Snapshot | None = None

@@ -36,7 +36,7 @@ def raced(seconds, learned_for=None, applies_learning=True, **aged):
     rng = np.random.default_rng(2)
     accumulator = Accumulator(AccumulatorParameters(start_soc=0.9, **aged), rng)
     event = endurance(rng, n_laps=10)
-    predictor = Predictor(CELL, 96, None if learned_for is None else learned_for(accumulator.capacity_ah))
+    predictor = Predictor(CELL, (12,) * 8, None if learned_for is None else learned_for(accumulator.capacity_ah))
     estimator = make_estimator("fused", CELL, 96)
     estimator.start(accumulator.terminal_voltage_v, accumulator.temperature_degc, 0.0)
     if applies_learning:

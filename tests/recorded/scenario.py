@@ -49,7 +49,7 @@ class ScenarioRecorder:
         self._simulation = self.player.simulation
         self._decoder = FrameDecoder()
         cell = load_cell(CELL)
-        self.predictor = Predictor(cell, N_CELLS) if looks_ahead else None
+        self.predictor = Predictor(cell, (12,) * 8) if looks_ahead else None
         self.pipeline = Pipeline(
             MasterSource("serial", "simulated"),
             lambda: make_estimator("fused", cell, N_CELLS),

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Path, Query
 from app.api.schemas.service import AcknowledgedOut, EventsOut
 from app.api.web.dependencies import EventsPart, LivePart, UserDep
 from app.api.web.problems import not_found
-from app.battery.shape import N_CELLS
+from app.battery.fields import MOST_CELLS
 from app.sessions.event_log import LoggedEvent
 from app.words import Message
 
@@ -41,7 +41,7 @@ def events(
     after: Annotated[int, Query(ge=0, le=MAX_ID)] = 0,
     limit: Annotated[int, Query(ge=1, le=5000)] = 200,
     severity: Literal["info", "watch", "warning", "trip"] | None = None,
-    cell: Annotated[int | None, Query(ge=0, le=N_CELLS - 1)] = None,
+    cell: Annotated[int | None, Query(ge=0, le=MOST_CELLS - 1)] = None,
 ) -> dict[str, Any]:
     """Newest first."""
     return {"events": [_event_json(event) for event in events.store.query(after, limit, severity, cell)]}

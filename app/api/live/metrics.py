@@ -8,7 +8,6 @@ from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_l
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
 from app.api.web.dependencies import ClockPart, LivePart, RecorderPart
-from app.battery.shape import CELLS_PER_PACK
 from app.clock import Clock
 from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
@@ -124,14 +123,14 @@ def _links(snapshot: Snapshot) -> Iterator[Metric]:
 
 
 def _cells(snapshot: Snapshot) -> Iterator[Metric]:
+    places = [(str(pack), str(cell)) for pack, n in enumerate(snapshot.segments, 1) for cell in range(1, n + 1)]
     for name, unit in units(Cells):
         if name not in _CELLS or not _is_known(snapshot, _PARTS.get(name)):
             continue
         family = GaugeMetricFamily(_CELLS[name], unit.meaning, labels=["pack", "cell"])
         for index, value in enumerate(getattr(snapshot.cells, name).tolist()):
             if value == value:
-                pack, place = divmod(index, CELLS_PER_PACK)
-                family.add_metric([str(pack + 1), str(place + 1)], value)
+                family.add_metric(places[index], value)
         yield family
 
 

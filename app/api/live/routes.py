@@ -12,8 +12,7 @@ from app.api.encoding.words import messages_json
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
 from app.api.web.dependencies import AuthenticationPart, ClockPart, EncoderPart, HealthPart, LivePart, ReadersPart
-from app.api.web.problems import Problem
-from app.battery.shape import N_CELLS
+from app.api.web.problems import Problem, invalid
 from app.telemetry import Snapshot
 from app.words import Message
 
@@ -47,19 +46,24 @@ async def snapshot(live: LivePart, encoder: EncoderPart) -> Response:
 def history(
     live: LivePart,
     seconds: Annotated[float, Query(gt=0, le=3600)] = 900,
-    cell: Annotated[int | None, Query(ge=0, le=N_CELLS - 1)] = None,
+    cell: Annotated[int | None, Query(ge=0)] = None,
 ) -> Response:
     """The last minutes of the main values, or of one cell, for charts that open late; extremes are kept."""
-    body = live.history.read(seconds, cell)
+    body = live.history.read(seconds, None if cell is None else _of_battery(cell, live))
     return Response(orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json")
 
 
 @router.get("/trend", responses={200: {"model": TrendOut}})
-def trend(live: LivePart, cell: Annotated[int, Query(ge=0, le=N_CELLS - 1)]) -> Response:
+def trend(live: LivePart, cell: Annotated[int, Query(ge=0)]) -> Response:
     """Slow values of one cell over six hours, and how long it was balanced since the service started."""
-    return Response(
-        orjson.dumps(live.trend.read(cell), option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json"
-    )
+    body = live.trend.read(_of_battery(cell, live))
+    return Response(orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY), media_type="application/json")
+
+
+def _of_battery(cell: int, live: LivePart) -> int:
+    if cell >= live.n_cells:
+        raise invalid("cell", cell, Message("input-at-most", limit=live.n_cells - 1))
+    return cell
 
 
 @router.websocket("/live")

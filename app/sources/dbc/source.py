@@ -31,10 +31,18 @@ _STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is told count
 class DbcSource:
     """Decodes in batches of one period. Called from one thread; time comes with the items."""
 
-    name: Source = "can"
     identity: Identity | None = None
 
-    def __init__(self, battery: Battery, source: SpeaksDbc, definitions: Definitions, url: str | None = None) -> None:
+    def __init__(
+        self,
+        battery: Battery,
+        source: SpeaksDbc,
+        definitions: Definitions,
+        url: str | None = None,
+        *,
+        name: Source = "can",
+    ) -> None:
+        self.name: Source = name
         self.battery = battery
         self._decoder = BatteryDecoder(battery, source, definitions)
         self._assembler = Assembler(battery, source)

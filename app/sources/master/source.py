@@ -5,8 +5,10 @@ Everything that knows the master's protocol stands in this folder; a measurement
 
 from dataclasses import replace
 
+from app.battery.battery import Battery
 from app.sources.items import CanFault, CanItem, Item, LinkChange, SerialItem
 from app.sources.links.monitor import LinkMonitor, rs232_monitor
+from app.sources.loaded_battery import team_battery
 from app.sources.master.agreement import Agreement
 from app.sources.master.decode import PARTS, Decoder
 from app.sources.master.events import describe
@@ -44,6 +46,7 @@ class MasterSource:
 
     def __init__(self, name: Source, rs232_url: str | None = None, can_url: str | None = None) -> None:
         self.name: Source = name
+        self.battery: Battery = team_battery().battery
         self.identity: Identity | None = None
         self._shadow = ShadowImage()
         self._rs232, self._can = rs232_monitor(rs232_url), LinkMonitor(can_url)

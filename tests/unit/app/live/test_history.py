@@ -31,20 +31,20 @@ def later(snapshot, s: float, *, wall_s: float | None = None, **accumulator):
 
 
 def test_nothing_is_an_empty_series():
-    body = History().read(900, None)
+    body = History(96).read(900, None)
     assert len(body["time"]) == 0
     assert len(body["series"]["voltage_v"]) == 0
-    assert len(History().read(900, 95)["series"]["soc"]) == 0
+    assert len(History(96).read(900, 95)["series"]["soc"]) == 0
 
 
 def test_what_only_aged_is_not_kept(snapshot):
-    history = History()
+    history = History(96)
     history.add(replace(snapshot, is_fresh=False))
     assert len(history.read(900, None)["time"]) == 0
 
 
 def test_a_part_that_is_old_is_a_gap_while_another_goes_on(snapshot):
-    history = History()
+    history = History(96)
     old = replace(later(snapshot, 1, current_a=7.0), age_s=replace(snapshot.age_s, voltage=1.5, temperature=1.5))
     for each in (snapshot, old):
         history.add(each)
@@ -59,7 +59,7 @@ def test_a_part_that_is_old_is_a_gap_while_another_goes_on(snapshot):
 
 
 def test_only_the_last_seconds_are_returned(snapshot):
-    history = History()
+    history = History(96)
     for i in range(100):
         history.add(later(snapshot, i / 10, current_a=float(i)))
     body = history.read(2, None)
@@ -68,13 +68,13 @@ def test_only_the_last_seconds_are_returned(snapshot):
 
 
 def test_a_missing_value_is_a_gap(snapshot):
-    history = History()
+    history = History(96)
     history.add(later(snapshot, 0, voltage_v=None))
     assert np.isnan(history.read(900, None)["series"]["voltage_v"][0])
 
 
 def test_thinning_keeps_a_dip_of_one_sample(snapshot):
-    history = History()
+    history = History(96)
     for i in range(5000):
         history.add(later(snapshot, i / 28, voltage_min_v=2.5 if i == 3210 else 3.7))
     body = history.read(900, None)
@@ -86,7 +86,7 @@ def test_thinning_keeps_a_dip_of_one_sample(snapshot):
 
 @pytest.mark.parametrize("jump_s", [-7200, 7200])
 def test_a_wall_clock_that_is_set_neither_folds_nor_empties_the_axis(snapshot, jump_s):
-    history = History()
+    history = History(96)
     for i in range(20):
         history.add(later(snapshot, i / 10, wall_s=i / 10 + (jump_s if i >= 10 else 0)))
     time_s = history.read(900, None)["time"]
@@ -96,13 +96,13 @@ def test_a_wall_clock_that_is_set_neither_folds_nor_empties_the_axis(snapshot, j
 
 
 def test_one_cell(snapshot):
-    history = History()
+    history = History(96)
     history.add(snapshot)
     assert history.read(900, 36)["series"]["voltage_v"][0] == pytest.approx(snapshot.cells.voltage_v[36], abs=1e-5)
 
 
 def test_a_cells_values_come_back_as_fine_as_they_are_measured(snapshot):
-    history = History()
+    history = History(96)
     voltage_v = np.linspace(0.0, 6.2, 96).round(4)
     soc = np.linspace(-0.1, 1.1, 96)
     missing = np.full(96, np.nan)
@@ -116,7 +116,7 @@ def test_a_cells_values_come_back_as_fine_as_they_are_measured(snapshot):
 
 
 def test_a_value_beyond_its_range_is_held_at_the_end(snapshot):
-    history = History()
+    history = History(96)
     cells = replace(snapshot.cells, residual_v=np.full(96, 40.0), temperature_degc=np.full(96, -500.0))
     history.add(replace(later(snapshot, 0), cells=cells))
     series = history.read(900, 5)["series"]
@@ -130,7 +130,7 @@ def with_voltage(snapshot, cell: int, value: float):
 
 
 def test_a_cells_single_sample_dip_at_the_highest_rate_is_kept(snapshot):
-    history = History()
+    history = History(96)
     for i in range(28 * 60):
         history.add(with_voltage(later(snapshot, i / 28), 36, 2.5 if i == 777 else 3.7))
     body = history.read(900, 36)
@@ -142,7 +142,7 @@ def test_a_cells_single_sample_dip_at_the_highest_rate_is_kept(snapshot):
 
 
 def test_cells_at_the_highest_rate_take_no_more_rows_than_a_quarter_of_an_hour_has_room_for(snapshot):
-    history, seconds = History(), 60
+    history, seconds = History(96), 60
     for i in range(28 * seconds):
         history.add(later(snapshot, i / 28))
     rows = len(history.read(900, 0, points=100_000)["time"])
@@ -150,7 +150,7 @@ def test_cells_at_the_highest_rate_take_no_more_rows_than_a_quarter_of_an_hour_h
 
 
 def test_a_sample_that_is_missing_among_others_is_not_taken_for_the_lowest(snapshot):
-    history = History()
+    history = History(96)
     for i in range(12):
         history.add(with_voltage(later(snapshot, i / 28), 36, np.nan if i % 2 else 3.7))
     values = history.read(900, 36)["series"]["voltage_v"]

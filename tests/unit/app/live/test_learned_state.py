@@ -17,14 +17,14 @@ FACTOR = np.linspace(0.9, 1.7, N_CELLS)
 
 
 def state(resistance):
-    cells = replace(Predictor(CELL, N_CELLS).learned_cells, resistance=resistance)
+    cells = replace(Predictor(CELL, (12,) * 8).learned_cells, resistance=resistance)
     return LearnedState(10, np.full(N_CELLS, 0.7), np.full(N_CELLS, 0.01), cells)
 
 
 def test_learned_resistances_survive_a_restart_and_are_counted_with_at_once(tmp_path):
     file = tmp_path / "past.npz"
     save_learned_state(file, state(np.array((FACTOR, np.full(N_CELLS, 0.02)))))
-    predictor = Predictor(CELL, N_CELLS, load_learned_state(file).cells)
+    predictor = Predictor(CELL, (12,) * 8, load_learned_state(file, 96).cells)
     assert predictor.learned.has_resistance.all()
     np.testing.assert_allclose(predictor.learned.resistance_factor, FACTOR)
 
@@ -35,9 +35,9 @@ def test_a_file_of_an_older_version_knows_no_resistances_and_is_read(tmp_path):
     with np.load(file) as new:
         old = {name: new[name] for name in new if name != "resistance"}
     np.savez(file, **old)
-    found = load_learned_state(file)
+    found = load_learned_state(file, 96)
     assert found.soc[0] == 0.7
-    assert not Predictor(CELL, N_CELLS, found.cells).learned.has_resistance.any()
+    assert not Predictor(CELL, (12,) * 8, found.cells).learned.has_resistance.any()
 
 
 def test_what_was_found_of_cells_and_their_charge_survives_a_restart(tmp_path):
@@ -48,7 +48,7 @@ def test_what_was_found_of_cells_and_their_charge_survives_a_restart(tmp_path):
     watch = CellWatchMemory(np.zeros(N_CELLS), loose, charge, (found,))
     before = state(None)
     save_learned_state(file, replace(before, cells=replace(before.cells, watch=watch)))
-    predictor = Predictor(CELL, N_CELLS, load_learned_state(file).cells)
+    predictor = Predictor(CELL, (12,) * 8, load_learned_state(file, 96).cells)
     assert [(each.code, each.cell, each.size, each.since) for each in predictor.findings] == [
         ("cell-leaks", 22, 0.02, 1e9)
     ]
@@ -63,4 +63,4 @@ def test_a_file_of_an_older_version_knows_the_joints_alone(tmp_path):
     with np.load(file) as new:
         old = {name: new[name] for name in new if not name.startswith(("findings", "loose", "charge"))}
     np.savez(file, **old)
-    assert Predictor(CELL, N_CELLS, load_learned_state(file).cells).findings == ()
+    assert Predictor(CELL, (12,) * 8, load_learned_state(file, 96).cells).findings == ()

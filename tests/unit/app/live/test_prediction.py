@@ -22,7 +22,7 @@ def pipeline(master):
         lambda: make_estimator("fused", CELL, 96),
         filter_name="fused",
         cell_name="c",
-        predictor=Predictor(CELL, 96),
+        predictor=Predictor(CELL, (12,) * 8),
     )
     chain.feed(master.config())
     return chain
@@ -157,8 +157,8 @@ def test_the_past_is_kept_over_a_restart_and_believed_where_the_voltage_agrees(t
     remembered = estimate.soc + 0.02
     remembered[5] += 0.4
     path = tmp_path / "cells.npz"
-    save_learned_state(path, LearnedState(10, remembered, np.full(96, 0.001), Predictor(CELL, 96).learned_cells))
-    start = load_learned_state(path).start(10)
+    save_learned_state(path, LearnedState(10, remembered, np.full(96, 0.001), Predictor(CELL, (12,) * 8).learned_cells))
+    start = load_learned_state(path, 96).start(10)
     second = Pipeline(
         MasterSource("serial"),
         lambda: make_estimator("fused", CELL, 96),
@@ -176,8 +176,8 @@ def test_the_past_is_kept_over_a_restart_and_believed_where_the_voltage_agrees(t
 def test_a_damaged_past_is_ignored(tmp_path, content):
     path = tmp_path / "cells.npz"
     path.write_bytes(content)
-    assert load_learned_state(path) is None
-    assert load_learned_state(tmp_path / "missing") is None
+    assert load_learned_state(path, 96) is None
+    assert load_learned_state(tmp_path / "missing", 96) is None
 
 
 def test_the_offset_of_the_current_sensor_is_found_with_open_relays_and_not_counted(pipeline, master):

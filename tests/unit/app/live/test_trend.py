@@ -36,7 +36,7 @@ def at(snapshot, t_s: float, *, resistance_ohm: float = 0.002, bleeds: bool = Fa
 
 
 def test_rows_are_means_and_what_was_never_known_stays_missing(snapshot):
-    trend = Trend()
+    trend = Trend(96)
     for i in range(int(EVERY_S) + 1):
         trend.add(at(snapshot, i, resistance_ohm=0.001 if i % 2 else 0.003))
     body = trend.read(40)
@@ -46,21 +46,21 @@ def test_rows_are_means_and_what_was_never_known_stays_missing(snapshot):
 
 
 def test_balancing_time_is_counted_while_snapshots_come(snapshot):
-    trend = Trend()
+    trend = Trend(96)
     for t_s, bleeds in ((0, False), (1, True), (2, True), (600, True), (601, True), (602, False)):
         trend.add(at(snapshot, t_s, bleeds=bleeds))
     assert trend.read(7)["balanced_s"] == pytest.approx(3)
 
 
 def test_a_snapshot_that_only_aged_adds_nothing(snapshot):
-    trend = Trend()
+    trend = Trend(96)
     trend.add(at(snapshot, 0))
     trend.add(replace(at(snapshot, 1, bleeds=True), is_fresh=False))
     assert trend.read(0)["balanced_s"] == 0
 
 
 def test_no_more_rows_than_six_hours_and_in_order(snapshot):
-    trend = Trend()
+    trend = Trend(96)
     for i in range(LENGTH + 3):
         trend.add(at(snapshot, i * EVERY_S))
     time_s = trend.read(0)["time"]

@@ -7,12 +7,11 @@ from app.live.learned_state import load_learned_state
 from app.live.pipeline_factory import PipelineFactory
 from app.live.prediction import Predictor
 from app.service.learned_state_saver import EVERY_S, LearnedStateSaver
-from firmware_protocol.memory_map import N_CELLS
 
 
 @pytest.fixture
 def predictor():
-    return Predictor(load_cell("samsung-25r-10p"), N_CELLS)
+    return Predictor(load_cell("samsung-25r-10p"), (12,) * 8)
 
 
 @pytest.fixture
@@ -34,7 +33,7 @@ def test_it_is_saved_after_five_minutes_and_not_before(tmp_path, pipeline, predi
     assert not path.exists()
     clock.advance(1)
     saver.on_output(output, clock.monotonic_ns())
-    found = load_learned_state(path)
+    found = load_learned_state(path, 96)
     assert found.saved_wall_ns == clock.wall_ns()
     assert found.soc == pytest.approx(pipeline.estimates.soc)
     path.unlink()
