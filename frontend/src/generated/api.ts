@@ -1062,7 +1062,7 @@ export interface Overlay {
   laps: LapTrace[];
 }
 
-/** Twelve cells and their slave. */
+/** Cells that are measured by one board. */
 export interface Pack {
   voltage_v: number | null;
   min_v: number | null;
