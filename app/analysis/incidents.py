@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Final
+from typing import Any, Final
 
+from app.analysis.finding import message_of_event
 from app.telemetry import Severity
 from app.words import Text
 
@@ -29,6 +30,12 @@ class Trigger:
     value: float | None = None
     limit: float | None = None
     unit: str = ""
+
+
+def trigger_of_event(row: Mapping[str, Any], at_s: float, mono_s: float) -> Trigger:
+    """Return an event of a session, a row of its table `events`, as what may have triggered a black box."""
+    about = (row[name] for name in ("cell", "value", "limit_value", "unit"))
+    return Trigger(at_s, mono_s, row["code"], row["severity"], message_of_event(row), *about)
 
 
 def is_trigger(severity: str, code: str) -> bool:

@@ -81,7 +81,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class PossibleCause:
-    """What else a trip may have been caused by; cell and pack count from 0."""
+    """What a trip may have been caused by; cell and pack count from 0."""
 
     code: str
     message: Annotated[Message, MESSAGE]
@@ -91,14 +91,9 @@ class PossibleCause:
 
 
 @dataclass(frozen=True, slots=True)
-class TripCause:
-    """What is taken for the cause of a trip, found in the recording seconds after it; cell and pack count from 0."""
+class TripCause(PossibleCause):
+    """What is taken for the cause of a trip, found in the recording seconds after it."""
 
-    code: str
-    message: Annotated[Message, MESSAGE]
-    cell: int | None
-    pack: int | None
-    confidence: Annotated[float, Unit("1", "share among what it may be", 3)]
     others: tuple[PossibleCause, ...] = ()
 
 

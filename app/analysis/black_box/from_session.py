@@ -11,8 +11,7 @@ from app.analysis.black_box.box import BlackBox, box_from_json
 from app.analysis.black_box.excerpt import Window, build
 from app.analysis.black_box.findings import cause_findings, findings_of
 from app.analysis.cell_findings import CellJudge
-from app.analysis.finding import message_of_event
-from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger, main_trigger
+from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger, main_trigger, trigger_of_event
 from app.analysis.limits import limits_of
 from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import cause_of_trip
@@ -32,17 +31,7 @@ _FIELDS = ("i_fs", "v", "t", "estimate.soc", "status.flags")
 
 def _triggers(session: SessionFile) -> list[Trigger]:
     return [
-        Trigger(
-            event["t_wall_ns"] / 1e9,
-            event["t_mono_ns"] / 1e9,
-            event["code"],
-            event["severity"],
-            message_of_event(event),
-            event["cell"],
-            event["value"],
-            event["limit_value"],
-            event["unit"],
-        )
+        trigger_of_event(event, event["t_wall_ns"] / 1e9, event["t_mono_ns"] / 1e9)
         for event in session.events()
         if is_trigger(event["severity"], event["code"])
     ]

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.analysis.finding import message_of_event
-from app.analysis.incidents import Trigger
+from app.analysis.incidents import Trigger, trigger_of_event
 from app.analysis.limits import limits_of
 from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntArray, LineTraffic, Recording, row_median
 from app.battery.shape import N_CELLS, N_PACKS
@@ -147,17 +146,5 @@ def read_events(session: SessionFile, from_s: float, to_s: float) -> list[Trigge
     for event in session.events():
         at_s = session.unix_s(event["t_mono_ns"])
         if from_s <= at_s <= to_s:
-            found.append(
-                Trigger(
-                    at_s,
-                    at_s,
-                    event["code"],
-                    event["severity"],
-                    message_of_event(event),
-                    event["cell"],
-                    event["value"],
-                    event["limit_value"],
-                    event["unit"],
-                )
-            )
+            found.append(trigger_of_event(event, at_s, at_s))
     return found

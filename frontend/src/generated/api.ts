@@ -1107,7 +1107,7 @@ export interface Plausibility {
   chips: Check;
 }
 
-/** What else a trip may have been caused by; cell and pack count from 0. */
+/** What a trip may have been caused by; cell and pack count from 0. */
 export interface PossibleCause {
   code: string;
   message: string;
@@ -1681,7 +1681,7 @@ export interface Trend {
   balanced_s: number;
 }
 
-/** What is taken for the cause of a trip, found in the recording seconds after it; cell and pack count from 0. */
+/** What is taken for the cause of a trip, found in the recording seconds after it. */
 export interface TripCause {
   code: string;
   message: string;
