@@ -28,7 +28,6 @@ import numpy as np
 from playwright.sync_api import Browser, CDPSession, Page, ViewportSize, expect, sync_playwright
 
 from app.sessions.reading.reader import SessionFile
-from app.sessions.storage.signals import find_signal
 from benchmarks.recording import long_session
 
 STATIC = Path(__file__).resolve().parents[1] / "app" / "static"
@@ -254,7 +253,7 @@ def samples_behind(page: Page, path: Path) -> tuple[int, bool]:
     count, kept = 0, True
     with SessionFile(path) as session:
         for name, shown in waited.value.json()["signals"].items():
-            signal = find_signal(name)
+            signal = session.signals.find(name)
             every = signal.physical(session.samples([signal])[0].counts)
             if every.size == 0:
                 continue

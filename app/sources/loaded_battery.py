@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 from app.battery.battery import Battery
 from app.battery.library import TEAM_PROFILE, profile_files, profile_of
@@ -43,12 +43,18 @@ def battery_from_files(files: Mapping[str, bytes]) -> LoadedBattery:
         ProfileError: the profile is wrong.
         ImportFailed, ExtraMissing: a DBC cannot be read.
     """
+    return _read(tuple(files.items()))
+
+
+@lru_cache(maxsize=16)  # a page reads one session after the other of the same battery
+def _read(items: tuple[tuple[str, bytes], ...]) -> LoadedBattery:
+    files = dict(items)
     profile = profile_of(files)
     definitions = Definitions(())
     if isinstance(profile.source, SpeaksDbc):
         for name in profile.source.dbc:
             definitions = definitions.joined(parse_definitions(files[name], name))
-    return LoadedBattery(profile.battery, profile.source, definitions, dict(files))
+    return LoadedBattery(profile.battery, profile.source, definitions, files)
 
 
 @cache

@@ -1,6 +1,19 @@
 """What the service tells a person: codes with arguments, and the tables that turn them into text."""
 
 from app.words.message import Argument, Cell, Message, Quantity, Text, message_from_json
+from app.words.places import name_cells_by, naming_cells
 from app.words.render import languages, render, table
 
-__all__ = ["Argument", "Cell", "Message", "Quantity", "Text", "languages", "message_from_json", "render", "table"]
+__all__ = [
+    "Argument",
+    "Cell",
+    "Message",
+    "Quantity",
+    "Text",
+    "languages",
+    "message_from_json",
+    "name_cells_by",
+    "naming_cells",
+    "render",
+    "table",
+]

@@ -9,12 +9,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from app.words.places import TEAM, place_of
+
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell by its index from 0; people read its pack and number, both from 1."""
+    """A cell by its index from 0; people read its pack and number, both from 1, of the battery that is spoken of."""
 
     index: int
+    pack: int = 0
+    cell: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.pack:
+            pack, cell = place_of(self.index)
+            object.__setattr__(self, "pack", pack)
+            object.__setattr__(self, "cell", cell)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,4 +73,8 @@ def _argument(value: Any) -> Argument:
         return plain
     if "code" in value:
         return message_from_json(value)
-    return Cell(**value) if "index" in value else Quantity(**value)
+    if "index" not in value:
+        return Quantity(**value)
+    if "pack" not in value:  # of a version that knew the team's battery only
+        return Cell(value["index"], *place_of(value["index"], TEAM))
+    return Cell(**value)

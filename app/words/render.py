@@ -13,7 +13,6 @@ from functools import cache
 from importlib.resources import files
 
 from app.words.message import Argument, Cell, Message, Quantity, Text
-from firmware_protocol.memory_map import CELLS_PER_PACK
 
 Template = str | Mapping[str, str]
 UNITS = {"degC": "°C", "mohm": "mΩ", "ohm": "Ω", "uohm": "µΩ"}
@@ -56,9 +55,8 @@ def _text(argument: Argument, language: str) -> str:
     match argument:
         case Message():
             return render(argument, language)
-        case Cell(index):
-            pack, cell = divmod(index, CELLS_PER_PACK)
-            return render(Message("cell", pack=pack + 1, cell=cell + 1), language)
+        case Cell():
+            return render(Message("cell", pack=argument.pack, cell=argument.cell), language)
         case Quantity(value, unit, digits):
             return f"{number(value, digits)} {UNITS.get(unit, unit)}".rstrip()
         case tuple():

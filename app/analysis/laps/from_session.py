@@ -19,7 +19,6 @@ from app.sessions.errors import NotASession
 from app.sessions.info import Marker
 from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import MAX_POINTS, SessionFile
-from app.sessions.storage.signals import find_signal
 from app.words import Message
 
 Source = Literal["settled", "markers", "pattern", "can", "signal"]
@@ -228,7 +227,7 @@ def _counted(session: SessionFile, counter: CanCounter) -> Counts:
 
 
 def _sampled(session: SessionFile, name: str) -> Counts:
-    signal = find_signal(name)
+    signal = session.signals.find(name)
     (samples,) = session.samples([signal])
     values = signal.physical(samples.counts)
     known = np.isfinite(values)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from app.estimation.arrays import FloatArray
 from app.sessions.reading.blocks import Block
 from app.sessions.reading.reader import SessionFile
-from app.sessions.storage.signals import Signal, default_signals, find_signal
+from app.sessions.storage.signals import Signal
 from app.sources.master.uptime_clock import UptimeClock
 
 PIECE_S = 240.0
@@ -52,6 +52,7 @@ class SignalTable:
 
     Behind them stand FILLED where gaps of the session were filled from another recorder, SIMULATED where the car was
     simulated, and AGE: what waited on its way to the recorder is old at its `time_s`; beyond 1 s it was not live.
+    A battery with a DBC has a row a period of its profile, each value the newest that is not too old, and no AGE.
     """
 
     def __init__(
@@ -70,10 +71,10 @@ class SignalTable:
         """
         self.session = session
         if signals:
-            self.signals = [find_signal(name) for name in dict.fromkeys(signals)]
+            self.signals = [session.signals.find(name) for name in dict.fromkeys(signals)]
         else:
             present = set(session.signal_names())
-            self.signals = [s for s in map(find_signal, default_signals()) if s.field in present]
+            self.signals = [s for s in session.signals.of_table() if s.field in present]
         self._of_field: dict[str, list[int]] = defaultdict(list)  # indices of its signals
         for i, signal in enumerate(self.signals):
             self._of_field[signal.field].append(i)
@@ -83,7 +84,7 @@ class SignalTable:
         self._added = [
             *([FILLED] if self._filled else []),
             *([SIMULATED] if self.is_simulated else []),
-            AGE,
+            *([] if session.loaded_battery.speaks_dbc else [AGE]),
         ]
         self.signals = [*self.signals, *self._added]
         self.t_from_s, self.t_to_s = t_from_s, t_to_s
@@ -96,7 +97,7 @@ class SignalTable:
         first_us, last_us = self._range_us(start_us)
         margin_s = MARGIN_US / 1e6
         ends_s = self.session.unix_s(first_us * 1000) - margin_s, self.session.unix_s(last_us * 1000) + margin_s
-        blocks = self.session.blocks([s for s in self.signals if s not in self._added], *ends_s)
+        blocks = self.session.blocks([s for s in self.signals if s not in self._added], *ends_s, in_rows=True)
         uptime_clock = UptimeClock()
         for arrived_ns, uptime_ms in self.session.uptimes(first_us * 1000):
             uptime_clock.measured_ns(uptime_ms, arrived_ns)

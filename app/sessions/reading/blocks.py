@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from app.sessions.recording.session_writer import IDS_PER_CHUNK
 from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, Track
 from app.sessions.storage.queries import StoredSession
-from app.sessions.storage.streams import IntArray, stream_ranges, unpack_streams
+from app.sessions.storage.streams import CountArray, stream_ranges, unpack_streams
+from app.sources.loaded_battery import LoadedBattery
 from firmware_protocol.memory_map import FIELDS
 
 _ALWAYS_US = 1 << 50
@@ -24,7 +25,12 @@ class Column:
     """Samples of k elements of a field. Columns sampled together share one track, of (n,) ascending times."""
 
     def __init__(
-        self, field: str, elements: ElementArray, track: Track, decode: Callable[[], IntArray], keep: Any = slice(None)
+        self,
+        field: str,
+        elements: ElementArray,
+        track: Track,
+        decode: Callable[[], CountArray],
+        keep: Any = slice(None),
     ) -> None:
         self.field = field
         self.elements = elements  # (k,) ascending
@@ -33,9 +39,9 @@ class Column:
         self._keep = keep  # of the samples that `decode` returns
 
     @cached_property
-    def counts(self) -> IntArray:
+    def counts(self) -> CountArray:
         """(n, k) values as stored; decoded when first asked for."""
-        counts: IntArray = self._decode()[self._keep]
+        counts: CountArray = self._decode()[self._keep]
         return counts
 
     def cut(self, track: Track, keep: Any) -> "Column":
@@ -63,8 +69,9 @@ class Block:
 class BlockReader:
     """Reads the blocks of a session. Keeps the last decoded tail."""
 
-    def __init__(self, stored: StoredSession) -> None:
+    def __init__(self, stored: StoredSession, battery: LoadedBattery) -> None:
         self._stored = stored
+        self._battery = battery
         self._tail: tuple[tuple[int, ...], Chunk] | None = None
 
     def blocks(self, wanted: Mapping[str, ElementArray], first_us: int, last_us: int) -> Iterator[Block]:
@@ -124,7 +131,7 @@ class BlockReader:
                 columns.append(Column(field, elements, track, decode))
         return columns
 
-    def _decode(self, streams: list[bytes], dtype: str, n_samples: int) -> IntArray:
+    def _decode(self, streams: list[bytes], dtype: str, n_samples: int) -> CountArray:
         with self._stored.sound():
             return unpack_streams(streams, dtype, n_samples)
 
@@ -163,6 +170,7 @@ class BlockReader:
                 boots,
                 last_uptime_ms,
                 last_good[0][0] if last_good else None,
+                battery=self._battery,
                 decodes_can=not metadata or FOREIGN_CAN not in json.loads(metadata[0][0]),
             )
             builder.add(

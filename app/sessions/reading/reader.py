@@ -13,18 +13,22 @@ from typing import Any
 
 import numpy as np
 
-from app.battery.shape import N_CELLS
+from app.battery.battery import Battery
+from app.errors import AppError
 from app.estimation.arrays import FloatArray
 from app.sessions.errors import NotASession
 from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
 from app.sessions.reading.blocks import Block, BlockReader, Column, ElementArray
 from app.sessions.reading.notes import read_note
+from app.sessions.reading.rows import CARRIED_US
+from app.sessions.reading.rows import in_rows as rows_of
 from app.sessions.reading.series import Series, reduce_samples
 from app.sessions.storage.chunks import ESTIMATES, Track
 from app.sessions.storage.files import size_on_disk
 from app.sessions.storage.queries import StoredSession
-from app.sessions.storage.signals import Signal, field_shape, find_signal
-from app.sessions.storage.streams import IntArray
+from app.sessions.storage.signals import Signal, Signals
+from app.sessions.storage.streams import CountArray
+from app.sources.loaded_battery import LoadedBattery, battery_from_files, team_battery
 from app.words import Message
 from firmware_protocol.memory_map import CONFIG, FIELDS
 
@@ -43,7 +47,7 @@ class Samples:
         self._order = order
 
     @cached_property
-    def counts(self) -> IntArray:
+    def counts(self) -> CountArray:
         """(n,) values as stored; decoded when first asked for."""
         parts = [column.counts[:, i] for column, i in self._parts]
         return np.concatenate(parts)[self._order] if parts else np.empty(0, np.int64)
@@ -73,12 +77,15 @@ class SessionFile:
         """
         self.path = path
         self._stored = StoredSession(path)
-        self._blocks = BlockReader(self._stored)
         try:
+            self.loaded_battery = self._load_battery()
             self._offset_ns = self._wall_offset_ns()
-        except NotASession:
+        except AppError:
             self._stored.close()
             raise
+
+        self._blocks = BlockReader(self._stored, self.loaded_battery)
+        self.signals = Signals(self.loaded_battery)
 
     def __enter__(self) -> "SessionFile":
         return self
@@ -121,6 +128,11 @@ class SessionFile:
             metadata=metadata,
             **counts,
         )
+
+    @property
+    def battery(self) -> Battery:
+        """The battery that was recorded."""
+        return self.loaded_battery.battery
 
     @property
     def cell_file(self) -> str | None:
@@ -184,8 +196,9 @@ class SessionFile:
         return int(stored) + int(tail)
 
     def estimates(self) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
-        """Yield every estimate: monotonic time [ns], the master's clock [ms], (96,) SOC and sigma."""
-        wanted = [find_signal(f"{name}[{cell}]") for name in ESTIMATES for cell in range(N_CELLS)]
+        """Yield every estimate: monotonic time [ns], the master's clock [ms], (n_cells,) SOC and sigma."""
+        n_cells = self.battery.n_cells
+        wanted = [self.signals.find(f"{name}[{cell}]") for name in ESTIMATES for cell in range(n_cells)]
         for block in self.blocks(wanted):
             found = {column.field: column for column in block.columns}
             if len(found) == len(ESTIMATES):
@@ -218,7 +231,7 @@ class SessionFile:
         """
         if not 1 <= points <= MAX_POINTS:
             raise ValueError(f"points = {points}: 1..{MAX_POINTS}")
-        chosen = [find_signal(name) for name in signals]
+        chosen = [self.signals.find(name) for name in signals]
         result = {}
         for signal, found in zip(chosen, self.samples(chosen, t_from_s, t_to_s), strict=True):
             times_s = (found.track.times_us * 1000 + self._offset_ns) / 1e9
@@ -247,39 +260,53 @@ class SessionFile:
         return samples
 
     def blocks(
-        self, signals: Iterable[Signal], t_from_s: float | None = None, t_to_s: float | None = None
+        self,
+        signals: Iterable[Signal],
+        t_from_s: float | None = None,
+        t_to_s: float | None = None,
+        *,
+        in_rows: bool = False,
     ) -> Iterator[Block]:
         """Yield the samples of signals in a range, about a minute at a time, in order of time; ends included.
 
         Everything that reads more than a few samples reads them here. What is recorded meanwhile is not seen.
+        A battery with a DBC tells each value at its own time; with `in_rows` all have the same times, one a period.
         """
         elements: dict[str, set[int]] = defaultdict(set)
         for signal in signals:
             elements[signal.field].add(signal.element)
-        return self._read({name: np.array(sorted(each), np.intp) for name, each in elements.items()}, t_from_s, t_to_s)
+        wanted = {name: np.array(sorted(each), np.intp) for name, each in elements.items()}
+        return self._read(wanted, t_from_s, t_to_s, in_rows=in_rows)
 
     def fields(
         self, names: Sequence[str], t_from_s: float | None = None, t_to_s: float | None = None
     ) -> Iterator[dict[str, FieldSamples]]:
         """Yield the blocks of whole fields in units. A field of which a block holds nothing is not in it.
 
+        A field of the team's memory map that this battery does not tell is passed over.
+
         Raises:
             UnknownSignal: a name is no field and no estimate.
         """
-        shapes = {name: field_shape(name) for name in names}
+        told = self.signals.order
+        shapes = {name: self.signals.of_field(name) for name in names if name in told or name not in FIELDS}
         wanted = {name: np.arange(count) for name, (_, count) in shapes.items()}
-        for block in self._read(wanted, t_from_s, t_to_s):
+        for block in self._read(wanted, t_from_s, t_to_s, in_rows=True):
             found: dict[str, list[Column]] = defaultdict(list)
             for column in block.columns:
                 found[column.field].append(column)
             yield {name: self._in_units(parts, *shapes[name]) for name, parts in found.items()}
 
     def _read(
-        self, wanted: Mapping[str, ElementArray], t_from_s: float | None, t_to_s: float | None
+        self, wanted: Mapping[str, ElementArray], t_from_s: float | None, t_to_s: float | None, *, in_rows: bool
     ) -> Iterator[Block]:
         first_us = -_ALWAYS_US if t_from_s is None else self.mono_us(t_from_s)
         last_us = _ALWAYS_US if t_to_s is None else self.mono_us(t_to_s)
-        return self._blocks.blocks(wanted, first_us, last_us)
+        speaks = self.loaded_battery.speaks_dbc if in_rows else None
+        if speaks is None:
+            return self._blocks.blocks(wanted, first_us, last_us)
+        blocks = self._blocks.blocks(wanted, first_us - CARRIED_US, last_us)
+        return rows_of(blocks, wanted, self.signals, speaks, first_us)
 
     def _in_units(self, parts: Sequence[Column], signal: Signal, n_elements: int) -> FieldSamples:
         """Columns of one field as one table."""
@@ -305,12 +332,12 @@ class SessionFile:
         return self._blocks.spans_us()
 
     def signal_names(self) -> list[str]:
-        """Fields and estimates of which the session holds samples, without indices, in the memory map's order."""
+        """Fields and estimates of which the session holds samples, without indices, in their usual order."""
         with self.consistent():
             names = self._blocks.fields()
             if self._stored.last_id("configs"):
                 names |= {f"conf.{name}" for name in CONFIG}
-        order = {name: i for i, name in enumerate(FIELDS)}
+        order = self.signals.order
         return sorted(names, key=lambda name: (order.get(name, len(order)), name))
 
     def problems(self) -> list[str]:
@@ -335,6 +362,14 @@ class SessionFile:
         if missing := _ALWAYS_THERE - meta.keys():
             raise NotASession(str(self.path), Message("damaged-lacks", missing=tuple(sorted(missing))))
         return meta
+
+    def _load_battery(self) -> LoadedBattery:
+        """The battery that the file explains; the team's own where it explains none."""
+        if not self._stored.rows("SELECT 1 FROM sqlite_master WHERE name = 'battery_files'"):
+            return team_battery()
+        files = dict(self._stored.rows("SELECT name, data FROM battery_files ORDER BY id"))
+        with self._stored.sound():
+            return battery_from_files(files) if files else team_battery()
 
     def _wall_offset_ns(self) -> int:
         last = self._stored.rows("SELECT t_wall_ns - t_mono_ns FROM clock ORDER BY id DESC LIMIT 1")

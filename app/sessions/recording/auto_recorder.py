@@ -13,6 +13,7 @@ from app.sessions.info import RecorderStatus, SessionInfo
 from app.sessions.recording.recorder import DiskLimits, Recorder
 from app.sessions.recording.session_names import RecordingPlan, load_plan, next_part, save_plan
 from app.sources.items import CanItem, Item, SerialItem
+from app.sources.loaded_battery import LoadedBattery
 from app.telemetry import Event, Severity, Source
 from app.words import Message
 from firmware_protocol.framing import Frame
@@ -42,11 +43,12 @@ class AutoRecorder:
         limits: DiskLimits | None = None,
         source: Source | None = None,
         cell_file: str | None = None,
+        battery: LoadedBattery | None = None,
     ) -> None:
         """Open the folder; what the page was told of the next sessions lies beside it.
 
         `source` is kept in every session, so that a simulated car is never taken for a real one; the text of the cell
-        file, so that the session is judged with it later, too.
+        file, so that the session is judged with it later, too; and the battery, whose profile explains the frames.
 
         Raises:
             ConfigError: the event's name is too long.
@@ -63,6 +65,7 @@ class AutoRecorder:
             limits=limits,
             next_name=next_part,
             cell_file=cell_file,
+            battery=battery,
             keeps_empty=False,
         )
         self._automatic = automatic

@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.battery.shape import N_CELLS
 from app.clock import Clock
 from app.errors import NotNow, message_of
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
 from app.sessions.recording.session_writer import Row, SessionWriter, TableRow, event_row
 from app.sessions.storage.files import new_file, size_on_disk
+from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.telemetry import Event
 from app.words import Message, Quantity, render
 from firmware_protocol.memory_map import MAP_HASH
@@ -65,6 +65,7 @@ class Recorder:
         free_bytes: Callable[[Path], int] = _free_bytes,
         next_name: Callable[[str], str] = lambda name: name,
         cell_file: str | None = None,
+        battery: LoadedBattery | None = None,
         keeps_empty: bool = True,
     ) -> None:
         """Start the thread; without `keeps_empty` a session that nothing came into is deleted when it ends."""
@@ -73,6 +74,7 @@ class Recorder:
         self._next_name = next_name  # of the session that goes on where one is split
         self._version = version
         self._cell_file = cell_file  # what the sessions are estimated with
+        self._battery = battery or team_battery()
         self._clock = clock
         self._limits = limits or DiskLimits()
         self._free_bytes = free_bytes
@@ -153,11 +155,12 @@ class Recorder:
                 self._put("can_frames", (t_mono_ns, t_wall_ns, can_id, data), len(data))
 
     def estimates(self, t_mono_ns: int, uptime_ms: int, soc: NDArray[np.float64], sigma: NDArray[np.float64]) -> None:
-        """Record the (96,) estimated SOC and its standard deviation, fractions; not finite is missing."""
-        if soc.shape != (N_CELLS,) or sigma.shape != (N_CELLS,):
-            raise SessionError(f"estimates of shape {soc.shape} and {sigma.shape}, not ({N_CELLS},)")
+        """Record the (n_cells,) estimated SOC and its standard deviation, fractions; not finite is missing."""
+        n_cells = self._battery.battery.n_cells
+        if soc.shape != (n_cells,) or sigma.shape != (n_cells,):
+            raise SessionError(f"estimates of shape {soc.shape} and {sigma.shape}, not ({n_cells},)")
         with self._lock:
-            self._put("estimates", (t_mono_ns, uptime_ms, soc.copy(), sigma.copy()), 16 * N_CELLS)
+            self._put("estimates", (t_mono_ns, uptime_ms, soc.copy(), sigma.copy()), 16 * n_cells)
 
     def event(self, t_mono_ns: int, event: Event) -> None:
         """Record that something happened."""
@@ -329,7 +332,7 @@ class Recorder:
         while self._batch:
             kind, row = self._batch[0]
             if kind == _START:
-                self._writer = SessionWriter(row[0], self._cell_file)
+                self._writer = SessionWriter(row[0], self._cell_file, self._battery)
                 self._finish(1)
                 continue
             if self._writer is None:
@@ -385,5 +388,5 @@ def _payload_bytes(item: TableRow) -> int:
     if table in ("frames", "can_frames", "configs"):
         return len(row[-1])
     if table == "estimates":
-        return 16 * N_CELLS
+        return int(row[2].nbytes + row[3].nbytes)
     return len(row[4]) + len(row[10]) if table == "events" else len(row[3]) if table == "markers" else 0

@@ -17,6 +17,7 @@ from app.sessions.storage.database import open_for_writing
 from app.sessions.storage.files import remove
 from app.sessions.storage.migrate import SESSION
 from app.sessions.storage.streams import pack_block
+from app.sources.loaded_battery import LoadedBattery
 from app.telemetry import Event
 
 IDS_PER_CHUNK = 1 << 20
@@ -33,6 +34,7 @@ _INSERT = {
     "markers": "INSERT INTO markers (t_mono_ns, t_wall_ns, kind, text, who) VALUES (?, ?, ?, ?, ?)",
     "configs": "INSERT INTO configs (t_mono_ns, t_wall_ns, why, image) VALUES (?, ?, ?, ?)",
     "clock": "INSERT INTO clock (t_mono_ns, t_wall_ns, uptime_ms) VALUES (?, ?, ?)",
+    "battery_files": "INSERT INTO battery_files (name, data) VALUES (?, ?)",
     "meta": "INSERT OR REPLACE INTO meta (key, value) VALUES (?, ?)",
 }
 
@@ -57,15 +59,20 @@ _RECEIVED = {"meta", "frames", "can_frames", "estimates", "configs", "chunks", "
 class SessionWriter:
     """Writes one new session. Every method either has its effect on the disk or raises and changes nothing."""
 
-    def __init__(self, info: SessionInfo, cell_file: str | None = None) -> None:
-        """Create the session's tables in its file, which exists and is empty; `cell_file` is what it is estimated with.
+    def __init__(self, info: SessionInfo, cell_file: str | None = None, battery: LoadedBattery | None = None) -> None:
+        """Create the session's tables in its file, which exists and is empty.
+
+        Args:
+            info: names the file and what it is.
+            cell_file: what it is estimated with.
+            battery: whose session it is; None, and the team's own, need no copy of their profile.
 
         Raises:
             sqlite3.Error: the disk does not take it.
         """
         self._path = info.path
         self._connection = open_for_writing(info.path, SESSION)
-        self._builder = ChunkBuilder(decodes_can=FOREIGN_CAN not in info.metadata)
+        self._builder = ChunkBuilder(battery=battery, decodes_can=FOREIGN_CAN not in info.metadata)
         self._chunk_start_ns: int | None = None
         self._chunks = 0
         self._frames = 0
@@ -84,7 +91,7 @@ class SessionWriter:
         if cell_file is not None:
             facts["cell_file"] = cell_file
         try:
-            self.write([("meta", pair) for pair in facts.items()])
+            self.write([*(("meta", pair) for pair in facts.items()), *_battery_rows(battery)])
         except sqlite3.Error:
             self._connection.close()
             raise
@@ -219,6 +226,13 @@ def _insert_columns(connection: sqlite3.Connection, chunk: Chunk, base: int, ser
         connection.execute(
             "INSERT INTO columns VALUES (?, ?, ?, ?)", (base + series[key], base + number, *pack_block(values))
         )
+
+
+def _battery_rows(battery: LoadedBattery | None) -> list[TableRow]:
+    """What explains the frames, where they are not the team's master's."""
+    if battery is None or battery.speaks_dbc is None:
+        return []
+    return [("battery_files", file) for file in battery.files.items()]
 
 
 def _encoded(rows: list[Row]) -> list[Row]:

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.battery.shape import N_CELLS
-from app.sessions.storage.streams import IntArray
+from app.sessions.storage.battery_columns import BatteryColumns
+from app.sessions.storage.streams import CountArray
+from app.sources.loaded_battery import LoadedBattery, team_battery
 from firmware_protocol.can_tables import TableReader
 from firmware_protocol.config_image import default_image
 from firmware_protocol.errors import DecodeError
@@ -35,7 +36,7 @@ Layout = tuple[tuple[int, int], ...]  # offset and length of each window
 
 @dataclass(frozen=True, slots=True)
 class SeriesKey:
-    """What a column block holds: consecutive elements of one field."""
+    """What a column block holds: consecutive elements of one field, as counts, or as values of type `<f8`."""
 
     field: str
     first_element: int
@@ -59,7 +60,7 @@ class Chunk:
     """Decoded samples: for each key the number of its track and (samples, elements) counts."""
 
     tracks: tuple[Track, ...]
-    columns: dict[SeriesKey, tuple[int, IntArray]]
+    columns: dict[SeriesKey, tuple[int, CountArray]]
 
     @property
     def span_us(self) -> tuple[int, int]:
@@ -70,7 +71,7 @@ class Chunk:
 
 
 def encode_estimate(values: NDArray[np.float64]) -> bytes:
-    """Return (96,) fractions as counts: not finite is missing, below 0 is 0."""
+    """Return fractions as counts: not finite is missing, below 0 is 0."""
     known = np.isfinite(values)
     counts = np.clip(np.where(known, values, 0.0) / ESTIMATE_SCALE, 0, ESTIMATE_MISSING - 1).round()
     return np.where(known, counts, ESTIMATE_MISSING).astype("<u2").tobytes()
@@ -110,8 +111,14 @@ class ChunkBuilder:
         last_uptime_ms: int | None = None,
         last_frame_ns: int | None = None,
         *,
+        battery: LoadedBattery | None = None,
         decodes_can: bool = True,
     ) -> None:
+        """Begin with the master's clock as it was; a battery with a DBC has none. None: the team's own battery."""
+        battery = battery or team_battery()
+        speaks = battery.speaks_dbc
+        self._battery = None if speaks is None else BatteryColumns(battery.battery, speaks, battery.definitions)
+        self._n_cells = battery.battery.n_cells
         self._boots = boots
         self._last_uptime_ms = last_uptime_ms
         self._last_frame_ns = last_frame_ns
@@ -129,7 +136,7 @@ class ChunkBuilder:
         self._boots_at_start = self._boots
 
     def __len__(self) -> int:
-        return len(self._times_us) + len(self._estimate_times_us)
+        return len(self._times_us) + len(self._estimate_times_us) + (0 if self._battery is None else len(self._battery))
 
     @property
     def master_clock(self) -> tuple[int, int | None]:
@@ -157,7 +164,9 @@ class ChunkBuilder:
 
     def add_can_frame(self, t_mono_ns: int, can_id: int, data: bytes) -> None:
         """Take a CAN frame: what it tells about the struct by the tables in force, where no serial frame tells more."""
-        if not self._decodes_can:
+        if self._battery is not None:
+            self._battery.add(t_mono_ns, can_id, data)
+        if self._battery is not None or not self._decodes_can:
             return
         if self._last_frame_ns is not None and t_mono_ns - self._last_frame_ns < SERIAL_LIVE_NS:
             return
@@ -199,11 +208,11 @@ class ChunkBuilder:
         self._estimate_uptimes_ms.append(uptime_ms)
 
     def build(self) -> Chunk:
-        """Return all that was added, as columns. The builder is not changed."""
+        """Return all that was added, as columns."""
         tracks: list[Track] = []
         numbers: dict[bytes, int] = {}
-        columns: dict[SeriesKey, tuple[int, IntArray]] = {}
-        parts: dict[SeriesKey, list[tuple[NDArray[np.int64], IntArray]]] = defaultdict(list)
+        columns: dict[SeriesKey, tuple[int, CountArray]] = {}
+        parts: dict[SeriesKey, list[tuple[NDArray[np.int64], CountArray]]] = defaultdict(list)
         for layout, group in self._groups.items():
             indices = np.array(group.indices)
             image = np.frombuffer(b"".join(group.bodies), np.uint8).reshape(len(indices), -1)
@@ -221,11 +230,20 @@ class ChunkBuilder:
             if number == len(tracks):
                 tracks.append(Track(times_us[indices], instants[indices]))
             columns[key] = (number, values)
+        for column in [] if self._battery is None else self._battery.build():
+            number = numbers.setdefault(column.times_us.tobytes(), len(tracks))
+            if number == len(tracks):
+                tracks.append(Track(column.times_us, -column.times_us))
+            key = SeriesKey(column.field, column.first_element, column.values.shape[1], "<f8")
+            columns[key] = (number, column.values)
         if self._estimates:
-            matrix = np.frombuffer(b"".join(self._estimates), "<u2").reshape(-1, 2 * N_CELLS)
+            n = self._n_cells
+            matrix = np.frombuffer(b"".join(self._estimates), "<u2").reshape(-1, 2 * n)
             for i, name in enumerate(ESTIMATES):
-                key = SeriesKey(name, 0, N_CELLS, "<u2")
-                columns[key] = (len(tracks), np.ascontiguousarray(matrix[:, i * N_CELLS : (i + 1) * N_CELLS]))
+                columns[SeriesKey(name, 0, n, "<u2")] = (
+                    len(tracks),
+                    np.ascontiguousarray(matrix[:, i * n : (i + 1) * n]),
+                )
             tracks.append(self._estimate_track(times_us, instants))
         return Chunk(tuple(tracks), columns)
 
@@ -243,3 +261,5 @@ class ChunkBuilder:
     def clear(self) -> None:
         """Forget what was added; the master's clock goes on."""
         self._restart()
+        if self._battery is not None:
+            self._battery.clear()

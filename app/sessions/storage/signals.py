@@ -1,19 +1,25 @@
-"""Names of signals: a field of the memory map or an estimate, with its index: `v[36]`, `conf.ts`, `estimate.soc[3]`."""
+"""Names of signals: a field of what the battery tells or an estimate, with its index: `v[36]`, `estimate.soc[3]`.
+
+The team's fields are those of its memory map; those of a battery with a DBC are in `battery_fields`.
+"""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.battery.shape import N_CELLS
 from app.sessions.errors import UnknownSignal
+from app.sessions.storage.battery_fields import battery_fields
 from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE, ESTIMATES
-from app.sessions.storage.streams import IntArray
+from app.sessions.storage.streams import CountArray
+from app.sources.loaded_battery import LoadedBattery
 from app.words import Message
 from firmware_protocol.memory_map import CHIP_MISSING, FIELDS, T_MISSING, V_MISSING
 
 _NAME = re.compile(r"(?P<field>.+?)(?P<indices>(\[\d+\])*)$")
+FAST_FIELDS = ("i_fs", "i_fc", "v_tot", "v_min", "v_max", "v_avg", "t_min", "t_max", "t_avg", "soc", "dod", "v", "t")
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,15 +30,25 @@ class Signal:
     field: str
     element: int
     unit: str
-    scale: float
+    scale: float  # of a count; of values in the unit, to what a text shows them
     missing: int | None = None  # the count that says: not measured
 
-    def physical(self, counts: IntArray) -> NDArray[np.float64]:
-        """Return counts in the signal's unit, NaN where missing."""
+    def physical(self, counts: CountArray) -> NDArray[np.float64]:
+        """Return counts, or values as they are, in the signal's unit, NaN where missing."""
+        if counts.dtype.kind == "f":
+            return counts.astype(np.float64)
         values = counts.astype(np.float64) * self.scale
         if self.missing is not None:
             values[counts == self.missing] = np.nan
         return values
+
+
+@dataclass(frozen=True, slots=True)
+class _Field:
+    shape: tuple[int, ...]
+    unit: str
+    scale: float
+    missing: int | None = None
 
 
 def _missing(name: str) -> int | None:
@@ -43,42 +59,61 @@ def _missing(name: str) -> int | None:
     return CHIP_MISSING if name.startswith("slave[") and name.endswith((".cvr", ".temp")) else None
 
 
-def find_signal(name: str) -> Signal:
-    """Return the signal of this name.
-
-    Raises:
-        UnknownSignal: no such field, or not as many indices as it has, or one beyond the end.
-    """
-    if name in FIELDS and not FIELDS[name].shape:
-        field = FIELDS[name]
-        return Signal(name, name, 0, field.unit, field.scale)
-    match = _NAME.match(name)
-    if match is None:
-        raise UnknownSignal(name)
-    field_name = match["field"]
-    indices = [int(text) for text in re.findall(r"\d+", match["indices"])]
-    if field_name in ESTIMATES:
-        element = _element(name, indices, (N_CELLS,))
-        return Signal(name, field_name, element, "1", ESTIMATE_SCALE, ESTIMATE_MISSING)
-    if field_name not in FIELDS:
-        raise UnknownSignal(name)
-    field = FIELDS[field_name]
-    element = _element(name, indices, field.shape)
-    return Signal(name, field_name, element, field.unit, field.scale, _missing(field_name))
+def _fields_of(battery: LoadedBattery) -> dict[str, _Field]:
+    speaks = battery.speaks_dbc
+    if speaks is None:
+        return {f.name: _Field(f.shape, f.unit, f.scale, _missing(f.name)) for f in FIELDS.values()}
+    return {
+        name: _Field(() if field.count is None else (field.count,), field.unit, field.resolution)
+        for name, field in battery_fields(battery.battery, speaks).items()
+    }
 
 
-def field_shape(name: str) -> tuple[Signal, int]:
-    """Return the first element of a field, which tells unit, scale and what is missing, and how many there are.
+class Signals:
+    """The signals that sessions of a battery may hold."""
 
-    Raises:
-        UnknownSignal: no such field.
-    """
-    if name in ESTIMATES:
-        return find_signal(f"{name}[0]"), N_CELLS
-    if name not in FIELDS:
-        raise UnknownSignal(name)
-    field = FIELDS[name]
-    return find_signal(name + "[0]" * len(field.shape)), field.count
+    def __init__(self, battery: LoadedBattery) -> None:
+        estimate = _Field((battery.battery.n_cells,), "1", ESTIMATE_SCALE, ESTIMATE_MISSING)
+        self._fields: Mapping[str, _Field] = {**_fields_of(battery), **dict.fromkeys(ESTIMATES, estimate)}
+        self._of_table = tuple(self._fields) if battery.speaks_dbc else (*FAST_FIELDS, *ESTIMATES)
+        self.order = {name: i for i, name in enumerate(self._fields)}  # of fields, as people want to read them
+
+    def find(self, name: str) -> Signal:
+        """Return the signal of this name.
+
+        Raises:
+            UnknownSignal: no such field, or not as many indices as it has, or one beyond the end.
+        """
+        if name in self._fields and not self._fields[name].shape:
+            return self._signal(name, name, 0)
+        match = _NAME.match(name)
+        if match is None or match["field"] not in self._fields:
+            raise UnknownSignal(name)
+        indices = [int(text) for text in re.findall(r"\d+", match["indices"])]
+        return self._signal(name, match["field"], _element(name, indices, self._fields[match["field"]].shape))
+
+    def of_field(self, name: str) -> tuple[Signal, int]:
+        """Return the first element of a field, which tells unit, scale and what is missing, and how many there are.
+
+        Raises:
+            UnknownSignal: no such field.
+        """
+        if name not in self._fields:
+            raise UnknownSignal(name)
+        shape = self._fields[name].shape
+        return self.find(name + "[0]" * len(shape)), int(np.prod(shape))
+
+    def of_table(self) -> list[Signal]:
+        """Return what an export holds unless told otherwise: what is measured of all cells, and the estimates."""
+        found = []
+        for name in self._of_table:
+            shape = self._fields[name].shape
+            found += [f"{name}[{i}]" for i in range(shape[0])] if shape else [name]
+        return [self.find(name) for name in found]
+
+    def _signal(self, name: str, field: str, element: int) -> Signal:
+        of = self._fields[field]
+        return Signal(name, field, element, of.unit, of.scale, of.missing)
 
 
 def _element(name: str, indices: list[int], shape: tuple[int, ...]) -> int:
@@ -90,14 +125,3 @@ def _element(name: str, indices: list[int], shape: tuple[int, ...]) -> int:
             raise UnknownSignal(name, Message("index-beyond", index=index, last=length - 1))
         element = element * length + index
     return element
-
-
-FAST_FIELDS = ("i_fs", "i_fc", "v_tot", "v_min", "v_max", "v_avg", "t_min", "t_max", "t_avg", "soc", "dod", "v", "t")
-
-
-def default_signals() -> list[str]:
-    """What an export holds unless told otherwise: what every telemetry frame carries, and the estimates."""
-    fast = [
-        name if not FIELDS[name].shape else f"{name}[{i}]" for name in FAST_FIELDS for i in range(FIELDS[name].count)
-    ]
-    return fast + [f"{name}[{cell}]" for name in ESTIMATES for cell in range(N_CELLS)]

@@ -1,4 +1,4 @@
-"""A column of integers as few bytes: differences, zigzag, byte planes, zlib; and back.
+"""A column of integers, or the bits of floating-point numbers, as few bytes: differences, zigzag, byte planes, zlib.
 
 A stream is either one item (every sample equals it) or the compressed planes. A block is many streams behind each
 other with the offset at which each one ends.
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 _LEVEL = 1  # higher levels take several times the time for a few percent
 IntArray = NDArray[np.signedinteger | np.unsignedinteger]
+CountArray = NDArray[np.signedinteger | np.unsignedinteger | np.float64]
 
 
-def pack_block(values: IntArray) -> tuple[bytes, bytes]:
-    """Return (ends, data) of a (samples, elements) array of little-endian integers, at least one sample."""
+def pack_block(values: CountArray) -> tuple[bytes, bytes]:
+    """Return (ends, data) of a (samples, elements) array of little-endian numbers, at least one sample."""
     n_samples, n_elements = values.shape
     size = values.dtype.itemsize
     planes = _zigzag(values).T.copy().view(np.uint8).reshape(n_elements, n_samples, size).transpose(0, 2, 1).copy()
@@ -27,7 +28,7 @@ def pack_block(values: IntArray) -> tuple[bytes, bytes]:
     return ends.tobytes(), b"".join(streams)
 
 
-def unpack_streams(streams: Sequence[bytes], dtype: str, n_samples: int) -> IntArray:
+def unpack_streams(streams: Sequence[bytes], dtype: str, n_samples: int) -> CountArray:
     """Return the (samples, streams) values of some streams of a block.
 
     Raises:
@@ -54,7 +55,7 @@ def stream_ranges(ends: bytes, elements: NDArray[np.intp]) -> list[tuple[int, in
     return list(zip(starts[elements].tolist(), table[elements].tolist(), strict=True))
 
 
-def _zigzag(values: IntArray) -> IntArray:
+def _zigzag(values: CountArray) -> IntArray:
     """Differences along the samples (first against 0), small ones of either sign as small unsigned numbers."""
     unsigned = values.view(f"<u{values.dtype.itemsize}")
     differences = np.diff(unsigned, axis=0, prepend=np.zeros((1, values.shape[1]), unsigned.dtype))

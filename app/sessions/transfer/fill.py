@@ -222,7 +222,7 @@ def _write(
     before = info.metadata.get("filled", [])
     spans = [*(before if isinstance(before, list) else []), *filled.spans]
     filled_info = replace(info, path=copy, metadata={**info.metadata, "filled": sorted(map(list, spans))})
-    writer = SessionWriter(filled_info, session.cell_file)
+    writer = SessionWriter(filled_info, session.cell_file, session.loaded_battery)
     try:
         old: tuple[Iterator[TableRow], ...] = (
             (("configs", (c.t_mono_ns, c.t_wall_ns, c.why, c.image)) for c in session.configs()),

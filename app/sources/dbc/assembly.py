@@ -124,7 +124,7 @@ class Assembler:
     def __init__(self, battery: Battery, source: SpeaksDbc) -> None:
         self._battery = battery
         self._period_ns = round(source.period_s * 1e9)
-        ages = {kind: _age_of(tuple(e.max_age_s for e in entries)) for kind, entries in source.cells.items()}
+        ages = {kind: longest_age(tuple(e.max_age_s for e in entries)) for kind, entries in source.cells.items()}
         sizes = dict.fromkeys(_ARRAYS, battery.n_cells) | {"temperature": battery.n_sensors}
         self._arrays = {kind: _Channels.empty(sizes[kind], ages.get(kind)) for kind in _ARRAYS}
         self._scalars = {f"limit.{name}": _Scalar(None) for name in battery.limits}
@@ -208,7 +208,7 @@ def _joined(before: Values | None, after: Values) -> Values:
     return Values(*(np.concatenate((getattr(before, n), getattr(after, n))) for n in ("t_ns", "index", "value")))
 
 
-def _age_of(ages: tuple[float | None, ...]) -> float | None:
+def longest_age(ages: tuple[float | None, ...]) -> float | None:
     """The longest age of several ways; one that is measured leaves all measured."""
     known = [age for age in ages if age is not None]
     return max(known) if known and len(known) == len(ages) else None

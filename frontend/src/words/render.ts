@@ -10,7 +10,8 @@ export interface Message {
 export type Template = string | { one: string; other: string };
 export type Table = Readonly<Record<string, Template>>;
 
-type Structured = Message | { index: number } | { value: number | null; unit: string; digits: number | null };
+type Cell = { index: number; pack?: number; cell?: number }; // without a pack: of a session before other batteries
+type Structured = Message | Cell | { value: number | null; unit: string; digits: number | null };
 
 const UNITS: Record<string, string> = { degC: '°C', mohm: 'mΩ', ohm: 'Ω', uohm: 'µΩ' };
 
@@ -30,8 +31,8 @@ function text(argument: unknown, table: Table): string {
   const it = argument as Structured;
   if ('code' in it) return render(it, table);
   if ('index' in it) {
-    const place = { pack: Math.floor(it.index / CELLS_PER_PACK) + 1, cell: (it.index % CELLS_PER_PACK) + 1 };
-    return render({ code: 'cell', args: place }, table);
+    const { pack = Math.floor(it.index / CELLS_PER_PACK) + 1, cell = (it.index % CELLS_PER_PACK) + 1 } = it;
+    return render({ code: 'cell', args: { pack, cell } }, table);
   }
   return `${decimal(it.value, it.digits)} ${UNITS[it.unit] ?? it.unit}`.trimEnd();
 }

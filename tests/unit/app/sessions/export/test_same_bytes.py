@@ -10,7 +10,8 @@ import pytest
 from app.sessions.export import export
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
-from app.sessions.storage.signals import default_signals
+from app.sessions.storage.signals import Signals
+from app.sources.loaded_battery import team_battery
 from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS
 
 FROZEN = Path(__file__).parents[1] / "frozen"
@@ -27,7 +28,13 @@ DIGESTS = {
 
 def digest(path: Path, export_format: str) -> str:
     """Of the default signals and some that are sampled rarely, or told by the configuration."""
-    signals = [*default_signals(), "conf.ts", "conf.v_cell_max", "r_fs[7]", "slave[3].cvr[5]"]
+    signals = [
+        *(signal.name for signal in Signals(team_battery()).of_table()),
+        "conf.ts",
+        "conf.v_cell_max",
+        "r_fs[7]",
+        "slave[3].cvr[5]",
+    ]
     target = path.with_suffix(f".{export_format}")
     with SessionFile(path) as session:
         export(session, target, export_format, signals=signals)

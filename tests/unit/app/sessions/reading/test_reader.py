@@ -7,7 +7,6 @@ import pytest
 from app.sessions.errors import NotASession, SchemaTooNew, UnknownSignal
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
-from app.sessions.storage.signals import find_signal
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import CONFIG_SIZE, FIELDS
 from firmware_protocol.messages import Data, Window
@@ -140,7 +139,7 @@ def test_a_reboot_of_the_master_keeps_order_and_instants_apart(recorder: Recorde
     stream.feed(recorder, 20)
     recorder.flush()
     with SessionFile(info.path) as session:
-        samples = session.samples([find_signal("v[0]"), find_signal("estimate.soc[0]")])
+        samples = session.samples([session.signals.find("v[0]"), session.signals.find("estimate.soc[0]")])
     instants, of_estimates = (each.track.instants for each in samples)
     assert (np.diff(instants) > 0).all()
     assert instants[-1] >> 32 == 1
