@@ -20,6 +20,7 @@ from app.service import log
 from app.service.folder_lock import locked_folder
 from app.service.settings import FilterName, Settings
 from app.service.simulator_process import SimulatorProcess
+from app.sources.loaded_battery import load_battery
 from app.telemetry import Source
 from app.words import Message
 
@@ -28,6 +29,15 @@ SECRETS = (
     "viewer_password",
     "mqtt_password",
 )  # by environment only: a command line is visible to everyone on the machine
+
+
+METAVARS = {
+    "serial": "URL",
+    "can": "INTERFACE:CHANNEL",
+    "battery": "FILE|NAME",
+    "data": "DIR",
+    "cell": "CELL.toml",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices = get_args(FilterName) if name == "filter" else None
         if name == "log_level":
             choices = ("debug", "info", "warning", "error")
-        metavar = {"serial": "URL", "can": "INTERFACE:CHANNEL", "data": "DIR", "cell": "CELL.toml"}.get(name)
+        metavar = METAVARS.get(name)
         parser.add_argument(flag, default=None, help=text, choices=choices, metavar=None if choices else metavar)
     parser.epilog = (
         "Without --serial and --can the simulated accumulator is started and read through a pseudo-terminal\n"
@@ -124,6 +134,11 @@ def _source(
     """Return (source, RS232 URL, CAN bus, simulator); the simulator is started where no hardware is named."""
     if replay is not None:
         return "replay", None, None, None
+    speaks_can = load_battery(settings.battery).speaks_dbc is not None
+    if speaks_can and settings.serial is not None:
+        raise ConfigError("serial", settings.serial, Message("battery-speaks-can", battery=settings.battery))
+    if speaks_can and settings.can is None:
+        raise ConfigError("can", Message("not-given"), Message("battery-speaks-can", battery=settings.battery))
     if not settings.simulates:
         return "serial" if settings.serial else "can", settings.serial, settings.can, None
     simulator = SimulatorProcess(settings)

@@ -82,7 +82,8 @@ def is_judged(code: str, snapshot: Snapshot) -> bool:
 
 
 def _has_limits(snapshot: Snapshot) -> bool:
-    return snapshot.limits is not None and snapshot.master.state != "unknown"
+    limits = snapshot.limits
+    return limits is not None and (limits.in_any_state or snapshot.master.state != "unknown")
 
 
 def _is_recent(snapshot: Snapshot) -> bool:

@@ -33,6 +33,7 @@ def cells_of(measured: Measurement, estimate: Estimates | None, assessment: Asse
         resistance_factor=none if growth is None else np.where(growth.has_resistance, growth.resistance_factor, np.nan),
         joint_excess_ohm=none if joints is None else joints.joint_excess_ohm,
         joint_loose=assessment.loose,
+        voltage_age_s=measured.voltage_age_s,
     )
 
 

@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -39,6 +40,11 @@ class LearnedState:
         days = max(0, now_wall_ns - self.saved_wall_ns) / DAY_NS
         grown = REST_SIGMA**2 + (SELF_DISCHARGE_SIGMA_PER_DAY * days) ** 2
         return self.soc, np.sqrt(self.soc_sigma**2 + grown)
+
+
+def learned_file(battery: str, *, is_team: bool) -> str:
+    """Return the name of the file of a battery: each keeps its own."""
+    return "cells.npz" if is_team else f"cells-{re.sub('[^a-z0-9]+', '-', battery.lower()).strip('-') or 'battery'}.npz"
 
 
 def load_learned_state(path: Path, n_cells: int) -> LearnedState | None:

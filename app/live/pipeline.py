@@ -105,6 +105,11 @@ class Pipeline:
         return self._take(self._source.measure(t_mono_ns, t_wall_ns))
 
     @property
+    def due_ns(self) -> int | None:
+        """When what was received is to be measured though nothing else comes: a call of `tick` does it."""
+        return self._source.due_ns
+
+    @property
     def battery(self) -> Battery:
         """Whose snapshots they are."""
         return self._source.battery
@@ -158,17 +163,18 @@ class Pipeline:
             self._estimator, self._estimates = found
 
     def _power_limits(self) -> Limits:
-        """The configuration's, the cell's own where none was received."""
+        """The configuration's or the profile's, the cell's own where one is not told."""
         known = self._limits
         if known is None:
             return Limits()
-        return Limits(
-            v_min_v=known.cell_voltage_min_v,
-            v_max_v=known.cell_voltage_max_v,
-            discharge_max_a=max(known.discharge_max_a, MIN_CURRENT_LIMIT_A),
-            charge_max_a=max(-known.discharge_min_a, MIN_CURRENT_LIMIT_A),
-            temperature_max_degc=known.temperature_max_degc,
-        )
+        told = {
+            "v_min_v": known.cell_voltage_min_v,
+            "v_max_v": known.cell_voltage_max_v,
+            "discharge_max_a": max(known.discharge_max_a, MIN_CURRENT_LIMIT_A),
+            "charge_max_a": max(-known.discharge_min_a, MIN_CURRENT_LIMIT_A),
+            "temperature_max_degc": known.temperature_max_degc,
+        }
+        return Limits(**{name: limit for name, limit in told.items() if not np.isnan(limit)})
 
     def acknowledge(self, alarm_id: int, who: str) -> bool:
         """Mark an alarm as seen."""
@@ -193,13 +199,15 @@ class Pipeline:
 
     def _step(self, measured: Measurement) -> tuple[Estimates | None, tuple[Event, ...]]:
         """Put a sample through everything that has a memory."""
-        current_a, voltages_v, dt_s = measured.current_a, measured.voltage_v, measured.dt_s
-        if current_a is None or np.isnan(voltages_v).all():
+        current_a, dt_s = measured.current_a, measured.dt_s
+        if current_a is None or np.isnan(measured.voltage_v).all():
             return None, ()
+        voltages_v = measured.new_voltage_v
         true_a = current_a if self._predictor is None else current_a - self._predictor.offset_a
         estimates, events = self._estimate(measured, dt_s, true_a)
-        power_w = float(np.nansum(voltages_v)) * current_a
-        self._plausibility.step(dt_s, current_a, voltages_v, measured.chip_voltage_v)
+        power_w = float(np.nansum(measured.voltage_v)) * current_a
+        is_whole = measured.is_new is None or bool(measured.is_new.all())  # else voltages of other currents are in it
+        self._plausibility.step(dt_s if is_whole else None, current_a, measured.voltage_v, measured.chip_voltage_v)
         if self._predictor is not None:
             degc = measured.temperature_degc
             time_s, balancing = measured.t_wall_ns / 1e9, measured.balancing
@@ -217,7 +225,7 @@ class Pipeline:
     ) -> tuple[Estimates | None, tuple[Event, ...]]:
         """Step the estimator; one that fails is begun anew at the next measurement, which is told once."""
         started_ns = self._stopwatch_ns() if self._stopwatch_ns else 0
-        voltages_v, degc = measured.voltage_v, measured.temperature_degc
+        voltages_v, degc = measured.new_voltage_v, measured.temperature_degc
         try:
             if self._estimator is None:
                 estimator, self._spare = self._spare or self._make_estimator(), None
@@ -283,7 +291,9 @@ class Pipeline:
             charger=measured.charger,
             links=measured.links,
             estimator=self._estimator_state(),
-            plausibility=self._plausibility.verdicts(cells, measured.reported.voltage_v),
+            plausibility=self._plausibility.verdicts(
+                cells, measured.reported.voltage_v, measured.reported.voltage_error
+            ),
             config_hash=measured.config_hash,
             limits=measured.limits,
             config=measured.config,

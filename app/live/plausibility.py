@@ -64,9 +64,9 @@ class PlausibilityChecks:
             self._squares_v2 += step_v**2
         self._chips.step(dt_s, cells_v, chips_v)
 
-    def verdicts(self, cells: Cells, total_v: float | None) -> Plausibility:
-        """Return what each check finds; `total_v` is the sum that the master measured."""
-        return Plausibility(_sum(cells, total_v), self._current(), self._chips.check())
+    def verdicts(self, cells: Cells, total_v: float | None, total_error: float = 0.0) -> Plausibility:
+        """Return what each check finds; `total_v` is the sum that was measured, off by this share of it at most."""
+        return Plausibility(_sum(cells, total_v, total_error), self._current(), self._chips.check())
 
     def _current(self) -> Check:
         low, high = self._resistance_ohm
@@ -122,8 +122,8 @@ class _ChipComparison:
         return values_v - self._segments.median(values_v)
 
 
-def _sum(cells: Cells, total_v: float | None) -> Check:
+def _sum(cells: Cells, total_v: float | None, total_error: float) -> Check:
     if total_v is None or np.isnan(cells.voltage_v).any():
         return Check(None, None, SUM_LIMIT_V, "V", None)
-    difference = abs(float(cells.voltage_v.sum()) - total_v)
-    return Check(difference <= SUM_LIMIT_V, difference, SUM_LIMIT_V, "V", None)
+    difference, limit_v = abs(float(cells.voltage_v.sum()) - total_v), max(SUM_LIMIT_V, total_error * total_v)
+    return Check(difference <= limit_v, difference, limit_v, "V", None)

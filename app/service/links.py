@@ -25,6 +25,7 @@ class Links:
         clock: Clock,
         *,
         may_transmit: bool,
+        can_fd: bool = False,
         unread_since_ns: Callable[[], int | None] = lambda: None,
     ) -> None:
         """Prepare the links.
@@ -35,10 +36,11 @@ class Links:
             sink: takes what they deliver.
             clock: of the links and of the requests to the master.
             may_transmit: this is no car's bus.
+            can_fd: frames of CAN FD are awaited.
             unread_since_ns: when the oldest delivered item that nobody has worked on arrived, see `MasterClient`.
         """
         self.serial = SerialLink(serial_url, sink, clock) if serial_url else None
-        self.can = CanLink(can_url, sink, clock) if can_url else None
+        self.can = CanLink(can_url, sink, clock, fd=can_fd) if can_url else None
         self.can_sender = CanSender(self._send_can, clock)
         self.master = MasterClient(self._send_serial, clock, unread_since_ns=unread_since_ns)
         self._lock = threading.Lock()

@@ -137,16 +137,23 @@ class PipelineThread:
 
     def step(self, timeout_s: float) -> None:
         """Work on the next item, wait for it so long; publish the ages where nothing was published for a second."""
+        due_ns = self._pipeline.due_ns
+        if due_ns is not None:
+            timeout_s = min(timeout_s, max(0.0, (due_ns - self._clock.monotonic_ns()) / 1e9))
         item = self._inbox.get(timeout_s)
         try:
             if item is not None:
                 self._take(item)
             # One time for items and ages: while items wait, now is the instant of the one that was taken
             now_ns = self._clock.monotonic_ns() if item is None else item.t_mono_ns
-            if now_ns - self._published_ns >= TICK_S * 1e9:
+            is_due = item is None and due_ns is not None and now_ns >= due_ns
+            if is_due or now_ns - self._published_ns >= TICK_S * 1e9:
                 self._published_ns = now_ns
                 wall_ns = self._clock.wall_ns() if item is None else item.t_wall_ns
-                self._hand_on(self._pipeline.tick(now_ns, wall_ns), now_ns)
+                output = self._pipeline.tick(now_ns, wall_ns)
+                self._hand_on(output, now_ns)
+                if output.estimates is not None:
+                    self._predict(output, now_ns)
         except Exception as error:  # noqa: BLE001  the supervisor: one item must not end the thread
             self._failures.add(error)
 
@@ -162,8 +169,11 @@ class PipelineThread:
         self._hand_on(output, item.t_mono_ns)
         if output.snapshot is not None:
             self._published_ns, self._shown_ns = item.t_mono_ns, now_ns
-            self._pipeline.predict()
-            self._call(self._after_publishing, output, item.t_mono_ns)
+            self._predict(output, item.t_mono_ns)
+
+    def _predict(self, output: Output, t_mono_ns: int) -> None:
+        self._pipeline.predict()
+        self._call(self._after_publishing, output, t_mono_ns)
 
     def _hand_on(self, output: Output, t_mono_ns: int) -> None:
         snapshot = output.snapshot

@@ -23,8 +23,8 @@ class Pipelines:
             ConfigError: there is no such filter, or the cell cannot be used.
         """
         self._filter_name = settings.filter
-        self._cell_name = settings.cell
         self._chain = PipelineFactory(settings.filter, settings.cell, battery)
+        self._cell_name = settings.cell or self._chain.battery.battery.cell
         self.cell = self._chain.cell
 
     @property

@@ -8,6 +8,7 @@ import platformdirs
 from pydantic import Field, SecretStr
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from app.battery.library import TEAM_PROFILE
 from app.errors import ConfigError
 from app.words import Message
 
@@ -30,6 +31,7 @@ class Settings(BaseSettings):
         min_length=1,
         description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, as socketcan:can0, slcan:/dev/ttyACM0",
     )
+    battery: str = Field(default=TEAM_PROFILE, description="battery profile (TOML) or the name of a bundled one")
     host: str = Field(default="127.0.0.1", description="address to listen on; anything but loopback needs a password")
     port: int = Field(default=8000, ge=0, le=65535, description="port to listen on; 0 takes a free one")
     data: Path = Field(
@@ -37,7 +39,9 @@ class Settings(BaseSettings):
         description="folder for sessions, the event log and the simulated EEPROM",
     )
     filter: FilterName = Field(default="fused", description="state estimator")
-    cell: str = Field(default="samsung-25r-10p", description="cell file (TOML) or the name of a bundled one")
+    cell: str | None = Field(
+        default=None, description="cell file (TOML) or the name of a bundled one; else that of the battery"
+    )
     record: bool = Field(default=True, description="record by itself while the master speaks")
     event: str | None = Field(
         default=None, description="what sessions are named after, as 'FSG endurance'; else what the page was told"

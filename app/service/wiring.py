@@ -25,7 +25,7 @@ from app.configuration.write_log import WriteLog
 from app.estimation.cell_model.cell_file import format_cell
 from app.live.can_trace import CanTrace
 from app.live.hub import Hub
-from app.live.learned_state import load_learned_state
+from app.live.learned_state import learned_file, load_learned_state
 from app.live.pipeline import Output
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
@@ -48,7 +48,7 @@ from app.sessions.replay import ReplayPlayer
 from app.sessions.retention import Retention, RetentionRule
 from app.sessions.transfer.fetch_jobs import FetchJobs
 from app.sessions.transfer.import_jobs import ImportJobs
-from app.sources.loaded_battery import LoadedBattery, team_battery
+from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.telemetry import Event, Snapshot, Source
 from app.words import Message
 
@@ -121,7 +121,7 @@ def make_service(
     """Return the connected parts; nothing runs before `start`.
 
     Raises:
-        ConfigError: there is no such filter, cell, broker, or the event's name is too long.
+        ConfigError: there is no such battery, filter, cell, broker, or the event's name is too long.
         AppError: a file of the data folder cannot be used.
     """
     data, sessions_folder = settings.data, settings.data / "sessions"
@@ -129,7 +129,7 @@ def make_service(
 
     # Events, and what is recorded
     events = Events(EventLog(data / "events.sqlite", clock), clock)
-    battery = team_battery()
+    battery = load_battery(settings.battery)
     pipelines = Pipelines(settings, battery)
     recorder = AutoRecorder(
         sessions_folder,
@@ -181,11 +181,12 @@ def make_service(
     )
 
     # The pipeline of the live source, which goes on from what earlier runs learned; the replay has its own
-    learned = load_learned_state(data / "cells.npz", battery.battery.n_cells)
+    learned_path = data / learned_file(battery.battery.name, is_team=battery.speaks_dbc is None)
+    learned = load_learned_state(learned_path, battery.battery.n_cells)
     predictor = pipelines.predictor(None if learned is None else learned.cells)
     start_soc = None if learned is None else learned.start(clock.wall_ns())
     pipeline = pipelines.new(source, serial_url, can_url, predictor, start_soc)
-    learned_state = LearnedStateSaver(data / "cells.npz", pipeline, predictor, clock)
+    learned_state = LearnedStateSaver(learned_path, pipeline, predictor, clock)
     hub: Hub[Snapshot] = Hub()
     replay = ReplayPlayer(
         pipelines.new, hub.publish_threadsafe, partial(events.note, "warning", "replay-failed"), clock
@@ -198,6 +199,7 @@ def make_service(
         can_url,
         inbox.put,
         clock,
+        can_fd=battery.uses_fd,
         may_transmit=source == "simulator" or settings.bench,
         unread_since_ns=lambda: inbox.oldest_ns,
     )

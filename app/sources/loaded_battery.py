@@ -10,6 +10,8 @@ from app.battery.source import Source, SpeaksDbc
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.definitions import Definitions
 
+CLASSIC_BYTES = 8  # of a CAN frame; more is CAN FD
+
 
 @dataclass(frozen=True, slots=True)
 class LoadedBattery:
@@ -24,6 +26,11 @@ class LoadedBattery:
     def speaks_dbc(self) -> SpeaksDbc | None:
         """How it speaks, where that is by a DBC."""
         return self.source if isinstance(self.source, SpeaksDbc) else None
+
+    @property
+    def uses_fd(self) -> bool:
+        """Its messages are longer than classic CAN allows."""
+        return any(message.length > CLASSIC_BYTES for message in self.definitions.messages)
 
 
 def load_battery(name: str) -> LoadedBattery:

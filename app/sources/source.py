@@ -37,6 +37,10 @@ class MeasurementSource(Protocol):
     def identity(self) -> Identity | None:
         """What the master said of itself."""
 
+    @property
+    def due_ns(self) -> int | None:
+        """When `measure` has something new to tell without another item; None: nothing waits."""
+
     def feed(self, item: Item) -> Received:
         """Take one item from a link."""
 

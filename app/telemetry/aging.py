@@ -23,4 +23,7 @@ def aged(snapshot: Snapshot, now_ns: int) -> Snapshot:
 
     ages = Ages(*(older(getattr(snapshot.age_s, field.name)) for field in fields(Ages)))
     links = replace(snapshot.links, rs232=link(snapshot.links.rs232), can=link(snapshot.links.can))
-    return replace(snapshot, age_s=ages, links=links)
+    cells = snapshot.cells
+    if cells.voltage_age_s is not None:
+        cells = replace(cells, voltage_age_s=cells.voltage_age_s + waited_s)
+    return replace(snapshot, age_s=ages, links=links, cells=cells)

@@ -59,6 +59,7 @@ def _converter(owner: type) -> _Convert | None:
         return None
     read = attrgetter(*(field.name for field in sent))
     plan = list(zip(names, converters, strict=True))
+    left_out = [field.json_name for field in sent if field.may_be_left_out]
     arrays = [field.json_name for field in sent if any(is_array(member) for member in alternatives(field.type))]
 
     def convert(value: Any) -> dict[str, Any]:
@@ -68,8 +69,11 @@ def _converter(owner: type) -> _Convert | None:
             message: Text | None = body[name]
             body[name] = None if message is None else render(message)
             body[f"{name}_words"] = message if isinstance(message, Message) else None
-        for name in arrays:
+        for name in left_out:
             if body[name] is None:
+                del body[name]
+        for name in arrays:
+            if name in body and body[name] is None:
                 body[name] = [None] * len(body[arrays[0]])
         return body
 
@@ -101,5 +105,5 @@ def _field_converter(field: Described) -> _Convert | None:
 
 def _rounding(decimals: int, *, of_array: bool) -> _Convert:
     if of_array:
-        return lambda values: np.round(values, decimals)
+        return lambda values: None if values is None else np.round(values, decimals)
     return lambda value: round(value, decimals) if isinstance(value, float) else value

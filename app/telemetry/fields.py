@@ -42,6 +42,7 @@ class _Mark:
 
 TREND = _Mark("trend")  # changes slowly: kept for hours
 INTERNAL = _Mark("internal")  # not sent
+LEFT_OUT = _Mark("left out")  # not sent where it is None: most batteries have no such value
 MESSAGE = _Mark("message")  # a message: sent in English, and beside it as NAME_words with its code and arguments
 
 
@@ -61,6 +62,11 @@ class Described:
     def is_internal(self) -> bool:
         """The field is not sent."""
         return INTERNAL in self.marks
+
+    @property
+    def may_be_left_out(self) -> bool:
+        """The field is sent where it is known only."""
+        return LEFT_OUT in self.marks
 
     @property
     def is_message(self) -> bool:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from app.estimation.arrays import BoolArray, FloatArray
 from app.telemetry.events import Disagreement, Links
 from app.telemetry.snapshot import Ages, Charger, Master, Number, ProtectionLimits
@@ -21,6 +23,7 @@ class Reported:
     temperature_min_degc: Extreme
     temperature_max_degc: Extreme
     fan_duty: Number
+    voltage_error: float = 0.0  # share by which the voltage may be off where a sensor of its own measures it
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,3 +54,10 @@ class Measurement:
     limits: ProtectionLimits | None
     config: bytes | None  # in force, as last received as a whole
     config_hash: str | None
+    is_new: BoolArray | None = None  # voltages that came since the sample before; None: all
+    voltage_age_s: FloatArray | None = None  # of each, where they come one by one; None: as `age_s.voltage`
+
+    @property
+    def new_voltage_v(self) -> FloatArray:
+        """(n_cells,) voltages that came since the sample before, NaN elsewhere: what a filter may learn from."""
+        return self.voltage_v if self.is_new is None else np.where(self.is_new, self.voltage_v, np.nan)

@@ -12,7 +12,7 @@ from app.estimation.prediction.energy import LapsLeft
 from app.estimation.prediction.power import StatePower, TimeToTrip
 from app.telemetry.cell_findings import Finding
 from app.telemetry.events import Alarm, Disagreement, Links
-from app.telemetry.fields import INTERNAL, MESSAGE, TREND, Kept, SentAs, Unit
+from app.telemetry.fields import INTERNAL, LEFT_OUT, MESSAGE, TREND, Kept, SentAs, Unit
 from app.words import Message
 
 Source = Literal["simulator", "serial", "can", "replay"]
@@ -53,6 +53,7 @@ class Cells:
     balancing: Annotated[BoolArray | None, TREND]
     model_valid: BoolArray | None
     joint_loose: BoolArray | None
+    voltage_age_s: Annotated[FloatArray | None, LEFT_OUT, Unit("s", "since each voltage came", 1)] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +223,7 @@ class Plausibility:
 
 @dataclass(frozen=True, slots=True)
 class ProtectionLimits:
-    """At which the master opens the shutdown circuit, by its configuration."""
+    """At which the shutdown circuit opens, by the master's configuration or the profile; NaN: not told."""
 
     cell_voltage_min_v: float
     cell_voltage_max_v: float
@@ -232,6 +233,7 @@ class ProtectionLimits:
     discharge_min_a: float  # while driving: negative, what is recuperated
     charger_max_a: float  # positive, as set for the charger
     charger_min_a: float
+    in_any_state: bool = False  # they hold whether the state is known or not
 
 
 @dataclass(frozen=True, slots=True)

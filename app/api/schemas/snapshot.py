@@ -41,7 +41,7 @@ def model_of(owner: type) -> type[BaseModel]:
 def _model(name: str, *owners: type) -> type[BaseModel]:
     """Return one model of all fields, with the first line of the first docstring."""
     fields: dict[str, Any] = {
-        field.json_name: (_type(owner, field), _info(field))
+        field.json_name: (_type(owner, field) | None if field.may_be_left_out else _type(owner, field), _info(field))
         for owner in owners
         for field in described(owner)
         if not field.is_internal
@@ -57,7 +57,10 @@ def _model(name: str, *owners: type) -> type[BaseModel]:
 
 def _info(field: Described) -> Any:
     unit: Unit | None = field.mark(Unit)
-    return Field() if unit is None else Field(description=unit.meaning, json_schema_extra={"unit": unit.unit})
+    default: dict[str, Any] = {"default": None} if field.may_be_left_out else {}
+    if unit is None:
+        return Field(**default)
+    return Field(description=unit.meaning, json_schema_extra={"unit": unit.unit}, **default)
 
 
 def _type(owner: type, field: Described) -> Any:

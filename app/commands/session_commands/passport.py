@@ -18,6 +18,7 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError
 from app.service.settings import Settings
 from app.sessions.passport_store import StoredSwap
+from app.sources.loaded_battery import load_battery
 
 _NOW = ("capacity_ah", "resistance_ohm", "resistance_relative", "self_discharge_per_day", "balancing_h")
 
@@ -40,7 +41,8 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 
 
 def _passport(args: argparse.Namespace) -> int:
-    name = Settings.model_validate({}).cell
+    settings = Settings.model_validate({})
+    name = settings.cell or load_battery(settings.battery).battery.cell
     try:
         cell = load_cell(name)
     except EstimatorError as error:

@@ -43,7 +43,7 @@ class BatteryMeasurement:
     charger_current_a: float
     states: Mapping[str, bool | None]  # closed, precharge, fault, charging, balancing; None = not told
     limits: Mapping[str, float]  # those that signals carry
-    is_sample: bool  # a voltage and the current are new since the measurement before
+    is_sample: bool  # the current is new since the measurement before, and a voltage is known
 
 
 @dataclass(slots=True)
@@ -194,7 +194,7 @@ class Assembler:
             charger_current_a=one["charger_current"],
             states={name: None if math.isnan(value) else bool(value) for name, value in states.items()},
             limits={name: one[f"limit.{name}"] for name in self._battery.limits},
-            is_sample=bool(new.get("voltage")) and bool(new.get("current")),
+            is_sample=bool(new.get("current")) and bool(np.isfinite(of["voltage"]).any()),
         )
 
 

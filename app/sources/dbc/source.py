@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
-from app.battery.battery import Battery, SignalName
+from app.battery.battery import LIMITS, Battery, SignalName
 from app.battery.source import SpeaksDbc
 from app.sources.dbc.assembly import Assembler, BatteryMeasurement
 from app.sources.dbc.battery_decoder import BatteryDecoder
@@ -13,13 +14,14 @@ from app.sources.dbc.frames import frames_of_items
 from app.sources.items import CanFault, CanItem, Item, LinkChange
 from app.sources.links.monitor import LinkMonitor
 from app.sources.source import Received
-from app.telemetry import Ages, Charger, Event, Identity, Links, Master, ProtectionLimits, Source
+from app.telemetry import Ages, Charger, Event, FloatArray, Identity, Links, Master, ProtectionLimits, Source
 from app.telemetry.link_messages import link_lost
 from app.telemetry.measurement import Measurement, Reported
 from app.telemetry.snapshot import MasterState, Number
 from app.words import Message
 
 _NO_EXTREME = (None, None)
+PACK_VOLTAGE_ERROR = 0.01  # of a sensor of its own, read at another instant than the cells
 _STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is told counts
     ("fault", "fault"),
     ("charging", "charge"),
@@ -71,20 +73,30 @@ class DbcSource:
             return Received()
         return Received(measurement=self._measurement(found, item.t_mono_ns, item.t_wall_ns, is_fresh=True))
 
+    @property
+    def due_ns(self) -> int | None:
+        """When the period ends in which frames wait."""
+        if not self._waiting:
+            return None
+        return (self._waiting[0].t_mono_ns // self._period_ns + 1) * self._period_ns
+
     def measure(self, t_mono_ns: int, t_wall_ns: int) -> Measurement:
         """Return a measurement of this instant; what waited is in it."""
         is_fresh = bool(self._waiting)
-        found = self._take(t_mono_ns)
+        waits = self.due_ns is not None and t_mono_ns < self.due_ns
+        found = None if waits else self._take(t_mono_ns)
         newest = found or self._newest or self._assembler.measure(t_mono_ns)
         return self._measurement(newest, t_mono_ns, t_wall_ns, is_fresh=is_fresh and found is not None)
 
     def _take(self, until_ns: int) -> BatteryMeasurement | None:
-        """Decode what waited; the newest measurement of the periods that ended."""
+        """Decode what waited; of the periods that ended the newest with a sample, else the newest."""
         values = self._decoder.decode(frames_of_items(self._waiting)) if self._waiting else {}
         self._waiting = []
         found = self._assembler.feed(values, until_ns - until_ns % self._period_ns)
-        self._newest = found[-1] if found else self._newest
-        return found[-1] if found else None
+        if not found:
+            return None
+        self._newest = next((each for each in reversed(found) if each.is_sample), found[-1])
+        return self._newest
 
     def _on_change(self, change: LinkChange) -> Received:
         if change.link != "can" or not self._can.on_change(change) or change.state == "connecting":
@@ -97,10 +109,11 @@ class DbcSource:
 
     def _measurement(self, found: BatteryMeasurement, t_mono_ns: int, t_wall_ns: int, *, is_fresh: bool) -> Measurement:
         is_sample = is_fresh and found.is_sample
-        dt_s = None
+        dt_s, is_new = None, None
         if is_sample:
-            dt_s = None if self._sampled_ns is None else (found.t_ns - self._sampled_ns) / 1e9
-            self._sampled_ns = found.t_ns
+            before_ns, self._sampled_ns = self._sampled_ns, found.t_ns
+            dt_s = None if before_ns is None else (found.t_ns - before_ns) / 1e9
+            is_new = np.ones(self.battery.n_cells, np.bool_) if before_ns is None else found.voltage_t_ns > before_ns
         n_cells = self.battery.n_cells
         unknown = np.full(n_cells, np.nan)
         closed = found.states.get("closed")
@@ -120,7 +133,9 @@ class DbcSource:
             balancing=None if np.isnan(found.balancing).all() else found.balancing == 1.0,
             relays_open=closed is False,
             slave_status=(None,) * self.battery.n_segments,
-            reported=Reported(_number(found.pack_voltage_v), _NO_EXTREME, _NO_EXTREME, _NO_EXTREME, _NO_EXTREME, None),
+            reported=Reported(
+                _number(found.pack_voltage_v), *(_NO_EXTREME,) * 4, None, voltage_error=PACK_VOLTAGE_ERROR
+            ),
             master=_master(found),
             charger=_charger(found),
             age_s=_ages(found, t_mono_ns),
@@ -129,7 +144,13 @@ class DbcSource:
             limits=_limits(self.battery, found.limits),
             config=None,
             config_hash=None,
+            is_new=is_new,
+            voltage_age_s=_ages_of(found.voltage_v, found.voltage_t_ns, t_mono_ns),
         )
+
+
+def _ages_of(values: FloatArray, t_ns: NDArray[np.int64], now_ns: int) -> FloatArray:
+    return np.where(np.isfinite(values), (now_ns - t_ns) / 1e9, np.nan)
 
 
 def _number(value: float) -> Number:
@@ -137,17 +158,17 @@ def _number(value: float) -> Number:
 
 
 def _ages(found: BatteryMeasurement, now_ns: int) -> Ages:
-    """Of arrays the oldest value that is shown; None where nothing is."""
+    """Of arrays the newest value that is shown; None where nothing is. Each voltage has its age beside it."""
 
-    def oldest(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], times: object) -> Number:
+    def newest(values: FloatArray, t_ns: NDArray[np.int64]) -> Number:
         known = np.isfinite(values)
-        return (now_ns - int(np.asarray(times)[known].min())) / 1e9 if known.any() else None
+        return (now_ns - int(t_ns[known].max())) / 1e9 if known.any() else None
 
     current = None if np.isnan(found.current_a) else (now_ns - found.current_t_ns) / 1e9
     return Ages(
         current=current,
-        voltage=oldest(found.voltage_v, found.voltage_t_ns),
-        temperature=oldest(found.temperature_degc, found.temperature_t_ns),
+        voltage=newest(found.voltage_v, found.voltage_t_ns),
+        temperature=newest(found.temperature_degc, found.temperature_t_ns),
         status=None,
         charger=None,
         soc=None,
@@ -185,19 +206,21 @@ def _charger(found: BatteryMeasurement) -> Charger:
 
 
 def _limits(battery: Battery, told: Mapping[str, float]) -> ProtectionLimits | None:
-    """The limits where the profile or the BMS has all that the service judges by."""
+    """What the profile states, or the BMS tells; None where that is nothing."""
     of = {name: told[name] if isinstance(limit, SignalName) else limit for name, limit in battery.limits.items()}
-    numbers = {name: float(value) for name, value in of.items() if isinstance(value, float) and not np.isnan(value)}
-    try:
-        return ProtectionLimits(
-            cell_voltage_min_v=numbers["cell_voltage_min_v"],
-            cell_voltage_max_v=numbers["cell_voltage_max_v"],
-            temperature_min_degc=numbers["temperature_min_degc"],
-            temperature_max_degc=numbers["temperature_max_degc"],
-            discharge_max_a=numbers["discharge_current_max_a"],
-            discharge_min_a=-numbers["charge_current_max_a"],
-            charger_max_a=numbers["charge_current_max_a"],
-            charger_min_a=0.0,
-        )
-    except KeyError:
+    numbers = dict.fromkeys(LIMITS, np.nan) | {
+        name: float(value) for name, value in of.items() if not isinstance(value, SignalName)
+    }
+    if np.isnan([numbers[name] for name in LIMITS]).all():
         return None
+    return ProtectionLimits(
+        cell_voltage_min_v=numbers["cell_voltage_min_v"],
+        cell_voltage_max_v=numbers["cell_voltage_max_v"],
+        temperature_min_degc=numbers["temperature_min_degc"],
+        temperature_max_degc=numbers["temperature_max_degc"],
+        discharge_max_a=numbers["discharge_current_max_a"],
+        discharge_min_a=-numbers["charge_current_max_a"],
+        charger_max_a=numbers["charge_current_max_a"],
+        charger_min_a=0.0,
+        in_any_state=True,
+    )

@@ -20,6 +20,7 @@ _POLL_S = 0.2
 _SEND_S = 0.5
 _ASK_S = 1.0  # between two questions to the adapter's controller
 DEFAULT_BIT_RATE = 500_000
+FD_BY_A_FLAG = ("socketcan", "udp_multicast")
 
 
 def parse_bus(text: str) -> dict[str, str | int | float | bool]:
@@ -56,9 +57,12 @@ def _convert(value: str) -> str | int | float | bool:
 class CanLink:
     """Delivers data frames to `sink`, from its own thread."""
 
-    def __init__(self, url: str, sink: Callable[[Item], None], clock: Clock) -> None:
+    def __init__(self, url: str, sink: Callable[[Item], None], clock: Clock, *, fd: bool = False) -> None:
+        """Prepare the bus; `fd`: frames of CAN FD are awaited, where one flag is all that the adapter asks for."""
         self.url = url
         self._arguments = parse_bus(url)
+        if fd and self._arguments["interface"] in FD_BY_A_FLAG:
+            self._arguments.setdefault("fd", True)
         self._sink = sink
         self._clock = clock
         self._stopping = threading.Event()

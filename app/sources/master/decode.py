@@ -161,7 +161,7 @@ class Decoder:
 
     def limits(self) -> ProtectionLimits:
         """The limits of the configuration, whatever its age."""
-        return ProtectionLimits(*(self._config_value(name) for name in LIMITS))
+        return ProtectionLimits(*(self._config_value(name) for name in LIMITS))  # type: ignore[arg-type]
 
     def _config_value(self, name: str) -> float:
         field = CONFIG[name]

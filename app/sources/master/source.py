@@ -46,6 +46,7 @@ class MasterSource:
 
     def __init__(self, name: Source, rs232_url: str | None = None, can_url: str | None = None) -> None:
         self.name: Source = name
+        self.due_ns: int | None = None  # every item is measured at once
         self.battery: Battery = team_battery().battery
         self.identity: Identity | None = None
         self._shadow = ShadowImage()
