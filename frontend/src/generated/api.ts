@@ -385,6 +385,7 @@ export interface Cells {
   balancing: (boolean | null)[];
   model_valid: (boolean | null)[];
   joint_loose: (boolean | null)[];
+  voltage_age_s?: (number | null)[] | null;
 }
 
 /** The charger as the master sees it. */

@@ -34,14 +34,14 @@ def test_a_measurement_takes_the_newest_value_up_to_its_time_and_no_later_one():
     assert np.isnan(found[1].voltage_v[1])
 
 
-def test_a_sample_is_a_new_voltage_with_a_new_current():
+def test_a_sample_is_a_new_current_while_voltages_are_known():
     found = assembler().feed(
         {
             "voltage": values((0.05, 0, 3.0), (0.15, 0, 3.0), (0.35, 0, 3.0)),
             "current": values((0.06, 0, 5.0), (0.25, 0, 6.0), (0.36, 0, 7.0), (0.45, 0, 7.0)),
         }
     )
-    assert [m.is_sample for m in found] == [True, False, False, True]
+    assert [m.is_sample for m in found] == [True, False, True, True]
 
 
 def test_a_value_is_missing_after_the_longest_age_that_the_profile_names():

@@ -4,7 +4,7 @@ import pytest
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.source import DbcSource
 from app.sources.items import CanFault, CanItem, LinkChange
-from tests.peer_batteries import HEAD, one_signal_a_cell, segments_in_fd_frames
+from tests.peer_batteries import HEAD, cell_number, one_signal_a_cell, segments_in_fd_frames
 from tests.unit.app.sources.dbc.test_battery_decoder import CURRENT, battery_and_source
 
 CURRENT_FD = CURRENT.replace("BMS_PackStatus", "AMS_Status").replace("Pack_Current", "TS_Current").replace(
@@ -218,7 +218,10 @@ def test_a_limit_is_that_of_the_profile_or_what_the_bms_tells_now():
     limits = measured(told(limit=90), LIMITS).limits
     assert (limits.discharge_max_a, limits.discharge_min_a) == (180.0, -40.0)
     assert (limits.cell_voltage_min_v, limits.cell_voltage_max_v) == (2.8, 4.2)
-    assert measured(told(), LIMITS.replace("temperature_max_degc = 60\n", "")).limits is None
+    some = measured(told(), LIMITS.replace("temperature_max_degc = 60\n", "")).limits
+    assert np.isnan(some.temperature_max_degc)
+    assert some.cell_voltage_max_v == 4.2
+    assert measured(told(), "").limits is None
 
 
 def test_limits_of_the_profile_alone_hold_whatever_is_heard():
@@ -230,8 +233,8 @@ def test_limits_of_the_profile_alone_hold_whatever_is_heard():
 def test_a_limit_that_the_bms_does_not_tell_any_more_is_no_limit():
     source = state_source(LIMITS)
     fed(source, [frame for k in range(10) for frame in told(at_s=0.1 * k)])
-    assert source.measure(S, S).limits is not None
-    assert source.measure(20 * S, 20 * S).limits is None
+    assert source.measure(S, S).limits.discharge_max_a == 200.0
+    assert np.isnan(source.measure(20 * S, 20 * S).limits.discharge_max_a)
 
 
 def test_a_measurement_follows_the_first_frame_of_the_next_period():
@@ -295,3 +298,33 @@ def test_faults_of_the_controller_are_shown_with_the_link():
     source.feed(CanFault(1, 1, "passive", 12, 130, 4))
     fed(source, told())
     assert source.measure(S // 5, S).links.can.bus_state == "passive"
+
+
+def test_only_voltages_that_came_since_the_sample_before_are_new_and_each_has_its_age():
+    peer = cell_number()  # one cell every 0.1 s
+    found = fed(source_of(peer), peer.frames(9))
+    last = found[-1]
+    assert 1 <= last.is_new.sum() <= 2
+    np.testing.assert_array_equal(np.isfinite(last.new_voltage_v), last.is_new)
+    assert np.isfinite(last.voltage_v).all()
+    assert last.voltage_age_s.max() == pytest.approx(7.2, abs=0.4)
+    assert last.age_s.voltage < 0.3
+
+
+def test_a_battery_that_speaks_once_a_second_is_sampled_each_time_when_its_period_ends():
+    source = state_source()
+    for second in range(3):
+        fed(source, told(at_s=second + 0.03))
+        assert source.due_ns == second * S + S // 10
+        found = source.measure(source.due_ns, 1)
+        assert (found.is_sample, found.is_fresh) == (True, True)
+        assert found.dt_s == (None if second == 0 else pytest.approx(1.0))
+        assert source.due_ns is None
+    assert not source.measure(3 * S, 1).is_sample
+
+
+def test_a_look_before_the_period_ends_takes_nothing_from_it():
+    source = state_source()
+    fed(source, told(at_s=0.03))
+    assert not source.measure(S // 20, 1).is_fresh
+    assert source.measure(S // 10, 1).is_sample
