@@ -1,11 +1,15 @@
-"""The cell file of then: what a session was estimated with."""
+"""What of then judges a session: its cell file and its configurations; and what of today does."""
 
 from __future__ import annotations
 
+from app import __version__
+from app.analysis.finding import AnalysisFinding, finding
+from app.analysis.limits import limits_of
 from app.estimation.cell_model.cell_file import load_cell, parse_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.sessions.reading.reader import SessionFile
+from app.words import Message
 
 
 def cell_of(session: SessionFile) -> tuple[CellModel, bool]:
@@ -17,3 +21,41 @@ def cell_of(session: SessionFile) -> tuple[CellModel, bool]:
         except EstimatorError:
             pass  # of a format that this version does not read
     return load_cell(), False
+
+
+def judged_by(session: SessionFile, chosen_cell: str | None = None) -> list[AnalysisFinding]:
+    """Return what of then judges a session, and what of today; `chosen_cell` takes the place of the one of then."""
+    n_configs = len(session.configs())
+    said = [Message("report-versions", recorded=session.info.voltwall, judged=__version__)]
+    said.append(Message("report-limits-of-then", n=n_configs) if n_configs else Message("report-limits-unknown"))
+    if chosen_cell is not None:
+        said.append(Message("judged-cell-chosen", cell=chosen_cell))
+    else:
+        said.append(Message("report-cell-of-then") if cell_of(session)[1] else Message("report-cell-of-today"))
+    return [finding(each) for each in said]
+
+
+def unlike(first: SessionFile, second: SessionFile) -> list[AnalysisFinding]:
+    """Return in what two sessions were not judged alike when they were recorded."""
+    said = []
+    versions = first.info.voltwall, second.info.voltwall
+    if versions[0] != versions[1]:
+        said.append(Message("unlike-versions", a=versions[0], b=versions[1]))
+    if first.cell_file is None or second.cell_file is None:
+        said.append(Message("unlike-cells-unknown"))
+    elif first.cell_file != second.cell_file:
+        said.append(Message("unlike-cells", a=cell_of(first)[0].name, b=cell_of(second)[0].name))
+    limits = _last_limits(first), _last_limits(second)
+    if not all(limits):
+        said.append(Message("unlike-limits-unknown"))
+    said += [
+        Message("unlike-limit", name=name, a=limits[0][name], b=limits[1][name])
+        for name in limits[0]
+        if name in limits[1] and limits[0][name] != limits[1][name]
+    ]
+    return [finding(each) for each in said]
+
+
+def _last_limits(session: SessionFile) -> dict[str, float]:
+    configs = session.configs()
+    return limits_of(configs[-1].image if configs else None)

@@ -42,6 +42,7 @@ class SessionMaker:
         windows: Sequence[tuple[int, int]] = FAST,
         fields: Mapping[str, NDArray[np.int64]] | None = None,
         metadata: Mapping[str, object] | None = None,
+        cell_file: str | None = None,
         closed: bool = True,
     ) -> Path:
         """Record arrays: (n,) current, and (n,), (n, 96) or scalar voltage, temperature and SOC.
@@ -54,7 +55,11 @@ class SessionMaker:
         volts, degrees = (_table(values, n) for values in (voltage_v, temperature_degc))
         wall_ns = round(start_s * 1e9)
         recorder = Recorder(
-            self.folder, FunctionClock(lambda: 0, lambda: wall_ns), version="test", free_bytes=lambda _: 1 << 40
+            self.folder,
+            FunctionClock(lambda: 0, lambda: wall_ns),
+            version="test",
+            free_bytes=lambda _: 1 << 40,
+            cell_file=cell_file,
         )
         info = recorder.start("made", metadata or {})
         recorder.config(0, wall_ns, config or default_image(), "in force at the start")

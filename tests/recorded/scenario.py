@@ -7,7 +7,7 @@ session holds frames, estimates, events and configurations.
 import hashlib
 from pathlib import Path
 
-from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Output, Pipeline
 from app.live.prediction import Predictor
@@ -62,6 +62,7 @@ class ScenarioRecorder:
             FunctionClock(lambda: self.now_ns, lambda: epoch_ns + self.now_ns),
             version="benchmark",
             free_bytes=lambda _: 1 << 40,
+            cell_file=format_cell(cell),
         )
         self._config: bytes | None = None
         self.sent = 0

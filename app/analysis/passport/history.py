@@ -55,6 +55,9 @@ class SessionRecord:
     last_rest_s: float | None
     last_rest_v: FloatArray
     stretches: tuple[Stretch, ...]
+    nominal_ah: float | None = None  # by the cell file of then, like the charge; None: it is not kept
+    first_rest_soc: FloatArray | None = None
+    last_rest_soc: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,7 @@ class Passports:
         balancing_h: hours bled so far.
         rank: (n_cells,) 1 = soundest; NaN of a cell that nothing was measured of.
         drifts: the nearest to its limit first.
+        n_by_todays_cell: sessions that keep no cell file: today's judges them.
     """
 
     sessions: tuple[str, ...]
@@ -110,6 +114,7 @@ class Passports:
     balancing_h: FloatArray
     rank: FloatArray
     drifts: tuple[Drift, ...]
+    n_by_todays_cell: int = 0
 
     def now(self, name: str) -> FloatArray:
         """Return (n_cells,) the newest of a history; NaN of a module of which there is no session yet."""
@@ -128,13 +133,14 @@ def passports(
     Args:
         records: of sessions, in any order.
         swaps: of modules, in any order.
-        nominal_ah: capacity of a new cell [Ah].
-        soc_at: SOC of rested cells by their voltage [V].
+        nominal_ah: capacity of a new cell, where a record does not say [Ah].
+        soc_at: SOC of rested cells by their voltage [V], likewise.
         n_cells: number of cells.
     """
     ordered = sorted(records, key=lambda record: record.start_s)
     shape = (len(ordered), n_cells)
     line, capacity, sigma, self_rate, bled = (np.full(shape, np.nan) for _ in range(5))
+    nominal_ah = _nominal(ordered[0], nominal_ah) if ordered else nominal_ah
     tracker = CapacityTracker(nominal_ah, n_cells)
     observed, lines = np.zeros(n_cells, dtype=bool), np.zeros(n_cells)
     hours, lost, days = np.zeros(n_cells), np.zeros(n_cells), np.zeros(n_cells)
@@ -145,7 +151,7 @@ def passports(
         while pending and pending[0].time_s <= record.start_s:
             swapped[list(pending.pop(0).cells)] = True
         if swapped.any():
-            tracker = _renewed(tracker, swapped, nominal_ah)
+            tracker = _renewed(tracker, swapped, _nominal(record, nominal_ah))
             observed[swapped] = False
             lines[swapped] += 1
             for sums in (hours, lost, days):
@@ -182,6 +188,7 @@ def passports(
         bled,
         _rank(*(latest(values, line, lines) for values in (capacity, relative, self_rate))),
         (),
+        sum(record.nominal_ah is None for record in ordered),
     )
     return Passports(**{**vars(made), "drifts": tuple(_drifts(made))})
 
@@ -190,7 +197,11 @@ def _renewed(tracker: CapacityTracker, swapped: BoolArray, nominal_ah: float) ->
     n_cells = len(swapped)
     state = tracker.state
     state[:, swapped] = CapacityTracker(nominal_ah, n_cells).state[:, swapped]
-    return CapacityTracker(nominal_ah, n_cells, state)
+    return CapacityTracker(tracker.nominal_ah, n_cells, state)
+
+
+def _nominal(record: SessionRecord, otherwise_ah: float) -> float:
+    return otherwise_ah if record.nominal_ah is None else record.nominal_ah
 
 
 def _self_discharge(
@@ -202,7 +213,9 @@ def _self_discharge(
     gap_s = after.first_rest_s - before.last_rest_s
     if gap_s < REST_GAP_S:
         return None
-    moved = soc_at(before.last_rest_v) - soc_at(after.first_rest_v)
+    last = soc_at(before.last_rest_v) if before.last_rest_soc is None else before.last_rest_soc
+    first = soc_at(after.first_rest_v) if after.first_rest_soc is None else after.first_rest_soc
+    moved = last - first
     known = moved[np.isfinite(moved)]
     if not known.size or abs(float(np.median(known))) > REST_MOVED_MAX:
         return None

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from app.analysis.passport.history import Passports, SessionRecord, Stretch, Swap, passports
+from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import survey_session
 from app.analysis.survey import Piece, Rest
 from app.analysis.totals import MAX_STEP_S, listed
@@ -50,8 +51,10 @@ class _Stretches(CapacityTracker):
         )
 
 
-def record_of(session: SessionFile, cell: CellModel) -> SessionRecord:
-    """Return what a session tells about every cell."""
+def record_of(session: SessionFile, todays: CellModel) -> SessionRecord:
+    """Return what a session tells about every cell, by its own cell file; by today's where it keeps none."""
+    of_then, is_of_then = cell_of(session)
+    cell = of_then if is_of_then else todays
     told = _Stretches(cell.capacity_ah)
     rests = CapacityBetweenRests(cell, told)
     last_s: float | None = None
@@ -80,6 +83,9 @@ def record_of(session: SessionFile, cell: CellModel) -> SessionRecord:
         last_rest_s=None if last is None else last.time_s,
         last_rest_v=_volts(last),
         stretches=tuple(told.told),
+        nominal_ah=cell.capacity_ah if is_of_then else None,
+        first_rest_soc=cell.ocv.soc_at(_volts(first)) if is_of_then else None,
+        last_rest_soc=cell.ocv.soc_at(_volts(last)) if is_of_then else None,
     )
 
 
@@ -210,6 +216,9 @@ def _to_json(record: SessionRecord) -> dict[str, Any]:
         "first_rest_v": listed(record.first_rest_v, 5),
         "last_rest_s": record.last_rest_s,
         "last_rest_v": listed(record.last_rest_v, 5),
+        "nominal_ah": record.nominal_ah,
+        "first_rest_soc": None if record.first_rest_soc is None else listed(record.first_rest_soc, 6),
+        "last_rest_soc": None if record.last_rest_soc is None else listed(record.last_rest_soc, 6),
         "stretches": [
             {
                 "soc_moved": listed(stretch.soc_moved, 6),
@@ -225,4 +234,5 @@ def _to_json(record: SessionRecord) -> dict[str, Any]:
 def _from_json(body: dict[str, Any]) -> SessionRecord:
     arrays = ("resistance_ohm", "balancing_s", "first_rest_v", "last_rest_v")
     stretches = tuple(Stretch(**each | {"soc_moved": _array(each["soc_moved"])}) for each in body["stretches"])
-    return SessionRecord(**body | {name: _array(body[name]) for name in arrays} | {"stretches": stretches})
+    known = {name: _array(body[name]) for name in ("first_rest_soc", "last_rest_soc") if body.get(name) is not None}
+    return SessionRecord(**body | {name: _array(body[name]) for name in arrays} | known | {"stretches": stretches})

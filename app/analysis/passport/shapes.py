@@ -12,9 +12,13 @@ from app.sessions.passport_store import StoredSwap
 
 @dataclass(frozen=True)
 class AllPassports:
-    """Every cell as it is now, out of all sessions read; `reading` of `to_read` while more are read."""
+    """Every cell as it is now, out of all sessions read; `reading` of `to_read` while more are read.
+
+    Each session is judged by its own cell file; `by_todays_cell` of them keep none, and are judged by today's.
+    """
 
     sessions: int
+    by_todays_cell: int
     reading: int
     to_read: int
     capacity_ah: list[float | None]
@@ -60,6 +64,7 @@ def all_passports(keeper: PassportKeeper) -> AllPassports:
     reading, to_read = keeper.progress
     return AllPassports(
         sessions=len(made.sessions),
+        by_todays_cell=made.n_by_todays_cell,
         reading=reading,
         to_read=to_read,
         capacity_ah=listed(made.now("capacity_ah")),

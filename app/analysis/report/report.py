@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from app import __version__
 from app.analysis.cell_findings import CellJudge
 from app.analysis.finding import AnalysisFinding, finding, message_of_event, with_cell
 from app.analysis.incidents import is_trigger
@@ -30,12 +29,11 @@ from app.analysis.report.verdict import verdicts
 from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import causes_of
 from app.analysis.session_arrays import TotalsCollector
-from app.analysis.session_cell import cell_of
+from app.analysis.session_cell import cell_of, judged_by, unlike
 from app.analysis.session_survey import survey_session
 from app.analysis.survey import Histogram, Piece
 from app.analysis.totals import listed
 from app.battery.shape import N_CELLS
-from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
 from app.telemetry.cell_findings import Finding, finding_of
 from app.words import Argument, Message
@@ -107,28 +105,30 @@ class Report:
 
 @dataclass(frozen=True)
 class ComparedSession:
-    """One of two sessions; `started` in unix seconds."""
+    """One of two sessions; `started` in unix seconds, `judged`: what of then judges it."""
 
     id: str
     name: str
     started: float
     figures: dict[str, float | None]
     histograms: dict[str, Histogram]
+    judged: list[AnalysisFinding]
 
 
 @dataclass(frozen=True)
 class SessionComparison:
-    """Two sessions side by side; `cells` changed the most in resistance."""
+    """Two sessions side by side; `cells` changed the most in resistance, `unlike`: what of then differs."""
 
     a: ComparedSession
     b: ComparedSession
     cells: list[CellChange]
+    unlike: list[AnalysisFinding]
 
 
 def report_of(session: SessionFile) -> Report:
     """Read a session and judge it."""
     info, collector = session.info, TotalsCollector()
-    cell, is_cell_of_then = cell_of(session)
+    cell, _ = cell_of(session)
     judge, configs = CellJudge(cell), session.configs()
     in_force = [(session.unix_s(config.t_mono_ns), limits_of(config.image)) for config in configs]
     watch = MarginWatch(N_CELLS, in_force)
@@ -154,7 +154,7 @@ def report_of(session: SessionFile) -> Report:
         [*_causes_told(causes), *verdicts(survey, odd, _cells(trips), _cells(loose), found, _blamed(causes))],
         what_limited(near, _told(trips)),
         what_to_look_at(survey, _unexplained(odd, found), [*_ended(ended), *_told(warned)], session.bad_frames()),
-        _judged_by(info.voltwall, len(configs), is_cell_of_then=is_cell_of_then),
+        judged_by(session),
     )
     return Report(
         session=ReportedSession(
@@ -185,14 +185,6 @@ def report_of(session: SessionFile) -> Report:
     )
 
 
-def _judged_by(recorded: str, n_configs: int, *, is_cell_of_then: bool) -> list[AnalysisFinding]:
-    """What of then judges the run, and what of today does."""
-    said = [Message("report-versions", recorded=recorded, judged=__version__)]
-    said.append(Message("report-limits-of-then", n=n_configs) if n_configs else Message("report-limits-unknown"))
-    said.append(Message("report-cell-of-then") if is_cell_of_then else Message("report-cell-of-today"))
-    return [finding(each) for each in said]
-
-
 def _causes_told(causes: Sequence[Cause]) -> list[AnalysisFinding]:
     """Each cause once, with the first thing that speaks for it."""
     said: dict[tuple[str, int | None, int | None], AnalysisFinding] = {}
@@ -221,14 +213,17 @@ def compare_sessions(first: SessionFile, second: SessionFile) -> SessionComparis
     """Read two sessions and lay them side by side."""
     surveys = survey_session(first), survey_session(second)
     a, b = (
-        _compared(session.info, key_figures(survey), survey.histograms)
+        _compared(session, key_figures(survey), survey.histograms)
         for session, survey in zip((first, second), surveys, strict=True)
     )
-    return SessionComparison(a, b, compare_cells(*surveys))
+    return SessionComparison(a, b, compare_cells(*surveys), unlike(first, second))
 
 
-def _compared(info: SessionInfo, figures: dict[str, float | None], histograms: dict[str, Histogram]) -> ComparedSession:
-    return ComparedSession(info.id, info.name, info.started_wall_ns / 1e9, figures, histograms)
+def _compared(
+    session: SessionFile, figures: dict[str, float | None], histograms: dict[str, Histogram]
+) -> ComparedSession:
+    info = session.info
+    return ComparedSession(info.id, info.name, info.started_wall_ns / 1e9, figures, histograms, judged_by(session))
 
 
 def _texts(findings: Sequence[AnalysisFinding]) -> list[str]:

@@ -4,11 +4,13 @@ import argparse
 import json
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from app.analysis.black_box.from_session import black_boxes
 from app.analysis.document import document
+from app.analysis.finding import AnalysisFinding
 from app.analysis.laps.from_session import CanCounter, Counter, Counts, LapTable, lap_table
 from app.analysis.report.report import compare_sessions, report_of
 from app.battery.shape import CELLS_PER_PACK
@@ -91,7 +93,13 @@ def _compare(args: argparse.Namespace) -> int:
     ):
         found = compare_sessions(session, other)
     if args.json:
-        shown = {"a": found.a.figures, "b": found.b.figures, "cells": [asdict(cell) for cell in found.cells]}
+        shown = {
+            "a": found.a.figures,
+            "b": found.b.figures,
+            "cells": [asdict(cell) for cell in found.cells],
+            "judged": {"a": _texts(found.a.judged), "b": _texts(found.b.judged)},
+            "unlike": _texts(found.unlike),
+        }
         json.dump(shown, sys.stdout, indent=2)
         print()
         return 0
@@ -102,7 +110,13 @@ def _compare(args: argparse.Namespace) -> int:
         print(f"{name:24} {_figure(a):>22} {_figure(b):>22}  {difference}")
     for cell in found.cells:
         print(f"cell {short_place(cell.cell)}: resistance {100 * cell.change:+.1f} % against the others")
+    for text in _texts(found.unlike):
+        print(text)
     return 0
+
+
+def _texts(said: Sequence[AnalysisFinding]) -> list[str]:
+    return [each.text for each in said]
 
 
 def _figure(value: float | None) -> str:

@@ -79,6 +79,7 @@ def _print_json(made: Passports, swaps: list[StoredSwap]) -> None:
     known = {name: listed(made.now(name)) for name in _NOW}
     shown = {
         "sessions": made.sessions,
+        "by_todays_cell": made.n_by_todays_cell,
         **known,
         "rank": listed(made.rank),
         "drifts": [asdict(drift) for drift in made.drifts],
@@ -90,6 +91,8 @@ def _print_json(made: Passports, swaps: list[StoredSwap]) -> None:
 
 def _print_table(made: Passports, swaps: list[StoredSwap]) -> None:
     print(f"{len(made.sessions)} finished {'session' if len(made.sessions) == 1 else 'sessions'}")
+    if made.n_by_todays_cell:
+        print(f"{made.n_by_todays_cell} of them keep no cell file: today's judges them")
     for swap in swaps:
         print(f"swap {swap.id}: {_swap_text(swap.cells, swap.time_s, swap.note)}")
     for drift in made.drifts:

@@ -69,6 +69,7 @@ export interface Alarm {
 /** Every cell as it is now, out of all sessions read; `reading` of `to_read` while more are read. */
 export interface AllPassports {
   sessions: number;
+  by_todays_cell: number;
   reading: number;
   to_read: number;
   capacity_ah: (number | null)[];
@@ -446,13 +447,14 @@ export interface Compared {
   hash: string;
 }
 
-/** One of two sessions; `started` in unix seconds. */
+/** One of two sessions; `started` in unix seconds, `judged`: what of then judges it. */
 export interface ComparedSession {
   id: string;
   name: string;
   started: number;
   figures: Record<string, number | null>;
   histograms: Record<string, Histogram>;
+  judged: AnalysisFinding[];
 }
 
 /** What differs from `a` to `b`. */
@@ -1358,11 +1360,12 @@ export interface Schema {
   struct: StructField[];
 }
 
-/** Two sessions side by side; `cells` changed the most in resistance. */
+/** Two sessions side by side; `cells` changed the most in resistance, `unlike`: what of then differs. */
 export interface SessionComparison {
   a: ComparedSession;
   b: ComparedSession;
   cells: CellChange[];
+  unlike: AnalysisFinding[];
 }
 
 /** A configuration came into force. */

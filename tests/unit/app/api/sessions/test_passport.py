@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.analysis.passport.keeper import PassportKeeper
-from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.sessions.catalogue import Catalogue
 from firmware_protocol.memory_map import FIELDS
 
@@ -50,10 +50,25 @@ def test_passports_are_read_once_and_outlive_their_sessions(sessions, tmp_path):
     after = keeper.passports()
     keeper.close()
     assert after.sessions == tuple(sessions)
+    assert after.n_by_todays_cell == 3  # these keep no cell file
     np.testing.assert_array_equal(after.resistance_ohm, before.resistance_ohm)
     assert after.resistance_relative[-1, 30] == pytest.approx(0.5, abs=0.03)
     assert after.self_discharge_per_day[-1, 50] == pytest.approx(0.01, rel=0.05)
     assert after.balancing_h[-1, [1, 2]] == pytest.approx([0, 3 * 239.5 / 3600], abs=0.01)
+
+
+def test_another_cell_file_today_changes_nothing_of_a_session_that_keeps_its_own(make_session, tmp_path):
+    """Also what is computed later, as self-discharge between two sessions, goes by the cell file of then."""
+    for day in range(2):
+        open_v = CELL.ocv.voltage(0.8 - LEAK * day)
+        volts = open_v - CURRENT_A[:, None] * OHM
+        make_session(TIME_S, CURRENT_A, volts, 25, start_s=START_S + day * DAY_S, cell_file=format_cell(CELL))
+    keeper = PassportKeeper(tmp_path, Catalogue(tmp_path / "sessions"), load_cell("sanyo-ur18650w"))
+    keeper.read_new()
+    made = keeper.passports()
+    keeper.close()
+    assert made.n_by_todays_cell == 0
+    assert made.self_discharge_per_day[-1, 50] == pytest.approx(0.01, rel=0.05)
 
 
 def test_a_damaged_session_is_left_out_and_the_others_are_read(sessions, tmp_path):
