@@ -56,6 +56,7 @@ class Replay(NamedTuple):
     path: Path
     speed: float
     estimates: Estimates = "recomputed"
+    cell_name: str | None = None  # the session's own
 
 
 def create_app(
@@ -83,7 +84,8 @@ def create_app(
         try:
             service.start()
             if replay is not None:
-                service.replay.start(replay.path, ReplayOptions(replay.speed, estimates=replay.estimates))
+                options = ReplayOptions(replay.speed, cell_name=replay.cell_name, estimates=replay.estimates)
+                service.replay.start(replay.path, options)
             yield
         finally:
             await asyncio.to_thread(service.stop)

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from copy import deepcopy
 from typing import Final
 
 import numpy as np
 
+from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
 from app.analysis.survey import Piece
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.estimation.arrays import BoolArray
-from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.cell_finding import CellFinding
 from app.estimation.health.cell_watch import JUDGE_S, CellWatch, CellWatchMemory
 from app.sessions.reading.reader import SessionFile
 
 SPACED_S: Final = 0.09  # nothing is gained from quicker samples
+KEPT_S: Final = 60.0  # of a recording between two states that are kept
 
 
 class CellJudge:
@@ -34,10 +36,12 @@ class CellJudge:
         balancing: BoolArray = np.asarray(piece.balancing) > 0.0
         knows_balancing: BoolArray = np.asarray(np.isfinite(piece.balancing).all(axis=1))
         for k, time_s in enumerate(piece.time_s.tolist()):
-            dt_s = 0.0 if self._before_s is None else max(time_s - self._before_s, 0.0)
-            if self._before_s is not None and dt_s < SPACED_S:
+            dt_s = 0.0 if self._before_s is None else time_s - self._before_s
+            if self._before_s is not None and 0.0 <= dt_s < SPACED_S:
                 continue
             self._before_s = time_s
+            if dt_s < 0.0:  # the clock was set back: how long it took is not known, and what follows counts
+                dt_s, self._judged_s = 0.0, min(self._judged_s, time_s)
             self.watch.step(
                 time_s,
                 dt_s,
@@ -70,12 +74,34 @@ class CellJudge:
         self._judged_s = time_s
         found = self.watch.judge()
         if not self._history or found != self._history[-1][1]:
-            self._history.append((time_s, found))
+            since_s = max(time_s, self._history[-1][0]) if self._history else time_s
+            self._history.append((since_s, found))
+
+
+class WatchAlong:
+    """The watch of a session's cells as it stood at any of its moments. What was read once is not read again."""
+
+    def __init__(self, session: SessionFile, cell: CellModel) -> None:
+        self._session = session
+        self._start = CellJudge(cell)
+        self._kept: list[tuple[float, CellJudge]] = []  # as they stood at unix times, in order
+
+    def at(self, time_s: float) -> CellWatch:
+        """Return a watch that has seen everything up to a unix time [s]; it is the caller's own."""
+        k = bisect_right(self._kept, time_s, key=lambda each: each[0])
+        since_s, known = self._kept[k - 1] if k else (None, self._start)
+        judge = deepcopy(known)
+        for piece in read_pieces(self._session, from_s=since_s, to_s=time_s):
+            judge.add(piece)
+            last_s = float(piece.time_s[-1])
+            if not self._kept or last_s - self._kept[-1][0] >= KEPT_S:
+                self._kept.append((last_s, deepcopy(judge)))
+        return judge.watch
 
 
 def cell_findings(session: SessionFile, cell: CellModel | None = None) -> tuple[CellFinding, ...]:
     """Read a session and return what is wrong with its cells at its end, the surest first."""
-    judge = CellJudge(cell or load_cell())
+    judge = CellJudge(cell or cell_of(session)[0])
     for piece in read_pieces(session):
         judge.add(piece)
     return judge.result()

@@ -16,11 +16,19 @@ _BALANCING = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))
 _FIELDS = ("i_fs", "v", "t", "estimate.soc", *_BALANCING)
 
 
-def read_pieces(session: SessionFile, totals: TotalsCollector | None = None) -> Iterator[Piece]:
-    """Yield the session a minute at a time on the time axis of the cell voltages; `totals` is collected meanwhile."""
+def read_pieces(
+    session: SessionFile,
+    totals: TotalsCollector | None = None,
+    from_s: float | None = None,
+    to_s: float | None = None,
+) -> Iterator[Piece]:
+    """Yield the session a minute at a time on the time axis of the cell voltages; `totals` is collected meanwhile.
+
+    `from_s` and `to_s` are a range in unix time [s], ends included.
+    """
     held: dict[str, FloatArray] = {}  # the last row of each field: slow windows do not come every minute
     names = _FIELDS if totals is None else tuple(dict.fromkeys((*_FIELDS, *TOTALS_FIELDS)))
-    for found in session.fields(names):
+    for found in session.fields(names, from_s, to_s):
         if totals is not None:
             totals.add(found)
         axis = found.get("v") or found.get("i_fs")

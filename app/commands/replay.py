@@ -10,6 +10,7 @@ from typing import Any
 
 from app.analysis.expectations import Expectations
 from app.analysis.replay_check import prove
+from app.analysis.session_cell import cell_of, judged_by
 from app.api.encoding.snapshot import snapshot_json
 from app.commands.console.number import between
 from app.commands.serve import serve
@@ -23,7 +24,7 @@ from app.service import log
 from app.service.settings import Settings
 from app.sessions.info import RecordedConfig
 from app.sessions.reading.reader import SessionFile
-from app.sessions.replay import item_of, prepare
+from app.sessions.replay import SESSION_CELL, item_of, prepare
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 from app.telemetry.service_state import ServiceState
 
@@ -54,7 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--filter", choices=FILTERS, help=f"recompute with this state estimator (default: {DEFAULT_FILTER})"
     )
     parser.add_argument(
-        "--cell", metavar="CELL.toml", help=f"recompute with this cell file or name (default: {DEFAULT_CELL})"
+        "--cell",
+        metavar="CELL.toml",
+        help=f"recompute with this cell file or name (default: the session's own, {DEFAULT_CELL} where it keeps none)",
     )
     parser.add_argument(
         "--estimates",
@@ -77,21 +80,31 @@ def run(args: argparse.Namespace) -> int:
     if args.expected is not None:
         return _prove(path, args.expected, args.filter, args.cell, args.json)
     filter_name: Any = args.filter or DEFAULT_FILTER  # one of FILTERS: the parser has looked
-    cell_name = args.cell or DEFAULT_CELL
     if args.json:
-        return _print_snapshots(path, filter_name, cell_name)
+        return _print_snapshots(path, filter_name, args.cell)
     log.configure("info")
     with SessionFile(path):
         pass  # refuse what is no session before anything starts
     with tempfile.TemporaryDirectory(prefix="voltwall-replay-") as data:
-        settings = Settings(host=args.host, port=args.port, filter=filter_name, cell=cell_name, data=Path(data))
+        settings = Settings(
+            host=args.host, port=args.port, filter=filter_name, cell=args.cell or DEFAULT_CELL, data=Path(data)
+        )
         settings.check()
-        return serve(settings, replay=Replay(path, args.speed, args.estimates))
+        return serve(settings, replay=Replay(path, args.speed, args.estimates, args.cell))
 
 
-def _print_snapshots(path: Path, filter_name: str, cell_name: str) -> int:
-    pipeline = PipelineFactory(filter_name, cell_name).pipeline("replay", "recorded", "recorded")
+def _chain(session: SessionFile, filter_name: str, cell_name: str | None) -> PipelineFactory:
+    """The named cell; without a name the one that the session was recorded with, today's where it keeps none."""
+    battery = session.loaded_battery
+    of_then, is_of_then = cell_of(session)
+    if cell_name is None and is_of_then:
+        return PipelineFactory(filter_name, SESSION_CELL, battery, of_then)
+    return PipelineFactory(filter_name, cell_name, battery)
+
+
+def _print_snapshots(path: Path, filter_name: str, cell_name: str | None) -> int:
     with SessionFile(path) as file:
+        pipeline = _chain(file, filter_name, cell_name).pipeline("replay", "recorded", "recorded")
         prepare(pipeline, file)
         for received in file.received():
             if isinstance(received, RecordedConfig):
@@ -109,16 +122,18 @@ def _prove(path: Path, expected: Path, filter_name: str | None, cell_name: str |
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError("--assert", expected, f"a file that can be read: {error}") from error
     expectations = Expectations(text)
-    chain = PipelineFactory(
-        filter_name or expectations.filter_name or DEFAULT_FILTER, cell_name or expectations.cell_name or DEFAULT_CELL
-    )
+    chosen = filter_name or expectations.filter_name or DEFAULT_FILTER
     with SessionFile(path) as session:
+        chain = _chain(session, chosen, cell_name or expectations.cell_name)
+        judged = [each.text for each in judged_by(session, cell_name or expectations.cell_name)]
         verdicts = prove(session, expectations, chain.pipeline("replay", "recorded", "recorded"))
     failed = sum(not verdict.held for verdict in verdicts)
     if as_json:
-        print(json.dumps({"held": failed == 0, "expectations": [asdict(verdict) for verdict in verdicts]}, indent=2))
+        told = {"held": failed == 0, "expectations": [asdict(verdict) for verdict in verdicts], "judged": judged}
+        print(json.dumps(told, indent=2))
     else:
         for verdict in verdicts:
             print(f"{'ok  ' if verdict.held else 'FAIL'}  {verdict.text}: {verdict.found}")
+        print(" ".join(judged))
         print(f"{len(verdicts) - failed} of {len(verdicts)} held")
     return 1 if failed else 0

@@ -4,8 +4,10 @@ from collections.abc import Callable
 
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimators import FILTERS, CellEstimator, make_estimator
+from app.estimation.health.cell_watch import CellWatch
 from app.live.pipeline import Pipeline
 from app.live.prediction import LearnedCells, Predictor
 from app.sources.dbc.source import DbcSource
@@ -19,13 +21,20 @@ from app.words import Message
 class PipelineFactory:
     """A filter and a cell for each cell of a battery; makes as many pipelines as asked for."""
 
-    def __init__(self, filter_name: str, cell_name: str | None = None, battery: LoadedBattery | None = None) -> None:
-        """Read the cell file.
+    def __init__(
+        self,
+        filter_name: str,
+        cell_name: str | None = None,
+        battery: LoadedBattery | None = None,
+        cell: CellModel | None = None,
+    ) -> None:
+        """Read the cell file, unless the cell is given.
 
         Args:
             filter_name: one of FILTERS.
             cell_name: a cell file, or the name of a bundled one; None: that of the battery.
             battery: None: the team's own.
+            cell: what `cell_name` stands for, where it is no file.
 
         Raises:
             ConfigError: there is no such filter, or the cell cannot be used.
@@ -35,7 +44,7 @@ class PipelineFactory:
         if filter_name not in FILTERS:
             raise ConfigError("filter", filter_name, Message("one-of", choices=tuple(FILTERS)))
         try:
-            self.cell = load_cell(cell_name)
+            self.cell = cell or load_cell(cell_name)
         except EstimatorError as error:
             raise ConfigError("cell", cell_name, str(error)) from error
         self._filter_name = filter_name
@@ -48,23 +57,24 @@ class PipelineFactory:
         can_url: str | None = None,
         *,
         predictor: Predictor | None = None,
+        watch: CellWatch | None = None,
         start_soc: tuple[FloatArray, FloatArray] | None = None,
         stopwatch_ns: Callable[[], int] | None = None,
     ) -> Pipeline:
-        """Return a fresh pipeline; without `predictor` nothing of the cells was learned before."""
+        """Return a fresh pipeline; without `predictor` nothing was learned before but what `watch` has seen."""
         return Pipeline(
             self._source(source, rs232_url, can_url),
             self._new_estimator,
             filter_name=self._filter_name,
             cell_name=self._cell_name,
             stopwatch_ns=stopwatch_ns,
-            predictor=predictor or self.predictor(),
+            predictor=predictor or self.predictor(watch=watch),
             start_soc=start_soc,
         )
 
-    def predictor(self, learned_before: LearnedCells | None = None) -> Predictor:
+    def predictor(self, learned_before: LearnedCells | None = None, watch: CellWatch | None = None) -> Predictor:
         """Return a fresh predictor that goes on with what earlier sessions learned."""
-        return Predictor(self.cell, self.battery.battery.segments, learned_before)
+        return Predictor(self.cell, self.battery.battery.segments, learned_before, watch=watch)
 
     def _source(self, name: Source, rs232_url: str | None, can_url: str | None) -> MeasurementSource:
         speaks = self.battery.speaks_dbc

@@ -68,12 +68,20 @@ class LearnedCells:
 class Predictor:
     """Keeps what has to be remembered between two assessments."""
 
-    def __init__(self, cell: CellModel, segments: tuple[int, ...], learned_before: LearnedCells | None = None) -> None:
+    def __init__(
+        self,
+        cell: CellModel,
+        segments: tuple[int, ...],
+        learned_before: LearnedCells | None = None,
+        *,
+        watch: CellWatch | None = None,
+    ) -> None:
+        """Start, or go on with what was learned before; `watch` has watched these cells up to now."""
         n_cells = sum(segments)
         self.cell = cell
         self.assessment = Assessment()
         before = learned_before
-        self._watch = CellWatch(cell, segments, _watched_before(before))
+        self._watch = watch or CellWatch(cell, segments, _watched_before(before))
         self.findings = self._found()
         capacities = CapacityTracker(cell.capacity_ah, n_cells, None if before is None else before.capacity_state)
         self._capacities = CapacityBetweenRests(cell, capacities)

@@ -4,6 +4,8 @@ import time
 
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import bundled_cells
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.health.cell_watch import CellWatch
 from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
 from app.live.prediction import LearnedCells, Predictor
@@ -29,7 +31,7 @@ class Pipelines:
 
     @property
     def cells(self) -> list[str]:
-        """Names of the cells to choose from, the configured one first."""
+        """Names of the cells to choose from beside the session's own, the configured one first."""
         return list(dict.fromkeys((self._cell_name, *bundled_cells())))
 
     def predictor(self, learned_before: LearnedCells | None) -> Predictor:
@@ -46,8 +48,12 @@ class Pipelines:
         filter_name: str | None = None,
         cell_name: str | None = None,
         battery: LoadedBattery | None = None,
+        cell: CellModel | None = None,
+        watch: CellWatch | None = None,
     ) -> Pipeline:
         """Return a fresh pipeline; None is the configured filter, cell or battery.
+
+        `cell` is what `cell_name` stands for, `watch` has watched the cells until then.
 
         Raises:
             ConfigError: there is no such filter or cell.
@@ -55,12 +61,18 @@ class Pipelines:
         chain = self._chain
         is_another = battery is not None and battery.files != chain.battery.files
         if filter_name is not None or cell_name is not None or is_another:
-            if cell_name is not None and cell_name not in self.cells:
+            if cell is None and cell_name is not None and cell_name not in self.cells:
                 raise ConfigError("cell", cell_name, Message("one-of-cells", choices=tuple(bundled_cells())))
             cell_name = cell_name or (None if is_another else self._cell_name)
-            chain = PipelineFactory(filter_name or self._filter_name, cell_name, battery or chain.battery)
+            chain = PipelineFactory(filter_name or self._filter_name, cell_name, battery or chain.battery, cell)
         return chain.pipeline(
-            source, serial_url, can_url, predictor=predictor, start_soc=start_soc, stopwatch_ns=time.perf_counter_ns
+            source,
+            serial_url,
+            can_url,
+            predictor=predictor,
+            watch=watch,
+            start_soc=start_soc,
+            stopwatch_ns=time.perf_counter_ns,
         )
 
     def for_import(self) -> Pipeline:

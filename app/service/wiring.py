@@ -13,6 +13,7 @@ from app.analysis.black_box.from_session import keep_black_boxes
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.analysis.incidents import Trigger
 from app.analysis.passport.keeper import PassportKeeper
+from app.analysis.replay_chain import ReplayChain
 from app.analysis.root_cause.cause import Cause, trip_cause
 from app.analysis.root_cause.from_session import cause_of_trip
 from app.clock import Clock
@@ -189,7 +190,10 @@ def make_service(
     learned_state = LearnedStateSaver(learned_path, pipeline, predictor, clock)
     hub: Hub[Snapshot] = Hub()
     replay = ReplayPlayer(
-        pipelines.new, hub.publish_threadsafe, partial(events.note, "warning", "replay-failed"), clock
+        partial(ReplayChain, new_pipeline=pipelines.new),
+        hub.publish_threadsafe,
+        partial(events.note, "warning", "replay-failed"),
+        clock,
     )
 
     # The links, and the configuration behind them

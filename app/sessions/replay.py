@@ -7,21 +7,21 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal, Protocol
 
 import numpy as np
 
 from app.clock import Clock
-from app.errors import ConfigError, NotNow, message_of
+from app.errors import AppError, ConfigError, NotNow, message_of
 from app.live.accumulator import charge_of
 from app.live.cells import extreme, mean
 from app.live.pipeline import Pipeline
 from app.sessions.info import RecordedCanFrame, RecordedFrame
 from app.sessions.reading.reader import SessionFile
 from app.sessions.reading.recorded_estimates import RecordedEstimates
-from app.sessions.replay_schedule import MIN_LOOP_S, Pacer
+from app.sessions.replay_schedule import LEAD_S, MIN_LOOP_S, Pacer
 from app.sources.items import CanItem, Item, LinkChange, SerialItem
-from app.telemetry import FloatArray, Snapshot
+from app.telemetry import FloatArray, Snapshot, TripCause
 from app.telemetry.service_state import Replay, ReplayCompared
 from app.words import Message
 from firmware_protocol.framing import decode_chunk
@@ -32,17 +32,31 @@ JUMP_S = 0.01
 START_S = 10.0
 END_S = 1.0
 REPEAT_S = 0.5  # a replay that stands still says so this often
+SESSION_CELL: Final = "session"  # name of the cell file that the session keeps
 Estimates = Literal["recomputed", "recorded"]
 
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """How a session is played: which filter and cell recompute the estimates, None = the service's; which are shown."""
+    """How a session is played: which filter and cell recompute the estimates, and which are shown.
+
+    None = the service's filter; the session's own cell file, the service's where it keeps none.
+    """
 
     speed: float = 1.0
     filter_name: str | None = None
     cell_name: str | None = None
     estimates: Estimates = "recomputed"
+
+
+class Chain(Protocol):
+    """What one session is replayed through."""
+
+    def pipeline(self, from_s: float | None = None) -> Pipeline:
+        """Return a fresh pipeline; from a unix time on it knows what the cells had shown until then."""
+
+    def cause(self, at_s: float) -> TripCause | None:
+        """Return what caused the trip that holds at a unix time. From any thread; it takes seconds."""
 
 
 @dataclass
@@ -52,9 +66,11 @@ class _Replay:
     file: SessionFile
     pacer: Pacer
     recorded: RecordedEstimates
+    chain: Chain
     pipeline: Pipeline
     options: ReplayOptions
-    is_new_pipeline_due: bool = False
+    jumped_to_s: float | None = None  # a position from which on a fresh chain is needed
+    cause: "Future[TripCause | None] | None" = None  # of the trip that holds
     compared: ReplayCompared | None = None
 
 
@@ -76,11 +92,11 @@ def prepare(pipeline: Pipeline, file: SessionFile) -> None:
 
 
 class ReplayPlayer:
-    """At most one replay at a time, in a thread of its own, which alone touches the file."""
+    """At most one replay at a time, in a thread of its own, which alone touches the opened file."""
 
     def __init__(
         self,
-        new_pipeline: Callable[..., Pipeline],
+        new_chain: Callable[[SessionFile, ReplayOptions], Chain],
         show: Callable[[Snapshot], None],
         on_failure: Callable[[Message], None],
         clock: Clock,
@@ -90,7 +106,7 @@ class ReplayPlayer:
         """`end_s` is how long to wait for a replay that is told to end."""
         self._clock = clock
         self._end_s = end_s
-        self._new_pipeline = new_pipeline
+        self._new_chain = new_chain
         self._show = show
         self._on_failure = on_failure
         self._lock = threading.Lock()
@@ -111,13 +127,13 @@ class ReplayPlayer:
         Raises:
             AppError: the file cannot be played, or not with this filter or cell; nothing is shown of it.
         """
-        pipeline = self._new_pipeline_for(options)
         with self._lock:
+            replay = self._opened(path, options)
             self._end()
             self._latest = None
             self._orders = queue.SimpleQueue()
             started: Future[None] = Future()
-            arguments = (path, options, pipeline, self._orders, started)
+            arguments = (replay, self._orders, started)
             self._thread = threading.Thread(target=self._run, args=arguments, name="replay", daemon=True)
             self._thread.start()
             try:
@@ -193,30 +209,32 @@ class ReplayPlayer:
         """Where it stands; None without one."""
         return self._state
 
-    def _new_pipeline_for(self, options: ReplayOptions) -> Pipeline:
-        return self._new_pipeline(
-            "replay", "recorded", "recorded", filter_name=options.filter_name, cell_name=options.cell_name
-        )
-
-    def _run(
-        self, path: Path, options: ReplayOptions, pipeline: Pipeline, orders: Orders, started: "Future[None]"
-    ) -> None:
+    def _opened(self, path: Path, options: ReplayOptions) -> _Replay:
+        """Open a session at its start; what cannot be played is refused before the replay that is shown ends."""
+        file = SessionFile(path)
         try:
-            with SessionFile(path) as file:
-                pacer = Pacer(file, now_s=self._clock.monotonic_s(), speed=options.speed)
-                replay = _Replay(file, pacer, RecordedEstimates(file), pipeline, options)
-                prepare(pipeline, file)
+            chain = self._new_chain(file, options)
+            pacer = Pacer(file, now_s=self._clock.monotonic_s(), speed=options.speed)
+            return _Replay(file, pacer, RecordedEstimates(file), chain, chain.pipeline(), options)
+        except BaseException:
+            file.close()
+            raise
+
+    def _run(self, replay: _Replay, orders: Orders, started: "Future[None]") -> None:
+        try:
+            with replay.file:
+                prepare(replay.pipeline, replay.file)
                 self._publish_state(replay, self._clock.monotonic_s())
                 started.set_result(None)
-                pipeline.warm_up()  # compiling a filter takes seconds, which are not the session's
-                pacer.seek(0.0, self._clock.monotonic_s())
+                replay.pipeline.warm_up()  # compiling a filter takes seconds, which are not the session's
+                replay.pacer.seek(0.0, self._clock.monotonic_s())
                 self._play(replay, orders)
         except Exception as error:
             if not started.done():
                 started.set_exception(error)
                 return
             log.exception("the replay failed")
-            self._on_failure(Message("replay-failed", session=path.stem, error=message_of(error)))
+            self._on_failure(Message("replay-failed", session=replay.file.path.stem, error=message_of(error)))
         finally:
             with self._state_lock:
                 if self._is_current():  # nobody waits for this end: the live source is shown again
@@ -228,10 +246,13 @@ class ReplayPlayer:
             now_s = self._clock.monotonic_s()
             if pacer.loop is not None and pacer.is_loop_over(now_s):
                 _jump(replay, pacer.loop[0], now_s)
-            if replay.is_new_pipeline_due:
-                replay.is_new_pipeline_due = False
-                replay.pipeline = self._new_pipeline_for(replay.options)
-                prepare(replay.pipeline, replay.file)
+            if replay.jumped_to_s is not None:
+                self._publish_state(replay, now_s)
+                position_s, replay.jumped_to_s = replay.jumped_to_s, None
+                _renew(replay, position_s)
+                now_s = self._clock.monotonic_s()
+                if not pacer.is_paused:
+                    pacer.seek(position_s, now_s)  # what the new chain took to learn is not the session's time
             self._publish_state(replay, now_s)
             if self._take(replay, pacer.due(now_s)):
                 shown_s = now_s
@@ -257,6 +278,7 @@ class ReplayPlayer:
             replay.pipeline.predict()
             if snapshot is None or not self._is_current():
                 continue
+            self._explain(replay, snapshot)
             recorded = replay.recorded.at(snapshot.t_mono_ns)
             replay.compared = _compared(snapshot, recorded)
             if replay.options.estimates == "recorded":
@@ -264,6 +286,28 @@ class ReplayPlayer:
             self._latest, shown = snapshot, True
             self._show(snapshot)
         return shown
+
+    def _explain(self, replay: _Replay, snapshot: Snapshot) -> None:
+        """Look for the cause of a trip while it plays on, and tell it to the alarms that hold."""
+        trips = [alarm for alarm in snapshot.alarms if alarm.severity == "trip" and alarm.active]
+        if not trips:
+            replay.cause = None
+        elif replay.cause is None:
+            replay.cause = Future()
+            arguments = (replay.chain, replay.file.unix_s(snapshot.t_mono_ns), replay.cause)
+            threading.Thread(target=_find_cause, args=arguments, name="replay cause", daemon=True).start()
+        elif replay.cause.done() and any(alarm.cause is None for alarm in trips):
+            cause = replay.cause.result()
+            if cause is not None:
+                replay.pipeline.explain(cause)
+
+
+def _find_cause(chain: Chain, at_s: float, found: "Future[TripCause | None]") -> None:
+    try:
+        found.set_result(chain.cause(at_s))
+    except AppError as error:
+        log.warning("the cause of a trip was not looked for: %s", error)
+        found.set_result(None)
 
 
 def as_recorded(snapshot: Snapshot, recorded: tuple[FloatArray, FloatArray] | None) -> Snapshot:
@@ -295,7 +339,16 @@ def _jump(replay: _Replay, position_s: float, now_s: float) -> None:
     before_s = replay.pacer.position_s(now_s)
     replay.pacer.seek(position_s, now_s)
     if abs(replay.pacer.position_s(now_s) - before_s) > JUMP_S or replay.pacer.position_s(now_s) == 0.0:
-        replay.is_new_pipeline_due = True
+        replay.jumped_to_s = replay.pacer.position_s(now_s)
+
+
+def _renew(replay: _Replay, position_s: float) -> None:
+    """Put a fresh chain in the place of the one that played another part; it knows what the cells had shown before."""
+    file = replay.file
+    since_s = position_s - LEAD_S
+    from_s = None if since_s <= 0.0 else file.unix_s(file.info.started_mono_ns + round(since_s * 1e9))
+    replay.pipeline, replay.cause = replay.chain.pipeline(from_s), None
+    prepare(replay.pipeline, file)
 
 
 def _state(replay: _Replay, now_s: float) -> Replay:

@@ -31,6 +31,15 @@ def test_a_replay_with_the_same_filter_gives_the_recorded_estimates_again(sessio
     assert "2 of 2 held" in capsys.readouterr().out
 
 
+def test_a_session_is_proved_with_the_cell_file_that_it_keeps_and_that_is_told(session, tmp_path, capsys):
+    text = "[[agreement]]\nlargest_max = 0.00002\n"
+    assert prove(session, tmp_path, text, "--json") == 0
+    told = json.loads(capsys.readouterr().out)["judged"]
+    assert any("the cell file is that of then" in each.lower() for each in told)
+    assert prove(session, tmp_path, text, "--cell", "sanyo-ur18650w") == 1
+    assert "sanyo-ur18650w" in capsys.readouterr().out
+
+
 def test_what_does_not_hold_is_told_with_what_was_found(session, tmp_path, capsys):
     with SessionFile(session) as file:
         last_s = file.info.duration_s - 2

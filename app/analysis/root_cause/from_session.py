@@ -53,6 +53,17 @@ def cause_of_trip(session: SessionFile, trigger: Trigger, cell: CellModel | None
     return cause_of(about[0]) if about else None
 
 
+def cause_at(session: SessionFile, at_s: float) -> Cause | None:
+    """Return what explains the last trip that was recorded before a unix time; None where there was none."""
+    start_s = session.info.started_wall_ns / 1e9
+    trips = _trips(read_events(session, start_s - 1.0, at_s + SETTLED_S))
+    if not trips:
+        return None
+    trip = trips[-1]
+    told = _judged(session, cell_of(session)[0], trip, trip.at_s - BACK_S, trip.at_s + SETTLED_S)
+    return cause_of(told[0]) if told else None
+
+
 def _judged(
     session: SessionFile, model: CellModel, trip: Trigger | None, from_s: float, to_s: float
 ) -> list[Judgement]:

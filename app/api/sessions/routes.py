@@ -41,7 +41,7 @@ from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound
 from app.sessions.export.formats import FORMATS, export
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
-from app.sessions.replay import ReplayOptions
+from app.sessions.replay import SESSION_CELL, ReplayOptions
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 from app.sessions.storage.files import sha256
 from app.words import Message
@@ -334,7 +334,7 @@ def _digest_headers(digest: bytes) -> dict[str, str]:
 @router.get("/replay", response_model=ReplayChoicesOut)
 def replay_state(replay: ReplayPart, pipelines: PipelinesPart) -> dict[str, Any]:
     """Where the replay stands, and the filters and cells that can recompute the estimates."""
-    return {"replay": replay.state(), "filters": FILTERS, "cells": pipelines.cells}
+    return {"replay": replay.state(), "filters": FILTERS, "cells": [SESSION_CELL, *pipelines.cells]}
 
 
 @router.post("/replay", response_model=ReplayStateOut)

@@ -9,10 +9,14 @@ from app.errors import AppError, ConfigError, NotNow
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
+from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from app.sessions.replay import ReplayOptions, ReplayPlayer
+from app.sessions.replay_schedule import LEAD_S
 from app.sources.items import SerialItem
 from app.sources.master.source import MasterSource
+from app.telemetry import TripCause
+from app.words import Message
 from tests.fake_clock import FunctionClock
 
 RECORDED_SOC = 0.42
@@ -21,6 +25,36 @@ CELL = load_cell("samsung-25r-10p")
 
 def new_pipeline(*_, **__):
     return Pipeline(MasterSource("replay"), lambda: make_estimator("coulomb", CELL, 96), filter_name="c", cell_name="c")
+
+
+class Chain:
+    """What a session is replayed through, of pipelines that a test makes; keeps what it was asked for."""
+
+    def __init__(self, new=new_pipeline, cause=None):
+        self.new, self.found = new, cause
+        self.begun_at, self.asked_at = [], []
+
+    def __call__(self, file, options):
+        return self
+
+    def pipeline(self, from_s=None):
+        self.begun_at.append(from_s)
+        return self.new()
+
+    def cause(self, at_s):
+        self.asked_at.append(at_s)
+        return self.found
+
+
+def recorded(folder, master, n_frames):
+    """A session of frames every 0.1 s."""
+    recorder = Recorder(folder, FunctionClock(lambda: master.t_ns), version="0")
+    path = recorder.start().path
+    for _ in range(n_frames):
+        item = master.frame()
+        recorder.frame(item.t_mono_ns, item.t_wall_ns, 0, item.frame.raw, True)
+    recorder.close()
+    return path
 
 
 @pytest.fixture
@@ -65,7 +99,7 @@ def shown():
 
 @pytest.fixture
 def replaying(shown, failures):
-    made = ReplayPlayer(new_pipeline, shown, failures.append, Clock())
+    made = ReplayPlayer(Chain(), shown, failures.append, Clock())
     yield made
     made.stop()
     assert not [t for t in threading.enumerate() if t.name == "replay"]
@@ -111,7 +145,7 @@ def test_one_that_fails_while_it_plays_ends_and_says_so(shown, failures, session
             if isinstance(item, SerialItem):
                 raise ValueError("broken")
 
-    replaying = ReplayPlayer(lambda *_, **__: Broken(), shown, failures.append, Clock())
+    replaying = ReplayPlayer(Chain(Broken), shown, failures.append, Clock())
     replaying.start(session, ReplayOptions(1))
     replaying._thread.join(5)
     assert not replaying.is_active
@@ -194,7 +228,7 @@ def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, fail
         made.append(built)
         return built
 
-    replaying = ReplayPlayer(pipeline, shown, failures.append, Clock(), end_s=0.05)
+    replaying = ReplayPlayer(Chain(pipeline), shown, failures.append, Clock(), end_s=0.05)
     replaying.start(session, ReplayOptions(100))
     (compiling,) = [thread for thread in threading.enumerate() if thread.name == "replay"]
     replaying.control(seek_s=1.0, paused=True)
@@ -207,3 +241,30 @@ def test_a_replay_that_was_ended_while_it_compiled_says_nothing_more(shown, fail
     replaying.stop()
     assert replaying.state() is None
     assert failures == []
+
+
+def test_a_jump_goes_on_with_what_the_cells_had_shown_before_it(shown, failures, tmp_path, master):
+    """The chain begins so long before the position that every window of the stream has had its turn."""
+    path = recorded(tmp_path, master, 100)
+    chain = Chain()
+    replaying = ReplayPlayer(chain, shown, failures.append, Clock())
+    replaying.start(path, ReplayOptions(100))
+    shown.wait(lambda s: s.links.rs232.frames == 100)
+    shown.snapshots.clear()
+    replaying.control(seek_s=LEAD_S + 2.0)
+    shown.wait(lambda s: s.links.rs232.frames == 29)
+    replaying.stop()
+    with SessionFile(path) as file:
+        assert chain.begun_at == [None, pytest.approx(file.info.started_wall_ns / 1e9 + 2.0)]
+
+
+def test_the_cause_of_a_trip_is_looked_for_once_and_told_to_the_alarm_that_holds(shown, failures, tmp_path, master):
+    master.set("status.flags", [0])  # the master holds the shutdown circuit open
+    path = recorded(tmp_path, master, 100)
+    cause = TripCause("weak-joint", Message("cause-weak-joint", where="pack 6, cell 4"), 63, 5, 0.9, ())
+    chain = Chain(cause=cause)
+    replaying = ReplayPlayer(chain, shown, failures.append, Clock())
+    replaying.start(path, ReplayOptions(10))
+    shown.wait(lambda s: any(alarm.cause == cause for alarm in s.alarms if alarm.severity == "trip"))
+    replaying.stop()
+    assert len(chain.asked_at) == 1
