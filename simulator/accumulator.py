@@ -27,6 +27,7 @@ class AccumulatorParameters:
 
     n_cells: int = 96
     cells_per_pack: int = 12
+    packs: tuple[int, ...] = ()  # cells of each, where they are not all of `cells_per_pack`
     start_soc: float | npt.ArrayLike = 0.9
     ambient_degc: float = 25.0
     start_degc: float | None = None  # of the cells; the ambient when left out
@@ -51,6 +52,8 @@ class AccumulatorParameters:
         for name in ("bleed_ohm", "capacity_ageing", "resistance_ageing"):
             if not getattr(self, name) > 0.0:
                 raise ParameterError(name, getattr(self, name), "must be positive")
+        if self.packs and sum(self.packs) != self.n_cells:
+            raise ParameterError("packs", self.packs, f"{self.n_cells} cells together")
         if np.shape(self.start_soc) not in ((), (self.n_cells,)):
             raise ParameterError("start_soc", np.shape(self.start_soc), "one number or one per cell")
 
@@ -92,6 +95,7 @@ class Accumulator:
             replace(p.thermal, cells_per_pack=p.cells_per_pack),
             np.full(n, p.cell.heat_capacity_j_per_k),
             p.ambient_degc if p.start_degc is None else p.start_degc,
+            p.packs,
         )
         self._capacity_ah = np.empty(n)
         self._measured_v = np.empty(n)
@@ -108,7 +112,7 @@ class Accumulator:
         self._slow_soc = np.empty(n)
         self._joint_now_ohm = np.empty(n)
         self._bleed_s = np.full(n, 1.0 / p.bleed_ohm)
-        self._pack = np.arange(n) // p.cells_per_pack
+        self._pack = np.repeat(np.arange(self._thermal.n_packs), self._thermal.packs)
         self._is_bleeding = False
         self._is_leaking = False
         self._current2_s = 0.0

@@ -28,6 +28,19 @@ class Board:
         self.link_share = 0.0  # the link's voltage over the accumulator's, compared by the pre-charge board
         self.boots = 0
 
+    @property
+    def open_wires(self) -> set[int]:
+        """Cells whose upper wire is off."""
+        return self.chain.converters.open_wires
+
+    def set_powered(self, pack: int, is_powered: bool) -> None:
+        """Connect or lose the slave of a pack."""
+        self.chain.set_powered(pack, is_powered)
+
+    def drift(self, pack: int, factor: float) -> None:
+        """Set what the voltages of a pack read, over the true ones."""
+        self.chain.converters.drift(pack, factor)
+
     def sense_voltages(self, accumulator: Accumulator) -> None:
         """Put the accumulator's voltages at the slaves' inputs."""
         self.chain.converters.cell_v = self.cell_inputs.read(accumulator.terminal_voltage_v)

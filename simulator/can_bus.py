@@ -22,17 +22,24 @@ MAX_AGE_S = 0.2  # a frame that could not be sent for so long is given up: old i
 _HOPELESS_S = 0.1  # between tries that cannot succeed, which on a real bus follow at once
 _STANDARD_BITS, _EXTENDED_BITS = 47, 67  # without data, with the space between frames
 _UNSTUFFED_BITS = 13  # of those: end of frame, acknowledge, space
+_FD_BITS, _FD_DATA_SPEED_UP = 30, 4  # of a CAN FD frame at the bus's rate; the rest is sent four times as fast
+_FD_FAST_BITS, _CLASSIC_BYTES = 40, 8  # of the rest, beside data
 _STUFFING = 0.033  # bits stuffed a bit, mean over random data
 _STANDARD_SHIFT = 18
 
 
 @dataclass(frozen=True, slots=True)
 class CanFrame:
-    """One data frame."""
+    """One data frame; one of more than 8 bytes is CAN FD."""
 
     can_id: int
     is_extended: bool
     data: bytes
+
+    @property
+    def is_fd(self) -> bool:
+        """It is longer than classic CAN carries."""
+        return len(self.data) > _CLASSIC_BYTES
 
     @property
     def priority(self) -> tuple[int, bool, int]:
@@ -42,6 +49,8 @@ class CanFrame:
     @property
     def bits(self) -> float:
         """Length on the wire with mean stuffing, and the space after it."""
+        if self.is_fd:
+            return _FD_BITS + 20 * self.is_extended + (_FD_FAST_BITS + 8 * len(self.data)) / _FD_DATA_SPEED_UP
         plain = (_EXTENDED_BITS if self.is_extended else _STANDARD_BITS) + 8 * len(self.data)
         return plain + _STUFFING * (plain - _UNSTUFFED_BITS)
 

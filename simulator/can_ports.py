@@ -3,7 +3,8 @@
 import logging
 import selectors
 from collections.abc import Callable
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Protocol, TextIO
 from urllib.parse import parse_qsl
 
 import can
@@ -38,6 +39,10 @@ class CanPort(Protocol):
         """Leave the bus and close."""
         ...
 
+    def carry_fd(self) -> None:
+        """Say before it is opened that CAN FD frames will come."""
+        ...
+
 
 class SlcanPort:
     """An slcan adapter behind a pseudo-terminal or a socket."""
@@ -58,6 +63,9 @@ class SlcanPort:
         self._port.open(selector, lambda data: adapter.feed(data, now_s()))
         bus.attach(adapter)
         self._bus, self._adapter = bus, adapter
+
+    def carry_fd(self) -> None:
+        """The emulated adapter carries them."""
 
     def poll(self) -> None:
         """Keep the byte port open; the selector watches it."""
@@ -120,15 +128,26 @@ class PythonCanPort:
 
     def can_received(self, frame: CanFrame, now_s: float) -> None:
         """Send a frame of the simulated bus."""
-        self._send(can.Message(arbitration_id=frame.can_id, is_extended_id=frame.is_extended, data=frame.data))
+        message = can.Message(
+            arbitration_id=frame.can_id,
+            is_extended_id=frame.is_extended,
+            data=frame.data,
+            is_fd=frame.is_fd,
+            bitrate_switch=frame.is_fd,
+        )
+        self._send(message)
 
     def _send(self, message: can.Message) -> None:
         if self._device is None:
             return
         try:
             self._device.send(message, timeout=0)
-        except can.CanError as error:
+        except (can.CanError, OSError, ValueError) as error:
             log.debug("%s: frame lost: %s", self.url, error)
+
+    def carry_fd(self) -> None:
+        """Open the bus with `fd=True` unless its options say otherwise."""
+        self._options.setdefault("fd", True)
 
     def poll(self) -> None:
         """Take the frames that others sent."""
@@ -150,15 +169,63 @@ class PythonCanPort:
             self._device = None
 
 
+class LogPort:
+    """A log in candump's format: what passes the bus, with the virtual time of each frame."""
+
+    is_listening_only = False
+    bit_rate = 500_000
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self._stream: TextIO | None = None
+        self._bus: CanBus | None = None
+
+    @property
+    def url(self) -> str:
+        """`log:` and the file."""
+        return f"log:{self._file}"
+
+    def carry_fd(self) -> None:
+        """A log carries all frames."""
+
+    def open(self, selector: selectors.BaseSelector, bus: CanBus, now_s: Callable[[], float]) -> None:
+        """Begin the file."""
+        try:
+            self._stream = Path(self._file).open("w", encoding="ascii")  # noqa: SIM115  open until `close`
+        except OSError as error:
+            raise PortError(self.url, error.strerror or str(error)) from error
+        self._bus = bus
+        bus.attach(self)
+
+    def can_received(self, frame: CanFrame, now_s: float) -> None:
+        """Write a frame."""
+        if self._stream is not None:
+            can_id = f"{frame.can_id:08X}" if frame.is_extended else f"{frame.can_id:03X}"
+            mark = "##1" if frame.is_fd else "#"  # 1: the bit rate was switched
+            self._stream.write(f"({now_s:.6f}) can0 {can_id}{mark}{frame.data.hex().upper()}\n")
+
+    def poll(self) -> None:
+        """Nothing waits."""
+
+    def close(self) -> None:
+        """End the file."""
+        if self._stream is not None and self._bus is not None:
+            self._bus.detach(self)
+            self._stream.close()
+            self._stream = None
+
+
 def can_port(text: str) -> CanPort:
-    """Return the port that `slcan-pty:LINK`, `slcan-tcp:PORT` or `INTERFACE:CHANNEL[?key=value&...]` names.
+    """Return the port of `slcan-pty:LINK`, `slcan-tcp:PORT`, `log:FILE` or `INTERFACE:CHANNEL[?key=value&...]`.
 
     Raises:
         PortError: it names none of them.
     """
     interface, separator, rest = text.partition(":")
     if not interface or not separator:
-        raise PortError(text, "give slcan-pty:LINK, slcan-tcp:PORT or INTERFACE:CHANNEL")
+        raise PortError(text, "give slcan-pty:LINK, slcan-tcp:PORT, log:FILE or INTERFACE:CHANNEL")
+    if interface == "log":
+        return LogPort(rest)
     if interface in ("slcan-pty", "slcan-tcp"):
         return SlcanPort(byte_port(f"{interface.removeprefix('slcan-')}:{rest}"))
     channel, _, query = rest.partition("?")

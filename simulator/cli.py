@@ -11,18 +11,22 @@ from pathlib import Path
 from simulator.can_ports import can_port
 from simulator.control import Control
 from simulator.control_server import ControlServer
+from simulator.dbc_battery.battery import DbcBattery
 from simulator.eeprom import Eeprom
-from simulator.errors import SimulatorError
+from simulator.errors import InputError, SimulatorError
 from simulator.inputs import FOR_S, SEED, number_option
 from simulator.library import DEFAULT_SCENARIO, find_scenario, library
 from simulator.ports import byte_port
 from simulator.runner import MAX_SPEED, MIN_SPEED, Runner
+from simulator.scenario import Scenario
 from simulator.scenario_player import Notice, ScenarioPlayer
+from simulator.shape import TEAM
 
 DESCRIPTION = """\
-A simulated accumulator of 96 cells behind a simulated master, to be opened like the real thing.
+A simulated accumulator, to be opened like the real thing: the team's own, 96 cells behind a simulated master.
 
 It answers on the ports given here exactly as the car does: RS232 at 115200 8E1 and CAN.
+With --battery it is any battery by its profile, which speaks its DBC on CAN.
 One line per open port is printed (what to give to `voltwall serve --serial` and `--can`), then `ready`.
 """
 EPILOG = """\
@@ -30,6 +34,8 @@ examples:
   voltwall simulate --serial pty:/tmp/master --can slcan-pty:/tmp/can
   voltwall simulate --serial tcp:4001 --can slcan-tcp:4002 --scenario loose-bolt --speed 10
   voltwall simulate --serial pty:/tmp/master --can socketcan:vcan0 --eeprom eeprom.bin
+  voltwall simulate --battery foxbms-2 --can slcan-tcp:4002
+  voltwall simulate --battery mine.toml --can log:mine.log --speed max --duration 60
   voltwall simulate --list
 """
 EXIT_OK, EXIT_FAILED = 0, 2
@@ -47,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         help="where the bus ends: slcan-pty:LINK or slcan-tcp:PORT (an emulated USB adapter), "
+        "log:FILE (a log in candump's format), "
         "or python-can's INTERFACE:CHANNEL[?key=value&...]; may be given again",
     )
     parser.add_argument("--eeprom", metavar="FILE", type=Path, help="keep the EEPROM in this file (default: erased)")
@@ -71,20 +78,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--describe", metavar="NAME", help="describe a scenario and end")
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Carry out `simulate` and return the exit code."""
+def run(arguments: argparse.Namespace, battery: DbcBattery | None = None) -> int:
+    """Carry out `simulate` and return the exit code; without a battery it is the team's own."""
+    shape = TEAM if battery is None else battery.shape
     try:
         if arguments.list:
-            scenarios, unreadable = library()
+            scenarios, unreadable = library(shape=shape)
             for scenario in scenarios:
                 print(f"{scenario.name:24} {scenario.title}")
             for file in unreadable:
                 print(f"voltwall simulate: left out: {file.reason}", file=sys.stderr)
             return EXIT_OK
         if arguments.describe is not None:
-            print(find_scenario(arguments.describe).describe())
+            print(find_scenario(arguments.describe, shape).describe())
             return EXIT_OK
-        _simulate(arguments)
+        _simulate(arguments, find_scenario(arguments.scenario, shape), battery)
     except SimulatorError as error:
         print(f"voltwall simulate: {error}", file=sys.stderr)
         return EXIT_FAILED
@@ -98,13 +106,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run(parser.parse_args(argv))
 
 
-def _simulate(arguments: argparse.Namespace) -> None:
-    scenario = find_scenario(arguments.scenario)
+def _simulate(arguments: argparse.Namespace, scenario: Scenario, battery: DbcBattery | None) -> None:
+    if battery is not None and (arguments.serial or arguments.eeprom):
+        raise InputError("serial", "--serial and --eeprom are of the team's own master; this battery speaks CAN only")
     seed = None if arguments.seed is None else int(arguments.seed)
-    player = ScenarioPlayer(scenario, eeprom=Eeprom(arguments.eeprom), seed=seed)
+    player = ScenarioPlayer(scenario, eeprom=Eeprom(arguments.eeprom), seed=seed, battery=battery)
     player.on_notice = _print_notice
     serial = None if arguments.serial is None else byte_port(arguments.serial)
     can = [can_port(text) for text in arguments.can]
+    if battery is not None and battery.voice.has_fd_frames:
+        for port in can:
+            port.carry_fd()
     runner = Runner(player.simulation, serial=serial, can=can, speed=arguments.speed)
     control = None if arguments.control is None else ControlServer(arguments.control, Control(player, runner))
     runner.open()

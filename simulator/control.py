@@ -3,16 +3,16 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from firmware_protocol.memory_map import CELLS_PER_PACK
 from simulator.errors import SimulatorError
 from simulator.fault_kinds import FAULTS, FaultKind, Target
 from simulator.faults import ActiveFault, read_target
 from simulator.inputs import FOR_S, Limits, read_choice, read_number, read_optional, refuse_unknown
 from simulator.library import library
-from simulator.master import VirtualMaster
 from simulator.relays import RelayState
 from simulator.runner import MIN_SPEED, Runner
 from simulator.scenario_player import Notice, ScenarioPlayer
+from simulator.shape import Shape
+from simulator.vehicle import Operated
 
 MAX_SPEED = 1000.0  # what a page may ask for
 MAX_UNPLUGGED_S = 3600.0
@@ -71,12 +71,12 @@ class Control:
             "lap": simulation.load.state(simulation.load_time_s).lap,
             "soc": round(float(simulation.accumulator.soc.mean()), 5),
             "current_a": round(simulation.current_a, 2),
-            "master_is_running": simulation.master is not None,
-            "relays": _relays(simulation.master),
-            "relays_since_s": None if simulation.master is None else round(simulation.master.relays_since_s, 3),
+            "master_is_running": simulation.operated is not None,
+            "relays": _relays(simulation.operated),
+            "relays_since_s": None if simulation.operated is None else round(simulation.operated.relays_since_s, 3),
             "link_v": round(simulation.link.voltage_v, 1),
             "notices": [_notice_json(notice) for notice in self._player.notices],
-            "active": [_fault_json(fault) for fault in self._player.faults.active],
+            "active": [_fault_json(fault, simulation.shape) for fault in self._player.faults.active],
         }
 
     def _faults(self, _: Mapping[str, Any]) -> dict[str, Any]:
@@ -94,11 +94,12 @@ class Control:
                     "is_instant": kind.is_instant,
                 }
                 for kind in FAULTS.values()
+                if self._player.simulation.shape.is_team or not kind.is_of_team
             ]
         }
 
     def _scenarios(self, _: Mapping[str, Any]) -> dict[str, Any]:
-        scenarios, unreadable = library()
+        scenarios, unreadable = library(shape=self._player.simulation.shape)
         return {
             "scenarios": [
                 {"name": item.name, "title": item.title, "description": " ".join(item.description.split())}
@@ -110,13 +111,16 @@ class Control:
     def _inject(self, request: Mapping[str, Any]) -> dict[str, Any]:
         kind = _kind(request)
         value, for_s = request.get("value"), read_optional(request, "for_s", FOR_S)
-        self._player.faults.inject(kind.name, read_target(kind.target, request), value, for_s)
+        self._player.faults.inject(kind.name, self._target(kind, request), value, for_s)
         return {}
 
     def _clear(self, request: Mapping[str, Any]) -> dict[str, Any]:
         kind = _kind(request)
-        self._player.faults.clear(kind.name, read_target(kind.target, request))
+        self._player.faults.clear(kind.name, self._target(kind, request))
         return {}
+
+    def _target(self, kind: FaultKind, request: Mapping[str, Any]) -> int:
+        return read_target(kind.target, request, self._player.simulation.shape)
 
     def _clear_all(self, _: Mapping[str, Any]) -> dict[str, Any]:
         self._player.faults.clear_all()
@@ -142,10 +146,10 @@ def _kind(request: Mapping[str, Any]) -> FaultKind:
     return FAULTS[read_choice(request, "fault", FAULTS)]
 
 
-def _relays(master: VirtualMaster | None) -> str:
-    if master is None:
+def _relays(bms: Operated | None) -> str:
+    if bms is None:
         return RelayState.OPEN.value
-    return "precharge failed" if master.has_precharge_failed else master.relay_state.value
+    return "precharge failed" if bms.has_precharge_failed else bms.relay_state.value
 
 
 def _notice_json(notice: Notice) -> dict[str, Any]:
@@ -153,12 +157,12 @@ def _notice_json(notice: Notice) -> dict[str, Any]:
     return {"at_s": round(notice.at_s, 3), "text": notice.text, "text_words": words}
 
 
-def _fault_json(fault: ActiveFault) -> dict[str, Any]:
+def _fault_json(fault: ActiveFault, shape: Shape) -> dict[str, Any]:
     out: dict[str, Any] = {"fault": fault.name, "value": fault.value, "since_s": round(fault.since_s, 3)}
     out["until_s"] = None if fault.until_s is None else round(fault.until_s, 3)
     match FAULTS[fault.name].target:
         case Target.CELL:
-            out["pack"], out["cell"] = fault.target // CELLS_PER_PACK + 1, fault.target % CELLS_PER_PACK + 1
+            out["pack"], out["cell"] = shape.place(fault.target)
         case Target.PACK:
             out["pack"] = fault.target + 1
     return out

@@ -3,10 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
-from simulator.simulation import BROWN_OUT, WATCHDOG, Simulation
+from simulator.simulation import Simulation
+from simulator.vehicle import BROWN_OUT, WATCHDOG, Vehicle
 
 
 class Target(Enum):
@@ -18,7 +20,7 @@ class Target(Enum):
 
 
 _SHORT_REFERENCE_V = 3.6
-Apply = Callable[[Simulation, int, float], None]
+Apply = Callable[[Any, int, float], None]  # a Vehicle; those of the team's own battery alone want its Simulation
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,64 +39,65 @@ class FaultKind:
     is_instant: bool = False  # over as soon as it has happened
     is_whole: bool = False  # only whole numbers are values
     area: str = ""  # of the car, for people who look for it
+    is_of_team: bool = False  # batteries that speak by a DBC have nothing that it breaks
 
 
 def _cell_array(name: str) -> Apply:
-    def apply(simulation: Simulation, cell: int, value: float) -> None:
+    def apply(simulation: Vehicle, cell: int, value: float) -> None:
         getattr(simulation.accumulator, name)[cell] = value
 
     return apply
 
 
-def _internal_short(simulation: Simulation, cell: int, amperes: float) -> None:
+def _internal_short(simulation: Vehicle, cell: int, amperes: float) -> None:
     simulation.accumulator.short_s[cell] = amperes / _SHORT_REFERENCE_V
 
 
-def _joint(simulation: Simulation, cell: int, milliohm: float) -> None:
+def _joint(simulation: Vehicle, cell: int, milliohm: float) -> None:
     simulation.accumulator.extra_joint_ohm[cell] = milliohm * 1e-3
 
 
-def _open_wire(simulation: Simulation, cell: int, is_open: float) -> None:
-    wires = simulation.board.chain.converters.open_wires
+def _open_wire(simulation: Vehicle, cell: int, is_open: float) -> None:
+    wires = simulation.board.open_wires
     wires.add(cell) if is_open else wires.discard(cell)
 
 
-def _stuck_voltage(simulation: Simulation, cell: int, volts: float) -> None:
+def _stuck_voltage(simulation: Vehicle, cell: int, volts: float) -> None:
     simulation.board.cell_inputs.stuck_v[cell] = volts
     simulation.board.cell_inputs.faults_changed()
 
 
-def _noisy_voltage(simulation: Simulation, cell: int, volts: float) -> None:
+def _noisy_voltage(simulation: Vehicle, cell: int, volts: float) -> None:
     simulation.board.cell_inputs.extra_noise_v[cell] = volts
     simulation.board.cell_inputs.faults_changed()
 
 
-def _stuck_temperature(simulation: Simulation, cell: int, degc: float) -> None:
+def _stuck_temperature(simulation: Vehicle, cell: int, degc: float) -> None:
     simulation.board.cell_inputs.temperature_stuck_degc[cell] = degc
 
 
-def _temperature_unplugged(simulation: Simulation, cell: int, is_off: float) -> None:
+def _temperature_unplugged(simulation: Vehicle, cell: int, is_off: float) -> None:
     simulation.board.cell_inputs.temperature_unplugged[cell] = bool(is_off)
 
 
-def _fan(simulation: Simulation, _: int, share: float) -> None:
+def _fan(simulation: Vehicle, _: int, share: float) -> None:
     simulation.accumulator.fan_blocked = share
 
 
-def _ambient(simulation: Simulation, _: int, degc: float) -> None:
+def _ambient(simulation: Vehicle, _: int, degc: float) -> None:
     simulation.set_ambient(None if np.isnan(degc) else degc)
 
 
-def _slave(simulation: Simulation, pack: int, is_lost: float) -> None:
-    simulation.board.chain.set_powered(pack, not is_lost)
+def _slave(simulation: Vehicle, pack: int, is_lost: float) -> None:
+    simulation.board.set_powered(pack, not is_lost)
 
 
 def _converter(simulation: Simulation, pack: int, bit: float) -> None:
     simulation.board.chain.converters.stick(pack, 0 if np.isnan(bit) else 1 << int(bit))
 
 
-def _reference(simulation: Simulation, pack: int, percent: float) -> None:
-    simulation.board.chain.converters.drift(pack, 1 + percent / 100)
+def _reference(simulation: Vehicle, pack: int, percent: float) -> None:
+    simulation.board.drift(pack, 1 + percent / 100)
 
 
 def _multiplexer(simulation: Simulation, pack: int, has_failed: float) -> None:
@@ -105,11 +108,11 @@ def _isospi(simulation: Simulation, _: int, rate: float) -> None:
     simulation.board.chain.bit_error_rate = rate
 
 
-def _current_unplugged(simulation: Simulation, _: int, is_unplugged: float) -> None:
+def _current_unplugged(simulation: Vehicle, _: int, is_unplugged: float) -> None:
     simulation.board.current_sensor.is_unplugged = bool(is_unplugged)
 
 
-def _current_offset(simulation: Simulation, _: int, amperes: float) -> None:
+def _current_offset(simulation: Vehicle, _: int, amperes: float) -> None:
     simulation.board.current_sensor.extra_offset_a = amperes
 
 
@@ -117,27 +120,27 @@ def _eeprom(simulation: Simulation, _: int, is_worn: float) -> None:
     simulation.board.eeprom.worn_pages = set(range(16)) if is_worn else set()
 
 
-def _shutdown(simulation: Simulation, _: int, is_open: float) -> None:
+def _shutdown(simulation: Vehicle, _: int, is_open: float) -> None:
     simulation.is_shutdown_open = bool(is_open)
 
 
-def _precharge(simulation: Simulation, _: int, is_open: float) -> None:
+def _precharge(simulation: Vehicle, _: int, is_open: float) -> None:
     simulation.link.is_precharge_open = bool(is_open)
 
 
-def _link_leak(simulation: Simulation, _: int, ohms: float) -> None:
+def _link_leak(simulation: Vehicle, _: int, ohms: float) -> None:
     simulation.link.leak_ohm = ohms
 
 
-def _discharge(simulation: Simulation, _: int, is_open: float) -> None:
+def _discharge(simulation: Vehicle, _: int, is_open: float) -> None:
     simulation.link.is_discharge_open = bool(is_open)
 
 
-def _watchdog(simulation: Simulation, _: int, off_s: float) -> None:
+def _watchdog(simulation: Vehicle, _: int, off_s: float) -> None:
     simulation.reset(WATCHDOG, off_s)
 
 
-def _brown_out(simulation: Simulation, _: int, off_s: float) -> None:
+def _brown_out(simulation: Vehicle, _: int, off_s: float) -> None:
     simulation.reset(BROWN_OUT, off_s)
 
 
@@ -153,39 +156,39 @@ def _serial_stuck(simulation: Simulation, _: int, is_stuck: float) -> None:
     simulation.line.is_stuck = bool(is_stuck)
 
 
-def _bus_off(simulation: Simulation, _: int, is_off: float) -> None:
+def _bus_off(simulation: Vehicle, _: int, is_off: float) -> None:
     simulation.master_on_bus.is_held_off = bool(is_off)
 
 
-def _bus_broken(simulation: Simulation, _: int, is_broken: float) -> None:
+def _bus_broken(simulation: Vehicle, _: int, is_broken: float) -> None:
     simulation.bus.is_broken = bool(is_broken)
 
 
-def _bus_noise(simulation: Simulation, _: int, rate: float) -> None:
+def _bus_noise(simulation: Vehicle, _: int, rate: float) -> None:
     simulation.bus.noise_per_bit = rate
 
 
-def _bus_babble(simulation: Simulation, _: int, share: float) -> None:
+def _bus_babble(simulation: Vehicle, _: int, share: float) -> None:
     simulation.babbler.share = share
 
 
-def _charger_heat(simulation: Simulation, _: int, watts: float) -> None:
+def _charger_heat(simulation: Vehicle, _: int, watts: float) -> None:
     simulation.charger.unit.extra_heat_w = watts
 
 
-def _charger_mains(simulation: Simulation, _: int, is_off: float) -> None:
+def _charger_mains(simulation: Vehicle, _: int, is_off: float) -> None:
     simulation.charger.unit.has_mains = not is_off
 
 
-def _charger_reversed(simulation: Simulation, _: int, is_reversed: float) -> None:
+def _charger_reversed(simulation: Vehicle, _: int, is_reversed: float) -> None:
     simulation.charger.unit.is_reversed = bool(is_reversed)
 
 
-def _charger_silent(simulation: Simulation, _: int, is_silent: float) -> None:
+def _charger_silent(simulation: Vehicle, _: int, is_silent: float) -> None:
     simulation.charger.unit.is_silent = bool(is_silent)
 
 
-def _charger_broken(simulation: Simulation, _: int, is_broken: float) -> None:
+def _charger_broken(simulation: Vehicle, _: int, is_broken: float) -> None:
     simulation.charger.unit.has_hardware_fault = bool(is_broken)
 
 
@@ -252,4 +255,12 @@ _AREAS = {
         _Kind("charger-broken", "the charger's hardware fails", _NONE, *_ON, _charger_broken),
     ),
 }
-FAULTS: dict[str, FaultKind] = {kind.name: replace(kind, area=area) for area, kinds in _AREAS.items() for kind in kinds}
+_OF_TEAM = (
+    *("broken-converter", "multiplexer-failed", "isospi-noise", "eeprom-worn"),
+    *("serial-noise", "serial-drop-outs", "serial-stuck"),
+)
+FAULTS: dict[str, FaultKind] = {
+    kind.name: replace(kind, area=area, is_of_team=kind.name in _OF_TEAM)
+    for area, kinds in _AREAS.items()
+    for kind in kinds
+}

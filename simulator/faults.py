@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from firmware_protocol.memory_map import CELLS_PER_PACK, N_CELLS, N_PACKS
 from simulator.errors import FaultError, InputError
 from simulator.fault_kinds import FAULTS, FaultKind, Target
 from simulator.inputs import FOR_S, Limits, check_number, read_number
-from simulator.simulation import Simulation
+from simulator.shape import TEAM, Shape
+from simulator.vehicle import Vehicle
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,29 +16,16 @@ class ActiveFault:
     """A fault in force."""
 
     name: str
-    target: int  # cell 0..95, pack 0..7, 0 where it has none
+    target: int  # cell or pack from 0, 0 where it has none
     value: float
     since_s: float
     until_s: float | None
 
 
-_N_TARGETS = {Target.NONE: 1, Target.CELL: N_CELLS, Target.PACK: N_PACKS}
 _PLACE_KEYS: dict[Target, tuple[str, ...]] = {Target.NONE: (), Target.PACK: ("pack",), Target.CELL: ("pack", "cell")}
-_PLACE_LIMITS = {"pack": Limits(1, N_PACKS, is_whole=True), "cell": Limits(1, CELLS_PER_PACK, is_whole=True)}
 
 
-def cell_index(pack: int, cell: int) -> int:
-    """Return the index of a cell that people call pack 1..8, cell 1..12.
-
-    Raises:
-        InputError: there is no such cell.
-    """
-    if not (1 <= pack <= N_PACKS and 1 <= cell <= CELLS_PER_PACK):
-        raise InputError("cell", f"pack {pack}, cell {cell}: packs are 1..{N_PACKS}, cells 1..{CELLS_PER_PACK}")
-    return (pack - 1) * CELLS_PER_PACK + cell - 1
-
-
-def read_target(target: Target, table: Mapping[str, Any]) -> int:
+def read_target(target: Target, table: Mapping[str, Any], shape: Shape = TEAM) -> int:
     """Return the index of the cell or pack that the keys `pack` and `cell` name as people count; 0 where none is hit.
 
     Raises:
@@ -47,15 +34,19 @@ def read_target(target: Target, table: Mapping[str, Any]) -> int:
     needed = _PLACE_KEYS[target]
     if {"pack", "cell"} & set(table) != set(needed):
         raise InputError("pack", f"needs {' and '.join(needed) or 'neither pack nor cell'}")
-    place = {key: int(read_number(table, key, _PLACE_LIMITS[key])) for key in needed}
-    index = cell_index(place.get("pack", 1), place.get("cell", 1))
-    return index // CELLS_PER_PACK if target is Target.PACK else index
+    if target is Target.NONE:
+        return 0
+    pack = int(read_number(table, "pack", Limits(1, shape.n_packs, is_whole=True)))
+    if target is Target.PACK:
+        return pack - 1
+    cells = shape.packs[pack - 1]
+    return shape.cell_index(pack, int(read_number(table, "cell", Limits(1, cells, is_whole=True))))
 
 
 class FaultBoard:
     """Injects faults and removes them when their time is over; the same fault on the same target is replaced."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Vehicle) -> None:
         self._simulation = simulation
         self._active: dict[tuple[str, int], ActiveFault] = {}
 
@@ -71,7 +62,7 @@ class FaultBoard:
             FaultError: no such fault or target, or a value or time out of range.
         """
         kind = fault_kind(name)
-        given = check_fault(kind, target, value, for_s)
+        given = check_fault(kind, target, value, for_s, self._simulation.shape)
         kind.apply(self._simulation, target, given)
         if not kind.is_instant:
             now_s = self._simulation.now_s
@@ -113,13 +104,30 @@ def fault_kind(name: str) -> FaultKind:
     return FAULTS[name]
 
 
-def check_fault(kind: FaultKind, target: int, value: float | None, for_s: float | None) -> float:
+def check_fault(
+    kind: FaultKind,
+    target: int,
+    value: float | None,
+    for_s: float | None,
+    shape: Shape = TEAM,
+) -> float:
     """Return the value that counts, the default where none is given.
 
+    Args:
+        kind: of the fault.
+        target: cell or pack, from 0.
+        value: None = the default.
+        for_s: how long, None = for good.
+        shape: of the battery.
+
     Raises:
-        FaultError: no such target, or a value or time out of range.
+        FaultError: no such target, or a value or time out of range; a fault that only the team's own battery can have.
     """
-    n_targets = _N_TARGETS[kind.target]
+    if kind.is_of_team and not shape.is_team:
+        raise FaultError(
+            kind.name, "only the team's own battery has what it breaks: a master with RS232, EEPROM, isoSPI"
+        )
+    n_targets = {Target.NONE: 1, Target.CELL: shape.n_cells, Target.PACK: shape.n_packs}[kind.target]
     if not 0 <= target < n_targets:
         raise FaultError(kind.name, f"{kind.target.value} index {target} is outside 0..{n_targets - 1}")
     limits = Limits(kind.minimum, kind.maximum, kind.unit, is_whole=kind.is_whole)

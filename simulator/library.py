@@ -7,6 +7,7 @@ from pathlib import Path
 from simulator.errors import ScenarioError
 from simulator.scenario import Scenario
 from simulator.scenario_file import load_scenario, recorded_scenario
+from simulator.shape import TEAM, Shape
 
 DEFAULT_SCENARIO = "race-day"
 LIBRARY = Path(__file__).parent / "scenarios"
@@ -20,23 +21,23 @@ class Unreadable:
     reason: str
 
 
-def library(folder: Path = LIBRARY) -> tuple[list[Scenario], list[Unreadable]]:
-    """Return the folder's scenarios by name, and the files that are none."""
+def library(folder: Path = LIBRARY, shape: Shape = TEAM) -> tuple[list[Scenario], list[Unreadable]]:
+    """Return the folder's scenarios by name, and the files that are none for such a battery."""
     good, bad = [], []
     for path in sorted(folder.glob("*.toml")):
         try:
-            good.append(_load(path, path.stat().st_mtime_ns))
+            good.append(_load(path, path.stat().st_mtime_ns, shape))
         except (ScenarioError, OSError) as error:
             bad.append(Unreadable(path.name, str(error).replace(str(path), path.name)))
     return good, bad
 
 
 @functools.lru_cache(maxsize=128)
-def _load(path: Path, _changed_ns: int) -> Scenario:
-    return load_scenario(path)
+def _load(path: Path, _changed_ns: int, shape: Shape) -> Scenario:
+    return load_scenario(path, shape)
 
 
-def find_scenario(name_or_file: str) -> Scenario:
+def find_scenario(name_or_file: str, shape: Shape = TEAM) -> Scenario:
     """Return a scenario of the library by its name, one from a .toml file, or the replay of a recorded .csv.
 
     Raises:
@@ -44,11 +45,11 @@ def find_scenario(name_or_file: str) -> Scenario:
     """
     in_library = LIBRARY / f"{name_or_file}.toml"
     if in_library.parent == LIBRARY and in_library.exists():
-        return load_scenario(in_library)
+        return load_scenario(in_library, shape)
     path = Path(name_or_file)
     if path.name.endswith((".csv", ".csv.gz")) and path.exists():
         return recorded_scenario(path)
     if path.suffix != ".toml" or not path.exists():
         names = ", ".join(sorted(item.stem for item in LIBRARY.glob("*.toml")))
         raise ScenarioError(name_or_file, f"neither a .toml file, a recorded .csv, nor one of {names}")
-    return load_scenario(path)
+    return load_scenario(path, shape)

@@ -205,6 +205,10 @@ class VirtualMaster:
         if event is not None:
             self.emit(event)
 
+    def store_config(self, now_s: float) -> bool:
+        """Store the configuration in force; return whether it began."""
+        return self.store.start(0, self.memory.config, now_s)
+
     def lose_power(self, rng: np.random.Generator) -> None:
         """Lose power; a write that is under way is interrupted."""
         self.store.lose_power(rng)

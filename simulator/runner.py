@@ -9,9 +9,9 @@ import time
 from collections.abc import Callable
 
 from simulator.can_ports import CanPort
-from simulator.errors import SimulatorError
+from simulator.errors import InputError, SimulatorError
 from simulator.ports import BytePort
-from simulator.simulation import Simulation
+from simulator.vehicle import Vehicle
 
 MIN_SPEED, MAX_SPEED = 0.01, 1e6
 MAX_LAG_S = 0.05  # of wall time that may be caught up
@@ -24,7 +24,7 @@ class Runner:
 
     def __init__(
         self,
-        simulation: Simulation,
+        simulation: Vehicle,
         *,
         serial: BytePort | None = None,
         can: list[CanPort] | None = None,
@@ -76,10 +76,15 @@ class Runner:
         self.selector.close()
 
     def unplug_serial(self, for_s: float) -> None:
-        """Unplug the RS232 cable for a time of the wall clock: the device disappears and comes back."""
-        if self._serial is not None:
-            self._serial.close()
-            self._plug_at_s = self._clock() + for_s
+        """Unplug the RS232 cable for a time of the wall clock: the device disappears and comes back.
+
+        Raises:
+            InputError: there is no such cable.
+        """
+        if self._serial is None:
+            raise InputError("unplug", "there is no RS232 cable")
+        self._serial.close()
+        self._plug_at_s = self._clock() + for_s
 
     def _plug_serial(self) -> None:
         if self._serial is not None and self._clock() >= self._plug_at_s:

@@ -6,11 +6,11 @@ docs/reference/simulator.md describes the file; `scenario_file` reads it.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from firmware_protocol.memory_map import CELLS_PER_PACK
 from firmware_protocol.messages import EventCode
 from simulator.fault_kinds import Target
 from simulator.faults import fault_kind
 from simulator.loads import Recorded
+from simulator.shape import TEAM, Shape
 
 LOADS: dict[str, tuple[str, ...]] = {  # with the keys that only they have
     "rest": (),
@@ -73,6 +73,7 @@ class FaultPlan:
     target: int
     value: float | None
     for_s: float | None
+    shape: Shape = TEAM  # of the battery that it was read for
 
     def __str__(self) -> str:
         return _fault_text(self)
@@ -147,7 +148,7 @@ def _fault_text(fault: FaultPlan) -> str:
     place = {
         Target.NONE: "",
         Target.PACK: f" in pack {fault.target + 1}",
-        Target.CELL: f" in {_place(fault.target)}",
+        Target.CELL: f" in {_place(fault.target, fault.shape)}",
     }[kind.target]
     value = kind.default if fault.value is None else fault.value
     amount = f" ({value:g} {kind.unit})" if kind.unit else ""
@@ -155,10 +156,11 @@ def _fault_text(fault: FaultPlan) -> str:
 
 
 def _expectation_text(item: Expectation) -> str:
-    place = "" if item.cell is None else f" from {_place(item.cell)}"
+    place = "" if item.cell is None else f" from {_place(item.cell, TEAM)}"
     value = "" if item.value is None else f" with value {item.value}"
     return f"{item.event.name}{place}{value} between {item.after_s:g} and {item.before_s:g} s"
 
 
-def _place(cell: int) -> str:
-    return f"pack {cell // CELLS_PER_PACK + 1}, cell {cell % CELLS_PER_PACK + 1}"
+def _place(index: int, shape: Shape) -> str:
+    pack, cell = shape.place(index)
+    return f"pack {pack}, cell {cell}"

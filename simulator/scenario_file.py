@@ -13,12 +13,11 @@ from typing import Any, TypeVar
 
 from firmware_protocol.config_image import check, default_image, with_value
 from firmware_protocol.errors import EncodeError
-from firmware_protocol.memory_map import CELLS_PER_PACK
 from firmware_protocol.messages import EventCode
 from simulator.balancing.circuits import METHODS
 from simulator.errors import FaultError, InputError, ParameterError, ScenarioError
 from simulator.fault_kinds import FAULTS, Target
-from simulator.faults import cell_index, check_fault, read_target
+from simulator.faults import check_fault, read_target
 from simulator.inputs import (
     AMBIENT_DEGC,
     AT_S,
@@ -38,6 +37,7 @@ from simulator.inputs import (
 from simulator.loads import PATTERNS_C
 from simulator.recording import load_recording, read_recording
 from simulator.scenario import ACTIONS, LOADS, ActionPlan, Expectation, FaultPlan, PhasePlan, Scenario, Start
+from simulator.shape import TEAM, Shape
 
 Item = TypeVar("Item")
 
@@ -55,20 +55,24 @@ _POWER_SCALE = Limits(0.01, 4)
 _LAPS = Limits(1, 100, is_whole=True)
 _EVENT_VALUE = Limits(-(2**31), 2**32 - 1, is_whole=True)
 _RELAYS_S = 5.0  # until the relays are closed and a recorded current can flow
-_CELL_PLACE = re.compile(r"([1-9]\d?)/([1-9]\d?)", re.ASCII)
+_CELL_PLACE = re.compile(r"([1-9]\d{0,2})/([1-9]\d{0,2})", re.ASCII)
 
 
-def load_scenario(path: Path) -> Scenario:
+def load_scenario(path: Path, shape: Shape = TEAM) -> Scenario:
     """Read a scenario file, and the recordings that it names.
 
+    Args:
+        path: of the file.
+        shape: of the battery that is to play it; others than the team's own have no configuration.
+
     Raises:
-        ScenarioError: it cannot be read, is no TOML, or says something that has no meaning.
+        ScenarioError: it cannot be read, is no TOML, or says something that has no meaning for this battery.
     """
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise ScenarioError(str(path), str(error)) from error
-    return _scenario(document, path)
+    return _scenario(document, path, shape)
 
 
 def recorded_scenario(path: Path) -> Scenario:
@@ -85,21 +89,24 @@ def recorded_scenario(path: Path) -> Scenario:
             "phase": [{"load": "idle", "for_s": _RELAYS_S}, {"load": "recorded", "file": path.name}],
         },
         path,
+        TEAM,
     )
 
 
-def _scenario(document: dict[str, Any], path: Path) -> Scenario:
+def _scenario(document: dict[str, Any], path: Path, shape: Shape) -> Scenario:
     where, folder = path.name, path.parent
     phases = _each(document, "phase", where, lambda table: _phase(table, folder))
-    faults = _each(document, "fault", where, _fault)
+    faults = _each(document, "fault", where, lambda table: _fault(table, shape))
     actions = _each(document, "action", where, _action)
-    expected = _each(document, "expect", where, _expect)
+    expected = _each(document, "expect", where, _expect) if shape.is_team else ()
     with _place(f"{where} [start]"):
-        start = _start(_table(document, "start"), folder)
+        start = _start(_table(document, "start"), folder, shape)
     with _place(f"{where} [balancing]"):
         balancing = _balancing(_table(document, "balancing"))
     with _place(f"{where} [config]"):
         config = _config(_table(document, "config"))
+    if not shape.is_team and (config is not None or balancing != METHODS[0]):
+        raise ScenarioError(where, "[config] and [balancing] are of the team's own battery; this one has neither")
     with _place(where):
         known = {
             "title", "description", "seed", "loop",
@@ -154,7 +161,7 @@ def _table(document: dict[str, Any], key: str) -> dict[str, Any]:
     return table
 
 
-def _start(table: dict[str, Any], folder: Path) -> Start:
+def _start(table: dict[str, Any], folder: Path, shape: Shape) -> Start:
     refuse_unknown(table, {item.name for item in fields(Start)} | {"recording"})
     recorded = _recorded_start(folder / read_text(table, "recording")) if "recording" in table else {}
     cells = {}
@@ -162,7 +169,7 @@ def _start(table: dict[str, Any], folder: Path) -> Start:
         match = _CELL_PLACE.fullmatch(place)
         if match is None:
             raise InputError("cells", f'cells: write "pack/cell" = soc, not {shown(place)} = {shown(soc)}')
-        cells[str(cell_index(int(match[1]), int(match[2])))] = check_number(f'cells "{place}"', soc, SHARE)
+        cells[str(shape.cell_index(int(match[1]), int(match[2])))] = check_number(f'cells "{place}"', soc, SHARE)
     defaults = Start()
     numbers = {
         name: read_number(table, name, limits, recorded.get(name, getattr(defaults, name)))
@@ -210,13 +217,13 @@ def _phase(table: dict[str, Any], folder: Path) -> PhasePlan:
     )
 
 
-def _fault(table: dict[str, Any]) -> FaultPlan:
+def _fault(table: dict[str, Any], shape: Shape) -> FaultPlan:
     refuse_unknown(table, {"at_s", "name", "pack", "cell", "value", "for_s"})
     kind = FAULTS[read_choice(table, "name", FAULTS)]
-    target = read_target(kind.target, table)
+    target = read_target(kind.target, table, shape)
     value, for_s = table.get("value"), table.get("for_s")
-    check_fault(kind, target, value, for_s)
-    return FaultPlan(read_number(table, "at_s", AT_S, 0), kind.name, target, value, for_s)
+    check_fault(kind, target, value, for_s, shape)
+    return FaultPlan(read_number(table, "at_s", AT_S, 0), kind.name, target, value, for_s, shape)
 
 
 def _action(table: dict[str, Any]) -> ActionPlan:
@@ -233,7 +240,7 @@ def _expect(table: dict[str, Any]) -> Expectation:
     if "cell" in table:
         cell = read_target(Target.CELL, table)
     elif "pack" in table:
-        cell = read_target(Target.PACK, table) * CELLS_PER_PACK
+        cell = TEAM.starts[read_target(Target.PACK, table)]
     value = read_optional(table, "value", _EVENT_VALUE)
     after_s = read_number(table, "after_s", AT_S, 0)
     before_s = float("inf") if "before_s" not in table else read_number(table, "before_s", AT_S)

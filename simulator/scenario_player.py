@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from firmware_protocol.eeprom import plan_store
-from firmware_protocol.memory_map import N_CELLS
 from firmware_protocol.messages import CommandId
 from simulator.accumulator import AccumulatorParameters
 from simulator.charging import ChargingState
+from simulator.dbc_battery.battery import DbcBattery
+from simulator.dbc_battery.simulation import BatterySimulation
 from simulator.eeprom import Eeprom
 from simulator.errors import InputError
 from simulator.faults import FaultBoard
@@ -22,8 +23,10 @@ from simulator.loads import ConstantCurrent, Idle, Load, Pattern, Recorded, Rest
 from simulator.master import PASS_S
 from simulator.race import acceleration, endurance, skid_pad
 from simulator.scenario import ActionPlan, FaultPlan, PhasePlan, Scenario
+from simulator.shape import TEAM
 from simulator.simulation import Simulation
 from simulator.soc_counter import SOC_SCALE
+from simulator.vehicle import Vehicle
 
 CHARGE_RETRY_S = 1.0
 STANDBY_S = 2.0  # from high voltage on to driving
@@ -74,17 +77,17 @@ class ScenarioPlayer:
         eeprom: Eeprom | None = None,
         seed: int | None = None,
         step_s: float = PASS_S,
+        battery: DbcBattery | None = None,
     ) -> None:
-        """Build the simulation that the scenario starts with."""
+        """Build the simulation that the scenario starts with; without a battery it is the team's own."""
         self.scenario = scenario
-        eeprom = eeprom or Eeprom()
-        if scenario.config is not None:
-            for page in plan_store(bytes(eeprom.content), scenario.config):
-                eeprom.write(page.offset, page.data)
         used_seed = scenario.seed if seed is None else seed
-        self.simulation = Simulation(
-            _parameters(scenario), eeprom=eeprom, seed=used_seed, step_s=step_s, balancing=scenario.balancing
-        )
+        self.simulation: Vehicle
+        if battery is None:
+            self.simulation = _of_team(scenario, eeprom or Eeprom(), used_seed, step_s)
+        else:
+            parameters = _parameters(scenario, battery.shape.n_cells)
+            self.simulation = BatterySimulation(parameters, battery, seed=used_seed, step_s=step_s)
         self.simulation.accumulator.sun_w = scenario.start.sun_w
         self.faults = FaultBoard(self.simulation)
         self._loads_rng = np.random.default_rng(used_seed + 1)
@@ -135,14 +138,15 @@ class ScenarioPlayer:
     def _play(self, plan: FaultPlan | ActionPlan) -> None:
         if isinstance(plan, FaultPlan):
             self.faults.inject(plan.name, plan.target, plan.value, plan.for_s)
-        elif self.simulation.master is None:
+        elif self.simulation.operated is None:
             self._notice("action-master-off", plan)
         elif not self._act(plan):
             self._notice("action-refused", plan)
 
     def _act(self, plan: ActionPlan) -> bool:
         if plan.name == "store":
-            return self._request_store()
+            bms = self.simulation.operated
+            return bms is not None and bms.store_config(self.simulation.now_s)
         return self._command(_COMMANDS[plan.name], round((plan.argument or 0.0) * SOC_SCALE))
 
     def _notice(self, code: str, plan: FaultPlan | ActionPlan) -> None:
@@ -152,19 +156,15 @@ class ScenarioPlayer:
             self.on_notice(notice)
 
     def _command(self, command: CommandId, argument: int = 0) -> bool:
-        master = self.simulation.master
-        return master is not None and master.command(command, argument, self.simulation.now_s)
-
-    def _request_store(self) -> bool:
-        master = self.simulation.master
-        return master is not None and master.store.start(0, master.memory.config, self.simulation.now_s)
+        bms = self.simulation.operated
+        return bms is not None and bms.command(command, argument, self.simulation.now_s)
 
     def _charge(self, now_s: float) -> None:
-        master = self.simulation.master
-        if master is None or self._has_charged or now_s < self._charge_retry_s:
+        bms = self.simulation.operated
+        if bms is None or self._has_charged or now_s < self._charge_retry_s:
             return
         self._charge_retry_s = now_s + CHARGE_RETRY_S
-        self._has_charged = master.charging.is_active or self._command(CommandId.CHARGE_START)
+        self._has_charged = bms.charging.is_active or self._command(CommandId.CHARGE_START)
 
     def _is_over(self, plan: PhasePlan, now_s: float) -> bool:
         elapsed_s = now_s - self._phase_start_s
@@ -175,9 +175,9 @@ class ScenarioPlayer:
             if (left >= 0.0) if plan.is_filling else (left <= 0.0):
                 return True
         if plan.load == "charge":
-            master = self.simulation.master
+            bms = self.simulation.operated
             ended = (ChargingState.DONE, ChargingState.FAULT)
-            return self._has_charged and master is not None and master.charging.state in ended
+            return self._has_charged and bms is not None and bms.charging.state in ended
         return elapsed_s >= self.simulation.load.duration_s
 
     def next_phase(self) -> None:
@@ -188,8 +188,8 @@ class ScenarioPlayer:
         """
         if self.is_over:
             raise InputError("next", "the scenario is over")
-        master = self.simulation.master
-        if master is not None and master.charging.is_active:
+        bms = self.simulation.operated
+        if bms is not None and bms.charging.is_active:
             self._command(CommandId.CHARGE_STOP)
         self._phase_index += 1
         if self._phase_index == len(self.scenario.phases):
@@ -236,12 +236,21 @@ class ScenarioPlayer:
         return plan.recording or Rest()
 
 
-def _parameters(scenario: Scenario) -> AccumulatorParameters:
+def _of_team(scenario: Scenario, eeprom: Eeprom, seed: int, step_s: float) -> Simulation:
+    if scenario.config is not None:
+        for page in plan_store(bytes(eeprom.content), scenario.config):
+            eeprom.write(page.offset, page.data)
+    parameters = _parameters(scenario, TEAM.n_cells)
+    return Simulation(parameters, eeprom=eeprom, seed=seed, step_s=step_s, balancing=scenario.balancing)
+
+
+def _parameters(scenario: Scenario, n_cells: int) -> AccumulatorParameters:
     start = scenario.start
-    soc = np.full(N_CELLS, start.soc)
+    soc = np.full(n_cells, start.soc)
     for cell, cell_soc in start.cells.items():
         soc[int(cell)] = cell_soc
     return AccumulatorParameters(
+        n_cells=n_cells,
         start_soc=soc,
         start_soc_spread=start.soc_spread,
         ambient_degc=start.ambient_degc,

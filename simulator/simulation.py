@@ -4,32 +4,28 @@ No wall clock and no ports here: whoever runs it says until when, gives bytes in
 """
 
 import math
-from collections.abc import Callable
-
-import numpy as np
 
 from firmware_protocol.elcon import STATUS_ID
-from simulator.accumulator import Accumulator, AccumulatorParameters
+from simulator.accumulator import AccumulatorParameters
 from simulator.balancing.circuits import Balance, balancing_circuit
 from simulator.board import Board
-from simulator.bus_nodes import BabblingNode, ChargerOnBus, MasterOnBus
-from simulator.can_bus import CanBus, CanFrame
-from simulator.charger_unit import ChargerUnit
+from simulator.bus_nodes import MasterOnBus
+from simulator.can_bus import CanFrame
 from simulator.eeprom import Eeprom
 from simulator.line import UartLine
-from simulator.link_circuit import LinkCircuit
-from simulator.loads import Load, Rest
 from simulator.master import PASS_S, VirtualMaster
 from simulator.relays import RelayState
+from simulator.vehicle import COMMANDED, Vehicle
 
-BOOT_S = 0.3
-POWER_ON, WATCHDOG, BROWN_OUT, COMMANDED = range(4)  # reset causes
 SLOW_PERIOD_S = 0.2  # of the temperatures and of the driver's wishes
 _LINE_RETRY_S = 1e-3  # a free line is asked again this much later when it had nothing, whatever it promised
 
 
-class Simulation:
-    """One car, driving or on its charger."""
+class Simulation(Vehicle):
+    """The team's own car, behind its master."""
+
+    board: Board
+    master_on_bus: MasterOnBus
 
     def __init__(
         self,
@@ -40,52 +36,24 @@ class Simulation:
         step_s: float = PASS_S,
         balancing: str = "passive",
     ) -> None:
-        self.rng = np.random.default_rng(seed)
-        self.step_s = step_s
-        self.accumulator = Accumulator(parameters, self.rng)
+        super().__init__(parameters, seed=seed, step_s=step_s)
         self._balancing = balancing_circuit(balancing, self.accumulator)
         self.board = Board(eeprom or Eeprom(), self.rng)
-        self.bus = CanBus(self.rng)
         self.master_on_bus = MasterOnBus(lambda: self.master)
-        self.charger = ChargerOnBus(ChargerUnit(ambient_degc=parameters.ambient_degc))
-        self.babbler = BabblingNode(lambda: self.master_on_bus.bit_rate)
         self.bus.attach(self.master_on_bus)
         self.bus.attach(self.charger)
         self.bus.attach(self.babbler, max_waiting=4096)
-        self.link = LinkCircuit()
         self.line = UartLine(self.rng)
-        self.serial_out: Callable[[bytes], None] | None = None
-        self.before_step: Callable[[float], None] | None = None
-        self.load: Load = Rest()
-        self._load_start_s = 0.0
-        self.now_s = 0.0
-        self._steps = 0
         self._line_due_s = 0.0
         self._slow_due_s = 0.0
         self._wants_drive = False
-        self._boot_at_s = 0.0
-        self._boot_cause = 0
-        self.current_a = 0.0
-        self.is_shutdown_open = False
-        self._ambient_degc: float | None = None
         self.master: VirtualMaster | None = None
         self._boot()
 
-    def set_load(self, load: Load) -> None:
-        """Connect another load and start it."""
-        self.load = load
-        self._load_start_s = self.now_s
-
-    def set_ambient(self, degc: float | None) -> None:
-        """Set the air temperature, or with None the one of the scenario."""
-        if self._ambient_degc is None:
-            self._ambient_degc = self.accumulator.ambient_degc
-        self.accumulator.ambient_degc = self.charger.unit.ambient_degc = self._ambient_degc if degc is None else degc
-
     @property
-    def load_time_s(self) -> float:
-        """How long the load has been on [s]."""
-        return self.now_s - self._load_start_s
+    def operated(self) -> VirtualMaster | None:
+        """The master while it runs."""
+        return self.master
 
     def next_due_s(self) -> float:
         """Return the next instant at which something happens by itself [s]."""
@@ -117,13 +85,8 @@ class Simulation:
             if not self.line.is_busy:
                 self._pump()
 
-    def reset(self, cause: int, off_s: float = BOOT_S) -> None:
-        """Power the master off, or restart it; it boots after `off_s`."""
-        if self.master is not None:
-            self.master.lose_power(self.rng)
+    def _switch_off(self) -> None:
         self.master = None
-        self._boot_at_s = self.now_s + off_s
-        self._boot_cause = cause
 
     def _boot(self) -> None:
         self.master = VirtualMaster(self.board, self.now_s, self._boot_cause)
@@ -176,13 +139,7 @@ class Simulation:
     def _advance_accumulator(self, dt_s: float) -> None:
         master = self.master
         relays = RelayState.OPEN if master is None else master.relay_state
-        source_v = self.accumulator.outlet_voltage_v
-        self.current_a = self.link.step(dt_s, source_v, relays)
-        self.board.link_share = self.link.voltage_v / source_v if source_v > 0 else 0.0
-        if relays == RelayState.VEHICLE:
-            self.current_a += self.load.current_a(self.load_time_s, self.accumulator)
-        elif relays == RelayState.CHARGER:
-            self.current_a = -self.charger.unit.current_a
+        self._draw(dt_s, relays)
         outputs = self.board.chain.take_bleeding(dt_s)
         balance = Balance() if outputs is None else self._balancing.drive(outputs, self.accumulator, dt_s)
         self.accumulator.step(

@@ -1,6 +1,7 @@
 """A Lawicel (slcan) USB adapter on the simulated bus: the ASCII protocol that python-can's `slcan` interface speaks.
 
-Commands end with CR and are answered with CR or BELL. Frames: `t`iii`l`data, `T`iiiiiiii`l`data.
+Commands end with CR and are answered with CR or BELL. Frames: `t`iii`l`data, `T`iiiiiiii`l`data; CAN FD, towards the
+computer only: `b`, `B` with the length's code as one hexadecimal digit.
 """
 
 from collections.abc import Callable
@@ -22,6 +23,7 @@ BIT_RATES = {
 }
 _MAX_COMMAND = 32
 _IS_WARNED, _IS_PASSIVE, _IS_OFF = 0x04, 0x20, 0x80  # status bits
+_FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # bytes, by their code
 _DIGITS = {ord("t"): 3, ord("T"): 8}
 
 
@@ -46,8 +48,10 @@ class SlcanAdapter:
     def can_received(self, frame: CanFrame, now_s: float) -> None:
         """Forward a frame from the bus to the computer."""
         if self._is_open:
-            identifier = f"T{frame.can_id:08X}" if frame.is_extended else f"t{frame.can_id:03X}"
-            self._send(f"{identifier}{len(frame.data)}{frame.data.hex().upper()}\r".encode())
+            kinds = "bB" if frame.is_fd else "tT"
+            identifier = f"{kinds[1]}{frame.can_id:08X}" if frame.is_extended else f"{kinds[0]}{frame.can_id:03X}"
+            length = _FD_LENGTHS.index(len(frame.data))
+            self._send(f"{identifier}{length:X}{frame.data.hex().upper()}\r".encode())
 
     def feed(self, data: bytes, now_s: float) -> None:
         """Take bytes from the computer and answer the commands they complete."""

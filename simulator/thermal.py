@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from simulator.errors import ParameterError
 
 FAN_LEVELS = 32
 _KEPT_STEPS = 64
+_KEPT_NUMBERS = 4_000_000  # of their matrices, 32 MB
 
 
 @dataclass(frozen=True)
@@ -49,10 +50,20 @@ class ThermalNetwork:
     Energy is conserved to rounding: what is put in is in the heat capacities or has gone to the ambient.
     """
 
-    def __init__(self, parameters: ThermalParameters, cell_j_per_k: FloatArray, ambient_degc: float) -> None:
+    def __init__(
+        self,
+        parameters: ThermalParameters,
+        cell_j_per_k: FloatArray,
+        ambient_degc: float,
+        packs: tuple[int, ...] = (),
+    ) -> None:
+        """Take the cells of each pack where they are not all of `cells_per_pack`."""
         self.parameters = parameters
-        self.n_cells = len(cell_j_per_k)
-        self.n_packs = -(-self.n_cells // parameters.cells_per_pack)
+        self.n_cells = n = len(cell_j_per_k)
+        per_pack = parameters.cells_per_pack
+        self.packs = packs or tuple(min(per_pack, n - first) for first in range(0, n, per_pack))
+        self._starts = (0, *accumulate(self.packs))
+        self.n_packs = len(self.packs)
         self.heat_capacity_j_per_k = np.concatenate(
             (cell_j_per_k, np.full(self.n_packs, parameters.board_j_per_k)),
         )
@@ -88,8 +99,7 @@ class ThermalNetwork:
 
     def _columns(self, pack: int) -> list[list[int]]:
         """Cells of a pack that stand side by side across the air flow, in the order in which the air meets them."""
-        first = pack * self.parameters.cells_per_pack
-        cells = list(range(first, min(first + self.parameters.cells_per_pack, self.n_cells)))
+        cells = list(range(self._starts[pack], self._starts[pack + 1]))
         n_columns = (len(cells) + 1) // 2
         return [
             [cells[column]] + ([cells[-1 - column]] if cells[-1 - column] != cells[column] else [])
@@ -156,7 +166,7 @@ class ThermalNetwork:
             kept, integral = decay_and_integral(rate, dt_s)
             found = (kept, integral / self.heat_capacity_j_per_k[None, :])
             self._steps[key] = found
-            if len(self._steps) > _KEPT_STEPS:
+            if len(self._steps) > min(_KEPT_STEPS, max(2, _KEPT_NUMBERS // (2 * kept.size))):
                 self._steps.popitem(last=False)
         else:
             self._steps.move_to_end(key)

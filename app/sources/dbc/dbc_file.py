@@ -99,7 +99,9 @@ def _message(message: Any) -> MessageDefinition:
     by_name = {each.name: each for each in message.signals}
     senders = list(message.senders or [])
     signals = tuple(_signal(each, by_name) for each in message.signals if 1 <= each.length <= 64)
-    return MessageDefinition(can_id, str(message.name), int(message.length), signals, senders[0] if senders else "")
+    sender = senders[0] if senders else ""
+    period_s = message.cycle_time / 1000 if message.cycle_time else None
+    return MessageDefinition(can_id, str(message.name), int(message.length), signals, sender, period_s)
 
 
 def _signal(signal: Any, by_name: dict[str, Any]) -> Signal:

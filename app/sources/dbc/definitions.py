@@ -58,6 +58,7 @@ class MessageDefinition:
     length: int  # bytes, as the file says; frames may be shorter or longer
     signals: tuple[Signal, ...]
     sender: str = ""
+    period_s: float | None = None  # between two frames, where the file says it (GenMsgCycleTime)
 
     def signal(self, name: str) -> Signal | None:
         """The signal of this name."""

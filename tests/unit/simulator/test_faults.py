@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from simulator.accumulator import AccumulatorParameters
-from simulator.errors import FaultError, InputError
+from simulator.errors import FaultError
 from simulator.fault_kinds import FAULTS, Target
-from simulator.faults import FaultBoard, cell_index
+from simulator.faults import FaultBoard
 from simulator.simulation import Simulation
 
 
@@ -90,10 +90,3 @@ def test_the_same_fault_again_replaces_the_first(simulation):
 def test_what_cannot_be_is_refused(simulation, name, target, value, for_s):
     with pytest.raises(FaultError):
         FaultBoard(simulation).inject(name, target, value, for_s)
-
-
-def test_cells_are_named_as_people_count():
-    assert cell_index(1, 1) == 0
-    assert cell_index(8, 12) == 95
-    with pytest.raises(InputError):
-        cell_index(0, 1)

@@ -37,7 +37,7 @@ def test_the_control_port_lists_the_good_ones_and_names_the_bad_one(tmp_path, mo
     (tmp_path / "a.toml").write_text(GOOD)
     (tmp_path / "bad.toml").write_text(GOOD.replace("rest", "sleep"))
     player = ScenarioPlayer(find_scenario("skid-pad"))
-    monkeypatch.setattr("simulator.control.library", lambda: library(tmp_path))
+    monkeypatch.setattr("simulator.control.library", lambda **of: library(tmp_path, **of))
     answer = Control(player, Runner(player.simulation)).answer({"do": "scenarios"})
     assert answer["ok"]
     assert [item["name"] for item in answer["scenarios"]] == ["a"]

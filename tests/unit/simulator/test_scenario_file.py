@@ -59,7 +59,7 @@ def test_a_file_is_read_as_people_wrote_it(tmp_path):
         ('title = "A title"', "", "title is missing"),
         ("seed = 5", "sead = 5", "'sead' means nothing"),
         ("soc = 0.5\n", "sock = 0.5\n", r"\[start\].*'sock'"),
-        ('"2/1" = 0.6', '"9/1" = 0.6', "packs are 1..8"),
+        ('"2/1" = 0.6', '"9/1" = 0.6', "pack = 9 is outside 1..8"),
         ("[config]", '[balancing]\nmethod = "magic"\n[config]', r"\[balancing\].*'magic' is none of"),
         ("[config]", "[balancing]\nrate = 2\n[config]", r"\[balancing\].*'rate' means nothing"),
         ("v_cell_max = 4.15", "v_cell_max = 9", "v_cell_max"),

@@ -1,0 +1,164 @@
+"""What every simulated battery has around its BMS: cells, load, link capacitor, charger, CAN bus, virtual time.
+
+Who inherits adds the BMS and what it measures with, and advances both. No wall clock and no ports here.
+"""
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from firmware_protocol.messages import CommandId
+from simulator.accumulator import Accumulator, AccumulatorParameters
+from simulator.bus_nodes import BabblingNode, ChargerOnBus
+from simulator.can_bus import CanBus
+from simulator.charger_unit import ChargerParameters, ChargerUnit
+from simulator.charging import ChargingState
+from simulator.link_circuit import LinkCircuit
+from simulator.loads import Load, Rest
+from simulator.relays import RelayState
+from simulator.shape import TEAM, Shape
+
+BOOT_S = 0.3
+POWER_ON, WATCHDOG, BROWN_OUT, COMMANDED = range(4)  # reset causes
+
+
+class ChargeState(Protocol):
+    """How a charge stands."""
+
+    @property
+    def is_active(self) -> bool:
+        """Charging was started and has not ended."""
+        ...
+
+    @property
+    def state(self) -> ChargingState:
+        """Its stage."""
+        ...
+
+
+class Operated(Protocol):
+    """A BMS between a boot and a reset, as its operator and the scenario see it."""
+
+    @property
+    def relay_state(self) -> RelayState:
+        """Which side the relays connect the accumulator to."""
+        ...
+
+    @property
+    def relays_since_s(self) -> float:
+        """When they came to that."""
+        ...
+
+    @property
+    def has_precharge_failed(self) -> bool:
+        """The vehicle's link did not reach its voltage in time."""
+        ...
+
+    @property
+    def charging(self) -> ChargeState:
+        """Of its charger."""
+        ...
+
+    def command(self, command: CommandId, argument: int, now_s: float) -> bool:
+        """Carry out a command; return False where the state forbids it."""
+        ...
+
+    def store_config(self, now_s: float) -> bool:
+        """Store the configuration in force; return False where there is none to store."""
+        ...
+
+    def lose_power(self, rng: np.random.Generator) -> None:
+        """Lose power."""
+        ...
+
+
+class Vehicle:
+    """A battery, driving or on its charger."""
+
+    shape: Shape = TEAM
+    board: Any  # what the BMS measures with: `cell_inputs`, `current_sensor`, `open_wires`, `set_powered`, `drift`
+    master_on_bus: Any  # its node, with `bit_rate` and `is_held_off`
+
+    def __init__(
+        self,
+        parameters: AccumulatorParameters,
+        *,
+        seed: int,
+        step_s: float,
+        charger: ChargerParameters | None = None,
+    ) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.step_s = step_s
+        self.accumulator = Accumulator(parameters, self.rng)
+        self.charger = ChargerOnBus(ChargerUnit(charger, ambient_degc=parameters.ambient_degc))
+        self.babbler = BabblingNode(lambda: int(self.master_on_bus.bit_rate))
+        self.bus = CanBus(self.rng)
+        self.link = LinkCircuit()
+        self.serial_out: Callable[[bytes], None] | None = None
+        self.before_step: Callable[[float], None] | None = None
+        self.load: Load = Rest()
+        self._load_start_s = 0.0
+        self.now_s = 0.0
+        self._steps = 0
+        self._boot_at_s = 0.0
+        self._boot_cause = POWER_ON
+        self.current_a = 0.0
+        self.is_shutdown_open = False
+        self._ambient_degc: float | None = None
+
+    @property
+    def operated(self) -> Operated | None:
+        """The BMS while it runs."""
+        raise NotImplementedError
+
+    def set_load(self, load: Load) -> None:
+        """Connect another load and start it."""
+        self.load = load
+        self._load_start_s = self.now_s
+
+    def set_ambient(self, degc: float | None) -> None:
+        """Set the air temperature, or with None the one of the scenario."""
+        if self._ambient_degc is None:
+            self._ambient_degc = self.accumulator.ambient_degc
+        self.accumulator.ambient_degc = self.charger.unit.ambient_degc = self._ambient_degc if degc is None else degc
+
+    @property
+    def load_time_s(self) -> float:
+        """How long the load has been on [s]."""
+        return self.now_s - self._load_start_s
+
+    def next_due_s(self) -> float:
+        """Return the next instant at which something happens by itself [s]."""
+        raise NotImplementedError
+
+    def run_until(self, until_s: float) -> None:
+        """Advance to an instant, everything due until then included."""
+        raise NotImplementedError
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes that reach the BMS's RS232 line now; most have none."""
+
+    def reset(self, cause: int, off_s: float = BOOT_S) -> None:
+        """Power the BMS off, or restart it; it boots after `off_s`."""
+        if self.operated is not None:
+            self.operated.lose_power(self.rng)
+        self._switch_off()
+        self._boot_at_s = self.now_s + off_s
+        self._boot_cause = cause
+
+    def _switch_off(self) -> None:
+        raise NotImplementedError
+
+    def _draw(self, dt_s: float, relays: RelayState) -> None:
+        """Find the current of the next step, and what the pre-charge board compares."""
+        source_v = self.accumulator.outlet_voltage_v
+        self.current_a = self.link.step(dt_s, source_v, relays)
+        self.board.link_share = self.link.voltage_v / source_v if source_v > 0 else 0.0
+        if relays == RelayState.VEHICLE:
+            self.current_a += self._load_a()
+        elif relays == RelayState.CHARGER:
+            self.current_a = -self.charger.unit.current_a
+
+    def _load_a(self) -> float:
+        return self.load.current_a(self.load_time_s, self.accumulator)
