@@ -44,6 +44,17 @@ typedef vw_real vw_lanes[VW_LANES]; /* one number for each cell of a block */
 #define VW_EACH_CELL(c) for (int c = 0; c < VW_LANES; c++)
 #endif
 
+/* Over the states of a cell, where the compiler knows how many: without it the loop over cells takes one at a time. */
+#if VW_LANES == 1
+#define VW_UNROLL
+#elif defined(__clang__)
+#define VW_UNROLL _Pragma("clang loop unroll(full)")
+#elif defined(__GNUC__)
+#define VW_UNROLL _Pragma("GCC unroll 8")
+#else
+#define VW_UNROLL
+#endif
+
 /* a where a condition holds, else b. Both are evaluated, so a loop over cells stays without branches. */
 static inline vw_real vw_pick(int condition, vw_real a, vw_real b) { return condition ? a : b; }
 
