@@ -137,7 +137,16 @@ class SocEstimator:
             raise EstimatorError(NOT_STARTED)
         if not 0.0 <= dt_s < math.inf:
             raise EstimatorError(f"a step of {dt_s} s is no step")
-        voltage, temperature = self._sample(voltages_v, temperatures_degc)
+        # the usual case without a call: beside an engine of microseconds each counts
+        if (
+            type(voltages_v) is np.ndarray
+            and type(temperatures_degc) is np.ndarray
+            and voltages_v.shape == self._shape
+            and temperatures_degc.shape == self._shape
+        ):
+            voltage, temperature = voltages_v, temperatures_degc
+        else:
+            voltage, temperature = self._sample(voltages_v, temperatures_degc)
         return Estimates(self.engine.step(dt_s, current_a, voltage, temperature))
 
     def run(
@@ -171,11 +180,7 @@ class SocEstimator:
         return Estimates(self.engine.record(dt_s, current_a, voltage_v, temperature_degc))
 
     def _sample(self, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> tuple[FloatArray, FloatArray]:
-        # an array needs no conversion here: the engine copies it
-        voltage = voltages_v if type(voltages_v) is np.ndarray else np.asarray(voltages_v, np.float64)
-        temperature = (
-            temperatures_degc if type(temperatures_degc) is np.ndarray else np.asarray(temperatures_degc, np.float64)
-        )
+        voltage, temperature = np.asarray(voltages_v, np.float64), np.asarray(temperatures_degc, np.float64)
         if voltage.shape != self._shape:
             raise ShapeError("voltages_v", self._shape, voltage.shape)
         if temperature.shape != self._shape:

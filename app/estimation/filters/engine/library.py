@@ -120,6 +120,12 @@ class SampleStruct(ctypes.Structure):
     _fields_ = [("dt_s", _real), ("current_a", _real), ("voltage_v", _pointer), ("temperature_degc", _pointer)]
 
 
+class CallStruct(ctypes.Structure):
+    """`vw_library_call`."""
+
+    _fields_ = [("filter", _pointer), ("cells", _pointer), ("sample", SampleStruct), ("estimates", _pointer)]
+
+
 @cache
 def load() -> ctypes.PyDLL:
     """Return the library, in the fastest variant that this processor runs.
@@ -150,6 +156,7 @@ def _open(path: Path) -> ctypes.PyDLL:
     sizes = library.vw_library_size_of_filter(), library.vw_library_size_of_cells()
     if sizes != (ctypes.sizeof(FilterStruct), CELLS.itemsize):
         raise EstimatorError(f"{path.name} has another memory layout: {sizes}")
+    library.vw_library_step.argtypes, library.vw_library_step.restype = [_pointer], None
     return library
 
 
