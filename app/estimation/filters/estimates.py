@@ -16,7 +16,8 @@ class Estimates:
     """What one step says about every cell; all arrays are (n_cells,) and belong to the reader.
 
     Attributes:
-        numbers: (8, n_cells) what is below, in that order; the last two rows are 0 or 1.
+        numbers: (8, n_cells) what is below, in that order; the last two rows are 0 or 1. Of a record that was run with
+            `soc_only` the first two rows alone.
     """
 
     __slots__ = ("numbers",)

@@ -7,6 +7,7 @@ from enum import IntEnum
 from typing import Protocol
 
 from app.estimation.arrays import FloatArray
+from app.estimation.filters.estimates import N_OUT
 from app.estimation.filters.sigma_points import SigmaRule
 from app.estimation.filters.tables import CellTables
 from app.estimation.filters.tuning import Tuning
@@ -78,9 +79,14 @@ class Engine(Protocol):
         ...
 
     def record(
-        self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
+        self,
+        dt_s: FloatArray,
+        current_a: FloatArray,
+        voltage_v: FloatArray,
+        temperature_degc: FloatArray,
+        n_rows: int = N_OUT,
     ) -> FloatArray:
-        """Return (8, n_steps, n_cells) estimates of samples in a row: (n_steps,) and (n_steps, n_cells) each."""
+        """Return (n_rows, n_steps, n_cells) estimates of samples in a row: (n_steps,) and (n_steps, n_cells) each."""
         ...
 
     def get(self, name: str) -> FloatArray:

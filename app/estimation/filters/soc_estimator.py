@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.filters.engine.native import NativeEngine
-from app.estimation.filters.estimates import Estimates
+from app.estimation.filters.estimates import N_OUT, OUT_OCV, Estimates
 from app.estimation.filters.reference.engine import ReferenceEngine
 from app.estimation.filters.setup import Engine, FilterSetup, Kind
 
@@ -150,7 +150,12 @@ class SocEstimator:
         return Estimates(self.engine.step(dt_s, current_a, voltage, temperature))
 
     def run(
-        self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
+        self,
+        dt_s: FloatArray,
+        current_a: FloatArray,
+        voltage_v: FloatArray,
+        temperature_degc: FloatArray,
+        soc_only: bool = False,
     ) -> Estimates:
         """Return the estimates of a whole record, as so many calls of `step` would give them.
 
@@ -159,6 +164,8 @@ class SocEstimator:
             current_a: (n_steps,) positive on discharge [A]; NaN = the last one counts.
             voltage_v: (n_steps, n_cells) [V]; NaN where not measured.
             temperature_degc: (n_steps, n_cells) [degC]; NaN = the last one counts.
+            soc_only: keep `soc` and `soc_sigma` alone: writing the rest of a long record to memory takes nearly as
+                long as estimating it.
 
         Returns:
             Estimates whose arrays are (n_steps, n_cells).
@@ -177,7 +184,8 @@ class SocEstimator:
                 raise ShapeError(name, shape, array.shape)
         if not (np.isfinite(dt_s).all() and (dt_s >= 0.0).all()):
             raise EstimatorError("a step is negative or not finite")
-        return Estimates(self.engine.record(dt_s, current_a, voltage_v, temperature_degc))
+        n_rows = OUT_OCV if soc_only else N_OUT
+        return Estimates(self.engine.record(dt_s, current_a, voltage_v, temperature_degc, n_rows))
 
     def _sample(self, voltages_v: ArrayLike, temperatures_degc: ArrayLike) -> tuple[FloatArray, FloatArray]:
         voltage, temperature = np.asarray(voltages_v, np.float64), np.asarray(temperatures_degc, np.float64)

@@ -95,14 +95,19 @@ class NativeEngine:
         return numbers
 
     def record(
-        self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
+        self,
+        dt_s: FloatArray,
+        current_a: FloatArray,
+        voltage_v: FloatArray,
+        temperature_degc: FloatArray,
+        n_rows: int = N_OUT,
     ) -> FloatArray:
-        """Return (8, n_steps, n_cells) estimates of a whole record; see `Engine.record`."""
+        """Return (n_rows, n_steps, n_cells) estimates of a whole record; see `Engine.record`."""
         n_steps = dt_s.size
-        numbers = np.empty((n_steps, N_OUT, self.n_cells))
+        numbers = np.empty((n_steps, n_rows, self.n_cells))
         samples = [np.ascontiguousarray(a, dtype=np.float64) for a in (dt_s, current_a, voltage_v, temperature_degc)]
-        pointers = [ctypes.c_void_p(values.ctypes.data) for values in (*samples, numbers)]
-        self._library.vw_filter_record(*self._at, ctypes.c_int64(n_steps), *pointers)
+        *inputs, output = [ctypes.c_void_p(values.ctypes.data) for values in (*samples, numbers)]
+        self._library.vw_filter_record(*self._at, ctypes.c_int64(n_steps), *inputs, ctypes.c_int32(n_rows), output)
         return np.moveaxis(numbers, 1, 0)
 
     def _more(self) -> tuple[FloatArray, int]:

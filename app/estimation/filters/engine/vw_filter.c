@@ -95,13 +95,17 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
     vw_self_check(filter, motion, x, work);
 }
 
-static void answer(const vw_filter *filter, const vw_cells *restrict x, const vw_work *restrict work, int first, vw_real *estimates)
+/* Put the first n_rows of what a step says of a block into `estimates`. */
+static void answer(const vw_filter *filter, const vw_cells *restrict x, const vw_work *restrict work, int first, int n_rows,
+                   vw_real *estimates)
 {
     const int n = count_of(filter, first), n_cells = filter->n_cells;
     vw_lanes rows[VW_ESTIMATES];
-    vw_soc_place at;
-    vw_place_soc(&filter->model, work->soc, &at);
-    vw_ocv(&filter->model, &x->climate.place, &at, rows[VW_OCV_V]);
+    if (n_rows > VW_OCV_V) {
+        vw_soc_place at;
+        vw_place_soc(&filter->model, work->soc, &at);
+        vw_ocv(&filter->model, &x->climate.place, &at, rows[VW_OCV_V]);
+    }
     VW_EACH_CELL(c)
     {
         rows[VW_SOC][c] = vw_clip(work->soc[c], 0, 1);
@@ -112,10 +116,10 @@ static void answer(const vw_filter *filter, const vw_cells *restrict x, const vw
         rows[VW_MODEL_VALID][c] = work->valid[c];
         rows[VW_ACCEPTED][c] = work->used[c];
     }
-    for (int row = 0; row < VW_ESTIMATES; row++) copy(estimates + row * n_cells + first, rows[row], n);
+    for (int row = 0; row < n_rows; row++) copy(estimates + row * n_cells + first, rows[row], n);
 }
 
-void vw_filter_step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, vw_real *estimates)
+static void step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, int n_rows, vw_real *estimates)
 {
     vw_hold_current(filter, sample->current_a);
     const vw_motion motion = vw_motion_of(filter, sample->dt_s, filter->current_a);
@@ -129,17 +133,22 @@ void vw_filter_step(vw_filter *filter, vw_cells *cells, const vw_sample *sample,
         vw_predict(filter, &motion, x);
         if (filter->kind == VW_COUNT) count_only(filter, &motion, x, &work);
         else filter_block(filter, &motion, x, &work);
-        answer(filter, x, &work, first, estimates);
+        answer(filter, x, &work, first, n_rows, estimates);
     }
+}
+
+void vw_filter_step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, vw_real *estimates)
+{
+    step(filter, cells, sample, VW_ESTIMATES, estimates);
 }
 
 void vw_filter_record(vw_filter *filter, vw_cells *cells, int64_t n_steps, const vw_real *dt_s,
                       const vw_real *current_a, const vw_real *voltage_v, const vw_real *temperature_degc,
-                      vw_real *estimates)
+                      int32_t n_rows, vw_real *estimates)
 {
     const int64_t n = filter->n_cells;
     for (int64_t k = 0; k < n_steps; k++) {
         const vw_sample sample = {dt_s[k], current_a[k], voltage_v + k * n, temperature_degc + k * n};
-        vw_filter_step(filter, cells, &sample, estimates + k * VW_ESTIMATES * n);
+        step(filter, cells, &sample, n_rows, estimates + k * n_rows * n);
     }
 }

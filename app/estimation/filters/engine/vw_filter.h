@@ -172,9 +172,10 @@ void vw_filter_start(vw_filter *filter, vw_cells *cells, const vw_sample *sample
 /* Move the state on by one sample and put what it says into `estimates`. */
 void vw_filter_step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, vw_real *estimates);
 
-/* The same for n_steps samples in a row: arrays of n_steps, n_steps x n_cells and n_steps x VW_ESTIMATES x n_cells. */
+/* The same for n_steps samples in a row: arrays of n_steps, n_steps x n_cells and, of the first n_rows of what a step
+ * answers, n_steps x n_rows x n_cells. */
 void vw_filter_record(vw_filter *filter, vw_cells *cells, int64_t n_steps, const vw_real *dt_s,
                       const vw_real *current_a, const vw_real *voltage_v, const vw_real *temperature_degc,
-                      vw_real *estimates);
+                      int32_t n_rows, vw_real *estimates);
 
 #endif

@@ -105,12 +105,17 @@ class ReferenceEngine:
         return numbers
 
     def record(
-        self, dt_s: FloatArray, current_a: FloatArray, voltage_v: FloatArray, temperature_degc: FloatArray
+        self,
+        dt_s: FloatArray,
+        current_a: FloatArray,
+        voltage_v: FloatArray,
+        temperature_degc: FloatArray,
+        n_rows: int = N_OUT,
     ) -> FloatArray:
-        """Return (8, n_steps, n_cells) estimates of a whole record; see `Engine.record`."""
-        numbers = np.empty((N_OUT, *voltage_v.shape))
+        """Return (n_rows, n_steps, n_cells) estimates of a whole record; see `Engine.record`."""
+        numbers = np.empty((n_rows, *voltage_v.shape))
         for k, (dt, current) in enumerate(zip(dt_s.tolist(), current_a.tolist(), strict=True)):
-            numbers[:, k] = self.step(dt, current, voltage_v[k], temperature_degc[k])
+            numbers[:, k] = self.step(dt, current, voltage_v[k], temperature_degc[k])[:n_rows]
         return numbers
 
     def get(self, name: str) -> FloatArray:

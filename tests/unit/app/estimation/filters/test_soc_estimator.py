@@ -160,6 +160,20 @@ def test_a_record_is_its_samples_one_by_one(engine, name):
     np.testing.assert_array_equal(whole.state_cov, single.state_cov)
 
 
+@engines
+def test_a_record_of_soc_alone_is_that_of_the_whole_one(engine):
+    dt, current, volts, degc = samples()
+    whole, alone = (make_estimator("fused", CELL, N, engine=engine) for _ in range(2))
+    for estimator in (whole, alone):
+        estimator.start(volts[0], degc[0], 0.0)
+    every, few = whole.run(dt, current, volts, degc), alone.run(dt, current, volts, degc, soc_only=True)
+    np.testing.assert_array_equal(few.soc, every.soc)
+    np.testing.assert_array_equal(few.soc_sigma, every.soc_sigma)
+    np.testing.assert_array_equal(alone.state_mean, whole.state_mean)
+    with pytest.raises(IndexError):
+        _ = few.model_valid
+
+
 @pytest.mark.parametrize("wrong", ["dt_s", "current_a", "voltage_v", "temperature_degc"])
 def test_an_array_of_another_shape_is_named(wrong):
     arrays = dict(zip(("dt_s", "current_a", "voltage_v", "temperature_degc"), samples(), strict=True))
