@@ -31,7 +31,7 @@ export default defineConfig(({ mode }) => ({
             },
             {
               name: 'parts',
-              test: /src[\\/]parts[\\/](AgeTag|AlarmRow|CellLink|HeatMap|Icon|Plausibility|Shape|Value)/,
+              test: /src[\\/]parts[\\/](AgeTag|AlarmRow|CellLink|CellMap|HeatMap|Map|Icon|Plausibility|Shape|Value)/,
             },
           ],
         },

@@ -6,6 +6,7 @@ import './theme/base.css';
 import './theme/print.css';
 import Document from './views/Document.svelte';
 import type { BlackBox, Evidence, Report } from './link/types';
+import { shapes } from './store/shapes.svelte';
 import { paper } from './store/paper.svelte';
 import { chosen } from './words/words.svelte';
 
@@ -19,6 +20,8 @@ const { language, ...subject } = JSON.parse(document.getElementById('data')!.tex
 };
 const dark = matchMedia('(prefers-color-scheme: dark)').matches;
 document.documentElement.dataset['theme'] = dark ? 'dark' : 'light';
+const TEAM = Array<number>(8).fill(12); // documents that do not tell are of the team's car
+shapes.show({ segments: 'segments' in subject.data ? (subject.data.segments as number[]) : TEAM });
 paper.start();
 await chosen.set(language, false);
 mount(Document, { target: document.getElementById('app')!, props: { subject } });

@@ -1,12 +1,10 @@
 // Every number that a page shows goes through here: units, decimals, signs, and counting from one.
 
+import { shapes } from './store/shapes.svelte';
 import { t } from './words/words.svelte';
 
 export const DASH = '–';
 export const MINUS = '−';
-export const CELLS_PER_PACK = 12;
-export const N_PACKS = 8;
-export const N_CELLS = N_PACKS * CELLS_PER_PACK;
 export const STALE_S = 1;
 export const BLANK_S = 10;
 
@@ -41,15 +39,21 @@ export const percent = (fraction: number | null | undefined, decimals: number): 
 export const scaled = (value: number | null | undefined, factor: number): number | null =>
   value === null || value === undefined ? null : value * factor;
 
-/** "pack 3, cell 7" for index 30: the only place where one is added for people. */
-export function cellName(index: number | null | undefined): string {
+/** "pack 3, cell 7" for index 30 of packs of 12: the only place where one is added for people. */
+export function cellName(index: number | null | undefined, shape = shapes.here): string {
   if (index === null || index === undefined) return DASH;
-  return t('pack {pack}, cell {cell}', { pack: packNumber(index), cell: cellNumber(index) });
+  const place = shape.place(index);
+  if (!place) return t('cell {n}', { n: index + 1 });
+  return t('pack {pack}, cell {cell}', { pack: place.segment + 1, cell: place.position + 1 });
 }
 
-export const packNumber = (index: number): number => Math.floor(index / CELLS_PER_PACK) + 1;
-export const cellNumber = (index: number): number => (index % CELLS_PER_PACK) + 1;
-export const cellIndex = (pack: number, cell: number): number => (pack - 1) * CELLS_PER_PACK + cell - 1;
+export const packNumber = (index: number, shape = shapes.here): number =>
+  (shape.place(index)?.segment ?? 0) + 1;
+export const cellNumber = (index: number, shape = shapes.here): number =>
+  (shape.place(index)?.position ?? index) + 1;
+/** Index of a cell by pack and cell as people count them, null where there is none. */
+export const cellIndex = (pack: number, cell: number, shape = shapes.here): number | null =>
+  shape.cells(pack - 1)[cell - 1] ?? null;
 /** Position in any list, as people count it. */
 export const ordinal = (index: number): string => String(index + 1);
 

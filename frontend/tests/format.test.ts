@@ -1,6 +1,7 @@
-import { describe, expect, it } from 'vitest';
+import { afterAll, beforeAll, describe, expect, it } from 'vitest';
 import * as f from '../src/format';
-import { placeOf } from '../src/store/layout';
+import { placeOf } from '../src/store/placing';
+import { shapes } from '../src/store/shapes.svelte';
 
 describe('numbers', () => {
   it('shows a missing value as a dash and never as zero', () => {
@@ -46,6 +47,15 @@ describe('numbers', () => {
 });
 
 describe('names of cells', () => {
+  let end = (): void => undefined;
+  beforeAll(() => {
+    end = shapes.show({
+      segments: Array<number>(8).fill(12),
+      drawing: { rows: 2, order: [0, 1, 2, 3, 7, 6, 5, 4], turned: [] },
+    });
+  });
+  afterAll(() => end());
+
   it('counts packs and cells from one', () => {
     expect(f.cellName(0)).toBe('pack 1, cell 1');
     expect(f.cellName(30)).toBe('pack 3, cell 7');
@@ -55,7 +65,7 @@ describe('names of cells', () => {
 
   it('finds back the index of every cell it names, and a place of its own for each', () => {
     const places = new Set<string>();
-    for (let i = 0; i < f.N_CELLS; i++) {
+    for (let i = 0; i < shapes.here.nCells; i++) {
       expect(f.cellIndex(f.packNumber(i), f.cellNumber(i))).toBe(i);
       places.add(placeOf(i));
     }

@@ -2,6 +2,7 @@
 
 import type { Maybe, Snapshot, System } from '../link/types';
 import { cellName, fixed, quantity } from '../format';
+import { shapes } from './shapes.svelte';
 import { t } from '../words/words.svelte';
 
 const CLOCK_OFF_S = 2;
@@ -49,7 +50,7 @@ export function dataWarnings(
   const found = contradictions(snapshot);
   if (snapshot) {
     const { links, estimator, cells, accumulator } = snapshot;
-    const missing = 96 - (accumulator.loaded_cells ?? 0);
+    const missing = shapes.live.nCells - (accumulator.loaded_cells ?? 0);
     if (missing === 1) found.push(t('One cell has no voltage.'));
     else if (missing > 1) found.push(t('{n} cells have no voltage.', { n: missing }));
     if (!estimator.started) found.push(t('No estimate of the charge yet.'));

@@ -2,13 +2,14 @@
 
 import type { Text } from '../words/words.svelte';
 import { post } from '../link/rest';
-import { cellIndex, cellNumber, N_CELLS, packNumber } from '../format';
+import { cellIndex, cellNumber, packNumber } from '../format';
 import { openAlarms } from './alarms';
 import { alertSound } from './alert_sound.svelte';
 import { Preference } from './preference.svelte';
 import { live } from './live.svelte';
 import { mark } from './mark.svelte';
 import { route, type Page } from './route.svelte';
+import { shapes } from './shapes.svelte';
 import { THEMES, user } from './user.svelte';
 
 export interface Shortcut {
@@ -25,8 +26,9 @@ const go = (page: Page) => (): void => {
 function step(by: number): void {
   const [pack, cell] = route.here.args.map(Number);
   if (route.here.page !== 'packs') return;
-  const now = pack && cell ? cellIndex(pack, cell) : by > 0 ? -1 : 0;
-  const next = (now + by + N_CELLS) % N_CELLS;
+  const { nCells } = shapes.live;
+  const now = (pack && cell ? cellIndex(pack, cell) : null) ?? (by > 0 ? -1 : 0);
+  const next = (now + by + nCells) % nCells;
   location.hash = `#/packs/${packNumber(next)}/${cellNumber(next)}`;
 }
 

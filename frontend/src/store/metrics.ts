@@ -31,7 +31,7 @@ const times = (values: (number | null)[], factor: number): (number | null)[] =>
   values.map((v) => (v === null ? null : v * factor));
 
 const column =
-  (key: Exclude<keyof Cells, 'balancing' | 'model_valid' | 'joint_loose'>, factor = 1) =>
+  (key: Exclude<keyof Cells, 'balancing' | 'model_valid' | 'joint_loose' | 'voltage_age_s'>, factor = 1) =>
   (s: Snapshot): (number | null)[] =>
     factor === 1 ? s.cells[key] : times(s.cells[key], factor);
 
