@@ -29,7 +29,7 @@ from app.api.sessions import routes as sessions
 from app.api.web import login as session_login
 from app.api.web import problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware
-from app.api.web.dependencies import WebParts
+from app.api.web.dependencies import NEEDS_MASTER, WebParts
 from app.api.web.head import HeadAsGet
 from app.api.web.limits import BodyLimit
 from app.api.web.readers import Readers
@@ -130,9 +130,6 @@ def api_routes() -> APIRouter:
         battery,
         can,
         can_bus,
-        commands,
-        config,
-        config_library,
         debrief,
         events,
         imports,
@@ -142,11 +139,12 @@ def api_routes() -> APIRouter:
         session_login,
         sessions,
         simulator,
-        slave_check,
         system,
         transfer,
     ):
         api.include_router(module.router, prefix="/api/v1")
+    for module in (commands, config, config_library, slave_check):
+        api.include_router(module.router, prefix="/api/v1", dependencies=[NEEDS_MASTER])
     api.include_router(metrics.router)
     return api
 

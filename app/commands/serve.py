@@ -22,7 +22,7 @@ from app.service.settings import FilterName, Settings
 from app.service.simulator_process import SimulatorProcess
 from app.sources.loaded_battery import load_battery
 from app.telemetry import Source
-from app.words import Message
+from app.words import Message, name_cells_by
 
 SECRETS = (
     "password",
@@ -101,6 +101,7 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
     with contextlib.ExitStack() as stack:
         stack.enter_context(locked_folder(settings.data))
         listener = stack.enter_context(_bind(settings))
+        name_cells_by(load_battery(settings.battery).battery.segments)
         source, serial_url, can_url, car = _source(settings, stack, replay)
         app = create_app(settings, source, serial_url=serial_url, can_url=can_url, replay=replay, simulated_car=car)
         address, port = listener.getsockname()[:2]

@@ -141,6 +141,7 @@ def make_service(
         limits=DiskLimits(session_bytes=settings.split_bytes),
         source=source,
         cell_file=format_cell(pipelines.cell),
+        battery=battery,
     )
     mqtt = configured_publisher(settings, lambda: recording_state(recorder), clock, source)
     events.subscribe(recorder.on_event)

@@ -8,10 +8,18 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.concurrency import run_in_threadpool
 
 from app.api.configuration.routes import require_match, write_draft
-from app.api.encoding.can import measured_messages, tables_json, traced_json
+from app.api.encoding.can import measured_messages, message_names, tables_json, traced_json
 from app.api.schemas.can import ImportedTablesOut
 from app.api.schemas.config import CanTablesOut, CanTraceOut, WriteResultOut
-from app.api.web.dependencies import CanTracePart, ConfigurationPart, InForcePart, LivePart, UserDep
+from app.api.web.dependencies import (
+    NEEDS_MASTER,
+    BatteryPart,
+    CanTracePart,
+    ConfigurationPart,
+    InForcePart,
+    LivePart,
+    UserDep,
+)
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
 from app.configuration.safe_write import Draft
@@ -131,7 +139,7 @@ def _prescaler(wanted: int) -> int:
     raise invalid("bit_rate", wanted, Message("possible-bit-rates", rates=rates))
 
 
-@router.get("", response_model=CanTablesOut)
+@router.get("", response_model=CanTablesOut, dependencies=[NEEDS_MASTER])
 def read(trace: CanTracePart, in_force: InForcePart, live: LivePart, response: Response) -> dict[str, Any]:
     """The tables in force, with the names of what their bytes are; `assumed` while only the defaults are known."""
     known = in_force.image()
@@ -141,7 +149,7 @@ def read(trace: CanTracePart, in_force: InForcePart, live: LivePart, response: R
     return tables | {"hash": image_hash(image), "assumed": known is None}
 
 
-@router.put("", responses={200: {"model": WriteResultOut}})
+@router.put("", responses={200: {"model": WriteResultOut}}, dependencies=[NEEDS_MASTER])
 def write(
     tables: TablesIn,
     configuration: ConfigurationPart,
@@ -154,7 +162,7 @@ def write(
     return write_draft(configuration, draft, require_match(if_match), user, dry_run=dry_run)
 
 
-@router.get("/dbc", response_class=PlainTextResponse)
+@router.get("/dbc", response_class=PlainTextResponse, dependencies=[NEEDS_MASTER])
 def dbc(in_force: InForcePart) -> Response:
     """The tables in force as a DBC file; its comment says so where they are the defaults."""
     image = in_force.image()
@@ -163,7 +171,7 @@ def dbc(in_force: InForcePart) -> Response:
     return Response(text, media_type="text/plain; charset=utf-8", headers=headers)
 
 
-@router.post("/dbc", response_model=ImportedTablesOut, openapi_extra=_DBC_BODY)
+@router.post("/dbc", response_model=ImportedTablesOut, openapi_extra=_DBC_BODY, dependencies=[NEEDS_MASTER])
 async def import_dbc(
     request: Request, in_force: InForcePart, node: Annotated[str, Query(max_length=64, pattern=r"^\w+$")] = MASTER_NODE
 ) -> dict[str, Any]:
@@ -182,7 +190,14 @@ async def import_dbc(
 
 @router.get("/trace", response_model=CanTraceOut)
 async def trace(
-    trace: CanTracePart, in_force: InForcePart, limit: Annotated[int, Query(ge=1, le=2000)] = 200
+    trace: CanTracePart,
+    in_force: InForcePart,
+    battery: BatteryPart,
+    limit: Annotated[int, Query(ge=1, le=2000)] = 200,
 ) -> dict[str, Any]:
-    """The last frames, and the latest of every id."""
-    return await run_in_threadpool(traced_json, trace, limit, in_force.image() or default_image())
+    """The last frames, and the latest of every id, named by the tables in force or the battery's DBC."""
+    if battery.speaks_dbc is None:
+        names = message_names(in_force.image() or default_image())
+    else:
+        names = {message.can_id: message.name for message in battery.definitions.messages}
+    return await run_in_threadpool(traced_json, trace, limit, names)

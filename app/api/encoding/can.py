@@ -1,6 +1,6 @@
 """CAN tables and traced frames as JSON; offsets get the names of what lies there."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -176,13 +176,18 @@ def _values(message: TxMessage | RxMessage, data: bytes) -> list[dict[str, Any]]
     ]
 
 
-def traced_json(trace: CanTrace, limit: int, image: bytes) -> dict[str, Any]:
-    """The newest frames and one entry an id, named by the tables."""
+def message_names(image: bytes) -> dict[int, str]:
+    """Names of the messages in the tables of a configuration, by id."""
     names: dict[int, str] = {}
     tables: tuple[TxMessage | RxMessage, ...] = (*tx_messages(image), *rx_messages(image))
     for message in tables:
         if message.length:
             names[message.can_id | (CAN_ID_EXTENDED if message.is_extended else 0)] = message_name(message)
+    return names
+
+
+def traced_json(trace: CanTrace, limit: int, names: Mapping[int, str]) -> dict[str, Any]:
+    """The newest frames and one entry an id, with their names by id."""
 
     def entry(known: TracedId) -> dict[str, Any]:
         frame = _frame_json(known.latest, names.get(known.latest.can_id))

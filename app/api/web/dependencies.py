@@ -85,10 +85,23 @@ def _drill(connection: HTTPConnection) -> Drill:
     return drill
 
 
+def _writable(connection: HTTPConnection) -> None:
+    why_not = hindrance(_web(connection).service.battery)
+    if why_not is not None:
+        raise Problem(409, "battery-not-writable", why_not)
+
+
+def hindrance(battery: LoadedBattery) -> Message | None:
+    """Why the configuration of a battery cannot be written; None where it can."""
+    return None if battery.speaks_dbc is None else Message("battery-not-writable")
+
+
 def _user(connection: HTTPConnection) -> User:
     """The middleware let nobody through without one, but for the open paths."""
     return cast(User, connection.state.user)
 
+
+NEEDS_MASTER = Depends(_writable)  # of a route that reads or writes a master's configuration, or commands it
 
 BatteryPart = Annotated[LoadedBattery, _from_service("battery")]
 BlackBoxesPart = Annotated[BlackBoxRecorder, _from_service("black_boxes")]
