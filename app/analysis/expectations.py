@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from math import inf, isfinite, sqrt
 from typing import Any, Final
 
-from app.battery.shape import CELLS_PER_PACK, N_PACKS
+from app.battery.battery import Battery
 from app.errors import ConfigError
 from app.telemetry import Accumulator, Cells
 from app.telemetry.fields import units
@@ -73,10 +73,10 @@ class _Alarm:
         ):
             self.raised.append(raised)
 
-    def verdict(self) -> Verdict:
+    def verdict(self, battery: Battery) -> Verdict:
         n = len(self.raised)
         held = n > 0 if self.count is None else n == self.count
-        seen = ", ".join(f"{each.code}{_where(each.cell)} at {each.t_s:.2f} s" for each in self.raised[:5])
+        seen = ", ".join(f"{each.code}{_where(each.cell, battery)} at {each.t_s:.2f} s" for each in self.raised[:5])
         return Verdict(held, self.text, seen + (f" and {n - 5} more" if n > 5 else "") if n else "never raised")
 
 
@@ -143,12 +143,13 @@ class _Agreement:
 class Expectations:
     """What a file expects; `alarm` and `values` are given the replay, `verdicts` says what held."""
 
-    def __init__(self, text: str) -> None:
-        """Read the text of the file.
+    def __init__(self, text: str, battery: Battery) -> None:
+        """Read the text of the file, which names cells of the battery as pack/cell.
 
         Raises:
             ConfigError: it is no TOML, or expects something that cannot be; names the entry.
         """
+        self._battery = battery
         try:
             document = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
@@ -159,11 +160,11 @@ class Expectations:
         self.filter_name: str | None = replay.get("filter")
         self.cell_name: str | None = replay.get("cell")
         self._alarms = [
-            _alarm(entry, section, number)
+            _alarm(entry, section, number, battery)
             for section in ("alarm", "no_alarm")
             for number, entry in enumerate(_entries(document, section), 1)
         ]
-        self._values = [_value(entry, number) for number, entry in enumerate(_entries(document, "value"), 1)]
+        self._values = [_value(entry, number, battery) for number, entry in enumerate(_entries(document, "value"), 1)]
         self._agreements = [
             _agreement(entry, number) for number, entry in enumerate(_entries(document, "agreement"), 1)
         ]
@@ -184,11 +185,11 @@ class Expectations:
 
     def verdicts(self) -> list[Verdict]:
         """Return what held and what did not, in the file's order within each kind."""
-        found = [alarm.verdict() for alarm in self._alarms] + [value.verdict() for value in self._values]
+        found = [alarm.verdict(self._battery) for alarm in self._alarms] + [value.verdict() for value in self._values]
         return found + [agreement.verdict() for agreement in self._agreements]
 
 
-def _alarm(entry: dict[str, Any], section: str, number: int) -> _Alarm:
+def _alarm(entry: dict[str, Any], section: str, number: int, battery: Battery) -> _Alarm:
     where = f"{section}[{number}]"
     known = ("code", "severity", "cell", "from_s", "to_s") + (("count",) if section == "alarm" else ())
     _refuse_unknown(where, entry, known)
@@ -201,13 +202,13 @@ def _alarm(entry: dict[str, Any], section: str, number: int) -> _Alarm:
     if count is not None and (not isinstance(count, int) or count < 0):
         raise ConfigError(f"{where}.count", count, "a whole number from 0")
     from_s, to_s = _span(where, entry)
-    cell = _place(where, entry["cell"]) if "cell" in entry else None
-    what = " ".join(str(part) for part in (severity, code) if part) + _where(cell) + _when(from_s, to_s)
+    cell = _place(where, entry["cell"], battery) if "cell" in entry else None
+    what = " ".join(str(part) for part in (severity, code) if part) + _where(cell, battery) + _when(from_s, to_s)
     times = "" if count in (None, 0) else ", exactly once" if count == 1 else f", exactly {count} times"
     return _Alarm(f"{'no ' if count == 0 else ''}alarm {what}{times}", code, severity, cell, from_s, to_s, count)
 
 
-def _value(entry: dict[str, Any], number: int) -> _Value:
+def _value(entry: dict[str, Any], number: int, battery: Battery) -> _Value:
     where = f"value[{number}]"
     _refuse_unknown(where, entry, ("name", "min", "max", "at_s", "from_s", "to_s"))
     match = _NAME.fullmatch(str(entry.get("name", "")))
@@ -217,7 +218,7 @@ def _value(entry: dict[str, Any], number: int) -> _Value:
         raise ConfigError(f"{where}.name", entry.get("name"), limit)
     if "min" not in entry and "max" not in entry:
         raise ConfigError(where, "(neither)", "min or max")
-    cell = _place(where, f"{match['pack']}/{match['cell']}") if per_cell else None
+    cell = _place(where, f"{match['pack']}/{match['cell']}", battery) if per_cell else None
     low, high = _number(where, entry, "min", -inf), _number(where, entry, "max", inf)
     from_s, to_s = _span(where, entry)
     at_s = _number(where, entry, "at_s", inf) if "at_s" in entry else None
@@ -271,16 +272,20 @@ def _span(where: str, entry: dict[str, Any]) -> tuple[float, float]:
     return from_s, to_s
 
 
-def _place(where: str, text: object) -> int:
+def _place(where: str, text: object, battery: Battery) -> int:
     match = _PLACE.fullmatch(str(text))
     pack, cell = (int(match["pack"]), int(match["cell"])) if match else (0, 0)
-    if not (1 <= pack <= N_PACKS and 1 <= cell <= CELLS_PER_PACK):
-        raise ConfigError(f"{where}.cell", text, f"pack/cell, 1/1 to {N_PACKS}/{CELLS_PER_PACK}")
-    return (pack - 1) * CELLS_PER_PACK + cell - 1
+    index = battery.cell_at(pack - 1, cell - 1)
+    if index is None:
+        raise ConfigError(f"{where}.cell", text, f"pack/cell, 1/1 to {battery.n_segments}/{battery.segments[-1]}")
+    return index
 
 
-def _where(cell: int | None) -> str:
-    return "" if cell is None else f" of {cell // CELLS_PER_PACK + 1}/{cell % CELLS_PER_PACK + 1}"
+def _where(cell: int | None, battery: Battery) -> str:
+    if cell is None:
+        return ""
+    pack, place = battery.place(cell)
+    return f" of {pack + 1}/{place + 1}"
 
 
 def _when(from_s: float, to_s: float) -> str:

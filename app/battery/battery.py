@@ -90,6 +90,12 @@ class Battery:
         segment = max(i for i, start in enumerate(self.starts) if start <= cell)
         return segment, cell - self.starts[segment]
 
+    def cell_at(self, segment: int, place: int) -> int | None:
+        """Return the index of a cell by its segment and its place in it, both from 0; None where there is none."""
+        if not (0 <= segment < self.n_segments and 0 <= place < self.segments[segment]):
+            return None
+        return self.starts[segment] + place
+
     def cell_temperatures(self, sensors_degc: FloatArray) -> FloatArray:
         """Return (..., n_cells) the highest reading of each cell's sensors; NaN where it has none.
 

@@ -27,6 +27,7 @@ from app.sessions.reading.reader import SessionFile
 from app.sessions.replay import SESSION_CELL, item_of, prepare
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 from app.telemetry.service_state import ServiceState
+from app.words import naming_cells
 
 DEFAULT_FILTER = "fused"
 NO_SERVICE = ServiceState(recording=None, replay=None, last_event_id=0, config_stored_hash=None)
@@ -103,7 +104,7 @@ def _chain(session: SessionFile, filter_name: str, cell_name: str | None) -> Pip
 
 
 def _print_snapshots(path: Path, filter_name: str, cell_name: str | None) -> int:
-    with SessionFile(path) as file:
+    with SessionFile(path) as file, naming_cells(file.battery.segments):
         pipeline = _chain(file, filter_name, cell_name).pipeline("replay", "recorded", "recorded")
         prepare(pipeline, file)
         for received in file.received():
@@ -121,9 +122,9 @@ def _prove(path: Path, expected: Path, filter_name: str | None, cell_name: str |
         text = expected.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError("--assert", expected, f"a file that can be read: {error}") from error
-    expectations = Expectations(text)
-    chosen = filter_name or expectations.filter_name or DEFAULT_FILTER
-    with SessionFile(path) as session:
+    with SessionFile(path) as session, naming_cells(session.battery.segments):
+        expectations = Expectations(text, session.battery)
+        chosen = filter_name or expectations.filter_name or DEFAULT_FILTER
         chain = _chain(session, chosen, cell_name or expectations.cell_name)
         judged = [each.text for each in judged_by(session, cell_name or expectations.cell_name)]
         verdicts = prove(session, expectations, chain.pipeline("replay", "recorded", "recorded"))

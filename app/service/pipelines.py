@@ -75,6 +75,6 @@ class Pipelines:
             stopwatch_ns=time.perf_counter_ns,
         )
 
-    def for_import(self) -> Pipeline:
+    def for_import(self, battery: LoadedBattery) -> Pipeline:
         """Return a pipeline that recordings of other systems go through."""
-        return self.new("replay", "imported")
+        return self.new("replay", "imported", "imported", battery=battery)

@@ -260,7 +260,7 @@ def make_service(
         catalogue=catalogue,
         retention=retention,
         fetches=FetchJobs(sessions_folder, catalogue, events.note, clock),
-        imports=ImportJobs(data, pipelines.for_import, events.note),
+        imports=ImportJobs(data, pipelines.for_import, events.note, battery),
         passports=passports,
         black_boxes=black_boxes,
         configuration=configuration,

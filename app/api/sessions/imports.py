@@ -24,6 +24,12 @@ class ImportIn(Body):
     profile_name: str | None = Field(None, max_length=60)
     save_as: str | None = Field(None, max_length=60, description="keep the profile under this name")
     dbc: int | None = Field(None, description="the upload that says what the CAN frames mean")
+    battery: str | None = Field(None, max_length=60, description="a bundled battery: whose frames, or whose cells")
+    battery_uploads: list[int] = Field(
+        default_factory=list,
+        max_length=8,
+        description="instead: uploads of a battery's profile, then of what it includes and its DBCs",
+    )
     name: str = Field("", max_length=120, description="what to call the session")
 
 
@@ -48,7 +54,7 @@ def imports(imports: ImportsPart) -> dict[str, Any]:
 async def upload(
     request: Request, imports: ImportsPart, user: UserDep, filename: Annotated[str, Query(min_length=1, max_length=200)]
 ) -> dict[str, Any]:
-    """Take a file: CSV, Parquet, candump, ASC, BLF, or a DBC; says what is in it and guesses a profile."""
+    """Take a file: CSV, Parquet, a CAN log, a battery's profile, or a DBC; says what is in it and guesses a profile."""
     number, path = imports.new_path(filename)
     try:
         with path.open("wb") as file:
@@ -73,7 +79,14 @@ def start(upload_id: int, body: ImportIn, events: EventsPart, imports: ImportsPa
     profile = imports.profiles.load(body.profile_name) if body.profile_name else ImportProfile()
     if body.profile:
         profile = profile_of({**asdict(profile), **body.profile})
-    state = imports.start(upload_id, profile, dbc=body.dbc, name=body.name)
+    state = imports.start(
+        upload_id,
+        profile,
+        dbc=body.dbc,
+        name=body.name,
+        battery=body.battery,
+        battery_uploads=body.battery_uploads,
+    )
     if body.save_as:
         imports.profiles.save(body.save_as, profile)
     events.note("info", "import", Message("being-imported", filename=state.filename), user.name)

@@ -11,6 +11,7 @@ from app.errors import ConfigError
 from app.estimation.filters.estimators import FILTERS
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.transfer.import_session import import_file, read_table
+from app.sources.loaded_battery import load_battery
 from app.sources.recordings.can_log import ENDINGS, signal_names
 from app.sources.recordings.profile import ImportProfile, ProfileStore, guess, parse_profile, profile_of, profile_text
 
@@ -21,13 +22,15 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     """Declare the actions."""
     taking = new_action(actions, "import", "make a session of another system's recording, estimated", _import)
     taking.epilog = (
-        "CSV or Parquet; or candump .log, .asc, .blf, .trc, .mf4 with --dbc. Without --dbc a CAN log is taken as of our"
-        " own master."
+        "CSV or Parquet; or a CAN log: candump .log, .asc, .blf, .trc, .mf4. A CAN log is of --battery, without it of"
+        " our\nown master; with --dbc its signals are taken as a table. A table has the shape of --battery, else one"
+        " segment."
     )
     columns = new_action(actions, "columns", "what is in such a file, and the profile that is guessed for it", _columns)
     for action in (taking, columns):
         action.add_argument("file", type=Path, metavar="FILE", help="the recording")
         action.add_argument("--dbc", type=Path, metavar="FILE", help="what the CAN frames mean")
+    taking.add_argument("--battery", metavar="NAME|FILE", help="whose frames a CAN log holds, or whose cells a table")
     taking.add_argument("--profile", metavar="NAME|FILE", help="which columns are what: a kept profile, or TOML")
     taking.add_argument(
         "--set",
@@ -41,22 +44,23 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     taking.add_argument("--start", metavar="TIME", help="when it began, ISO 8601, where the file does not say")
     taking.add_argument("--filter", choices=FILTERS, default="fused", help="state estimator (default: fused)")
     taking.add_argument(
-        "--cell", default="samsung-25r-10p", metavar="CELL.toml", help="cell file or name of a bundled one"
+        "--cell", metavar="CELL.toml", help="cell file or name of a bundled one (default: the battery's)"
     )
 
 
 def _import(args: argparse.Namespace) -> int:
     path = _existing(args.file)
     data = data_folder(args)
-    chain = PipelineFactory(args.filter, args.cell)
+    battery = None if args.battery is None else load_battery(args.battery)
     store = ProfileStore(data / "profiles")
-    is_own_can = path.name.lower().endswith(ENDINGS) and args.dbc is None
-    profile = ImportProfile() if is_own_can else _profile(args, path, store)
+    is_log = path.name.lower().endswith(ENDINGS) and args.dbc is None
+    profile = ImportProfile() if is_log else _profile(args, path, store)
     done = import_file(
         path,
         profile,
         data / "sessions",
-        lambda: chain.pipeline("replay", "imported"),
+        lambda of: PipelineFactory(args.filter, args.cell, of).pipeline("replay", "imported", "imported"),
+        battery=battery,
         dbc=args.dbc,
         name=args.name,
         started_unix_s=_start(args.start),
@@ -66,8 +70,9 @@ def _import(args: argparse.Namespace) -> int:
         print(note, file=sys.stderr)
     if args.save_profile:
         store.save(args.save_profile, profile)
-    of = f"{done.cells} cells" if done.cells else "CAN frames"
-    print(f"{done.info.id}: {done.rows} rows of {of}, {done.info.duration_s / 60:.1f} min")
+    rows = f"{done.rows} {'frames' if is_log else 'rows'}"
+    of = f" of {done.cells} cells" if done.cells else ""
+    print(f"{done.info.id}: {rows}{of}, {done.info.duration_s / 60:.1f} min")
     return 0
 
 

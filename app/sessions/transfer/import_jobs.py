@@ -3,14 +3,17 @@
 import itertools
 import re
 import shutil
+import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from app.battery.library import bundled_profiles
 from app.errors import AppError, ImportFailed, NotNow, message_of
-from app.live.pipeline import Pipeline
-from app.sessions.transfer.import_session import Imported, import_file, read_table
+from app.sessions.transfer.import_session import Imported, NewPipeline, import_file, read_table
+from app.sources.dbc.dbc_file import DEFINITION_ENDINGS
+from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.sources.recordings.can_log import ENDINGS
 from app.sources.recordings.profile import ImportProfile, ProfileStore, guess
 from app.telemetry import Severity
@@ -49,12 +52,18 @@ class ImportJobs:
     """Keeps uploads until they are imported or the service ends."""
 
     def __init__(
-        self, data: Path, new_pipeline: Callable[[], Pipeline], note: Callable[[Severity, str, Message], None]
+        self,
+        data: Path,
+        new_pipeline: NewPipeline,
+        note: Callable[[Severity, str, Message], None],
+        battery: LoadedBattery | None = None,
     ) -> None:
+        """`battery` is whose frames a CAN log holds of which nothing is said; None: the team's own."""
         self._folder = data / "imports"
         self._sessions = data / "sessions"
         self._new_pipeline = new_pipeline
         self._note = note
+        self._battery = battery
         self._lock = threading.Lock()
         self._ids = itertools.count(1)
         self._uploads: dict[int, Upload] = {}
@@ -74,14 +83,14 @@ class ImportJobs:
         shutil.rmtree(path.parent, ignore_errors=True)
 
     def inspect(self, number: int, path: Path) -> Upload:
-        """Keep an upload and return what it is; a DBC is just kept.
+        """Keep an upload and return what it is; profiles and message definitions are just kept.
 
         Raises:
             ImportFailed: it is no table.
         """
         is_can = path.name.lower().endswith(ENDINGS)
         upload = Upload(number, path.name, path, is_can)
-        if not is_can and not path.name.lower().endswith(".dbc"):
+        if not is_can and not path.name.lower().endswith((".toml", *DEFINITION_ENDINGS)):
             try:
                 table = read_table(path)
             except ImportFailed:
@@ -94,13 +103,32 @@ class ImportJobs:
                 self.discard(self._uploads.pop(next(iter(self._uploads))).path)
         return upload
 
-    def start(self, number: int, profile: ImportProfile, *, dbc: int | None, name: str) -> ImportState:
+    def start(
+        self,
+        number: int,
+        profile: ImportProfile,
+        *,
+        dbc: int | None,
+        name: str,
+        battery: str | None = None,
+        battery_uploads: Sequence[int] = (),
+    ) -> ImportState:
         """Begin to import an upload.
+
+        Args:
+            number: of the upload.
+            profile: which columns, or signals of the DBC, are what.
+            dbc: the upload of it.
+            name: of the session.
+            battery: a bundled battery's name.
+            battery_uploads: a battery's profile first, then what it includes and its DBCs; counts more than `battery`.
 
         Raises:
             NotNow: another import is under way.
             ImportFailed: there is no such upload.
+            ProfileError: the battery's profile cannot be used.
         """
+        loaded = self._load(battery, battery_uploads)
         with self._lock:
             if self.state is not None and self.state.is_running:
                 raise NotNow(Message("being-imported", filename=self.state.filename))
@@ -109,19 +137,46 @@ class ImportJobs:
             if upload is None or (dbc is not None and bus is None):
                 raise ImportFailed(str(number), Message("no-such-upload"))
             state = self.state = ImportState(upload.filename)
-        arguments = (upload, profile, None if bus is None else bus.path, name)
+        arguments = (upload, profile, None if bus is None else bus.path, loaded, name)
         threading.Thread(target=self._run, args=arguments, name="import", daemon=True).start()
         return state
 
-    def _run(self, upload: Upload, profile: ImportProfile, dbc: Path | None, name: str) -> None:
+    def _load(self, name: str | None, uploads: Sequence[int]) -> LoadedBattery | None:
+        """The battery that was named, or the one of uploaded files, side by side as their profile names them."""
+        if not uploads:
+            if name is not None and name not in bundled_profiles():
+                raise ImportFailed(name, Message("no-such-profile", names=bundled_profiles()))
+            return None if name is None else load_battery(name)
+        with tempfile.TemporaryDirectory() as folder:
+            with self._lock:
+                paths = []
+                for number in uploads:
+                    if number not in self._uploads:
+                        raise ImportFailed(str(number), Message("no-such-upload"))
+                    paths.append(self._uploads[number].path)
+                for path in paths:
+                    shutil.copy(path, folder)
+            return load_battery(str(Path(folder) / paths[0].name))
+
+    def _run(
+        self, upload: Upload, profile: ImportProfile, dbc: Path | None, battery: LoadedBattery | None, name: str
+    ) -> None:
         started = ImportState(upload.filename)
 
         def progress(done: int, total: int) -> None:
             self.state = replace(started, done=done, total=total)
 
         try:
+            is_log = upload.is_can and dbc is None
             made: Imported = import_file(
-                upload.path, profile, self._sessions, self._new_pipeline, dbc=dbc, name=name, on_progress=progress
+                upload.path,
+                profile,
+                self._sessions,
+                self._new_pipeline,
+                battery=battery or (self._battery if is_log else None),
+                dbc=dbc,
+                name=name,
+                on_progress=progress,
             )
         except Exception as error:
             self.state = replace(started, is_running=False, error=message_of(error))

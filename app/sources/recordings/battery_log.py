@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.battery.shape import N_CELLS
+from app.battery.fields import MOST_CELLS
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.profile import ImportProfile
@@ -25,8 +25,8 @@ class BatteryLog:
     time_s: FloatArray  # (n,) from the first row, ascending
     started_unix_s: float | None  # None: the file does not say
     current_a: FloatArray  # (n,) positive on discharge
-    voltages_v: FloatArray  # (n, 96)
-    temperatures_degc: FloatArray  # (n, 96)
+    voltages_v: FloatArray  # (n, n_cells)
+    temperatures_degc: FloatArray  # (n, n_cells)
     soc: FloatArray | None  # (n,) fraction
     n_cells: int
     notes: tuple[str, ...]
@@ -36,23 +36,21 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
     """Return the recording that a table holds.
 
     Raises:
-        ImportFailed: a column is missing, there are more cells than the product knows, or no row can be used.
+        ImportFailed: a column is missing, there are more cells than a battery may have, or no row can be used.
     """
     profile.check_complete()
     notes = list(table.notes)
     current_a = in_our_unit(table.column("current", profile.current), "current", profile.current_unit)
     voltages_v = in_our_unit(table.matrix("voltages", profile.voltages), "voltage", profile.voltage_unit)
     n_cells = voltages_v.shape[1]
-    if n_cells > N_CELLS:
+    if n_cells > MOST_CELLS:
         raise ImportFailed(
-            table.source, Message("too-many-cells", pattern=repr(profile.voltages), cells=n_cells, most=N_CELLS)
+            table.source, Message("too-many-cells", pattern=repr(profile.voltages), cells=n_cells, most=MOST_CELLS)
         )
-    temperatures = np.full((len(current_a), N_CELLS), np.nan)
+    temperatures = np.full((len(current_a), n_cells), np.nan)
     if profile.temperatures:
         sensors = table.matrix("temperatures", profile.temperatures)
-        temperatures[:, :n_cells] = _spread(
-            in_our_unit(sensors, "temperature", profile.temperature_unit), n_cells, notes
-        )
+        temperatures = _spread(in_our_unit(sensors, "temperature", profile.temperature_unit), n_cells, notes)
     soc = in_our_unit(table.column("soc", profile.soc), "soc", profile.soc_unit) if profile.soc else None
     time_s: FloatArray = (
         in_our_unit(table.column("time", profile.time), "time", profile.time_unit)
@@ -63,9 +61,8 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
         notes.append(f"no column is the time: rows are taken {DEFAULT_PERIOD_S:g} s apart")
     rows = _rows(table.source, time_s, profile.max_rate_hz, notes)
     time_s = time_s[rows]
-    full_v = np.full((len(rows), N_CELLS), np.nan)
-    plausible = voltages_v[rows]
-    full_v[:, :n_cells] = np.where((plausible > 0.5) & (plausible < 6.0), plausible, np.nan)
+    taken_v = voltages_v[rows]
+    full_v = np.where((taken_v > 0.5) & (taken_v < 6.0), taken_v, np.nan)
     if np.isnan(full_v).all():
         raise ImportFailed(table.source, Message("no-cell-voltage", unit=profile.voltage_unit))
     return BatteryLog(

@@ -5,6 +5,7 @@ import pytest
 
 from app.analysis.expectations import Expectations, Raised, Values
 from app.errors import ConfigError
+from app.sources.loaded_battery import team_battery
 
 
 def values(t_s, soc=0.5, volts=3.7, recorded=0.5):
@@ -13,7 +14,7 @@ def values(t_s, soc=0.5, volts=3.7, recorded=0.5):
 
 
 def held(text, alarms=(), samples=()):
-    expected = Expectations(text)
+    expected = Expectations(text, team_battery().battery)
     for alarm in alarms:
         expected.alarm(alarm)
     for sample in samples:
@@ -89,4 +90,4 @@ def test_agreement_is_with_what_was_recorded(bound, expected):
 )
 def test_what_cannot_be_expected_is_named(text, named):
     with pytest.raises(ConfigError, match=named):
-        Expectations(text)
+        Expectations(text, team_battery().battery)

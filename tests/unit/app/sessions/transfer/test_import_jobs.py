@@ -6,12 +6,11 @@ from dataclasses import replace
 import pytest
 
 from app.errors import ImportFailed, NotNow
-from app.estimation.cell_model.cell_file import load_cell
-from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
+from app.live.pipeline_factory import PipelineFactory
 from app.sessions.transfer import import_jobs
 from app.sessions.transfer.import_jobs import ImportJobs, ImportState
-from app.sources.master.source import MasterSource
+from app.sources.loaded_battery import LoadedBattery
 from app.sources.recordings.profile import ImportProfile
 from app.words import render
 
@@ -44,9 +43,8 @@ class Watched(ImportJobs):
         return self.told[-1]
 
 
-def pipeline() -> Pipeline:
-    cell = load_cell("samsung-25r-10p")
-    return Pipeline(MasterSource("replay"), lambda: make_estimator("coulomb", cell, 96), filter_name="c", cell_name="c")
+def pipeline(battery: LoadedBattery) -> Pipeline:
+    return PipelineFactory("coulomb", None, battery).pipeline("replay")
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.battery.shape import N_CELLS
+from app.battery.fields import MOST_CELLS
 from app.errors import ImportFailed
 from app.sources.recordings.battery_log import battery_log
 from app.sources.recordings.profile import ImportProfile
@@ -18,12 +18,11 @@ def table(n=4, **columns):
     return Table("pack.csv", {name: np.asarray(v, dtype=float) for name, v in (plain | columns).items()})
 
 
-def test_cells_without_a_column_are_not_measured():
+def test_there_are_as_many_cells_as_columns():
     log = battery_log(table(), PROFILE)
     assert log.n_cells == 2
     np.testing.assert_array_equal(log.voltages_v[0, :2], [3.7, 3.8])
-    assert np.isnan(log.voltages_v[:, 2:]).all()
-    assert log.voltages_v.shape == log.temperatures_degc.shape == (4, N_CELLS)
+    assert log.voltages_v.shape == log.temperatures_degc.shape == (4, 2)
     assert np.isnan(log.temperatures_degc).all()
     assert (log.soc, log.notes) == (None, ())
 
@@ -89,8 +88,7 @@ def test_sensors_are_spread_over_the_cells_in_order(sensors, expected):
     temperatures = {f"T{n}": np.full(4, 19.0 + n) for n in range(1, sensors + 1)}
     log = battery_log(table(**cells, **temperatures), ImportProfile(time="t", current="I", voltages="V{n}",
                       temperatures="T{n}"))  # fmt: skip
-    np.testing.assert_array_equal(log.temperatures_degc[0, :4], expected)
-    assert np.isnan(log.temperatures_degc[0, 4:]).all()
+    np.testing.assert_array_equal(log.temperatures_degc[0], expected)
     said = {4: ()}.get(
         sensors,
         (
@@ -146,8 +144,8 @@ def test_a_wrong_unit_of_time_is_asked_for():
 
 
 def test_a_battery_that_is_too_large_is_refused_with_its_size():
-    cells = {f"V{n}": np.full(4, 3.7) for n in range(1, N_CELLS + 2)}
-    with pytest.raises(ImportFailed, match=f"{N_CELLS + 1} cells, up to {N_CELLS} can be shown"):
+    cells = {f"V{n}": np.full(4, 3.7) for n in range(1, MOST_CELLS + 2)}
+    with pytest.raises(ImportFailed, match=f"{MOST_CELLS + 1} cells, a battery has up to {MOST_CELLS}"):
         battery_log(table(**cells), PROFILE)
 
 

@@ -1,0 +1,136 @@
+"""Logs of other teams' batteries as sessions: what is read is what cantools decodes."""
+
+from collections import defaultdict
+from pathlib import Path
+
+import cantools
+import numpy as np
+import pytest
+
+from app.errors import ImportFailed
+from app.live.pipeline import Pipeline
+from app.live.pipeline_factory import PipelineFactory
+from app.sessions.reading.reader import SessionFile
+from app.sessions.transfer.import_session import Imported, import_file
+from app.sources.loaded_battery import LoadedBattery, load_battery
+from app.sources.recordings.profile import ImportProfile
+from firmware_protocol.memory_map import CAN_ID_EXTENDED
+from tests.peer_batteries import PEERS, Peer, cell_number, segments_in_fd_frames
+from tests.recorded.peer_sessions import START_S, write_log, write_profile
+
+DURATION_S = 8.0
+
+
+def pipeline(battery: LoadedBattery) -> Pipeline:
+    return PipelineFactory("coulomb", None, battery).pipeline("replay", "imported", "imported")
+
+
+def imported(peer: Peer, folder: Path, ending: str = "log", duration_s: float = DURATION_S) -> Imported:
+    battery = load_battery(str(write_profile(peer, folder)))
+    log = write_log(peer, folder / f"peer.{ending}", duration_s)
+    return import_file(log, ImportProfile(), folder / "sessions", pipeline, battery=battery)
+
+
+def by_cantools(peer: Peer, duration_s: float) -> dict[str, list[tuple[float, float]]]:
+    """Every value of every signal that cantools decodes, with its time."""
+    database = cantools.database.load_string(peer.dbc(), "dbc", strict=False)
+    ids = {m.frame_id | (CAN_ID_EXTENDED if m.is_extended_frame else 0): m for m in database.messages}
+    found: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    for t_ns, can_id, data in peer.frames(duration_s):
+        for name, value in ids[can_id].decode(data, decode_choices=False).items():
+            found[name].append((START_S + t_ns / 1e9, float(value)))
+    return found
+
+
+@pytest.mark.parametrize("make", PEERS, ids=[make().name for make in PEERS])
+def test_every_cell_of_every_way_to_address_cells_is_in_the_session(make, tmp_path: Path) -> None:
+    peer = make()
+    done = imported(peer, tmp_path)
+    assert (done.cells, done.notes) == (peer.n_cells, ())
+    with SessionFile(done.info.path) as session:
+        assert session.battery.n_cells == peer.n_cells
+        assert session.info.can_frames == len(peer.frames(DURATION_S))
+        samples = session.samples([session.signals.find(f"v[{i}]") for i in range(peer.n_cells)])
+        for cell, found in enumerate(samples):
+            times_s = (found.track.times_us - session.info.started_mono_ns // 1000) / 1e6
+            first_s = peer.frames(0.5)[0][0] / 1e9
+            near = [[peer.voltage(cell, t + first_s + us * 1e-6) for us in (-2, 2)] for t in times_s]  # at a step both
+            assert np.abs(np.array(near) - found.counts[:, None]).min(axis=1).max() < 0.51 * peer.resolution_v + 1e-5
+        rows = [block["v"].values for block in session.fields(["v"])]
+        assert np.isfinite(np.concatenate(rows)[-1]).all()
+
+
+def test_values_are_those_of_cantools_to_the_last_bit(tmp_path: Path) -> None:
+    peer = segments_in_fd_frames()
+    done = imported(peer, tmp_path)
+    with SessionFile(done.info.path) as session:
+        expected = by_cantools(peer, DURATION_S)
+        for cell in (0, 27, 28, 139):
+            name = f"Seg{'ABCDE'[cell // 28]}_Cell{cell % 28 + 1}"
+            (found,) = session.samples([session.signals.find(f"v[{cell}]")])
+            assert found.counts.tolist() == [value for _, value in expected[name]]
+        (current,) = session.samples([session.signals.find("i_fs")])
+        assert current.counts.tolist() == [-value for _, value in expected["TS_Current"]]
+        (heat,) = session.samples([session.signals.find("t[139]")])
+        assert heat.counts.tolist() == [value for _, value in expected["SegE_Temp28"]]
+
+
+@pytest.mark.parametrize("ending", ["log", "asc", "blf", "trc"])
+def test_logs_of_all_tools_say_the_same(tmp_path: Path, ending: str) -> None:
+    peer = cell_number()
+    done = imported(peer, tmp_path, ending)
+    with SessionFile(done.info.path) as session:
+        frames = [(frame.can_id, frame.data) for frame in session.can_frames()]
+        assert frames == [(can_id, data) for _, can_id, data in peer.frames(DURATION_S)]
+
+
+def test_all_is_estimated_and_closed(tmp_path: Path) -> None:
+    done = imported(segments_in_fd_frames(), tmp_path)
+    with SessionFile(done.info.path) as session:
+        assert session.info.is_closed
+        assert session.problems() == []
+        estimates = list(session.estimates())
+        assert len(estimates) > 50
+        assert estimates[-1][2].shape == (140,)
+        assert np.isfinite(estimates[-1][2]).all()
+        assert session.cell_file is not None
+
+
+def test_a_log_of_another_bus_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+    battery = load_battery(str(write_profile(segments_in_fd_frames(), tmp_path)))
+    log = write_log(cell_number(), tmp_path / "other.log", 1.0)
+    with pytest.raises(ImportFailed, match=r"no frame in it tells a cell voltage of 1: FD"):
+        import_file(log, ImportProfile(), tmp_path / "sessions", pipeline, battery=battery)
+    assert not list((tmp_path / "sessions").glob("*"))
+
+
+def test_cells_that_were_never_heard_are_counted(tmp_path: Path) -> None:
+    done = imported(cell_number(), tmp_path, duration_s=3.05)
+    assert (done.cells, done.notes) == (30, ("42 of 72 cells were never heard",))
+
+
+def test_a_cell_test_is_a_battery_of_one_cell(tmp_path: Path) -> None:
+    path = tmp_path / "cell.csv"
+    lines = [f"{k / 10},{1.23456789 + k % 3},{3.70001234 + k * 1e-6},{25.125}" for k in range(100)]
+    path.write_text("\n".join(["t,I,U 1,T 1", *lines]))
+    profile = ImportProfile(time="t", current="I", voltages="U {n}", temperatures="T {n}")
+    done = import_file(path, profile, tmp_path / "sessions", pipeline)
+    with SessionFile(done.info.path) as session:
+        assert session.battery.segments == (1,)
+        voltage, current, heat = session.samples([session.signals.find(name) for name in ("v[0]", "i_fs", "t[0]")])
+        assert voltage.counts.tolist() == [3.70001234 + k * 1e-6 for k in range(100)]
+        assert current.counts.tolist() == [1.23456789 + k % 3 for k in range(100)]
+        assert set(heat.counts.tolist()) == {25.125}
+
+
+def test_a_table_has_the_shape_of_the_battery_that_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "pack.csv"
+    names = ",".join(f"U{i}" for i in range(72))
+    path.write_text(f"t,I,{names}\n" + "".join(f"{k},5,{','.join(['3.7'] * 72)}\n" for k in range(20)))
+    profile = ImportProfile(time="t", current="I", voltages="U{n}")
+    orion = load_battery("orion-bms-2")
+    done = import_file(path, profile, tmp_path / "sessions", pipeline, battery=orion)
+    with SessionFile(done.info.path) as session:
+        assert session.battery.segments == (12,) * 6
+    with pytest.raises(ImportFailed, match="it has 72 cells, the battery 216"):
+        import_file(path, profile, tmp_path / "sessions", pipeline, battery=load_battery("foxbms-2"))
