@@ -37,7 +37,7 @@ class ForkedSimulator:
         self.returncode: int | None = None
         self.pid = os.fork()
         if self.pid == 0:
-            _become("simulator.cli", command[3:], stdin, stdout)
+            _become(command[2], command[3:], stdin, stdout)
         os.close(stdin)
         os.close(stdout)
         self.stdout = os.fdopen(output, "rb")

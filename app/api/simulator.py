@@ -27,8 +27,9 @@ MAX_SEED = 1_000_000
 router = APIRouter(prefix="/simulator", tags=["simulator"])
 
 
-Pack = Annotated[int | None, Field(ge=1, le=8)]
-Cell = Annotated[int | None, Field(ge=1, le=12)]
+MOST = 1000  # packs, and cells in one; of which there are, the simulator knows
+Pack = Annotated[int | None, Field(ge=1, le=MOST)]
+Cell = Annotated[int | None, Field(ge=1, le=MOST)]
 
 
 class FaultIn(Body):
@@ -120,8 +121,8 @@ def clear(
     name: str,
     simulator: SimulatorPart,
     user: UserDep,
-    pack: Annotated[int | None, Query(ge=1, le=8)] = None,
-    cell: Annotated[int | None, Query(ge=1, le=12)] = None,
+    pack: Annotated[int | None, Query(ge=1, le=MOST)] = None,
+    cell: Annotated[int | None, Query(ge=1, le=MOST)] = None,
 ) -> dict[str, Any]:
     """Mend one."""
     _ask(simulator, "clear", {"fault": name, "pack": pack, "cell": cell})

@@ -138,14 +138,12 @@ def _source(
     speaks_can = load_battery(settings.battery).speaks_dbc is not None
     if speaks_can and settings.serial is not None:
         raise ConfigError("serial", settings.serial, Message("battery-speaks-can", battery=settings.battery))
-    if speaks_can and settings.can is None:
-        raise ConfigError("can", Message("not-given"), Message("battery-speaks-can", battery=settings.battery))
     if not settings.simulates:
         return "serial" if settings.serial else "can", settings.serial, settings.can, None
-    simulator = SimulatorProcess(settings)
+    simulator = SimulatorProcess(settings, speaks_dbc=speaks_can)
     stack.callback(simulator.stop)
     simulator.start()
-    return "simulator", simulator.ports.serial_url, simulator.ports.can_url, simulator
+    return "simulator", None if speaks_can else simulator.ports.serial_url, simulator.ports.can_url, simulator
 
 
 class _Server(uvicorn.Server):

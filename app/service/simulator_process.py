@@ -66,16 +66,26 @@ def _free_port() -> int:
 class SimulatorProcess:
     """Started with the service, started again if it dies, ended with the service."""
 
-    def __init__(self, settings: Settings, *, backoff: Backoff | None = None, stop_s: float = STOP_S) -> None:
-        """Prepare the process; `stop_s` is how long it may take to end before it is killed."""
+    def __init__(
+        self, settings: Settings, *, speaks_dbc: bool = False, backoff: Backoff | None = None, stop_s: float = STOP_S
+    ) -> None:
+        """Prepare the process.
+
+        Args:
+            settings: of the service.
+            speaks_dbc: the battery has no master: its simulation speaks its DBC, on CAN alone.
+            backoff: between two starts.
+            stop_s: how long it may take to end before it is killed.
+        """
         self._backoff = backoff or Backoff()
         self._stop_s = stop_s
         self.ports = choose_ports(pty=os.name == "posix")
+        eeprom = str(settings.data / "eeprom.bin")
+        of_team = ("simulator.cli", "--serial", self.ports.serial_argument, "--eeprom", eeprom)
+        of_battery = ("app.cli", "simulate", "--battery", settings.battery)
         self._arguments = [
-            *(sys.executable, "-m", "simulator.cli"),
-            *("--serial", self.ports.serial_argument, "--can", self.ports.can_argument),
-            *("--eeprom", str(settings.data / "eeprom.bin"), "--with-parent"),
-            *("--control", self.ports.control_argument),
+            *(sys.executable, "-m", *(of_battery if speaks_dbc else of_team), "--can", self.ports.can_argument),
+            *("--with-parent", "--control", self.ports.control_argument),
             *(("--seed", str(settings.seed)) if settings.seed is not None else ()),
         ]
         self._scenario = settings.scenario

@@ -7,11 +7,10 @@ import can
 import numpy as np
 import pytest
 
-from app.battery.library import load_profile
-from app.commands.battery_commands.inputs import definitions_of
 from app.commands.simulate import simulated
 from app.sources.dbc.source import DbcSource
 from app.sources.items import CanItem
+from app.sources.loaded_battery import load_battery
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 from simulator.can_ports import can_port
 from simulator.library import find_scenario
@@ -36,15 +35,14 @@ def fd_profile(tmp_path: Path) -> str:
 
 @pytest.mark.parametrize("name", ["foxbms-2", "one-signal-a-cell", "orion-bms-2", "fd"])
 def test_the_live_source_measures_what_the_simulated_battery_is(name, fd_profile, request):
-    loaded = load_profile(fd_profile if name == "fd" else name)
-    battery = simulated(loaded)
+    loaded = load_battery(fd_profile if name == "fd" else name)
+    battery = simulated(loaded, loaded.speaks_dbc)
     player = ScenarioPlayer(find_scenario("clean-endurance", battery.shape), battery=battery)
     channel = f"{request.node.name}-{time.monotonic_ns()}"
     port = can_port(f"virtual:{channel}")
     runner = Runner(player.simulation, can=[port], speed=None)
     runner.open()
-    profile = loaded.profile
-    source = DbcSource(profile.battery, profile.source, definitions_of(loaded.dbc_files))
+    source = DbcSource(loaded.battery, loaded.source, loaded.definitions)
     newest = None
     with can.Bus(interface="virtual", channel=channel) as listener:
         for _ in range(round(ROUND_S.get(name, 8.0) / 0.1)):
@@ -61,7 +59,7 @@ def test_the_live_source_measures_what_the_simulated_battery_is(name, fd_profile
     assert np.isfinite(newest.voltage_v).all()
     drive = 0.4 if name == "orion-bms-2" else 0.2  # what the load moves a cell's voltage by while the others are told
     np.testing.assert_allclose(newest.voltage_v, accumulator.terminal_voltage_v, atol=drive)
-    if profile.battery.n_sensors:
+    if loaded.battery.n_sensors:
         np.testing.assert_allclose(newest.temperature_degc, accumulator.temperature_degc, atol=1.6)
     if name != "orion-bms-2":
         assert newest.reported.voltage_v == pytest.approx(accumulator.voltage_v, rel=0.02)
