@@ -14,8 +14,10 @@ from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.extraction import physical_values, raw_values
 from app.sources.dbc.frames import Frames
 from app.sources.dbc.lanes import Lane, channel, lanes_of
+from app.sources.dbc.plain_lanes import PlainLanes
 
 _ORION_ID = 0x7FF
+MANY_FRAMES = 2000  # from here on, each message has many frames: lane by lane is faster
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,13 +36,20 @@ class BatteryDecoder:
         self.battery = battery
         self.source = source
         self.lanes = lanes_of(battery, source, definitions)
+        self._plain = PlainLanes(self.lanes)
+        self._others = {k: each for k, each in self.lanes.messages.items() if k not in set(self._plain.ids)}
         self.bad_checksums = 0
         self.beyond: dict[str, int] = defaultdict(int)  # values of numbers that no cell has, by signal
 
     def decode(self, frames: Frames) -> dict[str, Values]:
         """Return what the frames tell, by kind: `voltage`, `current`, `state.closed`, `limit.…`."""
         parts: dict[str, list[tuple[IntArray, IntArray, FloatArray]]] = defaultdict(list)
-        for rows, group in by_message(frames, self.lanes.messages):
+        messages = self.lanes.messages
+        if len(frames) < MANY_FRAMES:
+            messages = self._others
+            for kind, part in self._plain.decode(frames):
+                parts[kind].append(part)
+        for rows, group in by_message(frames, messages):
             sound: BoolArray | None = None
             for lane in self.lanes.by_id[group.message.can_id]:
                 if lane.entry is not None and lane.entry.checksum and sound is None:
