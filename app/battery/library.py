@@ -99,7 +99,7 @@ def _texts(table: Any, name: str) -> list[str]:
 
 
 def load_part(name: str) -> Document:
-    """Return the tables of a bundled profile that is no whole battery, a part to include.
+    """Return the tables of a profile as they stand, with what it includes; it need not be a whole battery, or right.
 
     Raises:
         ProfileError: it cannot be read.

@@ -18,6 +18,7 @@ class ProfileError(ConfigError):
     def __init__(self, file: str, line: int | None, field: str, value: object, limit: Text) -> None:
         self.file = file
         self.line = line
+        self.path = field
         place = file if line is None else f"{file}:{line}"
         super().__init__(f"{place}: {field}", value, limit)
 

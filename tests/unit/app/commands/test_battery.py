@@ -80,19 +80,34 @@ def test_a_bus_is_listened_to(tmp_path, capsys):
     assert "12 of 12 cells heard" in capsys.readouterr().out
 
 
-def test_errors_are_one_line_with_file_line_and_field(car, capsys):
+def test_all_errors_are_told_at_once_each_with_file_line_and_field(car, capsys):
     wrong = car / "wrong.toml"
     wrong.write_text('[battery]\nname = "x"\nsegments = [0]\n[source]\ndbc = "car.dbc"\n')
     assert main(["battery", "check", str(wrong)]) == 2
-    assert "wrong.toml:3: battery.segments" in capsys.readouterr().err
+    assert "wrong.toml:3: error: battery.segments = 0: a whole number 1..1000" in capsys.readouterr().out
     wrong.write_text('[battery]\nname = "x"\nsegments = [1]\n[source]\ndbc = "no.dbc"\n')
     assert main(["battery", "check", str(wrong)]) == 2
-    assert "no.dbc" in capsys.readouterr().err
+    assert "no.dbc" in capsys.readouterr().out
     wrong.write_text(
         '[battery]\nname = "x"\nsegments = [1]\n[source]\ndbc = "car.dbc"\n[[source.voltage]]\nsignal = "Q{cell}"\n'
     )
     assert main(["battery", "check", str(wrong)]) == 2
     assert "wrong.toml:6: error: source.voltage[0].signal" in capsys.readouterr().out
+    wrong.write_text(
+        '[battery]\nname = "x"\nsegments = [1]\nparalel = 2\n[source]\ndbc = "car.dbc"\n'
+        '[[source.voltage]]\nsignal = "Q{cell}"\nunit = "kV"\n[source.current]\npositive = "up"\n'
+    )
+    assert main(["battery", "check", str(wrong)]) == 2
+    told = capsys.readouterr().out
+    expected = [
+        "4: error: battery.paralel",
+        "7: error: source.voltage[0].signal",
+        "9: error: source.voltage[0].unit",
+        "10: error: source.current.signal: missing",
+        "11: error: source.current.positive",
+    ]
+    assert [line for line in expected if f"wrong.toml:{line}" not in told] == []
+    assert told.endswith("5 errors, 0 doubts\n")
 
 
 def test_a_bus_of_something_else_is_told_and_ends_with_1(car, tmp_path, capsys):
