@@ -11,11 +11,11 @@ import numpy as np
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
 from app.analysis.survey import Piece
-from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.estimation.arrays import BoolArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.cell_finding import CellFinding
 from app.estimation.health.cell_watch import JUDGE_S, CellWatch, CellWatchMemory
+from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
 
 SPACED_S: Final = 0.09  # nothing is gained from quicker samples
@@ -25,8 +25,8 @@ KEPT_S: Final = 60.0  # of a recording between two states that are kept
 class CellJudge:
     """Takes a session piece by piece, in order; give `add` to `survey_session` as `also`."""
 
-    def __init__(self, cell: CellModel, memory: CellWatchMemory | None = None) -> None:
-        self.watch = CellWatch(cell, (CELLS_PER_PACK,) * N_PACKS, memory)
+    def __init__(self, cell: CellModel, segments: tuple[int, ...], memory: CellWatchMemory | None = None) -> None:
+        self.watch = CellWatch(cell, segments, memory)
         self._before_s: float | None = None
         self._judged_s = -np.inf
         self._history: list[tuple[float, tuple[CellFinding, ...]]] = []
@@ -83,7 +83,7 @@ class WatchAlong:
 
     def __init__(self, session: SessionFile, cell: CellModel) -> None:
         self._session = session
-        self._start = CellJudge(cell)
+        self._start = CellJudge(cell, session.battery.segments)
         self._kept: list[tuple[float, CellJudge]] = []  # as they stood at unix times, in order
 
     def at(self, time_s: float) -> CellWatch:
@@ -99,9 +99,10 @@ class WatchAlong:
         return judge.watch
 
 
+@in_its_words
 def cell_findings(session: SessionFile, cell: CellModel | None = None) -> tuple[CellFinding, ...]:
     """Read a session and return what is wrong with its cells at its end, the surest first."""
-    judge = CellJudge(cell or cell_of(session)[0])
+    judge = CellJudge(cell or cell_of(session)[0], session.battery.segments)
     for piece in read_pieces(session):
         judge.add(piece)
     return judge.result()

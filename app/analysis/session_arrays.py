@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from app.analysis.totals import Totals
-from app.battery.shape import N_CELLS
 from app.estimation.arrays import FloatArray
 from app.sessions.reading.reader import FieldSamples, SessionFile
 
@@ -17,7 +16,7 @@ TOTALS_FIELDS = ("i_fs", "v_tot", "v_min", "v_min_id", "v_max", "t_max", "t_max_
 
 def read_totals(session: SessionFile, t_from_s: float | None = None, t_to_s: float | None = None) -> Totals:
     """Return the accumulator over a range of unix time; what a session does not hold is NaN throughout."""
-    collector = TotalsCollector()
+    collector = TotalsCollector(session.battery.n_cells)
     for found in session.fields(TOTALS_FIELDS, t_from_s, t_to_s):
         collector.add(found)
     return collector.totals()
@@ -26,7 +25,8 @@ def read_totals(session: SessionFile, t_from_s: float | None = None, t_to_s: flo
 class TotalsCollector:
     """Takes what a session holds of TOTALS_FIELDS, piece by piece in order."""
 
-    def __init__(self) -> None:
+    def __init__(self, n_cells: int) -> None:
+        self._n_cells = n_cells
         self._pieces: dict[str, list[FieldSamples]] = {}
 
     def add(self, found: Mapping[str, FieldSamples]) -> None:
@@ -47,7 +47,7 @@ class TotalsCollector:
         time_s = series["i_fs"][0] if "i_fs" in series else _longest(series)
         column = {name: _onto(time_s, *series[name]) if name in series else _none(time_s) for name in TOTALS_FIELDS}
         for name, cell in (("v_min", "v_min_id"), ("t_max", "t_max_id")):
-            column[cell] = np.where((column[cell] < N_CELLS) & np.isfinite(column[name]), column[cell], np.nan)
+            column[cell] = np.where((column[cell] < self._n_cells) & np.isfinite(column[name]), column[cell], np.nan)
         measured = column["v_min"] > 0.0  # 0 V: no cell was measured
         return Totals(
             time_s=time_s,

@@ -38,6 +38,8 @@ def judged_by(session: SessionFile, chosen_cell: str | None = None) -> list[Anal
 def unlike(first: SessionFile, second: SessionFile) -> list[AnalysisFinding]:
     """Return in what two sessions were not judged alike when they were recorded."""
     said = []
+    if (first.battery.name, first.battery.segments) != (second.battery.name, second.battery.segments):
+        said.append(Message("unlike-batteries", a=first.battery.name, b=second.battery.name))
     versions = first.info.voltwall, second.info.voltwall
     if versions[0] != versions[1]:
         said.append(Message("unlike-versions", a=versions[0], b=versions[1]))

@@ -8,12 +8,12 @@ import numpy as np
 
 from app.analysis.session_arrays import TOTALS_FIELDS, TotalsCollector
 from app.analysis.survey import Piece, Survey, Surveyor
-from app.battery.shape import CELLS_PER_PACK, N_CELLS, N_PACKS
+from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.estimation.arrays import FloatArray
 from app.sessions.reading.reader import FieldSamples, SessionFile
 
-_BALANCING = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))
-_FIELDS = ("i_fs", "v", "t", "estimate.soc", *_BALANCING)
+_REGISTERS = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))  # of the team's boards
+_FIELDS = ("i_fs", "v", "t", "estimate.soc")
 
 
 def read_pieces(
@@ -27,20 +27,21 @@ def read_pieces(
     `from_s` and `to_s` are a range in unix time [s], ends included.
     """
     held: dict[str, FloatArray] = {}  # the last row of each field: slow windows do not come every minute
-    names = _FIELDS if totals is None else tuple(dict.fromkeys((*_FIELDS, *TOTALS_FIELDS)))
+    fields = (*_FIELDS, *_balancing_fields(session))
+    names = fields if totals is None else tuple(dict.fromkeys((*fields, *TOTALS_FIELDS)))
     for found in session.fields(names, from_s, to_s):
         if totals is not None:
             totals.add(found)
         axis = found.get("v") or found.get("i_fs")
         if axis is not None:
-            yield _piece(axis.time_s, found, held)
+            yield _piece(axis.time_s, found, held, session.battery.n_cells)
 
 
 def survey_session(
     session: SessionFile, also: Callable[[Piece], None] | None = None, totals: TotalsCollector | None = None
 ) -> Survey:
     """Return the survey of a session; `also` is given every piece, and `totals` is collected in the same pass."""
-    surveyor = Surveyor(N_CELLS)
+    surveyor = Surveyor(session.battery.n_cells)
     for piece in read_pieces(session, totals):
         surveyor.add(piece)
         if also is not None:
@@ -48,7 +49,14 @@ def survey_session(
     return surveyor.result()
 
 
-def _piece(time_s: FloatArray, found: dict[str, FieldSamples], held: dict[str, FloatArray]) -> Piece:
+def _balancing_fields(session: SessionFile) -> tuple[str, ...]:
+    """The team's boards tell their switches, another battery its cells where its profile says so."""
+    if session.loaded_battery.speaks_dbc is None:
+        return _REGISTERS
+    return ("balancing",) if "balancing" in session.signals.order else ()
+
+
+def _piece(time_s: FloatArray, found: dict[str, FieldSamples], held: dict[str, FloatArray], n_cells: int) -> Piece:
     def table(name: str, width: int) -> FloatArray:
         samples = found.get(name)
         before = held.get(name, np.full(width, np.nan))
@@ -62,14 +70,16 @@ def _piece(time_s: FloatArray, found: dict[str, FieldSamples], held: dict[str, F
     def fresh(name: str, width: int) -> FloatArray:
         return table(name, width) if name in found else np.full((len(time_s), width), np.nan)
 
-    bits = [_balancing_of(table(name, 6)) for name in _BALANCING]
+    balancing = fresh("balancing", n_cells)
+    if any(name in found or name in held for name in _REGISTERS):
+        balancing = np.concatenate([_balancing_of(table(name, 6)) for name in _REGISTERS], axis=1)
     return Piece(
         time_s=time_s,
         current_a=fresh("i_fs", 1)[:, 0],
-        voltage_v=fresh("v", N_CELLS),
-        temperature_degc=fresh("t", N_CELLS),
-        soc=fresh("estimate.soc", N_CELLS),
-        balancing=np.concatenate(bits, axis=1),
+        voltage_v=fresh("v", n_cells),
+        temperature_degc=fresh("t", n_cells),
+        soc=fresh("estimate.soc", n_cells),
+        balancing=balancing,
     )
 
 

@@ -1,5 +1,6 @@
 """Where profiles are: bundled ones by name, files by path, what they include beside them."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -43,6 +44,11 @@ def load_profile(name: str) -> LoadedProfile:
     profile = understand(document)
     dbc = getattr(profile.source, "dbc", ())
     return LoadedProfile(profile, text, tuple(Path(each) for each in dbc))
+
+
+def file_name_of(battery: str) -> str:
+    """Return a battery's name as part of a file's name."""
+    return re.sub("[^a-z0-9]+", "-", battery.lower()).strip("-") or "battery"
 
 
 def profile_files(name: str) -> dict[str, bytes]:

@@ -3,7 +3,6 @@
 import json
 import logging
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import ArrayLike
 
+from app.battery.library import file_name_of
 from app.estimation.health.cell_finding import CellFinding
 from app.estimation.health.cell_watch import CellWatchMemory
 from app.estimation.health.charge_watch import STATES, ChargeMemory
@@ -44,7 +44,7 @@ class LearnedState:
 
 def learned_file(battery: str, *, is_team: bool) -> str:
     """Return the name of the file of a battery: each keeps its own."""
-    return "cells.npz" if is_team else f"cells-{re.sub('[^a-z0-9]+', '-', battery.lower()).strip('-') or 'battery'}.npz"
+    return "cells.npz" if is_team else f"cells-{file_name_of(battery)}.npz"
 
 
 def load_learned_state(path: Path, n_cells: int) -> LearnedState | None:

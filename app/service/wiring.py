@@ -173,11 +173,14 @@ def make_service(
 
     is_simulated = source == "simulator"
     boxes_path = data / "blackboxes.sqlite"
-    black_boxes = BlackBoxRecorder(boxes_path, session_id, black_box_made, explain, is_simulated=is_simulated)
+    black_boxes = BlackBoxRecorder(
+        boxes_path, session_id, black_box_made, explain, is_simulated=is_simulated, battery=battery.battery
+    )
     passports = PassportKeeper(
         data,
         catalogue,
         pipelines.cell,
+        battery=battery.battery,
         simulated=source == "simulator",
         also=lambda session: keep_black_boxes(session, black_boxes.store),
     )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from app.analysis.finding import AnalysisFinding
 from app.analysis.root_cause.cause import Cause, cause_from_json
 from app.telemetry import Severity
+from app.words.places import TEAM
 
 Quantity = Literal["voltage", "temperature", "current"]
 Side = Literal["low", "high"]
@@ -102,6 +103,7 @@ class BlackBox:
     summary: list[str]
     simulated: bool = False  # the car was the simulator
     cause: Cause | None = None  # None: nothing that can be explained, or not looked for yet
+    segments: list[int] = field(default_factory=lambda: list(TEAM))  # cells of each pack
 
 
 def box_from_json(body: dict[str, Any]) -> BlackBox:

@@ -15,6 +15,7 @@ from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incident_id, main
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
 from app.telemetry.cell_findings import Finding
+from app.words.places import TEAM
 
 _QUANTITIES: Final[dict[str, Quantity]] = {"V": "voltage", "degC": "temperature", "A": "current"}
 
@@ -41,6 +42,7 @@ def build(
     limits: dict[str, float],
     found: Sequence[Finding] = (),
     is_simulated: bool = False,
+    segments: tuple[int, ...] = TEAM,
 ) -> BlackBox:
     """Return the black box of an incident.
 
@@ -52,6 +54,7 @@ def build(
         limits: the configuration's limits by name, in units.
         found: what was known against cells when it ended.
         is_simulated: the car was the simulator.
+        segments: cells of each pack.
     """
     main = main_trigger(group)
     time_s = window.mono_s - main.mono_s
@@ -73,6 +76,7 @@ def build(
         side=side,
         config_hash=config_hash,
         limits=limits,
+        segments=list(segments),
         events=[
             BoxEvent(
                 each.mono_s - main.mono_s,

@@ -12,14 +12,14 @@ from app.analysis.black_box.excerpt import Window, build
 from app.analysis.black_box.findings import cause_findings, findings_of
 from app.analysis.cell_findings import CellJudge
 from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger, main_trigger, trigger_of_event
-from app.analysis.limits import limits_of
+from app.analysis.limits import limits_of, limits_of_profile
 from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import cause_of_trip
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
-from app.battery.shape import N_CELLS
 from app.estimation.arrays import FloatArray
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
+from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
 from app.telemetry.cell_findings import finding_of
 from firmware_protocol.config_image import image_hash
@@ -37,6 +37,7 @@ def _triggers(session: SessionFile) -> list[Trigger]:
     ]
 
 
+@in_its_words
 def black_boxes(session: SessionFile) -> list[BlackBox]:
     """Return a black box for every incident of a session, in order."""
     triggers = _triggers(session)
@@ -44,7 +45,7 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         return []
     configs = session.configs()
     session_id = session.info.id
-    judge = CellJudge(cell_of(session)[0])
+    judge = CellJudge(cell_of(session)[0], session.battery.segments)
     for piece in read_pieces(session):
         judge.add(piece)
     judge.result()
@@ -56,7 +57,7 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         config_hash = None if image is None else image_hash(image)
         known_s = session.unix_s(round(group[-1].mono_s * 1e9)) + AFTER_S
         found = [finding_of(each) for each in judge.as_of(known_s)]
-        limits = limits_of(image)
+        limits = limits_of(image) or limits_of_profile(session.battery)
         box = build(
             group,
             window,
@@ -65,6 +66,7 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
             limits=limits,
             found=found,
             is_simulated=session.info.metadata.get("source") == "simulator",
+            segments=session.battery.segments,
         )
         boxes.append(with_cause(box, cause_of_trip(session, main_trigger(group))))
     return boxes
@@ -76,6 +78,7 @@ def with_cause(box: BlackBox, cause: Cause | None) -> BlackBox:
     return replace(box, cause=cause, findings=findings, summary=[each.text for each in findings])
 
 
+@in_its_words
 def explained(session: SessionFile, box: BlackBox) -> BlackBox:
     """Return a box with the cause that its session tells; as it is where the session does not hold its event."""
     for trigger in _triggers(session):
@@ -125,7 +128,7 @@ def read_window(session: SessionFile, group: Sequence[Trigger]) -> Window:
             found[name].append((samples.time_s, samples.values))
     time_s = np.concatenate([times for times, _ in found["v"] or found["i_fs"]] or [np.empty(0)])
     width = {"i_fs": 1, "status.flags": 1}
-    table = {name: _onto(time_s, found[name], width.get(name, N_CELLS)) for name in _FIELDS}
+    table = {name: _onto(time_s, found[name], width.get(name, session.battery.n_cells)) for name in _FIELDS}
     flags = table["status.flags"][:, 0]
     return Window(
         mono_s=time_s - offset_s,

@@ -17,10 +17,12 @@ from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.excerpt import Window, build
 from app.analysis.black_box.from_session import store_box, with_cause
 from app.analysis.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, incidents, is_trigger, main_trigger
-from app.analysis.limits import limits_of
+from app.analysis.limits import limits_of, limits_of_profile
 from app.analysis.root_cause.cause import Cause
+from app.battery.battery import Battery
 from app.errors import AppError
 from app.sessions.black_box_store import BlackBoxStore
+from app.sources.loaded_battery import team_battery
 from app.telemetry import Event, FloatArray, Snapshot
 from app.telemetry.cell_findings import Finding
 
@@ -52,6 +54,7 @@ class BlackBoxRecorder:
         explain: Callable[[str, Trigger], Cause | None] = lambda session_id, trip: None,
         *,
         is_simulated: bool = False,
+        battery: Battery | None = None,
     ) -> None:
         """Write into the file at `path`.
 
@@ -61,6 +64,7 @@ class BlackBoxRecorder:
             on_made: told of every box, by the writing thread.
             explain: finds the cause of a trip in the session that is being recorded; AppError where it cannot be read.
             is_simulated: the car is the simulator.
+            battery: whose cells these are; None: the team's own.
 
         Raises:
             AppError: the file cannot be used.
@@ -68,6 +72,7 @@ class BlackBoxRecorder:
         self.store = BlackBoxStore(path)
         self._session_id = session_id
         self._is_simulated = is_simulated
+        self._battery = battery or team_battery().battery
         self._on_made = on_made
         self._explain = explain
         self._samples: deque[_Sample] = deque(maxlen=MAX_SAMPLES)
@@ -123,7 +128,7 @@ class BlackBoxRecorder:
     ) -> None:
         for group in incidents(triggers):
             window = _window(samples, group[0].mono_s - BEFORE_S, group[-1].mono_s + AFTER_S)
-            limits = limits_of(image)
+            limits = limits_of(image) or limits_of_profile(self._battery)
             box = build(
                 group,
                 window,
@@ -132,6 +137,7 @@ class BlackBoxRecorder:
                 limits=limits,
                 found=found,
                 is_simulated=self._is_simulated,
+                segments=self._battery.segments,
             )
             box = self._with_cause(box, session_id, main_trigger(group))
             try:

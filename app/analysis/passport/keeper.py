@@ -16,7 +16,8 @@ from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import survey_session
 from app.analysis.survey import Piece, Rest
 from app.analysis.totals import MAX_STEP_S, listed
-from app.battery.shape import N_CELLS
+from app.battery.battery import Battery
+from app.battery.library import file_name_of
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
@@ -27,6 +28,8 @@ from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
 from app.sessions.passport_store import PassportStore
 from app.sessions.reading.reader import SessionFile
+from app.sources.loaded_battery import team_battery
+from app.words import naming_cells
 
 log = logging.getLogger(__name__)
 
@@ -34,8 +37,8 @@ log = logging.getLogger(__name__)
 class _Stretches(CapacityTracker):
     """A tracker that keeps what it was told, so that it can be told again to another."""
 
-    def __init__(self, nominal_ah: float) -> None:
-        super().__init__(nominal_ah, N_CELLS)
+    def __init__(self, nominal_ah: float, n_cells: int) -> None:
+        super().__init__(nominal_ah, n_cells)
         self.told: list[Stretch] = []
 
     def observe(
@@ -55,7 +58,8 @@ def record_of(session: SessionFile, todays: CellModel) -> SessionRecord:
     """Return what a session tells about every cell, by its own cell file; by today's where it keeps none."""
     of_then, is_of_then = cell_of(session)
     cell = of_then if is_of_then else todays
-    told = _Stretches(cell.capacity_ah)
+    n_cells = session.battery.n_cells
+    told = _Stretches(cell.capacity_ah, n_cells)
     rests = CapacityBetweenRests(cell, told)
     last_s: float | None = None
 
@@ -79,13 +83,13 @@ def record_of(session: SessionFile, todays: CellModel) -> SessionRecord:
         resistance_ohm=survey.resistance_ohm,
         balancing_s=survey.balancing_s,
         first_rest_s=None if first is None else first.time_s,
-        first_rest_v=_volts(first),
+        first_rest_v=_volts(first, n_cells),
         last_rest_s=None if last is None else last.time_s,
-        last_rest_v=_volts(last),
+        last_rest_v=_volts(last, n_cells),
         stretches=tuple(told.told),
         nominal_ah=cell.capacity_ah if is_of_then else None,
-        first_rest_soc=cell.ocv.soc_at(_volts(first)) if is_of_then else None,
-        last_rest_soc=cell.ocv.soc_at(_volts(last)) if is_of_then else None,
+        first_rest_soc=cell.ocv.soc_at(_volts(first, n_cells)) if is_of_then else None,
+        last_rest_soc=cell.ocv.soc_at(_volts(last, n_cells)) if is_of_then else None,
     )
 
 
@@ -98,17 +102,26 @@ class PassportKeeper:
         catalogue: Catalogue,
         cell: CellModel,
         *,
+        battery: Battery | None = None,
         simulated: bool = False,
         also: Callable[[SessionFile], object] | None = None,
     ) -> None:
         """Keep passports in a data folder: those of the car, or those of the simulated one, never mixed.
 
-        `also` is given every session that is read, while it is open.
+        Args:
+            folder: of the data.
+            catalogue: of the sessions.
+            cell: today's cell.
+            battery: whose sessions are read, a file for each; None: the team's own.
+            simulated: of the simulated car.
+            also: is given every session that is read, while it is open.
 
         Raises:
             AppError: the file cannot be used.
         """
-        self.store = PassportStore(folder / ("passport-simulated.sqlite" if simulated else "passport.sqlite"))
+        self.battery = battery or team_battery().battery
+        own = "" if self.battery == team_battery().battery else f"-{file_name_of(self.battery.name)}"
+        self.store = PassportStore(folder / f"passport{own}{'-simulated' if simulated else ''}.sqlite")
         self._is_simulated = simulated
         self._also = also
         self._catalogue = catalogue
@@ -117,6 +130,7 @@ class PassportKeeper:
         self._thread: threading.Thread | None = None
         self._progress = (0, 0)
         self._unreadable: set[str] = set()
+        self._others: set[str] = set()  # sessions of other batteries
         self._is_closing = False
 
     @property
@@ -137,7 +151,7 @@ class PassportKeeper:
 
     def _new(self) -> list[SessionInfo]:
         """Finished sessions of this car that are not in the store yet, the oldest first."""
-        known = self.store.known() | self._unreadable
+        known = self.store.known() | self._unreadable | self._others
         found = [
             info
             for info in self._catalogue.list()
@@ -155,6 +169,9 @@ class PassportKeeper:
             self._progress = (k, len(new))
             try:
                 with SessionFile(info.path) as session:
+                    if not self._is_of_battery(session.battery):
+                        self._others.add(info.id)
+                        continue
                     record = record_of(session, self._cell)
                     if self._also is not None:
                         self._also(session)
@@ -170,11 +187,16 @@ class PassportKeeper:
         """A session that does not say where it comes from is taken for the car's."""
         return (source == "simulator") == self._is_simulated
 
+    def _is_of_battery(self, battery: Battery) -> bool:
+        """A profile may have been edited meanwhile: name and shape tell a battery."""
+        return (battery.name, battery.segments) == (self.battery.name, self.battery.segments)
+
     def passports(self) -> Passports:
         """Return the life of every cell, out of what has been read."""
         records = [_from_json(body) for body in self.store.records()]
         swaps = [Swap(swap.time_s, tuple(swap.cells), swap.note) for swap in self.store.swaps()]
-        return passports(records, swaps, self._cell.capacity_ah, self._cell.ocv.soc_at, N_CELLS)
+        with naming_cells(self.battery.segments):
+            return passports(records, swaps, self._cell.capacity_ah, self._cell.ocv.soc_at, self.battery.n_cells)
 
     def swap(self, cells: list[int], time_s: float, note: str, who: str | None) -> None:
         """Record that modules were swapped; from then on their cells begin a new line.
@@ -183,8 +205,9 @@ class PassportKeeper:
             ConfigError: no cell, or one that there is not.
             RecordingFailed: the disk does not take it.
         """
-        if not cells or not all(0 <= cell < N_CELLS for cell in cells):
-            raise ConfigError("cells", cells, f"at least one of 0..{N_CELLS - 1}")
+        n_cells = self.battery.n_cells
+        if not cells or not all(0 <= cell < n_cells for cell in cells):
+            raise ConfigError("cells", cells, f"at least one of 0..{n_cells - 1}")
         self.store.add_swap(round(time_s * 1e9), cells, note, who)
 
     def close(self) -> None:
@@ -197,8 +220,8 @@ class PassportKeeper:
         self.store.close()
 
 
-def _volts(rest: Rest | None) -> FloatArray:
-    return np.full(N_CELLS, np.nan) if rest is None else rest.voltage_v
+def _volts(rest: Rest | None, n_cells: int) -> FloatArray:
+    return np.full(n_cells, np.nan) if rest is None else rest.voltage_v
 
 
 def _array(values: list[float | None]) -> FloatArray:

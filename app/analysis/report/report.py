@@ -11,7 +11,7 @@ from app.analysis.finding import AnalysisFinding, finding, message_of_event, wit
 from app.analysis.incidents import is_trigger
 from app.analysis.laps.figures import compare_drivers, figures_of
 from app.analysis.laps.from_session import LapTable, find_laps
-from app.analysis.limits import limits_of
+from app.analysis.limits import limits_of, limits_of_profile
 from app.analysis.report.findings import (
     CellChange,
     Margin,
@@ -33,7 +33,7 @@ from app.analysis.session_cell import cell_of, judged_by, unlike
 from app.analysis.session_survey import survey_session
 from app.analysis.survey import Histogram, Piece
 from app.analysis.totals import listed
-from app.battery.shape import N_CELLS
+from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
 from app.telemetry.cell_findings import Finding, finding_of
 from app.words import Argument, Message
@@ -68,6 +68,7 @@ class Report:
 
     Attributes:
         session: whose report it is.
+        segments: cells of each segment of its battery.
         findings: what is said of it.
         causes: of each trip, then of what is wrong without one; the first is the main one.
         headline, why, limited, look_at: the findings in English; `why`: which cell failed, and why.
@@ -83,6 +84,7 @@ class Report:
     """
 
     session: ReportedSession
+    segments: list[int]
     findings: Findings
     causes: list[Cause]
     headline: str
@@ -125,13 +127,15 @@ class SessionComparison:
     unlike: list[AnalysisFinding]
 
 
+@in_its_words
 def report_of(session: SessionFile) -> Report:
     """Read a session and judge it."""
-    info, collector = session.info, TotalsCollector()
+    info, collector = session.info, TotalsCollector(session.battery.n_cells)
     cell, _ = cell_of(session)
-    judge, configs = CellJudge(cell), session.configs()
+    judge, configs = CellJudge(cell, session.battery.segments), session.configs()
     in_force = [(session.unix_s(config.t_mono_ns), limits_of(config.image)) for config in configs]
-    watch = MarginWatch(N_CELLS, in_force)
+    stated = limits_of_profile(session.battery)
+    watch = MarginWatch(session.battery.n_cells, in_force or [(0.0, stated)])
 
     def watched(piece: Piece) -> None:
         judge.add(piece)
@@ -143,7 +147,7 @@ def report_of(session: SessionFile) -> Report:
     source, found_laps = find_laps(session, totals, None, None)
     laps = [figures_of(lap, totals) for lap in found_laps]
     image = configs[-1].image if configs else None
-    limits, events = limits_of(image), session.events()
+    limits, events = limits_of(image) or stated, session.events()
     near, odd = watch.nearest(), odd_cells(survey)
     trips = [event for event in events if event["severity"] == "trip" and event["code"] != "master-fault"]
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
@@ -164,6 +168,7 @@ def report_of(session: SessionFile) -> Report:
             info.voltwall,
             info.metadata.get("source") == "simulator",
         ),
+        segments=list(session.battery.segments),
         findings=findings,
         causes=causes,
         headline=findings.headline.text,
@@ -209,14 +214,16 @@ def _blamed(causes: Sequence[Cause]) -> set[int]:
     return {cell for cell in first | others if cell is not None}
 
 
+@in_its_words
 def compare_sessions(first: SessionFile, second: SessionFile) -> SessionComparison:
     """Read two sessions and lay them side by side."""
     surveys = survey_session(first), survey_session(second)
+    is_same_shape = first.battery.segments == second.battery.segments
     a, b = (
         _compared(session, key_figures(survey), survey.histograms)
         for session, survey in zip((first, second), surveys, strict=True)
     )
-    return SessionComparison(a, b, compare_cells(*surveys), unlike(first, second))
+    return SessionComparison(a, b, compare_cells(*surveys) if is_same_shape else [], unlike(first, second))
 
 
 def _compared(

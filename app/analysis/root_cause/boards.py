@@ -7,8 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from app.analysis.root_cause.recording import Recording, Suspicion
-from app.battery.shape import CELLS_PER_PACK
+from app.analysis.root_cause.recording import Recording, Suspicion, pack_of
 from app.estimation.arrays import BoolArray
 from app.words import Message
 
@@ -53,10 +52,9 @@ def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Suspicion]:
     if not recording.time_s.size:
         return
     told = [event for event in recording.events if event.code == "trip-slave-lost" and event.cell is not None]
-    cells = np.isnan(recording.voltage_v).reshape(len(recording.time_s), -1, CELLS_PER_PACK)
-    missing: BoolArray = np.logical_and.reduce(cells, axis=2)
+    missing: BoolArray = np.logical_and.reduceat(np.isnan(recording.voltage_v), recording.pack_starts, axis=1)
     tested = (np.nan_to_num(recording.boards.failed_tests) != 0).any(axis=0)
-    packs = {event.cell // CELLS_PER_PACK for event in told if event.cell is not None}
+    packs = {pack_of(event.cell) for event in told if event.cell is not None}
     if not missing.all(axis=1).any():
         packs |= {int(pack) for pack in np.flatnonzero(missing.sum(axis=0) >= 5) if not tested[pack]}
     for pack in sorted(packs):

@@ -9,8 +9,7 @@ from typing import Final
 import numpy as np
 
 from app.analysis.root_cause.cell_fits import CORRELATED, MOST_INDEPENDENT, CellFit, CellVoltages, Law, fit_cell
-from app.analysis.root_cause.recording import Recording, Suspicion, row_median
-from app.battery.shape import CELLS_PER_PACK
+from app.analysis.root_cause.recording import Recording, Suspicion, pack_of, row_median
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Cell, Message, Quantity
@@ -192,10 +191,10 @@ def _warmest_of_pack(found: list[Suspicion]) -> Iterator[Suspicion]:
     loudest: dict[int, float] = {}
     for each in found:
         if each.cell is not None:
-            pack = each.cell // CELLS_PER_PACK
+            pack = pack_of(each.cell)
             loudest[pack] = max(loudest.get(pack, -np.inf), each.weight)
     for each in found:
-        if each.code != "heated-cell" or each.cell is None or each.weight >= 0.3 * loudest[each.cell // CELLS_PER_PACK]:
+        if each.code != "heated-cell" or each.cell is None or each.weight >= 0.3 * loudest[pack_of(each.cell)]:
             yield each
 
 
@@ -233,11 +232,13 @@ def _noise(recording: Recording, cell: int) -> Suspicion | None:
 def _broken_wires(recording: Recording) -> Iterator[Suspicion]:
     """One or two neighbours without a voltage while the rest of the pack has one."""
     missing = np.isnan(recording.voltage_v)
-    packs = missing.reshape(len(missing), -1, CELLS_PER_PACK)
-    partly = packs.any(axis=2) & (packs.sum(axis=2) <= 2)
+    starts = recording.pack_starts
+    n_missing = np.add.reduceat(missing, starts, axis=1, dtype=np.int64)
+    partly = (n_missing > 0) & (n_missing <= 2) & (n_missing < np.array(recording.segments))
     for pack in np.flatnonzero(partly.sum(axis=0) >= 3):
         rows = np.flatnonzero(partly[:, pack])
-        cells = np.flatnonzero(packs[rows[len(rows) // 2], pack]) + pack * CELLS_PER_PACK
+        of_pack = slice(starts[pack], starts[pack] + recording.segments[pack])
+        cells = np.flatnonzero(missing[rows[len(rows) // 2], of_pack]) + starts[pack]
         evidence = (Message("seen-no-voltage", n=len(cells), cells=tuple(Cell(int(each)) for each in cells)),)
         yield Suspicion("broken-wire", float(recording.time_s[rows[0]]), 60.0, evidence, int(cells[0]))
 
@@ -245,8 +246,8 @@ def _broken_wires(recording: Recording) -> Iterator[Suspicion]:
 def _unplugged(recording: Recording, broken: set[int | None]) -> Iterator[Suspicion]:
     """A temperature is missing where the voltage is there."""
     missing = np.isnan(recording.temperature_degc) & np.isfinite(recording.voltage_v)
-    whole = missing.reshape(len(missing), -1, CELLS_PER_PACK).all(axis=2)
-    missing &= ~np.repeat(whole, CELLS_PER_PACK, axis=1)
+    whole = np.logical_and.reduceat(missing, recording.pack_starts, axis=1)
+    missing &= ~np.repeat(whole, recording.segments, axis=1)
     if broken:
         return
     for cell in np.flatnonzero(missing[-1] | (missing.sum(axis=0) >= 10)):

@@ -13,6 +13,7 @@ from app.analysis.root_cause.reading import read_events, read_recording
 from app.analysis.root_cause.suspicions import suspicions
 from app.analysis.session_cell import cell_of
 from app.estimation.cell_model.circuit import CellModel
+from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
 
 BACK_S = 900.0  # that much before an instant is looked at
@@ -20,6 +21,7 @@ SETTLED_S = AFTER_S  # and that much after it: what recovers when the current st
 MOST_TRIPS = 12  # of a session; more are the same again
 
 
+@in_its_words
 def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause]:
     """Return what explains each trip of a session, in order, then what is wrong without having tripped anything."""
     model, info = cell or cell_of(session)[0], session.info
@@ -40,6 +42,7 @@ def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause
     return [cause_of(each) for each in found]
 
 
+@in_its_words
 def cause_of_trip(session: SessionFile, trigger: Trigger, cell: CellModel | None = None) -> Cause | None:
     """Return what explains the trip or warning of a black box; None where it is nothing that has a cause here."""
     trip = replace(trigger, at_s=session.unix_s(round(trigger.mono_s * 1e9)))
@@ -53,6 +56,7 @@ def cause_of_trip(session: SessionFile, trigger: Trigger, cell: CellModel | None
     return cause_of(about[0]) if about else None
 
 
+@in_its_words
 def cause_at(session: SessionFile, at_s: float) -> Cause | None:
     """Return what explains the last trip that was recorded before a unix time; None where there was none."""
     start_s = session.info.started_wall_ns / 1e9

@@ -9,8 +9,7 @@ from typing import Final
 import numpy as np
 
 from app.analysis.incidents import Trigger
-from app.analysis.root_cause.recording import Suspicion
-from app.battery.shape import CELLS_PER_PACK
+from app.analysis.root_cause.recording import Suspicion, pack_of
 
 LATE_S: Final = 1.5  # what is seen first after a trip may have been there before it
 ENOUGH: Final = 6.0  # log odds from which a suspicion without a trip is told
@@ -143,12 +142,12 @@ def _fits_place(each: Suspicion, trip: Trigger) -> bool:
     """The suspicion is about the cell that tripped, or about its pack, or about no place."""
     if trip.cell is None or each.place[1] is None:
         return True
-    return each.cell == trip.cell if each.cell is not None else each.pack == trip.cell // CELLS_PER_PACK
+    return each.cell == trip.cell if each.cell is not None else each.pack == pack_of(trip.cell)
 
 
 def _is_of_pack(each: Suspicion, trip: Trigger) -> bool:
     """A cell of another pack is no cause of what one cell did."""
-    return trip.cell is None or each.place[1] in (None, trip.cell // CELLS_PER_PACK)
+    return trip.cell is None or each.place[1] in (None, pack_of(trip.cell))
 
 
 def _places(rest: list[Suspicion]) -> list[list[Suspicion]]:

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.analysis.incidents import Trigger, trigger_of_event
-from app.analysis.limits import limits_of
+from app.analysis.limits import limits_of, limits_of_profile
 from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntArray, LineTraffic, Recording, row_median
-from app.battery.shape import N_CELLS, N_PACKS
+from app.battery.shape import N_PACKS
 from app.estimation.arrays import FloatArray
 from app.sessions.reading.reader import FieldSamples, SessionFile
 from firmware_protocol.can_tables import rx_messages, tx_messages
@@ -44,24 +44,26 @@ def read_recording(session: SessionFile, from_s: float, to_s: float) -> Recordin
 
     configs = [config for config in session.configs() if session.unix_s(config.t_mono_ns) <= to_s]
     image = configs[-1].image if configs else None
+    battery, is_team = session.battery, session.loaded_battery.speaks_dbc is None
     return Recording(
         time_s=time_s,
         current_a=column("i_fs"),
-        steady_a=column("i_fc"),
-        voltage_v=table("v", N_CELLS),
-        temperature_degc=table("t", N_CELLS),
-        soc=row_median(table("estimate.soc", N_CELLS)),
+        steady_a=column("i_fc" if is_team else "i_fs"),
+        voltage_v=table("v", battery.n_cells),
+        temperature_degc=table("t", battery.n_cells),
+        soc=row_median(table("estimate.soc", battery.n_cells)),
         flags=_whole(column("status.flags")),
         charger_state=_whole(column("charger.state")),
         charger_flags=_whole(column("charger.flags")),
         fan_duty=column("charger.fan_duty"),
-        boards=_boards(found),
+        boards=_boards(found, battery.n_segments),
         line=_line(session, from_s, to_s),
-        bus=_bus(session, from_s, to_s, image),
+        bus=_bus(session, from_s, to_s, (image or default_image()) if is_team else None),
         events=read_events(session, from_s, to_s),
-        limits=limits_of(image),
+        limits=limits_of(image) or limits_of_profile(battery),
         start_s=session.info.started_wall_ns / 1e9,
         bits={name: k for k, name in enumerate(STATUS_FLAGS)},
+        segments=battery.segments,
     )
 
 
@@ -78,16 +80,16 @@ def _onto(time_s: FloatArray, parts: Sequence[FieldSamples], width: int) -> Floa
     return np.where((at >= 0)[:, None], values[np.maximum(at, 0)], np.nan)
 
 
-def _boards(found: dict[str, list[FieldSamples]]) -> Boards:
-    """A row for each round of the slow windows, which bring every board once."""
-    last = [part.time_s for part in found[f"slave[{N_PACKS - 1}].str"]]
+def _boards(found: dict[str, list[FieldSamples]], n_packs: int) -> Boards:
+    """A row for each round of the slow windows, which bring every board once; none of a battery without the master."""
+    last = [part.time_s for part in found[f"slave[{n_packs - 1}].str"]]
     time_s = np.concatenate(last) if last else np.empty(0)
 
     def columns(name: str, element: int) -> FloatArray:
         of_packs = [
-            _onto(time_s, _element(found[f"slave[{pack}].{name}"], element), 1)[:, 0] for pack in range(N_PACKS)
+            _onto(time_s, _element(found[f"slave[{pack}].{name}"], element), 1)[:, 0] for pack in range(n_packs)
         ]
-        return np.array(of_packs).T if len(time_s) else np.empty((0, N_PACKS))
+        return np.array(of_packs).T if len(time_s) else np.empty((0, n_packs))
 
     die = columns("str", 1)
     die = np.where((die == CHIP_MISSING) | (die <= 0), np.nan, die)
@@ -123,11 +125,14 @@ def _line(session: SessionFile, from_s: float, to_s: float) -> LineTraffic:
     return LineTraffic(np.array(good), np.array(bad), np.array(lengths, dtype=np.float64) / typical)
 
 
-def _bus(session: SessionFile, from_s: float, to_s: float, image: bytes | None) -> BusTraffic:
+def _bus(session: SessionFile, from_s: float, to_s: float, tables: bytes | None) -> BusTraffic:
+    """What was on the bus; `tables` is the configuration of a master that speaks by it."""
     times: dict[int, list[float]] = defaultdict(list)
     for frame in session.can_frames(from_s, to_s):
         times[frame.can_id].append(session.unix_s(frame.t_mono_ns))
-    tables = image or default_image()
+    arrivals = {can_id: np.array(at) for can_id, at in times.items()}
+    if tables is None:
+        return BusTraffic(arrivals, {}, None)
     sent = {
         tx.can_id | (CAN_ID_EXTENDED if tx.is_extended else 0): tx.period_ms / 1000
         for tx in tx_messages(tables)
@@ -135,9 +140,7 @@ def _bus(session: SessionFile, from_s: float, to_s: float, image: bytes | None) 
     }
     heard = [rx.can_id | (CAN_ID_EXTENDED if rx.is_extended else 0) for rx in rx_messages(tables) if rx.enabled]
     charger = STATUS_ID | CAN_ID_EXTENDED
-    return BusTraffic(
-        {can_id: np.array(at) for can_id, at in times.items()}, sent, charger if charger in heard else None
-    )
+    return BusTraffic(arrivals, sent, charger if charger in heard else None)
 
 
 def read_events(session: SessionFile, from_s: float, to_s: float) -> list[Trigger]:

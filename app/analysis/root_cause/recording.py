@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.incidents import Trigger
-from app.battery.shape import CELLS_PER_PACK
 from app.estimation.arrays import FloatArray
 from app.words import Message
+from app.words.places import place_of
 
 IntArray = NDArray[np.int64]
 UNKNOWN = -1  # of a byte that was not received
@@ -63,6 +64,7 @@ class Recording:
         events: everything that was reported in the stretch, in order, at unix times.
         limits: of the configuration then, by name; empty where it was not received.
         start_s: of the session, unix time [s].
+        segments: cells of each pack.
     """
 
     time_s: FloatArray
@@ -82,6 +84,12 @@ class Recording:
     limits: Mapping[str, float]
     start_s: float
     bits: Mapping[str, int]
+    segments: tuple[int, ...]
+
+    @property
+    def pack_starts(self) -> list[int]:
+        """Index of the first cell of each pack."""
+        return [0, *accumulate(self.segments)][:-1]
 
     def bit(self, name: str) -> FloatArray:
         """(n,) 1 or 0, NaN where not received."""
@@ -141,8 +149,12 @@ class Suspicion:
     @property
     def place(self) -> tuple[int | None, int | None]:
         """Cell and pack."""
-        pack = self.cell // CELLS_PER_PACK if self.cell is not None else self.pack
-        return self.cell, pack
+        return self.cell, pack_of(self.cell) if self.cell is not None else self.pack
+
+
+def pack_of(cell: int) -> int:
+    """Return the pack of a cell, from 0, of the battery that is spoken of."""
+    return place_of(cell)[0] - 1
 
 
 def row_median(values: FloatArray) -> FloatArray:

@@ -9,9 +9,9 @@ from app.analysis.passport.shapes import AllPassports, CellPassport, all_passpor
 from app.api.schemas.sessions import DeletedOut
 from app.api.sessions.routes import MAX_UNIX_S
 from app.api.web.dependencies import ClockPart, EventsPart, PassportsPart, UserDep
-from app.api.web.problems import not_found
+from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
-from app.battery.shape import N_CELLS
+from app.battery.fields import MOST_CELLS
 from app.words import Message
 
 router = APIRouter(tags=["passport"])
@@ -20,7 +20,7 @@ router = APIRouter(tags=["passport"])
 class NewSwap(Body):
     """Modules that were replaced."""
 
-    cells: list[int] = Field(min_length=1, max_length=N_CELLS, description="indices from 0")
+    cells: list[int] = Field(min_length=1, max_length=MOST_CELLS, description="indices from 0")
     time_s: float | None = Field(None, ge=0, le=MAX_UNIX_S, description="unix time; none: now")
     note: str = Field("", max_length=500)
 
@@ -33,8 +33,10 @@ def all_cells(passports: PassportsPart) -> AllPassports:
 
 
 @router.get("/passport/{cell}")
-def one_cell(cell: Annotated[int, Path(ge=0, lt=N_CELLS)], passports: PassportsPart) -> CellPassport:
+def one_cell(cell: Annotated[int, Path(ge=0, lt=MOST_CELLS)], passports: PassportsPart) -> CellPassport:
     """The life of one cell, session by session."""
+    if cell >= passports.battery.n_cells:
+        raise invalid("cell", cell, f"0..{passports.battery.n_cells - 1}")
     return cell_passport(passports, cell)
 
 

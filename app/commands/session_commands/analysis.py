@@ -13,11 +13,12 @@ from app.analysis.document import document
 from app.analysis.finding import AnalysisFinding
 from app.analysis.laps.from_session import CanCounter, Counter, Counts, LapTable, lap_table
 from app.analysis.report.report import compare_sessions, report_of
-from app.battery.shape import CELLS_PER_PACK
 from app.commands.session_commands.selection import add_json_argument, add_session_argument, find_session, new_action
 from app.errors import ConfigError
 from app.sessions.reading.reader import SessionFile
 from app.sources.recordings.can_log import one_signal
+from app.words import naming_cells
+from app.words.places import place_of
 
 _NUMBER = r"(0[xX][0-9a-fA-F]+|[0-9]+)"
 _COUNTER = re.compile(f"can:{_NUMBER}:{_NUMBER}(?::{_NUMBER})?")
@@ -56,7 +57,8 @@ def _laps(args: argparse.Namespace) -> int:
         json.dump(asdict(table), sys.stdout, indent=2)
         print()
     else:
-        _print_laps(table, start_s)
+        with naming_cells(session.battery.segments):
+            _print_laps(table, start_s)
     return 0
 
 
@@ -108,8 +110,9 @@ def _compare(args: argparse.Namespace) -> int:
         b = found.b.figures[name]
         difference = "" if a is None or b is None else f"{b - a:+.5g}"
         print(f"{name:24} {_figure(a):>22} {_figure(b):>22}  {difference}")
-    for cell in found.cells:
-        print(f"cell {short_place(cell.cell)}: resistance {100 * cell.change:+.1f} % against the others")
+    with naming_cells(session.battery.segments):
+        for cell in found.cells:
+            print(f"cell {short_place(cell.cell)}: resistance {100 * cell.change:+.1f} % against the others")
     for text in _texts(found.unlike):
         print(text)
     return 0
@@ -192,7 +195,7 @@ def in_column(value: float | None, factor: float, width: int, decimals: int) -> 
 
 def short_place(cell: int) -> str:
     """Pack and cell as 3/7, for where there is little room."""
-    return f"{cell // CELLS_PER_PACK + 1}/{cell % CELLS_PER_PACK + 1}"
+    return "/".join(map(str, place_of(cell)))
 
 
 def _cell(cell: int | None, value: float | None, decimals: int, unit: str) -> str:

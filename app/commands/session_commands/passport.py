@@ -9,16 +9,18 @@ from datetime import UTC, datetime
 from app.analysis.passport.history import Passports
 from app.analysis.passport.keeper import PassportKeeper
 from app.analysis.totals import listed, number
-from app.battery.shape import CELLS_PER_PACK, N_PACKS
+from app.battery.battery import Battery
 from app.clock import Clock
 from app.commands.session_commands.analysis import in_column, short_place
 from app.commands.session_commands.selection import add_json_argument, catalogue, data_folder, new_action
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.service.settings import Settings
 from app.sessions.passport_store import StoredSwap
 from app.sources.loaded_battery import load_battery
+from app.words import naming_cells
 
 _NOW = ("capacity_ah", "resistance_ohm", "resistance_relative", "self_discharge_per_day", "balancing_h")
 
@@ -31,6 +33,7 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         "every cell across all sessions: capacity, resistance, self-discharge, balancing, rank, drift",
         _passport,
     )
+    action.add_argument("--battery", metavar="NAME|FILE", help="of this battery (default: the one that is served)")
     action.add_argument("--simulated", action="store_true", help="of the simulated car")
     add_json_argument(action)
     swap = action.add_argument_group("swaps", "a swapped module begins a new line, which inherits nothing")
@@ -42,12 +45,18 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 
 def _passport(args: argparse.Namespace) -> int:
     settings = Settings.model_validate({})
-    name = settings.cell or load_battery(settings.battery).battery.cell
+    battery = load_battery(args.battery or settings.battery).battery
+    name = settings.cell or battery.cell
     try:
         cell = load_cell(name)
     except EstimatorError as error:
         raise ConfigError("cell", name, str(error)) from error
-    keeper = PassportKeeper(data_folder(args), catalogue(args), cell, simulated=args.simulated)
+    with naming_cells(battery.segments):
+        return _of_battery(args, battery, cell)
+
+
+def _of_battery(args: argparse.Namespace, battery: Battery, cell: CellModel) -> int:
+    keeper = PassportKeeper(data_folder(args), catalogue(args), cell, battery=battery, simulated=args.simulated)
     try:
         if args.take_back is not None and not keeper.store.remove_swap(args.take_back):
             raise ConfigError("--take-back", args.take_back, "the number of a swap that is listed")
@@ -65,7 +74,7 @@ def _passport(args: argparse.Namespace) -> int:
 
 
 def _swap(keeper: PassportKeeper, args: argparse.Namespace) -> None:
-    cells, at_s = [_cell_index(part) for part in args.swap.split(",")], _time(args.at)
+    cells, at_s = [_cell_index(keeper.battery, part) for part in args.swap.split(",")], _time(args.at)
     keeper.swap(cells, at_s, args.note, None)
     print(f"recorded: {_swap_text(sorted(set(cells)), at_s, args.note)}", file=sys.stderr)
 
@@ -110,11 +119,13 @@ def _print_table(made: Passports, swaps: list[StoredSwap]) -> None:
         )
 
 
-def _cell_index(text: str) -> int:
+def _cell_index(battery: Battery, text: str) -> int:
     pack, _, cell = text.strip().partition("/")
-    if not (pack.isdigit() and cell.isdigit() and 1 <= int(pack) <= N_PACKS and 1 <= int(cell) <= CELLS_PER_PACK):
-        raise ConfigError("--swap", text, f"pack/cell, 1/1 to {N_PACKS}/{CELLS_PER_PACK}")
-    return (int(pack) - 1) * CELLS_PER_PACK + int(cell) - 1
+    is_place = pack.isdigit() and cell.isdigit()
+    index = battery.cell_at(int(pack) - 1, int(cell) - 1) if is_place else None
+    if index is None:
+        raise ConfigError("--swap", text, f"pack/cell, 1/1 to {battery.n_segments}/{battery.segments[-1]}")
+    return index
 
 
 def _time(text: str | None) -> float:

@@ -142,6 +142,7 @@ export interface BlackBox {
   summary: string[];
   simulated: boolean;
   cause?: Cause | null;
+  segments: number[];
 }
 
 /** What was reported; `t_s` from the trip. */
@@ -1282,6 +1283,7 @@ export interface ReplayState {
 /** How a session went. Lists over cells go by index from 0; None = not measured. */
 export interface Report {
   session: ReportedSession;
+  segments: number[];
   findings: Findings;
   causes: Cause[];
   headline: string;

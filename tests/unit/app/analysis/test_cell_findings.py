@@ -46,7 +46,7 @@ def test_a_watch_that_was_handed_out_is_the_callers_own(session):
 
 def test_a_clock_that_is_set_back_hides_nothing(session):
     """An hour back in the middle: what follows is judged at once, and not only when the clock has caught up."""
-    judge = CellJudge(CELL)
+    judge = CellJudge(CELL, (12,) * 8)
     for piece in read_pieces(session):
         late = piece.time_s >= START_S + 30.0
         judge.add(replace(piece, time_s=np.where(late, piece.time_s - 3600.0, piece.time_s)))
