@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from app.battery.battery import Battery
@@ -24,6 +25,11 @@ def limits_of_profile(battery: Battery) -> dict[str, float]:
     """Return the limits that a profile states as numbers, by the same names; those that signals carry move."""
     stated = {name: (battery.limits.get(of), sign) for name, (of, sign) in _OF_PROFILE.items()}
     return {name: sign * limit for name, (limit, sign) in stated.items() if isinstance(limit, float)}
+
+
+def by_names_of_profiles(limits: Mapping[str, float]) -> dict[str, float]:
+    """Return limits by the names that profiles use."""
+    return {of: sign * limits[name] for name, (of, sign) in _OF_PROFILE.items() if name in limits}
 
 
 def limits_of(image: bytes | None) -> dict[str, float]:

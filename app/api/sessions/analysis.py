@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
@@ -13,8 +13,11 @@ from app.analysis.black_box.from_session import explained, keep_black_boxes, sto
 from app.analysis.evidence.evidence import Evidence, NoEvidence, evidence_of
 from app.analysis.laps.figures import OVERLAY_POINTS, Lap
 from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, overlay_laps, settle_laps
+from app.analysis.limits import by_names_of_profiles, limits_of
 from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
+from app.api.encoding.battery import battery_json
 from app.api.encoding.words import message_json
+from app.api.schemas.battery import BatteryOut
 from app.api.schemas.sessions import BoxList
 from app.api.sessions.routes import MAX_UNIX_S, open_session
 from app.api.web.dependencies import BlackBoxesPart, CataloguePart, ClockPart, EventsPart, PassportsPart, UserDep
@@ -69,6 +72,16 @@ def _table(file: SessionFile, source: Source | None, counter: CanCounter | None,
 
 def _counter(can_id: int | None, byte: int, mask: int) -> CanCounter | None:
     return None if can_id is None else CanCounter(can_id, byte, mask)
+
+
+@router.get("/sessions/{session_id}/battery", response_model=BatteryOut)
+def battery(session_id: str, catalogue: CataloguePart) -> dict[str, Any]:
+    """The battery that was recorded, with the limits in force at the end, as far as they are known."""
+    with open_session(catalogue, session_id) as file:
+        configs = file.configs()
+        told = by_names_of_profiles(limits_of(configs[-1].image if configs else None))
+        body = battery_json(file.battery, "recording", Message("a-recording-is-not-written"))
+    return body | {"limits": body["limits"] | told}
 
 
 @router.get("/sessions/{session_id}/laps")

@@ -142,7 +142,7 @@ export interface BlackBox {
   summary: string[];
   simulated: boolean;
   cause?: Cause | null;
-  segments: number[];
+  segments?: number[];
 }
 
 /** What was reported; `t_s` from the trip. */
