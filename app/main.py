@@ -22,6 +22,7 @@ from app.api.configuration import routes as config
 from app.api.encoding.encoder import SnapshotEncoder
 from app.api.live import battery, events, metrics, system
 from app.api.live import routes as live
+from app.api.live import setup as first_steps
 from app.api.schemas.service import ProblemOut
 from app.api.sessions import analysis as debrief
 from app.api.sessions import imports, passport, recorder, transfer
@@ -40,6 +41,7 @@ from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
 from app.service.wiring import make_service
 from app.sessions.replay import Estimates, ReplayOptions
+from app.sources.connections import Connections, Setup
 from app.telemetry import Source
 
 STATIC = files("app") / "static"
@@ -68,8 +70,11 @@ def create_app(
     replay: Replay | None = None,
     simulated_car: SimulatorProcess | None = None,
     clock: Clock | None = None,
+    setup: Setup | None = None,
 ) -> FastAPI:
     """Return the application; its lifespan opens the links and closes them. Without `clock` it is the computer's.
+
+    Without `setup` what is read cannot be chosen on the page.
 
     Raises:
         ConfigError: a setting is wrong or unsafe.
@@ -110,6 +115,7 @@ def create_app(
         readers=Readers(clock),
         clock_watch=ClockWatch(clock),
         simulator=simulated_car,
+        setup=setup or Setup(settings.data, Connections(settings.serial, settings.can, settings.battery)),
         drill=drill,
     )
     problems.install(app)
@@ -132,6 +138,7 @@ def api_routes() -> APIRouter:
         can_bus,
         debrief,
         events,
+        first_steps,
         imports,
         live,
         passport,

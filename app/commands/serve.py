@@ -8,6 +8,7 @@ import os
 import signal
 import socket
 import sys
+from dataclasses import asdict
 from typing import Any, get_args
 
 import uvicorn
@@ -20,10 +21,13 @@ from app.service import log
 from app.service.folder_lock import locked_folder
 from app.service.settings import FilterName, Settings
 from app.service.simulator_process import SimulatorProcess
+from app.sources.connections import NAMES as CONNECTIONS
+from app.sources.connections import Connections, Setup, load_connections
 from app.sources.loaded_battery import load_battery
 from app.telemetry import Source
 from app.words import Message, name_cells_by
 
+AGAIN = -1  # instead of an exit code
 SECRETS = (
     "password",
     "viewer_password",
@@ -86,13 +90,29 @@ def settings_from(args: argparse.Namespace) -> Settings:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until a signal ends it."""
-    settings = settings_from(args)
-    log.configure(settings.log_level)
-    return serve(settings)
+    given = settings_from(args)
+    log.configure(given.log_level)
+    code = AGAIN
+    while code == AGAIN:
+        is_fixed = bool(given.model_fields_set & set(CONNECTIONS))
+        chosen = None if is_fixed else load_connections(given.data)
+        settings = given if chosen is None else given.model_copy(update=asdict(chosen))
+        code, port = serve_once(settings, is_fixed=is_fixed)
+        given = given.model_copy(update={"port": port})  # a free port that was taken stays the same
+    return code
 
 
 def serve(settings: Settings, replay: Replay | None = None) -> int:
-    """Bind, lock the data folder, run.
+    """Serve until a signal ends it; what is read cannot be chosen on the page.
+
+    Raises:
+        ConfigError: the port is taken, the folder cannot be used or is used by another service.
+    """
+    return serve_once(settings, replay)[0]
+
+
+def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bool = True) -> tuple[int, int]:
+    """Bind, lock the data folder, run; return the exit code, AGAIN for other connections, and the port.
 
     Raises:
         ConfigError: the port is taken, the folder cannot be used or is used by another service.
@@ -103,7 +123,17 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
         listener = stack.enter_context(_bind(settings))
         name_cells_by(load_battery(settings.battery).battery.segments)
         source, serial_url, can_url, car = _source(settings, stack, replay)
-        app = create_app(settings, source, serial_url=serial_url, can_url=can_url, replay=replay, simulated_car=car)
+        in_force = Connections(settings.serial, settings.can, settings.battery)
+        setup = Setup(settings.data, in_force, fixed=is_fixed)
+        app = create_app(
+            settings,
+            source,
+            serial_url=serial_url,
+            can_url=can_url,
+            replay=replay,
+            simulated_car=car,
+            setup=setup,
+        )
         address, port = listener.getsockname()[:2]
         host = f"[{address}]" if ":" in address else address
         server = _Server(
@@ -120,13 +150,14 @@ def serve(settings: Settings, replay: Replay | None = None) -> int:
                 server_header=False,
             ),
         )
+        setup.on_choice = server.start_again
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: None)  # uvicorn ends in order, then raises the signal again: enough
         asyncio.run(server.serve(sockets=[listener]))
         if not server.started:
             print("voltwall serve: did not start", file=sys.stderr)
-            return 1
-    return 0
+            return 1, port
+    return AGAIN if server.is_again else 0, port
 
 
 def _source(
@@ -135,9 +166,8 @@ def _source(
     """Return (source, RS232 URL, CAN bus, simulator); the simulator is started where no hardware is named."""
     if replay is not None:
         return "replay", None, None, None
+    Connections(settings.serial, settings.can, settings.battery).check()
     speaks_can = load_battery(settings.battery).speaks_dbc is not None
-    if speaks_can and settings.serial is not None:
-        raise ConfigError("serial", settings.serial, Message("battery-speaks-can", battery=settings.battery))
     if not settings.simulates:
         return "serial" if settings.serial else "can", settings.serial, settings.can, None
     simulator = SimulatorProcess(settings, speaks_dbc=speaks_can)
@@ -147,11 +177,17 @@ def _source(
 
 
 class _Server(uvicorn.Server):
-    """Says where it is once it takes connections."""
+    """Says where it is once it takes connections; may end to be started again."""
 
     def __init__(self, ready: str, config: uvicorn.Config) -> None:
         super().__init__(config)
         self._ready_line = ready
+        self.is_again = False
+
+    def start_again(self) -> None:
+        """End in order, to be started with other connections."""
+        self.is_again = True
+        self.should_exit = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start and tell."""

@@ -11,6 +11,7 @@ import { live } from './store/live.svelte';
 import { paper } from './store/paper.svelte';
 import { route } from './store/route.svelte';
 import { chosen } from './words/words.svelte';
+import { firstSteps } from './store/first_steps';
 import { user } from './store/user.svelte';
 
 route.start();
@@ -24,6 +25,7 @@ if (import.meta.env.PROD && 'serviceWorker' in navigator) {
 }
 
 await chosen.start();
+if (!location.hash) void firstSteps();
 const target = document.getElementById('app')!;
 target.replaceChildren(); // the frame that index.html shows meanwhile
 mount(App, { target });

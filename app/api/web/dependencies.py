@@ -36,6 +36,7 @@ from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.replay import ReplayPlayer
 from app.sessions.transfer.fetch_jobs import FetchJobs
 from app.sessions.transfer.import_jobs import ImportJobs
+from app.sources.connections import Setup
 from app.sources.loaded_battery import LoadedBattery
 from app.words import Message
 
@@ -50,6 +51,7 @@ class WebParts:
     readers: Readers
     clock_watch: ClockWatch
     simulator: SimulatorProcess | None
+    setup: Setup
     drill: Drill | None = None  # with the simulated car
 
 
@@ -133,5 +135,6 @@ AuthenticationPart = Annotated[Authentication, _from_web("authentication")]
 ClockWatchPart = Annotated[ClockWatch, _from_web("clock_watch")]
 EncoderPart = Annotated[SnapshotEncoder, _from_web("encoder")]
 ReadersPart = Annotated[Readers, _from_web("readers")]
+SetupPart = Annotated[Setup, _from_web("setup")]
 SimulatorPart = Annotated[SimulatorProcess, Depends(_simulator)]
 UserDep = Annotated[User, Depends(_user)]

@@ -100,7 +100,7 @@ class SerialLink:
                     exclusive=True,  # two readers would each get half of the bytes
                 )
             except Exception as error:  # noqa: BLE001  drivers raise their own: termios.error is no OSError
-                self._report("lost", _reason(error))
+                self._report("lost", reason_of(error))
                 self._stopping.wait(self._backoff.next_s())
                 continue
             self._report("open")
@@ -109,7 +109,7 @@ class SerialLink:
                 self._read_until_lost(port, self._backoff.reset)
             except Exception as error:  # noqa: BLE001  as above
                 if not self._stopping.is_set():
-                    self._report("lost", _reason(error))
+                    self._report("lost", reason_of(error))
             finally:
                 with self._write_lock:
                     self._port = None
@@ -170,7 +170,7 @@ def _reader(port: serial.Serial) -> Callable[[], bytes]:
     return read
 
 
-def _reason(error: Exception) -> Text:
+def reason_of(error: Exception) -> Text:
     """One line that a pit crew understands."""
     text = str(error)
     if "No such file" in text or "FileNotFoundError" in text:

@@ -90,6 +90,15 @@ export interface AnalysisFinding {
   text: string;
 }
 
+/** A battery that can be chosen by its id. */
+export interface BatteryChoice {
+  id: string;
+  name: string;
+  cells: number;
+  reads: string;
+  uploaded: boolean;
+}
+
 /** Cells count from 0 through the segments in order; `order` and `turned` name segments from 0. */
 export interface Battery {
   name: string;
@@ -495,6 +504,13 @@ export interface ConfigRecord {
   genuine: boolean;
 }
 
+/** With neither link the battery is simulated. */
+export interface Connections {
+  serial: string | null;
+  can: string | null;
+  battery: string;
+}
+
 /** How many cells are counted with a learned capacity and resistance; the factors are against the cell file. */
 export interface CountedWith {
   capacity_cells: number;
@@ -763,6 +779,12 @@ export interface Flags {
   load: boolean | null;
 }
 
+/** A port or an adapter, by the URL that the choice takes. */
+export interface Found {
+  url: string;
+  description: string;
+}
+
 /** Whether the service does its work; `reasons` says what is missing. */
 export interface Health {
   status: 'ok' | 'degraded';
@@ -949,6 +971,17 @@ export interface LogEvent {
   acknowledged_by: string | null;
 }
 
+/** What arrived, and what to do where that is not right. */
+export interface Look {
+  seconds: number;
+  bytes: number;
+  frames: number;
+  error: string | null;
+  error_words: Words | null;
+  advice: string | null;
+  advice_words: Words | null;
+}
+
 /** How near a recording came to one limit; `margin` in the unit, negative = beyond. */
 export interface Margin {
   limit: 'v_min' | 'v_max' | 't_max' | 'i_max' | 'i_min';
@@ -1109,6 +1142,12 @@ export interface Plausibility {
   sum: Check;
   current: Check;
   chips: Check;
+}
+
+/** What is plugged into the machine of the service. */
+export interface Plugged {
+  serial: Found[];
+  can: Found[];
 }
 
 /** What a trip may have been caused by; cell and pack count from 0. */
@@ -1443,6 +1482,16 @@ export interface Sessions {
   sessions: Session[];
 }
 
+/** `instance` is another one after each start; `fixed`: command line or environment say what is read. */
+export interface Setup {
+  instance: string;
+  needed: boolean;
+  fixed: boolean;
+  chosen: Connections | null;
+  in_force: Connections;
+  batteries: BatteryChoice[];
+}
+
 /** Smallest and largest of each point; null is a gap. */
 export interface SignalSeries {
   unit: string;
@@ -1725,6 +1774,11 @@ export interface Upload {
   is_can: boolean;
   columns: string[];
   guessed: ImportProfile | null;
+}
+
+/** The id by which an uploaded battery can be chosen. */
+export interface Uploaded {
+  id: string;
 }
 
 /** A code and its arguments: numbers, texts, cells, quantities with their unit, and messages within messages. */

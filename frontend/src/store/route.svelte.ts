@@ -13,6 +13,7 @@ export type Page =
   | 'system'
   | 'simulator'
   | 'help'
+  | 'setup'
   | 'judge';
 
 export const PAGES: readonly { id: Page; name: Text; icon: string }[] = [
@@ -38,7 +39,7 @@ export interface Place {
 export function parseHash(hash: string): Place {
   const [path = '', query = ''] = hash.replace(/^#\/?/, '').split('?');
   const [first = '', ...args] = path.split('/').filter(Boolean).map(decodeURIComponent);
-  const known = first === 'judge' || PAGES.some((p) => p.id === first);
+  const known = first === 'judge' || first === 'setup' || PAGES.some((p) => p.id === first);
   // eslint-disable-next-line svelte/prefer-svelte-reactivity -- made anew with every address, never changed
   return { page: known ? (first as Page) : 'overview', args, query: new URLSearchParams(query) };
 }

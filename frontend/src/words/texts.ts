@@ -11,6 +11,7 @@ import type packs from '../../../app/words/nb/page/packs.json';
 import type parameters from '../../../app/words/nb/page/parameters.json';
 import type recording from '../../../app/words/nb/page/recording.json';
 import type sessions from '../../../app/words/nb/page/sessions.json';
+import type setup from '../../../app/words/nb/page/setup.json';
 import type shell from '../../../app/words/nb/page/shell.json';
 import type simulator from '../../../app/words/nb/page/simulator.json';
 import type system from '../../../app/words/nb/page/system.json';
@@ -26,6 +27,7 @@ export type Text =
   | keyof typeof parameters
   | keyof typeof recording
   | keyof typeof sessions
+  | keyof typeof setup
   | keyof typeof shell
   | keyof typeof simulator
   | keyof typeof system;

@@ -1,0 +1,129 @@
+"""First steps: what to read, without a terminal."""
+
+import time
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from fastapi import APIRouter
+from pydantic import Field
+
+from app.api.encoding.words import message_json
+from app.api.schemas.setup import LookOut, PluggedOut, SetupOut, UploadedOut
+from app.api.web.dependencies import EventsPart, LivePart, SetupPart, UserDep
+from app.api.web.problems import invalid
+from app.api.web.request_body import Body
+from app.battery.library import TEAM_PROFILE
+from app.sources.connections import BATTERIES, Connections, Setup
+from app.sources.links.connected import LOOK_S, Look, can_adapters, look_at_can, look_at_serial, serial_ports
+from app.telemetry.events import LinkName
+from app.words import Message, Text
+
+router = APIRouter(prefix="/setup", tags=["setup"])
+Url = Annotated[str | None, Field(min_length=1, max_length=300)]
+
+
+class ConnectionsIn(Body):
+    """What to read; without a link the battery is simulated."""
+
+    serial: Url = None
+    can: Url = None
+    battery: Url = None
+
+
+class LookIn(Body):
+    """One of the two."""
+
+    serial: Url = None
+    can: Url = None
+
+
+class UploadIn(Body):
+    """A profile and the DBCs that it names, as text by file name."""
+
+    files: dict[Annotated[str, Field(max_length=100)], str] = Field(max_length=20)
+
+
+def _setup_json(setup: Setup) -> dict[str, Any]:
+    return {
+        "instance": setup.instance,
+        "needed": setup.is_needed,
+        "fixed": setup.fixed,
+        "chosen": None if setup.chosen is None else asdict(setup.chosen),
+        "in_force": asdict(setup.in_force),
+        "batteries": [
+            {
+                "id": name,
+                "name": each.battery.name,
+                "cells": each.battery.n_cells,
+                "reads": "master" if each.speaks_dbc is None else "dbc",
+                "uploaded": BATTERIES in name,
+            }
+            for name, each in setup.batteries().items()
+        ],
+    }
+
+
+@router.get("", response_model=SetupOut)
+def setup(setup: SetupPart) -> dict[str, Any]:
+    """What was chosen, what is read now, and which batteries can be chosen."""
+    return _setup_json(setup)
+
+
+@router.get("/plugged", response_model=PluggedOut)
+def plugged() -> dict[str, Any]:
+    """Serial ports and CAN adapters of this machine; drivers take some seconds to look."""
+    return {"serial": [asdict(each) for each in serial_ports()], "can": [asdict(each) for each in can_adapters()]}
+
+
+@router.post("/look", response_model=LookOut)
+def look(body: LookIn, setup: SetupPart, live: LivePart) -> dict[str, Any]:
+    """Open a port or a bus for a moment and count what arrives; of one that is read already, what its link counts."""
+    if (body.serial is None) == (body.can is None):
+        raise invalid("serial", body.serial, Message("one-of-two", names=("serial", "can")))
+    in_force = setup.in_force
+    if body.serial is not None and body.serial == in_force.serial:
+        found = _at_own(live, "rs232")
+    elif body.can is not None and body.can == in_force.can:
+        found = _at_own(live, "can")
+    else:
+        found = look_at_can(body.can) if body.can is not None else look_at_serial(body.serial or "")
+    return {
+        "seconds": LOOK_S,
+        "bytes": found.bytes,
+        "frames": found.frames,
+        **message_json("error", found.error),
+        **message_json("advice", found.advice),
+    }
+
+
+def _at_own(live: LivePart, name: LinkName) -> Look:
+    """What the link of the service counts meanwhile: two readers would each get half of the bytes."""
+
+    def counted() -> tuple[int, int, Text | None]:
+        if live.snapshot is None:
+            return 0, 0, None
+        link = live.snapshot.links.rs232 if name == "rs232" else live.snapshot.links.can
+        return link.bytes, link.frames, link.error
+
+    before = counted()
+    time.sleep(LOOK_S)
+    after = counted()
+    frames = after[1] - before[1]
+    silent = Message("advice-silent") if name == "rs232" else Message("advice-can-silent")
+    return Look(after[0] - before[0], frames, after[2], None if frames else silent)
+
+
+@router.put("", status_code=202, response_model=SetupOut)
+def choose(body: ConnectionsIn, setup: SetupPart, events: EventsPart, user: UserDep) -> dict[str, Any]:
+    """Keep what to read in the data folder and start again with it."""
+    chosen = Connections(body.serial, body.can, body.battery or TEAM_PROFILE)
+    setup.choose(chosen)
+    what = ", ".join(each for each in (chosen.battery, chosen.serial, chosen.can) if each) or "simulator"
+    events.note("info", "connections-chosen", Message("connections-chosen", what=what), who=user.name)
+    return _setup_json(setup)
+
+
+@router.post("/batteries", status_code=201, response_model=UploadedOut)
+def upload(body: UploadIn, setup: SetupPart) -> dict[str, Any]:
+    """Keep a profile and its DBCs in the data folder."""
+    return {"id": setup.upload({name: text.encode() for name, text in body.files.items()})}

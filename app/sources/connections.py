@@ -1,0 +1,153 @@
+"""What the service reads, as a person chose it on a page: a small file in the data folder.
+
+What the command line or the environment names wins over all of it.
+"""
+
+import contextlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from app.battery.library import TEAM_PROFILE, bundled_profiles
+from app.errors import ConfigError, NotNow
+from app.sources.links.can import parse_bus
+from app.sources.links.serial import check_url
+from app.sources.loaded_battery import LoadedBattery, load_battery
+from app.words import Message
+
+FILE = "connections.json"
+BATTERIES = "batteries"  # folder of uploaded profiles, one folder each
+
+
+@dataclass(frozen=True, slots=True)
+class Connections:
+    """Links and battery; with no link the battery is simulated."""
+
+    serial: str | None = None
+    can: str | None = None
+    battery: str = TEAM_PROFILE  # file, or name of a bundled one
+
+    def check(self) -> None:
+        """Refuse links that do not fit the battery, or are none.
+
+        Raises:
+            ConfigError, ProfileError: names the setting and what it has to be.
+            ImportFailed, ExtraMissing: a DBC of the battery cannot be read.
+        """
+        speaks_can = load_battery(self.battery).speaks_dbc is not None
+        if speaks_can and self.serial is not None:
+            raise ConfigError("serial", self.serial, Message("battery-speaks-can", battery=self.battery))
+        if self.serial is not None:
+            check_url(self.serial)
+        if self.can is not None:
+            parse_bus(self.can)
+
+
+NAMES = tuple(field.name for field in fields(Connections))
+
+
+def load_connections(folder: Path) -> Connections | None:
+    """Return what was chosen, None where nothing was.
+
+    Raises:
+        ConfigError: the file is no such choice.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        return None
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        is_choice = isinstance(values, dict) and all(
+            name in NAMES and (value is None or (isinstance(value, str) and value)) for name, value in values.items()
+        )
+    except (OSError, ValueError) as error:
+        raise ConfigError("data", path, str(error)) from error
+    if not is_choice:
+        raise ConfigError("data", path, Message("connections-file", names=NAMES))
+    return Connections(**values)
+
+
+def save_connections(folder: Path, connections: Connections) -> None:
+    """Write the file, whole or not at all."""
+    path = folder / FILE
+    fresh = path.with_suffix(".new")
+    fresh.write_text(json.dumps(asdict(connections), indent=2) + "\n", encoding="utf-8")
+    fresh.replace(path)
+
+
+class Setup:
+    """Chooses what the service reads; a choice takes effect when the service starts again, in the same process."""
+
+    def __init__(self, folder: Path, in_force: Connections, *, fixed: bool = True) -> None:
+        self._folder = folder
+        self.in_force = in_force  # what is read now
+        self.fixed = fixed  # command line or environment name it, or nothing could start again
+        self.instance = os.urandom(4).hex()  # another one after each start
+        self.on_choice: Callable[[], None] = lambda: None  # starts the service again
+
+    @property
+    def chosen(self) -> Connections | None:
+        """What was chosen, None where nothing was, or where the file cannot be read."""
+        try:
+            return load_connections(self._folder)
+        except ConfigError:
+            return None
+
+    @property
+    def is_needed(self) -> bool:
+        """Nobody ever said what to read."""
+        return not self.fixed and self.chosen is None
+
+    def choose(self, connections: Connections) -> None:
+        """Keep a choice and start again with it.
+
+        Raises:
+            NotNow: the command line or the environment says what is read.
+            ConfigError: it cannot work; names the setting and what it has to be.
+        """
+        if self.fixed:
+            raise NotNow(Message("named-on-command-line"))
+        connections.check()
+        save_connections(self._folder, connections)
+        self.on_choice()
+
+    def batteries(self) -> dict[str, LoadedBattery]:
+        """Return bundled and uploaded batteries by what `--battery` takes; those that are wrong are left out."""
+        uploaded = sorted((self._folder / BATTERIES).glob("*/*.toml"))
+        found = {}
+        for name in (*bundled_profiles(), *map(str, uploaded)):
+            with contextlib.suppress(Exception):
+                found[name] = load_battery(name)
+        return found
+
+    def upload(self, files: dict[str, bytes]) -> str:
+        """Keep a profile and its DBCs in the data folder; return the name by which it can be chosen.
+
+        Args:
+            files: by their names, the profile among them.
+
+        Raises:
+            ConfigError: there is not exactly one profile, a name is no file's, or the profile is wrong.
+            ImportFailed, ExtraMissing: a DBC cannot be read.
+        """
+        profiles = [name for name in files if name.endswith(".toml")]
+        if len(profiles) != 1:
+            raise ConfigError("files", ", ".join(files), Message("one-profile"))
+        for name in files:
+            if Path(name).name != name or name.startswith("."):
+                raise ConfigError("files", name, Message("plain-file-name"))
+        profile = profiles[0]
+        batteries = self._folder / BATTERIES
+        batteries.mkdir(parents=True, exist_ok=True)
+        folder = batteries / profile.removesuffix(".toml")
+        with tempfile.TemporaryDirectory(prefix=".new-", dir=batteries) as fresh:
+            for name, data in files.items():
+                (Path(fresh) / name).write_bytes(data)
+            load_battery(str(Path(fresh) / profile))
+            shutil.rmtree(folder, ignore_errors=True)
+            shutil.copytree(fresh, folder)
+        return str(folder / profile)

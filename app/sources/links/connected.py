@@ -1,0 +1,117 @@
+"""What is plugged into this machine, and whether it speaks: serial ports, CAN adapters, and a look at one of them."""
+
+import contextlib
+import time
+from dataclasses import dataclass
+
+import serial
+from serial.tools import list_ports
+
+from app.errors import message_of
+from app.sources.links.can import parse_bus
+from app.sources.links.python_can import can
+from app.sources.links.serial import check_url, reason_of
+from app.words import Message, Text
+from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM, Frame, FrameDecoder
+
+LOOK_S = 1.5
+_POLL_S = 0.1
+_NO_ADAPTERS = ("virtual", "udp_multicast", "serial")  # that python-can finds on every machine
+_SEARCH_S = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A port or an adapter."""
+
+    url: str  # as `--serial` or `--can` takes it
+    description: str
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What arrived in LOOK_S, and what to do where that is not right."""
+
+    bytes: int
+    frames: int
+    error: Text | None
+    advice: Message | None
+
+
+def serial_ports() -> list[Found]:
+    """Return the serial ports of this machine; those of adapters on USB come first."""
+    ports = sorted(list_ports.comports(), key=lambda port: (port.vid is None, port.device))
+    return [Found(port.device, "" if port.description in ("n/a", None) else port.description) for port in ports]
+
+
+def can_adapters() -> list[Found]:
+    """Return the CAN adapters that python-can finds, then serial adapters, which may speak SLCAN."""
+    named = [name for name in can.VALID_INTERFACES if name not in _NO_ADAPTERS]
+    found = [
+        Found(f"{each['interface']}:{each['channel']}", str(each.get("device_name", "")))
+        for each in can.detect_available_configs(named, timeout=_SEARCH_S)
+    ]
+    usb = [port for port in list_ports.comports() if port.vid is not None]
+    return found + [Found(f"slcan:{port.device}", port.description) for port in usb]
+
+
+def look_at_serial(url: str) -> Look:
+    """Open a port as the service would, and count what arrives.
+
+    Raises:
+        ConfigError: it is no pySerial URL.
+    """
+    check_url(url)
+    decoder, heard, frames = FrameDecoder(), 0, 0
+    try:
+        port = serial.serial_for_url(
+            url, baudrate=BAUD_RATE, parity=serial.PARITY_EVEN, timeout=_POLL_S, write_timeout=1.0, exclusive=True
+        )
+    except Exception as error:  # noqa: BLE001  drivers raise their own
+        reason = reason_of(error)
+        code = reason.code if isinstance(reason, Message) else ""
+        return Look(0, 0, reason, _ADVICE.get(code, Message("advice-no-port")))
+    try:
+        port.write(bytes([START_STREAM]))
+        end = time.monotonic() + LOOK_S
+        while time.monotonic() < end:
+            data = bytes(port.read(max(1, port.in_waiting)))
+            heard += len(data)
+            frames += sum(isinstance(each, Frame) for each in decoder.feed(data))
+        with contextlib.suppress(Exception):
+            port.write(bytes([STOP_STREAM]))
+    except Exception as error:  # noqa: BLE001  drivers raise their own
+        return Look(heard, frames, reason_of(error), Message("advice-no-port"))
+    finally:
+        port.close()
+    return Look(heard, frames, None, _on_serial(heard, frames))
+
+
+def _on_serial(heard: int, frames: int) -> Message | None:
+    if frames:
+        return None
+    return Message("advice-no-frame") if heard else Message("advice-silent")
+
+
+_ADVICE = {"port-denied": Message("advice-denied"), "port-in-use": Message("advice-in-use")}
+
+
+def look_at_can(url: str) -> Look:
+    """Open a bus as the service would, and count its frames.
+
+    Raises:
+        ConfigError: it is no INTERFACE:CHANNEL.
+    """
+    arguments = parse_bus(url)
+    heard = frames = 0
+    try:
+        with can.Bus(**arguments) as bus:  # type: ignore[arg-type]
+            end = time.monotonic() + LOOK_S
+            while time.monotonic() < end:
+                message = bus.recv(_POLL_S)
+                if message is not None and not message.is_error_frame:
+                    frames += 1
+                    heard += len(message.data)
+    except Exception as error:  # noqa: BLE001  every driver raises its own
+        return Look(heard, frames, message_of(error), Message("advice-can-open"))
+    return Look(heard, frames, None, None if frames else Message("advice-can-silent"))

@@ -1,0 +1,46 @@
+"""Choosing what to read on a page: the service starts again in its process, at its address, with what was chosen."""
+
+import httpx
+
+from tests.service_process import Service, until
+
+
+def test_a_choice_takes_effect_and_stays(tmp_path):
+    service = Service(tmp_path, []).start()
+    try:
+        with service.client() as client:
+            first = client.get("/setup").json()
+            assert first["needed"]
+            assert client.get("/battery").json()["name"] == "team's own, 96 cells"
+            answer = client.put("/setup", json={"battery": "one-signal-a-cell"})
+            assert answer.status_code == 202, answer.text
+
+            def is_again() -> bool:
+                try:
+                    return client.get("/setup").json()["instance"] != first["instance"]
+                except httpx.TransportError:  # it is starting
+                    return False
+
+            until(is_again)
+            assert sum(client.get("/battery").json()["segments"]) == 90
+            assert not client.get("/setup").json()["needed"]
+            refused = client.put("/setup", json={"battery": "one-signal-a-cell", "serial": "COM6"})
+            assert refused.status_code == 422
+        service.stop()
+        service.start()
+        with service.client() as client:
+            assert sum(client.get("/battery").json()["segments"]) == 90
+    finally:
+        service.stop()
+
+
+def test_the_command_line_wins(tmp_path):
+    (tmp_path / "connections.json").write_text('{"battery": "one-signal-a-cell"}')
+    service = Service(tmp_path, ["--battery", "team"]).start()
+    try:
+        with service.client() as client:
+            assert sum(client.get("/battery").json()["segments"]) == 96
+            assert client.get("/setup").json()["fixed"]
+            assert client.put("/setup", json={}).status_code == 409
+    finally:
+        service.stop()
