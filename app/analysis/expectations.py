@@ -14,10 +14,10 @@ from typing import Any, Final
 from app.battery.battery import Battery
 from app.errors import ConfigError
 from app.telemetry import Accumulator, Cells
-from app.telemetry.fields import units
+from app.telemetry.fields import LEFT_OUT, marked, units
 
 TOTALS: Final = tuple(name for name, _ in units(Accumulator))
-PER_CELL: Final = tuple(name for name, _ in units(Cells))
+PER_CELL: Final = tuple(name for name, _ in units(Cells) if name not in marked(Cells, LEFT_OUT))
 SEVERITIES: Final = ("watch", "warning", "trip")
 _NAME = re.compile(r"(?P<name>[a-z_]+)(?:\[(?P<pack>\d+)/(?P<cell>\d+)\])?")
 _PLACE = re.compile(r"(?P<pack>\d+)/(?P<cell>\d+)")

@@ -15,6 +15,7 @@ from app.words import Cell, Message, Quantity
 NEAR_LOW_V = 0.2  # above the lowest voltage allowed
 NEAR_HIGH_V = 0.01  # below the highest: a full cell stands close to it
 T_WATCH_DEGC = 5.0
+SUM_SLACK = 0.002  # of the limit of a voltage of many cells
 SLAVES_AWAY = (0, 255)  # absent, at fault
 CHARGER_REPORTS = {
     "hardware": Message("charger-hardware"),
@@ -63,6 +64,10 @@ def is_judged(code: str, snapshot: Snapshot) -> bool:
     total, master = snapshot.accumulator, snapshot.master
     if code.startswith("cell-voltage"):
         return _has_limits(snapshot) and total.voltage_min_v is not None
+    if code == "accumulator-voltage-high":
+        return _has_limits(snapshot) and total.voltage_v is not None
+    if code == "pack-voltage-high":
+        return _has_limits(snapshot) and any(pack.voltage_v is not None for pack in snapshot.packs)
     if code in ("cell-hot", "cell-near-hot", "cell-cold"):
         return _has_limits(snapshot) and total.temperature_max_degc is not None
     if code.startswith("current"):
@@ -132,6 +137,7 @@ def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Itera
             yield Condition("trip", Message("cell-voltage-high"), cell, value, high, "V")
         elif value > high - NEAR_HIGH_V - volts:
             yield Condition("watch", Message("cell-voltage-near-high"), cell, value, high, "V")
+    yield from _sums(snapshot, limits, slack)
     cold, hot = limits.temperature_min_degc, limits.temperature_max_degc
     value, cell = total.temperature_max_degc, total.temperature_max_cell
     if value is not None:
@@ -150,6 +156,19 @@ def _limits(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Itera
         yield Condition("trip", Message("current-high"), None, current_a, top_a, "A")
     if current_a is not None and current_a < bottom_a - 1.0:
         yield Condition("trip", Message("current-low"), None, current_a, bottom_a, "A")
+
+
+def _sums(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterator[Condition]:
+    """Voltages of all cells and of each pack."""
+    kept = 1.0 - SUM_SLACK * slack
+    value, high = snapshot.accumulator.voltage_v, limits.accumulator_voltage_max_v
+    if value is not None and value > high * kept:
+        yield Condition("trip", Message("accumulator-voltage-high"), None, value, high, "V")
+    high = limits.pack_voltage_max_v
+    sums = [(pack.voltage_v, number) for number, pack in enumerate(snapshot.packs, 1) if pack.voltage_v is not None]
+    value, number = max(sums, default=(0.0, 0))
+    if value > high * kept:
+        yield Condition("trip", Message("pack-voltage-high", pack=number), None, value, high, "V")
 
 
 def _master(snapshot: Snapshot) -> Iterator[Condition]:

@@ -74,7 +74,8 @@ class PipelineFactory:
 
     def predictor(self, learned_before: LearnedCells | None = None, watch: CellWatch | None = None) -> Predictor:
         """Return a fresh predictor that goes on with what earlier sessions learned."""
-        return Predictor(self.cell, self.battery.battery.segments, learned_before, watch=watch)
+        battery = self.battery.battery
+        return Predictor(self.cell, battery.segments, learned_before, watch=watch, has_sensor=battery.has_sensor)
 
     def _source(self, name: Source, rs232_url: str | None, can_url: str | None) -> MeasurementSource:
         speaks = self.battery.speaks_dbc

@@ -75,13 +75,23 @@ class Predictor:
         learned_before: LearnedCells | None = None,
         *,
         watch: CellWatch | None = None,
+        has_sensor: BoolArray | None = None,
     ) -> None:
-        """Start, or go on with what was learned before; `watch` has watched these cells up to now."""
+        """Start, or go on with what was learned before.
+
+        Args:
+            cell: model of every cell.
+            segments: cells of each.
+            learned_before: by earlier sessions.
+            watch: has watched these cells up to now.
+            has_sensor: (n_cells,) one cell of each temperature sensor, at which its findings are told; None: all.
+        """
         n_cells = sum(segments)
         self.cell = cell
         self.assessment = Assessment()
         before = learned_before
         self._watch = watch or CellWatch(cell, segments, _watched_before(before))
+        self._has_sensor = has_sensor
         self.findings = self._found()
         capacities = CapacityTracker(cell.capacity_ah, n_cells, None if before is None else before.capacity_state)
         self._capacities = CapacityBetweenRests(cell, capacities)
@@ -289,7 +299,11 @@ class Predictor:
         self._laps.judge()
 
     def _found(self) -> tuple[Finding, ...]:
-        return tuple(finding_of(each) for each in self._watch.findings)
+        return tuple(
+            finding_of(each)
+            for each in self._watch.findings
+            if each.code != "thermistor-off" or self._has_sensor is None or self._has_sensor[each.cell]
+        )
 
     def _learned(self) -> Learned:
         tracker, scale = self._capacities.tracker, self._scale

@@ -4,6 +4,7 @@ None and NaN are missing values. Current is positive on discharge. Unit, meaning
 nowhere else; JSON, OpenAPI, the page's types, history, MQTT and the replay test's keys are derived (see `fields`).
 """
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -233,6 +234,8 @@ class ProtectionLimits:
     discharge_min_a: float  # while driving: negative, what is recuperated
     charger_max_a: float  # positive, as set for the charger
     charger_min_a: float
+    accumulator_voltage_max_v: float = math.nan
+    pack_voltage_max_v: float = math.nan
     in_any_state: bool = False  # they hold whether the state is known or not
 
 

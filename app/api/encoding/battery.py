@@ -55,4 +55,6 @@ def in_force(limits: ProtectionLimits) -> dict[str, float]:
         "temperature_max_degc": limits.temperature_max_degc,
         "discharge_current_max_a": limits.discharge_max_a,
         "charge_current_max_a": -limits.discharge_min_a,
+        "pack_voltage_max_v": limits.accumulator_voltage_max_v,
+        "segment_voltage_max_v": limits.pack_voltage_max_v,
     }

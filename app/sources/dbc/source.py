@@ -222,5 +222,7 @@ def _limits(battery: Battery, told: Mapping[str, float]) -> ProtectionLimits | N
         discharge_min_a=-numbers["charge_current_max_a"],
         charger_max_a=numbers["charge_current_max_a"],
         charger_min_a=0.0,
+        accumulator_voltage_max_v=numbers["pack_voltage_max_v"],
+        pack_voltage_max_v=numbers["segment_voltage_max_v"],
         in_any_state=True,
     )

@@ -6,6 +6,7 @@ from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import bundled_cells
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
+from app.sources.loaded_battery import team_battery
 
 
 @pytest.fixture
@@ -36,8 +37,8 @@ def test_only_bundled_cells_and_the_services_own_can_be_chosen(pipelines, tmp_pa
 
 
 def test_imports_go_through_a_pipeline_of_their_own(pipelines):
-    assert pipelines.for_import().source == "replay"
-    assert pipelines.for_import() is not pipelines.for_import()
+    assert pipelines.for_import(team_battery()).source == "replay"
+    assert pipelines.for_import(team_battery()) is not pipelines.for_import(team_battery())
 
 
 def test_a_cell_that_is_none_stops_the_start(tmp_path):

@@ -37,6 +37,7 @@ def test_every_number_of_the_battery_has_a_unit_that_its_name_agrees_with():
         "Ah": "_ah",
         "Wh": "_wh",
         "%": "_percent",
+        "s": "_s",
     }
     for owner in (Accumulator, Cells):
         for name, unit in units(owner):
