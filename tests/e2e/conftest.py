@@ -35,6 +35,10 @@ window.WebSocket = class extends WebSocket {{
   constructor(url) {{ super(`${{url}}?rate={SNAPSHOTS_PER_S}`); }}
 }};
 """
+# It fetches and keeps every file of the application anew in every context: half of what opening a page costs.
+NO_SERVICE_WORKER = """
+if (navigator.serviceWorker) navigator.serviceWorker.register = () => Promise.reject(new Error('not in this test'));
+"""
 AXE = ROOT / "frontend" / "node_modules" / "axe-core" / "axe.min.js"
 RUN_AXE = """(what) => axe.run({
   runOnly: what, resultTypes: ['violations'], selectors: false, preload: false, // neither is looked at, and both cost
@@ -81,7 +85,13 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
             complaints.append(f"{message.text} {message.location.get('url', '')}")
 
     def open_one(
-        url: str, size: str = "desktop", *, quiet: bool = True, theme: str = "dark", full_rate: bool = False
+        url: str,
+        size: str = "desktop",
+        *,
+        quiet: bool = True,
+        theme: str = "dark",
+        full_rate: bool = False,
+        service_worker: bool = False,
     ) -> Page:
         context = browser.new_context(viewport=SIZES[size], has_touch=size in TOUCH, is_mobile=size in TOUCH)
         contexts.append(context)
@@ -90,6 +100,8 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
         )
         if not full_rate:
             context.add_init_script(FEWER_SNAPSHOTS)
+        if not service_worker:
+            context.add_init_script(NO_SERVICE_WORKER)
         page = context.new_page()
         page.set_default_timeout(PATIENCE_MS)
         if quiet:

@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 
 TRIPPED = 63  # pack 6, cell 4
 PAGES = ("overview", "packs", "packs/6/4", "charging", "parameters", "can", "sessions", "events", "system", "judge")
-FRAMES = 120
+FRAMES = 60  # of the screen: a second, in which 28 snapshots come
 
 # Compares within single animation frames what a page says of one cell in several places.
 COMPARE = """async ([page, frames]) => {
@@ -50,7 +50,7 @@ COMPARE = """async ([page, frames]) => {
 
 
 def compare(page, base_url):
-    """Look at a hundred frames of each page that shows a cell in two ways."""
+    """Look at a second of frames of each page that shows a cell in two ways."""
     for name in ("overview", "packs", "judge"):
         page.goto(f"{base_url}/#/{name}")
         expect(page.locator('[data-testid="judge-0"], [data-testid="cell-0"]').first).to_contain_text(

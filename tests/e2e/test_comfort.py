@@ -68,7 +68,7 @@ def test_who_reads_and_where_phones_reach_it_is_told(service, open_page):
 
 def test_pages_open_without_the_service_and_show_no_value(make_service, open_page):
     service = make_service()
-    page = open_page(f"{service.base_url}/#/overview", quiet=False)
+    page = open_page(f"{service.base_url}/#/overview", quiet=False, service_worker=True)
     expect(page.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live")
     page.evaluate("navigator.serviceWorker.ready")
     page.reload()

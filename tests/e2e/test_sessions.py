@@ -17,7 +17,7 @@ def test_a_session_is_recorded_marked_viewed_and_downloaded(make_service, open_p
     page.get_by_role("textbox", name="Marker text").fill("driver change")
     page.get_by_role("button", name="Set marker").click()
     expect(page.get_by_text("Marked: driver change")).to_be_visible()
-    service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 20)
+    service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 60)
     page.get_by_test_id("stop").click()
     expect(page.get_by_test_id("record")).to_be_enabled()
 

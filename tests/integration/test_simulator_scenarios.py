@@ -70,7 +70,7 @@ def step_s(scenario: Scenario) -> float:
         return 1.0
     lengths_s = [phase.for_s or math.inf for phase in scenario.phases if phase.load not in ("acceleration", "skid-pad")]
     longest_s = 0.0 if scenario.loop else max(lengths_s, default=0.0)
-    return 0.5 if longest_s > 500 else 0.1 if longest_s > 100 else 0.05
+    return 0.5 if longest_s > 500 else 0.1
 
 
 @functools.lru_cache

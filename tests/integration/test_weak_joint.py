@@ -27,7 +27,7 @@ def test_a_joint_that_parts_is_named_from_injection_to_report(tmp_path):
     alarm = next(each for each in car.snapshot.alarms if each.code == "joint-loose")
     assert alarm.cell == CELL
 
-    car.run(120.0)
+    car.run(75.0)
     (stood,) = car.snapshot.findings
     assert stood.size == live.size
     assert stood.seen - live.seen < 10.0

@@ -10,9 +10,9 @@ from tests.numeric.voltage_ahead import drive_scores
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 LEAST = 0.8  # of 90 % claimed: a race has few independent moments
-RACE_S = of_size(150, 500, 10_000)
-EVERY_S = of_size(30, 60, 60)
-DRIVE_S = of_size(1200, 3600, 10**9)
+RACE_S = of_size(120, 500, 10_000)
+EVERY_S = of_size(24, 60, 60)
+DRIVE_S = of_size(600, 3600, 10**9)
 POWERS = ("power discharge  1 s", "power discharge 10 s", "soc_min at load [s]")
 
 
@@ -23,7 +23,7 @@ def test_the_truth_of_a_race_is_within_the_bands(tell):
         assert len(scores[name].truth) >= 5
         assert scores[name].coverage() >= LEAST, name
     energy = scores["energy left"]
-    assert len(energy.truth) >= 4
+    assert len(energy.truth) >= 3
     assert energy.coverage() >= LEAST
     assert all(abs(middle / truth - 1.0) < 0.06 for middle, truth in zip(energy.middle, energy.truth, strict=True))
     found = ", ".join(f"{name} {100 * scores[name].coverage():.0f} %" for name in (*POWERS, "energy left"))

@@ -17,7 +17,7 @@ OWN_AH = np.array([0.8, 1.0, 1.1]) * CELL.capacity_ah
 GROWN = np.array([1.0, 1.6, 0.8])
 VOLTS = CELL.ocv.voltage(np.full(3, 0.8))
 DEGC = np.full(3, 25.0)
-STEPS, N = 400, 3
+STEPS, N = 150, 3
 
 engines = pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
 
@@ -78,10 +78,10 @@ def test_voltages_alone_say_a_soc_until_one_was_given(engine):
     assert estimator.voltage_soc() is None
 
 
-def counted(estimator, steps=600):
+def counted(estimator, steps=120):
     estimator.start(VOLTS, DEGC, 0.0, 0.8, 0.001)
     for k in range(steps):
-        found = estimator.step(1.0, 40.0 if k % 3 else -20.0, np.full(3, np.nan), DEGC)
+        found = estimator.step(5.0, 40.0 if k % 3 else -20.0, np.full(3, np.nan), DEGC)
     return found.soc
 
 

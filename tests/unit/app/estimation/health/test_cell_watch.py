@@ -9,6 +9,7 @@ from app.estimation.health.cell_finding import SURE
 from app.estimation.health.cell_watch import JUDGE_S, CellWatch
 
 N, PER_PACK, DT_S = 96, 12, 0.1
+STANDING_S = 0.5  # of a sample while nothing changes
 PAIR_OHM = 1e-3
 WARM = np.full(N, 30.0)
 
@@ -29,16 +30,16 @@ class Car:
             self._sample(current_a)
 
     def stand(self, seconds):
-        for _ in range(round(seconds / DT_S)):
-            self._sample(0.0)
+        for _ in range(round(seconds / STANDING_S)):
+            self._sample(0.0, STANDING_S)
 
-    def _sample(self, current_a):
-        self.time_s += DT_S
-        self.pair_a += DT_S / 10.0 * (current_a - self.pair_a)
+    def _sample(self, current_a, dt_s=DT_S):
+        self.time_s += dt_s
+        self.pair_a += dt_s / 10.0 * (current_a - self.pair_a)
         noise_v = self.rng.normal(0, 1e-3, N)
         voltages_v = 3.7 - self.resistance_ohm * current_a - PAIR_OHM * self.pair_a + noise_v
-        self.watch.step(self.time_s, DT_S, current_a + self.rng.normal(0, 0.2), voltages_v, WARM)
-        if round(self.time_s / DT_S) % round(JUDGE_S / DT_S) == 0:
+        self.watch.step(self.time_s, dt_s, current_a + self.rng.normal(0, 0.2), voltages_v, WARM)
+        if self.time_s % JUDGE_S < dt_s:
             self.watch.judge()
 
 
@@ -124,11 +125,11 @@ class Pack:
         self.time_s += pause_s
         self.watch = CellWatch(self.cell, (self.per_pack,) * (self.n // self.per_pack), self.watch.memory)
 
-    def run(self, seconds, currents_a=(0.0,), dt_s=0.2):
+    def run(self, seconds, currents_a=(0.0,), dt_s=0.4):
         """Let time pass with another current every 2 s; return what is found, as pairs of code and cell."""
         current_a = 0.0
         for k in range(round(seconds / dt_s)):
-            if k % 10 == 0:
+            if k % round(2.0 / dt_s) == 0:
                 current_a = float(self.rng.choice(currents_a))
             self.time_s += dt_s
             self.degc += 2e-6 * current_a**2 * dt_s
@@ -139,7 +140,7 @@ class Pack:
             v[list(self.shown_v)] = list(self.shown_v.values())
             degc[list(self.shown_degc)] = list(self.shown_degc.values())
             self.watch.step(self.time_s, dt_s, current_a, v, degc)
-            if k % 12 == 0:
+            if k % round(2.4 / dt_s) == 0:
                 self.watch.judge()
         return {(each.code, each.cell) for each in self.watch.findings}
 
@@ -204,7 +205,7 @@ def test_a_leak_survives_a_restart_and_ends_when_the_cell_is_mended(cell):
     assert pack.run(30) == {("cell-leaks", 5)}
     assert pack.watch.findings[0].since_s == before.since_s
     pack.leak_a[5] = 0.0
-    assert pack.run(1800) == set()
+    assert pack.run(1800, dt_s=1.0) == set()
 
 
 def test_two_faults_are_two_findings(cell):

@@ -42,7 +42,7 @@ def samples(seed: int, n_steps: int):
             volts[k % N] = np.nan
         if k % 11 == 0:
             volts[:3] = 2.0
-        if 100 < k < 160:
+        if 20 < k < 60:
             volts[5] = 4.2
         if k % 40 == 0:
             degc = np.where(rng.random(N) < 0.2, np.nan, rng.uniform(-15.0, 65.0, N))
@@ -57,7 +57,7 @@ def test_the_engine_equals_the_reference(name, model):
         estimator.start(np.full(N, 3.8), np.full(N, 20.0), 0.0, soc=np.linspace(0.2, 0.9, N))
         estimator.use_capacity(np.linspace(0.8, 1.1, N) * BASE.capacity_ah)
         estimator.use_resistance(np.linspace(0.9, 1.4, N))
-    for sample in samples(4, 180):
+    for sample in samples(4, 90):
         step_both(native, reference, sample)
 
 
