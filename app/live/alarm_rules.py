@@ -76,6 +76,7 @@ def is_judged(code: str, snapshot: Snapshot) -> bool:
         return snapshot.charger.state is not None
     known: dict[str, bool] = {
         "master-fault": master.state != "unknown",
+        "bms-fault": master.state != "unknown",
         "map-mismatch": master.map_matches is not None,
         "cell-missing": _is_recent(snapshot),
         "value-implausible": _is_recent(snapshot),
@@ -173,7 +174,9 @@ def _sums(snapshot: Snapshot, limits: ProtectionLimits, slack: float) -> Iterato
 
 def _master(snapshot: Snapshot) -> Iterator[Condition]:
     master = snapshot.master
-    if master.state == "fault":
+    if master.state == "fault" and master.why.code == "bms-tells-state":
+        yield Condition("trip", Message("bms-fault"))
+    elif master.state == "fault":
         yield _fault(master.why, snapshot.segments)
     if master.map_matches is False:
         yield Condition("warning", Message("map-mismatch"))

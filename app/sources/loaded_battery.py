@@ -1,8 +1,9 @@
 """A battery with all that explains how it speaks: its profile, what that includes, and its DBCs, read and as bytes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from pathlib import Path
 
 from app.battery.battery import Battery
 from app.battery.library import TEAM_PROFILE, profile_files, profile_of
@@ -40,7 +41,11 @@ def load_battery(name: str) -> LoadedBattery:
         ProfileError: the profile, or a file that it names, cannot be read, or is wrong.
         ImportFailed, ExtraMissing: a DBC cannot be read.
     """
-    return battery_from_files(profile_files(name))
+    loaded = battery_from_files(profile_files(name))
+    cell = Path(name).parent / loaded.battery.cell
+    if not cell.is_file():
+        return loaded
+    return replace(loaded, battery=replace(loaded.battery, cell=str(cell)))  # beside the profile
 
 
 def battery_from_files(files: Mapping[str, bytes]) -> LoadedBattery:

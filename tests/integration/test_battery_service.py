@@ -7,7 +7,7 @@ import pytest
 from app.battery.library import load_profile
 from tests.battery_bus import SpeakingBus
 from tests.battery_folder import write_profile
-from tests.peer_batteries import cell_number
+from tests.peer_batteries import cell_number, segments_in_fd_frames
 from tests.service_process import Service, until
 
 FOX_CELLS, FOX_SENSORS = 216, 180
@@ -132,3 +132,19 @@ def test_cells_told_one_by_one_have_their_own_ages_alarms_and_an_end(orion):
     snapshot = service.wait_for(lambda s: s["accumulator"]["current_a"] is None)
     assert snapshot["age"]["voltage"] > 0.5
     service.wait_for(lambda s: any(alarm["code"] == "can-silent" for alarm in s["alarms"]))
+
+
+def test_cells_in_frames_of_can_fd_are_live(tmp_path):
+    peer = segments_in_fd_frames()
+    profile = write_profile(tmp_path, peer, peer.segments, voltage="TS_Voltage")
+    text = profile.read_text(encoding="utf-8").replace("Pack_Current", "TS_Current").replace("Pack_SOC", "SOC")
+    profile.write_text(text, encoding="utf-8")
+    bus = SpeakingBus(peer.frames(3))
+    service = Service(tmp_path / "data", ["--battery", str(profile), "--can", bus.url]).start()
+    try:
+        snapshot = service.wait_for(lambda s: s["accumulator"]["loaded_cells"] == 140)
+        assert len(snapshot["packs"]) == 5
+        assert snapshot["accumulator"]["current_a"] is not None
+    finally:
+        service.stop()
+        bus.close()

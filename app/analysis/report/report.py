@@ -39,6 +39,8 @@ from app.telemetry.cell_findings import Finding, finding_of
 from app.words import Argument, Message
 from firmware_protocol.config_image import image_hash
 
+_OF_OTHER_TRIPS = ("master-fault", "bms-fault")  # told beside what caused them
+
 
 @dataclass(frozen=True)
 class ReportedSession:
@@ -149,7 +151,7 @@ def report_of(session: SessionFile) -> Report:
     image = configs[-1].image if configs else None
     limits, events = limits_of(image) or stated, session.events()
     near, odd = watch.nearest(), odd_cells(survey)
-    trips = [event for event in events if event["severity"] == "trip" and event["code"] != "master-fault"]
+    trips = [event for event in events if event["severity"] == "trip" and event["code"] not in _OF_OTHER_TRIPS]
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]
     loose = [event for event in warned if event["code"] == "joint-loose"]
     causes = causes_of(session, cell)

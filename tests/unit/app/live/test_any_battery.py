@@ -1,10 +1,12 @@
 """The pipeline of batteries of other shapes: 14 to 600 cells, segments that differ, sensors that stand for several."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.battery.battery import Battery, SignalName, spread
-from app.battery.source import CellSignals, Reading, SpeaksDbc
+from app.battery.source import CellSignals, Reading, SpeaksDbc, StateSignal
 from app.live.history import History
 from app.live.learned_state import LearnedState, learned_file, load_learned_state, save_learned_state
 from app.live.pipeline_factory import PipelineFactory
@@ -128,3 +130,10 @@ def test_a_sensor_that_stands_for_several_cells_is_found_once():
     drive(pipeline, 20, np.full(12, 3.7), degc=[25, 25, 25, 25, 25, 25])
     found = drive(pipeline, 20, np.full(12, 3.7), degc=[25, 25, 45, 25, 25, 25], from_s=20)
     assert [(each.code, each.cell) for each in found[-1].findings] == [("thermistor-off", 4)]
+
+
+def test_a_fault_that_the_bms_tells_is_its_own_alarm_and_no_word_of_a_circuit():
+    battery = loaded((12,))
+    told = replace(battery.source, states={"fault": StateSignal(SignalName("I", "U"), mask=0xFFFF)})
+    pipeline = PipelineFactory("coulomb", None, replace(battery, source=told)).pipeline("can")
+    assert codes(drive(pipeline, 2, np.full(12, 3.7))) == {"bms-fault"}

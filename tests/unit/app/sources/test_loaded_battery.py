@@ -67,3 +67,12 @@ def test_a_missing_dbc_is_named(tmp_path: Path) -> None:
     (tmp_path / "own.dbc").unlink()
     with pytest.raises(ProfileError, match=r"source\.dbc.*own\.dbc"):
         load_battery(str(path))
+
+
+def test_a_cell_file_beside_the_profile_is_found_from_anywhere(tmp_path: Path) -> None:
+    profile = tmp_path / "p.toml"
+    text = '[battery]\nname = "x"\nsegments = [4]\ncell = "mine.toml"\n[source]\nkind = "master"\n'
+    profile.write_text(text, encoding="utf-8")
+    assert load_battery(str(profile)).battery.cell == "mine.toml"  # nothing there: a bundled one of this name
+    (tmp_path / "mine.toml").write_text("", encoding="utf-8")
+    assert Path(load_battery(str(profile)).battery.cell) == tmp_path / "mine.toml"
