@@ -13,6 +13,7 @@ from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 DEFINITION_ENDINGS = (".dbc", ".sym", ".kcd", ".arxml")
+_MOST_LEFT_OUT = 40  # lines; a file with more of them is something else
 _LENGTHS_FD = (12, 16, 20, 24, 32, 48, 64)
 
 
@@ -48,10 +49,15 @@ def parse_definitions(data: bytes, name: str) -> Definitions:
         text, found = mended(text, name)
         oddities += found
     options = {"database_format": "dbc"} if ending == ".dbc" else {}
-    try:
-        loaded: Any = database.load_string(text, strict=False, sort_signals=None, **options)
-    except Exception as error:  # every format raises its own
-        raise ImportFailed(name, Message("no-dbc", error=_first_line(error))) from error
+    while True:
+        try:
+            loaded: Any = database.load_string(text, strict=False, sort_signals=None, **options)
+            break
+        except Exception as error:  # every format raises its own
+            shorter = _without_line(text, name, error, oddities) if ending == ".dbc" else None
+            if shorter is None:
+                raise ImportFailed(name, Message("no-dbc", error=_first_line(error))) from error
+            text = shorter
     lines = _lines_of_messages(text)
     messages = []
     for message in getattr(loaded, "messages", []):
@@ -61,6 +67,19 @@ def parse_definitions(data: bytes, name: str) -> Definitions:
     if not messages:
         raise ImportFailed(name, Message("dbc-no-message"))
     return Definitions(tuple(messages), tuple(oddities))
+
+
+def _without_line(text: str, name: str, error: Exception, oddities: list[Oddity]) -> str | None:
+    """Return the text without the line that cannot be read, which is told; None where that is no way on."""
+    found = re.search(r"at line (\d+)", str(error))
+    lines = text.split("\n")
+    number = int(found[1]) if found else 0
+    left_out = [each for each in oddities if isinstance(each.what, Message) and each.what.code == "dbc-line-unreadable"]
+    if not 1 <= number <= len(lines) or not lines[number - 1].strip() or len(left_out) >= _MOST_LEFT_OUT:
+        return None
+    oddities.append(Oddity(name, number, Message("dbc-line-unreadable", text=lines[number - 1].strip()[:60])))
+    lines[number - 1] = ""
+    return "\n".join(lines)
 
 
 def _text(data: bytes, name: str, oddities: list[Oddity]) -> str:

@@ -1,5 +1,6 @@
 """DBC files as they are found: lines that cantools refuses are mended or left out, each with a warning."""
 
+import math
 import re
 from collections.abc import Iterator
 
@@ -84,9 +85,16 @@ class _Mending:
         if attribute and attribute[1] not in self._defined:
             self._note(number, Message("dbc-attribute-undefined", name=attribute[1]))
             return None
+        if stripped.startswith(("VAL_ ", "VAL_TABLE_ ")) and not stripped.endswith(";") and self._ends(number):
+            line += " ;"
         if not _NOTED.match(line):
             return line
         return self._noted_line(number, line)
+
+    def _ends(self, number: int) -> bool:
+        """Whether the next line begins something else."""
+        after = self._lines[number].strip() if number < len(self._lines) else ""
+        return not after or re.match(r"[A-Z]+_", after) is not None
 
     def _noted_line(self, number: int, line: str) -> str | None:
         found = _OF_ID.match(line)
@@ -201,6 +209,8 @@ def _number(text: str | None, default: float) -> str:
     try:
         value = float((text or "").replace(",", "."))
     except ValueError:
+        value = default
+    if not math.isfinite(value):
         value = default
     return f"{value:.15g}"
 

@@ -9,7 +9,7 @@ from app.sources.dbc.definitions import MessageDefinition
 from app.sources.dbc.learn.columns import Column, columns_of, cut_name, roles_of, telling
 from app.sources.dbc.learn.proposal import CellProposal, Member, judged
 from app.sources.dbc.learn.survey import Survey
-from app.sources.dbc.learn.words_of_names import FIRST, SEGMENT
+from app.sources.dbc.learn.words_of_names import CELL, FIRST, NO_QUANTITY, SEGMENT, TEMPERATURE, VOLTAGE, words
 from app.words import Message, Text
 
 _MOST_IN_A_MESSAGE = 36
@@ -22,6 +22,8 @@ def family_proposals(survey: Survey, kind: str) -> Iterator[CellProposal]:
     by_skeleton: dict[str, list[Member]] = defaultdict(list)
     for message in survey.definitions.by_id().values():
         for signal in message.signals:
+            if words(signal.name) & NO_QUANTITY and not words(signal.name) & (CELL | VOLTAGE | TEMPERATURE):
+                continue
             if not signal.is_multiplexer and signal.layout.length > (1 if kind != "balancing" else 0):
                 by_skeleton[cut_name(signal.name).skeleton].append((message, signal))
     for members in by_skeleton.values():

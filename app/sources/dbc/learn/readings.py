@@ -14,6 +14,7 @@ from app.sources.dbc.definitions import MessageDefinition, Signal
 from app.sources.dbc.learn.proposal import Member
 from app.sources.dbc.learn.survey import Survey
 from app.sources.dbc.learn.words_of_names import (
+    CELL,
     CURRENT,
     NOT_THE_PACK,
     PACK,
@@ -29,6 +30,7 @@ _CLEAR = 0.4  # correlation of current and voltage steps from which on the sign 
 _SENSORS = name_set("ivt shunt result string stack")
 _OF_A_PART = name_set("module slave segment seg ic cmu chip board bmb")
 _NO_PACK_VOLTAGE = name_set("cell cells zelle min max avg limit lim target soc power status state fault error counter")
+_SUM = name_set("sum total summe")  # of all cells, where a signal of a cell is not
 _SOC = frozenset({"soc"})
 
 
@@ -57,8 +59,11 @@ def pack_voltage_proposals(survey: Survey, sum_v: float, used: set[tuple[int, st
     found = []
     for message, signal in _candidates(survey, used, "pack_voltage"):
         said, around = words(signal.name), words(message.name)
-        is_named = bool(said & VOLTAGE)
-        if said & (_NO_PACK_VOLTAGE | CURRENT) or not (is_named or (said & PACK and not signal.unit)):
+        is_sum = bool(said & _SUM and known_conversion("pack_voltage", signal.unit))
+        is_named = is_sum or bool(said & VOLTAGE)
+        if said & (_NO_PACK_VOLTAGE | CURRENT) - (CELL if is_sum else set()) or not (
+            is_named or (said & PACK and not signal.unit)
+        ):
             continue
         score = (
             2.0 * len(said & PACK - _SENSORS)

@@ -50,6 +50,7 @@ NO_NUMBER = name_set(
     "counter cnt crc checksum chk alive rolling version state status flags error fault count total max min "
     "highest lowest heartbeat seq sequence"
 )
+NO_QUANTITY = name_set("crc checksum chk counter cnt alive rolling heartbeat seq sequence reserved unused blank")
 CURRENT = name_set("current currents curr cur strom strøm i amp amps amperage ipack ibat ibatt")
 PACK = name_set(
     "pack batt battery bat accumulator accu acc hv hvb ts tractive bms ams bus dc link ivt shunt string stack "

@@ -39,6 +39,8 @@ def parsed(text):
         (HEAD + GOOD + 'BO_ 419361024 Far: 8 BMS\n SG_ Z : 0|8@1+ (1,0) [0|0] "" X\n', 8, "dbc-id-29-bit"),
         (HEAD + GOOD + 'BO_ 257 Short: 1 BMS\n SG_ Z : 0|16@1+ (1,0) [0|0] "" X\n', 8, "dbc-signals-beyond"),
         (HEAD + GOOD + "BO_ 257 Broken\n", 8, "dbc-line-unreadable"),
+        (HEAD + GOOD + "<<<<<<< HEAD\nFOO bar;\n=======\n", 9, "dbc-line-unreadable"),
+        (HEAD + GOOD + ' SG_ V9 : -1|16@0+ (1,0) [0|0] "" X\n', 8, "dbc-line-unreadable"),
         ((HEAD + GOOD).replace('"V"', '"°C"').encode("latin-1"), 6, "dbc-not-utf-8"),
     ],
 )
@@ -46,6 +48,16 @@ def test_what_is_odd_is_told_by_its_line_and_the_rest_is_loaded(text, line, code
     definitions = parsed(text)
     assert (line, code) in codes(definitions)
     assert {"V1", "V2"} <= {signal.name for message in definitions.messages for signal in message.signals}
+
+
+def test_a_list_of_names_without_its_end_and_a_factor_that_is_no_number_do_not_matter():
+    text = (
+        HEAD + GOOD + ' SG_ V3 : 32|16@1+ (nan,0) [0|5] "V" X\nVAL_ 256 V1 0 "none" 1 "one"\nVAL_ 256 V2 0 "none" ;\n'
+    )
+    message = parsed(text).messages[0]
+    assert message.signal("V1").choices == {0: "none", 1: "one"}
+    assert message.signal("V2").choices == {0: "none"}
+    assert message.signal("V3").layout.scale == 1.0
 
 
 def test_missing_spaces_do_not_matter():
