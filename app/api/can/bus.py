@@ -15,6 +15,7 @@ from app.api.encoding.can import bus_json
 from app.api.encoding.words import message_json
 from app.api.schemas.can import CanBusOut, TransmitOut
 from app.api.web.dependencies import (
+    BatteryPart,
     CanTracePart,
     CataloguePart,
     ClockPart,
@@ -81,8 +82,13 @@ class ReplayFramesIn(Body):
 
 
 @router.get("/bus", response_model=CanBusOut)
-def bus(trace: CanTracePart, in_force: InForcePart, live: LivePart, clock: ClockPart) -> dict[str, Any]:
+def bus(
+    trace: CanTracePart, in_force: InForcePart, live: LivePart, battery: BatteryPart, clock: ClockPart
+) -> dict[str, Any]:
     """Every id: name, period measured and configured, last bytes, signals; what is configured and never received."""
+    if battery.speaks_dbc is not None:
+        names = {can_id: message.name for can_id, message in battery.definitions.by_id().items()}
+        return bus_json(trace, None, live.snapshot, clock, names)
     return bus_json(trace, in_force.image() or default_image(), live.snapshot, clock)
 
 

@@ -2,12 +2,14 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
+from types import MappingProxyType
 from typing import Any
 
 from app.clock import Clock
 from app.configuration.can_rules import wire_id
 from app.live.can_trace import CanTrace, TracedId
 from app.sources.items import CanItem
+from app.sources.links.can import DEFAULT_BIT_RATE
 from app.telemetry import Snapshot
 from firmware_protocol.can_latency import Cyclic, cyclic_messages, worst_latencies_s
 from firmware_protocol.can_tables import (
@@ -97,16 +99,27 @@ def measured_messages(trace: CanTrace) -> list[Cyclic]:
     ]
 
 
-def bus_json(trace: CanTrace, image: bytes, snapshot: Snapshot | None, clock: Clock) -> dict[str, Any]:
-    """The bus monitor; `image` is the configuration in force."""
+def bus_json(
+    trace: CanTrace,
+    image: bytes | None,
+    snapshot: Snapshot | None,
+    clock: Clock,
+    names: Mapping[int, str] = MappingProxyType({}),
+) -> dict[str, Any]:
+    """The bus monitor.
+
+    Args:
+        image: the master's configuration in force; None where there is no master.
+        names: of messages that are in no table of it, by id.
+    """
     now_ns, wall_ns = clock.monotonic_ns(), clock.wall_ns()
-    messages: list[TxMessage | RxMessage] = [*rx_messages(image), *tx_messages(image)]
+    messages: list[TxMessage | RxMessage] = [] if image is None else [*rx_messages(image), *tx_messages(image)]
     tables = {wire_id(m): m for m in messages if m.length}
-    cyclic = {wire_id(tx_messages(image)[index]): m for index, m in cyclic_messages(image).items()}
+    cyclic = {} if image is None else {wire_id(tx_messages(image)[i]): m for i, m in cyclic_messages(image).items()}
     seen = trace.by_id()
-    rate = bit_rate(CONFIG["can_brp"].unpack(image)[0])
+    rate = DEFAULT_BIT_RATE if image is None else bit_rate(CONFIG["can_brp"].unpack(image)[0])
     ids = [
-        _id_json(can_id, seen.get(can_id), tables.get(can_id), cyclic.get(can_id), now_ns)
+        {"name": names.get(can_id)} | _id_json(can_id, seen.get(can_id), tables.get(can_id), cyclic.get(can_id), now_ns)
         for can_id in sorted(seen.keys() | tables.keys())
     ]
     load = sum(
@@ -153,7 +166,7 @@ def _id_json(
     return {
         "id": can_id & ~CAN_ID_EXTENDED,
         "extended": bool(can_id & CAN_ID_EXTENDED),
-        "name": None if message is None else message_name(message),
+        **({} if message is None else {"name": message_name(message)}),
         "direction": None if item is None else "tx" if item.sent else "rx",
         "sender": sender,
         "count": 0 if known is None else known.count,

@@ -1,0 +1,121 @@
+"""Batteries that are not the team's, simulated and read by their DBC: their pages in a real browser."""
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.service_process import Service
+
+SHAPES = {"fox": ("foxbms-2", [18] * 12), "small": (None, [14])}
+BITS = 16
+
+
+def small_battery(folder):
+    """A profile of one segment of 14 cells and 7 temperature sensors, and its DBC; returns the profile's path."""
+    messages = []
+    for k in range(4):
+        cells = [cell for cell in range(4 * k, 4 * k + 4) if cell < 14]
+        lines = [
+            f' SG_ Cell_{cell + 1}_V : {BITS * i}|{BITS}@1+ (0.001,0) [0|5] "V" BMS' for i, cell in enumerate(cells)
+        ]
+        messages.append("\n".join([f"BO_ {256 + k} Cells_{k}: 8 BMS", *lines]))
+    degrees = [f' SG_ Temp_{i + 1} : {8 * i}|8@1+ (1,-40) [0|0] "degC" BMS' for i in range(7)]
+    messages.append("\n".join(["BO_ 272 Temps: 8 BMS", *degrees]))
+    messages.append('BO_ 273 Pack: 8 BMS\n SG_ Pack_Current : 0|16@1- (0.1,0) [0|0] "A" BMS')
+    (folder / "small.dbc").write_text('VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_: BMS\n\n' + "\n\n".join(messages) + "\n")
+    profile = folder / "small.toml"
+    profile.write_text(
+        """[battery]
+name = "small, 14 cells"
+segments = [14]
+
+[battery.temperatures]
+sensors = 7
+cells = "spread"
+
+[source]
+dbc = "small.dbc"
+
+[[source.voltage]]
+signal = "Cell_{cell}_V"
+base = 1
+
+[[source.temperature]]
+signal = "Temp_{cell}"
+base = 1
+
+[source.current]
+signal = "Pack_Current"
+"""
+    )
+    return str(profile)
+
+
+@pytest.fixture(scope="module", params=SHAPES)
+def battery(request, tmp_path_factory):
+    """A service of each battery, with the sizes of its segments."""
+    name, segments = SHAPES[request.param]
+    folder = tmp_path_factory.mktemp(request.param)
+    service = Service(folder / "data", ["--battery", name or small_battery(folder)]).start()
+    last = sum(segments) - 1
+    service.wait_for(lambda s: s["cells"]["voltage_v"][last] is not None)
+    yield service, segments
+    service.stop()
+
+
+@pytest.mark.parametrize("size", ["desktop", "phone"])
+def test_every_cell_has_its_number_on_the_map(battery, open_page, size):
+    service, segments = battery
+    page = open_page(f"{service.base_url}/#/packs", size)
+    numbers = page.get_by_test_id("heatmap").locator(".cell .text").filter(has_text=re.compile(r"^[2-4]\.\d{3}$"))
+    expect(numbers).to_have_count(sum(segments))
+    assert not page.evaluate("document.documentElement.scrollWidth > innerWidth")
+    if size == "desktop":
+        box = page.get_by_test_id("heatmap").bounding_box()
+        assert box["y"] + box["height"] <= 900  # nothing to scroll
+
+
+def test_the_judge_sees_every_cell_at_once(battery, open_page):
+    service, segments = battery
+    page = open_page(f"{service.base_url}/#/judge")
+    expect(page.get_by_test_id("judge").locator("td .v")).to_have_count(sum(segments))
+    overflow = "(all) => all.filter((v) => v.scrollWidth > v.parentElement.clientWidth).length"
+    assert page.get_by_test_id("judge").locator("td .v").evaluate_all(overflow) == 0
+
+
+def test_pages_that_need_a_master_are_absent_and_system_says_why(battery, open_page):
+    service, _ = battery
+    page = open_page(f"{service.base_url}/#/system")
+    expect(page.get_by_test_id("why-not-writable")).to_contain_text("Parameters, CAN tables and commands")
+    expect(page.get_by_role("link", name="Parameters")).to_have_count(0)
+    expect(page.get_by_role("link", name="Packs")).to_be_visible()
+    page.goto(f"{service.base_url}/#/parameters")
+    expect(page.get_by_text("This battery has no such page")).to_be_visible()
+    page.goto(f"{service.base_url}/#/charging")
+    expect(page.get_by_role("heading", name="Charging")).to_be_visible()
+    expect(page.get_by_test_id("by-hand")).to_have_count(0)
+    page.goto(f"{service.base_url}/#/can")
+    expect(page.get_by_test_id("tab-trace")).to_be_visible()
+    expect(page.get_by_test_id("tab-tx")).to_have_count(0)
+
+
+def test_a_cell_is_found_and_left_by_the_keys(battery, open_page):
+    service, segments = battery
+    page = open_page(f"{service.base_url}/#/packs/{len(segments)}/{segments[-1]}")
+    expect(page.get_by_role("heading", name=f"pack {len(segments)}, cell {segments[-1]}")).to_be_visible()
+    expect(page.get_by_test_id("cell-voltage")).to_contain_text(re.compile(r"[2-4]\.\d+"))
+    page.keyboard.press("]")
+    expect(page.get_by_role("heading", name="pack 1, cell 1", exact=True)).to_be_visible()
+
+
+def test_a_temperature_tells_for_which_cells_it_stands(battery, open_page):
+    service, segments = battery
+    if len(segments) > 1:
+        pytest.skip("the small battery has fewer sensors than cells")
+    page = open_page(f"{service.base_url}/#/packs")
+    page.get_by_test_id("metric-temperature").click()
+    expect(page.get_by_test_id("sensors-key")).to_contain_text("7 sensors for 14 cells")
+    expect(page.get_by_test_id("cell-1").locator(".text")).to_have_text("″")
+    page.goto(f"{service.base_url}/#/packs/1/2")
+    expect(page.get_by_test_id("cell-sensor")).to_have_text("sensor 1, also for pack 1, cell 1")
