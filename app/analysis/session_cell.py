@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app import __version__
 from app.analysis.finding import AnalysisFinding, finding
-from app.analysis.limits import limits_of
+from app.analysis.limits import limits_of, limits_of_profile
 from app.estimation.cell_model.cell_file import load_cell, parse_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
@@ -27,7 +27,11 @@ def judged_by(session: SessionFile, chosen_cell: str | None = None) -> list[Anal
     """Return what of then judges a session, and what of today; `chosen_cell` takes the place of the one of then."""
     n_configs = len(session.configs())
     said = [Message("report-versions", recorded=session.info.voltwall, judged=__version__)]
-    said.append(Message("report-limits-of-then", n=n_configs) if n_configs else Message("report-limits-unknown"))
+    if n_configs:
+        said.append(Message("report-limits-of-then", n=n_configs))
+    else:
+        is_stated = bool(limits_of_profile(session.battery))
+        said.append(Message("report-limits-of-profile") if is_stated else Message("report-limits-unknown"))
     if chosen_cell is not None:
         said.append(Message("judged-cell-chosen", cell=chosen_cell))
     else:
@@ -60,4 +64,4 @@ def unlike(first: SessionFile, second: SessionFile) -> list[AnalysisFinding]:
 
 def _last_limits(session: SessionFile) -> dict[str, float]:
     configs = session.configs()
-    return limits_of(configs[-1].image if configs else None)
+    return limits_of(configs[-1].image if configs else None) or limits_of_profile(session.battery)

@@ -20,7 +20,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from app.analysis.root_cause.recording import IntArray, Recording
+from app.analysis.root_cause.recording import IntArray, Recording, row_median
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
 
@@ -99,7 +99,7 @@ class CellVoltages:
         start = float(recording.soc[known][0] + used[known][0]) if known.any() else 0.5
         self._shared = tuple(each[self._rows] for each in (time_s, current, slow, used, start - used))
         apart = recording.apart_v[self._rows]
-        usual = 1.4826 * np.nanmedian(np.abs(apart - np.nanmedian(apart, axis=0)), axis=1)
+        usual = 1.4826 * row_median(np.abs(apart - row_median(apart.T)))
         self._noise = np.hypot(np.nan_to_num(usual), LEAST_NOISE_V)
 
     def of(self, cell: int) -> CellVoltage | None:
