@@ -106,12 +106,7 @@ def bus_json(
     clock: Clock,
     names: Mapping[int, str] = MappingProxyType({}),
 ) -> dict[str, Any]:
-    """The bus monitor.
-
-    Args:
-        image: the master's configuration in force; None where there is no master.
-        names: of messages that are in no table of it, by id.
-    """
+    """The bus monitor; `image` is the configuration in force, None without a master; `names` are of other messages."""
     now_ns, wall_ns = clock.monotonic_ns(), clock.wall_ns()
     messages: list[TxMessage | RxMessage] = [] if image is None else [*rx_messages(image), *tx_messages(image)]
     tables = {wire_id(m): m for m in messages if m.length}
