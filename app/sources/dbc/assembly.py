@@ -21,6 +21,7 @@ UNKNOWN_AGE_S = 60.0  # of a channel that was heard once only
 _SCALARS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
 _ARRAYS = ("voltage", "temperature", "resistance", "balancing")
 _KEPT = 0.95  # of a measured period, from one value to the next
+_SILENCE_NS = round(2 * UNKNOWN_AGE_S * 1e9)
 _NEVER = -(2**62)  # ns; older than any time
 
 
@@ -155,12 +156,20 @@ class Assembler:
         at = dict.fromkeys(waiting, 0)
         found = []
         while self._next_ns <= end_ns:
+            if end_ns - self._next_ns > _SILENCE_NS:
+                self._next_ns = max(self._next_ns, self._after_silence(waiting, at, end_ns))
             new = self._take(waiting, at, self._next_ns)
             found.append(self.measure(self._next_ns, new))
             self._next_ns += self._period_ns
         rest = ((kind, each, at[kind]) for kind, each in waiting.items())
         self._rest = {kind: _from(each, first) for kind, each, first in rest if first < len(each.t_ns)}
         return found
+
+    def _after_silence(self, values: Mapping[str, Values], at: Mapping[str, int], end_ns: int) -> int:
+        """The period with which to go on: none is made of a silence in which all values have become old."""
+        next_ns = min((int(v.t_ns[at[k]]) for k, v in values.items() if at[k] < len(v.t_ns)), default=end_ns)
+        is_silent = self._next_ns is not None and next_ns - self._next_ns > _SILENCE_NS
+        return next_ns // self._period_ns * self._period_ns if is_silent else 0
 
     def _take(self, values: Mapping[str, Values], at: dict[str, int], until_ns: int) -> dict[str, int]:
         """Take what came up to an instant, from `at` on, which moves; return how many channels of each kind are new."""

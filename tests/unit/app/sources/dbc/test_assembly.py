@@ -117,6 +117,16 @@ def test_wherever_batches_are_cut_measurements_are_the_same(gaps_ms, cut):
         np.testing.assert_equal(one.current_a, other.current_a)
 
 
+def test_a_silence_of_hours_makes_no_measurements_of_its_own():
+    hear = assembler()
+    rows = {"voltage": values((0.05, 0, 3.0), (0.15, 0, 3.1), (80_000.05, 0, 3.2), (80_000.15, 0, 3.3))}
+    found = hear.feed(rows)
+    assert len(found) < 10
+    assert [m.voltage_v[0] for m in found if np.isfinite(m.voltage_v[0])][-1] == 3.2
+    assert found[-1].t_ns == 80_000 * S + S // 10
+    assert len(hear.feed({}, 200_000 * S)) < 10
+
+
 def test_a_value_that_is_invalid_replaces_the_one_before():
     found = assembler().feed({"voltage": values((0.05, 0, 3.7), (0.15, 0, np.nan))})
     assert found[0].voltage_v[0] == 3.7
