@@ -60,6 +60,9 @@ WRITES = [
     ("POST", "/simulator/drill"),
     ("POST", "/simulator/drill/answer"),
     ("DELETE", "/simulator/drill"),
+    ("PUT", "/setup"),
+    ("POST", "/setup/look"),
+    ("POST", "/setup/batteries"),
 ]
 
 
