@@ -166,11 +166,24 @@ export class Shape {
   }
 }
 
+/** A line of a table of cells: `part` names its cells where a segment takes more than one line. */
+export interface Line {
+  segment: number;
+  first: number;
+  cells: number[];
+  part: string;
+}
+
 /** A table of all cells with at most `most` columns: what stands before each line, and its cells. */
-export function lines(shape: Shape, most: number): { segment: number; first: number; cells: number[] }[] {
+export function lines(shape: Shape, most: number): Line[] {
   return shape.outline.segments.flatMap((size, segment) => {
     const wide = Math.ceil(size / Math.ceil(size / most));
-    return chunks(shape.cells(segment), wide).map((cells, i) => ({ segment, first: i * wide, cells }));
+    return chunks(shape.cells(segment), wide).map((cells, i) => ({
+      segment,
+      first: i * wide,
+      cells,
+      part: size > wide ? `${i * wide + 1}–${i * wide + cells.length}` : '',
+    }));
   });
 }
 
