@@ -10,6 +10,7 @@ import time
 
 from simulator.library import DEFAULT_SCENARIO, find_scenario
 from simulator.scenario_player import ScenarioPlayer
+from simulator.simulation import Simulation
 
 BAR = 100
 
@@ -22,6 +23,7 @@ def main() -> None:
     arguments = parser.parse_args()
     player = ScenarioPlayer(find_scenario(DEFAULT_SCENARIO))
     simulation = player.simulation
+    assert isinstance(simulation, Simulation)
     simulation.run_until(1.0)
     simulation.receive(b"x")
     simulation.run_until(10.0)

@@ -22,6 +22,7 @@ from simulator.accumulator import Accumulator
 from simulator.library import find_scenario
 from simulator.loads import Phase
 from simulator.scenario_player import ScenarioPlayer
+from simulator.simulation import Simulation
 
 CELL = "samsung-25r-10p"
 STEP_S = 0.05  # of the race
@@ -57,7 +58,9 @@ class RaceRun:
 
     def __post_init__(self) -> None:
         self.player = ScenarioPlayer(find_scenario(self.scenario), seed=self.seed, step_s=STEP_S)
-        self.simulation = self.player.simulation
+        simulation = self.player.simulation
+        assert isinstance(simulation, Simulation)  # the team's car
+        self.simulation = simulation
         self.accumulator: Accumulator = self.simulation.accumulator
         cell = load_cell(CELL)
         self._pipeline = Pipeline(
