@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.telemetry import Accumulator, Cells, FloatArray, Snapshot
+from app.telemetry.aging import is_stale
 from app.telemetry.fields import Part, kept
 
 LENGTH_S = 900
 TOTALS_LENGTH = LENGTH_S * 28  # the line carries no more than 28 snapshots a second
 CELLS_EVERY_NS = 180_000_000  # many cells fill memory: of more than two samples in this time, lowest and highest
 CELLS_LENGTH = LENGTH_S * 12  # rows, two for each such time
-STALE_S = 1.0  # a part that is older is no sample: another link may have brought the snapshot
 TOTALS = {name: part for name, _, part in kept(Accumulator)}  # and the part of the measurement that dates each
 
 
@@ -95,7 +95,7 @@ class History:
         t_ns = snapshot.t_mono_ns
         with self._lock:
             self._wall_minus_mono_ns = snapshot.t_wall_ns - t_ns
-            old = {part for part in _PARTS if (age_s := getattr(snapshot.age_s, part)) is None or age_s >= STALE_S}
+            old = {part for part in _PARTS if is_stale(snapshot, part)}  # another link may have brought the snapshot
             total = snapshot.accumulator
             totals = ((name, None if part in old else getattr(total, name)) for name, part in TOTALS.items())
             self._totals.add(t_ns, {name: np.nan if value is None else value for name, value in totals})

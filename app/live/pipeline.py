@@ -299,6 +299,7 @@ class Pipeline:
             config=measured.config,
             disagreements=measured.disagreements,
             is_fresh=measured.is_fresh,
+            live_s=measured.live_s,
             segments=self.battery.segments,
         )
         with self._watch_lock:

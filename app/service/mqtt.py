@@ -19,10 +19,9 @@ from app.clock import Clock
 from app.errors import ConfigError
 from app.service.settings import Settings
 from app.telemetry import Event, Snapshot, Source
-from app.telemetry.aging import aged
+from app.telemetry.aging import aged, is_stale
 from app.telemetry.encoding import encode, plain
 from app.telemetry.fields import Part
-from app.telemetry.measurement import STALE_S
 from app.telemetry.service_state import Recording
 from app.words import Message, Text, render
 
@@ -201,7 +200,7 @@ def messages(snapshot: Snapshot, recording: Recording | None) -> Messages:
     car = car_of(snapshot.source)
     stamp = {"time": round(snapshot.t_wall_ns / 1e9, 3), "source": snapshot.source} | car
     cells, master, ages = plain(snapshot.cells), snapshot.master, plain(snapshot.age_s)
-    stale = {part: age is None or age >= STALE_S for part, age in ages.items()}
+    stale = {part: is_stale(snapshot, part) for part in ages}
     yield "accumulator", encode(stamp | {"age_s": ages, "stale": stale} | plain(snapshot.accumulator))
     for name, part in PER_CELL.items():
         yield f"cells/{name}", encode(stamp | {"age_s": ages[part], "stale": stale[part], "values": cells[name]})

@@ -3,7 +3,15 @@
 from dataclasses import fields, replace
 
 from app.telemetry.events import LinkStatus
+from app.telemetry.measurement import STALE_S
 from app.telemetry.snapshot import Ages, Number, Snapshot
+
+
+def is_stale(snapshot: Snapshot, part: str) -> bool:
+    """A part is older than it may be to count as live, or was never received."""
+    age_s: Number = getattr(snapshot.age_s, part)
+    live_s: Number = None if snapshot.live_s is None else getattr(snapshot.live_s, part)
+    return age_s is None or age_s >= (STALE_S if live_s is None else live_s)
 
 
 def aged(snapshot: Snapshot, now_ns: int) -> Snapshot:

@@ -265,4 +265,5 @@ class Snapshot:
     config: Annotated[bytes | None, INTERNAL] = None  # in force, as last received as a whole
     disagreements: Annotated[tuple[Disagreement, ...], INTERNAL] = ()  # between RS232 and CAN
     is_fresh: Annotated[bool, INTERNAL] = True  # made from new bytes, not only aged
+    live_s: Annotated[Ages | None, LEFT_OUT] = None  # as long as a part counts as live, where that is not one second
     segments: Annotated[tuple[int, ...], INTERNAL] = ()  # cells of each, in the order of the packs

@@ -10,10 +10,10 @@ export const BLANK_S = 10;
 
 export type Freshness = 'live' | 'stale' | 'blank';
 
-/** How a value of this age may be shown; an age of null was never seen. */
-export function freshness(ageS: number | null): Freshness {
-  if (ageS === null || ageS >= BLANK_S) return 'blank';
-  return ageS >= STALE_S ? 'stale' : 'live';
+/** How a value of this age may be shown, live for so long; an age of null was never seen. */
+export function freshness(ageS: number | null, liveS: number = STALE_S): Freshness {
+  if (ageS === null || ageS >= Math.max(BLANK_S, liveS)) return 'blank';
+  return ageS >= liveS ? 'stale' : 'live';
 }
 
 export const isLive = (ageS: number | null): boolean => freshness(ageS) === 'live';

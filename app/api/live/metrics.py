@@ -12,9 +12,9 @@ from app.clock import Clock
 from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.telemetry import Accumulator, Ages, Cells, Snapshot
-from app.telemetry.aging import aged
+from app.telemetry.aging import aged, is_stale
 from app.telemetry.fields import Part, kept, units
-from app.telemetry.measurement import BLANK_S, STALE_S
+from app.telemetry.measurement import BLANK_S
 
 router = APIRouter(tags=["metrics"])
 _TOTALS = {
@@ -68,12 +68,12 @@ class SnapshotCollector:
 
 def _ages(snapshot: Snapshot) -> Iterator[Metric]:
     age = GaugeMetricFamily("voltwall_age_seconds", "since the master measured a part", labels=["part"])
-    stale = GaugeMetricFamily("voltwall_stale", "1 while a part is older than 1 s: it is not live", labels=["part"])
+    stale = GaugeMetricFamily("voltwall_stale", "1 while a part is too old to be live", labels=["part"])
     for name, _ in units(Ages):
         age_s = getattr(snapshot.age_s, name)
         if age_s is not None:
             age.add_metric([name], age_s)
-        stale.add_metric([name], int(age_s is None or age_s >= STALE_S))
+        stale.add_metric([name], int(is_stale(snapshot, name)))
     yield age
     yield stale
     simulated = int(snapshot.source == "simulator")

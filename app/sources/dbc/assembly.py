@@ -20,6 +20,14 @@ LEAST_AGE_S = 0.5
 UNKNOWN_AGE_S = 60.0  # of a channel that was heard once only
 _SCALARS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
 _ARRAYS = ("voltage", "temperature", "resistance", "balancing")
+PARTS = {  # of a measurement, which has an age each
+    "voltage": ("voltage",),
+    "temperature": ("temperature",),
+    "current": ("current",),
+    "status": tuple(f"state.{name}" for name in STATES),
+    "soc": ("soc",),
+    "charger": ("charger_voltage", "charger_current"),
+}
 _KEPT = 0.95  # of a measured period, from one value to the next
 _SILENCE_NS = round(2 * UNKNOWN_AGE_S * 1e9)
 _NEVER = -(2**62)  # ns; older than any time
@@ -45,6 +53,7 @@ class BatteryMeasurement:
     states: Mapping[str, bool | None]  # closed, precharge, fault, charging, balancing; None = not told
     limits: Mapping[str, float]  # those that signals carry
     is_sample: bool  # the current is new since the measurement before, and a voltage is known
+    told_ns: Mapping[str, int]  # by a name of PARTS: the newest value of it that is not too old
 
 
 @dataclass(slots=True)
@@ -187,6 +196,9 @@ class Assembler:
         of = {kind: channels.at(t_ns) for kind, channels in self._arrays.items()}
         one = {kind: scalar.at(t_ns) for kind, scalar in self._scalars.items()}
         states = {name: one[f"state.{name}"] for name in STATES}
+        known = {kind: int(self._arrays[kind].t_ns[np.isfinite(of[kind])].max(initial=_NEVER)) for kind in _ARRAYS}
+        known |= {kind: scalar.t_ns for kind, scalar in self._scalars.items() if not math.isnan(one[kind])}
+        told = {part: max((known.get(kind, _NEVER) for kind in kinds), default=_NEVER) for part, kinds in PARTS.items()}
         return BatteryMeasurement(
             t_ns=t_ns,
             voltage_v=of["voltage"],
@@ -204,6 +216,7 @@ class Assembler:
             states={name: None if math.isnan(value) else bool(value) for name, value in states.items()},
             limits={name: one[f"limit.{name}"] for name in self._battery.limits},
             is_sample=bool(new.get("current")) and bool(np.isfinite(of["voltage"]).any()),
+            told_ns={part: t_ns for part, t_ns in told.items() if t_ns != _NEVER},
         )
 
 

@@ -1,13 +1,14 @@
 """A battery that speaks by a DBC as a source: CAN frames in, measurements of any number of cells out."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.battery.battery import LIMITS, Battery, SignalName
 from app.battery.source import SpeaksDbc
-from app.sources.dbc.assembly import Assembler, BatteryMeasurement
+from app.sources.dbc.assembly import PERIODS_BRIDGED, Assembler, BatteryMeasurement
 from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import frames_of_items
@@ -16,11 +17,12 @@ from app.sources.links.monitor import LinkMonitor
 from app.sources.source import Received
 from app.telemetry import Ages, Charger, Event, FloatArray, Identity, Links, Master, ProtectionLimits, Source
 from app.telemetry.link_messages import link_lost
-from app.telemetry.measurement import Measurement, Reported
+from app.telemetry.measurement import STALE_S, Measurement, Reported
 from app.telemetry.snapshot import MasterState, Number
 from app.words import Message
 
 _NO_EXTREME = (None, None)
+FADE = 0.95  # of a gap, from one value to the next
 PACK_VOLTAGE_ERROR = 0.01  # of a sensor of its own, read at another instant than the cells
 _STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is told counts
     ("fault", "fault"),
@@ -28,6 +30,32 @@ _STATES: tuple[tuple[str, MasterState], ...] = (  # the first that is told count
     ("balancing", "balance"),
     ("closed", "drive"),
 )
+
+
+@dataclass(slots=True)
+class _Rhythm:
+    """How often each part comes: with it, how long a value of the part is live."""
+
+    newest_ns: dict[str, int] = field(default_factory=dict)
+    gap_s: dict[str, float] = field(default_factory=dict)
+
+    def see(self, found: BatteryMeasurement) -> None:
+        """Take a measurement: the gap of a part is its longest of late, which fades; a pause counts as few gaps."""
+        for part, t_ns in found.told_ns.items():
+            before_ns = self.newest_ns.get(part)
+            if before_ns is None or t_ns <= before_ns:
+                self.newest_ns.setdefault(part, t_ns)
+                continue
+            gap_s, usual_s = (t_ns - before_ns) / 1e9, self.gap_s.get(part)
+            self.newest_ns[part] = t_ns
+            if usual_s is None or gap_s < usual_s:
+                self.gap_s[part] = gap_s if usual_s is None else FADE * usual_s + (1 - FADE) * gap_s
+            else:
+                self.gap_s[part] = min(gap_s, PERIODS_BRIDGED * usual_s)
+
+    def live_s(self) -> Ages:
+        """Seconds for which a value of each part is live."""
+        return _of_parts({part: max(STALE_S, PERIODS_BRIDGED * gap_s) for part, gap_s in self.gap_s.items()})
 
 
 class DbcSource:
@@ -52,6 +80,7 @@ class DbcSource:
         self._waiting: list[CanItem] = []
         self._newest: BatteryMeasurement | None = None
         self._sampled_ns: int | None = None
+        self._rhythm = _Rhythm()
         self._rs232, self._can = LinkMonitor(None), LinkMonitor(url)
 
     def feed(self, item: Item) -> Received:
@@ -95,6 +124,8 @@ class DbcSource:
         found = self._assembler.feed(values, until_ns - until_ns % self._period_ns)
         if not found:
             return None
+        for each in found:
+            self._rhythm.see(each)
         self._newest = next((each for each in reversed(found) if each.is_sample), found[-1])
         return self._newest
 
@@ -145,6 +176,7 @@ class DbcSource:
             config=None,
             config_hash=None,
             is_new=is_new,
+            live_s=self._rhythm.live_s(),
             voltage_age_s=_ages_of(found.voltage_v, found.voltage_t_ns, t_mono_ns),
         )
 
@@ -158,23 +190,12 @@ def _number(value: float) -> Number:
 
 
 def _ages(found: BatteryMeasurement, now_ns: int) -> Ages:
-    """Of arrays the newest value that is shown; None where nothing is. Each voltage has its age beside it."""
+    """Of each part the newest value that is shown; None where there is none. Each voltage has its own age beside it."""
+    return _of_parts({part: (now_ns - t_ns) / 1e9 for part, t_ns in found.told_ns.items()})
 
-    def newest(values: FloatArray, t_ns: NDArray[np.int64]) -> Number:
-        known = np.isfinite(values)
-        return (now_ns - int(t_ns[known].max())) / 1e9 if known.any() else None
 
-    current = None if np.isnan(found.current_a) else (now_ns - found.current_t_ns) / 1e9
-    return Ages(
-        current=current,
-        voltage=newest(found.voltage_v, found.voltage_t_ns),
-        temperature=newest(found.temperature_degc, found.temperature_t_ns),
-        status=None,
-        charger=None,
-        soc=None,
-        slaves=None,
-        config=None,
-    )
+def _of_parts(seconds: Mapping[str, float]) -> Ages:
+    return Ages(**{field.name: seconds.get(field.name) for field in fields(Ages)})
 
 
 def _master(found: BatteryMeasurement) -> Master:

@@ -1605,6 +1605,7 @@ export interface Snapshot {
   alarms: Alarm[];
   findings: CellFinding[];
   config_hash: string | null;
+  live_s?: Age | null;
   recording: Recording | null;
   replay: Replay | null;
   last_event_id: number;

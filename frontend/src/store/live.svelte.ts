@@ -4,7 +4,7 @@
 import { LiveSocket, liveUrl, type Connection } from '../link/socket';
 import { get } from '../link/rest';
 import type { History, Link, Maybe, Part, Snapshot } from '../link/types';
-import { freshness, isLive, type Freshness } from '../format';
+import { STALE_S, freshness, isLive, type Freshness } from '../format';
 import { FrameSchedule } from './frame_schedule';
 import { MinimumDelay } from './minimum_delay';
 import { Ring } from './ring';
@@ -80,7 +80,7 @@ class Live {
   }
 
   freshness(part: Part): Freshness {
-    return freshness(this.age(part));
+    return freshness(this.age(part), this.snapshot?.live_s?.[part] ?? STALE_S);
   }
 
   /** Whether what is shown comes from the simulator: training data must never be taken for the car. */

@@ -328,3 +328,18 @@ def test_a_look_before_the_period_ends_takes_nothing_from_it():
     fed(source, told(at_s=0.03))
     assert not source.measure(S // 20, 1).is_fresh
     assert source.measure(S // 10, 1).is_sample
+
+
+def test_a_part_is_live_as_long_as_it_usually_takes_to_come_again():
+    source = state_source()
+    fed(source, [frame for k in range(40) for frame in told(at_s=0.5 * k)])
+    found = source.measure(20 * S, 1)
+    assert found.live_s.voltage == pytest.approx(1.5, abs=0.35)
+    assert found.live_s.status == pytest.approx(1.5, abs=0.35)
+    assert (found.live_s.temperature, found.live_s.charger) == (None, None)
+    assert found.age_s.status == pytest.approx(0.5, abs=0.1)
+    assert found.age_s.soc == pytest.approx(0.5, abs=0.1)
+    assert found.age_s.charger is None
+    quick = state_source()
+    fed(quick, [frame for k in range(40) for frame in told(at_s=0.1 * k)])
+    assert quick.measure(4 * S, 1).live_s.voltage == 1.0
