@@ -6,25 +6,31 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
 
 DAYS: Final = 10
 FIRST_S, LAST_S = 25.0, 60.0  # when the fault comes
+CHARGE: Final = "charge-by-hand"
 Target = Literal["cell", "pack", "none"]
+Kind = Literal["car", "bus", "charger"]
 Draw = Callable[[random.Random], float | None]
 
 
 @dataclass(frozen=True, slots=True)
 class Puzzle:
-    """A fault that a day may have; `lasts_s` is how long it takes to show enough."""
+    """A fault that a day may have; `lasts_s` is how long it takes to show enough.
+
+    `kind` is what the day is about: ten days have at least one of each.
+    """
 
     fault: str
     target: Target
     value: Draw
     load: str = "endurance"
     lasts_s: float = 60.0
+    kind: Kind = "car"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +45,7 @@ class Day:
     at_s: float  # after the start
     length_s: float
     scenario: str  # TOML, for the simulator
+    kind: Kind = "car"
 
 
 def _nothing(_: random.Random) -> None:
@@ -77,6 +84,15 @@ POOL: Final = (
     Puzzle("shutdown-open", "none", _nothing),
     Puzzle("reset", "none", _log(0.2, 3)),
     Puzzle("serial-noise", "none", _log(5e-3, 5e-2)),
+    # a bus on which nobody talks but the master shows less: while charging the charger is heard, too
+    Puzzle("can-bus-off", "none", _nothing, CHARGE, 25, "bus"),
+    Puzzle("can-broken", "none", _nothing, CHARGE, 25, "bus"),
+    Puzzle("can-babble", "none", _either((0.7, 0.95)), CHARGE, 15, "bus"),
+    Puzzle("charger-hot", "none", _either((4500, 5000)), CHARGE, 180, "charger"),
+    Puzzle("charger-no-mains", "none", _nothing, CHARGE, 25, "charger"),
+    Puzzle("charger-reversed", "none", _nothing, CHARGE, 25, "charger"),
+    Puzzle("charger-broken", "none", _nothing, CHARGE, 25, "charger"),
+    Puzzle("charger-silent", "none", _nothing, CHARGE, 25, "charger"),
 )
 CHOICES: Final[dict[str, Target]] = {puzzle.fault: puzzle.target for puzzle in POOL}
 
@@ -94,7 +110,17 @@ def draw_days(seed: int, n: int = DAYS) -> list[Day]:
     if not 1 <= n <= len(POOL):
         raise ValueError(f"n = {n}: 1..{len(POOL)}")
     rng = random.Random(seed)
-    return [_day(number, puzzle, rng) for number, puzzle in enumerate(rng.sample(POOL, n), 1)]
+    return [_day(number, puzzle, rng) for number, puzzle in enumerate(_drawn(rng, n), 1)]
+
+
+def _drawn(rng: random.Random, n: int) -> list[Puzzle]:
+    """Return n faults in any order, of each kind at least one where there are so many days."""
+    drawn = rng.sample(POOL, n)
+    for kind in get_args(Kind):
+        if n >= DAYS and all(puzzle.kind != kind for puzzle in drawn):
+            many = [k for k, puzzle in enumerate(drawn) if sum(other.kind == puzzle.kind for other in drawn) > 1]
+            drawn[rng.choice(many)] = rng.choice([puzzle for puzzle in POOL if puzzle.kind == kind])
+    return drawn
 
 
 def _day(number: int, puzzle: Puzzle, rng: random.Random) -> Day:
@@ -110,7 +136,7 @@ def _day(number: int, puzzle: Puzzle, rng: random.Random) -> Day:
         'description = "What goes wrong is not told."',
         f"seed = {rng.randint(1, 10_000)}",
         "[start]",
-        f"soc = {rng.uniform(0.55, 0.85):.2f}",
+        f"soc = {rng.uniform(0.55, 0.85) if puzzle.load != CHARGE else rng.uniform(0.4, 0.6):.2f}",
         f"ambient_degc = {rng.randint(16, 30)}",
         "[[phase]]",
         f'load = "{puzzle.load}"',
@@ -123,4 +149,6 @@ def _day(number: int, puzzle: Puzzle, rng: random.Random) -> Day:
         f'name = "{puzzle.fault}"',
         *(f"{key} = {number}" for key, number in place.items() if number is not None),
     ]
-    return Day(number, puzzle.fault, pack, cell, value, at_s, length_s, "\n".join(lines) + "\n")
+    if puzzle.load == CHARGE:
+        lines += ["[[action]]", "at_s = 5", 'name = "charge-start"']
+    return Day(number, puzzle.fault, pack, cell, value, at_s, length_s, "\n".join(lines) + "\n", puzzle.kind)

@@ -17,6 +17,10 @@ MEANS: Final = {  # the first of these that was told counts
     "finding-thermistor-off": "stuck-temperature",
     "finding-channel-stuck": "stuck-sensor",
     "boot": "reset",
+    "charger-hardware": "charger-broken",
+    "charger-over-temperature": "charger-hot",
+    "charger-input-voltage": "charger-no-mains",
+    "charger-battery": "charger-reversed",
     "trip-slave-lost": "lost-slave",
     "trip-sensor-lost": "open-wire",
     "trip-t-max": "hot-cell",
@@ -29,6 +33,8 @@ MEANS: Final = {  # the first of these that was told counts
     "slave-missing": "lost-slave",
     "cell-missing": "open-wire",
     "cell-hot": "hot-cell",
+    "can-rx-timeout": "charger-silent",
+    "can-silent": "can-broken",
     "rs232-lost": "serial-noise",
     "rs232-silent": "serial-noise",
 }
@@ -56,6 +62,15 @@ CAUSES: Final = {  # a cause that root-cause analysis names, as the fault that m
     "master-reset": "reset",
     "master-power-lost": "reset",
     "serial-disturbed": "serial-noise",
+    "can-master-off": "can-bus-off",
+    "can-master-silent": "can-bus-off",
+    "can-silent": "can-broken",
+    "can-flooded": "can-babble",
+    "charger-hot": "charger-hot",
+    "charger-no-mains": "charger-no-mains",
+    "charger-reversed": "charger-reversed",
+    "charger-broken": "charger-broken",
+    "charger-silent": "charger-silent",
 }
 
 

@@ -16,11 +16,15 @@ from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sources.items import Item, LinkChange, SerialItem
+from app.sources.links.can import CanLink
 from app.sources.links.serial import SerialLink
 from app.telemetry import Event
 from app.words import Message
 from firmware_protocol.framing import Frame
 
+PORTS: Final = ("--serial", "tcp:0", "--can", "slcan-tcp:0")
+CAN_OPTIONS: Final = "?sleep_after_open=0&timeout=0.05"
+BUS_SPEED: Final = 2.0  # faster, one link lags behind the other by what a silent bus looks like
 END_S: Final = 20.0  # of real time, for the simulator to end by itself
 _JUDGE_NS: Final = 1_000_000_000
 
@@ -70,17 +74,18 @@ def play(day: Day, folder: Path, speed: float, factory: PipelineFactory) -> Play
     Args:
         day: to play.
         folder: where the session goes.
-        speed: times real time; where the machine cannot do it, the day takes longer.
+        speed: times real time; a day of the bus or the charger takes at most BUS_SPEED.
+            Where the machine cannot do it, the day takes longer.
         factory: of the pipeline.
     """
-    return _Player(folder, factory).play(day, speed)
+    return _Player(folder, factory).play(day, speed if day.kind == "car" else min(speed, BUS_SPEED))
 
 
 class _Player:
     def __init__(self, folder: Path, factory: PipelineFactory) -> None:
         self._clock = CarClock()
         self._events: list[tuple[float, Event]] = []
-        self._pipeline: Pipeline = factory.pipeline("simulator")
+        self._pipeline: Pipeline = factory.pipeline("simulator", "simulated", "simulated")
         self._recorder = AutoRecorder(
             folder, automatic=True, on_event=self._told, clock=self._clock, source="simulator"
         )
@@ -94,24 +99,30 @@ class _Player:
             scenario = Path(place) / "day.toml"
             scenario.write_text(day.scenario, encoding="utf-8")
             # a socket: what waits in it is not lost, as it would be in a pseudo-terminal at many times real time
-            command = [sys.executable, "-m", "simulator.cli", "--serial", "tcp:0", "--scenario", str(scenario)]
+            command = [sys.executable, "-m", "simulator.cli", *PORTS, "--scenario", str(scenario)]
             more = ["--speed", str(speed), "--duration", str(day.length_s), "--with-parent"]
             with subprocess.Popen([*command, *more], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as simulator:
-                link = SerialLink(_url(simulator), self._take, Clock())
-                link.start()
+                serial_url, can_url = _urls(simulator)
+                links: list[SerialLink | CanLink] = [SerialLink(serial_url, self._take, Clock())]
+                if day.kind != "car":  # else it is not heard, as in a car without an adapter
+                    links.append(CanLink(can_url, self._take, Clock()))
+                for link in links:
+                    link.start()
                 try:
                     simulator.wait(day.length_s / speed * 10 + END_S)
                     self._ended.wait(END_S)
                 finally:
                     simulator.kill()
-                    link.stop()
+                    for link in links:
+                        link.stop()
         self._recorder.close()
         return Played(self._session, self._events)
 
     def _take(self, item: Item) -> None:
         with self._lock:
             if isinstance(item, LinkChange) and item.state == "lost":
-                self._ended.set()  # the end of the day is no failure
+                if item.link == "rs232":
+                    self._ended.set()  # the end of the day is no failure
                 return
             if isinstance(item, SerialItem) and isinstance(item.frame, Frame):
                 self._clock.advance(item.frame.uptime_ms)
@@ -132,17 +143,16 @@ class _Player:
         self._events.append((self._clock.car_s, event))
 
 
-def _url(simulator: "subprocess.Popen[bytes]") -> str:
-    """Return where the line ends, once the simulator says that it is ready.
+def _urls(simulator: "subprocess.Popen[bytes]") -> tuple[str, str]:
+    """Return where the line and the CAN bus end, once the simulator says that it is ready.
 
     Raises:
         LinkLost: it ended before.
     """
-    url = ""
+    urls: dict[str, str] = {}
     for line in simulator.stdout or ():
         name, _, value = line.decode(errors="replace").strip().partition(": ")
-        if name == "serial":
-            url = value
-        elif name == "ready":
-            return url
+        if name == "ready":
+            return urls["serial"], urls["can"] + CAN_OPTIONS
+        urls[name] = value
     raise LinkLost(Message("closed-by-other-end"))

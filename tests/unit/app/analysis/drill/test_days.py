@@ -30,6 +30,12 @@ def test_every_day_is_a_scenario_that_the_simulator_plays(seed, tmp_path):
         assert day.fault not in day.scenario.partition("[[fault]]")[0]  # the title tells nothing
 
 
+@given(st.integers(0, 10**6))
+def test_ten_days_have_something_of_the_car_of_the_bus_and_of_the_charger(seed):
+    kinds = {puzzle.fault: puzzle.kind for puzzle in POOL}
+    assert {kinds[day.fault] for day in draw_days(seed)} == {"car", "bus", "charger"}
+
+
 @pytest.mark.parametrize("n", [0, len(POOL) + 1])
 def test_no_days_beyond_the_faults_there_are(n):
     with pytest.raises(ValueError, match=str(len(POOL))):
