@@ -14,7 +14,7 @@ from app.words import Text
 BEFORE_S: Final = 10.0
 AFTER_S: Final = 5.0
 LONGEST_S: Final = 15.0  # from the first trigger to the last that still belongs to it
-FAULTS: Final = ("cell-missing", "joint-loose", "charger-")  # warnings of the battery itself
+FAULTS: Final = ("cell-missing", "slave-missing", "joint-loose", "charger-")  # warnings of the battery itself
 
 
 @dataclass(frozen=True)

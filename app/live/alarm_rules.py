@@ -178,6 +178,8 @@ def _master(snapshot: Snapshot) -> Iterator[Condition]:
         yield Condition("trip", Message("bms-fault"))
     elif master.state == "fault":
         yield _fault(master.why, snapshot.segments)
+    if master.restarted is not None:
+        yield Condition("warning", Message("master-restarted", cause=master.restarted))
     if master.map_matches is False:
         yield Condition("warning", Message("map-mismatch"))
     if master.implausible:

@@ -172,6 +172,7 @@ class Master:
     map_hash: str | None
     map_matches: bool | None
     boots: int | None
+    restarted: Annotated[Message | None, MESSAGE]  # why, within a minute of a restart; else None
     implausible: tuple[str, ...]  # fields of the memory map whose values cannot be, and are left out
 
 

@@ -217,6 +217,7 @@ def _master(found: BatteryMeasurement) -> Master:
         map_hash=None,
         map_matches=None,
         boots=None,
+        restarted=None,
         implausible=(),
     )
 

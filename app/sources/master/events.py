@@ -45,9 +45,7 @@ def describe(message: EventMessage, t_wall_ns: int) -> tuple[Event, Message | No
     severity: Severity = "info"
     match message.code:
         case EventCode.BOOT:
-            is_known = 0 <= message.value < len(_BOOT_CAUSES)
-            cause = _BOOT_CAUSES[message.value] if is_known else Message("boot-other", number=message.value)
-            severity, description = "watch", Message("master-started", cause=cause)
+            severity, description = "watch", Message("master-started", cause=boot_cause(message))
         case EventCode.FAULTS_CLEARED:
             description = Message("faults-cleared")
         case EventCode.CHARGER_STATE:
@@ -66,6 +64,12 @@ def describe(message: EventMessage, t_wall_ns: int) -> tuple[Event, Message | No
         case _:
             description = Message("master-event", number=message.code, value=message.value, limit=message.limit)
     return Event(t_wall_ns, severity, code, description, cell), None
+
+
+def boot_cause(message: EventMessage) -> Message:
+    """Why the master started, by its boot event."""
+    is_known = 0 <= message.value < len(_BOOT_CAUSES)
+    return _BOOT_CAUSES[message.value] if is_known else Message("boot-other", number=message.value)
 
 
 def charger_state(state: str | None) -> Message:

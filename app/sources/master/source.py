@@ -11,7 +11,7 @@ from app.sources.links.monitor import LinkMonitor, rs232_monitor
 from app.sources.loaded_battery import team_battery
 from app.sources.master.agreement import Agreement
 from app.sources.master.decode import PARTS, Decoder
-from app.sources.master.events import describe
+from app.sources.master.events import boot_cause, describe
 from app.sources.master.shadow import ShadowImage
 from app.sources.master.status import state_of
 from app.sources.master.uptime_clock import UptimeClock
@@ -32,6 +32,7 @@ CAN_SNAPSHOT_NS = 50_000_000
 CAN_ERRORS_NS = 5_000_000_000  # between two events of error frames on the CAN bus
 CAN_ERRORS_LEAST = 5  # in that time
 UPTIME_WRAP_MS = 1 << 32
+RESTART_TOLD_NS = 60 * 10**9  # so long a restart is news
 MAX_STEP_S = 3600.0
 _BUS_STATES: dict[BusState, tuple[Severity, Message]] = {
     "active": ("info", Message("can-active")),
@@ -54,6 +55,7 @@ class MasterSource:
         self._agreement = Agreement()
         self._uptime_ms: int | None = None
         self._uptime_clock = UptimeClock()
+        self._restart: tuple[int, Message] | None = None  # when and why
         self._last_can_snapshot_ns = 0
         self._can_errors = (0, 0)  # when last looked at, and how many there were
         self._last_trip: Message | None = None
@@ -127,6 +129,8 @@ class MasterSource:
         if isinstance(message, EventMessage):
             if message.code in (EventCode.CONFIG_WRITTEN, EventCode.BOOT):
                 self._config_from_ns = measured_ns
+            if message.code == EventCode.BOOT and self._uptime_ms is not None:  # else it is the first that is heard
+                self._restart = item.t_mono_ns, boot_cause(message)
             event, trip = describe(message, item.t_wall_ns)
             if trip is not None or message.code == EventCode.FAULTS_CLEARED:
                 self._last_trip = trip
@@ -141,8 +145,21 @@ class MasterSource:
         if not any(w.offset <= VOLTAGE_OFFSET < w.offset + len(w.data) for w in data.windows):
             return Received()
         self._rs232.on_snapshot(item.t_mono_ns)
+        before_ms = self._uptime_ms
         dt_s = self._dt_s(uptime_ms)
+        if (
+            before_ms is not None
+            and 0 < before_ms - uptime_ms < UPTIME_WRAP_MS // 2
+            and self._restarted(item.t_mono_ns) is None
+        ):
+            self._restart = item.t_mono_ns, Message("boot-not-told")
         return Received(self._measurement(item.t_mono_ns, item.t_wall_ns, dt_s=dt_s, is_sample=True))
+
+    def _restarted(self, t_mono_ns: int) -> Message | None:
+        """Why the master began anew, for as long as it is news."""
+        if self._restart is None or t_mono_ns - self._restart[0] > RESTART_TOLD_NS:
+            return None
+        return self._restart[1]
 
     def _identify(self, reply: Reply) -> None:
         try:
@@ -223,7 +240,7 @@ class MasterSource:
             relays_open=decoder.relays_open(),
             slave_status=decoder.slave_status(),
             reported=decoder.reported(),
-            master=self._master(decoder, charger),
+            master=self._master(decoder, charger, t_mono_ns),
             charger=charger,
             age_s=age_s,
             links=self._links(t_mono_ns),
@@ -233,7 +250,7 @@ class MasterSource:
             config_hash=config and config[1],
         )
 
-    def _master(self, decoder: Decoder, charger: Charger) -> Master:
+    def _master(self, decoder: Decoder, charger: Charger, t_mono_ns: int) -> Master:
         flags = decoder.flags()
         state, why = state_of(flags, charger.state, self._last_trip)
         identity = self.identity
@@ -253,6 +270,7 @@ class MasterSource:
             map_hash=None if identity is None else identity.map_hash,
             map_matches=None if identity is None else identity.is_compatible,
             boots=None if identity is None else identity.boots,
+            restarted=self._restarted(t_mono_ns),
             implausible=decoder.implausible(),
         )
 

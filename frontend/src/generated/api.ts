@@ -1030,8 +1030,10 @@ export interface Master {
   map_hash: string | null;
   map_matches: boolean | null;
   boots: number | null;
+  restarted: string;
   implausible: string[];
   why_words: Words | null;
+  restarted_words: Words | null;
 }
 
 /** Who asks; null where nobody is logged in. */

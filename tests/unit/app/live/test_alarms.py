@@ -207,3 +207,30 @@ def test_the_cause_of_a_trip_stays_with_its_alarm_while_it_holds(pipeline, maste
     master.set("v", [*[37000] * 40, 23000, *[37000] * 55])
     snapshot, _ = run(pipeline, master, 2)
     assert [alarm.cause for alarm in snapshot.alarms if alarm.severity == "trip"] == [cause]
+
+
+def test_a_master_that_restarts_is_told_with_the_reason_for_a_minute(pipeline, master):
+    run(pipeline, master, 5)
+    master.uptime_ms = 0
+    boot = EventMessage(EventCode.BOOT, 0, 255, 1, 0)  # by its watchdog
+    pipeline.feed(master.item(MessageType.EVENT, boot.to_body()))
+    snapshot, _ = run(pipeline, master, 20)
+    (told,) = [alarm for alarm in snapshot.alarms if alarm.code == "master-restarted"]
+    assert told.severity == "warning"
+    assert told.message.args["cause"] == Message("boot-watchdog")
+    snapshot, _ = run(pipeline, master, 650)
+    assert [alarm.active for alarm in snapshot.alarms if alarm.code == "master-restarted"] == [False]
+
+
+def test_a_restart_shows_by_the_uptime_alone(pipeline, master):
+    run(pipeline, master, 5)
+    master.uptime_ms = 0
+    snapshot, _ = run(pipeline, master, 20)
+    (told,) = [alarm for alarm in snapshot.alarms if alarm.code == "master-restarted"]
+    assert told.message.args["cause"] == Message("boot-not-told")
+
+
+def test_the_first_start_that_is_heard_is_no_restart(pipeline, master):
+    boot = EventMessage(EventCode.BOOT, 0, 255, 0, 0)
+    pipeline.feed(master.item(MessageType.EVENT, boot.to_body()))
+    assert "master-restarted" not in codes(run(pipeline, master, 20)[0])
