@@ -91,6 +91,7 @@ class _Player:
         )
         self._lock = threading.Lock()
         self._ended = threading.Event()
+        self._links = 0  # that are open
         self._judged_ns = 0
         self._session: Path | None = None
 
@@ -106,6 +107,7 @@ class _Player:
                 links: list[SerialLink | CanLink] = [SerialLink(serial_url, self._take, Clock())]
                 if day.kind != "car":  # else it is not heard, as in a car without an adapter
                     links.append(CanLink(can_url, self._take, Clock()))
+                self._links = len(links)
                 for link in links:
                     link.start()
                 try:
@@ -121,8 +123,9 @@ class _Player:
     def _take(self, item: Item) -> None:
         with self._lock:
             if isinstance(item, LinkChange) and item.state == "lost":
-                if item.link == "rs232":
-                    self._ended.set()  # the end of the day is no failure
+                self._links -= 1  # the end of the day is no failure
+                if self._links == 0:  # what waits on the slower link is part of the day
+                    self._ended.set()
                 return
             if isinstance(item, SerialItem) and isinstance(item.frame, Frame):
                 self._clock.advance(item.frame.uptime_ms)
