@@ -75,7 +75,7 @@ describe('names of cells', () => {
 
 describe('time', () => {
   it('calls a value stale after one second and blanks it after ten', () => {
-    expect([0, 0.99, 1, 9.9, 10, null].map(f.freshness)).toEqual([
+    expect([0, 0.99, 1, 9.9, 10, null].map((age) => f.freshness(age))).toEqual([
       'live',
       'live',
       'stale',
@@ -83,6 +83,11 @@ describe('time', () => {
       'blank',
       'blank',
     ]);
+  });
+
+  it('lets a part that comes seldom live for longer', () => {
+    expect([3, 29, 31].map((age) => f.freshness(age, 30))).toEqual(['live', 'live', 'blank']);
+    expect([3, 7, 11].map((age) => f.freshness(age, 6))).toEqual(['live', 'stale', 'blank']);
   });
 
   it('writes ages and durations in words that fit', () => {
