@@ -6,8 +6,12 @@ import pytest
 
 from app.errors import NotNow
 from app.service.pipeline_thread import STALL_S
+from app.service.pipelines import Pipelines
+from app.service.settings import Settings
 from app.sources.items import CanItem
+from app.sources.loaded_battery import load_battery
 from app.words import Message, render
+from tests.unit.app.service.conftest import LiveBench
 
 
 def fail(*_: object) -> None:
@@ -139,3 +143,16 @@ def test_of_what_is_very_late_all_is_estimated_and_the_newest_shown(bench, clock
     made = work_late(bench, clock, master, 10.0)
     assert sum(output.estimates is not None for output in made) == 20
     assert sum(output.snapshot is not None and output.snapshot.is_fresh for output in made) == 1
+
+
+def test_a_battery_that_speaks_seldom_is_shown_when_its_period_ends_not_at_its_next_frame(tmp_path, clock):
+    settings = Settings(data=tmp_path, filter="coulomb", battery="one-signal-a-cell")
+    pipelines = Pipelines(settings, load_battery(settings.battery))
+    bench = LiveBench(clock, pipelines.new("can", None, "virtual:x"))
+    message = next(each for each in load_battery(settings.battery).definitions.messages if each.name.startswith("Cell"))
+    bench.feed(CanItem(0, 0, message.can_id, b"\x10\x27" * 4))
+    assert bench.live.snapshot is None or not bench.live.snapshot.is_fresh
+    clock.advance(0.1)
+    bench.live.step(0.0)
+    assert bench.live.snapshot.is_fresh
+    assert bench.live.snapshot.accumulator.loaded_cells > 0
