@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterator
 from dataclasses import astuple
 from typing import Any, Final
 
@@ -28,7 +27,6 @@ from app.estimation.filters.estimates import N_OUT
 from app.estimation.filters.setup import FilterSetup
 from app.estimation.filters.tables import DOUBT_DEGC, CellTables
 
-ANSWERS: Final = 64  # that get their memory at a time
 VECTOR_BYTES: Final = 64  # of the widest that a processor has
 WIDTHS: Final = (4, 8)  # columns of the packed table that the engine is quick with
 
@@ -46,6 +44,7 @@ class NativeEngine:
         self._table = _packed(setup.cell)
         self._blocks = _zeros(-(-n_cells // LANES), CELLS)
         self._voltage_v, self._temperature_degc = _zeros((2, n_cells))
+        self._numbers = _zeros((N_OUT, n_cells))
         rule = (setup.rule.spread, setup.rule.weight, setup.rule.curvature) if setup.rule else (0.0, 0.0, 0.0)
         self._filter = FilterStruct(
             n_cells,
@@ -63,11 +62,10 @@ class NativeEngine:
             ctypes.addressof(self._filter),
             self._blocks.ctypes.data,
             SampleStruct(0.0, 0.0, self._voltage_v.ctypes.data, self._temperature_degc.ctypes.data),
-            None,
+            self._numbers.ctypes.data,
         )
         self._sample = self._call.sample
         self._call_at = ctypes.addressof(self._call)
-        self._answers: Iterator[tuple[FloatArray, int]] = iter(())
 
     def start(
         self,
@@ -90,9 +88,8 @@ class NativeEngine:
         sample.current_a = current_a
         self._voltage_v[...] = voltage_v
         self._temperature_degc[...] = temperature_degc
-        numbers, self._call.estimates = next(self._answers, None) or self._more()
         self._step(self._call_at)
-        return numbers
+        return self._numbers.copy()
 
     def record(
         self,
@@ -109,13 +106,6 @@ class NativeEngine:
         *inputs, output = [ctypes.c_void_p(values.ctypes.data) for values in (*samples, numbers)]
         self._library.vw_filter_record(*self._at, ctypes.c_int64(n_steps), *inputs, ctypes.c_int32(n_rows), output)
         return np.moveaxis(numbers, 1, 0)
-
-    def _more(self) -> tuple[FloatArray, int]:
-        """Return memory for an answer and its address, and keep that for the next ones."""
-        answers = np.empty((ANSWERS, N_OUT, self.n_cells))
-        start, stride = answers.ctypes.data, answers.strides[0]
-        self._answers = zip(answers, range(start, start + answers.nbytes, stride), strict=True)
-        return next(self._answers)
 
     def get(self, name: str) -> FloatArray:
         """Return a copy of one quantity of the state; see `Engine.get`."""
