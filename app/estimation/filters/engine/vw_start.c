@@ -3,6 +3,7 @@
 
 #define TEMPERATURE_UNKNOWN_DEGC 25
 #define START_POINTS 101 /* of the SOC, among which the first voltage chooses */
+#define NEGLIGIBLE 40 /* exp(-40) of the likeliest SOC is no weight */
 #define LEAST_VARIANCE ((vw_real)1e-8) /* of a SOC that was handed over */
 
 static vw_real number_of(const vw_real *values, int k) { return values ? values[k] : NAN; }
@@ -62,17 +63,13 @@ static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, v
             if (model->has_overpotential) drop_v += here[VW_R1 + n_pairs][c] * motion->over;
             const vw_real off_v = work->voltage_v[c] - (here[VW_OCV][c] - x->resistance[c] * drop_v);
             const vw_real likely = -vw_square(off_v) / voltage_v2 / 2;
-            if (j == 0 || likely > best[c]) {
-                const vw_real fade = j == 0 ? 0 : vw_exp(best[c] - likely);
-                sum[c] *= fade;
-                first[c] *= fade;
-                second[c] *= fade;
-                best[c] = likely;
-            }
-            const vw_real weight = vw_exp(likely - best[c]) / vw_sqrt(voltage_v2);
-            sum[c] += weight;
-            first[c] += weight * z;
-            second[c] += weight * vw_square(z);
+            const int is_best = j == 0 || likely > best[c];
+            const vw_real apart = vw_abs(likely - best[c]), less = apart < NEGLIGIBLE ? vw_exp(-apart) : 0;
+            const vw_real kept = is_best ? less : 1, weight = (is_best ? 1 : less) / vw_sqrt(voltage_v2);
+            sum[c] = sum[c] * kept + weight;
+            first[c] = first[c] * kept + weight * z;
+            second[c] = second[c] * kept + weight * vw_square(z);
+            best[c] = is_best ? likely : best[c];
         }
     }
     VW_EACH_CELL(c)
