@@ -37,7 +37,6 @@ from app.estimation.identification.slow_tests import SlowCurves, read_slow
 from app.estimation.recording.cell_recording import Recording, believable
 
 RATED_C: Final = 4.0  # a race draws at least this much: pulses below it leave the fit without evidence
-TEMPERATURE_SPAN_K: Final = 8.0  # less than this between the recordings and the activation energies stay at the default
 TAU_MIN_S: Final = 1.0
 TAU_COUNT: Final = 7  # candidates, each twice the one before: 1 to 64 s at 10 Hz; slower states delay a cold start
 JUDGED_SOC: Final = 0.05  # below, the voltage falls so fast that its error says nothing about the SOC
