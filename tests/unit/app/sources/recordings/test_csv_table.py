@@ -1,5 +1,9 @@
+from contextlib import suppress
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.estimation.errors import DatasetError
 from app.sources.recordings.csv_table import read_csv
@@ -70,3 +74,72 @@ def test_rows_that_are_mostly_broken_are_no_table() -> None:
 def test_what_is_no_table_says_why(text: str, reason: str) -> None:
     with pytest.raises(DatasetError, match=reason):
         read(text)
+
+
+def raw(content: bytes) -> tuple[list[str] | None, np.ndarray]:
+    header, columns = read_csv("x.csv", content, [])
+    return header, np.column_stack(columns)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_the_bytes_of_any_usual_encoding_are_read(encoding: str) -> None:
+    header, values = raw("t,Temperatur °C\n0,20\n1,21\n".encode(encoding))
+    assert (header, values.tolist()) == (["t", "Temperatur °C"], [[0, 20], [1, 21]])
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_any_line_end_ends_a_line(end: str) -> None:
+    assert raw(end.join(["a,b", "1,2", "", "3,4", ""]).encode())[1].tolist() == [[1, 2], [3, 4]]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "apart_s"),
+    [
+        ("01.05.2026 12:00:00", "02.05.2026 12:00:00", 86400),  # day first
+        ("05/01/2026 12:00:00", "05/02/2026 12:00:00", 86400),  # month first
+        ("13/01/2026 12:00:00", "14/01/2026 12:00:00", 86400),  # there is no month 13
+        ("2026/05/01 12:00:00", "2026/05/01 12:01:00", 60),
+        ("2026-05-01T12:00:00+00:00", "2026-05-01T14:00:00+02:00", 0),
+        ("1d 23:59:59.5", "2d 00:00:00", 0.5),
+        ("12:00", "12:01", 60),
+    ],
+)
+def test_every_way_to_write_a_moment_is_seconds(first: str, second: str, apart_s: float) -> None:
+    _, values, _ = read(f"t,I\n{first},1\n{second},2\n")
+    assert np.diff(values[:, 0]) == pytest.approx([apart_s])
+
+
+def test_a_broken_row_is_missing_and_told() -> None:
+    rows = "".join(f"{k},{k},{k}\n" for k in range(20))
+    _, values, notes = read(f"a,b,c\n{rows}20,OVERLOAD,20\n21,21\n22,22,22\n")
+    assert values[-2:, 0].tolist() == [20, 22]
+    assert np.isnan(values[-2, 1])
+    assert any("2 rows are not 3 columns" in note for note in notes)
+
+
+def test_remarks_above_the_table_are_left_out_and_told() -> None:
+    header, values, notes = read("Cycler 7\nCell: A12\n\nt,I\n0,1\n1,2\n")
+    assert (header, values.tolist()) == (["t", "I"], [[0, 1], [1, 2]])
+    assert any("2 lines above" in note for note in notes)
+
+
+def test_a_table_without_names_has_none() -> None:
+    assert read("0,1\n1,2\n")[0] is None
+
+
+def test_quoted_names_and_numbers_lose_their_quotes() -> None:
+    header, values, _ = read('"t","I"\n"0","1.5"\n"1","2.5"\n')
+    assert (header, values.tolist()) == (["t", "I"], [[0, 1.5], [1, 2.5]])
+
+
+@given(st.lists(st.lists(st.floats(-1e9, 1e9), min_size=3, max_size=3), min_size=2, max_size=12))
+def test_what_was_written_is_read_to_the_last_digit(rows: list[list[float]]) -> None:
+    text = "\n".join(["a;b;c", *(";".join(map(repr, row)) for row in rows)])
+    assert read(text)[1].tolist() == rows
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_table_or_say_why_not(content: bytes) -> None:
+    with suppress(DatasetError):
+        _, columns = read_csv("x.csv", content, [])
+        assert len({len(column) for column in columns}) == 1
