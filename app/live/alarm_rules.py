@@ -223,7 +223,8 @@ def _pack_from(first: int, segments: tuple[int, ...]) -> tuple[int, ...]:
 
 def _cells(snapshot: Snapshot) -> Iterator[Condition]:
     voltage_v = snapshot.cells.voltage_v
-    missing = _indices(np.isnan(voltage_v))
+    is_missing = np.isnan(voltage_v)
+    missing = _indices(is_missing if snapshot.awaited is None else is_missing & ~snapshot.awaited)
     if missing and (len(missing) < len(voltage_v) or _is_recent(snapshot)):
         yield Condition("warning", Message("cell-missing", n=len(missing)), missing[0], cells=missing)
     loose = () if snapshot.cells.joint_loose is None else _indices(snapshot.cells.joint_loose)

@@ -267,4 +267,5 @@ class Snapshot:
     disagreements: Annotated[tuple[Disagreement, ...], INTERNAL] = ()  # between RS232 and CAN
     is_fresh: Annotated[bool, INTERNAL] = True  # made from new bytes, not only aged
     live_s: Annotated[Ages | None, LEFT_OUT] = None  # as long as a part counts as live, where that is not one second
+    awaited: Annotated[BoolArray | None, INTERNAL] = None  # cells of the first round that may still come
     segments: Annotated[tuple[int, ...], INTERNAL] = ()  # cells of each, in the order of the packs

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from app.battery.battery import Battery
 from app.battery.source import STATES, SpeaksDbc
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import BoolArray, FloatArray
 from app.sources.dbc.battery_decoder import Values
 
 PERIODS_BRIDGED = 3.0  # a value is old after so many of its own periods
 LEAST_AGE_S = 0.5
+FIRST_ROUND_S = 3.0  # messages of a battery that comes more often than this may differ in how often they come
 UNKNOWN_AGE_S = 60.0  # of a channel that was heard once only
 _SCALARS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
 _ARRAYS = ("voltage", "temperature", "resistance", "balancing")
@@ -144,7 +145,20 @@ class Assembler:
             self._scalars[name] = _Scalar(None if reading is None else reading.max_age_s)
         self._kinds: dict[str, _Channels | _Scalar] = {**self._arrays, **self._scalars}
         self._next_ns: int | None = None
+        self._first_ns: int | None = None  # of all voltages
         self._rest: dict[str, Values] = {}  # of the period that has not ended: taken when it does, as in one batch
+
+    def awaited(self, t_ns: int) -> BoolArray | None:
+        """(n_cells,) which cells were not heard yet while the first round of all may still go on; None: none."""
+        voltage = self._arrays["voltage"]
+        is_unheard = voltage.t_ns == _NEVER
+        if self._first_ns is None or not is_unheard.any():
+            return None
+        waited_s = (t_ns - self._first_ns) / 1e9
+        is_second_round = bool(np.isfinite(voltage.period_s).any())
+        longest_s = UNKNOWN_AGE_S if voltage.max_age_s is None else voltage.max_age_s
+        is_over = waited_s > FIRST_ROUND_S and (is_second_round or waited_s > longest_s)
+        return None if is_over else is_unheard
 
     def feed(self, values: Mapping[str, Values], until_ns: int | None = None) -> list[BatteryMeasurement]:
         """Take values and return the measurements of the periods that ended.
@@ -161,6 +175,8 @@ class Assembler:
         if self._next_ns is None:
             first = min((int(each.t_ns[0]) for each in known.values()), default=end_ns)
             self._next_ns = (first // self._period_ns + 1) * self._period_ns
+        if self._first_ns is None and "voltage" in known:
+            self._first_ns = int(known["voltage"].t_ns[0])
         waiting = self._rest | {kind: _joined(self._rest.get(kind), each) for kind, each in known.items()}
         at = dict.fromkeys(waiting, 0)
         found = []

@@ -176,6 +176,7 @@ class DbcSource:
             config=None,
             config_hash=None,
             is_new=is_new,
+            awaited=self._assembler.awaited(t_mono_ns),
             live_s=self._rhythm.live_s(),
             voltage_age_s=_ages_of(found.voltage_v, found.voltage_t_ns, t_mono_ns),
         )

@@ -137,3 +137,12 @@ def test_a_fault_that_the_bms_tells_is_its_own_alarm_and_no_word_of_a_circuit():
     told = replace(battery.source, states={"fault": StateSignal(SignalName("I", "U"), mask=0xFFFF)})
     pipeline = PipelineFactory("coulomb", None, replace(battery, source=told)).pipeline("can")
     assert codes(drive(pipeline, 2, np.full(12, 3.7))) == {"bms-fault"}
+
+
+def test_cells_that_were_not_heard_yet_are_no_alarm_until_the_first_round_is_over():
+    battery = loaded((9, 12, 8))
+    pipeline = PipelineFactory("coulomb", None, battery).pipeline("can")
+    assert codes(drive(pipeline, 2.5, np.full(12, 3.7))) == set()  # 17 cells are still to come
+    found = drive(pipeline, 4, np.full(12, 3.7), from_s=3)
+    assert codes(found) == {"cell-missing"}
+    assert found[-1].alarms[0].cells == tuple(range(12, 29))

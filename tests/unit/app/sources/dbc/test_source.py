@@ -343,3 +343,24 @@ def test_a_part_is_live_as_long_as_it_usually_takes_to_come_again():
     quick = state_source()
     fed(quick, [frame for k in range(40) for frame in told(at_s=0.1 * k)])
     assert quick.measure(4 * S, 1).live_s.voltage == 1.0
+
+
+def test_cells_of_the_first_round_are_awaited_and_after_it_they_are_missing():
+    peer = cell_number()  # 72 cells in 7.2 s
+    source = source_of(peer)
+    frames = peer.frames(20)
+    first = fed(source, [frame for frame in frames if frame[0] < 5 * S])[-1]
+    assert first.awaited.sum() == np.isnan(first.voltage_v).sum() > 10
+    assert fed(source, [frame for frame in frames if 5 * S <= frame[0] < 9 * S])[-1].awaited is None
+    without_one = [(t, i, data) for t, i, data in frames if not (i == 0x036 and data[0] == 40)]
+    last = fed(source_of(peer), without_one)[-1]
+    assert last.awaited is None
+    assert np.flatnonzero(np.isnan(last.voltage_v)).tolist() == [40]
+
+
+def test_no_cell_is_awaited_for_ever():
+    source = state_source()
+    source.feed(CanItem(0, 1, 1, bytes(2)))  # two cells of four
+    assert source.measure(S, 1).awaited.sum() == 3
+    assert source.measure(59 * S, 1).awaited is not None
+    assert source.measure(61 * S, 1).awaited is None
