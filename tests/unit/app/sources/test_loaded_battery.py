@@ -76,3 +76,14 @@ def test_a_cell_file_beside_the_profile_is_found_from_anywhere(tmp_path: Path) -
     assert load_battery(str(profile)).battery.cell == "mine.toml"  # nothing there: a bundled one of this name
     (tmp_path / "mine.toml").write_text("", encoding="utf-8")
     assert Path(load_battery(str(profile)).battery.cell) == tmp_path / "mine.toml"
+
+
+@pytest.mark.parametrize(("longest", "is_fd"), [(8, False), (12, True), (64, True)])
+def test_a_battery_uses_can_fd_where_a_message_is_longer_than_classic_can_allows(
+    tmp_path: Path, longest: int, is_fd: bool
+) -> None:
+    dbc = f'VERSION ""\n\nBU_: A\n\nBO_ 1 M: {longest} A\n SG_ V1 : 0|16@1+ (0.001,0) [0|0] "V" A\n\n'
+    (tmp_path / "x.dbc").write_text(dbc, encoding="utf-8")
+    text = '[battery]\nname = "x"\nsegments = [1]\n[source]\ndbc = "x.dbc"\n[[source.voltage]]\nsignal = "V1"\n'
+    (tmp_path / "p.toml").write_text(text, encoding="utf-8")
+    assert load_battery(str(tmp_path / "p.toml")).uses_fd is is_fd

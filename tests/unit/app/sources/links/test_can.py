@@ -51,3 +51,28 @@ def test_error_frames_are_counted_and_say_the_controllers_state(bus):
 def test_a_link_that_is_not_open_refuses():
     with pytest.raises(LinkLost):
         CanLink("virtual:nobody", lambda item: None, Clock()).send(1, b"")
+
+
+def test_a_frame_of_can_fd_comes_whole(bus):
+    node, _, items = bus
+    node.send(can.Message(arbitration_id=0x400, is_extended_id=False, is_fd=True, data=bytes(range(64))))
+    heard = items.get(timeout=2)
+    assert (heard.can_id, heard.data) == (0x400, bytes(range(64)))
+
+
+@pytest.mark.parametrize(
+    ("url", "fd", "opened"),
+    [
+        ("socketcan:can0", False, None),
+        ("socketcan:can0", True, True),
+        ("socketcan:can0?fd=false", True, False),
+        ("pcan:PCAN_USBBUS1", True, None),  # wants its timing said: by the person who knows it
+    ],
+)
+def test_an_adapter_is_opened_for_can_fd_where_one_flag_does_it_and_nobody_said_otherwise(monkeypatch, url, fd, opened):
+    asked: queue.Queue = queue.Queue()
+    monkeypatch.setattr(can, "Bus", lambda **arguments: asked.put(arguments) or 1 / 0)
+    link = CanLink(url, lambda item: None, Clock(), fd=fd)
+    link.start()
+    assert asked.get(timeout=5).get("fd") == opened
+    link.stop()
