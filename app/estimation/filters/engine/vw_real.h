@@ -55,6 +55,13 @@ typedef vw_real vw_lanes[VW_LANES]; /* one number for each cell of a block */
 #define VW_UNROLL
 #endif
 
+/* A function with a number that each of its callers knows: on a PC it is compiled for each. */
+#if VW_LANES > 1 && defined(__GNUC__)
+#define VW_INLINE static inline __attribute__((always_inline))
+#else
+#define VW_INLINE static inline
+#endif
+
 /* a where a condition holds, else b. Both are evaluated, so a loop over cells stays without branches. */
 static inline vw_real vw_pick(int condition, vw_real a, vw_real b) { return condition ? a : b; }
 

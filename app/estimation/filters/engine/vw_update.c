@@ -16,8 +16,8 @@
  */
 #include "vw_parts.h"
 
-static inline void update(const int n_states, const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
-                          vw_work *restrict work)
+VW_INLINE void update(const int n_states, const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
+                      vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_real gate_v2 = vw_square(t->gate), widening = vw_square(t->gate_recovery) * motion->dt_s;
