@@ -1,26 +1,46 @@
 """A service that was never told what to read: its page asks, and what is chosen stays."""
 
+from pathlib import Path
+
+import pytest
 from playwright.sync_api import expect
 
 from tests.service_process import Service
 
 
-def test_the_first_page_asks_and_the_choice_takes_effect(tmp_path, open_page):
+@pytest.fixture
+def fresh_service(tmp_path):
+    """Bare `serve` on an empty data folder; it outlives the pages."""
     service = Service(tmp_path, []).start()
-    try:
-        page = open_page(service.base_url + "/", quiet=False)  # the connection is lost while it starts again
-        expect(page.get_by_role("heading", name="What shall Voltwall read?")).to_be_visible()
-        page.get_by_test_id("how-serial").check()
-        page.get_by_test_id("setup-serial").fill("/dev/ttyUSB77")
-        page.get_by_test_id("setup-test").click()
-        expect(page.get_by_test_id("setup-look")).to_contain_text("no such port")
-        expect(page.get_by_test_id("setup-look")).to_contain_text("COM6 on Windows")
-        page.get_by_label("example, one signal a cell, 90 cells").check()
-        page.get_by_test_id("how-simulate").check()
-        page.get_by_test_id("setup-start").click()
-        expect(page).to_have_url(service.base_url + "/#/overview")
-        expect(page.get_by_test_id("loaded-cells")).to_contain_text("of 90")
-        again = open_page(service.base_url + "/", quiet=False)
-        expect(again.get_by_test_id("loaded-cells")).to_contain_text("of 90")
-    finally:
-        service.stop()
+    yield service
+    service.stop()
+
+
+def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_page):
+    page = open_page(fresh_service.base_url + "/", quiet=False)  # the connection is lost while it starts again
+    expect(page.get_by_role("heading", name="What shall Voltwall read?")).to_be_visible()
+    page.get_by_test_id("how-serial").check()
+    page.get_by_test_id("setup-serial").fill("/dev/ttyUSB77")
+    page.get_by_test_id("setup-test").click()
+    expect(page.get_by_test_id("setup-look")).to_contain_text("no such port")
+    expect(page.get_by_test_id("setup-look")).to_contain_text("COM6 on Windows")
+    page.get_by_label("example, one signal a cell, 90 cells").check()
+    page.get_by_test_id("how-simulate").check()
+    page.get_by_test_id("setup-start").click()
+    expect(page).to_have_url(fresh_service.base_url + "/#/overview")
+    expect(page.get_by_test_id("loaded-cells")).to_contain_text("of 90")
+    again = open_page(fresh_service.base_url + "/", quiet=False)
+    expect(again.get_by_test_id("loaded-cells")).to_contain_text("of 90")
+
+
+def test_a_battery_is_learned_from_its_dbc_and_chosen(fresh_service, open_page):
+    bundled = Path(__file__).resolve().parents[2] / "app" / "battery" / "bundled" / "one-signal-a-cell.dbc"
+    page = open_page(f"{fresh_service.base_url}/#/setup")
+    page.get_by_test_id("to-learn").click()
+    page.get_by_test_id("learn-files").set_input_files(bundled)
+    page.get_by_test_id("learn-listen").click()
+    expect(page.get_by_test_id("learn")).to_contain_text("90 cells")
+    text = page.get_by_test_id("learn-profile").input_value()
+    page.get_by_test_id("learn-profile").fill(text.replace('name = "one-signal-a-cell"', 'name = "learned here"'))
+    page.get_by_test_id("learn-keep").click()
+    expect(page.get_by_label("learned here")).to_be_checked()

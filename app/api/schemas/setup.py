@@ -2,6 +2,7 @@
 
 from pydantic import BaseModel
 
+from app.api.schemas.snapshot import Number
 from app.api.schemas.words import WordsOut
 
 
@@ -64,3 +65,30 @@ class UploadedOut(BaseModel):
     """The id by which an uploaded battery can be chosen."""
 
     id: str
+
+
+class LearnedLineOut(BaseModel):
+    """One thing that was recognised: which signals carry it, what was heard of it [in its unit], and the reasons."""
+
+    what: str
+    signal: str
+    low: Number
+    high: Number
+    unit: str
+    reasons: list[str]
+    reasons_words: list[WordsOut | None]
+
+
+class LearnedOut(BaseModel):
+    """A suggested profile; `profile` null where no cell voltages are recognised."""
+
+    frames: int
+    messages: int
+    heard: int
+    cells: int
+    segments: list[int]
+    sensors: int
+    lines: list[LearnedLineOut]
+    doubts: list[str]
+    doubts_words: list[WordsOut | None]
+    profile: str | None

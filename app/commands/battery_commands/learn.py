@@ -2,17 +2,19 @@
 
 import argparse
 import os
+import sys
 from pathlib import Path
 
 import numpy as np
 
-from app.commands.battery_commands.inputs import bundled_definitions, bus_frames, definitions_of, log_frames
+from app.commands.battery_commands.inputs import bundled_definitions, definitions_of, log_frames
 from app.errors import ConfigError
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import Frames, frames_of
 from app.sources.dbc.learn.learning import Learned, learn
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.survey import Survey, survey
+from app.sources.dbc.listening import bus_frames
 from app.words import Message, render
 from app.words.render import number
 
@@ -44,6 +46,7 @@ def _learn(args: argparse.Namespace) -> int:
     if args.log is not None:
         frames = log_frames(args.log)
     elif args.can is not None:
+        print(f"listening to {args.can} for {args.seconds:g} s", file=sys.stderr)
         frames = bus_frames(args.can, args.seconds)
     elif not args.dbc:
         raise ConfigError("dbc", "", "say --dbc, --log or --can")

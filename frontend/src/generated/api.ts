@@ -911,6 +911,31 @@ export interface Laps {
   period_s: number | null;
 }
 
+/** One thing that was recognised: which signals carry it, what was heard of it [in its unit], and the reasons. */
+export interface LearnedLine {
+  what: string;
+  signal: string;
+  low: number | null;
+  high: number | null;
+  unit: string;
+  reasons: string[];
+  reasons_words: (Words | null)[];
+}
+
+/** A suggested profile; `profile` null where no cell voltages are recognised. */
+export interface Learned {
+  frames: number;
+  messages: number;
+  heard: number;
+  cells: number;
+  segments: number[];
+  sensors: number;
+  lines: LearnedLine[];
+  doubts: string[];
+  doubts_words: (Words | null)[];
+  profile: string | null;
+}
+
 /** A limit in force against the data sheet's and the rules', in its unit; None where there is none. */
 export interface LimitRow {
   name: string;
