@@ -139,7 +139,7 @@ def test_without_both_links_nothing_can_be_commanded_and_nothing_is_claimed(serv
     expect(page.get_by_test_id("command-reset")).to_be_enabled()
     with service.client() as client:
         client.post("/simulator/faults", json={"fault": "can-bus-off"}).raise_for_status()
-        client.post("/simulator/unplug", json={"for_s": 20}).raise_for_status()
+        client.post("/simulator/unplug", json={"for_s": 120}).raise_for_status()
     expect(page.get_by_test_id("car-silent")).to_be_visible()
     expect(page.get_by_test_id("command-reset")).to_be_disabled()
     expect(page.get_by_test_id("trip-banner")).to_contain_text("last known")  # it has not ended, nobody can see it
