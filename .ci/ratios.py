@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 AIM = 1.0
-FLOORS = {"app/estimation": 0.69, "firmware_protocol": AIM, "app/sources": 0.95}  # may rise, to the aim; never sink
+FLOORS = {"app/estimation": 0.72, "firmware_protocol": AIM, "app/sources": 0.95}  # may rise, to the aim; never sink
 SHARED = ("tests/property", "tests/numeric")
 
 
