@@ -4,6 +4,7 @@ import hashlib
 import os
 import shutil
 import subprocess
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -33,33 +34,35 @@ def build_program(folder: str, *, sanitized: bool = True) -> Path:
 
     What is compiled once serves every test process, and later runs as long as no source has changed.
     """
-    require_gcc()
     sources = [*sorted(C_FOLDER.glob("vw_*.c")), *sorted((C_FOLDER / folder).glob("*.c")), *ESTIMATOR]
-    seen = hashlib.sha256(repr((FLAGS, ON_CHIP, sanitized)).encode())
-    for path in (*sources, *sorted(C_FOLDER.rglob("*.h")), *sorted(ENGINE.glob("*.h"))):
-        seen.update(path.read_bytes())
-    program = BUILT / f"{folder}-{seen.hexdigest()[:24]}"
-    BUILT.mkdir(parents=True, exist_ok=True)
-    with FileLock(f"{program}.lock"):
-        if not program.exists():
-            part = program.with_suffix(".part")
-            _compile(part, sources, sanitized)
-            part.replace(program)
-    return program
+    return _built(folder, sources, (FLAGS, ON_CHIP, sanitized), lambda part: _compile(part, sources, sanitized))
 
 
 @cache
 def estimator_library() -> Path:
     """Return the estimator of the master as a shared library, in single precision as on the chip."""
+    command = ["gcc", *FLAGS, "-Wconversion", "-O2", *ON_CHIP, "-fPIC", "-shared"]
+
+    def compile_into(part: Path) -> None:
+        subprocess.run([*command, *map(str, ESTIMATOR), "-o", str(part), "-lm"], check=True)
+
+    return _built("vw_estimator", ESTIMATOR, command, compile_into)
+
+
+def _built(name: str, sources: Iterable[Path], how: object, compile_into: Callable[[Path], None]) -> Path:
+    """Return what these sources become, compiled only where no process of this or an earlier run has done so."""
     require_gcc()
-    library = BUILT / "vw_estimator.so"
+    seen = hashlib.sha256(repr(how).encode())
+    for path in (*sources, *sorted(C_FOLDER.rglob("*.h")), *sorted(ENGINE.glob("*.h"))):
+        seen.update(path.read_bytes())
+    built = BUILT / f"{name}-{seen.hexdigest()[:24]}"
     BUILT.mkdir(parents=True, exist_ok=True)
-    with FileLock(f"{library}.lock"):
-        part = library.with_suffix(".part")
-        command = ["gcc", *FLAGS, "-Wconversion", "-O2", *ON_CHIP, "-fPIC", "-shared", *map(str, ESTIMATOR)]
-        subprocess.run([*command, "-o", str(part), "-lm"], check=True)
-        part.replace(library)
-    return library
+    with FileLock(f"{built}.lock"):
+        if not built.exists():
+            part = built.with_suffix(".part")
+            compile_into(part)
+            part.replace(built)
+    return built
 
 
 def _compile(program: Path, sources: list[Path], sanitized: bool) -> None:
