@@ -11,6 +11,7 @@ from app.analysis.survey import Piece, Survey, Surveyor
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
 from app.estimation.arrays import FloatArray
 from app.sessions.reading.reader import FieldSamples, SessionFile
+from app.sessions.storage.battery_fields import IS_NEW
 
 _REGISTERS = tuple(f"slave[{pack}].cfgr" for pack in range(N_PACKS))  # of the team's boards
 _FIELDS = ("i_fs", "v", "t", "estimate.soc")
@@ -27,7 +28,7 @@ def read_pieces(
     `from_s` and `to_s` are a range in unix time [s], ends included.
     """
     held: dict[str, FloatArray] = {}  # the last row of each field: slow windows do not come every minute
-    fields = (*_FIELDS, *_balancing_fields(session))
+    fields = (*_FIELDS, *_fields_of_kind(session))
     names = fields if totals is None else tuple(dict.fromkeys((*fields, *TOTALS_FIELDS)))
     for found in session.fields(names, from_s, to_s):
         if totals is not None:
@@ -41,7 +42,7 @@ def survey_session(
     session: SessionFile, also: Callable[[Piece], None] | None = None, totals: TotalsCollector | None = None
 ) -> Survey:
     """Return the survey of a session; `also` is given every piece, and `totals` is collected in the same pass."""
-    surveyor = Surveyor(session.battery.n_cells)
+    surveyor = Surveyor(session.battery.n_cells, in_turns=session.loaded_battery.speaks_dbc is not None)
     for piece in read_pieces(session, totals):
         surveyor.add(piece)
         if also is not None:
@@ -49,11 +50,11 @@ def survey_session(
     return surveyor.result()
 
 
-def _balancing_fields(session: SessionFile) -> tuple[str, ...]:
-    """The team's boards tell their switches, another battery its cells where its profile says so."""
+def _fields_of_kind(session: SessionFile) -> tuple[str, ...]:
+    """The team's boards tell their switches; another battery its cells, in turns, and balancing where it says so."""
     if session.loaded_battery.speaks_dbc is None:
         return _REGISTERS
-    return ("balancing",) if "balancing" in session.signals.order else ()
+    return ("balancing", IS_NEW) if "balancing" in session.signals.order else (IS_NEW,)
 
 
 def _piece(time_s: FloatArray, found: dict[str, FieldSamples], held: dict[str, FloatArray], n_cells: int) -> Piece:
@@ -80,6 +81,7 @@ def _piece(time_s: FloatArray, found: dict[str, FieldSamples], held: dict[str, F
         temperature_degc=fresh("t", n_cells),
         soc=fresh("estimate.soc", n_cells),
         balancing=balancing,
+        is_new=fresh(IS_NEW, n_cells) > 0.0 if IS_NEW in found else None,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR
-from app.estimation.arrays import FloatArray
+from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.health.resistance_tracker import ResistanceTracker
 
 CURRENT_EDGES_A: Final = np.arange(-150.0, 301.0, 10.0)
@@ -35,6 +35,12 @@ class Piece:
     temperature_degc: FloatArray
     soc: FloatArray
     balancing: FloatArray  # 1 where the cell is bled
+    is_new: BoolArray | None = None  # where a voltage was told in this row; elsewhere it is held. None: all are
+
+    @property
+    def told_v(self) -> FloatArray:
+        """(n, n_cells) voltages that belong to their row's current; NaN where one is held from before."""
+        return self.voltage_v if self.is_new is None else np.where(self.is_new, self.voltage_v, np.nan)
 
 
 @dataclass(frozen=True)
@@ -95,8 +101,10 @@ class Survey:
 class Surveyor:
     """Takes a recording piece by piece, in order; `result` at the end."""
 
-    def __init__(self, n_cells: int) -> None:
+    def __init__(self, n_cells: int, *, in_turns: bool = False) -> None:
+        """`in_turns`: cells are told one after the other, so none is missing before it was told once."""
         self._n = n_cells
+        self._waited = np.zeros(n_cells) if in_turns else None  # rows until a cell was told
         nan = np.full(n_cells, np.nan)
         self._survey = Survey(
             n_cells,
@@ -147,6 +155,9 @@ class Surveyor:
     def result(self) -> Survey:
         """Return what was found."""
         survey = self._survey
+        if self._waited is not None:  # a cell that was never told is missing all the time
+            survey.missing -= np.where(np.isnan(survey.voltage_max_v), 0.0, self._waited)
+            self._waited[:] = 0.0
         survey.histograms = {
             "current": self._histogram("current", "A", CURRENT_EDGES_A),
             "temperature": self._histogram("temperature", "degC", TEMPERATURE_EDGES_DEGC),
@@ -178,13 +189,17 @@ class Surveyor:
         survey.balancing_s += (np.nan_to_num(piece.balancing) * dt_s[:, None]).sum(axis=0)
         loaded = piece.current_a > SAG_A
         if loaded.any():
-            rows = piece.voltage_v[loaded]
+            rows = piece.told_v[loaded]
             apart = _row_mean(rows)[:, None] - rows
             self._sag += np.array([np.nansum(apart, axis=0), np.isfinite(apart).sum(axis=0)])
 
     def _extremes(self, piece: Piece, dt_s: FloatArray) -> None:
         survey = self._survey
         survey.missing += np.isnan(piece.voltage_v).sum(axis=0)
+        if self._waited is not None:
+            is_told = np.isfinite(piece.voltage_v)
+            first = np.where(is_told.any(axis=0), is_told.argmax(axis=0), len(is_told))
+            self._waited += np.where(np.isnan(survey.voltage_max_v), first, 0)
         keep_extreme(survey.voltage_min_v, survey.voltage_min_at_s, piece.voltage_v, piece.time_s, lowest=True)
         keep_extreme(
             survey.temperature_max_degc, survey.temperature_max_at_s, piece.temperature_degc, piece.time_s, lowest=False
@@ -223,7 +238,7 @@ class Surveyor:
         if len(chosen):
             dt_s = np.maximum(np.diff(time_s[chosen], prepend=before_s), 0.0)
             self._tracked_s = float(time_s[chosen[-1]])
-            self._tracker.take(dt_s, piece.current_a[chosen], piece.voltage_v[chosen])
+            self._tracker.take(dt_s, piece.current_a[chosen], piece.told_v[chosen])
 
     def _rests(self, piece: Piece) -> None:
         quiet = np.abs(piece.current_a) < REST_A

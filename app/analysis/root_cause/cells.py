@@ -95,7 +95,7 @@ def cell_suspicions(recording: Recording, model: CellModel, at_s: float) -> Iter
     yield from _unplugged(recording, {each.cell for each in lost})
     stuck = [] if lost else list(_stuck_temperatures(recording))
     yield from stuck
-    if lost:
+    if lost or not recording.tells_at_once:
         return
     jumped = {each.cell for each in stuck}
     voltages = CellVoltages(recording, model, at_s)

@@ -13,6 +13,7 @@ from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntAr
 from app.battery.shape import N_PACKS
 from app.estimation.arrays import FloatArray
 from app.sessions.reading.reader import FieldSamples, SessionFile
+from app.sessions.storage.battery_fields import IS_NEW
 from firmware_protocol.can_tables import rx_messages, tx_messages
 from firmware_protocol.config_image import default_image
 from firmware_protocol.elcon import STATUS_ID
@@ -23,6 +24,7 @@ _BOARD_FIELDS = tuple(f"slave[{pack}].{name}" for pack in range(N_PACKS) for nam
 _FAST = ("i_fs", "i_fc", "v", "t", "estimate.soc", "status.flags")
 _CHARGER = ("charger.state", "charger.flags", "charger.fan_duty")
 _FIELDS = (*_FAST, *_CHARGER, *_BOARD_FIELDS)
+AT_ONCE = 0.5  # of the cells told in the same period: they are compared with each other
 _DIE_V_PER_K = 7.5e-3  # LTC6804 data sheet: internal die temperature
 _KELVIN = 273.0
 _CODE_V = 1e-4
@@ -31,7 +33,8 @@ _CODE_V = 1e-4
 def read_recording(session: SessionFile, from_s: float, to_s: float) -> Recording:
     """Return what a session holds between two unix times."""
     found: dict[str, list[FieldSamples]] = defaultdict(list)
-    for piece in session.fields(_FIELDS, from_s, to_s):
+    battery, is_team = session.battery, session.loaded_battery.speaks_dbc is None
+    for piece in session.fields(_FIELDS if is_team else (*_FIELDS, IS_NEW), from_s, to_s):
         for name, samples in piece.items():
             found[name].append(samples)
     time_s = np.concatenate([samples.time_s for samples in found["v"] or found["i_fs"]] or [np.empty(0)])
@@ -44,7 +47,6 @@ def read_recording(session: SessionFile, from_s: float, to_s: float) -> Recordin
 
     configs = [config for config in session.configs() if session.unix_s(config.t_mono_ns) <= to_s]
     image = configs[-1].image if configs else None
-    battery, is_team = session.battery, session.loaded_battery.speaks_dbc is None
     return Recording(
         time_s=time_s,
         current_a=column("i_fs"),
@@ -64,7 +66,13 @@ def read_recording(session: SessionFile, from_s: float, to_s: float) -> Recordin
         start_s=session.info.started_wall_ns / 1e9,
         bits={name: k for k, name in enumerate(STATUS_FLAGS)},
         segments=battery.segments,
+        tells_at_once=is_team or _share_told(found[IS_NEW]) > AT_ONCE,
     )
+
+
+def _share_told(parts: Sequence[FieldSamples]) -> float:
+    """Of the cells' voltages in a row those that were told in it, on average; 0 where there are none."""
+    return float(np.mean(np.concatenate([part.values for part in parts]))) if parts else 0.0
 
 
 def _whole(values: FloatArray) -> IntArray:

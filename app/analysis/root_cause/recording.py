@@ -65,6 +65,7 @@ class Recording:
         limits: of the configuration then, by name; empty where it was not received.
         start_s: of the session, unix time [s].
         segments: cells of each pack.
+        tells_at_once: cells are told together; else in turns, and voltages of one row are not of one current.
     """
 
     time_s: FloatArray
@@ -85,6 +86,7 @@ class Recording:
     start_s: float
     bits: Mapping[str, int]
     segments: tuple[int, ...]
+    tells_at_once: bool = True
 
     @property
     def pack_starts(self) -> list[int]:

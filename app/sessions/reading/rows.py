@@ -7,8 +7,9 @@ from functools import partial
 import numpy as np
 
 from app.battery.source import SpeaksDbc
+from app.estimation.arrays import FloatArray
 from app.sessions.reading.blocks import Block, Column, ElementArray
-from app.sessions.storage.battery_fields import ages_of
+from app.sessions.storage.battery_fields import IS_NEW, ages_of
 from app.sessions.storage.chunks import Track
 from app.sessions.storage.holding import Holder, Samples, grid_of
 from app.sessions.storage.signals import Signals
@@ -41,8 +42,15 @@ def in_rows(
             told[column.field].append((column.elements, column.track.times_us, values))
         grid_us = grid_of(max(next_us, block.first_us), block.last_us, round(source.period_s * 1e6))
         next_us = max(next_us, block.last_us + 1)
-        rows = {name: holder.rows(told[name], grid_us)[:, wanted[name]] for name, holder in holders.items()}
-        is_known = np.any([np.isfinite(values).any(axis=1) for values in rows.values()], axis=0)
+        period_us = round(source.period_s * 1e6)
+        rows: dict[str, FloatArray] = {}
+        for name, holder in holders.items():
+            if name != IS_NEW:
+                values, at_us = holder.rows_and_times(told[name], grid_us)
+                rows[name] = values[:, wanted[name]]
+                if name == "v" and IS_NEW in wanted:
+                    rows[IS_NEW] = (at_us > grid_us[:, None] - period_us).astype(np.float64)[:, wanted[IS_NEW]]
+        is_known = np.any([np.isfinite(each).any(axis=1) for name, each in rows.items() if name != IS_NEW], axis=0)
         if not is_known.any():
             continue
         track = Track(grid_us[is_known], -grid_us[is_known])

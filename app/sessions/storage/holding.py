@@ -27,6 +27,10 @@ class Holder:
 
     def rows(self, samples: Iterable[Samples], grid_us: NDArray[np.int64]) -> FloatArray:
         """Return (n, elements) the newest values at ascending times; samples are not older than those of before."""
+        return self.rows_and_times(samples, grid_us)[0]
+
+    def rows_and_times(self, samples: Iterable[Samples], grid_us: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+        """As `rows`, with the (n, elements) times of the values [us]."""
         shape = (len(grid_us), len(self._value))
         found, at_us = np.broadcast_to(self._value, shape).copy(), np.broadcast_to(self._t_us, shape).copy()
         for elements, times_us, values in samples:
@@ -43,7 +47,7 @@ class Holder:
             self._t_us[elements] = np.where(last, times_us[-1], self._t_us[elements])
         age_us = grid_us[:, None] - at_us
         found[age_us > self._most_us()] = np.nan
-        return found
+        return found, at_us
 
     def _learn(self, elements: NDArray[np.intp], times_us: NDArray[np.int64]) -> None:
         """The longest gap between two samples that is no pause."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.sessions.errors import UnknownSignal
-from app.sessions.storage.battery_fields import battery_fields
+from app.sessions.storage.battery_fields import IS_NEW, battery_fields
 from app.sessions.storage.chunks import ESTIMATE_MISSING, ESTIMATE_SCALE, ESTIMATES
 from app.sessions.storage.streams import CountArray
 from app.sources.loaded_battery import LoadedBattery
@@ -63,7 +63,8 @@ def _fields_of(battery: LoadedBattery) -> dict[str, _Field]:
     speaks = battery.speaks_dbc
     if speaks is None:
         return {f.name: _Field(f.shape, f.unit, f.scale, _missing(f.name)) for f in FIELDS.values()}
-    return {
+    is_new = {IS_NEW: _Field((battery.battery.n_cells,), "", 1.0)}
+    return is_new | {
         name: _Field(() if field.count is None else (field.count,), field.unit, field.resolution)
         for name, field in battery_fields(battery.battery, speaks).items()
     }
@@ -75,7 +76,9 @@ class Signals:
     def __init__(self, battery: LoadedBattery) -> None:
         estimate = _Field((battery.battery.n_cells,), "1", ESTIMATE_SCALE, ESTIMATE_MISSING)
         self._fields: Mapping[str, _Field] = {**_fields_of(battery), **dict.fromkeys(ESTIMATES, estimate)}
-        self._of_table = tuple(self._fields) if battery.speaks_dbc else (*FAST_FIELDS, *ESTIMATES)
+        self._of_table = (
+            tuple(n for n in self._fields if n != IS_NEW) if battery.speaks_dbc else (*FAST_FIELDS, *ESTIMATES)
+        )
         self.order = {name: i for i, name in enumerate(self._fields)}  # of fields, as people want to read them
 
     def find(self, name: str) -> Signal:

@@ -1,5 +1,7 @@
 """A made-up recording whose every figure is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -89,3 +91,34 @@ def test_a_recording_of_nothing_has_no_figures():
     survey = survey_of([], N)
     assert survey.samples == 0
     assert np.isnan(survey.resistance_ohm).all()
+
+
+def in_turns(seconds, round_s):
+    """Cells one after the other, each held until it is told again; the current moves meanwhile."""
+    whole = piece(0, seconds, wave)
+    slot = (np.arange(N) * round_s / N / STEP_S).astype(int)
+    step = np.arange(len(whole.time_s))[:, None]
+    period = int(round_s / STEP_S)
+    told_at = step - (step - slot) % period
+    volts = np.take_along_axis(whole.voltage_v, np.maximum(told_at, 0), axis=0)
+    is_new = (told_at == step) & (told_at >= 0)
+    return replace(whole, voltage_v=np.where(told_at >= 0, volts, np.nan), is_new=is_new)
+
+
+def test_resistances_of_cells_that_are_told_in_turns_come_from_what_was_told_with_the_current():
+    told = in_turns(600, 1.0)
+    assert survey_of([told], N).resistance_ohm == pytest.approx(RESISTANCE_OHM, rel=0.05)
+    assert (survey_of([replace(told, is_new=None)], N).resistance_ohm < 0.8 * RESISTANCE_OHM).mean() > 0.5
+
+
+def test_a_cell_is_not_missing_before_its_first_turn_but_one_that_never_came_is():
+    told = in_turns(60, 5.0)
+    told.voltage_v[:, 7] = np.nan
+    for cuts in ([told], [replace(told, **{k: v[:20] for k, v in vars(told).items()}),
+                          replace(told, **{k: v[20:] for k, v in vars(told).items()})]):  # fmt: skip
+        surveyor = Surveyor(N, in_turns=True)
+        for each in cuts:
+            surveyor.add(each)
+        missing = surveyor.result().missing
+        assert missing[7] == len(told.time_s)
+        assert (np.delete(missing, 7) == 0).all()
