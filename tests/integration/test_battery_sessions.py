@@ -116,7 +116,9 @@ def test_an_orion_log_of_72_cells_is_compared_with_another(tmp_path, capsys) -> 
     capsys.readouterr()
     assert main(["sessions", "compare", ids[0], "--with", ids[1], "--json", *at]) == 0
     compared = json.loads(capsys.readouterr().out)
-    assert compared["a"] == pytest.approx(compared["b"], nan_ok=True, rel=0.05)
+    known = {name: value for name, value in compared["a"].items() if value is not None}
+    assert len(known) > 5
+    assert known == pytest.approx({name: compared["b"][name] for name in known}, rel=0.05)
     assert main(["sessions", "report", ids[0], *at]) == 0
     assert main(["sessions", "passport", "--battery", str(profile), "--swap", "6/12", *at]) == 0
     assert "6/12 replaced" in capsys.readouterr().err
