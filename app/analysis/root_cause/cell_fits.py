@@ -5,11 +5,13 @@ Every model is: nothing until an onset, then its own law with one size.
 
     joint        apart = -R i
     resistance   apart = -R (i + slow i)            the polarisation grows with it
-    capacity     apart = OCV(soc - x used) - OCV(soc)       charge used counts more by the share x
-    leak         apart = OCV(soc - I t / Q) - OCV(soc)      charge leaves by itself
+    capacity     apart = U(soc - x used) - U(soc)           charge used counts more by the share x
+    leak         apart = U(soc - I t / Q) - U(soc)          charge leaves by itself
     stuck        voltage = constant
-    lower        apart = OCV(soc - d) - OCV(soc)            it began with less charge
+    lower        apart = U(soc - d) - U(soc)                it began with less charge
     warm         apart = r i, less resistance of a cell that is warmer; capacity and leak may have it, too
+
+U(soc) is the voltage at the recorded current: an emptier cell has less OCV and resists more.
 """
 
 from __future__ import annotations
@@ -38,7 +40,11 @@ WARM_OHM: Final = 8e-4  # of a cell of 2 mohm, from 25 to 60 degC
 STUCK_V: Final = 1.5e-3
 CAPACITY_SIZES: Final = np.geomspace(0.05, 4.0, 24)
 HEALTHY_SPREAD: Final = 0.015  # of the charge that cells begin with
-LOWER_SIZES: Final = np.concatenate((np.linspace(-0.015, 0.015, 13), np.geomspace(0.02, 0.3, 16)))
+SPREAD_SIZES: Final = np.linspace(-HEALTHY_SPREAD, HEALTHY_SPREAD, 13)
+LOWER_SIZES: Final = np.geomspace(0.02, 0.3, 16)
+FINER, FINER_POINTS = 2, 7  # searches around the best of a grid: a grid's steps cost more than laws differ by
+SOC_GRID: Final = np.linspace(0.0, 1.0, 51)
+USUAL_DEGC: Final = 25.0
 LEAK_SIZES_A: Final = np.geomspace(0.5, 60.0, 28)
 
 
@@ -61,6 +67,7 @@ class CellVoltage:
     slow_a: FloatArray  # through the cell's slow RC pair
     used: FloatArray  # charge used since the beginning, of the median cell's capacity
     soc: FloatArray
+    branch_a: FloatArray  # (n_rc, m) through each RC pair
     voltage_v: FloatArray
     middle_v: FloatArray
     noise_v: FloatArray
@@ -83,6 +90,28 @@ def slow_current(time_s: FloatArray, current_a: FloatArray, tau_s: float) -> Flo
     return out
 
 
+class UnderLoad:
+    """What a cell's voltage would be with another charge, at the recorded current; resistances by SOC_GRID."""
+
+    def __init__(self, cell: CellVoltage, model: CellModel) -> None:
+        tables = model.parameters(SOC_GRID, USUAL_DEGC)
+        self._model, self._soc = model, cell.soc
+        self._drops = [(cell.current_a, tables[0])]
+        self._drops += list(zip(cell.branch_a, tables[2 : 2 + model.n_rc], strict=True))
+        self._usual_v = self._voltage(cell.soc)
+
+    def moved_v(self, soc: FloatArray) -> FloatArray:
+        """Return the (m,) voltage at a charge against that at the recorded one [V]."""
+        return self._voltage(soc) - self._usual_v
+
+    def _voltage(self, soc: FloatArray) -> FloatArray:
+        soc = np.clip(soc, -0.05, 1.05)
+        voltage = np.asarray(self._model.ocv.voltage(soc), dtype=np.float64)
+        for amps, ohm in self._drops:
+            voltage = voltage - np.interp(soc, SOC_GRID, ohm) * amps
+        return voltage
+
+
 class CellVoltages:
     """A recording's voltages as the fits want them: made once, asked for cell by cell."""
 
@@ -94,10 +123,12 @@ class CellVoltages:
         self._rows = _thinned(time_s, around_s)
         dt_s = np.clip(np.diff(time_s, prepend=time_s[:1]), 0.0, 10.0)
         used = np.cumsum(current * dt_s) / (SECONDS_PER_HOUR * model.capacity_ah)
+        branches = [slow_current(time_s, current, float(tau_s.mean())) for tau_s in model.tau_s]
         slow = slow_current(time_s, current, float(model.tau_s.max(axis=0).mean()))
         known = np.isfinite(recording.soc)
         start = float(recording.soc[known][0] + used[known][0]) if known.any() else 0.5
         self._shared = tuple(each[self._rows] for each in (time_s, current, slow, used, start - used))
+        self._branches = np.array(branches).reshape(-1, len(time_s))[:, self._rows]
         apart = recording.apart_v[self._rows]
         usual = 1.4826 * row_median(np.abs(apart - row_median(apart.T)))
         self._noise = np.hypot(np.nan_to_num(usual), LEAST_NOISE_V)
@@ -111,7 +142,8 @@ class CellVoltages:
             return None
         time_s, current, slow, used, soc = (each[known] for each in self._shared)
         noise = np.hypot(self._noise[known], LAG_SHARE * _movement(time_s, voltage[known] - middle[known]))
-        return CellVoltage(time_s, current, slow, used, soc, voltage[known], middle[known], noise, self._around_s)
+        branches, voltage, middle = self._branches[:, known], voltage[known], middle[known]
+        return CellVoltage(time_s, current, slow, used, soc, branches, voltage, middle, noise, self._around_s)
 
 
 def _movement(time_s: FloatArray, apart_v: FloatArray) -> FloatArray:
@@ -134,9 +166,9 @@ def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: Callable[[float, fl
     The log likelihood is against nothing being wrong with the cell. `leak_heat` gives that of the temperature for a
     leak [A] since an onset, which counts where the leak's size and onset are searched.
     """
-    lower = list(_lower(cell, model))
-    spread = [found for found, size, _ in lower if abs(size) <= HEALTHY_SPREAD]
-    healthy = max(_warm_likelihood(cell, cell.apart_v, HEALTHY_OHM), *spread)
+    under_load = UnderLoad(cell, model)
+    spread, _, _ = _lower(cell, under_load, SPREAD_SIZES)
+    healthy = max(_warm_likelihood(cell, cell.apart_v, HEALTHY_OHM), spread)
     onsets = _onsets(cell)
     slow_share = float(model.r_ohm.sum(axis=0).mean() / model.r0_ohm.mean()) if model.n_rc else 0.0
     drops: tuple[tuple[Law, FloatArray], ...] = (
@@ -145,9 +177,12 @@ def fit_cell(cell: CellVoltage, model: CellModel, leak_heat: Callable[[float, fl
     )
     fits: list[CellFit | None] = [_best(law, _drops(cell, drop, onsets), healthy) for law, drop in drops]
     fits.append(CellFit("warm", _warm_likelihood(cell, cell.apart_v) - healthy, 0.0, float(cell.time_s[0])))
-    fits.append(_best("capacity", _capacities(cell, model), healthy))
-    fits.append(_best("lower", iter([each for each in lower if each[1] > HEALTHY_SPREAD]), healthy))
-    fits.append(_best_leak(_leaks(cell, model, onsets), healthy, leak_heat))
+    charges: tuple[tuple[Law, _Candidate], ...] = (
+        ("capacity", _capacity(cell, under_load)),
+        ("lower", _lower(cell, under_load, LOWER_SIZES)),
+        ("leak", _leak(cell, model, under_load, onsets, leak_heat)),
+    )
+    fits += [CellFit(law, found - healthy, size, onset_s) for law, (found, size, onset_s) in charges]
     fits.append(_stuck(cell))
     return [fit for fit in fits if fit is not None]
 
@@ -158,16 +193,6 @@ _Candidate = tuple[float, float, float]  # log likelihood, size, onset
 def _best(law: Law, candidates: Iterator[_Candidate], healthy: float) -> CellFit | None:
     best = max(candidates, default=None)
     return None if best is None else CellFit(law, best[0] - healthy, best[1], best[2])
-
-
-def _best_leak(
-    candidates: Iterator[_Candidate], healthy: float, heat: Callable[[float, float], float]
-) -> CellFit | None:
-    told = [(found + heat(size, onset_s), found, size, onset_s) for found, size, onset_s in candidates]
-    if not told:
-        return None
-    _, found, size, onset_s = max(told)
-    return CellFit("leak", found - healthy, size, onset_s)
 
 
 def _onsets(cell: CellVoltage) -> FloatArray:
@@ -215,27 +240,53 @@ def _drops(cell: CellVoltage, drop_a: FloatArray, onsets: FloatArray) -> Iterato
             yield _log_likelihood(cell, y - size * x), size, float(onset_s)
 
 
-def _capacities(cell: CellVoltage, model: CellModel) -> Iterator[_Candidate]:
-    for size in CAPACITY_SIZES:
-        moved = _ocv(model, cell.soc - size * cell.used) - _ocv(model, cell.soc)
-        yield _warm_likelihood(cell, cell.apart_v - moved), float(size), float(cell.time_s[0])
+def _capacity(cell: CellVoltage, under_load: UnderLoad) -> _Candidate:
+    def likelihood(size: float) -> float:
+        return _warm_likelihood(cell, cell.apart_v - under_load.moved_v(cell.soc - size * cell.used))
+
+    return *_largest(likelihood, CAPACITY_SIZES), float(cell.time_s[0])
 
 
-def _lower(cell: CellVoltage, model: CellModel) -> Iterator[_Candidate]:
-    usual = _ocv(model, cell.soc)
-    for size in LOWER_SIZES:
-        moved = _ocv(model, cell.soc - size) - usual
-        yield _log_likelihood(cell, cell.apart_v - moved), float(size), float(cell.time_s[0])
+def _lower(cell: CellVoltage, under_load: UnderLoad, sizes: FloatArray) -> _Candidate:
+    def likelihood(size: float) -> float:
+        return _log_likelihood(cell, cell.apart_v - under_load.moved_v(cell.soc - size))
+
+    return *_largest(likelihood, sizes), float(cell.time_s[0])
 
 
-def _leaks(cell: CellVoltage, model: CellModel, onsets: FloatArray) -> Iterator[_Candidate]:
+def _leak(
+    cell: CellVoltage,
+    model: CellModel,
+    under_load: UnderLoad,
+    onsets: FloatArray,
+    heat: Callable[[float, float], float],
+) -> _Candidate:
+    """The size is searched with the heat that it makes."""
     capacity_coulomb = SECONDS_PER_HOUR * model.capacity_ah
-    usual = _ocv(model, cell.soc)
-    for onset_s in onsets[::2]:
+
+    def likelihood(size: float, onset_s: float) -> float:
         ago_s = np.maximum(cell.time_s - onset_s, 0.0)
-        for size in LEAK_SIZES_A:
-            moved = _ocv(model, cell.soc - size * ago_s / capacity_coulomb) - usual
-            yield _warm_likelihood(cell, cell.apart_v - moved), float(size), float(onset_s)
+        moved = under_load.moved_v(cell.soc - size * ago_s / capacity_coulomb)
+        return _warm_likelihood(cell, cell.apart_v - moved)
+
+    def with_heat(size: float, onset_s: float) -> float:
+        return likelihood(size, onset_s) + heat(size, onset_s)
+
+    _, onset_s = max(
+        (with_heat(float(size), float(onset_s)), float(onset_s)) for onset_s in onsets[::2] for size in LEAK_SIZES_A
+    )
+    _, size = _largest(lambda size: with_heat(size, onset_s), LEAK_SIZES_A)
+    return likelihood(size, onset_s), size, onset_s
+
+
+def _largest(likelihood: Callable[[float], float], sizes: FloatArray) -> tuple[float, float]:
+    """Return the largest value and where it is: on a grid, then closer around the best of it."""
+    found = [(likelihood(float(size)), float(size)) for size in sizes]
+    for _ in range(FINER):
+        best = max(range(len(found)), key=lambda k: found[k][0])
+        low, high = found[max(best - 1, 0)][1], found[min(best + 1, len(found) - 1)][1]
+        found = [(likelihood(float(size)), float(size)) for size in np.linspace(low, high, FINER_POINTS)]
+    return max(found)
 
 
 def _stuck(cell: CellVoltage) -> CellFit | None:
@@ -251,7 +302,3 @@ def _stuck(cell: CellVoltage) -> CellFit | None:
     level = float(np.median(before)) if first else 0.0
     residual = np.concatenate((before - level, cell.voltage_v[after] - held))
     return CellFit("stuck", _log_likelihood(cell, residual) - healthy, held, float(cell.time_s[first]))
-
-
-def _ocv(model: CellModel, soc: FloatArray) -> FloatArray:
-    return np.asarray(model.ocv.voltage(np.clip(soc, -0.05, 1.05)), dtype=np.float64)

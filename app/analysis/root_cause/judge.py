@@ -57,6 +57,7 @@ FOLLOWS: Final[dict[str, tuple[str, ...]]] = {
     "can-master-silent": ("charger-silent",),
     "can-disturbed": ("charger-silent",),
     "serial-silent": ("can-master-silent",),
+    "serial-disturbed": ("serial-silent",),  # so much noise that no frame is left
     "master-reset": ("shutdown-opened", "serial-silent", "can-master-silent", "can-master-off", "charger-silent"),
     "master-power-lost": ("shutdown-opened", "serial-silent", "can-master-silent", "can-master-off", "charger-silent"),
     "slave-line-disturbed": (

@@ -13,6 +13,7 @@ from app.words import Message, Quantity
 
 SETTLED_S: Final = 4.0  # a boot this soon after the start is the start
 SILENT_S: Final = 2.0
+BUS_SILENT_S: Final = 3.0  # a service that is held up hears one link later than the other
 CUT_LENGTH: Final = 0.85  # of a good frame's: shorter damaged frames broke off
 FLOOD_PER_S: Final = 1500.0  # frames of one foreign identifier
 BOOTS: Final = {
@@ -123,7 +124,7 @@ def _silence_of_master(recording: Recording) -> tuple[float, float] | None:
         times = bus.times_s.get(can_id)
         if times is None or not line.good_s.size:
             continue
-        for from_s, to_s in _gaps(times, float(times[0]), float(line.good_s[-1]), max(5 * period_s, 1.0)):
+        for from_s, to_s in _gaps(times, float(times[0]), float(line.good_s[-1]), max(5 * period_s, BUS_SILENT_S)):
             alive = (line.good_s > from_s + period_s) & (line.good_s < to_s)
             if alive.sum() > 0.6 * (to_s - from_s) / 0.1 - 5 and alive.sum() >= 5:
                 return from_s, to_s

@@ -19,7 +19,8 @@ def cell(apart_v):
     slow = slow_current(TIME_S, CURRENT_A, float(MODEL.tau_s.max(axis=0).mean()))
     noise = np.full(TIME_S.size, 2e-3)
     voltage = middle + apart_v + 5e-4 * rng.standard_normal(TIME_S.size)
-    return CellVoltage(TIME_S, CURRENT_A, slow, USED, soc, voltage, middle, noise, float(TIME_S[-1]))
+    branches = np.array([slow_current(TIME_S, CURRENT_A, float(tau_s.mean())) for tau_s in MODEL.tau_s])
+    return CellVoltage(TIME_S, CURRENT_A, slow, USED, soc, branches, voltage, middle, noise, float(TIME_S[-1]))
 
 
 def fits(apart_v):
@@ -47,6 +48,25 @@ def test_lost_capacity_follows_the_charge_used():
     best = max(found.values(), key=lambda fit: fit.log_likelihood)
     assert best.law == "capacity"
     assert best.size == pytest.approx(0.6, rel=0.3)
+
+
+def under_load(soc):
+    """The model's voltage at a charge, with the resistances of that charge."""
+    parts = MODEL.parameters(soc, 25.0)
+    drops = parts[0] * CURRENT_A
+    for k, tau_s in enumerate(MODEL.tau_s):
+        drops += parts[2 + k] * slow_current(TIME_S, CURRENT_A, float(tau_s.mean()))
+    return MODEL.ocv.voltage(soc) - drops
+
+
+@pytest.mark.parametrize("more", [0.45, 1.0, 1.75, 1.9])
+def test_a_cell_that_empties_resists_more_and_has_lost_capacity_all_the_same(more):
+    """Near empty its resistance doubles; between the steps of the searched sizes it is found as well."""
+    soc = 0.7 - USED
+    found = fits(under_load(soc - more * USED) - under_load(soc))
+    best = max(found.values(), key=lambda fit: fit.log_likelihood)
+    assert best.law == "capacity"
+    assert best.size == pytest.approx(more, rel=0.03)
 
 
 def test_an_input_that_stands_still_is_found():
