@@ -14,7 +14,7 @@ from app.estimation.prediction.power import StatePower, TimeToTrip
 from app.telemetry.cell_findings import Finding
 from app.telemetry.events import Alarm, Disagreement, Links
 from app.telemetry.fields import INTERNAL, LEFT_OUT, MESSAGE, TREND, Kept, SentAs, Unit
-from app.words import Message
+from app.words import Message, Text
 
 Source = Literal["simulator", "serial", "can", "replay"]
 MasterState = Literal["unknown", "idle", "drive", "charge", "balance", "fault"]
@@ -172,7 +172,7 @@ class Master:
     map_hash: str | None
     map_matches: bool | None
     boots: int | None
-    restarted: Annotated[Message | None, MESSAGE]  # why, within a minute of a restart; else None
+    restarted: Annotated[Text | None, MESSAGE]  # why, within a minute of a restart; else None
     implausible: tuple[str, ...]  # fields of the memory map whose values cannot be, and are left out
 
 

@@ -1055,7 +1055,7 @@ export interface Master {
   map_hash: string | null;
   map_matches: boolean | null;
   boots: number | null;
-  restarted: string;
+  restarted: string | null;
   implausible: string[];
   why_words: Words | null;
   restarted_words: Words | null;
