@@ -60,13 +60,14 @@ function readTheme(host: Element): Theme {
 
 const turns = new DrawQueue((draw) => requestAnimationFrame(draw));
 
-/** One chart in `host`; `set` gives it one band per series, all on the same times. */
+/** One chart in `host`; `set` gives it one band per series, all on the same times, and the newest values to label. */
 export class Plot {
   private readonly chart: uPlot;
   private readonly theme: Theme;
   private readonly colours: string[];
   private marks: readonly Mark[] = [];
   private shades: readonly Shade[] = [];
+  private latest: readonly (number | null)[] = [];
 
   constructor(
     host: HTMLElement,
@@ -84,8 +85,10 @@ export class Plot {
     to: number,
     marks: readonly Mark[] = [],
     shades: readonly Shade[] = [],
+    latest: readonly (number | null)[] = [],
   ): void {
     turns.ask(this, () => {
+      this.latest = latest;
       this.marks = marks;
       this.shades = shades;
       this.chart.batch(() => {
@@ -231,8 +234,9 @@ export class Plot {
       const low = u.data[2 * i + 1]![at];
       const high = u.data[2 * i + 2]![at];
       if (low === null || low === undefined || high === null || high === undefined) return;
-      const text = `${s.label ? `${s.label} ` : ''}${fixed((low + high) / 2, s.decimals)} ${this.spec.unit}`;
-      rows.push({ y: u.valToPos((low + high) / 2, 'y', true), text, colour: this.colours[i]! });
+      const value = (isUnderCursor(u) ? null : this.latest[i]) ?? (low + high) / 2;
+      const text = `${s.label ? `${s.label} ` : ''}${fixed(value, s.decimals)} ${this.spec.unit}`;
+      rows.push({ y: u.valToPos(value, 'y', true), text, colour: this.colours[i]! });
     });
     rows.sort((a, b) => a.y - b.y);
     for (let i = 1; i < rows.length; i++) {
@@ -250,8 +254,7 @@ export class Plot {
   }
 
   private labelIndex(u: uPlot, column: number): number | null {
-    const under = u.cursor.idx;
-    if (under !== null && under !== undefined && (u.cursor.left ?? -1) >= 0) return under;
+    if (isUnderCursor(u)) return u.cursor.idx!;
     const data = u.data[column];
     if (!data) return null;
     let last = data.length - 1;
@@ -261,6 +264,8 @@ export class Plot {
     return last >= 0 && (max ?? 0) - u.data[0][last]! <= late ? last : null;
   }
 }
+
+const isUnderCursor = (u: uPlot): boolean => u.cursor.idx != null && (u.cursor.left ?? -1) >= 0;
 
 /** One table for the chart; bands on other times than the first are joined to it without being bridged. */
 function aligned(bands: readonly Band[]): uPlot.AlignedData {
