@@ -17,7 +17,7 @@ from app.api.schemas.simulator import (
     SpeedOut,
     UnpluggedOut,
 )
-from app.api.web.dependencies import DrillPart, EventsPart, SimulatorPart, UserDep
+from app.api.web.dependencies import NEEDS_MASTER, DrillPart, EventsPart, SimulatorPart, UserDep
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
 from app.service.simulator_control import SimulatorRefused
@@ -166,7 +166,7 @@ def read_drill(drill: DrillPart) -> DrillOut:
     return drill_out(drill.state)
 
 
-@router.post("/drill", status_code=201)
+@router.post("/drill", status_code=201, dependencies=[NEEDS_MASTER])
 def start_drill(body: DrillIn, drill: DrillPart, events: EventsPart, user: UserDep) -> DrillOut:
     """Begin: bad days drawn by the seed, the car starts anew on each."""
     seed = secrets.randbelow(MAX_SEED) if body.seed is None else body.seed

@@ -7,6 +7,7 @@ import pytest
 from app.sources.links.can_controller import reported_state
 from simulator.can_bus import BUS_OFF, PASSIVE, CanBus, CanFrame
 from simulator.can_ports import PythonCanPort, can_port
+from simulator.errors import PortError
 
 FRAME = CanFrame(0x123, False, b"\1\2")
 
@@ -91,3 +92,34 @@ def test_a_closed_port_hears_and_tells_nothing(bus, node, port, computer):
     bus.send(node, FRAME, 0.0)
     bus.run(0.1)
     assert computer.recv(0) is None
+
+
+def test_a_log_is_what_candump_writes_and_is_read_again(bus, node, tmp_path):
+    log = can_port(f"log:{tmp_path / 'a.log'}")
+    with selectors.DefaultSelector() as selector:
+        log.open(selector, bus, lambda: 0.0)
+        frames = [FRAME, CanFrame(0x18FF50E5, True, b""), CanFrame(0x321, False, bytes(range(64)))]
+        for n, frame in enumerate(frames):
+            bus.send(node, frame, float(n))
+            bus.run(n + 0.5)
+        log.close()
+    with can.CanutilsLogReader(tmp_path / "a.log") as reader:
+        found = [(m.arbitration_id, m.is_extended_id, bytes(m.data), m.is_fd) for m in reader]
+    assert found == [(f.can_id, f.is_extended, f.data, f.is_fd) for f in frames]
+
+
+def test_a_log_that_cannot_be_written_is_refused(bus, tmp_path):
+    with selectors.DefaultSelector() as selector, pytest.raises(PortError, match="log:"):
+        can_port(f"log:{tmp_path}").open(selector, bus, lambda: 0.0)
+
+
+def test_frames_of_can_fd_reach_a_bus_as_such(bus, node, request):
+    fd = can_port(f"virtual:{request.node.name}")
+    fd.carry_fd()
+    with selectors.DefaultSelector() as selector, can.Bus(interface="virtual", channel=request.node.name) as listener:
+        fd.open(selector, bus, lambda: 0.0)
+        bus.send(node, CanFrame(0x321, False, bytes(48)), 0.0)
+        bus.run(1.0)
+        message = listener.recv(1.0)
+        fd.close()
+    assert (message.is_fd, message.bitrate_switch, len(message.data)) == (True, True, 48)

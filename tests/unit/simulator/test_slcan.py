@@ -94,3 +94,9 @@ def test_the_status_tells_of_errors(computer):
     computer.bus.is_broken = True
     computer.says(b"t1230\r")
     assert computer.says(b"F\r") == b"FA4\r"
+
+
+def test_frames_of_can_fd_are_spelled_with_the_code_of_their_length(computer):
+    computer.send(CanFrame(0x100, False, bytes(range(12))))
+    computer.send(CanFrame(0x18FF50E5, True, bytes(64)))
+    assert computer.received.endswith(b"b1009000102030405060708090A0B\rB18FF50E5F" + 64 * b"00" + b"\r")
