@@ -132,7 +132,8 @@ def test_a_swap_is_confirmed_listed_and_taken_back(data: Path, capsys) -> None:
     assert main([*command, "--swap", "3/8,3/7", "--at", "2026-09-21T10:00", "--note", "spare box"]) == 0
     shown = capsys.readouterr()
     assert "recorded: 3/7, 3/8 replaced 2026-09-21 10:00Z: spare box" in shown.err
-    assert "1 finished session\nswap 1: 3/7, 3/8 replaced 2026-09-21 10:00Z: spare box" in shown.out
+    assert shown.out.startswith("1 finished session\n1 of them keep no cell file: today's judges them\n")
+    assert "\nswap 1: 3/7, 3/8 replaced 2026-09-21 10:00Z: spare box\n" in shown.out
     assert main([*command, "--take-back", "1"]) == 0
     assert "swap" not in capsys.readouterr().out
     assert main([*command, "--take-back", "1"]) == 2
