@@ -13,6 +13,7 @@ from app.battery.battery import Battery
 from app.estimation.health.segments import Segments
 from app.telemetry import Cells, Check, FloatArray, Plausibility
 
+AT_ONCE_S = 0.5  # between the oldest and the newest voltage of a sum: later, the current is another
 SUM_LIMIT_V = 0.5  # rounding of 96 cells and of the total
 CHIP_LIMIT_V = 0.025  # of a cell's deviation from its pack
 CHIPS_EVERY_S = 1.0  # the slow windows come no sooner
@@ -123,7 +124,9 @@ class _ChipComparison:
 
 
 def _sum(cells: Cells, total_v: float | None, total_error: float) -> Check:
-    if total_v is None or np.isnan(cells.voltage_v).any():
+    ages_s = cells.voltage_age_s
+    is_at_once = ages_s is None or float(ages_s.max(initial=0.0) - ages_s.min(initial=np.inf)) <= AT_ONCE_S
+    if total_v is None or np.isnan(cells.voltage_v).any() or not is_at_once:
         return Check(None, None, SUM_LIMIT_V, "V", None)
     difference, limit_v = abs(float(cells.voltage_v.sum()) - total_v), max(SUM_LIMIT_V, total_error * total_v)
     return Check(difference <= limit_v, difference, limit_v, "V", None)

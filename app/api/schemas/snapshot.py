@@ -5,7 +5,7 @@ null = missing, never 0.
 
 from dataclasses import is_dataclass
 from functools import cache
-from typing import Any, Literal, Union
+from typing import Any, Literal, Union, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
@@ -69,7 +69,8 @@ def _type(owner: type, field: Described) -> Any:
         return float
     members = alternatives(field.type)
     if field.is_message:
-        return str | None if members != (field.type,) and str in members else str
+        may_be_none = type(None) in get_args(field.type) or (members != (field.type,) and str in members)
+        return str | None if may_be_none else str
     if is_array(members[0]):
         return list[bool | None] if members[0] == BoolArray else PerCell
     kinds = tuple(_sent_type(member) for member in members)

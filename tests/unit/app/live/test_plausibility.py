@@ -26,8 +26,8 @@ def drive(check, steps, *, resistance_ohm=RESISTANCE_OHM, chips_v=NO_CHIPS, seed
     return cells_v
 
 
-def verdicts(check, cells_v, total_v=None):
-    return check.verdicts(SimpleNamespace(voltage_v=cells_v), total_v)
+def verdicts(check, cells_v, total_v=None, ages_s=None):
+    return check.verdicts(SimpleNamespace(voltage_v=cells_v, voltage_age_s=ages_s), total_v)
 
 
 def test_nothing_is_said_before_anything_was_seen():
@@ -106,3 +106,10 @@ def test_a_chip_has_to_contradict_for_ten_seconds():
     cells_v = drive(check, 85, chips_v=chips_v)
     assert verdicts(check, cells_v).chips.verdict is None
     assert verdicts(check, drive(check, 30, chips_v=chips_v)).chips.verdict is False
+
+
+@pytest.mark.parametrize(("oldest_s", "verdict"), [(0.3, False), (5.4, None)])
+def test_a_sum_of_voltages_of_other_instants_is_no_contradiction(oldest_s, verdict):
+    ages_s = np.linspace(0.0, oldest_s, 96)
+    found = verdicts(PlausibilityChecks(team_battery().battery), np.full(96, 3.7), 96 * 3.7 + 40, ages_s)
+    assert found.sum.verdict is verdict

@@ -256,3 +256,18 @@ def test_a_segment_without_a_cell_is_refused(cell, segments):
 def test_a_memory_of_another_battery_is_refused(cell):
     with pytest.raises(ShapeError):
         CellWatch(cell, (12, 12), Pack(cell, 14, 14).watch.memory)
+
+
+def test_cells_that_are_told_a_few_at_a_time_are_not_compared(cell):
+    rng, n = np.random.default_rng(3), 24
+    watch = CellWatch(cell, (12, 12))
+    for k in range(3000):
+        current_a = float((0, 80, 150, 20, -40, 110)[k // 7 % 6])
+        volts = np.full(n, np.nan)
+        told = 4 * (k % 6) + np.arange(4)
+        volts[told] = 3.7 - 0.002 * current_a * (1 + 0.5 * (told < 4)) + rng.normal(0, 1e-3, 4)
+        watch.step(0.1 * k, 0.1, current_a, volts, np.full(n, 25.0))
+        if k % 100 == 0:
+            watch.judge()
+    assert watch.findings == ()
+    assert not watch.loose.any()
