@@ -18,7 +18,7 @@ from app.estimation.health.resistance_scale import ResistanceScale, trusted_fact
 from app.estimation.health.sensor_offset import OffsetTracker, SensorOffset
 from app.estimation.identification.branches import GAP_S
 from app.estimation.recording.cell_recording import GAP_STEPS, Recording
-from app.estimation.recording.gaps import SHORT_GAP_S, Gap, bridge_gap
+from app.estimation.recording.gaps import SHORT_GAP_S, Around, Gap, bridge_gap
 
 DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
 LEARN_S = 1.0  # between two uses of what was learned
@@ -168,11 +168,15 @@ def gaps_of(recording: Recording, capacity_ah: float) -> dict[int, Gap]:
     """Return the gaps by the row behind them: steps of more than GAP_STEPS usual ones."""
     current, steps = recording.current_a, recording.step_s
     usual_a = float(np.sqrt(np.mean(current**2)))
+    minute = ((recording.time_s - recording.time_s[0]) // SHORT_GAP_S).astype(np.intp)
+    n_rows = np.bincount(minute)
+    slow_a = float(np.std((np.bincount(minute, current) / np.maximum(n_rows, 1))[n_rows > 0]))
     found = {}
     for k in np.flatnonzero(steps > GAP_STEPS * recording.usual_step_s).tolist():
         around = np.abs(recording.time_s - recording.time_s[k]) < SHORT_GAP_S / 2.0
         ends_a = float(current[k - 1]), float(current[k])
-        found[k] = bridge_gap(float(steps[k]), ends_a, float(np.std(current[around])), usual_a, capacity_ah)
+        mean_a, spread_a = float(np.mean(current[around])), float(np.std(current[around]))
+        found[k] = bridge_gap(float(steps[k]), ends_a, Around(mean_a, spread_a, slow_a, usual_a), capacity_ah)
     return found
 
 
