@@ -134,7 +134,7 @@ def test_fusion_is_as_good_on_the_measured_cell(panasonic, off):
     judged = judge(panasonic.model, load(PANASONIC, "us06_25degC"), off)
     assert np.median(judged.excess) < 0.2
     assert judged.excess.max() < 0.3, "a capacity that may be wrong costs a little where it is right"
-    assert judged.fused.max() < 0.7
+    assert judged.fused.max() < 0.75
 
 
 @pytest.mark.parametrize("off", [0.0, -0.5])

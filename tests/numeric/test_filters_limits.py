@@ -148,7 +148,7 @@ def test_a_gap_of_hours_is_one_exact_step(name):
     estimator = make_estimator(name, model, 1)
     estimator.start([float(model.ocv.voltage(0.8))], [25.0], 0.0, soc=0.8)
     estimates = estimator.step(4 * 3600.0, 2.5, [np.nan], [25.0])
-    assert estimates.soc[0] == pytest.approx(0.4, abs=5e-3)
+    assert estimates.soc[0] == pytest.approx(0.4, abs=8e-3)
     np.testing.assert_allclose(estimator.state_mean[1:, 0], 2.5)
 
 

@@ -37,16 +37,21 @@ class Tuning:
         start_soc_sigma: sigma of a SOC that was given without one, for the plain filters.
         start_voltage_sigma: least sigma of a SOC read off the first voltage.
         start_branch_c: sigma of the RC currents at the start, in C.
-        start_branch_rel: the same, relative to the current; their mean is half of it.
+        start_branch_rel: the same, relative to the current; so much of it is their mean ...
+        start_branch_s: ... where the pair is faster than this: a slower one has followed the less of it [s].
         gate: innovations beyond this many sigma of model and state together are refused ...
         gate_hold_s: ... for at most this long; then they are accepted [s].
         gate_recovery: and the SOC sigma grows by this much per square root of a second.
         counter_soc_sigma: sigma of a SOC given without one, for the charge count.
         rest_c: below this current, in C, a cell rests [C].
         rest_s: a rest of this length from the start on is read as one [s].
-        rest_v: sigma of the OCV read there: rests that began late and the curve itself [V]; twice that where no SOC
-            was given, for who does not know the SOC rather wakes up in a drive.
-        rest_tail: what a cell still has to relax, over what its voltage moved from one half of that rest to the other.
+        rest_least_s: one that ends earlier is read too, where a SOC was given, if it was this long [s].
+        rest_v: sigma of the OCV read there: the curve itself [V].
+        rest_noise_v: noise of a sample, by which a slope of the voltage may be no relaxation [V].
+        rest_left_v: what a cell usually has left to relax where its voltage does not tell [V]; this and `rest_v` count
+            twice where no SOC was given, for who does not know the SOC rather wakes up in a drive.
+        rest_tail_s: what is left to relax, over the slope of the voltage [s].
+        rest_doubt_soc: a rest that tells the SOC much better than this leaves little of a claim to be exact.
         start_rough_sigma: sigma of a SOC that was given and is not as exact as was said.
         start_exact: probability that a SOC is as exact as was said ...
         start_rough: ... and that it is roughly right; otherwise it says nothing.
@@ -60,6 +65,7 @@ class Tuning:
             filter knows.
         wander_s: a count does not move within this time, so what the filter moves against it is the filter's error [s].
         wander_factor: variance of that error over the part of it that shows within the time: errors last longer.
+        plateau_soc: where the lasting error is worth more SOC than this, the count goes before the filter.
         look_s: starts are weighed this often [s].
         conflict_s: time constant of the disagreement of filter and fusion [s].
         conflict_max: mean square of it, over its variance, above which the model is not valid.
@@ -81,24 +87,29 @@ class Tuning:
     empty_soc: float = 0.1
     empty_soc_max: float = 0.6
     empty_factor: float = 3.0
-    soc_walk: float = 1e-4
+    soc_walk: float = 5e-5
     branch_rel: float = 0.1
     branch_c: float = 0.02
     start_soc_sigma: float = 0.25
     start_voltage_sigma: float = 0.05
     start_branch_c: float = 0.5
     start_branch_rel: float = 0.5
+    start_branch_s: float = 50.0
     gate: float = 5.0
     gate_hold_s: float = 2.0
     gate_recovery: float = 0.02
     counter_soc_sigma: float = 0.003
     rest_c: float = 0.1
-    rest_s: float = 8.0
-    rest_v: float = 0.010
-    rest_tail: float = 30.0
-    start_rough_sigma: float = 0.05
-    start_exact: float = 0.65
-    start_rough: float = 0.25
+    rest_s: float = 16.0
+    rest_least_s: float = 2.0
+    rest_v: float = 0.007
+    rest_noise_v: float = 0.0015
+    rest_left_v: float = 0.004
+    rest_tail_s: float = 120.0
+    rest_doubt_soc: float = 0.03
+    start_rough_sigma: float = 0.1
+    start_exact: float = 0.5
+    start_rough: float = 0.4
     counter_gain: float = 0.007
     counter_offset_c: float = 0.01
     start_unknown: float = 0.05
@@ -108,6 +119,7 @@ class Tuning:
     doubt_soc: float = 0.06
     wander_s: float = 200.0
     wander_factor: float = 2.0
+    plateau_soc: float = 0.1
     look_s: float = 1.0
     conflict_s: float = 100.0
     conflict_max: float = 9.0

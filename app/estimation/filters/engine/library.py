@@ -44,8 +44,8 @@ CELL_ROWS: Final = {
     "count_gain": 1,
     "count_offset": 1,
     "anchor_v2": 1,
-    "rest_early_v": 1,
-    "rest_late_v": 1,
+    "rest_mean_v": 1,
+    "rest_moment": 1,
     "drawn": 1,
     "start_soc": STARTS,
     "start_v2": STARTS,
@@ -61,7 +61,7 @@ CELL_ROWS: Final = {
     "slow_mean_v": 1,
     "slow_square_v2": 1,
 }  # of `vw_cells`, and how many rows each has
-CLIMATE_ROWS: Final = 9  # of `vw_climate`, which the engine keeps for itself
+CLIMATE_ROWS: Final = 10  # of `vw_climate`, which the engine keeps for itself
 CELLS: Final = np.dtype(
     [(name, np.float64, (rows, LANES)) for name, rows in (CELL_ROWS | {"climate": CLIMATE_ROWS}).items()]
 )

@@ -38,6 +38,7 @@ static void feel(const vw_filter *filter, const vw_lanes degc, vw_climate *clima
         const vw_real error2 = vw_square(doubt[VW_DROP_ERROR][c]), ohm2 = vw_square(doubt[VW_LASTING_DROP][c]);
         climate->degc[c] = degc[c];
         climate->drop_error[c] = doubt[VW_DROP_ERROR][c];
+        climate->cold2[c] = vw_square(doubt[VW_COLD][c]);
         climate->noise_ohm2[c] = (vw_square(t->model_error_rel) + error2) * ohm2;
         climate->lasting_v2[c] = vw_square(t->lasting_v) + vw_square(doubt[VW_OCV_ERROR][c]) + hysteresis_v2;
         climate->lasting_ohm2[c] = (vw_square(t->lasting_rel) + error2) * ohm2;
@@ -89,8 +90,8 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
     else vw_output_sigma(filter, motion, x, work);
     vw_update(filter, motion, x, work);
     vw_soc_variance(filter, x, work);
-    if (motion->rest_early > 0 || motion->rest_late > 0) vw_watch_rest(motion, x, work);
-    if (motion->reads_rest) vw_read_rest(filter, motion, x, work);
+    if (motion->rest_share > 0) vw_watch_rest(motion, x, work);
+    if (motion->read_rest_s > 0) vw_read_rest(filter, motion, x, work);
     if (filter->kind == VW_SIGMA_FUSED) vw_fuse(filter, motion, x, work);
     vw_self_check(filter, motion, x, work);
 }
@@ -123,8 +124,8 @@ static void step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, in
 {
     vw_hold_current(filter, sample->current_a);
     const vw_motion motion = vw_motion_of(filter, sample->dt_s, filter->current_a);
-    const int rests = motion.rest_early > 0 || motion.rest_late > 0 || (filter->rest_s == 0 && sample->dt_s == 0);
-    filter->rest_s = rests && !motion.reads_rest ? filter->rest_s + sample->dt_s : -1;
+    const int rests = motion.rest_share > 0 || (filter->rest_s == 0 && sample->dt_s == 0);
+    filter->rest_s = rests && !motion.is_whole_rest ? filter->rest_s + sample->dt_s : -1;
     filter->since_s = motion.look_s > 0 ? 0 : filter->since_s + sample->dt_s;
     for (int first = 0; first < filter->n_cells; first += VW_LANES) {
         vw_cells *x = &cells[first / VW_LANES];

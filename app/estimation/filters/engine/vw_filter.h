@@ -34,14 +34,19 @@ typedef struct {
     vw_real start_voltage_sigma;
     vw_real start_branch_c;
     vw_real start_branch_rel;
+    vw_real start_branch_s;
     vw_real gate;
     vw_real gate_hold_s;
     vw_real gate_recovery;
     vw_real counter_soc_sigma;
     vw_real rest_c;
     vw_real rest_s;
+    vw_real rest_least_s;
     vw_real rest_v;
-    vw_real rest_tail;
+    vw_real rest_noise_v;
+    vw_real rest_left_v;
+    vw_real rest_tail_s;
+    vw_real rest_doubt_soc;
     vw_real start_rough_sigma;
     vw_real start_exact;
     vw_real start_rough;
@@ -54,6 +59,7 @@ typedef struct {
     vw_real doubt_soc;
     vw_real wander_s;
     vw_real wander_factor;
+    vw_real plateau_soc;
     vw_real look_s;
     vw_real conflict_s;
     vw_real conflict_max;
@@ -101,6 +107,7 @@ typedef struct {
     vw_lanes lasting_ohm2;       /* growth of it with the square of the slow current [ohm^2] */
     vw_lanes empty_soc;          /* below it the model's error grows ... */
     vw_lanes empty_rise;         /* ... by so much per unit of SOC */
+    vw_lanes cold2;              /* square by which slow overpotentials grow in the cold */
 } vw_climate;
 
 /* State of a block of cells: one row for each quantity. */
@@ -120,8 +127,8 @@ typedef struct {
     vw_lanes count_gain;           /* its sigma by the gain of the current sensor */
     vw_lanes count_offset;         /* its sigma by the offset of the current sensor */
     vw_lanes anchor_v2;            /* variance of the SOC where the count began */
-    vw_lanes rest_early_v;         /* mean voltage over the first half of a rest from the start on [V] */
-    vw_lanes rest_late_v;          /* and over the second [V] */
+    vw_lanes rest_mean_v;          /* mean voltage of a rest from the start on [V] */
+    vw_lanes rest_moment;          /* integral of voltage times time, both less their means, over it [V s^2] */
     vw_lanes drawn;                /* charge taken out since the start, over the capacity */
     vw_lanes start_soc[VW_STARTS]; /* SOC at the start by each hypothesis */
     vw_lanes start_v2[VW_STARTS];  /* its variance */

@@ -16,6 +16,7 @@ void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_wor
         const vw_real slope_v2 = vw_max(vw_square(slope_v), floor_v2);
         work->soc[c] = x->soc[c];
         work->soc_v2[c] = vw_min((x->slow_square_v2[c] + bias_v2) / slope_v2 + x->cov[0][c], VW_SOC_VARIANCE_MAX);
+        work->slope_v2[c] = slope_v2;
     }
 }
 
@@ -29,32 +30,48 @@ static vw_real student(vw_real d, vw_real v2)
     return 1 / (vw_square(vw_square(tail4)) * vw_sqrt(v2) * (vw_real)2.5066282746310002);
 }
 
-/* Mean voltages of both halves of a rest from the start on. */
+/* Mean voltage of a rest from the start on, and how it leans: the moments of a regression over time. */
 void vw_watch_rest(const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
 {
     VW_EACH_CELL(c)
     {
-        const int is_missing = vw_is_missing(work->voltage_v[c]);
-        x->rest_early_v[c] += vw_pick(is_missing, 0, motion->rest_early * (work->voltage_v[c] - x->rest_early_v[c]));
-        x->rest_late_v[c] += vw_pick(is_missing, 0, motion->rest_late * (work->voltage_v[c] - x->rest_late_v[c]));
+        const vw_real off_v = vw_pick(vw_is_missing(work->voltage_v[c]), 0, work->voltage_v[c] - x->rest_mean_v[c]);
+        x->rest_mean_v[c] += motion->rest_share * off_v;
+        x->rest_moment[c] += motion->rest_lever * off_v;
     }
 }
 
-/* The voltage after a rest from the start on is a witness: of the SOC that was given, and a hypothesis of its own. A
- * cell whose voltage still moves has rested late: what is left to relax is rest_tail times as much. */
+/* The voltage after a rest from the start on is a witness: of the SOC that was given, and a hypothesis of its own.
+ *
+ *   a = tail b,   n^2 = 12 (tail noise)^2 dt / T^3     left to relax, if it goes on as its slope b = 12 moment / T^3 says
+ *   f = p^2 / (p^2 + n^2),   p^2 = max(rest_left_v^2, a^2 - 4 n^2)     how much is no noise: 0..f a is left
+ *   v = mean + b T / 2 + f a / 2,   s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2       ocv by hysteresis, temperature
+ *
+ * To believe a SOC that is wrong costs what it is off, to refuse one that is right what the reading errs: the exact one
+ * loses a share rest_doubt_soc^2 / (s_z^2 + rest_doubt_soc^2), s_z what s means in SOC.
+ *
+ * A rest that ends before it is rest_s long shows no relaxation, and is heard about a SOC that was given only: who gives none wakes up in a drive.
+ */
 void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_cell_model *model = &filter->model;
     const int last = VW_STARTS - 1;
+    const vw_real T = motion->read_rest_s, per_moment = 12 / (T * T * T);
+    const vw_real n2 = vw_square(t->rest_tail_s * t->rest_noise_v) * per_moment * motion->dt_s;
     VW_EACH_CELL(c)
     {
-        if (vw_is_missing(work->voltage_v[c])) continue;
         const int is_given = x->start_weight[0][c] > 0;
-        const vw_real drop_v = x->resistance[c] * model->drop_per_a_v * motion->current_a;
-        const vw_real read = vw_soc_of_ocv(model, &x->climate.place, c, x->rest_late_v[c] + drop_v), seen = read + x->drawn[c];
-        const vw_real relaxing_v = t->rest_tail * (x->rest_late_v[c] - x->rest_early_v[c]);
-        const vw_real error_v2 = vw_square(is_given ? t->rest_v : 2 * t->rest_v) + vw_square(relaxing_v);
+        if (vw_is_missing(work->voltage_v[c]) || (!is_given && !motion->is_whole_rest)) continue;
+        const vw_real slope = per_moment * x->rest_moment[c], left_v = t->rest_tail_s * slope, unsure = is_given ? 1 : 2;
+        const vw_real shown_v2 = motion->is_whole_rest ? vw_square(left_v) - 4 * n2 : 0;
+        const vw_real p2 = vw_max(vw_square(unsure * t->rest_left_v), shown_v2), f = p2 / (p2 + n2);
+        const vw_real half_v = f * left_v / 2;
+        const vw_real rest_a = motion->is_whole_rest ? motion->current_a : 0;
+        const vw_real rest_v = x->rest_mean_v[c] + slope * T / 2 + half_v + x->resistance[c] * model->drop_per_a_v * rest_a;
+        const vw_real read = vw_soc_of_ocv(model, &x->climate.place, c, rest_v), seen = read + x->drawn[c];
+        const vw_real ocv_v2 = x->climate.lasting_v2[c] - vw_square(t->lasting_v);
+        const vw_real error_v2 = vw_square(unsure * t->rest_v) + ocv_v2 + f * n2 + vw_square(half_v);
         const vw_real v2 = vw_square(vw_reading_sigma(model, &x->climate.place, c, read, vw_sqrt(error_v2)));
         for (int k = 0; k < last; k++) {
             const vw_real total = x->start_v2[k][c] + v2, d = seen - x->start_soc[k][c];
@@ -62,6 +79,7 @@ void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *re
             x->start_soc[k][c] += x->start_v2[k][c] / total * d;
             x->start_v2[k][c] *= v2 / total;
         }
+        x->start_weight[0][c] *= v2 / (v2 + vw_square(t->rest_doubt_soc));
         x->start_soc[last][c] = seen;
         x->start_v2[last][c] = v2;
         x->start_weight[last][c] = is_given ? 1 - t->start_exact - t->start_rough : 1;
@@ -115,6 +133,9 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         const vw_real slope = x->gain_slope[0][c], z = x->soc[c] + slope * x->fused_gain[c];
         const vw_real filter_v2 =
             vw_min(work->soc_v2[c] + vw_square(slope) * gain_v2[c] + x->wander_v2[c], VW_SOC_VARIANCE_MAX);
+        const vw_real lasting_v2 = vw_lasting_v2(motion, x, filter->model.slow_pair, c) / work->slope_v2[c];
+        const vw_real plateau_v2 = vw_square(lasting_v2) / (lasting_v2 + vw_square(t->plateau_soc));
+        const vw_real errs_v2 = vw_min(filter_v2 + plateau_v2, VW_SOC_VARIANCE_MAX);
         const vw_real drift_v2 =
             gain_v2[c] * vw_square(x->drawn[c]) + vw_square(x->count_gain[c]) + vw_square(x->count_offset[c]);
         /* beginning with the case that no start is right; moments count from the filter's SOC */
@@ -122,9 +143,9 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         for (int k = 0; k < VW_STARTS; k++) {
             const vw_real count_v2 = x->start_v2[k][c] + drift_v2;
             const vw_real d = z - (x->start_soc[k][c] - x->drawn[c] * (1 + x->fused_gain[c]));
-            const vw_real total_v2 = vw_min(filter_v2 + count_v2, vw_square(t->doubt_soc));
+            const vw_real total_v2 = vw_min(errs_v2 + count_v2, vw_square(t->doubt_soc));
             const vw_real w = x->start_weight[k][c] * student(d, total_v2);
-            const vw_real share = vw_square(filter_v2) / (vw_square(filter_v2) + vw_square(count_v2));
+            const vw_real share = vw_square(errs_v2) / (vw_square(errs_v2) + vw_square(count_v2));
             sum += w;
             moved -= w * share * d;
             square += w * vw_square(share * d);
@@ -148,8 +169,9 @@ static void weigh(const vw_filter *filter, const vw_motion *motion, vw_cells *re
  *   v_f = v_filter + S,  S' = S + a (1 - a) (f (d - m)^2 - S),  m' = m + a (d - m),  a = 1 - exp(-dt / wander_s)
  *   z_f = z_filter + p g V_z,  v_filter likewise with var(p g) V_z^2
  *   z_k = s_k - q (1 + p g),   v_k = v_s + var(p g) q^2 + gain^2 + offset^2      q charge drawn since the start
- *   d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(v_f + v_k, doubt_soc^2)),   w_0 = start_unknown
- *   z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = v_f^2 / (v_f^2 + v_k^2)
+ *   d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(u_f + v_k, doubt_soc^2)),   w_0 = start_unknown
+ *   z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
+ *   u_f = v_f + l^2 / (l + plateau_soc^2),      l = lasting error / slope^2: in a plateau the filter errs for long
  *   v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
  *
  * Where filter and fusion disagree for long by more than both may err, sigma grows by as much; see conflict_s.

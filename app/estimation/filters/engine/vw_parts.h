@@ -26,8 +26,9 @@ typedef struct {
     vw_real noise_v2;            /* variance of the model's voltage without current [V^2] */
     vw_real correlation;         /* growth of it for the gain: errors that last average out less */
     vw_real look_s;              /* since the starts were last weighed; 0 where it is not time to weigh them [s] */
-    vw_real rest_early, rest_late; /* by which the means of a rest move towards this sample */
-    int reads_rest;              /* a rest from the start on has just become long enough to be read */
+    vw_real rest_share, rest_lever; /* of this sample in a rest from the start on: in its mean [1], in its moment [s^2] */
+    vw_real read_rest_s;         /* length of a rest that is to be read now; 0 = none [s] */
+    int is_whole_rest;           /* it lasts on: a shorter one is heard about a SOC that was given only */
     vw_real check_share, bias_share, wander_share, conflict_share;
 } vw_motion;
 
@@ -40,6 +41,7 @@ typedef struct {
     vw_lanes ocv_slope_v;        /* the OCV's share of H[0] [V] */
     vw_lanes innovation_v, innovation_sigma_v, used;
     vw_lanes soc, soc_v2;        /* what is reported */
+    vw_lanes slope_v2;           /* square of the slope by which a voltage's error is one of SOC [V^2] */
     vw_lanes valid;
 } vw_work;
 

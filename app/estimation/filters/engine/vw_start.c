@@ -34,12 +34,32 @@ static void look_up(const vw_filter *filter, const vw_cells *restrict x, vw_lane
     vw_circuit(&filter->model, &x->climate.place, &at, here);
 }
 
+/* RC currents: a fast pair has followed half of the current, a slow one what flowed before, in a drive far less.
+ *
+ *   i_k = start_branch_rel i / (1 + tau_k / start_branch_s)
+ */
+static void start_branches(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x)
+{
+    const vw_cell_model *model = &filter->model;
+    const vw_tuning *t = &filter->tuning;
+    vw_lanes tau_s[VW_RC_MAX];
+    vw_soc_place at;
+    VW_EACH_CELL(c) x->soc[c] = (vw_real)0.5;
+    vw_place_soc(model, x->soc, &at);
+    if (model->has_tau_table) vw_time_constants(model, &x->climate.place, &at, tau_s);
+    for (int k = 0; k < model->n_rc; k++)
+        VW_EACH_CELL(c)
+        {
+            const vw_real tau = model->has_tau_table ? tau_s[k][c] : model->tau_s[k];
+            x->branch_a[k][c] = k < vw_pairs(model) ? t->start_branch_rel * motion->current_a / (1 + tau / t->start_branch_s) : 0;
+        }
+}
+
 /* Mean and variance of the SOC over all SOC, each as likely as it makes the voltage:
  *
  *   p(z) ~ exp(-(v - h(z))^2 / 2 s^2) / s,   s^2 = r + sum (rho R_k)^2 P_kk
  *
- * In a plateau that is its middle, as unsure as it is wide. RC currents are half of the current: how far they have
- * followed is unknown. Exponents count from the likeliest SOC so far.
+ * In a plateau that is its middle, as unsure as it is wide. Exponents count from the likeliest SOC so far.
  */
 static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x,
                              const vw_work *restrict work, vw_lanes *here, vw_lanes variance)
@@ -48,8 +68,7 @@ static void soc_from_voltage(const vw_filter *filter, const vw_motion *motion, v
     const int n_pairs = vw_pairs(model);
     const vw_real i = motion->current_a;
     vw_lanes best, sum, first, second;
-    for (int k = 0; k < model->n_rc; k++)
-        VW_EACH_CELL(c) x->branch_a[k][c] = k < n_pairs ? i / 2 : 0;
+    start_branches(filter, motion, x);
     VW_EACH_CELL(c) sum[c] = first[c] = second[c] = best[c] = 0;
     for (int j = 0; j < START_POINTS; j++) {
         const vw_real z = (vw_real)j / (START_POINTS - 1);
@@ -104,7 +123,7 @@ static void forget(const vw_filter *filter, vw_cells *restrict x)
 {
     VW_EACH_CELL(c)
     {
-        x->hysteresis[c] = x->refused_s[c] = x->wander_v2[c] = 0;
+        x->hysteresis[c] = x->refused_s[c] = x->wander_v2[c] = x->rest_moment[c] = 0;
         x->gain_v2[c] = vw_square(filter->tuning.gain_sigma);
         for (int u = 0; u < VW_STATES_MAX; u++) x->gain_slope[u][c] = 0;
         x->gain[c] = x->fused_gain[c] = x->drawn[c] = x->conflict[c] = 0;
@@ -186,7 +205,7 @@ void vw_filter_start(vw_filter *filter, vw_cells *cells, const vw_sample *sample
         covariance(filter, &motion, x, &work, here, variance);
         forget(filter, x);
         VW_EACH_CELL(c)
-        x->rest_early_v[c] = x->rest_late_v[c] = vw_is_missing(work.voltage_v[c]) ? 0 : work.voltage_v[c];
+        x->rest_mean_v[c] = vw_is_missing(work.voltage_v[c]) ? 0 : work.voltage_v[c];
         VW_EACH_CELL(c)
         {
             if (vw_is_missing(work.voltage_v[c])) continue;

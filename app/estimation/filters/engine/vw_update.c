@@ -9,10 +9,10 @@
  * the mean would be x + V g and its innovation nu - H V g.
  *
  *   g' = g + M H V (nu - H V g) / (S_g + (H V)^2 M),   M' = M S_g / (S_g + (H V)^2 M),   V' = V - K H V
- *   S_g = S + correlation (H_z^2 wander + slow)
+ *   S_g = cold^2 (S + correlation (H_z^2 wander + slow))
  *
- * A filter that wanders against the count, or whose innovations do not average out, says the less of charge. Outside the
- * temperatures that were measured nothing is learned of it.
+ * A filter that wanders against the count, or whose innovations do not average out, says the less of charge, and so does
+ * a cold cell, whose slow overpotential looks like charge. Outside the temperatures that were measured nothing is learned.
  */
 #include "vw_parts.h"
 
@@ -51,7 +51,7 @@ VW_INLINE void update(const int n_states, const vw_filter *filter, const vw_moti
         /* g */
         const int learns = is_used & (x->climate.drop_error[c] < t->drop_error_max);
         const vw_real lasting_v2 = vw_square(work->H[0][c]) * x->wander_v2[c] + x->slow_square_v2[c];
-        const vw_real S_g = S + motion->correlation * lasting_v2;
+        const vw_real S_g = x->climate.cold2[c] * (S + motion->correlation * lasting_v2);
         const vw_real M = x->gain_v2[c], per_v2 = 1 / (S_g + vw_square(HV) * M);
         x->gain[c] += vw_pick(learns, M * HV * (nu - HV * x->gain[c]) * per_v2, 0);
         x->gain_v2[c] = vw_pick(learns, M * S_g * per_v2, M);

@@ -39,10 +39,10 @@ def step(setup: FilterSetup, state: State, motion: Motion, measured: Measurement
     state, innovation = update(setup, state, motion, measured, output)
     soc, variance = state.soc, soc_variance(setup, state, output)
     state = watch_rest(state, motion, measured)
-    if motion.reads_rest:
+    if motion.read_rest_s > 0.0:
         state = read_rest(setup, state, motion, measured)
     if setup.kind is Kind.SIGMA_FUSED:
-        state, soc, variance = fuse(setup, state, motion, variance)
+        state, soc, variance = fuse(setup, state, motion, measured, output, variance)
     state, valid = self_check(setup, state, motion, measured, innovation.nu, innovation.used)
     ocv_v = setup.cell.ocv(soc, measured.place)
     rows = (variance**0.5, ocv_v, output.h, innovation.nu, innovation.sigma, valid, innovation.used)
@@ -98,8 +98,8 @@ class ReferenceEngine:
         is_due = look_s >= self._setup.tuning.look_s - TICK_S
         self._since_s = 0.0 if is_due else look_s
         motion = motion_of(self._setup, dt_s, current_a, look_s if is_due else 0.0, self._rest_s)
-        rests = motion.rest_early > 0.0 or motion.rest_late > 0.0 or (self._rest_s == 0.0 and dt_s == 0.0)
-        self._rest_s = self._rest_s + dt_s if rests and not motion.reads_rest else -1.0
+        rests = motion.rest_share > 0.0 or (self._rest_s == 0.0 and dt_s == 0.0)
+        self._rest_s = self._rest_s + dt_s if rests and not motion.is_whole_rest else -1.0
         state, measured = read(self._setup, self.state, voltage_v, temperature_degc)
         self.state, numbers = step(self._setup, state, motion, measured)
         return numbers

@@ -9,9 +9,17 @@ import numpy as np
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.filters.reference.output import Output
-from app.estimation.filters.reference.state import SLOPE_FLOOR_V, SOC_VARIANCE_MAX, Measurement, Motion, State, noise_v2
+from app.estimation.filters.reference.state import (
+    SLOPE_FLOOR_V,
+    SOC_VARIANCE_MAX,
+    Measurement,
+    Motion,
+    State,
+    lasting_v2,
+    noise_v2,
+)
 from app.estimation.filters.setup import FilterSetup
-from app.estimation.filters.tables import DROP_ERROR
+from app.estimation.filters.tables import DROP_ERROR, OCV_ERROR
 
 
 def soc_variance(setup: FilterSetup, state: State, output: Output) -> FloatArray:
@@ -20,14 +28,18 @@ def soc_variance(setup: FilterSetup, state: State, output: Output) -> FloatArray
     v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less. The
     slope is that of the sigma points or, if less, of a voltage that is read: in a plateau's step neither may be local.
     """
-    slope_v = np.minimum(output.ocv_slope_v, setup.cell.reading_slope(state.soc))
-    slope_v2 = np.maximum(slope_v**2, SLOPE_FLOOR_V**2)
-    variance = state.cov[0, 0] + (setup.tuning.bias_v**2 + state.slow_square_v2) / slope_v2
+    variance = state.cov[0, 0] + (setup.tuning.bias_v**2 + state.slow_square_v2) / slope_v2(setup, state, output)
     return np.asarray(np.minimum(variance, SOC_VARIANCE_MAX))
 
 
+def slope_v2(setup: FilterSetup, state: State, output: Output) -> FloatArray:
+    """Return (n,) the square of the slope by which an error of the voltage is one of SOC [V^2]; see `soc_variance`."""
+    slope_v = np.minimum(output.ocv_slope_v, setup.cell.reading_slope(state.soc))
+    return np.asarray(np.maximum(slope_v**2, SLOPE_FLOOR_V**2))
+
+
 def fuse(
-    setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArray
+    setup: FilterSetup, state: State, motion: Motion, measured: Measurement, output: Output, filter_v2: FloatArray
 ) -> tuple[State, FloatArray, FloatArray]:
     """Return the state, and (n,) SOC and variance of the filter fused with charge counted from every likely start.
 
@@ -39,8 +51,9 @@ def fuse(
         v_f = v_filter + S,  S' = S + a (1 - a) (f (d - m)^2 - S),  m' = m + a (d - m),  a = 1 - exp(-dt / wander_s)
         z_f = z_filter + p g V_z,  v_filter likewise with var(p g) V_z^2
         z_k = s_k - q (1 + p g),   v_k = v_s + var(p g) q^2 + gain^2 + offset^2     q charge drawn since the start
-        d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(v_f + v_k, doubt_soc^2)),  w_0 = start_unknown
-        z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = v_f^2 / (v_f^2 + v_k^2)
+        d_k = z_f - z_k,           w_k = P(k at the start) t(d_k; 0, min(u_f + v_k, doubt_soc^2)),  w_0 = start_unknown
+        z   = sum w_k (z_f - h_k d_k) / sum w_k,    h_k = u_f^2 / (u_f^2 + v_k^2)
+        u_f = v_f + l^2 / (l + plateau_soc^2),      l = lasting error / slope^2: in a plateau the filter errs for long
         v   = sum w_k (v_f + h_k (v_k - v_f) + (z_f - h_k d_k - z)^2) / sum w_k
 
     Where filter and fusion disagree for long by more than both may err, sigma grows by as much; see `conflict_s`.
@@ -49,14 +62,17 @@ def fuse(
         setup: the filter.
         state: after the update.
         motion: the step.
+        measured: the sample.
+        output: of the filter before the update.
         filter_v2: (n,) variance of the filter's SOC.
     """
     if motion.look_s > 0.0:
-        state = weigh(setup, state, motion, filter_v2)
+        lasting_soc_v2 = lasting_v2(setup, state, motion, measured) / slope_v2(setup, state, output)
+        state = weigh(setup, state, motion, filter_v2, lasting_soc_v2)
     return state, state.fused_soc, np.minimum(state.fused_v2 * np.maximum(1.0, state.conflict), SOC_VARIANCE_MAX)
 
 
-def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArray) -> State:
+def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArray, lasting_soc_v2: FloatArray) -> State:
     """Return the state with its starts weighed, and the filter fused with the count from each of them; see `fuse`."""
     tuning = setup.tuning
     state = wander(setup, state, motion)
@@ -65,8 +81,10 @@ def weigh(setup: FilterSetup, state: State, motion: Motion, filter_v2: FloatArra
     filter_v2 = np.minimum(filter_v2 + state.gain_slope[0] ** 2 * gain_v2 + state.wander_v2, SOC_VARIANCE_MAX)
     count_v2 = state.start_v2 + gain_v2 * state.drawn**2 + state.count_gain**2 + state.count_offset**2
     d = z - (state.start_soc - state.drawn * (1.0 + fused_gain))
-    w = state.start_weight * student(d, np.minimum(filter_v2 + count_v2, tuning.doubt_soc**2))
-    share = filter_v2**2 / (filter_v2**2 + count_v2**2)
+    errs_v2 = filter_v2 + lasting_soc_v2**2 / (lasting_soc_v2 + tuning.plateau_soc**2)
+    errs_v2 = np.minimum(errs_v2, SOC_VARIANCE_MAX)
+    w = state.start_weight * student(d, np.minimum(errs_v2 + count_v2, tuning.doubt_soc**2))
+    share = errs_v2**2 / (errs_v2**2 + count_v2**2)
     total = tuning.start_unknown + w.sum(axis=0)
     moved = -(w * share * d).sum(axis=0) / total
     spread_v2 = (w * (share * d) ** 2).sum(axis=0) / total - moved**2
@@ -106,38 +124,60 @@ def believe_gain(setup: FilterSetup, state: State) -> tuple[FloatArray, FloatArr
 
 
 def watch_rest(state: State, motion: Motion, measured: Measurement) -> State:
-    """Return the state with the mean voltages of both halves of a rest from the start on."""
-    seen, v = measured.is_measured, np.where(measured.is_measured, measured.voltage_v, 0.0)
-    early, late = (np.where(seen, share, 0.0) for share in (motion.rest_early, motion.rest_late))
+    """Return the state with the moments of a regression of the voltage over time, in a rest from the start on."""
+    off_v = np.where(measured.is_measured, measured.voltage_v - state.rest_mean_v, 0.0)
     return replace(
         state,
-        rest_early_v=state.rest_early_v + early * (v - state.rest_early_v),
-        rest_late_v=state.rest_late_v + late * (v - state.rest_late_v),
+        rest_mean_v=state.rest_mean_v + motion.rest_share * off_v,
+        rest_moment=state.rest_moment + motion.rest_lever * off_v,
     )
 
 
 def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
     """Return the state after a rest from the start on: its voltage is a witness of the SOC given, and a hypothesis.
 
-    A cell whose voltage still moves has rested late: what is left to relax is `rest_tail` times as much.
+        a = tail b,   n^2 = 12 (tail noise)^2 dt / T^3     left to relax, if it goes on as its slope b = 12 moment / T^3
+        f = p^2 / (p^2 + n^2),   p^2 = max(rest_left_v^2, a^2 - 4 n^2)     how much is no noise: 0..f a is left
+        v = mean + b T / 2 + f a / 2,   s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2      ocv by hysteresis, temperature
+
+    To believe a SOC that is wrong costs what it is off, to refuse one that is right what the reading errs: the exact
+    one loses a share `rest_doubt_soc`^2 / (s_z^2 + `rest_doubt_soc`^2), s_z what s means in SOC.
+
+    A rest that ends before it is `rest_s` long shows no relaxation, and is heard about a SOC that was given only: who
+    gives none wakes up in a drive.
     """
-    tuning, cell, seen = setup.tuning, setup.cell, measured.is_measured
-    drop_v = state.resistance * cell.model.drop_per_c_v / cell.model.c_rate_a * motion.current_a
-    read = cell.soc_of_ocv(state.rest_late_v + drop_v, measured.place)
+    tuning, cell = setup.tuning, setup.cell
     given = state.start_weight[0] > 0.0
-    relaxing_v = tuning.rest_tail * (state.rest_late_v - state.rest_early_v)
-    v2 = cell.reading_sigma(read, np.hypot(np.where(given, 1.0, 2.0) * tuning.rest_v, relaxing_v), measured.place) ** 2
+    heard = measured.is_measured & (given | motion.is_whole_rest)
+    rested_s, unsure = motion.read_rest_s, np.where(given, 1.0, 2.0)
+    per_moment = 12.0 / rested_s**3
+    noise_v2 = (tuning.rest_tail_s * tuning.rest_noise_v) ** 2 * per_moment * motion.dt_s
+    slope = per_moment * state.rest_moment
+    left_v = tuning.rest_tail_s * slope
+    shown_v2 = left_v**2 - 4.0 * noise_v2 if motion.is_whole_rest else 0.0
+    left_v2 = np.maximum((unsure * tuning.rest_left_v) ** 2, shown_v2)
+    f = left_v2 / (left_v2 + noise_v2)
+    half_v = f * left_v / 2.0
+    rest_a = motion.current_a if motion.is_whole_rest else 0.0
+    drop_v = state.resistance * cell.model.drop_per_c_v / cell.model.c_rate_a * rest_a
+    rest_v = state.rest_mean_v + slope * rested_s / 2.0 + half_v + drop_v
+    read = cell.soc_of_ocv(rest_v, measured.place)
+    ocv_v2 = measured.doubt[OCV_ERROR] ** 2 + (tuning.lasting_hysteresis * cell.model.hysteresis_v) ** 2
+    error_v = np.sqrt((unsure * tuning.rest_v) ** 2 + ocv_v2 + f * noise_v2 + half_v**2)
+    v2 = cell.reading_sigma(read, error_v, measured.place) ** 2
     start_v2, d = state.start_v2[:-1], read + state.drawn - state.start_soc[:-1]
     total = start_v2 + v2
     soc = np.vstack((state.start_soc[:-1] + start_v2 / total * d, (read + state.drawn)[None]))
     variance = np.vstack((start_v2 * v2 / total, v2[None]))
     says_nothing = np.where(given, 1.0 - tuning.start_exact - tuning.start_rough, 1.0)
-    weight = np.vstack((state.start_weight[:-1] * normal(d, total), says_nothing[None]))
+    believed = state.start_weight[:-1] * normal(d, total)
+    believed[0] *= v2 / (v2 + tuning.rest_doubt_soc**2)
+    weight = np.vstack((believed, says_nothing[None]))
     return replace(
         state,
-        start_soc=np.where(seen, soc, state.start_soc),
-        start_v2=np.where(seen, variance, state.start_v2),
-        start_weight=np.where(seen, weight / weight.sum(axis=0), state.start_weight),
+        start_soc=np.where(heard, soc, state.start_soc),
+        start_v2=np.where(heard, variance, state.start_v2),
+        start_weight=np.where(heard, weight / weight.sum(axis=0), state.start_weight),
     )
 
 

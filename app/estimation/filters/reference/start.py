@@ -44,15 +44,19 @@ def start(
 
 
 def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
-    """Return a state that knows the voltage only: SOC as the voltage makes it likely, RC currents half of the current.
+    """Return a state that knows the voltage only: SOC as the voltage makes it likely.
 
-    How far the RC pairs have followed the current is unknown, and so is the SOC because of it: both share a covariance,
-    as over a line of slope s / sigma. A cell that was not measured starts at the mean of the others (at one half if
-    there are none), as unknown as can be.
+    A fast RC pair has followed half of the current, a slow one what flowed before, in a drive far less:
+
+        i_k = start_branch_rel i / (1 + tau_k / start_branch_s)
+
+    How far is unknown, and so is the SOC because of it: both share a covariance, as over a line of slope s / sigma. A
+    cell that was not measured starts at the mean of the others (at one half if there are none), as unknown as can be.
     """
     cell, tuning, seen = setup.cell, setup.tuning, measured.is_measured
     zeros = np.zeros_like(state.soc)
-    branch_a = np.full_like(state.branch_a, motion.current_a / 2.0)
+    tau_s = cell.time_constants(np.full_like(zeros, 0.5), measured.place)
+    branch_a = tuning.start_branch_rel * motion.current_a / (1.0 + tau_s / tuning.start_branch_s)
     branch_a[-1] = 0.0
     state = replace(state, branch_a=branch_a, hysteresis=zeros)
     z, variance = likely_soc(setup, state, motion, measured)
@@ -80,8 +84,8 @@ def from_voltage(setup: FilterSetup, state: State, motion: Motion, measured: Mea
         count_gain=zeros,
         count_offset=zeros,
         anchor_v2=cov[0, 0].copy(),
-        rest_early_v=np.where(seen, measured.voltage_v, 0.0),
-        rest_late_v=np.where(seen, measured.voltage_v, 0.0),
+        rest_mean_v=np.where(seen, measured.voltage_v, 0.0),
+        rest_moment=zeros,
         drawn=zeros,
         start_soc=np.tile(z, (N_STARTS, 1)),
         start_v2=np.full((N_STARTS, z.size), SOC_VARIANCE_MAX),

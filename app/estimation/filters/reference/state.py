@@ -48,8 +48,8 @@ class State:
         count_gain: its sigma by the gain of the current sensor.
         count_offset: its sigma by the offset of the current sensor.
         anchor_v2: variance of the SOC where the count began.
-        rest_early_v: mean voltage over the first half of a rest from the start on [V].
-        rest_late_v: and over the second [V].
+        rest_mean_v: mean voltage of a rest from the start on [V].
+        rest_moment: integral of voltage times time, both less their means, over it [V s^2].
         drawn: charge taken out since the start, over the capacity.
         start_soc: (3, n) SOC at the start: as given, as exact as was said; the same, roughly; as read at rest.
         start_v2: (3, n) its variance by each hypothesis.
@@ -81,8 +81,8 @@ class State:
     count_gain: FloatArray
     count_offset: FloatArray
     anchor_v2: FloatArray
-    rest_early_v: FloatArray
-    rest_late_v: FloatArray
+    rest_mean_v: FloatArray
+    rest_moment: FloatArray
     drawn: FloatArray
     start_soc: FloatArray
     start_v2: FloatArray
@@ -173,8 +173,10 @@ class Motion:
         moved_ah: charge taken out; charging counts times the efficiency [Ah].
         correlation: growth of it for the gain: errors that last average out less.
         look_s: since the starts were last weighed; 0 where it is not time to weigh them [s].
-        rest_early, rest_late: by which the mean voltages of a rest move towards this sample.
-        reads_rest: whether a rest from the start on has just become long enough to be read.
+        rest_share: of this sample in the mean of a rest from the start on.
+        rest_lever: and in its moment [s^2].
+        read_rest_s: length of a rest that is to be read now; 0 = none [s].
+        is_whole_rest: whether it lasts on: a shorter one is heard about a SOC that was given only.
     """
 
     dt_s: float
@@ -183,9 +185,10 @@ class Motion:
     moved_ah: float
     correlation: float
     look_s: float
-    rest_early: float
-    rest_late: float
-    reads_rest: bool
+    rest_share: float
+    rest_lever: float
+    read_rest_s: float
+    is_whole_rest: bool
 
     def share(self, time_s: float) -> float:
         """Return 1 - exp(-dt / T), by which a mean over T moves towards a new value."""
@@ -207,8 +210,10 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, look_s: float =
         rest_s: of rest from the start on before it; negative = none, or read already [s].
     """
     model, tuning = setup.cell.model, setup.tuning
-    half_s, rested_s = tuning.rest_s / 2.0 + TICK_S, rest_s + dt_s
-    rests = rest_s >= 0.0 and dt_s > 0.0 and abs(current_a) < tuning.rest_c * model.capacity_ah
+    rested_s, has_rested = rest_s + dt_s, rest_s >= 0.0 and dt_s > 0.0
+    rests = has_rested and abs(current_a) < tuning.rest_c * model.capacity_ah
+    is_whole = rests and rested_s >= tuning.rest_s - TICK_S
+    is_broken = has_rested and not rests and rest_s >= tuning.rest_least_s - TICK_S
     kept = model.coulombic_efficiency if current_a < 0.0 else 1.0
     return Motion(
         dt_s=dt_s,
@@ -217,9 +222,10 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, look_s: float =
         moved_ah=kept * current_a * dt_s / SECONDS_PER_HOUR,
         correlation=tuning.correlation_factor(dt_s),
         look_s=look_s,
-        rest_early=dt_s / rested_s if rests and rested_s <= half_s else 0.0,
-        rest_late=min(dt_s / (rested_s - half_s), 1.0) if rests and rested_s > half_s else 0.0,
-        reads_rest=rests and rested_s >= tuning.rest_s - TICK_S,
+        rest_share=dt_s / rested_s if rests else 0.0,
+        rest_lever=rest_s * dt_s / 2.0 if rests else 0.0,
+        read_rest_s=rested_s if is_whole else rest_s if is_broken else 0.0,
+        is_whole_rest=is_whole,
     )
 
 

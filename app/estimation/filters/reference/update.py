@@ -19,7 +19,7 @@ from app.estimation.filters.reference.state import (
     noise_v2,
 )
 from app.estimation.filters.setup import FilterSetup
-from app.estimation.filters.tables import DROP_ERROR
+from app.estimation.filters.tables import COLD, DROP_ERROR
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,9 @@ def update(
     S = Pyy + error_v2 * motion.correlation
     gain = np.where(used, Pxy / S, 0.0)
     wander_v2 = motion.correlation * (output.H[0] ** 2 * state.wander_v2 + state.slow_square_v2)
+    S_g = measured.doubt[COLD] ** 2 * (S + wander_v2)
     innovation = Innovation(nu, sigma, used)
-    state = learn_gain(setup.tuning.drop_error_max, state, measured, output.H, innovation, gain, S + wander_v2)
+    state = learn_gain(setup.tuning.drop_error_max, state, measured, output.H, innovation, gain, S_g)
     moved = gain * np.where(used, nu, 0.0)
     after = replace(
         state,
@@ -84,10 +85,11 @@ def learn_gain(
     and the innovation nu - H V g.
 
     g' = g + M H V (nu - H V g) / (S_g + (H V)^2 M),   M' = M S_g / (S_g + (H V)^2 M),   V' = V - K H V
-    S_g = S + correlation (H_z^2 wander + slow)
+    S_g = cold^2 (S + correlation (H_z^2 wander + slow))
 
-    A filter that wanders against the count, or whose innovations do not average out, says the less of charge. Outside
-    the temperatures that were measured nothing is learned of it.
+    A filter that wanders against the count, or whose innovations do not average out, says the less of charge, and so
+    does a cold cell, whose slow overpotential looks like charge. Outside the temperatures that were measured nothing is
+    learned of it.
 
     Args:
         drop_error_max: where resistances may be off by more than this share nothing is learned.

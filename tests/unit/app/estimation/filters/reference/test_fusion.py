@@ -5,13 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.estimation.filters.reference.fusion import believe_gain, fuse, read_rest, self_check
+from app.estimation.filters.reference.fusion import believe_gain, fuse, read_rest, self_check, watch_rest
+from app.estimation.filters.reference.output import Output
 from app.estimation.filters.reference.state import motion_of, noise_v2
 from app.estimation.filters.tuning import Tuning
 from tests.unit.app.estimation.filters.reference.cells import sample, setup_of, state_at
 
 TUNING = Tuning()
 SETUP = setup_of(tuning=TUNING)
+
+
+def fused(state, dt_s, look_s, filter_v2, slope_v=1.0):
+    """Return what `fuse` says of a filter with a variance, where the OCV has a slope."""
+    one = np.ones(state.soc.size)
+    output = Output(
+        h=one, H=np.ones((1 + SETUP.cell.n_rc, state.soc.size)), bend_v2=0.0 * one, ocv_slope_v=slope_v * one
+    )
+    _, _, measured = sample(SETUP, state)
+    motion = motion_of(SETUP, dt_s, 0.0, look_s=look_s)
+    return fuse(SETUP, state, motion, measured, output, filter_v2 * one)
 
 
 class Pair:
@@ -31,15 +43,13 @@ class Pair:
     def fuse(self, dt_s, filter_v2, filter_soc=None):
         if filter_soc is not None:
             self.state = replace(self.state, soc=np.array([filter_soc]))
-        self.state, soc, variance = fuse(
-            SETUP, self.state, motion_of(SETUP, dt_s, 0.0, look_s=max(dt_s, 1.0)), np.array([filter_v2])
-        )
+        self.state, soc, variance = fused(self.state, dt_s, max(dt_s, 1.0), filter_v2)
         return soc[0], variance[0]
 
 
 def test_estimates_as_sure_as_each_other_meet_halfway_and_are_no_surer_together():
     soc, variance = Pair(0.51, 0.50).fuse(0.1, 1e-4)
-    assert soc == pytest.approx(0.505, abs=5e-4)
+    assert soc == pytest.approx(0.505, abs=1e-3)
     assert variance == pytest.approx(1e-4, rel=0.05)
 
 
@@ -69,6 +79,13 @@ def test_what_a_filter_learns_in_a_long_gap_is_not_its_wander():
     assert pair.state.apart[0] == pytest.approx(0.20)
 
 
+def test_where_the_lasting_error_is_worth_much_charge_the_count_goes_before_the_filter():
+    state = Pair(0.52, 0.50).state
+    _, steep, _ = fused(state, 0.1, 1.0, 1e-4, slope_v=1.0)
+    _, flat, _ = fused(state, 0.1, 1.0, 1e-4, slope_v=0.05)
+    assert abs(flat[0] - 0.50) < 0.2 * abs(steep[0] - 0.50)
+
+
 def test_a_count_that_is_contradicted_does_not_count():
     soc, variance = Pair(0.90, 0.40).fuse(0.1, 4e-4)
     assert soc == pytest.approx(0.90, abs=1e-4)
@@ -92,7 +109,7 @@ def test_between_two_looks_nothing_is_weighed():
     pair = Pair(0.51, 0.50)
     before, _ = pair.fuse(1.0, 1e-4)
     state = replace(pair.state, soc=np.array([0.9]))
-    _, soc, _ = fuse(SETUP, state, motion_of(SETUP, 0.1, 0.0), np.array([1e-6]))
+    _, soc, _ = fused(state, 0.1, 0.0, 1e-6)
     assert soc[0] == before
 
 
@@ -120,11 +137,11 @@ def test_a_small_gain_is_left_to_the_cell_file_and_a_large_one_is_believed():
     assert gain_believed(0.0, TUNING.gain_sigma)[0] == 0.0
 
 
-def rested(given=None, sigma=0.003, soc=0.6):
-    """Return the hypotheses after a rest at the OCV of `soc`."""
+def rested(given=None, sigma=0.003, soc=0.6, lasted_s=TUNING.rest_s, rises_v=0.0, then_a=0.0):
+    """Return the hypotheses after a rest in which the voltage rose by `rises_v` to the OCV of `soc`."""
     volts = SETUP.cell.ocv(np.array([soc]))
-    state, motion, measured = sample(SETUP, state_at(SETUP, soc), volts)
-    state = replace(state, rest_early_v=volts, rest_late_v=volts)
+    state, _, measured = sample(SETUP, state_at(SETUP, soc), volts)
+    state = replace(state, rest_mean_v=volts)
     if given is not None:
         state = replace(
             state,
@@ -134,11 +151,17 @@ def rested(given=None, sigma=0.003, soc=0.6):
         )
     else:
         state = replace(state, start_v2=np.full((3, 1), 0.25), start_weight=np.zeros((3, 1)))
-    return read_rest(SETUP, state, motion, measured)
+    for k in range(round(lasted_s / 0.1)):
+        share = (k + 1) / round(lasted_s / 0.1)
+        _, _, measured = sample(SETUP, state, volts - rises_v * (1.0 - share))
+        motion = motion_of(SETUP, 0.1, 0.0, rest_s=0.1 * k)
+        state = watch_rest(state, motion, measured)
+    motion = motion_of(SETUP, 0.1, then_a, rest_s=lasted_s)
+    return read_rest(SETUP, state, motion, measured) if motion.read_rest_s > 0.0 else state
 
 
 def test_a_rest_confirms_a_start_that_is_right_and_refuses_one_that_is_far_off():
-    assert rested(0.6).start_weight[0] > 0.8
+    assert rested(0.6).start_weight[0] > 0.4
     wrong = rested(0.1)
     assert wrong.start_weight[2] > 0.99
     assert wrong.start_soc[2] == pytest.approx(0.6, abs=1e-3)
@@ -148,6 +171,25 @@ def test_a_start_some_points_off_is_rather_roughly_right():
     off = rested(0.52)
     assert off.start_weight[0] < 0.1
     assert (off.start_weight * off.start_soc).sum() == pytest.approx(0.6, abs=0.02)
+
+
+def test_a_rest_that_ends_early_is_heard_about_a_start_that_was_given_and_says_nothing_of_a_drive():
+    short = {"lasted_s": 4.0, "then_a": 50.0}
+    assert rested(0.52, **short).start_weight[0] < 0.1
+    assert not rested(**short).start_weight.any()
+    assert rested(0.6, lasted_s=1.0, then_a=50.0).start_weight[2] == 0.0
+
+
+def test_a_voltage_that_still_rises_is_read_higher_and_with_more_doubt():
+    still, rising = rested(), rested(rises_v=0.004)
+    assert rising.start_soc[2] > still.start_soc[2] + 0.005
+    assert rising.start_v2[2] > still.start_v2[2]
+
+
+def test_the_noise_of_a_sensor_is_no_relaxation():
+    assert rested(lasted_s=4.0, rises_v=0.0006, soc=0.6).start_weight[2] == 0.0
+    short = rested(0.6, lasted_s=4.0, rises_v=0.0006, then_a=50.0)
+    assert short.start_soc[2] == pytest.approx(0.6, abs=0.003)
 
 
 def test_a_rest_of_a_cell_that_nobody_knew_is_read_with_more_doubt():
