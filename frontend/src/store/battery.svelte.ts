@@ -7,10 +7,12 @@ import { Shape } from './shape';
 import { shapes } from './shapes.svelte';
 
 const AGAIN_MS = 1000;
+const KEY = 'voltwall.battery'; // the last one that was told: pages without the service are drawn for it, with no value
 
 class CurrentBattery {
   now = $state.raw<Battery | null>(null); // null until the service has told
   private asked = 0;
+  private isKept = false;
 
   get canWrite(): boolean {
     return this.now?.can_write === true;
@@ -21,9 +23,20 @@ class CurrentBattery {
     return this.now?.source === 'master';
   }
 
+  /** Take the one that was told last, where the service does not answer. */
+  recall(): void {
+    if (this.now !== null) return;
+    this.now = kept();
+    if (this.now === null) return;
+    this.isKept = true;
+    shapes.live = new Shape(this.now);
+  }
+
   /** Ask until it is known; `replayed` is the session that is shown instead of the live battery. */
   async read(replayed: string | null): Promise<void> {
     const question = ++this.asked;
+    if (this.isKept) this.now = null; // the service is here, and may read another
+    this.isKept = false;
     while (this.asked === question) {
       try {
         const own = await get<Battery>('battery');
@@ -32,6 +45,7 @@ class CurrentBattery {
         if (this.asked !== question) return;
         this.now = own;
         shapes.live = new Shape(shown);
+        localStorage.setItem(KEY, JSON.stringify(own));
         return;
       } catch (error) {
         if (!(error instanceof Problem)) throw error;
@@ -39,6 +53,16 @@ class CurrentBattery {
         await new Promise((go) => setTimeout(go, AGAIN_MS));
       }
     }
+  }
+}
+
+/** The battery that this browser was told of last, null where it was never told. */
+function kept(): Battery | null {
+  try {
+    const stored = JSON.parse(localStorage.getItem(KEY) ?? 'null') as Battery | null;
+    return Array.isArray(stored?.segments) ? stored : null;
+  } catch {
+    return null;
   }
 }
 
