@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from app.battery.battery import Battery
-from app.errors import AppError
+from app.errors import ConfigError, ExtraMissing, ImportFailed
 from app.estimation.arrays import FloatArray
 from app.sessions.errors import NotASession
 from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
@@ -80,7 +80,7 @@ class SessionFile:
         try:
             self.loaded_battery = self._load_battery()
             self._offset_ns = self._wall_offset_ns()
-        except AppError:
+        except NotASession:
             self._stored.close()
             raise
 
@@ -368,8 +368,11 @@ class SessionFile:
         if not self._stored.rows("SELECT 1 FROM sqlite_master WHERE name = 'battery_files'"):
             return team_battery()
         files = dict(self._stored.rows("SELECT name, data FROM battery_files ORDER BY id"))
-        with self._stored.sound():
-            return battery_from_files(files) if files else team_battery()
+        try:
+            with self._stored.sound():
+                return battery_from_files(files) if files else team_battery()
+        except (ConfigError, ImportFailed, ExtraMissing) as error:  # of a version that this one does not understand
+            raise NotASession(str(self.path), error.message) from error
 
     def _wall_offset_ns(self) -> int:
         last = self._stored.rows("SELECT t_wall_ns - t_mono_ns FROM clock ORDER BY id DESC LIMIT 1")

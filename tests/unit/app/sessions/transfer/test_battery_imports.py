@@ -1,6 +1,8 @@
 """Logs of other teams' batteries as sessions: what is read is what cantools decodes."""
 
+import sqlite3
 from collections import defaultdict
+from contextlib import closing
 from pathlib import Path
 
 import cantools
@@ -10,6 +12,8 @@ import pytest
 from app.errors import ImportFailed
 from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
+from app.sessions.catalogue import Catalogue
+from app.sessions.errors import NotASession
 from app.sessions.reading.reader import SessionFile
 from app.sessions.transfer.import_session import Imported, import_file
 from app.sources.loaded_battery import LoadedBattery, load_battery
@@ -134,3 +138,12 @@ def test_a_table_has_the_shape_of_the_battery_that_is_named(tmp_path: Path) -> N
         assert session.battery.segments == (12,) * 6
     with pytest.raises(ImportFailed, match="it has 72 cells, the battery 216"):
         import_file(path, profile, tmp_path / "sessions", pipeline, battery=load_battery("foxbms-2"))
+
+
+def test_a_session_whose_profile_cannot_be_understood_is_none_and_hides_no_other(tmp_path: Path) -> None:
+    done = imported(cell_number(), tmp_path, duration_s=1.0)
+    with closing(sqlite3.connect(done.info.path, isolation_level=None)) as connection:
+        connection.execute("UPDATE battery_files SET data = ? WHERE id = 1", (b"[battery]",))
+    with pytest.raises(NotASession, match=r"battery\.segments|battery\.name"):
+        SessionFile(done.info.path)
+    assert Catalogue(tmp_path / "sessions").list() == []
