@@ -62,6 +62,7 @@ WRITES = [
     ("DELETE", "/simulator/drill"),
     ("PUT", "/setup"),
     ("POST", "/setup/look"),
+    ("POST", "/setup/learn"),
     ("POST", "/setup/batteries"),
 ]
 
