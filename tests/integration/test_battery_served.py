@@ -64,6 +64,7 @@ def test_a_simulated_foxbms_is_shown_judged_recorded_and_replayed(make_service, 
     over = service.wait_for(lambda s: is_told(s["alarms"], 215))
     assert over["cells"]["voltage_v"][215] == pytest.approx(4.3, abs=0.003)
     service.wait_for(lambda s: s["master"]["state"] == "fault")
+    service.wait_for(lambda s: s["time"] > over["time"] + 3.0)  # a recording that goes on after the alarm
 
     with service.client() as client:
         session = client.get("/sessions").json()["sessions"][0]["id"]
