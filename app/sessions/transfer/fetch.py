@@ -24,6 +24,7 @@ TIMEOUT_S = 15.0
 ATTEMPTS = 5  # in a row without a single byte
 PAUSE_S = 0.5  # before the second attempt; twice as long before each further one
 PIECE_BYTES = 1 << 16
+LIST_BYTES = 32 << 20  # of a list of sessions; a season's has less than one
 Progress = Callable[[int, int], None]  # bytes here, bytes in all
 
 
@@ -74,7 +75,7 @@ class Remote:
         """
         try:
             with self._open("sessions", {}) as answer:
-                found = json.load(answer)["sessions"]
+                found = json.loads(answer.read(LIST_BYTES))["sessions"]
             return [
                 RemoteSession(
                     str(each["id"]), str(each["name"]), float(each["started"]), float(each["duration_s"] or 0),
@@ -84,7 +85,7 @@ class Remote:
             ]  # fmt: skip
         except (OSError, http.client.HTTPException) as error:
             raise FetchFailed(self.url, str(error)) from error
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise FetchFailed(self.url, Message("no-voltwall")) from error
 
     def local_id(self, session: RemoteSession) -> str:
@@ -124,6 +125,8 @@ class Remote:
                 if idle >= ATTEMPTS:
                     raise self._failed(session, Message("goes-on-from-here", error=str(error))) from error
                 self._sleep(PAUSE_S * 2**idle)
+            except ValueError as error:  # a length or a digest that is none
+                raise self._failed(session, Message("no-voltwall")) from error
         with part.open("rb") as file:
             found = hashlib.file_digest(file, "sha256").digest()
         if expected is not None and found != expected:
@@ -174,7 +177,25 @@ class Remote:
         request = urllib.request.Request(f"{self.url}/api/v1/{path}", headers=headers)
         if self._password is not None:
             request.add_header("Authorization", "Basic " + base64.b64encode(f":{self._password}".encode()).decode())
-        return urllib.request.urlopen(request, timeout=TIMEOUT_S)
+        return _OPENER.open(request, timeout=TIMEOUT_S)
+
+
+class _SameServer(urllib.request.HTTPRedirectHandler):
+    """Follows a redirect within the server that was named, never to another one: the password would go with it."""
+
+    def redirect_request(self, req: Any, fp: Any, code: int, msg: str, headers: Any, newurl: str) -> Any:
+        """Return the request that follows.
+
+        Raises:
+            HTTPError: it goes to another server, port or scheme.
+        """
+        was, becomes = urlsplit(req.full_url), urlsplit(newurl)
+        if (was.scheme, was.netloc) != (becomes.scheme, becomes.netloc):
+            raise urllib.error.HTTPError(req.full_url, code, f"sends us on to {becomes.netloc}", headers, fp)
+        return super().redirect_request(req, fp, code, msg, headers, newurl)
+
+
+_OPENER = urllib.request.build_opener(_SameServer)
 
 
 def _copy(answer: Any, file: IO[bytes], start: int, total: int, on_progress: Progress) -> None:
@@ -196,4 +217,4 @@ def _etag_of(part: Path) -> Path:
 def _digest(header: str) -> bytes | None:
     """Return the SHA-256 out of a Repr-Digest header (RFC 9530)."""
     match = re.search(r"sha-256=:([A-Za-z0-9+/=]+):", header)
-    return base64.b64decode(match[1]) if match else None
+    return base64.b64decode(match[1], validate=True) if match else None

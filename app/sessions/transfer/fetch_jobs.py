@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from app.clock import Clock
-from app.errors import AppError, NotNow, message_of
+from app.errors import NotNow, message_of
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionNotFound
 from app.sessions.transfer.fetch import Remote, RemoteSession
@@ -112,7 +112,7 @@ class FetchJobs:
     def _run(self, fetch: Fetch, wanted: tuple[str, ...], fill: bool) -> None:
         try:
             done = fetch.run(wanted, fill=fill)
-        except (AppError, OSError) as error:
+        except Exception as error:  # noqa: BLE001  whatever it is, the job ends and can be started again
             fetch.state = replace(fetch.state, is_running=False, error=message_of(error))
             self._note("warning", "fetch-failed", Message("fetch-failed", error=message_of(error)))
             return

@@ -1,0 +1,123 @@
+"""What a server that is no voltwall, or a hostile one, can make of a fetch: an error that is told, and nothing more."""
+
+import json
+import threading
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+import pytest
+
+from app.clock import Clock
+from app.sessions.catalogue import Catalogue
+from app.sessions.errors import FetchFailed
+from app.sessions.transfer.fetch import Remote
+from app.sessions.transfer.fetch_jobs import FetchJobs
+
+LISTED = {"id": "s1", "name": "run", "started": 1.0, "duration_s": 1.0, "bytes": 3, "recording": False}
+Answers = dict[str, tuple[int, dict[str, str], bytes]]  # by the end of the path: status, headers, body
+
+
+class Server(ThreadingHTTPServer):
+    """Answers with what stands in `answers`; keeps what was asked."""
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.answers: Answers = {}
+        self.authorizations: list[str | None] = []
+        self.url = f"http://127.0.0.1:{self.server_port}"
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: Server
+
+    def do_GET(self) -> None:
+        self.server.authorizations.append(self.headers.get("Authorization"))
+        status, headers, body = self.server.answers[self.path.rsplit("/", 1)[-1]]
+        self.send_response(status)
+        for name, value in ({"Content-Length": str(len(body))} | headers).items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[[], Server]]:
+    servers: list[Server] = []
+
+    def start() -> Server:
+        servers.append(Server())
+        threading.Thread(target=servers[-1].serve_forever, args=(0.01,), daemon=True).start()
+        return servers[-1]
+
+    yield start
+    for server in servers:
+        server.shutdown()
+        server.server_close()
+
+
+def listing(text: str) -> tuple[int, dict[str, str], bytes]:
+    return 200, {}, text.encode()
+
+
+def failed_once(folder, remote: Remote) -> str:
+    """Start a job in the service; return how it ended."""
+    told: list[str] = []
+    ended = threading.Event()
+
+    def note(severity: str, code: str, text: object) -> None:
+        told.append(code)
+        ended.set()
+
+    jobs = FetchJobs(folder, Catalogue(folder), note, Clock())
+    jobs.start(remote, [], fill=True)
+    assert ended.wait(10), "the job has not ended"
+    assert not jobs.state().is_running
+    jobs.start(remote, [], fill=True)  # it can be started again
+    return told[0]
+
+
+@pytest.mark.parametrize("size", ["1e999", "-1e999", '"many"', "{}", "null"])
+def test_a_list_that_is_none_is_named_and_the_job_ends(serve, tmp_path, size):
+    server = serve()
+    entry = json.dumps(LISTED).replace('"bytes": 3', f'"bytes": {size}')
+    server.answers["sessions"] = listing('{"sessions": [' + entry + "]}")
+    with pytest.raises(FetchFailed, match="no voltwall"):
+        Remote(server.url).sessions()
+    assert failed_once(tmp_path, Remote(server.url)) == "fetch-failed"
+
+
+def test_a_list_without_end_in_depth_is_refused(serve):
+    server = serve()
+    server.answers["sessions"] = listing("[" * 200_000)
+    with pytest.raises(FetchFailed, match="no voltwall"):
+        Remote(server.url).sessions()
+
+
+@pytest.mark.parametrize("headers", [{"Repr-Digest": "sha-256=:A=AA:"}, {"Content-Length": "three"}])
+def test_a_digest_or_length_that_is_none_ends_the_fetch(serve, tmp_path, headers):
+    server = serve()
+    server.answers |= {"sessions": listing(json.dumps({"sessions": [LISTED]})), "file": (200, headers, b"abc")}
+    remote = Remote(server.url, sleep=lambda _: None)
+    with pytest.raises(FetchFailed):
+        remote.fetch(remote.sessions()[0], tmp_path)
+    assert failed_once(tmp_path, remote) == "fetch-failed"
+
+
+def test_the_password_does_not_go_to_another_server(serve):
+    named, other = serve(), serve()
+    named.answers["sessions"] = (302, {"Location": f"{other.url}/api/v1/sessions"}, b"")
+    other.answers["sessions"] = listing('{"sessions": []}')
+    with pytest.raises(FetchFailed, match="sends us on to 127"):
+        Remote(named.url, password="of the car").sessions()
+    assert named.authorizations[0] is not None
+    assert other.authorizations == []
+
+
+def test_a_redirect_within_the_server_is_followed(serve):
+    server = serve()
+    server.answers = {"sessions": (302, {"Location": "/api/v1/all"}, b""), "all": listing('{"sessions": []}')}
+    assert Remote(server.url, password="of the car").sessions() == []
+    assert server.authorizations[0] == server.authorizations[1] is not None
