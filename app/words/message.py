@@ -66,7 +66,7 @@ def message_from_json(value: Mapping[str, Any]) -> Message:
 
 
 def _argument(value: Any) -> Argument:
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):  # `asdict` leaves a tuple a tuple, JSON makes a list of it
         return tuple(_argument(each) for each in value)
     if not isinstance(value, dict):
         plain: str | int | float | None = value

@@ -153,7 +153,9 @@ class BlackBoxRecorder:
             return with_cause(box, self._explain(session_id, trip))
         except AppError as error:
             log.warning("the cause of a trip was not looked for: %s", error)
-            return box
+        except Exception:  # whatever is wrong with the search, the box is kept
+            log.exception("the search for the cause of a trip failed")
+        return box
 
 
 def _tell_failure(done: "Future[None]") -> None:

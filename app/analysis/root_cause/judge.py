@@ -36,8 +36,8 @@ _WARM = (
     "hot-pack",
 )
 EXPLAINS: Final[dict[str, tuple[str, ...]]] = {
-    "v-min": (*_CELL, *_BOARD, "empty-pack", "cold-pack", "air-cold"),
-    "v-max": (*_CELL, *_BOARD),
+    "v-min": (*_CELL, *_BOARD, "broken-wire", "empty-pack", "cold-pack", "air-cold"),
+    "v-max": (*_CELL, *_BOARD, "broken-wire"),  # a loose input reads high or low until its test finds it
     "t-max": (*_WARM, *_LOST),
     "t-min": ("cold-pack", "air-cold", "temperature-stuck", *_LOST),
     "i-disc": ("overload", "current-sensor-offset", "current-sensor-unplugged"),

@@ -19,6 +19,7 @@ NESTED = Message(
 
 def test_a_message_comes_back_from_json_whole():
     assert message_from_json(json.loads(json.dumps(asdict(NESTED)))) == NESTED
+    assert message_from_json(asdict(NESTED)) == NESTED
 
 
 def test_the_fast_encoder_writes_the_same_form():

@@ -14,6 +14,7 @@ from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from app.sources.master.source import MasterSource
+from firmware_protocol.memory_map import V_MISSING
 from tests.fake_clock import FunctionClock
 
 CELL = load_cell("samsung-25r-10p")
@@ -100,6 +101,29 @@ def test_a_trip_is_boxed_live_and_again_out_of_the_file(car, tmp_path):
         assert [box.message for box in store.stored()] == [live.text_words.message]
         assert stored_box(store, live.id) == live  # what is complete is not written again
         store.close()
+
+
+def test_a_loose_wire_that_reads_high_first_is_named_in_the_box(car):
+    car.run(15)
+    car.set_cell(4.9)
+    car.run(0.5)
+    values = [37000] * 96
+    values[30] = values[31] = V_MISSING
+    car.master.set("v", values)
+    car.run(9)
+    car.boxes.close()
+    (box,) = car.made
+    assert (box.code, box.cause.code, box.cause.cell) == ("cell-voltage-high", "broken-wire", 30)
+    assert "pack 3, cell 7, pack 3, cell 8" in box.cause.evidence[0].text
+
+
+def test_a_box_is_kept_when_the_search_for_its_cause_fails(car, monkeypatch):
+    monkeypatch.setattr(car.boxes, "_explain", lambda session_id, trip: {}["a fault of ours"])
+    car.run(15)
+    car.set_cell(2.3)
+    car.run(8)
+    car.boxes.close()
+    assert [(box.code, box.cause) for box in car.made] == [("cell-voltage-low", None)]
 
 
 def test_what_ends_before_its_seconds_are_over_is_kept_and_completed_later(car, tmp_path):

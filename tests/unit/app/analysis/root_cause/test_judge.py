@@ -48,6 +48,13 @@ def test_a_sensor_does_not_explain_what_it_does_not_measure():
     assert told.ranked == ()
 
 
+@pytest.mark.parametrize("code", ["cell-voltage-high", "cell-voltage-low", "cell-cold", "trip-sensor-lost"])
+def test_a_broken_wire_explains_whichever_limit_its_loose_input_passes_first(code):
+    wire = Suspicion("broken-wire", 100.6, 60.0, (), cell=30)
+    (told,) = judge([trip(code, cell=31)], [wire])
+    assert told.ranked == (wire,)
+
+
 def test_a_consequence_is_not_told_beside_its_cause():
     silent, flooded = Suspicion("charger-silent", 10.0, 40.0), Suspicion("can-flooded", 9.0, 80.0)
     assert [each.ranked[0].code for each in judge([], [silent, flooded])] == ["can-flooded"]
