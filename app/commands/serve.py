@@ -14,11 +14,14 @@ from typing import Any, get_args
 import uvicorn
 from pydantic import ValidationError
 
+from app.api.web.connection_limits import ACCEPTED_AT_ONCE, most_connections
+from app.api.web.http_protocol import HttpProtocol
 from app.api.web.websocket_protocol import LiveProtocol
 from app.errors import ConfigError
 from app.main import Replay, create_app
 from app.service import log
 from app.service.folder_lock import locked_folder
+from app.service.host import raise_descriptor_limit
 from app.service.settings import FilterName, Settings
 from app.service.simulator_process import SimulatorProcess
 from app.sources.connections import NAMES as CONNECTIONS
@@ -28,6 +31,7 @@ from app.telemetry import Source
 from app.words import Message, name_cells_by
 
 AGAIN = -1  # instead of an exit code
+_WAIT_AT_THE_DOOR = 1024  # connections that the system holds until the service takes them
 SECRETS = (
     "password",
     "viewer_password",
@@ -142,6 +146,9 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
                 app,
                 log_config=None,
                 access_log=False,
+                http=HttpProtocol,
+                limit_concurrency=most_connections(raise_descriptor_limit()),
+                backlog=ACCEPTED_AT_ONCE,
                 ws=LiveProtocol,
                 ws_max_size=1 << 16,
                 ws_per_message_deflate=False,  # its work for each reader would be most of the service's
@@ -192,6 +199,8 @@ class _Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start and tell."""
         await super().startup(sockets)
+        for listener in sockets or ():
+            listener.listen(_WAIT_AT_THE_DOOR)  # in the kernel: the event loop takes but few at once
         if self.started:
             print(self._ready_line, flush=True)
 

@@ -1,5 +1,6 @@
 """The machine the service runs on, as far as it matters in the pit: addresses, disk, clock."""
 
+import contextlib
 import shutil
 import socket
 from ipaddress import IPv4Address, ip_address
@@ -7,10 +8,31 @@ from pathlib import Path
 
 from app.clock import Clock
 
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
 # One address in each range that a pit network may use: a datagram socket "connected" there sends nothing, and tells
 # which of this machine's addresses would be used.
 _PROBES = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", "169.254.255.254")
 _CLOCK_STEP_S = 2.0
+_DESCRIPTORS = 8192  # what 4,000 readers and all else need
+
+
+def raise_descriptor_limit() -> int | None:
+    """Raise the limit on open files as far as the system lets this process; return it, None where there is none."""
+    if resource is None:
+        return None
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY:
+        return None
+    wanted = _DESCRIPTORS if hard == resource.RLIM_INFINITY else min(_DESCRIPTORS, hard)
+    if soft < wanted:
+        with contextlib.suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+            soft = wanted
+    return soft
 
 
 def addresses_of(host: str) -> list[str]:

@@ -1,0 +1,127 @@
+"""HTTP on the wire: the server's own protocol, with limits on how many there are and how slow one is."""
+
+import asyncio
+from typing import Any
+
+import h11
+from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.utils import get_remote_addr
+
+from app.api.web.connection_limits import make_room, may_upgrade, refuse
+
+REQUEST_S = 10.0  # from the connection, or the answer before, to the last byte of a request's headers
+BODY_S = 10.0  # of a body, in which BODY_BYTES have to come
+BODY_BYTES = 5_000
+STALL_S = 30.0  # in which some of an answer has to be taken
+_REFUSAL = "HTTP/1.1 {}\r\nconnection: close\r\nretry-after: 5\r\ncontent-length: 0\r\n\r\n"
+
+
+class HttpProtocol(H11Protocol):
+    """Who says nothing, or too slowly, is cut off; one too many is not let in."""
+
+    is_websocket = False
+    waits_since_s: float | None = None
+    _state: Any = None
+    _timer: asyncio.TimerHandle | None = None
+    _stall: asyncio.TimerHandle | None = None
+    _taken_bytes = 0
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Let it in, or close it before anything is made for it."""
+        address = (get_remote_addr(transport) or ("", 0))[0]
+        if not make_room(self.connections, address, self.limit_concurrency or 1 << 30):  # type: ignore[arg-type]
+            refuse(address, "a connection")
+            transport.abort()
+            return
+        super().connection_made(transport)
+        self._look()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The end, also of one that was not let in."""
+        self._forget()
+        if self.transport is not None:
+            super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Count, and work on it."""
+        self._taken_bytes += len(data)
+        super().data_received(data)
+
+    def handle_events(self) -> None:
+        """Work on what came, then see what is awaited next."""
+        super().handle_events()
+        self._look()
+
+    def on_response_complete(self) -> None:
+        """The next request is awaited."""
+        super().on_response_complete()
+        self._look()
+
+    def handle_websocket_upgrade(self, event: h11.Request) -> None:
+        """Hand the connection on, if there is room."""
+        address = "" if self.client is None else self.client[0]
+        if may_upgrade(self.connections, address, self.limit_concurrency or 1 << 30):  # type: ignore[arg-type]
+            self._forget()
+            super().handle_websocket_upgrade(event)
+            return
+        refuse(address, "a websocket")
+        self._answer("503 Service Unavailable")
+
+    def pause_writing(self) -> None:
+        """The client is behind."""
+        super().pause_writing()
+        if self._stall is None:
+            self._stall = self.loop.call_later(STALL_S, self.cut)
+
+    def resume_writing(self) -> None:
+        """The client took what waited."""
+        super().resume_writing()
+        if self._stall is not None:
+            self._stall.cancel()
+            self._stall = None
+
+    def cut(self) -> None:
+        """End it at once."""
+        self.connections.discard(self)  # it does not count any more
+        self.transport.abort()
+
+    def _look(self) -> None:
+        """Set the timer of what is awaited from the client."""
+        if self.transport.get_protocol() is not self:
+            return  # a websocket by now
+        state = self.conn.their_state
+        if state is self._state:
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._state = state
+        self.waits_since_s = self.loop.time() if state is h11.IDLE else None
+        self._taken_bytes = 0
+        if state is h11.IDLE:
+            self._timer = self.loop.call_later(REQUEST_S, self._no_request)
+        elif state is h11.SEND_BODY:
+            self._timer = self.loop.call_later(BODY_S, self._look_at_body)
+
+    def _no_request(self) -> None:
+        if self._taken_bytes:
+            self._answer("408 Request Timeout")
+        else:
+            self.transport.close()
+
+    def _look_at_body(self) -> None:
+        if self._taken_bytes < BODY_BYTES and not self.flow.read_paused:
+            self.cut()
+            return
+        self._taken_bytes = 0
+        self._timer = self.loop.call_later(BODY_S, self._look_at_body)
+
+    def _answer(self, status: str) -> None:
+        self.transport.write(_REFUSAL.format(status).encode())
+        self.transport.close()
+
+    def _forget(self) -> None:
+        for timer in (self._timer, self._stall):
+            if timer is not None:
+                timer.cancel()
+        self._timer = self._stall = None
