@@ -129,7 +129,7 @@ class Predictor:
     @property
     def learned_cells(self) -> LearnedCells:
         """What to keep for the next session of the same cells."""
-        resistance = np.array((self._scale.factor(), self._scale.sigma()))
+        resistance = np.array(self._scale.judge())
         watched = self._watch.memory
         return LearnedCells(self._capacities.tracker.state, watched.joint_baseline_ohm, resistance, watched)
 
@@ -179,8 +179,7 @@ class Predictor:
         self._needs_voltage_soc |= self._offset.step(dt_s, current_a, relays_open)
         self._t_s += dt_s
         if estimates is not None:
-            drop_v = (estimates.ocv_v - estimates.voltage_v) / self._factors_in_use
-            self._scale.step(dt_s, estimates.ocv_v, estimates.ocv_v - drop_v, self._where_measured(voltages_v))
+            self._scale.step(dt_s, estimates, self._factors_in_use, self._where_measured(voltages_v))
             self._heat.step(dt_s, (estimates.ocv_v - estimates.voltage_v) * current_a, temperatures_degc)
         self._watch.step(
             self._t_s if time_s is None else time_s, dt_s, current_a, voltages_v, temperatures_degc, balancing
@@ -306,8 +305,8 @@ class Predictor:
         )
 
     def _learned(self) -> Learned:
-        tracker, scale = self._capacities.tracker, self._scale
-        return learned(tracker.nominal_ah, tracker.capacity_ah(), tracker.sigma_ah(), scale.factor(), scale.sigma())
+        tracker = self._capacities.tracker
+        return learned(tracker.nominal_ah, tracker.capacity_ah(), tracker.sigma_ah(), *self._scale.judge())
 
     def _prediction(self, assessment: Assessment, load_a: float, driven_a: float) -> Prediction:
         nearest = min(assessment.to_trip, key=lambda trip: trip.seconds, default=None)

@@ -7,7 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.filters.engine.native_resistance import NativeResistance
 from app.estimation.filters.estimators import FILTERS, make_estimator
+from app.estimation.filters.reference.resistance import ReferenceResistance
 from tests.campaign import campaign, of_size
 from tests.engines import ENGINES, hostile_steps, step_both
 
@@ -18,6 +20,21 @@ STEPS = 100  # of 50 cells each: a million cell-steps in the full campaign
 cells = st.sampled_from(["samsung-25r-10p", "panasonic-ncr18650pf", "lco-pouch", "sanyo-ur18650w"])
 hysteresis = st.sampled_from([0.0, 0.02])
 overpotential = st.sampled_from([None, 0.01])
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_engine_learns_the_resistances_of_the_reference(seed):
+    rng = np.random.default_rng(seed)
+    prior, prior_weight = rng.uniform(0.3, 3.0, N_CELLS), rng.uniform(10.0, 1e3, N_CELLS)
+    native, reference = (make(prior, prior_weight) for make in (NativeResistance, ReferenceResistance))
+    for n_steps in (1, 30, 2):
+        dt_s = rng.choice([0.0, 1e-3, 0.1, 1.0, 3.0, 1e5], n_steps)
+        said = rng.uniform(3.0, 4.0, (n_steps, 8, N_CELLS)) * rng.choice([1.0, 1.001, np.nan, 2.0], (n_steps, 1, 1))
+        volts = said[:, 3] + rng.choice([0.0, 1e-3, 0.1, 2.0, np.nan], (n_steps, N_CELLS)) * rng.normal()
+        factor = rng.uniform(0.3, 3.0, N_CELLS)
+        for regression in (native, reference):
+            regression.record(dt_s, said, factor, volts)
+        np.testing.assert_allclose(native.judge(), reference.judge(), rtol=1e-9, atol=1e-9)
 
 
 @campaign(60, 120, 400)

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import SECONDS_PER_HOUR, CellModel
-from app.estimation.filters.estimators import CellEstimator
+from app.estimation.filters.estimates import (
+    N_OUT,
+    OUT_INNOVATION,
+    OUT_INNOVATION_SIGMA,
+    OUT_SIGMA,
+    OUT_SOC,
+    OUT_VALID,
+    OUT_VOLTAGE,
+)
 from app.estimation.filters.first_minutes import FirstMinutes
+from app.estimation.filters.soc_estimator import SocEstimator
 from app.estimation.filters.tuning import Tuning
 from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
 from app.estimation.health.resistance_scale import ResistanceScale, trusted_factor
@@ -49,7 +59,7 @@ class Run:
 
 
 def run_filter(
-    estimator: CellEstimator,
+    estimator: SocEstimator,
     recording: Recording,
     capacity_ah: float,
     initial_soc: float | None = None,
@@ -71,70 +81,85 @@ def run_filter(
     """
     temperature = np.where(np.isnan(recording.temperature_degc), DEFAULT_TEMPERATURE_DEGC, recording.temperature_degc)
     voltages, temperatures = recording.voltage_v[:, None], temperature[:, None]
-    current, steps = recording.current_a.tolist(), recording.step_s.tolist()
+    current, steps = recording.current_a, recording.step_s
     first = _first_measured(recording)
 
-    def restart() -> CellEstimator:
-        estimator.start(voltages[first], temperatures[first], current[first], initial_soc, initial_sigma)
+    def restart() -> SocEstimator:
+        estimator.start(voltages[first], temperatures[first], float(current[first]), initial_soc, initial_sigma)
         return estimator
 
     restart()
     first_minutes = FirstMinutes()
-    table = np.empty((5, len(steps)))
-    valid = 0
+    table = np.empty((N_OUT, len(steps)))
     is_due = False
     is_measured = np.full(len(steps), True) if cell is None else cell.drop_error(temperature) < Tuning().drop_error_max
+    learnt_from = np.where(is_measured[:, None], voltages, np.nan)
     offset = None if estimator.voltage_soc() is None else OffsetTracker(capacity_ah)
     begun = time.perf_counter()
     gaps = gaps_of(recording, capacity_ah)
-    unheard, scale, factor, since_s = np.full(1, np.nan), ResistanceScale(1), np.ones(1), 0.0
-    for k, (dt_s, current_a) in enumerate(zip(steps, current, strict=True)):
-        if k in gaps:
-            gap = gaps[k]
-            dt_s = recording.usual_step_s
-            estimator.step(steps[k] - dt_s, gap.current_a, unheard, temperatures[k])
+    heard = steps.copy()  # of a gap the last usual step: the rest is bridged
+    heard[list(gaps)] = recording.usual_step_s
+    time_s, drawn_as = (np.concatenate(([0.0], np.cumsum(each))) for each in (heard, heard * np.nan_to_num(current)))
+    unheard, scale, factor = np.full(1, np.nan), ResistanceScale(1), np.ones(1)
+    for rows, is_second in _pieces(steps, gaps):
+        if (gap := gaps.get(rows.start)) is not None:
+            estimator.step(steps[rows.start] - heard[rows.start], gap.current_a, unheard, temperatures[rows.start])
             estimator.widen(min(gap.sigma_ah / capacity_ah, UNKNOWN_SOC))
             first_minutes.drop()
             if offset is not None:
                 offset.interrupt()
-        first_minutes.keep(dt_s, current_a, voltages[k], temperatures[k])
-        e = estimator.step(dt_s, current_a, voltages[k], temperatures[k])
-        table[0, k], table[1, k], table[2, k] = e.soc[0], e.soc_sigma[0], e.voltage_v[0]
-        table[3, k], table[4, k] = e.innovation_v[0], e.innovation_sigma_v[0]
-        valid += bool(e.model_valid[0])
-        scale.step(
-            steps[k], e.ocv_v, e.ocv_v - (e.ocv_v - e.voltage_v) / factor, voltages[k] if is_measured[k] else unheard
-        )
-        since_s += steps[k]
-        if since_s >= LEARN_S:
-            since_s = 0.0
-            is_learned = scale.sigma() <= RESISTANCE_SIGMA_MAX
-            factor = trusted_factor(np.where(is_learned, scale.factor(), 1.0))
+        for k in range(rows.start, rows.stop) if first_minutes.is_keeping else ():
+            first_minutes.keep(float(heard[k]), float(current[k]), voltages[k], temperatures[k])
+        estimates = estimator.run(heard[rows], current[rows], voltages[rows], temperatures[rows])
+        table[:, rows] = estimates.numbers[:, :, 0]
+        scale.run(steps[rows], estimates, factor, learnt_from[rows])
+        if is_second:
+            learned, learned_sigma = scale.judge()
+            is_learned = learned_sigma <= RESISTANCE_SIGMA_MAX
+            factor = trusted_factor(np.where(is_learned, learned, 1.0))
             estimator.use_resistance(factor)
             first_minutes.again(factor, is_learned, restart)
-        is_due |= offset is not None and offset.step(dt_s, current_a)
+        if offset is not None:
+            lasted_s, charge_as = (float(sums[rows.stop] - sums[rows.start]) for sums in (time_s, drawn_as))
+            is_due |= offset.step(lasted_s, charge_as / lasted_s if lasted_s > 0.0 else 0.0)
         # a model that is not valid says nothing of the sensor
-        if is_due and offset is not None and e.model_valid[0] and (voltage_soc := estimator.voltage_soc()) is not None:
+        is_valid = table[OUT_VALID, rows.stop - 1] > 0.0
+        if is_due and offset is not None and is_valid and (voltage_soc := estimator.voltage_soc()) is not None:
             is_due = False
             offset.compare(*voltage_soc)
     took_s = time.perf_counter() - begun
-    soc, sigma, voltage, innovation, innovation_sigma = table
     sensor = None if offset is None else offset.estimate()
     own_ah, own_sigma_ah = estimator.capacity()
+    learned, learned_sigma = scale.judge()
     return Run(
-        soc,
-        sigma,
-        voltage,
-        innovation,
-        innovation_sigma,
-        valid / len(steps),
+        table[OUT_SOC],
+        table[OUT_SIGMA],
+        table[OUT_VOLTAGE],
+        table[OUT_INNOVATION],
+        table[OUT_INNOVATION_SIGMA],
+        float(np.mean(table[OUT_VALID])),
         1e6 * took_s / len(steps),
         sensor,
         float(own_ah[0]),
         float(own_sigma_ah[0]),
-        float(scale.factor()[0]),
-        float(scale.sigma()[0]),
+        float(learned[0]),
+        float(learned_sigma[0]),
     )
+
+
+def _pieces(step_s: FloatArray, gaps: Container[int]) -> Iterator[tuple[slice, bool]]:
+    """Yield rows that end where LEARN_S are over, and rows that a gap ends before; True where the time is over."""
+    begin, since_s = 0, 0.0
+    for k, dt_s in enumerate(step_s.tolist()):
+        if k in gaps and k > begin:
+            yield slice(begin, k), False
+            begin = k
+        since_s += dt_s
+        if since_s >= LEARN_S:
+            yield slice(begin, k + 1), True
+            begin, since_s = k + 1, 0.0
+    if begin < len(step_s):
+        yield slice(begin, len(step_s)), False
 
 
 def _first_measured(recording: Recording) -> int:

@@ -31,6 +31,11 @@ class FirstMinutes:
         self._samples: list[Sample] | None = []
         self._lasted_s = 0.0
 
+    @property
+    def is_keeping(self) -> bool:
+        """Whether samples are still kept."""
+        return self._samples is not None
+
     def keep(self, dt_s: float, current_a: float, voltages_v: FloatArray, temperatures_degc: FloatArray) -> None:
         """Take the sample that the estimator is about to take."""
         self._lasted_s += dt_s

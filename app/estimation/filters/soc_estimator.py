@@ -200,7 +200,7 @@ class SocEstimator:
         array = np.asarray(np.nan if values is None else values, dtype=np.float64)
         if array.shape not in ((), self._shape):
             raise ShapeError(name, self._shape, array.shape)
-        return np.array(np.broadcast_to(array, self._shape))
+        return np.array(array if array.shape == self._shape else np.broadcast_to(array, self._shape))
 
     def _positive(self, name: str, values: ArrayLike) -> FloatArray:
         own = self._per_cell(name, values)

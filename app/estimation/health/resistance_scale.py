@@ -1,37 +1,37 @@
-"""How much more every cell resists than its cell file says, from the drops of driving.
+"""How much more every cell resists than its cell file says, from the drops of driving, from one session to the next.
 
-    y = v_ocv - v,   x = v_ocv - v_model          y = f x + error; both without what is slower than `DRIFT_S`
-
-All resistances of a cell are taken to grow alike. What is slow is SOC, heat and overpotential and tells nothing. The
-model's error is not white and lasts about `LASTING_S`, so closer samples repeat each other. What an earlier session
-found is where the next one begins, less sure by what temperature and age may have changed.
+What an earlier session found is where the next one begins, less sure by what temperature and age may have changed. The
+regression itself is `filters/reference/resistance.py`, and the C engine's.
 """
 
 from __future__ import annotations
 
-from math import exp
 from typing import Final
 
 import numpy as np
 
 from app.estimation.arrays import FloatArray
-from app.estimation.errors import ShapeError
+from app.estimation.errors import EstimatorError, ShapeError
+from app.estimation.filters.engine.native_resistance import NativeResistance
+from app.estimation.filters.estimates import N_OUT, Estimates
+from app.estimation.filters.reference.resistance import FACTOR_MAX, FACTOR_MIN, ReferenceResistance
 
-DRIFT_S: Final = 40.0
-MEMORY_S: Final = 300.0  # four or five laps; heat changes resistances, and the model follows heat only in part
-LASTING_S: Final = 6.0  # of an error from which the drift has been taken
-RESTART_S: Final = 2.0  # a hole this long begins the drift anew
 PRIOR_SIGMA: Final = 0.3
 CHANGED_SIGMA: Final = 0.05  # from one session to the next
 SHAPE_ERROR: Final = 0.25  # by which a factor is off because a circuit's drop over time is not a cell's ...
 LESS_SHAPE_ERROR: Final = 0.35  # ... and where it seems to resist less: age makes no cell better
-FACTOR_MIN, FACTOR_MAX = 0.2, 10.0  # beyond it, it is no resistance
-QUIET_V: Final = 2e-3  # where no cell's drop moves more, nothing can be learnt and nothing is forgotten
-DROP_MAX_V: Final = 1.5  # a larger difference of voltages is a measurement that failed
+
+
+def make_regression(prior: FloatArray, prior_weight: FloatArray) -> NativeResistance | ReferenceResistance:
+    """Return the C engine's regression, or where its library does not fit this machine the reference."""
+    try:
+        return NativeResistance(prior, prior_weight)
+    except EstimatorError:
+        return ReferenceResistance(prior, prior_weight)
 
 
 class ResistanceScale:
-    """Regression through the origin of measured on modelled drops, with fading memory; call `step` every sample."""
+    """Factors of all cells; give it every sample."""
 
     def __init__(self, n_cells: int, past: FloatArray | None = None) -> None:
         """Begin.
@@ -44,71 +44,52 @@ class ResistanceScale:
             past = np.tile([[1.0], [PRIOR_SIGMA]], n_cells)
         factor, sigma = past
         is_known = (factor > FACTOR_MIN) & (factor < FACTOR_MAX) & (sigma > 0.0)
-        self._prior = np.where(is_known, factor, 1.0)
         sigma = np.where(is_known, np.hypot(sigma, CHANGED_SIGMA), PRIOR_SIGMA)
-        self._prior_weight = 1.0 / np.minimum(sigma, PRIOR_SIGMA) ** 2
+        prior_weight = 1.0 / np.minimum(sigma, PRIOR_SIGMA) ** 2
         self._shape = (n_cells,)
-        self._drift = np.zeros((2, n_cells))  # of y and x [V]
-        self._sums = np.zeros((3, n_cells))  # weights times x x, x y, y y, times seconds [V^2 s]
-        self._weight_s = np.zeros(n_cells)
-        self._has_drift = np.zeros(n_cells, dtype=np.bool_)
-        self._gains = (-1.0, 0.0, 1.0)
+        self._regression = make_regression(np.where(is_known, factor, 1.0), prior_weight)
 
-    def step(self, dt_s: float, ocv_v: FloatArray, model_v: FloatArray, voltages_v: FloatArray) -> None:
+    def step(self, dt_s: float, estimates: Estimates, factor: FloatArray, voltages_v: FloatArray) -> None:
         """Take one sample.
 
         Args:
             dt_s: since the previous one, >= 0 [s].
-            ocv_v: (n_cells,) open-circuit voltage of the estimate [V].
-            model_v: (n_cells,) terminal voltage the cell file predicts [V].
+            estimates: of this sample.
+            factor: (n_cells,) resistances over those of the cell file that they were made with.
             voltages_v: (n_cells,) measured [V]; NaN = missing.
 
         Raises:
             ShapeError: an array is not (n_cells,).
         """
-        for name, array in (("ocv_v", ocv_v), ("model_v", model_v), ("voltages_v", voltages_v)):
-            if array.shape != self._shape:
-                raise ShapeError(name, self._shape, array.shape)
-        drops = np.array((ocv_v - voltages_v, ocv_v - model_v))
-        if dt_s > RESTART_S:
-            self._has_drift[:] = False
-        if dt_s != self._gains[0]:
-            self._gains = dt_s, 1.0 - exp(-dt_s / DRIFT_S), exp(-dt_s / MEMORY_S)
-        _, share, fade = self._gains
-        known = (np.abs(drops) < DROP_MAX_V).all(axis=0)
-        fresh = known & ~self._has_drift
-        if fresh.any():
-            self._drift[:, fresh] = drops[:, fresh]
-            self._has_drift |= fresh
-        if not known.all():
-            drops = np.where(known, drops, self._drift)
-        drops -= self._drift
-        self._drift += share * drops
-        y, x = drops
-        if float(np.abs(x).max()) < QUIET_V:
-            return
-        self._sums *= fade
-        self._sums += dt_s * np.array((x * x, x * y, y * y))
-        self._weight_s *= fade
-        self._weight_s += dt_s * known
+        self.run(np.array([dt_s]), Estimates(estimates.numbers[:, None]), factor, voltages_v[None])
 
-    def factor(self) -> FloatArray:
-        """Return (n_cells,) resistance over that of the cell file; the past or 1 where nothing has shown it."""
-        xx, xy, _ = self._sums
-        error_v2s, weight = self._error_v2s(), self._prior_weight
-        factor = (xy / error_v2s + weight * self._prior) / (xx / error_v2s + weight)
-        return np.asarray(np.clip(factor, FACTOR_MIN, FACTOR_MAX))
+    def run(self, dt_s: FloatArray, estimates: Estimates, factor: FloatArray, voltage_v: FloatArray) -> None:
+        """Take samples in a row, as so many calls of `step` would.
 
-    def sigma(self) -> FloatArray:
-        """Return (n_cells,) its standard deviation."""
-        return np.asarray(1.0 / np.sqrt(self._sums[0] / self._error_v2s() + self._prior_weight))
+        Args:
+            dt_s: (n_steps,) since the sample before, >= 0 [s].
+            estimates: of these samples, (n_steps, n_cells) each.
+            factor: (n_cells,) as in `step`.
+            voltage_v: (n_steps, n_cells) measured [V]; NaN = missing.
 
-    def _error_v2s(self) -> FloatArray:
-        """Return (n_cells,) variance of the error times the time over which it repeats itself [V^2 s]."""
-        xx, xy, yy = self._sums
-        with np.errstate(divide="ignore", invalid="ignore"):
-            left = np.where(xx > 0.0, yy - xy * xy / xx, yy) / self._weight_s
-        return np.asarray(2.0 * LASTING_S * np.maximum(np.nan_to_num(left), 1e-6))
+        Raises:
+            ShapeError: the arrays do not fit each other.
+        """
+        rows = (dt_s.size, *self._shape)
+        numbers = estimates.numbers
+        for name, shape, array in (
+            ("voltages_v", rows, voltage_v),
+            ("factor", self._shape, factor),
+            ("estimates", (N_OUT, *rows), numbers),
+        ):
+            if array.shape != shape:
+                raise ShapeError(name, shape, array.shape)
+        self._regression.record(dt_s, numbers.swapaxes(0, 1), factor, voltage_v)
+
+    def judge(self) -> tuple[FloatArray, FloatArray]:
+        """Return (n_cells,) resistances over those of the cell file, the past where nothing showed them, and sigmas."""
+        factor, sigma = self._regression.judge()
+        return factor, sigma
 
 
 def trusted_factor(factor: FloatArray) -> FloatArray:
@@ -121,6 +102,7 @@ def trusted_factor(factor: FloatArray) -> FloatArray:
     Args:
         factor: (n_cells,) as learned.
     """
-    growth6 = (factor - 1.0) ** 6
-    doubt6 = np.where(factor < 1.0, LESS_SHAPE_ERROR, SHAPE_ERROR) ** 6
-    return np.asarray(1.0 + (factor - 1.0) * growth6 / (growth6 + doubt6))
+    growth = factor - 1.0
+    growth6 = (growth * growth) * (growth * growth) * (growth * growth)
+    doubt6 = np.where(factor < 1.0, LESS_SHAPE_ERROR**6, SHAPE_ERROR**6)
+    return np.asarray(1.0 + growth * growth6 / (growth6 + doubt6))

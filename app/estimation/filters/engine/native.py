@@ -105,7 +105,7 @@ class NativeEngine:
         samples = [np.ascontiguousarray(a, dtype=np.float64) for a in (dt_s, current_a, voltage_v, temperature_degc)]
         *inputs, output = [ctypes.c_void_p(values.ctypes.data) for values in (*samples, numbers)]
         self._library.vw_filter_record(*self._at, ctypes.c_int64(n_steps), *inputs, ctypes.c_int32(n_rows), output)
-        return np.moveaxis(numbers, 1, 0)
+        return numbers.swapaxes(0, 1)
 
     def get(self, name: str) -> FloatArray:
         """Return a copy of one quantity of the state; see `Engine.get`."""
@@ -129,9 +129,9 @@ class NativeEngine:
             values = values[np.tril_indices(values.shape[0])]
         values = np.atleast_2d(values)
         field = self._blocks[name]  # (blocks, rows, lanes)
-        rows = np.array(np.moveaxis(field, 0, 1)).reshape(field.shape[1], -1)
-        rows[: values.shape[0], : self.n_cells] = values
-        field[...] = np.moveaxis(rows.reshape(field.shape[1], -1, LANES), 0, 1)
+        for block, first in enumerate(range(0, self.n_cells, LANES)):
+            of_block = values[:, first : first + LANES]
+            field[block, : of_block.shape[0], : of_block.shape[1]] = of_block
 
     def _take(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> None:
         self._sample.dt_s, self._sample.current_a = dt_s, current_a

@@ -2,10 +2,18 @@ import numpy as np
 import pytest
 
 from app.estimation.errors import ShapeError
+from app.estimation.filters.estimates import OUT_OCV, OUT_VOLTAGE, Estimates
 from app.estimation.health.resistance_scale import PRIOR_SIGMA, ResistanceScale, trusted_factor
 
 GROWN = np.array([1.0, 1.4, 0.9, 1.15])
 DT_S = 0.1
+
+
+def said(ocv_v, model_v):
+    """Estimates of four cells that have such an OCV and terminal voltage."""
+    numbers = np.zeros((8, 4))
+    numbers[OUT_OCV], numbers[OUT_VOLTAGE] = ocv_v, model_v
+    return Estimates(numbers)
 
 
 def driven(scale, seconds, seed=1, slow_error_v=0.0, missing=()):
@@ -18,71 +26,71 @@ def driven(scale, seconds, seed=1, slow_error_v=0.0, missing=()):
         volts = ocv + slow_error_v * np.sin(2 * np.pi * t / 600.0) - 2e-3 * GROWN * current
         volts = volts + 1.2e-3 * rng.normal(size=4)
         volts[list(missing)] = np.nan
-        scale.step(DT_S, np.full(4, ocv), np.full(4, ocv - 2e-3 * current), volts)
+        scale.step(DT_S, said(ocv, ocv - 2e-3 * current), np.ones(4), volts)
     return scale
 
 
 def test_growth_is_found_and_sigma_covers_the_error():
     scale = driven(ResistanceScale(4), 120.0)
-    np.testing.assert_allclose(scale.factor(), GROWN, atol=0.02)
-    assert (np.abs(scale.factor() - GROWN) < 3.0 * scale.sigma()).all()
-    assert (scale.sigma() < 0.05).all()
+    np.testing.assert_allclose(scale.judge()[0], GROWN, atol=0.02)
+    assert (np.abs(scale.judge()[0] - GROWN) < 3.0 * scale.judge()[1]).all()
+    assert (scale.judge()[1] < 0.05).all()
 
 
 def test_a_slow_error_of_the_soc_is_not_taken_for_resistance():
-    np.testing.assert_allclose(driven(ResistanceScale(4), 300.0, slow_error_v=0.05).factor(), GROWN, atol=0.05)
+    np.testing.assert_allclose(driven(ResistanceScale(4), 300.0, slow_error_v=0.05).judge()[0], GROWN, atol=0.05)
 
 
 def test_nothing_is_claimed_before_driving():
     scale = ResistanceScale(4)
     for _ in range(600):
-        scale.step(DT_S, np.full(4, 3.9), np.full(4, 3.9), np.full(4, 3.8))
-    np.testing.assert_allclose(scale.factor(), 1.0)
-    np.testing.assert_allclose(scale.sigma(), PRIOR_SIGMA, rtol=0.01)
+        scale.step(DT_S, said(3.9, 3.9), np.ones(4), np.full(4, 3.8))
+    np.testing.assert_allclose(scale.judge()[0], 1.0)
+    np.testing.assert_allclose(scale.judge()[1], PRIOR_SIGMA, rtol=0.01)
 
 
 def test_a_rest_forgets_nothing():
     scale = driven(ResistanceScale(4), 120.0)
-    before = scale.factor()
+    before = scale.judge()[0]
     for _ in range(36_000):
-        scale.step(DT_S, np.full(4, 3.9), np.full(4, 3.9), np.full(4, 3.9))
-    np.testing.assert_allclose(scale.factor(), before, atol=0.01)
+        scale.step(DT_S, said(3.9, 3.9), np.ones(4), np.full(4, 3.9))
+    np.testing.assert_allclose(scale.judge()[0], before, atol=0.01)
 
 
 def test_a_cell_without_a_voltage_says_nothing_and_disturbs_none():
     scale = driven(ResistanceScale(4), 120.0, missing=(2,))
-    assert scale.sigma()[2] == pytest.approx(PRIOR_SIGMA, rel=0.01)
-    np.testing.assert_allclose(scale.factor()[[0, 1, 3]], GROWN[[0, 1, 3]], atol=0.02)
-    assert np.isfinite(driven(scale, 60.0, seed=2).factor()).all()
+    assert scale.judge()[1][2] == pytest.approx(PRIOR_SIGMA, rel=0.01)
+    np.testing.assert_allclose(scale.judge()[0][[0, 1, 3]], GROWN[[0, 1, 3]], atol=0.02)
+    assert np.isfinite(driven(scale, 60.0, seed=2).judge()[0]).all()
 
 
 def test_a_gap_and_a_failed_measurement_are_no_drop():
     scale = driven(ResistanceScale(4), 120.0)
-    scale.step(600.0, np.full(4, 3.5), np.full(4, 3.5), np.full(4, 3.45))
-    scale.step(DT_S, np.full(4, 3.5), np.full(4, 3.3), np.zeros(4))
-    np.testing.assert_allclose(scale.factor(), GROWN, atol=0.02)
+    scale.step(600.0, said(3.5, 3.5), np.ones(4), np.full(4, 3.45))
+    scale.step(DT_S, said(3.5, 3.3), np.ones(4), np.zeros(4))
+    np.testing.assert_allclose(scale.judge()[0], GROWN, atol=0.02)
 
 
 def test_wrong_shape_is_refused():
     with pytest.raises(ShapeError, match="voltages_v"):
-        ResistanceScale(4).step(DT_S, np.zeros(4), np.zeros(4), np.zeros(3))
+        ResistanceScale(4).step(DT_S, said(0.0, 0.0), np.ones(4), np.zeros(3))
 
 
 def test_the_next_session_begins_with_what_the_last_one_found_and_learns_on():
     before = driven(ResistanceScale(4), 300.0)
-    after = ResistanceScale(4, np.array((before.factor(), before.sigma())))
-    np.testing.assert_allclose(after.factor(), before.factor())
-    assert (after.sigma() > before.sigma()).all(), "temperature and age may have changed it"
-    assert (after.sigma() < 0.08).all(), "well enough known to be counted with at once"
-    warmer = ResistanceScale(4, np.array((1.3 * GROWN, before.sigma())))
-    np.testing.assert_allclose(driven(warmer, 300.0).factor(), GROWN, atol=0.03)
+    after = ResistanceScale(4, np.array(before.judge()))
+    np.testing.assert_allclose(after.judge()[0], before.judge()[0])
+    assert (after.judge()[1] > before.judge()[1]).all(), "temperature and age may have changed it"
+    assert (after.judge()[1] < 0.08).all(), "well enough known to be counted with at once"
+    warmer = ResistanceScale(4, np.array((1.3 * GROWN, before.judge()[1])))
+    np.testing.assert_allclose(driven(warmer, 300.0).judge()[0], GROWN, atol=0.03)
 
 
 def test_a_past_that_cannot_be_is_none():
     absurd = np.array([[np.nan, -1.0, 1e6, 1.0], [0.01, 0.01, 0.01, np.nan]])
-    np.testing.assert_allclose(ResistanceScale(4, absurd).factor(), 1.0)
-    np.testing.assert_allclose(ResistanceScale(4, absurd).sigma(), PRIOR_SIGMA)
-    np.testing.assert_allclose(ResistanceScale(4, np.ones((2, 3))).factor(), 1.0)
+    np.testing.assert_allclose(ResistanceScale(4, absurd).judge()[0], 1.0)
+    np.testing.assert_allclose(ResistanceScale(4, absurd).judge()[1], PRIOR_SIGMA)
+    np.testing.assert_allclose(ResistanceScale(4, np.ones((2, 3))).judge()[0], 1.0)
 
 
 def test_growth_is_believed_and_what_a_circuit_cannot_tell_is_not():

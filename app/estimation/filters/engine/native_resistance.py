@@ -1,0 +1,40 @@
+"""The C engine's regression of resistances, behind the interface of the reference; its memory is numpy's."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Final
+
+import numpy as np
+
+from app.estimation.arrays import FloatArray
+from app.estimation.filters.engine.library import load
+
+ROWS: Final = 14  # of `vw_resistance.h`
+PRIOR, PRIOR_WEIGHT, FACTOR = 10, 11, 12  # the sigma follows the factor
+
+
+class NativeResistance:
+    """See `ReferenceResistance`."""
+
+    def __init__(self, prior: FloatArray, prior_weight: FloatArray) -> None:
+        """Begin.
+
+        Raises:
+            EstimatorError: there is no library for this machine.
+        """
+        self._library = load()
+        self._rows = np.zeros((ROWS, prior.size))
+        self._rows[PRIOR], self._rows[PRIOR_WEIGHT] = prior, prior_weight
+        self._at = ctypes.c_int32(prior.size), ctypes.c_void_p(self._rows.ctypes.data)
+
+    def record(self, dt_s: FloatArray, numbers: FloatArray, factor: FloatArray, voltage_v: FloatArray) -> None:
+        """Take n_steps samples in a row; see `ReferenceResistance.record`."""
+        arrays = [np.ascontiguousarray(each, np.float64) for each in (dt_s, numbers, factor, voltage_v)]
+        dt_at, *others = [ctypes.c_void_p(each.ctypes.data) for each in arrays]
+        self._library.vw_resistance_record(*self._at, ctypes.c_int64(dt_s.size), dt_at, *others)
+
+    def judge(self) -> FloatArray:
+        """Return (2, n_cells) factor and its standard deviation."""
+        self._library.vw_resistance_judge(*self._at)
+        return self._rows[FACTOR : FACTOR + 2].copy()

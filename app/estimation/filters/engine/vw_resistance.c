@@ -1,0 +1,81 @@
+/* Regression through the origin of measured on modelled drops, with fading memory. */
+#include "vw_resistance.h"
+
+/* The same numbers as in resistance.py of the reference, where their reasons are. */
+#define DRIFT_S 40
+#define MEMORY_S 300
+#define LASTING_S 6
+#define RESTART_S 2
+#define FACTOR_MIN ((vw_real)0.2)
+#define FACTOR_MAX 10
+#define QUIET_V ((vw_real)2e-3)
+#define DROP_MAX_V ((vw_real)1.5)
+#define ERROR_MIN_V2 ((vw_real)1e-6)
+
+/* Split the drops of a sample into what is slow and the rest; returns the largest of the rest that the model predicts. */
+static vw_real split(int n, vw_real *restrict rows, vw_real dt_s, vw_real share, const vw_real *restrict estimates,
+                     const vw_real *restrict factor, const vw_real *restrict voltage_v)
+{
+    const vw_real *ocv_v = estimates + VW_OCV_V * n, *model_v = estimates + VW_VOLTAGE_V * n;
+    vw_real *slow_y = rows + VW_SLOW_MEASURED * n, *slow_x = rows + VW_SLOW_MODELLED * n, *has = rows + VW_HAS_SLOW * n;
+    vw_real *fast_y = rows + VW_FAST_MEASURED * n, *fast_x = rows + VW_FAST_MODELLED * n, *known = rows + VW_KNOWN * n;
+    vw_real most = 0;
+    for (int c = 0; c < n; c++) {
+        const vw_real y = ocv_v[c] - voltage_v[c], x = (ocv_v[c] - model_v[c]) / factor[c];
+        const int is_known = (vw_abs(y) < DROP_MAX_V) & (vw_abs(x) < DROP_MAX_V);
+        const int had_slow = (has[c] > 0) & (dt_s <= RESTART_S), is_fresh = is_known & !had_slow;
+        const vw_real from_y = is_fresh ? y : slow_y[c], from_x = is_fresh ? x : slow_x[c];
+        const vw_real left_y = is_known ? y - from_y : 0, left_x = is_known ? x - from_x : 0;
+        has[c] = vw_pick(had_slow | is_known, 1, 0);
+        known[c] = vw_pick(is_known, 1, 0);
+        fast_y[c] = left_y;
+        fast_x[c] = left_x;
+        slow_y[c] = from_y + share * left_y;
+        slow_x[c] = from_x + share * left_x;
+        most = vw_max(most, vw_abs(left_x));
+    }
+    return most;
+}
+
+static void add(int n, vw_real *restrict rows, vw_real dt_s, vw_real fade)
+{
+    const vw_real *y = rows + VW_FAST_MEASURED * n, *x = rows + VW_FAST_MODELLED * n, *known = rows + VW_KNOWN * n;
+    vw_real *xx = rows + VW_SUM_XX * n, *xy = rows + VW_SUM_XY * n, *yy = rows + VW_SUM_YY * n;
+    vw_real *weight_s = rows + VW_WEIGHT_S * n;
+    for (int c = 0; c < n; c++) {
+        xx[c] = fade * xx[c] + dt_s * (x[c] * x[c]);
+        xy[c] = fade * xy[c] + dt_s * (x[c] * y[c]);
+        yy[c] = fade * yy[c] + dt_s * (y[c] * y[c]);
+        weight_s[c] = fade * weight_s[c] + dt_s * known[c];
+    }
+}
+
+void vw_resistance_record(int32_t n_cells, vw_real *rows, int64_t n_steps, const vw_real *dt_s, const vw_real *estimates,
+                          const vw_real *factor, const vw_real *voltage_v)
+{
+    vw_real share = 0, fade = 1;
+    for (int64_t k = 0; k < n_steps; k++) {
+        const vw_real dt = dt_s[k];
+        if (k == 0 || dt != dt_s[k - 1]) {
+            share = 1 - vw_exp(-dt / DRIFT_S);
+            fade = vw_exp(-dt / MEMORY_S);
+        }
+        const vw_real most = split(n_cells, rows, dt, share, estimates + k * VW_ESTIMATES * n_cells, factor, voltage_v + k * n_cells);
+        if (most >= QUIET_V) add(n_cells, rows, dt, fade);
+    }
+}
+
+void vw_resistance_judge(int32_t n_cells, vw_real *rows)
+{
+    const int n = n_cells;
+    for (int c = 0; c < n; c++) {
+        const vw_real xx = rows[VW_SUM_XX * n + c], xy = rows[VW_SUM_XY * n + c], yy = rows[VW_SUM_YY * n + c];
+        const vw_real weight_s = rows[VW_WEIGHT_S * n + c], prior_weight = rows[VW_PRIOR_WEIGHT * n + c];
+        const vw_real left_v2s = xx > 0 ? yy - xy * xy / xx : yy;
+        const vw_real error_v2s = 2 * LASTING_S * vw_max(weight_s > 0 ? left_v2s / weight_s : 0, ERROR_MIN_V2);
+        const vw_real precision = xx / error_v2s + prior_weight;
+        const vw_real factor = (xy / error_v2s + prior_weight * rows[VW_PRIOR * n + c]) / precision;
+        rows[VW_FACTOR * n + c] = vw_clip(factor, FACTOR_MIN, FACTOR_MAX);
+        rows[VW_FACTOR_SIGMA * n + c] = 1 / vw_sqrt(precision);
+    }
+}
