@@ -38,7 +38,13 @@ async def app(scope, receive, send):
 class Served:
     def __init__(self):
         config = uvicorn.Config(
-            app, http=HttpProtocol, ws=LiveProtocol, limit_concurrency=MOST, lifespan="off", log_config=None
+            app,
+            http=HttpProtocol,
+            ws=LiveProtocol,
+            ws_per_message_deflate=False,
+            limit_concurrency=MOST,
+            lifespan="off",
+            log_config=None,
         )
         self.server = uvicorn.Server(config)
         listener = socket.create_server(("127.0.0.1", 0))
