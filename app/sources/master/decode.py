@@ -33,6 +33,7 @@ PARTS: dict[str, tuple[int, int]] = {
     "slaves": (440, 1444),
     "config": (0, 420),
 }
+_SPANS = {name: (field.offset, field.end) for name, field in FIELDS.items()}
 _FLAGS_OFFSET = FIELDS["status.flags"].offset
 CHARGER_FLAGS = ("hardware", "over-temperature", "input voltage", "battery", "time-out")
 _CONNECTED = sum(1 << STATUS_FLAGS.index(name) for name in ("charger", "charging", "load"))
@@ -59,12 +60,13 @@ class Decoder:
     def __init__(self, shadow: ShadowImage, now_ns: int) -> None:
         self._shadow = shadow
         self._now_ns = now_ns
+        is_old = shadow.measured_ns < now_ns - int(BLANK_S * 1e9)
+        self._old_before = np.concatenate(([0], np.cumsum(is_old)))  # how many bytes before an offset are old
 
     def is_known(self, name: str) -> bool:
         """Every byte of the field was measured within the last BLANK_S seconds."""
-        field = FIELDS[name]
-        age = self._shadow.age_s(field.offset, field.size, self._now_ns)
-        return age is not None and age <= BLANK_S
+        start, end = _SPANS[name]
+        return bool(self._old_before[start] == self._old_before[end])
 
     def number(self, name: str) -> float | None:
         """Return a single field in its unit; None where it is unknown, or cannot be."""

@@ -218,7 +218,7 @@ def test_a_master_that_restarts_is_told_with_the_reason_for_a_minute(pipeline, m
     (told,) = [alarm for alarm in snapshot.alarms if alarm.code == "master-restarted"]
     assert told.severity == "warning"
     assert told.message.args["cause"] == Message("boot-watchdog")
-    snapshot, _ = run(pipeline, master, 650)
+    snapshot, _ = run(pipeline, master, 65)
     assert [alarm.active for alarm in snapshot.alarms if alarm.code == "master-restarted"] == [False]
 
 
