@@ -10,7 +10,7 @@ its model valid. Rows marked "training" took part in choosing the tuning.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -209,27 +209,38 @@ HEADER = """| case | run | product | plain EKF | within 3 sigma | EKF within | m
 | --- | --- | --- | --- | --- | --- | --- |"""
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what every table of this kind takes."""
+    parser.add_argument("--only", default="", help="rows whose case or run holds this text")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--signs", type=int, default=len(SIGNS), help="signs of the sensor errors, for a quicker look")
+
+
+def print_table(rows: Iterable[Row], args: argparse.Namespace) -> None:
+    """Print the rows that were asked for; see `add_arguments`."""
+    found = [row for row in rows if args.only.lower() in f"{row.what} {row.run}".lower()]
+    print(HEADER, flush=True)
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for row, scores in zip(found, pool.map(judge, found, [args.signs] * len(found)), strict=True):
+            print(line(row, scores), flush=True)
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=DATA, help="folder with panasonic-18650pf/ and physics/")
-    parser.add_argument("--only", default="", help="rows whose case or run holds this text")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--signs", type=int, default=len(SIGNS), help="signs of the sensor errors, for a quicker look")
+    add_arguments(parser)
     args = parser.parse_args()
     rows: list[Row] = []
     if args.only.lower() in "simulated car from 12 s on":
         rows += car_rows()
     for name, make in (("panasonic-18650pf", panasonic_rows), ("physics", physics_rows)):
         if (args.data / name).is_dir():
-            rows += [row for row in make(args.data / name) if args.only.lower() in f"{row.what} {row.run}".lower()]
-    if not rows:
+            rows += make(args.data / name)
+    if rows:
+        print_table(rows, args)
+    else:
         print(f"skipped: nothing in {args.data}")
-        return
-    print(HEADER, flush=True)
-    with ProcessPoolExecutor(args.jobs) as pool:
-        for row, scores in zip(rows, pool.map(judge, rows, [args.signs] * len(rows)), strict=True):
-            print(line(row, scores), flush=True)
 
 
 if __name__ == "__main__":
