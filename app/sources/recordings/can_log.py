@@ -11,6 +11,7 @@ import numpy as np
 from app.errors import ExtraMissing, ImportFailed
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.candump import candump_frames
+from app.sources.recordings.mf4_log import mf4_frames
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import Table, matching
 from app.words import Message, Quantity
@@ -25,9 +26,18 @@ def read_frames(path: Path) -> Iterator[Frame]:
 
     Raises:
         ImportFailed: the file cannot be read as what its name says.
+        ExtraMissing: asammdf, which reads MF4, is not installed.
     """
     if not path.name.lower().endswith(ENDINGS[1:]):
         yield from _candump(path)
+        return
+    if path.name.lower().endswith(".mf4"):
+        try:
+            yield from mf4_frames(path)
+        except ExtraMissing:
+            raise
+        except Exception as error:  # asammdf raises what it meets
+            raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
         return
     can = import_module("can")  # brings the libraries of every format it knows, hundreds of files
     try:

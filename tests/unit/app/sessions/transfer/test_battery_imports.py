@@ -20,6 +20,7 @@ from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.sources.recordings.profile import ImportProfile
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 from tests.peer_batteries import PEERS, Peer, cell_number, segments_in_fd_frames
+from tests.recorded.mf4 import write_mf4
 from tests.recorded.peer_sessions import START_S, write_log, write_profile
 
 DURATION_S = 8.0
@@ -86,6 +87,20 @@ def test_logs_of_all_tools_say_the_same(tmp_path: Path, ending: str) -> None:
     with SessionFile(done.info.path) as session:
         frames = [(frame.can_id, frame.data) for frame in session.can_frames()]
         assert frames == [(can_id, data) for _, can_id, data in peer.frames(DURATION_S)]
+
+
+@pytest.mark.parametrize("make", [cell_number, segments_in_fd_frames])
+def test_bus_logging_in_mf4_says_the_same(tmp_path: Path, make) -> None:
+    peer = make()
+    frames = peer.frames(DURATION_S)
+    log = write_mf4(tmp_path / "peer.mf4", [(t_ns / 1e9, can_id, data) for t_ns, can_id, data in frames])
+    battery = load_battery(str(write_profile(peer, tmp_path)))
+    done = import_file(log, ImportProfile(), tmp_path / "sessions", pipeline, battery=battery)
+    with SessionFile(done.info.path) as session:
+        assert [(frame.can_id, frame.data) for frame in session.can_frames()] == [
+            (each, data) for _, each, data in frames
+        ]
+        assert session.info.started_wall_ns / 1e9 == pytest.approx(START_S + frames[0][0] / 1e9, abs=0.2)
 
 
 def test_all_is_estimated_and_closed(tmp_path: Path) -> None:
