@@ -38,6 +38,10 @@ class NothingInCommon(SessionError):
     """The two sessions are not of the same run."""
 
 
+class HeardOnCanAlone(SessionError):
+    """A session has no frames with a number of their own; frames of a bus repeat, byte for byte."""
+
+
 @dataclass(frozen=True, slots=True)
 class Filled:
     """What was put in; `spans` are the gaps of half a second and more, in seconds from the session's start."""
@@ -72,6 +76,7 @@ def fill_gaps(path: Path, other: Path, *, t_wall_ns: int) -> Filled:
 
     Raises:
         NothingInCommon: not one frame is in both.
+        HeardOnCanAlone: one of them was not read over RS232: nothing tells which frame is which.
         NotNow: the session is being recorded or read.
         NotASession, SchemaTooNew: one of them cannot be read.
         RecordingFailed: the disk does not take the new file; the session stays as it is.
@@ -148,6 +153,9 @@ def _fill(path: Path, other: Path, t_wall_ns: int) -> Filled:
 def _missing(session: SessionFile, source: SessionFile) -> list[_Missing]:
     """Intact frames of the source that the session lacks, between its start and its end, in order."""
     info = session.info
+    for each in (session, source):
+        if each.info.frames == 0 and each.info.can_frames:
+            raise HeardOnCanAlone(Message("heard-on-can-alone", session=each.path.stem))
     here = {hash(frame.raw): frame.t_mono_ns for frame in session.frames() if frame.ok}
     frames = [(frame.t_mono_ns, here.get(hash(frame.raw)), frame.raw) for frame in source.frames() if frame.ok]
     common = [(there_ns, here_ns) for there_ns, here_ns, _ in frames if here_ns is not None]

@@ -16,7 +16,7 @@ from app.sessions.export import export
 from app.sessions.reading.notes import write_note
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
-from app.sessions.transfer.fill import FILLED_LINK, NothingInCommon, fill_gaps
+from app.sessions.transfer.fill import FILLED_LINK, HeardOnCanAlone, NothingInCommon, fill_gaps
 from tests.fake_clock import FunctionClock
 
 PIT_MONO_NS, PIT_WALL_NS = 900 * 10**9, 1_790_000_000 * 10**9
@@ -167,6 +167,18 @@ def test_a_session_that_was_cut_off_stays_one(run, tmp_path, stream):
     with SessionFile(cut) as session:
         assert not session.info.is_closed
         assert session.series(["i_fs"])["i_fs"].gaps == ()
+
+
+def test_a_session_heard_on_can_alone_is_refused_with_the_reason(run, tmp_path):
+    _, car, _ = run
+    recorder = recorder_at(tmp_path / "can", PIT_MONO_NS, PIT_WALL_NS)
+    info = recorder.start()
+    for step in range(20):
+        recorder.can_frame(PIT_MONO_NS + step * 10**8, PIT_WALL_NS + step * 10**8, 0x100, bytes([step]))
+    recorder.close()
+    for pair in ((info.path, car), (car, info.path)):
+        with pytest.raises(HeardOnCanAlone, match=f"{info.id} was heard on CAN alone"):
+            fill_gaps(*pair, t_wall_ns=1)
 
 
 @pytest.mark.parametrize("name", ["csv", "parquet", "mcap", "ld"])
