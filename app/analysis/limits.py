@@ -1,11 +1,18 @@
-"""The limits of then: what a configuration image of the master, or a battery's profile, says they are."""
+"""The limits of then: by a configuration image of the master, by a battery's profile, by signals that carry them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
 from typing import Final
 
-from app.battery.battery import Battery
+import numpy as np
+
+from app.battery.battery import Battery, SignalName
+from app.estimation.arrays import FloatArray
+from app.sessions.reading.reader import SessionFile
+from app.telemetry import ProtectionLimits
 from firmware_protocol.memory_map import CONFIG
 
 LIMITS: Final = ("v_cell_min", "v_cell_max", "t_cell_min", "t_cell_max", "i_disc_max", "i_disc_min")
@@ -22,9 +29,33 @@ _OF_PROFILE: Final = {  # name of a limit here, in a profile, and its sign
 
 
 def limits_of_profile(battery: Battery) -> dict[str, float]:
-    """Return the limits that a profile states as numbers, by the same names; those that signals carry move."""
+    """Return the limits that a profile states as numbers, by the same names; `names_of_signals` has the others."""
     stated = {name: (battery.limits.get(of), sign) for name, (of, sign) in _OF_PROFILE.items()}
     return {name: sign * limit for name, (limit, sign) in stated.items() if isinstance(limit, float)}
+
+
+def names_of_signals(battery: Battery) -> dict[str, tuple[str, float]]:
+    """Return the limits that signals carry: by name the field of a session that holds it, and its sign."""
+    return {
+        name: (f"limit.{of}", sign)
+        for name, (of, sign) in _OF_PROFILE.items()
+        if isinstance(battery.limits.get(of), SignalName)
+    }
+
+
+def limits_told(limits: ProtectionLimits | None) -> dict[str, float]:
+    """Return the limits that a snapshot was judged by, by name; those that are not told are left out."""
+    if limits is None:
+        return {}
+    told = (
+        limits.cell_voltage_min_v,
+        limits.cell_voltage_max_v,
+        limits.temperature_min_degc,
+        limits.temperature_max_degc,
+        limits.discharge_max_a,
+        limits.discharge_min_a,
+    )
+    return {name: value for name, value in zip(LIMITS, told, strict=True) if isfinite(value)}
 
 
 def by_names_of_profiles(limits: Mapping[str, float]) -> dict[str, float]:
@@ -37,3 +68,58 @@ def limits_of(image: bytes | None) -> dict[str, float]:
     if image is None:
         return {}
     return {name: round(CONFIG[name].unpack(image)[0] * CONFIG[name].scale, 6) for name in LIMITS}
+
+
+@dataclass(frozen=True)
+class MovingLimit:
+    """A limit that a signal carries: its value since each unix time, ascending; NaN before the first."""
+
+    time_s: FloatArray  # (n,)
+    value: FloatArray  # (n,)
+
+    def at(self, time_s: FloatArray) -> FloatArray:
+        """Return the value at each time, NaN where none was told yet."""
+        place = np.searchsorted(self.time_s, time_s, side="right") - 1
+        if not len(self.value):
+            return np.full(len(place), np.nan)
+        return np.where(place >= 0, self.value[np.maximum(place, 0)], np.nan)
+
+
+@dataclass(frozen=True)
+class LimitsOverTime:
+    """Limits by name: sets with the unix time since which each was in force, in order, and those that signals carry."""
+
+    in_force: list[tuple[float, dict[str, float]]]
+    moving: Mapping[str, MovingLimit] = field(default_factory=dict)
+
+    def at(self, time_s: float = np.inf) -> dict[str, float]:
+        """Return what was in force at a unix time [s], by name; at the end without one."""
+        found: dict[str, float] = {}
+        for since_s, limits in self.in_force:
+            found = limits if since_s <= time_s else found
+        told = {name: float(limit.at(np.array([time_s]))[0]) for name, limit in self.moving.items()}
+        return found | {name: value for name, value in told.items() if np.isfinite(value)}
+
+
+def limits_over_time(session: SessionFile, from_s: float | None = None, to_s: float | None = None) -> LimitsOverTime:
+    """Read which limits were in force in a session, and when; those that signals carry between two unix times only."""
+    configs = session.configs()
+    if configs:
+        return LimitsOverTime([(session.unix_s(each.t_mono_ns), limits_of(each.image)) for each in configs])
+    carried = {name: of for name, of in names_of_signals(session.battery).items() if of[0] in session.signals.order}
+    parts: dict[str, list[tuple[FloatArray, FloatArray]]] = {name: [] for name in carried}
+    if carried:
+        for found in session.fields([signal for signal, _ in carried.values()], from_s, to_s):
+            for name, (signal, sign) in carried.items():
+                if signal in found:
+                    parts[name].append((found[signal].time_s, sign * found[signal].values[:, 0]))
+    moving = {name: _changes(each) for name, each in parts.items() if each}
+    return LimitsOverTime([(0.0, limits_of_profile(session.battery))], moving)
+
+
+def _changes(parts: list[tuple[FloatArray, FloatArray]]) -> MovingLimit:
+    """The times at which the value became another one; where it is missing the one before holds."""
+    time_s, value = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    time_s, value = time_s[np.isfinite(value)], value[np.isfinite(value)]
+    is_other = np.append(True, np.diff(value) != 0.0)[: len(value)]
+    return MovingLimit(time_s[is_other], value[is_other])

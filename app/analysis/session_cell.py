@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app import __version__
 from app.analysis.finding import AnalysisFinding, finding
-from app.analysis.limits import limits_of, limits_of_profile
+from app.analysis.limits import limits_of_profile, limits_over_time, names_of_signals
 from app.estimation.cell_model.cell_file import load_cell, parse_cell
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
@@ -30,7 +30,7 @@ def judged_by(session: SessionFile, chosen_cell: str | None = None) -> list[Anal
     if n_configs:
         said.append(Message("report-limits-of-then", n=n_configs))
     else:
-        is_stated = bool(limits_of_profile(session.battery))
+        is_stated = bool(limits_of_profile(session.battery) or names_of_signals(session.battery))
         said.append(Message("report-limits-of-profile") if is_stated else Message("report-limits-unknown"))
     if chosen_cell is not None:
         said.append(Message("judged-cell-chosen", cell=chosen_cell))
@@ -63,5 +63,4 @@ def unlike(first: SessionFile, second: SessionFile) -> list[AnalysisFinding]:
 
 
 def _last_limits(session: SessionFile) -> dict[str, float]:
-    configs = session.configs()
-    return limits_of(configs[-1].image if configs else None) or limits_of_profile(session.battery)
+    return limits_over_time(session).at()

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from app.estimation.arrays import BoolArray, FloatArray
+from app.estimation.arrays import FloatArray
 
 DEFAULT_CELL = "samsung-25r-10p"
 LIMITS = (  # name of a limit, in a profile and here
@@ -78,13 +78,6 @@ class Battery:
             found.append(at)
             at += cells
         return tuple(found)
-
-    @property
-    def has_sensor(self) -> BoolArray:
-        """(n_cells,) the first cell of each temperature sensor: what is wrong with a sensor is said of it once."""
-        found = np.zeros(self.n_cells, np.bool_)
-        found[[cells[0] for cells in self.sensors if cells]] = True
-        return found
 
     def place(self, cell: int) -> tuple[int, int]:
         """Return the segment of a cell and its place in it, both from 0.

@@ -15,6 +15,7 @@ from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.master.source import MasterSource
 from app.sources.source import MeasurementSource
 from app.telemetry import FloatArray, Source
+from app.telemetry.cell_findings import sensors_of
 from app.words import Message
 
 
@@ -75,7 +76,8 @@ class PipelineFactory:
     def predictor(self, learned_before: LearnedCells | None = None, watch: CellWatch | None = None) -> Predictor:
         """Return a fresh predictor that goes on with what earlier sessions learned."""
         battery = self.battery.battery
-        return Predictor(self.cell, battery.segments, learned_before, watch=watch, has_sensor=battery.has_sensor)
+        sensors = sensors_of(battery.sensors, battery.n_cells)
+        return Predictor(self.cell, battery.segments, learned_before, watch=watch, sensors=sensors)
 
     def _source(self, name: Source, rs232_url: str | None, can_url: str | None) -> MeasurementSource:
         speaks = self.battery.speaks_dbc

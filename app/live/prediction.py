@@ -28,7 +28,7 @@ from app.estimation.prediction.laps import LapWatch
 from app.estimation.prediction.power import COVERAGE, PowerModel, StatePower, TimeToTrip
 from app.live.prediction_conditions import at_load, laps_known, power_held, until_empty
 from app.telemetry import BoolArray, CountedWith, FloatArray, Prediction
-from app.telemetry.cell_findings import Finding, finding_of
+from app.telemetry.cell_findings import Finding, Sensors, told_findings
 
 ASSESS_S = 1.0
 UNKNOWN_S = 10.0  # what flowed in a longer gap is not known
@@ -75,7 +75,7 @@ class Predictor:
         learned_before: LearnedCells | None = None,
         *,
         watch: CellWatch | None = None,
-        has_sensor: BoolArray | None = None,
+        sensors: Sensors | None = None,
     ) -> None:
         """Start, or go on with what was learned before.
 
@@ -84,14 +84,14 @@ class Predictor:
             segments: cells of each.
             learned_before: by earlier sessions.
             watch: has watched these cells up to now.
-            has_sensor: (n_cells,) one cell of each temperature sensor, at which its findings are told; None: all.
+            sensors: of each temperature sensor the cells that it stands for; None: one a cell.
         """
         n_cells = sum(segments)
         self.cell = cell
         self.assessment = Assessment()
         before = learned_before
         self._watch = watch or CellWatch(cell, segments, _watched_before(before))
-        self._has_sensor = has_sensor
+        self._sensors = sensors
         self.findings = self._found()
         capacities = CapacityTracker(cell.capacity_ah, n_cells, None if before is None else before.capacity_state)
         self._capacities = CapacityBetweenRests(cell, capacities)
@@ -298,11 +298,7 @@ class Predictor:
         self._laps.judge()
 
     def _found(self) -> tuple[Finding, ...]:
-        return tuple(
-            finding_of(each)
-            for each in self._watch.findings
-            if each.code != "thermistor-off" or self._has_sensor is None or self._has_sensor[each.cell]
-        )
+        return told_findings(self._watch.findings, self._sensors)
 
     def _learned(self) -> Learned:
         tracker = self._capacities.tracker

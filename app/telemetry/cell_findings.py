@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import isfinite, isnan
 from typing import Annotated
@@ -12,6 +12,7 @@ from app.telemetry.fields import MESSAGE, SentAs, Unit
 from app.words import Cell, Message, Quantity
 
 Number = float | None
+Sensors = tuple[tuple[int, ...], ...]
 HOURS_S = 5400.0  # from here on a time is told in hours
 
 
@@ -36,13 +37,41 @@ class Finding:
     confidence: Annotated[float, Unit("1", "probability that it is so", 3)]
 
 
-def finding_of(found: CellFinding) -> Finding:
-    """Return a finding of a watch that was fed with unix times."""
+def told_findings(found: Iterable[CellFinding], sensors: Sensors | None = None) -> tuple[Finding, ...]:
+    """Return findings in their words; what is wrong with a temperature sensor is said of it once, with its cells.
+
+    Args:
+        found: by a watch that was fed with unix times.
+        sensors: of each temperature sensor the cells that it stands for; None: one a cell.
+    """
+    told: list[Finding] = []
+    named: set[int] = set()  # sensors
+    for each in found:
+        if each.code != "thermistor-off" or sensors is None:
+            told.append(finding_of(each))
+            continue
+        of_cell = [number for number, cells in enumerate(sensors) if each.cell in cells and number not in named]
+        named.update(of_cell)
+        told += [finding_of(each, _sensor(number, sensors[number])) for number in of_cell[:1]]
+    return tuple(told)
+
+
+def sensors_of(battery_sensors: Sensors, n_cells: int) -> Sensors | None:
+    """Return temperature sensors to name findings by; None where each cell has its own."""
+    return None if battery_sensors == tuple((cell,) for cell in range(n_cells)) else battery_sensors
+
+
+def _sensor(number: int, cells: tuple[int, ...]) -> Message:
+    return Message("sensor-of-cells", sensor=number + 1, first=Cell(cells[0]), last=Cell(cells[-1]), n=len(cells))
+
+
+def finding_of(found: CellFinding, named: Message | None = None) -> Finding:
+    """Return a finding of a watch that was fed with unix times; `named` takes the place of the cell's name."""
     low, high = found.band
     return Finding(
         code=found.code,
         cell=found.cell,
-        message=what_of(found),
+        message=what_of(found, named),
         evidence=evidence_of(found),
         size=_known(found.size),
         low=_known(low) if isfinite(found.size) else None,
@@ -58,9 +87,9 @@ def finding_of(found: CellFinding) -> Finding:
     )
 
 
-def what_of(found: CellFinding) -> Message:
-    """Return what is wrong, with the cell's name and the size."""
-    cell, (low, high) = Cell(found.cell), found.band
+def what_of(found: CellFinding, named: Message | None = None) -> Message:
+    """Return what is wrong, with the cell's name, or another one, and the size."""
+    cell, (low, high) = named or Cell(found.cell), found.band
     match found.code:
         case "joint-grown":
             size, band = _milliohm(found.size), _span(1000 * low, 1000 * high, "mohm")

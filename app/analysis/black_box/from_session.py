@@ -12,7 +12,7 @@ from app.analysis.black_box.excerpt import Window, build
 from app.analysis.black_box.findings import cause_findings, findings_of
 from app.analysis.cell_findings import CellJudge
 from app.analysis.incidents import AFTER_S, BEFORE_S, Trigger, incidents, is_trigger, main_trigger, trigger_of_event
-from app.analysis.limits import limits_of, limits_of_profile
+from app.analysis.limits import limits_over_time
 from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import cause_of_trip
 from app.analysis.session_cell import cell_of
@@ -21,7 +21,7 @@ from app.estimation.arrays import FloatArray
 from app.sessions.black_box_store import BlackBoxStore, StoredBox
 from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
-from app.telemetry.cell_findings import finding_of
+from app.telemetry.cell_findings import sensors_of, told_findings
 from firmware_protocol.config_image import image_hash
 from firmware_protocol.memory_map import STATUS_FLAGS
 
@@ -43,7 +43,7 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
     triggers = _triggers(session)
     if not triggers:
         return []
-    configs = session.configs()
+    configs, limits_then = session.configs(), limits_over_time(session)
     session_id = session.info.id
     judge = CellJudge(cell_of(session)[0], session.battery.segments)
     for piece in read_pieces(session):
@@ -56,8 +56,8 @@ def black_boxes(session: SessionFile) -> list[BlackBox]:
         window = read_window(session, group)
         config_hash = None if image is None else image_hash(image)
         known_s = session.unix_s(round(group[-1].mono_s * 1e9)) + AFTER_S
-        found = [finding_of(each) for each in judge.as_of(known_s)]
-        limits = limits_of(image) or limits_of_profile(session.battery)
+        found = told_findings(judge.as_of(known_s), sensors_of(session.battery.sensors, session.battery.n_cells))
+        limits = limits_then.at(session.unix_s(round(group[0].mono_s * 1e9)))
         box = build(
             group,
             window,

@@ -17,13 +17,13 @@ from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.excerpt import Window, build
 from app.analysis.black_box.from_session import store_box, with_cause
 from app.analysis.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, incidents, is_trigger, main_trigger
-from app.analysis.limits import limits_of, limits_of_profile
+from app.analysis.limits import limits_of, limits_told
 from app.analysis.root_cause.cause import Cause
 from app.battery.battery import Battery
 from app.errors import AppError
 from app.sessions.black_box_store import BlackBoxStore
 from app.sources.loaded_battery import team_battery
-from app.telemetry import Event, FloatArray, Snapshot
+from app.telemetry import Event, FloatArray, ProtectionLimits, Snapshot
 from app.telemetry.cell_findings import Finding
 
 log = logging.getLogger(__name__)
@@ -78,6 +78,7 @@ class BlackBoxRecorder:
         self._samples: deque[_Sample] = deque(maxlen=MAX_SAMPLES)
         self._triggers: list[Trigger] = []
         self._found: tuple[Finding, ...] = ()
+        self._limits: ProtectionLimits | None = None  # those that the first trigger was judged by
         self._session: str | None = None
         self._config: tuple[bytes, str | None] | None = None
         self._writer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="blackbox")
@@ -91,6 +92,7 @@ class BlackBoxRecorder:
                 self._triggers.append(_trigger(event, now_s))
         if snapshot is not None:
             self._found = snapshot.findings
+            self._limits = snapshot.limits if not self._triggers else self._limits or snapshot.limits
         if snapshot is not None and snapshot.is_fresh:
             self._samples.append(_sample(snapshot))
             while self._samples and now_s - self._samples[0].mono_s > KEPT_S:
@@ -113,7 +115,8 @@ class BlackBoxRecorder:
     def _finish(self) -> None:
         triggers, self._triggers = self._triggers, []
         image, config_hash = self._config or (None, None)
-        arguments = (triggers, list(self._samples), self._session, image, config_hash, self._found)
+        limits = limits_of(image) or limits_told(self._limits)
+        arguments = (triggers, list(self._samples), self._session, limits, config_hash, self._found)
         with contextlib.suppress(RuntimeError):  # shutting down
             self._writer.submit(self._write, *arguments).add_done_callback(_tell_failure)
 
@@ -122,13 +125,12 @@ class BlackBoxRecorder:
         triggers: list[Trigger],
         samples: list[_Sample],
         session_id: str | None,
-        image: bytes | None,
+        limits: dict[str, float],
         config_hash: str | None,
         found: tuple[Finding, ...],
     ) -> None:
         for group in incidents(triggers):
             window = _window(samples, group[0].mono_s - BEFORE_S, group[-1].mono_s + AFTER_S)
-            limits = limits_of(image) or limits_of_profile(self._battery)
             box = build(
                 group,
                 window,

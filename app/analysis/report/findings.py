@@ -31,6 +31,7 @@ NEAR: Final[dict[LimitName, float]] = {
     "i_max": 15.0,
     "i_min": 10.0,
 }  # closer counts as limiting
+LOWEST_ALLOWED: Final[tuple[LimitName, ...]] = ("v_min", "i_min")  # the others are the highest allowed
 _UNITS: Final[dict[LimitName, str]] = {"v_min": "V", "v_max": "V", "t_max": "degC", "i_max": "A", "i_min": "A"}
 _LIMITS: Final[dict[LimitName, Message]] = {
     "v_min": Message("limit-v-min"),
@@ -83,10 +84,7 @@ def margins(survey: Survey, limits: dict[str, float]) -> list[Margin]:
 
     def add(limit: LimitName, key: str, seen: float, cell: int | None = None, at_s: float | None = None) -> None:
         if key in limits and np.isfinite(seen):
-            allowed = limits[key]
-            margin = seen - allowed if limit in ("v_min", "i_min") else allowed - seen
-            name = render(_LIMITS[limit])
-            found.append(Margin(limit, name, _UNITS[limit], seen, allowed, margin, cell, at_s))
+            found.append(margin_of(limit, seen, limits[key], cell, at_s))
 
     lowest, highest, hottest = (
         _extreme(survey.voltage_min_v, lowest=True),
@@ -103,6 +101,12 @@ def margins(survey: Survey, limits: dict[str, float]) -> list[Margin]:
     add("i_max", "i_disc_max", survey.current_max_a)
     add("i_min", "i_disc_min", survey.current_min_a)
     return sorted(found, key=lambda each: each.margin / NEAR[each.limit])
+
+
+def margin_of(limit: LimitName, seen: float, allowed: float, cell: int | None, at_s: float | None) -> Margin:
+    """Return how far a value is from its limit."""
+    margin = seen - allowed if limit in LOWEST_ALLOWED else allowed - seen
+    return Margin(limit, render(_LIMITS[limit]), _UNITS[limit], seen, allowed, margin, cell, at_s)
 
 
 def odd_cells(survey: Survey) -> list[Odd]:

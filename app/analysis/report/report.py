@@ -11,7 +11,7 @@ from app.analysis.finding import AnalysisFinding, finding, message_of_event, wit
 from app.analysis.incidents import is_trigger
 from app.analysis.laps.figures import compare_drivers, figures_of
 from app.analysis.laps.from_session import LapTable, find_laps
-from app.analysis.limits import limits_of, limits_of_profile
+from app.analysis.limits import limits_over_time
 from app.analysis.report.findings import (
     CellChange,
     Margin,
@@ -35,7 +35,7 @@ from app.analysis.survey import Histogram, Piece
 from app.analysis.totals import listed
 from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
-from app.telemetry.cell_findings import Finding, finding_of
+from app.telemetry.cell_findings import Finding, sensors_of, told_findings
 from app.words import Argument, Message
 from firmware_protocol.config_image import image_hash
 
@@ -135,21 +135,21 @@ def report_of(session: SessionFile) -> Report:
     info, collector = session.info, TotalsCollector(session.battery.n_cells)
     cell, _ = cell_of(session)
     judge, configs = CellJudge(cell, session.battery.segments), session.configs()
-    in_force = [(session.unix_s(config.t_mono_ns), limits_of(config.image)) for config in configs]
-    stated = limits_of_profile(session.battery)
-    watch = MarginWatch(session.battery.n_cells, in_force or [(0.0, stated)])
+    limits_then = limits_over_time(session)
+    watch = MarginWatch(session.battery.n_cells, limits_then)
 
     def watched(piece: Piece) -> None:
         judge.add(piece)
         watch.add(piece)
 
     survey = survey_session(session, watched, collector)
-    found, ended = ([finding_of(each) for each in kind] for kind in (judge.result(), judge.ended()))
+    sensors = sensors_of(session.battery.sensors, session.battery.n_cells)
+    found, ended = (told_findings(kind, sensors) for kind in (judge.result(), judge.ended()))
     totals = collector.totals()
     source, found_laps = find_laps(session, totals, None, None)
     laps = [figures_of(lap, totals) for lap in found_laps]
     image = configs[-1].image if configs else None
-    limits, events = limits_of(image) or stated, session.events()
+    limits, events = limits_then.at(), session.events()
     near, odd = watch.nearest(), odd_cells(survey)
     trips = [event for event in events if event["severity"] == "trip" and event["code"] not in _OF_OTHER_TRIPS]
     warned = [event for event in events if event["severity"] == "warning" and is_trigger("warning", event["code"])]

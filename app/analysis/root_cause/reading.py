@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from app.analysis.incidents import Trigger, trigger_of_event
-from app.analysis.limits import limits_of, limits_of_profile
+from app.analysis.limits import limits_over_time
 from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntArray, LineTraffic, Recording, row_median
 from app.battery.shape import N_PACKS
 from app.estimation.arrays import FloatArray
@@ -62,7 +62,7 @@ def read_recording(session: SessionFile, from_s: float, to_s: float) -> Recordin
         line=_line(session, from_s, to_s),
         bus=_bus(session, from_s, to_s, (image or default_image()) if is_team else None),
         events=read_events(session, from_s, to_s),
-        limits=limits_of(image) or limits_of_profile(battery),
+        limits=limits_over_time(session, from_s, to_s).at(to_s),
         start_s=session.info.started_wall_ns / 1e9,
         bits={name: k for k, name in enumerate(STATUS_FLAGS)},
         segments=battery.segments,

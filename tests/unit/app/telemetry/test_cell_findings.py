@@ -1,7 +1,7 @@
 import pytest
 
 from app.estimation.health.cell_finding import CODES, CellFinding
-from app.telemetry.cell_findings import finding_of
+from app.telemetry.cell_findings import finding_of, sensors_of, told_findings
 from app.words import render
 from app.words.render import languages
 
@@ -37,3 +37,32 @@ def test_what_has_no_size_has_none():
     finding = told("thermistor-off", NAN, "K", NAN)
     assert (finding.size, finding.low, finding.high, finding.value) == (None, None, None, None)
     assert finding.seen - finding.since == 60.0
+
+
+def sensor_off(cell):
+    return CellFinding("thermistor-off", cell, NAN, NAN, "K", 1e9, 1e9 + 60, 30.0, NAN, NAN, 30.0, (), 0.9)
+
+
+@pytest.mark.parametrize(
+    ("language", "name"),
+    [
+        ("en", "temperature sensor 2, pack 2, cell 1 to pack 2, cell 12: "),
+        ("nb", "temperatursensor 2, pakke 2, celle 1 til pakke 2, celle 12: "),
+    ],
+)
+def test_a_sensor_that_stands_for_many_cells_is_named_once(language, name):
+    sensors = tuple(tuple(range(start, start + 12)) for start in range(0, 96, 12))
+    found = told_findings([sensor_off(cell) for cell in range(12, 24)], sensors)
+    assert [finding.cell for finding in found] == [12]
+    assert render(found[0].message, language).startswith(name)
+
+
+def test_a_cell_without_a_sensor_has_no_finding_of_one_and_a_joint_stays_its_cells():
+    joint = CellFinding("joint-grown", 3, 0.01, 0.001, "ohm", 1e9, 1e9 + 60, 30.0, 50.0, 1.0, 0.002, (), 0.98)
+    assert [finding.code for finding in told_findings([joint, sensor_off(5)], ((0, 1),))] == ["joint-grown"]
+
+
+def test_where_each_cell_has_its_own_sensor_the_cell_is_named():
+    sensors = sensors_of(tuple((cell,) for cell in range(96)), 96)
+    (found,) = told_findings([sensor_off(13)], sensors)
+    assert render(found.message).startswith("pack 2, cell 2: ")

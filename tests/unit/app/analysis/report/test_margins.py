@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from app.analysis.limits import LimitsOverTime, MovingLimit
 from app.analysis.report.margins import MarginWatch
 from app.analysis.survey import Piece
 
@@ -27,14 +28,14 @@ def of(watch, name):
 
 
 def test_a_limit_raised_afterwards_does_not_take_back_how_near_it_came():
-    watch = MarginWatch(3, [(0.0, LIMITS), (50.0, LIMITS | {"t_cell_max": 60.0})])
+    watch = MarginWatch(3, LimitsOverTime([(0.0, LIMITS), (50.0, LIMITS | {"t_cell_max": 60.0})]))
     watch.add(piece([10.0, 40.0, 60.0], [30.0, 40.0, 41.0]))
     hottest = of(watch, "t_max")
     assert (hottest.margin, hottest.allowed, hottest.cell, hottest.at_s) == (4.0, 45.0, 2, 40.0)
 
 
 def test_a_limit_lowered_afterwards_does_not_judge_what_was_before():
-    watch = MarginWatch(3, [(0.0, LIMITS | {"t_cell_max": 60.0}), (50.0, LIMITS)])
+    watch = MarginWatch(3, LimitsOverTime([(0.0, LIMITS | {"t_cell_max": 60.0}), (50.0, LIMITS)]))
     watch.add(piece([10.0, 40.0], [30.0, 50.0]))
     watch.add(piece([60.0], [35.0]))
     assert of(watch, "t_max").margin == pytest.approx(9.0)
@@ -42,6 +43,21 @@ def test_a_limit_lowered_afterwards_does_not_judge_what_was_before():
 
 
 def test_without_a_configuration_no_limit_is_known():
-    watch = MarginWatch(3, [])
+    watch = MarginWatch(3, LimitsOverTime([]))
     watch.add(piece([10.0], [30.0]))
+    assert watch.nearest() == []
+
+
+def test_a_limit_that_a_signal_carries_judges_each_moment_by_its_value_then():
+    moving = {"t_cell_max": MovingLimit(np.array([0.0, 50.0]), np.array([60.0, 40.0]))}
+    watch = MarginWatch(3, LimitsOverTime([(0.0, {})], moving))
+    watch.add(piece([10.0, 40.0, 60.0], [30.0, 50.0, 35.0]))
+    hottest = of(watch, "t_max")
+    assert (hottest.seen, hottest.allowed, hottest.margin, hottest.cell, hottest.at_s) == (36.0, 40.0, 4.0, 2, 60.0)
+
+
+def test_before_the_signal_was_told_no_limit_is_known():
+    moving = {"t_cell_max": MovingLimit(np.array([50.0]), np.array([40.0]))}
+    watch = MarginWatch(3, LimitsOverTime([(0.0, {})], moving))
+    watch.add(piece([10.0], [90.0]))
     assert watch.nearest() == []
