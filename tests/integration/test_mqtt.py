@@ -21,12 +21,16 @@ from app.clock import Clock
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
+from app.live.pipeline_factory import PipelineFactory
 from app.service.mqtt import MqttPublisher, parse_broker
-from app.sources.items import LinkChange
+from app.sources.items import CanItem, LinkChange
+from app.sources.loaded_battery import load_battery
 from app.sources.master.source import MasterSource
 from app.telemetry import Event
 from app.telemetry.service_state import Recording
 from app.words import Message, render
+from tests.peer_batteries import one_signal_a_cell
+from tests.recorded.peer_sessions import write_profile
 from tests.unit.app.conftest import FakeMaster
 
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
@@ -178,6 +182,23 @@ def test_state_is_retained_and_complete(broker, closing, snapshots):
     assert late.json("pit/links")["rs232"]["state"] == "live"
     assert late.json("pit/alarms") == []
     assert late.json("pit/recording")["session_id"] == "s1"
+
+
+def test_216_cells_of_a_battery_by_dbc_are_published_whole(broker, closing, tmp_path):
+    peer = one_signal_a_cell(216, 108, "V{}", "T{}", 0.0001, "V")
+    pipeline = PipelineFactory("coulomb", None, load_battery(str(write_profile(peer, tmp_path)))).pipeline("can")
+    outputs = [pipeline.feed(CanItem(t_ns, 10**18 + t_ns, can_id, data)) for t_ns, can_id, data in peer.frames(2)]
+    newest = next(output.snapshot for output in reversed(outputs) if output.snapshot is not None)
+    sender = closing(publisher(f"mqtt://127.0.0.1:{broker.port}"))
+    listener = closing(Listener(broker.port))
+    sender.offer(newest)
+    topics = {f"voltwall/cells/{name}" for name in ("voltage_v", "temperature_degc", "soc", "soc_sigma")}
+    listener.wait(lambda x: topics <= x.heard.keys())
+    told = {topic: listener.json(topic)["values"] for topic in topics}
+    assert {len(values) for values in told.values()} == {216}
+    assert told["voltwall/cells/voltage_v"] == pytest.approx(newest.cells.voltage_v.tolist(), abs=1e-4)
+    assert None not in told["voltwall/cells/temperature_degc"]
+    assert listener.json("voltwall/accumulator")["loaded_cells"] == 216
 
 
 def test_events_are_published_as_they_happen_and_not_retained(broker, closing):
