@@ -99,6 +99,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         Field("kind", "text", "`dbc`: CAN by a DBC; `master`: the team's own master", "`dbc`", one_of=("dbc", "master")),  # noqa: E501
         Field("dbc", "texts", "files of message definitions (DBC, SYM, KCD, ARXML), relative to the profile", ""),
         Field("period_s", "number", "between two measurements that are made of what was heard", "0.1", "s", 0.001, 60),
+        Field("bit_rate", "count", "of the bus: what its load is a share of", "by the bus named with `?bitrate=`", "bit/s", 5_000, 8_000_000),  # noqa: E501
     ),
     "source.voltage": _cell_fields(tuple(VOLTAGE_UNITS), "V"),
     "source.temperature": _cell_fields(tuple(TEMPERATURE_UNITS), "degC"),

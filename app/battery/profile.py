@@ -172,6 +172,7 @@ def _source(document: Document) -> Source:
         cells={kind: _cell_signals(document, f"source.{kind}") for kind in KINDS if kind in values},
         states={name: _state(document, f"source.state.{name}") for name in states},
         period_s=table.number("period_s", 0.1),
+        bit_rate=table.count("bit_rate", 0) or None,
         **readings,
     )
 

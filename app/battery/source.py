@@ -81,6 +81,7 @@ class SpeaksDbc:
     charger_current: Reading | None = None
     states: dict[str, StateSignal] = field(default_factory=dict, hash=False)  # by a name of STATES
     period_s: float = 0.1  # between two measurements that are made of what was heard
+    bit_rate: int | None = None  # of the bus [bit/s]
 
 
 @dataclass(frozen=True, slots=True)

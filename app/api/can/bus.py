@@ -28,6 +28,7 @@ from app.api.web.dependencies import (
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
 from app.sessions.export.can_log import LOG_FORMATS, write_items
+from app.sources.links.can import bit_rate_of
 from app.sources.links.can_sender import Outgoing
 from app.words import Message
 from firmware_protocol.can_tables import tx_messages
@@ -83,12 +84,18 @@ class ReplayFramesIn(Body):
 
 @router.get("/bus", response_model=CanBusOut)
 def bus(
-    trace: CanTracePart, in_force: InForcePart, live: LivePart, battery: BatteryPart, clock: ClockPart
+    trace: CanTracePart,
+    in_force: InForcePart,
+    live: LivePart,
+    battery: BatteryPart,
+    links: LinksPart,
+    clock: ClockPart,
 ) -> dict[str, Any]:
     """Every id: name, period measured and configured, last bytes, signals; what is configured and never received."""
     if battery.speaks_dbc is not None:
         names = {can_id: message.name for can_id, message in battery.definitions.by_id().items()}
-        return bus_json(trace, None, live.snapshot, clock, names)
+        told_rate = battery.speaks_dbc.bit_rate or bit_rate_of(None if links.can is None else links.can.url)
+        return bus_json(trace, None, live.snapshot, clock, names, told_rate)
     return bus_json(trace, in_force.image() or default_image(), live.snapshot, clock)
 
 

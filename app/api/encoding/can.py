@@ -105,14 +105,20 @@ def bus_json(
     snapshot: Snapshot | None,
     clock: Clock,
     names: Mapping[int, str] = MappingProxyType({}),
+    told_rate: int | None = None,
 ) -> dict[str, Any]:
-    """The bus monitor; `image` is the configuration in force, None without a master; `names` are of other messages."""
+    """The bus monitor; `image` is the configuration in force.
+
+    Without a master it is None; then `names` are those of messages, `told_rate` is the bit rate if anybody told it.
+    """
     now_ns, wall_ns = clock.monotonic_ns(), clock.wall_ns()
     messages: list[TxMessage | RxMessage] = [] if image is None else [*rx_messages(image), *tx_messages(image)]
     tables = {wire_id(m): m for m in messages if m.length}
     cyclic = {} if image is None else {wire_id(tx_messages(image)[i]): m for i, m in cyclic_messages(image).items()}
     seen = trace.by_id()
-    rate = DEFAULT_BIT_RATE if image is None else bit_rate(CONFIG["can_brp"].unpack(image)[0])
+    if image is not None:
+        told_rate = bit_rate(CONFIG["can_brp"].unpack(image)[0])
+    rate = told_rate or DEFAULT_BIT_RATE
     ids = [
         {"name": names.get(can_id)} | _id_json(can_id, seen.get(can_id), tables.get(can_id), cyclic.get(can_id), now_ns)
         for can_id in sorted(seen.keys() | tables.keys())
@@ -126,6 +132,7 @@ def bus_json(
     return {
         "ids": ids,
         "bit_rate": rate,
+        "bit_rate_known": told_rate is not None,
         "load": load,
         "errors": None if can is None else can.errors,
         "tx_errors": None if can is None else can.tx_errors,

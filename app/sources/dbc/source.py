@@ -13,6 +13,7 @@ from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import frames_of_items
 from app.sources.items import CanFault, CanItem, Item, LinkChange
+from app.sources.links.can import bit_rate_of
 from app.sources.links.monitor import LinkMonitor
 from app.sources.source import Received
 from app.telemetry import Ages, Charger, Event, FloatArray, Identity, Links, Master, ProtectionLimits, Source
@@ -82,6 +83,7 @@ class DbcSource:
         self._sampled_ns: int | None = None
         self._rhythm = _Rhythm()
         self._rs232, self._can = LinkMonitor(None), LinkMonitor(url)
+        self._can.bit_rate = source.bit_rate or bit_rate_of(url)
 
     def feed(self, item: Item) -> Received:
         """Take one item from a link; a measurement follows the last frame of each period."""

@@ -45,6 +45,12 @@ def parse_bus(text: str) -> dict[str, str | int | float | bool]:
     return {**arguments, "interface": interface, "channel": channel}
 
 
+def bit_rate_of(url: str | None) -> int | None:
+    """Return the bit rate that a bus is named with, None where it is not [bit/s]."""
+    told = None if url is None or "bitrate=" not in url else parse_bus(url)["bitrate"]
+    return told if type(told) is int and told > 0 else None
+
+
 def _convert(value: str) -> str | int | float | bool:
     if value.lower() in ("true", "false"):
         return value.lower() == "true"

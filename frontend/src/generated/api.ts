@@ -189,6 +189,7 @@ export interface Calibration {
 export interface CanBus {
   ids: CanId[];
   bit_rate: number;
+  bit_rate_known: boolean;
   load: number;
   errors: number | null;
   tx_errors: number | null;

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -364,3 +366,24 @@ def test_no_cell_is_awaited_for_ever():
     assert source.measure(S, 1).awaited.sum() == 3
     assert source.measure(59 * S, 1).awaited is not None
     assert source.measure(61 * S, 1).awaited is None
+
+
+@pytest.mark.parametrize(
+    ("url", "profile", "expected"),
+    [
+        ("slcan:/dev/ttyACM0", None, None),
+        ("slcan:/dev/ttyACM0?bitrate=250000", None, 250_000),
+        ("slcan:/dev/ttyACM0?bitrate=250000", 1_000_000, 1_000_000),
+    ],
+)
+def test_the_load_is_a_share_of_the_bit_rate_that_is_told_and_of_no_guess(url, profile, expected):
+    peer = one_signal_a_cell(8, 0, "V{}", "T{}", 0.0001, "V")
+    battery, source = battery_and_source(peer.profile, peer.n_cells, peer.n_sensors, peer.segments, "")
+    source = DbcSource(battery, replace(source, bit_rate=profile), parse_definitions(peer.dbc().encode(), "x.dbc"), url)
+    fed(source, peer.frames(2))
+    status = source.measure(2_000_000_000, 2_000_000_000).links.can
+    if expected is None:
+        assert status.line_load is None
+    else:
+        bits = status.rate_hz * 135  # of a frame with eight bytes, with the most stuffing
+        assert status.line_load == pytest.approx(bits / expected, rel=0.05)
