@@ -7,8 +7,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from app.api.application import create_app
 from app.api.encoding.configuration import schema_json
-from app.main import create_app
 from app.service.settings import Settings
 from firmware_protocol.memory_map import (
     CELLS_PER_PACK,

@@ -11,6 +11,7 @@ from typing import Any
 from app.analysis.expectations import Expectations
 from app.analysis.replay_check import prove
 from app.analysis.session_cell import cell_of, judged_by
+from app.api.application import Replay
 from app.api.encoding.snapshot import snapshot_json
 from app.commands.console.number import between
 from app.commands.serve import serve
@@ -19,7 +20,6 @@ from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import DEFAULT_CELL
 from app.estimation.filters.estimators import FILTERS
 from app.live.pipeline_factory import PipelineFactory
-from app.main import Replay
 from app.service import log
 from app.service.settings import Settings
 from app.sessions.info import RecordedConfig

@@ -14,11 +14,11 @@ from typing import Any, get_args
 import uvicorn
 from pydantic import ValidationError
 
+from app.api.application import Replay, create_app
 from app.api.web.connection_limits import ACCEPTED_AT_ONCE, most_connections
 from app.api.web.http_protocol import HttpProtocol
 from app.api.web.websocket_protocol import LiveProtocol
 from app.errors import ConfigError
-from app.main import Replay, create_app
 from app.service import log
 from app.service.folder_lock import locked_folder
 from app.service.host import raise_descriptor_limit

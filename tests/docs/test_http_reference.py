@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from app.main import create_app
+from app.api.application import create_app
 from app.service.settings import Settings
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "http.md"

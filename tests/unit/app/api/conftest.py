@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.main import create_app
+from app.api.application import create_app
 from app.service.settings import Settings
 
 with warnings.catch_warnings():

@@ -8,7 +8,7 @@ from app.battery.library import load_part
 from app.battery.profile_errors import errors_of
 from app.battery.source import SpeaksDbc, SpeaksMaster
 from app.battery.table_reader import ProfileError
-from app.commands.battery_commands.inputs import definitions_of, log_frames
+from app.commands.battery.inputs import definitions_of, log_frames
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import CellFileError
 from app.sources.dbc.check import Doubt, doubts_of

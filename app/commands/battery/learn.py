@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.commands.battery_commands.inputs import bundled_definitions, definitions_of, log_frames
+from app.commands.battery.inputs import bundled_definitions, definitions_of, log_frames
 from app.errors import ConfigError
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import Frames, frames_of

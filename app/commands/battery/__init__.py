@@ -2,7 +2,7 @@
 
 import argparse
 
-from app.commands.battery_commands import check, learn, show
+from app.commands.battery import check, learn, show
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
