@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tests.peer_batteries import Peer
+from tests.peer_messages import Peer
 
 READINGS = """
 [source.current]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from tests.peer_batteries import Bits, Peer, Sent, fixed, others
+from tests.peer_messages import Bits, Peer, Sent, fixed, others
 
 
 def slaves_with_messages_each() -> Peer:

@@ -5,7 +5,7 @@ from pathlib import Path
 import can
 
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
-from tests.peer_batteries import Peer
+from tests.peer_messages import Peer
 
 START_S = 1_780_000_000
 STATUS = {"voltage": "Pack_Voltage", "current": "Pack_Current", "soc": "Pack_SOC"}

@@ -1,7 +1,7 @@
 import pytest
 
 from app.cli import main
-from tests.peer_batteries import HEAD
+from tests.peer_messages import HEAD
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from app.live.trend import Trend
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.items import CanItem
 from app.sources.loaded_battery import LoadedBattery
-from tests.peer_batteries import HEAD
+from tests.peer_messages import HEAD
 
 S = 1_000_000_000
 SHAPES = {14: (14,), 96: (12,) * 8, 140: (28,) * 5, 216: (18,) * 12, 600: (50,) * 12, 29: (9, 12, 8)}

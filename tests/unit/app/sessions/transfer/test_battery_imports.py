@@ -19,7 +19,8 @@ from app.sessions.transfer.import_session import Imported, import_file
 from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.sources.recordings.profile import ImportProfile
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
-from tests.peer_batteries import PEERS, Peer, cell_number, segments_in_fd_frames
+from tests.peer_batteries import PEERS, cell_number, segments_in_fd_frames
+from tests.peer_messages import Peer
 from tests.recorded.mf4 import write_mf4
 from tests.recorded.peer_sessions import START_S, write_log, write_profile
 

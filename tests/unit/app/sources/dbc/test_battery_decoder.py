@@ -8,7 +8,8 @@ from app.sources.dbc.assembly import Assembler
 from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
-from tests.peer_batteries import HEAD, PEERS, cell_number, one_signal_a_cell
+from tests.peer_batteries import PEERS, cell_number, one_signal_a_cell
+from tests.peer_messages import HEAD
 
 CURRENT = """
 [source.current]

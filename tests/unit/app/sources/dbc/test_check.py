@@ -5,7 +5,8 @@ from app.sources.dbc.check import doubts_of
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.words import render
-from tests.peer_batteries import HEAD, cell_number, one_signal_a_cell
+from tests.peer_batteries import cell_number, one_signal_a_cell
+from tests.peer_messages import HEAD
 
 VOLTAGES = '[[source.voltage]]\nsignal = "V{cell}"\nbase = 1\n'
 HOT = "[battery.limits]\ntemperature_max_degc = 70\n[battery.rules]\ntemperature_max_degc = 60\n"

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.decoder import by_message, decode_frames
 from app.sources.dbc.frames import frames_of
-from tests.peer_batteries import HEAD
+from tests.peer_messages import HEAD
 
 TEXT = """BO_ 256 Plain: 8 BMS
  SG_ A : 0|8@1+ (0.5,-10) [0|0] "degC" X

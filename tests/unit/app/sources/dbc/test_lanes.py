@@ -7,7 +7,7 @@ from app.battery.battery import Battery, SignalName
 from app.battery.source import CellSignals, Reading, SpeaksDbc, StateSignal
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.lanes import channel, find_signals, lanes_of, segments_of
-from tests.peer_batteries import HEAD
+from tests.peer_messages import HEAD
 
 SEGMENTS = st.lists(st.integers(1, 20), min_size=1, max_size=6).map(tuple)
 

@@ -9,7 +9,7 @@ from app.sources.dbc import battery_decoder
 from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
-from tests.peer_batteries import HEAD
+from tests.peer_messages import HEAD
 from tests.unit.app.sources.dbc.test_battery_decoder import CURRENT, PEERS, battery_and_source
 
 

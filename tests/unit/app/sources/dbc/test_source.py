@@ -6,7 +6,8 @@ import pytest
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.source import DbcSource
 from app.sources.items import CanFault, CanItem, LinkChange
-from tests.peer_batteries import HEAD, cell_number, one_signal_a_cell, segments_in_fd_frames
+from tests.peer_batteries import cell_number, one_signal_a_cell, segments_in_fd_frames
+from tests.peer_messages import HEAD
 from tests.unit.app.sources.dbc.test_battery_decoder import CURRENT, battery_and_source
 
 CURRENT_FD = CURRENT.replace("BMS_PackStatus", "AMS_Status").replace("Pack_Current", "TS_Current").replace(

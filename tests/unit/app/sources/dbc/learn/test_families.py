@@ -10,7 +10,7 @@ from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.families import family_proposals
 from app.sources.dbc.learn.survey import survey
-from tests.peer_batteries import HEAD, Bits, Peer, Sent, fixed, others
+from tests.peer_messages import HEAD, Bits, Peer, Sent, fixed, others
 from tests.unit.app.sources.dbc.learn.test_learning import assert_learned_rightly, learned_of
 
 RUNNING = (

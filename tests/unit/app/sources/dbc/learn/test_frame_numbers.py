@@ -8,7 +8,7 @@ from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.frame_numbers import UNKNOWN_COUNT, frame_number_proposals
 from app.sources.dbc.learn.survey import survey
-from tests.peer_batteries import HEAD, Bits, Peer, Sent, fixed, others
+from tests.peer_messages import HEAD, Bits, Peer, Sent, fixed, others
 from tests.unit.app.sources.dbc.learn.test_learning import assert_learned_rightly
 
 UNITS = (("V", 1.0, 0.0001), ("mV", 1000.0, 1.0), ("", 1000.0, 1.0), ("", 1e4, 1.0), ("V", 1e4, 1.0))

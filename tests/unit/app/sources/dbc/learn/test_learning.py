@@ -12,8 +12,9 @@ from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.learning import learn
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.survey import survey
-from tests.peer_batteries import HEAD, PEERS, Bits, Sent, cell_number, half_a_round, one_signal_a_cell, others
-from tests.peer_batteries import Peer as AnyPeer
+from tests.peer_batteries import PEERS, cell_number, half_a_round, one_signal_a_cell
+from tests.peer_messages import HEAD, Bits, Sent, others
+from tests.peer_messages import Peer as AnyPeer
 
 LONG_S = 16.0
 

@@ -7,7 +7,7 @@ from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.proposal import heard_of, judged
 from app.sources.dbc.learn.survey import survey
 from app.words import Message
-from tests.peer_batteries import HEAD
+from tests.peer_messages import HEAD
 from tests.unit.app.sources.dbc.learn.test_families import proposals
 
 GOOD, BAD = (3700).to_bytes(2, "little") * 4, (9000).to_bytes(2, "little") * 4

@@ -8,7 +8,8 @@ from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.readings import current_proposals, pack_voltage_proposals, soc_proposals
 from app.sources.dbc.learn.survey import survey
-from tests.peer_batteries import HEAD, Bits, Peer, Sent, fixed, one_signal_a_cell, others
+from tests.peer_batteries import one_signal_a_cell
+from tests.peer_messages import HEAD, Bits, Peer, Sent, fixed, others
 from tests.unit.app.sources.dbc.learn.test_learning import codes, learned_of
 
 CURRENTS = ("Pack_Current", "BatteryCurrent", "HV_Current", "Accu_Current", "TS_Current", "Strom_Batterie", "Pack_I")

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.survey import Heard, distinct, survey
-from tests.peer_batteries import HEAD
+from tests.peer_messages import HEAD
 
 TEXT = """BO_ 256 Pack: 8 BMS
  SG_ U : 0|16@1+ (0.1,0) [0|0] "V" X
