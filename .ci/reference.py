@@ -34,6 +34,7 @@ PURPOSE = {
     "distributed": "estimates a season again on a Dask cluster",
     "chdb": "ClickHouse in process, which tests the season's other engine",
     "mcap": "MCAP export",
+    "protobuf": "the messages inside an MCAP",
     "asammdf": "MDF4 export",
     "paho-mqtt": "publishing to an MQTT broker",
     "matplotlib": "`--plot`, pictures in the documentation",

@@ -36,7 +36,9 @@ def write_csv(table: SignalTable, path: Path) -> None:
 FORMATS = {
     "csv": Format(".csv", "text/csv", "comma-separated values", write_csv),
     "parquet": Format(".parquet", "application/vnd.apache.parquet", "Apache Parquet (needs pyarrow)", write_parquet),
-    "mcap": Format(".mcap", "application/octet-stream", "MCAP with JSON, for Foxglove (needs mcap)", write_mcap),
+    "mcap": Format(
+        ".mcap", "application/octet-stream", "MCAP, for Foxglove and Lichtblick (needs mcap, protobuf)", write_mcap
+    ),
     "mf4": Format(".mf4", "application/octet-stream", "ASAM MDF 4 (needs asammdf)", write_mf4),
     "ld": Format(".ld", "application/octet-stream", "MoTeC i2, resampled; laps beside it as .ldx", write_ld),
     "ldx": Format(".ldx", "application/xml", "MoTeC i2: the laps, to lie beside an .ld of its name", write_ldx),

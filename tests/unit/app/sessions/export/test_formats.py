@@ -1,7 +1,9 @@
 """The formats for other programs, each read back by a reader that is not ours where there is one."""
 
 import json
+import re
 import struct
+import subprocess
 import xml.etree.ElementTree as ElementTree
 import zlib
 from pathlib import Path
@@ -16,9 +18,12 @@ from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from app.telemetry import Event
 from app.words import Message
+from tests.node import node
 
 WALL_S = 1_790_000_000
 MONO_NS = 5_000 * 10**9
+ROOT = Path(__file__).resolve().parents[5]
+READ_MCAP = ROOT / "frontend" / "fixtures" / "read_mcap.mjs"
 SIGNALS = ["v[36]", "v[2]", "i_fs", "estimate.soc[0]"]
 
 
@@ -72,24 +77,31 @@ def test_an_asc_log_is_read_by_python_can(session: SessionFile, tmp_path: Path) 
     assert np.diff([m.timestamp for m in messages]) == pytest.approx(0.1, abs=1e-3)
 
 
-def test_mcap_is_read_by_its_own_reader(session: SessionFile, stream, tmp_path: Path) -> None:
-    reader = pytest.importorskip("mcap.reader")
+def test_mcap_is_read_by_what_foxglove_and_lichtblick_read_it_with(
+    session: SessionFile, stream, tmp_path: Path
+) -> None:
+    pytest.importorskip("mcap")
     export(session, tmp_path / "a.mcap", "mcap", signals=SIGNALS)
-    with (tmp_path / "a.mcap").open("rb") as file:
-        messages = [
-            (channel.topic, schema.name, message.log_time, json.loads(message.data))
-            for schema, channel, message in reader.make_reader(file).iter_messages()
-        ]
-    voltages = [(time_ns, body) for topic, _, time_ns, body in messages if topic == "/v"]
-    assert len(voltages) == 200
-    assert voltages[1][0] == pytest.approx((WALL_S + 0.1) * 1e9, abs=1e3)
-    value = voltages[1][1]["value"]
-    assert (len(value), value[3], voltages[1][1]["unit"]) == (37, None, "V")
+    printed = subprocess.run([node(), READ_MCAP, tmp_path / "a.mcap"], check=True, capture_output=True)
+    topics = json.loads(printed.stdout)
+    assert {name: topic["schema"] for name, topic in topics.items()} == {
+        "/v": "voltwall.Numbers",
+        "/i_fs": "voltwall.Number",
+        "/estimate.soc": "voltwall.Numbers",
+        "/age": "voltwall.Number",
+        "/events": "foxglove.Log",
+    }
+    voltages = topics["/v"]["messages"]
+    assert (topics["/v"]["unit"], len(voltages)) == ("V", 200)
+    assert int(voltages[1]["time_ns"]) == pytest.approx((WALL_S + 0.1) * 1e9, abs=1e3)
+    value = voltages[1]["value"]
+    assert (len(value), value[3]) == (37, None)  # JSON's word for NaN
     assert [value[2], value[36]] == pytest.approx([stream.voltages[1][cell] * 1e-4 for cell in (2, 36)])
-    currents = [body["value"] for topic, _, _, body in messages if topic == "/i_fs"]
+    currents = [message["value"] for message in topics["/i_fs"]["messages"]]
     assert currents[:100] == pytest.approx([each * 0.01 for each in stream.currents[:100]])
-    logs = [body["message"] for topic, schema, _, body in messages if schema == "foxglove.Log"]
-    assert logs == ["cell too low", "lap", "lap"]
+    events = topics["/events"]["messages"]
+    assert [(each["message"], each["level"]) for each in events] == [("cell too low", 5), ("lap", 2), ("lap", 2)]
+    assert events[0]["timestamp"] == {"seconds": WALL_S + 1, "nanos": 0}
 
 
 def test_mdf_is_read_by_asammdf(session: SessionFile, stream, tmp_path: Path, monkeypatch) -> None:
@@ -201,3 +213,14 @@ def test_the_simulated_mark_is_a_column_of_ones(simulated: SessionFile, tmp_path
     header, *rows = (tmp_path / "a.csv").read_text().splitlines()
     assert header.split(",")[-2:] == ["simulated", "age (s)"]
     assert {row.split(",")[-2] for row in rows} == {"1"}
+
+
+def test_the_layout_for_foxglove_names_topics_that_an_export_holds(session: SessionFile) -> None:
+    layout = json.loads((ROOT / "docs" / "examples" / "foxglove-battery.json").read_text())
+    panels = layout["configById"]
+    topics = {path["value"].partition(".value")[0] for panel in panels.values() for path in panel.get("paths", [])}
+    assert topics == {f"/{field}" for field in ("i_fs", "v", "t", "estimate.soc", "soc")}
+    assert {topic.removeprefix("/") for topic in topics} <= {each.field for each in session.signals.of_table()}
+    named = re.findall(r"(?:Plot|RosOut)!\w+", json.dumps(layout["layout"]))
+    assert sorted(named) == sorted(panels)
+    assert len(panels) == 5
