@@ -5,7 +5,10 @@ import re
 _PREFIX = {"": 1.0, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "k": 1e3, "c": 1e-2, "d": 0.1}
 _CELSIUS, _FAHRENHEIT, _KELVIN = (1.0, 0.0), (5 / 9, -160 / 9), (1.0, -273.15)
 _TEMPERATURES = {
-    **dict.fromkeys(("degc", "c", "°c", "celsius", "grad", "oc", "deg"), _CELSIUS),
+    **dict.fromkeys(
+        ("degc", "degreec", "degreesc", "c", "°c", "cel", "celsius", "degcelsius", "grad", "gradc", "oc", "deg"),
+        _CELSIUS,
+    ),
     **dict.fromkeys(("f", "degf", "°f", "fahrenheit"), _FAHRENHEIT),
     **dict.fromkeys(("k", "kelvin"), _KELVIN),
     "ddegc": (0.1, 0.0),

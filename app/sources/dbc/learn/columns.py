@@ -10,7 +10,7 @@ from app.sources.dbc.learn.words_of_names import GROUP, SEGMENT, tokens
 
 _PART = re.compile(
     r"(?P<number>\d+)"
-    r"|(?<=_)(?P<letter>[A-H])(?=_|$)"
+    r"|(?<=_)(?P<letter>[A-H](?=_|$)|[a-h]$)"
     r"|(?:(?<=[Ss]eg)|(?<=[Ss]egment)|(?<=SEG)|(?<=SEGMENT)|(?<=[Mm]od)|(?<=[Mm]odule)|(?<=[Ss]tack)|(?<=[Bb]ox)|(?<=[Ss]tring))"
     r"(?P<near>[A-Z])(?=[A-Z\d_]|$)"
 )
@@ -38,7 +38,7 @@ def cut_name(name: str) -> Name:
         texts.append(found[0])
         at = found.end()
     pieces.append(name[at:])
-    values = tuple(int(text) if text.isdigit() else ord(text) - ord("A") for text in texts)
+    values = tuple(int(text) if text.isdigit() else ord(text.upper()) - ord("A") for text in texts)
     return Name(tuple(pieces), tuple(texts), values)
 
 

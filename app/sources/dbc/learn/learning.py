@@ -1,17 +1,21 @@
 """The profile that a DBC and what is heard suggest, with what speaks for it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from types import MappingProxyType
+from typing import Any, cast
 
 import numpy as np
 
-from app.battery.battery import Battery, each_cell, spread, spread_in_segments
-from app.battery.source import CellSignals, SpeaksDbc
+from app.battery.battery import Battery, Limit, each_cell, spread, spread_in_segments
+from app.battery.source import STATES, CellSignals, SpeaksDbc, StateSignal
 from app.sources.dbc.assembly import PERIODS_BRIDGED
 from app.sources.dbc.battery_decoder import BatteryDecoder, Values
 from app.sources.dbc.frames import Frames
+from app.sources.dbc.learn.charger_and_limits import charger_proposals, limit_proposals
 from app.sources.dbc.learn.families import family_proposals
 from app.sources.dbc.learn.frame_numbers import frame_number_proposals
+from app.sources.dbc.learn.lines import Choice, Line, find_signal, line_of
 from app.sources.dbc.learn.proposal import CellProposal
 from app.sources.dbc.learn.readings import (
     PackVoltage,
@@ -20,58 +24,99 @@ from app.sources.dbc.learn.readings import (
     pack_voltage_proposals,
     soc_proposals,
 )
+from app.sources.dbc.learn.states import Flow, StateProposal, state_proposals
 from app.sources.dbc.learn.survey import Survey
 from app.sources.dbc.learn.words_of_names import words
 from app.words import Message, Text
 
+READINGS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
+LIMITS_OF_CURRENT = ("discharge_current_max_a", "charge_current_max_a")
+_MOST_CANDIDATES = 5  # of a line
 _LEAST_SCORE = {"voltage": 6.0, "temperature": 5.0}
 _USUAL_SEGMENTS = (12, 18, 14, 16, 15, 20, 24, 10, 28, 9, 8, 11, 13, 17, 21, 22, 23, 7, 6)
 
 
 @dataclass(frozen=True, slots=True)
 class Learned:
-    """A battery and how it speaks, as suggested; with reasons and doubts."""
+    """A battery and how it speaks, as suggested and corrected; with reasons and doubts."""
 
     battery: Battery
     source: SpeaksDbc
-    voltage: CellProposal
-    temperature: CellProposal | None
-    readings: dict[str, ReadingProposal]
-    others: dict[str, tuple[CellProposal | ReadingProposal, ...]]  # what else could be meant, the best first
+    lines: dict[str, Line]  # by key: voltage, temperature, current, ..., state.closed, ..., limit....
     doubts: tuple[Text, ...]
 
+    @property
+    def voltage(self) -> CellProposal:
+        """How cell voltages are told."""
+        return cast("CellProposal", self.lines["voltage"].chosen)
 
-def learn(survey: Survey, frames: Frames, name: str, dbc: tuple[str, ...]) -> Learned | None:
-    """Return the profile that is suggested, None where no cell voltages are found."""
-    voltages = _ranked(survey, "voltage")
-    if not voltages or voltages[0].score < _LEAST_SCORE["voltage"]:
+    @property
+    def temperature(self) -> CellProposal | None:
+        """How temperatures are told."""
+        line = self.lines.get("temperature")
+        return cast("CellProposal", line.chosen) if line is not None and line.is_taken else None
+
+    @property
+    def readings(self) -> dict[str, ReadingProposal]:
+        """Current, pack voltage, SOC and charger, as far as they are taken."""
+        return {
+            key: line.chosen
+            for key, line in self.lines.items()
+            if key in READINGS and line.is_taken and isinstance(line.chosen, ReadingProposal)
+        }
+
+
+def learn(
+    survey: Survey,
+    frames: Frames,
+    name: str,
+    dbc: tuple[str, ...],
+    choices: Mapping[str, Choice] = MappingProxyType({}),
+    segments: tuple[int, ...] = (),
+    parallel: int = 1,
+) -> Learned | None:
+    """Return the profile that is suggested, None where no cell voltages are found.
+
+    Args:
+        survey: what speaks on the bus.
+        frames: of which the survey is.
+        name: what people call the battery.
+        dbc: the files of message definitions, as the profile names them.
+        choices: what a person corrected, by the key of the line.
+        segments: cells of each, where a person says it.
+        parallel: cells in parallel that are measured as one.
+    """
+    found = [each for each in _ranked(survey, "voltage") if each.score >= _LEAST_SCORE["voltage"]]
+    line = line_of("voltage", found[:_MOST_CANDIDATES], choices, survey.definitions)
+    if line is None:
         return None
-    voltage = voltages[0]
     doubts: list[Text] = []
+    voltage = cast("CellProposal", line.chosen)
     unit = _guessed_unit(voltage)
     if unit:
         voltage = replace(voltage, entries=tuple(replace(entry, unit=unit) for entry in voltage.entries))
         doubts.append(Message("learn-unit-guessed", unit=unit))
-    segments = voltage.segments
-    if segments is None or sum(segments) != voltage.n or 0 in segments:
-        segments = _guessed_segments(voltage.n)
-        doubts.append(Message("learn-segments-guessed", n=voltage.n, segments=len(segments)))
-    used = {(message.can_id, signal.name) for message, signal in voltage.members}
+    segments = segments or _segments(voltage, doubts)
+    used = _signals(voltage)
     temperatures = [
         each
         for each in _ranked(survey, "temperature")
-        if not {(message.can_id, signal.name) for message, signal in each.members} & used
+        if each.score >= _LEAST_SCORE["temperature"] and not used & {(m.can_id, s.name) for m, s in each.members}
     ]
-    temperature = temperatures[0] if temperatures and temperatures[0].score >= _LEAST_SCORE["temperature"] else None
+    lines = {"voltage": line}
+    warm = line_of("temperature", temperatures[:_MOST_CANDIDATES], choices, survey.definitions)
+    temperature = cast("CellProposal", warm.chosen) if warm is not None and warm.is_taken else None
     if temperature is None:
         doubts.append(Message("learn-no-temperatures"))
     else:
-        used |= {(message.can_id, signal.name) for message, signal in temperature.members}
+        used |= _signals(temperature)
         if temperature.fit is not None and temperature.fit.others:  # 2950 is 22 degC in 0.1 K, 29.5 in 0.01 degC
             others = ", ".join(temperature.fit.others)
             doubts.append(Message("learn-temperature-unit-guessed", unit=temperature.fit.unit, others=others))
+    if warm is not None:
+        lines["temperature"] = warm
     sensors = () if temperature is None else _sensors(temperature, segments)
-    battery = Battery(name, segments, sensors=sensors)
+    battery = Battery(name, segments, parallel, sensors=sensors)
     cells = {"voltage": voltage.entries} | ({} if temperature is None else {"temperature": temperature.entries})
     cells = {kind: _checked(survey, kind, entries) for kind, entries in cells.items()}
     source = SpeaksDbc(dbc, cells)
@@ -79,27 +124,92 @@ def learn(survey: Survey, frames: Frames, name: str, dbc: tuple[str, ...]) -> Le
     if "voltage" in heard and any(entry.numbers for entry in voltage.entries) and not _came_round(heard["voltage"]):
         doubts.append(Message("learn-round-not-complete", n=battery.n_cells))
     sum_v = _sum_of_cells(heard.get("voltage"), battery.n_cells)
-    packs = pack_voltage_proposals(survey, sum_v, used)
-    pack = _pack_voltage(survey, packs, heard.get("voltage"), battery.n_cells)
-    currents = current_proposals(survey, pack, used)
-    socs = soc_proposals(survey, used)
-    readings = {
-        key: found[0] for key, found in (("current", currents), ("pack_voltage", packs), ("soc", socs)) if found
-    }
-    if "current" not in readings:
+    lines["voltage"] = replace(line, chosen=voltage.with_reason(*_facts(heard.get("voltage"), battery.n_cells, sum_v)))
+    _add_readings(lines, survey, heard.get("voltage"), battery.n_cells, sum_v, used, choices)
+    _add_states_and_limits(lines, survey, used, choices)
+    current = lines.get("current")
+    if current is None or not current.is_taken:
         doubts.append(Message("learn-no-current"))
-    elif not readings["current"].is_unit_told:
-        doubts.append(Message("learn-current-unit-guessed", name=str(readings["current"].reading.signal)))
-    chosen: dict[str, Any] = {key: each.reading for key, each in readings.items()}
-    source = replace(source, **chosen)
-    also: dict[str, tuple[CellProposal | ReadingProposal, ...]] = {
-        "voltage": tuple(voltages[1:4]),
-        "temperature": tuple(temperatures[1:4]),
-        "current": tuple(currents[1:4]),
-        "pack_voltage": tuple(packs[1:4]),
+    elif isinstance(current.chosen, ReadingProposal) and not current.chosen.is_unit_told:
+        doubts.append(Message("learn-current-unit-guessed", name=str(current.chosen.reading.signal)))
+    return Learned(*_taken(battery, source, lines), lines, tuple(doubts))
+
+
+def _taken(battery: Battery, source: SpeaksDbc, lines: dict[str, Line]) -> tuple[Battery, SpeaksDbc]:
+    """Battery and source with what was taken of the lines."""
+    readings: dict[str, Any] = {}
+    states: dict[str, StateSignal] = {}
+    limits: dict[str, Limit] = {}
+    for key, line in lines.items():
+        kind, _, name = key.rpartition(".")
+        if not line.is_taken:
+            continue
+        if isinstance(line.chosen, StateProposal):
+            states[name] = line.chosen.state
+        elif isinstance(line.chosen, ReadingProposal) and kind == "limit":
+            limits[name] = line.chosen.reading.signal
+        elif isinstance(line.chosen, ReadingProposal):
+            readings[key] = line.chosen.reading
+    return replace(battery, limits=limits), replace(source, states=states, **readings)
+
+
+def _add_readings(
+    lines: dict[str, Line],
+    survey: Survey,
+    voltages: Values | None,
+    n_cells: int,
+    sum_v: float,
+    used: set[tuple[int, str]],
+    choices: Mapping[str, Choice],
+) -> None:
+    packs = pack_voltage_proposals(survey, sum_v, used)
+    currents = current_proposals(survey, _pack_voltage(survey, packs, voltages, n_cells), used)
+    found: dict[str, list[ReadingProposal]] = {
+        "current": currents,
+        "pack_voltage": packs,
+        "soc": soc_proposals(survey, used),
     }
-    voltage = voltage.with_reason(*_facts(heard.get("voltage"), battery.n_cells, sum_v))
-    return Learned(battery, source, voltage, temperature, readings, also, tuple(doubts))
+    found |= {key: charger_proposals(survey, key, used) for key in ("charger_voltage", "charger_current")}
+    for key, each in found.items():
+        line = line_of(key, each[:_MOST_CANDIDATES], choices, survey.definitions)
+        if line is not None:
+            lines[key] = line
+
+
+def _add_states_and_limits(
+    lines: dict[str, Line], survey: Survey, used: set[tuple[int, str]], choices: Mapping[str, Choice]
+) -> None:
+    current = lines.get("current")
+    flow = None
+    if current is not None and isinstance(current.chosen, ReadingProposal):
+        named = find_signal(survey.definitions, str(current.chosen.reading.signal))
+        flow = None if named is None else Flow.of(survey.signal(named[0], named[1].name))
+    states = state_proposals(survey, flow, used)
+    for name in STATES:
+        line = line_of(f"state.{name}", states.get(name, [])[:_MOST_CANDIDATES], choices, survey.definitions)
+        if line is not None:
+            lines[line.key] = line
+    for name in LIMITS_OF_CURRENT:
+        found = limit_proposals(survey, name, used)[:_MOST_CANDIDATES]
+        line = line_of(f"limit.{name}", found, choices, survey.definitions)
+        if line is not None:
+            lines[line.key] = line
+
+
+def _signals(proposal: CellProposal) -> set[tuple[int, str]]:
+    """The signals of a proposal, by id and name: of the values, and of the numbers that frames tell."""
+    numbers = {name for entry in proposal.entries for name in entry.numbers.values()}
+    return {(message.can_id, signal.name) for message, signal in proposal.members} | {
+        (message.can_id, name) for message, _ in proposal.members for name in numbers
+    }
+
+
+def _segments(voltage: CellProposal, doubts: list[Text]) -> tuple[int, ...]:
+    segments = voltage.segments
+    if segments is None or sum(segments) != voltage.n or 0 in segments:
+        segments = _guessed_segments(voltage.n)
+        doubts.append(Message("learn-segments-guessed", n=voltage.n, segments=len(segments)))
+    return segments
 
 
 def _guessed_unit(voltage: CellProposal) -> str:

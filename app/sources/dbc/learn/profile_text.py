@@ -6,7 +6,11 @@ from collections.abc import Iterable, Iterator
 from app.battery.battery import Battery, each_cell, spread, spread_in_segments
 from app.battery.source import CellSignals, Reading
 from app.sources.dbc.learn.learning import Learned
-from app.words import Text, render
+from app.sources.dbc.learn.lines import SIGNED, Line, title
+from app.sources.dbc.learn.proposal import CellProposal
+from app.sources.dbc.learn.readings import ReadingProposal
+from app.sources.dbc.learn.states import StateProposal
+from app.words import Message, Text, render
 
 
 def profile_text(learned: Learned, language: str = "en") -> str:
@@ -39,19 +43,52 @@ def _lines(learned: Learned, language: str) -> Iterator[str]:
                 yield from _comments(proposal.reasons, language)
             yield f"[[source.{kind}]]"
             yield from _cell_signals(entry)
-    for name, reading in learned.readings.items():
-        yield ""
-        yield from _comments(reading.reasons, language)
-        yield f"[source.{name}]"
-        yield from _reading(name, reading.reading)
-    for name, others in learned.others.items():
+    for key, line in learned.lines.items():
+        if key not in ("voltage", "temperature") and not key.startswith("limit."):
+            yield ""
+            yield from _line(key, line, language)
+    yield from _limits([line for key, line in learned.lines.items() if key.startswith("limit.")], language)
+    for key, line in learned.lines.items():
+        others = [each for each in line.candidates if title(each) != title(line.chosen)]
         if others:
             yield ""
-            yield f"# also possible as {name}, less likely:"
+            yield f"# also possible as {key}, less likely:"
             for other in others:
-                signal = other.entries[0] if hasattr(other, "entries") else other.reading
-                place = f"{signal.message}: {signal.signal}" if isinstance(signal, CellSignals) else str(signal.signal)
-                yield f"#   {place}"
+                yield f"#   {title(other)}"
+
+
+def _line(key: str, line: Line, language: str) -> Iterator[str]:
+    """A table of a reading or a state; in comments where nobody took it yet."""
+    chosen = line.chosen
+    assert not isinstance(chosen, CellProposal)
+    yield from _comments(chosen.reasons, language)
+    mark = "" if line.is_taken else "# "
+    if not line.is_taken:
+        yield f"# {render(Message('learn-confirm'), language)}"
+    yield f"{mark}[source.{key}]"
+    if isinstance(chosen, StateProposal):
+        yield f"{mark}signal = {_text(str(chosen.state.signal))}"
+        yield (
+            f"{mark}mask = {chosen.state.mask}" if chosen.state.mask else f"{mark}equals = {list(chosen.state.equals)}"
+        )
+    else:
+        for each in _reading(key, chosen.reading):
+            yield mark + each
+
+
+def _limits(lines: list[Line], language: str) -> Iterator[str]:
+    """The table of limits that signals carry."""
+    if not lines:
+        return
+    yield ""
+    if not all(line.is_taken for line in lines):
+        yield f"# {render(Message('learn-confirm'), language)}"
+    yield f"{'' if any(line.is_taken for line in lines) else '# '}[battery.limits]"
+    for line in lines:
+        assert isinstance(line.chosen, ReadingProposal)
+        yield from _comments(line.chosen.reasons, language)
+        signal = _text(str(line.chosen.reading.signal))
+        yield f"{'' if line.is_taken else '# '}{line.key.rpartition('.')[2]} = {{ signal = {signal} }}"
 
 
 def _comments(texts: Iterable[Text], language: str) -> Iterator[str]:
@@ -98,7 +135,7 @@ def _reading(name: str, reading: Reading) -> Iterator[str]:
     yield f"signal = {_text(str(reading.signal))}"
     if reading.unit:
         yield f"unit = {_text(reading.unit)}"
-    if name == "current":
+    if name in SIGNED:
         yield f"positive = {_text(reading.positive)}"
 
 

@@ -16,6 +16,7 @@ _HARD = name_set(
     "balance balancing soc soh resist resistance ocv open lowest highest low high over under ov uv ot ut "
     "current"
 )
+_MANY = 24  # of one unit are hardly anything but cells
 _INNER = name_set("afe debug sim simulation test dummy raw request req rx")  # messages that are rather not the car's
 
 
@@ -57,7 +58,7 @@ def judged(survey: Survey, kind: str, members: tuple[Member, ...], n: int) -> tu
     score += 3.0 if said & CELL else (1.5 if around & CELL else 0.0)
     score += 2.5 if said & wanted else (1.5 if around & wanted else 0.0)
     if not (said | around) & (CELL | wanted):
-        score -= 3.0
+        score -= 3.0 if declared < 1.0 or n < _MANY else 1.5
     if said & other and not said & wanted:
         score -= 4.0
     score -= 2.0 * len(said & NOT_A_CELL) + 1.5 * len(around & NOT_A_CELL & _HARD)

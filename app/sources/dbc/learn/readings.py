@@ -18,6 +18,7 @@ from app.sources.dbc.learn.words_of_names import (
     CURRENT,
     NOT_THE_PACK,
     PACK,
+    SOC,
     VOLTAGE,
     name_set,
     words,
@@ -26,12 +27,12 @@ from app.sources.dbc.units import known_conversion
 from app.words import Message, Quantity, Text
 
 _LONG_S = 5.0
+_CLOSE, _OFF = 0.02, 0.08  # of the sum of cells
 _CLEAR = 0.4  # correlation of current and voltage steps from which on the sign is told by it
 _SENSORS = name_set("ivt shunt result string stack")
 _OF_A_PART = name_set("module slave segment seg ic cmu chip board bmb")
 _NO_PACK_VOLTAGE = name_set("cell cells zelle min max avg limit lim target soc power status state fault error counter")
 _SUM = name_set("sum total summe")  # of all cells, where a signal of a cell is not
-_SOC = frozenset({"soc"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,7 @@ class ReadingProposal:
 def pack_voltage_proposals(survey: Survey, sum_v: float, used: set[tuple[int, str]]) -> list[ReadingProposal]:
     """Return signals that may be the voltage of all cells; `sum_v` of the cells, NaN where unknown. The best first."""
     found = []
-    for message, signal in _candidates(survey, used, "pack_voltage"):
+    for message, signal in candidates(survey, used, "pack_voltage"):
         said, around = words(signal.name), words(message.name)
         is_sum = bool(said & _SUM and known_conversion("pack_voltage", signal.unit))
         is_named = is_sum or bool(said & VOLTAGE)
@@ -74,25 +75,24 @@ def pack_voltage_proposals(survey: Survey, sum_v: float, used: set[tuple[int, st
         score -= 1.0 * len(around & NOT_THE_PACK) + 1.5 * len({"bus", "dc", "link"} & said)
         score += 1.0 if {"pack", "total", "sum", "batt", "battery"} & said else 0.0
         reasons: list[Text] = []
-        unit, low, high, mean = _in_unit(survey, message, signal, "pack_voltage", VOLTAGE_UNITS, sum_v)
+        unit, low, high, mean = in_unit(survey, message, signal, "pack_voltage", VOLTAGE_UNITS, sum_v)
         if np.isfinite(mean) and np.isfinite(sum_v) and sum_v > 0:
-            off = abs(mean - sum_v) / sum_v
-            score += 6.0 if off < 0.02 else (3.0 if off < 0.08 else -4.0)
+            score += _near(survey, message, signal, mean, sum_v)
             reasons.append(Message("learn-pack-voltage-is", mean=Quantity(mean, "V", 1), sum=Quantity(sum_v, "V", 1)))
         elif survey.n_frames and not np.isfinite(mean):
-            score -= _unheard(survey)
+            score -= unheard(survey)
         if not is_named:
             score -= 4.0
         if score > 1.5:
-            name = _name(survey, message, signal)
-            found.append(ReadingProposal(Reading(name, unit), (*reasons, _named(signal, message)), score, low, high))
+            name = signal_name(message, signal)
+            found.append(ReadingProposal(Reading(name, unit), (*reasons, named(signal, message)), score, low, high))
     return sorted(found, key=lambda each: -each.score)
 
 
 def current_proposals(survey: Survey, pack: PackVoltage | None, used: set[tuple[int, str]]) -> list[ReadingProposal]:
     """Return signals that may be the current of all cells; the sign by what the voltage does. The best first."""
     found = []
-    for message, signal in _candidates(survey, used, "current"):
+    for message, signal in candidates(survey, used, "current"):
         said, around = words(signal.name), words(message.name)
         if not said & CURRENT and not ("ivt" in around | said and "i" in said):
             continue
@@ -101,8 +101,8 @@ def current_proposals(survey: Survey, pack: PackVoltage | None, used: set[tuple[
         score -= 2.5 * len(said & NOT_THE_PACK) + 1.0 * len(around & NOT_THE_PACK)
         score += 1.0 if signal.layout.is_signed or signal.layout.offset < 0 else -0.5
         score += 1.0 if known_conversion("current", signal.unit) else -0.5
-        unit, low, high, mean = _in_unit(survey, message, signal, "current", CURRENT_UNITS, float("nan"))
-        reasons: list[Text] = [_named(signal, message)]
+        unit, low, high, mean = in_unit(survey, message, signal, "current", CURRENT_UNITS, float("nan"))
+        reasons: list[Text] = [named(signal, message)]
         positive: Literal["discharge", "charge"] = "discharge"
         if np.isfinite(mean):
             together = _correlation(survey, message, signal, pack)
@@ -117,10 +117,10 @@ def current_proposals(survey: Survey, pack: PackVoltage | None, used: set[tuple[
             if low == high:
                 score -= 0.5
         else:
-            score -= _unheard(survey) if survey.n_frames else 0.0
+            score -= unheard(survey) if survey.n_frames else 0.0
             reasons.append(Message("learn-sign-unknown"))
         if score > 1.5:
-            name = _name(survey, message, signal)
+            name = signal_name(message, signal)
             told = known_conversion("current", signal.unit) is not None or signal.layout.scale != 1.0
             found.append(ReadingProposal(Reading(name, unit, positive), tuple(reasons), score, low, high, told))
     return sorted(found, key=lambda each: -each.score)
@@ -129,9 +129,9 @@ def current_proposals(survey: Survey, pack: PackVoltage | None, used: set[tuple[
 def soc_proposals(survey: Survey, used: set[tuple[int, str]]) -> list[ReadingProposal]:
     """Return signals that may be the SOC by the BMS. The best first."""
     found = []
-    for message, signal in _candidates(survey, used, "soc"):
+    for message, signal in candidates(survey, used, "soc"):
         said, around = words(signal.name), words(message.name)
-        is_soc = bool(said & _SOC) or {"state", "charge"} <= said
+        is_soc = bool(said & SOC) or {"state", "charge"} <= said
         if not is_soc or said & {"limit", "target", "error", "fault", "status", "cell", "valid", "cells"}:
             continue
         score = (
@@ -139,19 +139,30 @@ def soc_proposals(survey: Survey, used: set[tuple[int, str]]) -> list[ReadingPro
             + 0.5 * len(around & PACK - _SENSORS)
             - 0.6 * len(said & {"min", "max", "minimum", "maximum", "low", "high", "raw", "avg"})
         )
-        unit, low, high, mean = _in_unit(survey, message, signal, "soc", SOC_UNITS, float("nan"))
+        unit, low, high, mean = in_unit(survey, message, signal, "soc", SOC_UNITS, float("nan"))
         if not unit and known_conversion("soc", signal.unit) is None:
             most = high if np.isfinite(high) else (signal.maximum or 100.0)
             unit = "fraction" if most <= 1.0 else ("percent" if most <= 110 else "0.1percent")
         if survey.n_frames and not np.isfinite(mean):
-            score -= _unheard(survey)
+            score -= unheard(survey)
         if score > 0:
-            name = _name(survey, message, signal)
-            found.append(ReadingProposal(Reading(name, unit), (_named(signal, message),), score, low, high))
+            name = signal_name(message, signal)
+            found.append(ReadingProposal(Reading(name, unit), (named(signal, message),), score, low, high))
     return sorted(found, key=lambda each: -each.score)
 
 
-def _candidates(survey: Survey, used: set[tuple[int, str]], kind: str) -> Iterator[Member]:
+def _near(survey: Survey, message: MessageDefinition, signal: Signal, mean_v: float, sum_v: float) -> float:
+    """How much it speaks for a pack voltage that it is the sum of the cells, and all the time: not behind a relay."""
+    off = abs(mean_v - sum_v) / sum_v
+    heard = survey.signal(message, signal.name)
+    if off >= _OFF or heard is None:
+        return -4.0
+    values = np.abs(heard.values / np.median(heard.values) - 1.0)
+    return (6.0 if off < _CLOSE else 3.0) * float(np.mean(values < 2 * _OFF))
+
+
+def candidates(survey: Survey, used: set[tuple[int, str]], kind: str) -> Iterator[Member]:
+    """Yield the signals that can carry a quantity by their unit and their bits."""
     for message in survey.definitions.by_id().values():
         for signal in message.signals:
             fits = not signal.unit or known_conversion(kind, signal.unit) is not None
@@ -160,16 +171,18 @@ def _candidates(survey: Survey, used: set[tuple[int, str]], kind: str) -> Iterat
                 yield message, signal
 
 
-def _name(survey: Survey, message: MessageDefinition, signal: Signal) -> SignalName:
+def signal_name(message: MessageDefinition, signal: Signal) -> SignalName:
+    """The name of a signal of a message, as a profile writes it."""
     return SignalName(message.name, signal.name)
 
 
-def _unheard(survey: Survey) -> float:
-    """How much speaks against a signal that was not heard: little after a short time."""
+def unheard(survey: Survey) -> float:
+    """Return how much speaks against a signal that was not heard: little after a short time."""
     return 4.0 if survey.duration_s > _LONG_S else 0.5
 
 
-def _named(signal: Signal, message: MessageDefinition) -> Text:
+def named(signal: Signal, message: MessageDefinition) -> Text:
+    """That its name speaks for a signal."""
     return Message("learn-by-name", name=signal.name, message=message.name, unit=signal.unit or "-")
 
 
@@ -177,10 +190,10 @@ def _side(positive: str) -> Message:
     return Message("side-charge") if positive == "charge" else Message("side-discharge")
 
 
-def _in_unit(
+def in_unit(
     survey: Survey, message: MessageDefinition, signal: Signal, kind: str, units: dict[str, float], wanted: float
 ) -> tuple[str, float, float, float]:
-    """Unit for the profile ("" = the DBC's), and what was heard in it: lowest, highest, mean; NaN without a log."""
+    """Return the unit for the profile ("" = the DBC's), and the lowest, highest and mean that was heard, or NaN."""
     heard = survey.signal(message, signal.name)
     factor = (known_conversion(kind, signal.unit) or (1.0, 0.0))[0]
     if heard is None:

@@ -10,18 +10,21 @@ def name_set(text: str) -> frozenset[str]:
 
 
 _TOKEN = re.compile(
-    r"m[VA](?![A-Za-z])|[A-ZÄÖÜÆØÅ]+(?![a-zäöüßæøå])|[A-ZÄÖÜÆØÅ]?[a-zäöüßæøå]+|\d+|[^\W\d_]+"
-)  # mV and mA stay whole
+    r"So[CHE](?![a-z])|AIR(?![a-z]{2})|m[VA](?![A-Za-z])|[A-ZÄÖÜÆØÅ]+(?![a-zäöüßæøå])|[A-ZÄÖÜÆØÅ]?[a-zäöüßæøå]+|\d+|[^\W\d_]+"
+)  # mV, mA, SoC and the AIR of AIRp stay whole
 VOLTAGE = name_set(
-    "v u mv volt volts voltage voltages vcell cellv cv cvolt vc cellvolt cellvoltage spannung spenning "
-    "tension uc uz zv vz vcel potential"
+    "v u mv volt volts voltage voltages vcell cellv cv cvolt vc spannung spannungen spenning spänning spænding "
+    "tension tensions tensione tensioni tensao tensão voltaje napiecie napětí napeti napetost spanning gerilim "
+    "jannite jännite feszultseg uc uz zv vz vcel potential"
 )
 CELL = name_set(
-    "cell cells zelle zellen celle celler cellule cv vcell cellv vc ct tcell cvolt brick tap mono block batt "
-    "cel celula vcel zv ze"
+    "cell cells zelle zellen zell celle cella celler cellule cellules celda celdas celula celulas célula cv vcell "
+    "cellv vc ct tcell cvolt brick tap mono block batt cel cellen ogniwo ogniwa clanek clanku celica hucre kenno "
+    "cella vcel zv ze"
 )
 TEMPERATURE = name_set(
-    "t temp temps temperature temperatures temperatur therm thermistor thermistors ntc tmp tcell ct tc celltemp degc tz"
+    "t temp temps temperature temperatures temperatur temperaturen temperatura temperaturas temperaturer therm "
+    "thermistor thermistors ntc tmp tcell ct tc degc tz"
 )
 NOT_A_CELL = name_set(
     "min max minimum maximum avg average mean median mittel lowest highest low high lo hi delta diff spread "
@@ -31,7 +34,7 @@ NOT_A_CELL = name_set(
     "resistance res ir ohm soc soh soe dod capacity energy power current motor phase inverter inv mc mcu lv "
     "glv lvs pedal apps throttle brake steering coolant water oil fan pump radiator charger chg precharge "
     "dcdc ref reference vref variance stddev std imbalance hysteresis calibration calib trip warn warning "
-    "alarm supply id index idx num number"
+    "alarm supply id index idx num number adjusted corrected compensated filtered"
 )
 SEGMENT = name_set(
     "seg segs segment segments segm module modul mod mods stack slave ic ics chip board bank bmb bmu cmu csc "
@@ -51,10 +54,13 @@ NO_NUMBER = name_set(
     "highest lowest heartbeat seq sequence"
 )
 NO_QUANTITY = name_set("crc checksum chk counter cnt alive rolling heartbeat seq sequence reserved unused blank")
-CURRENT = name_set("current currents curr cur strom strøm i amp amps amperage ipack ibat ibatt")
+CURRENT = name_set(
+    "current currents curr cur strom strøm ström stroom corrente corriente courant prad proud tok akim virta i amp "
+    "amps amperage ipack ibat ibatt"
+)
 PACK = name_set(
-    "pack batt battery bat accumulator accu acc hv hvb ts tractive bms ams bus dc link ivt shunt string stack "
-    "total sum instant inst result"
+    "pack batt battery bat batterie batteria bateria batterij batteri akku accumulator accumulatore accu acc pacco "
+    "hv hvb ts tractive bms ams bus dc link ivt shunt string stack total totale sum gesamt summe instant inst result"
 )
 CHARGER = name_set("charger chg obc elcon brusa nlg onboard")
 NOT_THE_PACK = name_set(
@@ -66,10 +72,22 @@ NOT_THE_PACK = name_set(
 )
 
 
+SOC = name_set("soc ladezustand ladestand")
+_JOINED = VOLTAGE | CELL | TEMPERATURE | CURRENT | PACK | SEGMENT
+_LEAST_PART = 3  # letters of a word that another is joined to
+
+
 @cache
 def tokens(name: str) -> tuple[str, ...]:
-    """Return the words and numbers of a name, in lower case."""
-    return tuple(token.lower() for token in _TOKEN.findall(name))
+    """Return the words and numbers of a name, in lower case; `Zellspannung` and `cellvoltage` are two words."""
+    return tuple(part for token in _TOKEN.findall(name) for part in _parted(token.lower()))
+
+
+def _parted(token: str) -> tuple[str, ...]:
+    for at in range(_LEAST_PART, len(token) - _LEAST_PART + 1):
+        if token[:at] in _JOINED and token[at:] in _JOINED:
+            return token[:at], token[at:]
+    return (token,)
 
 
 def words(name: str) -> frozenset[str]:

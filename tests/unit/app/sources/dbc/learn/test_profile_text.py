@@ -11,6 +11,7 @@ from app.battery.battery import Battery, SignalName, each_cell, spread, spread_i
 from app.battery.profile import read_document, understand
 from app.battery.source import PARTS, CellSignals, Reading, SpeaksDbc
 from app.sources.dbc.learn.learning import Learned
+from app.sources.dbc.learn.lines import Line
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.proposal import CellProposal
 from app.sources.dbc.learn.readings import ReadingProposal
@@ -23,11 +24,14 @@ def learned(battery=None, entry=ENTRY, readings=None, others=None, doubts=(), db
     battery = battery or Battery("Accumulator", (12, 12))
     cells = {"voltage": (entry,)} | ({"temperature": heats} if heats else {})
     readings = {name: ReadingProposal(each, (), 3.0) for name, each in (readings or {}).items()}
+    others = others or {}
     proposal = CellProposal(
         "voltage", (entry,), battery.n_cells, None, (), (Message("learn-nothing-heard"),), 9.0, None
     )
     source = replace(SpeaksDbc(dbc, cells), **{name: each.reading for name, each in readings.items()})
-    return Learned(battery, source, proposal, proposal if heats else None, readings, others or {}, tuple(doubts))
+    lines = {"voltage": proposal} | ({"temperature": proposal} if heats else {}) | readings
+    found = {key: Line(key, (each, *others.get(key, ())), each, True) for key, each in lines.items()}
+    return Learned(battery, source, found, tuple(doubts))
 
 
 def read(suggestion):
@@ -107,7 +111,8 @@ def test_doubts_stand_above_all_as_comments_in_the_language_of_the_reader(langua
 def test_reasons_stand_above_what_they_speak_for_and_what_else_is_possible_below():
     other = ReadingProposal(Reading(SignalName("IVT", "Result_I")), (), 2.0)
     cells = CellProposal("voltage", (CellSignals("Zelle{cell}", "Alt"),), 4, None, (), (), 2.0, None)
-    text = profile_text(learned(others={"current": (other,), "voltage": (cells,), "temperature": ()}))
+    current = {"current": Reading(SignalName("BMS", "Pack_Current"))}
+    text = profile_text(learned(readings=current, others={"current": (other,), "voltage": (cells,)}))
     assert text.index("nothing of it was heard") < text.index("[[source.voltage]]")
     assert "# also possible as current, less likely:\n#   IVT.Result_I" in text
     assert "#   Alt: Zelle{cell}" in text
