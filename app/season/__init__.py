@@ -1,1 +1,1 @@
-"""What many sessions say together. Empty until there is a season."""
+"""What many sessions say together: estimated again, cells over time, packs built from what was measured."""

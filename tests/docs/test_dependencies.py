@@ -18,7 +18,7 @@ LOCKS = ("run", "build", "dev")
 
 # Needed although no module of ours imports them.
 LOADED_BY_OTHERS = {"websockets": "uvicorn's websocket protocol", "msgpack": "python-can's udp_multicast bus"}
-UPCOMING = {"duckdb", "fsspec", "distributed"}
+UPCOMING = {"duckdb", "fsspec"}
 FOR_BENCHMARKS = {"pybamm"}
 PERMISSIVE = re.compile(r"MIT|BSD|0BSD|Apache|PSF|Python Software Foundation|ISC|Zlib|CC0|MPL-2\.0|HPND|Unlicense")
 WEAK_COPYLEFT = {"python-can": "LGPL-3.0, used unchanged as a library"}

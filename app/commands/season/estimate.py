@@ -1,0 +1,152 @@
+"""`voltwall season estimate`: all sessions through the filter again, and what that changed."""
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from app.commands.session_commands.analysis import in_column
+from app.errors import ConfigError
+from app.estimation.cell_model.cell_file import format_cell, load_cell
+from app.estimation.errors import EstimatorError
+from app.estimation.filters.estimators import FILTERS
+from app.season.estimates.changes import Change, changes
+from app.season.estimates.executor import open_engine
+from app.season.estimates.results import OWN, Results, ResultSet, set_of
+from app.season.estimates.run import Outcome, Progress, estimate_season
+from app.sessions.catalogue import Catalogue
+from app.sessions.errors import SessionError
+from app.sessions.info import SessionInfo
+
+
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    text = "all sessions through the filter again, in parallel; the new results beside the old, and what changed"
+    parser = actions.add_parser(
+        "estimate",
+        help=text,
+        description=text[0].upper() + text[1:] + ".",
+        formatter_class=argparse.RawTextHelpFormatter,
+    )
+    parser.add_argument(
+        "folder", type=Path, metavar="DIR", help="data folder: its sessions/, or itself if they lie in it"
+    )
+    parser.add_argument(
+        "--cell", default=OWN, metavar="CELL.toml", help="cell file or bundled cell (default: each session's own)"
+    )
+    parser.add_argument("--filter", choices=FILTERS, default="fused", help="default: %(default)s")
+    parser.add_argument(
+        "--against",
+        default=OWN,
+        metavar="CELL.toml",
+        help="compare with this cell file, estimated too where it was not yet\n(default: each session's own; none: "
+        "with what was recorded alone)",
+    )
+    parser.add_argument(
+        "--engine",
+        default="processes",
+        metavar="URL",
+        help="processes (default), or dask://HOST:PORT: a Dask scheduler",
+    )
+    parser.add_argument("--processes", type=int, metavar="N", help="of the pool (default: one a core)")
+    parser.add_argument("--again", action="store_true", help="also sessions of which there is a result already")
+    parser.add_argument("--json", action="store_true", help="as JSON")
+    parser.set_defaults(do=_estimate)
+
+
+def _estimate(args: argparse.Namespace) -> int:
+    if args.processes is not None and args.processes < 1:
+        raise ConfigError("--processes", args.processes, "at least 1")
+    sessions, problems = _sessions(args.folder)
+    results = Results(args.folder)
+    after, text = _chosen(args.cell, "--cell", args.filter)
+    wanted = [(after, text)]
+    before = None
+    if args.against != "none":
+        before, other = _chosen(args.against, "--against", args.filter)
+        if before != after:
+            wanted.append((before, other))
+    with open_engine(args.engine, args.processes) as engine:
+        outcome = estimate_season(sessions, wanted, args.filter, results, engine, _tell, args.again)
+    old = [] if before is None or before == after else results.read_all(before)
+    known = {info.id for info in sessions}
+    found = changes(old, [result for result in results.read_all(after) if result["session"] in known])
+    failed = {f"file {k}": str(error) for k, error in enumerate(problems, 1)} | outcome.failed
+    if args.json:
+        _print_json(after, before, outcome, failed, found)
+    else:
+        _print_changes(found)
+        print(
+            f"{len(outcome.estimated)} estimated in {outcome.took_s:.1f} s, {outcome.processor_s:.1f} s of processor; "
+            f"{len(outcome.kept)} were there, {len(failed)} failed; in {results.folder / after.id}"
+        )
+        for name, reason in failed.items():
+            print(f"{name}: {reason}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _sessions(folder: Path) -> tuple[list[SessionInfo], Sequence[SessionError]]:
+    """Finished sessions, the oldest first."""
+    if not folder.is_dir():
+        raise ConfigError("DIR", str(folder), "a folder")
+    inside = folder / "sessions"
+    found, problems = Catalogue(inside if inside.is_dir() else folder).survey()
+    return [info for info in reversed(found) if info.is_closed], problems
+
+
+def _chosen(name: str, field: str, filter_name: str) -> tuple[ResultSet, str | None]:
+    if name == OWN:
+        return set_of(name, None, filter_name), None
+    try:
+        model = load_cell(name)
+    except EstimatorError as error:
+        raise ConfigError(field, name, str(error)) from error
+    text = format_cell(model)
+    return set_of(model.name, text, filter_name), text
+
+
+def _tell(progress: Progress) -> None:
+    left = "" if progress.left_s is None else f", {progress.left_s:.0f} s left"
+    said = f": {progress.error}" if progress.error else ""
+    print(f"{progress.done}/{progress.total} {progress.session}{said}{left}", file=sys.stderr, flush=True)
+
+
+def _print_json(
+    after: ResultSet, before: ResultSet | None, outcome: Outcome, failed: dict[str, str], found: list[Change]
+) -> None:
+    shown = {
+        "set": {"id": after.id, **asdict(after)},
+        "against": None if before is None or before == after else {"id": before.id, **asdict(before)},
+        "estimated": outcome.estimated,
+        "kept": outcome.kept,
+        "failed": failed,
+        "took_s": outcome.took_s,
+        "processor_s": outcome.processor_s,
+        "changes": [asdict(each) for each in found],
+    }
+    json.dump(shown, sys.stdout, indent=2, allow_nan=False)
+    print()
+
+
+def _print_changes(found: list[Change]) -> None:
+    print(
+        f"{'session':22} {'SOC at the end %':^26} {'apart':>6} {'resistance':^15} {'capacity Ah':^15}"
+        f" {'innovation mV':^15}"
+    )
+    print(f"{'':22} {'recorded':>8} {'before':>8} {'after':>8} {'RMS %':>6}" + f" {'before':>7} {'after':>7}" * 3)
+    for each in found:
+        pairs = (
+            (each.resistance_before, each.resistance_after, 1.0, 3),
+            (each.capacity_before_ah, each.capacity_after_ah, 1.0, 3),
+            (each.innovation_before_v, each.innovation_after_v, 1e3, 2),
+        )
+        print(
+            f"{each.session:22} {in_column(each.soc_recorded, 100, 8, 2)} {in_column(each.soc_before, 100, 8, 2)}"
+            f" {in_column(each.soc_after, 100, 8, 2)} {in_column(each.soc_rms, 100, 6, 2)}"
+            + "".join(
+                f" {in_column(old, factor, 7, digits)} {in_column(new, factor, 7, digits)}"
+                for old, new, factor, digits in pairs
+            )
+        )

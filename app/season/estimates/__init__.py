@@ -1,0 +1,1 @@
+"""Sessions estimated again with a chosen filter and cell file, in parallel, and what that changed."""

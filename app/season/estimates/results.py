@@ -1,0 +1,124 @@
+"""Results of sessions that were estimated again: one JSON file a session and set, beside the sessions.
+
+    DATA/estimates/SET/set.json           what all results of the set have in common
+    DATA/estimates/SET/SESSION.json       one session
+
+A set is a cell file, a filter and a version of this program, so results of another never overwrite it. A file is
+written whole under another name, brought to the disk, then renamed: after a kill it is the old one or the new one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from app import __version__
+from app.errors import ConfigError
+
+SCHEMA: Final = 1
+FOLDER: Final = "estimates"
+OWN: Final = "session"  # in place of a cell file: each session's own
+_SET = "set.json"
+
+
+@dataclass(frozen=True)
+class ResultSet:
+    """What a set of results was made with; `cell_hash` of the cell file, "session" where each has its own."""
+
+    cell_name: str
+    cell_hash: str
+    filter_name: str
+    version: str
+
+    @property
+    def id(self) -> str:
+        """The folder's name."""
+        return f"{self.cell_hash}-{self.filter_name}-{self.version}"
+
+
+def cell_hash(text: str) -> str:
+    """Return what tells a cell file from another, by the text that `format_cell` makes of it."""
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def set_of(cell_name: str, cell_text: str | None, filter_name: str) -> ResultSet:
+    """Return the set that this version makes with a cell file; None is each session's own."""
+    if cell_text is None:
+        return ResultSet(OWN, OWN, filter_name, __version__)
+    return ResultSet(cell_name, cell_hash(cell_text), filter_name, __version__)
+
+
+class Results:
+    """The results of a data folder."""
+
+    def __init__(self, data: Path) -> None:
+        self.folder = data / FOLDER
+
+    def sets(self) -> list[ResultSet]:
+        """All sets, the newest first."""
+        found = []
+        for path in self.folder.glob(f"*/{_SET}"):
+            about = _read(path)
+            if about is not None and about.pop("schema", None) == SCHEMA:
+                found.append((path.stat().st_mtime_ns, ResultSet(**about)))
+        return [each for _, each in sorted(found, key=lambda pair: (-pair[0], pair[1].id))]
+
+    def find(self, name: str) -> ResultSet:
+        """Return the newest set whose folder or cell has a name.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        known = self.sets()
+        for each in known:
+            if name in (each.id, each.cell_name, each.cell_hash):
+                return each
+        raise ConfigError("set", name, ", ".join(each.id for each in known) or "voltwall season estimate makes one")
+
+    def begin(self, made: ResultSet) -> None:
+        """Make the folder of a set."""
+        folder = self.folder / made.id
+        folder.mkdir(parents=True, exist_ok=True)
+        if not (folder / _SET).is_file():
+            _write(folder / _SET, {"schema": SCHEMA, **asdict(made)})
+
+    def write(self, made: ResultSet, result: dict[str, Any]) -> None:
+        """Keep the result of a session; one of before is replaced."""
+        _write(self.folder / made.id / f"{result['session']}.json", result)
+
+    def read(self, made: ResultSet, session_id: str) -> dict[str, Any] | None:
+        """Return the result of a session; None where there is none of this format, or a damaged one."""
+        found = _read(self.folder / made.id / f"{session_id}.json")
+        return found if found is not None and found.get("schema") == SCHEMA else None
+
+    def read_all(self, made: ResultSet) -> list[dict[str, Any]]:
+        """Return all results of a set, the oldest session first."""
+        names = sorted(path.stem for path in (self.folder / made.id).glob("*.json") if path.name != _SET)
+        found = [result for name in names if (result := self.read(made, name)) is not None]
+        return sorted(found, key=lambda result: (result["start_s"], result["session"]))
+
+    def has(self, made: ResultSet, session_id: str, session_bytes: int) -> bool:
+        """Whether there is a result of the session as it is now; one that was filled up since is another."""
+        found = self.read(made, session_id)
+        return found is not None and found.get("session_bytes") == session_bytes
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def _write(path: Path, body: dict[str, Any]) -> None:
+    half = path.with_name(f".{path.name}.{os.getpid()}")
+    with half.open("w", encoding="utf-8") as file:
+        json.dump(body, file, allow_nan=False, separators=(",", ":"))
+        file.flush()
+        os.fsync(file.fileno())
+    half.replace(path)

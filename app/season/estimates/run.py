@@ -1,0 +1,143 @@
+"""All sessions of a folder estimated again: in parallel, resumable, one failed session does not stop the rest."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from typing import Any
+
+from app.season.estimates.executor import Engine
+from app.season.estimates.results import Results, ResultSet
+from app.season.estimates.session import Job, estimate_session
+from app.sessions.info import SessionInfo
+
+Wanted = Sequence[tuple[ResultSet, str | None]]  # each set with the text of its cell file
+
+
+@dataclass(frozen=True)
+class Progress:
+    """After each session: `done` of `total`, with `left_s` still to go, None before anything is known."""
+
+    session: str
+    done: int
+    total: int
+    error: str | None
+    left_s: float | None
+
+
+@dataclass
+class Outcome:
+    """What a run did; `failed` are sessions with their reasons."""
+
+    estimated: list[str] = field(default_factory=list)
+    kept: list[str] = field(default_factory=list)
+    failed: dict[str, str] = field(default_factory=dict)
+    took_s: float = 0.0
+    processor_s: float = 0.0
+
+
+def estimate_season(
+    sessions: Sequence[SessionInfo],
+    wanted: Wanted,
+    filter_name: str,
+    results: Results,
+    engine: Engine,
+    tell: Callable[[Progress], None] = lambda _: None,
+    again: bool = False,
+) -> Outcome:
+    """Estimate every session of which a result is missing, and keep each result as soon as it is there.
+
+    Args:
+        sessions: finished ones, in the order in which they are begun.
+        wanted: the sets to make.
+        filter_name: of the filter.
+        results: where they go.
+        engine: what runs the tasks.
+        tell: is told after each session.
+        again: also those of which there is a result.
+    """
+    began_s, outcome = time.monotonic(), Outcome()
+    for made, _ in wanted:
+        results.begin(made)
+    tasks: list[_Task] = []
+    for info in sessions:
+        lacking = [pair for pair in wanted if again or not results.has(pair[0], info.id, info.size_bytes)]
+        if lacking:
+            job = Job(str(info.path.resolve()), tuple(text for _, text in lacking), filter_name)
+            tasks.append(_Task(info, [made for made, _ in lacking], job))
+        else:
+            outcome.kept.append(info.id)
+    all_bytes = max(sum(task.info.size_bytes for task in tasks), 1)
+    done_bytes = 0
+
+    def settle(task: _Task, found: list[dict[str, Any]] | None, error: str | None) -> None:
+        nonlocal done_bytes
+        done_bytes += task.info.size_bytes
+        if found is None:
+            outcome.failed[task.info.id] = error or "?"
+        else:
+            for made, result in zip(task.sets, found, strict=True):
+                results.write(made, result | {"session_bytes": task.info.size_bytes})
+                outcome.processor_s += result["processor_s"]
+            outcome.estimated.append(task.info.id)
+        spent_s = time.monotonic() - began_s
+        left_s = spent_s * (all_bytes - done_bytes) / done_bytes if done_bytes else None
+        done = len(outcome.estimated) + len(outcome.failed)
+        tell(Progress(task.info.id, done, len(tasks), error, left_s))
+
+    _run(tasks, engine, settle)
+    outcome.took_s = time.monotonic() - began_s
+    return outcome
+
+
+@dataclass(frozen=True)
+class _Task:
+    info: SessionInfo
+    sets: list[ResultSet]
+    job: Job
+
+
+def _run(tasks: Sequence[_Task], engine: Engine, settle: Callable[[_Task, Any, str | None], None]) -> None:
+    """Run tasks a window at a time.
+
+    A process that ends takes its whole pool with it, and nobody knows whose task it was. So those that were under way
+    are tried again one at a time, in a new pool: what ends that one too has failed.
+    """
+    waiting, suspects = deque(tasks), deque[_Task]()
+    while waiting or suspects:
+        executor = engine.new_executor()
+        running: dict[Future[Any], _Task] = {}
+        is_broken = False
+        try:
+            while (waiting or suspects or running) and not is_broken:
+                is_alone = bool(suspects)
+                source, window = (suspects, 1) if is_alone else (waiting, engine.window)
+                while source and len(running) < window:
+                    future = executor.submit(estimate_session, source[0].job)
+                    running[future] = source.popleft()
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    task = running.pop(future)
+                    found, error = _outcome(future)
+                    is_broken |= isinstance(error, BrokenProcessPool)
+                    if isinstance(error, BrokenProcessPool) and not is_alone:
+                        suspects.append(task)
+                    else:
+                        settle(task, found, None if error is None else str(error) or type(error).__name__)
+        except BrokenProcessPool:  # between two tasks; the one that was not taken still waits
+            pass
+        finally:
+            suspects.extend(running.values())
+            for future in running:
+                future.cancel()
+            executor.shutdown(wait=engine.is_pool)  # a cluster goes on without us
+
+
+def _outcome(future: Future[Any]) -> tuple[Any, BaseException | None]:
+    try:
+        return future.result(), None
+    except (Exception, CancelledError) as error:  # noqa: BLE001 (whatever a session does to the code that reads it)
+        return None, error
