@@ -14,7 +14,7 @@ from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.states import Flow, state_proposals
 from app.sources.dbc.learn.survey import Heard, survey
 from tests.naming_habits import HABITS
-from tests.peer_batteries import HEAD
+from tests.peer_messages import HEAD
 
 CONFIRMED = {f"state.{name}": Choice(is_taken=True) for name in STATES}
 
