@@ -89,7 +89,8 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
     if (filter->kind == VW_TANGENT) vw_output_tangent(filter, motion, x, work);
     else vw_output_sigma(filter, motion, x, work);
     vw_update(filter, motion, x, work);
-    vw_soc_variance(filter, x, work);
+    /* fused, what the filter says by itself is asked for only where the starts are weighed */
+    if (filter->kind != VW_SIGMA_FUSED || motion->look_s > 0) vw_soc_variance(filter, x, work);
     if (motion->rest_share > 0) vw_watch_rest(motion, x, work);
     if (motion->read_rest_s > 0) vw_read_rest(filter, motion, x, work);
     if (filter->kind == VW_SIGMA_FUSED) vw_fuse(filter, motion, x, work);
@@ -97,15 +98,15 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
 }
 
 /* Put the first n_rows of what a step says of a block into `estimates`. */
-static void answer(const vw_filter *filter, const vw_cells *restrict x, const vw_work *restrict work, int first, int n_rows,
+static void answer(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work, int first, int n_rows,
                    vw_real *estimates)
 {
     const int n = count_of(filter, first), n_cells = filter->n_cells;
     vw_lanes rows[VW_ESTIMATES];
     if (n_rows > VW_OCV_V) {
-        vw_soc_place at;
-        vw_place_soc(&filter->model, work->soc, &at);
-        vw_ocv(&filter->model, &x->climate.place, &at, rows[VW_OCV_V]);
+        const int is_counted = filter->kind == VW_COUNT || filter->kind == VW_SIGMA_FUSED;
+        if (is_counted) vw_place_soc(&filter->model, work->soc, &work->at); /* else it is that of the filter's SOC */
+        vw_ocv(&filter->model, &x->climate.place, &work->at, rows[VW_OCV_V]);
     }
     VW_EACH_CELL(c)
     {

@@ -6,10 +6,9 @@
 void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_real bias_v2 = vw_square(filter->tuning.bias_v), floor_v2 = vw_square(VW_SLOPE_FLOOR_V);
-    vw_soc_place at;
     vw_lanes reading_slope_v;
-    vw_place_soc(&filter->model, x->soc, &at);
-    vw_reading_slope(&filter->model, &at, reading_slope_v);
+    vw_place_soc(&filter->model, x->soc, &work->at);
+    vw_reading_slope(&filter->model, &work->at, reading_slope_v);
     VW_EACH_CELL(c)
     {
         const vw_real slope_v = vw_min(work->ocv_slope_v[c], reading_slope_v[c]);

@@ -41,6 +41,7 @@ typedef struct {
     vw_lanes ocv_slope_v;        /* the OCV's share of H[0] [V] */
     vw_lanes innovation_v, innovation_sigma_v, used;
     vw_lanes soc, soc_v2;        /* what is reported */
+    vw_soc_place at;             /* place of `soc` in the tables */
     vw_lanes slope_v2;           /* square of the slope by which a voltage's error is one of SOC [V^2] */
     vw_lanes valid;
 } vw_work;

@@ -52,11 +52,12 @@ VW_INLINE void update(const int n_states, const vw_filter *filter, const vw_moti
         const int learns = is_used & (x->climate.drop_error[c] < t->drop_error_max);
         const vw_real lasting_v2 = vw_square(work->H[0][c]) * x->wander_v2[c] + x->slow_square_v2[c];
         const vw_real S_g = x->climate.cold2[c] * (S + motion->correlation * lasting_v2);
-        const vw_real M = x->gain_v2[c], per_v2 = 1 / (S_g + vw_square(HV) * M);
+        const vw_real M = x->gain_v2[c], gain_v2 = S_g + vw_square(HV) * M;
+        const vw_real per_both = 1 / (gain_v2 * S), per_v2 = S * per_both; /* a division takes longer than all else */
         x->gain[c] += vw_pick(learns, M * HV * (nu - HV * x->gain[c]) * per_v2, 0);
         x->gain_v2[c] = vw_pick(learns, M * S_g * per_v2, M);
         /* x and P; a voltage that is not used moves nothing */
-        const vw_real per_S = vw_pick(is_used, 1 / S, 0), pull = vw_pick(is_used, nu, 0) * per_S;
+        const vw_real per_S = vw_pick(is_used, gain_v2 * per_both, 0), pull = vw_pick(is_used, nu, 0) * per_S;
         x->soc[c] = vw_clip(x->soc[c] + Pxy[0] * pull, VW_SOC_MIN, VW_SOC_MAX);
         VW_UNROLL for (int u = 1; u < n_states; u++) x->branch_a[u - 1][c] += Pxy[u] * pull;
         VW_UNROLL for (int u = 0; u < n_states; u++)
