@@ -15,6 +15,7 @@ export default defineConfig(({ mode }) => ({
     modulePreload: { polyfill: false },
     cssCodeSplit: false, // one small style sheet: nothing is asked for twice, and a page opens with its style
     rolldownOptions: {
+      input: ['index.html', 'fleet.html'],
       output: {
         codeSplitting: {
           groups: [

@@ -1,7 +1,7 @@
 """Settings in, ASGI application out: the web server around the parts of app/service/wiring.py."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from functools import cache
 from importlib.resources import files
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fastapi import APIRouter, FastAPI
+from starlette.routing import BaseRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import __version__
@@ -20,7 +21,7 @@ from app.api.configuration import commands, slave_check
 from app.api.configuration import library as config_library
 from app.api.configuration import routes as config
 from app.api.encoding.encoder import SnapshotEncoder
-from app.api.live import battery, events, learn, metrics, system
+from app.api.live import battery, events, fleet, learn, metrics, system
 from app.api.live import routes as live
 from app.api.live import setup as first_steps
 from app.api.schemas.service import ProblemOut
@@ -30,13 +31,15 @@ from app.api.sessions import routes as sessions
 from app.api.web import login as session_login
 from app.api.web import problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware
-from app.api.web.dependencies import NEEDS_MASTER, WebParts
+from app.api.web.dependencies import NEEDS_MASTER, FleetParts, WebParts
 from app.api.web.head import HeadAsGet
 from app.api.web.limits import BodyLimit
 from app.api.web.readers import Readers
 from app.api.web.static import serve_front_end
 from app.clock import Clock
 from app.service.host import ClockWatch
+from app.service.mqtt.broker import parse_broker
+from app.service.mqtt.fleet import Fleet
 from app.service.settings import Settings
 from app.service.simulator_process import SimulatorProcess
 from app.service.wiring import make_service
@@ -118,14 +121,46 @@ def create_app(
         setup=setup or Setup(settings.data, Connections(settings.serial, settings.can, settings.battery)),
         drill=drill,
     )
+    _serve_web(app, api_routes().routes, "index.html", authentication)
+    return app
+
+
+def create_fleet_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
+    """Return the application that shows all cars of the broker `settings.fleet`; it has no car of its own.
+
+    Raises:
+        ConfigError: a setting is wrong or unsafe, or paho-mqtt is not installed.
+    """
+    settings.check()
+    clock = clock or Clock()
+    broker = parse_broker(settings.fleet or "", settings.mqtt_secret, settings.mqtt_ca, field="fleet")
+    cars = Fleet(broker, clock)
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        cars.start()
+        yield
+        await asyncio.to_thread(cars.stop)
+
+    app = FastAPI(title="Voltwall", version=__version__, lifespan=lifespan, openapi_url=None, docs_url=None)
+    authentication = Authentication(settings, clock)
+    app.state.parts = FleetParts(cars, authentication)
+    routes = APIRouter()
+    for module in (fleet, session_login):
+        routes.include_router(module.router, prefix="/api/v1")
+    _serve_web(app, routes.routes, "fleet.html", authentication)
+    return app
+
+
+def _serve_web(app: FastAPI, routes: Sequence[BaseRoute], page: str, authentication: Authentication) -> None:
+    """Add what every application has: errors, routes, the front end's page, limits, log-in."""
     problems.install(app)
-    app.router.routes.extend(api_routes().routes)
-    serve_front_end(app, STATIC)
+    app.router.routes.extend(routes)
+    serve_front_end(app, STATIC, page)
     app.add_middleware(HeadAsGet)
     app.add_middleware(BodyLimit)
     app.add_middleware(AuthenticationMiddleware, authentication=authentication)
     app.add_middleware(SecurityHeaders)
-    return app
 
 
 @cache
@@ -139,6 +174,7 @@ def api_routes() -> APIRouter:
         debrief,
         events,
         first_steps,
+        fleet,
         imports,
         learn,
         live,

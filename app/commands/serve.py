@@ -14,7 +14,7 @@ from typing import Any, get_args
 import uvicorn
 from pydantic import ValidationError
 
-from app.api.application import Replay, create_app
+from app.api.application import Replay, create_app, create_fleet_app
 from app.api.web.connection_limits import ACCEPTED_AT_ONCE, most_connections
 from app.api.web.http_protocol import HttpProtocol
 from app.api.web.websocket_protocol import LiveProtocol
@@ -125,6 +125,8 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
     with contextlib.ExitStack() as stack:
         stack.enter_context(locked_folder(settings.data))
         listener = stack.enter_context(_bind(settings))
+        if settings.fleet is not None:
+            return _run(create_fleet_app(settings), listener)
         name_cells_by(load_battery(settings.battery).battery.segments)
         source, serial_url, can_url, car = _source(settings, stack, replay)
         in_force = Connections(settings.serial, settings.can, settings.battery)
@@ -138,32 +140,38 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
             simulated_car=car,
             setup=setup,
         )
-        address, port = listener.getsockname()[:2]
-        host = f"[{address}]" if ":" in address else address
-        server = _Server(
-            f"Voltwall: http://{host}:{port}",
-            uvicorn.Config(
-                app,
-                log_config=None,
-                access_log=False,
-                http=HttpProtocol,
-                limit_concurrency=most_connections(raise_descriptor_limit()),
-                backlog=ACCEPTED_AT_ONCE,
-                ws=LiveProtocol,
-                ws_max_size=1 << 16,
-                ws_per_message_deflate=False,  # its work for each reader would be most of the service's
-                proxy_headers=False,  # who counts wrong passwords by address must not believe a header
-                timeout_graceful_shutdown=2,
-                server_header=False,
-            ),
-        )
+        return _run(app, listener, setup)
+
+
+def _run(app: Any, listener: socket.socket, setup: Setup | None = None) -> tuple[int, int]:
+    """Serve until a signal ends it; return the exit code, AGAIN where the choice of `setup` changed, and the port."""
+    address, port = listener.getsockname()[:2]
+    host = f"[{address}]" if ":" in address else address
+    server = _Server(
+        f"Voltwall: http://{host}:{port}",
+        uvicorn.Config(
+            app,
+            log_config=None,
+            access_log=False,
+            http=HttpProtocol,
+            limit_concurrency=most_connections(raise_descriptor_limit()),
+            backlog=ACCEPTED_AT_ONCE,
+            ws=LiveProtocol,
+            ws_max_size=1 << 16,
+            ws_per_message_deflate=False,  # its work for each reader would be most of the service's
+            proxy_headers=False,  # who counts wrong passwords by address must not believe a header
+            timeout_graceful_shutdown=2,
+            server_header=False,
+        ),
+    )
+    if setup is not None:
         setup.on_choice = server.start_again
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda *_: None)  # uvicorn ends in order, then raises the signal again: enough
-        asyncio.run(server.serve(sockets=[listener]))
-        if not server.started:
-            print("voltwall serve: did not start", file=sys.stderr)
-            return 1, port
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)  # uvicorn ends in order, then raises the signal again: enough
+    asyncio.run(server.serve(sockets=[listener]))
+    if not server.started:
+        print("voltwall serve: did not start", file=sys.stderr)
+        return 1, port
     return AGAIN if server.is_again else 0, port
 
 

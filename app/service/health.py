@@ -2,7 +2,7 @@
 
 from app.clock import Clock
 from app.service.events import Events
-from app.service.mqtt import MqttPublisher
+from app.service.mqtt.publisher import MqttPublisher
 from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.telemetry.link_messages import link_trouble

@@ -58,6 +58,18 @@ class Settings(BaseSettings):
     mqtt: str | None = Field(
         default=None, description="MQTT broker to publish to: mqtt[s]://[USER@]HOST[:PORT][/PREFIX]"
     )
+    car: str | None = Field(
+        default=None, description="name of this car, of several at one broker: its topics are PREFIX/CAR/..."
+    )
+    url: str | None = Field(
+        default=None,
+        pattern=r"^https?://[^\s/]+",
+        description="address of this service's pages, told to a fleet's page; else this machine's own",
+    )
+    fleet: str | None = Field(
+        default=None,
+        description="show all cars of this MQTT broker instead of one car: mqtt[s]://[USER@]HOST[:PORT][/PREFIX]",
+    )
     mqtt_ca: Path | None = Field(
         default=None, description="certificate authority of an mqtts broker, where the system does not know it"
     )
@@ -82,6 +94,11 @@ class Settings(BaseSettings):
     def simulates(self) -> bool:
         """No hardware is named: the simulated accumulator is started."""
         return self.serial is None and self.can is None
+
+    @property
+    def mqtt_secret(self) -> str | None:
+        """The password of the MQTT user."""
+        return None if self.mqtt_password is None else self.mqtt_password.get_secret_value()
 
     @property
     def split_bytes(self) -> int | None:

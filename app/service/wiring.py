@@ -36,7 +36,7 @@ from app.service.learned_state_saver import LearnedStateSaver
 from app.service.links import Links
 from app.service.master_commands import MasterCommands
 from app.service.master_identification import MasterIdentification
-from app.service.mqtt import MqttPublisher, configured_publisher
+from app.service.mqtt.publisher import MqttPublisher, configured_publisher
 from app.service.pipeline_thread import PipelineThread
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
@@ -143,7 +143,7 @@ def make_service(
         cell_file=format_cell(pipelines.cell),
         battery=battery,
     )
-    mqtt = configured_publisher(settings, lambda: recording_state(recorder), clock, source)
+    mqtt = configured_publisher(settings, lambda: recording_state(recorder), clock, source, battery.battery)
     events.subscribe(recorder.on_event)
     if mqtt is not None:
         events.subscribe(mqtt.offer_event)

@@ -1,10 +1,7 @@
 """What the service publishes, heard through a real broker: plain, with a password, over TLS, killed and back again."""
 
 import json
-import os
 import shutil
-import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -22,56 +19,20 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
-from app.service.mqtt import MqttPublisher, parse_broker
+from app.service.mqtt.broker import parse_broker
+from app.service.mqtt.publisher import MqttPublisher
 from app.sources.items import CanItem, LinkChange
 from app.sources.loaded_battery import load_battery
 from app.sources.master.source import MasterSource
 from app.telemetry import Event
 from app.telemetry.service_state import Recording
 from app.words import Message, render
+from tests.mosquitto import IS_CI, MOSQUITTO, Mosquitto
 from tests.peer_batteries import one_signal_a_cell
 from tests.recorded.peer_sessions import write_profile
 from tests.unit.app.conftest import FakeMaster
 
-MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
-IS_CI = os.environ.get("CI") == "true"  # there a missing broker is a failure
 pytestmark = pytest.mark.skipif(MOSQUITTO is None and not IS_CI, reason="no mosquitto: apt-get install mosquitto")
-
-
-class Broker:
-    """A mosquitto on a free port of loopback."""
-
-    def __init__(self, folder: Path, extra: str = "") -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = probe.getsockname()[1]
-        self._config = folder / "mosquitto.conf"
-        anonymous = "false" if "password_file" in extra else "true"
-        user = "root" if os.getuid() == 0 else ""
-        self._config.write_text(
-            f"listener {self.port} 127.0.0.1\nallow_anonymous {anonymous}\n{extra}\n"
-            + (f"user {user}\n" if user else "")
-        )
-        self.process: subprocess.Popen[bytes] | None = None
-
-    def start(self) -> "Broker":
-        assert MOSQUITTO is not None, "mosquitto is missing"
-        self.process = subprocess.Popen([MOSQUITTO, "-c", str(self._config)], stderr=subprocess.DEVNULL)
-        deadline = time.monotonic() + 10
-        while True:
-            try:
-                socket.create_connection(("127.0.0.1", self.port), timeout=1).close()
-            except OSError:
-                assert time.monotonic() < deadline, "the broker did not start"
-                time.sleep(0.02)
-            else:
-                return self
-
-    def kill(self) -> None:
-        if self.process is not None:
-            self.process.send_signal(signal.SIGKILL)
-            self.process.wait()
-            self.process = None
 
 
 class Listener:
@@ -112,8 +73,8 @@ class Listener:
 
 
 @pytest.fixture
-def broker(tmp_path: Path) -> Iterator[Broker]:
-    running = Broker(tmp_path).start()
+def broker(tmp_path: Path) -> Iterator[Mosquitto]:
+    running = Mosquitto(tmp_path).start()
     yield running
     running.kill()
 
@@ -244,7 +205,8 @@ def test_the_broker_says_offline_for_a_service_that_is_gone(broker, closing):
     code = f"""
 import os, time
 from app.clock import Clock
-from app.service.mqtt import MqttPublisher, parse_broker
+from app.service.mqtt.broker import parse_broker
+from app.service.mqtt.publisher import MqttPublisher
 sender = MqttPublisher(parse_broker("mqtt://127.0.0.1:{broker.port}/killed"), lambda: None, Clock())
 sender.start()
 while sender.problem:
@@ -268,7 +230,7 @@ def test_tls_with_a_password(tmp_path, closing, snapshots):
     hasher = shutil.which("mosquitto_passwd") or "/usr/bin/mosquitto_passwd"
     subprocess.run([hasher, "-b", passwords, "pit", "secret"], check=True, capture_output=True)
     tls = f"certfile {certificate}\nkeyfile {key}\npassword_file {passwords}"
-    broker = Broker(tmp_path, tls).start()
+    broker = Mosquitto(tmp_path, tls).start()
     try:
         url = f"mqtts://pit@127.0.0.1:{broker.port}"
         sender = closing(publisher(url, password="secret", ca=certificate))

@@ -26,6 +26,7 @@ from app.service.health import Health
 from app.service.host import ClockWatch
 from app.service.links import Links
 from app.service.master_commands import MasterCommands
+from app.service.mqtt.fleet import Fleet
 from app.service.pipeline_thread import PipelineThread
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
@@ -53,6 +54,15 @@ class WebParts:
     simulator: SimulatorProcess | None
     setup: Setup
     drill: Drill | None = None  # with the simulated car
+    fleet: Fleet | None = None  # of a page of several cars, which has no service
+
+
+@dataclass(frozen=True, slots=True)
+class FleetParts:
+    """What the page of several cars needs, in the place of WebParts."""
+
+    fleet: Fleet
+    authentication: Authentication
 
 
 def _web(connection: HTTPConnection) -> WebParts:
@@ -87,6 +97,13 @@ def _drill(connection: HTTPConnection) -> Drill:
     return drill
 
 
+def _fleet(connection: HTTPConnection) -> Fleet:
+    fleet = _web(connection).fleet
+    if fleet is None:
+        raise Problem(404, "not-found", Message("no-fleet"))
+    return fleet
+
+
 def _writable(connection: HTTPConnection) -> None:
     why_not = hindrance(_web(connection).service.battery)
     if why_not is not None:
@@ -116,6 +133,7 @@ ConfigSourcesPart = Annotated[ConfigSources, _from_service("config_sources")]
 ConfigurationPart = Annotated[ConfigurationWriter, _from_service("configuration")]
 DrillPart = Annotated[Drill, Depends(_drill)]
 EventsPart = Annotated[Events, _from_service("events")]
+FleetPart = Annotated[Fleet, Depends(_fleet)]
 FetchesPart = Annotated[FetchJobs, _from_service("fetches")]
 HealthPart = Annotated[Health, _from_service("health")]
 ImportsPart = Annotated[ImportJobs, _from_service("imports")]

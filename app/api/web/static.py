@@ -30,8 +30,8 @@ def find_file(root: Traversable, path: str) -> Path | None:
         return None
 
 
-def serve_front_end(app: FastAPI, root: Traversable) -> None:
-    """Add the catch-all route; it has to be the last one."""
+def serve_front_end(app: FastAPI, root: Traversable, page_name: str = "index.html") -> None:
+    """Add the catch-all route, which answers with the page of this name; it has to be the last one."""
 
     @app.get("/{path:path}", include_in_schema=False)
     def page(path: str) -> Response:
@@ -43,7 +43,7 @@ def serve_front_end(app: FastAPI, root: Traversable) -> None:
             return FileResponse(found, headers={"Cache-Control": kept}, media_type=media_type)
         if path.startswith(f"{_UNCHANGING}/"):
             raise not_found("file", path)
-        index = find_file(root, "index.html")
+        index = find_file(root, page_name)
         if index is None:
             return PlainTextResponse("The front end is not built: run `make frontend`. The API is at /api/v1.", 503)
         return FileResponse(index, headers={"Cache-Control": "no-cache"})

@@ -309,6 +309,45 @@ export interface CanValue {
   text: string | null;
 }
 
+/** An alarm as the car told it; the cell's index counts from 0. */
+export interface CarAlarm {
+  severity: 'info' | 'watch' | 'warning' | 'trip';
+  text: string;
+  text_words: Words | null;
+  cell: number | null;
+  active: boolean;
+}
+
+/** A link of a car to its master. */
+export interface CarLink {
+  state: string;
+  lost: number;
+}
+
+/** A car as it was last heard; `since` is the unix time of its last values, null and missing are never 0. */
+export interface Car {
+  name: string;
+  state: 'live' | 'late' | 'silent' | 'vanished';
+  since: number | null;
+  age_s: number | null;
+  soc: number | null;
+  soc_min: number | null;
+  soc_min_cell: number | null;
+  voltage_v: number | null;
+  current_a: number | null;
+  voltage_min_v: number | null;
+  voltage_min_cell: number | null;
+  temperature_max_degc: number | null;
+  temperature_max_cell: number | null;
+  links: Record<string, CarLink>;
+  master: string | null;
+  alarms: CarAlarm[];
+  url: string | null;
+  battery: string | null;
+  segments: number[];
+  simulated: boolean;
+}
+
 /** The likeliest cause of a trip, or of something that is wrong without one. */
 export interface Cause {
   at: number;
@@ -778,6 +817,14 @@ export interface Flags {
   charging: boolean;
   balancing: boolean;
   load: boolean | null;
+}
+
+/** All cars of a broker, by name; `problem` says why none is heard. */
+export interface Fleet {
+  broker: string;
+  problem: string | null;
+  problem_words: Words | null;
+  cars: Car[];
 }
 
 /** A port or an adapter, by the URL that the choice takes. */

@@ -5,6 +5,7 @@ import type can from '../../../app/words/nb/page/can.json';
 import type debrief from '../../../app/words/nb/page/debrief.json';
 import type drill from '../../../app/words/nb/page/drill.json';
 import type evidence from '../../../app/words/nb/page/evidence.json';
+import type fleet from '../../../app/words/nb/page/fleet.json';
 import type help from '../../../app/words/nb/page/help.json';
 import type overview from '../../../app/words/nb/page/overview.json';
 import type packs from '../../../app/words/nb/page/packs.json';
@@ -21,6 +22,7 @@ export type Text =
   | keyof typeof debrief
   | keyof typeof drill
   | keyof typeof evidence
+  | keyof typeof fleet
   | keyof typeof help
   | keyof typeof overview
   | keyof typeof packs

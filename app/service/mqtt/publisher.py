@@ -5,18 +5,17 @@ or wrong delays nobody. Topics and their contents are described in docs/howto/mq
 """
 
 import contextlib
-import ssl
+import secrets
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from importlib import import_module
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
-from urllib.parse import unquote, urlsplit
 
+from app import __version__
+from app.battery.battery import Battery
 from app.clock import Clock
-from app.errors import ConfigError
+from app.service.host import addresses_of
+from app.service.mqtt.broker import KEEPALIVE_S, Broker, new_client, parse_broker
 from app.service.settings import Settings
 from app.telemetry import Event, Snapshot, Source
 from app.telemetry.aging import aged, is_stale
@@ -26,8 +25,6 @@ from app.telemetry.service_state import Recording
 from app.words import Message, Text, render
 
 PERIOD_S = 1.0
-KEEPALIVE_S = 15
-RETRY_MIN_S, RETRY_MAX_S = 1, 30
 MAX_EVENTS = 1000  # kept for a broker that is gone; older ones are in the event log
 PER_CELL: dict[str, Part] = {
     "voltage_v": "voltage",
@@ -35,48 +32,7 @@ PER_CELL: dict[str, Part] = {
     "soc": "voltage",
     "soc_sigma": "voltage",
 }
-DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
 Messages = Iterator[tuple[str, bytes]]
-
-
-@dataclass(frozen=True, slots=True)
-class Broker:
-    """Where to publish, and as whom."""
-
-    host: str
-    port: int
-    prefix: str
-    uses_tls: bool
-    user: str | None = None
-    password: str | None = None
-    ca: Path | None = None
-
-    def __str__(self) -> str:
-        """For people; without the password."""
-        return f"{'mqtts' if self.uses_tls else 'mqtt'}://{self.host}:{self.port}/{self.prefix}"
-
-
-def parse_broker(url: str, password: str | None = None, ca: Path | None = None) -> Broker:
-    """Return the broker of a URL like mqtts://user@host:8883/prefix.
-
-    Raises:
-        ConfigError: it is none, or it holds a password, which everybody on the machine could read.
-    """
-    shape = Message("broker-url")
-    parts = urlsplit(url)
-    try:
-        port = parts.port or DEFAULT_PORTS[parts.scheme]
-    except (KeyError, ValueError) as error:
-        raise ConfigError("mqtt", url, shape) from error
-    if parts.password is not None:
-        raise ConfigError("mqtt", Message("hidden"), Message("broker-password", shape=shape))
-    prefix = parts.path.strip("/") or "voltwall"
-    if not parts.hostname or any(character in url for character in "#+?"):
-        raise ConfigError("mqtt", url, shape)
-    if ca is not None and not ca.is_file():
-        raise ConfigError("mqtt_ca", ca, Message("no-such-file"))
-    user = None if parts.username is None else unquote(parts.username)
-    return Broker(parts.hostname, port, prefix, parts.scheme == "mqtts", user, password, ca)
 
 
 class MqttPublisher:
@@ -89,21 +45,28 @@ class MqttPublisher:
         clock: Clock,
         *,
         source: Source = "serial",
+        about: Mapping[str, object] | None = None,
         period_s: float = PERIOD_S,
     ) -> None:
-        """Prepare the connection; `recording` says what is being recorded, `source` where values and events come from.
+        """Prepare the connection.
+
+        Args:
+            broker: where to publish, with the prefix of this car's topics.
+            recording: says what is being recorded.
+            clock: of this service.
+            source: where values and events come from.
+            about: what this car is, for the page of a fleet.
+            period_s: seconds between two messages of a topic.
 
         Raises:
             ConfigError: paho-mqtt is not installed, or the CA file is none.
         """
-        try:
-            paho: Any = import_module("paho.mqtt.client")
-        except ImportError as error:
-            raise ConfigError("mqtt", broker, Message("needs-paho")) from error
         self._broker = broker
         self._recording = recording
         self._clock = clock
         self._source = source
+        self._about = None if about is None else encode(dict(about) | car_of(source))
+        self._run_id = secrets.token_hex(4)  # of this start: the monotonic clock of another one counts from elsewhere
         self._period_s = period_s
         self._snapshot: Snapshot | None = None
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
@@ -112,18 +75,10 @@ class MqttPublisher:
         self._is_connected = threading.Event()
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
-        client = paho.Client(paho.CallbackAPIVersion.VERSION2)
+        client = new_client(broker)
         client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
         client.on_connect_fail = self._on_connect_fail
         client.will_set(self._topic("status"), b"offline", qos=1, retain=True)
-        client.reconnect_delay_set(RETRY_MIN_S, RETRY_MAX_S)
-        if broker.user is not None:
-            client.username_pw_set(broker.user, broker.password)
-        if broker.uses_tls:
-            try:
-                client.tls_set(None if broker.ca is None else str(broker.ca))
-            except (ssl.SSLError, OSError) as error:
-                raise ConfigError("mqtt_ca", broker.ca, str(error)) from error
         self._client = client
 
     @property
@@ -166,6 +121,8 @@ class MqttPublisher:
         self._sent = {}
         self._problem = None
         self._client.publish(self._topic("status"), b"online", qos=1, retain=True)
+        if self._about is not None:
+            self._client.publish(self._topic("about"), self._about, qos=1, retain=True)
         self._is_connected.set()
 
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
@@ -189,19 +146,24 @@ class MqttPublisher:
             if snapshot is None or snapshot is shown:
                 continue
             shown = snapshot
-            for name, body in messages(aged(snapshot, self._clock.monotonic_ns()), self._recording()):
+            now_ns = self._clock.monotonic_ns()
+            sent = {"run": self._run_id, "s": round(now_ns / 1e9, 3)}
+            for name, body in messages(aged(snapshot, now_ns), self._recording(), sent):
                 if self._sent.get(name) != body:
                     self._sent[name] = body
                     self._client.publish(self._topic(name), body, qos=0, retain=True)
 
 
-def messages(snapshot: Snapshot, recording: Recording | None) -> Messages:
-    """Yield the state's topics and bodies; null is missing. Every object says whether the car is a simulated one."""
+def messages(snapshot: Snapshot, recording: Recording | None, sent: Mapping[str, object] | None = None) -> Messages:
+    """Yield the state's topics and bodies; null is missing. Every object says whether the car is a simulated one.
+
+    `sent` is when, by a clock that never steps: whoever hears it knows by it how long the message was on its way.
+    """
     car = car_of(snapshot.source)
     stamp = {"time": round(snapshot.t_wall_ns / 1e9, 3), "source": snapshot.source} | car
     cells, master, ages = plain(snapshot.cells), snapshot.master, plain(snapshot.age_s)
     stale = {part: is_stale(snapshot, part) for part in ages}
-    yield "accumulator", encode(stamp | {"age_s": ages, "stale": stale} | plain(snapshot.accumulator))
+    yield "accumulator", encode(stamp | {"sent": sent, "age_s": ages, "stale": stale} | plain(snapshot.accumulator))
     for name, part in PER_CELL.items():
         yield f"cells/{name}", encode(stamp | {"age_s": ages[part], "stale": stale[part], "values": cells[name]})
     said = {"state": master.state, "why": render(master.why), "fit": master.fit, "flags": master.flags}
@@ -223,15 +185,26 @@ def event_body(event: Event, source: Source) -> bytes:
 
 
 def configured_publisher(
-    settings: Settings, recording: Callable[[], Recording | None], clock: Clock, source: Source
+    settings: Settings, recording: Callable[[], Recording | None], clock: Clock, source: Source, battery: Battery
 ) -> MqttPublisher | None:
     """Return a publisher to the broker of the settings, None where they name none.
 
     Raises:
-        ConfigError: the broker cannot be used, or paho-mqtt is not installed.
+        ConfigError: the broker or the name of the car cannot be used, or paho-mqtt is not installed.
     """
     if settings.mqtt is None:
         return None
-    password = None if settings.mqtt_password is None else settings.mqtt_password.get_secret_value()
-    broker = parse_broker(settings.mqtt, password, settings.mqtt_ca)
-    return MqttPublisher(broker, recording, clock, source=source)
+    broker = parse_broker(settings.mqtt, settings.mqtt_secret, settings.mqtt_ca).of_car(settings.car)
+    about = {
+        "url": settings.url or _own_url(settings),
+        "battery": battery.name,
+        "segments": list(battery.segments),
+        "version": __version__,
+    }
+    return MqttPublisher(broker, recording, clock, source=source, about=about)
+
+
+def _own_url(settings: Settings) -> str | None:
+    """Where the pages of this service are, as far as it knows: a port that was not chosen is not known here."""
+    hosts = addresses_of(settings.host) or [settings.host]
+    return f"http://{hosts[0]}:{settings.port}" if settings.port else None

@@ -1,12 +1,11 @@
-"""Which broker a URL names, and what of a snapshot is published."""
+"""What of a snapshot is published."""
 
 import json
 from dataclasses import replace
 
 import pytest
 
-from app.errors import ConfigError
-from app.service.mqtt import event_body, messages, parse_broker
+from app.service.mqtt.publisher import event_body, messages
 from app.sources.items import LinkChange
 from app.telemetry import Alarm, Event
 from app.telemetry.aging import aged
@@ -14,38 +13,6 @@ from app.telemetry.service_state import Recording
 from app.words import Message
 
 EVENT = Event(1, "info", "noted", Message("verbatim", text="noted"))
-
-
-def test_a_url_names_host_port_prefix_and_user():
-    broker = parse_broker("mqtts://pit%40team@car.local/fsg/", password="secret")
-    assert (broker.host, broker.port, broker.prefix, broker.uses_tls) == ("car.local", 8883, "fsg", True)
-    assert (broker.user, broker.password) == ("pit@team", "secret")
-    assert str(broker) == "mqtts://car.local:8883/fsg"
-
-
-def test_without_port_and_prefix_there_are_defaults():
-    broker = parse_broker("mqtt://pit")
-    assert (broker.port, broker.prefix, broker.uses_tls, broker.user) == (1883, "voltwall", False, None)
-
-
-def test_a_ca_that_is_no_file_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match="mqtt_ca"):
-        parse_broker("mqtts://pit", ca=tmp_path / "none.pem")
-
-
-@pytest.mark.parametrize(
-    ("url", "reason"),
-    [
-        ("http://pit", "mqtt.s.://"),
-        ("mqtt://", "mqtt.s.://"),
-        ("mqtt://pit:99999999", "mqtt.s.://"),
-        ("mqtt://a:b@pit", "VOLTWALL_MQTT_PASSWORD"),
-        ("mqtt://pit/a/#", "mqtt.s.://"),
-    ],
-)
-def test_what_is_no_broker_is_refused(url, reason):
-    with pytest.raises(ConfigError, match=reason):
-        parse_broker(url)
 
 
 def test_a_snapshot_is_published_in_parts_and_what_is_missing_is_null(bench, master):

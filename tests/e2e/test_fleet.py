@@ -1,0 +1,57 @@
+"""The page of several cars: three that are told, one of which vanishes."""
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.mosquitto import IS_CI, MOSQUITTO, Mosquitto, ToldCar
+from tests.service_process import Service
+
+pytestmark = pytest.mark.skipif(MOSQUITTO is None and not IS_CI, reason="no mosquitto: apt-get install mosquitto")
+TRIP = {"severity": "trip", "text": "cell too hot", "text_words": {"code": "cell-hot", "args": {}}, "cell": 30,
+        "active": True}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def broker(tmp_path_factory):
+    running = Mosquitto(tmp_path_factory.mktemp("broker")).start()
+    yield running
+    running.kill()
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory, broker):
+    service = Service(tmp_path_factory.mktemp("fleet"), ["--fleet", f"mqtt://127.0.0.1:{broker.port}"]).start()
+    yield service
+    service.stop()
+
+
+@pytest.mark.parametrize("size", ["desktop", "phone"])
+def test_before_any_car_the_page_says_how_to_start_one(fleet, open_page, violations, size):
+    page = open_page(fleet.base_url, size)
+    expect(page.get_by_test_id("hint")).to_contain_text("--car NAME")
+    assert violations(page) == {}
+
+
+def test_cards_tell_cars_apart_and_one_that_vanishes_is_old(fleet, broker, open_page, violations):
+    cars = [
+        ToldCar(broker.port, "blue", url="http://127.0.0.1:1"),
+        ToldCar(broker.port, "green", alarms=[TRIP]),
+        ToldCar(broker.port, "red"),
+    ]
+    page = open_page(fleet.base_url)
+    for name in ("blue", "green", "red"):
+        expect(page.get_by_test_id(f"car-{name}")).to_have_attribute("data-state", "live")
+    blue, green, red = (page.get_by_test_id(f"car-{name}") for name in ("blue", "green", "red"))
+    expect(blue.get_by_test_id("weakest")).to_contain_text("pack 3, cell 7")
+    expect(blue.get_by_test_id("open")).to_have_attribute("href", "http://127.0.0.1:1")
+    expect(green.get_by_test_id("alarms")).to_contain_text("cell too hot · pack 3, cell 7")
+    cars[2].vanish()
+    expect(red).to_have_attribute("data-state", "vanished")
+    expect(red.get_by_test_id("trust")).to_contain_text("vanished since")
+    expect(page.get_by_test_id("counts")).to_contain_text("2 of 3 live, 1 vanished")
+    assert violations(page) == {}
+    page.get_by_test_id("language").select_option("nb")
+    expect(red.get_by_test_id("trust")).to_contain_text("borte siden")
+    expect(green.get_by_test_id("alarms")).not_to_contain_text("cell too hot")
+    for car in cars[:2]:
+        car.vanish()
