@@ -1,7 +1,7 @@
 """Resolves pyproject.toml into the three lock files: exact versions with hashes, for every platform, no index address.
 
 `run` is the program with what its pages offer and a logger needs, `build` makes the wheel, `dev` holds both and all
-tools. The extra `pybamm` is in none: 800 MB for one benchmark; nor is the group `clickhouse`: 534 MB for one test.
+tools. The extra `pybamm` is in none: 800 MB for one benchmark; nor is `clickhouse`: 534 MB for one test.
 Versions already locked stay; `--upgrade` takes the newest that pyproject.toml allows.
 """
 

@@ -89,7 +89,7 @@ class ImportFailed(AppError):
 class ExtraMissing(AppError):
     """A format needs a package that is not installed."""
 
-    def __init__(self, what: str, package: str, extra: str) -> None:
+    def __init__(self, what: Text, package: str, extra: str) -> None:
         self.what = what
         self.package = package
         super().__init__(Message("extra-missing", what=what, package=package, extra=extra))

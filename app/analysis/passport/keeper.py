@@ -54,26 +54,37 @@ class _Stretches(CapacityTracker):
         )
 
 
+class RestCounter:
+    """Counts the charge between the rests of a session; give `add` to `survey_session` as `also`."""
+
+    def __init__(self, cell: CellModel, n_cells: int) -> None:
+        self._told = _Stretches(cell.capacity_ah, n_cells)
+        self._rests = CapacityBetweenRests(cell, self._told)
+        self._last_s: float | None = None
+
+    def add(self, piece: Piece) -> None:
+        """Take the next piece."""
+        for at_s, current_a, volts in zip(
+            piece.time_s.tolist(), piece.current_a.tolist(), piece.voltage_v, strict=True
+        ):
+            dt_s = 0.0 if self._last_s is None else at_s - self._last_s
+            self._last_s = at_s
+            if current_a == current_a and 0.0 <= dt_s <= MAX_STEP_S:
+                self._rests.step(dt_s, current_a, volts)
+
+    @property
+    def stretches(self) -> tuple[Stretch, ...]:
+        """What was counted between two rests, in order."""
+        return tuple(self._told.told)
+
+
 def record_of(session: SessionFile, todays: CellModel) -> SessionRecord:
     """Return what a session tells about every cell, by its own cell file; by today's where it keeps none."""
     of_then, is_of_then = cell_of(session)
     cell = of_then if is_of_then else todays
     n_cells = session.battery.n_cells
-    told = _Stretches(cell.capacity_ah, n_cells)
-    rests = CapacityBetweenRests(cell, told)
-    last_s: float | None = None
-
-    def count(piece: Piece) -> None:
-        nonlocal last_s
-        for at_s, current_a, volts in zip(
-            piece.time_s.tolist(), piece.current_a.tolist(), piece.voltage_v, strict=True
-        ):
-            dt_s = 0.0 if last_s is None else at_s - last_s
-            last_s = at_s
-            if current_a == current_a and 0.0 <= dt_s <= MAX_STEP_S:
-                rests.step(dt_s, current_a, volts)
-
-    survey = survey_session(session, count)
+    rests = RestCounter(cell, n_cells)
+    survey = survey_session(session, rests.add)
     info = session.info
     first, last = survey.first_rest, survey.last_rest
     return SessionRecord(
@@ -86,7 +97,7 @@ def record_of(session: SessionFile, todays: CellModel) -> SessionRecord:
         first_rest_v=_volts(first, n_cells),
         last_rest_s=None if last is None else last.time_s,
         last_rest_v=_volts(last, n_cells),
-        stretches=tuple(told.told),
+        stretches=rests.stretches,
         nominal_ah=cell.capacity_ah if is_of_then else None,
         first_rest_soc=cell.ocv.soc_at(_volts(first, n_cells)) if is_of_then else None,
         last_rest_soc=cell.ocv.soc_at(_volts(last, n_cells)) if is_of_then else None,

@@ -2,13 +2,15 @@
 
 import argparse
 
-from app.commands.season import estimate
+from app.commands.season import build, estimate, query
+from app.commands.session_commands.selection import add_data_argument
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the actions."""
+    add_data_argument(parser)
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    for module in (estimate,):
+    for module in (build, query, estimate):
         module.add_actions(actions)
 
 
@@ -16,6 +18,6 @@ def run(args: argparse.Namespace) -> int:
     """Do what was asked for.
 
     Raises:
-        AppError: a folder or a file cannot be read, or is wrong.
+        AppError: a folder, a file or a question cannot be read, or is wrong.
     """
     return int(args.do(args))

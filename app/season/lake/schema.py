@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 LAKE_VERSION: Final = 1  # a lake of an older number is made again from its sessions
 WHOLE: Final = 0  # number of the row that stands for a whole session, in the column `lap`
 SAMPLES: Final = "samples"
+MARK: Final = "sessions"  # the table that is written last: with it a session is in the lake
 TYPES: Final = {
     "text": "UTF-8 string",
     "number": "float64",
@@ -65,6 +66,7 @@ SESSIONS: Final = (
     Column("cell_file_of_then", "flag", "", "whether the session itself keeps that cell model"),
     Column("recorded_by", "text", "", "version of Voltwall that recorded it"),
     Column("metadata", "text", "", "the session's metadata and tags, as a JSON object"),
+    Column("layout", "text", "", "the same where two sessions have the same columns in `samples`"),
     Column("built_by", "text", "", "version of Voltwall that made these rows"),
     Column("source_file", "text", "", "path of the session's file when it was read"),
     Column("source_state", "text", "", "its time of change and size: what has changed since is read again"),

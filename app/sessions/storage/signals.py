@@ -6,6 +6,7 @@ The team's fields are those of its memory map; those of a battery with a DBC are
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +106,17 @@ class Signals:
             raise UnknownSignal(name)
         shape = self._fields[name].shape
         return self.find(name + "[0]" * len(shape)), int(np.prod(shape))
+
+    def names(self, field: str) -> list[str]:
+        """Return the names of all elements of a field.
+
+        Raises:
+            UnknownSignal: no such field.
+        """
+        if field not in self._fields:
+            raise UnknownSignal(field)
+        indices = product(*(range(length) for length in self._fields[field].shape))
+        return [field + "".join(f"[{i}]" for i in each) for each in indices]
 
     def of_table(self) -> list[Signal]:
         """Return what an export holds unless told otherwise: what is measured of all cells, and the estimates."""

@@ -1,0 +1,67 @@
+"""`voltwall season build`: make the lake from closed sessions."""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from app.commands.season.lake import add_lake_argument, lake_of
+from app.commands.session_commands.selection import data_folder, new_action
+from app.errors import ConfigError
+from app.season.lake.build import build_lake, session_files
+from app.season.lake.place import Place
+from app.words import render
+
+NICE = 19
+
+
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    build = new_action(
+        actions, "build", "make the season lake from closed sessions: what is new or has changed", _build
+    )
+    build.add_argument(
+        "places",
+        metavar="DIR",
+        nargs="*",
+        type=Path,
+        help="folders of sessions, or session files (default: the data folder's)",
+    )
+    add_lake_argument(build)
+    build.add_argument("--again", action="store_true", help="make all anew, what is up to date too")
+    build.add_argument("--judge", action="store_true", help="judge the cells of each session anew (slower)")
+    build.add_argument("--background", action="store_true", help="at the lowest priority, and without a word")
+
+
+def _build(args: argparse.Namespace) -> int:
+    """Make the lake; 1 where a session was left out.
+
+    Raises:
+        ConfigError: the lake cannot be written.
+    """
+    if args.background and hasattr(os, "nice"):
+        os.nice(NICE)
+    places = args.places or [data_folder(args) / "sessions"]
+    for place in places:
+        if not place.exists():
+            raise ConfigError("DIR", place, "a folder of sessions, or a session")
+    lake = Place(lake_of(args))
+    shows = not args.background and sys.stderr.isatty()
+
+    def progress(done: int, of: int, session: str) -> None:
+        if shows:
+            print(f"\r{done}/{of} {session}\x1b[K", end="", file=sys.stderr, flush=True)
+
+    try:
+        built = build_lake(lake, session_files(places), again=args.again, judge_anew=args.judge, progress=progress)
+    except OSError as error:
+        raise ConfigError("lake", lake.url, error.strerror or str(error)) from error
+    if shows:
+        print("\r\x1b[K", end="", file=sys.stderr)
+    if not args.background:
+        print(f"{lake.url}: {len(built.made)} made, {len(built.current)} up to date")
+        if built.not_closed:
+            print(f"not closed yet: {', '.join(built.not_closed)}")
+    for session, why in built.failed:
+        print(f"{session} is left out: {why if isinstance(why, str) else render(why)}", file=sys.stderr)
+    return 1 if built.failed else 0

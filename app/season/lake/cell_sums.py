@@ -1,0 +1,77 @@
+"""What a stretch of a session asked of every cell, beside what the survey tells: sums over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from app.analysis.report.findings import NEAR
+from app.analysis.survey import Piece
+from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR
+from app.estimation.arrays import FloatArray
+
+_NEAR_COLUMNS = {  # column, limit, what of a piece, side
+    "near_v_min_s": ("v_min", "v_cell_min", "voltage_v", -1.0),
+    "near_v_max_s": ("v_max", "v_cell_max", "voltage_v", 1.0),
+    "near_t_max_s": ("t_max", "t_cell_max", "temperature_degc", 1.0),
+}
+
+
+class CellSums:
+    """Takes the pieces of a stretch in order; arrays are (n_cells,)."""
+
+    def __init__(self, n_cells: int) -> None:
+        self._n = n_cells
+        self._before_s: float | None = None
+        self._out_ws, self._in_ws, self._bled_vs = np.zeros((3, n_cells))
+        self._out_as = self._in_as = 0.0
+        self._means = {name: np.zeros((2, n_cells)) for name in ("temperature_degc", "soc")}  # integral and seconds
+        self._near: dict[str, FloatArray] = {}
+
+    def add(self, piece: Piece, limits: Mapping[str, float]) -> None:
+        """Take the next piece, which `limits` were in force in, by name."""
+        if not len(piece.time_s):
+            return
+        raw_s = np.diff(piece.time_s, prepend=piece.time_s[0] if self._before_s is None else self._before_s)
+        dt_s = np.where((raw_s > 0.0) & (raw_s <= MAX_STEP_S), raw_s, 0.0)  # each stands for the time up to it
+        self._before_s = float(piece.time_s[-1])
+        charge_as = np.nan_to_num(piece.current_a) * dt_s
+        out_as, in_as = np.maximum(charge_as, 0.0), np.maximum(-charge_as, 0.0)
+        self._out_as += float(out_as.sum())
+        self._in_as += float(in_as.sum())
+        volts = np.nan_to_num(piece.voltage_v)
+        self._out_ws += out_as @ volts  # current is positive on discharge; a cell's voltage is never below 0
+        self._in_ws += in_as @ volts
+        if np.nanmax(piece.balancing, initial=0.0) > 0.0:
+            self._bled_vs += dt_s @ (volts * np.nan_to_num(piece.balancing))
+        for name, (integral, seconds) in self._means.items():
+            values = getattr(piece, name)
+            known = np.isfinite(values)
+            integral += dt_s @ np.where(known, values, 0.0)
+            seconds += dt_s @ known
+        self._add_near(piece, dt_s, limits)
+
+    def _add_near(self, piece: Piece, dt_s: FloatArray, limits: Mapping[str, float]) -> None:
+        for column, (kind, limit, of, side) in _NEAR_COLUMNS.items():
+            if limit in limits:
+                edge = limits[limit] - side * NEAR[kind]  # type: ignore[index]
+                is_near = side * getattr(piece, of) > side * edge  # of what was not measured: false
+                so_far = self._near.get(column, np.zeros(self._n))
+                self._near[column] = so_far + dt_s @ is_near
+
+    def columns(self) -> dict[str, FloatArray | float]:
+        """Return the columns of the table `cells` that are sums."""
+        means = {}
+        for name, (integral, seconds) in self._means.items():
+            means[name] = np.where(seconds > 0.0, integral / np.maximum(seconds, 1e-9), np.nan)
+        return {
+            "energy_out_wh": self._out_ws / SECONDS_PER_HOUR,
+            "energy_in_wh": self._in_ws / SECONDS_PER_HOUR,
+            "charge_out_ah": self._out_as / SECONDS_PER_HOUR,
+            "charge_in_ah": self._in_as / SECONDS_PER_HOUR,
+            "bled_v_s": self._bled_vs,
+            "temperature_mean_degc": means["temperature_degc"],
+            "soc_mean": means["soc"],
+            **{column: self._near.get(column, np.full(self._n, np.nan)) for column in _NEAR_COLUMNS},
+        }

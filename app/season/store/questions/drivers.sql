@@ -1,0 +1,7 @@
+-- Laps, lap time and energy of each driver.
+SELECT driver, count(*) AS laps, min(duration_s) AS best_lap_s, avg(duration_s) AS mean_lap_s,
+       avg(energy_out_wh - energy_in_wh) AS energy_wh, avg(power_mean_w) AS power_mean_w
+FROM laps
+WHERE counts
+GROUP BY driver
+ORDER BY mean_lap_s, driver
