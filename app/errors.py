@@ -6,7 +6,10 @@ AppError
   ImportFailed         another program's recording cannot be taken over
   ExtraMissing         an optional package is missing
   NotNow               the request is fine, the moment is not
+  LimitExceeded        it takes more memory, time or room than anybody may
 """
+
+from typing import Any
 
 from app.words import Message, Text, render
 from firmware_protocol.errors import EncodeError
@@ -21,6 +24,16 @@ class AppError(Exception):
 
     def __str__(self) -> str:
         return render(self.message)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """As it is, without the constructor: errors come out of other processes."""
+        return _remade, (type(self), self.args, self.__dict__)
+
+
+def _remade(kind: type[AppError], args: tuple[Any, ...], values: dict[str, Any]) -> AppError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(values)
+    return error
 
 
 def message_of(error: BaseException) -> Text:
@@ -75,6 +88,10 @@ class MasterRefused(LinkError):
 
 class NotNow(AppError):
     """The state of the service forbids it."""
+
+
+class LimitExceeded(AppError):
+    """A file asks for more than it may have; the message names the limit."""
 
 
 class ImportFailed(AppError):

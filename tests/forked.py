@@ -77,6 +77,24 @@ class ForkedSimulator:
             os.kill(self.pid, signal.SIGKILL)
 
 
+class ForkedWorker(ForkedSimulator):
+    """The process that a service reads files in, forked before the service has threads."""
+
+    def __init__(self) -> None:
+        super().__init__(["", "", "app.sessions.worker.process"])
+        self.stdin = os.fdopen(self._stdin, "wb")
+
+
+def _worker_first(first: ForkedWorker) -> types.SimpleNamespace:
+    """Stand for `subprocess` where workers are started: the first one is there already."""
+    ready = [first]
+
+    def start(command: list[str], **options: object) -> "ForkedWorker | subprocess.Popen[bytes]":
+        return ready.pop() if ready else subprocess.Popen(command, **options)
+
+    return types.SimpleNamespace(Popen=start, PIPE=subprocess.PIPE)
+
+
 def _start_simulator(command: list[str], **options: object) -> "ForkedSimulator | subprocess.Popen[bytes]":
     if threading.active_count() > PARENTS_THREADS:  # a lock that another thread holds would stay locked in a fork
         return subprocess.Popen(command, **options)
@@ -118,6 +136,7 @@ def _go_first() -> None:
 def _run(module: str, arguments: list[str], environment: dict[str, str], output: Connection) -> None:
     """Be the program of a module with these arguments, everything it says on one pipe."""
     from app.service import simulator_process
+    from app.sessions.worker import workers
 
     _end_with_parent()
     _go_first()
@@ -130,6 +149,8 @@ def _run(module: str, arguments: list[str], environment: dict[str, str], output:
     simulator_process.subprocess = types.SimpleNamespace(
         Popen=_start_simulator, PIPE=subprocess.PIPE, TimeoutExpired=subprocess.TimeoutExpired
     )
+    if arguments[:1] == ["serve"]:
+        workers.subprocess = _worker_first(ForkedWorker())
     sys.exit(importlib.import_module(module).main(arguments))
 
 

@@ -49,6 +49,7 @@ from app.sessions.replay import ReplayPlayer
 from app.sessions.retention import Retention, RetentionRule
 from app.sessions.transfer.fetch_jobs import FetchJobs
 from app.sessions.transfer.import_jobs import ImportJobs
+from app.sessions.worker import Workers
 from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.telemetry import Event, Snapshot, Source
 from app.words import Message
@@ -86,6 +87,7 @@ class Service:
     mqtt: MqttPublisher | None
     health: Health
     state: ServiceStateReader
+    workers: Workers
     jobs: ThreadPoolExecutor
 
     def start(self) -> None:
@@ -102,6 +104,7 @@ class Service:
 
     def stop(self) -> None:
         """Close the links, work on what they delivered, close what keeps it: in this order."""
+        self.workers.close()
         self.replay.stop()
         self.retention.stop()
         self.links.close()
@@ -218,6 +221,7 @@ def make_service(
     configuration = ConfigurationWriter(links.master, lambda: pipeline.identity, rules.context, write_log, clock)
     in_force = ConfigurationInForce(configuration, clock)
     profiles = Profiles(data / "profiles", clock)
+    workers = Workers()
     jobs = ThreadPoolExecutor(max_workers=1, thread_name_prefix="jobs")
     identification = MasterIdentification(links.master, configuration, jobs, clock)
 
@@ -263,7 +267,7 @@ def make_service(
         catalogue=catalogue,
         retention=retention,
         fetches=FetchJobs(sessions_folder, catalogue, events.note, clock),
-        imports=ImportJobs(data, pipelines.for_import, events.note, battery),
+        imports=ImportJobs(data, pipelines.for_import, events.note, workers, battery),
         passports=passports,
         black_boxes=black_boxes,
         configuration=configuration,
@@ -278,5 +282,6 @@ def make_service(
         mqtt=mqtt,
         health=Health(live, recorder, events, mqtt, clock),
         state=ServiceStateReader(recorder, replay, events, in_force, clock),
+        workers=workers,
         jobs=jobs,
     )

@@ -124,11 +124,12 @@ class Setup:
                 found[name] = load_battery(name)
         return found
 
-    def upload(self, files: dict[str, bytes]) -> str:
+    def upload(self, files: dict[str, bytes], load: Callable[[str], object] = load_battery) -> str:
         """Keep a profile and its DBCs in the data folder; return the name by which it can be chosen.
 
         Args:
             files: by their names, the profile among them.
+            load: reads a profile with its DBCs, to see whether they can be used.
 
         Raises:
             ConfigError: there is not exactly one profile, a name is no file's, or the profile is wrong.
@@ -147,7 +148,7 @@ class Setup:
         with tempfile.TemporaryDirectory(prefix=".new-", dir=batteries) as fresh:
             for name, data in files.items():
                 (Path(fresh) / name).write_bytes(data)
-            load_battery(str(Path(fresh) / profile))
+            load(str(Path(fresh) / profile))
             shutil.rmtree(folder, ignore_errors=True)
             shutil.copytree(fresh, folder)
         return str(folder / profile)

@@ -9,16 +9,15 @@ from pydantic import Field
 
 from app.api.encoding.words import words
 from app.api.schemas.setup import LearnedOut
-from app.api.web.dependencies import SetupPart
+from app.api.web.dependencies import SetupPart, WorkersPart
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
-from app.sources.dbc.dbc_file import parse_definitions
-from app.sources.dbc.definitions import Definitions
+from app.sessions.worker import DEFINITIONS
 from app.sources.dbc.frames import frames_of
-from app.sources.dbc.learn.learning import Learned, learn
+from app.sources.dbc.learn.from_files import learn_from_files
+from app.sources.dbc.learn.learning import Learned
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.proposal import CellProposal
-from app.sources.dbc.learn.survey import survey
 from app.sources.dbc.listening import bus_frames
 from app.words import Message, Text, render
 
@@ -36,20 +35,15 @@ class LearnIn(Body):
 
 
 @router.post("/learn", response_model=LearnedOut)
-def learn_profile(body: LearnIn, setup: SetupPart) -> dict[str, Any]:
+def learn_profile(body: LearnIn, setup: SetupPart, workers: WorkersPart) -> dict[str, Any]:
     """Listen, and suggest a profile with the reasons for each of its lines."""
     if body.can is not None and body.can == setup.in_force.can:
         raise invalid("can", body.can, Message("bus-is-read"))
-    definitions = Definitions(())
-    for name, text in body.files.items():
-        definitions = definitions.joined(parse_definitions(text.encode(), name))
     frames = frames_of([]) if body.can is None else bus_frames(body.can, body.seconds)
-    found = survey(definitions, frames)
-    first = next(iter(body.files))
-    learned = learn(found, frames, body.name or first.rpartition(".")[0], tuple(body.files))
+    messages, found, learned = workers.run(DEFINITIONS, learn_from_files, body.files, frames, body.name)
     return {
         "frames": found.n_frames,
-        "messages": len(definitions.messages),
+        "messages": messages,
         "heard": len(found.heard),
         **(_nothing() if learned is None else _learned(learned)),
     }

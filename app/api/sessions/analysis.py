@@ -10,24 +10,33 @@ from pydantic import Field
 
 from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.from_session import explained, keep_black_boxes, stored_box
-from app.analysis.evidence.evidence import Evidence, NoEvidence, evidence_of
+from app.analysis.evidence.evidence import Evidence, NoEvidence
 from app.analysis.laps.figures import OVERLAY_POINTS, Lap
-from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, overlay_laps, settle_laps
+from app.analysis.laps.from_session import CanCounter, LapTable, Overlay, Source, lap_table, settle_laps
 from app.analysis.limits import by_names_of_profiles, limits_of
-from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
+from app.analysis.report.report import Report, SessionComparison
 from app.api.encoding.battery import battery_json
 from app.api.encoding.words import message_json
 from app.api.schemas.battery import BatteryOut
 from app.api.schemas.sessions import BoxList
-from app.api.sessions.routes import MAX_UNIX_S, open_session
-from app.api.web.dependencies import BlackBoxesPart, CataloguePart, ClockPart, EventsPart, PassportsPart, UserDep
+from app.api.sessions.jobs import comparison_at, evidence_at, laps_at, overlay_at, report_at
+from app.api.sessions.routes import MAX_UNIX_S, open_session, path_of
+from app.api.web.dependencies import (
+    BlackBoxesPart,
+    CataloguePart,
+    ClockPart,
+    EventsPart,
+    PassportsPart,
+    UserDep,
+    WorkersPart,
+)
 from app.api.web.document import document_response
 from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
 from app.errors import AppError
 from app.sessions.black_box_store import StoredBox
 from app.sessions.errors import UnknownSignal
-from app.sessions.reading.reader import SessionFile
+from app.sessions.worker import REPORT
 from app.words import Message, languages
 
 router = APIRouter(tags=["debrief"])
@@ -63,13 +72,6 @@ def _box_list(boxes: Sequence[StoredBox]) -> BoxList:
     return BoxList.model_validate({"boxes": [asdict(box) | message_json("text", box.message) for box in boxes]})
 
 
-def _table(file: SessionFile, source: Source | None, counter: CanCounter | None, lap_signal: str | None) -> LapTable:
-    try:
-        return lap_table(file, source, lap_signal if source == "signal" else counter)
-    except UnknownSignal as error:
-        raise invalid("lap_signal", error.name, error.reason) from error
-
-
 def _counter(can_id: int | None, byte: int, mask: int) -> CanCounter | None:
     return None if can_id is None else CanCounter(can_id, byte, mask)
 
@@ -88,6 +90,7 @@ def battery(session_id: str, catalogue: CataloguePart) -> dict[str, Any]:
 def laps(
     session_id: str,
     catalogue: CataloguePart,
+    workers: WorkersPart,
     source: SourceQuery = None,
     can_id: CanId = None,
     can_byte: CanByte = 0,
@@ -95,8 +98,11 @@ def laps(
     lap_signal: LapSignal = None,
 ) -> LapTable:
     """Laps with what each one cost, and drivers against each other."""
-    with open_session(catalogue, session_id) as file:
-        return _table(file, source, _counter(can_id, can_byte, can_mask), lap_signal)
+    counter = lap_signal if source == "signal" else _counter(can_id, can_byte, can_mask)
+    try:
+        return workers.run(REPORT, laps_at, path_of(catalogue, session_id), source, counter)
+    except UnknownSignal as error:
+        raise invalid("lap_signal", error.name, error.reason) from error
 
 
 @router.put("/sessions/{session_id}/laps")
@@ -127,6 +133,7 @@ def unsettle(session_id: str, catalogue: CataloguePart, clock: ClockPart, user: 
 def overlay(
     session_id: str,
     catalogue: CataloguePart,
+    workers: WorkersPart,
     lap: Annotated[list[int], Query(min_length=1, max_length=50, description="index from 0")],
     signal: Annotated[str, Query(max_length=100)] = "power_w",
     points: Annotated[int, Query(ge=10, le=2000)] = OVERLAY_POINTS,
@@ -137,12 +144,13 @@ def overlay(
     lap_signal: LapSignal = None,
 ) -> Overlay:
     """One signal over laps laid on each other, part by part of the lap's time."""
-    with open_session(catalogue, session_id) as file:
-        table = _table(file, source, _counter(can_id, can_byte, can_mask), lap_signal)
-        try:
-            return overlay_laps(file, [each.lap for each in table.laps], lap, signal, points)
-        except UnknownSignal as error:
-            raise invalid("signal", error.name, error.reason) from error
+    counter = lap_signal if source == "signal" else _counter(can_id, can_byte, can_mask)
+    path = path_of(catalogue, session_id)
+    try:
+        return workers.run(REPORT, overlay_at, path, source, counter, lap, signal, points)
+    except UnknownSignal as error:
+        field = "lap_signal" if error.name == lap_signal else "signal"
+        raise invalid(field, error.name, error.reason) from error
 
 
 @router.get("/blackboxes")
@@ -183,36 +191,37 @@ def session_black_boxes(session_id: str, black_boxes: BlackBoxesPart, catalogue:
 
 
 @router.get("/sessions/{session_id}/report")
-def report(session_id: str, catalogue: CataloguePart) -> Report:
+def report(session_id: str, catalogue: CataloguePart, workers: WorkersPart) -> Report:
     """How it went, what limited, what to look at, with the figures and curves behind it."""
-    with open_session(catalogue, session_id) as file:
-        return report_of(file)
+    return workers.run(REPORT, report_at, path_of(catalogue, session_id))
 
 
 @router.get("/sessions/{session_id}/report/page", response_class=HTMLResponse)
-def report_as_page(session_id: str, catalogue: CataloguePart, language: Language = "en") -> HTMLResponse:
+def report_as_page(
+    session_id: str, catalogue: CataloguePart, workers: WorkersPart, language: Language = "en"
+) -> HTMLResponse:
     """The report as one HTML file with its charts inside, to print or to keep."""
-    return document_response(report(session_id, catalogue), language)
+    return document_response(report(session_id, catalogue, workers), language)
 
 
 @router.get("/sessions/{session_id}/compare/{other_id}")
-def compare(session_id: str, other_id: str, catalogue: CataloguePart) -> SessionComparison:
+def compare(session_id: str, other_id: str, catalogue: CataloguePart, workers: WorkersPart) -> SessionComparison:
     """Two sessions side by side: key figures, histograms, and the cells that changed the most."""
-    with open_session(catalogue, session_id) as first, open_session(catalogue, other_id) as second:
-        return compare_sessions(first, second)
+    return workers.run(REPORT, comparison_at, path_of(catalogue, session_id), path_of(catalogue, other_id))
 
 
 @router.get("/sessions/{session_id}/evidence")
-def evidence(session_id: str, catalogue: CataloguePart) -> Evidence:
+def evidence(session_id: str, catalogue: CataloguePart, workers: WorkersPart) -> Evidence:
     """How fast the master opened the shutdown circuit, of a session that `voltwall evidence` recorded."""
-    with open_session(catalogue, session_id) as file:
-        try:
-            return evidence_of(file)
-        except NoEvidence as error:
-            raise not_found("reaction test", session_id) from error
+    try:
+        return workers.run(REPORT, evidence_at, path_of(catalogue, session_id))
+    except NoEvidence as error:
+        raise not_found("reaction test", session_id) from error
 
 
 @router.get("/sessions/{session_id}/evidence/page", response_class=HTMLResponse)
-def evidence_as_page(session_id: str, catalogue: CataloguePart, language: Language = "en") -> HTMLResponse:
+def evidence_as_page(
+    session_id: str, catalogue: CataloguePart, workers: WorkersPart, language: Language = "en"
+) -> HTMLResponse:
     """The same as one HTML file, to print and to sign."""
-    return document_response(evidence(session_id, catalogue), language)
+    return document_response(evidence(session_id, catalogue, workers), language)

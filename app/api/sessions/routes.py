@@ -12,7 +12,7 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 from starlette.background import BackgroundTask
 
-from app.analysis.laps.from_session import LAP_KINDS, lap_times
+from app.analysis.laps.from_session import LAP_KINDS
 from app.api.schemas.sessions import (
     DeletedOut,
     MarkedOut,
@@ -25,6 +25,7 @@ from app.api.schemas.sessions import (
     SessionsOut,
     StoppedOut,
 )
+from app.api.sessions.jobs import export_at
 from app.api.web.dependencies import (
     CataloguePart,
     EventsPart,
@@ -33,17 +34,19 @@ from app.api.web.dependencies import (
     RecorderPart,
     ReplayPart,
     UserDep,
+    WorkersPart,
 )
 from app.api.web.problems import Problem, invalid, not_found
 from app.api.web.request_body import Body
 from app.estimation.filters.estimators import FILTERS
 from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
-from app.sessions.export.formats import FORMATS, export
+from app.sessions.export.formats import FORMATS
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
 from app.sessions.replay import SESSION_CELL, ReplayOptions
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 from app.sessions.storage.files import sha256
+from app.sessions.worker import EXPORT
 from app.words import Message
 
 SQLITE = "application/vnd.sqlite3"
@@ -129,6 +132,14 @@ def open_session(catalogue: CataloguePart, session_id: str) -> SessionFile:
     """Open a session for reading; where there is none, the answer is 404."""
     try:
         return catalogue.open(session_id)
+    except SessionNotFound as error:
+        raise not_found("session", session_id) from error
+
+
+def path_of(catalogue: CataloguePart, session_id: str) -> Path:
+    """Return where a session is, for what is read in another process; where there is none, the answer is 404."""
+    try:
+        return catalogue.path(session_id)
     except SessionNotFound as error:
         raise not_found("session", session_id) from error
 
@@ -259,6 +270,7 @@ def series(
 def download(
     session_id: str,
     catalogue: CataloguePart,
+    workers: WorkersPart,
     export_format: Annotated[ExportFormat, Query(alias="format")] = "csv",
     signal: Annotated[list[str] | None, Query(max_length=2000)] = None,
     t_from: From = None,
@@ -271,10 +283,8 @@ def download(
     with tempfile.NamedTemporaryFile(suffix=FORMATS[export_format].suffix, delete=False) as target:
         path = Path(target.name)
     try:
-        with open_session(catalogue, session_id) as file:
-            laps = lap_times(file) if export_format == "ldx" else None
-            mark = "-simulated" if file.info.metadata.get("source") == "simulator" else ""
-            export(file, path, export_format, signals=signal, t_from_s=t_from, t_to_s=t_to, lap_times_s=laps)
+        source = path_of(catalogue, session_id)
+        is_simulated = workers.run(EXPORT, export_at, source, path, export_format, signal, t_from, t_to)
     except UnknownSignal as error:
         path.unlink(missing_ok=True)
         raise invalid("signal", error.name, error.reason) from error
@@ -284,7 +294,7 @@ def download(
     except BaseException:
         path.unlink(missing_ok=True)
         raise
-    name = session_id + mark + FORMATS[export_format].suffix
+    name = session_id + ("-simulated" if is_simulated else "") + FORMATS[export_format].suffix
     return FileResponse(
         str(path),
         filename=name,

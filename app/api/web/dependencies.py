@@ -37,6 +37,7 @@ from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.replay import ReplayPlayer
 from app.sessions.transfer.fetch_jobs import FetchJobs
 from app.sessions.transfer.import_jobs import ImportJobs
+from app.sessions.worker import Workers
 from app.sources.connections import Setup
 from app.sources.loaded_battery import LoadedBattery
 from app.words import Message
@@ -147,6 +148,7 @@ RecorderPart = Annotated[AutoRecorder, _from_service("recorder")]
 ReplayPart = Annotated[ReplayPlayer, _from_service("replay")]
 RulesPart = Annotated[Rules, _from_service("rules")]
 SettingsPart = Annotated[Settings, _from_service("settings")]
+WorkersPart = Annotated[Workers, _from_service("workers")]
 SlaveChecksPart = Annotated[SlaveCheckLog, _from_service("slave_checks")]
 
 AuthenticationPart = Annotated[Authentication, _from_web("authentication")]

@@ -22,6 +22,7 @@ from app.errors import (
     ConfigError,
     ExtraMissing,
     ImportFailed,
+    LimitExceeded,
     LinkError,
     LinkLost,
     MasterRefused,
@@ -156,6 +157,8 @@ def _of_app_error(error: AppError) -> Problem:
             return Problem(422, "unreadable-session", error.message)
         case SessionError():
             return Problem(507, "storage", error.message)
+        case LimitExceeded():
+            return Problem(413, "too-large", error.message)
         case NotNow():
             return Problem(409, "not-now", error.message)
         case ConfigError():

@@ -12,6 +12,7 @@ from pathlib import Path
 from app.battery.library import bundled_profiles
 from app.errors import AppError, ImportFailed, NotNow, message_of
 from app.sessions.transfer.import_session import Imported, NewPipeline, import_file, read_table
+from app.sessions.worker import DEFINITIONS, INSPECTION, Workers, import_limits
 from app.sources.dbc.dbc_file import DEFINITION_ENDINGS
 from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.sources.recordings.can_log import ENDINGS
@@ -48,6 +49,16 @@ class ImportState:
     error: Text | None = None
 
 
+def columns_of(path: Path) -> tuple[tuple[str, ...], ImportProfile]:
+    """Return the columns of a table's file and what they seem to be.
+
+    Raises:
+        ImportFailed: there is no table in it.
+    """
+    table = read_table(path)
+    return tuple(table.columns), guess(table)
+
+
 class ImportJobs:
     """Keeps uploads until they are imported or the service ends."""
 
@@ -56,9 +67,19 @@ class ImportJobs:
         data: Path,
         new_pipeline: NewPipeline,
         note: Callable[[Severity, str, Message], None],
+        workers: Workers,
         battery: LoadedBattery | None = None,
     ) -> None:
-        """`battery` is whose frames a CAN log holds of which nothing is said; None: the team's own."""
+        """Prepare for uploads; those of an earlier run are deleted.
+
+        Args:
+            data: folder of the service.
+            new_pipeline: see `import_file`; goes to another process.
+            note: into the event log.
+            workers: read the files.
+            battery: whose frames a CAN log holds of which nothing is said; None: the team's own.
+        """
+        self._workers = workers
         self._folder = data / "imports"
         self._sessions = data / "sessions"
         self._new_pipeline = new_pipeline
@@ -92,11 +113,11 @@ class ImportJobs:
         upload = Upload(number, path.name, path, is_can)
         if not is_can and not path.name.lower().endswith((".toml", *DEFINITION_ENDINGS)):
             try:
-                table = read_table(path)
-            except ImportFailed:
+                columns, guessed = self._workers.run(INSPECTION, columns_of, path)
+            except AppError:
                 self.discard(path)
                 raise
-            upload = replace(upload, columns=tuple(table.columns), guessed=guess(table))
+            upload = replace(upload, columns=columns, guessed=guessed)
         with self._lock:
             self._uploads[number] = upload
             while len(self._uploads) > MAX_UPLOADS:
@@ -156,7 +177,7 @@ class ImportJobs:
                     paths.append(self._uploads[number].path)
                 for path in paths:
                     shutil.copy(path, folder)
-            return load_battery(str(Path(folder) / paths[0].name))
+            return self._workers.run(DEFINITIONS, load_battery, str(Path(folder) / paths[0].name))
 
     def _run(
         self, upload: Upload, profile: ImportProfile, dbc: Path | None, battery: LoadedBattery | None, name: str
@@ -168,7 +189,10 @@ class ImportJobs:
 
         try:
             is_log = upload.is_can and dbc is None
-            made: Imported = import_file(
+            made: Imported = self._workers.run_with_progress(
+                import_limits(upload.path.stat().st_size),
+                import_file,
+                progress,
                 upload.path,
                 profile,
                 self._sessions,
@@ -176,12 +200,11 @@ class ImportJobs:
                 battery=battery or (self._battery if is_log else None),
                 dbc=dbc,
                 name=name,
-                on_progress=progress,
             )
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001  whatever it is, the job ends, is told, and can be started again
             self.state = replace(started, is_running=False, error=message_of(error))
-            if not isinstance(error, (AppError, OSError)):
-                raise
+            failed = Message("import-failed", filename=upload.filename, error=message_of(error))
+            self._note("warning", "import-failed", failed)
             return
         self.state = replace(
             started, is_running=False, done=made.rows, total=made.rows, session_id=made.info.id, notes=made.notes

@@ -48,6 +48,8 @@ def read_frames(path: Path) -> Iterator[Frame]:
                 if not (message.is_error_frame or message.is_remote_frame):
                     extended = CAN_ID_EXTENDED if message.is_extended_id else 0
                     yield float(message.timestamp), message.arbitration_id | extended, bytes(message.data)
+    except MemoryError:
+        raise
     except Exception as error:  # every reader raises its own: struct.error, BLFParseError, ...
         raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
 

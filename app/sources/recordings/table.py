@@ -10,11 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
-from app.errors import ImportFailed
+from app.errors import ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.csv_table import TableUnreadable, read_csv
-from app.words import Message
+from app.words import Message, Quantity
 
+UNPACKED_BYTES = 1 << 30  # of a compressed file
+UNPACKED_RATIO = 200  # beyond 16 MB: numbers as text shrink to a tenth
+PARQUET_VALUES = 1 << 27
+_ALWAYS_BYTES = 16 << 20
+_PIECE_BYTES = 1 << 20
 GZIP_MAGIC = b"\x1f\x8b"
 PARQUET_MAGIC = b"PAR1"
 _PLACE = {"n": r"(?P<n>\d+)", "p": r"(?P<p>\d+)"}
@@ -80,7 +85,7 @@ def load_table(path: Path) -> Table:
     try:
         raw = path.read_bytes()
         if raw[:2] == GZIP_MAGIC:
-            raw = gzip.decompress(raw)
+            raw = _unpacked(path, len(raw))
     except (OSError, EOFError, zlib.error) as exc:
         raise TableUnreadable(str(path), Message("cannot-be-read", error=str(exc))) from exc
     notes: list[str] = []
@@ -90,6 +95,19 @@ def load_table(path: Path) -> Table:
     return Table(source, dict(zip(names, columns, strict=True)), header is not None, tuple(notes))
 
 
+def _unpacked(path: Path, packed: int) -> bytes:
+    """What is in a gzip file, as long as it is not out of all proportion."""
+    limit = min(UNPACKED_BYTES, max(_ALWAYS_BYTES, UNPACKED_RATIO * packed))
+    pieces, size = [], 0
+    with gzip.open(path) as file:
+        while piece := file.read(_PIECE_BYTES):
+            size += len(piece)
+            if size > limit:
+                raise LimitExceeded(Message("limit-unpacked", limit=Quantity(limit >> 20, "MB")))
+            pieces.append(piece)
+    return b"".join(pieces)
+
+
 def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]]:
     try:
         import pyarrow as pa
@@ -97,6 +115,10 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
     except ImportError as exc:
         raise TableUnreadable(source, Message("parquet-needs-extra")) from exc
     try:
+        about = pq.ParquetFile(BytesIO(raw)).metadata
+        if about.num_rows * about.num_columns > PARQUET_VALUES:
+            shape = Message("limit-rows", rows=about.num_rows, columns=about.num_columns, limit=PARQUET_VALUES)
+            raise LimitExceeded(shape)
         table = pq.read_table(BytesIO(raw))
     except (pa.ArrowException, OSError) as exc:
         raise TableUnreadable(source, Message("no-parquet", error=str(exc))) from exc

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from app.api.application import create_app
+from app.service import wiring
 from app.service.settings import Settings
+from tests.in_process import InProcess
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # it asks for another HTTP client than ours
@@ -17,8 +19,9 @@ ENGINEER, VIEWER = "correct horse", "battery staple"
 
 
 @pytest.fixture
-def make_client(tmp_path: Path) -> Iterator[Callable[..., TestClient]]:
+def make_client(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., TestClient]]:
     """Start applications; what they raise comes out as 500, as it would for a browser."""
+    monkeypatch.setattr(wiring, "Workers", InProcess)
     open_clients: list[TestClient] = []
 
     def make(**settings) -> TestClient:

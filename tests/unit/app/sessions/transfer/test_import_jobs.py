@@ -13,6 +13,7 @@ from app.sessions.transfer.import_jobs import ImportJobs, ImportState
 from app.sources.loaded_battery import LoadedBattery
 from app.sources.recordings.profile import ImportProfile
 from app.words import render
+from tests.in_process import InProcess
 
 PROFILE = ImportProfile(time="t", current="I", voltages="Cell {n}")
 TABLE = "t,I,Cell 1,Cell 2\n" + "".join(f"{row / 10},12,3.7,3.71\n" for row in range(5))
@@ -24,7 +25,12 @@ class Watched(ImportJobs):
     def __init__(self, *arguments):
         self.told: list[ImportState | None] = []
         self.is_noted = threading.Event()
-        super().__init__(*arguments, lambda *_: self.is_noted.set())
+        self.notes = []
+        super().__init__(*arguments, self.take, InProcess())
+
+    def take(self, severity, code, message):
+        self.notes.append((severity, code))
+        self.is_noted.set()
 
     def __setattr__(self, name, value):
         super().__setattr__(name, value)
@@ -64,20 +70,17 @@ def test_what_cannot_be_imported_is_over_with_its_reason(jobs):
     end = jobs.run(TABLE, replace(PROFILE, current="Strom"))
     assert "no such column" in render(end.error)
     assert [state for state in jobs.told if state is not None and not state.is_running] == [end]
-    assert not jobs.is_noted.is_set()
+    assert jobs.notes == [("warning", "import-failed")]
 
 
 def test_a_mistake_of_ours_ends_the_import_too(jobs, monkeypatch):
-    seen = []
-
     def fail(*_: object, **__: object) -> None:
         raise KeyError("a mistake")
 
     monkeypatch.setattr(import_jobs, "import_file", fail)
-    monkeypatch.setattr(threading, "excepthook", seen.append)
     end = jobs.run(TABLE)
     assert (end.is_running, end.error) == (False, "'a mistake'")
-    assert [args.exc_type for args in seen] == [KeyError]
+    assert jobs.notes == [("warning", "import-failed")]
 
 
 def test_one_import_at_a_time(jobs, monkeypatch):

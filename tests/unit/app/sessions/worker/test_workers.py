@@ -1,0 +1,145 @@
+"""Against real processes: what a job may not do, and what the next one finds."""
+
+import gzip
+import os
+import threading
+import time
+
+import pytest
+
+from app.errors import ImportFailed, LimitExceeded, NotNow
+from app.sessions.transfer.import_jobs import columns_of
+from app.sessions.worker import Limits, Workers
+from app.sessions.worker import workers as module
+from app.sessions.worker.process import NICENESS
+from app.words import Message, render
+
+FEW = Limits(20, 256 << 20)
+
+
+@pytest.fixture(scope="module")
+def workers():
+    made = Workers()
+    yield made
+    made.close()
+
+
+def hold(size: int) -> int:
+    return len(bytearray(size))
+
+
+def turn() -> None:
+    while True:
+        pass
+
+
+def sleep(seconds: float) -> None:
+    time.sleep(seconds)
+
+
+def end() -> None:
+    os._exit(7)
+
+
+def fail() -> None:
+    raise ImportFailed("their.csv", Message("file-empty"))
+
+
+def fail_oddly() -> None:
+    raise type("Odd", (Exception,), {})("of no module")
+
+
+def nest() -> None:
+    nest()
+
+
+def count(to: int, *, on_progress) -> int:
+    for number in range(to):
+        on_progress(number, to)
+    return to
+
+
+def about() -> tuple[int, int]:
+    return os.getpid(), os.nice(0)
+
+
+def test_a_job_runs_in_another_process_after_all_others(workers):
+    process, niceness = workers.run(FEW, about)
+    assert process != os.getpid()
+    assert niceness == min(19, os.nice(0) + NICENESS)
+    assert workers.run(FEW, about)[0] == process  # which is kept
+
+
+def test_progress_is_told_here(workers):
+    told = []
+    assert workers.run_with_progress(FEW, count, lambda *values: told.append(values), 3) == 3
+    assert told == [(0, 3), (1, 3), (2, 3)]
+
+
+def test_errors_of_ours_come_back_as_they_are(workers):
+    with pytest.raises(ImportFailed) as caught:
+        workers.run(FEW, fail)
+    assert (caught.value.source, render(caught.value.message)) == ("their.csv", "their.csv: the file is empty")
+
+
+def test_an_error_that_cannot_be_sent_is_told_in_its_words(workers):
+    with pytest.raises(Exception, match="of no module"):
+        workers.run(FEW, fail_oddly)
+
+
+@pytest.mark.parametrize(
+    ("limits", "job", "words"),
+    [
+        (FEW, (hold, 1 << 30), "256 MB of memory"),
+        (Limits(1), (turn,), "1 s of processor time"),
+        (FEW, (nest,), "nested deeper"),
+        (FEW, (end,), "code 7"),
+    ],
+    ids=["memory", "time", "nesting", "death"],
+)
+def test_a_limit_is_named_and_the_next_job_runs(workers, limits, job, words):
+    with pytest.raises(LimitExceeded, match=words):
+        workers.run(limits, *job)
+    assert workers.run(FEW, hold, 1000) == 1000
+
+
+def test_one_that_waits_for_ever_is_ended(workers, monkeypatch):
+    monkeypatch.setattr(Limits, "wall_s", 0.2)
+    with pytest.raises(LimitExceeded, match="not done within"):
+        workers.run(FEW, sleep, 600.0)
+
+
+def test_too_many_at_once_are_refused(monkeypatch):
+    monkeypatch.setattr(module, "WAITING", 0)
+    with pytest.raises(NotNow):
+        Workers().run(FEW, about)
+
+
+def test_closing_ends_what_runs():
+    workers = Workers()
+    failed = []
+
+    def run():
+        try:
+            workers.run(FEW, sleep, 600.0)
+        except LimitExceeded as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    while not workers._busy:
+        time.sleep(0.01)
+    workers.close()
+    thread.join(30)
+    assert len(failed) == 1
+    with pytest.raises(NotNow):
+        workers.run(FEW, about)
+
+
+def test_a_gzip_bomb_is_refused_with_its_limit(workers, tmp_path):
+    path = tmp_path / "bomb.csv.gz"
+    with gzip.open(path, "wb", compresslevel=9) as file:
+        for _ in range(64):
+            file.write(bytes(1 << 20))
+    with pytest.raises(LimitExceeded, match="more than 16 MB"):
+        workers.run(FEW, columns_of, path)
