@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from app.estimation.arrays import FloatArray
 from app.sessions.export.table import SignalTable, column_name
+from app.sources.recordings.profile import EXPORT_TIMES
 
-_TIMES = ("time_s", "elapsed_s", "uptime_s")
 _CLOSE_TOGETHER = 1 << 20
 Bytes = NDArray[np.uint8]  # (rows, bytes), texts filled up with zeros
 
 
 def csv_parts(table: SignalTable) -> Iterator[bytes]:
     """Yield the file, piece by piece, in UTF-8."""
-    yield (",".join([*_TIMES, *(column_name(signal) for signal in table.signals)]) + "\n").encode()
+    yield (",".join([*EXPORT_TIMES, *(column_name(signal) for signal in table.signals)]) + "\n").encode()
     groups = [list(group) for _, group in groupby(range(len(table.signals)), lambda i: table.signals[i].scale)]
     for rows in table.rows():
         times = zip(rows.time_s.tolist(), rows.elapsed_s.tolist(), rows.uptime_s.tolist(), strict=True)

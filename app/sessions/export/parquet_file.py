@@ -5,6 +5,7 @@ from typing import Any
 
 from app.sessions.errors import ExportUnavailable
 from app.sessions.export.table import Rows, SignalTable, column_name, source_of
+from app.sources.recordings.profile import EXPORT_TIMES
 
 ROW_GROUP_S = 600.0
 
@@ -20,9 +21,7 @@ def write_parquet(table: SignalTable, path: Path) -> None:
         from pyarrow import parquet
     except ImportError as error:
         raise ExportUnavailable("parquet", "pyarrow", "parquet") from error
-    times = [
-        pyarrow.field(name, pyarrow.float64(), metadata={"unit": "s"}) for name in ("time_s", "elapsed_s", "uptime_s")
-    ]
+    times = [pyarrow.field(name, pyarrow.float64(), metadata={"unit": "s"}) for name in EXPORT_TIMES]
     columns = [
         pyarrow.field(column_name(signal), pyarrow.float64(), metadata={"unit": signal.unit})
         for signal in table.signals

@@ -181,11 +181,16 @@ def _write(info: SessionInfo, recording: _Recording, pipeline: Pipeline, on_prog
     writer = SessionWriter(info, format_cell(load_cell(pipeline.cell_name)), recording.battery)
     total = len(recording.frames)
     try:
-        for start in range(0, total, BATCH):
-            part = recording.frames[start : start + BATCH]
+        done = 0
+        while done < total:
+            end = min(done + BATCH, total)
+            while end < total and recording.frames[end][0] == recording.frames[end - 1][0]:
+                end += 1  # a chunk does not part the frames of one instant
+            part = recording.frames[done:end]
             writer.write([row for frame in part for row in _rows(info, frame, pipeline)])
             writer.close_chunk_if_due(START_MONO_NS + part[-1][0])
-            on_progress(start + len(part), total)
+            done = end
+            on_progress(done, total)
         end_ns = recording.frames[-1][0]
         last = pipeline.tick(START_MONO_NS + end_ns, info.started_wall_ns + end_ns)  # no frame ends the last period
         writer.write(list(_made(last, START_MONO_NS + end_ns)))

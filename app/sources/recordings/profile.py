@@ -20,6 +20,7 @@ from app.sources.recordings.quantities import UNITS, column_of, sounds_like, uni
 from app.sources.recordings.table import Table, matching
 from app.words import Message
 
+EXPORT_TIMES = ("time_s", "elapsed_s", "uptime_s")  # the first columns of a table that is exported
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,59}")
 
 
@@ -105,6 +106,8 @@ def profile_text(profile: ImportProfile) -> str:
 def guess(table: Table) -> ImportProfile:
     """Return the profile that the names and numbers suggest; what is not clear is left empty."""
     names = list(table.columns)
+    if tuple(names[: len(EXPORT_TIMES)]) == EXPORT_TIMES:
+        return _of_export(names)
     groups: dict[str, list[str]] = defaultdict(list)
     for name in names:
         digits = re.findall(r"\d+", name)
@@ -133,6 +136,22 @@ def guess(table: Table) -> ImportProfile:
         current=current,
         current_unit=unit_of(current, "current") or "A",
         soc=soc,
+    )
+
+
+def _of_export(names: list[str]) -> ImportProfile:
+    """The profile of a table that `voltwall export` wrote."""
+
+    def first(*wanted: str) -> str:
+        return next((name for name in wanted if matching(name, names)), "")
+
+    return ImportProfile(
+        time=EXPORT_TIMES[0],
+        current=first("i_fs (A)", "i_fc (A)"),
+        voltages=first("v[{n}] (V)"),
+        temperatures=first("t[{n}] (degC)"),
+        soc=first("soc"),
+        soc_unit="fraction",
     )
 
 

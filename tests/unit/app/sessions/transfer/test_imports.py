@@ -13,10 +13,11 @@ from pyarrow import parquet
 from app.errors import ImportFailed
 from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
+from app.sessions.export import export
 from app.sessions.reading.reader import SessionFile
 from app.sessions.transfer.import_session import import_file, read_table
 from app.sources.loaded_battery import LoadedBattery
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.profile import ImportProfile, guess
 
 START_S = 1_780_000_000.0
 N = 40
@@ -84,6 +85,24 @@ def test_a_csv_of_another_system_becomes_a_session_with_estimates(csv: Path, tmp
         assert found["v_min"].minimum[0] == pytest.approx(3.6)
         assert (np.diff(found["estimate.soc[0]"].minimum) <= 0).all()
         assert session.problems() == []
+
+
+@pytest.mark.parametrize("name", ["csv", "parquet"])
+def test_what_is_exported_comes_back_the_same(csv: Path, tmp_path: Path, name: str) -> None:
+    signals = ["i_fs", "soc", *(f"v[{i}]" for i in range(N)), *(f"t[{i}]" for i in range(N))]
+    done = import_file(csv, ORION, tmp_path / "sessions", pipeline)
+    with SessionFile(done.info.path) as session:
+        export(session, tmp_path / f"own.{name}", name)
+        first = session.series(signals)
+    again = import_file(
+        tmp_path / f"own.{name}", guess(read_table(tmp_path / f"own.{name}")), tmp_path / "sessions", pipeline
+    )
+    with SessionFile(again.info.path) as session:
+        second = session.series(signals)
+    assert again.info.started_wall_ns / 1e9 == pytest.approx(done.info.started_wall_ns / 1e9, abs=2e-3)
+    for signal in signals:
+        assert second[signal].time_s == pytest.approx(first[signal].time_s, abs=2e-3)
+        assert second[signal].minimum == pytest.approx(first[signal].minimum, abs=1e-3, nan_ok=True)
 
 
 def test_a_parquet_file_says_the_same_as_the_csv(csv: Path, tmp_path: Path) -> None:
