@@ -2,11 +2,11 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from fastapi import APIRouter, FastAPI
 from starlette.routing import BaseRoute
@@ -31,6 +31,7 @@ from app.api.sessions import routes as sessions
 from app.api.web import login as session_login
 from app.api.web import problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware
+from app.api.web.battery_switch import FIRST, ServedBattery
 from app.api.web.dependencies import NEEDS_MASTER, FleetParts, WebParts
 from app.api.web.head import HeadAsGet
 from app.api.web.limits import BodyLimit
@@ -74,10 +75,13 @@ def create_app(
     simulated_car: SimulatorProcess | None = None,
     clock: Clock | None = None,
     setup: Setup | None = None,
+    beside: FastAPI | None = None,
+    path: str = FIRST,
 ) -> FastAPI:
     """Return the application; its lifespan opens the links and closes them. Without `clock` it is the computer's.
 
-    Without `setup` what is read cannot be chosen on the page.
+    Without `setup` what is read cannot be chosen on the page. With `beside` it is that of a further battery at `path`:
+    who is logged in there is so here, and its lifespan is within that of the other; see `BatterySwitch`.
 
     Raises:
         ConfigError: a setting is wrong or unsafe.
@@ -94,7 +98,10 @@ def create_app(
             if replay is not None:
                 options = ReplayOptions(replay.speed, cell_name=replay.cell_name, estimates=replay.estimates)
                 service.replay.start(replay.path, options)
-            yield
+            async with AsyncExitStack() as others:
+                for other in served[1:] if beside is None else ():
+                    await others.enter_async_context(cast(FastAPI, other.app).router.lifespan_context(other.app))
+                yield
         finally:
             await asyncio.to_thread(service.stop)
 
@@ -107,7 +114,10 @@ def create_app(
         docs_url=None,
         redoc_url=None,
     )
-    authentication = Authentication(settings, clock)
+    first = None if beside is None else cast(WebParts, beside.state.parts)
+    authentication = Authentication(settings, clock) if first is None else first.authentication
+    served = [] if first is None else first.served
+    served.append(ServedBattery(path, app, battery=service.battery, live=service.live))
     drill = None if simulated_car is None else Drill(simulated_car, settings.data, clock.wall_ns)
     if drill is not None:
         service.events.subscribe(drill.on_event)
@@ -120,6 +130,7 @@ def create_app(
         simulator=simulated_car,
         setup=setup or Setup(settings.data, Connections(settings.serial, settings.can, settings.battery)),
         drill=drill,
+        served=served,
     )
     _serve_web(app, api_routes().routes, "index.html", authentication)
     return app

@@ -8,13 +8,16 @@ import os
 import signal
 import socket
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from typing import Any, get_args
 
 import uvicorn
 from pydantic import ValidationError
 
 from app.api.application import Replay, create_app, create_fleet_app
+from app.api.web.battery_switch import BatterySwitch
 from app.api.web.connection_limits import ACCEPTED_AT_ONCE, most_connections
 from app.api.web.http_protocol import HttpProtocol
 from app.api.web.websocket_protocol import LiveProtocol
@@ -24,11 +27,12 @@ from app.service.folder_lock import locked_folder
 from app.service.host import raise_descriptor_limit
 from app.service.settings import FilterName, Settings
 from app.service.simulator_process import SimulatorProcess
+from app.sources.beside import FOLDER, BesideBattery, beside
 from app.sources.connections import NAMES as CONNECTIONS
 from app.sources.connections import Connections, Setup, load_connections
 from app.sources.loaded_battery import load_battery
 from app.telemetry import Source
-from app.words import Message, name_cells_by
+from app.words import Message, name_cells_by, naming_cells
 
 AGAIN = -1  # instead of an exit code
 _WAIT_AT_THE_DOOR = 1024  # connections that the system holds until the service takes them
@@ -43,6 +47,7 @@ METAVARS = {
     "serial": "URL",
     "can": "INTERFACE:CHANNEL",
     "battery": "FILE|NAME",
+    "also": "BATTERY@BUS[,...]",
     "data": "DIR",
     "cell": "CELL.toml",
 }
@@ -98,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
     log.configure(given.log_level)
     code = AGAIN
     while code == AGAIN:
-        is_fixed = bool(given.model_fields_set & set(CONNECTIONS))
+        is_fixed = bool(given.model_fields_set & {*CONNECTIONS, "also"})
         chosen = None if is_fixed else load_connections(given.data)
         settings = given if chosen is None else given.model_copy(update=asdict(chosen))
         code, port = serve_once(settings, is_fixed=is_fixed)
@@ -131,6 +136,7 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
         source, serial_url, can_url, car = _source(settings, stack, replay)
         in_force = Connections(settings.serial, settings.can, settings.battery)
         setup = Setup(settings.data, in_force, fixed=is_fixed)
+        others = beside(settings.battery, settings.also or "")
         app = create_app(
             settings,
             source,
@@ -140,7 +146,9 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
             simulated_car=car,
             setup=setup,
         )
-        return _run(app, listener, setup)
+        for other in others:
+            _serve_beside(other, settings, partial(create_app, beside=app), stack)
+        return _run(BatterySwitch(app, app.state.parts.served[1:]) if others else app, listener, setup)
 
 
 def _run(app: Any, listener: socket.socket, setup: Setup | None = None) -> tuple[int, int]:
@@ -173,6 +181,24 @@ def _run(app: Any, listener: socket.socket, setup: Setup | None = None) -> tuple
         print("voltwall serve: did not start", file=sys.stderr)
         return 1, port
     return AGAIN if server.is_again else 0, port
+
+
+def _serve_beside(
+    other: BesideBattery, first: Settings, create: Callable[..., object], stack: contextlib.ExitStack
+) -> None:
+    """Make the application of a further battery, with a data folder, links and threads of its own."""
+    settings = first.beside(other.slug, other.connections)
+    stack.enter_context(locked_folder(settings.data))
+    with naming_cells(other.segments):  # in what is made here, and in its threads
+        source, serial_url, can_url, car = _source(settings, stack, None)
+        create(
+            settings,
+            source,
+            serial_url=serial_url,
+            can_url=can_url,
+            simulated_car=car,
+            path=f"/{FOLDER}/{other.slug}/",
+        )
 
 
 def _source(

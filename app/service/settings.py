@@ -1,5 +1,6 @@
 """Every setting once: a command-line flag, an environment variable VOLTWALL_*, a default."""
 
+from dataclasses import asdict
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Literal
@@ -10,6 +11,8 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from app.battery.library import TEAM_PROFILE
 from app.errors import ConfigError
+from app.sources.beside import FOLDER
+from app.sources.connections import Connections
 from app.words import Message
 
 FilterName = Literal["fused", "coulomb", "ekf", "ukf", "cdkf"]
@@ -32,6 +35,11 @@ class Settings(BaseSettings):
         description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, as socketcan:can0, slcan:/dev/ttyACM0",
     )
     battery: str = Field(default=TEAM_PROFILE, description="battery profile (TOML) or the name of a bundled one")
+    also: str | None = Field(
+        default=None,
+        min_length=1,
+        description="batteries beside the first: PROFILE@INTERFACE:CHANNEL, several with commas; simulated without @",
+    )
     host: str = Field(default="127.0.0.1", description="address to listen on; anything but loopback needs a password")
     port: int = Field(default=8000, ge=0, le=65535, description="port to listen on; 0 takes a free one")
     data: Path = Field(
@@ -89,6 +97,13 @@ class Settings(BaseSettings):
         default=None, ge=0, le=2**32 - 1, description="seed of the simulated accumulator, 0 to 4294967295"
     )
     log_level: Literal["debug", "info", "warning", "error"] = Field(default="info", description="what is logged")
+
+    def beside(self, slug: str, connections: Connections) -> "Settings":
+        """Return the settings of a battery beside the first: files and topics below it, what else is the first's."""
+        own: dict[str, object] = {"also": None, "cell": None, "scenario": None, "data": self.data / FOLDER / slug}
+        own["url"] = None if self.url is None else f"{self.url.rstrip('/')}/{FOLDER}/{slug}/"
+        own["car"] = slug[:40] if self.car is None else f"{self.car}-{slug}"[:40]
+        return self.model_copy(update=own | asdict(connections))
 
     @property
     def simulates(self) -> bool:

@@ -1,7 +1,7 @@
 """What the service tells a person: codes with arguments, and the tables that turn them into text."""
 
 from app.words.message import Argument, Cell, Message, Quantity, Text, message_from_json
-from app.words.places import name_cells_by, naming_cells
+from app.words.places import name_cells_by, named_as_here, naming_cells
 from app.words.render import languages, render, table
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "languages",
     "message_from_json",
     "name_cells_by",
+    "named_as_here",
     "naming_cells",
     "render",
     "table",

@@ -25,6 +25,7 @@ from app.sessions.black_box_store import BlackBoxStore
 from app.sources.loaded_battery import team_battery
 from app.telemetry import Event, FloatArray, ProtectionLimits, Snapshot
 from app.telemetry.cell_findings import Finding
+from app.words import named_as_here
 
 log = logging.getLogger(__name__)
 KEPT_S = BEFORE_S + LONGEST_S + AFTER_S + 2.0
@@ -118,7 +119,7 @@ class BlackBoxRecorder:
         limits = limits_of(image) or limits_told(self._limits)
         arguments = (triggers, list(self._samples), self._session, limits, config_hash, self._found)
         with contextlib.suppress(RuntimeError):  # shutting down
-            self._writer.submit(self._write, *arguments).add_done_callback(_tell_failure)
+            self._writer.submit(named_as_here(self._write), *arguments).add_done_callback(_tell_failure)
 
     def _write(
         self,

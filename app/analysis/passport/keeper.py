@@ -29,7 +29,7 @@ from app.sessions.info import SessionInfo
 from app.sessions.passport_store import PassportStore
 from app.sessions.reading.reader import SessionFile
 from app.sources.loaded_battery import team_battery
-from app.words import naming_cells
+from app.words import named_as_here, naming_cells
 
 log = logging.getLogger(__name__)
 
@@ -157,7 +157,7 @@ class PassportKeeper:
             new = self._new()
             if new:
                 self._progress = (0, len(new))  # before anybody asks
-                self._thread = threading.Thread(target=self.read_new, name="passport", daemon=True)
+                self._thread = threading.Thread(target=named_as_here(self.read_new), name="passport", daemon=True)
                 self._thread.start()
 
     def _new(self) -> list[SessionInfo]:

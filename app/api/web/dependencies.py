@@ -1,6 +1,6 @@
 """What routes are given: the part of the service that they need, and the user. Each is named once, here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, cast
 
 from fastapi import Depends
@@ -11,6 +11,7 @@ from app.analysis.drill.drill import Drill
 from app.analysis.passport.keeper import PassportKeeper
 from app.api.encoding.encoder import SnapshotEncoder
 from app.api.web.authentication import Authentication, User
+from app.api.web.battery_switch import ServedBattery
 from app.api.web.problems import Problem
 from app.api.web.readers import Readers
 from app.clock import Clock
@@ -55,6 +56,7 @@ class WebParts:
     simulator: SimulatorProcess | None
     setup: Setup
     drill: Drill | None = None  # with the simulated car
+    served: list[ServedBattery] = field(default_factory=list)  # every battery, the first one first
     fleet: Fleet | None = None  # of a page of several cars, which has no service
 
 
@@ -155,6 +157,7 @@ AuthenticationPart = Annotated[Authentication, _from_web("authentication")]
 ClockWatchPart = Annotated[ClockWatch, _from_web("clock_watch")]
 EncoderPart = Annotated[SnapshotEncoder, _from_web("encoder")]
 ReadersPart = Annotated[Readers, _from_web("readers")]
+ServedPart = Annotated[list[ServedBattery], _from_web("served")]
 SetupPart = Annotated[Setup, _from_web("setup")]
 SimulatorPart = Annotated[SimulatorProcess, Depends(_simulator)]
 UserDep = Annotated[User, Depends(_user)]

@@ -18,7 +18,7 @@ from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.sources.recordings.can_log import ENDINGS
 from app.sources.recordings.profile import ImportProfile, ProfileStore, guess
 from app.telemetry import Severity
-from app.words import Message, Text
+from app.words import Message, Text, named_as_here
 
 MAX_UPLOADS = 8  # the oldest one gives way
 _UNSAFE = re.compile(r"[^A-Za-z0-9._ -]+")
@@ -159,7 +159,7 @@ class ImportJobs:
                 raise ImportFailed(str(number), Message("no-such-upload"))
             state = self.state = ImportState(upload.filename)
         arguments = (upload, profile, None if bus is None else bus.path, loaded, name)
-        threading.Thread(target=self._run, args=arguments, name="import", daemon=True).start()
+        threading.Thread(target=named_as_here(self._run), args=arguments, name="import", daemon=True).start()
         return state
 
     def _load(self, name: str | None, uploads: Sequence[int]) -> LoadedBattery | None:

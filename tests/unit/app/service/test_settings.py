@@ -1,0 +1,24 @@
+"""Settings of a battery beside the first."""
+
+from pathlib import Path
+
+import pytest
+
+from app.service.settings import Settings
+from app.sources.connections import Connections
+
+REAR = Connections(None, "socketcan:can1", "rear.toml")
+
+
+def test_its_links_and_files_are_its_own_and_the_rest_is_the_firsts(tmp_path: Path) -> None:
+    first = Settings(data=tmp_path, also="rear.toml", serial="COM6", cell="x", filter="ekf", scenario="y")
+    rear = first.beside("rear", REAR)
+    assert (rear.serial, rear.can, rear.battery, rear.also) == (None, "socketcan:can1", "rear.toml", None)
+    assert (rear.cell, rear.scenario) == (None, None)
+    assert rear.data == tmp_path / "beside" / "rear"
+    assert rear.filter == "ekf"
+
+
+@pytest.mark.parametrize(("car", "expected"), [(None, "rear"), ("e42", "e42-rear"), ("e" * 36, "e" * 36 + "-rea")])
+def test_to_a_broker_it_is_a_car_of_its_own(tmp_path: Path, car: str | None, expected: str) -> None:
+    assert Settings(data=tmp_path, mqtt="mqtt://pit", car=car).beside("rear", REAR).car == expected
