@@ -1,15 +1,20 @@
 """`voltwall export`: a session's signals as a file for another program."""
 
 import argparse
-from contextlib import suppress
+import shutil
+import sys
+from contextlib import nullcontext, suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from app.analysis.laps.from_session import lap_times
 from app.commands.session_commands.selection import add_data_argument, add_session_argument, find_session
 from app.errors import ConfigError
 from app.sessions.export import FORMATS, export
 from app.sessions.reading.reader import SessionFile
+
+STANDARD_OUTPUT = Path("-")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="\n".join(f"{name:8} {each.meaning}" for name, each in FORMATS.items())
         + "\nwithout it, what the ending of --out says",
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the file to write")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="FILE", help="the file to write; - is standard output"
+    )
+    parser.add_argument("--force", action="store_true", help="overwrite a file that is there")
     parser.add_argument(
         "--from", dest="t_from", metavar="TIME", help="start: +SECONDS into the session, or ISO 8601 in UTC"
     )
@@ -45,6 +53,24 @@ def run(args: argparse.Namespace) -> int:
     name = args.format or next((n for n, each in FORMATS.items() if args.out.name.endswith(each.suffix)), None)
     if name is None:
         raise ConfigError("out", args.out.name, "the ending is no format's: say --format")
+    is_piped = args.out == STANDARD_OUTPUT
+    with TemporaryDirectory() if is_piped else nullcontext() as folder:
+        path = args.out if folder is None else Path(folder, f"export{FORMATS[name].suffix}")
+        with_laps = path.with_suffix(".ldx") if name == "ld" and not is_piped else None
+        for file in (path, with_laps):
+            if file is not None and file.is_file() and not args.force:
+                raise ConfigError("out", file, "is there already: --force overwrites it")
+        _export(args, name, path, with_laps)
+        if is_piped:
+            with path.open("rb") as made:
+                shutil.copyfileobj(made, sys.stdout.buffer)
+            sys.stdout.flush()
+        else:
+            print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
+    return 0
+
+
+def _export(args: argparse.Namespace, name: str, path: Path, with_laps: Path | None) -> None:
     with SessionFile(find_session(args, args.session)) as session:
         t_from_s, t_to_s = (
             _unix_s(session, option, text) for option, text in (("from", args.t_from), ("to", args.t_to))
@@ -54,14 +80,12 @@ def run(args: argparse.Namespace) -> int:
         try:
             laps = lap_times(session) if name in ("ld", "ldx") else None
             wanted = {"signals": args.signal, "t_from_s": t_from_s, "t_to_s": t_to_s, "lap_times_s": laps}
-            export(session, args.out, name, **wanted)
-            if name == "ld":
+            export(session, path, name, **wanted)
+            if with_laps is not None:
                 with suppress(ConfigError):  # no lap in this range
-                    export(session, args.out.with_suffix(".ldx"), "ldx", **wanted)
+                    export(session, with_laps, "ldx", **wanted)
         except OSError as error:
             raise ConfigError("out", args.out, error.strerror or str(error)) from error
-    print(f"{args.out}: {args.out.stat().st_size / 1e6:.1f} MB")
-    return 0
 
 
 def _unix_s(session: SessionFile, option: str, text: str | None) -> float | None:

@@ -94,11 +94,32 @@ def test_prune_deletes_only_when_it_is_meant(data: Path, capsys) -> None:
 def test_export_writes_the_range_asked_for(data: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "out.csv"
     command = ["export", CLOSED, "--data", str(data), "--out", str(out), "--signal", "v[95]"]
-    for t_from, t_to in (("+1", "+2"), ("2026-09-21T14:13:21Z", "2026-09-21T14:13:22")):
-        assert main([*command, "--from", t_from, "--to", t_to]) == 0
+    for t_from, t_to, more in (("+1", "+2", []), ("2026-09-21T14:13:21Z", "2026-09-21T14:13:22", ["--force"])):
+        assert main([*command, "--from", t_from, "--to", t_to, *more]) == 0
         with out.open(newline="") as file:
             rows = list(csv.DictReader(file))
         assert [row["v[95] (V)"] for row in rows] == [f"3.70{i}" for i in range(10, 21)]
+
+
+def test_export_to_standard_output_is_the_file_and_nothing_else(data: Path, tmp_path: Path, capfdbinary) -> None:
+    command = ["export", CLOSED, "--data", str(data), "--signal", "v[95]", "--format", "csv"]
+    assert main([*command, "--out", str(tmp_path / "out.csv")]) == 0
+    capfdbinary.readouterr()
+    assert main([*command, "--out", "-"]) == 0
+    assert capfdbinary.readouterr().out == (tmp_path / "out.csv").read_bytes()
+
+
+def test_export_overwrites_only_when_it_is_meant_and_only_by_a_whole_file(data: Path, tmp_path: Path, capsys) -> None:
+    out = tmp_path / "out.csv"
+    out.write_text("of yesterday")
+    command = ["export", CLOSED, "--data", str(data), "--out", str(out)]
+    assert main(command) == 2
+    assert "--force" in capsys.readouterr().err
+    assert main([*command, "--force", "--format", "candump", "--from", "+9000"]) == 2
+    assert [path.name for path in tmp_path.glob("*out*")] == ["out.csv"]
+    assert out.read_text() == "of yesterday"
+    assert main([*command, "--force"]) == 0
+    assert out.read_text().startswith("time_s")
 
 
 @pytest.mark.parametrize(

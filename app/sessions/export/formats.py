@@ -58,7 +58,9 @@ def export(
     t_to_s: float | None = None,
     lap_times_s: Sequence[float] | None = None,
 ) -> None:
-    """Write signals of a range, both ends in unix time and included, as a file; a failure leaves no file behind.
+    """Write signals of a range, both ends in unix time and included, as a file.
+
+    It appears whole or not at all: an export that is cut off leaves what was there before.
 
     Raises:
         ConfigError: there is no such format, or nothing for it.
@@ -69,8 +71,12 @@ def export(
     if export_format not in FORMATS:
         raise ConfigError("format", export_format, Message("one-of", choices=tuple(FORMATS)))
     table = SignalTable(session, signals, t_from_s, t_to_s, lap_times_s=lap_times_s)
-    try:
+    if path.exists() and not path.is_file():  # a device or a pipe
         FORMATS[export_format].write(table, path)
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
+        return
+    part = path.with_name(f".part-{path.name}")
+    try:
+        FORMATS[export_format].write(table, part)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
