@@ -51,7 +51,9 @@ class Service:
         serial = () if self.c_master is None else ("--serial", str(self.c_master.start().link))
         ready = threading.Event()
         arguments = ["serve", "--port", "0", "--data", str(self.data), *self.arguments, *serial]
-        self.process, output = start_program("app.cli", arguments, os.environ | self.environment)
+        self.process, output = start_program(
+            "app.cli", arguments, os.environ | {"VOLTWALL_SEASON": "0"} | self.environment
+        )
 
         def read() -> None:
             with output:

@@ -63,6 +63,10 @@ class Settings(BaseSettings):
     keep_gb: float | None = Field(
         default=None, gt=0, description="delete the oldest sessions beyond so many gigabytes; without it none is"
     )
+    season: bool = Field(default=True, description="bring the season lake up to date when a session closes")
+    lake: str | None = Field(
+        default=None, description="where the season lake lies: folder or URL of fsspec; else `lake` in the data folder"
+    )
     mqtt: str | None = Field(
         default=None, description="MQTT broker to publish to: mqtt[s]://[USER@]HOST[:PORT][/PREFIX]"
     )

@@ -28,6 +28,7 @@ from app.live.can_trace import CanTrace
 from app.live.hub import Hub
 from app.live.learned_state import learned_file, load_learned_state
 from app.live.pipeline import Output
+from app.season.keeper import SeasonLake
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
 from app.service.health import Health
@@ -71,6 +72,7 @@ class Service:
     recorder: AutoRecorder
     catalogue: Catalogue
     retention: Retention
+    season: SeasonLake
     fetches: FetchJobs
     imports: ImportJobs
     passports: PassportKeeper
@@ -94,6 +96,7 @@ class Service:
         """Start the threads; the links are opened as soon as the estimator is ready for what they deliver."""
         self.live.start()
         self.retention.start()
+        self.season.start()
         if self.mqtt is not None:
             self.mqtt.start()
         self.jobs.submit(self._open_links)
@@ -107,6 +110,7 @@ class Service:
         self.workers.close()
         self.replay.stop()
         self.retention.stop()
+        self.season.stop()
         self.links.close()
         self.live.stop()
         self.learned_state.save()
@@ -155,6 +159,8 @@ def make_service(
     catalogue = Catalogue(sessions_folder)
     rule = RetentionRule(settings.keep_days, settings.keep_gb)
     retention = Retention(catalogue, rule, partial(events.note, "info", "session-expired"), clock)
+    season = SeasonLake(data, settings.lake, builds=settings.season)
+    events.subscribe(season.on_event)
 
     def session_id() -> str | None:
         return None if (session := recorder.session) is None else session.id
@@ -266,6 +272,7 @@ def make_service(
         recorder=recorder,
         catalogue=catalogue,
         retention=retention,
+        season=season,
         fetches=FetchJobs(sessions_folder, catalogue, events.note, clock),
         imports=ImportJobs(data, pipelines.for_import, events.note, workers, battery),
         passports=passports,

@@ -3,6 +3,7 @@
 import argparse
 
 from app.commands.session_commands.selection import data_folder
+from app.service.settings import Settings
 
 
 def add_lake_argument(parser: argparse.ArgumentParser) -> None:
@@ -14,4 +15,4 @@ def add_lake_argument(parser: argparse.ArgumentParser) -> None:
 
 def lake_of(args: argparse.Namespace) -> str:
     """Return where the lake lies."""
-    return str(args.lake or data_folder(args) / "lake")
+    return str(args.lake or Settings.model_validate({}).lake or data_folder(args) / "lake")

@@ -90,6 +90,14 @@ export interface AnalysisFinding {
   text: string;
 }
 
+/** Rows of an answer; times in ISO 8601, null where nothing is known. */
+export interface Answer {
+  columns: string[];
+  rows: unknown[][];
+  is_cut: boolean;
+  seconds: number;
+}
+
 /** A battery that can be chosen by its id. */
 export interface BatteryChoice {
   id: string;
@@ -1185,6 +1193,13 @@ export interface Pack {
   slave_status: number | null;
 }
 
+/** What a question wants to know. */
+export interface Parameter {
+  name: string;
+  default: string;
+  meaning: string;
+}
+
 /** What one session told about a cell; `line` counts its modules from 0. */
 export interface PassportEntry {
   session_id: string;
@@ -1314,6 +1329,20 @@ export interface Proposal {
   after_raw: number;
   before_a: number;
   after_a: number;
+}
+
+/** A question that comes along. */
+export interface Question {
+  name: string;
+  meaning: string;
+  sql: string;
+  parameters: Parameter[];
+}
+
+/** The questions that come along, and where the lake lies. */
+export interface Questions {
+  lake: string;
+  questions: Question[];
 }
 
 /** One open live stream. */

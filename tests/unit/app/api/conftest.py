@@ -25,7 +25,12 @@ def make_client(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cal
     open_clients: list[TestClient] = []
 
     def make(**settings) -> TestClient:
-        app = create_app(Settings(data=tmp_path, record=False, **settings), "serial", serial_url=None, can_url=None)
+        app = create_app(
+            Settings(**{"data": tmp_path, "record": False, "season": False} | settings),
+            "serial",
+            serial_url=None,
+            can_url=None,
+        )
         client = TestClient(app, base_url="http://127.0.0.1", raise_server_exceptions=False, client=("127.0.0.1", 1))
         open_clients.append(client.__enter__())
         return client

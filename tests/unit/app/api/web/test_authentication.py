@@ -37,6 +37,7 @@ WRITES = [
     ("POST", "/sessions/x/split"),
     ("PUT", "/sessions/x/laps"),
     ("DELETE", "/sessions/x/laps"),
+    ("POST", "/season/query"),
     ("POST", "/passport/swaps"),
     ("DELETE", "/passport/swaps/x"),
     ("PUT", "/recorder"),

@@ -1,0 +1,79 @@
+"""The season: SQL over its lake, for engineers."""
+
+import time
+from typing import Annotated, Any
+
+from fastapi import APIRouter
+from pydantic import BaseModel, Field
+
+from app.api.web.dependencies import SeasonPart
+from app.api.web.problems import invalid
+from app.api.web.request_body import Body
+from app.season.store.questions import questions
+from app.season.store.store import QueryFailed
+
+_NO_NUL = r"^[^\x00]*$"
+router = APIRouter(prefix="/season", tags=["season"])
+
+
+class ParameterOut(BaseModel):
+    """What a question wants to know."""
+
+    name: str
+    default: str
+    meaning: str
+
+
+class QuestionOut(BaseModel):
+    """A question that comes along."""
+
+    name: str
+    meaning: str
+    sql: str
+    parameters: list[ParameterOut]
+
+
+class QuestionsOut(BaseModel):
+    """The questions that come along, and where the lake lies."""
+
+    lake: str
+    questions: list[QuestionOut]
+
+
+class Query(Body):
+    """One SELECT, or the name of a question."""
+
+    question: str = Field(
+        min_length=1, max_length=20_000, pattern=_NO_NUL, description="one SELECT, or the name of a question"
+    )
+    parameters: dict[
+        Annotated[str, Field(max_length=64, pattern=r"^[A-Za-z_]\w*$")],
+        Annotated[str, Field(max_length=200, pattern=_NO_NUL)],
+    ] = Field({}, max_length=20, description="values of `$name`")
+
+
+class AnswerOut(BaseModel):
+    """Rows of an answer; times in ISO 8601, null where nothing is known."""
+
+    columns: list[str]
+    rows: list[list[Any]]
+    is_cut: bool = Field(description="there are more rows than are told")
+    seconds: float
+
+
+@router.get("/questions")
+def season_questions(season: SeasonPart) -> QuestionsOut:
+    """The questions that come along, with their SQL."""
+    found = [QuestionOut.model_validate(each, from_attributes=True) for each in questions()]
+    return QuestionsOut(lake=season.place, questions=found)
+
+
+@router.post("/query")
+def season_query(body: Query, season: SeasonPart) -> AnswerOut:
+    """Answer one SELECT over the season lake: 20 s, 512 MB and 5,000 rows at most, and nothing but the lake is read."""
+    began = time.monotonic()
+    try:
+        answer = season.query(body.question, body.parameters)
+    except QueryFailed as error:
+        raise invalid("question", body.question, error.reason) from error
+    return AnswerOut(**answer, seconds=round(time.monotonic() - began, 3))

@@ -1,0 +1,137 @@
+"""The season lake of a service: made when a session closes, and asked in SQL. Both by processes of their own.
+
+So neither takes memory, time or the interpreter from what reads, estimates and records: a build runs at the lowest
+priority, a question is killed where it passes its limits.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from app.errors import AppError, ExtraMissing, NotNow
+from app.season.store.store import Limits, QueryFailed
+from app.sessions.storage.files import SUFFIX
+from app.telemetry import Event
+from app.words import Message
+
+log = logging.getLogger(__name__)
+CLOSING: Final = ("recording-stopped", "recording-split")  # events after which there is a session more
+NEEDED: Final = ("duckdb", "fsspec", "pyarrow")
+END_S: Final = 5.0
+START_S: Final = 20.0  # a question's process may take so long to start, on a busy Raspberry Pi
+BOX: Final = Limits(seconds=20.0, memory_mb=512, rows=5000)
+
+
+class SeasonLake:
+    """Builds in a thread that waits for its process; `query` may be called from any thread, one at a time."""
+
+    def __init__(self, data: Path, place: str | None, *, builds: bool) -> None:
+        """Keep the lake of a data folder at `place`, a folder or URL, or in `lake` of it."""
+        self.place = place or str(data / "lake")
+        self._data = data
+        self._builds = builds and not self.missing
+        self._wanted, self._ending = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="season", daemon=True)
+        self._process: subprocess.Popen[str] | None = None
+        self._asking = threading.Lock()
+
+    @property
+    def missing(self) -> list[str]:
+        """Packages of the extra `season` that are not installed."""
+        return [name for name in NEEDED if find_spec(name) is None]
+
+    def start(self) -> None:
+        """Begin; what was closed after the last build is built."""
+        if self._builds:
+            if self._is_behind():
+                self._wanted.set()
+            self._thread.start()
+
+    def stop(self) -> None:
+        """End; a build under way is ended too, and leaves the lake whole."""
+        self._ending.set()
+        self._wanted.set()
+        if (process := self._process) is not None:
+            process.terminate()
+        if self._thread.is_alive():
+            self._thread.join(END_S)
+
+    def on_event(self, event: Event) -> None:
+        """Build where a session was closed."""
+        if event.code in CLOSING:
+            self._wanted.set()
+
+    def query(self, question: str, given: Mapping[str, str], limits: Limits = BOX) -> dict[str, Any]:
+        """Answer one SELECT or a question by its name: `columns`, `rows` and `is_cut`.
+
+        Raises:
+            ExtraMissing: the extra `season` is not installed.
+            NotNow: another question is being answered.
+            QueryFailed: it is wrong, not allowed, or passes a limit.
+        """
+        if missing := self.missing:
+            raise ExtraMissing(Message("the-season-lake"), missing[0], "season")
+        if not self._asking.acquire(blocking=False):
+            raise NotNow(Message("query-under-way"))
+        try:
+            return self._ask(question, given, limits)
+        finally:
+            self._asking.release()
+
+    def _ask(self, question: str, given: Mapping[str, str], limits: Limits) -> dict[str, Any]:
+        values = [part for name, value in given.items() for part in ("--set", f"{name}={value}")]
+        most = ("--limit-s", limits.seconds, "--limit-mb", limits.memory_mb, "--limit-rows", limits.rows)
+        arguments = ["query", "--json", "--lake", self.place, *map(str, most), *values, "--", question]
+        try:
+            done = subprocess.run(
+                _command(arguments), capture_output=True, text=True, timeout=limits.seconds + START_S, check=False
+            )
+        except subprocess.TimeoutExpired as error:
+            raise QueryFailed(Message("query-too-long", seconds=limits.seconds)) from error
+        if done.returncode != 0:
+            said = done.stderr.strip().removeprefix("voltwall season: ")
+            raise QueryFailed(said or Message("query-too-large", megabytes=limits.memory_mb))
+        answer: dict[str, Any] = json.loads(done.stdout)
+        return answer
+
+    def _is_behind(self) -> bool:
+        """Whether a session has changed since the last build began, by the clock of the disk; of a URL: not known."""
+        mark = Path(self.place) / ".lock"
+        try:
+            built_s = mark.stat().st_mtime if mark.is_file() else 0.0
+            sessions = self._data.joinpath("sessions").glob(f"*{SUFFIX}")
+            return any(path.stat().st_mtime > built_s for path in sessions)
+        except OSError:
+            return False
+
+    def _run(self) -> None:
+        while True:
+            self._wanted.wait()
+            self._wanted.clear()
+            if self._ending.is_set():
+                return
+            try:
+                self._build()
+            except (OSError, AppError) as error:
+                log.warning("season lake: %s", error)
+
+    def _build(self) -> None:
+        arguments = _command(["build", "--background", "--data", str(self._data), "--lake", self.place])
+        self._process = subprocess.Popen(arguments, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        if self._ending.is_set():
+            self._process.terminate()
+        _, said = self._process.communicate()
+        if said.strip() and not self._ending.is_set():
+            log.warning("season lake: %s", said.strip())
+
+
+def _command(arguments: Sequence[str]) -> list[str]:
+    return [sys.executable, "-m", "app.cli", "season", *arguments]

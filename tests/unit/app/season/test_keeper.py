@@ -1,0 +1,99 @@
+import importlib.util
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from app.errors import ExtraMissing, NotNow
+from app.season.keeper import SeasonLake
+from app.season.store.store import Limits, QueryFailed
+from app.telemetry import Event
+from app.words import Message
+
+SEEN_S = 60.0
+
+
+@pytest.fixture
+def data(season, tmp_path) -> Path:
+    """A data folder with a session."""
+    (tmp_path / "sessions").mkdir()
+    shutil.copy(min(season.glob("*.sqlite")), tmp_path / "sessions")
+    return tmp_path
+
+
+def marks(data: Path) -> list[Path]:
+    return list((data / "lake").rglob("sessions.parquet"))
+
+
+def until(condition) -> None:
+    deadline = time.monotonic() + SEEN_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_a_closed_session_is_built_by_itself_and_asked_about(data):
+    lake = SeasonLake(data, None, builds=True)
+    lake.start()
+    try:
+        until(lambda: marks(data))
+        answer = lake.query("SELECT count(*) AS n FROM cells WHERE cell < $below", {"below": "2"})
+        assert answer == {"columns": ["n"], "rows": [[8]], "is_cut": False}
+    finally:
+        lake.stop()
+
+
+def test_a_recording_that_ends_wakes_the_build(data, monkeypatch):
+    begun = threading.Event()
+    monkeypatch.setattr(SeasonLake, "_build", lambda self: begun.set())
+    lake = SeasonLake(data, None, builds=True)
+    monkeypatch.setattr(lake, "_is_behind", lambda: False)
+    lake.start()
+    try:
+        lake.on_event(Event(0, "info", "note", Message("verbatim", text="nothing")))
+        assert not lake._wanted.is_set()
+        lake.on_event(Event(0, "info", "recording-stopped", Message("verbatim", text="ended")))
+        assert begun.wait(SEEN_S)
+    finally:
+        lake.stop()
+
+
+def test_nothing_is_built_where_it_is_off_or_up_to_date(data):
+    off = SeasonLake(data, None, builds=False)
+    off.start()
+    off.stop()
+    assert marks(data) == []
+    (data / "lake").mkdir()
+    (data / "lake" / ".lock").touch()
+    assert not SeasonLake(data, None, builds=True)._is_behind()
+
+
+def test_a_wrong_question_says_why(lake, tmp_path):
+    asked = SeasonLake(tmp_path, str(lake), builds=False)
+    with pytest.raises(QueryFailed, match="one SELECT"):
+        asked.query("DROP TABLE cells", {})
+
+
+def test_a_question_that_hangs_is_killed(lake, tmp_path, monkeypatch):
+    monkeypatch.setattr("app.season.keeper.START_S", 0.0)
+    asked = SeasonLake(tmp_path, str(lake), builds=False)
+    with pytest.raises(QueryFailed, match="longer than"):
+        asked.query("SELECT 1 AS one", {}, Limits(seconds=0.01))
+
+
+def test_one_question_at_a_time(lake, tmp_path):
+    asked = SeasonLake(tmp_path, str(lake), builds=False)
+    with asked._asking, pytest.raises(NotNow):
+        asked.query("ranking", {})
+
+
+def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+    found = importlib.util.find_spec
+    monkeypatch.setattr("app.season.keeper.find_spec", lambda name: None if name == "duckdb" else found(name))
+    lake = SeasonLake(tmp_path, None, builds=True)
+    lake.start()
+    lake.stop()
+    with pytest.raises(ExtraMissing, match=r"pip install 'voltwall\[season\]'"):
+        lake.query("ranking", {})
