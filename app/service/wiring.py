@@ -149,6 +149,7 @@ def make_service(
         source=source,
         cell_file=format_cell(pipelines.cell),
         battery=battery,
+        car=settings.car,
     )
     mqtt = configured_publisher(settings, lambda: recording_state(recorder), clock, source, battery.battery)
     events.subscribe(recorder.on_event)

@@ -44,11 +44,13 @@ class AutoRecorder:
         source: Source | None = None,
         cell_file: str | None = None,
         battery: LoadedBattery | None = None,
+        car: str | None = None,
     ) -> None:
         """Open the folder; what the page was told of the next sessions lies beside it.
 
         `source` is kept in every session, so that a simulated car is never taken for a real one; the text of the cell
         file, so that the session is judged with it later, too; and the battery, whose profile explains the frames.
+        `car`, where there are several, too: a season keeps them apart.
 
         Raises:
             ConfigError: the event's name is too long.
@@ -56,7 +58,8 @@ class AutoRecorder:
         folder.mkdir(parents=True, exist_ok=True)
         self._plan_path = folder.parent / "recording.json"
         self._plan = load_plan(self._plan_path, event)
-        self._source: dict[str, object] = {} if source is None else {"source": source}
+        about = {"source": source, "car": car}
+        self._about: dict[str, object] = {name: value for name, value in about.items() if value is not None}
         self._clock = clock
         self._recorder = Recorder(
             folder,
@@ -101,7 +104,7 @@ class AutoRecorder:
         """
         with self._lock:
             plan = self._plan
-            info = self._recorder.start(name or plan.name(self._clock.wall_ns()), plan.metadata() | self._source)
+            info = self._recorder.start(name or plan.name(self._clock.wall_ns()), plan.metadata() | self._about)
             self._held_back = False
             self._config = None
             self._status = None
@@ -123,7 +126,7 @@ class AutoRecorder:
             RecordingFailed: the new file cannot be created; the session goes on.
         """
         with self._lock:
-            info = self._recorder.split(self._plan.metadata() | self._source)
+            info = self._recorder.split(self._plan.metadata() | self._about)
             self._status = None
         self._report_split()
         return info

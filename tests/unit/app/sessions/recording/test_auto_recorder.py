@@ -225,3 +225,9 @@ def test_a_session_in_which_somebody_marked_something_stays(make, tmp_path):
     recorder.stop()
     recorder.flush()
     assert len(Catalogue(tmp_path / "sessions").survey()[0]) == 1
+
+
+def test_a_session_keeps_whose_it_is(make):
+    recorder = make(source="serial", car="e-26")
+    assert recorder.start().metadata.items() >= {"source": "serial", "car": "e-26"}.items()
+    assert recorder.split().metadata["car"] == "e-26"
