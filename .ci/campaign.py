@@ -17,8 +17,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TESTS = (
+    "tests/property",
+    "tests/unit/app/analysis/evidence/test_timing.py",
+    "tests/unit/app/battery/test_profile_errors.py",
+    "tests/unit/app/estimation/health/test_sensor_watch.py",
+    "tests/unit/app/sources/dbc/learn/test_families.py",
+    "tests/unit/app/sources/dbc/learn/test_frame_numbers.py",
+    "tests/unit/app/sources/dbc/learn/test_readings.py",
+    "tests/numeric/test_joints_race.py",
     "tests/numeric/test_prediction_coverage.py",
-    "tests/property/test_filters_engine.py",
     "tests/integration/test_openapi.py",
     "tests/integration/test_day_race.py",
     "tests/integration/test_sessions_campaign.py::test_a_kill_at_any_instant_loses_nothing_that_was_acknowledged",

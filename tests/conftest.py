@@ -26,7 +26,10 @@ settings.load_profile("voltwall")
 TESTS_FOLDER = Path(__file__).parent
 ROOT = TESTS_FOLDER.parent
 READ_SERVICE = pytest.StashKey[Service]()
-SLOWEST_FIRST = ("e2e", "integration", "numeric", "property", "docs", "unit")
+WAITING = ("e2e", "integration")  # most of their time they wait for a car, a service or a page
+LONGEST_FIRST = ("test_evidence.py", "test_evidence_c_master.py", "test_parameters.py", "test_weak_joint.py")
+COMPUTING = ("numeric", "property", "docs", "unit")  # those with the longest files first
+WAITING_ENDS_AT = 0.8  # of the run: the end is many short files, which all processes share
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -48,22 +51,27 @@ def tell() -> Callable[[str], None]:
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One process per core and one more: where a test waits for a service or a page, another one computes."""
-    return (os.cpu_count() or 1) + 1
+    """Two processes per core: where a test waits for a service or a page, another one computes."""
+    return 2 * (os.cpu_count() or 1)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Start with the folders whose files take longest, so that all workers end at nearly the same time.
+    """Mix files that wait with files that compute, so that all cores are busy from the start to the end.
 
-    Before them comes what shares a service, so that this need not run for long.
+    First comes what shares a service, so that this need not run for long; of the others the longest.
     """
-
-    def place(item: pytest.Item) -> tuple[bool, int]:
-        return not reads_only(item), rank.get(item.path.relative_to(TESTS_FOLDER).parts[0], 0)
-
-    if hasattr(config, "workerinput"):  # pytest-xdist's
-        rank = {name: number for number, name in enumerate(SLOWEST_FIRST)}
-        items.sort(key=place)
+    if not hasattr(config, "workerinput"):  # pytest-xdist's
+        return
+    folders = {item.path: item.path.relative_to(TESTS_FOLDER).parts[0] for item in items}
+    shared = {item.path for item in items if reads_only(item)}
+    waiting = [path for path, folder in folders.items() if folder in WAITING and path not in shared]
+    waiting.sort(key=lambda path: LONGEST_FIRST.index(path.name) if path.name in LONGEST_FIRST else len(LONGEST_FIRST))
+    computing = [path for path, folder in folders.items() if folder in COMPUTING]
+    computing.sort(key=lambda path: COMPUTING.index(folders[path]))
+    place = dict.fromkeys(shared, -1.0)
+    place |= {path: WAITING_ENDS_AT * number / len(waiting) for number, path in enumerate(waiting)}
+    place |= {path: number / len(computing) for number, path in enumerate(computing)}
+    items.sort(key=lambda item: place.get(item.path, 0.0))
 
 
 def pytest_collection_finish() -> None:

@@ -100,7 +100,7 @@ def test_a_service_that_stands_is_told_and_what_cannot_work_is_off(service, open
 
 
 def test_a_trip_is_on_every_page_and_its_cell_is_marked_on_every_map(service, open_page, violations):
-    page = open_page(f"{service.base_url}/#/overview", "television", full_rate=True)
+    page = open_page(f"{service.base_url}/#/overview", "television")
     phone = open_page(f"{service.base_url}/#/overview", "phone")
     with service.client() as client:
         fault = {"fault": "stuck-sensor", "pack": 6, "cell": 4, "value": 4.4}

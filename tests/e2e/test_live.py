@@ -93,6 +93,7 @@ def test_a_dead_service_is_shown_and_comes_back_by_itself(make_service, open_pag
     service = make_service("--seed", "3", "--port", str(free_port()))
     page = open_page(f"{service.base_url}/#/overview", quiet=False)
     expect(page.get_by_test_id("state")).not_to_have_attribute("data-state", "unknown")
+    expect(page.get_by_test_id("voltage")).to_have_attribute("data-freshness", "live")  # the page itself has come
     service.kill()
     expect(page.get_by_test_id("service-lost")).to_be_visible()
     expect(page.get_by_test_id("link-rs232")).to_have_attribute("data-state", "lost")

@@ -13,7 +13,7 @@ from app.sessions.reading.reader import SessionFile
 from tests.peer_batteries import cell_number
 from tests.recorded.peer_sessions import write_log, write_profile
 
-FOXBMS_S = 90
+FOXBMS_S = 45
 
 
 def imported(data: Path, *arguments: str) -> str:
@@ -48,14 +48,14 @@ def test_a_foxbms_log_of_216_cells_is_reported_exported_and_in_the_passports(fox
     assert report["segments"] == [18] * 12
     assert len(report["voltage_min_v"]) == len(report["resistance_ohm"]) == 216
     assert all(3.0 < volts < 4.3 for volts in report["voltage_min_v"])
-    assert report["figures"]["energy_out_wh"] > 100
+    assert report["figures"]["energy_out_wh"] > 50
 
     out = tmp_path / "run.csv"
     assert main(["export", session_id, "--out", str(out), *at]) == 0
     with out.open() as file:
         rows = list(csv.DictReader(file))
     assert {"v[215] (V)", "t[215] (degC)", "sensor[179] (degC)", "i_fs (A)", "estimate.soc[215]"} <= rows[0].keys()
-    assert 850 < len(rows) < 950  # one a period of the profile
+    assert 425 < len(rows) < 475  # one a period of the profile
     whole = rows[len(rows) // 2]
     assert all(3.0 < float(whole[f"v[{cell}] (V)"]) < 4.3 for cell in range(216))
 
@@ -80,7 +80,7 @@ def test_it_replays_by_its_own_battery(foxbms, capsysbinary) -> None:
     data, session_id = foxbms
     assert main(["replay", session_id, "--json", "--filter", "coulomb", "--data", str(data)]) == 0
     lines = capsysbinary.readouterr().out.splitlines()
-    assert len(lines) > 500
+    assert len(lines) > 250
     last = json.loads(lines[-1])
     assert len(last["cells"]["voltage_v"]) == 216
     assert all(3.0 < volts < 4.3 for volts in last["cells"]["voltage_v"])

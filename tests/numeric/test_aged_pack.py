@@ -48,7 +48,7 @@ def raced(seconds, learned_for=None, applies_learning=True, **aged):
         volts = np.round(accumulator.terminal_voltage_v + 2e-4 * rng.normal(size=96), 4)
         said = estimator.step(STEP_S, current, volts, accumulator.temperature_degc)
         predictor.step(STEP_S, current, volts, float(volts.sum() * current), said, accumulator.temperature_degc)
-        if k % 5 == 0:
+        if k % 10 == 0:
             predictor.assess(estimator, said, accumulator.temperature_degc, current, Limits(soc_min=SOC_MIN))
         if applies_learning:
             predictor.apply_learned(estimator)

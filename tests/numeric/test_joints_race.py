@@ -7,6 +7,7 @@ from app.estimation.health.joint_watch import JUDGE_S, JointWatch
 from app.estimation.health.segments import Segments
 from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.race import endurance
+from tests.campaign import of_size
 
 STEP_S = 0.1
 
@@ -33,7 +34,7 @@ def race(seed, seconds, loose=None, loosens_at_s=0.0):
     return verdicts
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(of_size(3, 10, 40)))
 def test_clean_race_names_no_joint(seed):
     assert not any(named for _, named in race(seed, 240.0))
 

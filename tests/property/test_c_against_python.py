@@ -22,6 +22,7 @@ from simulator.eeprom import Eeprom
 from simulator.master import VirtualMaster
 from simulator.memory import MasterMemory
 from tests.c_programs import build_program
+from tests.campaign import examples
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,7 @@ def in_words(item):
 
 
 @given(raw=STREAMS, size=st.sampled_from((1, 3, 64, 5000)), silent=st.booleans())
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 def test_both_decoders_understand_the_same(driver, raw, size, silent):
     for side, decoder in (("host", FrameDecoder()), ("master", CommandDecoder())):
         items = [item for at in range(0, len(raw), size) for item in decoder.feed(raw[at : at + size])]
@@ -106,7 +107,7 @@ def python_stream(ts_ms):
 
 
 @given(ts_ms=st.integers(20, 400))
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 def test_both_schedules_send_the_same(driver, ts_ms):
     assert driver(f"stream {ts_ms} {FRAMES}") == python_stream(ts_ms)
 
@@ -158,7 +159,7 @@ def raw_id(can_id, is_extended):
 
 
 @given(table=tables(), steps=STEPS)
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_both_can_nodes_send_and_take_the_same(driver, table, steps):
     config, rx = table
     memory = MasterMemory()
@@ -261,7 +262,7 @@ REQUESTS = st.one_of(
 
 
 @given(requests=st.lists(REQUESTS, min_size=1, max_size=25))
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_both_masters_reply_alike_and_end_with_the_same_configuration(c_master_program, requests):
     c_master, simulated = CMaster(c_master_program), SimulatedMaster()
     whole = (int(MessageType.READ), b"\0\0" + CONFIG_SIZE.to_bytes(2, "little"))

@@ -16,6 +16,7 @@ from simulator.fault_kinds import FAULTS
 from simulator.library import find_scenario
 from simulator.runner import Runner
 from simulator.scenario_player import ScenarioPlayer
+from tests.campaign import examples
 
 
 @pytest.fixture(scope="module", params=["unix", "tcp"])
@@ -82,7 +83,7 @@ REQUESTS = st.builds(
 @example(request=BOLT | {"value": math.nan})
 @example(request=BOLT | {"for_s": math.inf})
 @example(request={"do": "next"})
-@settings(max_examples=120)
+@settings(max_examples=examples(120))
 def test_any_request_is_answered(port, request):
     assert port(request)["ok"] in (True, False)
 
@@ -93,7 +94,7 @@ def test_any_request_is_answered(port, request):
 @example(line=b'{"do":"inject","fault":"loose-joint","pack":NaN,"cell":1}')
 @example(line=b'{"do":"inject","fault":"current-offset","value":' + b"9" * 401 + b"}")
 @example(line=b'{"a":' * 800)
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 def test_any_line_is_answered_or_refused(port, line):
     answer = port(line)
     assert answer is not None

@@ -16,6 +16,7 @@ from firmware_protocol.dbc import to_dbc
 from firmware_protocol.dbc_import import from_dbc, into_tables
 from firmware_protocol.errors import DecodeError
 from firmware_protocol.memory_map import CONFIG_SIZE
+from tests.campaign import examples
 
 DEFAULT = default_image()
 DBC = to_dbc(DEFAULT)
@@ -40,7 +41,7 @@ CHANGES = st.lists(
 
 @given(st.builds(mutated, st.just(DBC), CHANGES) | st.text(max_size=300) | st.lists(WORDS | NUMBERS).map("".join))
 @example(DBC)
-@settings(max_examples=250)
+@settings(max_examples=examples(250))
 def test_any_dbc_gives_tables_or_a_decode_error(text):
     with contextlib.suppress(DecodeError):
         image, _ = into_tables(DEFAULT, from_dbc(text))
@@ -58,7 +59,7 @@ JSON = st.recursive(
 @given(st.builds(mutated, st.just(PROFILE), CHANGES) | JSON.map(json.dumps) | st.binary(max_size=200))
 @example(PROFILE)
 @example("[" * 100_000)
-@settings(max_examples=250)
+@settings(max_examples=examples(250))
 def test_any_profile_is_read_or_refused_by_field(text):
     with contextlib.suppress(ConfigError):
         assert len(parse_profile(text).image) == CONFIG_SIZE
@@ -78,7 +79,7 @@ DOCUMENT = json.loads(PROFILE)
 
 
 @given(st.sampled_from(list(places(DOCUMENT))[1:]), JSON)
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_any_value_at_any_place_of_a_profile_is_read_or_refused(path, value):
     document = json.loads(PROFILE)
     inner = document
@@ -108,7 +109,7 @@ HITS = st.lists(
 
 
 @given(st.tuples(HITS, st.sampled_from((100, 100, 100, 99, 50, 3))) | st.binary(max_size=300))
-@settings(max_examples=120)
+@settings(max_examples=examples(120))
 def test_any_session_file_is_read_or_is_not_a_session(tmp_path_factory, damage):
     content = damage if isinstance(damage, bytes) else torn(*damage)
     path = tmp_path_factory.mktemp("torn") / "torn.sqlite"

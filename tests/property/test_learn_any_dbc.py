@@ -11,6 +11,7 @@ from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.learning import learn
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.survey import survey
+from tests.campaign import examples
 
 WORDS = [
     "Cell", "V", "Volt", "Voltage", "Temp", "T", "NTC", "Seg", "Module", "ic", "group", "id", "num", "Current", "Pack",
@@ -40,7 +41,7 @@ def any_dbc(draw):
     return "\n".join(lines) + "\n"
 
 
-@settings(max_examples=60, deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(60), deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
 @given(any_dbc(), st.data())
 def test_learning_never_fails_and_its_suggestions_can_be_used(text, data):
     definitions = parse_definitions(text.encode(), "any.dbc")

@@ -21,6 +21,7 @@ from app.telemetry.service_state import ServiceState
 from firmware_protocol.framing import FrameDecoder, decode_chunk, encode_frame
 from firmware_protocol.memory_map import CAN_ID_EXTENDED, FIELDS, MASTER_SIZE, N_CELLS
 from firmware_protocol.messages import MessageType
+from tests.campaign import examples
 
 SERVICE = ServiceState(None, None, 3, None)
 WALL_NS = 1_700_000_000_000_000_000
@@ -132,7 +133,7 @@ def assert_honest(output: Output) -> None:
         assert event.cell is None or 0 <= event.cell < N_CELLS
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.sampled_from(filter_name), st.lists(st.tuples(step, pause), max_size=40))
 def test_no_item_breaks_the_chain_or_makes_up_a_number(name, steps):
     pipeline = new_pipeline(name)
@@ -146,7 +147,7 @@ def test_no_item_breaks_the_chain_or_makes_up_a_number(name, steps):
             assert_honest(pipeline.tick(t_ns, wall_ns))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(st.lists(st.tuples(step, pause), max_size=30))
 @example([(("frame", (MessageType.DATA, 0, 11_011, b"")), (0.0, 0)), (("tick", None), (20.0, 0))])  # uptime runs ahead
 def test_after_any_mess_a_good_master_is_shown_as_it_is(steps):

@@ -17,6 +17,7 @@ from simulator.loads import PATTERNS_C
 from simulator.scenario import ACTIONS, LOADS
 from simulator.scenario_file import START_LIMITS, load_scenario
 from simulator.scenario_player import ScenarioPlayer
+from tests.campaign import examples
 
 
 def toml(value: object) -> str:
@@ -130,7 +131,7 @@ def loaded(document: Mapping[str, object]) -> object:
 
 
 @given(document=DOCUMENTS)
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 def test_a_document_is_refused_in_one_line_or_describes_itself(document):
     refusal = "any.toml"
     try:
@@ -156,7 +157,7 @@ PHASES = st.one_of(
 
 
 @given(start=INSIDE, phase=PHASES, seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 def test_whatever_lies_within_the_limits_is_played(start, phase, seed):
     document = {"title": "t", "description": "d", "seed": seed, "start": start, "phase": [phase | {"for_s": 30}]}
     player = ScenarioPlayer(loaded(document), step_s=0.5)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from simulator.can_bus import CanBus, CanFrame
 from simulator.link_circuit import LinkCircuit
 from simulator.relays import RelayState
+from tests.campaign import examples
 
 RATE = 500_000
 frames = st.builds(
@@ -30,7 +31,7 @@ class Node:
         self.heard.append((now_s, frame))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 40), frames), max_size=40), st.sampled_from([0.0, 1e-3]))
 def test_every_frame_reaches_every_other_node_once_and_the_bus_carries_one_at_a_time(sent, noise):
     bus, nodes = CanBus(np.random.default_rng(3)), [Node() for _ in range(3)]
@@ -53,7 +54,7 @@ def test_every_frame_reaches_every_other_node_once_and_the_bus_carries_one_at_a_
         assert after_s - before_s >= length_s - 1e-9
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     st.lists(
         st.tuples(st.floats(1e-3, 5.0), st.floats(200.0, 404.0), st.sampled_from(list(RelayState))),

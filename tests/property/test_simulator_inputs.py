@@ -16,6 +16,7 @@ from simulator.master import VirtualMaster
 from simulator.memory import MasterMemory
 from simulator.slave import SlaveChain
 from simulator.slcan import SlcanAdapter
+from tests.campaign import examples
 
 BOARD = Board(Eeprom(), np.random.default_rng(1))
 REQUESTS = st.tuples(
@@ -37,7 +38,7 @@ def everything_sent(master: VirtualMaster) -> list[object]:
     return [decode_message(item) for item in out]
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.lists(st.binary(max_size=60), max_size=8))
 def test_any_bytes_leave_a_master_that_answers(chunks):
     master = VirtualMaster(BOARD, 0.0)
@@ -48,7 +49,7 @@ def test_any_bytes_leave_a_master_that_answers(chunks):
     assert len(replies) == 1
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.lists(REQUESTS, max_size=6))
 def test_any_requests_leave_a_configuration_that_passes_the_check(requests):
     master = VirtualMaster(BOARD, 0.0)

@@ -11,6 +11,7 @@ from simulator.balancing.switched_capacitor import SwitchedCapacitorEqualiser, S
 from simulator.balancing.transformer import MultiWindingTransformer, TransformerParameters
 from simulator.cell_data import SAMSUNG_25R_10P
 from simulator.charger_unit import ChargerUnit
+from tests.campaign import examples
 
 IDEAL = replace(SAMSUNG_25R_10P, self_discharge_a=0.0, coulombic_efficiency=1.0)
 SMALL = AccumulatorParameters(n_cells=12, start_soc=0.6, cell=IDEAL)
@@ -18,7 +19,7 @@ courses = st.lists(st.tuples(st.floats(1e-3, 300.0), st.floats(-60.0, 200.0)), m
 voltages = st.lists(st.floats(2.5, 4.2), min_size=2, max_size=14).map(np.array)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(courses, st.integers(0, 2**12 - 1))
 def test_charge_is_what_current_and_resistors_took(course, mask):
     accumulator = Accumulator(SMALL, np.random.default_rng(1))
@@ -32,7 +33,7 @@ def test_charge_is_what_current_and_resistors_took(course, mask):
     assert not accumulator.bleed_current_a[~bleeding].any()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(courses, st.floats(0.0, 1.0), st.floats(-10.0, 45.0))
 def test_everything_stays_finite_and_losses_only_grow(course, fan_duty, ambient_degc):
     accumulator = Accumulator(replace(SMALL, ambient_degc=ambient_degc), np.random.default_rng(1))
@@ -49,7 +50,7 @@ def test_everything_stays_finite_and_losses_only_grow(course, fan_duty, ambient_
         lost_j = accumulator.loss_energy_j
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(voltages, st.floats(1e-5, 1.0), st.floats(1e-3, 10.0), st.floats(1.0, 1e5))
 def test_an_equaliser_makes_no_energy_and_no_charge(volts, farad, ohm, hertz):
     equaliser = SwitchedCapacitorEqualiser(SwitchedCapacitorParameters(farad, ohm, hertz), volts)

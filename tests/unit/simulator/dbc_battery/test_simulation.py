@@ -42,7 +42,7 @@ def test_a_cell_has_the_resistance_of_its_size(make_rig):
 
 
 def test_charging_ends_full_and_below_the_limit(make_rig):
-    rig = make_rig(soc=0.9)
+    rig = make_rig(soc=0.97)
     rig.simulation.charger.is_plugged = True
     rig.run(1.0)
     rig.simulation.bms.command(CommandId.CHARGE_START, 0, rig.simulation.now_s)

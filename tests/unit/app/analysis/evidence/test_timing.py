@@ -11,6 +11,7 @@ from app.analysis.evidence.looks import looks
 from app.analysis.evidence.steps import STEPS, Cycles
 from app.analysis.evidence.timing import Limits, Timing, Unmeasured, clock_rate, measure
 from firmware_protocol.framing import BAUD_RATE, Frame, decode_chunk, encode_frame
+from tests.campaign import examples, of_size
 from tests.reaction import CELL, FAULTS_OF_STEPS, Car
 
 NAMES = [step.name for step in STEPS]
@@ -33,7 +34,7 @@ def measured(name, part, rate, limits):
     return measure(looks(part, BAUD_RATE), name, limits, Cycles(), rate)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(of_size(1, 4, 8)))
 @pytest.mark.parametrize("ts_ms", [40, 100])
 def test_the_truth_lies_inside_the_band_of_every_step(seed, ts_ms):
     _frames, rate, limits, reactions = driven(seed, tuple(NAMES), ts_ms)
@@ -53,7 +54,7 @@ def test_a_master_whose_clock_runs_wrong_does_not_look_quicker(clock_rate):
         assert timing.low_s <= truth_s * clock_rate <= timing.high_s
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(st.sampled_from(HARDEST), st.floats(0, 0.7), st.integers(0, 2**32 - 1))
 def test_lost_frames_only_widen_the_band(name, share, seed):
     _frames, rate, limits, reactions = driven(11, tuple(HARDEST))
@@ -63,7 +64,7 @@ def test_lost_frames_only_widen_the_band(name, share, seed):
     assert isinstance(timing, Unmeasured) or timing.low_s <= truth_s <= timing.high_s
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(st.sampled_from(HARDEST), st.floats(0, 2), st.integers(-(10**15), 10**15), st.integers(0, 2**32 - 1))
 def test_late_frames_and_shifted_clocks_do_not_make_it_shorter(name, late_s, shift_ns, seed):
     frames, _rate, limits, reactions = driven(11, tuple(HARDEST))

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from app.estimation.health.segments import Segments
 from app.estimation.health.sensor_watch import ChannelWatch, ThermistorWatch
+from tests.campaign import examples
 
 N, PER_PACK = 24, 12
 SEGMENTS = Segments((PER_PACK,) * (N // PER_PACK))
@@ -100,7 +101,7 @@ def test_a_missing_voltage_is_found_after_some_seconds_and_ends_with_its_return(
     assert not drive(put(7, NAN, 20, 30)).is_dead.any()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(st.lists(st.floats(-200, 200, allow_nan=False), min_size=2, max_size=12))
 def test_no_sequence_of_currents_makes_a_sound_channel_stuck(currents):
     watch, rng = ChannelWatch(SEGMENTS), np.random.default_rng(1)
@@ -117,7 +118,7 @@ shapes_and_cells = st.sampled_from(SHAPES).flatmap(
 )
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(shapes_and_cells, st.sampled_from([-40.0, 85.0, 125.0, NAN]))
 def test_a_thermistor_that_came_off_is_named_in_any_pack_and_no_other(placed, shown_degc):
     (n, per_pack), cell = placed
@@ -132,7 +133,7 @@ def test_a_thermistor_that_came_off_is_named_in_any_pack_and_no_other(placed, sh
     assert found.usual[cell] == pytest.approx(30.0, abs=4.0)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(shapes_and_cells, st.integers(0, 10**6))
 def test_a_channel_that_stands_still_is_named_in_any_pack_and_no_other(placed, seed):
     (n, per_pack), cell = placed
@@ -151,7 +152,7 @@ def test_a_channel_that_stands_still_is_named_in_any_pack_and_no_other(placed, s
     assert found.size[cell] >= 30e-3
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(st.integers(0, 10**6), st.floats(-0.05, 0.05))
 def test_no_noise_of_sound_thermistors_is_a_finding(seed, rate_k):
     watch, rng = ThermistorWatch(SEGMENTS), np.random.default_rng(seed)

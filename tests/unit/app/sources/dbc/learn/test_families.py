@@ -10,6 +10,7 @@ from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.families import family_proposals
 from app.sources.dbc.learn.survey import survey
+from tests.campaign import examples
 from tests.peer_messages import HEAD, Bits, Peer, Sent, fixed, others
 from tests.unit.app.sources.dbc.learn.test_learning import assert_learned_rightly, learned_of
 
@@ -62,14 +63,14 @@ def peers(draw, with_segments):
     return peer
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(peers(with_segments=False))
 def test_cells_that_are_numbered_in_one_run_are_found_with_their_unit_and_order(peer):
     learned = assert_learned_rightly(peer, 15.6)
     assert "learn-segments-guessed" in [doubt.code for doubt in learned.doubts]
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(peers(with_segments=True))
 def test_cells_that_are_numbered_by_segment_are_found_with_their_segments(peer):
     learned = assert_learned_rightly(peer, 15.6)
@@ -212,7 +213,7 @@ def heated(draw):
     return peer
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(heated())
 def test_temperatures_of_any_number_name_and_unit_are_found_and_those_of_the_motor_are_not(peer):
     definitions, frames, learned = learned_of(peer, 3)
@@ -249,7 +250,7 @@ def paged(draw):
     return peer
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(paged())
 def test_cells_under_a_multiplexer_of_any_width_are_found(peer):
     assert_learned_rightly(peer, 13)

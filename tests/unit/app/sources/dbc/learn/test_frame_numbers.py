@@ -8,6 +8,7 @@ from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.frame_numbers import UNKNOWN_COUNT, frame_number_proposals
 from app.sources.dbc.learn.survey import survey
+from tests.campaign import examples
 from tests.peer_messages import HEAD, Bits, Peer, Sent, fixed, others
 from tests.unit.app.sources.dbc.learn.test_learning import assert_learned_rightly
 
@@ -82,19 +83,19 @@ def with_a_base_number(draw):
     return sent(peer, turns)
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(with_a_cell_number())
 def test_cells_that_a_frame_numbers_are_all_found(peer):
     assert_learned_rightly(peer, 13)
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(with_segment_and_cell())
 def test_segments_of_any_size_are_found_with_their_cells(peer):
     assert_learned_rightly(peer, 13)
 
 
-@settings(max_examples=20)
+@settings(max_examples=examples(20))
 @given(with_a_base_number())
 def test_a_group_or_a_first_cell_with_several_values_is_understood(peer):
     assert_learned_rightly(peer, 13)

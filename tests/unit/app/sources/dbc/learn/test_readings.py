@@ -8,6 +8,7 @@ from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.readings import current_proposals, pack_voltage_proposals, soc_proposals
 from app.sources.dbc.learn.survey import survey
+from tests.campaign import examples
 from tests.peer_batteries import one_signal_a_cell
 from tests.peer_messages import HEAD, Bits, Peer, Sent, fixed, others
 from tests.unit.app.sources.dbc.learn.test_learning import codes, learned_of
@@ -49,7 +50,7 @@ def driven(draw):
     return peer, current, voltage
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(driven())
 def test_current_and_pack_voltage_of_any_name_are_found_with_their_sign(case):
     peer, current, voltage = case
