@@ -16,7 +16,7 @@ from app.configuration.refusals import HashMismatch, Occupied, ReasonRequired, R
 from app.configuration.rules import Context, review_change
 from app.configuration.writable_fields import FIELDS_WRITABLE_AT_WORK
 from app.configuration.write_log import Attempt, WriteLog
-from app.errors import LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, message_of
+from app.errors import AppError, LinkError, LinkLost, MasterRefused, MasterSilent, NotNow, message_of
 from app.sources.master.client import MasterClient
 from app.telemetry import Identity
 from app.words import Message, Quantity
@@ -90,6 +90,9 @@ class ConfigurationWriter:
         self._one_editor = threading.Lock()
         self.last_read: tuple[int, bytes] | None = None  # monotonic ns, what was in force
         self.stored: StoredConfig | None = None
+        self._one_reader = threading.Lock()
+        self._reads_begun = 0  # of the EEPROM
+        self._read_failed: AppError | None = None  # the last of them
         self._shown: dict[str, bytes] = {}
 
     def show(self, image: bytes) -> str:
@@ -115,14 +118,31 @@ class ConfigurationWriter:
     def read_stored(self) -> StoredConfig | None:
         """Return what the EEPROM holds, None where no slot is valid.
 
+        Whoever asks during a read shares the next one: every open page asks after a change, and the line and its few
+        places for requests are left to who writes.
+
         Raises:
             LinkError: the master cannot be asked.
+            NotNow: too many requests are waiting.
         """
+        begun_before = self._reads_begun
+        with self._one_reader:
+            if self._reads_begun == begun_before:
+                self._reads_begun += 1
+                self._read_failed = None
+                try:
+                    self.stored = self._read_eeprom()
+                except (LinkError, NotNow) as error:
+                    self._read_failed = error
+            if self._read_failed is not None:
+                raise self._read_failed
+            return self.stored
+
+    def _read_eeprom(self) -> StoredConfig | None:
         memory = bytearray(EEPROM_SIZE)
         for offset in SLOT_OFFSETS:
             memory[offset : offset + SLOT_SIZE] = self._master.read(EEPROM_READ_BASE + offset, SLOT_SIZE)
-        self.stored = newest(bytes(memory))
-        return self.stored
+        return newest(bytes(memory))
 
     def write(self, draft: Draft, expected: str, who: str, *, dry_run: bool) -> Written:
         """Write a draft and read it back.

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import pytest
@@ -198,6 +199,25 @@ def test_a_conflict_knows_what_the_draft_started_from(master):
     assert caught.value.base == default_image()
     assert caught.value.in_force == hotter(default_image())
     assert caught.value.wanted == with_raw(hotter(default_image()), "ts", 50)
+
+
+def test_any_number_of_pages_may_ask_what_is_stored_at_once(master, monkeypatch):
+    config = configuration(master)
+    config.store("anna")
+    asked, gate = threading.Semaphore(0), threading.Event()
+    answer = master.answer
+    monkeypatch.setattr(master, "answer", lambda frame: gate.wait(30) and answer(frame))
+
+    def ask() -> bytes:
+        asked.release()
+        return config.read_stored().image
+
+    with ThreadPoolExecutor(12) as pages:
+        found = [pages.submit(ask) for _ in range(12)]
+        for _ in found:
+            asked.acquire()
+        gate.set()
+        assert {each.result() for each in found} == {default_image()}
 
 
 def test_loading_is_refused_at_work_and_without_anything_stored(master):
