@@ -20,10 +20,13 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import TextIO
 
+from app.sessions.worker.child_process import command_of
+
 CONTEXT = get_context("forkserver")
 CONTEXT.set_forkserver_preload(["tests.forked", "tests.warmed", "simulator.cli"])
 PARENTS_THREADS = 2  # of a service that starts its car: it does so before it has others
 POLL_S = 0.01
+MODULE_AT = command_of("MODULE").index("MODULE")  # in a command line of a process of ours
 BEFORE_OTHERS = -10  # nice(2)
 PR_SET_PDEATHSIG = 1  # prctl(2)
 
@@ -37,7 +40,7 @@ class ForkedSimulator:
         self.returncode: int | None = None
         self.pid = os.fork()
         if self.pid == 0:
-            _become(command[2], command[3:], stdin, stdout)
+            _become(command[MODULE_AT], command[MODULE_AT + 1 :], stdin, stdout)
         os.close(stdin)
         os.close(stdout)
         self.stdout = os.fdopen(output, "rb")
@@ -81,7 +84,7 @@ class ForkedWorker(ForkedSimulator):
     """The process that a service reads files in, forked before the service has threads."""
 
     def __init__(self) -> None:
-        super().__init__(["", "", "app.sessions.worker.process"])
+        super().__init__(command_of("app.sessions.worker.process"))
         self.stdin = os.fdopen(self._stdin, "wb")
 
 

@@ -5,7 +5,6 @@ import os
 import shutil
 import socket
 import subprocess
-import sys
 import tempfile
 import threading
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pathlib import Path
 from app.errors import ConfigError
 from app.service.settings import Settings
 from app.service.simulator_control import SimulatorControl
+from app.sessions.worker.child_process import command_of
 from app.sources.links.backoff import Backoff
 from app.words import Message
 
@@ -84,7 +84,7 @@ class SimulatorProcess:
         of_team = ("simulator.cli", "--serial", self.ports.serial_argument, "--eeprom", eeprom)
         of_battery = ("app.cli", "simulate", "--battery", settings.battery)
         self._arguments = [
-            *(sys.executable, "-m", *(of_battery if speaks_dbc else of_team), "--can", self.ports.can_argument),
+            *command_of(*(of_battery if speaks_dbc else of_team), "--can", self.ports.can_argument),
             *("--with-parent", "--control", self.ports.control_argument),
             *(("--seed", str(settings.seed)) if settings.seed is not None else ()),
         ]
@@ -107,7 +107,7 @@ class SimulatorProcess:
         self._thread.start()
         self._ready.wait(READY_S)
         if self._first_exit is not None:
-            arguments = " ".join([*self._arguments[2:], *(("--scenario", self._scenario) if self._scenario else ())])
+            arguments = " ".join([*self._arguments[5:], *(("--scenario", self._scenario) if self._scenario else ())])
             raise ConfigError("simulator", arguments, Message("simulator-ended", exit_code=self._first_exit))
 
     @property

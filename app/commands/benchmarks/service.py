@@ -4,7 +4,6 @@ import json
 import os
 import re
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -25,6 +24,7 @@ from app.sessions.catalogue import Catalogue
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder
 from app.sessions.storage.files import size_on_disk
+from app.sessions.worker.child_process import command_of
 from firmware_protocol.framing import LINE_BYTES_PER_S
 
 START_S = 30.0
@@ -56,19 +56,7 @@ def served(*arguments: str) -> Iterator[Served]:
     """Start the service with its data in a temporary folder; stop it at the end."""
     with tempfile.TemporaryDirectory(prefix="voltwall-bench-") as folder:
         process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "app.cli",
-                "serve",
-                "--port",
-                "0",
-                "--data",
-                folder,
-                "--log-level",
-                "error",
-                *arguments,
-            ],
+            command_of("app.cli", "serve", "--port", "0", "--data", folder, "--log-level", "error", *arguments),
             stdout=subprocess.PIPE,
             text=True,
         )

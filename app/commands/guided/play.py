@@ -1,7 +1,6 @@
 """Plays a bad day without anybody watching: simulator, line, pipeline and recorder, faster than real time."""
 
 import subprocess
-import sys
 import tempfile
 import threading
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from app.errors import LinkLost
 from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.recording.auto_recorder import AutoRecorder
+from app.sessions.worker.child_process import command_of
 from app.sources.items import Item, LinkChange, SerialItem
 from app.sources.links.can import CanLink
 from app.sources.links.serial import SerialLink
@@ -100,7 +100,7 @@ class _Player:
             scenario = Path(place) / "day.toml"
             scenario.write_text(day.scenario, encoding="utf-8")
             # a socket: what waits in it is not lost, as it would be in a pseudo-terminal at many times real time
-            command = [sys.executable, "-m", "simulator.cli", *PORTS, "--scenario", str(scenario)]
+            command = command_of("simulator.cli", *PORTS, "--scenario", str(scenario))
             more = ["--speed", str(speed), "--duration", str(day.length_s), "--with-parent"]
             with subprocess.Popen([*command, *more], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as simulator:
                 serial_url, can_url = _urls(simulator)

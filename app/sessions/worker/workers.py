@@ -3,12 +3,12 @@
 import os
 import pickle
 import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
 from app.errors import LimitExceeded, NotNow
+from app.sessions.worker.child_process import command_of
 from app.sessions.worker.limits import Limits
 from app.words import Message, Quantity
 
@@ -25,7 +25,7 @@ class _Worker:
 
     def __init__(self) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "app.sessions.worker.process"],
+            command_of("app.sessions.worker.process"),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=os.environ | _ONE_THREAD,
