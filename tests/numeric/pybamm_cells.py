@@ -63,7 +63,8 @@ def simulate(
         cell: which cell.
         current_a: (n,) positive on discharge [A], every dt_s.
         dt_s: [s].
-        soc: at the start, at rest.
+        soc: at the start, at rest, as a share of the charge between the voltage limits at rest. The recording's soc
+            column counts over the cell's capacity instead, from a full cell, as a laboratory does.
         degc: of the surroundings and of the cell at the start [degC].
         full: the Doyle-Fuller-Newman model instead of single particles with electrolyte.
         name: of the recording.
@@ -87,6 +88,8 @@ def simulate(
         },
         check_already_exists=False,
     )
+    electrodes, parameters = pybamm.lithium_ion.get_min_max_stoichiometries(values), pybamm.LithiumIonParameters()
+    at_rest_ah = float(values.evaluate(parameters.n.Q_init)) * (electrodes[1] - electrodes[0])
     time_s = dt_s * np.arange(current_a.size)
     values["Current function [A]"] = pybamm.Interpolant(time_s, current_a, pybamm.t)
     kind = pybamm.lithium_ion.DFN if full else pybamm.lithium_ion.SPMe
@@ -101,9 +104,16 @@ def simulate(
     current = np.asarray(solution["Current [A]"](t=time_s))
     kelvin = np.asarray(solution["Volume-averaged cell temperature [K]"](t=time_s))
     drawn = np.concatenate(([0.0], np.cumsum(0.5 * (current[1:] + current[:-1]) * dt_s))) / 3600.0
+    drawn_before = (1.0 - soc) * at_rest_ah
     below = np.flatnonzero(voltage < low - 0.05)
     stop = int(below[0]) if below.size else time_s.size
-    columns: tuple[FloatArray, ...] = (time_s, current, voltage, kelvin - KELVIN, soc - drawn / cell.capacity_ah)
+    columns: tuple[FloatArray, ...] = (
+        time_s,
+        current,
+        voltage,
+        kelvin - KELVIN,
+        1.0 - (drawn_before + drawn) / cell.capacity_ah,
+    )
     time_s, current, voltage, degrees, truth = (column[:stop] for column in columns)
     return Recording(name, time_s, current, voltage, degrees, truth, notes=())
 

@@ -84,6 +84,24 @@ static void count_only(const vw_filter *filter, const vw_motion *motion, vw_cell
     VW_EACH_CELL(c) work->used[c] = 0;
 }
 
+/* Fuse with what a rest that goes on says up to now, and keep the starts as they were: it will be read as a whole. */
+static void fuse_in_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
+{
+    vw_lanes soc[VW_STARTS], v2[VW_STARTS], weight[VW_STARTS];
+    for (int k = 0; k < VW_STARTS; k++) {
+        copy(soc[k], x->start_soc[k], VW_LANES);
+        copy(v2[k], x->start_v2[k], VW_LANES);
+        copy(weight[k], x->start_weight[k], VW_LANES);
+    }
+    vw_read_rest(filter, motion, x, work);
+    vw_fuse(filter, motion, x, work);
+    for (int k = 0; k < VW_STARTS; k++) {
+        copy(x->start_soc[k], soc[k], VW_LANES);
+        copy(x->start_v2[k], v2[k], VW_LANES);
+        copy(x->start_weight[k], weight[k], VW_LANES);
+    }
+}
+
 static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work)
 {
     if (filter->kind == VW_TANGENT) vw_output_tangent(filter, motion, x, work);
@@ -92,8 +110,8 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
     /* fused, what the filter says by itself is asked for only where the starts are weighed */
     if (filter->kind != VW_SIGMA_FUSED || motion->look_s > 0) vw_soc_variance(filter, x, work);
     if (motion->rest_share > 0) vw_watch_rest(motion, x, work);
-    if (motion->read_rest_s > 0) vw_read_rest(filter, motion, x, work);
-    if (filter->kind == VW_SIGMA_FUSED) vw_fuse(filter, motion, x, work);
+    if (motion->read_rest_s > 0 && !motion->is_rest_on) vw_read_rest(filter, motion, x, work);
+    if (filter->kind == VW_SIGMA_FUSED) (motion->is_rest_on ? fuse_in_rest : vw_fuse)(filter, motion, x, work);
     vw_self_check(filter, motion, x, work);
 }
 

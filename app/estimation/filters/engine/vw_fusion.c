@@ -49,13 +49,15 @@ void vw_watch_rest(const vw_motion *motion, vw_cells *restrict x, const vw_work 
  * To believe a SOC that is wrong costs what it is off, to refuse one that is right what the reading errs: the exact one
  * loses a share rest_doubt_soc^2 / (s_z^2 + rest_doubt_soc^2), s_z what s means in SOC.
  *
- * A rest that ends before it is rest_s long shows no relaxation, and is heard about a SOC that was given only: who gives none wakes up in a drive.
+ * A rest that ends before it is rest_s long shows no relaxation, and is heard about a SOC that was given only: who gives
+ * none wakes up in a drive. One that goes on is heard for the moment, and again as a whole.
  */
 void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_cell_model *model = &filter->model;
     const int last = VW_STARTS - 1;
+    const int rests = motion->is_whole_rest || motion->is_rest_on;
     const vw_real T = motion->read_rest_s, per_moment = 12 / (T * T * T);
     const vw_real n2 = vw_square(t->rest_tail_s * t->rest_noise_v) * per_moment * motion->dt_s;
     VW_EACH_CELL(c)
@@ -63,10 +65,10 @@ void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         const int is_given = x->start_weight[0][c] > 0;
         if (vw_is_missing(work->voltage_v[c]) || (!is_given && !motion->is_whole_rest)) continue;
         const vw_real slope = per_moment * x->rest_moment[c], left_v = t->rest_tail_s * slope, unsure = is_given ? 1 : 2;
-        const vw_real shown_v2 = motion->is_whole_rest ? vw_square(left_v) - 4 * n2 : 0;
+        const vw_real shown_v2 = rests ? vw_square(left_v) - 4 * n2 : 0;
         const vw_real p2 = vw_max(vw_square(unsure * t->rest_left_v), shown_v2), f = p2 / (p2 + n2);
         const vw_real half_v = f * left_v / 2;
-        const vw_real rest_a = motion->is_whole_rest ? motion->current_a : 0;
+        const vw_real rest_a = rests ? motion->current_a : 0;
         const vw_real rest_v = x->rest_mean_v[c] + slope * T / 2 + half_v + x->resistance[c] * model->drop_per_a_v * rest_a;
         const vw_real read = vw_soc_of_ocv(model, &x->climate.place, c, rest_v), seen = read + x->drawn[c];
         const vw_real ocv_v2 = x->climate.lasting_v2[c] - vw_square(t->lasting_v);

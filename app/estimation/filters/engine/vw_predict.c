@@ -26,15 +26,17 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     to.correlation = 1 + 2 * t->correlation_s / vw_max(dt_s, (vw_real)1e-3);
     to.check_share = share_of(dt_s, t->check_s);
     to.bias_share = share_of(dt_s, t->bias_s);
-    to.look_s = filter->since_s + dt_s < t->look_s - VW_TICK_S ? 0 : filter->since_s + dt_s;
-    const vw_real rest_s = filter->rest_s + dt_s;
+    const vw_real rest_s = filter->rest_s + dt_s, since_s = filter->since_s + dt_s;
     const int has_rested = filter->rest_s >= 0 && dt_s > 0;
     const int rests = has_rested && vw_abs(current_a) < t->rest_c * model->capacity_ah;
+    const int is_first = rests && filter->rest_s < t->look_s - VW_TICK_S; /* a rest is heard at once */
+    to.look_s = since_s < t->look_s - VW_TICK_S && !is_first ? 0 : since_s;
     to.rest_share = rests ? dt_s / rest_s : 0;
     to.rest_lever = rests ? filter->rest_s * dt_s / 2 : 0;
     to.is_whole_rest = rests && rest_s >= t->rest_s - VW_TICK_S;
     const int is_broken = has_rested && !rests && filter->rest_s >= t->rest_least_s - VW_TICK_S;
-    to.read_rest_s = to.is_whole_rest ? rest_s : is_broken ? filter->rest_s : 0;
+    to.is_rest_on = rests && !to.is_whole_rest && to.look_s > 0;
+    to.read_rest_s = to.is_whole_rest || to.is_rest_on ? rest_s : is_broken ? filter->rest_s : 0;
     to.wander_share = share_of(to.look_s, t->wander_s);
     to.conflict_share = share_of(to.look_s, t->conflict_s);
     return to;

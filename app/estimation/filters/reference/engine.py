@@ -15,7 +15,6 @@ from app.estimation.filters.reference.predict import predict
 from app.estimation.filters.reference.start import start
 from app.estimation.filters.reference.state import (
     CURRENT_MAX_C,
-    TICK_S,
     Measurement,
     Motion,
     State,
@@ -39,10 +38,13 @@ def step(setup: FilterSetup, state: State, motion: Motion, measured: Measurement
     state, innovation = update(setup, state, motion, measured, output)
     soc, variance = state.soc, soc_variance(setup, state, output)
     state = watch_rest(state, motion, measured)
+    starts = state.start_soc, state.start_v2, state.start_weight
     if motion.read_rest_s > 0.0:
         state = read_rest(setup, state, motion, measured)
     if setup.kind is Kind.SIGMA_FUSED:
         state, soc, variance = fuse(setup, state, motion, measured, output, variance)
+    if motion.is_rest_on:  # it will be read as a whole
+        state = replace(state, start_soc=starts[0], start_v2=starts[1], start_weight=starts[2])
     state, valid = self_check(setup, state, motion, measured, innovation.nu, innovation.used)
     ocv_v = setup.cell.ocv(soc, measured.place)
     rows = (variance**0.5, ocv_v, output.h, innovation.nu, innovation.sigma, valid, innovation.used)
@@ -94,10 +96,8 @@ class ReferenceEngine:
     def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> FloatArray:
         """Return (8, n_cells) estimates after one sample; see `Engine.step`."""
         current_a = self._held(current_a)
-        look_s = self._since_s + dt_s
-        is_due = look_s >= self._setup.tuning.look_s - TICK_S
-        self._since_s = 0.0 if is_due else look_s
-        motion = motion_of(self._setup, dt_s, current_a, look_s if is_due else 0.0, self._rest_s)
+        motion = motion_of(self._setup, dt_s, current_a, self._since_s + dt_s, self._rest_s)
+        self._since_s = 0.0 if motion.look_s > 0.0 else self._since_s + dt_s
         rests = motion.rest_share > 0.0 or (self._rest_s == 0.0 and dt_s == 0.0)
         self._rest_s = self._rest_s + dt_s if rests and not motion.is_whole_rest else -1.0
         state, measured = read(self._setup, self.state, voltage_v, temperature_degc)

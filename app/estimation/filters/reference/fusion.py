@@ -144,21 +144,21 @@ def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measur
     one loses a share `rest_doubt_soc`^2 / (s_z^2 + `rest_doubt_soc`^2), s_z what s means in SOC.
 
     A rest that ends before it is `rest_s` long shows no relaxation, and is heard about a SOC that was given only: who
-    gives none wakes up in a drive.
+    gives none wakes up in a drive. One that goes on is heard for the moment, and again as a whole.
     """
     tuning, cell = setup.tuning, setup.cell
     given = state.start_weight[0] > 0.0
     heard = measured.is_measured & (given | motion.is_whole_rest)
-    rested_s, unsure = motion.read_rest_s, np.where(given, 1.0, 2.0)
+    rested_s, unsure, rests = motion.read_rest_s, np.where(given, 1.0, 2.0), motion.is_whole_rest or motion.is_rest_on
     per_moment = 12.0 / rested_s**3
     noise_v2 = (tuning.rest_tail_s * tuning.rest_noise_v) ** 2 * per_moment * motion.dt_s
     slope = per_moment * state.rest_moment
     left_v = tuning.rest_tail_s * slope
-    shown_v2 = left_v**2 - 4.0 * noise_v2 if motion.is_whole_rest else 0.0
+    shown_v2 = left_v**2 - 4.0 * noise_v2 if rests else 0.0
     left_v2 = np.maximum((unsure * tuning.rest_left_v) ** 2, shown_v2)
     f = left_v2 / (left_v2 + noise_v2)
     half_v = f * left_v / 2.0
-    rest_a = motion.current_a if motion.is_whole_rest else 0.0
+    rest_a = motion.current_a if rests else 0.0
     drop_v = state.resistance * cell.model.drop_per_c_v / cell.model.c_rate_a * rest_a
     rest_v = state.rest_mean_v + slope * rested_s / 2.0 + half_v + drop_v
     read = cell.soc_of_ocv(rest_v, measured.place)

@@ -176,6 +176,7 @@ class Motion:
         rest_share: of this sample in the mean of a rest from the start on.
         rest_lever: and in its moment [s^2].
         read_rest_s: length of a rest that is to be read now; 0 = none [s].
+        is_rest_on: whether it is not over: what it says now is used once and not kept.
         is_whole_rest: whether it lasts on: a shorter one is heard about a SOC that was given only.
     """
 
@@ -188,6 +189,7 @@ class Motion:
     rest_share: float
     rest_lever: float
     read_rest_s: float
+    is_rest_on: bool
     is_whole_rest: bool
 
     def share(self, time_s: float) -> float:
@@ -199,20 +201,23 @@ class Motion:
         return 1.0 - math.exp(-self.look_s / time_s)
 
 
-def motion_of(setup: FilterSetup, dt_s: float, current_a: float, look_s: float = 0.0, rest_s: float = -1.0) -> Motion:
+def motion_of(setup: FilterSetup, dt_s: float, current_a: float, since_s: float = 0.0, rest_s: float = -1.0) -> Motion:
     """Return what a step means.
 
     Args:
         setup: the filter.
         dt_s: its length [s].
         current_a: held over it [A].
-        look_s: since the starts were last weighed, where it is time to weigh them [s].
+        since_s: at its end, since the starts were last weighed [s].
         rest_s: of rest from the start on before it; negative = none, or read already [s].
     """
     model, tuning = setup.cell.model, setup.tuning
     rested_s, has_rested = rest_s + dt_s, rest_s >= 0.0 and dt_s > 0.0
     rests = has_rested and abs(current_a) < tuning.rest_c * model.capacity_ah
+    is_first = rests and rest_s < tuning.look_s - TICK_S  # a rest is heard at once
+    look_s = since_s if since_s >= tuning.look_s - TICK_S or is_first else 0.0
     is_whole = rests and rested_s >= tuning.rest_s - TICK_S
+    is_on = rests and not is_whole and look_s > 0.0
     is_broken = has_rested and not rests and rest_s >= tuning.rest_least_s - TICK_S
     kept = model.coulombic_efficiency if current_a < 0.0 else 1.0
     return Motion(
@@ -224,7 +229,8 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, look_s: float =
         look_s=look_s,
         rest_share=dt_s / rested_s if rests else 0.0,
         rest_lever=rest_s * dt_s / 2.0 if rests else 0.0,
-        read_rest_s=rested_s if is_whole else rest_s if is_broken else 0.0,
+        read_rest_s=rested_s if is_whole or is_on else rest_s if is_broken else 0.0,
+        is_rest_on=is_on,
         is_whole_rest=is_whole,
     )
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.estimation.filters.reference.engine import ReferenceEngine
 from app.estimation.filters.reference.fusion import believe_gain, fuse, read_rest, self_check, watch_rest
 from app.estimation.filters.reference.output import Output
 from app.estimation.filters.reference.state import motion_of, noise_v2
@@ -22,7 +23,7 @@ def fused(state, dt_s, look_s, filter_v2, slope_v=1.0):
         h=one, H=np.ones((1 + SETUP.cell.n_rc, state.soc.size)), bend_v2=0.0 * one, ocv_slope_v=slope_v * one
     )
     _, _, measured = sample(SETUP, state)
-    motion = motion_of(SETUP, dt_s, 0.0, look_s=look_s)
+    motion = motion_of(SETUP, dt_s, 0.0, since_s=look_s)
     return fuse(SETUP, state, motion, measured, output, filter_v2 * one)
 
 
@@ -250,3 +251,13 @@ def test_samples_that_do_not_count_move_nothing():
     state, valid = judged(np.full(50, 1.0), counts=False)
     assert state.check_mean_v[0] == state.check_square_v2[0] == state.slow_mean_v[0] == 0.0
     assert all(valid)
+
+
+def test_a_rest_that_goes_on_is_heard_at_once_and_not_kept():
+    engine = ReferenceEngine(SETUP, 1)
+    volts, degc = SETUP.cell.model.ocv.voltage(np.array([0.6])), np.full(1, 25.0)
+    engine.start(0.0, volts, degc, np.array([0.52]), np.array([np.nan]))
+    starts = engine.get("start_soc")
+    soc, sigma = engine.step(0.1, 0.0, volts, degc)[:2]
+    assert abs(soc - 0.6) < min(0.01, 3.0 * sigma)
+    np.testing.assert_array_equal(engine.get("start_soc"), starts)
