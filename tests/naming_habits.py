@@ -7,8 +7,7 @@ values that mean yes.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from tests.peer_batteries import Peer
-from tests.peer_messages import Bits, Sent, fixed
+from tests.peer_messages import Bits, Peer, Sent, fixed
 
 
 @dataclass

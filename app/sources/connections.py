@@ -14,6 +14,7 @@ from pathlib import Path
 
 from app.battery.library import TEAM_PROFILE, bundled_profiles
 from app.errors import ConfigError, NotNow
+from app.sources.dbc.learn.lesson import Lesson
 from app.sources.links.can import parse_bus
 from app.sources.links.serial import check_url
 from app.sources.loaded_battery import LoadedBattery, load_battery
@@ -88,6 +89,19 @@ class Setup:
         self.fixed = fixed  # command line or environment name it, or nothing could start again
         self.instance = os.urandom(4).hex()  # another one after each start
         self.on_choice: Callable[[], None] = lambda: None  # starts the service again
+        self.lesson: tuple[str, Lesson] | None = None  # what is being learned, by its id
+
+    def begin_lesson(self, lesson: Lesson) -> str:
+        """Keep what is being learned, one at a time; return its id."""
+        self.end_lesson()
+        self.lesson = os.urandom(4).hex(), lesson
+        return self.lesson[0]
+
+    def end_lesson(self) -> None:
+        """Give the bus of what was being learned free."""
+        if self.lesson is not None:
+            self.lesson[1].close()
+        self.lesson = None
 
     @property
     def chosen(self) -> Connections | None:
@@ -112,6 +126,7 @@ class Setup:
         if self.fixed:
             raise NotNow(Message("named-on-command-line"))
         connections.check()
+        self.end_lesson()
         save_connections(self._folder, connections)
         self.on_choice()
 

@@ -1,10 +1,12 @@
 """A service that was never told what to read: its page asks, and what is chosen stays."""
 
+import re
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
 
+from tests.naming_habits import letters_in_numbered_messages
 from tests.service_process import Service
 
 
@@ -40,7 +42,32 @@ def test_a_battery_is_learned_from_its_dbc_and_chosen(fresh_service, open_page):
     page.get_by_test_id("learn-files").set_input_files(bundled)
     page.get_by_test_id("learn-listen").click()
     expect(page.get_by_test_id("learn")).to_contain_text("90 cells")
-    text = page.get_by_test_id("learn-profile").input_value()
-    page.get_by_test_id("learn-profile").fill(text.replace('name = "one-signal-a-cell"', 'name = "learned here"'))
+    page.get_by_test_id("learn-name").fill("learned here")
+    page.get_by_test_id("learn-name").blur()
+    expect(page.get_by_test_id("learn-profile")).to_have_value(re.compile("learned here"))
     page.get_by_test_id("learn-keep").click()
     expect(page.get_by_label("learned here")).to_be_checked()
+
+
+def test_a_suggestion_is_corrected_line_by_line_beside_what_a_log_says(fresh_service, open_page, tmp_path):
+    peer = letters_in_numbered_messages()
+    (tmp_path / "ams.dbc").write_text(peer.dbc())
+    frames = [f"({t / 1e9:.6f}) can0 {i:03X}#{data.hex().upper()}" for t, i, data in peer.frames(3)]
+    (tmp_path / "drive.log").write_text("\n".join(frames) + "\n")
+    page = open_page(f"{fresh_service.base_url}/#/setup")
+    page.get_by_test_id("to-learn").click()
+    page.get_by_test_id("learn-files").set_input_files(tmp_path / "ams.dbc")
+    page.get_by_test_id("learn-log").set_input_files(tmp_path / "drive.log")
+    page.get_by_test_id("learn-listen").click()
+    expect(page.get_by_test_id("now-voltage")).to_contain_text("160 of 160 heard")
+    expect(page.get_by_test_id("now-state.closed")).to_contain_text("TS_ACTIVE")
+    closed = page.get_by_test_id("line-state.closed").get_by_role("checkbox")
+    expect(closed).not_to_be_checked()
+    closed.check()
+    profile = page.get_by_test_id("learn-profile")
+    expect(profile).to_have_value(re.compile(r"^\[source\.state\.closed\]", re.MULTILINE))
+    page.get_by_test_id("line-current").get_by_role("checkbox").uncheck()
+    expect(page.get_by_test_id("learn-checks")).to_contain_text("no current")
+    page.get_by_test_id("learn-segments").fill("80, 80")
+    page.get_by_test_id("learn-segments").blur()
+    expect(profile).to_have_value(re.compile(r"segments = \[80, 80\]"))

@@ -1,83 +1,170 @@
-"""`battery learn` on a page: what speaks on a bus, and the profile that it suggests."""
+"""`battery learn` on a page: what speaks on a bus or in a log, the profile that it suggests, corrected line by line."""
 
 import math
 from collections.abc import Iterable
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter
 from pydantic import Field
 
-from app.api.encoding.words import words
+from app.api.encoding.words import message_json, words
 from app.api.schemas.setup import LearnedOut
-from app.api.web.dependencies import SetupPart, WorkersPart
-from app.api.web.problems import invalid
+from app.api.web.dependencies import ImportsPart, SetupPart, WorkersPart
+from app.api.web.problems import invalid, not_found
 from app.api.web.request_body import Body
-from app.sessions.worker import DEFINITIONS
-from app.sources.dbc.frames import frames_of
-from app.sources.dbc.learn.from_files import learn_from_files
+from app.sessions.worker import DEFINITIONS, INSPECTION
+from app.sources.dbc.check import Doubt
+from app.sources.dbc.frames import Frames, frames_of
+from app.sources.dbc.learn.from_files import lesson_from_files
 from app.sources.dbc.learn.learning import Learned
+from app.sources.dbc.learn.lesson import Correction, Lesson, Running
+from app.sources.dbc.learn.lines import LINE_UNITS, UNITS, Candidate, Choice, Line, title
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.proposal import CellProposal
-from app.sources.dbc.listening import bus_frames
+from app.sources.dbc.learn.readings import ReadingProposal
+from app.sources.dbc.learn.states import StateProposal
+from app.sources.dbc.listening import BusListener
 from app.words import Message, Text, render
 
 router = APIRouter(prefix="/setup", tags=["setup"])
-UNITS = {"current": "A", "pack_voltage": "V", "soc": ""}
+_MOST_CELLS = 1000
+Name = Annotated[str, Field(max_length=200)]
 
 
 class LearnIn(Body):
-    """DBCs as text by file name, and the bus to listen to; without it only names speak."""
+    """DBCs as text by file name, and a bus or a log; without both only names speak."""
 
     files: dict[Annotated[str, Field(max_length=100)], str] = Field(min_length=1, max_length=20)
     can: str | None = Field(None, min_length=1, max_length=300)
+    log: int | None = Field(None, description="the upload of a CAN log: POST /imports")
     seconds: float = Field(10.0, ge=0.5, le=60)
     name: str = Field("", max_length=100)
 
 
+class ChoiceIn(Body):
+    """What a person says of a line; what is not given is as suggested."""
+
+    signal: Name = ""
+    taken: bool | None = None
+    unit: Annotated[str, Field(max_length=20)] = ""
+    positive: Literal["", "discharge", "charge"] = ""
+    equals: list[Annotated[int, Field(ge=0, lt=2**32)]] = Field(default_factory=list, max_length=64)
+
+
+class CorrectionIn(Body):
+    """All corrections so far; `profile`: the text as a person edited it, which is checked instead."""
+
+    name: str = Field("", max_length=100)
+    segments: list[Annotated[int, Field(ge=1, le=_MOST_CELLS)]] = Field(default_factory=list, max_length=_MOST_CELLS)
+    parallel: int = Field(1, ge=1, le=1000)
+    choices: dict[Name, ChoiceIn] = Field(default_factory=dict, max_length=40)
+    profile: str | None = Field(None, max_length=200_000)
+
+
 @router.post("/learn", response_model=LearnedOut)
-def learn_profile(body: LearnIn, setup: SetupPart, workers: WorkersPart) -> dict[str, Any]:
-    """Listen, and suggest a profile with the reasons for each of its lines."""
+def learn_profile(body: LearnIn, setup: SetupPart, imports: ImportsPart, workers: WorkersPart) -> dict[str, Any]:
+    """Listen, and suggest a profile with the reasons for each of its lines; a bus goes on to be heard."""
     if body.can is not None and body.can == setup.in_force.can:
         raise invalid("can", body.can, Message("bus-is-read"))
-    frames = frames_of([]) if body.can is None else bus_frames(body.can, body.seconds)
-    messages, found, learned = workers.run(DEFINITIONS, learn_from_files, body.files, frames, body.name)
+    setup.end_lesson()
+    listener = None if body.can is None or body.log is not None else BusListener(body.can)
+    heard: Frames | Path = frames_of([]) if listener is None else listener.wait(body.seconds)
+    limits = DEFINITIONS
+    if body.log is not None:
+        heard, limits = imports.path_of(body.log), INSPECTION
+    try:
+        lesson = workers.run(limits, lesson_from_files, body.files, heard, body.name)
+    except BaseException:
+        if listener is not None:
+            listener.close()
+        raise
+    lesson.listener = listener
+    return _lesson_json(setup.begin_lesson(lesson), lesson, Correction(), None)
+
+
+@router.post("/learn/{lesson_id}", response_model=LearnedOut)
+def correct_profile(lesson_id: str, body: CorrectionIn, setup: SetupPart) -> dict[str, Any]:
+    """The suggestion as corrected, its doubts, and what each line reads now."""
+    if setup.lesson is None or setup.lesson[0] != lesson_id:
+        raise not_found("lesson", lesson_id)
+    if sum(body.segments) > _MOST_CELLS:
+        raise invalid("segments", body.segments, Message("kind-counts", bounds=f"1..{_MOST_CELLS}"))
+    choices = {
+        key: Choice(each.signal, each.taken, each.unit, each.positive, tuple(each.equals))
+        for key, each in body.choices.items()
+    }
+    correction = Correction(body.name, tuple(body.segments), body.parallel, choices)
+    return _lesson_json(lesson_id, setup.lesson[1], correction, body.profile)
+
+
+def _lesson_json(lesson_id: str, lesson: Lesson, correction: Correction, edited: str | None) -> dict[str, Any]:
+    learned, doubts = lesson.learned(correction)
+    if edited is not None:
+        doubts = lesson.check(edited)
+    found = lesson.survey
     return {
+        "id": lesson_id,
         "frames": found.n_frames,
-        "messages": messages,
+        "messages": len(found.definitions.messages),
         "heard": len(found.heard),
-        **(_nothing() if learned is None else _learned(learned)),
+        "checks": [_checked(each) for each in doubts],
+        **(_nothing() if learned is None else _learned(learned, lesson.running(learned))),
     }
 
 
 def _nothing() -> dict[str, Any]:
-    doubts = _texts("doubts", [Message("learn-nothing")])
-    return {"cells": 0, "segments": [], "sensors": 0, "lines": [], **doubts, "profile": None}
+    empty: dict[str, Any] = {"cells": 0, "segments": [], "parallel": 1, "sensors": 0, "name": "", "lines": []}
+    return {**empty, **_texts("doubts", [Message("learn-nothing")]), "profile": None}
 
 
-def _learned(learned: Learned) -> dict[str, Any]:
-    lines = [_cells("voltage", learned.voltage, "V")]
-    if learned.temperature is not None:
-        lines.append(_cells("temperature", learned.temperature, "degC"))
-    for name, each in learned.readings.items():
-        lines.append(_line(name, str(each.reading.signal), each.low, each.high, UNITS.get(name, ""), each.reasons))
+def _learned(learned: Learned, running: dict[str, Running]) -> dict[str, Any]:
+    battery = learned.battery
     return {
-        "cells": learned.battery.n_cells,
-        "segments": learned.battery.segments,
-        "sensors": learned.battery.n_sensors,
-        "lines": lines,
+        "cells": battery.n_cells,
+        "segments": battery.segments,
+        "parallel": battery.parallel,
+        "sensors": battery.n_sensors,
+        "name": battery.name,
+        "lines": [_line(line, running.get(key)) for key, line in learned.lines.items()],
         **_texts("doubts", learned.doubts),
         "profile": profile_text(learned),
     }
 
 
-def _cells(what: str, proposal: CellProposal, unit: str) -> dict[str, Any]:
-    low, high = (math.nan, math.nan) if proposal.fit is None else (proposal.fit.low, proposal.fit.high)
-    return _line(what, proposal.entries[0].signal, low, high, unit, proposal.reasons)
+def _line(line: Line, running: Running | None) -> dict[str, Any]:
+    chosen, kind = line.chosen, line.key.partition(".")[0]
+    reading = chosen.reading if isinstance(chosen, ReadingProposal) else None
+    unit = chosen.entries[0].unit if isinstance(chosen, CellProposal) else "" if reading is None else reading.unit
+    return {
+        "key": line.key,
+        "taken": line.is_taken,
+        "signal": title(chosen),
+        "candidates": [_candidate(chosen if title(each) == title(chosen) else each) for each in line.candidates],
+        "display_unit": LINE_UNITS.get(kind, ""),
+        "unit": unit,
+        "units": UNITS.get(line.key, ()),
+        "positive": reading.positive if reading is not None and "current" in line.key and kind != "limit" else None,
+        "equals": list(chosen.state.equals) if isinstance(chosen, StateProposal) and not chosen.state.mask else None,
+        "running": None
+        if running is None
+        else {"values": running.values, "age_s": running.age_s, "raw": running.raw, "text": running.text},
+    }
 
 
-def _line(what: str, signal: str, low: float, high: float, unit: str, reasons: Iterable[Text]) -> dict[str, Any]:
+def _candidate(candidate: Candidate) -> dict[str, Any]:
+    low = high = math.nan
+    if isinstance(candidate, ReadingProposal):
+        low, high = candidate.low, candidate.high
+    elif isinstance(candidate, CellProposal) and candidate.fit is not None:
+        low, high = candidate.fit.low, candidate.fit.high
     span = {"low": low if math.isfinite(low) else None, "high": high if math.isfinite(high) else None}
-    return {"what": what, "signal": signal, **span, "unit": unit, **_texts("reasons", reasons)}
+    return {"signal": title(candidate), **span, **_texts("reasons", candidate.reasons)}
+
+
+def _checked(doubt: Doubt) -> dict[str, Any]:
+    place = doubt.field if doubt.line is None else f"{doubt.field}, {doubt.line}"
+    return {"field": place, "is_error": doubt.is_error, **message_json("what", doubt.what)}
 
 
 def _texts(name: str, texts: Iterable[Text]) -> dict[str, Any]:

@@ -105,6 +105,7 @@ _KINDS = {
     "command": Message("a-command"),
     "event": Message("an-event"),
     "file": Message("a-file"),
+    "lesson": Message("a-lesson"),
     "reaction test": Message("a-reaction-test"),
     "record": Message("a-record"),
     "route": Message("a-route"),

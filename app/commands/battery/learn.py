@@ -7,13 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
+from app.battery.source import STATES
 from app.commands.battery.inputs import bundled_definitions, definitions_of, log_frames
 from app.errors import ConfigError
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import Frames, frames_of
 from app.sources.dbc.learn.learning import Learned, learn
+from app.sources.dbc.learn.lesson import Lesson, Running
+from app.sources.dbc.learn.lines import LINE_UNITS, Choice, title
 from app.sources.dbc.learn.profile_text import profile_text
-from app.sources.dbc.learn.survey import Survey, survey
+from app.sources.dbc.learn.survey import Survey
 from app.sources.dbc.listening import bus_frames
 from app.words import Message, render
 from app.words.render import number
@@ -38,6 +41,10 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     learning.add_argument("--name", default="", help="what people call the battery (default: the DBC's name)")
     learning.add_argument("--out", type=Path, metavar="FILE", help="write the profile (default: standard output)")
     learning.add_argument("--signals", action="store_true", help="list every signal with its range too")
+    learning.add_argument(
+        "--with-states", action="store_true",
+        help="take the states as proposed (default: in comments, for a person to confirm)",
+    )  # fmt: skip
     learning.set_defaults(do=_learn)
 
 
@@ -52,15 +59,17 @@ def _learn(args: argparse.Namespace) -> int:
         raise ConfigError("dbc", "", "say --dbc, --log or --can")
     definitions, files = (definitions_of(args.dbc), args.dbc) if args.dbc else _bundled(frames)
     _print_oddities(definitions)
-    found = survey(definitions, frames)
+    lesson = Lesson(definitions, (), frames, "")
+    found = lesson.survey
     _print_messages(found, with_signals=args.signals)
     folder = Path() if args.out is None else args.out.parent
     names = tuple(_relative(file, folder) for file in files)
-    learned = learn(found, frames, args.name or files[0].stem, names)
+    confirmed = {f"state.{name}": Choice(is_taken=True) for name in STATES} if args.with_states else {}
+    learned = learn(found, frames, args.name or files[0].stem, names, confirmed)
     if learned is None:
         print(render(Message("learn-nothing")))
         return 1
-    _print_summary(learned)
+    _print_summary(learned, lesson.running(learned))
     text = profile_text(learned)
     if args.out is None:
         print("\n" + text, end="")
@@ -130,23 +139,36 @@ def _id(can_id: int) -> str:
     return f"{can_id & 0x1FFFFFFF:08X}x" if can_id >> 31 else f"{can_id:03X}"
 
 
-def _print_summary(learned: Learned) -> None:
+def _reading_of(key: str, running: Running | None) -> str:
+    """What a line read last, for the line's end."""
+    if running is None:
+        return ""
+    known = [each for each in running.values if each is not None]
+    if not known:
+        return ", not measured"
+    if running.raw is not None:
+        return f", now {running.raw} {running.text}".rstrip() + f": {'yes' if known[0] else 'no'}"
+    if key == "soc":
+        return f", now {100 * known[0]:.4g} %"
+    unit = LINE_UNITS.get(key.partition(".")[0], "")
+    if len(running.values) > 1:
+        return f", now {min(known):.4g} to {max(known):.4g} {unit} of {len(known)}"
+    return f", now {known[0]:.5g} {unit}"
+
+
+def _print_summary(learned: Learned, running: dict[str, Running]) -> None:
     battery = learned.battery
     print(
         f"\nsuggested: {battery.n_cells} cells in {battery.n_segments} segments,"
         f" {battery.n_sensors} temperature sensors"
     )
-    for title, proposal in (("voltages", learned.voltage), ("temperatures", learned.temperature)):
-        if proposal is not None:
-            fit = proposal.fit
-            heard = "" if fit is None else f", {fit.low:.4g} to {fit.high:.4g}"
-            print(f"  {title}: {proposal.entries[0].signal}{heard}")
-            for reason in proposal.reasons:
-                print(f"    {render(reason)}")
-    for name, reading in learned.readings.items():
-        span = f", {reading.low:.5g} to {reading.high:.5g}" if np.isfinite(reading.low) else ""
-        print(f"  {name}: {reading.reading.signal}{span}")
-        for reason in reading.reasons:
+    for key, line in learned.lines.items():
+        reads = _reading_of(key, running.get(key))
+        print(f"  {key}: {title(line.chosen)}{reads}{'' if line.is_taken else '  (to confirm)'}")
+        for reason in line.chosen.reasons:
             print(f"    {render(reason)}")
+        others = [title(each) for each in line.candidates if title(each) != title(line.chosen)]
+        if others:
+            print(f"    or: {', '.join(others)}")
     for doubt in learned.doubts:
         print(f"  to decide: {render(doubt)}")

@@ -124,6 +124,18 @@ class ImportJobs:
                 self.discard(self._uploads.pop(next(iter(self._uploads))).path)
         return upload
 
+    def path_of(self, number: int) -> Path:
+        """Return where an upload is kept.
+
+        Raises:
+            ImportFailed: there is no such upload.
+        """
+        with self._lock:
+            upload = self._uploads.get(number)
+        if upload is None:
+            raise ImportFailed(str(number), Message("no-such-upload"))
+        return upload.path
+
     def start(
         self,
         number: int,

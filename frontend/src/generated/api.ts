@@ -967,29 +967,61 @@ export interface Laps {
   period_s: number | null;
 }
 
-/** One thing that was recognised: which signals carry it, what was heard of it [in its unit], and the reasons. */
-export interface LearnedLine {
-  what: string;
+/** A signal that may carry what a line says, and what was heard of it [in the line's unit]. */
+export interface LearnedCandidate {
   signal: string;
   low: number | null;
   high: number | null;
-  unit: string;
   reasons: string[];
   reasons_words: (Words | null)[];
 }
 
+/** A doubt about the profile, or an error with which it cannot work. */
+export interface LearnedCheck {
+  field: string;
+  is_error: boolean;
+  what: string;
+  what_words: Words | null;
+}
+
+/** One thing that the profile says: which of the candidates it is, whether it is taken, and what it reads. */
+export interface LearnedLine {
+  key: string;
+  taken: boolean;
+  signal: string;
+  candidates: LearnedCandidate[];
+  display_unit: string;
+  unit: string;
+  units: string[];
+  positive: string | null;
+  equals: number[] | null;
+  running: LearnedRunning | null;
+}
+
 /** A suggested profile; `profile` null where no cell voltages are recognised. */
 export interface Learned {
+  id: string;
   frames: number;
   messages: number;
   heard: number;
   cells: number;
   segments: number[];
+  parallel: number;
   sensors: number;
+  name: string;
   lines: LearnedLine[];
   doubts: string[];
   doubts_words: (Words | null)[];
+  checks: LearnedCheck[];
   profile: string | null;
+}
+
+/** What a line reads now: one value a cell or sensor, or one; of a state also its raw number and what that means. */
+export interface LearnedRunning {
+  values: (number | null)[];
+  age_s: number | null;
+  raw: number | null;
+  text: string;
 }
 
 /** A limit in force against the data sheet's and the rules', in its unit; None where there is none. */

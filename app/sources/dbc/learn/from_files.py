@@ -1,20 +1,21 @@
 """`learn` of files as they were uploaded."""
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.frames import Frames
-from app.sources.dbc.learn.learning import Learned, learn
-from app.sources.dbc.learn.survey import Survey, survey
+from app.sources.dbc.learn.lesson import Correction, Lesson
+from app.sources.dbc.log_file import load_log
 
 
-def learn_from_files(files: Mapping[str, str], frames: Frames, name: str) -> tuple[int, Survey, Learned | None]:
-    """Return how many messages the files define, what was heard of them, and the profile that they suggest.
+def lesson_from_files(files: Mapping[str, str], heard: Frames | Path, name: str) -> Lesson:
+    """Return a lesson of files, with the profile that they suggest.
 
     Args:
         files: message definitions as text, by file name.
-        frames: what was heard.
+        heard: frames of a bus, or a CAN log.
         name: of the profile; the first file's where empty.
 
     Raises:
@@ -23,6 +24,7 @@ def learn_from_files(files: Mapping[str, str], frames: Frames, name: str) -> tup
     definitions = Definitions(())
     for each, text in files.items():
         definitions = definitions.joined(parse_definitions(text.encode(), each))
-    found = survey(definitions, frames)
-    learned = learn(found, frames, name or next(iter(files)).rpartition(".")[0], tuple(files))
-    return len(definitions.messages), found, learned
+    frames = load_log(heard) if isinstance(heard, Path) else heard
+    lesson = Lesson(definitions, tuple(files), frames, name or next(iter(files)).rpartition(".")[0])
+    lesson.learned(Correction())
+    return lesson

@@ -132,11 +132,11 @@ def learn(
         doubts.append(Message("learn-no-current"))
     elif isinstance(current.chosen, ReadingProposal) and not current.chosen.is_unit_told:
         doubts.append(Message("learn-current-unit-guessed", name=str(current.chosen.reading.signal)))
-    return Learned(*_taken(battery, source, lines), lines, tuple(doubts))
+    return Learned(*taken(battery, source, lines), lines, tuple(doubts))
 
 
-def _taken(battery: Battery, source: SpeaksDbc, lines: dict[str, Line]) -> tuple[Battery, SpeaksDbc]:
-    """Battery and source with what was taken of the lines."""
+def taken(battery: Battery, source: SpeaksDbc, lines: dict[str, Line]) -> tuple[Battery, SpeaksDbc]:
+    """Return battery and source with what was taken of the lines."""
     readings: dict[str, Any] = {}
     states: dict[str, StateSignal] = {}
     limits: dict[str, Limit] = {}
@@ -215,7 +215,7 @@ def _segments(voltage: CellProposal, doubts: list[Text]) -> tuple[int, ...]:
 def _guessed_unit(voltage: CellProposal) -> str:
     """A unit by name and number of bits, where neither the DBC nor a log tells one; "" where one does."""
     signal = voltage.members[0][1]
-    if voltage.fit is not None or signal.unit or signal.layout.scale != 1.0:
+    if voltage.entries[0].unit or voltage.fit is not None or signal.unit or signal.layout.scale != 1.0:
         return ""
     if "mv" in words(signal.name):
         return "mV"

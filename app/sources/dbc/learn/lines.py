@@ -22,6 +22,15 @@ UNITS: dict[str, tuple[str, ...]] = {
     "charger_voltage": tuple(VOLTAGE_UNITS),
     "charger_current": tuple(CURRENT_UNITS),
 }
+LINE_UNITS = {
+    "voltage": "V",
+    "temperature": "degC",
+    "current": "A",
+    "pack_voltage": "V",
+    "charger_voltage": "V",
+    "charger_current": "A",
+    "limit": "A",
+}  # of what a line reads, by the first word of its key
 SIGNED = ("current", "charger_current")
 CONFIRMED_FIRST = ("state.", "limit.")  # lines that raise alarms: nobody's before a person took them
 

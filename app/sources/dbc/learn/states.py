@@ -28,6 +28,7 @@ _NOT = name_set(
     "cmd command counter cnt crc timer time led lamp event ecu pump fan brake pedal allowed enable enabled ok ready "
     "warning warn count module slave segment comm communication"
 )
+_OF_OTHERS = name_set("next last event interlock hvil shutdown sdc imd")
 _CONTACTOR = name_set(
     "air airs airp airn contactor contactors kontaktor schuetz schütz schutz relay relays relais tsactive hvactive main"
 )
@@ -45,7 +46,8 @@ _CLOSED_TEXTS = name_set(
     "operational rtd energized enable enabled hvon tson geschlossen ein"
 )
 _NO_TEXTS = name_set(
-    "open off not no dis disable disabled invalid stuck welded ready done finished complete stop stopped"
+    "allowed inactive open off not no dis disable disabled invalid stuck welded ready done finished complete stop "
+    "stopped"
 )
 _ENDED = name_set("done finished complete completed ok timeout success no not off")
 
@@ -125,7 +127,7 @@ def _proposal(
             score += 2.0
             reasons.append(Message("learn-state-flows") if name == "closed" else Message("learn-state-rests"))
         if name == "fault" and np.mean(is_so) > 0.5:
-            score -= 2.0
+            score -= 1.0
         if not is_so.any() or is_so.all():
             reasons.append(Message("learn-state-constant", value=int(heard.raw[-1])))
             score -= 0.2
@@ -149,11 +151,11 @@ def _by_texts(name: str, message: MessageDefinition, signal: Signal) -> _Found |
     yes = tuple(sorted(n for n, text in signal.choices.items() if _says(name, words(text), is_contactor, is_precharge)))
     if not yes or len(yes) == len(signal.choices):
         return None
-    if not (said | around) & (_STATE | _CONTACTOR | _PRECHARGE | _FAULT) or said & _NOT & name_set("next last event"):
+    if not (said | around) & (_STATE | _CONTACTOR | _PRECHARGE | _FAULT) or (said | around) & _OF_OTHERS:
         return None
     score = 2.0 + min(of_battery, 2) - 2.0 * len(said & _NOT) - 1.0 * len(around & _NOT - {"master"})
     score += 1.0 if said & _STATE else 0.0
-    score += 1.0 if name == "closed" and is_contactor else 0.0
+    score += 1.0 if (name == "closed" and is_contactor) or (name == "fault" and said & _STATE) else 0.0
     score += 1.5 if name == "precharge" and is_precharge else 0.0
     score -= 0.3 if said & _SIDE else 0.0
     texts = ", ".join(f"{n} {signal.choices[n]}" for n in yes)
@@ -186,7 +188,7 @@ def _by_name(
     """A bit, or a number without texts, whose name says the state."""
     said, around = words(signal.name), words(message.name)
     score = _score_of_name(name, said, around)
-    if score is None:
+    if score is None or (said | around) & _OF_OTHERS:
         return None
     score += 0.5 * min(len(said & _OF_PACK), 2) + 0.3 * min(len(around & _OF_PACK), 1)
     score -= 1.0 * len(said & _NOT) + 0.7 * len(around & _NOT - {"master"})

@@ -64,6 +64,7 @@ WRITES = [
     ("PUT", "/setup"),
     ("POST", "/setup/look"),
     ("POST", "/setup/learn"),
+    ("POST", "/setup/learn/x"),
     ("POST", "/setup/batteries"),
 ]
 

@@ -1,0 +1,132 @@
+"""A lesson: a bus or a log is heard, a profile suggested, corrected line by line, and checked, values beside it."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from app.battery.profile import Document, read_document
+from app.battery.profile_errors import errors_of
+from app.battery.source import SpeaksDbc
+from app.battery.table_reader import ProfileError
+from app.sources.dbc.battery_decoder import BatteryDecoder, Values
+from app.sources.dbc.check import Doubt, doubts_of
+from app.sources.dbc.definitions import Definitions
+from app.sources.dbc.frames import Frames
+from app.sources.dbc.learn.learning import Learned, learn, taken
+from app.sources.dbc.learn.lines import Choice, Line, find_signal
+from app.sources.dbc.learn.profile_text import profile_text
+from app.sources.dbc.learn.states import StateProposal
+from app.sources.dbc.learn.survey import Survey, survey
+from app.sources.dbc.listening import BusListener
+from app.words import Message
+
+PROFILE = "profile.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """What a line reads now: the newest value of each cell or sensor, or of the one signal."""
+
+    values: tuple[float | None, ...]  # V, degC, A, a fraction of 1; 0 or 1 of a state
+    age_s: float | None  # of the newest: now on a bus, at the end of a log
+    raw: int | None = None  # of a state
+    text: str = ""  # of that raw value
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """What a person says of a suggestion; empty: as suggested."""
+
+    name: str = ""
+    segments: tuple[int, ...] = ()
+    parallel: int = 1
+    choices: Mapping[str, Choice] = field(default_factory=dict)
+
+
+class Lesson:
+    """What was heard at its begin says what is suggested; a bus goes on to be heard for the running values."""
+
+    def __init__(
+        self,
+        definitions: Definitions,
+        files: tuple[str, ...],
+        frames: Frames,
+        name: str,
+    ) -> None:
+        """`files` are the DBCs as the profile names them."""
+        self.survey: Survey = survey(definitions, frames)
+        self._files = files
+        self._frames = frames
+        self._name = name
+        self.listener: BusListener | None = None  # hears the bus of which the frames are
+        self._last: tuple[Correction, Learned | None, list[Doubt]] | None = None
+
+    def close(self) -> None:
+        """Give the bus free."""
+        if self.listener is not None:
+            self.listener.close()
+
+    def learned(self, correction: Correction) -> tuple[Learned | None, list[Doubt]]:
+        """Return the suggestion as corrected, None where no cell voltages are found; and what is doubtful of it."""
+        if self._last is None or self._last[0] != correction:
+            name = correction.name or self._name
+            found = learn(
+                self.survey,
+                self._frames,
+                name,
+                self._files,
+                correction.choices,
+                correction.segments,
+                correction.parallel,
+            )
+            doubts = [] if found is None else self.check(profile_text(found))
+            self._last = correction, found, doubts
+        return self._last[1], self._last[2]
+
+    def check(self, text: str) -> list[Doubt]:
+        """Return every doubt of a profile's text by the definitions and what was heard."""
+        try:
+            errors, profile = errors_of(read_document(text, PROFILE, lambda _: Document("", {}, {})))
+        except ProfileError as error:
+            errors, profile = [error], None
+        found = [Doubt(each.file, each.line, each.path, each.limit, is_error=True) for each in errors]
+        if profile is None or errors:
+            return found
+        source = profile.source
+        if not isinstance(source, SpeaksDbc):
+            return [Doubt(PROFILE, None, "source.kind", Message("check-no-voltages"), is_error=True)]
+        frames = self._frames if len(self._frames) else None
+        return doubts_of(profile.battery, source, self.survey.definitions, PROFILE, frames)
+
+    def running(self, learned: Learned) -> dict[str, Running]:
+        """Return what each line reads, by its key; a line of which nothing is heard is left out."""
+        frames = self._frames if self.listener is None else self.listener.frames()
+        if not len(frames):
+            return {}
+        shown = {key: replace(line, is_taken=True) for key, line in learned.lines.items()}
+        battery, source = taken(learned.battery, learned.source, shown)
+        values = BatteryDecoder(battery, source, self.survey.definitions).decode(frames)
+        now_ns = int(frames.t_ns.max()) if self.listener is None else time.monotonic_ns()
+        heard = survey(self.survey.definitions, frames)
+        sizes = {"voltage": battery.n_cells, "temperature": battery.n_sensors}
+        found = {}
+        for key, line in shown.items():
+            if key in values:
+                found[key] = _running(values[key], sizes.get(key, 1), now_ns, line, heard)
+        return found
+
+
+def _running(values: Values, size: int, now_ns: int, line: Line, heard: Survey) -> Running:
+    newest = np.full(size, np.nan)
+    newest[values.index] = values.value  # of several the last one stays
+    age_s = (now_ns - int(values.t_ns.max())) / 1e9
+    numbers = tuple(float(each) if np.isfinite(each) else None for each in newest)
+    if isinstance(line.chosen, StateProposal):
+        named = find_signal(heard.definitions, str(line.chosen.state.signal))
+        signal = None if named is None else heard.signal(named[0], named[1].name)
+        if named is not None and signal is not None:
+            raw = int(signal.raw[-1])
+            return Running(numbers, age_s, raw, named[1].choices.get(raw, ""))
+    return Running(numbers, age_s)
