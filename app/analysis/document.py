@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from importlib.resources import files
-from typing import Final
+from typing import Any, Final
 
 from app.analysis.black_box.box import BlackBox
 from app.analysis.evidence.evidence import Evidence
@@ -37,11 +37,18 @@ def document(subject: Subject, language: str = "en") -> str:
     Raises:
         NotBuilt: the front end was not built.
     """
+    return page_of(KINDS[type(subject)], asdict(subject), language)
+
+
+def page_of(kind: str, data: dict[str, Any], language: str) -> str:
+    """Return a document of a kind that the page knows, with its data.
+
+    Raises:
+        NotBuilt: the front end was not built.
+    """
     try:
         page = TEMPLATE.read_text(encoding="utf-8")
     except OSError as error:
         raise NotBuilt from error
-    body = json.dumps(
-        {"kind": KINDS[type(subject)], "language": language, "data": asdict(subject)}, separators=(",", ":")
-    )
+    body = json.dumps({"kind": kind, "language": language, "data": data}, separators=(",", ":"))
     return page.replace(SLOT, SLOT + body.replace("<", "\\u003c"), 1)  # no end of the script within its data

@@ -204,10 +204,14 @@ class PassportKeeper:
 
     def passports(self) -> Passports:
         """Return the life of every cell, out of what has been read."""
-        records = [_from_json(body) for body in self.store.records()]
+        records = self.records()
         swaps = [Swap(swap.time_s, tuple(swap.cells), swap.note) for swap in self.store.swaps()]
         with naming_cells(self.battery.segments):
             return passports(records, swaps, self._cell.capacity_ah, self._cell.ocv.soc_at, self.battery.n_cells)
+
+    def records(self) -> list[SessionRecord]:
+        """Return what each session told, the oldest first."""
+        return [_from_json(body) for body in self.store.records()]
 
     def swap(self, cells: list[int], time_s: float, note: str, who: str | None) -> None:
         """Record that modules were swapped; from then on their cells begin a new line.

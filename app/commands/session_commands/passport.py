@@ -74,7 +74,7 @@ def _of_battery(args: argparse.Namespace, battery: Battery, cell: CellModel) -> 
 
 
 def _swap(keeper: PassportKeeper, args: argparse.Namespace) -> None:
-    cells, at_s = [_cell_index(keeper.battery, part) for part in args.swap.split(",")], _time(args.at)
+    cells, at_s = [cell_index(keeper.battery, part) for part in args.swap.split(",")], _time(args.at)
     keeper.swap(cells, at_s, args.note, None)
     print(f"recorded: {_swap_text(sorted(set(cells)), at_s, args.note)}", file=sys.stderr)
 
@@ -119,12 +119,13 @@ def _print_table(made: Passports, swaps: list[StoredSwap]) -> None:
         )
 
 
-def _cell_index(battery: Battery, text: str) -> int:
+def cell_index(battery: Battery, text: str, field: str = "--swap") -> int:
+    """Return the index of pack/cell; ConfigError names the field."""
     pack, _, cell = text.strip().partition("/")
     is_place = pack.isdigit() and cell.isdigit()
     index = battery.cell_at(int(pack) - 1, int(cell) - 1) if is_place else None
     if index is None:
-        raise ConfigError("--swap", text, f"pack/cell, 1/1 to {battery.n_segments}/{battery.segments[-1]}")
+        raise ConfigError(field, text, f"pack/cell, 1/1 to {battery.n_segments}/{battery.segments[-1]}")
     return index
 
 

@@ -113,6 +113,8 @@ class SessionFile:
             start = int(meta["start_mono_ns"])
             end = int(meta["end_mono_ns"]) if is_closed else max([start, *self._last_times()])
             metadata = json.loads(meta["metadata"])
+            if tags := read_note(self._stored, "tags"):
+                metadata["tags"] = tags
         return SessionInfo(
             id=self.path.stem,
             path=self.path,

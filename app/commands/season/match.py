@@ -1,0 +1,157 @@
+"""`voltwall season match` and `without`: build packs from measured cells; a string without a module."""
+
+import argparse
+import csv
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from app.commands.season.kept import add_car_arguments, kept_season
+from app.commands.session_commands.analysis import short_place
+from app.commands.session_commands.passport import cell_index
+from app.commands.session_commands.selection import add_json_argument, new_action
+from app.errors import ConfigError
+from app.estimation.arrays import FloatArray
+from app.season.matching.groups import RANDOM_BUILDS, Build, match_groups, random_groups, sorted_groups
+from app.season.matching.places import Placing, place, without
+from app.season.modules import modules_of
+
+COLUMNS = ("cell", "capacity_ah", "resistance_ohm")
+
+
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the actions."""
+    match = new_action(
+        actions, "match", "which cells in parallel, from a table of measured cells; which module where", _match
+    )
+    match.add_argument(
+        "table", type=Path, nargs="?", metavar="CELLS.csv",
+        help=f"columns {','.join(COLUMNS)}; without it the modules of the season are placed",
+    )  # fmt: skip
+    match.add_argument("--parallel", type=int, default=10, metavar="N", help="cells of a group (default: %(default)s)")
+    match.add_argument(
+        "--rise",
+        type=float,
+        default=15.0,
+        metavar="K",
+        help="by which a mean module heats itself (default: %(default)s)",
+    )
+    match.add_argument("--out", type=Path, metavar="FILE", help="write which cell goes where, as CSV")
+    less = new_action(actions, "without", "what the accumulator would be without some modules", _without)
+    less.add_argument("cells", metavar="CELLS", help="pack/cell, as 3/7,3/8")
+    less.add_argument("--current", type=float, default=150.0, metavar="A", help="default: %(default)s")
+    for action in (match, less):
+        add_car_arguments(action)
+        add_json_argument(action, default=False)
+
+
+def read_cells(path: Path) -> tuple[list[str], FloatArray, FloatArray]:
+    """Return names, capacities [Ah] and resistances [ohm] of a table.
+
+    Raises:
+        ConfigError: it cannot be read, or a line is wrong; the error names line and field.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError("CELLS.csv", str(path), str(error)) from error
+    names, values = [], np.empty((2, len(rows)))
+    for k, row in enumerate(rows):
+        for i, name in enumerate(COLUMNS[1:]):
+            text = row.get(name)
+            try:
+                values[i, k] = float(text or "")
+            except ValueError as error:
+                raise ConfigError(f"{path} line {k + 2}, {name}", text, "a number above 0") from error
+            if not 0.0 < values[i, k] < np.inf:
+                raise ConfigError(f"{path} line {k + 2}, {name}", text, "a number above 0")
+        names.append(row.get("cell") or str(k + 1))
+    if not rows:
+        raise ConfigError("CELLS.csv", str(path), f"a line a cell under {','.join(COLUMNS)}")
+    return names, values[0], values[1]
+
+
+def _match(args: argparse.Namespace) -> int:
+    if args.table is None:
+        return _place(args)
+    names, capacity, resistance = read_cells(args.table)
+    drawn = random_groups(capacity, resistance, args.parallel)
+    builds = {
+        "matched": match_groups(capacity, resistance, args.parallel),
+        "sorted by capacity": sorted_groups(capacity, resistance, args.parallel),
+        f"best of {RANDOM_BUILDS} random": drawn[0],
+        "random, the median": drawn[len(drawn) // 2],
+    }
+    best = builds["matched"]
+    if args.out is not None:
+        lines = [f"{names[cell]},{group + 1}" for group, cells in enumerate(best.cells.tolist()) for cell in cells]
+        args.out.write_text("cell,group\n" + "\n".join(lines) + "\n", encoding="utf-8")
+    if args.json:
+        shown = {name: _figures(build) for name, build in builds.items()}
+        groups = [[names[cell] for cell in cells] for cells in best.cells.tolist()]
+        json.dump({"builds": shown, "groups": groups}, sys.stdout, allow_nan=False)
+        print()
+        return 0
+    print(f"{len(best.cells)} groups of {args.parallel}")
+    print(f"{'':22} {'capacity spread':>16} {'resistance spread':>18} {'usable':>8} {'largest share':>14}")
+    for name, build in builds.items():
+        print(
+            f"{name:22} {100 * build.capacity_spread:>14.3f} % {100 * build.resistance_spread:>16.3f} %"
+            f" {100 * build.usable:>6.2f} % {build.share_max:>14.3f}"
+        )
+    return 0
+
+
+def _figures(build: Build) -> dict[str, float]:
+    names = ("capacity_spread", "resistance_spread", "usable", "share_max", "cost")
+    return {name: getattr(build, name) for name in names}
+
+
+def _place(args: argparse.Namespace) -> int:
+    with kept_season(args) as (keeper, _):
+        modules = modules_of(keeper.history())
+        placing = place(
+            args.rise * (modules.resistance - 1.0), modules.warmer_k - args.rise * (modules.resistance - 1.0)
+        )
+        moves = [(int(module), at) for at, module in enumerate(placing.module_at) if module != at]
+        if args.out is not None:
+            lines = [f"{short_place(module)},{short_place(at)}" for module, at in moves]
+            args.out.write_text("module,to\n" + "\n".join(lines) + "\n", encoding="utf-8")
+        if args.json:
+            json.dump({"moves": moves} | _kelvin(placing), sys.stdout, allow_nan=False)
+            print()
+            return 0
+        print(
+            f"hottest module {placing.hottest_now_k:+.1f} K beyond the mean now, {placing.hottest_k:+.1f} K moved\n"
+            f"coldest to hottest {placing.spread_now_k:.1f} K now, {placing.spread_k:.1f} K then; {len(moves)} moves"
+        )
+    return 0
+
+
+def _kelvin(placing: Placing) -> dict[str, float]:
+    return {name: value for name, value in asdict(placing).items() if name.endswith("_k")}
+
+
+def _without(args: argparse.Namespace) -> int:
+    with kept_season(args) as (keeper, battery):
+        removed = [cell_index(battery, part, "CELLS") for part in args.cells.split(",")]
+        modules = modules_of(keeper.history())
+        found = without(removed, modules.capacity_ah, modules.capacity_sigma_ah, modules.resistance_ohm, args.current)
+        if args.json:
+            json.dump(asdict(found) | {"has_capacity": modules.has_capacity}, sys.stdout, allow_nan=False)
+            print()
+            return 0
+        if not modules.has_capacity:
+            print("no capacity was measured yet: all are taken as the cell file says, 5 % off")
+        print(
+            f"capacity {found.capacity_now_ah:.2f} Ah now, {found.capacity_ah:.2f} Ah without"
+            f" (95 % {found.capacity_low_ah:.2f}..{found.capacity_high_ah:.2f}), then limited by"
+            f" {short_place(found.limiting)}\nenergy {100 * found.energy:.1f} % of now"
+            f" (95 % {100 * found.energy_low:.1f}..{100 * found.energy_high:.1f})\nweakest module at"
+            f" {args.current:g} A: {1e3 * found.weakest_voltage_v:+.0f} mV"
+        )
+    return 0

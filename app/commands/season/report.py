@@ -1,0 +1,111 @@
+"""`voltwall season report`, `compare` and `tag`: what the season says of the cells, and tags that find sessions."""
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from app import __version__
+from app.clock import Clock
+from app.commands.season.kept import add_car_arguments, kept_season
+from app.commands.session_commands.analysis import short_place
+from app.commands.session_commands.selection import add_json_argument, find_session, new_action
+from app.errors import ConfigError
+from app.season.cells.compare import compare
+from app.season.overview import Trend
+from app.season.report import SeasonReport, season_document, season_report
+from app.season.tags import NAMES, matches, write_tags
+
+SHOWN = 10
+
+
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the actions."""
+    text = "trends of the accumulator and its cells, steps, ranking with reasons"
+    report = new_action(actions, "report", text, _report)
+    report.add_argument("--html", type=Path, metavar="FOLDER", help="write the season report, to print")
+    report.add_argument("--sessions", default="", metavar="WORDS", help="of the sessions that match alone")
+    text = "two groups of sessions against each other: cars, halves of a season, before and after a change"
+    groups = new_action(actions, "compare", text, _compare)
+    groups.add_argument("a", metavar="A", help="words of names and tags, as 'tyres:wet', 'since:2026-03-01'")
+    groups.add_argument("b", metavar="B", help="likewise")
+    for action in (report, groups):
+        add_car_arguments(action)
+        add_json_argument(action, default=False)
+    tag = new_action(actions, "tag", "set the tags of a session; they are kept in its file", _tag)
+    tag.add_argument("session", metavar="SESSION", help="the session's id, or its file")
+    for name in NAMES:
+        tag.add_argument(f"--{name}", metavar="TEXT", help="empty: take it away")
+
+
+def _report(args: argparse.Namespace) -> int:
+    with kept_season(args) as (keeper, battery):
+        known = set(keeper.passports.store.known())
+        chosen = [
+            info for info in reversed(keeper.catalogue.list()) if info.id in known and matches(info, args.sessions)
+        ]
+        history = keeper.history().only({info.id for info in chosen})
+        report = season_report(battery, history, chosen, Clock().wall_s(), __version__)
+        if args.json:
+            json.dump(asdict(report), sys.stdout, allow_nan=False)
+            print()
+        else:
+            _print(report)
+    if args.html is not None:
+        args.html.mkdir(parents=True, exist_ok=True)
+        path = args.html / "season-report.html"
+        path.write_text(season_document(report), encoding="utf-8")
+        print(path, file=sys.stderr)
+    return 0
+
+
+def _print(report: SeasonReport) -> None:
+    found = report.overview
+    print(f"{report.battery}: {found.sessions} sessions, {found.charge_ah:.0f} Ah passed")
+    for name, trend in (("resistance", found.resistance), ("capacity", found.capacity), ("spread", found.spread)):
+        print(f"{name:11} {_trend(trend)}")
+    for each in found.cells[:SHOWN]:
+        if each.reasons:
+            print(f"{short_place(each.cell):6} {'; '.join(reason.text for reason in each.reasons)}")
+
+
+def _trend(trend: Trend | None) -> str:
+    if trend is None:
+        return "too few sessions"
+    sure = "" if trend.is_sure else " (not more than chance)"
+    month = f"{100 * trend.per_month:+.2f} % a month, 95 % {100 * trend.low:+.2f}..{100 * trend.high:+.2f}{sure}"
+    return f"{100 * trend.now:.2f} % of new, {month}, {trend.sessions} sessions"
+
+
+def _compare(args: argparse.Namespace) -> int:
+    with kept_season(args) as (keeper, _):
+        groups = [{info.id for info in keeper.catalogue.list() if matches(info, words)} for words in (args.a, args.b)]
+        if both := groups[0] & groups[1]:
+            raise ConfigError("B", args.b, f"no session that is in A too, as {min(both)}")
+        differences, cells = compare(keeper.history(), *groups)
+        if args.json:
+            shown = {"differences": [asdict(each) for each in differences], "cells": [asdict(each) for each in cells]}
+            json.dump(shown, sys.stdout, allow_nan=False)
+            print()
+            return 0
+        print(f"{'':18} {'A':>9} {'B':>9}   B less A, 95 %")
+        for each in differences:
+            a, b = (f"{'-' if value is None else format(value, '.4g'):>9}" for value in (each.a, each.b))
+            change = (
+                "too few sessions" if each.change is None else f"{each.change:+.3g}, {each.low:+.3g}..{each.high:+.3g}"
+            )
+            print(f"{each.name:18} {a} {b}   {change}{'' if each.is_sure else ' (not more than chance)'} {each.unit}")
+        for cell in cells[:SHOWN]:
+            band = f"{100 * cell.low:+.1f}..{100 * cell.high:+.1f}"
+            print(f"{short_place(cell.cell):6} resistance {100 * cell.change:+.1f} % against the others, 95 % {band}")
+    return 0
+
+
+def _tag(args: argparse.Namespace) -> int:
+    tags = {name: text for name in NAMES if (text := getattr(args, name)) is not None}
+    if not tags:
+        raise ConfigError("tag", "(nothing)", ", ".join(f"--{name}" for name in NAMES))
+    path = find_session(args, args.session)
+    print(json.dumps(write_tags(path, tags, t_wall_ns=Clock().wall_ns(), who=None), ensure_ascii=False))
+    return 0

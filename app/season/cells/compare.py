@@ -1,0 +1,123 @@
+"""Two groups of sessions against each other: two cars, two halves of a season, before and after a change.
+
+Sessions of one group differ among themselves, by weather and by driver, so a difference is judged by the spread between
+sessions, never between the cells of one: Welch's t of the sessions' medians. Of cells the p-values are Holm's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import erfc, sqrt
+from typing import Final
+
+import numpy as np
+
+from app.estimation.arrays import FloatArray
+from app.season.cells.history import CellHistory
+from app.season.cells.trend import holm, student_95
+
+LEAST: Final = 2  # sessions of each group
+P_MAX: Final = 0.05
+
+
+@dataclass(frozen=True)
+class Difference:
+    """`b` less `a` of one figure, with the ends of its band of 95 %; None where a group has fewer than two."""
+
+    name: str
+    unit: str
+    a: float | None
+    b: float | None
+    n_a: int
+    n_b: int
+    change: float | None
+    low: float | None
+    high: float | None
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the band leaves out that nothing changed."""
+        return self.low is not None and self.high is not None and (self.low > 0.0 or self.high < 0.0)
+
+
+@dataclass(frozen=True)
+class CellDifference:
+    """A cell that changed against the others; `p` after the tests of all cells."""
+
+    cell: int
+    change: float
+    low: float
+    high: float
+    p: float
+
+
+def compare(history: CellHistory, a: set[str], b: set[str]) -> tuple[list[Difference], list[CellDifference]]:
+    """Return how group `b` of sessions differs from group `a`; cells by their resistance against the median cell."""
+    in_a, in_b = (np.array([session in group for session in history.sessions], dtype=bool) for group in (a, b))
+    resistance = history.resistance
+    middle = _median(resistance)
+    figures = (
+        ("resistance", "1", middle if history.is_absolute else np.full(len(middle), np.nan)),
+        ("resistance_spread", "1", _spread(resistance)),
+        ("capacity", "Ah", _median(history.capacity_ah)),
+        ("capacity_spread", "Ah", _spread(history.capacity_ah)),
+        ("temperature", "degC", _median(history.temperature_degc)),
+        ("temperature_spread", "K", _spread(history.temperature_degc)),
+    )
+    found = [_difference(name, unit, values[in_a], values[in_b]) for name, unit, values in figures]
+    relative = np.log(resistance / middle[:, None])
+    cells: list[CellDifference] = []
+    for cell in range(history.n_cells):
+        told = _welch(*(each[np.isfinite(each)] for each in (relative[in_a, cell], relative[in_b, cell])))
+        if told is not None:
+            change, sigma, freedom = told
+            reach = student_95(freedom) * sigma
+            # the normal's tail at the t that Student's reach stands for
+            p = erfc(abs(change) / max(reach, 1e-12) * 1.959964 / sqrt(2.0))
+            cells.append(CellDifference(cell, change, change - reach, change + reach, p))
+    adjusted = holm(np.array([each.p for each in cells]))
+    sure = [
+        CellDifference(each.cell, each.change, each.low, each.high, float(p))
+        for each, p in zip(cells, adjusted, strict=True)
+        if p < P_MAX
+    ]
+    return found, sorted(sure, key=lambda each: -abs(each.change))
+
+
+def _difference(name: str, unit: str, a: FloatArray, b: FloatArray) -> Difference:
+    a, b = a[np.isfinite(a)], b[np.isfinite(b)]
+    means = (float(a.mean()) if a.size else None, float(b.mean()) if b.size else None)
+    told = _welch(a, b)
+    if told is None:
+        return Difference(name, unit, *means, a.size, b.size, None, None, None)
+    change, sigma, freedom = told
+    reach = student_95(freedom) * sigma
+    return Difference(name, unit, *means, a.size, b.size, change, change - reach, change + reach)
+
+
+def _welch(a: FloatArray, b: FloatArray) -> tuple[float, float, float] | None:
+    """Difference of the means, its sigma, and degrees of freedom."""
+    if min(a.size, b.size) < LEAST:
+        return None
+    parts = np.array((a.var(ddof=1) / a.size, b.var(ddof=1) / b.size))
+    total = float(parts.sum())
+    freedom = total**2 / max(float((parts**2 / (a.size - 1, b.size - 1)).sum()), 1e-300)
+    return float(b.mean() - a.mean()), sqrt(total), freedom
+
+
+def _median(values: FloatArray) -> FloatArray:
+    found = np.full(len(values), np.nan)
+    for k, row in enumerate(values):
+        known = row[np.isfinite(row)]
+        if known.size:
+            found[k] = np.median(known)
+    return found
+
+
+def _spread(values: FloatArray) -> FloatArray:
+    found = np.full(len(values), np.nan)
+    for k, row in enumerate(values):
+        known = row[np.isfinite(row)]
+        if known.size > 1:
+            found[k] = known.std(ddof=1)
+    return found

@@ -1,0 +1,1 @@
+"""Packs built from measured cells: which in parallel, which where, and what one module costs."""

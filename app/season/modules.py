@@ -1,0 +1,67 @@
+"""Every module as it is now, out of a season: what packs are built from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.errors import ConfigError
+from app.estimation.arrays import FloatArray
+from app.season.cells.history import CellHistory
+
+NEWEST = 5  # sessions
+
+
+@dataclass(frozen=True)
+class Modules:
+    """(n_cells,): capacity and its sigma [Ah], resistance over the median one and [ohm], how much warmer it ran [K]."""
+
+    capacity_ah: FloatArray
+    capacity_sigma_ah: FloatArray
+    resistance: FloatArray
+    resistance_ohm: FloatArray
+    warmer_k: FloatArray
+    has_capacity: bool  # else all are as the cell file says, 5 % off
+
+
+def modules_of(history: CellHistory) -> Modules:
+    """Return what the newest sessions say; what is not known of a module is the median's.
+
+    Raises:
+        ConfigError: nothing was measured of any.
+    """
+    resistance = history.today(history.resistance)
+    if not np.isfinite(resistance).any():
+        raise ConfigError("season", len(history.sessions), "a finished session in which the cells were driven")
+    capacity, sigma = np.full(history.n_cells, np.nan), np.full(history.n_cells, np.nan)
+    known = np.isfinite(history.today(history.capacity_ah))
+    for cell in np.flatnonzero(known.any(axis=0)):
+        rows = np.flatnonzero(known[:, cell])[-NEWEST:]
+        weights = 1.0 / history.capacity_sigma_ah[rows, cell] ** 2
+        capacity[cell] = float(weights @ history.capacity_ah[rows, cell] / weights.sum())
+        sigma[cell] = float(weights.sum() ** -0.5)
+    relative = _filled(_newest(resistance))
+    relative = relative / np.median(relative)
+    warm = _newest(history.temperature_degc)
+    return Modules(
+        np.full(history.n_cells, history.nominal_ah) if not known.any() else _filled(capacity),
+        np.full(history.n_cells, 0.05 * history.nominal_ah) if not known.any() else _filled(sigma),
+        relative,
+        relative * history.resistance_ohm,
+        np.zeros(history.n_cells) if not np.isfinite(warm).any() else _filled(warm) - np.nanmean(warm),
+        bool(known.any()),
+    )
+
+
+def _newest(values: FloatArray) -> FloatArray:
+    found = np.full(values.shape[1], np.nan)
+    for cell, column in enumerate(values.T):
+        known = column[np.isfinite(column)][-NEWEST:]
+        if known.size:
+            found[cell] = np.median(known)
+    return found
+
+
+def _filled(values: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(values), values, np.nanmedian(values))

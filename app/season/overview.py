@@ -1,0 +1,217 @@
+"""A season as it is shown: trends of the accumulator and its cells, steps, which cell limits soonest and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.analysis.finding import AnalysisFinding, finding
+from app.analysis.passport.history import CAPACITY_LOW, RESISTANCE_HIGH, SELF_DISCHARGE_HIGH
+from app.analysis.totals import listed, number
+from app.estimation.arrays import FloatArray
+from app.season.cells.ageing import ageing
+from app.season.cells.history import DAY_S, CellHistory
+from app.season.cells.trend import Line, Step, line, lines, steps
+from app.words import Message, Quantity
+
+MONTH_DAYS: Final = 365.25 / 12
+AHEAD_DAYS: Final = 90.0
+CURVE_POINTS: Final = 40
+TOLD: Final = 0.25  # of a limit: below, a cell gives no reason
+NEWEST: Final = 3  # sessions that say how a cell is now
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A line: per month with the ends of its band of 95 %, and where it is now; fractions of new."""
+
+    now: float
+    per_month: float
+    low: float
+    high: float
+    sessions: int
+    is_sure: bool
+
+
+@dataclass(frozen=True)
+class StepSeen:
+    """From `session` on a quantity lies higher by `size`, a fraction of new; `p` after the tests of all cells."""
+
+    session: str
+    time_s: float
+    size: float
+    low: float
+    high: float
+    p: float
+
+
+@dataclass(frozen=True)
+class CellRank:
+    """One cell, `score` is how far it has gone to the nearest limit: 1 is there."""
+
+    cell: int
+    score: float
+    resistance: float | None  # against the median cell
+    capacity: float | None  # against the median cell
+    self_discharge_per_day: float | None
+    resistance_trend: Trend | None
+    capacity_trend: Trend | None
+    resistance_step: StepSeen | None
+    reasons: list[AnalysisFinding]
+
+
+@dataclass(frozen=True)
+class Overview:
+    """The accumulator by its median cell, and all cells, the one that limits soonest first."""
+
+    sessions: int
+    is_absolute: bool
+    charge_ah: float
+    resistance: Trend | None
+    capacity: Trend | None
+    spread: Trend | None  # of resistance between cells, standard deviation
+    cells: list[CellRank]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A quantity of one cell: what was measured, and the band of 95 % of the Gaussian process, also ahead."""
+
+    time_s: list[float]
+    measured: list[float | None]
+    sigma: list[float | None]
+    curve_time_s: list[float]
+    mean: list[float | None]
+    low: list[float | None]
+    high: list[float | None]
+
+
+def overview_of(history: CellHistory) -> Overview:
+    """Return what a season says."""
+    resistance, r_sigma = history.of("resistance")
+    capacity, c_sigma = history.of("capacity")
+    middle, c_middle = _row_median(resistance), _row_median(capacity)
+    relative = resistance / middle[:, None]
+    r_lines, c_lines = lines(history.days, relative, r_sigma), lines(history.days, capacity, c_sigma)
+    r_steps = steps(history.days, relative, r_sigma) if len(history.sessions) else [None] * history.n_cells
+    r_now, c_now = _newest(relative) - 1.0, _against(_newest(capacity))
+    leak = history.self_discharge_per_day
+    made = [
+        _rank(cell, r_now[cell], c_now[cell], leak[cell], r_lines[cell], c_lines[cell], _seen(r_steps[cell], history))
+        for cell in range(history.n_cells)
+    ]
+    none = np.zeros(len(history.sessions))
+    spread = np.array([row[np.isfinite(row)].std() if np.isfinite(row).sum() > 1 else np.nan for row in relative])
+    return Overview(
+        len(history.sessions),
+        history.is_absolute,
+        float(history.charge_ah[-1]) if len(history.charge_ah) else 0.0,
+        _trend(line(history.days, middle, none)) if history.is_absolute else None,
+        _trend(line(history.days, c_middle, none)),
+        _trend(line(history.days, spread, none)),
+        sorted(made, key=lambda each: (-each.score, each.cell)),
+    )
+
+
+def curve_of(history: CellHistory, cell: int, name: str) -> Curve:
+    """Return `resistance` or `capacity` of a cell, a fraction of new, up to AHEAD_DAYS ahead at the same use."""
+    values, sigmas = history.of(name)
+    if not len(history.sessions):
+        return Curve([], [], [], [], [], [], [])
+    days, charge = history.days, history.charge_ah
+    asked = np.linspace(0.0, days[-1] + AHEAD_DAYS, CURVE_POINTS)
+    pace = charge[-1] / days[-1] if days[-1] > 0.0 else 0.0
+    found = ageing(
+        days,
+        charge,
+        values,
+        sigmas,
+        asked,
+        np.where(asked <= days[-1], np.interp(asked, days, charge), charge[-1] + pace * (asked - days[-1])),
+    )
+    start_s = float(history.start_s[0])
+    return Curve(
+        history.start_s.tolist(),
+        listed(values[:, cell], 6),
+        listed(sigmas[:, cell], 6),
+        (start_s + asked * DAY_S).tolist(),
+        listed(found.mean[:, cell], 6),
+        listed(found.low[:, cell], 6),
+        listed(found.high[:, cell], 6),
+    )
+
+
+def _rank(
+    cell: int,
+    resistance: float,
+    capacity: float,
+    leak: float,
+    r_line: Line | None,
+    c_line: Line | None,
+    step: StepSeen | None,
+) -> CellRank:
+    shares = (resistance / RESISTANCE_HIGH, capacity / CAPACITY_LOW, leak / SELF_DISCHARGE_HIGH)
+    said: list[Message] = []
+    if shares[0] >= TOLD:
+        said.append(Message("season-resists", now=_percent(resistance)))
+    if shares[1] >= TOLD:
+        said.append(Message("season-holds-less", now=_percent(-capacity)))
+    if shares[2] >= TOLD:
+        said.append(Message("season-leaks", rate=_percent(leak, 2)))
+    if r_line is not None and r_line.low > 0.0:
+        low, high, pace = (_percent(value * MONTH_DAYS, 2) for value in (r_line.low, r_line.high, r_line.per_day))
+        said.append(Message("season-resistance-grows", pace=pace, low=low, high=high))
+    if c_line is not None and c_line.high < 0.0:
+        low, high, pace = (_percent(-value * MONTH_DAYS, 2) for value in (c_line.high, c_line.low, c_line.per_day))
+        said.append(Message("season-capacity-falls", pace=pace, low=low, high=high))
+    if step is not None:
+        said.append(Message("season-step", size=_percent(step.size), session=step.session))
+    return CellRank(
+        cell,
+        float(np.fmax.reduce([0.0, *shares])),
+        number(resistance),
+        number(capacity),
+        number(leak),
+        _trend(r_line),
+        _trend(c_line),
+        step,
+        [finding(message) for message in said],
+    )
+
+
+def _trend(found: Line | None) -> Trend | None:
+    if found is None:
+        return None
+    months = (found.per_day * MONTH_DAYS, found.low * MONTH_DAYS, found.high * MONTH_DAYS)
+    return Trend(found.now, *months, found.n, found.is_sure)
+
+
+def _seen(step: Step | None, history: CellHistory) -> StepSeen | None:
+    if step is None:
+        return None
+    return StepSeen(history.sessions[step.at], float(history.start_s[step.at]), step.size, step.low, step.high, step.p)
+
+
+def _percent(fraction: float, digits: int = 1) -> Quantity:
+    return Quantity(100.0 * float(fraction), "%", digits)
+
+
+def _row_median(values: FloatArray) -> FloatArray:
+    return np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else np.nan for row in values])
+
+
+def _newest(values: FloatArray) -> FloatArray:
+    """(n_cells,) median of the newest values of each cell."""
+    found = np.full(values.shape[1], np.nan)
+    for k, column in enumerate(values.T):
+        known = column[np.isfinite(column)]
+        if known.size:
+            found[k] = np.median(known[-NEWEST:])
+    return found
+
+
+def _against(values: FloatArray) -> FloatArray:
+    known = values[np.isfinite(values)]
+    return values / np.median(known) - 1.0 if known.size else values

@@ -1,0 +1,57 @@
+"""Lines and steps: bands hold what they say, and steps are told where there are some."""
+
+import numpy as np
+import pytest
+
+from app.season.cells.trend import holm, line, lines, steps, student_95
+
+DAYS = np.sort(np.random.default_rng(7).uniform(0.0, 400.0, 50))
+SIGMA = 0.01
+
+
+def noisy(seed, n_cells, slope=0.0, session=0.0):
+    rng = np.random.default_rng(seed)
+    values = 1.0 + slope * DAYS[:, None] + SIGMA * rng.standard_normal((len(DAYS), n_cells))
+    return values + session * rng.standard_normal((len(DAYS), n_cells)), np.full((len(DAYS), n_cells), SIGMA)
+
+
+@pytest.mark.parametrize("session", [0.0, 0.02])
+def test_the_band_of_a_line_holds_the_slope_as_often_as_it_says(session):
+    values, sigmas = noisy(1, 500, slope=1e-4, session=session)
+    found = lines(DAYS, values, sigmas)
+    inside = np.mean([each.low <= 1e-4 <= each.high for each in found])
+    assert inside == pytest.approx(0.95, abs=0.03)
+
+
+def test_a_line_needs_sessions_at_different_times():
+    assert line(DAYS[:4], np.ones(4), np.ones(4)) is None
+    assert line(np.zeros(9), np.ones(9), np.ones(9)) is None
+    assert line(DAYS, np.full(50, np.nan), np.ones(50)) is None
+
+
+def test_a_step_is_found_where_it_is_and_with_its_size():
+    values, sigmas = noisy(2, 24)
+    values[30:, 5] += 0.05
+    found = steps(DAYS, values, sigmas)
+    assert [k for k, each in enumerate(found) if each is not None] == [5]
+    assert abs(found[5].at - 30) <= 2
+    assert found[5].low <= 0.05 <= found[5].high
+
+
+def test_of_many_seasons_without_a_step_about_one_in_twenty_is_given_one():
+    false = sum(any(steps(DAYS, *noisy(seed, 8, slope=2e-4, session=0.01))) for seed in range(40))
+    assert false <= 6  # 2 are expected; more than 6 happen once in 200
+
+
+def test_a_missing_measurement_is_no_zero():
+    values, sigmas = noisy(3, 2, slope=1e-4)
+    values[::3, 1] = np.nan
+    full, part = lines(DAYS, values, sigmas)
+    assert part.n < full.n
+    assert part.now == pytest.approx(full.now, abs=0.01)
+
+
+def test_student_quantiles_and_holm():
+    for freedom, value in ((4, 2.776), (10, 2.228), (30, 2.042)):  # tables
+        assert student_95(freedom) == pytest.approx(value, rel=0.004)
+    assert holm(np.array([0.01, 0.04, 0.03])).tolist() == pytest.approx([0.03, 0.06, 0.06])

@@ -1,0 +1,57 @@
+"""What a season shows: the cells that limit first, with reasons; curves; nothing where nothing was measured."""
+
+import numpy as np
+import pytest
+
+from app.season.overview import curve_of, overview_of
+from tests.unit.app.season.season_of import history, season
+
+
+def measured(n=30, n_cells=12):
+    rng = np.random.default_rng(4)
+    values = 1.0 + 0.005 * rng.standard_normal((n, n_cells))
+    capacity = 0.98 + 0.003 * rng.standard_normal((n, n_cells))
+    return values, capacity
+
+
+def test_a_cell_that_grows_comes_first_with_its_pace_and_band():
+    values, capacity = measured()
+    values[:, 7] += np.linspace(0.0, 0.12, 30)
+    found = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity))
+    first = found.cells[0]
+    assert first.cell == 7
+    month = 0.12 / (29 * 7.0) * 30.44
+    assert first.resistance_trend.low <= month <= first.resistance_trend.high
+    assert {reason.code for reason in first.reasons} >= {"season-resists", "season-resistance-grows"}
+    assert found.resistance.sessions == 30
+
+
+def test_a_step_is_told_with_its_session():
+    values, capacity = measured()
+    values[15:, 2] += 0.08
+    first = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity)).cells[0]
+    assert first.cell == 2
+    assert first.resistance_step.session in {"s14", "s15", "s16"}
+
+
+def test_sound_cells_give_no_reasons():
+    values, capacity = measured()
+    found = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity))
+    assert sum(bool(each.reasons) for each in found.cells) <= 2  # slopes are tested one by one at 95 %
+
+
+def test_a_curve_goes_ahead_with_a_wider_band():
+    made = season(210, n_cells=6, n=30)
+    values, sigmas = made.measured(made.resistance, 0.02, 0.0)
+    curve = curve_of(history(values, sigmas, made.days[:-1]), 3, "resistance")
+    widths = np.array(curve.high) - np.array(curve.low)
+    assert curve.curve_time_s[-1] - curve.time_s[-1] == pytest.approx(90 * 86400.0)
+    assert widths[-1] > widths[len(widths) // 2]
+    assert curve_of(history(values, sigmas, made.days[:-1]), 3, "capacity").mean == [None] * len(curve.curve_time_s)
+
+
+def test_a_season_without_a_session_is_empty():
+    empty = overview_of(history(np.empty((0, 4)), np.empty((0, 4))))
+    assert (empty.sessions, empty.resistance, empty.capacity) == (0, None, None)
+    assert [each.reasons for each in empty.cells] == [[], [], [], []]
+    assert curve_of(history(np.empty((0, 4)), np.empty((0, 4))), 0, "resistance").mean == []
