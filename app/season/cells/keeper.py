@@ -45,7 +45,7 @@ class SeasonKeeper:
         with self._lock:
             if self._is_closing or (self._thread is not None and self._thread.is_alive()):
                 return
-            self._thread = threading.Thread(target=self.read_new, name="season", daemon=True)
+            self._thread = threading.Thread(target=self.read_new, name="season-cells", daemon=True)
             self._thread.start()
 
     def read_new(self) -> None:
