@@ -22,6 +22,7 @@ from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.files import is_in_use
+from app.sessions.transfer.repair import repair
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         actions, "check", "read every byte of a session, or of all; exit code 1 where something is wrong", _check
     )
     check.add_argument("session", metavar="SESSION", nargs="?", help="the session's id, or its file (default: all)")
+    check.add_argument(
+        "--repair", type=Path, metavar="OUT", help="write what can still be read of SESSION into a new file"
+    )
     delete = new_action(actions, "delete", "delete a session for ever", _delete)
     add_session_argument(delete)
     prune = new_action(actions, "prune", "say what --older-than and --keep-gb leave over; delete it with --yes", _prune)
@@ -170,6 +174,10 @@ def _markers(args: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
+    if args.repair is not None:
+        if args.session is None:
+            raise ConfigError("repair", args.repair, "name one SESSION")
+        return _repair(find_session(args, args.session), args.repair)
     if args.session is not None:
         return _check_one(find_session(args, args.session))
     sessions, problems = catalogue(args).survey()
@@ -185,6 +193,15 @@ def _check_one(path: Path) -> int:
         state = _state(session.info, in_use)
     print(f"{path.stem}: {state}, " + ("sound" if not problems else "; ".join(problems)))
     return 1 if problems else 0
+
+
+def _repair(path: Path, target: Path) -> int:
+    lost = repair(path, target)
+    for what, count in lost.items():
+        if count:
+            print(f"{path.stem}: {what}: {count} lost" if " " not in what else f"{path.stem}: {what}: {count}")
+    print(f"{path.stem}: {'nothing was lost' if not lost.total() else 'the rest'} is in {target}")
+    return 0
 
 
 def _delete(args: argparse.Namespace) -> int:

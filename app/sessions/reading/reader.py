@@ -19,6 +19,7 @@ from app.estimation.arrays import FloatArray
 from app.sessions.errors import NotASession
 from app.sessions.info import Marker, RecordedCanFrame, RecordedConfig, RecordedFrame, SessionInfo
 from app.sessions.reading.blocks import Block, BlockReader, Column, ElementArray
+from app.sessions.reading.check import find_problems
 from app.sessions.reading.notes import read_note
 from app.sessions.reading.rows import CARRIED_US
 from app.sessions.reading.rows import in_rows as rows_of
@@ -344,16 +345,7 @@ class SessionFile:
 
     def problems(self) -> list[str]:
         """Look at every byte; an empty list is a sound file. Takes seconds for a long session."""
-        try:
-            found = [row[0] for row in self._stored.rows("PRAGMA quick_check(10)") if row[0] != "ok"]
-            with self.consistent():
-                for table in ("frames", "can_frames"):
-                    missing = self._stored.last_id(table) - self._stored.rows(f"SELECT count(*) FROM {table}")[0][0]
-                    if missing:
-                        found.append(f"{table}: {missing} rows are missing")
-        except NotASession as error:
-            found = [error.reason]
-        return found
+        return find_problems(self._stored)
 
     def copy_to(self, path: Path) -> None:
         """Write the session as one file without a log beside it, complete up to now."""

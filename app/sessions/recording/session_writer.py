@@ -5,6 +5,7 @@ import sqlite3
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import orjson
 from app.sessions.info import SessionInfo
 from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, SeriesKey, encode_estimate
 from app.sessions.storage.database import open_for_writing
+from app.sessions.storage.digests import COLUMNS, KEY, Digests
 from app.sessions.storage.files import remove
 from app.sessions.storage.migrate import SESSION
 from app.sessions.storage.streams import pack_block
@@ -73,6 +75,7 @@ class SessionWriter:
         self._path = info.path
         self._connection = open_for_writing(info.path, SESSION)
         self._builder = ChunkBuilder(battery=battery, decodes_can=FOREIGN_CAN not in info.metadata)
+        self._digests = Digests()
         self._chunk_start_ns: int | None = None
         self._chunks = 0
         self._frames = 0
@@ -110,6 +113,8 @@ class SessionWriter:
         with _Transaction(self._connection):
             for table, of_table in rows.items():
                 self._connection.executemany(_INSERT[table], of_table)
+        for table, of_table in rows.items():
+            self._digests.take(table, of_table)
         self._builder.add(
             [(row[0], row[4]) for row in rows["frames"] if row[3]],
             [(row[0], row[2], row[3]) for row in rows["can_frames"]],
@@ -139,7 +144,10 @@ class SessionWriter:
             sqlite3.Error: the file is as it was, and still open.
         """
         self._close_chunk()
-        self.write([("meta", ("end_mono_ns", str(t_mono_ns))), ("meta", ("end_wall_ns", str(t_wall_ns)))])
+        end = [("meta", ("end_mono_ns", str(t_mono_ns))), ("meta", ("end_wall_ns", str(t_wall_ns)))]
+        digests = self._digests.copy()
+        digests.take("meta", [pair for _, pair in end])
+        self.write([*end, ("meta", (KEY, digests.text()))])
         # The estimates that a chunk took over left free pages; execute() would take one step of this and stop.
         self._connection.executescript("PRAGMA incremental_vacuum")
         # A closed session is one file that any tool opens, also on a read-only medium; not where somebody reads it now.
@@ -170,6 +178,10 @@ class SessionWriter:
                         self._connection.execute(
                             f"INSERT INTO main.{table} ({columns}) SELECT {columns} FROM other.{table}"
                         )
+            for table in COLUMNS.keys() & ((names["main"] & names["other"]) - _RECEIVED):
+                self._digests.restart(
+                    table, self._connection.execute(f"SELECT {COLUMNS[table]} FROM main.{table} ORDER BY id")
+                )
         finally:
             self._connection.execute("DETACH other")
 
@@ -200,14 +212,19 @@ class SessionWriter:
             last_us,
             *self._builder.master_clock,
         )
+        series = [(i, key.field, key.first_element, key.elements, key.dtype) for key, i in new.items()]
+        tracks, columns = _columns(chunk, number * IDS_PER_CHUNK, self._series | new)
+        digests = self._digests.copy()
+        for table, rows in (("chunks", [row]), ("series", series), ("tracks", tracks), ("columns", columns)):
+            digests.take_with_ids(table, rows)
         with _Transaction(self._connection):
             self._connection.execute("INSERT INTO chunks VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
-            self._connection.executemany(
-                "INSERT INTO series VALUES (?, ?, ?, ?, ?)",
-                [(i, key.field, key.first_element, key.elements, key.dtype) for key, i in new.items()],
-            )
-            _insert_columns(self._connection, chunk, number * IDS_PER_CHUNK, self._series | new)
+            self._connection.executemany("INSERT INTO series VALUES (?, ?, ?, ?, ?)", series)
+            self._connection.executemany("INSERT INTO tracks VALUES (?, ?, ?, ?)", tracks)
+            self._connection.executemany("INSERT INTO columns VALUES (?, ?, ?, ?)", columns)
             self._connection.execute("DELETE FROM estimates")
+            self._connection.execute(_INSERT["meta"], (KEY, digests.text()))
+        self._digests = digests
         self._series |= new
         self._chunks = number
         self._chunk_first_frame = self._frames + 1
@@ -216,16 +233,17 @@ class SessionWriter:
         self._builder.clear()
 
 
-def _insert_columns(connection: sqlite3.Connection, chunk: Chunk, base: int, series: dict[SeriesKey, int]) -> None:
+def _columns(chunk: Chunk, base: int, series: dict[SeriesKey, int]) -> tuple[list[Row], list[Row]]:
+    """Rows of the tables `tracks` and `columns`, in the order of their ids."""
+    tracks: list[Row] = []
     for number, track in enumerate(chunk.tracks):
         _, times_us = pack_block(track.times_us[:, None])
         _, instants = pack_block(track.instants[:, None])
-        row = (base + number, len(track.times_us), times_us, instants)
-        connection.execute("INSERT INTO tracks VALUES (?, ?, ?, ?)", row)
-    for key, (number, values) in chunk.columns.items():
-        connection.execute(
-            "INSERT INTO columns VALUES (?, ?, ?, ?)", (base + series[key], base + number, *pack_block(values))
-        )
+        tracks.append((base + number, len(track.times_us), times_us, instants))
+    columns = [
+        (base + series[key], base + number, *pack_block(values)) for key, (number, values) in chunk.columns.items()
+    ]
+    return tracks, sorted(columns, key=itemgetter(0))
 
 
 def _battery_rows(battery: LoadedBattery | None) -> list[TableRow]:

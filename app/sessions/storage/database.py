@@ -4,10 +4,16 @@ import sqlite3
 from pathlib import Path
 
 from app.sessions.errors import NotASession, SessionError
+from app.sessions.storage.foreign import Watch, require_own_tables
 from app.sessions.storage.migrate import Schema, check, migrate
 from app.words import Message
 
 _BUSY_S = 5.0
+
+
+def code_of(error: sqlite3.Error) -> int:
+    """Return SQLite's primary result code; 0 of an error that Python raised itself, as over text that is no UTF-8."""
+    return int(getattr(error, "sqlite_errorcode", 0)) & 0xFF
 
 
 def open_for_writing(path: Path, schema: Schema) -> sqlite3.Connection:
@@ -25,10 +31,12 @@ def open_for_writing(path: Path, schema: Schema) -> sqlite3.Connection:
         # With NORMAL it would take everything since the last checkpoint, minutes of a race.
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA fullfsync = ON")  # macOS: fsync alone leaves data in the drive's cache
+        connection.execute("PRAGMA trusted_schema = OFF")
+        require_own_tables(connection, schema, str(path))
         migrate(connection, schema, str(path))
     except sqlite3.DatabaseError as error:
         connection.close()
-        if error.sqlite_errorcode == sqlite3.SQLITE_NOTADB:
+        if code_of(error) == sqlite3.SQLITE_NOTADB:
             raise NotASession(str(path), Message("no-sqlite-file")) from error
         raise
     except SessionError:
@@ -53,7 +61,7 @@ def open_for_reading(path: Path, schema: Schema) -> sqlite3.Connection:
         return _open_at(f"{location}?mode=ro", path, schema)
     except sqlite3.DatabaseError as error:
         # A log left behind by another process cannot be read where nothing may be written beside the file.
-        if error.sqlite_errorcode & 0xFF not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY):
+        if code_of(error) not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY):
             raise NotASession(str(path), str(error)) from error
     try:
         return _open_at(f"{location}?mode=ro&immutable=1", path, schema)
@@ -64,7 +72,9 @@ def open_for_reading(path: Path, schema: Schema) -> sqlite3.Connection:
 def _open_at(uri: str, path: Path, schema: Schema) -> sqlite3.Connection:
     connection = _connect(uri)
     try:
-        version = check(connection, schema, str(path))
+        with Watch(connection).query():
+            version = check(connection, schema, str(path))
+            require_own_tables(connection, schema, str(path))
     except (sqlite3.DatabaseError, SessionError):
         connection.close()
         raise
@@ -76,7 +86,7 @@ def _open_at(uri: str, path: Path, schema: Schema) -> sqlite3.Connection:
     try:
         open_for_writing(path, schema).close()
     except sqlite3.OperationalError as error:
-        if error.sqlite_errorcode & 0xFF not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY):
+        if code_of(error) not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY):
             raise
         return _connect(uri)
     return _open_at(uri, path, schema)

@@ -6,6 +6,8 @@ import sqlite3
 from datetime import UTC, datetime
 from pathlib import Path
 
+from app.sessions.storage.database import code_of
+
 SUFFIX = ".sqlite"
 FETCHED = ".fetched"  # behind the name of a session from another service: how long it was there
 
@@ -50,7 +52,7 @@ def is_in_use(path: Path) -> bool:
         connection.execute("BEGIN EXCLUSIVE")
         connection.execute("ROLLBACK")
     except sqlite3.DatabaseError as error:
-        return error.sqlite_errorcode & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
+        return code_of(error) in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
     finally:
         connection.close()
     return False

@@ -73,7 +73,7 @@ def migrate(connection: sqlite3.Connection, schema: Schema, path: str) -> int:
         connection.execute("BEGIN IMMEDIATE")
         try:
             if check(connection, schema, path) == version:
-                for statement in _statements(schema.steps[version]):
+                for statement in statements(schema.steps[version]):
                     connection.execute(statement)
                 connection.execute(f"PRAGMA application_id = {schema.application_id}")
                 connection.execute(f"PRAGMA user_version = {version + 1}")
@@ -86,11 +86,12 @@ def migrate(connection: sqlite3.Connection, schema: Schema, path: str) -> int:
     return taken
 
 
-def _statements(script: str) -> list[str]:
-    statements, current = [], ""
+def statements(script: str) -> list[str]:
+    """Return the statements of a step."""
+    found, current = [], ""
     for line in script.splitlines(keepends=True):
         current += line
         if sqlite3.complete_statement(current):
-            statements.append(current)
+            found.append(current)
             current = ""
-    return statements
+    return found

@@ -11,6 +11,7 @@ from typing import Any
 
 from app.sessions.errors import NotASession
 from app.sessions.storage.database import open_for_reading
+from app.sessions.storage.foreign import Watch
 from app.sessions.storage.migrate import SESSION
 from app.words import Message
 
@@ -29,6 +30,7 @@ class StoredSession:
         """
         self.path = path
         self._connection = open_for_reading(path, SESSION)
+        self._watch = Watch(self._connection)
         self._lock = threading.RLock()
 
     def close(self) -> None:
@@ -53,15 +55,20 @@ class StoredSession:
 
     def rows(self, query: str, values: Sequence[object] = ()) -> list[tuple[Any, ...]]:
         """Return all rows of a query."""
-        with self._lock, self._translated():
+        with self._lock, self._translated(), self._watch.query():
             return self._connection.execute(query, values).fetchall()
 
     def dictionaries(self, query: str) -> list[dict[str, Any]]:
         """Return all rows of a query by the names of their columns."""
-        with self._lock, self._translated():
+        with self._lock, self._translated(), self._watch.query():
             cursor = self._connection.execute(query)
             names = [column[0] for column in cursor.description]
             return [dict(zip(names, row, strict=True)) for row in cursor]
+
+    def check_pages(self) -> list[str]:
+        """Return what SQLite finds wrong with the file, however long that takes."""
+        with self._lock, self._translated():
+            return [row[0] for row in self._connection.execute("PRAGMA quick_check(10)") if row[0] != "ok"]
 
     def last_id(self, table: str) -> int:
         """Return how many rows a table has, whose ids count from 1; 0 for an empty one."""

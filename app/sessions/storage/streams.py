@@ -10,6 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+MOST_SAMPLES = 1 << 22  # of a chunk, which is about a minute
+KINDS = frozenset(("|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f8"))  # as numpy calls them
 _LEVEL = 1  # higher levels take several times the time for a few percent
 IntArray = NDArray[np.signedinteger | np.unsignedinteger]
 CountArray = NDArray[np.signedinteger | np.unsignedinteger | np.float64]
@@ -34,18 +36,34 @@ def unpack_streams(streams: Sequence[bytes], dtype: str, n_samples: int) -> Coun
     Raises:
         ValueError, zlib.error: a stream is damaged.
     """
+    if dtype not in KINDS:
+        raise ValueError(f"columns of type {dtype!r}")
     kind = np.dtype(dtype)
+    if not 0 <= n_samples <= MOST_SAMPLES:
+        raise ValueError(f"{n_samples} samples in a chunk, at most {MOST_SAMPLES}")
     values = np.empty((len(streams), n_samples), kind)
     varying = [i for i, stream in enumerate(streams) if len(stream) != kind.itemsize]
     for i, stream in enumerate(streams):
         if len(stream) == kind.itemsize:
             values[i] = np.frombuffer(stream, kind)[0]
     if varying:
-        planes = b"".join([zlib.decompress(streams[i]) for i in varying])
+        planes = b"".join([_unpacked(streams[i], kind.itemsize * n_samples) for i in varying])
         whole = np.frombuffer(planes, np.uint8).reshape(len(varying), kind.itemsize, n_samples)
         unsigned = whole.transpose(0, 2, 1).copy().view(f"<u{kind.itemsize}")[:, :, 0]
         values[varying] = np.cumsum(_unzigzag(unsigned), axis=1, dtype=unsigned.dtype).view(kind)
     return values.T
+
+
+def _unpacked(stream: bytes, size: int) -> bytes:
+    """What a stream holds, which is `size` bytes; one that would be larger is not unpacked any further."""
+    inflater = zlib.decompressobj()
+    body = inflater.decompress(stream, size + 1)
+    if len(body) != size:
+        raise ValueError(f"a column holds other than {size} bytes")
+    inflater.decompress(b"", 1)  # its checksum is behind the last byte
+    if not inflater.eof:
+        raise ValueError("a column is cut off")
+    return body
 
 
 def stream_ranges(ends: bytes, elements: NDArray[np.intp]) -> list[tuple[int, int]]:

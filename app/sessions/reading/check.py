@@ -1,0 +1,143 @@
+"""Is a session what was recorded? Its pages, its digests, every frame's checksum, every column against its frames."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from app.sessions.errors import NotASession
+from app.sessions.recording.session_writer import IDS_PER_CHUNK
+from app.sessions.storage.chunks import Chunk, ChunkBuilder, SeriesKey
+from app.sessions.storage.digests import COLUMNS, KEY, META, Digest, meta_digest
+from app.sessions.storage.queries import StoredSession
+from app.sessions.storage.streams import stream_ranges, unpack_streams
+from app.words import render
+from firmware_protocol.framing import Frame, decode_chunk
+from firmware_protocol.memory_map import MAP_HASH
+
+
+def find_problems(stored: StoredSession) -> list[str]:
+    """Read every byte of a session and return what is wrong with it; an empty list is a sound file."""
+    found: list[str] = []
+    try:
+        found += stored.check_pages()
+        with stored.consistent(), stored.sound():
+            found += _rows_missing(stored)
+            found += _digests(stored)
+            found += _frames(stored)
+            found += _columns(stored)
+    except NotASession as error:
+        found.append(error.reason if isinstance(error.reason, str) else render(error.reason))
+    return found
+
+
+def _rows_missing(stored: StoredSession) -> Iterator[str]:
+    for table in ("frames", "can_frames"):
+        missing = stored.last_id(table) - stored.rows(f"SELECT count(*) FROM {table}")[0][0]
+        if missing:
+            yield f"{table}: {missing} rows are missing"
+
+
+def _digests(stored: StoredSession) -> Iterator[str]:
+    """Sessions of before 2026-11 have no digests."""
+    meta = dict(stored.rows("SELECT key, value FROM meta"))
+    if KEY not in meta:
+        return
+    for table, (last_id, digest) in json.loads(meta[KEY]).items():
+        if table == META:
+            is_sound = [last_id, digest] == list(meta_digest(meta))
+        else:
+            here = Digest()
+            for row in _all_rows(stored, table, last_id):
+                here.add(row)
+            is_sound = here.value == (last_id, digest)
+        if not is_sound:
+            yield f"{table}: not as it was recorded"
+
+
+def _all_rows(stored: StoredSession, table: str, last_id: int) -> Iterator[tuple[Any, ...]]:
+    after = -1
+    query = f"SELECT {COLUMNS[table]} FROM {table} WHERE id > ? AND id <= ? ORDER BY id LIMIT 500"
+    while rows := stored.rows(query, (after, last_id)):
+        yield from rows
+        after = rows[-1][0]
+
+
+def _frames(stored: StoredSession) -> Iterator[str]:
+    """Frames that were intact when they came are so still, and those that were not, too."""
+    wrong: list[int] = []
+    for number, raw, ok in _all_frames(stored, 0, 1 << 62):
+        if isinstance(decode_chunk(raw), Frame) != bool(ok):
+            wrong.append(number)
+    if wrong:
+        yield f"frames: the checksum of {len(wrong)} is not as it was, the first is number {wrong[0]}"
+
+
+def _all_frames(stored: StoredSession, first: int, last: int) -> Iterator[tuple[int, bytes, int]]:
+    query = "SELECT id, raw, ok FROM frames WHERE id >= ? AND id <= ? ORDER BY id LIMIT 500"
+    while rows := stored.rows(query, (first, last)):
+        yield from rows
+        first = rows[-1][0] + 1
+
+
+def _columns(stored: StoredSession) -> Iterator[str]:
+    """Every column can be unpacked; what the master told over its line is what its frames say."""
+    ((map_hash,),) = stored.rows("SELECT value FROM meta WHERE key = 'map_hash'")
+    is_own_map = map_hash == MAP_HASH.hex()
+    series = {row[0]: SeriesKey(*row[1:]) for row in stored.rows("SELECT * FROM series")}
+    builder = ChunkBuilder(decodes_can=False)
+    wrong: set[str] = set()
+    for number, first, last, boots in stored.rows("SELECT id, first_frame, last_frame, boots FROM chunks ORDER BY id"):
+        expected = None
+        if is_own_map:
+            rows = stored.rows(
+                "SELECT t_mono_ns, raw FROM frames WHERE id >= ? AND id <= ? AND ok ORDER BY id", (first, last)
+            )
+            builder.add(rows)
+            expected = builder.build()
+            builder.clear()
+            of_frames, _ = builder.master_clock
+            if of_frames != boots:
+                yield f"chunks: number {number} counts {boots} starts of the master, its frames {of_frames}"
+        wrong |= set(_differences(stored, number, series, expected))
+    if wrong:
+        yield f"columns: {', '.join(sorted(wrong))} not as the frames say"
+
+
+def _differences(
+    stored: StoredSession, chunk_id: int, series: dict[int, SeriesKey], expected: Chunk | None
+) -> Iterator[str]:
+    """Names of the fields of a chunk that cannot be read, or that tell something else than its frames."""
+    base = chunk_id * IDS_PER_CHUNK
+    tracks: dict[int, tuple[Any, Any]] = {}
+    with_track = "SELECT id, samples, times_us, instants FROM tracks WHERE id >= ? AND id < ?"
+    for number, n, times, instants in stored.rows(with_track, (base, base + IDS_PER_CHUNK)):
+        tracks[number] = tuple(unpack_streams([each], "<i8", n)[:, 0] for each in (times, instants))  # type: ignore[assignment]
+    left = set() if expected is None else set(expected.columns)
+    with_columns = "SELECT id, track, ends, data FROM columns WHERE id >= ? AND id < ?"
+    for number, track, ends, data in stored.rows(with_columns, (base, base + IDS_PER_CHUNK)):
+        key = series[number - base]
+        ranges = stream_ranges(ends, np.arange(key.elements))
+        times_us, instants = tracks[track]
+        values = unpack_streams([data[low:high] for low, high in ranges], key.dtype, len(times_us))
+        if ranges[-1][1] != len(data):
+            yield key.field
+        if expected is None or key.field.startswith("estimate."):
+            continue
+        by_line = instants >= 0
+        left.discard(key)
+        if key not in expected.columns:
+            if by_line.any():
+                yield key.field
+            continue
+        number_of_track, told = expected.columns[key]
+        of_frames = expected.tracks[number_of_track]
+        same = (
+            np.array_equal(times_us[by_line], of_frames.times_us)
+            and np.array_equal(instants[by_line], of_frames.instants)
+            and np.array_equal(values[by_line], told)
+        )
+        if not same:
+            yield key.field
+    yield from (key.field for key in left)
