@@ -31,7 +31,7 @@ from simulator.line import Outbox
 from simulator.measuring_task import MeasuringTask
 from simulator.memory import FLAG, Config, MasterMemory
 from simulator.protection import Protection, violations
-from simulator.relays import Relays, RelayState
+from simulator.relays import Relays, RelayState, TellsRelays
 from simulator.requests import RequestHandler
 from simulator.soc_counter import SOC_SCALE, SocCounter
 from simulator.storage import ConfigStore
@@ -48,7 +48,7 @@ _FIT, _I2C1, _USART1, _CAN1, _CHARGER, _CHARGING, _BALANCING, _LOAD = (
 _CHARGER_FLAGS_OFFSET = FIELDS["charger.flags"].offset
 
 
-class VirtualMaster:
+class VirtualMaster(TellsRelays):
     """The firmware between a boot and a reset."""
 
     def __init__(self, board: Board, now_s: float, reset_cause: int = 0) -> None:
@@ -88,21 +88,6 @@ class VirtualMaster:
         self.reset_due_s: float | None = None
 
     # --- outputs
-
-    @property
-    def relay_state(self) -> RelayState:
-        """Which side the relays connect the accumulator to."""
-        return self._relays.state
-
-    @property
-    def relays_since_s(self) -> float:
-        """When they came to that."""
-        return self._relays.since_s
-
-    @property
-    def has_precharge_failed(self) -> bool:
-        """The vehicle's link did not reach its voltage in time."""
-        return self._relays.has_precharge_failed
 
     @property
     def fan_duty(self) -> float:

@@ -55,3 +55,24 @@ class Relays:
         if state is not self.state:
             self.state = state
             self.since_s = now_s
+
+
+class TellsRelays:
+    """What a master and a BMS tell of their relays."""
+
+    _relays: Relays
+
+    @property
+    def relay_state(self) -> RelayState:
+        """Which side the relays connect the accumulator to."""
+        return self._relays.state
+
+    @property
+    def relays_since_s(self) -> float:
+        """When they came to that."""
+        return self._relays.since_s
+
+    @property
+    def has_precharge_failed(self) -> bool:
+        """The vehicle's link did not reach its voltage in time."""
+        return self._relays.has_precharge_failed

@@ -22,7 +22,7 @@ from simulator.protection import (
     Protection,
     Violation,
 )
-from simulator.relays import Relays, RelayState
+from simulator.relays import Relays, RelayState, TellsRelays
 from simulator.soc_counter import SOC_SCALE, soc_from_rest
 
 READY_S = 0.5
@@ -84,7 +84,7 @@ class Charge:
         unit.receive(ChargerCommand(volts, asked_a, is_charging=self.is_active).to_bytes())
 
 
-class Bms:
+class Bms(TellsRelays):
     """One pass every step; `readings` says what it knows."""
 
     def __init__(self, battery: DbcBattery, board: SensorBoard, charger: ChargerUnit, now_s: float) -> None:
@@ -104,21 +104,6 @@ class Bms:
         self.drive_requested = False
         self.is_shutdown_closed = True
         self.reset_due_s: float | None = None
-
-    @property
-    def relay_state(self) -> RelayState:
-        """Which side the relays connect the battery to."""
-        return self._relays.state
-
-    @property
-    def relays_since_s(self) -> float:
-        """When they came to that."""
-        return self._relays.since_s
-
-    @property
-    def has_precharge_failed(self) -> bool:
-        """The vehicle's link did not reach its voltage in time."""
-        return self._relays.has_precharge_failed
 
     @property
     def fan_duty(self) -> float:

@@ -12,7 +12,8 @@ from app.analysis.limits import limits_over_time
 from app.analysis.root_cause.recording import UNKNOWN, Boards, BusTraffic, IntArray, LineTraffic, Recording, row_median
 from app.battery.shape import N_PACKS
 from app.estimation.arrays import FloatArray
-from app.sessions.reading.reader import FieldSamples, SessionFile
+from app.sessions.reading.reader import SessionFile
+from app.sessions.reading.samples import FieldSamples
 from app.sessions.storage.battery_fields import IS_NEW
 from firmware_protocol.can_tables import rx_messages, tx_messages
 from firmware_protocol.config_image import default_image

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
 from app.sessions.export.table import AGE, FILLED, SIMULATED, SignalTable
-from app.sessions.reading.reader import Samples
+from app.sessions.reading.samples import Samples
 from app.sessions.reading.series import find_gaps
 from app.sessions.storage.chunks import Track
 from app.sessions.storage.signals import Signal

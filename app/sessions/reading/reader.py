@@ -4,8 +4,6 @@ import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from functools import cached_property
 from heapq import merge
 from pathlib import Path
 from types import TracebackType
@@ -23,12 +21,12 @@ from app.sessions.reading.check import find_problems
 from app.sessions.reading.notes import read_note
 from app.sessions.reading.rows import CARRIED_US
 from app.sessions.reading.rows import in_rows as rows_of
+from app.sessions.reading.samples import FieldSamples, Samples, joined
 from app.sessions.reading.series import Series, reduce_samples
 from app.sessions.storage.chunks import ESTIMATES, Track
 from app.sessions.storage.files import size_on_disk
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.signals import Signal, Signals
-from app.sessions.storage.streams import CountArray
 from app.sources.loaded_battery import LoadedBattery, battery_from_files, team_battery
 from app.words import Message
 from firmware_protocol.memory_map import CONFIG, FIELDS
@@ -37,29 +35,6 @@ MAX_POINTS = 100_000
 Received = RecordedFrame | RecordedCanFrame | RecordedConfig
 _ALWAYS_US = 1 << 62
 _ALWAYS_THERE = {"id", "name", "voltwall", "map_hash", "start_mono_ns", "start_wall_ns", "metadata"}
-
-
-class Samples:
-    """The (n,) samples of a signal in order of time; signals that were sampled together share the same track."""
-
-    def __init__(self, track: Track, parts: Sequence[tuple[Column, int]], order: Any) -> None:
-        self.track = track
-        self._parts = parts
-        self._order = order
-
-    @cached_property
-    def counts(self) -> CountArray:
-        """(n,) values as stored; decoded when first asked for."""
-        parts = [column.counts[:, i] for column, i in self._parts]
-        return np.concatenate(parts)[self._order] if parts else np.empty(0, np.int64)
-
-
-@dataclass(frozen=True, slots=True)
-class FieldSamples:
-    """All elements of a field: (n,) unix times [s] and (n, elements) values in its unit, NaN where not measured."""
-
-    time_s: FloatArray
-    values: FloatArray
 
 
 class SessionFile:
@@ -257,7 +232,7 @@ class SessionFile:
             found = parts[signal.field, signal.element]
             key = tuple(id(column.track) for column, _ in found)
             if key not in tracks:
-                tracks[key] = _joined([column.track for column, _ in found])
+                tracks[key] = joined([column.track for column, _ in found])
             track, order = tracks[key]
             samples.append(Samples(track, found, order))
         return samples
@@ -313,7 +288,7 @@ class SessionFile:
 
     def _in_units(self, parts: Sequence[Column], signal: Signal, n_elements: int) -> FieldSamples:
         """Columns of one field as one table."""
-        track, order = _joined([part.track for part in parts])
+        track, order = joined([part.track for part in parts])
         tables = []
         for part in parts:
             values = signal.physical(np.ascontiguousarray(part.counts))
@@ -387,14 +362,3 @@ class SessionFile:
             for table in ("frames", "can_frames", "clock")
             for row in self._stored.rows(f"SELECT t_mono_ns FROM {table} ORDER BY id DESC LIMIT 1")
         ]
-
-
-def _joined(tracks: Sequence[Track]) -> tuple[Track, Any]:
-    """Tracks behind each other in order of time, and the index that brings their samples into this order."""
-    nothing = np.empty(0, np.int64)
-    times_us = np.concatenate([nothing, *(track.times_us for track in tracks)])
-    instants = np.concatenate([nothing, *(track.instants for track in tracks)])
-    if not (np.diff(times_us) < 0).any():
-        return Track(times_us, instants), slice(None)
-    order = np.argsort(times_us, kind="stable")
-    return Track(times_us[order], instants[order]), order
