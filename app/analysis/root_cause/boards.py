@@ -53,6 +53,8 @@ def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Suspicion]:
         return
     told = [event for event in recording.events if event.code == "trip-slave-lost" and event.cell is not None]
     missing: BoolArray = np.logical_and.reduceat(np.isnan(recording.voltage_v), recording.pack_starts, axis=1)
+    if not recording.tells_at_once:  # what comes later in the first round is awaited
+        missing &= np.logical_or.accumulate(~missing, axis=0) | missing.all(axis=0)
     tested = (np.nan_to_num(recording.boards.failed_tests) != 0).any(axis=0)
     packs = {pack_of(event.cell) for event in told if event.cell is not None}
     if not missing.all(axis=1).any():
