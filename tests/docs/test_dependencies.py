@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("app", "firmware_protocol", "simulator")
+PACKAGES = ("app", "firmware_protocol", "simulator", "voltwall")
 OURS = {*PACKAGES, "benchmarks"}
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 LOCKS = ("run", "build", "dev")

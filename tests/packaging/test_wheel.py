@@ -15,7 +15,7 @@ import pytest
 from hatch_build import TARGETS, compile_engine, engine_digest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("app", "firmware_protocol", "simulator")
+PACKAGES = ("app", "firmware_protocol", "simulator", "voltwall")
 NOT_PACKED = shutil.ignore_patterns(
     "node_modules", "__pycache__", ".venv", "docs", "tests", "benchmarks", ".git", ".*_cache"
 )

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -27,6 +28,7 @@ from app.analysis.totals import MAX_STEP_S, SECONDS_PER_HOUR, listed
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.cell_file import format_cell, parse_cell
 from app.estimation.cell_model.circuit import CellModel
+from app.estimation.filters.estimates import Estimates
 from app.estimation.filters.estimators import make_estimator
 from app.estimation.filters.reference.resistance import LASTING_S
 from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
@@ -38,6 +40,7 @@ USED_SIGMA_MAX: Final = RESISTANCE_SIGMA_MAX
 TOLD_SIGMA_MAX: Final = 0.3  # a factor less sure than this tells nothing
 UNKNOWN_SOC: Final = 0.5
 ERROR_FLOOR_V2: Final = 1e-6
+Keep = Callable[[FloatArray, Estimates], None]  # (n,) unix times [s], and the estimates at them
 EVERY: Final = 10  # rows of the master's stream are a second; means need no more
 
 
@@ -91,10 +94,24 @@ def estimate_session(job: Job) -> list[dict[str, Any]]:
     ]
 
 
+def estimate_along(session: SessionFile, cell: CellModel, filter_name: str, keep: Keep) -> dict[str, Any]:
+    """Return what a cell model makes of an open session, as `estimate_session` does; `keep` is given all on the way.
+
+    Raises:
+        NotASession: the file is damaged.
+        EstimatorError: there is no such filter.
+    """
+    run = _Run(cell, filter_name, session.battery.n_cells, keep)
+    for piece in read_pieces(session):
+        run.add(piece)
+    return run.result()
+
+
 class _Run:
     """One filter along one session."""
 
-    def __init__(self, cell: CellModel, filter_name: str, n_cells: int) -> None:
+    def __init__(self, cell: CellModel, filter_name: str, n_cells: int, keep: Keep | None = None) -> None:
+        self._keep = keep
         self._cell = cell
         self._estimator = make_estimator(filter_name, cell, n_cells)
         self._last_s: float | None = None
@@ -130,6 +147,8 @@ class _Run:
             self._estimator.widen(min(moved, UNKNOWN_SOC))
             dt_s[0] = 0.0
         found = self._estimator.run(dt_s, current_a, voltage_v, temperature_degc)
+        if self._keep is not None:
+            self._keep(time_s, found)
         self._last_s = float(time_s[-1])
         self._samples += len(time_s)
         known_a = np.nan_to_num(current_a)

@@ -12,7 +12,7 @@ from app.season.lake.build import build_lake, session_files
 from app.season.lake.place import Place
 from app.season.lake.schema import LAKE_VERSION, TABLES
 from app.sessions.reading.reader import SessionFile
-from tests.unit.app.season.conftest import TIME_S
+from tests.recorded.season import TIME_S
 
 
 @pytest.fixture

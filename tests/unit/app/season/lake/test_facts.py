@@ -4,7 +4,7 @@ import pytest
 from app.analysis.session_cell import cell_of
 from app.season.lake.facts import Facts, facts_of, where_of
 from app.sessions.reading.reader import SessionFile
-from tests.unit.app.season.conftest import CURRENT_A, LAP_S, OCV_V, R_OHM, TIME_S, record
+from tests.recorded.season import CURRENT_A, LAP_S, OCV_V, R_OHM, TIME_S, record
 
 CAPACITY_AH = 26.0
 

@@ -1,0 +1,95 @@
+"""A season: many sessions, asked in SQL."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+
+from app.season.lake.build import build_lake, session_files
+from app.season.lake.place import Place
+from app.season.store import Limits, open_store
+from app.season.store.questions import ask, questions
+from app.words import render
+from voltwall.tables import Table
+
+
+def season(where: str | Path, *, store: str = "duckdb") -> Season:
+    """Open a season lake.
+
+    Args:
+        where: the lake, a folder or a URL of fsspec; or the data folder of a service, whose lake it is then.
+        store: what answers: `duckdb`, `chdb`, or `clickhouse://HOST:8123`.
+
+    Raises:
+        VoltwallError: a package is missing, or the place is not understood.
+    """
+    text = str(where)
+    if "://" not in text:
+        folder = Path(text).expanduser()
+        text = str(folder / "lake" if (folder / "sessions").is_dir() else folder)
+    return Season(text, store)
+
+
+class Season:
+    """The lake of many sessions: the tables `sessions`, `laps`, `cells`, `events` and `samples`."""
+
+    def __init__(self, lake: str, store: str) -> None:
+        self.lake = lake
+        self._store = open_store(lake, store)
+
+    def __enter__(self) -> Season:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<voltwall.Season {self.lake}>"
+
+    def close(self) -> None:
+        """Let go of the store."""
+        self._store.close()
+
+    def sql(self, query: str, /, **parameters: str | int | float) -> Table:
+        """Answer one SELECT.
+
+        Args:
+            query: where `$name` stands for a parameter, and `"$name"` for a column of that name.
+            parameters: by name.
+
+        Raises:
+            VoltwallError: it is wrong, or no SELECT.
+        """
+        return Table(self._store.query(query, parameters, Limits(seconds=3600.0, memory_mb=4096)).table)
+
+    def ask(self, question: str, /, **parameters: object) -> Table:
+        """Answer one of `questions` by its name.
+
+        Raises:
+            VoltwallError: there is none of this name, or a parameter is wrong.
+        """
+        given = {name: str(value) for name, value in parameters.items()}
+        return Table(ask(self._store, question, Limits(seconds=3600.0, memory_mb=4096), **given).table)
+
+    @property
+    def questions(self) -> Mapping[str, str]:
+        """What the questions that come along answer, by name."""
+        return {each.name: each.meaning for each in questions()}
+
+    def build(self, *places: str | Path) -> Mapping[str, str]:
+        """Bring the lake up to date with folders of sessions, or session files.
+
+        Returns:
+            what became of each session: `made`, `current`, `not closed`, or why it was left out.
+
+        Raises:
+            OSError: the lake cannot be written.
+        """
+        paths = session_files([Path(place).expanduser() for place in places])
+        built = build_lake(Place(self.lake), paths)
+        failed = {session: why if isinstance(why, str) else render(why) for session, why in built.failed}
+        said = {"made": built.made, "current": built.current, "not closed": built.not_closed}
+        return {session: text for text, sessions in said.items() for session in sessions} | failed
