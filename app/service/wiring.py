@@ -45,7 +45,7 @@ from app.service.state import ServiceStateReader, recording_state
 from app.sessions.catalogue import Catalogue
 from app.sessions.event_log import EventLog
 from app.sessions.recording.auto_recorder import AutoRecorder
-from app.sessions.recording.recorder import DiskLimits
+from app.sessions.recording.disk import DiskLimits
 from app.sessions.replay import ReplayPlayer
 from app.sessions.retention import Retention, RetentionRule
 from app.sessions.transfer.fetch_jobs import FetchJobs

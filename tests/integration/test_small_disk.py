@@ -18,7 +18,8 @@ from app.sources.items import SerialItem
 from app.clock import Clock
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.recorder import DiskLimits, Recorder
+from app.sessions.recording.disk import DiskLimits
+from app.sessions.recording.recorder import Recorder
 
 disk = Path(os.environ["DISK"])
 limits = DiskLimits(warn_free_bytes=1500_000, stop_free_bytes=int(os.environ["KEEP"]))
@@ -72,7 +73,8 @@ PREPARE = """
 import os, time
 from pathlib import Path
 from app.clock import Clock
-from app.sessions.recording.recorder import DiskLimits, Recorder
+from app.sessions.recording.disk import DiskLimits
+from app.sessions.recording.recorder import Recorder
 
 limits = DiskLimits(stop_free_bytes=0)
 recorder = Recorder(Path(os.environ["DISK"]) / "sessions", Clock(), version="test", limits=limits)

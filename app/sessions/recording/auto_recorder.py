@@ -10,7 +10,8 @@ from app.clock import Clock
 from app.errors import AppError
 from app.live.pipeline import Output
 from app.sessions.info import RecorderStatus, SessionInfo
-from app.sessions.recording.recorder import DiskLimits, Recorder
+from app.sessions.recording.disk import DiskLimits
+from app.sessions.recording.recorder import Recorder
 from app.sessions.recording.session_names import RecordingPlan, load_plan, next_part, save_plan
 from app.sources.items import CanItem, Item, SerialItem
 from app.sources.loaded_battery import LoadedBattery
@@ -117,6 +118,10 @@ class AutoRecorder:
         with self._lock:
             self._held_back = True
         return self._end(Message("ended-by-hand"))
+
+    def gone(self, session_id: str) -> Message | None:
+        """Return what to say of a session whose file was deleted or replaced while it was recorded."""
+        return self._recorder.gone(session_id)
 
     def split(self) -> SessionInfo:
         """End the session and go on in a new file without losing a frame.
@@ -241,7 +246,8 @@ class AutoRecorder:
         """Tell of each kind of trouble once, and when it is over; the megabytes in its text change all the time."""
         status = self.status
         trouble = status.error or status.warning
-        kind = status.error or ("low" if status.warning else None)
+        is_low = status.warning is not None and status.warning.code == "disk-low"
+        kind = status.error or ("low" if is_low else status.warning)
         if kind == self._reported:
             return
         if trouble is not None:

@@ -6,13 +6,12 @@ written down as an event as soon as the disk takes anything.
 """
 
 import logging
-import shutil
 import sqlite3
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,8 @@ from app.clock import Clock
 from app.errors import NotNow, message_of
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
+from app.sessions.recording.disk import ROW_BYTES, DiskLimits, payload_bytes, time_left
+from app.sessions.recording.disk import free_bytes as free_bytes_of
 from app.sessions.recording.session_writer import Row, SessionWriter, TableRow, event_row
 from app.sessions.storage.files import new_file, size_on_disk
 from app.sources.loaded_battery import LoadedBattery, team_battery
@@ -33,23 +34,8 @@ logger = logging.getLogger(__name__)
 
 COMMIT_S = 0.3  # with the time that the commit takes, at most 0.5 s of a session are not on the disk
 CLOCK_STEP_NS = 50_000_000  # the wall clock moved by more than this against the monotonic one: noted
-_ROW_BYTES = 250  # what an item costs in memory beside its payload
 _START, _STOP = "start", "stop"
 _CONTENT = ("frames", "can_frames", "markers")
-
-
-@dataclass(frozen=True, slots=True)
-class DiskLimits:
-    """When to warn, when to stop writing, how much to keep in memory meanwhile."""
-
-    warn_free_bytes: int = 1 << 30
-    stop_free_bytes: int = 64 << 20  # the system and the closing of the file need some
-    queue_bytes: int = 32 << 20
-    session_bytes: int | None = None  # a session longer than this goes on in a new file
-
-
-def _free_bytes(folder: Path) -> int:
-    return shutil.disk_usage(folder).free
 
 
 class Recorder:
@@ -62,7 +48,7 @@ class Recorder:
         *,
         version: str,
         limits: DiskLimits | None = None,
-        free_bytes: Callable[[Path], int] = _free_bytes,
+        free_bytes: Callable[[Path], int] = free_bytes_of,
         next_name: Callable[[str], str] = lambda name: name,
         cell_file: str | None = None,
         battery: LoadedBattery | None = None,
@@ -93,6 +79,7 @@ class Recorder:
         self._counts: Counter[str] = Counter()  # items of the session by table
         self._clock_offset_ns = 0
         self._config: bytes | None = None  # in force, of this session
+        self._gone: dict[str, Message] = {}  # sessions whose file was taken away, by id
         self._error: Message | None = None
         self._free: int | None = None
         self._writer: SessionWriter | None = None  # the thread's
@@ -166,7 +153,7 @@ class Recorder:
         """Record that something happened."""
         item = event_row(t_mono_ns, event)
         with self._lock:
-            self._put(*item, _payload_bytes(item))
+            self._put(*item, payload_bytes(item))
 
     def marker(self, t_mono_ns: int, t_wall_ns: int, text: str, *, kind: str = "note", who: str | None = None) -> None:
         """Record a point in time that somebody marked."""
@@ -190,7 +177,7 @@ class Recorder:
         with self._lock:
             session, error, free = self._session, self._error, self._free
             queue = (self._queued_items, self._queued_bytes, self._lost)
-            counts = self._counts.copy()
+            counts, gone = self._counts.copy(), self._gone.copy()
         if session is not None:
             session = replace(
                 session,
@@ -202,11 +189,16 @@ class Recorder:
                 markers=counts["markers"],
             )
         state = RecorderState.STALLED if error else RecorderState.RECORDING if session else RecorderState.IDLE
-        warning = None
-        if session and free is not None and free < self._limits.warn_free_bytes:
-            left = _time_left(session, free - self._limits.stop_free_bytes)
+        warning = None if session is None else gone.get(str(session.metadata.get("continues")))
+        if warning is None and session and free is not None and free < self._limits.warn_free_bytes:
+            left = time_left(session, free - self._limits.stop_free_bytes)
             warning = Message("disk-low", free=Quantity(free >> 20, "MB"), left=left)
         return RecorderStatus(state, session, *queue, free, warning, error)
+
+    def gone(self, session_id: str) -> Message | None:
+        """Return what to say of a session whose file was deleted or replaced while it was recorded."""
+        with self._lock:
+            return self._gone.get(session_id)
 
     def flush(self, timeout_s: float = 5.0) -> None:
         """Return once everything handed over so far is on the disk.
@@ -232,14 +224,14 @@ class Recorder:
         self._wake.set()
         self._thread.join(timeout_s)
 
-    def _begin(self, name: str | None, metadata: Mapping[str, object]) -> SessionInfo:
-        """End what is being recorded and begin anew; the lock is held."""
+    def _begin(self, name: str | None, metadata: Mapping[str, object], *, beside: Path | None = None) -> SessionInfo:
+        """End what is being recorded, or was in the file `beside`, and begin anew; the lock is held."""
         started_wall_ns, started_mono_ns = self._clock.wall_ns(), self._clock.monotonic_ns()
         try:
-            path = new_file(self._folder, started_wall_ns)
+            path = new_file(self._folder, started_wall_ns, beside=beside)
         except OSError as error:
             raise RecordingFailed(Message("of-source", source=str(self._folder), reason=error.strerror)) from error
-        if self._session is not None:
+        if self._session is not None and beside is None:
             self._append_stop(started_mono_ns, started_wall_ns)
         self._session = SessionInfo(
             id=path.stem,
@@ -253,6 +245,7 @@ class Recorder:
         )
         self._lost = 0
         self._config = None
+        self._gone.pop(path.stem, None)
         self._counts.clear()
         self._append((_START, (self._session,)), 0)
         self._note_clock(started_mono_ns, started_wall_ns, None)
@@ -263,7 +256,7 @@ class Recorder:
         """Queue a row; the lock is held."""
         if self._session is None:
             return
-        if self._queued_bytes + size + _ROW_BYTES > self._limits.queue_bytes:
+        if self._queued_bytes + size + ROW_BYTES > self._limits.queue_bytes:
             self._lost += 1
             self._unreported_losses += 1
             return
@@ -278,7 +271,7 @@ class Recorder:
     def _append(self, item: TableRow, size: int) -> None:
         self._pending.append(item)
         self._queued_items += 1
-        self._queued_bytes += size + _ROW_BYTES
+        self._queued_bytes += size + ROW_BYTES
         self._taken += 1
 
     def _watch_clock(self, t_mono_ns: int, t_wall_ns: int) -> None:
@@ -311,6 +304,7 @@ class Recorder:
         error: Message | None = None
         free = None
         try:
+            self._watch_file()
             free = self._free_bytes(self._folder) if self._folder.exists() else None
             if self._batch and free is not None and free < self._limits.stop_free_bytes:
                 error = Message("disk-full", kept=Quantity(self._limits.stop_free_bytes >> 20, "MB"))
@@ -327,6 +321,44 @@ class Recorder:
         with self._progress:
             self._error, self._free = error, free
             self._progress.notify_all()
+
+    def _watch_file(self) -> None:
+        """Go on in a new file where the session's was deleted or replaced; what waits goes into the new one.
+
+        Raises:
+            RecordingFailed: there can be none; it is tried again.
+        """
+        writer = self._writer
+        if writer is None or writer.is_in_place():
+            return
+        with self._lock:
+            session = self._session
+            self._batch, self._pending = [*self._batch, *self._pending], []
+            if session is not None and session.path == writer.path:
+                following = self._begin_elsewhere(session)
+                told = Message("recording-file-gone", session=session.id, following=following.id)
+            else:
+                told = Message("recording-file-gone-at-end", session=writer.path.stem)
+            self._gone[writer.path.stem] = told
+        logger.error("%s", render(told))
+        self._writer = None
+        writer.abandon()
+        if told.code == "recording-file-gone-at-end":  # up to its end there is nowhere to put what waits
+            ended = next((i for i, item in enumerate(self._batch) if item[0] == _STOP), len(self._batch) - 1)
+            self._finish(ended + 1)
+
+    def _begin_elsewhere(self, session: SessionInfo) -> SessionInfo:
+        """Begin a session in place of one whose file is gone, with all that waits; the lock is held."""
+        waiting, config = self._batch, self._config
+        name = None if session.name == session.id else self._next_name(session.name)
+        following = self._begin(name, {**session.metadata, "continues": session.id}, beside=session.path)
+        if config is not None:
+            self._config = config
+            started = (following.started_mono_ns, following.started_wall_ns)
+            self._put("configs", (*started, "as before", config), len(config))
+        self._counts.update(table for table, _ in waiting if table != _START)
+        self._batch, self._pending = [*self._pending, *(item for item in waiting if item[0] != _START)], []
+        return following
 
     def _write_batch(self, unreported: int) -> None:
         while self._batch:
@@ -369,24 +401,9 @@ class Recorder:
 
     def _finish(self, n: int, reported: int = 0) -> None:
         finished, self._batch = self._batch[:n], self._batch[n:]
-        size = sum(_payload_bytes(item) + _ROW_BYTES for item in finished)
+        size = sum(payload_bytes(item) + ROW_BYTES for item in finished)
         with self._lock:
             self._done += n
             self._queued_items -= n
             self._queued_bytes -= size
             self._unreported_losses -= reported
-
-
-def _time_left(session: SessionInfo, usable_bytes: int) -> Message:
-    rate = session.size_bytes / max(session.duration_s, 60.0)  # of the first minute it says too little
-    minutes = max(0.0, usable_bytes) / max(rate, 1.0) / 60
-    return Message("disk-for-days") if minutes > 2880 else Message("disk-full-in", time=Quantity(minutes, "min", 0))
-
-
-def _payload_bytes(item: TableRow) -> int:
-    table, row = item
-    if table in ("frames", "can_frames", "configs"):
-        return len(row[-1])
-    if table == "estimates":
-        return int(row[2].nbytes + row[3].nbytes)
-    return len(row[4]) + len(row[10]) if table == "events" else len(row[3]) if table == "markers" else 0

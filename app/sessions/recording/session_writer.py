@@ -16,7 +16,7 @@ from app.sessions.info import SessionInfo
 from app.sessions.storage.chunks import FOREIGN_CAN, Chunk, ChunkBuilder, SeriesKey, encode_estimate
 from app.sessions.storage.database import open_for_writing
 from app.sessions.storage.digests import COLUMNS, KEY, Digests
-from app.sessions.storage.files import remove
+from app.sessions.storage.files import identity, remove
 from app.sessions.storage.migrate import SESSION
 from app.sessions.storage.streams import pack_block
 from app.sources.loaded_battery import LoadedBattery
@@ -75,6 +75,7 @@ class SessionWriter:
         self._path = info.path
         self._connection = open_for_writing(info.path, SESSION)
         self._builder = ChunkBuilder(battery=battery, decodes_can=FOREIGN_CAN not in info.metadata)
+        self._files: dict[Path, tuple[int, int] | None] = {}  # what stood at their places
         self._digests = Digests()
         self._chunk_start_ns: int | None = None
         self._chunks = 0
@@ -98,6 +99,19 @@ class SessionWriter:
         except sqlite3.Error:
             self._connection.close()
             raise
+
+    @property
+    def path(self) -> Path:
+        """Of the file."""
+        return self._path
+
+    def is_in_place(self) -> bool:
+        """Whether file and log still stand where they were: what is written into a deleted file, nobody ever reads."""
+        for path in (self._path, self._path.with_name(self._path.name + "-wal")):
+            found = identity(path)
+            if found is None or self._files.setdefault(path, found) != found:
+                return False
+        return True
 
     def write(self, items: Sequence[TableRow]) -> None:
         """Commit the items, in order within each table.

@@ -12,19 +12,31 @@ SUFFIX = ".sqlite"
 FETCHED = ".fetched"  # behind the name of a session from another service: how long it was there
 
 
-def new_file(folder: Path, wall_ns: int) -> Path:
-    """Create an empty file named by UTC time, with a number behind it where that name is taken."""
+def new_file(folder: Path, wall_ns: int, *, beside: Path | None = None) -> Path:
+    """Create an empty file named by UTC time, with a number behind it where that name is taken, or is `beside`'s."""
     folder.mkdir(parents=True, exist_ok=True)
     stem = datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ")
     number = 1
     while True:
         path = folder / (f"{stem}{SUFFIX}" if number == 1 else f"{stem}-{number}{SUFFIX}")
+        if path == beside:
+            number += 1
+            continue
         try:
             os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o644))
         except FileExistsError:
             number += 1
         else:
             return path
+
+
+def identity(path: Path) -> tuple[int, int] | None:
+    """Return what tells a file from another one of the same name; None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
 
 
 def remove(path: Path) -> None:

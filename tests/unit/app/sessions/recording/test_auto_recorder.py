@@ -10,7 +10,7 @@ from app.estimation.filters.estimators import make_estimator
 from app.live.pipeline import Pipeline
 from app.sessions.catalogue import Catalogue
 from app.sessions.recording.auto_recorder import GONE_S, AutoRecorder
-from app.sessions.recording.recorder import DiskLimits
+from app.sessions.recording.disk import DiskLimits
 from app.sources.items import CanItem, LinkChange
 from app.sources.master.source import MasterSource
 from firmware_protocol.framing import decode_chunk

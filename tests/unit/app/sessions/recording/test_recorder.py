@@ -12,7 +12,8 @@ from app.errors import NotNow
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState
 from app.sessions.reading.reader import SessionFile
-from app.sessions.recording.recorder import DiskLimits, Recorder
+from app.sessions.recording.disk import DiskLimits
+from app.sessions.recording.recorder import Recorder
 from app.telemetry import Event
 from app.words import Message, message_from_json, render
 from tests.fake_clock import FunctionClock

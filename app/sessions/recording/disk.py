@@ -1,0 +1,43 @@
+"""The disk under a recorder: when to warn, when to stop, how long it lasts, what an item weighs meanwhile."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.sessions.info import SessionInfo
+from app.sessions.recording.session_writer import TableRow
+from app.words import Message, Quantity
+
+ROW_BYTES = 250  # what an item costs in memory beside its payload
+
+
+@dataclass(frozen=True, slots=True)
+class DiskLimits:
+    """When to warn, when to stop writing, how much to keep in memory meanwhile."""
+
+    warn_free_bytes: int = 1 << 30
+    stop_free_bytes: int = 64 << 20  # the system and the closing of the file need some
+    queue_bytes: int = 32 << 20
+    session_bytes: int | None = None  # a session longer than this goes on in a new file
+
+
+def free_bytes(folder: Path) -> int:
+    """Return what is free on a folder's disk."""
+    return shutil.disk_usage(folder).free
+
+
+def time_left(session: SessionInfo, usable_bytes: int) -> Message:
+    """Return how long the disk lasts at the rate of a session."""
+    rate = session.size_bytes / max(session.duration_s, 60.0)  # of the first minute it says too little
+    minutes = max(0.0, usable_bytes) / max(rate, 1.0) / 60
+    return Message("disk-for-days") if minutes > 2880 else Message("disk-full-in", time=Quantity(minutes, "min", 0))
+
+
+def payload_bytes(item: TableRow) -> int:
+    """Return what an item holds beside its row."""
+    table, row = item
+    if table in ("frames", "can_frames", "configs"):
+        return len(row[-1])
+    if table == "estimates":
+        return int(row[2].nbytes + row[3].nbytes)
+    return len(row[4]) + len(row[10]) if table == "events" else len(row[3]) if table == "markers" else 0
