@@ -29,8 +29,7 @@ vw_motion vw_motion_of(const vw_filter *filter, vw_real dt_s, vw_real current_a)
     const vw_real rest_s = filter->rest_s + dt_s, since_s = filter->since_s + dt_s;
     const int has_rested = filter->rest_s >= 0 && dt_s > 0;
     const int rests = has_rested && vw_abs(current_a) < t->rest_c * model->capacity_ah;
-    const int is_first = rests && filter->rest_s < t->look_s - VW_TICK_S; /* a rest is heard at once */
-    to.look_s = since_s < t->look_s - VW_TICK_S && !is_first ? 0 : since_s;
+    to.look_s = since_s < t->look_s - VW_TICK_S ? 0 : since_s;
     to.rest_share = rests ? dt_s / rest_s : 0;
     to.rest_lever = rests ? filter->rest_s * dt_s / 2 : 0;
     to.is_whole_rest = rests && rest_s >= t->rest_s - VW_TICK_S;

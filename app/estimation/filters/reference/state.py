@@ -214,8 +214,7 @@ def motion_of(setup: FilterSetup, dt_s: float, current_a: float, since_s: float 
     model, tuning = setup.cell.model, setup.tuning
     rested_s, has_rested = rest_s + dt_s, rest_s >= 0.0 and dt_s > 0.0
     rests = has_rested and abs(current_a) < tuning.rest_c * model.capacity_ah
-    is_first = rests and rest_s < tuning.look_s - TICK_S  # a rest is heard at once
-    look_s = since_s if since_s >= tuning.look_s - TICK_S or is_first else 0.0
+    look_s = since_s if since_s >= tuning.look_s - TICK_S else 0.0
     is_whole = rests and rested_s >= tuning.rest_s - TICK_S
     is_on = rests and not is_whole and look_s > 0.0
     is_broken = has_rested and not rests and rest_s >= tuning.rest_least_s - TICK_S
