@@ -40,6 +40,7 @@ SECRETS = (
     "password",
     "viewer_password",
     "mqtt_password",
+    "recorder_password",
 )  # by environment only: a command line is visible to everyone on the machine
 
 
@@ -67,6 +68,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices = get_args(FilterName) if name == "filter" else None
         if name == "log_level":
             choices = ("debug", "info", "warning", "error")
+        if name == "recorder_order":
+            choices = ("oldest", "newest")
         metavar = METAVARS.get(name)
         parser.add_argument(flag, default=None, help=text, choices=choices, metavar=None if choices else metavar)
     parser.epilog = (

@@ -86,6 +86,14 @@ class Settings(BaseSettings):
         default=None, description="certificate authority of an mqtts broker, where the system does not know it"
     )
     mqtt_password: SecretStr | None = Field(default=None, description="the password of the MQTT user")
+    recorder: str | None = Field(
+        default=None,
+        description="copy the sessions of these recorders piece by piece, whenever the link allows: [LABEL=]URL,...",
+    )
+    recorder_order: Literal["oldest", "newest"] = Field(
+        default="oldest", description="which of the missing pieces come first"
+    )
+    recorder_password: SecretStr | None = Field(default=None, description="the recorders' viewer's password")
     password: SecretStr | None = Field(default=None, description="the engineer's password: may write and command")
     viewer_password: SecretStr | None = Field(default=None, description="the viewer's password: may read")
     scenario: str | None = Field(
@@ -118,6 +126,11 @@ class Settings(BaseSettings):
     def mqtt_secret(self) -> str | None:
         """The password of the MQTT user."""
         return None if self.mqtt_password is None else self.mqtt_password.get_secret_value()
+
+    @property
+    def recorder_secret(self) -> str | None:
+        """The password of the recorders."""
+        return None if self.recorder_password is None else self.recorder_password.get_secret_value()
 
     @property
     def split_bytes(self) -> int | None:

@@ -49,10 +49,13 @@ from app.sessions.recording.disk import DiskLimits
 from app.sessions.replay import ReplayPlayer
 from app.sessions.retention import Retention, RetentionRule
 from app.sessions.transfer.fetch_jobs import FetchJobs
+from app.sessions.transfer.follow import MOST_YIELD_S, Follower, Followers, remotes_of
 from app.sessions.transfer.import_jobs import ImportJobs
 from app.sessions.worker import Workers
 from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.telemetry import Event, Snapshot, Source
+from app.telemetry.aging import aged
+from app.telemetry.measurement import STALE_S
 from app.words import Message
 
 
@@ -74,6 +77,7 @@ class Service:
     retention: Retention
     season: SeasonLake
     fetches: FetchJobs
+    followers: Followers
     imports: ImportJobs
     passports: PassportKeeper
     black_boxes: BlackBoxRecorder
@@ -97,6 +101,7 @@ class Service:
         self.live.start()
         self.retention.start()
         self.season.start()
+        self.followers.start()
         if self.mqtt is not None:
             self.mqtt.start()
         self.jobs.submit(self._open_links)
@@ -111,6 +116,7 @@ class Service:
         self.replay.stop()
         self.retention.stop()
         self.season.stop()
+        self.followers.stop()
         self.links.close()
         self.live.stop()
         self.learned_state.save()
@@ -260,6 +266,22 @@ def make_service(
         ),
         after_publishing=(learned_state.on_output,),
     )
+
+    def live_waits() -> bool:
+        age_s = None if live.snapshot is None else aged(live.snapshot, clock.monotonic_ns()).age_s.voltage
+        return age_s is not None and STALE_S <= age_s < MOST_YIELD_S
+
+    followers = [
+        Follower(
+            remote,
+            sessions_folder,
+            clock,
+            order=settings.recorder_order,
+            live_waits=live_waits,
+            note=partial(events.note, "info", "session-fetched"),
+        )
+        for remote in remotes_of(settings.recorder, settings.recorder_secret)
+    ]
     return Service(
         settings=settings,
         clock=clock,
@@ -275,6 +297,7 @@ def make_service(
         retention=retention,
         season=season,
         fetches=FetchJobs(sessions_folder, catalogue, events.note, clock),
+        followers=Followers(followers),
         imports=ImportJobs(data, pipelines.for_import, events.note, workers, battery),
         passports=passports,
         black_boxes=black_boxes,

@@ -1,16 +1,36 @@
-"""Sessions from elsewhere: fetched from a recorder in the car."""
+"""Sessions from elsewhere: fetched from a recorder in the car; and, in the car, what such a service asks for."""
 
+import hashlib
+from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import asdict
-from typing import Any
+from itertools import islice
+from typing import Annotated, Any
 
-from fastapi import APIRouter
+import orjson
+from fastapi import APIRouter, Query
+from fastapi.responses import StreamingResponse
 from pydantic import Field, SecretStr
 
 from app.api.encoding.words import message_json, messages_json
+from app.api.schemas.copies import CopiesOut, HeadOut, OffersOut
 from app.api.schemas.sessions import FetchStateOut
-from app.api.web.dependencies import EventsPart, FetchesPart, UserDep
+from app.api.sessions.routes import open_session
+from app.api.web.dependencies import (
+    CataloguePart,
+    EventsPart,
+    FetchesPart,
+    FollowersPart,
+    RecorderPart,
+    SettingsPart,
+    UserDep,
+)
 from app.api.web.request_body import Body
+from app.sessions.storage.queries import StoredSession
 from app.sessions.transfer.fetch import Remote
+from app.sessions.transfer.fill import is_own
+from app.sessions.transfer.pieces import head_of, n_pieces, read_piece
+from app.sessions.transfer.session_copy import SessionCopy
 from app.words import Message
 
 router = APIRouter(tags=["sessions"])
@@ -46,3 +66,68 @@ def fetch(body: FetchIn, events: EventsPart, fetches: FetchesPart, user: UserDep
     state = fetches.start(remote, body.sessions, fill=body.fill)
     events.note("info", "fetch", Message("fetch-started", url=remote.url), user.name)
     return _answer(state)
+
+
+@router.get("/copies", response_model=CopiesOut)
+def copies(settings: SettingsPart, followers: FollowersPart) -> dict[str, Any]:
+    """Sessions of the recorders that are followed (`--recorder`), and which stretches of them are not here yet."""
+    return {
+        "recorders": [asdict(each) | message_json("error", each.error) for each in followers.states()],
+        "copies": [copy.state() for copy in SessionCopy.all_in(settings.data / "sessions")],
+    }
+
+
+@router.get("/pieces", response_model=OffersOut)
+def offers(
+    catalogue: CataloguePart, recorder: RecorderPart, newest: Annotated[int, Query(ge=1, le=1000)] = 20
+) -> dict[str, Any]:
+    """Of the newest sessions that were recorded here, how many pieces of ten seconds there are."""
+    recording = None if recorder.session is None else recorder.session.id
+    return {
+        "sessions": [
+            {
+                "id": info.id,
+                "started": info.started_wall_ns / 1e9,
+                "bytes": info.size_bytes,
+                "recording": info.id == recording,
+                "pieces": n_pieces(info, is_recording=info.id == recording),
+            }
+            for info in islice(filter(is_own, catalogue.list()), newest)
+        ]
+    }
+
+
+@router.get("/sessions/{session_id}/head", response_model=HeadOut)
+def head(session_id: str, catalogue: CataloguePart, recorder: RecorderPart) -> dict[str, Any]:
+    """What there is to know of a session beside its rows."""
+    with open_session(catalogue, session_id) as session:
+        is_recording = recorder.session is not None and recorder.session.id == session_id
+        return head_of(session, session.info, is_recording=is_recording)
+
+
+@router.get("/sessions/{session_id}/pieces", response_class=StreamingResponse)
+def pieces(
+    session_id: str,
+    catalogue: CataloguePart,
+    recorder: RecorderPart,
+    first: Annotated[int, Query(ge=0, le=1_000_000)],
+    count: Annotated[int, Query(ge=1, le=64)] = 1,
+    descending: bool = False,
+) -> StreamingResponse:
+    """Pieces of a session behind each other: a line of JSON (`piece`, `bytes`, `sha256`), then so many bytes."""
+    is_recording = recorder.session is not None and recorder.session.id == session_id
+    with open_session(catalogue, session_id) as session:
+        info = session.info
+    there = n_pieces(info, is_recording=is_recording)
+    wanted = range(first, first - count, -1) if descending else range(first, first + count)
+
+    def body() -> Iterator[bytes]:
+        for number in wanted:
+            if 0 <= number < there:
+                with catalogue.open(session_id) as session, closing(StoredSession(session.path)) as stored:
+                    is_last = not is_recording and number == there - 1
+                    piece = read_piece(session, stored, info, number, is_last=is_last)
+                digest = hashlib.sha256(piece).hexdigest()
+                yield orjson.dumps({"piece": number, "bytes": len(piece), "sha256": digest}) + b"\n" + piece
+
+    return StreamingResponse(body(), media_type="application/octet-stream")

@@ -38,6 +38,7 @@ from app.sessions.catalogue import Catalogue
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.sessions.replay import ReplayPlayer
 from app.sessions.transfer.fetch_jobs import FetchJobs
+from app.sessions.transfer.follow import Followers
 from app.sessions.transfer.import_jobs import ImportJobs
 from app.sessions.worker import Workers
 from app.sources.connections import Setup
@@ -138,6 +139,7 @@ ConfigurationPart = Annotated[ConfigurationWriter, _from_service("configuration"
 DrillPart = Annotated[Drill, Depends(_drill)]
 EventsPart = Annotated[Events, _from_service("events")]
 FleetPart = Annotated[Fleet, Depends(_fleet)]
+FollowersPart = Annotated[Followers, _from_service("followers")]
 FetchesPart = Annotated[FetchJobs, _from_service("fetches")]
 HealthPart = Annotated[Health, _from_service("health")]
 ImportsPart = Annotated[ImportJobs, _from_service("imports")]

@@ -1,11 +1,16 @@
 """`voltwall sessions fetch` and `fill`: what another recorder of the same car has."""
 
 import argparse
+import json
 import os
 import sys
+import threading
+from pathlib import Path
+from typing import Any
 
 from app.clock import Clock
 from app.commands.session_commands.selection import (
+    add_json_argument,
     add_session_argument,
     catalogue,
     data_folder,
@@ -15,6 +20,11 @@ from app.commands.session_commands.selection import (
 from app.sessions.transfer.fetch import Remote
 from app.sessions.transfer.fetch_jobs import Fetch, FetchState
 from app.sessions.transfer.fill import fill_gaps
+from app.sessions.transfer.follow import Follower
+from app.sessions.transfer.session_copy import SessionCopy
+
+BAR = 40  # characters
+LOOK_S = 2.0
 
 
 def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -24,7 +34,8 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     )
     fetch.epilog = (
         "They are called LABEL-ID here. A transfer that was cut off goes on, and gaps of the sessions recorded here\n"
-        "are filled. The other service's password in VOLTWALL_REMOTE_PASSWORD."
+        "are filled. With --follow it ends by Ctrl-C, and goes on when it is started again.\n"
+        "The other service's password in VOLTWALL_REMOTE_PASSWORD."
     )
     fetch.add_argument("url", metavar="URL", help="the other service, as http://car.local:8000")
     fetch.add_argument("--label", default="", help="what its sessions are called here (default: its host name)")
@@ -32,6 +43,16 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         "--only", action="append", default=[], metavar="ID", help="this session, even while it is recorded"
     )
     fetch.add_argument("--no-fill", action="store_true", help="leave the sessions recorded here as they are")
+    fetch.add_argument(
+        "--follow",
+        action="store_true",
+        help="go on for ever, piece by piece, also with what is being recorded: over a radio that loses much",
+    )
+    fetch.add_argument(
+        "--order", choices=("oldest", "newest"), default="oldest", help="with --follow: which pieces come first"
+    )
+    missing = new_action(actions, "missing", "what is still missing of the sessions that are followed", _missing)
+    add_json_argument(missing)
     fill = new_action(actions, "fill", "put into a session what its link lost and another recorder has", _fill)
     add_session_argument(fill)
     fill.add_argument(
@@ -42,10 +63,52 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 def _fetch(args: argparse.Namespace) -> int:
     remote = Remote(args.url, label=args.label, password=os.environ.get("VOLTWALL_REMOTE_PASSWORD"))
     folder = data_folder(args) / "sessions"
+    if args.follow:
+        return _follow(Follower(remote, folder, Clock(), order=args.order, note=print), folder)
     shown = _Progress()
     done = Fetch(remote, folder, catalogue(args), Clock(), shown.show).run(args.only, fill=not args.no_fill)
     print(f"{len(done.fetched)} fetched, {done.already_here} were here")
     return 0
+
+
+def _follow(follower: Follower, folder: Path) -> int:
+    """Follow until Ctrl-C; a line whenever something changed."""
+    ending = threading.Event()
+    thread = threading.Thread(target=follower.run, args=(ending,), name="follow", daemon=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    thread.start()
+    before: list[str] = []
+    try:
+        while thread.is_alive():
+            lines = [_line(copy.state()) for copy in SessionCopy.all_in(folder)]
+            if follower.state.error is not None:
+                lines.append(str(follower.state.error))
+            if lines != before:
+                print("\n".join(lines), flush=True)
+            before = lines
+            thread.join(LOOK_S)
+    except KeyboardInterrupt:
+        ending.set()
+    return 0
+
+
+def _missing(args: argparse.Namespace) -> int:
+    states = [copy.state() for copy in SessionCopy.all_in(data_folder(args) / "sessions")]
+    print(json.dumps(states, indent=2) if args.json else "\n".join(map(_line, states)) or "nothing is missing")
+    return 0
+
+
+def _line(state: dict[str, Any]) -> str:
+    """A copy with its bar: what is here is full, what is missing is empty, a mixture half."""
+    length_s = max(state["pieces"] * state["piece_s"], 1e-9)
+    bar = ""
+    for step in range(BAR):
+        first_s, last_s = (state["started"] + length_s * edge / BAR for edge in (step, step + 1))
+        lacking_s = sum(max(0.0, min(end, last_s) - max(start, first_s)) for start, end in state["missing"])
+        share = lacking_s / (last_s - first_s)
+        bar += "█" if share < 0.01 else "░" if share > 0.99 else "▒"
+    what = "being recorded" if state["recording"] else "recorded"
+    return f"{state['id']:28} {bar} {state['missing_s']:.0f} s of {length_s:.0f} s missing, {what}"
 
 
 def _fill(args: argparse.Namespace) -> int:

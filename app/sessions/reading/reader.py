@@ -173,11 +173,13 @@ class SessionFile:
             ((tail,),) = self._stored.rows("SELECT count(*) FROM frames WHERE id > ? AND NOT ok", (last,))
         return int(stored) + int(tail)
 
-    def estimates(self) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
-        """Yield every estimate: monotonic time [ns], the master's clock [ms], (n_cells,) SOC and sigma."""
+    def estimates(
+        self, t_from_s: float | None = None, t_to_s: float | None = None
+    ) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
+        """Yield the estimates of a range: monotonic time [ns], the master's clock [ms], (n_cells,) SOC and sigma."""
         n_cells = self.battery.n_cells
         wanted = [self.signals.find(f"{name}[{cell}]") for name in ESTIMATES for cell in range(n_cells)]
-        for block in self.blocks(wanted):
+        for block in self.blocks(wanted, t_from_s, t_to_s):
             found = {column.field: column for column in block.columns}
             if len(found) == len(ESTIMATES):
                 track = found[ESTIMATES[0]].track

@@ -92,6 +92,12 @@ class StoredSession:
                 return
             first = rows[-1][0] + 1
 
+    def rows_between(self, table: str, columns: str, first_ns: int, end_ns: int) -> tuple[int, list[tuple[Any, ...]]]:
+        """Return the id of the first row at or after `first_ns`, and all rows from it that are before `end_ns`."""
+        with self.consistent():
+            first, end = self._first_id_at(table, first_ns), self._first_id_at(table, end_ns)
+            return first, self.rows(f"SELECT {columns} FROM {table} WHERE id >= ? AND id < ? ORDER BY id", (first, end))
+
     def part_of_column(self, column_id: int, start: int, end: int) -> bytes:
         """Return some bytes of a column's data without reading the others."""
         with (

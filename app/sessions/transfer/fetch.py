@@ -8,7 +8,7 @@ import re
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -21,10 +21,16 @@ from app.sessions.storage.files import FETCHED, SUFFIX
 from app.words import Message, Text
 
 TIMEOUT_S = 15.0
+PIECES_TIMEOUT_S = 60.0  # over a link that loses much: TCP tries again after 1, 3, 7, 15, 31 s
 ATTEMPTS = 5  # in a row without a single byte
 PAUSE_S = 0.5  # before the second attempt; twice as long before each further one
 PIECE_BYTES = 1 << 16
 LIST_BYTES = 32 << 20  # of a list of sessions; a season's has less than one
+_HEAD = {  # what a head has to hold
+    "id": str, "name": str, "voltwall": str, "map_hash": str, "metadata": dict, "start_mono_ns": int,
+    "start_wall_ns": int, "closed": bool, "recording": bool, "pieces": int, "bytes": int, "frames": int,
+    "can_frames": int, "battery_files": list,
+}  # fmt: skip
 Progress = Callable[[int, int], None]  # bytes here, bytes in all
 
 
@@ -90,7 +96,11 @@ class Remote:
 
     def local_id(self, session: RemoteSession) -> str:
         """What a session of it is called here."""
-        return f"{self.label}-{session.id}"
+        return self.label_of(session.id)
+
+    def label_of(self, session_id: str) -> str:
+        """What the session of this id is called here."""
+        return f"{self.label}-{session_id}"
 
     def is_fetched(self, session: RemoteSession, folder: Path) -> bool:
         """Whether it was fetched as it is there."""
@@ -107,8 +117,10 @@ class Remote:
             FetchFailed: the connection broke again and again, or the bytes are not those that the other side has. What
                 came is kept for the next time, unless it is wrong.
         """
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,80}", session.id):
-            raise FetchFailed(self.url, Message("bad-session-name", name=repr(session.id[:40])))
+        try:
+            _session_id(session.id)
+        except ValueError as error:
+            raise FetchFailed(self.url, Message("bad-session-name", name=repr(session.id[:40]))) from error
         path, note = self._paths(session, folder)
         part = path.with_name(path.name + ".part")
         folder.mkdir(parents=True, exist_ok=True)
@@ -144,6 +156,66 @@ class Remote:
         note.write_text(str(session.size_bytes))
         return path
 
+    def offers(self) -> list[dict[str, Any]]:
+        """Return the newest sessions of which it gives pieces: `id`, `pieces`, `bytes`, `recording`.
+
+        Raises:
+            FetchFailed: it does not answer, or not as a voltwall that does this.
+        """
+        told = self._json("pieces")
+        try:
+            return [
+                {"id": _session_id(each["id"]), "pieces": int(each["pieces"]), "bytes": int(each["bytes"]),
+                 "started": float(each["started"]), "recording": bool(each["recording"])}
+                for each in told["sessions"]
+            ]  # fmt: skip
+        except (ValueError, KeyError, TypeError, OverflowError) as error:
+            raise FetchFailed(self.url, Message("no-voltwall")) from error
+
+    def head(self, session_id: str) -> dict[str, Any]:
+        """Return what there is to know of a session beside its rows.
+
+        Raises:
+            FetchFailed: it does not answer, or not as a voltwall that does this.
+        """
+        told = self._json(f"sessions/{_session_id(session_id)}/head")
+        if not isinstance(told, dict) or any(not isinstance(told.get(name), kind) for name, kind in _HEAD.items()):
+            raise FetchFailed(self.url, Message("no-voltwall"))
+        return told
+
+    def pieces(self, session_id: str, first: int, count: int, *, descending: bool) -> Iterator[tuple[int, str, bytes]]:
+        """Yield number, SHA-256 and bytes of pieces as they come, from `first` up or down.
+
+        Raises:
+            FetchFailed: it does not answer, or not as it should; what came is good all the same.
+        """
+        order = "true" if descending else "false"
+        path = f"sessions/{_session_id(session_id)}/pieces?first={first}&count={count}&descending={order}"
+        try:
+            with self._open(path, {}, PIECES_TIMEOUT_S) as answer:
+                while line := answer.readline(1000):
+                    told = json.loads(line)
+                    size = int(told["bytes"])
+                    if not 0 <= size <= LIST_BYTES:
+                        raise FetchFailed(self.url, Message("no-voltwall"))
+                    body = answer.read(size)
+                    if len(body) < size:
+                        raise FetchFailed(self.url, Message("cut-off"))
+                    yield int(told["piece"]), str(told["sha256"]), body
+        except (OSError, http.client.HTTPException) as error:
+            raise FetchFailed(self.url, str(error) or type(error).__name__) from error
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+            raise FetchFailed(self.url, Message("no-voltwall")) from error
+
+    def _json(self, path: str) -> Any:
+        try:
+            with self._open(path, {}, PIECES_TIMEOUT_S) as answer:
+                return json.loads(answer.read(LIST_BYTES))
+        except (OSError, http.client.HTTPException) as error:
+            raise FetchFailed(self.url, str(error) or type(error).__name__) from error
+        except (ValueError, RecursionError) as error:
+            raise FetchFailed(self.url, Message("no-voltwall")) from error
+
     def _failed(self, session: RemoteSession, reason: Text) -> FetchFailed:
         return FetchFailed(self.url, Message("of-source", source=session.id, reason=reason))
 
@@ -173,11 +245,11 @@ class Remote:
                 raise ConnectionError("the connection ended early")
             return _digest(answer.headers.get("Repr-Digest", ""))
 
-    def _open(self, path: str, headers: dict[str, str]) -> Any:
+    def _open(self, path: str, headers: dict[str, str], timeout_s: float = TIMEOUT_S) -> Any:
         request = urllib.request.Request(f"{self.url}/api/v1/{path}", headers=headers)
         if self._password is not None:
             request.add_header("Authorization", "Basic " + base64.b64encode(f":{self._password}".encode()).decode())
-        return _OPENER.open(request, timeout=TIMEOUT_S)
+        return _OPENER.open(request, timeout=timeout_s)
 
 
 class _SameServer(urllib.request.HTTPRedirectHandler):
@@ -204,6 +276,17 @@ def _copy(answer: Any, file: IO[bytes], start: int, total: int, on_progress: Pro
         file.write(piece)
         done += len(piece)
         on_progress(done, total)
+
+
+def _session_id(told: object) -> str:
+    """A session's name, which is a part of a path on both sides.
+
+    Raises:
+        ValueError: it can be none.
+    """
+    if not isinstance(told, str) or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,80}", told):
+        raise ValueError(told)
+    return told
 
 
 def _size(path: Path) -> int:

@@ -107,9 +107,14 @@ def fill_from(catalogue: Catalogue, fetched: Path, *, t_wall_ns: int) -> list[Me
     return done
 
 
+def is_own(info: SessionInfo) -> bool:
+    """Whether a session was recorded here, not brought from another service."""
+    return not info.path.with_name(info.path.name + FETCHED).exists()
+
+
 def _candidates(catalogue: Catalogue, fetched: SessionInfo) -> list[SessionInfo]:
     """Sessions recorded here that can be of the same run; by time, unless one of the clocks was never set."""
-    own = [info for info in catalogue.list() if not info.path.with_name(info.path.name + FETCHED).exists()]
+    own = [info for info in catalogue.list() if is_own(info)]
     if fetched.started_wall_ns < CLOCK_IS_SET_NS:
         return own[:NEWEST]
     start_ns, end_ns = fetched.started_wall_ns - MARGIN_NS, (fetched.ended_wall_ns or 0) + MARGIN_NS

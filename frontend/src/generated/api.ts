@@ -559,6 +559,24 @@ export interface Connections {
   battery: string;
 }
 
+/** Newest first; what is all here is a session as any other. */
+export interface Copies {
+  recorders: RecorderFollowed[];
+  copies: Copy[];
+}
+
+/** A session that is not all here; `missing` are stretches of unix time, of `pieces` pieces of `piece_s` each. */
+export interface Copy {
+  id: string;
+  name: string;
+  started: number;
+  recording: boolean;
+  piece_s: number;
+  pieces: number;
+  missing: [number, number][];
+  missing_s: number;
+}
+
 /** How many cells are counted with a learned capacity and resistance; the factors are against the cell file. */
 export interface CountedWith {
   capacity_cells: number;
@@ -839,6 +857,27 @@ export interface Fleet {
 export interface Found {
   url: string;
   description: string;
+}
+
+/** A session without its rows; `battery_files` are names and base64, empty for the team's own battery. */
+export interface Head {
+  id: string;
+  name: string;
+  voltwall: string;
+  map_hash: string;
+  metadata: Record<string, unknown>;
+  start_mono_ns: number;
+  start_wall_ns: number;
+  end_mono_ns: number | null;
+  end_wall_ns: number | null;
+  closed: boolean;
+  recording: boolean;
+  pieces: number;
+  bytes: number;
+  frames: number;
+  can_frames: number;
+  cell_file: string | null;
+  battery_files: [string, string][];
 }
 
 /** Whether the service does its work; `reasons` says what is missing. */
@@ -1183,6 +1222,20 @@ export interface Odd {
   unit: string;
 }
 
+/** A session, and how many pieces of ten seconds of it are on the disk. */
+export interface Offer {
+  id: string;
+  started: number;
+  bytes: number;
+  recording: boolean;
+  pieces: number;
+}
+
+/** Newest first. */
+export interface Offers {
+  sessions: Offer[];
+}
+
 /** What else it could be; cell and pack count from 0. */
 export interface OtherCause {
   code: string;
@@ -1383,6 +1436,15 @@ export interface Reader {
   role: 'engineer' | 'viewer' | null;
   address: string;
   since: number;
+}
+
+/** A recorder whose sessions are copied; `heard_s` is the unix time of its last answer. */
+export interface RecorderFollowed {
+  url: string;
+  is_reached: boolean;
+  error: string | null;
+  error_words: Words | null;
+  heard_s: number | null;
 }
 
 /** How the recorder does. */

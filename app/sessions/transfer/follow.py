@@ -1,0 +1,220 @@
+"""Keeps copies of a recorder's sessions over a link that breaks, also of the one being recorded.
+
+What is missing is fetched piece by piece whenever the link allows, and after what is shown live.
+"""
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from app.clock import Clock
+from app.errors import AppError, ConfigError, message_of
+from app.sessions.catalogue import Catalogue
+from app.sessions.storage.files import FETCHED, SUFFIX
+from app.sessions.transfer.fetch import Remote
+from app.sessions.transfer.fill import fill_from
+from app.sessions.transfer.session_copy import SessionCopy
+from app.words import Message, Text
+
+Order = Literal["oldest", "newest"]
+LIST_S = 5.0  # twice while a piece of what is being recorded grows
+MOST_AT_ONCE = 32  # pieces in one request: a long way costs once, and a cut takes no more than the piece under way
+PAUSE_MIN_S, PAUSE_MAX_S = 0.5, 10.0  # after a failure
+YIELD_S = 0.2  # the live view is looked at again so soon
+MOST_YIELD_S = 10.0  # a live view that is late for longer is late for another reason
+FRESH_PIECES = 30  # a session is made of what is here after so many, or a quarter more than before
+
+
+@dataclass(frozen=True, slots=True)
+class FollowState:
+    """How it goes with one recorder."""
+
+    url: str
+    is_reached: bool = False
+    error: Text | None = None
+    heard_s: float | None = None  # unix time of its last answer
+
+
+class Follower:
+    """Follows one recorder. One thread calls `step` or `run`; any thread reads `state`."""
+
+    def __init__(
+        self,
+        remote: Remote,
+        folder: Path,
+        clock: Clock,
+        *,
+        order: Order = "oldest",
+        live_waits: Callable[[], bool] = lambda: False,
+        note: Callable[[Message], None] = lambda _: None,
+    ) -> None:
+        """Only keep what is given.
+
+        Args:
+            remote: the recorder.
+            folder: of the sessions here.
+            clock: of this machine.
+            order: which of the missing pieces come first.
+            live_waits: whether what is shown live is late, so that nothing else may use the link.
+            note: told of every session that is whole, and of what was filled from it.
+        """
+        self.remote = remote
+        self.state = FollowState(remote.url)
+        self._folder = folder
+        self._clock = clock
+        self._is_newest_first = order == "newest"
+        self._live_waits = live_waits
+        self._note = note
+        self._copies: dict[str, SessionCopy] = {}  # by the recorder's id; those that are not whole
+        self._built: dict[str, int] = {}  # pieces in the session that was made last
+        self._listed_s: float | None = None
+        self._at_once = 1
+
+    def run(self, ending: threading.Event) -> None:
+        """Follow until `ending` is set, whatever happens to the link."""
+        pause_s = PAUSE_MIN_S
+        while not ending.is_set():
+            try:
+                has_more = self.step(ending)
+            except Exception as error:  # noqa: BLE001  whatever it is, the next attempt goes on from here
+                self._at_once = 1
+                self._listed_s = None
+                self.state = FollowState(self.remote.url, False, message_of(error), self.state.heard_s)
+                ending.wait(pause_s)
+                pause_s = min(2 * pause_s, PAUSE_MAX_S)
+                continue
+            pause_s = PAUSE_MIN_S
+            if not has_more:
+                ending.wait(LIST_S / 4)
+
+    def step(self, ending: threading.Event | None = None) -> bool:
+        """Ask for the list where that is due, and for one stretch of pieces; whether anything is still missing.
+
+        Raises:
+            FetchFailed: the link broke, or what came is wrong; every piece before that is kept.
+        """
+        now_s = self._clock.monotonic_s()
+        if self._listed_s is None or now_s - self._listed_s >= LIST_S:
+            self._list()
+            self._listed_s = now_s
+        chosen = self._choose()
+        if chosen is None:
+            return False
+        session_id, copy, first, count = chosen
+        try:
+            for number, digest, body in self.remote.pieces(session_id, first, count, descending=self._is_newest_first):
+                copy.put(number, body, digest)
+                self._heard()
+                self._let_live_pass(ending)
+                if ending is not None and ending.is_set():
+                    return True
+        except ValueError as error:
+            raise AppError(Message("piece-refused", session=copy.id, error=str(error))) from error
+        self._at_once = min(2 * self._at_once, MOST_AT_ONCE)
+        self._build_if_due(session_id, copy)
+        return self._choose() is not None
+
+    def _list(self) -> None:
+        offers = self.remote.offers()
+        self._heard()
+        for offer in sorted(offers, key=lambda each: float(each["started"]), reverse=self._is_newest_first):
+            session_id = offer["id"]
+            copy = self._copies.get(session_id) or SessionCopy(self._folder, self.remote.label_of(session_id))
+            if self._is_here(copy.id, offer):
+                self._copies.pop(session_id, None)
+                continue
+            head = copy.head
+            if head and head["recording"] and offer["recording"]:
+                copy.note_head(head | {"pieces": offer["pieces"]})
+            elif not head or head["recording"] or head["bytes"] != offer["bytes"]:
+                copy.note_head(self.remote.head(session_id))
+            self._copies[session_id] = copy
+            self._build_if_due(session_id, copy)
+
+    def _is_here(self, local_id: str, offer: dict[str, Any]) -> bool:
+        note = self._folder / f"{local_id}{SUFFIX}{FETCHED}"
+        try:
+            return not offer["recording"] and int(note.read_text()) == offer["bytes"]
+        except (OSError, ValueError):
+            return False
+
+    def _choose(self) -> tuple[str, SessionCopy, int, int] | None:
+        """Session, its copy, first piece and how many of the stretch that comes next."""
+        copies = sorted(
+            self._copies.items(), key=lambda each: int(each[1].head["start_wall_ns"]), reverse=self._is_newest_first
+        )
+        for session_id, copy in copies:
+            missing = copy.missing()
+            if missing:
+                first, last = missing[-1] if self._is_newest_first else missing[0]
+                count = min(last - first + 1, self._at_once)
+                return session_id, copy, last if self._is_newest_first else first, count
+        return None
+
+    def _build_if_due(self, session_id: str, copy: SessionCopy) -> None:
+        here = len(copy.have())
+        if copy.is_whole():
+            path = copy.build()
+            self._copies.pop(session_id, None)
+            self._note(Message("session-fetched", session=copy.id, url=self.remote.url))
+            for message in fill_from(Catalogue(self._folder), path, t_wall_ns=self._clock.wall_ns()):
+                self._note(message)
+        elif here - self._built.get(session_id, 0) >= max(FRESH_PIECES, self._built.get(session_id, 0) // 4):
+            copy.build()
+            self._built[session_id] = here
+
+    def _let_live_pass(self, ending: threading.Event | None) -> None:
+        waited_s = 0.0
+        while self._live_waits() and waited_s < MOST_YIELD_S:
+            (ending or threading.Event()).wait(YIELD_S)
+            waited_s += YIELD_S
+
+    def _heard(self) -> None:
+        self.state = FollowState(self.remote.url, True, None, self._clock.wall_ns() / 1e9)
+
+
+class Followers:
+    """All recorders of the settings, each followed in a thread of its own."""
+
+    def __init__(self, followers: Sequence[Follower]) -> None:
+        self._followers = tuple(followers)
+        self._ending = threading.Event()
+        self._threads = [
+            threading.Thread(target=each.run, args=(self._ending,), name="follow", daemon=True) for each in followers
+        ]
+
+    def start(self) -> None:
+        """Begin."""
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End, each after the piece under way; one that waits for a broken link is left behind."""
+        self._ending.set()
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join(timeout=1.0)
+
+    def states(self) -> list[FollowState]:
+        """How it goes with each of them."""
+        return [each.state for each in self._followers]
+
+
+def remotes_of(setting: str | None, password: str | None) -> list[Remote]:
+    """Return the recorders of a setting like `red=http://red.local:8000,http://10.0.0.7:8000`.
+
+    Raises:
+        ConfigError: one of them is no URL, or its label cannot be one.
+    """
+    found = []
+    for each in (setting or "").split(","):
+        label, _, url = each.strip().rpartition("=")
+        if not url:
+            continue
+        try:
+            found.append(Remote(url, label=label, password=password))
+        except ConfigError as error:
+            raise ConfigError("recorder", each.strip(), error.limit) from error
+    return found

@@ -1,0 +1,127 @@
+"""A radio between pit and car as a forwarder on a port of its own: late, losing, narrow, and sometimes not there.
+
+It stands for TCP over such a radio: what is lost is sent again after a round trip, twice as long each further time, and
+what comes behind it waits. All connections share the rate.
+"""
+
+import asyncio
+import contextlib
+import random
+import threading
+
+SEGMENT = 1400  # bytes of a packet
+MOST_RETRIES = 6
+
+
+class BadRadio:
+    """Forwards to a port of loopback; `cut` and `mend` may be called from any thread."""
+
+    def __init__(
+        self,
+        target: tuple[str, int],
+        *,
+        latency_s: float = 0.0,
+        loss: float = 0.0,
+        rate_bytes_s: float | None = None,
+        seed: int = 1,
+    ) -> None:
+        """Start it.
+
+        Args:
+            target: host and port of the service behind it.
+            latency_s: of every packet, one way.
+            loss: share of packets that have to be sent again.
+            rate_bytes_s: of all connections together, None without limit.
+            seed: of the losses.
+        """
+        self._target = target
+        self._latency_s, self._loss, self._rate = latency_s, loss, rate_bytes_s
+        self._random = random.Random(seed)
+        self._free_s = 0.0  # when the air is free again
+        self._open: set[asyncio.StreamWriter] = set()
+        self._is_cut = self._hangs = False
+        self.bytes = 0
+        self.port = 0
+        self._loop = asyncio.new_event_loop()
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        assert self._ready.wait(10)
+        self.url = f"http://127.0.0.1:{self.port}"
+
+    def cut(self, *, hangs: bool = False) -> None:
+        """Nothing passes any more; what is open breaks, and what is tried is refused, or hangs as on a real radio."""
+        self._is_cut, self._hangs = True, hangs
+        self._loop.call_soon_threadsafe(self._break_all)
+
+    def mend(self) -> None:
+        """Connections that were made from now on pass."""
+        self._is_cut = False
+        self._loop.call_soon_threadsafe(self._break_all)  # those that were tried meanwhile
+
+    def close(self) -> None:
+        """End it."""
+        self._loop.call_soon_threadsafe(self._break_all)
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(5)
+
+    def _break_all(self) -> None:
+        for writer in self._open:
+            writer.transport.abort()
+        self._open.clear()
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        server = self._loop.run_until_complete(asyncio.start_server(self._serve, "127.0.0.1", 0))
+        self.port = server.sockets[0].getsockname()[1]
+        self._ready.set()
+        self._loop.run_forever()
+        server.close()
+        for task in asyncio.all_tasks(self._loop):
+            task.cancel()
+        self._loop.run_until_complete(asyncio.sleep(0))
+        self._loop.close()
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._open.add(writer)
+        if self._is_cut:
+            if not self._hangs:
+                writer.transport.abort()
+            return
+        with contextlib.suppress(OSError):
+            there_reader, there_writer = await asyncio.open_connection(*self._target)
+            self._open.add(there_writer)
+            await asyncio.gather(self._carry(reader, there_writer), self._carry(there_reader, writer))
+        self._open.discard(writer)
+
+    async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        queue: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue(64)  # what is in the air
+        clock = self._loop.time
+
+        async def deliver() -> None:
+            while True:
+                due_s, data = await queue.get()
+                await asyncio.sleep(max(0.0, due_s - clock()))
+                if not data:
+                    break
+                writer.write(data)
+                await writer.drain()
+            writer.close()
+
+        task = asyncio.ensure_future(deliver())
+        due_s = 0.0
+        with contextlib.suppress(OSError):
+            while data := await reader.read(SEGMENT):
+                if self._rate is not None:
+                    self._free_s = max(self._free_s, clock()) + len(data) / self._rate
+                    await asyncio.sleep(self._free_s - clock())
+                again = 0
+                while again < MOST_RETRIES and self._random.random() < self._loss:
+                    again += 1
+                way_s = self._latency_s + 2 * self._latency_s * (2**again - 1)
+                due_s = max(due_s, clock() + way_s)
+                self.bytes += len(data)
+                await queue.put((due_s, data))
+        await queue.put((due_s, b""))
+        with contextlib.suppress(OSError, asyncio.CancelledError):
+            await task

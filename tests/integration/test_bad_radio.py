@@ -1,0 +1,58 @@
+"""A recorder is followed over a radio that loses, is late and is cut while it records: nothing is lost.
+
+The service follows itself through the radio: it is the recorder in the car, and the pit that copies it.
+"""
+
+import socket
+from contextlib import closing
+
+import pytest
+
+from app.sessions.reading.reader import SessionFile
+from tests.bad_radio import BadRadio
+from tests.service_process import until
+
+
+@pytest.fixture
+def radio():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with closing(BadRadio(("127.0.0.1", port), latency_s=0.02, loss=0.3, seed=3)) as radio:
+        radio.target_port = port
+        yield radio
+
+
+def test_a_session_that_was_recorded_while_the_radio_was_cut_is_whole_in_the_end(radio, make_service):
+    recorder = ("--recorder", f"car={radio.url}", "--recorder-order", "newest")
+    service = make_service("--seed", "1", "--port", str(radio.target_port), *recorder)
+    with service.client() as client:
+
+        def told() -> dict:
+            return client.get("/copies").json()
+
+        def sessions() -> dict[str, dict]:
+            return {each["id"]: each for each in client.get("/sessions").json()["sessions"]}
+
+        until(lambda: any(copy["pieces"] and copy["missing_s"] == 0 for copy in told()["copies"]))
+        assert told()["recorders"] == [
+            {"url": radio.url, "is_reached": True, "error": None, "error_words": None}
+            | {"heard_s": told()["recorders"][0]["heard_s"]}
+        ]
+        (copy,) = told()["copies"]
+        session_id = copy["id"].removeprefix("car-")
+        assert copy["recording"]
+        assert copy["id"] not in sessions()
+        radio.cut()
+        until(lambda: not told()["recorders"][0]["is_reached"])
+        assert told()["recorders"][0]["error"]
+        client.post(f"/sessions/{session_id}/stop")
+        until(lambda: sessions()[session_id]["closed"])
+        radio.mend()
+        until(lambda: copy["id"] in sessions() and copy["id"] not in {each["id"] for each in told()["copies"]})
+    folder = service.data / "sessions"
+    with SessionFile(folder / f"{session_id}.sqlite") as there, SessionFile(folder / f"{copy['id']}.sqlite") as here:
+        assert list(here.frames()) == list(there.frames())
+        assert list(here.can_frames()) == list(there.can_frames())
+        assert (here.info.is_closed, here.info.frames, here.problems()) == (True, there.info.frames, [])
+        assert here.events() == there.events()
