@@ -1,6 +1,6 @@
 # Everything a contributor types. Needs Python 3.11 and make; the rest is fetched from PyPI and npm into this folder.
 # Variables: PYTHON=python3.11, ARGS="--serial /dev/ttyUSB0" for `make run`, TESTS=tests/unit for `make test`,
-# WORKERS=1 for one test process instead of one per core and one, SHORT=1 for a short `make campaign`.
+# WORKERS=1 for one test process instead of two per core, SHORT=1 for a short `make campaign`.
 
 PYTHON ?= $(firstword $(foreach p,python3.11 python3.12 python3.13 python3,$(if $(shell command -v $p 2>/dev/null),$p)))
 ARGS ?=

@@ -1,4 +1,4 @@
-"""Runs what takes long: kills, power cuts, noise, a day of racing, every route, both engines, pages for minutes.
+"""Runs what takes long: many examples, kills, power cuts, noise, a day of racing, every route, pages for minutes.
 
 `make campaign` runs all of it, `make campaign SHORT=1` a part of each. Each prints what it found in one line. The tests
 are those of `make test` in a larger size (`tests/campaign.py`); the pages are measured by `benchmarks/pages.py`.

@@ -2,17 +2,27 @@
 
 import logging
 import selectors
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, TextIO
 from urllib.parse import parse_qsl
 
-import can
-
 from simulator.can_bus import PASSIVE, WARNING, CanBus, CanFrame
 from simulator.errors import PortError
 from simulator.ports import BytePort, byte_port
 from simulator.slcan import SlcanAdapter
+
+_hides_asammdf = "asammdf" not in sys.modules
+if (
+    _hides_asammdf
+):  # python-can imports it for files that nobody reads here, and with it pandas: a second of every start
+    sys.modules["asammdf"] = None  # type: ignore[assignment]
+try:
+    import can
+finally:
+    if _hides_asammdf:
+        del sys.modules["asammdf"]
 
 log = logging.getLogger(__name__)
 _BUS_ERROR, _OFF, _CONTROLLER = 0x80, 0x40, 0x04  # bits of an error frame's id (linux/can/error.h)

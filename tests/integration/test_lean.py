@@ -1,12 +1,15 @@
-"""What the service must not drag along."""
+"""What the service and its simulated car must not drag along."""
 
 import subprocess
 import sys
 
+import pytest
 
-def test_the_service_starts_without_the_libraries_of_its_exports():
+
+@pytest.mark.parametrize("program", ["app.api.application", "simulator.cli"])
+def test_it_starts_without_the_libraries_of_exports(program):
     code = (
-        "import sys, app.api.application; "
+        f"import sys, {program}; "
         "print(*[m for m in ('pandas', 'pyarrow', 'asammdf', 'scipy', 'matplotlib') if m in sys.modules])"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
