@@ -26,7 +26,7 @@ from app.api.live import routes as live
 from app.api.live import setup as first_steps
 from app.api.schemas.service import ProblemOut
 from app.api.sessions import analysis as debrief
-from app.api.sessions import imports, passport, recorder, season, transfer
+from app.api.sessions import imports, passport, recorder, season, season_cells, transfer
 from app.api.sessions import routes as sessions
 from app.api.web import login as session_login
 from app.api.web import problems
@@ -191,6 +191,7 @@ def api_routes() -> APIRouter:
         live,
         passport,
         season,
+        season_cells,
         recorder,
         session_login,
         sessions,

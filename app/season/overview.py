@@ -24,7 +24,7 @@ NEWEST: Final = 3  # sessions that say how a cell is now
 
 
 @dataclass(frozen=True)
-class Trend:
+class SeasonTrend:
     """A line: per month with the ends of its band of 95 %, and where it is now; fractions of new."""
 
     now: float
@@ -36,7 +36,7 @@ class Trend:
 
 
 @dataclass(frozen=True)
-class StepSeen:
+class SeasonStep:
     """From `session` on a quantity lies higher by `size`, a fraction of new; `p` after the tests of all cells."""
 
     session: str
@@ -56,27 +56,27 @@ class CellRank:
     resistance: float | None  # against the median cell
     capacity: float | None  # against the median cell
     self_discharge_per_day: float | None
-    resistance_trend: Trend | None
-    capacity_trend: Trend | None
-    resistance_step: StepSeen | None
+    resistance_trend: SeasonTrend | None
+    capacity_trend: SeasonTrend | None
+    resistance_step: SeasonStep | None
     reasons: list[AnalysisFinding]
 
 
 @dataclass(frozen=True)
-class Overview:
+class SeasonOverview:
     """The accumulator by its median cell, and all cells, the one that limits soonest first."""
 
     sessions: int
     is_absolute: bool
     charge_ah: float
-    resistance: Trend | None
-    capacity: Trend | None
-    spread: Trend | None  # of resistance between cells, standard deviation
+    resistance: SeasonTrend | None
+    capacity: SeasonTrend | None
+    spread: SeasonTrend | None  # of resistance between cells, standard deviation
     cells: list[CellRank]
 
 
 @dataclass(frozen=True)
-class Curve:
+class SeasonCurve:
     """A quantity of one cell: what was measured, and the band of 95 % of the Gaussian process, also ahead."""
 
     time_s: list[float]
@@ -88,7 +88,7 @@ class Curve:
     high: list[float | None]
 
 
-def overview_of(history: CellHistory) -> Overview:
+def overview_of(history: CellHistory) -> SeasonOverview:
     """Return what a season says."""
     resistance, r_sigma = history.of("resistance")
     capacity, c_sigma = history.of("capacity")
@@ -104,7 +104,7 @@ def overview_of(history: CellHistory) -> Overview:
     ]
     none = np.zeros(len(history.sessions))
     spread = np.array([row[np.isfinite(row)].std() if np.isfinite(row).sum() > 1 else np.nan for row in relative])
-    return Overview(
+    return SeasonOverview(
         len(history.sessions),
         history.is_absolute,
         float(history.charge_ah[-1]) if len(history.charge_ah) else 0.0,
@@ -115,11 +115,11 @@ def overview_of(history: CellHistory) -> Overview:
     )
 
 
-def curve_of(history: CellHistory, cell: int, name: str) -> Curve:
+def curve_of(history: CellHistory, cell: int, name: str) -> SeasonCurve:
     """Return `resistance` or `capacity` of a cell, a fraction of new, up to AHEAD_DAYS ahead at the same use."""
     values, sigmas = history.of(name)
     if not len(history.sessions):
-        return Curve([], [], [], [], [], [], [])
+        return SeasonCurve([], [], [], [], [], [], [])
     days, charge = history.days, history.charge_ah
     asked = np.linspace(0.0, days[-1] + AHEAD_DAYS, CURVE_POINTS)
     pace = charge[-1] / days[-1] if days[-1] > 0.0 else 0.0
@@ -132,7 +132,7 @@ def curve_of(history: CellHistory, cell: int, name: str) -> Curve:
         np.where(asked <= days[-1], np.interp(asked, days, charge), charge[-1] + pace * (asked - days[-1])),
     )
     start_s = float(history.start_s[0])
-    return Curve(
+    return SeasonCurve(
         history.start_s.tolist(),
         listed(values[:, cell], 6),
         listed(sigmas[:, cell], 6),
@@ -150,7 +150,7 @@ def _rank(
     leak: float,
     r_line: Line | None,
     c_line: Line | None,
-    step: StepSeen | None,
+    step: SeasonStep | None,
 ) -> CellRank:
     shares = (resistance / RESISTANCE_HIGH, capacity / CAPACITY_LOW, leak / SELF_DISCHARGE_HIGH)
     said: list[Message] = []
@@ -181,17 +181,19 @@ def _rank(
     )
 
 
-def _trend(found: Line | None) -> Trend | None:
+def _trend(found: Line | None) -> SeasonTrend | None:
     if found is None:
         return None
     months = (found.per_day * MONTH_DAYS, found.low * MONTH_DAYS, found.high * MONTH_DAYS)
-    return Trend(found.now, *months, found.n, found.is_sure)
+    return SeasonTrend(found.now, *months, found.n, found.is_sure)
 
 
-def _seen(step: Step | None, history: CellHistory) -> StepSeen | None:
+def _seen(step: Step | None, history: CellHistory) -> SeasonStep | None:
     if step is None:
         return None
-    return StepSeen(history.sessions[step.at], float(history.start_s[step.at]), step.size, step.low, step.high, step.p)
+    return SeasonStep(
+        history.sessions[step.at], float(history.start_s[step.at]), step.size, step.low, step.high, step.p
+    )
 
 
 def _percent(fraction: float, digits: int = 1) -> Quantity:

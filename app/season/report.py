@@ -8,7 +8,7 @@ from typing import Final
 from app.analysis.document import page_of
 from app.battery.battery import Battery
 from app.season.cells.history import CellHistory
-from app.season.overview import Curve, Overview, curve_of, overview_of
+from app.season.overview import SeasonCurve, SeasonOverview, curve_of, overview_of
 from app.season.tags import tags_of
 from app.sessions.info import SessionInfo
 
@@ -27,12 +27,12 @@ class SeasonSession:
 
 
 @dataclass(frozen=True)
-class CellCurve:
+class SeasonCellCurves:
     """Both quantities of a cell over the season."""
 
     cell: int
-    resistance: Curve
-    capacity: Curve
+    resistance: SeasonCurve
+    capacity: SeasonCurve
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class SeasonReport:
     made_s: float
     voltwall: str
     sessions: list[SeasonSession]
-    overview: Overview
-    curves: list[CellCurve]
+    overview: SeasonOverview
+    curves: list[SeasonCellCurves]
 
 
 def session_of(info: SessionInfo) -> SeasonSession:
@@ -70,9 +70,9 @@ def season_report(
     )
 
 
-def curves_of(history: CellHistory, cell: int) -> CellCurve:
+def curves_of(history: CellHistory, cell: int) -> SeasonCellCurves:
     """Return both curves of a cell."""
-    return CellCurve(cell, curve_of(history, cell, "resistance"), curve_of(history, cell, "capacity"))
+    return SeasonCellCurves(cell, curve_of(history, cell, "resistance"), curve_of(history, cell, "capacity"))
 
 
 def season_document(report: SeasonReport, language: str = "en") -> str:

@@ -28,6 +28,7 @@ from app.live.can_trace import CanTrace
 from app.live.hub import Hub
 from app.live.learned_state import learned_file, load_learned_state
 from app.live.pipeline import Output
+from app.season.cells.keeper import SeasonKeeper
 from app.season.keeper import SeasonLake
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
@@ -76,6 +77,7 @@ class Service:
     catalogue: Catalogue
     retention: Retention
     season: SeasonLake
+    season_cells: SeasonKeeper
     fetches: FetchJobs
     followers: Followers
     imports: ImportJobs
@@ -121,6 +123,7 @@ class Service:
         self.live.stop()
         self.learned_state.save()
         self.jobs.shutdown(wait=True, cancel_futures=True)
+        self.season_cells.close()
         self.passports.close()
         self.black_boxes.close()
         self.recorder.close()
@@ -296,6 +299,7 @@ def make_service(
         catalogue=catalogue,
         retention=retention,
         season=season,
+        season_cells=SeasonKeeper(data, catalogue, passports, pipelines.cell),
         fetches=FetchJobs(sessions_folder, catalogue, events.note, clock),
         followers=Followers(followers),
         imports=ImportJobs(data, pipelines.for_import, events.note, workers, battery),

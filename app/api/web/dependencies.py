@@ -21,6 +21,7 @@ from app.configuration.profile_store import Profiles
 from app.configuration.safe_write import ConfigurationWriter
 from app.configuration.slave_check_log import SlaveCheckLog
 from app.live.can_trace import CanTrace
+from app.season.cells.keeper import SeasonKeeper
 from app.season.keeper import SeasonLake
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
@@ -152,6 +153,7 @@ ProfilesPart = Annotated[Profiles, _from_service("profiles")]
 RecorderPart = Annotated[AutoRecorder, _from_service("recorder")]
 ReplayPart = Annotated[ReplayPlayer, _from_service("replay")]
 RulesPart = Annotated[Rules, _from_service("rules")]
+SeasonCellsPart = Annotated[SeasonKeeper, _from_service("season_cells")]
 SeasonPart = Annotated[SeasonLake, _from_service("season")]
 SettingsPart = Annotated[Settings, _from_service("settings")]
 WorkersPart = Annotated[Workers, _from_service("workers")]

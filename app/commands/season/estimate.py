@@ -12,9 +12,9 @@ from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import format_cell, load_cell
 from app.estimation.errors import EstimatorError
 from app.estimation.filters.estimators import FILTERS
-from app.season.estimates.changes import Change, changes
+from app.season.estimates.changes import EstimateChange, changes
 from app.season.estimates.executor import open_engine
-from app.season.estimates.results import OWN, Results, ResultSet, set_of
+from app.season.estimates.results import OWN, EstimateSet, Results, set_of
 from app.season.estimates.run import Outcome, Progress, estimate_season
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionError
@@ -96,7 +96,7 @@ def _sessions(folder: Path) -> tuple[list[SessionInfo], Sequence[SessionError]]:
     return [info for info in reversed(found) if info.is_closed], problems
 
 
-def _chosen(name: str, field: str, filter_name: str) -> tuple[ResultSet, str | None]:
+def _chosen(name: str, field: str, filter_name: str) -> tuple[EstimateSet, str | None]:
     if name == OWN:
         return set_of(name, None, filter_name), None
     try:
@@ -114,7 +114,11 @@ def _tell(progress: Progress) -> None:
 
 
 def _print_json(
-    after: ResultSet, before: ResultSet | None, outcome: Outcome, failed: dict[str, str], found: list[Change]
+    after: EstimateSet,
+    before: EstimateSet | None,
+    outcome: Outcome,
+    failed: dict[str, str],
+    found: list[EstimateChange],
 ) -> None:
     shown = {
         "set": {"id": after.id, **asdict(after)},
@@ -130,7 +134,7 @@ def _print_json(
     print()
 
 
-def _print_changes(found: list[Change]) -> None:
+def _print_changes(found: list[EstimateChange]) -> None:
     print(
         f"{'session':22} {'SOC at the end %':^26} {'apart':>6} {'resistance':^15} {'capacity Ah':^15}"
         f" {'innovation mV':^15}"

@@ -13,7 +13,7 @@ from app.commands.session_commands.analysis import short_place
 from app.commands.session_commands.selection import add_json_argument, find_session, new_action
 from app.errors import ConfigError
 from app.season.cells.compare import compare
-from app.season.overview import Trend
+from app.season.overview import SeasonTrend
 from app.season.report import SeasonReport, season_document, season_report
 from app.season.tags import NAMES, matches, write_tags
 
@@ -70,7 +70,7 @@ def _print(report: SeasonReport) -> None:
             print(f"{short_place(each.cell):6} {'; '.join(reason.text for reason in each.reasons)}")
 
 
-def _trend(trend: Trend | None) -> str:
+def _trend(trend: SeasonTrend | None) -> str:
     if trend is None:
         return "too few sessions"
     sure = "" if trend.is_sure else " (not more than chance)"

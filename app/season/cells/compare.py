@@ -21,7 +21,7 @@ P_MAX: Final = 0.05
 
 
 @dataclass(frozen=True)
-class Difference:
+class SeasonDifference:
     """`b` less `a` of one figure, with the ends of its band of 95 %; None where a group has fewer than two."""
 
     name: str
@@ -41,7 +41,7 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class CellDifference:
+class SeasonCellDifference:
     """A cell that changed against the others; `p` after the tests of all cells."""
 
     cell: int
@@ -51,7 +51,9 @@ class CellDifference:
     p: float
 
 
-def compare(history: CellHistory, a: set[str], b: set[str]) -> tuple[list[Difference], list[CellDifference]]:
+def compare(
+    history: CellHistory, a: set[str], b: set[str]
+) -> tuple[list[SeasonDifference], list[SeasonCellDifference]]:
     """Return how group `b` of sessions differs from group `a`; cells by their resistance against the median cell."""
     in_a, in_b = (np.array([session in group for session in history.sessions], dtype=bool) for group in (a, b))
     resistance = history.resistance
@@ -66,7 +68,7 @@ def compare(history: CellHistory, a: set[str], b: set[str]) -> tuple[list[Differ
     )
     found = [_difference(name, unit, values[in_a], values[in_b]) for name, unit, values in figures]
     relative = np.log(resistance / middle[:, None])
-    cells: list[CellDifference] = []
+    cells: list[SeasonCellDifference] = []
     for cell in range(history.n_cells):
         told = _welch(*(each[np.isfinite(each)] for each in (relative[in_a, cell], relative[in_b, cell])))
         if told is not None:
@@ -74,29 +76,29 @@ def compare(history: CellHistory, a: set[str], b: set[str]) -> tuple[list[Differ
             reach = student_95(freedom) * sigma
             # the normal's tail at the t that Student's reach stands for
             p = erfc(abs(change) / max(reach, 1e-12) * 1.959964 / sqrt(2.0))
-            cells.append(CellDifference(cell, change, change - reach, change + reach, p))
+            cells.append(SeasonCellDifference(cell, change, change - reach, change + reach, p))
     adjusted = holm(np.array([each.p for each in cells]))
     sure = [
-        CellDifference(each.cell, each.change, each.low, each.high, float(p))
+        SeasonCellDifference(each.cell, each.change, each.low, each.high, float(p))
         for each, p in zip(cells, adjusted, strict=True)
         if p < P_MAX
     ]
     return found, sorted(sure, key=lambda each: -abs(each.change))
 
 
-def _difference(name: str, unit: str, a: FloatArray, b: FloatArray) -> Difference:
+def _difference(name: str, unit: str, a: FloatArray, b: FloatArray) -> SeasonDifference:
     a, b = a[np.isfinite(a)], b[np.isfinite(b)]
     means = (float(a.mean()) if a.size else None, float(b.mean()) if b.size else None)
     told = _welch(a, b)
     if told is None:
-        return Difference(name, unit, *means, a.size, b.size, None, None, None)
+        return SeasonDifference(name, unit, *means, a.size, b.size, None, None, None)
     change, sigma, freedom = told
     reach = student_95(freedom) * sigma
-    return Difference(name, unit, *means, a.size, b.size, change, change - reach, change + reach)
+    return SeasonDifference(name, unit, *means, a.size, b.size, change, change - reach, change + reach)
 
 
 def _welch(a: FloatArray, b: FloatArray) -> tuple[float, float, float] | None:
-    """Difference of the means, its sigma, and degrees of freedom."""
+    """SeasonDifference of the means, its sigma, and degrees of freedom."""
     if min(a.size, b.size) < LEAST:
         return None
     parts = np.array((a.var(ddof=1) / a.size, b.var(ddof=1) / b.size))

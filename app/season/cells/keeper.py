@@ -11,7 +11,7 @@ from app.analysis.passport.keeper import PassportKeeper
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.errors import EstimatorError
 from app.season.cells.history import CellHistory, history_of
-from app.season.estimates.results import Results, ResultSet, set_of
+from app.season.estimates.results import EstimateSet, Results, set_of
 from app.season.estimates.session import Job, estimate_session
 from app.sessions.catalogue import Catalogue
 from app.sessions.errors import SessionError
@@ -72,7 +72,7 @@ class SeasonKeeper:
                 log.warning("session %s is not in the season: %s", info.id, error)
         self._progress = (0, 0)
 
-    def own_set(self) -> ResultSet:
+    def own_set(self) -> EstimateSet:
         """Return the set of results by each session's own cell file."""
         return set_of("session", None, "fused")
 

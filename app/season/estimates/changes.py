@@ -13,7 +13,7 @@ from app.estimation.arrays import FloatArray
 
 
 @dataclass(frozen=True)
-class Change:
+class EstimateChange:
     """One session: medians over the cells, and the cell that moved most; None where one of the two says nothing.
 
     `soc_rms` is how far the SOC of all cells lies from the one that was recorded, over all samples.
@@ -37,18 +37,18 @@ class Change:
     innovation_after_v: float | None
 
 
-def changes(before: Sequence[dict[str, Any]], after: Sequence[dict[str, Any]]) -> list[Change]:
+def changes(before: Sequence[dict[str, Any]], after: Sequence[dict[str, Any]]) -> list[EstimateChange]:
     """Return what changed in every session of `after`; resistance is over that of each one's own cell file."""
     old = {result["session"]: result for result in before}
     return [_change(old.get(result["session"]), result) for result in after]
 
 
-def _change(before: dict[str, Any] | None, after: dict[str, Any]) -> Change:
+def _change(before: dict[str, Any] | None, after: dict[str, Any]) -> EstimateChange:
     recorded, last = _cells(after, "recorded_soc_last"), _cells(after, "soc_last")
     base = recorded if np.isfinite(recorded).any() else _cells(before, "soc_last")
     moved = last - base if base.shape == last.shape else np.full(last.shape, np.nan)
     cell = int(np.nanargmax(np.abs(moved))) if np.isfinite(moved).any() else None
-    return Change(
+    return EstimateChange(
         session=after["session"],
         name=after["name"],
         start_s=after["start_s"],

@@ -26,7 +26,7 @@ _SET = "set.json"
 
 
 @dataclass(frozen=True)
-class ResultSet:
+class EstimateSet:
     """What a set of results was made with; `cell_hash` of the cell file, "session" where each has its own."""
 
     cell_name: str
@@ -45,11 +45,11 @@ def cell_hash(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def set_of(cell_name: str, cell_text: str | None, filter_name: str) -> ResultSet:
+def set_of(cell_name: str, cell_text: str | None, filter_name: str) -> EstimateSet:
     """Return the set that this version makes with a cell file; None is each session's own."""
     if cell_text is None:
-        return ResultSet(OWN, OWN, filter_name, __version__)
-    return ResultSet(cell_name, cell_hash(cell_text), filter_name, __version__)
+        return EstimateSet(OWN, OWN, filter_name, __version__)
+    return EstimateSet(cell_name, cell_hash(cell_text), filter_name, __version__)
 
 
 class Results:
@@ -58,16 +58,16 @@ class Results:
     def __init__(self, data: Path) -> None:
         self.folder = data / FOLDER
 
-    def sets(self) -> list[ResultSet]:
+    def sets(self) -> list[EstimateSet]:
         """All sets, the newest first."""
         found = []
         for path in self.folder.glob(f"*/{_SET}"):
             about = _read(path)
             if about is not None and about.pop("schema", None) == SCHEMA:
-                found.append((path.stat().st_mtime_ns, ResultSet(**about)))
+                found.append((path.stat().st_mtime_ns, EstimateSet(**about)))
         return [each for _, each in sorted(found, key=lambda pair: (-pair[0], pair[1].id))]
 
-    def find(self, name: str) -> ResultSet:
+    def find(self, name: str) -> EstimateSet:
         """Return the newest set whose folder or cell has a name.
 
         Raises:
@@ -79,29 +79,29 @@ class Results:
                 return each
         raise ConfigError("set", name, ", ".join(each.id for each in known) or "voltwall season estimate makes one")
 
-    def begin(self, made: ResultSet) -> None:
+    def begin(self, made: EstimateSet) -> None:
         """Make the folder of a set."""
         folder = self.folder / made.id
         folder.mkdir(parents=True, exist_ok=True)
         if not (folder / _SET).is_file():
             _write(folder / _SET, {"schema": SCHEMA, **asdict(made)})
 
-    def write(self, made: ResultSet, result: dict[str, Any]) -> None:
+    def write(self, made: EstimateSet, result: dict[str, Any]) -> None:
         """Keep the result of a session; one of before is replaced."""
         _write(self.folder / made.id / f"{result['session']}.json", result)
 
-    def read(self, made: ResultSet, session_id: str) -> dict[str, Any] | None:
+    def read(self, made: EstimateSet, session_id: str) -> dict[str, Any] | None:
         """Return the result of a session; None where there is none of this format, or a damaged one."""
         found = _read(self.folder / made.id / f"{session_id}.json")
         return found if found is not None and found.get("schema") == SCHEMA else None
 
-    def read_all(self, made: ResultSet) -> list[dict[str, Any]]:
+    def read_all(self, made: EstimateSet) -> list[dict[str, Any]]:
         """Return all results of a set, the oldest session first."""
         names = sorted(path.stem for path in (self.folder / made.id).glob("*.json") if path.name != _SET)
         found = [result for name in names if (result := self.read(made, name)) is not None]
         return sorted(found, key=lambda result: (result["start_s"], result["session"]))
 
-    def has(self, made: ResultSet, session_id: str, session_bytes: int) -> bool:
+    def has(self, made: EstimateSet, session_id: str, session_bytes: int) -> bool:
         """Whether there is a result of the session as it is now; one that was filled up since is another."""
         found = self.read(made, session_id)
         return found is not None and found.get("session_bytes") == session_bytes

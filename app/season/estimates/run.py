@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from app.season.estimates.executor import Engine
-from app.season.estimates.results import Results, ResultSet
+from app.season.estimates.results import EstimateSet, Results
 from app.season.estimates.session import Job, estimate_session
 from app.sessions.info import SessionInfo
 
-Wanted = Sequence[tuple[ResultSet, str | None]]  # each set with the text of its cell file
+Wanted = Sequence[tuple[EstimateSet, str | None]]  # each set with the text of its cell file
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def estimate_season(
 @dataclass(frozen=True)
 class _Task:
     info: SessionInfo
-    sets: list[ResultSet]
+    sets: list[EstimateSet]
     job: Job
 
 

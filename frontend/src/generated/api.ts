@@ -416,6 +416,19 @@ export interface CellPassport {
   swaps: StoredSwap[];
 }
 
+/** One cell, `score` is how far it has gone to the nearest limit: 1 is there. */
+export interface CellRank {
+  cell: number;
+  score: number;
+  resistance: number | null;
+  capacity: number | null;
+  self_discharge_per_day: number | null;
+  resistance_trend: SeasonTrend | null;
+  capacity_trend: SeasonTrend | null;
+  resistance_step: SeasonStep | null;
+  reasons: AnalysisFinding[];
+}
+
 /** Every cell before, at and during it; `opened_s`: when the shutdown circuit was seen open, from the trip. */
 export interface CellsAround {
   voltage_before_v: (number | null)[];
@@ -710,6 +723,34 @@ export interface DriverFigures {
   power_max_w: number | null;
   soc_used: number | null;
   temperature_rise_k: number | null;
+}
+
+/** One session: medians over the cells, and the cell that moved most; None where one of the two says nothing. */
+export interface EstimateChange {
+  session: string;
+  name: string;
+  start_s: number;
+  recorded_by: string;
+  soc_recorded: number | null;
+  soc_before: number | null;
+  soc_after: number | null;
+  soc_rms: number | null;
+  soc_cell: number | null;
+  soc_cell_moved: number | null;
+  resistance_before: number | null;
+  resistance_after: number | null;
+  capacity_before_ah: number | null;
+  capacity_after_ah: number | null;
+  innovation_before_v: number | null;
+  innovation_after_v: number | null;
+}
+
+/** What a set of results was made with; `cell_hash` of the cell file, "session" where each has its own. */
+export interface EstimateSet {
+  cell_name: string;
+  cell_hash: string;
+  filter_name: string;
+  version: string;
 }
 
 /** The filter. */
@@ -1599,6 +1640,118 @@ export interface Schema {
   struct: StructField[];
 }
 
+/** The sessions that match, the oldest first, and what they say; `reading` of `to_read` while more are read. */
+export interface Season {
+  sessions: SeasonSession[];
+  all_sessions: number;
+  reading: number;
+  to_read: number;
+  tag_names: string[];
+  overview: SeasonOverview;
+}
+
+/** Both quantities of a cell over the season. */
+export interface SeasonCellCurves {
+  cell: number;
+  resistance: SeasonCurve;
+  capacity: SeasonCurve;
+}
+
+/** A cell that changed against the others; `p` after the tests of all cells. */
+export interface SeasonCellDifference {
+  cell: number;
+  change: number;
+  low: number;
+  high: number;
+  p: number;
+}
+
+/** What estimating again changed; `after` and `before` are sets, None where there is none. */
+export interface SeasonChanges {
+  sets: string[];
+  after: EstimateSet | null;
+  before: EstimateSet | null;
+  changes: EstimateChange[];
+}
+
+/** Group B against group A: figures of the accumulator, and cells that changed against the others. */
+export interface SeasonComparison {
+  sessions_a: number;
+  sessions_b: number;
+  differences: SeasonDifference[];
+  cells: SeasonCellDifference[];
+}
+
+/** A quantity of one cell: what was measured, and the band of 95 % of the Gaussian process, also ahead. */
+export interface SeasonCurve {
+  time_s: number[];
+  measured: (number | null)[];
+  sigma: (number | null)[];
+  curve_time_s: number[];
+  mean: (number | null)[];
+  low: (number | null)[];
+  high: (number | null)[];
+}
+
+/** `b` less `a` of one figure, with the ends of its band of 95 %; None where a group has fewer than two. */
+export interface SeasonDifference {
+  name: string;
+  unit: string;
+  a: number | null;
+  b: number | null;
+  n_a: number;
+  n_b: number;
+  change: number | null;
+  low: number | null;
+  high: number | null;
+}
+
+/** The accumulator by its median cell, and all cells, the one that limits soonest first. */
+export interface SeasonOverview {
+  sessions: number;
+  is_absolute: boolean;
+  charge_ah: number;
+  resistance: SeasonTrend | null;
+  capacity: SeasonTrend | null;
+  spread: SeasonTrend | null;
+  cells: CellRank[];
+}
+
+/** A session of the season with its tags. */
+export interface SeasonSession {
+  id: string;
+  name: string;
+  start_s: number;
+  duration_s: number;
+  tags: Record<string, string>;
+}
+
+/** From `session` on a quantity lies higher by `size`, a fraction of new; `p` after the tests of all cells. */
+export interface SeasonStep {
+  session: string;
+  time_s: number;
+  size: number;
+  low: number;
+  high: number;
+  p: number;
+}
+
+/** A line: per month with the ends of its band of 95 %, and where it is now; fractions of new. */
+export interface SeasonTrend {
+  now: number;
+  per_month: number;
+  low: number;
+  high: number;
+  sessions: number;
+  is_sure: boolean;
+}
+
+/** The accumulator without some modules; `has_capacity`: their capacities were measured. */
+export interface SeasonWithout {
+  without: WithoutModule;
+  has_capacity: boolean;
+}
+
 /** A battery that the service reads. */
 export interface Served {
   name: string;
@@ -1986,6 +2139,20 @@ export interface Upload {
 /** The id by which an uploaded battery can be chosen. */
 export interface Uploaded {
   id: string;
+}
+
+/** A string without some modules against the whole one, with the ends of its band of 95 %. */
+export interface WithoutModule {
+  removed: number[];
+  capacity_now_ah: number;
+  capacity_ah: number;
+  capacity_low_ah: number;
+  capacity_high_ah: number;
+  energy: number;
+  energy_low: number;
+  energy_high: number;
+  weakest_voltage_v: number;
+  limiting: number;
 }
 
 /** A code and its arguments: numbers, texts, cells, quantities with their unit, and messages within messages. */

@@ -39,6 +39,7 @@ WRITES = [
     ("DELETE", "/sessions/x/laps"),
     ("POST", "/season/query"),
     ("POST", "/passport/swaps"),
+    ("PUT", "/season/sessions/x/tags"),
     ("DELETE", "/passport/swaps/x"),
     ("PUT", "/recorder"),
     ("POST", "/fetch"),

@@ -1,0 +1,73 @@
+"""The season over HTTP, out of six short sessions on the disk, one a day."""
+
+import numpy as np
+import pytest
+
+from app.estimation.cell_model.cell_file import format_cell, load_cell
+from app.season.estimates.results import set_of
+
+CELL = load_cell("samsung-25r-10p")
+TIME_S = np.arange(0.0, 60.0, 0.25)
+CURRENT_A = np.where((TIME_S > 11) & (TIME_S < 55), 60 + 50 * np.sin(TIME_S), 0.0)
+START_S, DAY_S = 1_790_000_000.0, 86_400.0
+
+
+@pytest.fixture
+def season(client, make_session):
+    """The client of a service that has read them."""
+    for day in range(6):
+        ohm = np.where(np.arange(96) == 30, 0.003, 0.002) + 1e-6 * day
+        volts = CELL.ocv.voltage(0.8) - CURRENT_A[:, None] * ohm
+        make_session(TIME_S, CURRENT_A, volts, 25, start_s=START_S + day * DAY_S, cell_file=format_cell(CELL))
+    client.app.state.parts.service.season_cells.read_new()
+    return client
+
+
+def test_a_season_tells_sessions_trends_and_the_cell_that_limits(season):
+    told = season.get("/api/v1/season").json()
+    assert len(told["sessions"]) == told["all_sessions"] == 6
+    assert told["to_read"] == 0
+    first = told["overview"]["cells"][0]
+    assert first["cell"] == 30
+    assert first["resistance"] == pytest.approx(0.5, abs=0.1)
+    assert first["reasons"][0]["code"] == "season-resists"
+    assert told["overview"]["resistance"]["sessions"] == 6
+
+
+def test_tags_are_set_found_and_refused(season):
+    ids = [each["id"] for each in season.get("/api/v1/season").json()["sessions"]]
+    for session in ids[3:]:
+        answer = season.put(f"/api/v1/season/sessions/{session}/tags", json={"tags": {"tyres": "wet"}})
+        assert answer.json()["tags"] == {"tyres": "wet"}
+    found = season.get("/api/v1/season", params={"words": "tyres:wet"}).json()
+    assert [each["id"] for each in found["sessions"]] == ids[3:]
+    assert found["overview"]["sessions"] == 3
+    assert season.put(f"/api/v1/season/sessions/{ids[0]}/tags", json={"tags": {"colour": "red"}}).status_code == 422
+    assert season.put("/api/v1/season/sessions/none/tags", json={"tags": {}}).status_code == 404
+    compared = season.get("/api/v1/season/compare", params={"b": "tyres:wet"}).json()
+    assert (compared["sessions_a"], compared["sessions_b"]) == (6, 0)
+
+
+def test_a_cell_a_string_without_it_and_what_changed(season):
+    curves = season.get("/api/v1/season/cells/30").json()
+    assert len(curves["resistance"]["measured"]) == 6
+    assert curves["resistance"]["low"][-1] < curves["resistance"]["high"][-1]
+    less = season.get("/api/v1/season/without", params={"cells": "30"}).json()
+    assert less["without"]["removed"] == [30]
+    assert less["without"]["weakest_voltage_v"] > 0.0
+    changed = season.get("/api/v1/season/changes").json()
+    assert changed["sets"] == [set_of("session", None, "fused").id]
+    assert len(changed["changes"]) == 6
+    assert changed["before"] is None
+    for bad in ("96", "x", "", "0," * 50):
+        assert season.get("/api/v1/season/without", params={"cells": bad}).status_code == 422
+    assert season.get("/api/v1/season/cells/96").status_code == 422
+
+
+def test_a_season_without_sessions_is_empty(client):
+    told = client.get("/api/v1/season").json()
+    assert (told["sessions"], told["overview"]["sessions"]) == ([], 0)
+    assert client.get("/api/v1/season/compare").json()["cells"] == []
+    assert client.get("/api/v1/season/changes").json()["changes"] == []
+    assert client.get("/api/v1/season/without", params={"cells": "3"}).status_code == 422
+    assert client.get("/api/v1/season/cells/3").json()["resistance"]["mean"] == []
