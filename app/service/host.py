@@ -1,8 +1,10 @@
 """The machine the service runs on, as far as it matters in the pit: addresses, disk, clock."""
 
 import contextlib
+import ctypes
 import shutil
 import socket
+import sys
 from ipaddress import IPv4Address, ip_address
 from pathlib import Path
 
@@ -17,6 +19,7 @@ except ImportError:  # Windows
 # which of this machine's addresses would be used.
 _PROBES = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", "169.254.255.254")
 _CLOCK_STEP_S = 2.0
+_TIME_ERROR = 5  # adjtimex(2): the clock is not synchronised
 _DESCRIPTORS = 8192  # what 4,000 readers and all else need
 
 
@@ -33,6 +36,17 @@ def raise_descriptor_limit() -> int | None:
             resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
             soft = wanted
     return soft
+
+
+def is_clock_synchronised() -> bool:
+    """Whether the system says that the network, or another clock, keeps its time; False where it cannot say."""
+    if not sys.platform.startswith("linux"):
+        return False
+    state = ctypes.create_string_buffer(512)  # struct timex, of which nothing is set: its first word is 0
+    try:
+        return 0 <= int(ctypes.CDLL(None).adjtimex(state)) < _TIME_ERROR
+    except (OSError, AttributeError):
+        return False
 
 
 def addresses_of(host: str) -> list[str]:

@@ -33,6 +33,7 @@ from app.season.keeper import SeasonLake
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
 from app.service.health import Health
+from app.service.host import is_clock_synchronised
 from app.service.inbox import Inbox
 from app.service.learned_state_saver import LearnedStateSaver
 from app.service.links import Links
@@ -168,7 +169,13 @@ def make_service(
     # Sessions on the disk
     catalogue = Catalogue(sessions_folder)
     rule = RetentionRule(settings.keep_days, settings.keep_gb)
-    retention = Retention(catalogue, rule, partial(events.note, "info", "session-expired"), clock)
+    retention = Retention(
+        catalogue,
+        rule,
+        lambda severity, message: events.note(severity, "session-expired", message),
+        clock,
+        is_clock_synchronised,
+    )
     season = SeasonLake(data, settings.lake, builds=settings.season)
     events.subscribe(season.on_event)
 

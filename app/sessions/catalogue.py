@@ -1,6 +1,7 @@
 """The sessions of a folder."""
 
 import re
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,8 +10,9 @@ from app.sessions.catalogue_index import Known, State, load_index, save_index
 from app.sessions.errors import SessionError, SessionNotFound
 from app.sessions.info import SessionInfo
 from app.sessions.reading.reader import SessionFile
-from app.sessions.storage.files import SUFFIX, is_in_use, merge_log, remove, sha256
+from app.sessions.storage.files import FETCHED, SUFFIX, is_in_use, merge_log, remove, sha256
 
+TRASH = ".trash"
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 
 
@@ -94,6 +96,33 @@ class Catalogue:
             raise NotNow(f"session {session_id} is being recorded or read")
         remove(path)
         self._digests.pop(session_id, None)
+
+    def discard(self, session_id: str) -> None:
+        """Move a session into the trash folder, from which it can be taken back by hand.
+
+        Raises:
+            SessionNotFound: there is none.
+            NotNow: it is being recorded or read.
+            OSError: it cannot be moved.
+        """
+        path = self.path(session_id)
+        if is_in_use(path) or not merge_log(path):
+            raise NotNow(f"session {session_id} is being recorded or read")
+        trash = self._folder / TRASH
+        trash.mkdir(exist_ok=True)
+        for name in (path.name, path.name + FETCHED):
+            source = path.with_name(name)
+            if source.exists():
+                source.replace(trash / name)
+                (trash / name).touch()
+        self._digests.pop(session_id, None)
+
+    def empty_trash(self, before_ns: int, free_bytes: int) -> None:
+        """Delete what came into the trash before an instant; all of it where the disk has less than that free."""
+        trash = self._folder / TRASH
+        for path in trash.iterdir() if trash.is_dir() else ():
+            if path.stat().st_mtime_ns < before_ns or shutil.disk_usage(trash).free < free_bytes:
+                path.unlink(missing_ok=True)
 
     def expired(
         self, now_ns: int, *, older_than_s: float | None = None, keep_bytes: int | None = None

@@ -4,7 +4,7 @@ import pytest
 
 from app.sessions.catalogue import Catalogue
 from app.sessions.recording.recorder import Recorder
-from app.sessions.retention import Retention, RetentionRule, apply_rule
+from app.sessions.retention import TRASH_NS, Retention, RetentionRule, apply_rule, clock_doubt
 from tests.fake_clock import FakeClock, FunctionClock
 
 DAY_NS = 86_400 * 10**9
@@ -40,7 +40,7 @@ def names(catalogue):
 )
 def test_only_what_the_rule_names_is_deleted_oldest_first(catalogue, rule, kept):
     before, told = names(catalogue), []
-    apply_rule(catalogue, rule, NOW_NS, told.append)
+    apply_rule(catalogue, rule, NOW_NS, lambda *note: told.append(note))
     assert names(catalogue) == before[:kept]
     assert len(told) == 3 - kept
 
@@ -49,13 +49,15 @@ def test_a_session_that_is_read_is_kept_until_the_next_time(catalogue):
     oldest = catalogue.list()[-1].id
     with catalogue.open(oldest) as file, file.consistent():
         file.markers()
-        assert apply_rule(catalogue, RetentionRule(keep_days=50), NOW_NS, lambda _: None) == ()
-    assert apply_rule(catalogue, RetentionRule(keep_days=50), NOW_NS, lambda _: None) == (oldest,)
+        assert apply_rule(catalogue, RetentionRule(keep_days=50), NOW_NS, lambda *_: None) == []
+    assert apply_rule(catalogue, RetentionRule(keep_days=50), NOW_NS, lambda *_: None) == [oldest]
 
 
 def test_the_thread_applies_the_rule_at_the_start_by_the_clock(catalogue):
     told = []
-    retention = Retention(catalogue, RetentionRule(keep_days=50), told.append, FakeClock(wall_s=NOW_NS / 1e9))
+    retention = Retention(
+        catalogue, RetentionRule(keep_days=50), lambda *note: told.append(note), FakeClock(wall_s=NOW_NS / 1e9)
+    )
     retention.start()
     retention.stop()
     assert len(told) == 1
@@ -63,7 +65,53 @@ def test_the_thread_applies_the_rule_at_the_start_by_the_clock(catalogue):
 
 
 def test_without_a_rule_there_is_no_thread(catalogue):
-    retention = Retention(catalogue, RetentionRule(), lambda _: None, FakeClock(wall_s=NOW_NS / 1e9))
+    retention = Retention(catalogue, RetentionRule(), lambda *_: None, FakeClock(wall_s=NOW_NS / 1e9))
     retention.start()
     retention.stop()
     assert len(names(catalogue)) == 3
+
+
+@pytest.mark.parametrize(
+    ("days", "is_set", "doubt"),
+    [
+        (0, False, None),
+        (-3, False, "clock-behind"),
+        (-3, True, "clock-behind"),
+        (400, False, "clock-ahead"),
+        (400, True, None),
+    ],
+)
+def test_a_clock_is_believed_where_it_goes_with_the_sessions(catalogue, days, is_set, doubt):
+    found = clock_doubt(catalogue, NOW_NS + days * DAY_NS, is_set_by_others=is_set)
+    assert (found and found.code.removeprefix("retention-")) == doubt
+
+
+def test_a_clock_that_is_400_days_ahead_deletes_nothing_and_says_so_once(catalogue):
+    told = []
+    clock = FakeClock(wall_s=(NOW_NS + 400 * DAY_NS) / 1e9)
+    retention = Retention(catalogue, RetentionRule(keep_days=50), lambda *note: told.append(note), clock)
+    for _ in range(3):
+        retention._apply()
+    assert len(names(catalogue)) == 3
+    assert [(severity, message.code) for severity, message in told] == [("warning", "retention-clock-ahead")]
+
+
+def test_a_clock_that_the_network_set_wrong_takes_a_part_with_a_word_and_it_can_be_taken_back(catalogue, tmp_path):
+    told = []
+    apply_rule(catalogue, RetentionRule(keep_days=50), NOW_NS + 400 * DAY_NS, lambda *note: told.append(note))
+    assert len(names(catalogue)) == 1
+    assert [message.code for _, message in told] == ["retention-much", "session-expired", "session-expired"]
+    for path in (tmp_path / ".trash").iterdir():
+        path.rename(tmp_path / path.name)
+    assert len(names(catalogue)) == 3
+
+
+def test_the_trash_is_emptied_later_or_where_the_disk_is_full(catalogue, tmp_path):
+    apply_rule(catalogue, RetentionRule(keep_days=5), NOW_NS, lambda *_: None)
+    trash = tmp_path / ".trash"
+    first, second = sorted(trash.iterdir())
+    os.utime(first, ns=(NOW_NS - TRASH_NS, NOW_NS - TRASH_NS))
+    catalogue.empty_trash(NOW_NS - TRASH_NS + 1, 0)
+    assert list(trash.iterdir()) == [second]
+    catalogue.empty_trash(0, 1 << 62)
+    assert list(trash.iterdir()) == []
