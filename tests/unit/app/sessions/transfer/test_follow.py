@@ -44,7 +44,8 @@ def record(folder: Path, seconds: int = SECONDS) -> SessionInfo:
     for step in range(2 * seconds):
         t_ns, wall_ns = START_NS + step * 500_000_000 + 7, WALL_NS + step * 500_000_000
         raw = encode_frame(3, step & 0xFF, step * 500, step.to_bytes(4, "little"))[1:-1]
-        recorder.frame(t_ns, wall_ns, 0, raw, step % 17 != 3)
+        is_good = step % 17 != 3
+        recorder.frame(t_ns, wall_ns, 0, raw if is_good else raw[:-1], is_good)
         recorder.estimates(t_ns, step * 500, np.full(96, 0.9 - step * 1e-4), np.full(96, np.nan))
         if step % 2:
             recorder.can_frame(t_ns, wall_ns, 0x100, bytes([step % 256]))
