@@ -69,7 +69,12 @@ def profile_files(name: str) -> dict[str, bytes]:
         text, inner, file = _read(name, folder, included_by)
         keep(included_by or file, name if included_by else file, text.encode())
         values = read_document(text, file, lambda _: Document("", {}, {})).values
-        for each in _texts(values.get("source", {}), "dbc"):
+        witnesses = values.get("witness", [])
+        for each in dict.fromkeys(
+            name
+            for table in (values.get("source", {}), *(witnesses if isinstance(witnesses, list) else ()))
+            for name in _texts(table, "dbc")
+        ):
             try:
                 keep(file, each, _found(inner, each).read_bytes())
             except OSError as error:

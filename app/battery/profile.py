@@ -8,7 +8,17 @@ from typing import Any
 
 from app.battery.battery import DEFAULT_CELL, LIMITS, Battery, Drawing, each_cell, spread, spread_in_segments
 from app.battery.fields import MANY, MOST_CELLS, TABLES
-from app.battery.source import KINDS, STATES, CellSignals, Reading, Source, SpeaksDbc, SpeaksMaster, StateSignal
+from app.battery.source import (
+    KINDS,
+    STATES,
+    CellSignals,
+    Reading,
+    Source,
+    SpeaksDbc,
+    SpeaksMaster,
+    StateSignal,
+    WitnessSource,
+)
 from app.battery.table_reader import ProfileError, TableReader
 from app.battery.toml_lines import lines_of_keys
 from app.words import Message
@@ -33,6 +43,7 @@ class Profile:
     file: str
     battery: Battery
     source: Source
+    witnesses: tuple[WitnessSource, ...] = ()
 
 
 def read_document(text: str, file: str, include: Include) -> Document:
@@ -76,9 +87,9 @@ def understand(document: Document) -> Profile:
     Raises:
         ProfileError: a field is missing, unknown, of the wrong kind or beyond its bounds.
     """
-    _table(document, "").check_names(("battery", "source"))
+    _table(document, "").check_names(("battery", "source", "witness"))
     _table(document, "battery").check_names(("drawing", "temperatures", "limits", "rules"))
-    return Profile(document.file, _battery(document), _source(document))
+    return Profile(document.file, _battery(document), _source(document), _witnesses(document))
 
 
 def _table(document: Document, path: str, index: int | None = None) -> TableReader:
@@ -175,6 +186,32 @@ def _source(document: Document) -> Source:
         bit_rate=table.count("bit_rate", 0) or None,
         **readings,
     )
+
+
+def _witnesses(document: Document) -> tuple[WitnessSource, ...]:
+    """A witness is a source of its own: its table is read as `[source]` is, its errors name `witness[0]`."""
+    given = document.values.get("witness", [])
+    if not isinstance(given, list) or not all(isinstance(each, Mapping) for each in given):
+        raise _table(document, "").error("witness", str(given)[:60], Message("kind-tables", name="witness"))
+    found: list[WitnessSource] = []
+    for i, each in enumerate(given):
+        own, path = {name: each[name] for name in ("name", "bus") if name in each}, f"witness[{i}]"
+        table = TableReader(document.file, path, own, TABLES["witness"], document.lines)
+        table.check_names()
+        if table.text("name") in {witness.name for witness in found}:
+            raise table.error("name", each["name"], Message("witness-same-name"))
+        values = {"source": {name: value for name, value in each.items() if name not in own}}
+        lines = {key.replace(path, "source", 1): line for key, line in document.lines.items() if key.startswith(path)}
+        try:
+            source = _source(Document(document.file, values, lines))
+        except ProfileError as error:
+            raise ProfileError(
+                document.file, error.line or table.line, error.path.replace("source", path, 1), error.value, error.limit
+            ) from error
+        if not isinstance(source, SpeaksDbc):
+            raise ProfileError(document.file, table.line, f"{path}.kind", "master", Message("witness-by-dbc"))
+        found.append(WitnessSource(table.text("name"), table.count("bus", 0), source))
+    return tuple(found)
 
 
 def _cell_signals(document: Document, path: str) -> tuple[CellSignals, ...]:

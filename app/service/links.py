@@ -6,6 +6,7 @@ from collections.abc import Callable
 from app.clock import Clock
 from app.errors import LinkLost
 from app.live.pipeline import Output
+from app.sources.connections import buses_of
 from app.sources.items import Item
 from app.sources.links.can import CanLink
 from app.sources.links.can_sender import CanSender
@@ -32,7 +33,7 @@ class Links:
 
         Args:
             serial_url: of the RS232 link; None = not configured.
-            can_url: of the CAN link; None = not configured.
+            can_url: of the CAN link, and of those that only witnesses speak on; None = not configured.
             sink: takes what they deliver.
             clock: of the links and of the requests to the master.
             may_transmit: this is no car's bus.
@@ -40,7 +41,9 @@ class Links:
             unread_since_ns: when the oldest delivered item that nobody has worked on arrived, see `MasterClient`.
         """
         self.serial = SerialLink(serial_url, sink, clock) if serial_url else None
-        self.can = CanLink(can_url, sink, clock, fd=can_fd) if can_url else None
+        buses = [CanLink(url, sink, clock, fd=can_fd, bus=i) for i, url in enumerate(buses_of(can_url))]
+        self.can = buses[0] if buses else None
+        self._witnesses = buses[1:]
         self.can_sender = CanSender(self._send_can, clock)
         self.master = MasterClient(self._send_serial, clock, unread_since_ns=unread_since_ns)
         self._lock = threading.Lock()
@@ -52,7 +55,7 @@ class Links:
         with self._lock:
             if self._is_closed:
                 return
-            for link in (self.serial, self.can):
+            for link in (self.serial, self.can, *self._witnesses):
                 if link is not None:
                     link.start()
 
@@ -62,7 +65,7 @@ class Links:
             self._is_closed = True
         self.master.close()
         self.can_sender.stop()
-        for link in (self.serial, self.can):
+        for link in (self.serial, self.can, *self._witnesses):
             if link is not None:
                 link.stop()
 

@@ -32,7 +32,8 @@ class Settings(BaseSettings):
     can: str | None = Field(
         default=None,
         min_length=1,
-        description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, as socketcan:can0, slcan:/dev/ttyACM0",
+        description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, as socketcan:can0, slcan:/dev/ttyACM0; "
+        "behind a comma, buses that only witnesses of the battery's profile speak on",
     )
     battery: str = Field(default=TEAM_PROFILE, description="battery profile (TOML) or the name of a bundled one")
     also: str | None = Field(

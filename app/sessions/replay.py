@@ -89,6 +89,8 @@ def prepare(pipeline: Pipeline, file: SessionFile) -> None:
     started_ns, wall_ns = file.info.started_mono_ns, file.info.started_wall_ns
     for link in ("rs232", "can"):
         pipeline.feed(LinkChange(started_ns, wall_ns, link, "open"))
+    for bus in {witness.bus for witness in file.loaded_battery.witnesses} - {0}:
+        pipeline.feed(LinkChange(started_ns, wall_ns, "can", "open", bus=bus))
 
 
 class ReplayPlayer:

@@ -6,6 +6,7 @@ What the command line or the environment names wins over all of it.
 import contextlib
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from pathlib import Path
 from app.battery.library import TEAM_PROFILE, bundled_profiles
 from app.errors import ConfigError, NotNow
 from app.sources.dbc.learn.lesson import Lesson
+from app.sources.items import MOST_BUSES
 from app.sources.links.can import parse_bus
 from app.sources.links.serial import check_url
 from app.sources.loaded_battery import LoadedBattery, load_battery
@@ -44,8 +46,20 @@ class Connections:
             raise ConfigError("serial", self.serial, Message("battery-speaks-can", battery=self.battery))
         if self.serial is not None:
             check_url(self.serial)
-        if self.can is not None:
-            parse_bus(self.can)
+        for bus in buses_of(self.can):
+            parse_bus(bus)
+
+
+def buses_of(urls: str | None) -> list[str]:
+    """Return the buses that `--can` names with commas between them, the battery's own first.
+
+    Raises:
+        ConfigError: there are more than frames can be told apart of.
+    """
+    found = [] if urls is None else re.split(r",(?=[a-z_0-9]+:)", urls)
+    if len(found) > MOST_BUSES:
+        raise ConfigError("can", urls, Message("most-buses", most=MOST_BUSES))
+    return found
 
 
 NAMES = tuple(field.name for field in fields(Connections))

@@ -7,6 +7,9 @@ from app.telemetry import BusState, LinkName
 from app.words import Text
 from firmware_protocol.framing import BadFrame, Frame
 
+BUS_SHIFT = 29
+MOST_BUSES = 4
+
 
 @dataclass(frozen=True, slots=True)
 class SerialItem:
@@ -20,7 +23,7 @@ class SerialItem:
 
 @dataclass(frozen=True, slots=True)
 class CanItem:
-    """A CAN data frame; bit 31 of the id marks a 29-bit one."""
+    """A CAN data frame; bit 31 of the id marks a 29-bit one, bits 29 and 30 are the number of the bus."""
 
     t_mono_ns: int
     t_wall_ns: int
@@ -38,6 +41,7 @@ class LinkChange:
     link: LinkName
     state: Literal["connecting", "open", "lost"]
     error: Text | None = None
+    bus: int = 0  # of CAN
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +54,14 @@ class CanFault:
     errors: int | None
     tx_errors: int | None = None  # the controller's error counters, 0..255
     rx_errors: int | None = None
+    bus: int = 0
 
 
 Item = SerialItem | CanItem | CanFault | LinkChange
+
+
+def bus_of(item: Item) -> int:
+    """Return the number of the CAN bus that an item came from; 0 is the first, and the RS232 line's."""
+    if isinstance(item, CanItem):
+        return item.can_id >> BUS_SHIFT & (MOST_BUSES - 1)
+    return 0 if isinstance(item, SerialItem) else item.bus

@@ -96,7 +96,9 @@ def _field_converter(field: Described) -> _Convert | None:
     element = element_of(kind)
     if element is not None and is_dataclass(element):
         each = _converter(element)  # type: ignore[arg-type]
-        return None if each is None else lambda values: [each(value) for value in values]
+        if each is None:
+            return None
+        return lambda values: None if values is None else [each(value) for value in values]
     if is_dataclass(kind):
         whole = _converter(kind)  # type: ignore[arg-type]
         return None if whole is None else lambda value: None if value is None else whole(value)

@@ -11,6 +11,14 @@ from tests.peer_batteries import one_signal_a_cell
 from tests.service_process import Service, until
 
 FRONT_CELLS, REAR_CELLS = 8, 20
+WITNESS = """
+[[witness]]
+name = "second"
+bus = 1
+dbc = "battery.dbc"
+[witness.soc]
+signal = "Pack_SOC"
+"""
 TOO_HIGH = "cell_voltage_max_v = 3.0"  # of the rear one: its alarms are its own
 
 
@@ -26,8 +34,11 @@ class Two:
         (folder / "rear").mkdir()
         profile = write_profile(folder / "front", front, (8,))
         beside = write_profile(folder / "rear", rear, (5, 5, 5, 5), TOO_HIGH)
+        profile.write_text(profile.read_text() + WITNESS)
         self.front_bus, self.rear_bus = SpeakingBus(front.frames(4)), SpeakingBus(rear.frames(4))
-        arguments = ["--battery", str(profile), "--can", self.front_bus.url, "--filter", "coulomb"]
+        self.witness_bus = SpeakingBus(front.frames(4))
+        buses = f"{self.front_bus.url},{self.witness_bus.url}"
+        arguments = ["--battery", str(profile), "--can", buses, "--filter", "coulomb"]
         arguments += ["--also", f"{beside}@{self.rear_bus.url}"]
         (folder / "data").mkdir()
         self.service = Service(folder / "data", arguments).start()
@@ -36,7 +47,7 @@ class Two:
 
     def close(self):
         self.service.stop()
-        for each in (self.front, self.rear, self.front_bus, self.rear_bus):
+        for each in (self.front, self.rear, self.front_bus, self.rear_bus, self.witness_bus):
             each.close()
 
 
@@ -74,11 +85,25 @@ def test_each_records_into_its_own_folder(two):
         assert f'name = "{name}"'.encode() in profile
 
 
+def test_a_witness_on_a_second_bus_is_compared_and_has_its_own_link(two):
+    def agrees():
+        (witness,) = two.front.get("/snapshot").json()["witnesses"]
+        (reading,) = witness["readings"]
+        return witness["link"]["state"] == "live" and reading["quantity"] == "soc" and reading["verdict"]
+
+    until(agrees)
+    monitor = {each["name"] for each in two.front.get("/can/bus").json()["ids"]}
+    assert {"BMS_PackStatus", "second: BMS_PackStatus"} <= monitor
+
+
 def test_one_that_is_silent_ages_alone(two):
     until(lambda: loaded(two.front) == FRONT_CELLS and loaded(two.rear) == REAR_CELLS)
     two.front_bus.fall_silent()
     until(lambda: two.front.get("/snapshot").json()["links"]["can"]["state"] == "silent")
     until(lambda: (two.front.get("/batteries").json()[0]["voltage_age_s"] or 99) > 2)
+    (witness,) = two.front.get("/snapshot").json()["witnesses"]
+    assert witness["link"]["state"] == "live"
+    assert witness["age_s"] < 2
     rear = two.rear.get("/snapshot").json()
     assert rear["links"]["can"]["state"] == "live"
     assert rear["age"]["voltage"] < 1.5

@@ -7,10 +7,11 @@ import can
 
 from app.errors import ConfigError
 from app.sessions.export.table import SignalTable
-from app.sources.items import CanItem
+from app.sources.items import BUS_SHIFT, MOST_BUSES, CanItem
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
+ID_BITS = 0x1FFFFFFF
 CHANNEL = "can0"
 SIMULATED_CHANNEL = "simulated0"  # the one place that a candump log has for it
 SIMULATED_MARK = "simulated car"
@@ -46,10 +47,10 @@ def write_items(
         for item in items:
             message = can.Message(
                 timestamp=item.t_wall_ns / 1e9,
-                arbitration_id=item.can_id & ~CAN_ID_EXTENDED,
+                arbitration_id=item.can_id & ID_BITS,
                 is_extended_id=bool(item.can_id & CAN_ID_EXTENDED),
                 data=item.data,
-                channel=channel if isinstance(writer, can.CanutilsLogWriter) else 0,
+                channel=_channel(channel if isinstance(writer, can.CanutilsLogWriter) else 0, item.can_id),
                 is_rx=not item.sent,
             )
             writer.on_message_received(message)
@@ -60,6 +61,14 @@ LOG_FORMATS: dict[str, tuple[str, Callable[[Path], Writer]]] = {
     "asc": (".asc", lambda path: can.ASCWriter(str(path))),
     "blf": (".blf", lambda path: can.BLFWriter(str(path))),
 }
+
+
+def _channel(first: str | int, can_id: int) -> str | int:
+    """The channel of a frame's bus; all buses of a simulated car are marked as such."""
+    bus = can_id >> BUS_SHIFT & (MOST_BUSES - 1)
+    if isinstance(first, int):
+        return first + bus
+    return first if first != CHANNEL else f"{CHANNEL[:-1]}{bus}"
 
 
 def _mark_simulated(writer: Writer) -> None:
@@ -80,10 +89,10 @@ def _write(table: SignalTable, writer: Writer, channel: str | int) -> None:
     for frame in session.can_frames(table.t_from_s, table.t_to_s):
         message = can.Message(
             timestamp=session.unix_s(frame.t_mono_ns),
-            arbitration_id=frame.can_id & ~CAN_ID_EXTENDED,
+            arbitration_id=frame.can_id & ID_BITS,
             is_extended_id=bool(frame.can_id & CAN_ID_EXTENDED),
             data=frame.data,
-            channel=channel,
+            channel=_channel(channel, frame.can_id),
         )
         writer.on_message_received(message)
         is_empty = False
