@@ -9,6 +9,9 @@ class FakeWriteLog:
 
     told: list[tuple] = field(default_factory=list)
 
+    def begun(self, attempt):
+        attempt.number = 1
+
     def written(self, attempt, changes):
         self.told.append(("written", attempt, changes))
 

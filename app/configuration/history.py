@@ -1,5 +1,9 @@
 """Every write of the configuration, in a file that only grows: who, when, from, to, why, with what result.
 
+The intent comes first: a line with the result "begun", on the disk before the master is asked for anything, then one
+of the same number with the outcome. Where the disk takes no intent, nothing is written. An intent without an outcome is
+shown as what it is.
+
 A record is one line of JSON with a signature: HMAC-SHA256, by a key that lies beside the file and that only its owner
 may read, over the record and the signature before it. So a record that was changed, or one taken out of the middle,
 shows when the file is read. It proves nothing against whoever can read the key, and it does not show that the last
@@ -14,7 +18,7 @@ import os
 import secrets
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,6 +26,7 @@ from app.configuration.json_lines import JsonLines
 
 Action = Literal["write", "load", "store", "rollback"]
 KEY_BYTES = 32
+BEGUN = "begun"  # the result of an intent
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,15 +63,18 @@ class ConfigHistory:
         before: bytes,
         after: bytes,
         result: str,
+        number: int | None = None,
     ) -> int:
         """Sign and keep a record; return its number. It is on the disk when this returns.
+
+        With `number` it is the outcome of the intent that has this number.
 
         Raises:
             OSError: it cannot be kept.
         """
         with self._lock:
             lines = self._file.lines()
-            number = len(lines) + 1
+            number = number or _next_number(lines)
             body = {
                 "number": number,
                 "t_wall_ns": t_wall_ns,
@@ -84,8 +92,15 @@ class ConfigHistory:
 
     def records(self) -> list[Record]:
         """Return all records, oldest first; lines that are none are left out and make the next one not genuine."""
+        found: list[Record] = []
         with self._lock:
-            return list(self._read())
+            for record in self._read():
+                intent = found[-1] if found else None
+                if intent is not None and intent.number == record.number and intent.result == BEGUN:
+                    found[-1] = replace(record, is_genuine=record.is_genuine and intent.is_genuine)
+                else:
+                    found.append(record)
+        return found
 
     def record(self, number: int) -> Record | None:
         """Return one record, None where there is none."""
@@ -110,6 +125,14 @@ class ConfigHistory:
             with os.fdopen(handle, "wb") as file:
                 file.write(secrets.token_bytes(KEY_BYTES))
         return self._key_path.read_bytes()
+
+
+def _next_number(lines: list[bytes]) -> int:
+    """The number after the last record; a line that is none counts as one."""
+    for unread, line in enumerate(reversed(lines)):
+        if (parsed := _parse(line)) is not None:
+            return int(parsed[0]["number"]) + unread + 1
+    return len(lines) + 1
 
 
 def _signature(key: bytes, body: dict[str, Any], before: str) -> str:

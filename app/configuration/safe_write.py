@@ -156,6 +156,7 @@ class ConfigurationWriter:
         Raises:
             HashMismatch, Rejected, ReasonRequired, Occupied: nothing was written.
             NotNow: another write is running, or the master's memory map is another one.
+            RecordingFailed: the history does not take it; nothing was written.
             MasterRefused: the master refused; nothing was written.
             Unverified: link lost or master reset; says what is in force now.
             LinkError: the master cannot be asked; nothing was written.
@@ -180,7 +181,8 @@ class ConfigurationWriter:
                 raise ReasonRequired(asked)
             self._require_rest(changes)
 
-            # Write, read back byte for byte, and record
+            # Say so first, write, read back byte for byte, and record the outcome
+            self._log.begun(attempt)
             try:
                 self._master.write(0, wanted)
             except LINE_BROKE as error:
@@ -202,7 +204,8 @@ class ConfigurationWriter:
             attempt.before = stored_before.image
         with self._failure_logged(attempt), self._one_at_a_time():
             self._require_same_map()
-            in_force = self.read()
+            in_force = attempt.after = self.read()
+            self._log.begun(attempt)
             self._master.store()
             stored = self.read_stored()
             if stored is None or stored.image != in_force:
@@ -227,12 +230,13 @@ class ConfigurationWriter:
                 raise NotNow(Message("nothing-stored"))
             changes = difference(before, stored.image)
             self._require_rest(changes)
+            attempt.before, attempt.after = before, stored.image
+            self._log.begun(attempt)
             try:
                 self._master.load()
             except LINE_BROKE as error:
                 raise self._unverified(error, before, stored.image) from error
             self._require_in_force(before, stored.image)
-            attempt.before, attempt.after = before, stored.image
             self._log.loaded(attempt, changes)
             return stored.image
 

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from app.clock import Clock
-from app.configuration.history import Action, ConfigHistory
+from app.configuration.history import BEGUN, Action, ConfigHistory
 from app.errors import message_of
+from app.sessions.errors import RecordingFailed
 from app.telemetry import Severity
 from app.words import Message
 from firmware_protocol.config_image import Change, image_hash
@@ -30,6 +31,7 @@ class Attempt:
     reason: str = ""
     before: bytes = NO_IMAGE
     after: bytes = NO_IMAGE
+    number: int | None = None  # of its record, once it has begun
 
 
 class WriteLog:
@@ -39,6 +41,19 @@ class WriteLog:
         self._history = history
         self._note = note
         self._clock = clock
+
+    def begun(self, attempt: Attempt) -> None:
+        """The master is about to be asked.
+
+        Raises:
+            RecordingFailed: the history does not take it, so the master must not be asked.
+        """
+        try:
+            attempt.number = self._append(attempt, BEGUN)
+        except OSError as error:
+            message = Message("history-comes-first", error=error.strerror or str(error))
+            self._note("warning", "config-history-failed", message, attempt.who)
+            raise RecordingFailed(message) from error
 
     def written(self, attempt: Attempt, changes: list[Change]) -> None:
         """A configuration was written and read back."""
@@ -68,17 +83,21 @@ class WriteLog:
             "load": ("config-load-failed", Message("config-not-loaded", error=why)),
         }.get(attempt.action, ("config-write-failed", Message("config-not-written", error=why)))
         self._note("warning", code, message, attempt.who)
+        if result is None and attempt.number is not None:
+            result = f"nothing was changed: {error}"
         if result is not None:
             self._remember(attempt, result)
 
     def _remember(self, attempt: Attempt, result: str) -> None:
-        who, action, source, reason = attempt.who, attempt.action, attempt.source, attempt.reason.strip()
         try:
-            self._history.append(
-                self._clock.wall_ns(), who, action, source, reason, attempt.before, attempt.after, result
-            )
+            self._append(attempt, result)
         except OSError as error:
-            self._note("warning", "config-history-failed", Message("history-failed", error=str(error)), who)
+            self._note("warning", "config-history-failed", Message("history-failed", error=str(error)), attempt.who)
+
+    def _append(self, attempt: Attempt, result: str) -> int:
+        who, action, source, reason = attempt.who, attempt.action, attempt.source, attempt.reason.strip()
+        now_ns, number = self._clock.wall_ns(), attempt.number
+        return self._history.append(now_ns, who, action, source, reason, attempt.before, attempt.after, result, number)
 
 
 def _changes_message(changes: list[Change]) -> Message:

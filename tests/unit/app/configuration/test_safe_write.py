@@ -13,6 +13,7 @@ from app.configuration.rules import Context
 from app.configuration.safe_write import ConfigurationWriter, Draft
 from app.errors import LinkError, LinkLost, MasterRefused, NotNow
 from app.estimation.cell_model.cell_file import load_cell
+from app.sessions.errors import RecordingFailed
 from app.sources.master.client import MasterClient
 from app.telemetry import Identity
 from app.words import render
@@ -357,3 +358,27 @@ def test_a_second_change_meanwhile_is_refused(master):
 
     assert write(config, meanwhile).written
     assert config.store("bob").image == hotter(default_image())
+
+
+class FullLog(FakeWriteLog):
+    """A history on a full disk."""
+
+    def begun(self, attempt):
+        raise RecordingFailed("no space left")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda config: write(config, hotter),
+        lambda config: config.store("anna"),
+        lambda config: config.load("anna"),
+    ],
+    ids=["write", "store", "load"],
+)
+def test_without_its_intent_in_the_history_nothing_is_asked_of_the_master(master, change):
+    configuration(master).store("anna")
+    master.requests.clear()
+    with pytest.raises(RecordingFailed):
+        change(configuration(master, log=FullLog()))
+    assert not any(isinstance(request, Write | Store | Load) for request in master.requests)

@@ -1,10 +1,14 @@
 """Every change of the configuration is one line of the event log, and one record where the master was asked."""
 
+import errno
+
 import pytest
 
-from app.configuration.history import ConfigHistory
+from app.configuration.history import BEGUN, ConfigHistory
+from app.configuration.json_lines import JsonLines
 from app.configuration.write_log import Attempt, WriteLog
 from app.errors import NotNow
+from app.sessions.errors import RecordingFailed
 from app.words import render
 from firmware_protocol.config_image import default_image, difference, with_raw
 from tests.fake_clock import FakeClock
@@ -96,3 +100,43 @@ def test_a_history_that_cannot_be_written_is_told(log, notes, history, monkeypat
         ("info", "config-stored"),
         ("warning", "config-history-failed"),
     ]
+
+
+def full_disk(*_: object, **__: object) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_the_intent_is_in_the_history_before_the_master_is_asked(log, history):
+    begun = attempt()
+    log.begun(begun)
+    (record,) = history.records()
+    assert (record.number, record.result, record.after) == (1, BEGUN, HOTTER)
+    log.written(begun, [])
+    (record,) = history.records()
+    assert (record.number, record.result, record.is_genuine) == (1, "done", True)
+    log.begun(attempt())
+    assert [(each.number, each.result) for each in history.records()] == [(1, "done"), (2, BEGUN)]
+
+
+def test_where_the_history_takes_no_intent_the_write_is_refused(log, notes, monkeypatch):
+    monkeypatch.setattr(JsonLines, "append", full_disk)
+    with pytest.raises(RecordingFailed, match="No space left"):
+        log.begun(attempt())
+    assert [(severity, code) for severity, code, _, _ in notes] == [("warning", "config-history-failed")]
+
+
+def test_a_disk_that_is_full_at_the_end_leaves_the_intent(log, notes, history, monkeypatch):
+    begun = attempt()
+    log.begun(begun)
+    with monkeypatch.context() as full:
+        full.setattr(JsonLines, "append", full_disk)
+        log.written(begun, [])
+    assert [record.result for record in history.records()] == [BEGUN]
+    assert "config-history-failed" in [code for _, code, _, _ in notes]
+
+
+def test_an_attempt_that_begun_and_asked_nothing_has_an_outcome_too(log, history):
+    begun = attempt()
+    log.begun(begun)
+    log.failed(begun, NotNow("too many wait"), None)
+    assert [record.result for record in history.records()] == ["nothing was changed: too many wait"]
