@@ -7,7 +7,7 @@ from collections import deque
 from app.errors import LinkLost, message_of
 from app.sources.dbc.frames import Frames, TimedFrame, frames_of
 from app.sources.links.can import parse_bus
-from app.sources.links.python_can import can
+from app.sources.links.slcan_lines import open_bus
 from app.words import Message, Text
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
@@ -31,7 +31,7 @@ class BusListener:
         """
         arguments = parse_bus(url)
         try:
-            self._bus = can.Bus(**arguments)  # type: ignore[arg-type]
+            self._bus = open_bus(arguments)
         except Exception as error:  # every driver raises its own
             raise LinkLost(Message("of-source", source=url, reason=message_of(error))) from error
         self._heard: deque[TimedFrame] = deque(maxlen=_MOST_FRAMES)

@@ -12,6 +12,7 @@ from app.sources.items import BUS_SHIFT, CanFault, CanItem, Item, LinkChange
 from app.sources.links.backoff import Backoff
 from app.sources.links.can_controller import ControllerWatch
 from app.sources.links.python_can import can
+from app.sources.links.slcan_lines import open_bus
 from app.words import Message, Text
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
@@ -100,7 +101,7 @@ class CanLink:
         self._report("connecting")
         while not self._stopping.is_set():
             try:
-                bus = can.Bus(**self._arguments)  # type: ignore[arg-type]
+                bus = open_bus(self._arguments)
             except Exception as error:  # noqa: BLE001  every driver raises its own
                 self._report("lost", message_of(error))
                 self._stopping.wait(backoff.next_s())

@@ -11,6 +11,7 @@ from app.errors import message_of
 from app.sources.links.can import parse_bus
 from app.sources.links.python_can import can
 from app.sources.links.serial import check_url, reason_of
+from app.sources.links.slcan_lines import open_bus
 from app.words import Message, Text
 from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM, Frame, FrameDecoder
 
@@ -105,7 +106,7 @@ def look_at_can(url: str) -> Look:
     arguments = parse_bus(url)
     heard = frames = 0
     try:
-        with can.Bus(**arguments) as bus:  # type: ignore[arg-type]
+        with open_bus(arguments) as bus:
             end = time.monotonic() + LOOK_S
             while time.monotonic() < end:
                 message = bus.recv(_POLL_S)
