@@ -13,6 +13,7 @@ from app.battery.battery import SignalName
 from app.battery.source import STATES, StateSignal
 from app.estimation.arrays import BoolArray
 from app.sources.dbc.definitions import MessageDefinition, Signal
+from app.sources.dbc.learn.readings import unheard
 from app.sources.dbc.learn.survey import Heard, Survey
 from app.sources.dbc.learn.words_of_names import name_set, words
 from app.words import Message, Text
@@ -132,7 +133,7 @@ def _proposal(
             reasons.append(Message("learn-state-constant", value=int(heard.raw[-1])))
             score -= 0.2
     elif survey.n_frames:
-        score -= 1.5
+        score -= unheard(survey)
     if score < 1.0:
         return None
     state = StateSignal(SignalName(message.name, signal.name), equals or (1,), mask)
