@@ -57,8 +57,8 @@ def bare(name: str) -> str:
 
 
 def engine_sources() -> list[Path]:
-    """Return the C files of the estimator; the part that only a shared library has is left out."""
-    return [path for path in sorted(ENGINE.glob("vw_*.c")) if path.stem != "vw_library"]
+    """Return the C files of the estimator, without what only a shared library has and what is learned beside it."""
+    return [path for path in sorted(ENGINE.glob("vw_*.c")) if path.stem not in ("vw_library", "vw_resistance")]
 
 
 def call_graph(

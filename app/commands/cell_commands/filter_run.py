@@ -20,18 +20,17 @@ from app.estimation.filters.estimates import (
     OUT_VALID,
     OUT_VOLTAGE,
 )
-from app.estimation.filters.first_minutes import FirstMinutes
+from app.estimation.filters.first_minutes import KEPT_S, FirstMinutes
 from app.estimation.filters.soc_estimator import SocEstimator
 from app.estimation.filters.tuning import Tuning
 from app.estimation.health.learned import RESISTANCE_SIGMA_MAX
-from app.estimation.health.resistance_scale import ResistanceScale, trusted_factor
-from app.estimation.health.sensor_offset import OffsetTracker, SensorOffset
+from app.estimation.health.learning import LEARN_S, LearningRun
+from app.estimation.health.sensor_offset import COMPARE_S, OffsetTracker, SensorOffset
 from app.estimation.identification.branches import GAP_S
 from app.estimation.recording.cell_recording import GAP_STEPS, Recording
 from app.estimation.recording.gaps import SHORT_GAP_S, Around, Gap, bridge_gap
 
 DEFAULT_TEMPERATURE_DEGC = 25.0  # of a recording that has no temperature
-LEARN_S = 1.0  # between two uses of what was learned
 UNKNOWN_SOC = 0.5  # sigma of a SOC of which nothing is known
 DOUBT_NOTED = 0.1  # by which resistances may be off for want of measurements before a note says so
 BEYOND_FIT = 1.1  # times the largest current of the fit: above, the model has no evidence
@@ -90,7 +89,6 @@ def run_filter(
 
     restart()
     first_minutes = FirstMinutes()
-    table = np.empty((N_OUT, len(steps)))
     is_due = False
     is_measured = np.full(len(steps), True) if cell is None else cell.drop_error(temperature) < Tuning().drop_error_max
     learnt_from = np.where(is_measured[:, None], voltages, np.nan)
@@ -100,8 +98,9 @@ def run_filter(
     heard = steps.copy()  # of a gap the last usual step: the rest is bridged
     heard[list(gaps)] = recording.usual_step_s
     time_s, drawn_as = (np.concatenate(([0.0], np.cumsum(each))) for each in (heard, heard * np.nan_to_num(current)))
-    unheard, scale, factor = np.full(1, np.nan), ResistanceScale(1), np.ones(1)
-    for rows, is_second in _pieces(steps, gaps):
+    unheard, learning, table = np.full(1, np.nan), LearningRun(estimator), np.empty((N_OUT, len(steps)))
+    samples = heard, steps, current, voltages, learnt_from, temperatures
+    for rows in _pieces(steps, gaps):
         if (gap := gaps.get(rows.start)) is not None:
             estimator.step(steps[rows.start] - heard[rows.start], gap.current_a, unheard, temperatures[rows.start])
             estimator.widen(min(gap.sigma_ah / capacity_ah, UNKNOWN_SOC))
@@ -110,15 +109,9 @@ def run_filter(
                 offset.interrupt()
         for k in range(rows.start, rows.stop) if first_minutes.is_keeping else ():
             first_minutes.keep(float(heard[k]), float(current[k]), voltages[k], temperatures[k])
-        estimates = estimator.run(heard[rows], current[rows], voltages[rows], temperatures[rows])
-        table[:, rows] = estimates.numbers[:, :, 0]
-        scale.run(steps[rows], estimates, factor, learnt_from[rows])
-        if is_second:
-            learned, learned_sigma = scale.judge()
-            is_learned = learned_sigma <= RESISTANCE_SIGMA_MAX
-            factor = trusted_factor(np.where(is_learned, learned, 1.0))
-            estimator.use_resistance(factor)
-            first_minutes.again(factor, is_learned, restart)
+        table[:, rows] = learning.step([each[rows] for each in samples]).numbers[:, :, 0]
+        if first_minutes.is_keeping:
+            first_minutes.again(learning.factor, learning.judge()[1] <= RESISTANCE_SIGMA_MAX, restart)
         if offset is not None:
             lasted_s, charge_as = (float(sums[rows.stop] - sums[rows.start]) for sums in (time_s, drawn_as))
             is_due |= offset.step(lasted_s, charge_as / lasted_s if lasted_s > 0.0 else 0.0)
@@ -130,7 +123,7 @@ def run_filter(
     took_s = time.perf_counter() - begun
     sensor = None if offset is None else offset.estimate()
     own_ah, own_sigma_ah = estimator.capacity()
-    learned, learned_sigma = scale.judge()
+    learned, learned_sigma = learning.judge()
     return Run(
         table[OUT_SOC],
         table[OUT_SIGMA],
@@ -147,19 +140,19 @@ def run_filter(
     )
 
 
-def _pieces(step_s: FloatArray, gaps: Container[int]) -> Iterator[tuple[slice, bool]]:
-    """Yield rows that end where LEARN_S are over, and rows that a gap ends before; True where the time is over."""
-    begin, since_s = 0, 0.0
+def _pieces(step_s: FloatArray, gaps: Container[int]) -> Iterator[slice]:
+    """Yield rows of a second, after the first minutes of COMPARE_S; a gap begins new ones."""
+    begin, since_s, time_s = 0, 0.0, 0.0
     for k, dt_s in enumerate(step_s.tolist()):
         if k in gaps and k > begin:
-            yield slice(begin, k), False
+            yield slice(begin, k)
             begin = k
-        since_s += dt_s
-        if since_s >= LEARN_S:
-            yield slice(begin, k + 1), True
+        since_s, time_s = since_s + dt_s, time_s + dt_s
+        if since_s >= (LEARN_S if time_s <= KEPT_S else COMPARE_S):
+            yield slice(begin, k + 1)
             begin, since_s = k + 1, 0.0
     if begin < len(step_s):
-        yield slice(begin, len(step_s)), False
+        yield slice(begin, len(step_s))
 
 
 def _first_measured(recording: Recording) -> int:

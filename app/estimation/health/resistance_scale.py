@@ -47,7 +47,7 @@ class ResistanceScale:
         sigma = np.where(is_known, np.hypot(sigma, CHANGED_SIGMA), PRIOR_SIGMA)
         prior_weight = 1.0 / np.minimum(sigma, PRIOR_SIGMA) ** 2
         self._shape = (n_cells,)
-        self._regression = make_regression(np.where(is_known, factor, 1.0), prior_weight)
+        self.regression = make_regression(np.where(is_known, factor, 1.0), prior_weight)
 
     def step(self, dt_s: float, estimates: Estimates, factor: FloatArray, voltages_v: FloatArray) -> None:
         """Take one sample.
@@ -84,11 +84,11 @@ class ResistanceScale:
         ):
             if array.shape != shape:
                 raise ShapeError(name, shape, array.shape)
-        self._regression.record(dt_s, numbers.swapaxes(0, 1), factor, voltage_v)
+        self.regression.record(dt_s, numbers.swapaxes(0, 1), factor, voltage_v)
 
     def judge(self) -> tuple[FloatArray, FloatArray]:
         """Return (n_cells,) resistances over those of the cell file, the past where nothing showed them, and sigmas."""
-        factor, sigma = self._regression.judge()
+        factor, sigma = self.regression.judge()
         return factor, sigma
 
 

@@ -126,6 +126,12 @@ class CallStruct(ctypes.Structure):
     _fields_ = [("filter", _pointer), ("cells", _pointer), ("sample", SampleStruct), ("estimates", _pointer)]
 
 
+class LearningStruct(ctypes.Structure):
+    """`vw_learning`."""
+
+    _fields_ = [(name, _real) for name in ("every_s", "since_s", "sigma_max", "shape_error", "less_shape_error")]
+
+
 @cache
 def load() -> ctypes.PyDLL:
     """Return the library, in the fastest variant that this processor runs.

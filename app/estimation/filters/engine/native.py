@@ -56,8 +56,9 @@ class NativeEngine:
             TuningStruct(*astuple(setup.tuning)),
             _model(setup.cell, self._table),
         )
-        self._at = ctypes.byref(self._filter), ctypes.c_void_p(self._blocks.ctypes.data)
-        self._library.vw_filter_init(*self._at)
+        #: what every function of the library begins with: filter and cells
+        self.at = ctypes.byref(self._filter), ctypes.c_void_p(self._blocks.ctypes.data)
+        self._library.vw_filter_init(*self.at)
         self._call = CallStruct(
             ctypes.addressof(self._filter),
             self._blocks.ctypes.data,
@@ -79,7 +80,7 @@ class NativeEngine:
         self._take(0.0, current_a, voltage_v, temperature_degc)
         given = [np.ascontiguousarray(values, dtype=np.float64) for values in (soc, soc_sigma)]
         pointers = [ctypes.c_void_p(values.ctypes.data) for values in given]
-        self._library.vw_filter_start(*self._at, ctypes.byref(self._sample), *pointers)
+        self._library.vw_filter_start(*self.at, ctypes.byref(self._sample), *pointers)
 
     def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> FloatArray:
         """Return (8, n_cells) estimates after one sample; see `Engine.step`."""
@@ -104,7 +105,7 @@ class NativeEngine:
         numbers = np.empty((n_steps, n_rows, self.n_cells))
         samples = [np.ascontiguousarray(a, dtype=np.float64) for a in (dt_s, current_a, voltage_v, temperature_degc)]
         *inputs, output = [ctypes.c_void_p(values.ctypes.data) for values in (*samples, numbers)]
-        self._library.vw_filter_record(*self._at, ctypes.c_int64(n_steps), *inputs, ctypes.c_int32(n_rows), output)
+        self._library.vw_filter_record(*self.at, ctypes.c_int64(n_steps), *inputs, ctypes.c_int32(n_rows), output)
         return numbers.swapaxes(0, 1)
 
     def get(self, name: str) -> FloatArray:

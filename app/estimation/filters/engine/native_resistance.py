@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from app.estimation.arrays import FloatArray
-from app.estimation.filters.engine.library import load
+from app.estimation.filters.engine.library import LearningStruct, load
+from app.estimation.filters.engine.native import NativeEngine
+from app.estimation.filters.estimates import N_OUT
 
 ROWS: Final = 14  # of `vw_resistance.h`
 PRIOR, PRIOR_WEIGHT, FACTOR = 10, 11, 12  # the sigma follows the factor
@@ -33,6 +36,24 @@ class NativeResistance:
         arrays = [np.ascontiguousarray(each, np.float64) for each in (dt_s, numbers, factor, voltage_v)]
         dt_at, *others = [ctypes.c_void_p(each.ctypes.data) for each in arrays]
         self._library.vw_resistance_record(*self._at, ctypes.c_int64(dt_s.size), dt_at, *others)
+
+    def learn(
+        self, engine: NativeEngine, learning: LearningStruct, samples: Sequence[FloatArray], factor: FloatArray
+    ) -> FloatArray:
+        """Return (8, n_steps, n_cells) what a filter says of samples while it learns and uses resistances.
+
+        Args:
+            engine: the filter.
+            learning: how; its time goes on.
+            samples: as in `learn_along`, n_steps rows each.
+            factor: (n_cells,) resistances in use, overwritten by those at the end.
+        """
+        arrays = [np.ascontiguousarray(each, np.float64) for each in samples]
+        numbers = np.empty((arrays[0].size, N_OUT, factor.size))
+        pointers = [ctypes.c_void_p(each.ctypes.data) for each in (*arrays, factor, numbers)]
+        n_steps = ctypes.c_int64(arrays[0].size)
+        self._library.vw_resistance_learn(*engine.at, self._at[1], ctypes.byref(learning), n_steps, *pointers)
+        return numbers.swapaxes(0, 1)
 
     def judge(self) -> FloatArray:
         """Return (2, n_cells) factor and its standard deviation."""

@@ -79,3 +79,33 @@ void vw_resistance_judge(int32_t n_cells, vw_real *rows)
         rows[VW_FACTOR_SIGMA * n + c] = 1 / vw_sqrt(precision);
     }
 }
+
+/* 1 + g / (1 + (s / g)^6), g = factor - 1: see trusted_factor in resistance_scale.py. */
+static vw_real trusted(const vw_learning *learning, vw_real factor)
+{
+    const vw_real growth = factor - 1, error = growth < 0 ? learning->less_shape_error : learning->shape_error;
+    const vw_real growth2 = growth * growth, error2 = error * error;
+    const vw_real growth6 = growth2 * growth2 * growth2, error6 = error2 * error2 * error2;
+    return 1 + growth * growth6 / (growth6 + error6);
+}
+
+void vw_resistance_learn(vw_filter *filter, vw_cells *cells, vw_real *rows, vw_learning *learning, int64_t n_steps,
+                         const vw_real *dt_s, const vw_real *lasted_s, const vw_real *current_a, const vw_real *voltage_v,
+                         const vw_real *learnt_v, const vw_real *temperature_degc, vw_real *factor, vw_real *estimates)
+{
+    const int n = filter->n_cells;
+    for (int64_t k = 0; k < n_steps; k++) {
+        vw_real *said = estimates + k * VW_ESTIMATES * n;
+        vw_filter_record(filter, cells, 1, dt_s + k, current_a + k, voltage_v + k * n, temperature_degc + k * n, VW_ESTIMATES, said);
+        vw_resistance_record(n, rows, 1, lasted_s + k, said, factor, learnt_v + k * n);
+        learning->since_s += lasted_s[k];
+        if (learning->since_s < learning->every_s) continue;
+        learning->since_s = 0;
+        vw_resistance_judge(n, rows);
+        for (int c = 0; c < n; c++) {
+            const int is_learned = rows[VW_FACTOR_SIGMA * n + c] <= learning->sigma_max;
+            factor[c] = is_learned ? trusted(learning, rows[VW_FACTOR * n + c]) : 1;
+            cells[c / VW_LANES].resistance[c % VW_LANES] = factor[c];
+        }
+    }
+}

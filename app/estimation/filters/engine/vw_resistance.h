@@ -34,4 +34,19 @@ void vw_resistance_record(int32_t n_cells, vw_real *rows, int64_t n_steps, const
 /* Put factors and their sigmas into their rows. */
 void vw_resistance_judge(int32_t n_cells, vw_real *rows);
 
+/* How what is learned along a recording is used; see learning.py. */
+typedef struct {
+    vw_real every_s;          /* between two uses [s] */
+    vw_real since_s;          /* since the last one [s] */
+    vw_real sigma_max;        /* of a factor that is used */
+    vw_real shape_error;      /* doubt of a factor above 1 ... */
+    vw_real less_shape_error; /* ... and below */
+} vw_learning;
+
+/* vw_filter_record, with resistances learned and used on the way. `lasted_s` is the time since the sample before, gaps
+ * included; `learnt_v` the voltages that are learned from; `factor` (n_cells) what is in use. */
+void vw_resistance_learn(vw_filter *filter, vw_cells *cells, vw_real *rows, vw_learning *learning, int64_t n_steps,
+                         const vw_real *dt_s, const vw_real *lasted_s, const vw_real *current_a, const vw_real *voltage_v,
+                         const vw_real *learnt_v, const vw_real *temperature_degc, vw_real *factor, vw_real *estimates);
+
 #endif
