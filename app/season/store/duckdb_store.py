@@ -73,6 +73,7 @@ class DuckDBStore:
     def _connect(self, limits: Limits) -> Any:
         """Return a database in memory that reaches the lake and no other file, address or extension."""
         settings: dict[str, str | bool | int | float | list[str]] = {
+            "temp_directory": "",
             "memory_limit": f"{limits.memory_mb}MB",
             "threads": _THREADS,
             "max_temp_directory_size": "0KB",
