@@ -16,7 +16,7 @@ _NO_NUL = r"^[^\x00]*$"
 router = APIRouter(prefix="/season", tags=["season"])
 
 
-class ParameterOut(BaseModel):
+class SeasonParameterOut(BaseModel):
     """What a question wants to know."""
 
     name: str
@@ -24,23 +24,23 @@ class ParameterOut(BaseModel):
     meaning: str
 
 
-class QuestionOut(BaseModel):
+class SeasonQuestionOut(BaseModel):
     """A question that comes along."""
 
     name: str
     meaning: str
     sql: str
-    parameters: list[ParameterOut]
+    parameters: list[SeasonParameterOut]
 
 
-class QuestionsOut(BaseModel):
+class SeasonQuestionsOut(BaseModel):
     """The questions that come along, and where the lake lies."""
 
     lake: str
-    questions: list[QuestionOut]
+    questions: list[SeasonQuestionOut]
 
 
-class Query(Body):
+class SeasonQuery(Body):
     """One SELECT, or the name of a question."""
 
     question: str = Field(
@@ -52,7 +52,7 @@ class Query(Body):
     ] = Field({}, max_length=20, description="values of `$name`")
 
 
-class AnswerOut(BaseModel):
+class SeasonAnswerOut(BaseModel):
     """Rows of an answer; times in ISO 8601, null where nothing is known."""
 
     columns: list[str]
@@ -62,18 +62,18 @@ class AnswerOut(BaseModel):
 
 
 @router.get("/questions")
-def season_questions(season: SeasonPart) -> QuestionsOut:
+def season_questions(season: SeasonPart) -> SeasonQuestionsOut:
     """The questions that come along, with their SQL."""
-    found = [QuestionOut.model_validate(each, from_attributes=True) for each in questions()]
-    return QuestionsOut(lake=season.place, questions=found)
+    found = [SeasonQuestionOut.model_validate(each, from_attributes=True) for each in questions()]
+    return SeasonQuestionsOut(lake=season.place, questions=found)
 
 
 @router.post("/query")
-def season_query(body: Query, season: SeasonPart) -> AnswerOut:
+def season_query(body: SeasonQuery, season: SeasonPart) -> SeasonAnswerOut:
     """Answer one SELECT over the season lake: 20 s, 512 MB and 5,000 rows at most, and nothing but the lake is read."""
     began = time.monotonic()
     try:
         answer = season.query(body.question, body.parameters)
     except QueryFailed as error:
         raise invalid("question", body.question, error.reason) from error
-    return AnswerOut(**answer, seconds=round(time.monotonic() - began, 3))
+    return SeasonAnswerOut(**answer, seconds=round(time.monotonic() - began, 3))

@@ -90,14 +90,6 @@ export interface AnalysisFinding {
   text: string;
 }
 
-/** Rows of an answer; times in ISO 8601, null where nothing is known. */
-export interface Answer {
-  columns: string[];
-  rows: unknown[][];
-  is_cut: boolean;
-  seconds: number;
-}
-
 /** A battery that can be chosen by its id. */
 export interface BatteryChoice {
   id: string;
@@ -1319,13 +1311,6 @@ export interface Pack {
   slave_status: number | null;
 }
 
-/** What a question wants to know. */
-export interface Parameter {
-  name: string;
-  default: string;
-  meaning: string;
-}
-
 /** What one session told about a cell; `line` counts its modules from 0. */
 export interface PassportEntry {
   session_id: string;
@@ -1455,20 +1440,6 @@ export interface Proposal {
   after_raw: number;
   before_a: number;
   after_a: number;
-}
-
-/** A question that comes along. */
-export interface Question {
-  name: string;
-  meaning: string;
-  sql: string;
-  parameters: Parameter[];
-}
-
-/** The questions that come along, and where the lake lies. */
-export interface Questions {
-  lake: string;
-  questions: Question[];
 }
 
 /** One open live stream. */
@@ -1650,6 +1621,14 @@ export interface Season {
   overview: SeasonOverview;
 }
 
+/** Rows of an answer; times in ISO 8601, null where nothing is known. */
+export interface SeasonAnswer {
+  columns: string[];
+  rows: unknown[][];
+  is_cut: boolean;
+  seconds: number;
+}
+
 /** Both quantities of a cell over the season. */
 export interface SeasonCellCurves {
   cell: number;
@@ -1715,6 +1694,27 @@ export interface SeasonOverview {
   capacity: SeasonTrend | null;
   spread: SeasonTrend | null;
   cells: CellRank[];
+}
+
+/** What a question wants to know. */
+export interface SeasonParameter {
+  name: string;
+  default: string;
+  meaning: string;
+}
+
+/** A question that comes along. */
+export interface SeasonQuestion {
+  name: string;
+  meaning: string;
+  sql: string;
+  parameters: SeasonParameter[];
+}
+
+/** The questions that come along, and where the lake lies. */
+export interface SeasonQuestions {
+  lake: string;
+  questions: SeasonQuestion[];
 }
 
 /** A session of the season with its tags. */

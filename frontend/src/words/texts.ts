@@ -15,6 +15,7 @@ import type sessions from '../../../app/words/nb/page/sessions.json';
 import type setup from '../../../app/words/nb/page/setup.json';
 import type shell from '../../../app/words/nb/page/shell.json';
 import type simulator from '../../../app/words/nb/page/simulator.json';
+import type sql from '../../../app/words/nb/page/sql.json';
 import type system from '../../../app/words/nb/page/system.json';
 
 export type Text =
@@ -32,4 +33,5 @@ export type Text =
   | keyof typeof setup
   | keyof typeof shell
   | keyof typeof simulator
+  | keyof typeof sql
   | keyof typeof system;
