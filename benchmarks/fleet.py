@@ -25,6 +25,7 @@ import sys
 import tempfile
 import time
 import urllib.request
+from collections import Counter
 from pathlib import Path
 
 import paho.mqtt.client as paho
@@ -179,19 +180,20 @@ def main() -> None:
         wait_for_all(page, args.cars)
         assert broker.process is not None
         for topics in ([f"voltwall/+/{topic}" for topic in sorted(TOPICS)], ["voltwall/#"]):
-            before, start = (cost(broker.process.pid)[0], cost(fleet.pid)[0]), time.monotonic()
+            pids = (broker.process.pid, fleet.pid, crowd.pid or 0)
+            before, start = [cost(pid)[0] for pid in pids], time.monotonic()
             listen(broker.port, topics, args.seconds)
             took = time.monotonic() - start
-            for name, pid, used in (("mosquitto", broker.process.pid, before[0]), ("fleet page", fleet.pid, before[1])):
+            for name, pid, used in zip(("mosquitto", "fleet page", "the cars"), pids, before, strict=True):
                 cpu, megabytes = cost(pid)
                 print(
                     f"{'':12} {name:10} {100 * (cpu - used) / took:4.0f} % of a core, {megabytes:6.1f} MB", flush=True
                 )
         cars, took, size = cars_of(page)
-        ages = [float(str(each["age_s"])) for each in cars if each["state"] == "live"]
-        print(
-            f"page: {len(ages)} of {len(cars)} live, {size / 1e6:.2f} MB in {1e3 * took:.0f} ms, ages shown {min(ages):.2f} to {max(ages):.2f} s"
-        )
+        ages = [float(str(each["age_s"])) for each in cars if each["age_s"] is not None]
+        states = Counter(str(each["state"]) for each in cars)
+        shown = f"ages shown {min(ages):.2f} to {max(ages):.2f} s"
+        print(f"page: {dict(states)}, {size / 1e6:.2f} MB in {1e3 * took:.0f} ms, {shown}", flush=True)
         broker.kill()
         broker.start()
         start = time.monotonic()

@@ -65,6 +65,13 @@ class BadRadio:
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(5)
 
+    def also(self, target: tuple[str, int]) -> int:
+        """Forward to a further service through the same air; return the port for it."""
+        serving = asyncio.run_coroutine_threadsafe(
+            asyncio.start_server(lambda r, w: self._serve(r, w, target), "127.0.0.1", 0), self._loop
+        )
+        return int(serving.result(10).sockets[0].getsockname()[1])
+
     def _break_all(self) -> None:
         for writer in self._open:
             writer.transport.abort()
@@ -72,7 +79,9 @@ class BadRadio:
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
-        server = self._loop.run_until_complete(asyncio.start_server(self._serve, "127.0.0.1", 0))
+        server = self._loop.run_until_complete(
+            asyncio.start_server(lambda r, w: self._serve(r, w, self._target), "127.0.0.1", 0)
+        )
         self.port = server.sockets[0].getsockname()[1]
         self._ready.set()
         self._loop.run_forever()
@@ -82,14 +91,14 @@ class BadRadio:
         self._loop.run_until_complete(asyncio.sleep(0))
         self._loop.close()
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, target: tuple[str, int]) -> None:
         self._open.add(writer)
         if self._is_cut:
             if not self._hangs:
                 writer.transport.abort()
             return
         with contextlib.suppress(OSError):
-            there_reader, there_writer = await asyncio.open_connection(*self._target)
+            there_reader, there_writer = await asyncio.open_connection(*target)
             self._open.add(there_writer)
             await asyncio.gather(self._carry(reader, there_writer), self._carry(there_reader, writer))
         self._open.discard(writer)
