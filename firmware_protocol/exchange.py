@@ -67,9 +67,13 @@ class Exchange:
         self._request, self._kind, self._sent = request, kind, 0
         return self._send(now_s)
 
+    def awaits(self, reply: Reply) -> bool:
+        """Return whether the reply is one to the outstanding request."""
+        return self.is_busy and (reply.request_type, reply.request_sequence) == (self._kind, self._sequence)
+
     def on_reply(self, reply: Reply) -> bool:
         """Return whether the reply ends the outstanding request; other replies are counted and dropped."""
-        if not self.is_busy or (reply.request_type, reply.request_sequence) != (self._kind, self._sequence):
+        if not self.awaits(reply):
             self.stray_replies += 1
             return False
         self._end()

@@ -6,6 +6,7 @@ ReplayPlayer recorded items through a fresh Pipeline gives the same snapshots ag
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -118,6 +119,10 @@ class Pipeline:
     def source(self) -> Source:
         """Where the items come from."""
         return self._source.name
+
+    def believe_only(self, is_asked: Callable[[Any], bool]) -> None:
+        """Believe what a reply says of the master only where `is_asked` says that somebody asked for it."""
+        self._source.believe_only(is_asked)
 
     @property
     def identity(self) -> Identity | None:

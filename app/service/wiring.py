@@ -237,6 +237,7 @@ def make_service(
         may_transmit=source == "simulator" or settings.bench,
         unread_since_ns=lambda: inbox.oldest_ns,
     )
+    pipeline.believe_only(links.master.awaits)
     trace = CanTrace()
     rules = Rules(pipelines.cell, trace)
     config_history = ConfigHistory(data)

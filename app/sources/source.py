@@ -1,5 +1,6 @@
 """What a source of measurements is: items of a link in, measurements and events out."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -36,6 +37,9 @@ class MeasurementSource(Protocol):
     @property
     def identity(self) -> Identity | None:
         """What the master said of itself."""
+
+    def believe_only(self, is_asked: Callable[[Reply], bool]) -> None:
+        """Believe what a reply says of the master only where somebody asked for it; without this, always."""
 
     @property
     def due_ns(self) -> int | None:

@@ -5,7 +5,7 @@ silent, or wrong, changes nothing of what the battery tells itself.
 """
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from app.telemetry.link_messages import link_lost
 from app.telemetry.measurement import Measurement
 from app.telemetry.witness import Quantity, Witness, WitnessReading
 from app.words import Message
+from firmware_protocol.messages import Reply
 
 WINDOW_NS = 2_000_000_000  # of the means that are compared
 PERSISTENCE_NS = 2_000_000_000  # they differ for so long before it is said
@@ -163,6 +164,10 @@ class WitnessedSource:
     def due_ns(self) -> int | None:
         """When `measure` has something new to tell without another item."""
         return self._inner.due_ns
+
+    def believe_only(self, is_asked: Callable[[Reply], bool]) -> None:
+        """Believe what a reply says of the master only where somebody asked for it."""
+        self._inner.believe_only(is_asked)
 
     def feed(self, item: Item) -> Received:
         """Take one item from a link."""

@@ -23,7 +23,7 @@ class LinkStatus:
     frames: int = 0
     lost: int = 0  # by gaps in the sequence
     crc_errors: int | None = 0  # None: a CAN controller does not tell
-    resyncs: int | None = 0  # chunks that were no frame for another reason; None: as above
+    resyncs: int | None = 0  # no frame for another reason, or one with an impossible body; None: as above
     bytes: int = 0
     rate_hz: Annotated[float, Unit("Hz", "snapshots (RS232) or frames (CAN) in the last two seconds")] = 0.0
     bytes_per_s: Annotated[float, Unit("B/s", "in the last two seconds")] = 0.0

@@ -1,6 +1,6 @@
 """A battery that speaks by a DBC as a source: CAN frames in, measurements of any number of cells out."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -21,6 +21,7 @@ from app.telemetry.link_messages import link_lost
 from app.telemetry.measurement import STALE_S, Measurement, Reported
 from app.telemetry.snapshot import MasterState, Number
 from app.words import Message
+from firmware_protocol.messages import Reply
 
 _NO_EXTREME = (None, None)
 FADE = 0.95  # of a gap, from one value to the next
@@ -84,6 +85,9 @@ class DbcSource:
         self._rhythm = _Rhythm()
         self._rs232, self._can = LinkMonitor(None), LinkMonitor(url)
         self._can.bit_rate = source.bit_rate or bit_rate_of(url)
+
+    def believe_only(self, is_asked: Callable[[Reply], bool]) -> None:
+        """A battery with a DBC answers nothing."""
 
     def feed(self, item: Item) -> Received:
         """Take one item from a link; a measurement follows the last frame of each period."""

@@ -83,6 +83,12 @@ class LinkMonitor:
         self._last_good_ns = t_ns
         self._last_sent_ns = t_ns if sent_ns is None else sent_ns
 
+    def on_malformed(self, t_ns: int, frame: Frame) -> None:
+        """A frame's checksum holds and its body is impossible: no good frame, though its number was not lost."""
+        self._add_bytes(t_ns, len(frame.raw) + _DELIMITERS)
+        self.resyncs += 1
+        self._sequence = frame.sequence
+
     def on_can_frame(self, t_ns: int, length: int, *, is_extended: bool = False) -> None:
         """A CAN frame was heard."""
         self.frames += 1

@@ -60,6 +60,11 @@ class MasterClient:
             self._is_closed = True
             self._changed.notify_all()
 
+    def awaits(self, reply: Reply) -> bool:
+        """Return whether somebody waits for this reply."""
+        with self._changed:
+            return self._exchange.awaits(reply)
+
     def on_reply(self, reply: Reply) -> None:
         """Take a reply off the stream; one that nobody waits for is dropped."""
         with self._changed:

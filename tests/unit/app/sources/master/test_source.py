@@ -108,6 +108,39 @@ def test_the_master_introduces_itself_and_says_why_it_tripped(source, master):
     assert (said.state, said.firmware) == ("fault", "1.2.3")
 
 
+def test_an_introduction_that_nobody_asked_for_is_not_believed_and_told_once(source, master):
+    def introduce(version, asked):
+        source.believe_only(lambda _: asked)
+        reply = Reply(MessageType.IDENT, 4, 0, data=Ident(version).to_bytes())
+        return [event.code for event in source.feed(master.item(MessageType.REPLY, reply.to_body())).events]
+
+    assert introduce((1, 2, 3), asked=True) == []
+    assert introduce((6, 6, 6), asked=False) == ["ident-unasked"]
+    assert introduce((6, 6, 6), asked=False) == []
+    assert introduce((1, 2, 3), asked=False) == [], "an answer that came twice says nothing new"
+    assert source.identity.firmware == "1.2.3"
+
+
+@pytest.mark.parametrize(
+    ("kind", "body"),
+    [
+        (MessageType.DATA, b"\xff\xff\x10\x00" + bytes(16)),
+        (MessageType.EVENT, b"\x01"),
+        (MessageType.REPLY, b""),
+        (MessageType.REPLY, Reply(MessageType.IDENT, 1, 0, data=b"\x01").to_body()),
+    ],
+    ids=["windows outside", "a short event", "an empty reply", "an introduction of one byte"],
+)
+def test_a_right_checksum_with_an_impossible_body_is_no_good_frame(source, master, kind, body):
+    before = source.measure(master.t_ns, 1).links.rs232
+    told = [event.code for _ in range(3) for event in source.feed(master.item(kind, body)).events]
+    after = source.measure(master.t_ns, 1).links.rs232
+    assert told == ["frames-malformed"]
+    assert (after.frames - before.frames, after.resyncs - before.resyncs) == (0, 3)
+    assert after.crc_errors == before.crc_errors
+    assert source.identity is None
+
+
 def test_the_flags_are_the_memory_maps_in_their_order():
     assert tuple(field.name for field in fields(Flags)) == STATUS_FLAGS
 
