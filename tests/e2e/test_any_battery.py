@@ -119,3 +119,44 @@ def test_a_temperature_tells_for_which_cells_it_stands(battery, open_page):
     expect(page.get_by_test_id("cell-1").locator(".text")).to_have_text("″")
     page.goto(f"{service.base_url}/#/packs/1/2")
     expect(page.get_by_test_id("cell-sensor")).to_have_text("sensor 1, also for pack 1, cell 1")
+
+
+def wide_battery(folder, n_cells, in_segment):
+    """A profile of CAN FD frames with 32 cells each, and its DBC; returns the profile's path."""
+    messages = []
+    for first in range(0, n_cells, 32):
+        cells = range(first, min(first + 32, n_cells))
+        lines = [f' SG_ Cell_{c + 1}_V : {BITS * (c - first)}|{BITS}@1+ (0.001,0) [0|5] "V" BMS' for c in cells]
+        messages.append("\n".join([f"BO_ {256 + first // 32} Cells_{first // 32}: 64 BMS", *lines]))
+    messages.append('BO_ 512 Pack: 8 BMS\n SG_ Pack_Current : 0|16@1- (0.1,0) [0|0] "A" BMS')
+    (folder / "wide.dbc").write_text('VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_: BMS\n\n' + "\n\n".join(messages) + "\n")
+    profile = folder / "wide.toml"
+    profile.write_text(
+        f'[battery]\nname = "wide"\nsegments = {[in_segment] * (n_cells // in_segment)}\n[battery.drawing]\nrows = 2\n'
+        '[battery.temperatures]\nsensors = 0\n[source]\ndbc = "wide.dbc"\n'
+        '[[source.voltage]]\nsignal = "Cell_{cell}_V"\nbase = 1\n[source.current]\nsignal = "Pack_Current"\n'
+    )
+    return str(profile)
+
+
+@pytest.mark.parametrize(("n_cells", "in_segment"), [(240, 12), (600, 20)])
+def test_240_cells_fit_the_map_without_scrolling_and_600_are_read_when_it_zooms(
+    n_cells, in_segment, open_page, tmp_path
+):
+    service = Service(tmp_path / "data", ["--battery", wide_battery(tmp_path, n_cells, in_segment)]).start()
+    try:
+        service.wait_for(lambda s: s["cells"]["voltage_v"][n_cells - 1] is not None)
+        page = open_page(f"{service.base_url}/#/packs", quiet=False)  # a busy machine makes 600 cells late
+        map_of_cells = page.get_by_test_id("heatmap")
+        expect(map_of_cells.locator(".cell")).to_have_count(n_cells)
+        box = map_of_cells.bounding_box()
+        assert box["x"] + box["width"] <= 1440
+        numbers = map_of_cells.locator(".cell .text").filter(has_text=re.compile(r"^[2-4]\.\d{3}$"))
+        if n_cells <= 240:
+            assert box["y"] + box["height"] <= 900
+        else:
+            expect(numbers).to_have_count(0)
+            page.get_by_test_id("zoom-in").click()
+        expect(numbers).to_have_count(n_cells)
+    finally:
+        service.stop()
