@@ -1,7 +1,6 @@
 """The pit's recording of a run with a bad radio, filled from the recorder in the car, whose clocks are others."""
 
 import csv
-import json
 import random
 import struct
 from pathlib import Path
@@ -209,7 +208,8 @@ def filled_rows(path, name, started_s):
     elif name == "mcap":
         with path.open("rb") as file:
             found = mcap.reader.make_reader(file).iter_messages(topics=["/filled"])
-            times = [m.log_time / 1e9 - started_s for _, _, m in found if json.loads(m.data)["value"] == 1]
+            is_one = b"\x09" + struct.pack("<d", 1.0)  # Protobuf: field 1 is a double
+            times = [m.log_time / 1e9 - started_s for _, _, m in found if bytes(m.data).startswith(is_one)]
     else:
         content = path.read_bytes()
         second = struct.unpack_from("<4I", content, 11336 + 124)  # the last channel's header: chain, data, samples
