@@ -117,8 +117,8 @@ class _Comparison:
         since_ns = None if beyond[worst] <= 0 else self._differs_since_ns.setdefault(name, now_ns)
         return WitnessReading(
             quantity=name,
-            value=float(theirs[cell]),
-            ours=_known(ours[-1, cell]),
+            value=float(np.nanmean((ours + off)[:, cell])),
+            ours=float(np.nanmean(ours[np.isfinite(off[:, cell]), cell])),
             limit=float(limit[worst]),
             unit=tolerance.unit,
             cell=cell if len(theirs) > 1 else None,

@@ -11,7 +11,7 @@ Quantity = Literal["current", "pack_voltage", "soc", "voltage", "temperature"]
 
 @dataclass(frozen=True, slots=True)
 class WitnessReading:
-    """One quantity that both tell; of cells the one that is furthest off."""
+    """One quantity that both tell, as means of the last 2 s; of cells the one that is furthest off."""
 
     quantity: Quantity
     value: Annotated[float | None, Unit("", "by the witness, in `unit`")]

@@ -2165,7 +2165,7 @@ export interface Witness {
   link?: Link | null;
 }
 
-/** One quantity that both tell; of cells the one that is furthest off. */
+/** One quantity that both tell, as means of the last 2 s; of cells the one that is furthest off. */
 export interface WitnessReading {
   quantity: 'current' | 'pack_voltage' | 'soc' | 'voltage' | 'temperature';
   value: number | null;
