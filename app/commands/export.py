@@ -12,6 +12,7 @@ from app.analysis.laps.from_session import lap_times
 from app.commands.session_commands.selection import add_data_argument, add_session_argument, find_session
 from app.errors import ConfigError
 from app.sessions.export import FORMATS, export
+from app.sessions.export.formats import WITH_LAPS
 from app.sessions.reading.reader import SessionFile
 
 STANDARD_OUTPUT = Path("-")
@@ -78,7 +79,7 @@ def _export(args: argparse.Namespace, name: str, path: Path, with_laps: Path | N
         if t_from_s is not None and t_to_s is not None and t_to_s < t_from_s:
             raise ConfigError("to", args.t_to, f"not before --from {args.t_from}")
         try:
-            laps = lap_times(session) if name in ("ld", "ldx") else None
+            laps = lap_times(session) if name in WITH_LAPS else None
             wanted = {"signals": args.signal, "t_from_s": t_from_s, "t_to_s": t_to_s, "lap_times_s": laps}
             export(session, path, name, **wanted)
             if with_laps is not None:

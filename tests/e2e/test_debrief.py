@@ -1,6 +1,7 @@
 """Looking back in the browser: laps, report, black box, comparison, passports."""
 
 import re
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -35,6 +36,11 @@ def test_laps_are_compared_corrected_and_kept(looked_back, open_page):
     page = open_page(f"{service.base_url}/#/sessions/{first}/laps")
     rows = page.get_by_test_id("laps").get_by_role("row")
     expect(rows).to_have_count(4)  # three laps under their head
+    with page.expect_download() as download:
+        page.get_by_role("combobox", name="Export lap 2 as").select_option("MoTeC (.ld, .ldx)")
+    assert download.value.suggested_filename == f"{first}-simulated.zip"
+    with ZipFile(download.value.path()) as archive:
+        assert archive.namelist() == [f"{first}.ld", f"{first}.ldx"]
     expect(page.get_by_test_id("drivers")).to_contain_text("Anna")
     expect(page.get_by_role("img", name=re.compile("^Power"))).to_be_visible()
     page.get_by_role("button", name="Correct the laps").click()

@@ -6,7 +6,7 @@ from pathlib import Path
 from app.analysis.evidence.evidence import Evidence, evidence_of
 from app.analysis.laps.from_session import Counter, LapTable, Overlay, Source, lap_table, lap_times, overlay_laps
 from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
-from app.sessions.export.formats import export
+from app.sessions.export.formats import WITH_LAPS, export
 from app.sessions.reading.reader import SessionFile
 
 
@@ -70,6 +70,6 @@ def export_at(
         ExportUnavailable: the format needs a package that is not installed.
     """
     with SessionFile(path) as file:
-        laps = lap_times(file) if export_format == "ldx" else None
+        laps = lap_times(file) if export_format in WITH_LAPS else None
         export(file, target, export_format, signals=signals, t_from_s=t_from_s, t_to_s=t_to_s, lap_times_s=laps)
         return file.info.metadata.get("source") == "simulator"

@@ -51,7 +51,7 @@ from app.words import Message
 
 SQLITE = "application/vnd.sqlite3"
 router = APIRouter(tags=["sessions"])
-ExportFormat = Literal["csv", "parquet", "mcap", "mf4", "ld", "ldx", "candump", "asc", "blf"]
+ExportFormat = Literal["csv", "parquet", "mcap", "mf4", "ld", "motec", "ldx", "candump", "asc", "blf"]
 MAX_UNIX_S = 9e9  # beyond it nanoseconds do not fit a 64-bit number
 From = Annotated[float | None, Query(alias="from", ge=0, le=MAX_UNIX_S, description="unix time, s")]
 To = Annotated[float | None, Query(alias="to", ge=0, le=MAX_UNIX_S, description="unix time, s")]

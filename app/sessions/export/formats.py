@@ -7,7 +7,7 @@ from pathlib import Path
 from app.errors import ConfigError
 from app.sessions.export.can_log import write_asc, write_blf, write_candump
 from app.sessions.export.csv_file import csv_parts
-from app.sessions.export.ld_file import write_ld, write_ldx
+from app.sessions.export.ld_file import write_ld, write_ldx, write_motec
 from app.sessions.export.mcap_file import write_mcap
 from app.sessions.export.mf4_file import write_mf4
 from app.sessions.export.parquet_file import write_parquet
@@ -33,6 +33,7 @@ def write_csv(table: SignalTable, path: Path) -> None:
             file.write(part)
 
 
+WITH_LAPS = ("ld", "ldx", "motec")  # formats that hold them
 FORMATS = {
     "csv": Format(".csv", "text/csv", "comma-separated values", write_csv),
     "parquet": Format(".parquet", "application/vnd.apache.parquet", "Apache Parquet (needs pyarrow)", write_parquet),
@@ -41,6 +42,7 @@ FORMATS = {
     ),
     "mf4": Format(".mf4", "application/octet-stream", "ASAM MDF 4 (needs asammdf)", write_mf4),
     "ld": Format(".ld", "application/octet-stream", "MoTeC i2, resampled; laps beside it as .ldx", write_ld),
+    "motec": Format(".zip", "application/zip", "MoTeC i2: the .ld and its .ldx in one zip", write_motec),
     "ldx": Format(".ldx", "application/xml", "MoTeC i2: the laps, to lie beside an .ld of its name", write_ldx),
     "candump": Format(".log", "text/plain", "the CAN frames as candump -L writes them", write_candump),
     "asc": Format(".asc", "text/plain", "the CAN frames as Vector ASC", write_asc),

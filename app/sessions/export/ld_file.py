@@ -6,9 +6,12 @@ knows no missing values: until the next sample the last one is held, over a gap 
 
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from xml.sax.saxutils import quoteattr
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,6 +164,17 @@ def _channel(i: int, n: int, signal: Signal, data_at: int, n_samples: int, rate_
         b"",
         _text("C" if signal.unit == "degC" else signal.unit, 12),
     )
+
+
+def write_motec(table: SignalTable, path: Path) -> None:
+    """Write a zip with the .ld and, where the range has laps, the .ldx beside it, both named as the session."""
+    with TemporaryDirectory() as folder, ZipFile(path, "w", ZIP_DEFLATED) as archive:
+        data, laps = (Path(folder, table.info.id + suffix) for suffix in (".ld", ".ldx"))
+        write_ld(table, data)
+        archive.write(data, data.name)
+        with suppress(ConfigError):  # no lap in this range
+            write_ldx(table, laps)
+            archive.write(laps, laps.name)
 
 
 def write_ldx(table: SignalTable, path: Path) -> None:

@@ -7,6 +7,7 @@ import subprocess
 import xml.etree.ElementTree as ElementTree
 import zlib
 from pathlib import Path
+from zipfile import ZipFile
 
 import can
 import numpy as np
@@ -163,6 +164,19 @@ def test_laps_stand_beside_the_ld_file_as_beacons(session: SessionFile, tmp_path
     assert [float(marker.attrib["Time"]) for marker in root.iter("Marker")] == pytest.approx([10e6, 20e6])
 
 
+def test_motec_is_one_zip_with_samples_and_laps(session: SessionFile, tmp_path: Path) -> None:
+    export(session, tmp_path / "a.zip", "motec", signals=["i_fs"])
+    for name in ("ld", "ldx"):
+        export(session, tmp_path / f"a.{name}", name, signals=["i_fs"])
+    with ZipFile(tmp_path / "a.zip") as archive:
+        assert archive.namelist() == [f"{session.info.id}.ld", f"{session.info.id}.ldx"]
+        for name in ("ld", "ldx"):
+            assert archive.read(f"{session.info.id}.{name}") == (tmp_path / f"a.{name}").read_bytes()
+    export(session, tmp_path / "b.zip", "motec", signals=["i_fs"], t_to_s=WALL_S + 3)
+    with ZipFile(tmp_path / "b.zip") as archive:
+        assert archive.namelist() == [f"{session.info.id}.ld"]
+
+
 @pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"ldx", "candump", "asc", "blf"}))
 def test_a_session_without_samples_gives_a_file(recorder: Recorder, tmp_path: Path, name: str) -> None:
     if name in ("mcap", "mf4"):
@@ -195,6 +209,9 @@ def test_a_simulated_car_is_marked_in_every_format(request, tmp_path: Path, car:
     path = tmp_path / f"a{FORMATS[name].suffix}"
     export(request.getfixturevalue(car), path, name, signals=["i_fs"])
     content = path.read_bytes()
+    if name == "motec":
+        with ZipFile(path) as archive:
+            content = b"".join(archive.read(each) for each in archive.namelist())
     if name == "blf":
         content = b"".join(_blf_objects(content))
     assert (b"simulat" in content.lower()) is (car == "simulated")
