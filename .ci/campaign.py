@@ -16,14 +16,9 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+PROPERTIES = ("-m", "hypothesis", "tests/unit", "tests/property", "tests/numeric")
 TESTS = (
-    "tests/property",
     "tests/unit/app/analysis/evidence/test_timing.py",
-    "tests/unit/app/battery/test_profile_errors.py",
-    "tests/unit/app/estimation/health/test_sensor_watch.py",
-    "tests/unit/app/sources/dbc/learn/test_families.py",
-    "tests/unit/app/sources/dbc/learn/test_frame_numbers.py",
-    "tests/unit/app/sources/dbc/learn/test_readings.py",
     "tests/numeric/test_joints_race.py",
     "tests/numeric/test_prediction_coverage.py",
     "tests/integration/test_openapi.py",
@@ -41,15 +36,16 @@ PAGE_HOURS = {"short": 0.5, "full": 4.0}
 HEAP_GROWTH_MB = 8.0  # more than a garbage collection leaves behind by chance
 
 
-def run_tests(size: str) -> bool:
-    """Run the tests in a size and print their figures; tell whether all passed."""
+def run_tests(size: str, what: str, *chosen: str) -> bool:
+    """Run tests in a size and print their figures and how many there were; tell whether all passed."""
     with tempfile.TemporaryDirectory() as folder:
         figures = Path(folder) / "figures"
         figures.touch()
         environment = os.environ | {"VOLTWALL_CAMPAIGN": size, "VOLTWALL_FIGURES": str(figures)}
-        command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "load", "--maxprocesses", "2", *TESTS]
+        command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "load", "--maxprocesses", "2", *chosen]
         done = subprocess.run(command, cwd=ROOT, env=environment, check=False, capture_output=True, text=True)
-        print("\n".join(sorted(figures.read_text(encoding="utf-8").splitlines())), flush=True)
+        lines = sorted(figures.read_text(encoding="utf-8").splitlines())
+    print(*lines, f"{what}: {(done.stdout.splitlines() or ['nothing'])[-1]}", sep="\n", flush=True)
     if done.returncode:
         print(done.stdout, done.stderr, sep="\n", file=sys.stderr)
     return done.returncode == 0
@@ -76,7 +72,7 @@ def main() -> int:
     parser.add_argument("--short", action="store_true", help="a part of each")
     size = "short" if parser.parse_args().short else "full"
     began_s = time.monotonic()
-    held = [run_tests(size), run_pages(size)]
+    held = [run_tests(size, "long", *TESTS), run_tests(size, "properties", *PROPERTIES), run_pages(size)]
     print(f"campaign ({size}): {'held' if all(held) else 'FAILED'}, {(time.monotonic() - began_s) / 60:.1f} min")
     return 0 if all(held) else 1
 

@@ -16,11 +16,13 @@ from hypothesis import HealthCheck, settings
 import app  # noqa: F401  before numpy: it keeps each process to one thread
 from hatch_build import build_engine
 from tests.c_programs import CMaster, build_program
-from tests.campaign import tell_figure
+from tests.campaign import examples, tell_figure
 from tests.service_process import Service, until
 
 # On a loaded machine the time of one example says nothing.
-settings.register_profile("voltwall", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile(
+    "voltwall", max_examples=examples(100), deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("voltwall")
 
 TESTS_FOLDER = Path(__file__).parent

@@ -1,12 +1,11 @@
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from app.battery.fields import TABLES
 from app.battery.library import bundled_profiles, load_part
 from app.battery.profile import Document, read_document
 from app.battery.profile_errors import errors_of
-from tests.campaign import examples
 
 GOOD = {
     "battery.parallel": "2",
@@ -85,7 +84,6 @@ def test_bundled_profiles_have_none(name):
     assert profile is not None
 
 
-@settings(max_examples=examples(100))
 @given(
     st.dictionaries(
         st.sampled_from([t for t in TABLES if t and "[" not in t]),
