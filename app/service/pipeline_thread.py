@@ -23,7 +23,8 @@ TICK_S = 1.0  # without anything new there is a snapshot this often
 STALL_S = 3 * TICK_S  # without a snapshot for so long, the pipeline stands still
 LATE_S = 2.0  # an item that has waited this long is worked on, but not always shown ...
 LATE_SHOWN_S = 0.2  # ... only the newest in each of these times
-JOIN_S = 5.0
+DRAIN_S = 2.0  # after the links were closed; what still waits then is recorded and not estimated any more
+JOIN_S = 10.0
 ItemListener = Callable[[Item], None]
 OutputListener = Callable[[Output, int], None]  # with the monotonic time in ns
 
@@ -67,6 +68,7 @@ class PipelineThread:
         self._on_output = (*on_output, self._keep_history)
         self._after_publishing = after_publishing
         self._failures = Failures(clock)
+        self._drained_ns: int | None = None  # once it ends: only recorded from then on
         self._published_ns = 0  # by the items' time
         self._shown_ns = 0  # by the clock's
         self._thread = threading.Thread(target=named_as_here(self._run), name="pipeline", daemon=True)
@@ -76,8 +78,12 @@ class PipelineThread:
         self._thread.start()
 
     def stop(self) -> None:
-        """Take no more items, work on those that are inside, end the thread."""
+        """Take no more items, work on those that are inside, end the thread.
+
+        All of them are recorded, however many there are; those that cannot be worked on within DRAIN_S are not shown.
+        """
         self._inbox.close()
+        self._drained_ns = self._clock.monotonic_ns() + round(DRAIN_S * 1e9)
         if self._thread.is_alive():
             self._thread.join(timeout=JOIN_S)
 
@@ -144,6 +150,8 @@ class PipelineThread:
         try:
             if item is not None:
                 self._take(item)
+            if self._is_ending:
+                return
             # One time for items and ages: while items wait, now is the instant of the one that was taken
             now_ns = self._clock.monotonic_ns() if item is None else item.t_mono_ns
             is_due = item is None and due_ns is not None and now_ns >= due_ns
@@ -157,6 +165,11 @@ class PipelineThread:
         except Exception as error:  # noqa: BLE001  the supervisor: one item must not end the thread
             self._failures.add(error)
 
+    @property
+    def _is_ending(self) -> bool:
+        """It ends, and there is no time left to work on what waits."""
+        return self._drained_ns is not None and self._clock.monotonic_ns() >= self._drained_ns
+
     def _take(self, item: Item) -> None:
         for listener in self._on_item:
             try:
@@ -164,6 +177,8 @@ class PipelineThread:
             except Exception as error:  # noqa: BLE001  what is not recorded is shown all the same
                 self._failures.add(error)
         now_ns = self._clock.monotonic_ns()
+        if self._is_ending:
+            return  # the recorder has it
         is_late = now_ns - item.t_mono_ns > LATE_S * 1e9
         output = self._pipeline.feed(item, publishes=not is_late or now_ns - self._shown_ns >= LATE_SHOWN_S * 1e9)
         self._hand_on(output, item.t_mono_ns)

@@ -114,7 +114,7 @@ class Service:
         self.links.open()
 
     def stop(self) -> None:
-        """Close the links, work on what they delivered, close what keeps it: in this order."""
+        """End in the order of the flow: who asks, who delivers, who works on it, who keeps it (docs: how it works)."""
         self.workers.close()
         self.replay.stop()
         self.retention.stop()

@@ -27,6 +27,9 @@ _COLUMNS = f"{_GIVEN}, acknowledged_by, acknowledged_ns"
 _INSERT = f"INSERT INTO events ({_GIVEN}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
 
+log = logging.getLogger(__name__)
+
+
 @dataclass(frozen=True, slots=True)
 class LoggedEvent:
     """One line of the log; `value` and `limit` in `unit`."""
@@ -100,7 +103,10 @@ class EventLog:
             event.who,
             message,
         )
-        self._executor.submit(self._write, logged)
+        try:
+            self._executor.submit(self._write, logged)
+        except RuntimeError:  # closed: whoever still has something to tell at the end must not fail by it
+            log.warning("told after the event log was closed: %s", event.text)
         return event_id
 
     def query(

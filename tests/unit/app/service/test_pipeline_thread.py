@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from app.errors import NotNow
+from app.service import pipeline_thread
 from app.service.pipeline_thread import STALL_S
 from app.service.pipelines import Pipelines
 from app.service.settings import Settings
@@ -156,3 +157,14 @@ def test_a_battery_that_speaks_seldom_is_shown_when_its_period_ends_not_at_its_n
     bench.live.step(0.0)
     assert bench.live.snapshot.is_fresh
     assert bench.live.snapshot.accumulator.loaded_cells > 0
+
+
+def test_at_the_end_a_full_inbox_is_recorded_to_the_last_item_though_nothing_is_estimated(bench, master, monkeypatch):
+    monkeypatch.setattr(pipeline_thread, "DRAIN_S", 0.0)
+    for _ in range(500):
+        bench.inbox.put(master.frame())
+    bench.live.stop()
+    bench.live.start()
+    bench.live._thread.join(30)
+    assert len(bench.items) == 500
+    assert bench.live.snapshot is None

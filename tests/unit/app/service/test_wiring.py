@@ -6,6 +6,7 @@ from app.clock import Clock
 from app.errors import ConfigError
 from app.service.settings import Settings
 from app.service.wiring import make_service
+from app.sources.items import CanItem
 
 
 def service(folder, **settings):
@@ -46,3 +47,22 @@ def test_events_reach_the_recording(tmp_path):
 def test_a_setting_that_cannot_be_used_stops_the_start(tmp_path):
     with pytest.raises(ConfigError, match="no-such-cell"):
         service(tmp_path, cell="no-such-cell")
+
+
+def test_a_full_inbox_at_the_end_is_in_the_recording_and_nobody_fails(tmp_path, caplog):
+    made = service(tmp_path)
+    info = made.recorder.start("test")
+    for number in range(4000):
+        made.live._inbox.put(CanItem(number, number, 0x123, bytes(8)))
+    made.start()
+    made.stop()
+    with made.catalogue.open(info.id) as session:
+        assert session.info.is_closed
+        assert session.info.can_frames == 4000
+    assert [record.message for record in caplog.records if record.levelname == "ERROR"] == []
+
+
+def test_what_is_told_after_the_end_fails_nobody(tmp_path):
+    made = service(tmp_path)
+    made.stop()
+    made.events.note("info", "recording", "too late")

@@ -37,10 +37,10 @@ class Watched(ImportJobs):
         if name == "state":
             self.told.append(value)
 
-    def run(self, text: str, profile: ImportProfile = PROFILE) -> ImportState:
-        """Import a table and return the state at the end."""
-        number, path = self.new_path("theirs.csv")
-        path.write_text(text)
+    def run(self, body: str | bytes, profile: ImportProfile = PROFILE, name: str = "theirs.csv") -> ImportState:
+        """Import a file and return the state at the end."""
+        number, path = self.new_path(name)
+        path.write_bytes(body.encode() if isinstance(body, str) else body)
         self.inspect(number, path)
         self.start(number, profile, dbc=None, name="")
         for thread in threading.enumerate():
