@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import logging
-import math
+from math import inf
 from typing import Final
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from app.estimation.arrays import FloatArray
@@ -135,14 +136,14 @@ class SocEstimator:
         """Return the estimates after one sample; see `CellEstimator.step`."""
         if not self._is_started:
             raise EstimatorError(NOT_STARTED)
-        if not 0.0 <= dt_s < math.inf:
+        if not 0.0 <= dt_s < inf:
             raise EstimatorError(f"a step of {dt_s} s is no step")
         # the usual case without a call: beside an engine of microseconds each counts
         if (
-            type(voltages_v) is np.ndarray
-            and type(temperatures_degc) is np.ndarray
-            and voltages_v.shape == self._shape
-            and temperatures_degc.shape == self._shape
+            type(voltages_v) is ndarray
+            and type(temperatures_degc) is ndarray
+            and voltages_v.shape == (shape := self._shape)
+            and temperatures_degc.shape == shape
         ):
             voltage, temperature = voltages_v, temperatures_degc
         else:

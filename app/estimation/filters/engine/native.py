@@ -67,6 +67,9 @@ class NativeEngine:
         )
         self._sample = self._call.sample
         self._call_at = ctypes.addressof(self._call)
+        # of the sample, as a view: half the time of setting two fields
+        scalars = slice(CallStruct.sample.offset, CallStruct.sample.offset + 2 * ctypes.sizeof(ctypes.c_double))
+        self._dt_and_current = memoryview(self._call).cast("B")[scalars].cast("d")
 
     def start(
         self,
@@ -84,9 +87,9 @@ class NativeEngine:
 
     def step(self, dt_s: float, current_a: float, voltage_v: FloatArray, temperature_degc: FloatArray) -> FloatArray:
         """Return (8, n_cells) estimates after one sample; see `Engine.step`."""
-        sample = self._sample
-        sample.dt_s = dt_s
-        sample.current_a = current_a
+        numbers = self._dt_and_current
+        numbers[0] = dt_s
+        numbers[1] = current_a
         self._voltage_v[...] = voltage_v
         self._temperature_degc[...] = temperature_degc
         self._step(self._call_at)
