@@ -178,7 +178,8 @@ def _run(app: Any, listener: socket.socket, setup: Setup | None = None) -> tuple
     if setup is not None:
         setup.on_choice = server.start_again
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)  # uvicorn ends in order, then raises the signal again: enough
+        # Until uvicorn listens to it; it ends in order, then raises the signal again
+        signal.signal(number, lambda *_: setattr(server, "should_exit", True))
     asyncio.run(server.serve(sockets=[listener]))
     if not server.started:
         print("voltwall serve: did not start", file=sys.stderr)

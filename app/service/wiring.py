@@ -4,6 +4,7 @@ The parts are made in the order in which they need each other. Items flow from t
 pipeline to the listeners, which are called in the order in which they stand here.
 """
 
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -107,7 +108,8 @@ class Service:
         self.followers.start()
         if self.mqtt is not None:
             self.mqtt.start()
-        self.jobs.submit(self._open_links)
+        # Not in `jobs`, whose end is waited for: what a first start compiles may take long, and a stop must not
+        threading.Thread(target=self._open_links, name="open links", daemon=True).start()
 
     def _open_links(self) -> None:
         self.live.warm_up()

@@ -1,9 +1,12 @@
 """The parts together, with no link configured: started, fed by hand, stopped in order."""
 
+import threading
+
 import pytest
 
 from app.clock import Clock
 from app.errors import ConfigError
+from app.service.pipeline_thread import PipelineThread
 from app.service.settings import Settings
 from app.service.wiring import make_service
 from app.sources.items import CanItem
@@ -66,3 +69,23 @@ def test_what_is_told_after_the_end_fails_nobody(tmp_path):
     made = service(tmp_path)
     made.stop()
     made.events.note("info", "recording", "too late")
+
+
+def test_a_stop_does_not_wait_for_what_a_first_start_compiles(tmp_path, monkeypatch):
+    compiled, begun = threading.Event(), threading.Event()
+
+    def compile_for_ever(self):
+        begun.set()
+        compiled.wait(60)
+
+    monkeypatch.setattr(PipelineThread, "warm_up", compile_for_ever)
+    made = service(tmp_path)
+    made.start()
+    assert begun.wait(30)
+    stopping = threading.Thread(target=made.stop)
+    stopping.start()
+    stopping.join(30)
+    is_stopped = not stopping.is_alive()
+    compiled.set()
+    stopping.join()
+    assert is_stopped
