@@ -7,7 +7,7 @@ steps; 0.02C of noise, gain +-0.5 %, offset +-0.0067C, all four signs. Tuning lo
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,6 +27,8 @@ MIDDLES = (0.2, 0.35, 0.5)  # of the run, where a filter wakes up under load
 WRONG_SOC = 0.5
 WRONG_SOC_MIDDLE = 0.45
 LITTLE_OFF = 0.02
+SUMMARY_HEADER = """| run | count | CDKF | fused | worse by | 50 points wrong | largest after 60 s | 2 low / high |
+| --- | --- | --- | --- | --- | --- | --- | --- |"""
 STARTS = {"right": 0.0, "50 off": -WRONG_SOC, "2 low": -LITTLE_OFF, "2 high": LITTLE_OFF}
 N_PINNED = 2  # of them, from which the fusion is to be as good as the better of its parts
 
@@ -106,6 +108,17 @@ def line(what: str, start: str, found: Judgement) -> str:
     )
 
 
+def print_summary(found: Mapping[str, Sequence[Judgement]]) -> None:
+    """Print a row of Markdown a run, in points of SOC: median / worst over the signs of the sensor errors."""
+    print(SUMMARY_HEADER)
+    for label, (right, wrong, low, high) in found.items():
+        columns = [f"{np.median(each):.2f} / {each.max():.2f}" for each in (right.count, right.filter, right.fused)]
+        largest = 100.0 * max(score.soc_max_error_after_60s for score in wrong.scores)
+        columns += [f"{right.excess.max():.2f}", f"{np.median(wrong.fused):.2f} / {wrong.fused.max():.2f}"]
+        columns += [f"{largest:.1f}", f"{np.median(low.fused):.2f} / {np.median(high.fused):.2f}"]
+        print(f"| {' | '.join((label, *columns))} |")
+
+
 def judge_case(case: Case, middles: Sequence[float] = MIDDLES) -> dict[str, tuple[CellModel, list[Judgement]]]:
     """Identify a cell, print a line a run and start, and return the judgements of its whole runs by run."""
     model = identify(case.slow, case.pulses, case.drives, 2, case.name).model
@@ -133,15 +146,14 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=DATA, help="folder with panasonic-18650pf/ and physics/")
     args = parser.parse_args()
     print(HEADER)
-    excess = [
-        judged.excess
-        for case in shared_cases(args.data)
-        for _, whole in judge_case(case).values()
-        for judged in whole[:N_PINNED]
-    ]
-    if not excess:
+    found = {
+        f"{case.name}: {run}": whole for case in shared_cases(args.data) for run, (_, whole) in judge_case(case).items()
+    }
+    if not found:
         print(f"skipped: nothing in {args.data}")
         return
+    print_summary(found)
+    excess = [judged.excess for whole in found.values() for judged in whole[:N_PINNED]]
     print(f"whole runs: the fusion is worse than the better of its parts by {np.max(excess):.2f} points at most")
 
 

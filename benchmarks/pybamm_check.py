@@ -12,14 +12,12 @@ import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.recording.cell_recording import Recording
 from app.sources.recordings.dataset import load_recording
-from benchmarks.accuracy import HEADER, N_PINNED, Case, judge_case
+from benchmarks.accuracy import HEADER, N_PINNED, Case, judge_case, print_summary
 from benchmarks.sources_plots import draw_physics
-from tests.numeric.judgement import disturbed, estimate
+from tests.numeric.judgement import Judgement, disturbed, estimate
 from tests.numeric.pybamm_cells import CELLS, Cell, pulse_test, race, save, slow_test
 
 DEFAULT_CELLS = ("Mohtat2020", "Ecker2015")
@@ -52,13 +50,13 @@ def recordings(cell: Cell, full: bool, keep: Path | None) -> dict[str, Recording
     return found
 
 
-def check(cell: Cell, tests: dict[str, Recording]) -> tuple[CellModel, float]:
-    """Identify a cell, print how right the filters are, and return the model and the largest excess of the fusion."""
+def check(cell: Cell, tests: dict[str, Recording]) -> tuple[CellModel, dict[str, list[Judgement]]]:
+    """Identify a cell, print how right the filters are, and return the model and the judgements by race."""
     pulses = [tests["pulses25"], tests["pulses40"]]
     races = [tests["race2"], tests["race3"]]
     found = judge_case(Case(cell.name, False, [tests["slow"]], pulses, [tests["train"]], races))
     model = next(iter(found.values()))[0]
-    return model, max(float(judged.excess.max()) for _, whole in found.values() for judged in whole[:N_PINNED])
+    return model, {run: whole for run, (_, whole) in found.items()}
 
 
 def main() -> None:
@@ -72,11 +70,11 @@ def main() -> None:
     if importlib.util.find_spec("pybamm") is None and args.keep is None:
         parser.exit(2, "PyBaMM is not installed: pip install voltwall[pybamm]\n")
     print(HEADER)
-    worst, drawn = 0.0, False
+    judged, drawn = dict[str, list[Judgement]](), False
     for name in args.cells:
         tests = recordings(CELLS[name], args.full, args.keep)
-        model, excess = check(CELLS[name], tests)
-        worst = max(worst, excess)
+        model, of_cell = check(CELLS[name], tests)
+        judged |= of_cell
         if args.plots and not drawn:
             drawn = True
             run = tests["race2"]
@@ -85,7 +83,9 @@ def main() -> None:
             shown = {label: estimate(model, run, sensed, "fused", soc) for label, soc in starts.items()}
             shown["count alone"] = estimate(model, run, sensed, "coulomb", float(run.soc[0]))
             draw_physics(args.plots / "physics-check.svg", run, shown)
-    print(f"whole races: the fusion is worse than the better of its parts by {np.round(worst, 2)} points at most")
+    print_summary(judged)
+    worst = max(float(each.excess.max()) for whole in judged.values() for each in whole[:N_PINNED])
+    print(f"whole races: the fusion is worse than the better of its parts by {worst:.2f} points at most")
 
 
 if __name__ == "__main__":
