@@ -16,9 +16,10 @@ from tests.recorded.season import TIME_S
 
 
 @pytest.fixture
-def copies(season, tmp_path) -> tuple[Path, Path]:
-    """The two sessions, and a place for their lake."""
+def copies(season, lake, tmp_path) -> tuple[Path, Path]:
+    """Copies of the two sessions, and of their lake, which is up to date."""
     shutil.copytree(season, tmp_path / "sessions", dirs_exist_ok=True)
+    shutil.copytree(lake, tmp_path / "lake")
     return tmp_path / "sessions", tmp_path / "lake"
 
 
@@ -62,7 +63,6 @@ def test_samples_hold_every_signal_in_its_unit_and_in_order(lake, season):
 def test_what_is_up_to_date_is_left_and_what_has_changed_is_made_again(copies):
     sessions, lake = copies
     paths = session_files([sessions])
-    assert len(build_lake(Place(lake), paths).made) == 2
     assert build_lake(Place(lake), paths).current == [path.stem for path in paths]
     paths[0].touch()
     assert build_lake(Place(lake), paths).made == [paths[0].stem]
@@ -72,7 +72,6 @@ def test_what_is_up_to_date_is_left_and_what_has_changed_is_made_again(copies):
 def test_a_newer_program_makes_again_what_is_older(copies, monkeypatch):
     sessions, lake = copies
     paths = session_files([sessions])
-    build_lake(Place(lake), paths)
     monkeypatch.setattr(build, "LAKE_VERSION", LAKE_VERSION + 1)
     assert len(build_lake(Place(lake), paths).made) == 2
 
@@ -84,8 +83,17 @@ def test_a_damaged_session_is_named_and_left_out(copies, capsys):
     assert main(["season", "build", str(sessions), "--lake", str(lake)]) == 1
     said = capsys.readouterr()
     assert "broken is left out" in said.err
-    assert "2 made" in said.out
+    assert "2 up to date" in said.out
     assert len(folders(lake)) == 2
+
+
+def test_in_the_background_it_has_the_lowest_priority_and_says_nothing(copies, capsys, monkeypatch):
+    sessions, lake = copies
+    given = []
+    monkeypatch.setattr("os.nice", given.append)
+    assert main(["season", "build", str(sessions), "--lake", str(lake), "--background"]) == 0
+    assert given == [19]
+    assert capsys.readouterr().out == ""
 
 
 def test_an_unclosed_session_waits(make_session, tmp_path):
@@ -98,7 +106,6 @@ def test_an_unclosed_session_waits(make_session, tmp_path):
 def test_a_disk_that_fails_in_the_middle_leaves_the_old_files(copies, monkeypatch):
     sessions, lake = copies
     paths = session_files([sessions])
-    build_lake(Place(lake), paths)
     before = {path: path.read_bytes() for path in lake.rglob("*") if path.is_file()}
 
     def fail(path: Path, *_: object) -> None:
@@ -123,17 +130,15 @@ def replace(self, target, original=Path.replace):
         os._exit(9)
     return original(self, target)
 Path.replace = replace
-build.build_lake(place.Place(sys.argv[2]), build.session_files([Path(sys.argv[1])]), again=True)
+build.build_lake(place.Place(sys.argv[2]), build.session_files([Path(sys.argv[1])]))
 """
 
 
-@pytest.mark.parametrize("at", [1, 5])
-def test_after_a_kill_every_file_is_whole_and_the_next_build_mends_the_session(copies, at):
+def test_after_a_kill_every_file_is_whole_and_the_next_build_mends_the_session(copies):
     sessions, lake = copies
     paths = session_files([sessions])
-    build_lake(Place(lake), paths)
     paths[0].touch()
-    arguments = [str(sessions), str(lake), str(at)]
+    arguments = [str(sessions), str(lake), "3"]  # of five files
     killed = subprocess.run([sys.executable, "-c", KILLED, *arguments], check=False, cwd=Path.cwd())
     assert killed.returncode == 9
     assert [pq.read_table(path, partitioning=None).num_rows > 0 for path in lake.rglob("*.parquet")] == [True] * 10
