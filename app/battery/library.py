@@ -69,12 +69,7 @@ def profile_files(name: str) -> dict[str, bytes]:
         text, inner, file = _read(name, folder, included_by)
         keep(included_by or file, name if included_by else file, text.encode())
         values = read_document(text, file, lambda _: Document("", {}, {})).values
-        witnesses = values.get("witness", [])
-        for each in dict.fromkeys(
-            name
-            for table in (values.get("source", {}), *(witnesses if isinstance(witnesses, list) else ()))
-            for name in _texts(table, "dbc")
-        ):
+        for each in dict.fromkeys(name for table in _speakers(values) for name in _texts(table, "dbc")):
             try:
                 keep(file, each, _found(inner, each).read_bytes())
             except OSError as error:
@@ -126,11 +121,17 @@ def _document(text: str, file: str, folder: Path, depth: int) -> Document:
         return _document(*_inner(name, folder, file), depth + 1)
 
     document = read_document(text, file, include)
-    source = document.values.get("source")
-    if isinstance(source, dict) and isinstance(source.get("dbc"), str | list):
-        named = source["dbc"] if isinstance(source["dbc"], list) else [source["dbc"]]
-        source["dbc"] = [str(_found(folder, each)) if isinstance(each, str) else each for each in named]
+    for source in _speakers(document.values):
+        if isinstance(source, dict) and isinstance(source.get("dbc"), str | list):
+            named = source["dbc"] if isinstance(source["dbc"], list) else [source["dbc"]]
+            source["dbc"] = [str(_found(folder, each)) if isinstance(each, str) else each for each in named]
     return document
+
+
+def _speakers(values: Mapping[str, Any]) -> list[Any]:
+    """The tables that name DBCs: of the battery, and of its witnesses."""
+    witnesses = values.get("witness", [])
+    return [values.get("source", {}), *(witnesses if isinstance(witnesses, list) else ())]
 
 
 def _inner(name: str, folder: Path, file: str) -> tuple[str, str, Path]:

@@ -14,7 +14,7 @@ def lines_of_keys(text: str) -> dict[str, int]:
     for number, line in enumerate(text.splitlines(), 1):
         head = _TABLE.match(line)
         if head:
-            table = _clean(head[2])
+            table = _within(_clean(head[2]), counts)
             if head[1] == "[[":
                 counts[table] = counts.get(table, -1) + 1
                 table = f"{table}[{counts[table]}]"
@@ -34,6 +34,15 @@ def line_of(lines: dict[str, int], path: str) -> int | None:
             return lines[path]
         path = re.sub(r"(\.[^.\[]+|\[\d+\]|^[^.\[]+)$", "", path)
     return None
+
+
+def _within(table: str, counts: dict[str, int]) -> str:
+    """The path of a table, with the number of the list's last element where one is around it."""
+    around, _, name = table.rpartition(".")
+    if not around:
+        return table
+    around = _within(around, counts)
+    return f"{around}[{counts[around]}].{name}" if around in counts else f"{around}.{name}"
 
 
 def _clean(key: str) -> str:

@@ -120,3 +120,17 @@ def test_a_bus_of_something_else_is_told_and_ends_with_1(car, tmp_path, capsys):
 def test_nothing_to_learn_from_is_an_error(capsys):
     assert main(["battery", "learn"]) == 2
     assert "--dbc" in capsys.readouterr().err
+
+
+WITNESS = '[[witness]]\nname = "second"\nbus = 1\ndbc = "ivt-s.dbc"\n[witness.current]\nsignal = "{signal}"\n'
+
+
+@pytest.mark.parametrize(("signal", "code"), [("IVT_Result_I.IVT_Current", 0), ("Nothing", 2)])
+def test_a_witness_is_checked_and_shown_by_its_own_field(signal, code, tmp_path, capsys):
+    profile = tmp_path / "mine.toml"
+    profile.write_text('include = ["foxbms-2"]\n' + WITNESS.format(signal=signal))
+    assert main(["battery", "check", str(profile)]) == code
+    line = "mine.toml:6: error: witness[0].current.signal: no signal Nothing in the DBC"
+    assert (line in capsys.readouterr().out) == bool(code)
+    assert main(["battery", "show", str(profile)]) == 0
+    assert "witness second, bus 1:\nsource: CAN by " in capsys.readouterr().out
