@@ -24,6 +24,7 @@ PAGES = (  # the address is the name of the picture
     "parameters",
     "can",
     "sessions",
+    "season",
     "events",
     "system",
     "simulator",

@@ -5,12 +5,30 @@ import './theme/tokens.css';
 import './theme/base.css';
 import './theme/print.css';
 import Document from './views/Document.svelte';
-import type { BlackBox, Evidence, Report } from './link/types';
+import type {
+  BlackBox,
+  Evidence,
+  Report,
+  SeasonCellCurves,
+  SeasonOverview,
+  SeasonSession,
+} from './link/types';
 import { shapes } from './store/shapes.svelte';
 import { paper } from './store/paper.svelte';
 import { chosen } from './words/words.svelte';
 
+export interface SeasonReport {
+  battery: string;
+  segments: number[];
+  made_s: number;
+  voltwall: string;
+  sessions: SeasonSession[];
+  overview: SeasonOverview;
+  curves: SeasonCellCurves[];
+}
+
 export type Subject =
+  | { kind: 'season'; data: SeasonReport }
   | { kind: 'report'; data: Report }
   | { kind: 'black-box'; data: BlackBox }
   | { kind: 'evidence'; data: Evidence };

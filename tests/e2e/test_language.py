@@ -43,6 +43,7 @@ PAGES = (
     "charging",
     "parameters",
     "sessions",
+    "season",
     "events",
     "system",
     "simulator",

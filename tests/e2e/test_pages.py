@@ -15,6 +15,7 @@ PAGES = {  # address, heading, and what is there once the page has its data
     "parameters": ("Parameters", '[data-testid="stored-v_cell_max"]'),
     "can": ("CAN", '[data-testid="can-tx-0"]'),
     "sessions": ("Sessions", '[data-testid="sessions"] td'),
+    "season": ("Season", '[data-testid="season-state"]'),
     "events": ("Events", '[data-testid="events"] td'),
     "system": ("System", '[data-testid="disk"]'),
     "simulator": ("Simulator", '[data-testid="scenario-clean-endurance"]'),

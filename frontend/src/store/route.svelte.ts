@@ -9,6 +9,7 @@ export type Page =
   | 'parameters'
   | 'can'
   | 'sessions'
+  | 'season'
   | 'events'
   | 'system'
   | 'simulator'
@@ -23,6 +24,7 @@ export const PAGES: readonly { id: Page; name: Text; icon: string }[] = [
   { id: 'parameters', name: 'Parameters', icon: 'sliders' },
   { id: 'can', name: 'CAN', icon: 'bus' },
   { id: 'sessions', name: 'Sessions', icon: 'record' },
+  { id: 'season', name: 'Season', icon: 'season' },
   { id: 'events', name: 'Events', icon: 'list' },
   { id: 'system', name: 'System', icon: 'pulse' },
   { id: 'simulator', name: 'Simulator', icon: 'flask' },

@@ -11,6 +11,7 @@ import type overview from '../../../app/words/nb/page/overview.json';
 import type packs from '../../../app/words/nb/page/packs.json';
 import type parameters from '../../../app/words/nb/page/parameters.json';
 import type recording from '../../../app/words/nb/page/recording.json';
+import type season from '../../../app/words/nb/page/season.json';
 import type sessions from '../../../app/words/nb/page/sessions.json';
 import type setup from '../../../app/words/nb/page/setup.json';
 import type shell from '../../../app/words/nb/page/shell.json';
@@ -29,6 +30,7 @@ export type Text =
   | keyof typeof packs
   | keyof typeof parameters
   | keyof typeof recording
+  | keyof typeof season
   | keyof typeof sessions
   | keyof typeof setup
   | keyof typeof shell
