@@ -30,7 +30,6 @@ ROOT = TESTS_FOLDER.parent
 READ_SERVICE = pytest.StashKey[Service]()
 WAITING = ("e2e", "integration")  # most of their time they wait for a car, a service or a page
 LONGEST_FIRST = ("test_evidence.py", "test_evidence_c_master.py", "test_parameters.py", "test_weak_joint.py")
-COMPUTING = ("numeric", "property", "docs", "unit")  # those with the longest files first
 WAITING_ENDS_AT = 0.8  # of the run: the end is many short files, which all processes share
 
 
@@ -60,20 +59,19 @@ def pytest_xdist_auto_num_workers() -> int:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mix files that wait with files that compute, so that all cores are busy from the start to the end.
 
-    First comes what shares a service, so that this need not run for long; of the others the longest.
+    First comes what shares a service, so that this need not run for long; of the others in a folder the longest.
     """
     if not hasattr(config, "workerinput"):  # pytest-xdist's
         return
-    folders = {item.path: item.path.relative_to(TESTS_FOLDER).parts[0] for item in items}
-    shared = {item.path for item in items if reads_only(item)}
-    waiting = [path for path, folder in folders.items() if folder in WAITING and path not in shared]
-    waiting.sort(key=lambda path: LONGEST_FIRST.index(path.name) if path.name in LONGEST_FIRST else len(LONGEST_FIRST))
-    computing = [path for path, folder in folders.items() if folder in COMPUTING]
-    computing.sort(key=lambda path: COMPUTING.index(folders[path]))
-    place = dict.fromkeys(shared, -1.0)
-    place |= {path: WAITING_ENDS_AT * number / len(waiting) for number, path in enumerate(waiting)}
-    place |= {path: number / len(computing) for number, path in enumerate(computing)}
-    items.sort(key=lambda item: place.get(item.path, 0.0))
+    folders: dict[str, list[Path]] = {}
+    for path in dict.fromkeys(item.path for item in items if not reads_only(item)):
+        folders.setdefault(path.relative_to(TESTS_FOLDER).parts[0], []).append(path)
+    place: dict[Path, float] = {}
+    for folder, paths in folders.items():
+        paths.sort(key=lambda path: path.name not in LONGEST_FIRST)
+        end = WAITING_ENDS_AT if folder in WAITING else 1.0
+        place |= {path: end * number / len(paths) for number, path in enumerate(paths)}
+    items.sort(key=lambda item: place.get(item.path, -1.0))
 
 
 def pytest_collection_finish() -> None:
