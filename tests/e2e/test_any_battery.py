@@ -121,6 +121,14 @@ def test_a_temperature_tells_for_which_cells_it_stands(battery, open_page):
     expect(page.get_by_test_id("cell-sensor")).to_have_text("sensor 1, also for pack 1, cell 1")
 
 
+def test_what_is_not_judged_of_cells_that_are_told_in_turns_is_said(battery, open_page):
+    service, segments = battery
+    page = open_page(f"{service.base_url}/#/packs")
+    page.get_by_test_id("metric-joint").click()
+    if sum(segments) > 100:  # foxBMS tells a tenth of its cells in one period
+        expect(page.get_by_test_id("not-judged")).to_contain_text("from 40")
+
+
 def wide_battery(folder, n_cells, in_segment):
     """A profile of CAN FD frames with 32 cells each, and its DBC; returns the profile's path."""
     messages = []
