@@ -1,12 +1,12 @@
 """A thousand cars at one real broker: how late the page of all cars is, and what it costs.
 
-    python -m benchmarks.fleet [--cars 1000] [--seconds 60] [--port 21884]
+    python -m benchmarks.fleet [--cars 1000] [--seconds 60]
 
-Every car is a connection of its own that publishes all nine topics of a 96-cell battery once a second, by MQTT 3.1.1
-over plain sockets, from a process that is not counted. The broker is a real mosquitto, the listener `voltwall serve
---fleet`. The delay is from the moment of publishing to a subscriber's callback (same machine, same clock). Methods:
-what the page subscribes to (six topics of each car), against everything (`PREFIX/#`). Then the broker is killed and
-started again.
+Every car is a connection of its own that publishes what the service does of a 96-cell battery: once a second the six
+topics that change, the others at the start; by MQTT 3.1.1 over plain sockets, from one process. The broker is a real
+mosquitto, the listener `voltwall serve --fleet`. The delay is from the moment of publishing to a subscriber's callback
+(same machine, same clock). Methods: what the page subscribes to (six topics of each car, of which one comes every
+second), against everything (`PREFIX/#`). Then the broker is killed and started again.
 """
 
 from __future__ import annotations
@@ -73,9 +73,10 @@ async def car(name: str, rng: random.Random) -> None:
         publish(f"{base}/cells/{each}", stamp | {"age_s": 0.1, "stale": False, "values": cells})
         for each in ("voltage_v", "temperature_degc", "soc", "soc_sigma")
     )
-    rest += publish(f"{base}/links", {"rs232": {"state": "live", "lost": 0}, "can": {"state": "live", "lost": 0}})
-    rest += publish(f"{base}/master", {"state": "drive", "simulated": False})
-    rest += publish(f"{base}/alarms", []) + publish(f"{base}/recording", None)
+    rest += publish(f"{base}/recording", {"session_id": "20261123T022328Z", "frames": 1234, "bytes": 123456})
+    once = publish(f"{base}/status", b"online")
+    once += publish(f"{base}/links", {"rs232": {"state": "live", "lost": 0}, "can": {"state": "live", "lost": 0}})
+    once += publish(f"{base}/master", {"state": "drive", "simulated": False}) + publish(f"{base}/alarms", [])
     values = (
         stamp | {f"value_{i}": 3.6543 for i in range(24)} | {"soc": 0.6, "voltage_min_v": 3.6, "voltage_min_cell": 7}
     )
@@ -83,7 +84,7 @@ async def car(name: str, rng: random.Random) -> None:
         await asyncio.sleep(rng.random())
         with contextlib.suppress(OSError, asyncio.IncompleteReadError):
             reader, writer = await asyncio.open_connection("127.0.0.1", PORT)
-            writer.write(connect(name) + publish(f"{base}/status", b"online"))
+            writer.write(connect(name) + once)
             await reader.readexactly(4)
             due = time.monotonic()
             while True:

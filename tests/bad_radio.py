@@ -39,6 +39,7 @@ class BadRadio:
         self._random = random.Random(seed)
         self._free_s = 0.0  # when the air is free again
         self._open: set[asyncio.StreamWriter] = set()
+        self._tasks: set[object] = set()
         self._is_cut = self._hangs = False
         self.bytes = 0
         self.port = 0
@@ -93,6 +94,7 @@ class BadRadio:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, target: tuple[str, int]) -> None:
         self._open.add(writer)
+        self._tasks.add(asyncio.current_task())  # asyncio itself does not hold it
         if self._is_cut:
             if not self._hangs:
                 writer.transport.abort()
@@ -102,6 +104,7 @@ class BadRadio:
             self._open.add(there_writer)
             await asyncio.gather(self._carry(reader, there_writer), self._carry(there_reader, writer))
         self._open.discard(writer)
+        self._tasks.discard(asyncio.current_task())
 
     async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         queue: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue(64)  # what is in the air
@@ -113,8 +116,9 @@ class BadRadio:
                 await asyncio.sleep(max(0.0, due_s - clock()))
                 if not data:
                     break
-                writer.write(data)
-                await writer.drain()
+                with contextlib.suppress(OSError):  # what comes behind a broken connection is dropped
+                    writer.write(data)
+                    await writer.drain()
             writer.close()
 
         task = asyncio.ensure_future(deliver())

@@ -52,7 +52,7 @@ from app.sessions.recording.disk import DiskLimits
 from app.sessions.replay import ReplayPlayer
 from app.sessions.retention import Retention, RetentionRule
 from app.sessions.transfer.fetch_jobs import FetchJobs
-from app.sessions.transfer.follow import MOST_YIELD_S, Follower, Followers, remotes_of
+from app.sessions.transfer.follow import GONE_S, Follower, Followers, remotes_of
 from app.sessions.transfer.import_jobs import ImportJobs
 from app.sessions.worker import Workers
 from app.sources.loaded_battery import LoadedBattery, load_battery
@@ -282,7 +282,7 @@ def make_service(
 
     def live_waits() -> bool:
         age_s = None if live.snapshot is None else aged(live.snapshot, clock.monotonic_ns()).age_s.voltage
-        return age_s is not None and STALE_S <= age_s < MOST_YIELD_S
+        return age_s is not None and STALE_S <= age_s < GONE_S
 
     followers = [
         Follower(

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from app.clock import Clock
 from app.errors import AppError, ConfigError, message_of
 from app.sessions.catalogue import Catalogue
+from app.sessions.errors import FetchFailed
 from app.sessions.storage.files import FETCHED, SUFFIX
 from app.sessions.transfer.fetch import Remote
 from app.sessions.transfer.fill import fill_from
@@ -23,7 +24,8 @@ LIST_S = 5.0  # twice while a piece of what is being recorded grows
 MOST_AT_ONCE = 32  # pieces in one request: a long way costs once, and a cut takes no more than the piece under way
 PAUSE_MIN_S, PAUSE_MAX_S = 0.5, 10.0  # after a failure
 YIELD_S = 0.2  # the live view is looked at again so soon
-MOST_YIELD_S = 10.0  # a live view that is late for longer is late for another reason
+MOST_YIELD_S = 3.0  # for each piece: on a radio that is always late, what is missing comes all the same
+GONE_S = 10.0  # a live view that is late for longer is gone for another reason
 FRESH_PIECES = 30  # a session is made of what is here after so many, or a quarter more than before
 
 
@@ -81,7 +83,8 @@ class Follower:
             except Exception as error:  # noqa: BLE001  whatever it is, the next attempt goes on from here
                 self._at_once = 1
                 self._listed_s = None
-                self.state = FollowState(self.remote.url, False, message_of(error), self.state.heard_s)
+                reason = error.reason if isinstance(error, FetchFailed) else message_of(error)
+                self.state = FollowState(self.remote.url, False, reason, self.state.heard_s)
                 ending.wait(pause_s)
                 pause_s = min(2 * pause_s, PAUSE_MAX_S)
                 continue
