@@ -20,6 +20,7 @@ MONTH_DAYS: Final = 365.25 / 12
 AHEAD_DAYS: Final = 90.0
 CURVE_POINTS: Final = 40
 TOLD: Final = 0.25  # of a limit: below, a cell gives no reason
+SOON_DAYS: Final = 182.6  # a pace is a reason where it goes so much of the way within half a year
 NEWEST: Final = 3  # sessions that say how a cell is now
 
 
@@ -49,12 +50,12 @@ class SeasonStep:
 
 @dataclass(frozen=True)
 class CellRank:
-    """One cell, `score` is how far it has gone to the nearest limit: 1 is there."""
+    """One cell against the median one; `score` is how far it has gone to the nearest limit: 1 is there."""
 
     cell: int
     score: float
-    resistance: float | None  # against the median cell
-    capacity: float | None  # against the median cell
+    resistance: float | None
+    capacity: float | None
     self_discharge_per_day: float | None
     resistance_trend: SeasonTrend | None
     capacity_trend: SeasonTrend | None
@@ -94,7 +95,8 @@ def overview_of(history: CellHistory) -> SeasonOverview:
     capacity, c_sigma = history.of("capacity")
     middle, c_middle = _row_median(resistance), _row_median(capacity)
     relative = resistance / middle[:, None]
-    r_lines, c_lines = lines(history.days, relative, r_sigma), lines(history.days, capacity, c_sigma)
+    r_lines = lines(history.days, relative, r_sigma)
+    c_lines = lines(history.days, capacity / c_middle[:, None], c_sigma)
     r_steps = steps(history.days, relative, r_sigma) if len(history.sessions) else [None] * history.n_cells
     r_now, c_now = _newest(relative) - 1.0, _against(_newest(capacity))
     leak = history.self_discharge_per_day
@@ -160,10 +162,10 @@ def _rank(
         said.append(Message("season-holds-less", now=_percent(-capacity)))
     if shares[2] >= TOLD:
         said.append(Message("season-leaks", rate=_percent(leak, 2)))
-    if r_line is not None and r_line.low > 0.0:
+    if r_line is not None and r_line.low > 0.0 and r_line.per_day * SOON_DAYS >= TOLD * RESISTANCE_HIGH:
         low, high, pace = (_percent(value * MONTH_DAYS, 2) for value in (r_line.low, r_line.high, r_line.per_day))
         said.append(Message("season-resistance-grows", pace=pace, low=low, high=high))
-    if c_line is not None and c_line.high < 0.0:
+    if c_line is not None and c_line.high < 0.0 and c_line.per_day * SOON_DAYS <= TOLD * CAPACITY_LOW:
         low, high, pace = (_percent(-value * MONTH_DAYS, 2) for value in (c_line.high, c_line.low, c_line.per_day))
         said.append(Message("season-capacity-falls", pace=pace, low=low, high=high))
     if step is not None:

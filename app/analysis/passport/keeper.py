@@ -137,7 +137,7 @@ class PassportKeeper:
         self._also = also
         self._catalogue = catalogue
         self._cell = cell
-        self._lock = threading.Lock()
+        self._lock, self._reading = threading.Lock(), threading.Lock()
         self._thread: threading.Thread | None = None
         self._progress = (0, 0)
         self._unreadable: set[str] = set()
@@ -171,8 +171,11 @@ class PassportKeeper:
         return found[::-1]
 
     def read_new(self) -> int:
-        """Read every finished session that is not in the store yet; return how many."""
-        new = self._new()
+        """Read every finished session that is not in the store yet; return how many. One thread at a time."""
+        with self._reading:
+            return self._read(self._new())
+
+    def _read(self, new: list[SessionInfo]) -> int:
         done = 0
         for k, info in enumerate(new):
             if self._is_closing:

@@ -408,7 +408,7 @@ export interface CellPassport {
   swaps: StoredSwap[];
 }
 
-/** One cell, `score` is how far it has gone to the nearest limit: 1 is there. */
+/** One cell against the median one; `score` is how far it has gone to the nearest limit: 1 is there. */
 export interface CellRank {
   cell: number;
   score: number;
