@@ -5,7 +5,7 @@ import json
 import pytest
 
 from app.errors import ConfigError, NotNow
-from app.sources.connections import FILE, Connections, Setup, load_connections, save_connections
+from app.sources.connections import FILE, Connections, Setup, buses_of, load_connections, save_connections
 
 ORION = Connections(can="socketcan:can0", battery="orion-bms-2")
 PROFILE = b"""
@@ -101,3 +101,27 @@ def test_an_upload_that_is_no_battery_is_refused_and_not_kept(tmp_path, files):
     with pytest.raises(ConfigError):
         setup.upload(files)
     assert not list(tmp_path.rglob("*.toml"))
+
+
+@pytest.mark.parametrize(
+    ("urls", "expected"),
+    [
+        (None, []),
+        ("socketcan:can0", ["socketcan:can0"]),
+        ("socketcan:can0,socketcan:can1", ["socketcan:can0", "socketcan:can1"]),
+        ("vector:0,1,slcan:/dev/ttyACM0?bitrate=250000", ["vector:0,1", "slcan:/dev/ttyACM0?bitrate=250000"]),
+        ("slcan:socket://a:1?timeout=0.05,pcan:PCAN_USBBUS1", ["slcan:socket://a:1?timeout=0.05", "pcan:PCAN_USBBUS1"]),
+    ],
+)
+def test_buses_stand_behind_commas_and_a_channel_may_hold_one(urls, expected):
+    assert buses_of(urls) == expected
+
+
+def test_more_buses_than_frames_can_be_told_apart_of_are_refused():
+    with pytest.raises(ConfigError, match="at most 4 buses"):
+        buses_of(",".join(f"virtual:{i}" for i in range(5)))
+
+
+def test_every_bus_has_to_be_one():
+    with pytest.raises(ConfigError, match="nothing"):
+        Connections(can="virtual:a,nothing:b", battery="orion-bms-2").check()
