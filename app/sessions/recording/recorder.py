@@ -11,7 +11,6 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from app.clock import Clock
 from app.errors import NotNow, message_of
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
-from app.sessions.recording.disk import ROW_BYTES, DiskLimits, payload_bytes, time_left
+from app.sessions.recording.disk import ROW_BYTES, DiskLimits, loss_event, low_warning, payload_bytes, up_to_now
 from app.sessions.recording.disk import free_bytes as free_bytes_of
 from app.sessions.recording.session_writer import Row, SessionWriter, TableRow, event_row
 from app.sessions.storage.files import new_file, size_on_disk
@@ -34,6 +33,7 @@ logger = logging.getLogger(__name__)
 
 COMMIT_S = 0.3  # with the time that the commit takes, at most 0.5 s of a session are not on the disk
 CLOCK_STEP_NS = 50_000_000  # the wall clock moved by more than this against the monotonic one: noted
+PAUSE_S = 0.05  # between two commits at least
 _START, _STOP = "start", "stop"
 _CONTENT = ("frames", "can_frames", "markers")
 
@@ -82,6 +82,7 @@ class Recorder:
         self._gone: dict[str, Message] = {}  # sessions whose file was taken away, by id
         self._error: Message | None = None
         self._free: int | None = None
+        self._committed_s = time.monotonic()  # when the thread last did
         self._writer: SessionWriter | None = None  # the thread's
         self._batch: list[TableRow] = []  # the thread's
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -113,10 +114,7 @@ class Recorder:
             config = self._config
             known = session.metadata if metadata is None else metadata
             following = self._begin(name, {**known, "continues": session.id})
-            if config is not None:
-                self._put(
-                    "configs", (following.started_mono_ns, following.started_wall_ns, "as before", config), len(config)
-                )
+            self._repeat_config(following, config)
             return following
 
     def stop(self) -> None:
@@ -178,21 +176,11 @@ class Recorder:
             session, error, free = self._session, self._error, self._free
             queue = (self._queued_items, self._queued_bytes, self._lost)
             counts, gone = self._counts.copy(), self._gone.copy()
+        warning = None
         if session is not None:
-            session = replace(
-                session,
-                size_bytes=size_on_disk(session.path),
-                ended_mono_ns=self._clock.monotonic_ns(),
-                frames=counts["frames"],
-                can_frames=counts["can_frames"],
-                events=counts["events"],
-                markers=counts["markers"],
-            )
+            session = up_to_now(session, counts, self._clock.monotonic_ns())
+            warning = gone.get(str(session.metadata.get("continues"))) or low_warning(session, free, self._limits)
         state = RecorderState.STALLED if error else RecorderState.RECORDING if session else RecorderState.IDLE
-        warning = None if session is None else gone.get(str(session.metadata.get("continues")))
-        if warning is None and session and free is not None and free < self._limits.warn_free_bytes:
-            left = time_left(session, free - self._limits.stop_free_bytes)
-            warning = Message("disk-low", free=Quantity(free >> 20, "MB"), left=left)
         return RecorderStatus(state, session, *queue, free, warning, error)
 
     def gone(self, session_id: str) -> Message | None:
@@ -252,6 +240,12 @@ class Recorder:
         self._wake.set()
         return self._session
 
+    def _repeat_config(self, session: SessionInfo, config: bytes | None) -> None:
+        """Write the configuration in force into a session that goes on; the lock is held."""
+        if config is not None:
+            self._config = config
+            self._put("configs", (session.started_mono_ns, session.started_wall_ns, "as before", config), len(config))
+
     def _put(self, table: str, row: Row, size: int) -> None:
         """Queue a row; the lock is held."""
         if self._session is None:
@@ -286,7 +280,8 @@ class Recorder:
         while True:
             with self._lock:
                 is_idle = self._session is None and not self._pending and not self._batch
-            self._wake.wait(None if is_idle and not self._ending else COMMIT_S)
+            since_s = time.monotonic() - self._committed_s  # what the last commit took counts
+            self._wake.wait(None if is_idle and not self._ending else max(PAUSE_S, COMMIT_S - since_s))
             self._wake.clear()
             ending = self._ending
             self._work()
@@ -352,10 +347,7 @@ class Recorder:
         waiting, config = self._batch, self._config
         name = None if session.name == session.id else self._next_name(session.name)
         following = self._begin(name, {**session.metadata, "continues": session.id}, beside=session.path)
-        if config is not None:
-            self._config = config
-            started = (following.started_mono_ns, following.started_wall_ns)
-            self._put("configs", (*started, "as before", config), len(config))
+        self._repeat_config(following, config)
         self._counts.update(table for table, _ in waiting if table != _START)
         self._batch, self._pending = [*self._pending, *(item for item in waiting if item[0] != _START)], []
         return following
@@ -364,7 +356,7 @@ class Recorder:
         while self._batch:
             kind, row = self._batch[0]
             if kind == _START:
-                self._writer = SessionWriter(row[0], self._cell_file, self._battery)
+                self._writer = SessionWriter(row[0], self._cell_file, self._battery, self._commit_waiting)
                 self._finish(1)
                 continue
             if self._writer is None:
@@ -381,11 +373,22 @@ class Recorder:
                 n = next((i for i, item in enumerate(self._batch) if item[0] in (_START, _STOP)), len(self._batch))
                 items = self._batch[:n]
                 if unreported:
-                    items = [*items, self._loss_event(unreported, row)]
+                    items = [*items, loss_event(row[0], self._clock.wall_ns(), unreported)]
                 self._writer.write(items)
                 self._finish(n, unreported)
                 unreported = 0
                 self._writer.close_chunk_if_due(items[-1][1][0])
+
+    def _commit_waiting(self) -> None:
+        """Commit what came while a chunk is packed, which takes longer than COMMIT_S on a busy machine."""
+        if time.monotonic() - self._committed_s < COMMIT_S:
+            return
+        with self._lock:
+            self._batch, self._pending = [*self._batch, *self._pending], []
+        n = next((i for i, item in enumerate(self._batch) if item[0] in (_START, _STOP)), len(self._batch))
+        if n and self._writer is not None:
+            self._writer.write(self._batch[:n])
+            self._finish(n)
 
     def _split_where_long(self) -> None:
         limit = self._limits.session_bytes
@@ -395,11 +398,8 @@ class Recorder:
             following = self.split()
             logger.info("session %s is %d MB long and goes on as %s", session.id, limit >> 20, following.id)
 
-    def _loss_event(self, lost: int, row: Row) -> TableRow:
-        message = Message("items-lost", n=lost)
-        return event_row(row[0], Event(self._clock.wall_ns(), "warning", "recorder_lost", message, value=lost))
-
     def _finish(self, n: int, reported: int = 0) -> None:
+        self._committed_s = time.monotonic()
         finished, self._batch = self._batch[:n], self._batch[n:]
         size = sum(payload_bytes(item) + ROW_BYTES for item in finished)
         with self._lock:

@@ -3,8 +3,9 @@
 import json
 import sqlite3
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -58,16 +59,36 @@ def event_row(t_mono_ns: int, event: Event) -> TableRow:
 _RECEIVED = {"meta", "frames", "can_frames", "estimates", "configs", "chunks", "series", "tracks", "columns"}
 
 
+@dataclass(frozen=True, slots=True)
+class _Closing:
+    """A chunk on its way into the file, with what it is of."""
+
+    chunk: Chunk
+    first_frame: int
+    last_frame: int
+    bad_frames: int
+    boots: int
+    last_uptime_ms: int | None
+    last_estimate: int
+
+
 class SessionWriter:
     """Writes one new session. Every method either has its effect on the disk or raises and changes nothing."""
 
-    def __init__(self, info: SessionInfo, cell_file: str | None = None, battery: LoadedBattery | None = None) -> None:
+    def __init__(
+        self,
+        info: SessionInfo,
+        cell_file: str | None = None,
+        battery: LoadedBattery | None = None,
+        between: Callable[[], None] = lambda: None,
+    ) -> None:
         """Create the session's tables in its file, which exists and is empty.
 
         Args:
             info: names the file and what it is.
             cell_file: what it is estimated with.
             battery: whose session it is; None, and the team's own, need no copy of their profile.
+            between: called again and again while a chunk is packed, which may take long; may write.
 
         Raises:
             sqlite3.Error: the disk does not take it.
@@ -75,7 +96,8 @@ class SessionWriter:
         self._path = info.path
         self._connection = open_for_writing(info.path, SESSION)
         self._builder = ChunkBuilder(battery=battery, decodes_can=FOREIGN_CAN not in info.metadata)
-        self._files: dict[Path, tuple[int, int] | None] = {}  # what stood at their places
+        self._between = between
+        self._closing: _Closing | None = None
         self._digests = Digests()
         self._chunk_start_ns: int | None = None
         self._chunks = 0
@@ -99,6 +121,7 @@ class SessionWriter:
         except sqlite3.Error:
             self._connection.close()
             raise
+        self._files = {path: identity(path) for path in (self._path, info.path.with_name(info.path.name + "-wal"))}
 
     @property
     def path(self) -> Path:
@@ -107,11 +130,7 @@ class SessionWriter:
 
     def is_in_place(self) -> bool:
         """Whether file and log still stand where they were: what is written into a deleted file, nobody ever reads."""
-        for path in (self._path, self._path.with_name(self._path.name + "-wal")):
-            found = identity(path)
-            if found is None or self._files.setdefault(path, found) != found:
-                return False
-        return True
+        return all(before is not None and identity(path) == before for path, before in self._files.items())
 
     def write(self, items: Sequence[TableRow]) -> None:
         """Commit the items, in order within each table.
@@ -148,7 +167,8 @@ class SessionWriter:
         Raises:
             sqlite3.Error: it stays open.
         """
-        if self._chunk_start_ns is not None and t_mono_ns - self._chunk_start_ns >= CHUNK_NS:
+        is_due = self._chunk_start_ns is not None and t_mono_ns - self._chunk_start_ns >= CHUNK_NS
+        if is_due or self._closing is not None:
             self._close_chunk()
 
     def close(self, t_mono_ns: int, t_wall_ns: int) -> None:
@@ -157,6 +177,8 @@ class SessionWriter:
         Raises:
             sqlite3.Error: the file is as it was, and still open.
         """
+        if self._closing is not None:
+            self._close_chunk()
         self._close_chunk()
         end = [("meta", ("end_mono_ns", str(t_mono_ns))), ("meta", ("end_wall_ns", str(t_wall_ns)))]
         digests = self._digests.copy()
@@ -209,25 +231,21 @@ class SessionWriter:
         remove(self._path)
 
     def _close_chunk(self) -> None:
-        if self._frames < self._chunk_first_frame and not len(self._builder):
-            return
-        chunk = self._builder.build()
+        """Pack what was received since the last chunk; it is tried again where the disk does not take it."""
+        if self._closing is None:
+            if self._frames < self._chunk_first_frame and not len(self._builder):
+                return
+            self._closing = self._begin_closing()
+        closing, chunk = self._closing, self._closing.chunk
         number = self._chunks + 1
         first_us, last_us = chunk.span_us
         new = {
             key: len(self._series) + i for i, key in enumerate(key for key in chunk.columns if key not in self._series)
         }
-        row = (
-            number,
-            self._chunk_first_frame,
-            self._frames,
-            self._bad_frames,
-            first_us,
-            last_us,
-            *self._builder.master_clock,
-        )
+        of_frames = (closing.first_frame, closing.last_frame, closing.bad_frames)
+        row = (number, *of_frames, first_us, last_us, closing.boots, closing.last_uptime_ms)
         series = [(i, key.field, key.first_element, key.elements, key.dtype) for key, i in new.items()]
-        tracks, columns = _columns(chunk, number * IDS_PER_CHUNK, self._series | new)
+        tracks, columns = _columns(chunk, number * IDS_PER_CHUNK, self._series | new, self._between)
         digests = self._digests.copy()
         for table, rows in (("chunks", [row]), ("series", series), ("tracks", tracks), ("columns", columns)):
             digests.take_with_ids(table, rows)
@@ -236,27 +254,39 @@ class SessionWriter:
             self._connection.executemany("INSERT INTO series VALUES (?, ?, ?, ?, ?)", series)
             self._connection.executemany("INSERT INTO tracks VALUES (?, ?, ?, ?)", tracks)
             self._connection.executemany("INSERT INTO columns VALUES (?, ?, ?, ?)", columns)
-            self._connection.execute("DELETE FROM estimates")
+            self._connection.execute("DELETE FROM estimates WHERE id <= ?", (closing.last_estimate,))
             self._connection.execute(_INSERT["meta"], (KEY, digests.text()))
         self._digests = digests
         self._series |= new
         self._chunks = number
+        self._closing = None
+
+    def _begin_closing(self) -> _Closing:
+        """Take what is packed; what is written from now on belongs to the next chunk."""
+        ((last_estimate,),) = self._connection.execute("SELECT coalesce(max(id), 0) FROM estimates")
+        frames = (self._chunk_first_frame, self._frames, self._bad_frames)
+        closing = _Closing(self._builder.build(), *frames, *self._builder.master_clock, last_estimate)
         self._chunk_first_frame = self._frames + 1
         self._chunk_start_ns = None
         self._bad_frames = 0
         self._builder.clear()
+        return closing
 
 
-def _columns(chunk: Chunk, base: int, series: dict[SeriesKey, int]) -> tuple[list[Row], list[Row]]:
+def _columns(
+    chunk: Chunk, base: int, series: dict[SeriesKey, int], between: Callable[[], None]
+) -> tuple[list[Row], list[Row]]:
     """Rows of the tables `tracks` and `columns`, in the order of their ids."""
     tracks: list[Row] = []
     for number, track in enumerate(chunk.tracks):
         _, times_us = pack_block(track.times_us[:, None])
         _, instants = pack_block(track.instants[:, None])
         tracks.append((base + number, len(track.times_us), times_us, instants))
-    columns = [
-        (base + series[key], base + number, *pack_block(values)) for key, (number, values) in chunk.columns.items()
-    ]
+        between()
+    columns: list[Row] = []
+    for key, (number, values) in chunk.columns.items():
+        columns.append((base + series[key], base + number, *pack_block(values)))
+        between()
     return tracks, sorted(columns, key=itemgetter(0))
 
 

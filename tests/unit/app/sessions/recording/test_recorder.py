@@ -12,6 +12,8 @@ from app.errors import NotNow
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState
 from app.sessions.reading.reader import SessionFile
+from app.sessions.recording import recorder as module
+from app.sessions.recording import session_writer
 from app.sessions.recording.disk import DiskLimits
 from app.sessions.recording.recorder import Recorder
 from app.telemetry import Event
@@ -235,3 +237,31 @@ def test_a_closed_session_has_no_unused_pages(recorder: Recorder, stream) -> Non
     with closing(sqlite3.connect(info.path)) as connection:
         assert connection.execute("SELECT count(*) FROM chunks").fetchone()[0] == 2
         assert connection.execute("PRAGMA freelist_count").fetchone()[0] == 0
+
+
+def test_frames_are_committed_while_a_chunk_is_packed(recorder: Recorder, stream, monkeypatch) -> None:
+    monkeypatch.setattr(session_writer, "CHUNK_NS", 10**9)
+    monkeypatch.setattr(module, "COMMIT_S", 0.0)
+    committed: list[int] = []
+    pack = session_writer.pack_block
+
+    def slow(values):
+        """On a machine that does much else: another frame comes, and is on the disk before the chunk is."""
+        if len(committed) < 3:
+            stream.feed(recorder, 1)
+            with closing(sqlite3.connect(info.path)) as connection:
+                committed.append(connection.execute("SELECT count(*) FROM frames").fetchone()[0])
+                assert connection.execute("SELECT count(*) FROM chunks").fetchone() == (0,)
+        return pack(values)
+
+    info = recorder.start()
+    recorder.flush()
+    monkeypatch.setattr(session_writer, "pack_block", slow)
+    stream.feed(recorder, 20)
+    recorder.flush()
+    recorder.stop()
+    recorder.flush()
+    assert len(set(committed)) > 1
+    with SessionFile(info.path) as session:
+        assert session.problems() == []
+        assert session.info.frames == 23
