@@ -82,3 +82,10 @@ def test_a_moment_is_marked_by_key_and_a_file_of_another_system_is_brought_in(ma
     first_look[0].fulfill(json={"last": None, "profiles": []})
     page.get_by_role("link", name="theirs.csv is a session now").click()
     expect(page.get_by_role("heading", name="theirs.csv")).to_be_visible()
+
+
+def test_a_season_is_asked_in_sql(service, open_page):
+    page = open_page(f"{service.base_url}/#/season")
+    page.get_by_test_id("sql").fill("SELECT 7 AS n, 'seven' AS text")
+    page.get_by_test_id("sql-ask").click()
+    expect(page.get_by_test_id("sql-answer").locator("tbody tr")).to_have_text(["7seven"], timeout=60_000)
