@@ -31,6 +31,7 @@ TESTS = (
     "tests/integration/test_connection_flood.py",
     "tests/integration/test_stop_at_once.py",
     "tests/unit/app/sessions/transfer/test_broken_logs.py",
+    "tests/unit/app/sessions/transfer/test_follow.py",
     "tests/unit/app/sessions/reading/test_check.py::test_no_damaged_copy_is_called_sound_although_its_content_differs",
 )
 PAGE_MINUTES = {"short": 0.5, "full": 6.0}

@@ -116,9 +116,10 @@ class BadRadio:
                 await asyncio.sleep(max(0.0, due_s - clock()))
                 if not data:
                     break
-                with contextlib.suppress(OSError):  # what comes behind a broken connection is dropped
-                    writer.write(data)
-                    await writer.drain()
+                with contextlib.suppress(OSError):
+                    if not writer.is_closing():  # what comes behind a broken connection is dropped
+                        writer.write(data)
+                        await writer.drain()
             writer.close()
 
         task = asyncio.ensure_future(deliver())

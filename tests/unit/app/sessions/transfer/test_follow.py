@@ -26,6 +26,7 @@ from app.sessions.transfer.session_copy import COPIES, SessionCopy
 from app.telemetry import Event
 from app.words import Message
 from firmware_protocol.framing import encode_frame
+from tests.campaign import campaign, of_size
 from tests.fake_clock import FunctionClock
 
 WALL_NS = 1_790_000_000 * 10**9
@@ -140,9 +141,10 @@ def assert_same(original: Path, copy: Path) -> None:
         assert (here.info.is_closed, dict(here.info.metadata)) == (there.info.is_closed, dict(there.info.metadata))
 
 
+@campaign(30, 120, 600)
 @pytest.mark.parametrize("order", ["oldest", "newest"])
 def test_over_a_link_that_loses_and_damages_every_third_thing_nothing_is_lost(tmp_path, pit, order):
-    info = record(tmp_path / "car")
+    info = record(tmp_path / "car", of_size(SECONDS, 600, 4200))
     car = Car(tmp_path / "car", loss=0.3, damage=0.1)
     told: list[Message] = []
     Follower(car, pit, Clock(), order=order, note=told.append).run(Patient(whole(pit)))
