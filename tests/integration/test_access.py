@@ -6,6 +6,8 @@ import httpx
 import pytest
 from websockets.sync.client import connect
 
+from tests.service_process import WAIT_S
+
 READS_ONLY = True
 
 ENGINEER, VIEWER = "correct horse", "battery staple"
@@ -74,7 +76,7 @@ def test_with_a_password_nothing_is_read_without_it(guarded):
         assert client.get("/snapshot").status_code == 401
         assert client.get("/me").json() == {"role": None, "name": None, "password_required": True}
         assert client.get("/health").status_code == 200
-    assert httpx.get(guarded.base_url + "/metrics").status_code == 401
+    assert httpx.get(guarded.base_url + "/metrics", timeout=WAIT_S).status_code == 401
     with (
         connect(guarded.base_url.replace("http", "ws") + "/api/v1/live") as live,
         pytest.raises(Exception, match="4401"),

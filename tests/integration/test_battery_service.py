@@ -8,7 +8,7 @@ from app.battery.library import load_profile
 from tests.battery_bus import SpeakingBus
 from tests.battery_folder import write_profile
 from tests.peer_batteries import cell_number, segments_in_fd_frames
-from tests.service_process import Service, until
+from tests.service_process import WAIT_S, Service, until
 
 FOX_CELLS, FOX_SENSORS = 216, 180
 
@@ -96,7 +96,7 @@ def test_history_metrics_and_the_monitor_know_all_cells_by_segment(fox):
         until(lambda: len(client.get("/history", params={"cell": 215}).json()["time"]) > 3)
         named = {frame["name"] for frame in client.get("/can/trace").json()["by_id"]}
     assert "CellVoltages" in named
-    metrics = httpx.get(fox.base_url + "/metrics").text
+    metrics = httpx.get(fox.base_url + "/metrics", timeout=WAIT_S).text
     assert 'voltwall_cell_volts{cell="18",pack="12"}' in metrics
     assert metrics.count("voltwall_cell_volts{") == FOX_CELLS
 

@@ -8,7 +8,7 @@ import pytest
 from tests.battery_bus import SpeakingBus
 from tests.battery_folder import write_profile
 from tests.peer_batteries import one_signal_a_cell
-from tests.service_process import Service, until
+from tests.service_process import WAIT_S, Service, until
 
 FRONT_CELLS, REAR_CELLS = 8, 20
 WITNESS = """
@@ -111,8 +111,11 @@ def test_one_that_is_silent_ages_alone(two):
 
 def test_the_pages_of_the_second_are_below_its_path(two):
     base = two.service.base_url
-    assert httpx.get(f"{base}/beside/rear").headers["location"] == "/beside/rear/"
-    assert httpx.get(f"{base}/beside/rear/").text == httpx.get(f"{base}/").text
-    assert 'voltwall_cell_volts{cell="5",pack="4"}' in httpx.get(f"{base}/beside/rear/metrics").text
-    assert httpx.get(f"{base}/api/v1/snapshot", headers={"Host": "evil.example"}).status_code == 403
-    assert httpx.get(f"{base}/beside/rear/api/v1/snapshot", headers={"Host": "evil.example"}).status_code == 403
+    assert httpx.get(f"{base}/beside/rear", timeout=WAIT_S).headers["location"] == "/beside/rear/"
+    assert httpx.get(f"{base}/beside/rear/", timeout=WAIT_S).text == httpx.get(f"{base}/").text
+    assert 'voltwall_cell_volts{cell="5",pack="4"}' in httpx.get(f"{base}/beside/rear/metrics", timeout=WAIT_S).text
+    assert httpx.get(f"{base}/api/v1/snapshot", headers={"Host": "evil.example"}, timeout=WAIT_S).status_code == 403
+    assert (
+        httpx.get(f"{base}/beside/rear/api/v1/snapshot", headers={"Host": "evil.example"}, timeout=WAIT_S).status_code
+        == 403
+    )

@@ -14,6 +14,7 @@ from app.errors import ConfigError
 from app.sessions.errors import FetchFailed
 from app.sessions.reading.reader import SessionFile
 from app.sessions.transfer.fetch import Remote
+from tests.service_process import WAIT_S
 
 
 class BreakingLink:
@@ -87,7 +88,7 @@ def chosen(remote: Remote, session_id: str):
 
 def test_a_file_is_served_with_its_digest_and_in_ranges(car, tmp_path):
     url, session_id = car
-    whole = httpx.get(f"{url}/api/v1/sessions/{session_id}/file")
+    whole = httpx.get(f"{url}/api/v1/sessions/{session_id}/file", timeout=WAIT_S)
     assert whole.headers["ETag"].strip('"') == hashlib.sha256(whole.content).hexdigest()
     part = httpx.get(
         f"{url}/api/v1/sessions/{session_id}/file", headers={"Range": "bytes=1000-", "If-Range": whole.headers["ETag"]}
@@ -107,7 +108,7 @@ def test_a_session_comes_over_a_link_that_breaks_and_no_byte_twice(car, tmp_path
     assert progress[-1][0] == progress[-1][1] == path.stat().st_size
     assert broken.bytes < path.stat().st_size + 3000 * len(broken.requests)
     assert path.name == f"car-{session_id}.sqlite"
-    assert path.read_bytes() == httpx.get(f"{url}/api/v1/sessions/{session_id}/file").content
+    assert path.read_bytes() == httpx.get(f"{url}/api/v1/sessions/{session_id}/file", timeout=WAIT_S).content
     with SessionFile(path) as session:
         assert session.info.frames > 60
     assert sorted(each.suffix for each in tmp_path.iterdir()) == [".fetched", ".sqlite"]
@@ -139,7 +140,9 @@ def test_bytes_that_are_not_the_file_are_refused(car, tmp_path):
     url, session_id = car
     remote = remote_of(url)
     session = chosen(remote, session_id)
-    etag = httpx.get(f"{url}/api/v1/sessions/{session_id}/file", headers={"Range": "bytes=0-0"}).headers["ETag"]
+    etag = httpx.get(
+        f"{url}/api/v1/sessions/{session_id}/file", headers={"Range": "bytes=0-0"}, timeout=WAIT_S
+    ).headers["ETag"]
     part = tmp_path / f"car-{session_id}.sqlite.part"
     part.write_bytes(b"damaged on the way")
     part.with_name(part.name + ".etag").write_text(etag)

@@ -9,7 +9,7 @@ from app.api.application import create_fleet_app
 from app.errors import ConfigError
 from app.service.settings import Settings
 from tests.mosquitto import IS_CI, MOSQUITTO, Mosquitto, ToldCar
-from tests.service_process import Service, until
+from tests.service_process import WAIT_S, Service, until
 
 pytestmark = pytest.mark.skipif(MOSQUITTO is None and not IS_CI, reason="no mosquitto: apt-get install mosquitto")
 PASSWORD = "engineer-pass-1"
@@ -55,8 +55,8 @@ def test_a_car_is_live_vanishes_and_comes_back_over_a_restarted_broker(fleet, br
 
 
 def test_without_its_password_nothing_is_told(fleet):
-    assert httpx.get(f"{fleet.base_url}fleet").status_code == 401
-    assert httpx.get(f"{fleet.base_url}me").json()["role"] is None
+    assert httpx.get(f"{fleet.base_url}fleet", timeout=WAIT_S).status_code == 401
+    assert httpx.get(f"{fleet.base_url}me", timeout=WAIT_S).json()["role"] is None
 
 
 def test_a_fleet_has_no_car_of_its_own(fleet):

@@ -11,6 +11,7 @@ from websockets.sync.client import connect
 
 from firmware_protocol.config_image import default_image, image_hash, with_raw
 from firmware_protocol.framing import Frame, decode_chunk
+from tests.service_process import WAIT_S
 
 OCTETS = {"Accept": "application/octet-stream"}
 
@@ -136,23 +137,25 @@ def test_commands_reach_the_master_and_bad_ones_are_named(service):
 
 
 def test_metrics_and_openapi(service):
-    text = httpx.get(service.base_url + "/metrics").text
+    text = httpx.get(service.base_url + "/metrics", timeout=WAIT_S).text
     assert "voltwall_accumulator_volts" in text
     assert 'voltwall_link_lost_total{link="rs232"} 0.0' in text
-    paths = httpx.get(service.base_url + "/api/v1/openapi.json").json()["paths"]
+    paths = httpx.get(service.base_url + "/api/v1/openapi.json", timeout=WAIT_S).json()["paths"]
     for path in ("/api/v1/snapshot", "/api/v1/config", "/api/v1/can/dbc", "/api/v1/sessions/{session_id}/series"):
         assert path in paths
 
 
 def test_unknown_routes_answer_with_a_problem(service):
-    answer = httpx.get(service.base_url + "/api/v1/nothing")
+    answer = httpx.get(service.base_url + "/api/v1/nothing", timeout=WAIT_S)
     assert answer.status_code == 404
     assert answer.json()["type"] == "urn:voltwall:not-found"
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1"])
 def test_foreign_origins_are_refused(service, origin):
-    assert httpx.get(service.base_url + "/api/v1/snapshot", headers={"Origin": origin}).status_code == 403
+    assert (
+        httpx.get(service.base_url + "/api/v1/snapshot", headers={"Origin": origin}, timeout=WAIT_S).status_code == 403
+    )
     with (
         connect(service.base_url.replace("http", "ws") + "/api/v1/live", origin=origin) as socket,
         pytest.raises(Exception, match="4403"),
@@ -161,7 +164,10 @@ def test_foreign_origins_are_refused(service, origin):
 
 
 def test_a_foreign_host_name_is_refused_on_loopback(service):
-    assert httpx.get(service.base_url + "/api/v1/snapshot", headers={"Host": "evil.example"}).status_code == 403
+    assert (
+        httpx.get(service.base_url + "/api/v1/snapshot", headers={"Host": "evil.example"}, timeout=WAIT_S).status_code
+        == 403
+    )
 
 
 def test_a_session_is_recorded_by_itself_listed_marked_and_exported(service):

@@ -2,6 +2,8 @@
 
 import httpx
 
+from tests.service_process import WAIT_S
+
 
 def test_faults_are_listed_injected_shown_and_cleared(service):
     with service.client() as client:
@@ -40,4 +42,4 @@ def test_another_scenario_starts_another_car_on_the_same_ports(service):
 
 def test_a_service_on_a_real_port_has_no_simulated_car(make_service, tmp_path):
     service = make_service("--serial", str(tmp_path / "nothing"))
-    assert httpx.get(service.base_url + "/api/v1/simulator").status_code == 404
+    assert httpx.get(service.base_url + "/api/v1/simulator", timeout=WAIT_S).status_code == 404

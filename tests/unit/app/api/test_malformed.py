@@ -70,7 +70,8 @@ def test_a_session_that_is_not_there(client, what):
 
 @pytest.mark.parametrize("path", ["/health", "/snapshot", "/config/schema", "/nothing", "/commands/reset"])
 def test_head_answers_as_get(client, path):
-    assert client.head(PREFIX + path).status_code == client.get(PREFIX + path).status_code
+    before, head, after = (client.request(method, PREFIX + path).status_code for method in ("GET", "HEAD", "GET"))
+    assert head in (before, after)  # the first snapshot may come meanwhile
 
 
 def test_a_fraction_is_no_index(client):
