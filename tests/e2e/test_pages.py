@@ -29,6 +29,9 @@ TOO_SMALL = """[...document.querySelectorAll('.btn, nav a, nav button, input.fie
    .map((e) => e.outerHTML.slice(0, 80))"""
 
 
+@pytest.mark.timeout(
+    300
+)  # fourteen pages, each in three themes: two minutes on a machine with forty other things to do
 @pytest.mark.parametrize("size", ["desktop", "phone"])
 def test_every_page_renders_fits_and_has_no_accessibility_violation(service, open_page, violations, size):
     page = open_page(f"{service.base_url}/#/overview", size)
