@@ -9,7 +9,7 @@ from uvicorn.protocols.utils import get_remote_addr
 
 from app.api.web.connection_limits import make_room, may_upgrade, refuse
 
-REQUEST_S = 10.0  # from the connection, or the answer before, to the last byte of a request's headers
+REQUEST_S = 20.0  # from the connection, or the answer before, to the last byte of a request's headers
 BODY_S = 10.0  # of a body, in which BODY_BYTES have to come
 BODY_BYTES = 5_000
 STALL_S = 30.0  # in which some of an answer has to be taken
