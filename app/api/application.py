@@ -157,8 +157,8 @@ def create_fleet_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
     authentication = Authentication(settings, clock)
     app.state.parts = FleetParts(cars, authentication)
     routes = APIRouter()
-    for module in (fleet, session_login):
-        routes.include_router(module.router, prefix="/api/v1")
+    for router in (fleet.router, fleet.alone, session_login.router):
+        routes.include_router(router, prefix="/api/v1")
     _serve_web(app, routes.routes, "fleet.html", authentication)
     return app
 

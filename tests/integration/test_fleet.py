@@ -45,8 +45,11 @@ def test_a_car_is_live_vanishes_and_comes_back_over_a_restarted_broker(fleet, br
     told.vanish()
     until(lambda: cars(fleet)["red"]["state"] == "vanished")
     assert cars(fleet)["red"]["soc"] == 0.61  # its last, with since when
+    assert fleet.get("/health").json()["status"] == "ok"  # a car that is away is no fault of the service
     broker.kill()
     until(lambda: fleet.get("/fleet").json()["problem"])
+    health = fleet.get("/health").json()
+    assert (health["status"], len(health["reasons"])) == ("degraded", 1)
     broker.start()
     until(lambda: fleet.get("/fleet").json()["problem"] is None)
     again = ToldCar(broker.port, "red")
