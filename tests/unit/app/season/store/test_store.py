@@ -167,6 +167,7 @@ def test_what_is_built_meanwhile_is_in_the_next_answer(engine, season, tmp_path)
         "SELECT * FROM read_text('{root}/../secret.txt')",
         "SELECT * FROM read_csv('http://127.0.0.1:1/x.csv')",
         "COPY (SELECT 1) TO '{root}/x.csv'",
+        "EXPLAIN ANALYZE COPY (SELECT 1) TO '{root}/x.csv'",
         "INSTALL httpfs",
     ],
 )
