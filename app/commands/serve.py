@@ -24,7 +24,7 @@ from app.api.web.websocket_protocol import LiveProtocol
 from app.errors import ConfigError
 from app.service import log
 from app.service.folder_lock import locked_folder
-from app.service.host import raise_descriptor_limit
+from app.service.host import HighListener, raise_descriptor_limit
 from app.service.settings import FilterName, Settings
 from app.service.simulator_process import SimulatorProcess
 from app.sources.beside import FOLDER, BesideBattery, beside
@@ -245,7 +245,7 @@ class _Server(uvicorn.Server):
 
 def _bind(settings: Settings) -> socket.socket:
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener = HighListener(family, socket.SOCK_STREAM)
     if os.name == "posix":
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     else:

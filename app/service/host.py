@@ -7,13 +7,15 @@ import socket
 import sys
 from ipaddress import IPv4Address, ip_address
 from pathlib import Path
+from typing import Any
 
 from app.clock import Clock
 
 try:
+    import fcntl
     import resource
 except ImportError:  # Windows
-    resource = None  # type: ignore[assignment]
+    fcntl = resource = None  # type: ignore[assignment]
 
 # One address in each range that a pit network may use: a datagram socket "connected" there sends nothing, and tells
 # which of this machine's addresses would be used.
@@ -21,6 +23,7 @@ _PROBES = ("192.0.2.1", "10.255.255.254", "172.31.255.254", "192.168.255.254", "
 _CLOCK_STEP_S = 2.0
 _TIME_ERROR = 5  # adjtimex(2): the clock is not synchronised
 _DESCRIPTORS = 8192  # what 4,000 readers and all else need
+_SELECTABLE = 1024  # descriptors from here on cannot be waited for by select(2)
 
 
 def raise_descriptor_limit() -> int | None:
@@ -36,6 +39,26 @@ def raise_descriptor_limit() -> int | None:
             resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
             soft = wanted
     return soft
+
+
+class HighListener(socket.socket):
+    """A listening socket whose connections get high descriptors.
+
+    The low ones are left to links and broker, whose drivers wait with select(2): one opened while a thousand readers
+    are connected would else be lost at once.
+    """
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Take a connection; where the system gives no high descriptor it keeps the one that it has."""
+        connection, address = super().accept()
+        if fcntl is None:
+            return connection, address
+        try:
+            high = fcntl.fcntl(connection.fileno(), fcntl.F_DUPFD_CLOEXEC, _SELECTABLE)
+        except OSError:
+            return connection, address
+        connection.close()
+        return socket.socket(fileno=high), address
 
 
 def is_clock_synchronised() -> bool:

@@ -1,10 +1,12 @@
 """The machine around the service."""
 
+import socket
+import sys
 from ipaddress import ip_address
 
 import pytest
 
-from app.service.host import ClockWatch, addresses_of, disk_of
+from app.service.host import ClockWatch, HighListener, addresses_of, disk_of, raise_descriptor_limit
 from tests.fake_clock import FakeClock
 
 
@@ -38,3 +40,21 @@ def test_clock_that_was_set_is_noticed(moved_s, was_set):
     clock.set_wall(clock.wall_s() + moved_s)
     assert watch.moved_s() == pytest.approx(moved_s)
     assert watch.was_set is was_set
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="its select takes every descriptor")
+def test_connections_leave_the_descriptors_that_a_link_can_wait_for():
+    limit = raise_descriptor_limit()
+    if limit is not None and limit <= 1024:
+        pytest.skip("this system gives no more descriptors")
+    with HighListener() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        with socket.create_connection(listener.getsockname()) as client:
+            connection, address = listener.accept()
+            with connection:
+                assert connection.fileno() >= 1024
+                assert address == client.getsockname()
+                client.sendall(b"ping")
+                assert connection.recv(4) == b"ping"
+                assert not connection.get_inheritable()
