@@ -23,6 +23,7 @@ from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.words import Message
 
 FILE = "connections.json"
+MOST_NAME = 200  # bytes of a file's name; most disks take 255
 BATTERIES = "batteries"  # folder of uploaded profiles, one folder each
 
 
@@ -77,7 +78,8 @@ def load_connections(folder: Path) -> Connections | None:
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
         is_choice = isinstance(values, dict) and all(
-            name in NAMES and (value is None or (isinstance(value, str) and value)) for name, value in values.items()
+            name in NAMES and ((isinstance(value, str) and value) or (value is None and name != "battery"))
+            for name, value in values.items()
         )
     except (OSError, ValueError) as error:
         raise ConfigError("data", path, str(error)) from error
@@ -168,7 +170,8 @@ class Setup:
         if len(profiles) != 1:
             raise ConfigError("files", ", ".join(files), Message("one-profile"))
         for name in files:
-            if Path(name).name != name or name.startswith("."):
+            is_plain = Path(name).name == name and name.isprintable() and not name.startswith(".")
+            if not is_plain or not 0 < len(name.encode()) <= MOST_NAME:
                 raise ConfigError("files", name, Message("plain-file-name"))
         profile = profiles[0]
         batteries = self._folder / BATTERIES

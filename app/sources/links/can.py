@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import re
 import threading
 from collections.abc import Callable
 from urllib.parse import parse_qsl
@@ -48,7 +49,7 @@ def parse_bus(text: str) -> dict[str, str | int | float | bool]:
 
 def bit_rate_of(url: str | None) -> int | None:
     """Return the bit rate that a bus is named with, None where it is not [bit/s]."""
-    told = None if url is None or "bitrate=" not in url else parse_bus(url)["bitrate"]
+    told = None if url is None or not re.search(r"[?&]bitrate=", url) else parse_bus(url)["bitrate"]
     return told if type(told) is int and told > 0 else None
 
 

@@ -42,7 +42,11 @@ class Look:
 def serial_ports() -> list[Found]:
     """Return the serial ports of this machine; those of adapters on USB come first."""
     ports = sorted(list_ports.comports(), key=lambda port: (port.vid is None, port.device))
-    return [Found(port.device, "" if port.description in ("n/a", None) else port.description) for port in ports]
+    return [Found(port.device, _described(port.description)) for port in ports]
+
+
+def _described(text: str | None) -> str:
+    return "" if text in ("n/a", None) else str(text)
 
 
 def can_adapters() -> list[Found]:
@@ -53,7 +57,7 @@ def can_adapters() -> list[Found]:
         for each in can.detect_available_configs(named, timeout=_SEARCH_S)
     ]
     usb = [port for port in list_ports.comports() if port.vid is not None]
-    return found + [Found(f"slcan:{port.device}", port.description) for port in usb]
+    return found + [Found(f"slcan:{port.device}", _described(port.description)) for port in usb]
 
 
 def look_at_serial(url: str) -> Look:

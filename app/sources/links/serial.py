@@ -177,7 +177,7 @@ def reason_of(error: Exception) -> Text:
         return Message("no-such-port")
     if "Permission denied" in text:
         return Message("port-denied")
-    if "exclusively lock" in text:
+    if "exclusively lock" in text or "resource busy" in text:
         return Message("port-in-use")
     if "refused" in text:
         return Message("connection-refused")

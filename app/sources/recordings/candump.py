@@ -9,10 +9,11 @@ from firmware_protocol.memory_map import CAN_ID_EXTENDED
 ERROR_FRAME, REMOTE = 0x20000000, "R"
 _LINE = re.compile(
     r"\s*\((?P<time>[^)]+)\)\s+\S+\s+(?:[TR]X\s+(?:[-BE]\s+)*)?(?P<id>[0-9A-Fa-f]{3,8})"
-    r"(?:#(?P<flags>#[0-9A-Fa-f])?(?P<data>R\d?|[0-9A-Fa-f.]*)(?:_[0-9A-Fa-f])?(?:\s+[RT])?"
-    r"|\s+\[\s*(?P<length>\d+)\]\s*(?P<bytes>(?:[0-9A-Fa-f]{2}\s*)*|remote request.*)(?:'.*)?)\s*$"
+    r"(?:#(?P<flags>#[0-9A-Fa-f])?(?P<data>R\d?|(?:[0-9A-Fa-f]{2}\.?){0,64})(?:_[0-9A-Fa-f])?(?:\s+[RT])?"
+    r"|\s+\[\s*(?P<length>\d+)\]\s*(?P<bytes>(?:[0-9A-Fa-f]{2}\s*){0,64}|remote request.*)(?:'.*)?)\s*$"
 )
 _SHORT_ID = 3  # digits of an 11-bit id
+_MOST_S = 9e9  # in the year 2255; ns since 1970 are kept in 64 bits
 
 
 class NotCandump(ValueError):
@@ -46,9 +47,13 @@ def candump_frames(lines: Iterable[str]) -> Iterator[tuple[float, int, bytes]]:
 
 def _seconds(text: str) -> float:
     try:
-        return float(text)
+        seconds = float(text)
     except ValueError:
         pass
+    else:
+        if abs(seconds) < _MOST_S:
+            return seconds
+        raise NotCandump(text)
     try:
         return datetime.fromisoformat(text.strip()).replace(tzinfo=UTC).timestamp()
     except ValueError as error:

@@ -110,13 +110,14 @@ def guess(table: Table) -> ImportProfile:
         return _of_export(names)
     groups: dict[str, list[str]] = defaultdict(list)
     for name in names:
-        digits = re.findall(r"\d+", name)
-        if digits:
-            marks = iter(["{p}", "{n}"] if len(digits) == 2 else ["{n}"] * len(digits))
-            groups[re.sub(r"\d+", lambda _: next(marks), name)].append(name)  # noqa: B023  used at once
+        if re.search(r"\d", name):
+            groups[re.sub(r"\d+", "#", name)].append(name)
     profile = ImportProfile()
-    many = sorted((g for g in groups.items() if len(g[1]) > 1), key=lambda g: -len(g[1]))
-    for pattern, members in many:
+    many = sorted((each for each in groups.values() if len(each) > 1), key=lambda each: -len(each))
+    for members in many:
+        pattern = _pattern(members)
+        if not pattern:
+            continue
         median = _median(np.concatenate([table.columns[name] for name in members]))
         if not profile.temperatures and sounds_like(members[0], "temperature") and -60 < median < 400:
             unit = "K" if median > 200 else "degC"
@@ -153,6 +154,18 @@ def _of_export(names: list[str]) -> ImportProfile:
         soc=first("soc"),
         soc_unit="fraction",
     )
+
+
+def _pattern(names: list[str]) -> str:
+    """The pattern of names that differ in their numbers only; "" where more than two of the numbers differ."""
+    parts = [re.split(r"(\d+)", name) for name in names]
+    places = list(range(1, len(parts[0]), 2))
+    if len(places) > 2:  # `Cell 7 (0.1mV)`: what is the same in all of them stands as it is
+        places = [i for i in places if len({each[i] for each in parts}) > 1]
+    if len(places) > 2:
+        return ""
+    marks = dict(zip(places, ("{p}", "{n}")[-len(places) :], strict=True))
+    return "".join(marks.get(i, part) for i, part in enumerate(parts[0]))
 
 
 def _voltage_unit(median: float) -> str:

@@ -25,6 +25,6 @@ def lesson_from_files(files: Mapping[str, str], heard: Frames | Path, name: str)
     for each, text in files.items():
         definitions = definitions.joined(parse_definitions(text.encode(), each))
     frames = load_log(heard) if isinstance(heard, Path) else heard
-    lesson = Lesson(definitions, tuple(files), frames, name or next(iter(files)).rpartition(".")[0])
+    lesson = Lesson(definitions, tuple(files), frames, name or Path(next(iter(files))).stem)
     lesson.learned(Correction())
     return lesson

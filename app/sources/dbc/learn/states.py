@@ -21,7 +21,6 @@ from app.words import Message, Text
 _MOST_BITS = 16  # of a state; a wider word is a set of flags
 _FEW = 8  # values that a state without texts takes
 _HEAVY = 0.3  # of the highest current: only closed contactors carry it
-_HEAVY_MIN_A = 5.0
 _STATE = name_set("state states status mode stato zustand tilstand fsm sm machine")
 _OF_PACK = name_set("bms ams accumulator accu acc akku batt battery bat pack pacco hv hvs ts tractive bmu bmc master")
 _NOT = name_set(
@@ -60,7 +59,6 @@ class StateProposal:
     state: StateSignal
     reasons: tuple[Text, ...]
     score: float
-    is_flags: bool = False  # any of its bits means yes
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +135,7 @@ def _proposal(
     if score < 1.0:
         return None
     state = StateSignal(SignalName(message.name, signal.name), equals or (1,), mask)
-    return StateProposal(state, tuple(reasons), score, bool(mask))
+    return StateProposal(state, tuple(reasons), score)
 
 
 _Found = tuple[tuple[int, ...], int, float, list[Text]]

@@ -1,6 +1,7 @@
 """What to read, as chosen on a page."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -125,3 +126,91 @@ def test_more_buses_than_frames_can_be_told_apart_of_are_refused():
 def test_every_bus_has_to_be_one():
     with pytest.raises(ConfigError, match="nothing"):
         Connections(can="virtual:a,nothing:b", battery="orion-bms-2").check()
+
+
+def test_a_kept_choice_may_leave_links_out_but_has_a_battery(tmp_path):
+    (tmp_path / FILE).write_text('{"serial": null, "can": null}')
+    assert load_connections(tmp_path) == Connections()
+    (tmp_path / FILE).write_text('{"battery": null}')
+    with pytest.raises(ConfigError, match="serial, can, battery"):
+        load_connections(tmp_path)
+
+
+def test_a_choice_that_cannot_be_read_counts_as_none_and_can_be_made_again(tmp_path):
+    (tmp_path / FILE).write_bytes(b"\xff\xfe{}")
+    setup = Setup(tmp_path, Connections(), fixed=False)
+    assert setup.chosen is None
+    assert setup.is_needed
+    setup.choose(ORION)
+    assert setup.chosen == ORION
+
+
+@pytest.mark.parametrize("name", ["", ".hidden", "..", "a/b.dbc", "two\0.dbc", "two\n.dbc", "x" * 201, "ø" * 101])
+def test_a_name_that_no_file_has_is_refused_before_anything_is_written(tmp_path, name):
+    setup = Setup(tmp_path, Connections(), fixed=False)
+    with pytest.raises(ConfigError, match=r"(?s)files = .*a plain file name"):
+        setup.upload({name: DBC, "two.toml": PROFILE})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_profiles_in_one_upload_are_refused_by_their_names(tmp_path):
+    with pytest.raises(ConfigError, match=r"a\.toml, b\.toml"):
+        Setup(tmp_path, Connections(), fixed=False).upload({"a.toml": PROFILE, "b.toml": PROFILE})
+
+
+def test_an_upload_that_is_wrong_leaves_the_one_before_it(tmp_path):
+    setup = Setup(tmp_path, Connections(), fixed=False)
+    name = setup.upload({"two.dbc": DBC, "two.toml": PROFILE})
+    with pytest.raises(ConfigError):
+        setup.upload({"two.dbc": DBC, "two.toml": PROFILE.replace(b"[2]", b"[0]")})
+    assert setup.batteries()[name].battery.n_cells == 2
+    assert [path.name for path in (tmp_path / "batteries").iterdir()] == ["two"], "nothing half-made is left"
+
+
+def test_an_upload_takes_the_place_of_one_of_the_same_name_with_all_its_files(tmp_path):
+    setup = Setup(tmp_path, Connections(), fixed=False)
+    setup.upload({"two.dbc": DBC, "two.toml": PROFILE, "old.dbc": DBC})
+    name = setup.upload({"two.dbc": DBC, "two.toml": PROFILE})
+    assert sorted(path.name for path in Path(name).parent.iterdir()) == ["two.dbc", "two.toml"]
+
+
+def test_a_battery_that_is_wrong_is_left_out_of_the_list_and_the_others_stay(tmp_path):
+    setup = Setup(tmp_path, Connections(), fixed=False)
+    good = setup.upload({"two.dbc": DBC, "two.toml": PROFILE})
+    broken = tmp_path / "batteries" / "broken" / "broken.toml"
+    broken.parent.mkdir()
+    broken.write_text("[battery")
+    found = setup.batteries()
+    assert good in found
+    assert str(broken) not in found
+    assert "orion-bms-2" in found
+
+
+class _Lesson:
+    """Counts how often the bus was given free."""
+
+    def __init__(self):
+        self.closed = 0
+
+    def close(self):
+        self.closed += 1
+
+
+def test_one_lesson_at_a_time_has_the_bus_and_a_choice_ends_it(tmp_path):
+    setup, first, second = Setup(tmp_path, Connections(), fixed=False), _Lesson(), _Lesson()
+    ids = [setup.begin_lesson(first), setup.begin_lesson(second)]
+    assert ids[0] != ids[1]
+    assert (first.closed, second.closed) == (1, 0)
+    assert setup.lesson == (ids[1], second)
+    setup.choose(ORION)
+    assert (second.closed, setup.lesson) == (1, None)
+    setup.end_lesson()
+    assert second.closed == 1
+
+
+def test_a_choice_that_is_refused_leaves_the_lesson(tmp_path):
+    setup, lesson = Setup(tmp_path, Connections(), fixed=False), _Lesson()
+    setup.begin_lesson(lesson)
+    with pytest.raises(ConfigError):
+        setup.choose(Connections(can="can0"))
+    assert lesson.closed == 0

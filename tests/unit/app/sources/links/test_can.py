@@ -1,6 +1,7 @@
 """The CAN link on python-can's virtual bus: what is sent arrives and is told, error frames are counted."""
 
 import queue
+import threading
 import uuid
 
 import can
@@ -99,3 +100,75 @@ def test_frames_and_news_of_a_further_bus_carry_its_number():
 )
 def test_a_bit_rate_is_known_where_the_bus_is_named_with_it(url, expected):
     assert bit_rate_of(url) == expected
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "socketcan:can0?fd=true&data_bitrate=2000000",
+        "virtual:bitrate=7",
+        "virtual:a?bitrate=0",
+        "virtual:a?bitrate=true",
+    ],
+)
+def test_a_bit_rate_of_something_else_is_not_that_of_the_bus(url):
+    assert bit_rate_of(url) is None
+
+
+@pytest.mark.parametrize("url", ["pcan:X?fd=true&bitrate=1000000", "pcan:X?bitrate=1000000&data_bitrate=4000000"])
+def test_a_bit_rate_may_stand_anywhere_among_the_options(url):
+    assert bit_rate_of(url) == 1_000_000
+
+
+def test_requests_for_frames_carry_nothing_and_are_not_delivered(bus):
+    node, _, items = bus
+    node.send(can.Message(arbitration_id=0x100, is_extended_id=False, is_remote_frame=True, dlc=8))
+    node.send(can.Message(arbitration_id=0x101, is_extended_id=False, data=b"\x05"))
+    assert items.get(timeout=2).can_id == 0x101
+
+
+class _Adapter:
+    """A bus of a driver that fails as it is told to."""
+
+    def __init__(self, failure):
+        self.failure, self.closed = failure, threading.Event()
+
+    def recv(self, timeout):
+        raise self.failure
+
+    def send(self, message, timeout=None):
+        raise self.failure
+
+    def shutdown(self):
+        self.closed.set()
+
+
+def test_an_adapter_that_is_pulled_is_told_with_its_reason_and_given_free(monkeypatch):
+    adapter = _Adapter(OSError("No such device"))
+    monkeypatch.setattr(can, "Bus", lambda **arguments: adapter)
+    items: queue.Queue = queue.Queue()
+    link = CanLink("virtual:pulled", items.put, Clock())
+    link.start()
+    told = []
+    while not told or told[-1].state != "lost":
+        item = items.get(timeout=5)
+        told += [item] if isinstance(item, LinkChange) else []
+    assert adapter.closed.wait(5)
+    link.stop()
+    assert [each.state for each in told] == ["connecting", "open", "lost"]
+    assert "No such device" in str(told[-1].error)
+    with pytest.raises(LinkLost):
+        link.send(1, b"")
+
+
+def test_a_frame_that_the_bus_refuses_is_told_with_the_drivers_reason_and_not_as_sent(bus, monkeypatch):
+    _, link, items = bus
+    refuse = _Adapter(can.CanOperationError("buffer full")).send
+    monkeypatch.setattr(link._bus, "send", refuse)
+    with pytest.raises(LinkLost, match="buffer full"):
+        link.send(0x123, b"\x01")
+    assert items.empty()
+
+
+def test_a_link_that_never_started_can_be_stopped():
+    CanLink("virtual:never", lambda item: None, Clock()).stop()

@@ -1,15 +1,22 @@
 """A look at a port: what arrives, and what to do where that is not right."""
 
+import errno
+import os
 import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
+import can
 import pytest
+import serial
+from serial.tools import list_ports
 
 from app.errors import ConfigError
 from app.sources.links import connected
-from app.sources.links.connected import look_at_can, look_at_serial
+from app.sources.links.can import parse_bus
+from app.sources.links.connected import Found, can_adapters, look_at_can, look_at_serial, serial_ports
 from firmware_protocol.framing import encode_frame
 
 
@@ -82,3 +89,97 @@ def test_a_bus_that_cannot_be_opened_says_what_to_do():
 def test_a_silent_bus_says_what_to_do():
     look = look_at_can("virtual:nobody-speaks")
     assert (look.frames, look.error, look.advice.code) == (0, None, "advice-can-silent")
+
+
+@dataclass
+class Port:
+    """A port as pySerial lists it."""
+
+    device: str
+    description: str | None = "n/a"
+    vid: int | None = None
+
+
+PORTS = [Port("/dev/ttyS0"), Port("/dev/ttyUSB1", "FT232R", 0x403), Port("/dev/ttyACM0", None, 0x16D0)]
+
+
+def test_ports_of_adapters_on_usb_come_first_and_what_is_unknown_is_empty(monkeypatch):
+    monkeypatch.setattr(list_ports, "comports", lambda: PORTS)
+    assert serial_ports() == [Found("/dev/ttyACM0", ""), Found("/dev/ttyUSB1", "FT232R"), Found("/dev/ttyS0", "")]
+
+
+def test_can_adapters_are_named_as_the_option_takes_them_and_serial_ones_may_speak_slcan(monkeypatch):
+    asked = []
+
+    def detected(names, timeout):
+        asked.extend(names)
+        return [
+            {"interface": "socketcan", "channel": "can0"},
+            {"interface": "pcan", "channel": "P1", "device_name": "USB"},
+        ]
+
+    monkeypatch.setattr(can, "detect_available_configs", detected)
+    monkeypatch.setattr(list_ports, "comports", lambda: PORTS)
+    assert can_adapters() == [
+        Found("socketcan:can0", ""),
+        Found("pcan:P1", "USB"),
+        Found("slcan:/dev/ttyUSB1", "FT232R"),
+        Found("slcan:/dev/ttyACM0", ""),
+    ]
+    for found in can_adapters():
+        parse_bus(found.url)
+    assert not {"virtual", "udp_multicast", "serial"} & set(asked), "those are no adapters of this machine"
+
+
+def test_a_bus_that_speaks_is_counted_in_frames_and_bytes():
+    stopped = threading.Event()
+
+    def speak(node):
+        while not stopped.wait(0.01):
+            node.send(can.Message(arbitration_id=0x10, is_extended_id=False, data=b"\x01\x02\x03"))
+
+    with can.Bus("speaks", interface="virtual") as node:
+        thread = threading.Thread(target=speak, args=(node,), daemon=True)
+        thread.start()
+        look = look_at_can("virtual:speaks")
+        stopped.set()
+        thread.join()
+    assert look.frames > 0
+    assert (look.bytes, look.error, look.advice) == (3 * look.frames, None, None)
+
+
+@pytest.mark.parametrize(
+    ("number", "advice"),
+    [(errno.EACCES, "advice-denied"), (errno.EBUSY, "advice-in-use"), (errno.EIO, "advice-no-port")],
+)
+def test_what_to_do_depends_on_why_the_port_cannot_be_opened(monkeypatch, number, advice):
+    def refuse(*_, **__):
+        raise serial.SerialException(number, os.strerror(number))
+
+    monkeypatch.setattr(connected, "check_url", lambda url: None)
+    monkeypatch.setattr(serial, "serial_for_url", refuse)
+    look = look_at_serial("/dev/ttyUSB0")
+    assert look.error is not None
+    assert (look.bytes, look.frames, look.advice.code) == (0, 0, advice)
+
+
+def test_a_port_that_is_lost_while_it_is_looked_at_says_so_and_is_closed(monkeypatch):
+    class Pulled:
+        in_waiting, is_open = 0, True
+
+        def write(self, data):
+            return len(data)
+
+        def read(self, size):
+            raise OSError("device reports readiness to read but returned no data")
+
+        def close(self):
+            self.is_open = False
+
+    port = Pulled()
+    monkeypatch.setattr(connected, "check_url", lambda url: None)
+    monkeypatch.setattr(serial, "serial_for_url", lambda *_, **__: port)
+    look = look_at_serial("/dev/ttyUSB0")
+    assert (look.frames, look.advice.code) == (0, "advice-no-port")
+    assert look.error is not None
+    assert not port.is_open

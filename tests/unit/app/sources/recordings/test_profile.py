@@ -2,9 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from app.errors import ImportFailed
-from app.sources.recordings.profile import ImportProfile, ProfileStore, guess, parse_profile, profile_text
+from app.sources.recordings.profile import ImportProfile, ProfileStore, guess, parse_profile, profile_of, profile_text
 from app.sources.recordings.table import Table
 
 ORION = ImportProfile(
@@ -86,3 +88,68 @@ def test_profiles_are_kept_by_name(tmp_path):
 def test_a_profile_that_is_wrong_names_the_field(text, reason):
     with pytest.raises(ImportFailed, match=reason):
         parse_profile(text)
+
+
+def test_numbers_that_all_names_share_belong_to_the_name() -> None:
+    columns = {f"Cell {n} (0.1mV)": 37000.0 for n in (1, 2, 10)}
+    table = table_of({"Time": 0.0, "Current": 1.0, **columns})
+    found = guess(table)
+    assert (found.voltages, found.voltage_unit) == ("Cell {n} (0.1mV)", "0.1mV")
+    assert table.matrix("voltages", found.voltages).shape == (3, 3)
+
+
+def test_of_three_numbers_two_may_differ_and_are_pack_and_cell() -> None:
+    columns = {f"BMS2 Pack{p} Cell{n} V": 3.7 for p in (1, 2) for n in (1, 2, 3)}
+    assert guess(table_of(columns)).voltages == "BMS2 Pack{p} Cell{n} V"
+
+
+def test_names_with_three_numbers_that_differ_are_for_a_person_to_name() -> None:
+    columns = {f"Row{r}_Pack{p}_Cell{n}_V": 3.7 for r in (1, 2) for p in (1, 2) for n in (1, 2)}
+    assert guess(table_of(columns)).voltages == ""
+
+
+@settings(max_examples=25)
+@given(
+    st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20)), min_size=2, max_size=12, unique=True),
+    st.sampled_from(["Pack{}_Cell{}_V", "Cell {1}.{0} Volt", "V{}-{} (0.1mV)", "Cell{1} 12s{0} 3p V"]),
+)
+def test_a_guessed_pattern_finds_every_column_that_it_was_made_of(numbers: list[tuple[int, int]], name: str) -> None:
+    columns = {name.format(*each): 3.7 for each in numbers}
+    table = table_of(columns)
+    assert table.matrix("voltages", guess(table).voltages).shape == (3, len(columns))
+
+
+def test_columns_without_a_number_in_them_or_a_value_are_nothing() -> None:
+    assert guess(table_of({"Cell 1 V": float("nan"), "Cell 2 V": float("nan")})).voltages == ""
+    assert guess(Table("x", {})) == ImportProfile()
+
+
+def test_what_we_export_is_known_by_its_first_columns() -> None:
+    names = ["time_s", "elapsed_s", "uptime_s", "i_fc (A)", "v[0] (V)", "v[1] (V)", "t[0] (degC)", "soc"]
+    found = guess(table_of(dict.fromkeys(names, 1.0)))
+    assert (found.time, found.current, found.voltages) == ("time_s", "i_fc (A)", "v[{n}] (V)")
+    assert (found.temperatures, found.soc, found.soc_unit) == ("t[{n}] (degC)", "soc", "fraction")
+    assert guess(table_of(dict.fromkeys(names[:3], 1.0))).current == ""
+
+
+@pytest.mark.parametrize("value", [True, "5", None, [5.0]])
+def test_a_number_of_another_kind_is_refused_by_its_field(value: object) -> None:
+    with pytest.raises(ImportFailed, match=r"max_rate_hz = .*float"):
+        profile_of({"max_rate_hz": value})
+    assert profile_of({"max_rate_hz": 5}).max_rate_hz == 5.0
+
+
+@pytest.mark.parametrize(("field", "limit"), [("max_rate_hz", 1000.0), ("hold_s", 600.0)])
+def test_the_limits_of_a_number_are_part_of_it_and_nan_is_beyond(field: str, limit: float) -> None:
+    assert getattr(profile_of({field: limit}), field) == limit
+    for value in (limit + 0.1, -0.1, float("nan"), float("inf")):
+        with pytest.raises(ImportFailed, match=field):
+            profile_of({field: value})
+
+
+def test_names_that_toml_has_to_quote_come_back(tmp_path: Path) -> None:
+    odd = ImportProfile(current='I "hall" \\ Ω\t[A]', voltages="Zelle {n}: ü")
+    store = ProfileStore(tmp_path)
+    store.save("odd", odd)
+    assert store.load("odd") == odd
+    assert ProfileStore(tmp_path / "none").names() == []
