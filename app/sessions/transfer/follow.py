@@ -4,6 +4,7 @@ What is missing is fetched piece by piece whenever the link allows, and after wh
 """
 
 import threading
+import urllib.error
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -71,6 +72,7 @@ class Follower:
         self._note = note
         self._copies: dict[str, SessionCopy] = {}  # by the recorder's id; those that are not whole
         self._built: dict[str, int] = {}  # pieces in the session that was made last
+        self._aside: set[str] = set()  # sessions that were refused: all others come first
         self._listed_s: float | None = None
         self._at_once = 1
 
@@ -99,11 +101,14 @@ class Follower:
             FetchFailed: the link broke, or what came is wrong; every piece before that is kept.
         """
         now_s = self._clock.monotonic_s()
+        wrong: Exception | None = None
         if self._listed_s is None or now_s - self._listed_s >= LIST_S:
-            self._list()
+            wrong = self._list()
             self._listed_s = now_s
         chosen = self._choose()
         if chosen is None:
+            if wrong is not None:
+                raise wrong
             return False
         session_id, copy, first, count = chosen
         try:
@@ -114,27 +119,42 @@ class Follower:
                 if ending is not None and ending.is_set():
                     return True
         except ValueError as error:
+            self._aside.add(session_id)
             raise AppError(Message("piece-refused", session=copy.id, error=str(error))) from error
+        except FetchFailed as error:
+            if isinstance(error.__cause__, urllib.error.HTTPError):
+                self._aside.add(session_id)
+            raise
+        self._aside.discard(session_id)
         self._at_once = min(2 * self._at_once, MOST_AT_ONCE)
         self._build_if_due(session_id, copy)
         return self._choose() is not None
 
-    def _list(self) -> None:
+    def _list(self) -> Exception | None:
+        """Ask what there is; return what is wrong with one of the sessions, which keeps no other from coming."""
         offers = self.remote.offers()
         self._heard()
+        wrong: Exception | None = None
         for offer in sorted(offers, key=lambda each: float(each["started"]), reverse=self._is_newest_first):
-            session_id = offer["id"]
-            copy = self._copies.get(session_id) or SessionCopy(self._folder, self.remote.label_of(session_id))
-            if self._is_here(copy.id, offer):
-                self._copies.pop(session_id, None)
-                continue
-            head = copy.head
-            if head and head["recording"] and offer["recording"]:
-                copy.note_head(head | {"pieces": offer["pieces"]})
-            elif not head or head["recording"] or head["bytes"] != offer["bytes"]:
-                copy.note_head(self.remote.head(session_id))
-            self._copies[session_id] = copy
-            self._build_if_due(session_id, copy)
+            try:
+                self._take_offer(offer)
+            except Exception as error:  # noqa: BLE001  of this session; a broken link is met again at the next one
+                wrong = wrong or error
+        return wrong
+
+    def _take_offer(self, offer: dict[str, Any]) -> None:
+        session_id = offer["id"]
+        copy = self._copies.get(session_id) or SessionCopy(self._folder, self.remote.label_of(session_id))
+        if self._is_here(copy.id, offer):
+            self._copies.pop(session_id, None)
+            return
+        head = copy.head
+        if head and head["recording"] and offer["recording"]:
+            copy.note_head(head | {"pieces": offer["pieces"]})
+        elif not head or head["recording"] or head["bytes"] != offer["bytes"]:
+            copy.note_head(self.remote.head(session_id))
+        self._copies[session_id] = copy
+        self._build_if_due(session_id, copy)
 
     def _is_here(self, local_id: str, offer: dict[str, Any]) -> bool:
         note = self._folder / f"{local_id}{SUFFIX}{FETCHED}"
@@ -148,6 +168,7 @@ class Follower:
         copies = sorted(
             self._copies.items(), key=lambda each: int(each[1].head["start_wall_ns"]), reverse=self._is_newest_first
         )
+        copies.sort(key=lambda each: each[0] in self._aside)
         for session_id, copy in copies:
             missing = copy.missing()
             if missing:

@@ -3,8 +3,10 @@
 import hashlib
 import random
 import threading
+import urllib.error
 from collections.abc import Iterator
 from contextlib import closing
+from email.message import Message as Headers
 from pathlib import Path
 from typing import Any
 
@@ -296,3 +298,41 @@ def test_a_piece_that_is_refused_names_the_session(tmp_path, pit):
     record(tmp_path / "car")
     with pytest.raises(AppError, match="car-"):
         Follower(Car(tmp_path / "car", damage=1.0), pit, Clock()).step()
+
+
+def test_a_session_that_was_deleted_on_the_recorder_does_not_keep_the_next_ones_from_coming(tmp_path, pit):
+    first = record(tmp_path / "car", 55)
+    gone: set[str] = set()
+
+    class Deleting(Car):
+        def offers(self) -> list[dict[str, Any]]:
+            return [each for each in super().offers() if each["id"] not in gone]
+
+        def pieces(self, session_id: str, first: int, count: int, *, descending: bool) -> Iterator[Any]:
+            if session_id in gone:
+                refused = urllib.error.HTTPError(self.url, 404, "Not Found", Headers(), None)
+                raise FetchFailed(self.url, "Not Found") from refused
+            return super().pieces(session_id, first, count, descending=descending)
+
+    car = Deleting(tmp_path / "car")
+    follower = Follower(car, pit, Clock())
+    follower.step()  # a piece of it is here
+    gone.add(first.id)
+    second = record(tmp_path / "car", 15)
+    tries = iter(range(50))
+    follower.run(Patient(lambda: next(tries, None) is None or any(pit.glob("*.sqlite"))))
+    assert_same(second.path, pit / f"car-{second.id}.sqlite")
+
+
+def test_a_session_of_which_nothing_can_be_made_here_does_not_keep_the_next_ones_from_coming(
+    tmp_path, pit, monkeypatch
+):
+    good, bad = record(tmp_path / "car", 15), record(tmp_path / "car", 25)  # the newer one is listed first
+    build = SessionCopy.build
+    monkeypatch.setattr(SessionCopy, "build", lambda copy: 1 / 0 if copy.id.endswith(bad.id) else build(copy))
+    now = iter(range(0, 10**15, 10**10))  # the list is due each time
+    follower = Follower(Car(tmp_path / "car"), pit, FunctionClock(lambda: next(now), lambda: WALL_NS))
+    tries = iter(range(50))
+    follower.run(Patient(lambda: next(tries, None) is None or (any(pit.glob("*.sqlite")) and follower.state.error)))
+    assert_same(good.path, pit / f"car-{good.id}.sqlite")
+    assert follower.state.error
