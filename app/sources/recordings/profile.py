@@ -100,7 +100,8 @@ def profile_of(given: dict[str, object], source: str = "profile") -> ImportProfi
 
 def profile_text(profile: ImportProfile) -> str:
     """Return the profile as TOML."""
-    return "".join(f"{name} = {json.dumps(value, ensure_ascii=False)}\n" for name, value in asdict(profile).items())
+    text = "".join(f"{name} = {json.dumps(value, ensure_ascii=False)}\n" for name, value in asdict(profile).items())
+    return text.replace("\x7f", "\\u007f")  # TOML has no bare DEL
 
 
 def guess(table: Table) -> ImportProfile:

@@ -34,7 +34,7 @@ def _lines(learned: Learned, language: str) -> Iterator[str]:
     yield ""
     yield "[source]"
     dbc = learned.source.dbc
-    yield f"dbc = {_text(dbc[0]) if len(dbc) == 1 else json.dumps(dbc)}"
+    yield f"dbc = {_text(dbc[0]) if len(dbc) == 1 else _list(dbc)}"
     for kind, entries in learned.source.cells.items():
         proposal = learned.voltage if kind == "voltage" else learned.temperature
         for i, entry in enumerate(entries):
@@ -54,7 +54,7 @@ def _lines(learned: Learned, language: str) -> Iterator[str]:
             yield ""
             yield f"# also possible as {key}, less likely:"
             for other in others:
-                yield f"#   {title(other)}"
+                yield f"#   {_one_line(title(other))}"
 
 
 def _line(key: str, line: Line, language: str) -> Iterator[str]:
@@ -93,7 +93,12 @@ def _limits(lines: list[Line], language: str) -> Iterator[str]:
 
 def _comments(texts: Iterable[Text], language: str) -> Iterator[str]:
     for text in texts:
-        yield f"# {render(text, language)}"
+        yield f"# {_one_line(render(text, language))}"
+
+
+def _one_line(text: str) -> str:
+    """What a DBC says may hold line ends: a comment may not."""
+    return "".join(each if each.isprintable() else " " for each in text)
 
 
 def _sensors(battery: Battery) -> Iterator[str]:
@@ -140,8 +145,16 @@ def _reading(name: str, reading: Reading) -> Iterator[str]:
 
 
 def _table(values: dict[str, str] | dict[str, int]) -> str:
-    return "{ " + ", ".join(f"{name} = {json.dumps(value)}" for name, value in values.items()) + " }"
+    return (
+        "{ "
+        + ", ".join(f"{name} = {_text(value) if isinstance(value, str) else value}" for name, value in values.items())
+        + " }"
+    )
+
+
+def _list(texts: Iterable[str]) -> str:
+    return f"[{', '.join(map(_text, texts))}]"
 
 
 def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=False)
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML has no bare DEL

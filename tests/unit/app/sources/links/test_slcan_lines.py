@@ -2,7 +2,7 @@
 
 import can
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.sources.links.slcan_lines import is_whole, open_bus
@@ -41,3 +41,44 @@ def test_what_is_no_frame_is_none(text):
 def test_other_interfaces_are_opened_as_ever():
     with open_bus({"interface": "virtual", "channel": "voltwall-lines"}) as bus:
         assert isinstance(bus, can.BusABC)
+
+
+@pytest.fixture
+def adapter():
+    """A bus whose serial port hears what is written to it."""
+    bus = open_bus({"interface": "slcan", "channel": "loop://", "bitrate": 500_000, "sleep_after_open": 0.0})
+    while bus.serialPortOrig.in_waiting:
+        bus.recv(0.0)  # the commands that opened it
+    yield bus
+    bus.shutdown()
+
+
+def heard(adapter, *lines):
+    adapter.serialPortOrig.write("".join(lines).encode())
+    found = []
+    while adapter.serialPortOrig.in_waiting:
+        message = adapter.recv(0.05)
+        found += [] if message is None else [(message.arbitration_id, bytes(message.data))]
+    return found
+
+
+def test_an_adapter_delivers_whole_frames_of_both_kinds_of_id(adapter):
+    first, second = line("t", 0x7FF, b"\x01\x02"), line("T", 0x18FF50E5, bytes(8))
+    assert heard(adapter, first, second) == [(0x7FF, b"\x01\x02"), (0x18FF50E5, bytes(8))]
+
+
+def test_two_lines_that_became_one_are_no_frame_and_the_next_one_is(adapter):
+    first, second, third = (line("t", i, bytes([i] * 8)) for i in (1, 2, 3))
+    assert heard(adapter, first[:9] + second, third) == [(3, bytes([3] * 8))]
+    assert heard(adapter, first[:-3] + "\r", second) == [(2, bytes([2] * 8))]
+
+
+@settings(max_examples=15)
+@given(st.binary(min_size=8, max_size=8), st.binary(min_size=8, max_size=8), st.integers(5, 20), st.integers(1, 15))
+def test_bytes_that_are_lost_behind_an_id_give_no_cell_the_value_of_another_frame(first, second, begin, lost):
+    lines = line("t", 0x100, first) + line("t", 0x101, second)
+    damaged = lines[:begin] + lines[begin + lost :]
+    for each in damaged.split("\r"):
+        if each[:1] == "t" and is_whole(each + "\r"):
+            found = int(each[1:4], 16), bytes.fromhex(each[5:21])
+            assert found in ((0x100, first), (0x101, second))

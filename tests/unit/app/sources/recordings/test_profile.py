@@ -153,3 +153,10 @@ def test_names_that_toml_has_to_quote_come_back(tmp_path: Path) -> None:
     store.save("odd", odd)
     assert store.load("odd") == odd
     assert ProfileStore(tmp_path / "none").names() == []
+
+
+@settings(max_examples=40)
+@given(st.text(st.characters(exclude_categories=["Cs"]), max_size=12))
+def test_any_name_of_a_column_is_read_back(name: str) -> None:
+    profile = ImportProfile(current=name)
+    assert parse_profile(profile_text(profile)) == profile

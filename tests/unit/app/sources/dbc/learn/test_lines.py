@@ -2,12 +2,16 @@
 
 import pytest
 
+from app.battery.battery import SignalName
 from app.battery.profile import read_document, understand
+from app.battery.source import Reading, StateSignal
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.learning import learn
-from app.sources.dbc.learn.lines import Choice, find_signal, title
+from app.sources.dbc.learn.lines import Choice, find_signal, line_of, title
 from app.sources.dbc.learn.profile_text import profile_text
+from app.sources.dbc.learn.readings import ReadingProposal
+from app.sources.dbc.learn.states import StateProposal
 from app.sources.dbc.learn.survey import survey
 from tests.naming_habits import pairs_in_fd_frames
 
@@ -64,3 +68,58 @@ def test_unit_sign_values_and_shape_are_corrected():
 @pytest.mark.parametrize("name", ["PackCurrent", "AMS_Pack.Nothing", "", "Nobody.PackCurrent"])
 def test_a_signal_is_named_with_its_message(name):
     assert find_signal(DEFINITIONS, name) is None
+
+
+def test_a_correction_of_something_else_changes_nothing_and_adds_no_line():
+    assert profile_text(learned({"nonsense": Choice("AMS_Pack.AIR_P", is_taken=True)})) == profile_text(learned())
+
+
+def test_values_that_a_person_names_take_the_place_of_a_mask():
+    signal = next(each for each in DEFINITIONS.by_id().values() if each.name == "AMS_Pack").signals[0].name
+    chosen = StateProposal(StateSignal(SignalName("AMS_Pack", signal), (1,), 0xFF), (), 1.0)
+    corrected = line_of("state.fault", [chosen], {"state.fault": Choice(equals=(3, 4))}, DEFINITIONS).chosen
+    assert (corrected.state.equals, corrected.state.mask) == ((3, 4), 0)
+    untouched = line_of("state.fault", [chosen], {}, DEFINITIONS).chosen
+    assert untouched == chosen
+
+
+def test_a_signal_that_a_person_named_says_so_among_its_reasons():
+    line = learned({"soc": Choice("AMS_Pack.IMD_Error")}).lines["soc"]
+    assert [each.code for each in line.chosen.reasons] == ["learn-by-person"]
+    assert title(line.candidates[-1]) == "AMS_Pack.IMD_Error"
+
+
+def test_white_space_in_the_name_of_a_signal_does_not_matter():
+    message, signal = find_signal(DEFINITIONS, " AMS_Pack . AIR_P\n")
+    assert (message.name, signal.name) == ("AMS_Pack", "AIR_P")
+
+
+@pytest.mark.parametrize("key", ["state.fault", "limit.charge_current_max_a"])
+def test_what_raises_alarms_is_taken_by_a_person_only_and_the_rest_may_be_left_out(key):
+    given = ReadingProposal(Reading(SignalName("AMS_Pack", "AIR_P")), (), 1.0)
+    for usual, name in ((False, key), (True, "soc")):
+        assert line_of(name, [given], {}, DEFINITIONS).is_taken is usual
+        for taken in (True, False):
+            assert line_of(name, [given], {name: Choice(is_taken=taken)}, DEFINITIONS).is_taken is taken
+
+
+def test_a_line_of_which_nothing_speaks_is_there_once_a_person_names_its_signal():
+    assert line_of("soc", [], {}, DEFINITIONS) is None
+    assert line_of("soc", [], {"soc": Choice("No.Such")}, DEFINITIONS) is None
+    assert title(line_of("soc", [], {"soc": Choice("AMS_Pack.AIR_P")}, DEFINITIONS).chosen) == "AMS_Pack.AIR_P"
+
+
+@pytest.mark.parametrize(("key", "unit"), [("voltage", "degC"), ("voltage", "furlong"), ("voltage", "")])
+def test_a_unit_of_another_quantity_leaves_the_one_that_is_suggested(key, unit):
+    suggested = learned().lines[key].chosen
+    assert learned({key: Choice(unit=unit)}).lines[key].chosen == suggested
+
+
+def test_a_unit_of_the_cells_is_that_of_all_their_signals():
+    entries = learned({"voltage": Choice(unit="mV")}).lines["voltage"].chosen.entries
+    assert {each.unit for each in entries} == {"mV"}
+
+
+@pytest.mark.parametrize("side", ["", "both", "Charge"])
+def test_a_sign_that_is_none_leaves_the_one_that_is_suggested(side):
+    assert learned({"current": Choice(positive=side)}).readings["current"] == learned().readings["current"]

@@ -123,3 +123,21 @@ def test_temperatures_have_a_table_of_their_own():
     heats = (CellSignals("Temp_{cell}", unit="0.1degC"),)
     found = read(learned(Battery("x", (12, 12), sensors=spread(4, range(24))), heats=heats)).source
     assert plain(found.cells["temperature"][0]) == plain(heats[0])
+
+
+@pytest.mark.parametrize("odd", ["\n[source.soc]\nsignal = 'A.B'", "\r", "\x00", "\x1b[31m", "\x7f", "\u2028"])
+def test_what_a_dbc_says_stays_in_its_comment(odd):
+    reading = Reading(SignalName("BMS", "Pack_Current"))
+    suggestion = learned(readings={"current": reading})
+    line = suggestion.lines["current"]
+    why = Message("learn-state-texts", name=f"Bms{odd}State", message="BMS", texts=f"3 Drive{odd}")
+    lines = {**suggestion.lines, "current": replace(line, chosen=replace(line.chosen, reasons=(why,)))}
+    said = replace(suggestion, lines=lines)
+    assert tomllib.loads(profile_text(said)) == tomllib.loads(profile_text(suggestion))
+
+
+@given(st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=20))
+def test_any_name_of_a_battery_and_a_file_is_read_back(name):
+    text = profile_text(learned(Battery(name, (12, 12)), dbc=(f"{name}.dbc", "b.dbc")))
+    found = tomllib.loads(text)
+    assert (found["battery"]["name"], found["source"]["dbc"]) == (name, [f"{name}.dbc", "b.dbc"])
