@@ -42,6 +42,9 @@ def open_for_writing(path: Path, schema: Schema) -> sqlite3.Connection:
     except SessionError:
         connection.close()
         raise
+    except UnicodeDecodeError as error:  # SQLite's own message quotes the damaged bytes
+        connection.close()
+        raise NotASession(str(path), str(error)) from error
     return connection
 
 
@@ -78,6 +81,9 @@ def _open_at(uri: str, path: Path, schema: Schema) -> sqlite3.Connection:
     except (sqlite3.DatabaseError, SessionError):
         connection.close()
         raise
+    except UnicodeDecodeError as error:  # SQLite's own message quotes the damaged bytes
+        connection.close()
+        raise NotASession(str(path), str(error)) from error
     if schema.oldest_readable <= version <= schema.version:
         return connection
     connection.close()

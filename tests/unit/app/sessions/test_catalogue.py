@@ -31,6 +31,20 @@ def test_sessions_are_listed_newest_first_and_damaged_files_apart(recorder: Reco
     assert "broken" in str(problems[0])
 
 
+def test_a_flipped_bit_in_the_names_of_its_tables_makes_one_session_unreadable(
+    recorder: Recorder, folder: Path
+) -> None:
+    good = recorder.start()
+    recorder.stop()
+    recorder.close()
+    content = bytearray(good.path.read_bytes())
+    content[content.index(b"CREATE TABLE events") + 2] |= 0x80  # no UTF-8 any more, also where SQLite quotes it
+    (folder / "flipped.sqlite").write_bytes(content)
+    sessions, problems = Catalogue(folder).survey()
+    assert [info.id for info in sessions] == [good.id]
+    assert "flipped" in str(problems[0])
+
+
 def test_the_list_follows_a_session_that_grows(recorder: Recorder, folder: Path, stream) -> None:
     catalogue = Catalogue(folder)
     assert catalogue.list() == []
