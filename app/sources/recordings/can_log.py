@@ -83,7 +83,7 @@ def signal_table(path: Path, dbc: Path, profile: ImportProfile) -> Table:
             or name.partition("[")[0] in indexed
         )
         if is_wanted and name not in columns:
-            columns[name] = _held(times_s, np.array(at_s), np.array(values), profile.hold_s)
+            columns[name] = _held(times_s, *_in_order(at_s, values), profile.hold_s)
     return Table(source, columns)
 
 
@@ -184,8 +184,13 @@ def _signal(
     if name not in signals:
         shown = tuple(sorted(signals)[:12])
         raise ImportFailed(source, Message("no-frame-carries", what=what, name=repr(name), names=shown))
-    times_s, values = signals[name]
-    return np.array(times_s), np.array(values)
+    return _in_order(*signals[name])
+
+
+def _in_order(times_s: list[float], values: list[float]) -> tuple[FloatArray, FloatArray]:
+    """A log of several buses may tell frames a little late."""
+    order = np.argsort(times_s, kind="stable")
+    return np.array(times_s)[order], np.array(values)[order]
 
 
 def _held(times_s: FloatArray, at_s: FloatArray, values: FloatArray, hold_s: float) -> FloatArray:

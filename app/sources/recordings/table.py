@@ -115,11 +115,12 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
     except ImportError as exc:
         raise TableUnreadable(source, Message("parquet-needs-extra")) from exc
     try:
-        about = pq.ParquetFile(BytesIO(raw)).metadata
+        file = pq.ParquetFile(BytesIO(raw))
+        about = file.metadata
         if about.num_rows * about.num_columns > PARQUET_VALUES:
             shape = Message("limit-rows", rows=about.num_rows, columns=about.num_columns, limit=PARQUET_VALUES)
             raise LimitExceeded(shape)
-        table = pq.read_table(BytesIO(raw))
+        table = file.read()
     except (pa.ArrowException, OSError) as exc:
         raise TableUnreadable(source, Message("no-parquet", error=str(exc))) from exc
     columns = []
@@ -130,7 +131,7 @@ def _parquet_table(source: str, raw: bytes) -> tuple[list[str], list[FloatArray]
             columns.append(micros.cast(pa.int64()).cast(pa.float64()).to_numpy() * 1e-6)
             continue
         try:
-            columns.append(np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64))
+            columns.append(np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64))
         except pa.ArrowException:
             columns.append(np.full(table.num_rows, np.nan))
     return list(table.column_names), columns

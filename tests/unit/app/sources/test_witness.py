@@ -194,3 +194,24 @@ def test_what_is_wrong_is_told_by_its_own_field(tmp_path: Path, text: str, where
     assert error.value.path == where
     assert why in str(error.value)
     assert error.value.line is not None
+
+
+def test_a_bus_of_a_witness_that_is_lost_is_told_with_its_number_and_the_battery_goes_on(tmp_path: Path) -> None:
+    pipeline = PipelineFactory("coulomb", None, loaded(tmp_path)).pipeline("can", None, "virtual:a,virtual:b")
+    pipeline.feed(LinkChange(0, WALL_NS, "can", "open"))
+    pipeline.feed(LinkChange(0, WALL_NS, "can", "open", bus=1))
+    for item in sorted(frames(3, 0) + frames(3, 1), key=lambda item: item.t_mono_ns):
+        pipeline.feed(item)
+    lost = pipeline.feed(LinkChange(3 * 10**9, WALL_NS, "can", "lost", "unplugged", bus=1))
+    assert [(event.severity, event.code) for event in lost.events] == [("watch", "of-bus")]
+    assert lost.events[0].message.args["bus"] == 1
+    snapshot = pipeline.tick(3 * 10**9, WALL_NS).snapshot
+    assert snapshot is not None
+    assert snapshot.links.can.state == "live"
+
+
+def test_a_frame_of_a_bus_that_nobody_listens_to_changes_nothing(tmp_path: Path) -> None:
+    with_third = after(loaded(tmp_path), frames(4, 0) + frames(4, 1) + frames(4, 2, ampere=200.0))
+    alone = after(loaded(tmp_path), frames(4, 0) + frames(4, 1))
+    assert with_third.links.can.frames == alone.links.can.frames
+    assert verdicts(with_third) == verdicts(alone)

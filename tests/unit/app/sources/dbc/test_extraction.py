@@ -65,3 +65,15 @@ def test_a_negative_number_with_a_scale_is_negative():
     layout = Layout(0, 12, is_signed=True, scale=0.5, offset=1.0)
     data = np.array([[0xFE, 0x0F, 0, 0, 0, 0, 0, 0]], np.uint8)
     assert physical_values(raw_values(data, layout), layout).tolist() == [0.0]
+
+
+@pytest.mark.parametrize("is_little", [True, False])
+@pytest.mark.parametrize("is_signed", [True, False])
+@given(value=st.integers(0, 2**64 - 1), shift=st.integers(1, 7), first=st.integers(0, 55))
+def test_a_number_that_spans_nine_bytes_of_a_long_frame_is_whole(is_little, is_signed, value, shift, first):
+    frame = (value << shift).to_bytes(9, "little" if is_little else "big")
+    data = np.zeros((2, 64), np.uint8)
+    data[1, first : first + 9] = np.frombuffer(frame, np.uint8)
+    start = 8 * first + shift if is_little else 8 * first + 7 - (8 - shift)
+    expected = value - (1 << 64) if is_signed and value >> 63 else value
+    assert raw_values(data, Layout(start, 64, is_little, is_signed)).tolist() == [0, expected]

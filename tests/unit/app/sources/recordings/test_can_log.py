@@ -113,3 +113,23 @@ def test_what_is_no_dbc_or_no_log_is_named(tmp_path: Path, log: Path) -> None:
     (tmp_path / "bad.log").write_text("hello there you\n")
     with pytest.raises(ImportFailed, match=r"bad\.log: not a readable CAN log"):
         list(read_frames(tmp_path / "bad.log"))
+
+
+def test_frames_that_a_log_tells_late_count_at_their_own_time(tmp_path: Path, dbc: Path) -> None:
+    frames = [
+        "(3.0) can1 101#0098A8",  # cell 0, the newer one first
+        "(1.0) can0 100#0A00",
+        "(2.0) can1 101#00A08C",
+        "(3.5) can0 100#1E00",
+        "(2.5) can0 100#1400",
+    ]
+    (tmp_path / "late.log").write_text("\n".join(frames) + "\n")
+    table = signal_table(tmp_path / "late.log", dbc, PROFILE)
+    np.testing.assert_array_equal(table.columns["time"], [1.0, 2.5, 3.5])
+    np.testing.assert_allclose(table.columns["PackCurrent"], [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(table.columns["CellVoltage[0]"], [np.nan, 3.6, 4.3160])
+
+
+def test_the_columns_of_a_log_are_those_of_its_frames_not_of_the_dbc(tmp_path: Path, dbc: Path) -> None:
+    (tmp_path / "part.log").write_text("(1.0) can0 100#0A00\n(1.1) can0 7FF#00\n")
+    assert signal_names(tmp_path / "part.log", dbc) == ["Pack.PackCurrent", "PackCurrent"]

@@ -1,12 +1,14 @@
 """Bus logging as asammdf writes it: several buses, 11 and 29 bits, classic CAN and CAN FD."""
 
+import sys
 from pathlib import Path
 
 import asammdf
 import numpy as np
 import pytest
 
-from app.errors import ImportFailed
+from app.errors import ExtraMissing, ImportFailed
+from app.sources.recordings import mf4_log
 from app.sources.recordings.can_log import read_frames
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 from tests.recorded.mf4 import write_mf4
@@ -36,4 +38,17 @@ def test_a_file_without_frames_says_so(tmp_path: Path) -> None:
 def test_a_file_that_is_no_mf4_is_refused(tmp_path: Path) -> None:
     (tmp_path / "run.mf4").write_bytes(b"no such thing" * 100)
     with pytest.raises(ImportFailed, match="not a readable CAN log"):
+        list(read_frames(tmp_path / "run.mf4"))
+
+
+def test_frames_come_in_pieces_and_none_is_lost_between_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mf4_log, "AT_ONCE", 3)
+    frames = [(0.1 * k, 0x100 + k, bytes([k])) for k in range(8)]
+    found = list(read_frames(write_mf4(tmp_path / "run.mf4", frames[::2], frames[1::2])))
+    assert [(can_id, data) for _, can_id, data in found] == [(can_id, data) for _, can_id, data in frames]
+
+
+def test_without_asammdf_the_line_to_install_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    with pytest.raises(ExtraMissing, match=r"pip install .*mf4"):
         list(read_frames(tmp_path / "run.mf4"))

@@ -1,12 +1,16 @@
 """Columns by name, number and pattern; files by their content, whatever they are called."""
 
 import gzip
+from datetime import UTC, datetime
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
-from app.errors import ImportFailed
+from app.errors import ImportFailed, LimitExceeded
 from app.estimation.errors import DatasetError
+from app.sources.recordings import table as table_module
 from app.sources.recordings.table import Table, load_table, matching
 
 TABLE = Table("x.csv", {"time": np.zeros(2), "V10": np.full(2, 10.0), "V2": np.full(2, 2.0), "7": np.full(2, 7.0)})
@@ -125,3 +129,77 @@ def test_what_is_no_table_is_refused_by_the_files_name(tmp_path, content):
 def test_a_file_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(DatasetError, match="cannot be read"):
         load_table(tmp_path / "none.csv")
+
+
+def parquet(tmp_path, columns, names=None):
+    path = tmp_path / "x.parquet"
+    given = columns if names is None else pa.Table.from_arrays(columns, names=names)
+    pq.write_table(given if names else pa.table(given), path)
+    return load_table(path)
+
+
+def test_a_parquet_file_is_known_by_its_content(tmp_path):
+    table = parquet(tmp_path, {"Zeit [s]": [0.5, 1.5], "V1": [3.7, 3.8]})
+    assert (tmp_path / "x.parquet").rename(tmp_path / "x.csv")
+    assert list(load_table(tmp_path / "x.csv").columns) == list(table.columns) == ["Zeit [s]", "V1"]
+    np.testing.assert_array_equal(table.column("voltage", "V1"), [3.7, 3.8])
+
+
+@pytest.mark.parametrize("kind", [pa.float64(), pa.float32(), pa.int64(), pa.bool_(), pa.string(), pa.timestamp("ms")])
+def test_what_is_missing_in_a_parquet_file_is_nan_and_never_zero(tmp_path, kind):
+    column = parquet(
+        tmp_path, {"a": pa.array(["1", None]).cast(pa.int64() if kind != pa.string() else kind).cast(kind)}
+    )
+    first, second = column.columns["a"]
+    assert np.isfinite(first)
+    assert np.isnan(second)
+
+
+@pytest.mark.parametrize("number", [2**53 + 1, 1_780_000_000_123_456_789, -(2**62) - 1])
+def test_whole_numbers_that_are_longer_than_a_double_are_rounded_not_lost(tmp_path, number):
+    table = parquet(tmp_path, {"t_ns": pa.array([number, number + 10**9], pa.int64())})
+    np.testing.assert_allclose(table.columns["t_ns"], [number, number + 10**9], rtol=1e-15)
+
+
+def test_stamps_of_any_resolution_and_zone_are_seconds_since_1970(tmp_path):
+    at = datetime(2026, 5, 1, 12, 0, 0, 250_000, tzinfo=UTC)
+    kinds = {
+        unit: pa.array([at]).cast(pa.timestamp("us", tz="UTC")).cast(pa.timestamp(unit, tz=zone))
+        for unit, zone in (("ms", "Europe/Oslo"), ("us", "UTC"), ("ns", "America/New_York"))
+    }
+    columns = parquet(tmp_path, kinds).columns
+    assert [column[0] for column in columns.values()] == [pytest.approx(at.timestamp(), abs=1e-6)] * 3
+
+
+def test_words_and_lists_in_a_parquet_file_are_columns_without_numbers(tmp_path):
+    columns = parquet(tmp_path, {"word": ["idle", "2"], "list": [[1.0], [2.0]], "none": pa.nulls(2)}).columns
+    assert all(np.isnan(column).all() for column in columns.values())
+
+
+def test_two_columns_of_one_name_get_their_places_in_a_parquet_file_too(tmp_path):
+    table = parquet(tmp_path, [pa.array([1.0]), pa.array([2.0])], ["a", "a"])
+    assert {name: column[0] for name, column in table.columns.items()} == {"a": 1.0, "a #2": 2.0}
+
+
+@pytest.mark.parametrize("content", [b"PAR1", b"PAR1" + bytes(100) + b"PAR1", b"PAR1" + bytes(100)])
+def test_a_parquet_file_that_is_cut_is_refused_by_its_name(tmp_path, content):
+    with pytest.raises(DatasetError, match=r"x\.parquet: not a readable Parquet file"):
+        written(tmp_path, content, "x.parquet")
+
+
+@pytest.mark.parametrize("content", [b"\x1f\x8b", gzip.compress(b"a,b\n1,2\n")[:-4], b"\x1f\x8b\x08" + b"\xff" * 40])
+def test_a_packed_file_that_is_cut_is_refused(tmp_path, content):
+    with pytest.raises(DatasetError, match="cannot be read"):
+        written(tmp_path, content)
+
+
+def test_a_file_that_unpacks_out_of_all_proportion_is_refused_with_the_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr(table_module, "_ALWAYS_BYTES", 1 << 20)
+    with pytest.raises(LimitExceeded, match="1 MB"):
+        written(tmp_path, gzip.compress(bytes(3 << 20)))
+
+
+def test_a_parquet_file_of_too_many_values_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(table_module, "PARQUET_VALUES", 5)
+    with pytest.raises(LimitExceeded):
+        parquet(tmp_path, {"a": [1.0, 2.0, 3.0], "b": [1.0, 2.0, 3.0]})

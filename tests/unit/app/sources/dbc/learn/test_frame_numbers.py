@@ -196,3 +196,77 @@ def test_each_segment_has_as_many_cells_as_were_heard_of_it(segments):
     assert (found.n, found.segments) == (sum(segments), segments)
     assert found.entries[0].numbers == {"segment": "Module_ID", "cell": "Cell_ID"}
     assert [reason.code for reason in found.reasons] == ["learn-two-numbers"]
+
+
+@pytest.mark.parametrize("scale", ["(2,0)", "(1,0.5)", "(0.1,0)"])
+def test_a_number_with_a_scale_is_a_quantity(scale):
+    text = CELLS.format(most=71).replace("0|8@1+ (1,0)", f"0|8@1+ {scale}")
+    assert best(text, told(range(24))) is None
+
+
+def test_a_single_bit_and_a_long_word_number_no_cells():
+    for bits in (1, 24):
+        text = CELLS.format(most=1).replace("0|8@1+", f"0|{bits}@1+").replace("8|16", "32|16")
+        assert best(text) is None
+
+
+def test_the_texts_of_a_number_tell_how_many_cells_there_are():
+    names = " ".join(f'{k} "Cell{k + 1}"' for k in range(30))
+    found = best(CELLS.format(most=0) + f"VAL_ 1 Cell_ID {names} ;\n")
+    assert found.n == 30
+    assert "learn-count-unknown" not in [reason.code for reason in found.reasons]
+
+
+def test_without_a_log_segments_and_cells_are_those_of_the_dbc():
+    text = (
+        'BO_ 1 Cells: 8 BMS\n SG_ Cell_ID : 0|8@1+ (1,0) [1|14] "" X\n SG_ Module_ID : 8|8@1+ (1,0) [1|5] "" X\n'
+        ' SG_ Cell_Voltage : 16|16@1+ (0.001,0) [0|5] "V" X\n'
+    )
+    found = best(text)
+    assert (found.n, found.segments) == (70, (14,) * 5)
+    assert found.entries[0].base == {"segment": 1, "cell": 1}
+
+
+def test_a_segment_that_nothing_was_heard_of_counts_as_large_as_the_largest():
+    text = CELLS.format(most=255).replace("8|16", "16|16") + ' SG_ Module_ID : 8|8@1+ (1,0) [0|0] "" X\n'
+    volts = (3700).to_bytes(2, "little")
+    places = [(s, c) for s in (0, 1, 3) for c in range(6)]
+    found = best(text, [(k, 1, bytes([c, s]) + volts) for k, (s, c) in enumerate(places)])
+    assert found.segments == (6, 6, 6, 6)
+
+
+def base_number(names, number="Group", frames=()):
+    lines = "".join(f' SG_ {name} : {8 + 16 * k}|16@1+ (0.001,0) [0|5] "V" X\n' for k, name in enumerate(names))
+    return best(f'BO_ 1 Cells: 8 BMS\n SG_ {number} : 0|8@1+ (1,0) [0|0] "" X\n{lines}', frames)
+
+
+def grouped(numbers, k):
+    return [(t, 1, bytes([each]) + (3700).to_bytes(2, "little") * k) for t, each in enumerate(numbers)]
+
+
+def test_values_that_end_in_letters_or_numbers_follow_each_other():
+    by_letter = base_number(["CellVolt_A", "CellVolt_B", "CellVolt_C"], frames=grouped(range(8), 3))
+    by_number = base_number(["Cell1_Volt", "Cell2_Volt", "Cell3_Volt"], frames=grouped(range(8), 3))
+    assert (by_letter.n, by_letter.entries[0].signal) == (24, "CellVolt_{cell:a}")
+    assert (by_number.n, by_number.entries[0].signal) == (24, "Cell{cell}_Volt")
+    assert (by_letter.entries[0].group_cells, by_number.entries[0].group_cells) == (3, 3)
+
+
+def test_values_whose_numbers_do_not_run_on_are_no_group():
+    assert base_number(["CellVolt_1", "CellVolt_2", "CellVolt_7"], frames=grouped(range(8), 3)) is None
+
+
+def test_a_base_number_in_steps_of_the_values_is_that_of_the_first_cell():
+    found = base_number(["CellVolt_1", "CellVolt_2", "CellVolt_3"], "StartCell", grouped(range(0, 24, 3), 3))
+    assert (found.n, found.entries[0].group_cells) == (24, 1)
+
+
+@settings(max_examples=examples(20))
+@given(st.lists(st.tuples(st.integers(0, 255), st.integers(0, 0xFFFF)), max_size=40))
+def test_whatever_numbers_are_heard_a_proposal_has_cells_for_them(pairs):
+    frames = [(k, 1, bytes([number]) + raw.to_bytes(2, "little")) for k, (number, raw) in enumerate(pairs)]
+    found = best(CELLS.format(most=255), frames)
+    if found is not None:
+        assert found.n >= 2
+        assert found.n <= max(256, UNKNOWN_COUNT)
+        assert found.segments is None

@@ -1,14 +1,19 @@
 """A lesson: corrected line by line, checked, with what each line reads."""
 
+import math
 import time
+import tomllib
 
 import can
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.frames import frames_of
 from app.sources.dbc.learn.lesson import Correction, Lesson
 from app.sources.dbc.learn.lines import Choice
+from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.listening import BusListener
 from tests.naming_habits import letters_in_numbered_messages
 
@@ -74,3 +79,57 @@ def test_nobody_asks_and_the_bus_is_given_free():
         listener = BusListener("virtual:voltwall-idle", idle_s=0.0)
         listener.wait(30)  # ends at once
         listener.close()
+
+
+def test_the_same_correction_is_learned_once(lesson):
+    first, _ = lesson.learned(Correction(choices={"soc": Choice(is_taken=False)}))
+    assert lesson.learned(Correction(choices={"soc": Choice(is_taken=False)}))[0] is first
+    assert lesson.learned(Correction())[0] is not first
+
+
+def test_fewer_cells_than_the_signals_have_is_told_at_the_signals(lesson):
+    _, doubts = lesson.learned(Correction(segments=(40,)))
+    assert "source.voltage[0].signal" in {each.field for each in doubts}
+
+
+def test_more_cells_than_the_signals_have_is_told_as_well(lesson):
+    _, doubts = lesson.learned(Correction(segments=(200,)))
+    assert "source.voltage" in {each.field for each in doubts}
+
+
+def test_the_edited_text_is_checked_by_what_was_heard_and_not_by_what_is_suggested(lesson):
+    learned, _ = lesson.learned(Correction())
+    text = profile_text(learned)
+    assert lesson.check(text) == []
+    wrong = lesson.check(text.replace("\nsegments", "\nsegment", 1))
+    assert wrong
+    assert all(each.is_error for each in wrong)
+
+
+def test_without_frames_nothing_runs_and_a_profile_is_suggested_all_the_same():
+    silent = Lesson(DEFINITIONS, ("x.dbc",), frames_of([]), "x")
+    learned, _ = silent.learned(Correction())
+    assert learned.battery.n_cells == PEER.n_cells
+    assert silent.running(learned) == {}
+    silent.close()
+
+
+def test_a_cell_that_was_not_heard_has_no_value_and_not_zero():
+    some = [each for each in FRAMES if each[1] != next(i for _, i, _ in FRAMES)]
+    lesson = Lesson(DEFINITIONS, ("x.dbc",), frames_of(some), "x")
+    running = lesson.running(lesson.learned(Correction(segments=(40,) * 4))[0])
+    assert all(value is None or value > 2.0 for value in running["voltage"].values)
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.lists(st.tuples(st.sampled_from(sorted({i for _, i, _ in FRAMES})), st.binary(max_size=8)), max_size=60))
+def test_whatever_a_bus_says_a_lesson_has_a_suggestion_that_can_be_read_or_none(said):
+    lesson = Lesson(DEFINITIONS, ("x.dbc",), frames_of([(k * 10**6, i, d) for k, (i, d) in enumerate(said)]), "x")
+    learned, doubts = lesson.learned(Correction())
+    if learned is None:
+        assert doubts == []
+        return
+    tomllib.loads(profile_text(learned))
+    for key, each in lesson.running(learned).items():
+        assert key in learned.lines
+        assert all(value is None or math.isfinite(value) for value in each.values)
