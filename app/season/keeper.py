@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import logging
 import subprocess
-import sys
 import threading
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
@@ -19,6 +18,7 @@ from typing import Any, Final
 from app.errors import AppError, ExtraMissing, NotNow
 from app.season.store.store import Limits, QueryFailed
 from app.sessions.storage.files import SUFFIX
+from app.sessions.worker.child_process import command_of
 from app.telemetry import Event
 from app.words import Message
 
@@ -27,6 +27,8 @@ CLOSING: Final = ("recording-stopped", "recording-split")  # events after which 
 NEEDED: Final = ("duckdb", "fsspec", "pyarrow")
 END_S: Final = 5.0
 START_S: Final = 20.0  # a question's process may take so long to start, on a busy Raspberry Pi
+ANSWER_MB: Final = 16  # of an answer as JSON, of which this process holds some copies
+_MB: Final = 1 << 20
 BOX: Final = Limits(seconds=20.0, memory_mb=512, rows=5000)
 
 
@@ -90,16 +92,29 @@ class SeasonLake:
         values = [part for name, value in given.items() for part in ("--set", f"{name}={value}")]
         most = ("--limit-s", limits.seconds, "--limit-mb", limits.memory_mb, "--limit-rows", limits.rows)
         arguments = ["query", "--json", "--lake", self.place, *map(str, most), *values, "--", question]
-        try:
-            done = subprocess.run(
-                _command(arguments), capture_output=True, text=True, timeout=limits.seconds + START_S, check=False
-            )
-        except subprocess.TimeoutExpired as error:
-            raise QueryFailed(Message("query-too-long", seconds=limits.seconds)) from error
-        if done.returncode != 0:
-            said = done.stderr.strip().removeprefix("voltwall season: ")
+        is_late = threading.Event()
+        pipe = subprocess.PIPE
+        with subprocess.Popen(_command(arguments), stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            watch = threading.Timer(limits.seconds + START_S, _end, (process, is_late))
+            watch.daemon = True
+            watch.start()
+            try:
+                told = process.stdout.read(ANSWER_MB * _MB + 1)
+                if is_large := len(told) > ANSWER_MB * _MB:
+                    process.kill()
+                said = process.stderr.read().decode(errors="replace").strip().removeprefix("voltwall season: ")
+                code = process.wait()
+            finally:
+                watch.cancel()
+        if is_large:
+            raise QueryFailed(Message("answer-too-large", megabytes=ANSWER_MB))
+        if is_late.is_set():
+            raise QueryFailed(Message("query-too-long", seconds=limits.seconds))
+        if code != 0:
             raise QueryFailed(said or Message("query-too-large", megabytes=limits.memory_mb))
-        answer: dict[str, Any] = json.loads(done.stdout)
+        answer: dict[str, Any] = json.loads(told)
         return answer
 
     def _is_behind(self) -> bool:
@@ -133,5 +148,10 @@ class SeasonLake:
             log.warning("season lake: %s", said.strip())
 
 
+def _end(process: "subprocess.Popen[bytes]", is_late: threading.Event) -> None:
+    is_late.set()
+    process.kill()
+
+
 def _command(arguments: Sequence[str]) -> list[str]:
-    return [sys.executable, "-m", "app.cli", "season", *arguments]
+    return command_of("app.cli", "season", *arguments)

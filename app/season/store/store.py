@@ -50,8 +50,15 @@ class Answer:
     is_cut: bool = False
 
     def rows(self) -> list[list[object]]:
-        """Return the rows as plain values, times as ISO 8601 in UTC."""
-        columns = [column.to_pylist() for column in self.table.columns]
+        """Return the rows as plain values, times as ISO 8601 in UTC.
+
+        Raises:
+            QueryFailed: a value is none that Python knows, as the year 290000.
+        """
+        try:
+            columns = [column.to_pylist() for column in self.table.columns]
+        except (OverflowError, ValueError) as error:
+            raise QueryFailed(str(error)) from error
         return [
             [each.isoformat() if isinstance(each, datetime) else each for each in row]
             for row in zip(*columns, strict=True)

@@ -86,6 +86,13 @@ def test_a_question_that_hangs_is_killed(lake, tmp_path, monkeypatch):
         asked.query("SELECT 1 AS one", {}, Limits(seconds=0.01))
 
 
+def test_an_answer_that_fills_the_services_memory_is_not_taken(lake, tmp_path, monkeypatch):
+    monkeypatch.setattr("app.season.keeper.ANSWER_MB", 1)
+    asked = SeasonLake(tmp_path, str(lake), builds=False)
+    with pytest.raises(QueryFailed, match="longer than 1 MB"):
+        asked.query("SELECT repeat('x', 1000) AS x FROM range(2000)", {})
+
+
 def test_one_question_at_a_time(lake, tmp_path):
     asked = SeasonLake(tmp_path, str(lake), builds=False)
     with asked._asking, pytest.raises(NotNow):

@@ -111,6 +111,11 @@ def test_an_error_of_the_engine_is_said(store):
         store.query("SELECT voltages FROM cells")
 
 
+def test_a_value_that_python_does_not_know_is_said(lake):
+    with pytest.raises(QueryFailed, match="range"):
+        open_store(lake).query("SELECT DATE '290000-01-01' AS day").rows()
+
+
 def test_a_question_that_takes_too_long_is_stopped(store):
     sql = "SELECT sum(a.cell * b.cell * c.cell) FROM cells a, cells b, cells c"
     began = time.monotonic()
