@@ -148,7 +148,7 @@ class SeasonLake:
             log.warning("season lake: %s", said.strip())
 
 
-def _end(process: "subprocess.Popen[bytes]", is_late: threading.Event) -> None:
+def _end(process: subprocess.Popen[bytes], is_late: threading.Event) -> None:
     is_late.set()
     process.kill()
 

@@ -44,8 +44,9 @@ class SessionCopy:
     @classmethod
     def all_in(cls, folder: Path) -> "list[SessionCopy]":
         """Every copy that is not whole yet, newest first."""
-        found = [cls(folder, each.parent.name) for each in (folder / COPIES).glob("*/head.json")]
-        return sorted(found, key=lambda copy: int(copy.head["start_wall_ns"]), reverse=True)
+        copies = [cls(folder, each.parent.name) for each in (folder / COPIES).glob("*/head.json")]
+        known = [(head["start_wall_ns"], copy) for copy in copies if (head := copy.head)]  # one may be whole by now
+        return [copy for _, copy in sorted(known, key=lambda each: int(each[0]), reverse=True)]
 
     @property
     def head(self) -> dict[str, Any]:

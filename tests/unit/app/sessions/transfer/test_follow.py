@@ -2,6 +2,7 @@
 
 import hashlib
 import random
+import shutil
 import threading
 import urllib.error
 from collections.abc import Iterator
@@ -179,6 +180,10 @@ def test_what_is_missing_is_told_and_a_killed_copy_goes_on(tmp_path, pit):
     start_s = WALL_NS / 1e9
     assert (state["pieces"], state["missing_s"]) == (10, 70.0)
     assert state["missing"] == [(start_s + 30, start_s + 100)]
+    (pit / COPIES / "car-damaged").mkdir()
+    (pit / COPIES / "car-damaged" / "head.json").write_text("{")
+    assert [each.id for each in SessionCopy.all_in(pit)] == [copy.id]
+    shutil.rmtree(pit / COPIES / "car-damaged")
     (pit / COPIES / copy.id / ".000003.x.piece.part").write_bytes(b"cut off in the middle")
     next_one = Car(tmp_path / "car")
     Follower(next_one, pit, Clock()).run(Patient(whole(pit)))
