@@ -32,3 +32,14 @@ def test_what_cannot_be_served_is_refused_with_the_reason(also: str, why: str) -
 
 def test_without_it_there_is_one() -> None:
     assert beside("team", "") == []
+
+
+@pytest.mark.parametrize("also", [" , orion-bms-2 ,, ", "orion-bms-2,"])
+def test_empty_parts_and_spaces_between_batteries_do_not_matter(also: str) -> None:
+    assert [each.connections.battery for each in beside("team", also)] == ["orion-bms-2"]
+
+
+def test_a_bus_may_have_options_and_is_kept_as_it_was_named() -> None:
+    url = "slcan:/dev/ttyACM0?bitrate=250000&timeout=0.05"
+    (found,) = beside("team", f"orion-bms-2@{url}")
+    assert found.connections.can == url

@@ -1,4 +1,8 @@
+import math
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from app.sources.dbc.units import conversion, known_conversion
 
@@ -58,3 +62,27 @@ def test_capital_and_small_prefixes_are_not_taken_for_each_other_where_it_matter
     assert value("voltage", "mV", 1.0) == pytest.approx(1e-3)
     assert value("current", "mA", 1.0) == pytest.approx(1e-3)
     assert value("pack_voltage", "kV", 1.0) == pytest.approx(1e3)
+
+
+@given(
+    st.sampled_from([("voltage", "V"), ("current", "A"), ("resistance", "Ohm")]),
+    st.sampled_from([("", 1.0), ("m", 1e-3), ("u", 1e-6), ("k", 1e3), ("d", 0.1), ("c", 0.01)]),
+    st.sampled_from([("", 1.0), ("0.1", 0.1), ("10", 10.0), ("2,5", 2.5)]),
+    st.sampled_from(["{}", " {} ", "[{}]", "({})"]),
+)
+def test_a_number_a_prefix_and_a_unit_multiply_whatever_stands_around_them(kind, prefix, count, around):
+    unit = around.format(count[0] + prefix[0] + kind[1])
+    assert known_conversion(kind[0], unit) == (pytest.approx(prefix[1] * count[1]), 0.0)
+
+
+@given(st.sampled_from(["voltage", "current", "temperature", "soc", "resistance", "other"]), st.text(max_size=8))
+def test_any_text_is_a_unit_of_a_quantity_or_none_of_it(kind, unit):
+    found = known_conversion(kind, unit)
+    assert conversion(kind, unit) == (found or (1.0, 0.0))
+    assert found is None or all(math.isfinite(each) for each in found)
+
+
+@pytest.mark.parametrize("unit", ["Ah", "VA", "Wh", "V/s", "pV", "1/10 V", "0"])
+def test_a_unit_that_only_looks_alike_is_none(unit):
+    assert known_conversion("voltage", unit) is None
+    assert known_conversion("current", unit) is None
