@@ -113,7 +113,10 @@ class Settings(BaseSettings):
 
     def beside(self, slug: str, connections: Connections) -> "Settings":
         """Return the settings of a battery beside the first: files and topics below it, what else is the first's."""
-        own: dict[str, object] = {"also": None, "cell": None, "scenario": None, "data": self.data / FOLDER / slug}
+        own: dict[str, object] = dict.fromkeys(
+            ("also", "cell", "scenario", "recorder")
+        )  # one copy of a recorder's files
+        own["data"] = self.data / FOLDER / slug
         own["url"] = None if self.url is None else f"{self.url.rstrip('/')}/{FOLDER}/{slug}/"
         own["car"] = slug[:40] if self.car is None else f"{self.car}-{slug}"[:40]
         return self.model_copy(update=own | asdict(connections))

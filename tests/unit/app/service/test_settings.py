@@ -19,6 +19,10 @@ def test_its_links_and_files_are_its_own_and_the_rest_is_the_firsts(tmp_path: Pa
     assert rear.filter == "ekf"
 
 
+def test_a_recorder_is_followed_once_however_many_batteries_are_read(tmp_path: Path) -> None:
+    assert Settings(data=tmp_path, recorder="http://car").beside("rear", REAR).recorder is None
+
+
 @pytest.mark.parametrize(("car", "expected"), [(None, "rear"), ("e42", "e42-rear"), ("e" * 36, "e" * 36 + "-rea")])
 def test_to_a_broker_it_is_a_car_of_its_own(tmp_path: Path, car: str | None, expected: str) -> None:
     assert Settings(data=tmp_path, mqtt="mqtt://pit", car=car).beside("rear", REAR).car == expected
