@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import ExtraMissing, ImportFailed
-from app.sources.dbc.definitions import Condition, Definitions, Layout, MessageDefinition, Oddity, Signal
+from app.sources.dbc.definitions import FLOAT_BITS, Condition, Definitions, Layout, MessageDefinition, Oddity, Signal
 from app.sources.dbc.repair import mended
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
@@ -63,6 +63,11 @@ def parse_definitions(data: bytes, name: str) -> Definitions:
     for message in getattr(loaded, "messages", []):
         definition = _message(message)
         messages.append(definition)
+        oddities += [
+            Oddity(name, lines.get(definition.name), Message("dbc-float-bits", name=each.name, bits=each.length))
+            for each in message.signals
+            if each.is_float and each.length not in FLOAT_BITS
+        ]
         oddities += _doubts(definition, name, lines.get(definition.name))
     if not messages:
         raise ImportFailed(name, Message("dbc-no-message"))
@@ -124,7 +129,7 @@ def _message(message: Any) -> MessageDefinition:
 
 
 def _signal(signal: Any, by_name: dict[str, Any]) -> Signal:
-    is_float = bool(signal.is_float)
+    is_float = bool(signal.is_float) and signal.length in FLOAT_BITS
     layout = Layout(
         start=int(signal.start),
         length=int(signal.length),

@@ -166,3 +166,10 @@ def test_any_bytes_are_definitions_or_refused(data):
     for text in (data, (HEAD + GOOD).encode() + data):
         with contextlib.suppress(ImportFailed):
             assert parsed(text).messages
+
+
+def test_a_float_of_eight_bits_is_read_as_a_whole_number_and_told():
+    found = parsed(HEAD + GOOD + ' SG_ Sum : 32|8@1- (1,0) [0|0] "V" X\n\nSIG_VALTYPE_ 256 Sum : 1;\n')
+    assert codes(found) == [(5, "dbc-float-bits")]
+    layout = found.messages[0].signal("Sum").layout
+    assert (layout.is_float, layout.is_signed, layout.length) == (False, True, 8)
