@@ -63,6 +63,7 @@ def test_no_english_is_left_on_a_norwegian_page(service, open_page):
         expect(page.locator("html")).to_have_attribute("lang", "nb")
         expect(page.locator("main h1")).to_be_visible()
         expect(page.locator("main")).to_contain_text(re.compile(".{120}", re.DOTALL))
+        page.add_style_tag(content="code { display: none }")  # what a machine reads is in no language
         lines = page.locator("main").inner_text().splitlines()
         found[path] = [line for line in lines if re.search(ENGLISH, names.sub("", line))]
     assert {path: lines for path, lines in found.items() if lines} == {}
