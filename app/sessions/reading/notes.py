@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from app.sessions.errors import NotASession, RecordingFailed
+from app.sessions.storage.foreign import require_own_tables
 from app.sessions.storage.migrate import SESSION, check, migrate
 from app.sessions.storage.queries import StoredSession
 from app.words import Message
@@ -25,7 +26,7 @@ def write_note(path: Path, key: str, value: Any, *, t_wall_ns: int, who: str | N
     """Set a key to a value that JSON can hold; None takes it back. The file's way of keeping its log stays as it is.
 
     Raises:
-        NotASession, SchemaTooNew: the file is no session, or a newer one.
+        NotASession, SchemaTooNew: the file is no session, holds code of its own, or is a newer one.
         RecordingFailed: the disk, or the medium, does not take it.
     """
     if not path.is_file():
@@ -36,6 +37,7 @@ def write_note(path: Path, key: str, value: Any, *, t_wall_ns: int, who: str | N
         try:
             if check(connection, SESSION, str(path)) == 0:
                 raise NotASession(str(path), Message("session-empty"))
+            require_own_tables(connection, SESSION, str(path))
             migrate(connection, SESSION, str(path))
             if value is None:
                 connection.execute("DELETE FROM notes WHERE key = ?", (key,))
@@ -46,5 +48,5 @@ def write_note(path: Path, key: str, value: Any, *, t_wall_ns: int, who: str | N
             connection.close()
     except sqlite3.OperationalError as error:
         raise RecordingFailed(Message("of-source", source=str(path), reason=str(error))) from error
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
         raise NotASession(str(path), Message("damaged", error=str(error))) from error

@@ -1,5 +1,7 @@
 import os
 import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -29,6 +31,17 @@ def test_a_note_is_in_the_file_and_the_newest_counts(stream, recorder):
     write_note(info.path, "laps", None, t_wall_ns=3, who=None)
     with SessionFile(info.path) as session:
         assert session.note("laps") is None
+
+
+def test_a_note_runs_nothing_that_came_with_the_file(recorder):
+    info = recorder.start()
+    recorder.close()
+    with closing(sqlite3.connect(info.path)) as foreign, foreign:
+        foreign.execute("CREATE TRIGGER t AFTER INSERT ON notes BEGIN DELETE FROM meta; END")
+    with pytest.raises(NotASession, match="trigger t"):
+        write_note(info.path, "laps", [1], t_wall_ns=1, who=None)
+    with closing(sqlite3.connect(info.path)) as found:
+        assert found.execute("SELECT count(*) FROM meta").fetchone()[0] > 0
 
 
 def test_a_session_older_than_notes_takes_one(tmp_path):
