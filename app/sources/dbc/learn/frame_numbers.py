@@ -13,6 +13,7 @@ from app.sources.dbc.learn.words_of_names import (
     FIRST,
     GROUP,
     NO_NUMBER,
+    NO_QUANTITY,
     NUMBER,
     SEGMENT,
     TEMPERATURE,
@@ -30,6 +31,7 @@ MOST_NUMBERS = 1000
 _LEAST_LONE = 8  # numbers of a segment signal that are rather those of cells
 UNKNOWN_COUNT = 12  # cells of a segment, where neither frames nor the DBC tell how many there are
 _SAYS_NUMBER = name_set("id ids idx index indices num number nr no nbr")
+_OF_A_NUMBER = {"", "#", "id", "num", "number", "nr", "no", "count", "index", "-", "none"}  # what stands for a unit
 _CELL_WORDS = name_set("cell zelle celle sensor therm thermistor ntc temp channel ch")
 
 
@@ -56,7 +58,7 @@ def _value_signals(survey: Survey, kind: str, message: MessageDefinition) -> Ite
     """Signals of a message that can carry the quantity: those of one name but for its numbers, or one by itself."""
     families: dict[str, list[Signal]] = {}
     for signal in message.signals:
-        if words(signal.name) & _SAYS_NUMBER or signal.is_multiplexer:
+        if words(signal.name) & (_SAYS_NUMBER | NO_QUANTITY) or signal.is_multiplexer:
             continue
         if judged(survey, kind, ((message, signal),), 1) is not None:
             families.setdefault(_lettered(signal.name), []).append(signal)
@@ -79,7 +81,7 @@ def _numbers(survey: Survey, message: MessageDefinition, values: list[Signal]) -
         if signal in values or not numeric or signal.layout.length > _MOST_BITS or signal.layout.is_float:
             continue
         is_whole = signal.layout.scale == 1.0 and signal.layout.offset == int(signal.layout.offset)
-        if signal.layout.length < 2 or not is_whole or signal.unit or said & NO_NUMBER:
+        if signal.layout.length < 2 or not is_whole or signal.unit.lower() not in _OF_A_NUMBER or said & NO_NUMBER:
             continue
         if said & (VOLTAGE | TEMPERATURE) and not said & _SAYS_NUMBER:
             continue

@@ -270,3 +270,26 @@ def test_whatever_numbers_are_heard_a_proposal_has_cells_for_them(pairs):
         assert found.n >= 2
         assert found.n <= max(256, UNKNOWN_COUNT)
         assert found.segments is None
+
+
+@pytest.mark.parametrize("unit", ["#", "ID", "Num"])
+def test_what_stands_for_a_unit_of_a_cell_number_is_none_and_a_checksum_is_no_temperature(unit):
+    peer = Peer("orion", 72, 0)
+    peer.sent = [
+        Sent(
+            0x108, "CELLBCAST", 8, 0.01 * peer.n_cells,
+            [
+                [
+                    Bits("CellId", 7, 8, fixed(c), unit=unit, order=0),
+                    Bits("CellVoltage", 15, 16, lambda t, c=c: peer.voltage(c, t), 0.0001, unit="Volts", order=0),
+                    Bits("Checksum", 63, 8, fixed((c * 7) % 256), order=0),
+                ]
+                for c in range(peer.n_cells)
+            ],
+        ),
+        *others(peer),
+    ]  # fmt: skip
+    heard = survey(parse_definitions(peer.dbc().encode(), "x.dbc"), frames_of(peer.frames(3)))
+    (found,) = frame_number_proposals(heard, "voltage")
+    assert (found.n, found.entries[0].signal, found.entries[0].numbers) == (72, "CellVoltage", {"cell": "CellId"})
+    assert list(frame_number_proposals(heard, "temperature")) == []
