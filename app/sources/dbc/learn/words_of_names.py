@@ -34,7 +34,7 @@ NOT_A_CELL = name_set(
     "resistance res ir ohm soc soh soe dod capacity energy power current motor phase inverter inv mc mcu lv "
     "glv lvs pedal apps throttle brake steering coolant water oil fan pump radiator charger chg precharge "
     "dcdc ref reference vref variance stddev std imbalance hysteresis calibration calib trip warn warning "
-    "alarm supply id index idx num number adjusted corrected compensated filtered"
+    "alarm supply id index idx num number adjusted corrected compensated filtered pcb ambient"
 )
 SEGMENT = name_set(
     "seg segs segment segments segm module modul mod mods stack slave ic ics chip board bank bmb bmu cmu csc "
@@ -65,10 +65,10 @@ PACK = name_set(
 CHARGER = name_set("charger chg obc elcon brusa nlg onboard")
 NOT_THE_PACK = name_set(
     "limit lim limits max min maximum minimum avg average abs absolute motor phase iq id iqs ids inverter inv "
-    "mc charger chg obc request req target cmd command set setpoint ccl dcl lv glv lvs fan pump fault error "
-    "adc raw warning threshold thresh high low over under trip peak allowed available capability dcdc brake "
-    "steering fuse rms ref reference cell cells counter cnt state status valid temp temperature power energy "
-    "kw wh ah offset regen front rear left right"
+    "mc charger chg obc request req target cmd command set setpoint ccl dcl lv glv lvs fan fans pump pumps "
+    "coolant cooling radiator heater fault error adc raw warning threshold thresh high low over under trip peak "
+    "allowed available capability dcdc brake steering fuse rms ref reference cell cells counter cnt state status "
+    "valid temp temperature power energy kw wh ah offset regen front rear left right"
 )
 
 

@@ -176,3 +176,8 @@ def test_a_signal_that_is_never_heard_comes_after_one_that_is():
         frames=[(k * 10**9, 1, (400).to_bytes(2, "little")) for k in range(10)],
     )  # fmt: skip
     assert names(pack_voltage_proposals(found, float("nan"), set()))[0] == "BMS.Pack_Voltage"
+
+
+def test_what_a_fan_or_a_pump_draws_is_no_current_of_the_battery():
+    heard = surveyed(("lvpdb_coolant", line("accumulator_fans_current"), line("coolant_pump_current", start=16)))
+    assert current_proposals(heard, None, set()) == []
