@@ -35,6 +35,7 @@ _UNITS = {
     "soc": SOC_UNITS,
 }
 _MOST_MULTIPLEXED = 65536
+_MOST_NAMED = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,9 +175,10 @@ def _cell_lanes(
         return []
     if not lanes:
         troubles.append(Trouble(entry.line, f"{path}.signal", Message("no-signal-fits", pattern=entry.signal)))
-    for lane in lanes:
-        if not lane.numbers and lane.index < 0:
-            troubles.append(Trouble(entry.line, f"{path}.signal", Message("cell-beyond", name=lane.signal)))
+    beyond = [lane.signal for lane in lanes if not lane.numbers and lane.index < 0]
+    if beyond:
+        what = Message("cell-beyond", n=len(beyond), names=tuple(dict.fromkeys(beyond))[:_MOST_NAMED])
+        troubles.append(Trouble(entry.line, f"{path}.signal", what))
     return [lane for lane in lanes if lane.numbers or lane.index >= 0]
 
 

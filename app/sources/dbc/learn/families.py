@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from math import prod
 
 from app.battery.source import CellSignals
 from app.sources.dbc.definitions import MessageDefinition
@@ -14,6 +15,8 @@ from app.words import Message, Text
 
 _MOST_IN_A_MESSAGE = 36
 _BY_ID = 0.5  # what speaks against cells by the order of ids
+_LONG_S, _OFTEN = 5.0, 5  # of a log, and how often each came, that tells who does not speak
+_FEWEST_HEARD = 8
 _FEWEST = {"voltage": 4, "temperature": 2, "balancing": 8}
 
 
@@ -29,7 +32,7 @@ def family_proposals(survey: Survey, kind: str) -> Iterator[CellProposal]:
     for members in by_skeleton.values():
         if len(members) < _FEWEST[kind]:
             continue
-        whole = _proposal(survey, kind, members)
+        whole = _heard_part(survey, kind, members) or _proposal(survey, kind, members)
         if whole is not None:
             yield whole
             continue
@@ -41,6 +44,32 @@ def family_proposals(survey: Survey, kind: str) -> Iterator[CellProposal]:
                 found = _proposal(survey, kind, part)
                 if found is not None:
                     yield found
+
+
+def _heard_part(survey: Survey, kind: str, members: Sequence[Member]) -> CellProposal | None:
+    """The members that speak, where the DBC has room for more than the battery has; None where nothing tells so.
+
+    Something does where each came several times and their numbers have no hole: a cell that is silent among others
+    is missing, modules that never spoke are not there.
+    """
+    if survey.duration_s < _LONG_S:
+        return None
+    here = []
+    for message, signal in members:
+        heard = survey.signal(message, signal.name)
+        if heard is not None and len(heard.t_ns) < _OFTEN:
+            return None
+        if heard is not None:
+            here.append((message, signal))
+    if not _FEWEST_HEARD <= len(here) < len(members):
+        return None
+    chosen = telling(columns_of(here), len(here))
+    if chosen is None or prod(len(set(column.values)) for column in chosen) != len(here):
+        return None
+    if any(max(column.values) - min(column.values) >= len(set(column.values)) for column in chosen):
+        return None
+    found = _proposal(survey, kind, here)
+    return found and found.with_reason(Message("learn-never-heard", n=len(members) - len(here)))
 
 
 def _split(members: Sequence[Member]) -> Iterator[list[Member]]:
@@ -150,6 +179,11 @@ def _segments(chosen: list[Column], roles: list[str], columns: list[Column]) -> 
         column = chosen[roles.index("segment")]
         low = 0 if column.is_letter else min(column.values)
         return tuple(column.values.count(value) for value in range(low, max(column.values) + 1))
+    in_turns = any(column.where == "mux" and column not in chosen for column in columns)
+    if "group" in roles and in_turns and chosen[roles.index("group")].where == "message":  # a message for each module
+        groups = chosen[roles.index("group")].values
+        runs = [groups.count(value) for value in sorted(set(groups))]
+        return tuple(runs) if min(runs) >= 4 else None
     for column in columns:
         if column not in chosen and column.word in SEGMENT:
             runs = [column.values.count(value) for value in sorted(set(column.values))]

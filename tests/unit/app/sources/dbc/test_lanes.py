@@ -140,3 +140,11 @@ def test_temperatures_of_any_unit_are_degc(unit, raw, degc):
     source = SpeaksDbc(("x.dbc",), {"temperature": (CellSignals("T{cell}", base={"cell": 1}, unit=unit),)})
     (lane,) = lanes_of(Battery("x", (1,), sensors=((0,),)), source, definitions(text)).by_id[1]
     assert raw * lane.layout.scale + lane.layout.offset == pytest.approx(degc)
+
+
+def test_many_signals_of_cells_that_are_not_there_are_one_trouble():
+    names = [f"V{k}" for k in range(1, 41)]
+    source = SpeaksDbc(("x.dbc",), {"voltage": (CellSignals("V{cell}", "M", base={"cell": 1}),)})
+    (trouble,) = lanes_of(Battery("x", (2,)), source, definitions(message(1, "M", *names))).troubles
+    assert (trouble.what.code, trouble.what.args["n"]) == ("cell-beyond", 38)
+    assert trouble.what.args["names"][:2] == ("V3", "V4")

@@ -281,3 +281,39 @@ def test_balancing_bits_are_a_family_of_their_own():
     bits = "".join(f' SG_ Balance_Cell_{k} : {k}|1@1+ (1,0) [0|1] "" X\n' for k in range(1, 13))
     best = proposals(message(1, "M", bits), "balancing")[0]
     assert (best.n, best.entries[0].signal) == (12, "Balance_Cell_{cell}")
+
+
+def of_modules(n_modules, here, silent=()):
+    """A DBC of modules with 12 cells under a multiplexer each, and the frames of those that are `here`."""
+    peer = Peer("modules", 12 * len(here), 0, resolution_v=0.001)
+    text = HEAD
+    for m in range(n_modules):
+        turns = [
+            [Bits("Cell_Idx", 0, 4, fixed(p), is_mux=True)]
+            + [
+                Bits(
+                    f"Cell{3 * p + k + 1}", 8 + 12 * k, 12,
+                    lambda t, i=12 * m + 3 * p + k: 1000 * peer.voltage(i, t), 1, 405, mux=p,
+                )
+                for k in range(3)
+            ]
+            for p in range(4)
+        ]  # fmt: skip
+        sent = Sent(0x400 + m, f"BMS_TX_CMD_{m + 1}", 6, 0.4, turns)
+        text += sent.lines()
+        if m in here:
+            spoken = [turn for p, turn in enumerate(turns) if (m, p) not in silent]
+            peer.sent.append(Sent(0x400 + m, f"BMS_TX_CMD_{m + 1}", 6, 0.4, spoken))
+    heard = survey(parse_definitions(text.encode(), "x.dbc"), frames_of(peer.frames(8.0)))
+    return max(family_proposals(heard, "voltage"), key=lambda each: each.score)
+
+
+def test_modules_that_never_spoke_in_a_log_are_not_there():
+    best = of_modules(8, range(5))
+    assert (best.n, best.segments) == (60, (12,) * 5)
+    assert [(r.code, r.args["n"]) for r in best.reasons if r.code == "learn-never-heard"] == [("learn-never-heard", 36)]
+
+
+@pytest.mark.parametrize(("here", "silent"), [((0, 1, 3), ()), (range(4), {(2, 1)})])
+def test_a_module_or_cells_that_are_silent_among_others_are_missing(here, silent):
+    assert of_modules(4, here, silent).n == 48
