@@ -1,8 +1,7 @@
 """Lines of tests for a line of code, and at least as many as agreed: run by `make check`.
 
 Lines of tests: the package's folder in tests/unit, and each file of tests/property and tests/numeric that imports more
-names from this package than from any other of ours, and what was written for its tests beside them (SUPPORT). Blank
-lines count on neither side.
+names from this package than from any other of ours. Blank lines count on neither side.
 """
 
 from __future__ import annotations
@@ -14,9 +13,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 AIM = 1.0
-FLOORS = {"app/estimation": 0.72, "firmware_protocol": AIM, "app/sources": 0.95}  # may rise, to the aim; never sink
+FLOORS = {"app/estimation": 0.72, "firmware_protocol": AIM, "app/sources": 0.98}  # may rise, to the aim; never sink
 SHARED = ("tests/property", "tests/numeric")
-SUPPORT = {"app/sources": ("naming_habits.py", "peer_batteries.py", "peer_messages.py", "wild_batteries.py")}
 
 
 def lines_of(path: Path) -> int:
@@ -43,9 +41,8 @@ def main() -> int:
         code = sum(map(lines_of, (ROOT / package).rglob("*.py")))
         own = sum(map(lines_of, (ROOT / "tests/unit" / package).rglob("test_*.py")))
         other = sum(lines_of(test) for test, belongs in shared.items() if belongs == package)
-        support = sum(lines_of(ROOT / "tests" / name) for name in SUPPORT.get(package, ()))
-        ratio = (own + other + support) / code
-        tests = f"tests {own:5} unit + {other:5} property and numeric + {support:4} support"
+        ratio = (own + other) / code
+        tests = f"tests {own:5} unit + {other:5} property and numeric"
         print(f"{package:18} {code:5} lines, {tests}: {ratio:.2f} of {AIM:.1f}")
         if ratio < floor:
             print(f"{package}: fewer than {floor:.2f} lines of tests for a line of code")
