@@ -44,6 +44,7 @@ class SeasonLake:
         self._thread = threading.Thread(target=self._run, name="season", daemon=True)
         self._process: subprocess.Popen[str] | None = None
         self._asking = threading.Lock()
+        self._asked: subprocess.Popen[bytes] | None = None
 
     @property
     def missing(self) -> list[str]:
@@ -58,9 +59,11 @@ class SeasonLake:
             self._thread.start()
 
     def stop(self) -> None:
-        """End; a build under way is ended too, and leaves the lake whole."""
+        """End; a build under way is ended too, and leaves the lake whole; so is a question."""
         self._ending.set()
         self._wanted.set()
+        if (asked := self._asked) is not None:
+            asked.kill()
         if (process := self._process) is not None:
             process.terminate()
         if self._thread.is_alive():
@@ -76,7 +79,7 @@ class SeasonLake:
 
         Raises:
             ExtraMissing: the extra `season` is not installed.
-            NotNow: another question is being answered.
+            NotNow: another question is being answered, or the service ends.
             QueryFailed: it is wrong, not allowed, or passes a limit.
         """
         if missing := self.missing:
@@ -95,6 +98,9 @@ class SeasonLake:
         is_late = threading.Event()
         pipe = subprocess.PIPE
         with subprocess.Popen(_command(arguments), stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe) as process:
+            self._asked = process
+            if self._ending.is_set():
+                process.kill()
             assert process.stdout is not None
             assert process.stderr is not None
             watch = threading.Timer(limits.seconds + START_S, _end, (process, is_late))
@@ -108,6 +114,9 @@ class SeasonLake:
                 code = process.wait()
             finally:
                 watch.cancel()
+                self._asked = None
+        if self._ending.is_set():
+            raise NotNow(Message("query-ended"))
         if is_large:
             raise QueryFailed(Message("answer-too-large", megabytes=ANSWER_MB))
         if is_late.is_set():
