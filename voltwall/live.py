@@ -18,6 +18,7 @@ from websockets.sync.client import ClientConnection as SyncConnection
 from websockets.sync.client import connect as connect_sync
 
 from app.errors import ConfigError
+from app.sessions.transfer.fetch import OPENER
 from app.words import Message
 
 Snapshot = dict[str, Any]
@@ -73,7 +74,7 @@ class Live:
             OSError: the service does not answer, or refuses.
         """
         request = urllib.request.Request(f"{self.url}/api/v1/snapshot", headers=self._headers)
-        with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
+        with OPENER.open(request, timeout=TIMEOUT_S) as answer:
             found: Snapshot = json.loads(answer.read())
         return found
 

@@ -249,7 +249,7 @@ class Remote:
         request = urllib.request.Request(f"{self.url}/api/v1/{path}", headers=headers)
         if self._password is not None:
             request.add_header("Authorization", "Basic " + base64.b64encode(f":{self._password}".encode()).decode())
-        return _OPENER.open(request, timeout=timeout_s)
+        return OPENER.open(request, timeout=timeout_s)
 
 
 class _SameServer(urllib.request.HTTPRedirectHandler):
@@ -267,7 +267,7 @@ class _SameServer(urllib.request.HTTPRedirectHandler):
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
 
-_OPENER = urllib.request.build_opener(_SameServer)
+OPENER = urllib.request.build_opener(_SameServer)
 
 
 def _copy(answer: Any, file: IO[bytes], start: int, total: int, on_progress: Progress) -> None:
