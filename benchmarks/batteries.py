@@ -45,6 +45,11 @@ def battery_of(n_cells: int) -> LoadedBattery:
         current=Reading(SignalName("Status", "I")),
         pack_voltage=Reading(SignalName("Status", "U")),
     )
+    return LoadedBattery(battery, source, parse_definitions(dbc_of(n_cells, n_sensors).encode(), "made.dbc"), {})
+
+
+def dbc_of(n_cells: int, n_sensors: int) -> str:
+    """Return its DBC: four voltages or eight temperatures a frame."""
     lines = [HEAD]
     for at in range(0, n_cells, 4):
         lines.append(f"BO_ {VOLTAGES + at} Volt{at}: 8 BMS\n")
@@ -54,7 +59,7 @@ def battery_of(n_cells: int) -> LoadedBattery:
         lines += [f' SG_ T{at + k} : {8 * k}|8@1+ (0.5,-40) [0|0] "degC" X\n' for k in range(min(8, n_sensors - at))]
     lines.append(f'BO_ {STATUS} Status: 8 BMS\n SG_ I : 0|16@1- (0.1,0) [0|0] "A" X\n')
     lines.append(' SG_ U : 16|16@1+ (0.1,0) [0|0] "V" X\n')
-    return LoadedBattery(battery, source, parse_definitions("".join(lines).encode(), "made.dbc"), {})
+    return "".join(lines)
 
 
 def frames_of(battery: Battery, turn: int, rng: np.random.Generator) -> list[CanItem]:

@@ -88,7 +88,8 @@ def road(cell: Cell, seed: int) -> FloatArray:
 def race_current(seed: int) -> FloatArray:
     """Return (n,) the current of a race of the simulator, every DT_S [A]."""
     time_s, current_a = np.array([(s.uptime_s, s.current_a) for s in drive(seed, RACE_S)]).T
-    return np.interp(np.arange(time_s[0], time_s[-1], DT_S), time_s, current_a)
+    found: FloatArray = np.interp(np.arange(time_s[0], time_s[-1], DT_S), time_s, current_a)
+    return found
 
 
 def endurance(cell: Cell, seed: int) -> FloatArray:

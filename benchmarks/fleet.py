@@ -29,6 +29,7 @@ from collections import Counter
 from pathlib import Path
 
 import paho.mqtt.client as paho
+from paho.mqtt.enums import CallbackAPIVersion
 
 from app.service.mqtt.cars import TOPICS
 from tests.mosquitto import Mosquitto
@@ -137,7 +138,7 @@ def listen(port: int, topics: list[str], seconds: float) -> None:
         if message.topic.endswith("/accumulator") and not message.retain:
             delays.append(time.monotonic() - json.loads(message.payload)["sent"]["s"])
 
-    client = paho.Client(paho.CallbackAPIVersion.VERSION2)
+    client = paho.Client(CallbackAPIVersion.VERSION2)
     client.on_message = on_message
     client.on_connect = lambda client, *_: client.subscribe([(topic, 1) for topic in topics])
     client.connect("127.0.0.1", port)

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import paho.mqtt.client as paho
+from paho.mqtt.enums import CallbackAPIVersion
 
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin:/usr/local/sbin")
 IS_CI = os.environ.get("CI") == "true"  # there a missing broker is a failure
@@ -59,7 +60,7 @@ class ToldCar:
     def __init__(self, port: int, name: str, *, url: str | None = None, alarms: Sequence[object] = ()) -> None:
         self.topic = f"voltwall/{name}"
         self._ending = threading.Event()
-        self._client = paho.Client(paho.CallbackAPIVersion.VERSION2)
+        self._client = paho.Client(CallbackAPIVersion.VERSION2)
         self._client.will_set(f"{self.topic}/status", b"offline", qos=1, retain=True)
         self._client.connect("127.0.0.1", port)
         self._client.loop_start()
@@ -89,4 +90,6 @@ class ToldCar:
         self._ending.set()
         self._thread.join()
         self._client.loop_stop()
-        self._client.socket().close()
+        line = self._client.socket()
+        assert line is not None
+        line.close()

@@ -194,6 +194,9 @@ class PassportKeeper:
             except SessionError as error:
                 self._unreadable.add(info.id)
                 log.warning("session %s is not in the passports: %s", info.id, error)
+            except Exception:  # the sessions after it are read all the same
+                self._unreadable.add(info.id)
+                log.exception("session %s is not in the passports", info.id)
         self._progress = (0, 0)
         return done
 

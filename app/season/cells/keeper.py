@@ -70,6 +70,9 @@ class SeasonKeeper:
             except (SessionError, EstimatorError, OSError) as error:
                 self._failed.add(info.id)
                 log.warning("session %s is not in the season: %s", info.id, error)
+            except Exception:  # the sessions after it are read all the same
+                self._failed.add(info.id)
+                log.exception("session %s is not in the season", info.id)
         self._progress = (0, 0)
 
     def own_set(self) -> EstimateSet:
