@@ -1,8 +1,8 @@
 """Copies of sessions over a bad link."""
 
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from app.api.schemas.snapshot import Number
 from app.api.schemas.words import WordsOut
@@ -73,4 +73,4 @@ class HeadOut(BaseModel):
     frames: int
     can_frames: int
     cell_file: str | None
-    battery_files: list[tuple[str, str]]
+    battery_files: list[Annotated[list[str], Field(min_length=2, max_length=2)]]

@@ -910,7 +910,7 @@ export interface Head {
   frames: number;
   can_frames: number;
   cell_file: string | null;
-  battery_files: [string, string][];
+  battery_files: string[][];
 }
 
 /** Whether the service does its work; `reasons` says what is missing. */
