@@ -60,7 +60,8 @@ def copied(lake: Path, target: Path, sessions: int) -> None:
                 shutil.copyfile(source / f"{SAMPLES}.parquet", folder / f"{SAMPLES}.parquet")
                 continue
             at = rows.schema.get_field_index("session")
-            renamed = rows.set_column(at, rows.schema.field(at), pa.array([name] * rows.num_rows))
+            names = pa.array([name] * rows.num_rows).cast(rows.schema.field(at).type)
+            renamed = rows.set_column(at, rows.schema.field(at), names)
             pq.write_table(renamed, folder / f"{table}.parquet", compression="zstd")
 
 
