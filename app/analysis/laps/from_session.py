@@ -27,6 +27,7 @@ LAP_KINDS = ("lap", "laps")
 DRIVER_KIND = "driver"  # and kinds that begin with it
 TOTALS = {"power_w": "W", "current_a": "A", "voltage_v": "V", "v_min_v": "V", "t_max_degc": "degC", "soc": "1"}
 MAX_LAPS = 2000
+SAMPLES_A_PART = 2  # of laps laid over each other: a part without a sample would be a gap in the curve
 MAX_TEXT = 200
 
 
@@ -153,13 +154,13 @@ def overlay_laps(session: SessionFile, laps: Sequence[Lap], chosen: Sequence[int
         laps: all of it.
         chosen: their indices from 0.
         signal: one of TOTALS, or any signal of the session.
-        points: parts of a lap.
+        points: parts of a lap, at most; fewer where a lap has fewer than SAMPLES_A_PART samples in each.
 
     Raises:
         ConfigError: there is no such lap.
         UnknownSignal: the name means nothing.
     """
-    traces = []
+    found = []
     unit = TOTALS.get(signal, "")
     for index in chosen:
         if not 0 <= index < len(laps):
@@ -171,7 +172,12 @@ def overlay_laps(session: SessionFile, laps: Sequence[Lap], chosen: Sequence[int
         else:
             series = session.series([signal], lap.start_s, lap.end_s, points=MAX_POINTS)[signal]
             time_s, values, unit = series.time_s, series.maximum, series.unit
-        low, high = overlay(lap, time_s, values, points).T
+        found.append((index, time_s, values))
+    fewest = min((len(time_s) for _, time_s, _ in found), default=0)
+    points = max(1, min(points, fewest // SAMPLES_A_PART))
+    traces = []
+    for index, time_s, values in found:
+        low, high = overlay(laps[index], time_s, values, points).T
         traces.append(LapTrace(index, *([number(v) for v in side.tolist()] for side in (low, high))))
     return Overlay(signal, unit, points, traces)
 

@@ -163,6 +163,14 @@ def test_laps_lie_on_each_other_place_by_place(path):
             overlay_laps(session, laps, [4], "v[7]", 60)
 
 
+def test_laps_with_few_samples_are_laid_over_each_other_without_gaps(path):
+    with SessionFile(path) as session:
+        laps = [each.lap for each in lap_table(session).laps]
+        over = overlay_laps(session, laps, [0, 2], "v_min_v", 2000)
+        assert 10 < over.points < 2000
+        assert all(len(trace.minimum) == over.points and None not in trace.minimum for trace in over.laps)
+
+
 def test_a_session_without_telemetry_has_no_laps(make_session):
     with SessionFile(make_session([], [])) as session:
         table = lap_table(session)
