@@ -25,6 +25,7 @@ PIECES_TIMEOUT_S = 60.0  # over a link that loses much: TCP tries again after 1,
 ATTEMPTS = 5  # in a row without a single byte
 PAUSE_S = 0.5  # before the second attempt; twice as long before each further one
 PIECE_BYTES = 1 << 16
+MOST_PIECES = 1_000_000  # of a session: 115 days
 LIST_BYTES = 32 << 20  # of a list of sessions; a season's has less than one
 _HEAD = {  # what a head has to hold
     "id": str, "name": str, "voltwall": str, "map_hash": str, "metadata": dict, "start_mono_ns": int,
@@ -165,7 +166,7 @@ class Remote:
         told = self._json("pieces")
         try:
             return [
-                {"id": _session_id(each["id"]), "pieces": int(each["pieces"]), "bytes": int(each["bytes"]),
+                {"id": _session_id(each["id"]), "pieces": _n_pieces(each["pieces"]), "bytes": int(each["bytes"]),
                  "started": float(each["started"]), "recording": bool(each["recording"])}
                 for each in told["sessions"]
             ]  # fmt: skip
@@ -181,7 +182,10 @@ class Remote:
         told = self._json(f"sessions/{_session_id(session_id)}/head")
         if not isinstance(told, dict) or any(not isinstance(told.get(name), kind) for name, kind in _HEAD.items()):
             raise FetchFailed(self.url, Message("no-voltwall"))
-        return told
+        try:
+            return told | {"pieces": _n_pieces(told["pieces"])}
+        except ValueError as error:
+            raise FetchFailed(self.url, Message("no-voltwall")) from error
 
     def pieces(self, session_id: str, first: int, count: int, *, descending: bool) -> Iterator[tuple[int, str, bytes]]:
         """Yield number, SHA-256 and bytes of pieces as they come, from `first` up or down.
@@ -276,6 +280,17 @@ def _copy(answer: Any, file: IO[bytes], start: int, total: int, on_progress: Pro
         file.write(piece)
         done += len(piece)
         on_progress(done, total)
+
+
+def _n_pieces(told: object) -> int:
+    """How many pieces a session has.
+
+    Raises:
+        ValueError: it cannot have so many.
+    """
+    if not isinstance(told, int) or not 0 <= told <= MOST_PIECES:
+        raise ValueError(told)
+    return told
 
 
 def _session_id(told: object) -> str:

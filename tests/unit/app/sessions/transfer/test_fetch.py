@@ -89,6 +89,23 @@ def test_a_list_that_is_none_is_named_and_the_job_ends(serve, tmp_path, size):
     assert failed_once(tmp_path, Remote(server.url)) == "fetch-failed"
 
 
+@pytest.mark.parametrize("pieces", ["-1", "1000001", "2.5", '"many"', "null"])
+def test_a_number_of_pieces_that_no_session_has_is_refused(serve, pieces):
+    server = serve()
+    offer = '{"id": "a", "pieces": 0, "bytes": 1, "started": 1.0, "recording": false}'
+    server.answers["pieces"] = listing('{"sessions": [' + offer.replace('"pieces": 0', f'"pieces": {pieces}') + "]}")
+    head = {"id": "a", "name": "", "voltwall": "1", "map_hash": "", "metadata": {}, "start_mono_ns": 0,
+            "start_wall_ns": 0, "closed": True, "recording": False, "pieces": 0, "bytes": 1, "frames": 0,
+            "can_frames": 0, "battery_files": []}  # fmt: skip
+    server.answers["head"] = listing(json.dumps(head))
+    assert Remote(server.url).head("a")["pieces"] == 0
+    server.answers["head"] = listing(json.dumps(head).replace('"pieces": 0', f'"pieces": {pieces}'))
+    with pytest.raises(FetchFailed, match="no voltwall"):
+        Remote(server.url).offers()
+    with pytest.raises(FetchFailed, match="no voltwall"):
+        Remote(server.url).head("a")
+
+
 def test_a_list_without_end_in_depth_is_refused(serve):
     server = serve()
     server.answers["sessions"] = listing("[" * 200_000)
