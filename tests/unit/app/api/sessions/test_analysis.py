@@ -48,10 +48,12 @@ def test_laps_are_read_settled_and_taken_back(client, session_id):
     assert client.delete(laps).json() == found
 
 
-def test_an_overlay_has_a_trace_a_lap(client, session_id):
-    answer = client.get(f"/api/v1/sessions/{session_id}/laps/overlay?lap=0&lap=2&signal=current_a&points=50").json()
-    assert [(trace["lap"], len(trace["minimum"])) for trace in answer["laps"]] == [(0, 50), (2, 50)]
-    assert answer["unit"] == "A"
+@pytest.mark.parametrize(("asked", "got"), [(20, 20), (50, 30)])  # a lap is 30 s at 2 Hz: two samples in each of 30
+def test_an_overlay_has_a_trace_a_lap(client, session_id, asked, got):
+    path = f"/api/v1/sessions/{session_id}/laps/overlay?lap=0&lap=2&signal=current_a&points={asked}"
+    answer = client.get(path).json()
+    assert [(trace["lap"], len(trace["minimum"])) for trace in answer["laps"]] == [(0, got), (2, got)]
+    assert (answer["points"], answer["unit"]) == (got, "A")
 
 
 @pytest.mark.parametrize(
