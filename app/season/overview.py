@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,39 +14,24 @@ from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
 from app.season.cells.ageing import ageing
 from app.season.cells.history import DAY_S, CellHistory
-from app.season.cells.trend import Line, Step, line, lines, steps
+from app.season.cells.trend import Line, Step, lines, steps
+from app.season.trends import (
+    MONTH_DAYS,
+    SeasonGroup,
+    SeasonStep,
+    SeasonTrend,
+    groups_of,
+    row_median,
+    step_of,
+    trend_of,
+)
 from app.words import Message, Quantity
 
-MONTH_DAYS: Final = 365.25 / 12
 AHEAD_DAYS: Final = 90.0
 CURVE_POINTS: Final = 40
 TOLD: Final = 0.25  # of a limit: below, a cell gives no reason
 SOON_DAYS: Final = 182.6  # a pace is a reason where it goes so much of the way within half a year
 NEWEST: Final = 3  # sessions that say how a cell is now
-
-
-@dataclass(frozen=True)
-class SeasonTrend:
-    """A line: per month with the ends of its band of 95 %, and where it is now; fractions of new."""
-
-    now: float
-    per_month: float
-    low: float
-    high: float
-    sessions: int
-    is_sure: bool
-
-
-@dataclass(frozen=True)
-class SeasonStep:
-    """From `session` on a quantity lies higher by `size`, a fraction of new; `p` after the tests of all cells."""
-
-    session: str
-    time_s: float
-    size: float
-    low: float
-    high: float
-    p: float
 
 
 @dataclass(frozen=True)
@@ -59,20 +45,20 @@ class CellRank:
     self_discharge_per_day: float | None
     resistance_trend: SeasonTrend | None
     capacity_trend: SeasonTrend | None
+    self_discharge_trend: SeasonTrend | None
     resistance_step: SeasonStep | None
+    capacity_step: SeasonStep | None
     reasons: list[AnalysisFinding]
 
 
 @dataclass(frozen=True)
 class SeasonOverview:
-    """The accumulator by its median cell, and all cells, the one that limits soonest first."""
+    """The accumulator, its packs, and all cells, the one that limits soonest first."""
 
     sessions: int
     is_absolute: bool
     charge_ah: float
-    resistance: SeasonTrend | None
-    capacity: SeasonTrend | None
-    spread: SeasonTrend | None  # of resistance between cells, standard deviation
+    groups: list[SeasonGroup]  # the accumulator, then each pack
     cells: list[CellRank]
 
 
@@ -89,30 +75,38 @@ class SeasonCurve:
     high: list[float | None]
 
 
-def overview_of(history: CellHistory) -> SeasonOverview:
-    """Return what a season says."""
+def overview_of(history: CellHistory, segments: Sequence[int]) -> SeasonOverview:
+    """Return what a season says; `segments` are numbers of cells of the packs."""
     resistance, r_sigma = history.of("resistance")
     capacity, c_sigma = history.of("capacity")
-    middle, c_middle = _row_median(resistance), _row_median(capacity)
-    relative = resistance / middle[:, None]
-    r_lines = lines(history.days, relative, r_sigma)
-    c_lines = lines(history.days, capacity / c_middle[:, None], c_sigma)
-    r_steps = steps(history.days, relative, r_sigma) if len(history.sessions) else [None] * history.n_cells
+    relative, c_relative = (values / row_median(values)[:, None] for values in (resistance, capacity))
+    lost = history.today(history.lost_per_day)
+    lost = lost - row_median(lost)[:, None]
+    r_lines, c_lines, l_lines = (
+        lines(history.days, values, sigmas)
+        for values, sigmas in ((relative, r_sigma), (c_relative, c_sigma), (lost, history.lost_sigma))
+    )
+    none: list[Step | None] = [None] * history.n_cells
+    r_steps, c_steps = (
+        steps(history.days, values, sigmas) if len(history.sessions) else none
+        for values, sigmas in ((relative, r_sigma), (c_relative, c_sigma))
+    )
     r_now, c_now = _newest(relative) - 1.0, _against(_newest(capacity))
     leak = history.self_discharge_per_day
     made = [
-        _rank(cell, r_now[cell], c_now[cell], leak[cell], r_lines[cell], c_lines[cell], _seen(r_steps[cell], history))
+        _rank(
+            cell,
+            (r_now[cell], c_now[cell], leak[cell]),
+            (r_lines[cell], c_lines[cell], l_lines[cell]),
+            (step_of(r_steps[cell], history), step_of(c_steps[cell], history)),
+        )
         for cell in range(history.n_cells)
     ]
-    none = np.zeros(len(history.sessions))
-    spread = np.array([row[np.isfinite(row)].std() if np.isfinite(row).sum() > 1 else np.nan for row in relative])
     return SeasonOverview(
         len(history.sessions),
         history.is_absolute,
         float(history.charge_ah[-1]) if len(history.charge_ah) else 0.0,
-        _trend(line(history.days, middle, none)) if history.is_absolute else None,
-        _trend(line(history.days, c_middle, none)),
-        _trend(line(history.days, spread, none)),
+        groups_of(history, segments),
         sorted(made, key=lambda each: (-each.score, each.cell)),
     )
 
@@ -147,13 +141,11 @@ def curve_of(history: CellHistory, cell: int, name: str) -> SeasonCurve:
 
 def _rank(
     cell: int,
-    resistance: float,
-    capacity: float,
-    leak: float,
-    r_line: Line | None,
-    c_line: Line | None,
-    step: SeasonStep | None,
+    now: tuple[float, float, float],
+    found: tuple[Line | None, Line | None, Line | None],
+    stepped: tuple[SeasonStep | None, SeasonStep | None],
 ) -> CellRank:
+    (resistance, capacity, leak), (r_line, c_line, l_line), (r_step, c_step) = now, found, stepped
     shares = (resistance / RESISTANCE_HIGH, capacity / CAPACITY_LOW, leak / SELF_DISCHARGE_HIGH)
     said: list[Message] = []
     if shares[0] >= TOLD:
@@ -168,42 +160,27 @@ def _rank(
     if c_line is not None and c_line.high < 0.0 and c_line.per_day * SOON_DAYS <= TOLD * CAPACITY_LOW:
         low, high, pace = (_percent(-value * MONTH_DAYS, 2) for value in (c_line.high, c_line.low, c_line.per_day))
         said.append(Message("season-capacity-falls", pace=pace, low=low, high=high))
-    if step is not None:
-        said.append(Message("season-step", size=_percent(step.size), session=step.session))
+    if r_step is not None:
+        said.append(Message("season-step", size=_percent(r_step.size), session=r_step.session))
+    if c_step is not None:
+        said.append(Message("season-capacity-step", size=_percent(c_step.size), session=c_step.session))
     return CellRank(
         cell,
         float(np.fmax.reduce([0.0, *shares])),
         number(resistance),
         number(capacity),
         number(leak),
-        _trend(r_line),
-        _trend(c_line),
-        step,
+        trend_of(r_line),
+        trend_of(c_line),
+        trend_of(l_line),
+        r_step,
+        c_step,
         [finding(message) for message in said],
-    )
-
-
-def _trend(found: Line | None) -> SeasonTrend | None:
-    if found is None:
-        return None
-    months = (found.per_day * MONTH_DAYS, found.low * MONTH_DAYS, found.high * MONTH_DAYS)
-    return SeasonTrend(found.now, *months, found.n, found.is_sure)
-
-
-def _seen(step: Step | None, history: CellHistory) -> SeasonStep | None:
-    if step is None:
-        return None
-    return SeasonStep(
-        history.sessions[step.at], float(history.start_s[step.at]), step.size, step.low, step.high, step.p
     )
 
 
 def _percent(fraction: float, digits: int = 1) -> Quantity:
     return Quantity(100.0 * float(fraction), "%", digits)
-
-
-def _row_median(values: FloatArray) -> FloatArray:
-    return np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else np.nan for row in values])
 
 
 def _newest(values: FloatArray) -> FloatArray:

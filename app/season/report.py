@@ -57,7 +57,7 @@ def season_report(
     battery: Battery, history: CellHistory, sessions: list[SessionInfo], made_s: float, version: str
 ) -> SeasonReport:
     """Return the report of sessions, the oldest first."""
-    found = overview_of(history)
+    found = overview_of(history, battery.segments)
     weakest = [each.cell for each in found.cells[:CURVES] if each.reasons]
     return SeasonReport(
         battery.name,

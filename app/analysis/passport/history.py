@@ -208,18 +208,39 @@ def _self_discharge(
     before: SessionRecord, after: SessionRecord, soc_at: Callable[[FloatArray], FloatArray]
 ) -> tuple[FloatArray, float] | None:
     """Charge lost beyond the median cell between two rests, and the days between them."""
+    pause = lost_between(before, after, soc_at)
+    return None if pause is None else (pause[0] - float(np.median(pause[0][np.isfinite(pause[0])])), pause[1])
+
+
+def lost_between(
+    before: SessionRecord, after: SessionRecord, soc_at: Callable[[FloatArray], FloatArray]
+) -> tuple[FloatArray, float] | None:
+    """Return (n_cells,) SOC lost between the rests of two sessions and the days between them; None where it was used.
+
+    Args:
+        before: the earlier one.
+        after: the next one.
+        soc_at: SOC of rested cells by their voltage [V], where a record does not say.
+    """
     if before.last_rest_s is None or after.first_rest_s is None:
         return None
     gap_s = after.first_rest_s - before.last_rest_s
     if gap_s < REST_GAP_S:
         return None
-    last = soc_at(before.last_rest_v) if before.last_rest_soc is None else before.last_rest_soc
-    first = soc_at(after.first_rest_v) if after.first_rest_soc is None else after.first_rest_soc
-    moved = last - first
+    moved = rested_soc(before, "last", soc_at) - rested_soc(after, "first", soc_at)
     known = moved[np.isfinite(moved)]
     if not known.size or abs(float(np.median(known))) > REST_MOVED_MAX:
         return None
-    return moved - float(np.median(known)), gap_s / DAY_S
+    return moved, gap_s / DAY_S
+
+
+def rested_soc(
+    record: SessionRecord, which: Literal["first", "last"], soc_at: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
+    """Return (n_cells,) SOC at the first or last rest of a session, by the cell file of then where it is kept."""
+    if which == "first":
+        return soc_at(record.first_rest_v) if record.first_rest_soc is None else record.first_rest_soc
+    return soc_at(record.last_rest_v) if record.last_rest_soc is None else record.last_rest_soc
 
 
 def _row_median(values: FloatArray) -> FloatArray:

@@ -91,7 +91,7 @@ def season_now(season: SeasonCellsPart, words: Words = "") -> Season:
         reading,
         to_read,
         list(NAMES),
-        overview_of(history),
+        overview_of(history, season.passports.battery.segments),
     )
 
 

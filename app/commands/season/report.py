@@ -13,11 +13,18 @@ from app.commands.session_commands.analysis import short_place
 from app.commands.session_commands.selection import add_json_argument, find_session, new_action
 from app.errors import ConfigError
 from app.season.cells.compare import compare
-from app.season.overview import SeasonTrend
 from app.season.report import SeasonReport, season_document, season_report
 from app.season.tags import NAMES, matches, write_tags
+from app.season.trends import SeasonQuantity
 
 SHOWN = 10
+QUANTITIES = {
+    "resistance": "of new",
+    "capacity": "of new",
+    "spread": "between cells",
+    "soc_spread": "at rest",
+    "self_discharge": "a day",
+}
 
 
 def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -63,19 +70,30 @@ def _report(args: argparse.Namespace) -> int:
 def _print(report: SeasonReport) -> None:
     found = report.overview
     print(f"{report.battery}: {found.sessions} sessions, {found.charge_ah:.0f} Ah passed")
-    for name, trend in (("resistance", found.resistance), ("capacity", found.capacity), ("spread", found.spread)):
-        print(f"{name:11} {_trend(trend)}")
+    for group in found.groups:
+        print("accumulator" if group.pack is None else f"pack {group.pack + 1}")
+        for name, unit in QUANTITIES.items():
+            if name == "resistance" and not found.is_absolute:
+                unit = "of the median cell"
+            _print_quantity(name.replace("_", " "), getattr(group, name), unit)
     for each in found.cells[:SHOWN]:
         if each.reasons:
             print(f"{short_place(each.cell):6} {'; '.join(reason.text for reason in each.reasons)}")
 
 
-def _trend(trend: SeasonTrend | None) -> str:
+def _print_quantity(name: str, found: SeasonQuantity, unit: str) -> None:
+    trend, step = found.trend, found.step
     if trend is None:
-        return "too few sessions"
+        print(f"  {name:15} too few sessions")
+        return
     sure = "" if trend.is_sure else " (not more than chance)"
-    month = f"{100 * trend.per_month:+.2f} % a month, 95 % {100 * trend.low:+.2f}..{100 * trend.high:+.2f}{sure}"
-    return f"{100 * trend.now:.2f} % of new, {month}, {trend.sessions} sessions"
+    print(
+        f"  {name:15} {100 * trend.now:.2f} % {unit}, {100 * trend.per_month:+.3f} % a month,"
+        f" 95 % {100 * trend.low:+.3f}..{100 * trend.high:+.3f}{sure}, {trend.sessions} sessions"
+    )
+    if step is not None:
+        size = f"{100 * step.size:+.2f} %, 95 % {100 * step.low:+.2f}..{100 * step.high:+.2f}"
+        print(f"  {'':15} stepped by {size} with {step.session}, p {step.p:.2g}")
 
 
 def _compare(args: argparse.Namespace) -> int:

@@ -13,12 +13,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from app.analysis.passport.history import SessionRecord, Swap, passports
+from app.analysis.passport.history import SessionRecord, Swap, lost_between, passports, rested_soc
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.capacity import SOC_MOVED_MIN
 
 DAY_S: Final = 86400.0
+REST_SOC_SIGMA: Final = 0.002  # of the difference of two rests; how much pauses differ beyond it, the line finds
 RELATIVE_SIGMA: Final = 0.01  # of a resistance against the median cell, where nobody said
 
 
@@ -35,6 +36,9 @@ class CellHistory:
         capacity_ah: measured in this session alone.
         capacity_sigma_ah: its standard deviation.
         temperature_degc: mean of the session.
+        rest_soc: at the first rest of the session, by the voltage.
+        lost_per_day: SOC a day between the last rest of the session before and the first of this one.
+        lost_sigma: its standard deviation.
         self_discharge_per_day: (n_cells,) SOC a day beyond the median, over all pauses.
         nominal_ah: of a new cell.
         is_present: where the module of today was in its place.
@@ -50,6 +54,9 @@ class CellHistory:
     capacity_ah: FloatArray
     capacity_sigma_ah: FloatArray
     temperature_degc: FloatArray
+    rest_soc: FloatArray
+    lost_per_day: FloatArray
+    lost_sigma: FloatArray
     self_discharge_per_day: FloatArray
     nominal_ah: float
     is_present: BoolArray
@@ -101,6 +108,13 @@ def history_of(
     resistance, sigma, warm = (np.full(shape, np.nan) for _ in range(3))
     capacity = np.full((2, *shape), np.nan)
     charge = np.zeros(len(ordered))
+    rest_soc, lost, lost_sigma = (np.full(shape, np.nan) for _ in range(3))
+    for k, record in enumerate(ordered):
+        if record.first_rest_s is not None:
+            rest_soc[k] = rested_soc(record, "first", cell.ocv.soc_at)
+        if k and (pause := lost_between(ordered[k - 1], record, cell.ocv.soc_at)) is not None:
+            lost[k] = np.where(made.line[k] == made.line[k - 1], pause[0] / pause[1], np.nan)
+            lost_sigma[k] = REST_SOC_SIGMA / pause[1]
     for k, record in enumerate(ordered):
         capacity[:, k] = capacity_in(record, n_cells)
         found = results.get(record.session_id)
@@ -123,6 +137,9 @@ def history_of(
         capacity[0],
         capacity[1],
         warm,
+        rest_soc,
+        lost,
+        lost_sigma,
         made.now("self_discharge_per_day") if len(ordered) else np.full(n_cells, np.nan),
         cell.capacity_ah,
         made.line == made.line_now,

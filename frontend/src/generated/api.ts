@@ -417,7 +417,9 @@ export interface CellRank {
   self_discharge_per_day: number | null;
   resistance_trend: SeasonTrend | null;
   capacity_trend: SeasonTrend | null;
+  self_discharge_trend: SeasonTrend | null;
   resistance_step: SeasonStep | null;
+  capacity_step: SeasonStep | null;
   reasons: AnalysisFinding[];
 }
 
@@ -1685,14 +1687,22 @@ export interface SeasonDifference {
   high: number | null;
 }
 
-/** The accumulator by its median cell, and all cells, the one that limits soonest first. */
+/** The accumulator, or one pack of it. */
+export interface SeasonGroup {
+  pack: number | null;
+  resistance: SeasonQuantity;
+  capacity: SeasonQuantity;
+  spread: SeasonQuantity;
+  soc_spread: SeasonQuantity;
+  self_discharge: SeasonQuantity;
+}
+
+/** The accumulator, its packs, and all cells, the one that limits soonest first. */
 export interface SeasonOverview {
   sessions: number;
   is_absolute: boolean;
   charge_ah: number;
-  resistance: SeasonTrend | null;
-  capacity: SeasonTrend | null;
-  spread: SeasonTrend | null;
+  groups: SeasonGroup[];
   cells: CellRank[];
 }
 
@@ -1701,6 +1711,12 @@ export interface SeasonParameter {
   name: string;
   default: string;
   meaning: string;
+}
+
+/** A quantity over the season; None where it was measured too seldom, or no step is more than chance. */
+export interface SeasonQuantity {
+  trend: SeasonTrend | null;
+  step: SeasonStep | null;
 }
 
 /** A question that comes along. */
@@ -1726,7 +1742,7 @@ export interface SeasonSession {
   tags: Record<string, string>;
 }
 
-/** From `session` on a quantity lies higher by `size`, a fraction of new; `p` after the tests of all cells. */
+/** From `session` on a quantity lies higher by `size`; `p` after the tests of all packs, or of all cells. */
 export interface SeasonStep {
   session: string;
   time_s: number;
@@ -1736,7 +1752,7 @@ export interface SeasonStep {
   p: number;
 }
 
-/** A line: per month with the ends of its band of 95 %, and where it is now; fractions of new. */
+/** A line: per month with the ends of its band of 95 %, and where it is now. */
 export interface SeasonTrend {
   now: number;
   per_month: number;

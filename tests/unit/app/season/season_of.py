@@ -47,7 +47,7 @@ def season(seed, n_cells=96, n=60, years=1.5):
     return SimulatedSeason(days, np.array(charge), np.array(capacity), np.array(resistance), rng)
 
 
-def history(values, sigmas, days=None, capacity=None):
+def history(values, sigmas, days=None, capacity=None, rest_soc=None, lost=None):
     """A history of resistances, every week one session, and of capacities where they are given."""
     n, n_cells = values.shape
     start_s = 1.79e9 + 86400.0 * (7.0 * np.arange(n) if days is None else days)
@@ -61,6 +61,9 @@ def history(values, sigmas, days=None, capacity=None):
         nothing if capacity is None else capacity * 25.0,
         nothing if capacity is None else np.full(values.shape, 0.25),
         nothing + 25.0,
+        nothing if rest_soc is None else rest_soc,
+        nothing if lost is None else lost,
+        np.full(values.shape, 0.0005),
         np.zeros(n_cells),
         25.0,
         np.ones(values.shape, dtype=bool),

@@ -6,6 +6,8 @@ import pytest
 from app.season.overview import curve_of, overview_of
 from tests.unit.app.season.season_of import history, season
 
+PACKS = [4, 4, 4]
+
 
 def measured(n=30, n_cells=12):
     rng = np.random.default_rng(4)
@@ -17,26 +19,26 @@ def measured(n=30, n_cells=12):
 def test_a_cell_that_grows_comes_first_with_its_pace_and_band():
     values, capacity = measured()
     values[:, 7] += np.linspace(0.0, 0.12, 30)
-    found = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity))
+    found = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity), PACKS)
     first = found.cells[0]
     assert first.cell == 7
     month = 0.12 / (29 * 7.0) * 30.44
     assert first.resistance_trend.low <= month <= first.resistance_trend.high
     assert {reason.code for reason in first.reasons} >= {"season-resists", "season-resistance-grows"}
-    assert found.resistance.sessions == 30
+    assert found.groups[0].resistance.trend.sessions == 30
 
 
 def test_a_step_is_told_with_its_session():
     values, capacity = measured()
     values[15:, 2] += 0.08
-    first = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity)).cells[0]
+    first = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity), PACKS).cells[0]
     assert first.cell == 2
     assert first.resistance_step.session in {"s14", "s15", "s16"}
 
 
 def test_sound_cells_give_no_reasons():
     values, capacity = measured()
-    found = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity))
+    found = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity), PACKS)
     assert [each.reasons for each in found.cells if each.reasons] == []
 
 
@@ -51,7 +53,7 @@ def test_a_curve_goes_ahead_with_a_wider_band():
 
 
 def test_a_season_without_a_session_is_empty():
-    empty = overview_of(history(np.empty((0, 4)), np.empty((0, 4))))
-    assert (empty.sessions, empty.resistance, empty.capacity) == (0, None, None)
+    empty = overview_of(history(np.empty((0, 4)), np.empty((0, 4))), [4])
+    assert (empty.sessions, len(empty.groups), empty.groups[0].resistance.trend) == (0, 1, None)
     assert [each.reasons for each in empty.cells] == [[], [], [], []]
     assert curve_of(history(np.empty((0, 4)), np.empty((0, 4))), 0, "resistance").mean == []

@@ -1,0 +1,152 @@
+"""Lines and steps of the accumulator and of each pack: resistance, capacity, spreads, self-discharge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from app.estimation.arrays import FloatArray
+from app.season.cells.history import CellHistory
+from app.season.cells.trend import Line, Step, line, steps
+
+MONTH_DAYS: Final = 365.25 / 12
+LEAST_SPREAD: Final = 2  # cells
+
+
+@dataclass(frozen=True)
+class SeasonTrend:
+    """A line: per month with the ends of its band of 95 %, and where it is now."""
+
+    now: float
+    per_month: float
+    low: float
+    high: float
+    sessions: int
+    is_sure: bool
+
+
+@dataclass(frozen=True)
+class SeasonStep:
+    """From `session` on a quantity lies higher by `size`; `p` after the tests of all packs, or of all cells."""
+
+    session: str
+    time_s: float
+    size: float
+    low: float
+    high: float
+    p: float
+
+
+@dataclass(frozen=True)
+class SeasonQuantity:
+    """A quantity over the season; None where it was measured too seldom, or no step is more than chance."""
+
+    trend: SeasonTrend | None
+    step: SeasonStep | None
+
+
+@dataclass(frozen=True)
+class SeasonGroup:
+    """The accumulator, or one pack of it.
+
+    Attributes:
+        pack: from 0; None: the accumulator.
+        resistance: of the median cell, a fraction of new; where no session was estimated against the median cell of the
+            accumulator.
+        capacity: of the median cell, a fraction of new.
+        spread: of resistance between cells, standard deviation, a fraction of the median cell's.
+        soc_spread: SOC of the highest cell less that of the lowest, at the first rest of a session.
+        self_discharge: SOC a day that the median cell lost between two sessions; of a pack beyond the accumulator's
+            median cell.
+    """
+
+    pack: int | None
+    resistance: SeasonQuantity
+    capacity: SeasonQuantity
+    spread: SeasonQuantity
+    soc_spread: SeasonQuantity
+    self_discharge: SeasonQuantity
+
+
+def groups_of(history: CellHistory, segments: Sequence[int]) -> list[SeasonGroup]:
+    """Return the accumulator, then each pack, where there is more than one; `segments` are numbers of cells."""
+    resistance, _ = history.of("resistance")
+    capacity, _ = history.of("capacity")
+    relative = resistance / row_median(resistance)[:, None]
+    lost = history.today(history.lost_per_day)
+    soc = history.today(history.rest_soc)
+    nothing = np.full(len(history.sessions), np.nan)
+    whole = (
+        row_median(resistance) if history.is_absolute else nothing,
+        row_median(capacity),
+        _deviation(relative),
+        _range(soc),
+        row_median(lost),
+    )
+    made = [SeasonGroup(None, *(_quantities(history, values[:, None])[0] for values in whole))]
+    if len(segments) < 2:
+        return made
+    ends = np.cumsum(segments)
+    packs = [slice(int(end) - cells, int(end)) for end, cells in zip(ends, segments, strict=True)]
+    beyond = lost - row_median(lost)[:, None]
+    columns = [
+        np.stack([reduce(values[:, pack]) for pack in packs], axis=1)
+        for values, reduce in (
+            (resistance, row_median),
+            (capacity, row_median),
+            (relative, _deviation),
+            (soc, _range),
+            (beyond, row_median),
+        )
+    ]
+    found = [_quantities(history, each) for each in columns]
+    return made + [SeasonGroup(k, *each) for k, each in enumerate(zip(*found, strict=True))]
+
+
+def trend_of(found: Line | None) -> SeasonTrend | None:
+    """Return a line per month."""
+    if found is None:
+        return None
+    months = (found.per_day * MONTH_DAYS, found.low * MONTH_DAYS, found.high * MONTH_DAYS)
+    return SeasonTrend(found.now, *months, found.n, found.is_sure)
+
+
+def step_of(step: Step | None, history: CellHistory) -> SeasonStep | None:
+    """Return a step with the session that it begins with."""
+    if step is None:
+        return None
+    at = step.at
+    return SeasonStep(history.sessions[at], float(history.start_s[at]), step.size, step.low, step.high, step.p)
+
+
+def row_median(values: FloatArray) -> FloatArray:
+    """Return (n,) medians of the known values of each row of (n, cells)."""
+    return np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else np.nan for row in values])
+
+
+def _quantities(history: CellHistory, columns: FloatArray) -> list[SeasonQuantity]:
+    """Each column of (n, groups) values, of which nobody knows a sigma: sessions differ by what they differ."""
+    if not len(history.sessions):
+        return [SeasonQuantity(None, None)] * columns.shape[1]
+    none = np.zeros(columns.shape)
+    found = steps(history.days, columns, none)
+    return [
+        SeasonQuantity(trend_of(line(history.days, values, none[:, 0])), step_of(step, history))
+        for values, step in zip(columns.T, found, strict=True)
+    ]
+
+
+def _deviation(values: FloatArray) -> FloatArray:
+    return _of_known(values, np.std)
+
+
+def _range(values: FloatArray) -> FloatArray:
+    return _of_known(values, np.ptp)
+
+
+def _of_known(values: FloatArray, reduce: Callable[[FloatArray], float]) -> FloatArray:
+    known = [row[np.isfinite(row)] for row in values]
+    return np.array([reduce(row) if row.size >= LEAST_SPREAD else np.nan for row in known])
