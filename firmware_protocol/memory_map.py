@@ -129,9 +129,9 @@ CONFIG_SIZE = 420
 STATUS_FLAGS = ("fit", "usb", "i2c1", "usart1", "can1", "charger", "charging", "balancing", "load")
 STATUS_FIELDS = (
     Field("flags", 0, "I", meaning="bits from 0: " + ", ".join(STATUS_FLAGS)),
-    Field("can_tx_msg_en", 4, "B", unit="mask", meaning="messages being sent"),
-    Field("can_rx_msg_en", 5, "B", unit="mask", meaning="messages listened for"),
-    Field("can_rx_msg_active", 6, "B", unit="mask", meaning="messages received within their timeout"),
+    Field("can_tx_msg_en", 4, "B", unit="mask", meaning="tx messages being sent"),
+    Field("can_rx_msg_en", 5, "B", unit="mask", meaning="rx messages listened for"),
+    Field("can_rx_msg_active", 6, "B", unit="mask", meaning="rx messages received within their timeout"),
     Field("charger_status", 7, "B", meaning="the charger's last flags; 255 without a charger (ours)"),
 )
 STATUS_SIZE = 8
@@ -152,10 +152,10 @@ CHARGER_SIZE = 12
 SLAVE_FIELDS = (
     Field("status", 0, "B", meaning="0 absent, 1 active, 255 fault"),
     Field("time", 4, "I", (18,), "us", meaning="time of each step of the last reading"),
-    Field("cfgr", 76, "B", (6,), meaning="configuration register group"),
+    Field("cfgr", 76, "B", (6,), meaning="configuration register group, as read back"),
     Field("cvr", 82, "H", (12,), "V", 1e-4, meaning="cell voltages as the chip gave them; 65535 no measurement"),
-    Field("avr", 106, "H", (3,), "V", 1e-4, meaning="auxiliary voltages"),
-    Field("str", 112, "H", (6,), meaning="status register groups"),
+    Field("avr", 106, "H", (3,), "V", 1e-4, meaning="auxiliary voltages, GPIO 1 to 3"),
+    Field("str", 112, "H", (6,), meaning="status register groups A and B"),
     Field("com", 124, "H", (3,), meaning="packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer, 4 reference (ours)"),
     Field("temp", 130, "H", (24,), "V", 1e-4, meaning="voltages with the sensors switched in, two phases of 12 (ours)"),
 )
@@ -233,8 +233,8 @@ FIELDS: dict[str, Field] = {field.name: field for field in all_fields()}
 _IN_ORDER = tuple(FIELDS.values())
 CONFIG: dict[str, Field] = {field.name: field for field in CONFIG_FIELDS}
 
-_CANONICAL = "".join(f"{f.name} {f.offset} {f.fmt} {f.count} {f.scale:.9g}\n" for f in FIELDS.values())
-MAP_HASH: bytes = hashlib.sha256(_CANONICAL.encode()).digest()[:8]
+MAP_TEXT = "".join(f"{f.name} {f.offset} {f.fmt} {f.count} {f.scale:.9g}\n" for f in FIELDS.values())
+MAP_HASH: bytes = hashlib.sha256(MAP_TEXT.encode()).digest()[:8]
 
 
 def locate(offset: int) -> tuple[Field, int, int] | None:

@@ -1,12 +1,15 @@
 """Tables of SPEC.md that come from the memory map; `python -m firmware_protocol.spec_tables` writes them into it."""
 
 import argparse
+import hashlib
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from firmware_protocol import can_tables, spec_examples
 from firmware_protocol import memory_map as mm
-from firmware_protocol.config_image import limit_text
+from firmware_protocol.config_image import default_image, limit_text
+from firmware_protocol.eeprom import crc32
 
 SPEC = Path(__file__).parent / "SPEC.md"
 _TYPES = {"b": "i8", "B": "u8", "h": "i16", "H": "u16", "i": "i32", "I": "u32"}
@@ -22,12 +25,16 @@ def tables() -> dict[str, str]:
     )
     top = sorted((*parts, *mm.TOP_FIELDS), key=lambda field: field.offset)
     return {
-        "hash": f"`{mm.MAP_HASH.hex(' ')}`",
+        "hash": _hash(),
         "map": _table(top),
         "status": _table(mm.STATUS_FIELDS),
         "charger": _table(mm.CHARGER_FIELDS),
         "slave": _table(mm.SLAVE_FIELDS),
         "config": _config_table(),
+        "tx": _tx_table(),
+        "rx": _rx_table(),
+        "image": _image(),
+        "examples": _examples(),
     }
 
 
@@ -47,8 +54,8 @@ def with_tables(text: str) -> str:
 
 
 def _table(fields: Iterable[mm.Field]) -> str:
-    rows = [f"| {f.offset} | `{f.name}{_shape(f)}` | {_TYPES[f.fmt]} | {_count(f)} | {f.meaning} |" for f in fields]
-    return "\n".join(["| offset | field | type | one count | meaning |", "| --- | --- | --- | --- | --- |", *rows])
+    rows = (f"| {f.offset} | `{f.name}{_shape(f)}` | {_TYPES[f.fmt]} | {_count(f)} | {f.meaning} |" for f in fields)
+    return _markdown("offset | field | type | one count | meaning", rows)
 
 
 def _config_table() -> str:
@@ -60,8 +67,64 @@ def _config_table() -> str:
                 f"| {field.minimum}..{field.maximum} ({limit_text(field)}) | {default} | {field.meaning} |"
             )
 
-    head = ["| offset | field | type | one count | counts (range) | default | meaning |", "| --- " * 7 + "|"]
-    return "\n".join([*head, *rows()])
+    return _markdown("offset | field | type | one count | counts (range) | default | meaning", rows())
+
+
+def _markdown(head: str, rows: Iterable[str]) -> str:
+    return "\n".join([f"| {head} |", "| --- " * (head.count("|") + 1) + "|", *rows])
+
+
+def _hash() -> str:
+    lines, digest = mm.MAP_TEXT.splitlines(), hashlib.sha256(mm.MAP_TEXT.encode()).hexdigest()
+    shown = [*lines[:2], "...", *lines[-2:]]
+    return "\n".join(
+        [
+            "```",
+            *shown,
+            "```",
+            f"{len(lines)} lines, {len(mm.MAP_TEXT)} bytes; SHA-256 `{digest}`;",
+            f"the map hash is `{mm.MAP_HASH.hex(' ')}`.",
+        ]
+    )
+
+
+def _offsets(offsets: Iterable[int]) -> str:
+    return " ".join(map(str, offsets))
+
+
+def _tx_table() -> str:
+    rows = (
+        f"| {m.index} | {int(m.enabled)} | {_can_id(m)} | {m.period_ms} | {m.length} | {_offsets(m.data_offsets)} |"
+        for m in can_tables.tx_messages(default_image())
+    )
+    return _markdown("tx | bit in startup | id, as stored | timing | len | data", rows)
+
+
+def _rx_table() -> str:
+    rows = (
+        f"| {m.index} | {int(m.enabled)} | {_can_id(m)} | {m.timeout_ms} | {m.length} "
+        f"| {mm.NO_RESPONSE if m.response is None else m.response} | {_offsets(m.data_offsets)} |"
+        for m in can_tables.rx_messages(default_image())
+    )
+    return _markdown("rx | bit in startup | id, as stored | timeout | len | response | data", rows)
+
+
+def _can_id(message: can_tables.TxMessage | can_tables.RxMessage) -> str:
+    return f"0x{message.can_id | mm.CAN_ID_EXTENDED * message.is_extended:X}"
+
+
+def _image() -> str:
+    image = default_image()
+    lines = [image[at : at + 32].hex(" ") for at in range(0, 96, 32)]
+    return "\n".join(["```", *lines, "...", "```", f"420 bytes, their CRC-32 (section 9) is `{crc32(image):08x}`."])
+
+
+def _examples() -> str:
+    rows = (
+        f"| {what} | {kind} | {sequence} | {uptime_ms} | `{body.hex(' ') or '-'}` | `{wire.hex(' ')}` |"
+        for what, kind, sequence, uptime_ms, body, wire in spec_examples.rows()
+    )
+    return _markdown("what | message | sequence | uptime_ms | body | on the line", rows)
 
 
 def _shape(field: mm.Field) -> str:
@@ -69,7 +132,7 @@ def _shape(field: mm.Field) -> str:
 
 
 def _count(field: mm.Field) -> str:
-    scale = "1" if field.scale == 1 else f"{field.scale:.4g}"
+    scale = f"{field.scale:.9g}"  # as in the text of the map hash
     return f"{scale} {field.unit}" if field.unit not in ("", "1") else scale
 
 

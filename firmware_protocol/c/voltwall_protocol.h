@@ -184,9 +184,9 @@ typedef struct {  /* 420 bytes */
 
 typedef struct {  /* 8 bytes */
     uint32_t flags;  /* bits from 0: fit, usb, i2c1, usart1, can1, charger, charging, balancing, load */
-    uint8_t can_tx_msg_en;  /* messages being sent [mask] */
-    uint8_t can_rx_msg_en;  /* messages listened for [mask] */
-    uint8_t can_rx_msg_active;  /* messages received within their timeout [mask] */
+    uint8_t can_tx_msg_en;  /* tx messages being sent [mask] */
+    uint8_t can_rx_msg_en;  /* rx messages listened for [mask] */
+    uint8_t can_rx_msg_active;  /* rx messages received within their timeout [mask] */
     uint8_t charger_status;  /* the charger's last flags; 255 without a charger (ours) */
 } vw_status_t;
 
@@ -204,10 +204,10 @@ typedef struct {  /* 12 bytes */
 typedef struct {  /* 180 bytes */
     uint8_t status;  /* 0 absent, 1 active, 255 fault */
     uint32_t time[18];  /* time of each step of the last reading [us] */
-    uint8_t cfgr[6];  /* configuration register group */
+    uint8_t cfgr[6];  /* configuration register group, as read back */
     uint16_t cvr[12];  /* cell voltages as the chip gave them; 65535 no measurement [0.0001 V] */
-    uint16_t avr[3];  /* auxiliary voltages [0.0001 V] */
-    uint16_t str[6];  /* status register groups */
+    uint16_t avr[3];  /* auxiliary voltages, GPIO 1 to 3 [0.0001 V] */
+    uint16_t str[6];  /* status register groups A and B */
     uint16_t com[3];  /* packets with a wrong PEC15 since the boot (stays at 65535) and in the last second, failed self-tests as bits: 0 cells, 1 auxiliary, 2 status, 3 multiplexer, 4 reference (ours) */
     uint16_t temp[24];  /* voltages with the sensors switched in, two phases of 12 (ours) [0.0001 V] */
 } vw_slave_t;
