@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, settings
 
 import app  # noqa: F401  before numpy: it keeps each process to one thread
 from hatch_build import build_engine
+from tests.bytecode import write_bytecode
 from tests.c_programs import CMaster, build_program
 from tests.campaign import examples, tell_figure
 from tests.service_process import Service, until
@@ -34,9 +35,10 @@ WAITING_ENDS_AT = 0.8  # of the run: the end is many short files, which all proc
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Bring the estimator's C engine up to date with its sources."""
+    """Bring the estimator's C engine and the bytecode up to date with their sources."""
     if not hasattr(config, "workerinput"):  # pytest-xdist's
         build_engine(ROOT)
+        write_bytecode(config)
 
 
 @pytest.fixture(scope="session")
