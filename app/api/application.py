@@ -33,6 +33,7 @@ from app.api.web import problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware
 from app.api.web.battery_switch import FIRST, ServedBattery
 from app.api.web.dependencies import NEEDS_MASTER, FleetParts, WebParts
+from app.api.web.fan_out import FanOut
 from app.api.web.head import HeadAsGet
 from app.api.web.limits import BodyLimit
 from app.api.web.readers import Readers
@@ -121,10 +122,12 @@ def create_app(
     drill = None if simulated_car is None else Drill(simulated_car, settings.data, clock.wall_ns)
     if drill is not None:
         service.events.subscribe(drill.on_event)
+    encoder = SnapshotEncoder(service.state, service.clock)
     app.state.parts = WebParts(
         service=service,
         authentication=authentication,
-        encoder=SnapshotEncoder(service.state, service.clock),
+        encoder=encoder,
+        fan_out=FanOut(service.live.hub, encoder),
         readers=Readers(clock),
         clock_watch=ClockWatch(clock),
         simulator=simulated_car,

@@ -1,36 +1,11 @@
-"""Latest value to many readers: each has one slot, a slow reader misses values and delays nobody."""
+"""The newest value, from the thread that makes it to the event loop that its readers live on."""
 
 import asyncio
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Generic, TypeVar, cast
+from collections.abc import Callable
+from typing import Generic, TypeVar
 
 T = TypeVar("T")
-
-
-class Subscription(Generic[T]):
-    """One reader's slot."""
-
-    def __init__(self) -> None:
-        self._value: T | None = None
-        self._filled = asyncio.Event()
-        self.skipped = 0
-
-    def offer(self, value: T) -> None:
-        """Put a value into the slot; one that was not taken is lost and counted."""
-        if value is self._value:
-            return
-        if self._filled.is_set():
-            self.skipped += 1
-        self._value = value
-        self._filled.set()
-
-    async def next(self) -> T:
-        """Wait for a value and take it."""
-        await self._filled.wait()
-        self._filled.clear()
-        return cast(T, self._value)
 
 
 class Hub(Generic[T]):
@@ -38,28 +13,21 @@ class Hub(Generic[T]):
 
     def __init__(self) -> None:
         self.latest: T | None = None
-        self._subscriptions: set[Subscription[T]] = set()
+        self._listeners: list[Callable[[T], None]] = []
         self._loop: asyncio.AbstractEventLoop | None = None
         self._lock = threading.Lock()
         self._is_due = False
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Name the loop that the readers live on."""
+        """Name the loop that the listeners are called on."""
         self._loop = loop
 
-    @property
-    def readers(self) -> int:
-        """How many are subscribed."""
-        return len(self._subscriptions)
-
-    def publish(self, value: T) -> None:
-        """Offer a value to everyone."""
-        self.latest = value
-        for subscription in self._subscriptions:
-            subscription.offer(value)
+    def listen(self, listener: Callable[[T], None]) -> None:
+        """Call `listener` with what is published from now on."""
+        self._listeners.append(listener)
 
     def publish_threadsafe(self, value: T) -> None:
-        """Offer a value from another thread; without a running loop it only becomes the latest.
+        """Publish a value from another thread; without a running loop it only becomes the latest.
 
         While the loop has not come round to the one before, only the newest waits for it.
         """
@@ -75,16 +43,5 @@ class Hub(Generic[T]):
             self._is_due = False
             value = self.latest
         if value is not None:
-            self.publish(value)
-
-    @contextmanager
-    def subscribe(self) -> Iterator[Subscription[T]]:
-        """Join for the length of a with-block; the latest value, if any, is in the slot at once."""
-        subscription: Subscription[T] = Subscription()
-        if self.latest is not None:
-            subscription.offer(self.latest)
-        self._subscriptions.add(subscription)
-        try:
-            yield subscription
-        finally:
-            self._subscriptions.discard(subscription)
+            for listener in self._listeners:
+                listener(value)

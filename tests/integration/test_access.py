@@ -1,9 +1,11 @@
 """Who may do what, and what refuses to start."""
 
 import socket
+from collections import deque
 
 import httpx
 import pytest
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tests.service_process import WAIT_S
@@ -103,6 +105,19 @@ def test_the_engineer_logs_in_with_a_cookie_that_scripts_cannot_read(guarded):
         assert client.post("/sessions/none/stop").status_code == 404
         client.post("/logout")
         assert client.get("/snapshot").status_code == 401
+
+
+def test_a_stream_ends_when_its_reader_logs_out(guarded):
+    with guarded.client() as client:
+        client.post("/login", json={"name": "anna", "password": ENGINEER})
+        cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
+        url = guarded.base_url.replace("http", "ws") + "/api/v1/live"
+        with connect(url, additional_headers={"Cookie": cookie}, max_size=1 << 22) as live:
+            live.recv(timeout=WAIT_S)
+            client.post("/logout")
+            with pytest.raises(ConnectionClosed) as closed:
+                deque(live, maxlen=0)
+    assert closed.value.rcvd.code == 4401
 
 
 def test_a_wrong_password_is_refused_and_guessing_is_stopped(guarded):

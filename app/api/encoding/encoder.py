@@ -5,6 +5,7 @@ from app.clock import Clock
 from app.service.state import ServiceStateReader
 from app.telemetry import Snapshot
 from app.telemetry.aging import aged
+from app.words import named_as_here
 
 GOOD_FOR_NS = 50_000_000  # after that the ages are counted anew
 
@@ -18,11 +19,12 @@ class SnapshotEncoder:
         self._encoded_ns = 0
         self._snapshot: Snapshot | None = None
         self._body = b""
+        self._json = named_as_here(snapshot_json)  # also where no request asks
 
     def encode(self, snapshot: Snapshot) -> bytes:
         """Return the snapshot as JSON."""
         now_ns = self._clock.monotonic_ns()
         if snapshot is not self._snapshot or now_ns - self._encoded_ns > GOOD_FOR_NS:
             self._snapshot, self._encoded_ns = snapshot, now_ns
-            self._body = snapshot_json(aged(snapshot, now_ns), self._state.now())
+            self._body = self._json(aged(snapshot, now_ns), self._state.now())
         return self._body

@@ -7,7 +7,7 @@ from fastapi.responses import PlainTextResponse
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
-from app.api.web.dependencies import ClockPart, LivePart, RecorderPart
+from app.api.web.dependencies import ClockPart, LivePart, ReadersPart, RecorderPart
 from app.clock import Clock
 from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
@@ -48,10 +48,11 @@ _JOULES_PER_WH = 3600.0
 class SnapshotCollector:
     """A value that is missing is left out, never 0."""
 
-    def __init__(self, live: PipelineThread, recorder: AutoRecorder, clock: Clock) -> None:
+    def __init__(self, live: PipelineThread, recorder: AutoRecorder, clock: Clock, n_readers: int) -> None:
         self._live = live
         self._recorder = recorder
         self._clock = clock
+        self._n_readers = n_readers
 
     def collect(self) -> Iterator[Metric]:
         """Yield every family."""
@@ -63,7 +64,7 @@ class SnapshotCollector:
             yield from _links(snapshot)
             yield from _cells(snapshot)
         yield from _recorder(self._recorder)
-        yield GaugeMetricFamily("voltwall_live_readers", "websocket readers", self._live.hub.readers)
+        yield GaugeMetricFamily("voltwall_live_readers", "websocket readers", self._n_readers)
 
 
 def _ages(snapshot: Snapshot) -> Iterator[Metric]:
@@ -152,8 +153,8 @@ def _recorder(recorder: AutoRecorder) -> Iterator[Metric]:
 
 
 @router.get("/metrics", response_class=PlainTextResponse)
-def metrics(live: LivePart, recorder: RecorderPart, clock: ClockPart) -> Response:
+def metrics(live: LivePart, recorder: RecorderPart, clock: ClockPart, readers: ReadersPart) -> Response:
     """Prometheus text."""
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(SnapshotCollector(live, recorder, clock))
+    registry.register(SnapshotCollector(live, recorder, clock, len(readers.everyone())))
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)

@@ -1,24 +1,22 @@
 """Health, snapshot, live stream, history."""
 
 import asyncio
-import contextlib
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter, Query, Response, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, Query, Response, WebSocket
 
 from app import __version__
 from app.api.encoding.words import messages_json
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
-from app.api.web.dependencies import AuthenticationPart, ClockPart, EncoderPart, HealthPart, LivePart, ReadersPart
+from app.api.web.dependencies import AuthenticationPart, EncoderPart, FanOutPart, HealthPart, LivePart, ReadersPart
 from app.api.web.problems import Problem, invalid
-from app.telemetry import Snapshot
+from app.api.web.websocket_protocol import READER, LiveProtocol
 from app.words import Message
 
 router = APIRouter(tags=["live"])
-SEND_S = 10.0  # a client that takes nothing for this long is dropped
-CLOSE_S = 2.0  # to tell it so
+LOOK_S = 1.0  # after which a reader that was logged out gets no more
 
 
 @router.get("/health", response_model=HealthOut)
@@ -69,52 +67,34 @@ def _of_battery(cell: int, live: LivePart) -> int:
 @router.websocket("/live")
 async def stream(
     websocket: WebSocket,
-    live: LivePart,
-    encoder: EncoderPart,
+    fan_out: FanOutPart,
     authentication: AuthenticationPart,
     readers: ReadersPart,
-    clock: ClockPart,
     rate: float | None = None,
 ) -> None:
-    """Send every snapshot as one text message, at most `rate` a second; a slow reader misses some."""
+    """Send every snapshot as one text message, at most `rate` a second on average; a slow reader misses some."""
     await websocket.accept()
     if rate is not None and not 0 < rate <= 1000:
         await websocket.close(1008, "rate: between 0 and 1000 a second")
         return
-    pause_s = 1.0 / rate if rate else 0.0
-    receiving = asyncio.create_task(_until_closed(websocket))
-    waiting: asyncio.Task[Snapshot] | None = None
+    protocol: LiveProtocol = websocket.scope[READER]
+    user = authentication.user_of(websocket.headers, "")
+    address = websocket.client.host if websocket.client else ""
+    loop = asyncio.get_running_loop()
+    timer: asyncio.TimerHandle | None = None
+
+    def look() -> None:
+        nonlocal timer
+        if authentication.user_of(websocket.headers, "") is None:
+            protocol.end(4401, "logged out")
+        else:
+            timer = loop.call_later(LOOK_S, look)
+
+    look()
     try:
-        user = authentication.user_of(websocket.headers, "")
-        address = websocket.client.host if websocket.client else ""
-        with live.hub.subscribe() as subscription, readers.joined(user, address):
-            while not receiving.done():
-                waiting = asyncio.create_task(subscription.next())
-                await asyncio.wait({waiting, receiving}, return_when=asyncio.FIRST_COMPLETED)
-                if not waiting.done():
-                    break
-                if authentication.user_of(websocket.headers, "") is None:
-                    await websocket.close(4401, "logged out")
-                    break
-                started = clock.monotonic_s()
-                text = encoder.encode(waiting.result()).decode()
-                async with asyncio.timeout(SEND_S):
-                    await websocket.send_text(text)
-                if pause_s:
-                    await asyncio.wait({receiving}, timeout=max(0.0, pause_s - (clock.monotonic_s() - started)))
-    except TimeoutError:
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(CLOSE_S):
-                await websocket.close(1013, "too slow")
-    except (WebSocketDisconnect, RuntimeError):
-        return
+        with readers.joined(user, address), fan_out.joined(protocol, rate):
+            while (await websocket.receive())["type"] != "websocket.disconnect":
+                pass  # what a reader sends is ignored
     finally:
-        for task in (receiving, waiting):
-            if task is not None:
-                task.cancel()
-
-
-async def _until_closed(websocket: WebSocket) -> None:
-    """What a client sends is ignored; that it left is noticed."""
-    while (await websocket.receive())["type"] != "websocket.disconnect":
-        pass
+        if timer is not None:
+            timer.cancel()

@@ -12,6 +12,7 @@ from app.analysis.passport.keeper import PassportKeeper
 from app.api.encoding.encoder import SnapshotEncoder
 from app.api.web.authentication import Authentication, User
 from app.api.web.battery_switch import ServedBattery
+from app.api.web.fan_out import FanOut
 from app.api.web.problems import Problem
 from app.api.web.readers import Readers
 from app.clock import Clock
@@ -54,6 +55,7 @@ class WebParts:
     service: Service
     authentication: Authentication
     encoder: SnapshotEncoder
+    fan_out: FanOut
     readers: Readers
     clock_watch: ClockWatch
     simulator: SimulatorProcess | None
@@ -162,6 +164,7 @@ SlaveChecksPart = Annotated[SlaveCheckLog, _from_service("slave_checks")]
 AuthenticationPart = Annotated[Authentication, _from_web("authentication")]
 ClockWatchPart = Annotated[ClockWatch, _from_web("clock_watch")]
 EncoderPart = Annotated[SnapshotEncoder, _from_web("encoder")]
+FanOutPart = Annotated[FanOut, _from_web("fan_out")]
 ReadersPart = Annotated[Readers, _from_web("readers")]
 ServedPart = Annotated[list[ServedBattery], _from_web("served")]
 SetupPart = Annotated[Setup, _from_web("setup")]

@@ -24,11 +24,11 @@ def test_old_values_are_marked_and_then_left_out(master, waited_s, stale, shown)
         MasterSource("serial"), lambda: make_estimator("coulomb", cell, 96), filter_name="coulomb", cell_name="c"
     )
     snapshot = pipeline.feed(master.frame()).snapshot
-    live = SimpleNamespace(snapshot=snapshot, hub=SimpleNamespace(readers=0))
+    live = SimpleNamespace(snapshot=snapshot)
     now_ns = snapshot.t_mono_ns + round(waited_s * 1e9)
     status = SimpleNamespace(session=None, queued_items=0, lost_items=0, error=None, disk_free_bytes=None)
     clock = FunctionClock(lambda: now_ns, lambda: now_ns)
-    collector = SnapshotCollector(live, SimpleNamespace(status=status), clock)
+    collector = SnapshotCollector(live, SimpleNamespace(status=status), clock, 0)
     found = {family.name: family for family in collector.collect()}
     of_voltage = {
         name: next(each.value for each in found[name].samples if each.labels["part"] == "voltage")

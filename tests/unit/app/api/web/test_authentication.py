@@ -247,17 +247,6 @@ def test_reading_needs_somebody(make_client):
         assert closed.value.code == 4401
 
 
-def test_a_stream_ends_when_its_reader_logs_out(make_client):
-    client = make_client(password=ENGINEER)
-    client.post("/api/v1/login", json={"name": "anna", "password": ENGINEER})
-    with client.websocket_connect(LIVE) as live:
-        live.receive_text()
-        client.post("/api/v1/logout")
-        while (message := live.receive())["type"] == "websocket.send":
-            pass
-    assert message["code"] == 4401
-
-
 def test_a_foreign_origin_gets_no_stream(client):
     with (
         pytest.raises(WebSocketDisconnect) as closed,

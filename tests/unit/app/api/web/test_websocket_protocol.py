@@ -1,0 +1,141 @@
+"""Frames as they go over the wire, and a reader that stands still: against a real server with tenths of a second."""
+
+import asyncio
+import contextlib
+import socket
+import threading
+
+import pytest
+import uvicorn
+from hypothesis import given
+from hypothesis import strategies as st
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from app.api.web import websocket_protocol
+from app.api.web.http_protocol import HttpProtocol
+from app.api.web.websocket_protocol import READER, LiveProtocol, text_frame
+from tests.service_process import until
+
+LONG = b'{"v": [' + b"3.7012, " * 200_000 + b"0]}"
+
+
+class Served:
+    """A server whose readers are handed to the test."""
+
+    def __init__(self):
+        self.readers = []
+        options = {"ws_max_size": 1 << 16, "lifespan": "off", "log_config": None, "interface": "asgi3"}
+        config = uvicorn.Config(self.app, http=HttpProtocol, ws=LiveProtocol, ws_per_message_deflate=False, **options)
+        self.server = uvicorn.Server(config)
+        listener = socket.create_server(("127.0.0.1", 0))
+        self.address = listener.getsockname()
+        self.url = "ws://{}:{}/".format(*self.address)
+        self.thread = threading.Thread(target=lambda: asyncio.run(self.server._serve([listener])))
+        self.thread.start()
+        until(lambda: self.server.started)
+
+    async def app(self, scope, receive, send):
+        await send({"type": "websocket.accept"})
+        self.readers.append(scope[READER])
+        while (await receive())["type"] != "websocket.disconnect":
+            pass
+
+    def reader(self):
+        until(lambda: self.readers)
+        return self.readers[-1]
+
+    def on_loop(self, call, *arguments):
+        """Call on the server's loop and return what it returned."""
+
+        async def run():
+            return call(*arguments)
+
+        return asyncio.run_coroutine_threadsafe(run(), self.reader().loop).result(20)
+
+
+@pytest.fixture
+def served():
+    one = Served()
+    yield one
+    one.server.should_exit = True
+    one.thread.join()
+
+
+@given(st.binary(max_size=70_000).map(lambda data: data.hex().encode()))
+def test_a_frame_is_the_message_whether_it_is_compressed_or_not(body):
+    plain, compressed = text_frame(body, False), text_frame(body, True)
+    assert plain.endswith(body)
+    assert (plain[0], compressed[0]) == (0x81, 0xC1)
+
+
+@pytest.mark.parametrize("compression", [None, "deflate"])
+def test_a_client_reads_what_was_framed_for_all(served, compression):
+    with connect(served.url, compression=compression, max_size=None) as client:
+        is_compressed = served.reader().is_compressed
+        assert is_compressed is (compression is not None)
+        for body in (b"{}", LONG):
+            assert served.on_loop(served.reader().write_frame, text_frame(body, is_compressed))
+            assert client.recv(timeout=20).encode() == body
+
+
+def stand_still(served):
+    """A reader that shakes hands and takes nothing of a long message."""
+    made = socket.socket()
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    made.connect(served.address)
+    made.sendall(
+        b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    )
+    assert served.on_loop(served.reader().write_frame, text_frame(LONG, False))
+    return made
+
+
+def rest_of(made):
+    found = bytearray()
+    made.settimeout(20)
+    with contextlib.suppress(ConnectionError):
+        while data := made.recv(1 << 16):
+            found += data
+    return bytes(found)
+
+
+def test_a_reader_that_stands_still_takes_no_second_message_and_then_goes_on(served):
+    woken = []
+    with stand_still(served) as made:
+        reader = served.reader()
+        reader.on_drained = lambda: woken.append(True)
+        assert not served.on_loop(reader.write_frame, text_frame(b"missed", False))
+        assert reader.transport.get_write_buffer_size() <= len(LONG) + 16
+        got = bytearray()
+        while LONG not in got:
+            got += made.recv(1 << 16)
+        until(lambda: woken)
+        assert served.on_loop(reader.write_frame, text_frame(b"next", False))
+        assert made.recv(100).endswith(b"next")
+
+
+def test_one_that_wakes_up_in_time_learns_that_it_was_too_slow(served, monkeypatch):
+    monkeypatch.setattr(websocket_protocol, "SLOW_S", 0.05)
+    with stand_still(served) as made:
+        served.reader().close_timeout = 0.1  # which is for the answer to the close
+        until(lambda: served.reader().close_sent)
+        assert rest_of(made).endswith(b"\x03\xf5too slow")  # 1013
+
+
+def test_one_that_does_not_is_cut_off(served, monkeypatch):
+    monkeypatch.setattr(websocket_protocol, "SLOW_S", 0.05)
+    monkeypatch.setattr(websocket_protocol, "STALL_S", 0.1)
+    with stand_still(served) as made:
+        until(lambda: served.reader().disconnected)
+        assert LONG not in rest_of(made)
+
+
+def test_an_end_tells_why(served):
+    with connect(served.url) as client:
+        served.on_loop(served.reader().end, 4401, "logged out")
+        with pytest.raises(ConnectionClosed) as closed:
+            client.recv(timeout=20)
+        assert not served.on_loop(served.reader().write_frame, b"")
+    assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (4401, "logged out")
