@@ -44,7 +44,7 @@ class LiveView:
         self.port = 0  # at the pit's end of the radio
         self.delays: list[float] = []
         self.is_counted = True
-        self._clock, self._sent_s, self._received_s = CarClock(), 0.0, 0.0
+        self._clock, self._sent_s = CarClock(), 0.0
         threading.Thread(target=self._tell, daemon=True).start()
 
     def _tell(self) -> None:
@@ -68,7 +68,7 @@ class LiveView:
                     now = time.monotonic()
                     sent = json.loads(line)["s"]
                     self._clock.waited_s("run", sent, now)
-                    self._sent_s, self._received_s = sent, now
+                    self._sent_s = sent
                     if self.is_counted:
                         self.delays.append(now - sent)
             time.sleep(0.5)

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
-CELL_AH: Final = 2.05
 KELVIN: Final = 273.15
 SPREAD: Final = 0.12  # of the factors between cells, standard deviation of their logarithm
 
@@ -59,7 +58,7 @@ class AgeingCells:
         self._shelf = _go_on(self._shelf, rates, days, 0.75)
 
     def use(self, charge_ah: ArrayLike, depth: float, voltage_v: float = 3.7) -> None:
-        """Pass charge, out and in together [Ah of a cell of CELL_AH]."""
+        """Pass charge, out and in together [Ah of a cell of 2.05 Ah]."""
         charge = np.asarray(charge_ah, dtype=np.float64)
         b_cap = 7.348e-3 * (voltage_v - 3.667) ** 2 + 7.600e-4 + 4.081e-3 * depth
         b_res = 2.153e-4 * (voltage_v - 3.725) ** 2 - 1.521e-5 + 2.798e-4 * depth

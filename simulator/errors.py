@@ -2,7 +2,6 @@
 
 SimulatorError
   ParameterError   a physical parameter or input is outside what the model means
-  ConvergenceError equations without a solution that was found
   ScenarioError    a scenario that cannot be read or makes no sense
   FaultError       a fault that does not exist or cannot take this value
   InputError       a key of a file or a request that is missing, foreign, or has a value that it cannot have
@@ -22,15 +21,6 @@ class ParameterError(SimulatorError):
         self.value = value
         self.rule = rule
         super().__init__(f"{name} = {value!r}: {rule}")
-
-
-class ConvergenceError(SimulatorError):
-    """A solver did not converge; `residual` is the remaining error."""
-
-    def __init__(self, name: str, residual: float) -> None:
-        self.name = name
-        self.residual = residual
-        super().__init__(f"{name}: not found, {residual:g} remains")
 
 
 class ScenarioError(SimulatorError):

@@ -103,7 +103,7 @@ def drive_lap(car: Car, driver: Driver, curvature_per_m: FloatArray, *, start_m_
     power_w = car.power_w * driver.power_part * car.drive_efficiency
     speed = limit if start_m_per_s is not None else np.concatenate((limit, limit))
     speed = _forward(car, speed, power_w, grip, start_m_per_s)
-    speed = _backward(car, speed, grip)
+    speed = _backward(speed, grip)
     if start_m_per_s is None:
         speed = speed[len(limit) // 2 : len(limit) // 2 + len(limit)]
         curvature_per_m = np.roll(curvature_per_m, -(len(limit) // 2))
@@ -125,7 +125,7 @@ def _forward(car: Car, limit: FloatArray, power_w: float, grip: float, start_m_p
     return speed
 
 
-def _backward(car: Car, limit: FloatArray, grip: float) -> FloatArray:
+def _backward(limit: FloatArray, grip: float) -> FloatArray:
     speed = limit.copy()
     now = float(speed[-1])
     braking = grip * GRAVITY_M_PER_S2 * 0.9

@@ -13,7 +13,6 @@ RESISTANCE_UNITS = {"ohm": 1.0, "mohm": 1e-3, "0.01mohm": 1e-5}
 ZERO_AT = {"K": -273.15, "0.1K": -273.15, "degF": -160 / 9}  # degC at 0 of the unit
 SOC_UNITS = {"percent": 0.01, "fraction": 1.0, "0.1percent": 1e-3}
 STATES = ("closed", "precharge", "fault", "charging", "balancing")
-CHECKSUMS = ("orion",)  # orion: last byte = id + length + sum of the bytes before, modulo 256
 Kind = str  # a name of KINDS
 KINDS: tuple[Kind, ...] = ("voltage", "temperature", "balancing", "resistance")
 

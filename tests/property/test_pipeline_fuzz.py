@@ -27,7 +27,6 @@ SERVICE = ServiceState(None, None, 3, None)
 WALL_NS = 1_700_000_000_000_000_000
 BLOCKS = ((0, 420), (420, 20), (440, 200), (1884, 204), (2280, 116), (2396, 300), (2982, 2))
 
-INT32 = st.integers(-(1 << 31), (1 << 31) - 1)
 filter_name = "coulomb", "fused", "ekf"
 window = st.one_of(
     st.sampled_from(BLOCKS).flatmap(

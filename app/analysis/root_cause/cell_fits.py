@@ -32,7 +32,6 @@ SPACING_S: Final = 1.0  # elsewhere one a second
 ONSETS: Final = 48
 LEAST_NOISE_V: Final = 1.5e-3
 LAG_SHARE: Final = 0.3  # of what a cell moves by from sample to sample: the master's low pass, and when it was measured
-SHARE_NOISE: Final = 0.03  # of a cell's own drop under load: healthy cells differ by this
 CORRELATED: Final = 0.1  # independent values a sample: errors of one second are alike
 MOST_INDEPENDENT: Final = 15.0  # values of a recording: drifts of healthy cells last as long as it does
 HEALTHY_OHM: Final = 2.5e-4  # by which sound cells and joints differ

@@ -48,8 +48,6 @@ class _Mending:
         self.oddities: list[Oddity] = []
         self._ids: dict[int, set[str]] = {}
         self._names: set[str] = set()
-        self._renamed: dict[tuple[int, str], str] = {}
-        self._renamed_messages: set[str] = set()
         self._message: int | None = None
         self._is_dropping = False
 

@@ -139,7 +139,7 @@ def _proposal(survey: Survey, kind: str, members: Sequence[Member]) -> CellPropo
     message_names = {message.name for message, _ in members}
     signal_pattern = _pattern(members, chosen, roles, "signal")
     message_pattern = _pattern(members, chosen, roles, "message")
-    if "{" not in message_pattern and not _is_needed(survey, members, signal_pattern):
+    if "{" not in message_pattern and not _is_needed(survey, members):
         message_pattern = "*"
     numbers = {
         role: members[0][1].conditions[0].multiplexer
@@ -233,7 +233,7 @@ def _pattern(members: Sequence[Member], chosen: list[Column], roles: list[str], 
     return text
 
 
-def _is_needed(survey: Survey, members: Sequence[Member], pattern: str) -> bool:
+def _is_needed(survey: Survey, members: Sequence[Member]) -> bool:
     """Whether signals of other messages would fit too."""
     skeleton = cut_name(members[0][1].name).skeleton
     ids = {message.can_id for message, _ in members}

@@ -118,13 +118,13 @@ def learn(
     sensors = () if temperature is None else _sensors(temperature, segments)
     battery = Battery(name, segments, parallel, sensors=sensors)
     cells = {"voltage": voltage.entries} | ({} if temperature is None else {"temperature": temperature.entries})
-    cells = {kind: _checked(survey, kind, entries) for kind, entries in cells.items()}
+    cells = {kind: _checked(survey, entries) for kind, entries in cells.items()}
     source = SpeaksDbc(dbc, cells)
     heard = _decoded(survey, battery, source, frames)
     if "voltage" in heard and any(entry.numbers for entry in voltage.entries) and not _came_round(heard["voltage"]):
         doubts.append(Message("learn-round-not-complete", n=battery.n_cells))
     sum_v = _sum_of_cells(heard.get("voltage"), battery.n_cells)
-    lines["voltage"] = replace(line, chosen=voltage.with_reason(*_facts(heard.get("voltage"), battery.n_cells, sum_v)))
+    lines["voltage"] = replace(line, chosen=voltage.with_reason(*_facts(heard.get("voltage"), battery.n_cells)))
     _add_readings(lines, survey, heard.get("voltage"), battery.n_cells, sum_v, used, choices)
     _add_states_and_limits(lines, survey, used, choices)
     current = lines.get("current")
@@ -244,7 +244,7 @@ def _sensors(temperature: CellProposal, segments: tuple[int, ...]) -> tuple[tupl
     return spread(temperature.n, range(n_cells))
 
 
-def _checked(survey: Survey, kind: str, entries: tuple[CellSignals, ...]) -> tuple[CellSignals, ...]:
+def _checked(survey: Survey, entries: tuple[CellSignals, ...]) -> tuple[CellSignals, ...]:
     """Entries with the checksum that every one of their frames has."""
     found = []
     for entry in entries:
@@ -307,7 +307,7 @@ def _pack_voltage(
     return PackVoltage(voltages.t_ns[known], voltages.value[known] - means[voltages.index[known]])
 
 
-def _facts(voltages: Values | None, n_cells: int, sum_v: float) -> list[Text]:
+def _facts(voltages: Values | None, n_cells: int) -> list[Text]:
     if voltages is None:
         return [Message("learn-nothing-heard")]
     heard = np.unique(voltages.index[np.isfinite(voltages.value)])

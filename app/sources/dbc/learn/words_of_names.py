@@ -103,10 +103,3 @@ def skeleton(name: str) -> str:
 def numbers(name: str) -> tuple[int, ...]:
     """Return the numbers of a name from left to right."""
     return tuple(int(each) for each in re.findall(r"\d+", name))
-
-
-def word_before(skeleton_text: str, place: int) -> str:
-    """Return the word in front of the n-th number of a skeleton, in lower case; "" where there is none."""
-    before = skeleton_text.split("#")[place] if place < skeleton_text.count("#") else ""
-    found = tokens(before)
-    return found[-1] if found else ""

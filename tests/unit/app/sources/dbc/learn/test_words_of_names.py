@@ -15,7 +15,6 @@ from app.sources.dbc.learn.words_of_names import (
     numbers,
     skeleton,
     tokens,
-    word_before,
     words,
 )
 
@@ -52,14 +51,6 @@ def test_names_that_differ_in_numbers_only_have_one_skeleton(found):
     name = "_".join(f"C{number:03d}" for number in found)
     assert skeleton(name) == skeleton("_".join("C1" for _ in found))
     assert numbers(name) == tuple(found)
-
-
-def test_the_word_in_front_of_a_number_is_found():
-    text = skeleton("Module_2_Cell_13")
-    assert word_before(text, 0) == "module"
-    assert word_before(text, 1) == "cell"
-    assert word_before(text, 2) == ""
-    assert word_before(skeleton("12V"), 0) == ""
 
 
 def test_words_of_german_french_and_norwegian_teams_are_known():
