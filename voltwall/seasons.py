@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 
 from app.season.lake.build import build_lake, session_files
 from app.season.lake.place import Place
 from app.season.store import Limits, open_store
 from app.season.store.questions import ask, questions
 from app.words import render
-from voltwall.tables import Table
+from voltwall.tables import Closing, Table
 
 
 def season(where: str | Path, *, store: str = "duckdb") -> Season:
@@ -31,20 +30,12 @@ def season(where: str | Path, *, store: str = "duckdb") -> Season:
     return Season(text, store)
 
 
-class Season:
+class Season(Closing):
     """The lake of many sessions: the tables `sessions`, `laps`, `cells`, `events` and `samples`."""
 
     def __init__(self, lake: str, store: str) -> None:
         self.lake = lake
         self._store = open_store(lake, store)
-
-    def __enter__(self) -> Season:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return f"<voltwall.Season {self.lake}>"

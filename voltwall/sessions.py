@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +30,7 @@ from app.sessions.transfer.fetch import Remote
 from app.telemetry.cell_findings import finding_of
 from app.words import naming_cells, render
 from voltwall.records import Event, Finding, Lap
-from voltwall.tables import Table, over_time
+from voltwall.tables import Closing, Table, over_time
 
 if TYPE_CHECKING:
     import pyarrow
@@ -82,20 +81,12 @@ def _brought(url: str, folder: Path, password: str | None) -> Path:
     return path
 
 
-class Session:
+class Session(Closing):
     """A recorded session, open for reading. Nothing is changed in it. Close it, or use `with`."""
 
     def __init__(self, path: Path, temporary: Path | None = None) -> None:
         self._file = SessionFile(path)
         self._temporary = temporary
-
-    def __enter__(self) -> Session:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def __repr__(self) -> str:
         return f"<voltwall.Session {self.id}, {self.duration_s:.0f} s, {self.n_cells} cells>"

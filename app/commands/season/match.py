@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from app.commands.season.kept import add_car_arguments, kept_season
+from app.commands.season.kept import kept_season
 from app.commands.session_commands.analysis import short_place
 from app.commands.session_commands.passport import cell_index
-from app.commands.session_commands.selection import add_json_argument, new_action
+from app.commands.session_commands.selection import add_car_arguments, add_json_argument, new_action
 from app.errors import ConfigError
 from app.estimation.arrays import FloatArray
 from app.season.matching.groups import RANDOM_BUILDS, Build, match_groups, random_groups, sorted_groups

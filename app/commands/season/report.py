@@ -8,9 +8,9 @@ from pathlib import Path
 
 from app import __version__
 from app.clock import Clock
-from app.commands.season.kept import add_car_arguments, kept_season
+from app.commands.season.kept import kept_season
 from app.commands.session_commands.analysis import short_place
-from app.commands.session_commands.selection import add_json_argument, find_session, new_action
+from app.commands.session_commands.selection import add_car_arguments, add_json_argument, find_session, new_action
 from app.errors import ConfigError
 from app.season.cells.compare import compare
 from app.season.report import SeasonReport, season_document, season_report

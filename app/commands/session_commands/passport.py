@@ -12,14 +12,17 @@ from app.analysis.totals import listed, number
 from app.battery.battery import Battery
 from app.clock import Clock
 from app.commands.session_commands.analysis import in_column, short_place
-from app.commands.session_commands.selection import add_json_argument, catalogue, data_folder, new_action
+from app.commands.session_commands.selection import (
+    add_car_arguments,
+    add_json_argument,
+    catalogue,
+    chosen_battery,
+    data_folder,
+    new_action,
+)
 from app.errors import ConfigError
-from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.circuit import CellModel
-from app.estimation.errors import EstimatorError
-from app.service.settings import Settings
 from app.sessions.passport_store import StoredSwap
-from app.sources.loaded_battery import load_battery
 from app.words import naming_cells
 
 _NOW = ("capacity_ah", "resistance_ohm", "resistance_relative", "self_discharge_per_day", "balancing_h")
@@ -33,8 +36,7 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         "every cell across all sessions: capacity, resistance, self-discharge, balancing, rank, drift",
         _passport,
     )
-    action.add_argument("--battery", metavar="NAME|FILE", help="of this battery (default: the one that is served)")
-    action.add_argument("--simulated", action="store_true", help="of the simulated car")
+    add_car_arguments(action)
     add_json_argument(action)
     swap = action.add_argument_group("swaps", "a swapped module begins a new line, which inherits nothing")
     swap.add_argument("--swap", metavar="CELLS", help="record that these modules were replaced: pack/cell, as 3/7,3/8")
@@ -44,13 +46,7 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 
 
 def _passport(args: argparse.Namespace) -> int:
-    settings = Settings.model_validate({})
-    battery = load_battery(args.battery or settings.battery).battery
-    name = settings.cell or battery.cell
-    try:
-        cell = load_cell(name)
-    except EstimatorError as error:
-        raise ConfigError("cell", name, str(error)) from error
+    battery, cell = chosen_battery(args)
     with naming_cells(battery.segments):
         return _of_battery(args, battery, cell)
 

@@ -4,8 +4,14 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+from app.battery.battery import Battery
+from app.errors import ConfigError
+from app.estimation.cell_model.cell_file import load_cell
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.errors import EstimatorError
 from app.service.settings import Settings
 from app.sessions.catalogue import Catalogue
+from app.sources.loaded_battery import load_battery
 
 Action = Callable[[argparse.Namespace], int]
 
@@ -35,6 +41,27 @@ def add_session_argument(parser: argparse.ArgumentParser) -> None:
 def add_json_argument(parser: argparse.ArgumentParser, default: object = argparse.SUPPRESS) -> None:
     """Declare --json."""
     parser.add_argument("--json", action="store_true", default=default, help="as JSON")
+
+
+def add_car_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare whose sessions are meant."""
+    parser.add_argument("--battery", metavar="NAME|FILE", help="of this battery (default: the one that is served)")
+    parser.add_argument("--simulated", action="store_true", help="of the simulated car")
+
+
+def chosen_battery(args: argparse.Namespace) -> tuple[Battery, CellModel]:
+    """Return whose sessions are meant, with its cell.
+
+    Raises:
+        AppError: the battery or its cell file cannot be used.
+    """
+    settings = Settings.model_validate({})
+    battery = load_battery(args.battery or settings.battery).battery
+    name = settings.cell or battery.cell
+    try:
+        return battery, load_cell(name)
+    except EstimatorError as error:
+        raise ConfigError("cell", name, str(error)) from error
 
 
 def data_folder(args: argparse.Namespace) -> Path:
