@@ -4,6 +4,7 @@ import hashlib
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
@@ -47,6 +48,27 @@ def estimator_library() -> Path:
         subprocess.run([*command, *map(str, ESTIMATOR), "-o", str(part), "-lm"], check=True)
 
     return _built("vw_estimator", ESTIMATOR, command, compile_into)
+
+
+@cache
+def build_fuzzer() -> Path:
+    """Return the program that fuzzes the C library by coverage, with sanitizers (`tests/fuzz/loop.c`)."""
+    library, folder = sorted(C_FOLDER.glob("vw_*.c")), Path(__file__).parent / "fuzz"
+    loop, targets = folder / "loop.c", folder / "targets.c"
+    plain = ["gcc", *FLAGS, "-I", str(folder)]
+    parts = (
+        [*plain, *SANITIZERS, "-fsanitize-coverage=trace-pc", "-c", *map(str, library)],
+        [*plain, *SANITIZERS, "-c", str(targets)],
+        [*plain, "-O2", "-D_DEFAULT_SOURCE", "-c", str(loop)],
+    )
+
+    def compile_into(part: Path) -> None:
+        with tempfile.TemporaryDirectory() as made:
+            for command in parts:
+                subprocess.run(command, cwd=made, check=True)
+            subprocess.run(["gcc", *SANITIZERS, *map(str, Path(made).glob("*.o")), "-o", str(part)], check=True)
+
+    return _built("vw_fuzz", [*library, loop, targets, folder / "targets.h"], parts, compile_into)
 
 
 def _built(name: str, sources: Iterable[Path], how: object, compile_into: Callable[[Path], None]) -> Path:

@@ -8,8 +8,10 @@ from pathlib import Path
 from app.battery.battery import Battery
 from app.battery.library import TEAM_PROFILE, profile_files, profile_of
 from app.battery.source import Source, SpeaksDbc
+from app.battery.table_reader import ProfileError
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.definitions import Definitions
+from app.words import Message
 
 CLASSIC_BYTES = 8  # of a CAN frame; more is CAN FD
 
@@ -78,6 +80,8 @@ def _read(items: tuple[tuple[str, bytes], ...]) -> LoadedBattery:
     def definitions(source: Source) -> Definitions:
         found = Definitions(())
         for name in source.dbc if isinstance(source, SpeaksDbc) else ():
+            if name not in files:
+                raise ProfileError(profile.file, None, "source.dbc", name, Message("no-such-file"))
             found = found.joined(parse_definitions(files[name], name))
         return found
 

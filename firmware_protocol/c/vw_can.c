@@ -172,5 +172,7 @@ void vw_can_enable(vw_can_t *can, uint8_t mask)
 
 void vw_can_send_once(vw_can_t *can, uint8_t index)
 {
-    can->on_demand |= BIT(index);
+    if (index < VW_N_CAN_MESSAGES) {
+        can->on_demand |= BIT(index);
+    }
 }

@@ -10,7 +10,7 @@ import numpy as np
 
 from app.errors import ExtraMissing, ImportFailed
 from app.estimation.arrays import FloatArray
-from app.sources.recordings.candump import candump_frames
+from app.sources.recordings.candump import MOST_S, candump_frames
 from app.sources.recordings.mf4_log import mf4_frames
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import Table, matching
@@ -25,9 +25,16 @@ def read_frames(path: Path) -> Iterator[Frame]:
     """Yield the data frames of a log, in its order.
 
     Raises:
-        ImportFailed: the file cannot be read as what its name says.
+        ImportFailed: the file cannot be read as what its name says, or tells a time that cannot be.
         ExtraMissing: asammdf, which reads MF4, is not installed.
     """
+    for frame in _read(path):
+        if not abs(frame[0]) < MOST_S:  # not a number, too
+            raise ImportFailed(path.name, Message("no-can-log", error=f"a time of {frame[0]:g} s"))
+        yield frame
+
+
+def _read(path: Path) -> Iterator[Frame]:
     if not path.name.lower().endswith(ENDINGS[1:]):
         yield from _candump(path)
         return

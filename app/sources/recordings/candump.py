@@ -13,7 +13,7 @@ _LINE = re.compile(
     r"|\s+\[\s*(?P<length>\d+)\]\s*(?P<bytes>(?:[0-9A-Fa-f]{2}\s*){0,64}|remote request.*)(?:'.*)?)\s*$"
 )
 _SHORT_ID = 3  # digits of an 11-bit id
-_MOST_S = 9e9  # in the year 2255; ns since 1970 are kept in 64 bits
+MOST_S = 9e9  # in the year 2255; ns since 1970 are kept in 64 bits
 
 
 class NotCandump(ValueError):
@@ -51,7 +51,7 @@ def _seconds(text: str) -> float:
     except ValueError:
         pass
     else:
-        if abs(seconds) < _MOST_S:
+        if abs(seconds) < MOST_S:
             return seconds
         raise NotCandump(text)
     try:
