@@ -7,12 +7,17 @@ from app.words import Message, Quantity, Text, render
 from firmware_protocol.config_image import FieldError, field_error
 from firmware_protocol.memory_map import CONFIG, element_name
 
+Level = Literal["error", "warning", "notice"]
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """An error blocks the write; a warning needs a reason, unless it stands already."""
+    """An error blocks the write; a warning needs a reason, unless it stands already.
 
-    level: Literal["error", "warning"]
+    A notice is for people: the page asks for a reason, a program may write without one.
+    """
+
+    level: Level
     code: str
     error: FieldError  # in the protocol's words: the field, its value, and the limit
     limit: Text
@@ -43,9 +48,7 @@ class Finding:
         return replace(self, is_standing=True)
 
 
-def finding(
-    level: Literal["error", "warning"], code: str, image: bytes, name: str, element: int, limit: Text, why: Message
-) -> Finding:
+def finding(level: Level, code: str, image: bytes, name: str, element: int, limit: Text, why: Message) -> Finding:
     """Return a finding about one element of an image."""
     field = CONFIG[name]
     error = field_error(field, element, field.unpack(image)[element], render(limit), render(why))

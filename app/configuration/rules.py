@@ -1,16 +1,16 @@
 """What is wrong, or worth a second look, in a configuration as a whole: fields against each other and the cell.
 
 Errors block a write. Warnings need a reason, once: one that is in force already is shown and not asked for again.
+Notices, of a protection that would trip later, need one on the page.
 The master knows none of this but the ranges; what it accepts is `firmware_protocol.config_image.check`.
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from app.configuration.can_rules import can_findings
-from app.configuration.finding import Finding, finding
+from app.configuration.finding import Finding, Level, finding
 from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity, Text
 from firmware_protocol.config_image import ORDERED, FieldError, check, to_unit
@@ -23,7 +23,16 @@ ADC_MIDDLE = 20475
 OFFSET_TOLERANCE = 0.05  # of the middle: a sensor further off is unplugged or broken
 CHARGE_MARGIN_V = 0.01  # what a measurement may be off, between the end of charge and the trip
 CAPACITY_TOLERANCE = 0.2
-
+PROTECTION = {  # the limits at which the master trips, and whether a higher one is looser
+    "v_cell_min": False,
+    "v_cell_max": True,
+    "t_cell_min": False,
+    "t_cell_max": True,
+    "i_disc_min": False,
+    "i_disc_max": True,
+    "i_chrg_min": False,
+    "i_chrg_max": True,
+}
 
 _WHY_OF_MASTER = {  # what it refuses by itself: the fixed reasons of `check`
     "the master takes nothing else": Message("master-takes-nothing-else"),
@@ -79,8 +88,15 @@ def review(image: bytes, context: Context) -> list[Finding]:
     return sorted(found, key=lambda f: (f.level != "error", f.error.offset))
 
 
-def review_change(before: bytes, after: bytes, context: Context) -> list[Finding]:
-    """Return the findings of an image that would replace another; warnings that stand already are marked."""
+def review_change(before: bytes, after: bytes, context: Context, stored: bytes | None = None) -> list[Finding]:
+    """Return the findings of an image that would replace another; warnings that stand already are marked.
+
+    Args:
+        before: what is in force.
+        after: what would be.
+        context: what both are judged against.
+        stored: what the EEPROM holds, where that is known: a limit that goes back to it needs no new reason.
+    """
     standing = {_identity(f) for f in review(before, context)}
     found = [f.stands() if _identity(f) in standing else f for f in review(after, context)]
     brp = CONFIG["can_brp"]
@@ -89,15 +105,23 @@ def review_change(before: bytes, after: bytes, context: Context) -> list[Finding
         found.append(
             finding("warning", "bit-rate", after, "can_brp", 0, Message("as-in-force", value=before[brp.offset]), why)
         )
-    return found
+    asked = {f.error.field for f in found if f.needs_reason}
+    return [*found, *(f for f in _loosened(before, after, stored) if f.error.field not in asked)]
+
+
+def _loosened(before: bytes, after: bytes, stored: bytes | None) -> Iterator[Finding]:
+    """Limits of the protection by which the master would trip later than now, and than what it would start with."""
+    for name, is_upper in PROTECTION.items():
+        known = [_Values(image)[name] for image in (before, stored) if image is not None]
+        loosest, wanted = (max if is_upper else min)(known), _Values(after)[name]
+        if (wanted > loosest) if is_upper else (wanted < loosest):
+            limit = Message("as-in-force", value=Quantity(_Values(before)[name], CONFIG[name].unit))
+            yield finding("notice", "looser", after, name, 0, limit, Message("protects-later"))
 
 
 def _identity(found: Finding) -> tuple[object, ...]:
     error = found.error
     return found.code, error.field, error.element, error.value
-
-
-Level = Literal["error", "warning"]
 
 
 def _cell(image: bytes, cell: CellModel) -> Iterator[Finding]:

@@ -170,7 +170,8 @@ class ConfigurationWriter:
                 raise HashMismatch(expected, self._shown.get(expected), before, wanted)
 
             # Check the draft against the limits of its fields and the rules, and the accumulator's state
-            findings = review_change(before, wanted, self._context())
+            stored = None if self.stored is None else self.stored.image
+            findings = review_change(before, wanted, self._context(), stored)
             if errors := [found for found in findings if found.blocks]:
                 raise Rejected(errors)
             changes = difference(before, wanted)

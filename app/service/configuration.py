@@ -1,6 +1,7 @@
 """What is known of the master's configuration: what is in force, since when, and what the rules say about it."""
 
 from app.clock import Clock
+from app.configuration.allowed_range import allowed_ranges
 from app.configuration.finding import Finding
 from app.configuration.rules import Context, review
 from app.configuration.safe_write import ConfigurationWriter
@@ -25,6 +26,10 @@ class Rules:
     def review(self, image: bytes) -> list[Finding]:
         """Return what the rules say about a configuration."""
         return review(image, self.context())
+
+    def allowed_ranges(self, image: bytes) -> dict[str, tuple[int, int]]:
+        """Return what each field may be while the others stay [raw counts]."""
+        return allowed_ranges(image, self.context())
 
 
 class ConfigurationInForce:

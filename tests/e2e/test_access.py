@@ -69,15 +69,15 @@ def test_two_engineers_and_a_viewer_work_at_once(make_service, open_page):
         page.get_by_test_id("confirm").click()
         expect(page.get_by_test_id("outcome")).to_contain_text("Written and read back")
 
-    bob.get_by_role("textbox", name="fan_ramp_stop", exact=True).fill("48")
-    write(ada, "t_cell_max", "50")
+    bob.get_by_role("textbox", name="fan_ramp_stop", exact=True).fill("43")
+    write(ada, "t_cell_max", "44")
     for page in (bob, eve):
-        expect(page.get_by_test_id("inforce-t_cell_max")).to_contain_text("50")
+        expect(page.get_by_test_id("inforce-t_cell_max")).to_contain_text("44")
     expect(bob.get_by_test_id("draft-state")).to_have_text("1 value changed")
-    write(bob, "fan_ramp_stop", "48")
+    write(bob, "fan_ramp_stop", "43")
     for page in (ada, eve):
-        expect(page.get_by_test_id("inforce-fan_ramp_stop")).to_contain_text("48")
-        expect(page.get_by_test_id("inforce-t_cell_max")).to_contain_text("50")
+        expect(page.get_by_test_id("inforce-fan_ramp_stop")).to_contain_text("43")
+        expect(page.get_by_test_id("inforce-t_cell_max")).to_contain_text("44")
     for button in ("check", "write", "store"):
         expect(eve.get_by_test_id(button)).to_be_disabled()
     eve.get_by_test_id("tab-history").click()

@@ -28,6 +28,26 @@ def test_what_the_rules_forbid_is_refused_with_the_reason_why(service, open_page
     expect(page.get_by_test_id("write-dialog")).to_have_count(0)
 
 
+def test_a_row_shows_what_is_accepted_and_a_looser_protection_asks_why(service, open_page):
+    page = open_page(f"{service.base_url}/#/parameters", quiet=False)
+    confirm(page, "store")
+    expect(page.get_by_test_id("outcome")).to_contain_text("Stored in the EEPROM")
+    row = page.get_by_test_id("param-t_cell_max")
+    expect(row).to_contain_text("0 to 60 °C")
+    field(page, "t_cell_max").fill("75")
+    expect(row).to_contain_text("outside 0 to 60 °C")
+    field(page, "t_cell_max").fill("46")
+    page.get_by_test_id("write").click()
+    expect(page.get_by_test_id("write-dialog")).to_contain_text("the master would trip later than now")
+    expect(page.get_by_test_id("confirm")).to_be_disabled()
+    page.get_by_test_id("reason").fill("measured with a second sensor")
+    page.get_by_test_id("confirm").click()
+    expect(page.get_by_test_id("outcome")).to_contain_text("The EEPROM does not hold it")
+    field(page, "t_cell_max").fill("45")
+    confirm(page, "write")  # back to what the EEPROM holds: no reason
+    expect(page.get_by_test_id("outcome")).to_contain_text("The EEPROM holds the same configuration")
+
+
 def test_a_profile_is_kept_and_taken_as_the_draft(service, open_page):
     page = open_page(f"{service.base_url}/#/parameters")
     expect(page.get_by_test_id("inforce-v_cell_chrg")).to_contain_text("4.1500")

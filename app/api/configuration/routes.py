@@ -99,6 +99,7 @@ def read(
         "stored_hash": in_force.stored_hash(),
         "age_s": in_force.age_s(),
         "findings": findings,
+        "allowed": rules.allowed_ranges(image),
     }
     return Response(orjson.dumps(body), media_type="application/json", headers={"ETag": etag})
 

@@ -44,9 +44,12 @@ class SchemaOut(BaseModel):
 
 
 class FindingOut(BaseModel):
-    """What the rules say about one element: errors block, warnings need a reason unless they stand already."""
+    """What the rules say about one element: errors block, warnings need a reason unless they stand already.
 
-    level: Literal["error", "warning"]
+    A notice is for people: the page asks for a reason, a program may write without one.
+    """
+
+    level: Literal["error", "warning", "notice"]
     code: str
     standing: bool
     field: str
@@ -69,6 +72,9 @@ class ConfigOut(BaseModel):
     values: dict[str, Any]
     raw: dict[str, RawValue]
     findings: list[FindingOut]
+    allowed: dict[str, tuple[int, int]] = Field(
+        description="lowest and highest raw count of a field that is written without an error beside the others"
+    )
 
 
 class StoredConfigOut(BaseModel):

@@ -542,6 +542,7 @@ export interface Config {
   values: Record<string, unknown>;
   raw: Record<string, number | number[] | number[][]>;
   findings: Finding[];
+  allowed: Record<string, [number, number]>;
 }
 
 /** One write in the history; `genuine` is false where its signature, or one before it, is not right. */
@@ -844,7 +845,7 @@ export interface FieldError {
 
 /** What the rules say about one element: errors block, warnings need a reason unless they stand already. */
 export interface Finding {
-  level: 'error' | 'warning';
+  level: 'error' | 'warning' | 'notice';
   code: string;
   standing: boolean;
   field: string;

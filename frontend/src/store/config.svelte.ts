@@ -115,13 +115,10 @@ class ConfigStore {
     this.outcome = {
       kind: result.verified ? 'good' : 'bad',
       title: result.verified ? title : t('Written, but the read-back differs'),
-      text:
-        n === 1
-          ? t('1 value is now in force. The EEPROM still holds the old configuration until it is stored.')
-          : t(
-              '{n} values are now in force. The EEPROM still holds the old configuration until it is stored.',
-              { n },
-            ),
+      text: [
+        n === 1 ? t('1 value is now in force.') : t('{n} values are now in force.', { n }),
+        afterRestart(this.nothingStored || this.stored !== null ? !this.unstored : null),
+      ].join(' '),
       difference: result.difference,
     };
   }
@@ -234,6 +231,14 @@ class ConfigStore {
       this.outcome = { kind: 'bad', title: problem.title, text, findings };
     }
   }
+}
+
+/** What a restart would bring, after a write. */
+function afterRestart(isStored: boolean | null): string {
+  if (isStored === null) return t('What the EEPROM holds is not known: read it again before a restart.');
+  return isStored
+    ? t('The EEPROM holds the same configuration.')
+    : t('The EEPROM does not hold it: store it to keep it after a restart.');
 }
 
 function asProblem(error: unknown): Problem {

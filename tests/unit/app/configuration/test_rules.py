@@ -131,3 +131,22 @@ def test_what_the_master_measures_is_not_overwritten_without_a_reason():
 def test_half_a_number_is_worth_a_second_look():
     image = with_tx(3, can_id=0x300, length=1, data_offsets=(2288, *[0xFFFF] * 7))
     assert ("cut", "can_tx_msg_data") in found(image, "warning")
+
+
+@pytest.mark.parametrize(
+    ("name", "looser", "tighter"),
+    [("t_cell_max", 46, 44), ("v_cell_min", 2.4, 2.6), ("i_chrg_min", -1.0, 1.0), ("i_chrg_max", 12.5, 11.5)],
+)
+def test_a_looser_limit_of_the_protection_is_noticed(name, looser, tighter):
+    def noticed(before, after, stored=None):
+        change = review_change(before, after, CONTEXT, stored)
+        assert not any(f.needs_reason for f in change if f.code == "looser"), "a program may write it without"
+        return [f.error.field for f in change if f.code == "looser"]
+
+    higher, lower = with_value(DEFAULT, name, looser), with_value(DEFAULT, name, tighter)
+    assert noticed(DEFAULT, higher) == [name]
+    assert noticed(DEFAULT, lower) == []
+    assert noticed(lower, DEFAULT) == [name]
+    assert noticed(lower, DEFAULT, stored=DEFAULT) == [], "the master would start with it"
+    assert noticed(lower, higher, stored=DEFAULT) == [name]
+    assert noticed(higher, higher) == []
