@@ -21,6 +21,6 @@ USER voltwall
 WORKDIR /data
 VOLUME /data
 EXPOSE 8000
-HEALTHCHECK --interval=30s --timeout=5s --start-period=20s CMD ["python", "-c", "import os, urllib.request; urllib.request.urlopen(f'http://127.0.0.1:{os.environ[\"VOLTWALL_PORT\"]}/api/v1/health', timeout=4)"]
+HEALTHCHECK --interval=30s --timeout=10s --start-period=30s CMD ["python", "-m", "app.service.health.probe"]
 STOPSIGNAL SIGTERM
 CMD ["voltwall", "serve"]

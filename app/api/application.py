@@ -118,7 +118,7 @@ def create_app(
     first = None if beside is None else cast(WebParts, beside.state.parts)
     authentication = Authentication(settings, clock) if first is None else first.authentication
     served = [] if first is None else first.served
-    served.append(ServedBattery(path, app, battery=service.battery, live=service.live))
+    served.append(ServedBattery(path, app, battery=service.battery, live=service.live, stalls=service.health.stalls))
     drill = None if simulated_car is None else Drill(simulated_car, settings.data, clock.wall_ns)
     if drill is not None:
         service.events.subscribe(drill.on_event)

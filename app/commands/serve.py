@@ -24,6 +24,7 @@ from app.api.web.websocket_protocol import LiveProtocol
 from app.errors import ConfigError
 from app.service import log
 from app.service.folder_lock import locked_folder
+from app.service.health.watchdog import keep_alive, notify
 from app.service.host import HighListener, raise_descriptor_limit
 from app.service.settings import FilterName, Settings
 from app.service.simulator_process import SimulatorProcess
@@ -151,11 +152,18 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
         )
         for other in others:
             _serve_beside(other, settings, partial(create_app, beside=app), stack)
-        return _run(BatterySwitch(app, app.state.parts.served[1:]) if others else app, listener, setup)
+        served = app.state.parts.served
+        switch = BatterySwitch(app, served[1:]) if others else app
+        return _run(switch, listener, setup, lambda: [stall for one in served for stall in one.stalls()])
 
 
-def _run(app: Any, listener: socket.socket, setup: Setup | None = None) -> tuple[int, int]:
-    """Serve until a signal ends it; return the exit code, AGAIN where the choice of `setup` changed, and the port."""
+def _run(
+    app: Any, listener: socket.socket, setup: Setup | None = None, stalls: Callable[[], list[Message]] = list
+) -> tuple[int, int]:
+    """Serve until a signal ends it; return the exit code, AGAIN where the choice of `setup` changed, and the port.
+
+    While `stalls` says nothing, systemd is told that the service is alive.
+    """
     address, port = listener.getsockname()[:2]
     host = f"[{address}]" if ":" in address else address
     server = _Server(
@@ -174,6 +182,7 @@ def _run(app: Any, listener: socket.socket, setup: Setup | None = None) -> tuple
             timeout_graceful_shutdown=2,
             server_header=False,
         ),
+        stalls,
     )
     if setup is not None:
         setup.on_choice = server.start_again
@@ -224,9 +233,11 @@ def _source(
 class _Server(uvicorn.Server):
     """Says where it is once it takes connections; may end to be started again."""
 
-    def __init__(self, ready: str, config: uvicorn.Config) -> None:
+    def __init__(self, ready: str, config: uvicorn.Config, stalls: Callable[[], list[Message]]) -> None:
         super().__init__(config)
         self._ready_line = ready
+        self._stalls = stalls
+        self._watchdog: asyncio.Task[None] | None = None
         self.is_again = False
 
     def start_again(self) -> None:
@@ -241,6 +252,16 @@ class _Server(uvicorn.Server):
             listener.listen(_WAIT_AT_THE_DOOR)  # in the kernel: the event loop takes but few at once
         if self.started:
             print(self._ready_line, flush=True)
+            notify("READY=1")
+            self._watchdog = asyncio.create_task(keep_alive(self._stalls))
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Tell and end."""
+        if self._watchdog is not None:
+            self._watchdog.cancel()
+        if not self.is_again:
+            notify("STOPPING=1")
+        await super().shutdown(sockets)
 
 
 def _bind(settings: Settings) -> socket.socket:

@@ -12,7 +12,10 @@ from app.sources.links.can import CanLink
 from app.sources.links.can_sender import CanSender
 from app.sources.links.serial import SerialLink
 from app.sources.master.client import MasterClient
+from app.telemetry.link_messages import link_stuck
 from app.words import Message
+
+STUCK_S = 20.0  # a thread that a driver has kept for so long does not come back; the longest honest wait is a connect
 
 
 class Links:
@@ -46,6 +49,7 @@ class Links:
         self._witnesses = buses[1:]
         self.can_sender = CanSender(self._send_can, clock)
         self.master = MasterClient(self._send_serial, clock, unread_since_ns=unread_since_ns)
+        self._clock = clock
         self._lock = threading.Lock()
         self._is_closed = False
         self._may_transmit = may_transmit
@@ -73,6 +77,14 @@ class Links:
         """Give the master's reply to the request that waits for it."""
         if output.received.reply is not None:
             self.master.on_reply(output.received.reply)
+
+    def stuck(self) -> list[Message]:
+        """Return the links whose thread hangs in its driver or has ended; a silent or unplugged one is none."""
+        named = (("rs232", self.serial), *(("can", bus) for bus in (self.can, *self._witnesses)))
+        beats = [(name, link.beat_ns) for name, link in named if link is not None]
+        now_ns = self._clock.monotonic_ns()
+        silent = [(name, (now_ns - beat_ns) / 1e9) for name, beat_ns in beats if beat_ns is not None]
+        return [link_stuck(name, silent_s) for name, silent_s in silent if silent_s > STUCK_S]
 
     @property
     def transmit_hindrance(self) -> Message | None:

@@ -21,6 +21,7 @@ from app.words import Message, Quantity, named_as_here
 log = logging.getLogger(__name__)
 TICK_S = 1.0  # without anything new there is a snapshot this often
 STALL_S = 3 * TICK_S  # without a snapshot for so long, the pipeline stands still
+STUCK_S = 20.0  # a thread that has worked on one item for so long does not come back
 LATE_S = 2.0  # an item that has waited this long is worked on, but not always shown ...
 LATE_SHOWN_S = 0.2  # ... only the newest in each of these times
 DRAIN_S = 2.0  # after the links were closed; what still waits then is recorded and not estimated any more
@@ -69,6 +70,7 @@ class PipelineThread:
         self._after_publishing = after_publishing
         self._failures = Failures(clock)
         self._drained_ns: int | None = None  # once it ends: only recorded from then on
+        self._beat_ns: int | None = None  # when the thread last took or awaited an item, by the clock
         self._published_ns = 0  # by the items' time
         self._shown_ns = 0  # by the clock's
         self._thread = threading.Thread(target=named_as_here(self._run), name="pipeline", daemon=True)
@@ -132,10 +134,22 @@ class PipelineThread:
         """Return what is wrong with the pipeline; empty while all is well."""
         if self.snapshot is None:
             return [Message("no-snapshot")]
-        silent_s = (self._clock.monotonic_ns() - self.snapshot.t_mono_ns) / 1e9
-        stall = [Message("no-snapshot-for", time=Quantity(silent_s, "s", 0))] if silent_s > STALL_S else []
         failure = [] if self._failures.reason is None else [self._failures.reason]
-        return stall + failure
+        return self.silence() + failure
+
+    def silence(self) -> list[Message]:
+        """Return since when there is no snapshot; empty while there are, and before the first one."""
+        if self.snapshot is None:
+            return []
+        silent_s = (self._clock.monotonic_ns() - self.snapshot.t_mono_ns) / 1e9
+        return [Message("no-snapshot-for", time=Quantity(silent_s, "s", 0))] if silent_s > STALL_S else []
+
+    def stuck(self) -> list[Message]:
+        """Return since when the thread hangs in one item or has ended; one that is only late is not stuck."""
+        if self._beat_ns is None:
+            return []
+        silent_s = (self._clock.monotonic_ns() - self._beat_ns) / 1e9
+        return [Message("no-snapshot-for", time=Quantity(silent_s, "s", 0))] if silent_s > STUCK_S else []
 
     def _run(self) -> None:
         while not self._inbox.is_finished:
@@ -143,6 +157,7 @@ class PipelineThread:
 
     def step(self, timeout_s: float) -> None:
         """Work on the next item, wait for it so long; publish the ages where nothing was published for a second."""
+        self._beat_ns = self._clock.monotonic_ns()
         due_ns = self._pipeline.due_ns
         if due_ns is not None:
             timeout_s = min(timeout_s, max(0.0, (due_ns - self._clock.monotonic_ns()) / 1e9))

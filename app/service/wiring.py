@@ -33,7 +33,7 @@ from app.season.cells.keeper import SeasonKeeper
 from app.season.keeper import SeasonLake
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
-from app.service.health import Health
+from app.service.health.checks import Health
 from app.service.host import is_clock_synchronised
 from app.service.inbox import Inbox
 from app.service.learned_state_saver import LearnedStateSaver
@@ -325,7 +325,7 @@ def make_service(
         commands=MasterCommands(links, events),
         learned_state=learned_state,
         mqtt=mqtt,
-        health=Health(live, recorder, events, mqtt, clock),
+        health=Health(live, links, recorder, events, mqtt, clock),
         state=ServiceStateReader(recorder, replay, events, in_force, clock),
         workers=workers,
         jobs=jobs,

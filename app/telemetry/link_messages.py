@@ -1,7 +1,7 @@
 """What is told of a link that is not live."""
 
 from app.telemetry.events import LinkName, LinkStatus
-from app.words import Message, Text
+from app.words import Message, Quantity, Text
 
 LATE: dict[LinkName, Message] = {"rs232": Message("rs232-late"), "can": Message("can-late")}
 SILENT: dict[LinkName, Message] = {"rs232": Message("rs232-silent"), "can": Message("can-silent")}
@@ -12,6 +12,12 @@ def link_lost(link: LinkName, error: Text | None) -> Message:
     """What is told of a link that was lost."""
     why = error or Message("link-closed")
     return Message("rs232-lost", error=why) if link == "rs232" else Message("can-lost", error=why)
+
+
+def link_stuck(link: str, silent_s: float) -> Message:
+    """What is told of a link whose thread its driver has not given back for so long [s]."""
+    time = Quantity(silent_s, "s", 0)
+    return Message("rs232-stuck", time=time) if link == "rs232" else Message("can-stuck", time=time)
 
 
 def link_trouble(link: LinkName, status: LinkStatus) -> Message | None:

@@ -46,7 +46,8 @@ def test_a_port_that_does_not_exist_is_said_in_words(make_service, tmp_path):
     assert snapshot["accumulator"]["voltage_v"] is None
     with service.client() as client:
         health = client.get("/health").json()
-        assert health["status"] == "degraded"
+        assert health["status"] == "failing"
+        assert client.get("/health", params={"strict": True}).status_code == 503
         assert client.get("/config").status_code == 503
         assert "never read" in client.get("/can/dbc").text
         assert client.put("/config", json={"values": {"ts": 50}}, headers={"If-Match": '"x"'}).status_code == 503

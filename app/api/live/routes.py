@@ -20,11 +20,16 @@ LOOK_S = 1.0  # after which a reader that was logged out gets no more
 
 
 @router.get("/health", response_model=HealthOut)
-async def health(live: LivePart, health: HealthPart) -> dict[str, Any]:
-    """Whether the service does its work; `reasons` says in words what is missing."""
-    reasons = health.problems()
+async def health(live: LivePart, health: HealthPart, response: Response, strict: bool = False) -> dict[str, Any]:
+    """Whether the service does its work; `reasons` says in words what is missing.
+
+    `failing`: nothing comes from the battery, or nothing gets onto the disk; with `strict` the answer is 503 then.
+    """
+    reasons, is_failing = health.problems(), bool(health.failures())
+    if strict and is_failing:
+        response.status_code = 503
     return {
-        "status": "degraded" if reasons else "ok",
+        "status": "failing" if is_failing else "degraded" if reasons else "ok",
         "version": __version__,
         "uptime_s": round(health.uptime_s, 3),
         "source": live.source,

@@ -34,7 +34,7 @@ class ProblemOut(BaseModel):
 class HealthOut(BaseModel):
     """Whether the service does its work; `reasons` says what is missing."""
 
-    status: Literal["ok", "degraded"]
+    status: Literal["ok", "degraded", "failing"]
     version: str
     uptime_s: float
     source: Literal["simulator", "serial", "can", "replay"]

@@ -1,6 +1,6 @@
 """Several batteries behind one address: `/` is the first, `/beside/NAME/` each other, with all pages and routes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from starlette.responses import RedirectResponse
@@ -8,7 +8,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.service.pipeline_thread import PipelineThread
 from app.sources.loaded_battery import LoadedBattery
-from app.words import naming_cells
+from app.words import Message, naming_cells
 
 FIRST = "/"
 
@@ -21,6 +21,7 @@ class ServedBattery:
     app: ASGIApp
     battery: LoadedBattery
     live: PipelineThread
+    stalls: Callable[[], list[Message]]  # what of it stands still
 
 
 class BatterySwitch:

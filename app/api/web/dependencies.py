@@ -26,7 +26,7 @@ from app.season.cells.keeper import SeasonKeeper
 from app.season.keeper import SeasonLake
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
-from app.service.health import Health
+from app.service.health.checks import Health
 from app.service.host import ClockWatch
 from app.service.links import Links
 from app.service.master_commands import MasterCommands

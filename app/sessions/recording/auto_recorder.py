@@ -82,6 +82,7 @@ class AutoRecorder:
         self._config: bytes | None = None
         self._status: tuple[float, RecorderStatus] | None = None
         self._reported: Message | str | None = None
+        self.start_failure: Message | None = None  # why nothing is recorded although the master speaks
         self._session_id: str | None = None
 
     @property
@@ -214,7 +215,9 @@ class AutoRecorder:
             return
         try:
             self.start()
+            self.start_failure = None
         except AppError as error:
+            self.start_failure = error.message
             self._retry_ns = t_mono_ns + int(RETRY_S * 1e9)
             if self._reported != error.message:
                 self._reported = error.message

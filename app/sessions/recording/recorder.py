@@ -34,6 +34,7 @@ logger = logging.getLogger(__name__)
 COMMIT_S = 0.3  # with the time that the commit takes, at most 0.5 s of a session are not on the disk
 CLOCK_STEP_NS = 50_000_000  # the wall clock moved by more than this against the monotonic one: noted
 PAUSE_S = 0.05  # between two commits at least
+STUCK_S = 10.0  # a disk that has taken nothing for so long, and not said why
 _START, _STOP = "start", "stop"
 _CONTENT = ("frames", "can_frames", "markers")
 
@@ -83,6 +84,7 @@ class Recorder:
         self._error: Message | None = None
         self._free: int | None = None
         self._committed_s = time.monotonic()  # when the thread last did
+        self._waiting_s = self._committed_s  # since when the oldest item waits, at the latest
         self._writer: SessionWriter | None = None  # the thread's
         self._batch: list[TableRow] = []  # the thread's
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -176,6 +178,9 @@ class Recorder:
             session, error, free = self._session, self._error, self._free
             queue = (self._queued_items, self._queued_bytes, self._lost)
             counts, gone = self._counts.copy(), self._gone.copy()
+            waited_s = time.monotonic() - self._waiting_s if self._queued_items else 0.0
+        if error is None and waited_s > STUCK_S:
+            error = Message("disk-silent", time=Quantity(waited_s, "s", 0))
         warning = None
         if session is not None:
             session = up_to_now(session, counts, self._clock.monotonic_ns())
@@ -263,6 +268,8 @@ class Recorder:
         self._append((_STOP, (t_mono_ns, t_wall_ns, self._keeps_empty or has_content)), 0)
 
     def _append(self, item: TableRow, size: int) -> None:
+        if not self._queued_items:
+            self._waiting_s = time.monotonic()
         self._pending.append(item)
         self._queued_items += 1
         self._queued_bytes += size + ROW_BYTES
@@ -399,7 +406,7 @@ class Recorder:
             logger.info("session %s is %d MB long and goes on as %s", session.id, limit >> 20, following.id)
 
     def _finish(self, n: int, reported: int = 0) -> None:
-        self._committed_s = time.monotonic()
+        self._committed_s = self._waiting_s = time.monotonic()
         finished, self._batch = self._batch[:n], self._batch[n:]
         size = sum(payload_bytes(item) + ROW_BYTES for item in finished)
         with self._lock:

@@ -85,6 +85,7 @@ class CanLink:
         self._stopping = threading.Event()
         self._sending = threading.Lock()
         self._bus: can.BusABC | None = None
+        self.beat_ns: int | None = None  # when the thread was last seen at work; None before it starts
         self._thread = threading.Thread(target=self._run, name="can", daemon=True)
 
     def start(self) -> None:
@@ -101,6 +102,7 @@ class CanLink:
         backoff = Backoff()
         self._report("connecting")
         while not self._stopping.is_set():
+            self.beat_ns = self._clock.monotonic_ns()
             try:
                 bus = open_bus(self._arguments)
             except Exception as error:  # noqa: BLE001  every driver raises its own
@@ -127,6 +129,7 @@ class CanLink:
         self._report_fault(watch)
         while not self._stopping.is_set():
             message = bus.recv(_POLL_S)
+            self.beat_ns = self._clock.monotonic_ns()
             if message is not None and message.is_error_frame:
                 watch.on_error_frame(message)
                 self._report_fault(watch)

@@ -52,6 +52,7 @@ class SerialLink:
         self._port: serial.Serial | None = None
         self._write_lock = threading.Lock()
         self._stopping = threading.Event()
+        self.beat_ns: int | None = None  # when the thread was last seen at work; None before it starts
         self._thread = threading.Thread(target=self._run, name="rs232", daemon=True)
 
     def start(self) -> None:
@@ -90,6 +91,7 @@ class SerialLink:
     def _run(self) -> None:
         self._report("connecting")
         while not self._stopping.is_set():
+            self.beat_ns = self._clock.monotonic_ns()
             try:
                 port = serial.serial_for_url(
                     self.url,
@@ -126,7 +128,7 @@ class SerialLink:
         self.stream(on=self.streams)
         while not self._stopping.is_set():
             data = read()
-            now_ns = self._clock.monotonic_ns()
+            now_ns = self.beat_ns = self._clock.monotonic_ns()
             if data:
                 on_data()
                 wall_ns = self._clock.wall_ns()

@@ -918,7 +918,7 @@ export interface Head {
 
 /** Whether the service does its work; `reasons` says what is missing. */
 export interface Health {
-  status: 'ok' | 'degraded';
+  status: 'ok' | 'degraded' | 'failing';
   version: string;
   uptime_s: number;
   source: 'simulator' | 'serial' | 'can' | 'replay';

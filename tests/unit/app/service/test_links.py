@@ -5,11 +5,12 @@ import pytest
 from app.clock import Clock
 from app.errors import LinkLost
 from app.live.pipeline import Output
-from app.service.links import Links
+from app.service.links import STUCK_S, Links
 from app.sources.source import Received
 from app.words import Message
 from firmware_protocol.framing import decode_chunk
 from firmware_protocol.messages import MessageType, Reply, Result
+from tests.fake_clock import FakeClock
 
 
 def links(serial_url=None, can_url=None, *, may_transmit=False):
@@ -60,3 +61,17 @@ def test_closed_links_are_not_opened():
     made.close()
     made.open()
     assert not made.serial._thread.is_alive()
+
+
+def test_links_are_stuck_whose_thread_their_driver_keeps():
+    clock = FakeClock()
+    made = Links("loop://", "virtual:test", lambda item: None, clock, may_transmit=True)
+    assert made.stuck() == [], "not opened yet"
+    made.serial.beat_ns = made.can.beat_ns = clock.monotonic_ns()
+    clock.advance(STUCK_S - 1)
+    made.can.beat_ns = clock.monotonic_ns()
+    assert made.stuck() == []
+    clock.advance(2)
+    assert [found.code for found in made.stuck()] == ["rs232-stuck"]
+    clock.advance(STUCK_S)
+    assert [found.code for found in made.stuck()] == ["rs232-stuck", "can-stuck"]

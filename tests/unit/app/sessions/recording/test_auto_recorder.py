@@ -136,10 +136,12 @@ def test_a_folder_that_takes_nothing_is_told_once_and_tried_again(make, pipeline
     play(recorder, pipeline, master, 30)
     assert recorder.session is None
     assert codes(events) == ["recording-failed"]
+    assert recorder.start_failure == events[0].message
     folder.unlink()
     master.advance(10_000)
     play(recorder, pipeline, master, 1)
     assert recorder.session is not None
+    assert recorder.start_failure is None
 
 
 def test_a_wall_clock_that_is_set_does_not_end_a_session(make, pipeline, master, tmp_path):

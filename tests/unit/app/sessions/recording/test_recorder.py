@@ -1,6 +1,7 @@
 import json
 import logging
 import sqlite3
+import threading
 from contextlib import closing
 from pathlib import Path
 
@@ -265,3 +266,25 @@ def test_frames_are_committed_while_a_chunk_is_packed(recorder: Recorder, stream
     with SessionFile(info.path) as session:
         assert session.problems() == []
         assert session.info.frames == 23
+
+
+def test_a_disk_that_hangs_is_told_and_so_is_its_return(recorder: Recorder, stream, monkeypatch) -> None:
+    hanging, go_on = threading.Event(), threading.Event()
+
+    def write(self, items):
+        hanging.set()
+        assert go_on.wait(30)
+        return real_write(self, items)
+
+    real_write = session_writer.SessionWriter.write
+    monkeypatch.setattr(session_writer.SessionWriter, "write", write)
+    recorder.start()
+    stream.feed(recorder, 3)
+    assert hanging.wait(30)
+    assert recorder.status.error is None, "not long enough to be told"
+    monkeypatch.setattr(module, "STUCK_S", 0.0)
+    status = recorder.status
+    assert (status.state, status.error.code) == (RecorderState.STALLED, "disk-silent")
+    go_on.set()
+    recorder.flush(30)
+    assert recorder.status.error is None

@@ -1,0 +1,66 @@
+"""Whether the service does its work."""
+
+from app.clock import Clock
+from app.service.events import Events
+from app.service.links import Links
+from app.service.mqtt.publisher import MqttPublisher
+from app.service.pipeline_thread import PipelineThread
+from app.sessions.recording.auto_recorder import AutoRecorder
+from app.telemetry.link_messages import link_trouble
+from app.words import Message
+
+
+class Health:
+    """Asks every part that can fail.
+
+    Three questions, each stricter than the next: is anything missing (`problems`), does nothing come from the battery
+    or go to the disk (`failures`), and does a part stand still that only a restart brings back (`stalls`)?
+    """
+
+    def __init__(
+        self,
+        live: PipelineThread,
+        links: Links,
+        recorder: AutoRecorder,
+        events: Events,
+        mqtt: MqttPublisher | None,
+        clock: Clock,
+    ) -> None:
+        self._live = live
+        self._links = links
+        self._recorder = recorder
+        self._events = events
+        self._mqtt = mqtt
+        self._clock = clock
+        self._started_s = clock.monotonic_s()
+
+    @property
+    def uptime_s(self) -> float:
+        """Seconds since the service was made."""
+        return self._clock.monotonic_s() - self._started_s
+
+    def problems(self) -> list[Message]:
+        """Return what is missing; empty while all is well."""
+        mqtt = None if self._mqtt is None else self._mqtt.problem
+        others = [self._recorder.status.warning, self._events.store.error, mqtt]
+        found = [*self._live.problems(), *self.failures(), *others]
+        return list(dict.fromkeys(problem for problem in found if problem is not None))
+
+    def failures(self) -> list[Message]:
+        """Return why nothing is shown or recorded: links, recorder, pipeline. A master that is switched off is one."""
+        snapshot = self._live.snapshot
+        links = [] if snapshot is None else [link_trouble(name, status) for name, status in snapshot.links.items()]
+        found = [
+            *self._live.silence(),
+            *self.stalls(),
+            *links,
+            self._recorder.status.error,
+            self._recorder.start_failure,
+        ]
+        return list(dict.fromkeys(failure for failure in found if failure is not None))
+
+    def stalls(self) -> list[Message]:
+        """Return what stands still for good: threads of pipeline, links, recorder. Nothing that waits for the car."""
+        recorder = self._recorder.status.error
+        silent = [recorder] if recorder is not None and recorder.code == "disk-silent" else []
+        return [*self._live.stuck(), *self._links.stuck(), *silent]
