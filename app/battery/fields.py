@@ -83,6 +83,7 @@ TABLES: dict[str, tuple[Field, ...]] = {
         Field("segments", "counts", "cells of each segment, in the order in which cells are counted; segments may differ", "", "cells", 1, MOST_CELLS),  # noqa: E501
         Field("parallel", "count", "cells in parallel that are measured as one", "1", "cells", 1, 1000),
         Field("cell", "text", "cell file, or name of a bundled cell: the model of what is measured as one", f"`{DEFAULT_CELL}`"),  # noqa: E501
+        Field("bleed_ohm", "number", "resistor that what is measured as one is bled through while it is balanced; without it the season tells volt-seconds bled, and no charge", "not known", "ohm", 0.01, 10_000),  # noqa: E501
     ),
     "battery.drawing": (
         Field("rows", "count", "rows of segments on the map", "1", low=1, high=100),

@@ -120,6 +120,7 @@ def _battery(document: Document) -> Battery:
         segments=segments,
         parallel=table.count("parallel", 1),
         cell=table.text("cell", DEFAULT_CELL),
+        bleed_ohm=table.optional_number("bleed_ohm"),
         drawing=_drawing(_table(document, "battery.drawing"), len(segments)),
         sensors=_sensors(_table(document, "battery.temperatures"), segments),
         limits={name: limit for name in LIMITS if (limit := limits.limit(name)) is not None},

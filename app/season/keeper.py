@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import subprocess
+import tempfile
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -39,10 +41,11 @@ class SeasonLake:
         """Keep the lake of a data folder at `place`, a folder or URL, or in `lake` of it."""
         self.place = place or str(data / "lake")
         self._data = data
-        self._builds = builds and not self.missing
+        self.builds = builds and not self.missing
         self._wanted, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="season", daemon=True)
         self._process: subprocess.Popen[str] | None = None
+        self._built_s = 0.0
         self._asking = threading.Lock()
         self._asked: subprocess.Popen[bytes] | None = None
 
@@ -53,8 +56,8 @@ class SeasonLake:
 
     def start(self) -> None:
         """Begin; what was closed after the last build is built."""
-        if self._builds:
-            if self._is_behind():
+        if self.builds:
+            if self._is_behind(self._data.joinpath("sessions").glob(f"*{SUFFIX}")):
                 self._wanted.set()
             self._thread.start()
 
@@ -68,6 +71,16 @@ class SeasonLake:
             process.terminate()
         if self._thread.is_alive():
             self._thread.join(END_S)
+
+    @property
+    def is_building(self) -> bool:
+        """Whether sessions are on their way into the lake."""
+        return self.builds and (self._wanted.is_set() or self._process is not None)
+
+    def update(self, closed: Iterable[Path]) -> None:
+        """Build where one of these sessions has changed since the last build began."""
+        if self.builds and not self.is_building and self._is_behind(closed):
+            self._wanted.set()
 
     def on_event(self, event: Event) -> None:
         """Build where a session was closed."""
@@ -126,12 +139,11 @@ class SeasonLake:
         answer: dict[str, Any] = json.loads(told)
         return answer
 
-    def _is_behind(self) -> bool:
-        """Whether a session has changed since the last build began, by the clock of the disk; of a URL: not known."""
+    def _is_behind(self, sessions: Iterable[Path]) -> bool:
+        """Whether one has changed since the last build began, by the clock of the disk; of a URL: by the last here."""
         mark = Path(self.place) / ".lock"
         try:
-            built_s = mark.stat().st_mtime if mark.is_file() else 0.0
-            sessions = self._data.joinpath("sessions").glob(f"*{SUFFIX}")
+            built_s = max(self._built_s, mark.stat().st_mtime if mark.is_file() else 0.0)
             return any(path.stat().st_mtime > built_s for path in sessions)
         except OSError:
             return False
@@ -146,8 +158,11 @@ class SeasonLake:
                 self._build()
             except (OSError, AppError) as error:
                 log.warning("season lake: %s", error)
+            finally:
+                self._process = None
 
     def _build(self) -> None:
+        self._built_s = _disk_s(self._data)
         arguments = _command(["build", "--background", "--data", str(self._data), "--lake", self.place])
         self._process = subprocess.Popen(arguments, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         if self._ending.is_set():
@@ -155,6 +170,12 @@ class SeasonLake:
         _, said = self._process.communicate()
         if said.strip() and not self._ending.is_set():
             log.warning("season lake: %s", said.strip())
+
+
+def _disk_s(folder: Path) -> float:
+    """Return what the disk takes for now."""
+    with tempfile.TemporaryFile(dir=folder) as file:
+        return os.fstat(file.fileno()).st_mtime
 
 
 def _end(process: subprocess.Popen[bytes], is_late: threading.Event) -> None:

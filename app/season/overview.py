@@ -13,7 +13,7 @@ from app.analysis.passport.history import CAPACITY_LOW, RESISTANCE_HIGH, SELF_DI
 from app.analysis.totals import listed, number
 from app.estimation.arrays import FloatArray
 from app.season.cells.ageing import ageing
-from app.season.cells.history import DAY_S, CellHistory
+from app.season.cells.history import DAY_S, CellHistory, row_median
 from app.season.cells.trend import Line, Step, lines, steps
 from app.season.trends import (
     MONTH_DAYS,
@@ -21,7 +21,6 @@ from app.season.trends import (
     SeasonStep,
     SeasonTrend,
     groups_of,
-    row_median,
     step_of,
     trend_of,
 )

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from app.estimation.arrays import FloatArray
-from app.season.cells.history import CellHistory
+from app.season.cells.history import CellHistory, row_median
 from app.season.cells.trend import Line, Step, line, steps
 
 MONTH_DAYS: Final = 365.25 / 12
@@ -120,11 +120,6 @@ def step_of(step: Step | None, history: CellHistory) -> SeasonStep | None:
         return None
     at = step.at
     return SeasonStep(history.sessions[at], float(history.start_s[at]), step.size, step.low, step.high, step.p)
-
-
-def row_median(values: FloatArray) -> FloatArray:
-    """Return (n,) medians of the known values of each row of (n, cells)."""
-    return np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else np.nan for row in values])
 
 
 def _quantities(history: CellHistory, columns: FloatArray) -> list[SeasonQuantity]:

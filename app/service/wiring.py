@@ -5,6 +5,7 @@ pipeline to the listeners, which are called in the order in which they stand her
 """
 
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -29,7 +30,7 @@ from app.live.can_trace import CanTrace
 from app.live.hub import Hub
 from app.live.learned_state import learned_file, load_learned_state
 from app.live.pipeline import Output
-from app.season.cells.keeper import SeasonKeeper
+from app.season.cells.history import SeasonSource
 from app.season.keeper import SeasonLake
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
@@ -79,7 +80,7 @@ class Service:
     catalogue: Catalogue
     retention: Retention
     season: SeasonLake
-    season_cells: SeasonKeeper
+    season_source: Callable[[], SeasonSource]
     fetches: FetchJobs
     followers: Followers
     imports: ImportJobs
@@ -126,7 +127,6 @@ class Service:
         self.live.stop()
         self.learned_state.save()
         self.jobs.shutdown(wait=True, cancel_futures=True)
-        self.season_cells.close()
         self.passports.close()
         self.black_boxes.close()
         self.recorder.close()
@@ -209,7 +209,7 @@ def make_service(
         catalogue,
         pipelines.cell,
         battery=battery.battery,
-        simulated=source == "simulator",
+        simulated=is_simulated,
         also=lambda session: keep_black_boxes(session, black_boxes.store),
     )
 
@@ -309,7 +309,9 @@ def make_service(
         catalogue=catalogue,
         retention=retention,
         season=season,
-        season_cells=SeasonKeeper(data, catalogue, passports, pipelines.cell),
+        season_source=lambda: SeasonSource(
+            season.place, battery.battery, is_simulated, pipelines.cell, tuple(passports.swaps())
+        ),
         fetches=FetchJobs(sessions_folder, catalogue, events.note, clock),
         followers=Followers(followers),
         imports=ImportJobs(data, pipelines.for_import, events.note, workers, battery),

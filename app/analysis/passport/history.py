@@ -208,39 +208,28 @@ def _self_discharge(
     before: SessionRecord, after: SessionRecord, soc_at: Callable[[FloatArray], FloatArray]
 ) -> tuple[FloatArray, float] | None:
     """Charge lost beyond the median cell between two rests, and the days between them."""
-    pause = lost_between(before, after, soc_at)
-    return None if pause is None else (pause[0] - float(np.median(pause[0][np.isfinite(pause[0])])), pause[1])
-
-
-def lost_between(
-    before: SessionRecord, after: SessionRecord, soc_at: Callable[[FloatArray], FloatArray]
-) -> tuple[FloatArray, float] | None:
-    """Return (n_cells,) SOC lost between the rests of two sessions and the days between them; None where it was used.
-
-    Args:
-        before: the earlier one.
-        after: the next one.
-        soc_at: SOC of rested cells by their voltage [V], where a record does not say.
-    """
     if before.last_rest_s is None or after.first_rest_s is None:
         return None
+    last = soc_at(before.last_rest_v) if before.last_rest_soc is None else before.last_rest_soc
+    first = soc_at(after.first_rest_v) if after.first_rest_soc is None else after.first_rest_soc
     gap_s = after.first_rest_s - before.last_rest_s
-    if gap_s < REST_GAP_S:
-        return None
-    moved = rested_soc(before, "last", soc_at) - rested_soc(after, "first", soc_at)
-    known = moved[np.isfinite(moved)]
-    if not known.size or abs(float(np.median(known))) > REST_MOVED_MAX:
-        return None
-    return moved, gap_s / DAY_S
+    lost = lost_in_pause(last, first, gap_s)
+    return None if lost is None else (lost - float(np.nanmedian(lost)), gap_s / DAY_S)
 
 
-def rested_soc(
-    record: SessionRecord, which: Literal["first", "last"], soc_at: Callable[[FloatArray], FloatArray]
-) -> FloatArray:
-    """Return (n_cells,) SOC at the first or last rest of a session, by the cell file of then where it is kept."""
-    if which == "first":
-        return soc_at(record.first_rest_v) if record.first_rest_soc is None else record.first_rest_soc
-    return soc_at(record.last_rest_v) if record.last_rest_soc is None else record.last_rest_soc
+def lost_in_pause(last_soc: FloatArray, first_soc: FloatArray, gap_s: float) -> FloatArray | None:
+    """Return (n_cells,) SOC lost in a pause; None where it is too short, or the pack was used or charged meanwhile.
+
+    Args:
+        last_soc: (n_cells,) at the rest before it.
+        first_soc: (n_cells,) at the rest after it.
+        gap_s: from one rest to the other.
+    """
+    lost = last_soc - first_soc
+    known = lost[np.isfinite(lost)]
+    if not gap_s >= REST_GAP_S or not known.size or abs(float(np.median(known))) > REST_MOVED_MAX:
+        return None
+    return lost
 
 
 def _row_median(values: FloatArray) -> FloatArray:

@@ -179,13 +179,16 @@ class PassportKeeper(NewSessions):
     def passports(self) -> Passports:
         """Return the life of every cell, out of what has been read."""
         records = self.records()
-        swaps = [Swap(swap.time_s, tuple(swap.cells), swap.note) for swap in self.store.swaps()]
         with naming_cells(self.battery.segments):
-            return passports(records, swaps, self._cell.capacity_ah, self._cell.ocv.soc_at, self.battery.n_cells)
+            return passports(records, self.swaps(), self._cell.capacity_ah, self._cell.ocv.soc_at, self.battery.n_cells)
 
     def records(self) -> list[SessionRecord]:
         """Return what each session told, the oldest first."""
         return [_from_json(body) for body in self.store.records()]
+
+    def swaps(self) -> list[Swap]:
+        """Return the swaps of modules, in the order in which they were told."""
+        return [Swap(swap.time_s, tuple(swap.cells), swap.note) for swap in self.store.swaps()]
 
     def swap(self, cells: list[int], time_s: float, note: str, who: str | None) -> None:
         """Record that modules were swapped; from then on their cells begin a new line.

@@ -6,19 +6,26 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Query, Response
 from pydantic import Field
 
-from app import __version__
-from app.api.web.dependencies import CataloguePart, ClockPart, EventsPart, SeasonCellsPart, UserDep
+from app.api.web.dependencies import (
+    CataloguePart,
+    ClockPart,
+    EventsPart,
+    SeasonPart,
+    SeasonSourcePart,
+    SettingsPart,
+    UserDep,
+    WorkersPart,
+)
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
 from app.battery.fields import MOST_CELLS
-from app.season.cells.compare import SeasonCellDifference, SeasonDifference, compare
-from app.season.cells.keeper import SeasonKeeper
+from app.season.answers import LIMITS, comparison_at, curves_at, overview_at, report_at, without_at
+from app.season.cells.compare import SeasonCellDifference, SeasonDifference
 from app.season.estimates.changes import EstimateChange, changes
-from app.season.estimates.results import EstimateSet
-from app.season.matching.places import WithoutModule, without
-from app.season.modules import modules_of
-from app.season.overview import SeasonOverview, overview_of
-from app.season.report import SeasonCellCurves, SeasonSession, curves_of, season_document, season_report, session_of
+from app.season.estimates.results import EstimateSet, Results
+from app.season.matching.places import WithoutModule
+from app.season.overview import SeasonOverview
+from app.season.report import SeasonCellCurves, SeasonSession, session_of
 from app.season.tags import LONGEST, NAMES, matches, write_tags
 from app.sessions.info import SessionInfo
 from app.words import Message
@@ -29,12 +36,12 @@ Words = Annotated[str, Query(max_length=200, description="words of names and tag
 
 @dataclass(frozen=True)
 class Season:
-    """The sessions that match, the oldest first, and what they say; `reading` of `to_read` while more are read."""
+    """The sessions of the lake that match, the oldest first, and what they say; `to_read` are on their way into it."""
 
     sessions: list[SeasonSession]
     all_sessions: int
-    reading: int
     to_read: int
+    is_kept: bool  # this service brings its lake up to date
     tag_names: list[str]
     overview: SeasonOverview
 
@@ -73,49 +80,63 @@ class NewTags(Body):
     tags: dict[Annotated[str, Field(max_length=20)], Annotated[str, Field(max_length=LONGEST)]]
 
 
-def _chosen(season: SeasonKeeper, words: str) -> list[SessionInfo]:
-    known = season.passports.store.known()
-    return [info for info in reversed(season.catalogue.list()) if info.id in known and matches(info, words)]
+def _chosen(catalogue: CataloguePart, words: str) -> list[SessionInfo]:
+    return [info for info in reversed(catalogue.list()) if matches(info, words)]
+
+
+def _ids(infos: list[SessionInfo]) -> set[str]:
+    return {info.id for info in infos}
 
 
 @router.get("")
-def season_now(season: SeasonCellsPart, words: Words = "") -> Season:
-    """The season; sessions that are new are read and estimated in the background meanwhile."""
-    season.update()
-    chosen = _chosen(season, words)
-    history = season.history().only({info.id for info in chosen})
-    reading, to_read = season.progress
+def season_now(
+    source: SeasonSourcePart, season: SeasonPart, catalogue: CataloguePart, workers: WorkersPart, words: Words = ""
+) -> Season:
+    """The season, out of the lake; sessions that are new or have changed are built in the background meanwhile."""
+    closed = [info for info in catalogue.list() if info.is_closed]
+    season.update(info.path for info in closed)
+    chosen = _chosen(catalogue, words)
+    in_lake, overview = workers.run(LIMITS, overview_at, source, _ids(chosen))
+    known = set(in_lake)
+    lacking = [info for info in closed if info.id not in known and source.may_hold(info)]
     return Season(
-        [session_of(info) for info in chosen],
-        len(season.passports.store.known()),
-        reading,
-        to_read,
+        [session_of(info) for info in chosen if info.id in known],
+        len(known),
+        len(lacking) if season.is_building else 0,
+        season.builds,
         list(NAMES),
-        overview_of(history, season.passports.battery.segments),
+        overview,
     )
 
 
 @router.get("/cells/{cell}")
 def season_cell(
-    cell: Annotated[int, Path(ge=0, lt=MOST_CELLS)], season: SeasonCellsPart, words: Words = ""
+    cell: Annotated[int, Path(ge=0, lt=MOST_CELLS)],
+    source: SeasonSourcePart,
+    catalogue: CataloguePart,
+    workers: WorkersPart,
+    words: Words = "",
 ) -> SeasonCellCurves:
     """Resistance and capacity of one cell over the season, with the band of its ageing, also 90 days ahead."""
-    if cell >= season.passports.battery.n_cells:
-        raise invalid("cell", cell, f"0..{season.passports.battery.n_cells - 1}")
-    return curves_of(season.history().only({info.id for info in _chosen(season, words)}), cell)
+    if cell >= source.battery.n_cells:
+        raise invalid("cell", cell, f"0..{source.battery.n_cells - 1}")
+    return workers.run(LIMITS, curves_at, source, _ids(_chosen(catalogue, words)), cell)
 
 
 @router.get("/compare")
-def season_compare(season: SeasonCellsPart, a: Words = "", b: Words = "") -> SeasonComparison:
+def season_compare(
+    source: SeasonSourcePart, catalogue: CataloguePart, workers: WorkersPart, a: Words = "", b: Words = ""
+) -> SeasonComparison:
     """Two groups of sessions against each other, by words as in the search; a session of both counts in A alone."""
-    first = {info.id for info in _chosen(season, a)}
-    second = {info.id for info in _chosen(season, b)} - first
-    return SeasonComparison(len(first), len(second), *compare(season.history(), first, second))
+    first = _ids(_chosen(catalogue, a))
+    second = _ids(_chosen(catalogue, b)) - first
+    return SeasonComparison(*workers.run(LIMITS, comparison_at, source, first, second))
 
 
 @router.get("/without")
 def season_without(
-    season: SeasonCellsPart,
+    source: SeasonSourcePart,
+    workers: WorkersPart,
     cells: Annotated[
         str, Query(max_length=400, pattern=r"^\d{1,4}(,\d{1,4})*$", description="indices from 0, as 30,31")
     ],
@@ -123,27 +144,26 @@ def season_without(
 ) -> SeasonWithout:
     """What the accumulator would be without some modules."""
     removed = sorted({int(part) for part in cells.split(",")})
-    n_cells = season.passports.battery.n_cells
+    n_cells = source.battery.n_cells
     if removed[-1] >= n_cells or len(removed) >= n_cells:
         raise invalid("cells", cells, f"some of 0..{n_cells - 1}, not all")
-    modules = modules_of(season.history())
-    found = without(removed, modules.capacity_ah, modules.capacity_sigma_ah, modules.resistance_ohm, current_a)
-    return SeasonWithout(found, modules.has_capacity)
+    return SeasonWithout(*workers.run(LIMITS, without_at, source, removed, current_a))
 
 
 @router.get("/changes")
 def season_changes(
-    season: SeasonCellsPart,
+    settings: SettingsPart,
     after: Annotated[str, Query(max_length=200)] = "",
     before: Annotated[str, Query(max_length=200)] = "",
 ) -> SeasonChanges:
     """What `voltwall season estimate` changed: a set of results against another; by default the newest two."""
-    sets = season.results.sets()
+    results = Results(settings.data)
+    sets = results.sets()
     names = [each.id for each in sets]
-    new = season.results.find(after) if after else (sets[0] if sets else None)
+    new = results.find(after) if after else (sets[0] if sets else None)
     others = [each for each in sets if each != new]
-    old = season.results.find(before) if before else (others[0] if others else None)
-    found = changes([] if old is None else season.results.read_all(old), season.results.read_all(new) if new else [])
+    old = results.find(before) if before else (others[0] if others else None)
+    found = changes([] if old is None else results.read_all(old), results.read_all(new) if new else [])
     return SeasonChanges(names, new, old, found)
 
 
@@ -161,13 +181,13 @@ def tag_session(
 
 @router.get("/report", response_class=Response, responses={200: {"content": {"text/html": {}}}})
 def season_report_page(
-    season: SeasonCellsPart,
+    source: SeasonSourcePart,
+    catalogue: CataloguePart,
+    workers: WorkersPart,
     clock: ClockPart,
     words: Words = "",
     language: Annotated[str, Query(pattern="^(en|nb)$")] = "en",
 ) -> Response:
     """The season report as one HTML file, to print or to hand over."""
-    chosen = _chosen(season, words)
-    history = season.history().only({info.id for info in chosen})
-    report = season_report(season.passports.battery, history, chosen, clock.wall_s(), __version__)
-    return Response(season_document(report, language), media_type="text/html; charset=utf-8")
+    made = workers.run(LIMITS, report_at, source, _chosen(catalogue, words), clock.wall_s(), language)
+    return Response(made, media_type="text/html; charset=utf-8")

@@ -22,7 +22,7 @@ from app.configuration.profile_store import Profiles
 from app.configuration.safe_write import ConfigurationWriter
 from app.configuration.slave_check_log import SlaveCheckLog
 from app.live.can_trace import CanTrace
-from app.season.cells.keeper import SeasonKeeper
+from app.season.cells.history import SeasonSource
 from app.season.keeper import SeasonLake
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
@@ -91,6 +91,10 @@ def _from_web(name: str) -> Any:
     return Depends(part)
 
 
+def _season_source(connection: HTTPConnection) -> SeasonSource:
+    return _web(connection).service.season_source()
+
+
 def _simulator(connection: HTTPConnection) -> SimulatorProcess:
     simulator = _web(connection).simulator
     if simulator is None:
@@ -155,7 +159,7 @@ ProfilesPart = Annotated[Profiles, _from_service("profiles")]
 RecorderPart = Annotated[AutoRecorder, _from_service("recorder")]
 ReplayPart = Annotated[ReplayPlayer, _from_service("replay")]
 RulesPart = Annotated[Rules, _from_service("rules")]
-SeasonCellsPart = Annotated[SeasonKeeper, _from_service("season_cells")]
+SeasonSourcePart = Annotated[SeasonSource, Depends(_season_source)]
 SeasonPart = Annotated[SeasonLake, _from_service("season")]
 SettingsPart = Annotated[Settings, _from_service("settings")]
 WorkersPart = Annotated[Workers, _from_service("workers")]

@@ -3,12 +3,13 @@
 import argparse
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from app.commands.season.lake import add_lake_argument, lake_of
 from app.commands.session_commands.selection import data_folder, new_action
 from app.errors import ConfigError
-from app.season.lake.build import build_lake, session_files
+from app.season.lake.build import Built, build_lake, session_files
 from app.season.lake.place import Place
 from app.words import render
 
@@ -47,21 +48,33 @@ def _build(args: argparse.Namespace) -> int:
             raise ConfigError("DIR", place, "a folder of sessions, or a session")
     lake = Place(lake_of(args))
     shows = not args.background and sys.stderr.isatty()
+    built = built_lake(lake, places, shows=shows, again=args.again, judge_anew=args.judge)
+    if not args.background:
+        print(f"{lake.url}: {len(built.made)} made, {len(built.current)} up to date")
+        if built.not_closed:
+            print(f"not closed yet: {', '.join(built.not_closed)}")
+    return 1 if built.failed else 0
+
+
+def built_lake(
+    lake: Place, places: Sequence[Path], *, shows: bool, again: bool = False, judge_anew: bool = False
+) -> Built:
+    """Bring a lake up to date with the sessions of folders; say which are left out, and on a terminal how far it is.
+
+    Raises:
+        ConfigError: the lake cannot be written.
+    """
 
     def progress(done: int, of: int, session: str) -> None:
         if shows:
             print(f"\r{done}/{of} {session}\x1b[K", end="", file=sys.stderr, flush=True)
 
     try:
-        built = build_lake(lake, session_files(places), again=args.again, judge_anew=args.judge, progress=progress)
+        built = build_lake(lake, session_files(places), again=again, judge_anew=judge_anew, progress=progress)
     except OSError as error:
         raise ConfigError("lake", lake.url, error.strerror or str(error)) from error
     if shows:
         print("\r\x1b[K", end="", file=sys.stderr)
-    if not args.background:
-        print(f"{lake.url}: {len(built.made)} made, {len(built.current)} up to date")
-        if built.not_closed:
-            print(f"not closed yet: {', '.join(built.not_closed)}")
     for session, why in built.failed:
         print(f"{session} is left out: {why if isinstance(why, str) else render(why)}", file=sys.stderr)
-    return 1 if built.failed else 0
+    return built

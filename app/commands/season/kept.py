@@ -1,31 +1,34 @@
 """The season of a data folder, as the commands on it need it."""
 
 import argparse
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 from app.analysis.passport.keeper import PassportKeeper
-from app.battery.battery import Battery
+from app.commands.season.build import built_lake
+from app.commands.season.lake import lake_of
 from app.commands.session_commands.selection import catalogue, chosen_battery, data_folder
-from app.season.cells.keeper import SeasonKeeper
+from app.season.cells.history import SeasonSource
+from app.season.lake.place import Place
 from app.words import naming_cells
 
 
 @contextmanager
-def kept_season(args: argparse.Namespace) -> Iterator[tuple[SeasonKeeper, Battery]]:
-    """Read and estimate what is new, and give the season; cells are named as the battery's.
+def kept_season(args: argparse.Namespace) -> Iterator[SeasonSource]:
+    """Bring the lake up to date with the data folder, and give its season; cells are named as the battery's.
 
     Raises:
-        AppError: the data folder, the battery or its cell file cannot be used.
+        AppError: the data folder, the lake, the battery or its cell file cannot be used.
     """
     battery, cell = chosen_battery(args)
-    sessions = catalogue(args)
-    passports = PassportKeeper(data_folder(args), sessions, cell, battery=battery, simulated=args.simulated)
-    keeper = SeasonKeeper(data_folder(args), sessions, passports, cell)
+    folder, lake = data_folder(args), lake_of(args)
+    if (folder / "sessions").is_dir():
+        built_lake(Place(lake), [folder / "sessions"], shows=sys.stderr.isatty())
+    passports = PassportKeeper(folder, catalogue(args), cell, battery=battery, simulated=args.simulated)
     try:
-        keeper.read_new()
-        with naming_cells(battery.segments):
-            yield keeper, battery
+        swaps = tuple(passports.swaps())
     finally:
-        keeper.close()
         passports.close()
+    with naming_cells(battery.segments):
+        yield SeasonSource(lake, battery, args.simulated, cell, swaps)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from app.commands.season.kept import kept_season
+from app.commands.season.lake import add_lake_argument
 from app.commands.session_commands.analysis import short_place
 from app.commands.session_commands.passport import cell_index
 from app.commands.session_commands.selection import add_car_arguments, add_json_argument, new_action
@@ -45,6 +46,7 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     less.add_argument("--current", type=float, default=150.0, metavar="A", help="default: %(default)s")
     for action in (match, less):
         add_car_arguments(action)
+        add_lake_argument(action)
         add_json_argument(action, default=False)
 
 
@@ -112,8 +114,8 @@ def _figures(build: Build) -> dict[str, float]:
 
 
 def _place(args: argparse.Namespace) -> int:
-    with kept_season(args) as (keeper, _):
-        modules = modules_of(keeper.history())
+    with kept_season(args) as source:
+        modules = modules_of(source.history())
         placing = place(
             args.rise * (modules.resistance - 1.0), modules.warmer_k - args.rise * (modules.resistance - 1.0)
         )
@@ -137,9 +139,9 @@ def _kelvin(placing: Placing) -> dict[str, float]:
 
 
 def _without(args: argparse.Namespace) -> int:
-    with kept_season(args) as (keeper, battery):
-        removed = [cell_index(battery, part, "CELLS") for part in args.cells.split(",")]
-        modules = modules_of(keeper.history())
+    with kept_season(args) as source:
+        removed = [cell_index(source.battery, part, "CELLS") for part in args.cells.split(",")]
+        modules = modules_of(source.history())
         found = without(removed, modules.capacity_ah, modules.capacity_sigma_ah, modules.resistance_ohm, args.current)
         if args.json:
             json.dump(asdict(found) | {"has_capacity": modules.has_capacity}, sys.stdout, allow_nan=False)

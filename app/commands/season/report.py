@@ -9,8 +9,15 @@ from pathlib import Path
 from app import __version__
 from app.clock import Clock
 from app.commands.season.kept import kept_season
+from app.commands.season.lake import add_lake_argument
 from app.commands.session_commands.analysis import short_place
-from app.commands.session_commands.selection import add_car_arguments, add_json_argument, find_session, new_action
+from app.commands.session_commands.selection import (
+    add_car_arguments,
+    add_json_argument,
+    catalogue,
+    find_session,
+    new_action,
+)
 from app.errors import ConfigError
 from app.season.cells.compare import compare
 from app.season.report import SeasonReport, season_document, season_report
@@ -39,6 +46,7 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     groups.add_argument("b", metavar="B", help="likewise")
     for action in (report, groups):
         add_car_arguments(action)
+        add_lake_argument(action)
         add_json_argument(action, default=False)
     tag = new_action(actions, "tag", "set the tags of a session; they are kept in its file", _tag)
     tag.add_argument("session", metavar="SESSION", help="the session's id, or its file")
@@ -47,13 +55,14 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 
 
 def _report(args: argparse.Namespace) -> int:
-    with kept_season(args) as (keeper, battery):
-        known = set(keeper.passports.store.known())
+    with kept_season(args) as source:
+        history = source.history()
+        known = set(history.sessions)
         chosen = [
-            info for info in reversed(keeper.catalogue.list()) if info.id in known and matches(info, args.sessions)
+            info for info in reversed(catalogue(args).list()) if info.id in known and matches(info, args.sessions)
         ]
-        history = keeper.history().only({info.id for info in chosen})
-        report = season_report(battery, history, chosen, Clock().wall_s(), __version__)
+        history = history.only({info.id for info in chosen})
+        report = season_report(source.battery, history, chosen, Clock().wall_s(), __version__)
         if args.json:
             json.dump(asdict(report), sys.stdout, allow_nan=False)
             print()
@@ -97,11 +106,11 @@ def _print_quantity(name: str, found: SeasonQuantity, unit: str) -> None:
 
 
 def _compare(args: argparse.Namespace) -> int:
-    with kept_season(args) as (keeper, _):
-        groups = [{info.id for info in keeper.catalogue.list() if matches(info, words)} for words in (args.a, args.b)]
+    with kept_season(args) as source:
+        groups = [{info.id for info in catalogue(args).list() if matches(info, words)} for words in (args.a, args.b)]
         if both := groups[0] & groups[1]:
             raise ConfigError("B", args.b, f"no session that is in A too, as {min(both)}")
-        differences, cells = compare(keeper.history(), *groups)
+        differences, cells = compare(source.history(), *groups)
         if args.json:
             shown = {"differences": [asdict(each) for each in differences], "cells": [asdict(each) for each in cells]}
             json.dump(shown, sys.stdout, allow_nan=False)

@@ -1,26 +1,28 @@
 """The measurements of every cell, one row a session: what trends, ageing, ranking and comparison are computed from.
 
-They come from the cell passports (capacity between rests, self-discharge, swaps of modules) and from sessions that were
-estimated again (resistance at the temperature and SOC of the moment, charge passed). Facts of the season lake may take
-their place: whoever makes a `CellHistory` is asked nothing else.
+They are facts of the season lake: resistance at the temperature and SOC of the moment, charge passed, capacity between
+rests, SOC at rests. Swaps of modules are those of the cell passports.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
-from app.analysis.passport.history import SessionRecord, Swap, lost_between, passports, rested_soc
+from app.analysis.passport.history import Swap, lost_in_pause
+from app.battery.battery import Battery
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.cell_model.circuit import CellModel
-from app.estimation.health.capacity import SOC_MOVED_MIN
+from app.season.store import SeasonStore, open_store
+from app.season.store.questions import ask
+from app.sessions.info import SessionInfo
 
 DAY_S: Final = 86400.0
-REST_SOC_SIGMA: Final = 0.002  # of the difference of two rests; how much pauses differ beyond it, the line finds
 RELATIVE_SIGMA: Final = 0.01  # of a resistance against the median cell, where nobody said
+REST_SOC_SIGMA: Final = 0.002  # of the difference of two rests; how much pauses differ beyond it, the line finds
 
 
 @dataclass(frozen=True)
@@ -94,70 +96,118 @@ class CellHistory:
         return self.today(self.capacity_ah / self.nominal_ah), self.capacity_sigma_ah / self.nominal_ah
 
 
-def history_of(
-    records: Sequence[SessionRecord],
-    swaps: Sequence[Swap],
-    results: Mapping[str, Mapping[str, Any]],
-    cell: CellModel,
-    n_cells: int,
-) -> CellHistory:
-    """Return the history out of passports' records and, by session, results of estimating again."""
-    made = passports(records, swaps, cell.capacity_ah, cell.ocv.soc_at, n_cells)
-    ordered = sorted(records, key=lambda record: record.start_s)
-    shape = (len(ordered), n_cells)
-    resistance, sigma, warm = (np.full(shape, np.nan) for _ in range(3))
-    capacity = np.full((2, *shape), np.nan)
-    charge = np.zeros(len(ordered))
-    rest_soc, lost, lost_sigma = (np.full(shape, np.nan) for _ in range(3))
-    for k, record in enumerate(ordered):
-        if record.first_rest_s is not None:
-            rest_soc[k] = rested_soc(record, "first", cell.ocv.soc_at)
-        if k and (pause := lost_between(ordered[k - 1], record, cell.ocv.soc_at)) is not None:
-            lost[k] = np.where(made.line[k] == made.line[k - 1], pause[0] / pause[1], np.nan)
-            lost_sigma[k] = REST_SOC_SIGMA / pause[1]
-    for k, record in enumerate(ordered):
-        capacity[:, k] = capacity_in(record, n_cells)
-        found = results.get(record.session_id)
-        if found is not None and len(found["resistance_factor"]) == n_cells:
-            resistance[k], sigma[k], warm[k] = (
-                np.array(found[name], dtype=np.float64)
-                for name in ("resistance_factor", "resistance_sigma", "temperature_degc")
-            )
-            charge[k] = found["charge_out_ah"] + found["charge_in_ah"]
+@dataclass(frozen=True)
+class SeasonSource:
+    """Which season: a lake and whose sessions of it. It can be sent to another process, which reads it there."""
+
+    lake: str  # folder or URL
+    battery: Battery
+    is_simulated: bool
+    cell: CellModel  # today's: a new cell's capacity
+    swaps: tuple[Swap, ...] = ()
+
+    def may_hold(self, info: SessionInfo) -> bool:
+        """Whether a session may be of this season: a session that does not say where it comes from is the car's."""
+        return (info.metadata.get("source") == "simulator") == self.is_simulated
+
+    def history(self) -> CellHistory:
+        """Ask the lake.
+
+        Raises:
+            ExtraMissing: the extra `season` is not installed.
+            QueryFailed: a file of the lake is damaged, or a limit is passed.
+        """
+        store = open_store(self.lake)
+        try:
+            return history_of(store, self)
+        finally:
+            store.close()
+
+
+def history_of(store: SeasonStore, source: SeasonSource) -> CellHistory:
+    """Return the history of a battery out of a store's facts.
+
+    Raises:
+        QueryFailed: see `SeasonStore.query`.
+    """
+    n_cells = source.battery.n_cells
+    table = ask(
+        store,
+        "season_cells",
+        battery=source.battery.name,
+        segments=json.dumps(list(source.battery.segments)),
+        simulated=str(int(source.is_simulated)),
+    ).table
+    n = table.num_rows // n_cells
+    shape = (n, n_cells)
+
+    def column(name: str) -> FloatArray:
+        return _numbers(table.column(name)).reshape(shape)
+
+    sessions = tuple(table.column("session").to_pylist()[::n_cells])
+    start_s = column("start_time")[:, 0]
+    line = np.zeros(shape)  # number of swaps that the module in a place has seen, session by session
+    line_now = np.zeros(n_cells)
+    for swap in source.swaps:
+        is_swapped = np.isin(np.arange(n_cells), swap.cells)
+        line += np.outer(start_s >= swap.time_s, is_swapped)
+        line_now += is_swapped
+    ohm = column("resistance_ohm")
+    resistance, sigma = column("resistance_factor"), column("resistance_factor_sigma")
     is_absolute = bool(np.isfinite(resistance).any())
     if not is_absolute:
-        resistance = made.resistance_relative + 1.0
+        resistance = ohm / row_median(ohm)[:, None]
         sigma = np.where(np.isfinite(resistance), RELATIVE_SIGMA, np.nan)
+    rest_soc, lost, days = column("first_rest_soc"), np.full(shape, np.nan), np.full(shape, np.nan)
+    last_soc, gaps_s = column("last_rest_soc"), _gaps_s(column("last_rest_time"), column("first_rest_time"))
+    for k in range(1, n):
+        if (moved := lost_in_pause(last_soc[k - 1], rest_soc[k], gaps_s[k])) is not None:
+            is_same = line[k] == line[k - 1]
+            lost[k, is_same], days[k, is_same] = moved[is_same], gaps_s[k] / DAY_S
+    is_present = line == line_now
     return CellHistory(
-        made.sessions,
-        made.times_s,
-        np.cumsum(charge),
+        sessions,
+        start_s,
+        np.cumsum(np.nanmax(np.nan_to_num(column("charge_ah")), axis=1, initial=0.0)),
         resistance,
         sigma,
-        capacity[0],
-        capacity[1],
-        warm,
+        column("capacity_ah"),
+        column("capacity_sigma_ah"),
+        column("temperature_mean_degc"),
         rest_soc,
-        lost,
-        lost_sigma,
-        made.now("self_discharge_per_day") if len(ordered) else np.full(n_cells, np.nan),
-        cell.capacity_ah,
-        made.line == made.line_now,
+        lost / days,
+        REST_SOC_SIGMA / days,
+        _per_day(np.where(is_present, lost, np.nan), days),
+        source.cell.capacity_ah,
+        is_present,
         is_absolute,
-        float(np.nanmedian(made.resistance_ohm)) if np.isfinite(made.resistance_ohm).any() else float("nan"),
+        float(np.nanmedian(ohm)) if np.isfinite(ohm).any() else float("nan"),
     )
 
 
-def capacity_in(record: SessionRecord, n_cells: int) -> FloatArray:
-    """Return (2, n_cells) capacity and sigma [Ah] that a session told by itself: its stretches, each by its weight."""
-    weight, total = np.zeros(n_cells), np.zeros(n_cells)
-    for stretch in record.stretches:
-        moved = np.abs(stretch.soc_moved)
-        known = np.nan_to_num(moved) >= SOC_MOVED_MIN
-        moved = np.where(known, moved, 1.0)
-        each = abs(stretch.charge_ah) / moved
-        variance = (stretch.charge_sigma_ah**2 + (each * stretch.soc_moved_sigma) ** 2) / moved**2
-        weight += known / variance
-        total += known * each / variance
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.array((total / weight, np.where(weight > 0.0, 1.0 / np.sqrt(weight), np.nan)))
+def _numbers(column: Any) -> FloatArray:
+    """A column as float64, NaN where nothing is known; times as unix seconds."""
+    import pyarrow as pa
+
+    if pa.types.is_timestamp(column.type):
+        micros = column.cast(pa.timestamp("us", column.type.tz)).cast(pa.int64())
+        return np.asarray(micros.cast(pa.float64()).to_numpy(), dtype=np.float64) / 1e6
+    return np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+
+
+def _gaps_s(last_s: FloatArray, first_s: FloatArray) -> FloatArray:
+    """(n,) from the last rest of the session before to the first of this one; NaN before the first."""
+    return np.concatenate([[np.nan], first_s[1:, 0] - last_s[:-1, 0]]) if len(first_s) else np.empty(0)
+
+
+def _per_day(lost: FloatArray, days: FloatArray) -> FloatArray:
+    """(n_cells,) SOC a day beyond the median cell of each pause, over all pauses."""
+    beyond = lost - row_median(lost)[:, None]
+    known = np.isfinite(beyond)
+    spent = np.where(known, days, 0.0).sum(axis=0)
+    return np.where(spent > 0.0, np.where(known, beyond, 0.0).sum(axis=0) / np.maximum(spent, 1e-9), np.nan)
+
+
+def row_median(values: FloatArray) -> FloatArray:
+    """Return (n,) medians of the known values of each row of (n, cells)."""
+    return np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else np.nan for row in values])

@@ -66,7 +66,7 @@ def estimate_session(job: Job) -> list[dict[str, Any]]:
         models = [own if text is None else parse_cell(text) for text in job.cells]
         hashes = [cell_hash(format_cell(model)) for model in models]
         runs = {
-            name: _Run(model, job.filter_name, session.battery.n_cells)
+            name: SessionEstimate(model, job.filter_name, session.battery.n_cells)
             for name, model in zip(hashes, models, strict=True)
         }
         for piece in read_pieces(session):
@@ -101,14 +101,14 @@ def estimate_along(session: SessionFile, cell: CellModel, filter_name: str, keep
         NotASession: the file is damaged.
         EstimatorError: there is no such filter.
     """
-    run = _Run(cell, filter_name, session.battery.n_cells, keep)
+    run = SessionEstimate(cell, filter_name, session.battery.n_cells, keep)
     for piece in read_pieces(session):
         run.add(piece)
     return run.result()
 
 
-class _Run:
-    """One filter along one session."""
+class SessionEstimate:
+    """One filter along one session, piece by piece."""
 
     def __init__(self, cell: CellModel, filter_name: str, n_cells: int, keep: Keep | None = None) -> None:
         self._keep = keep
@@ -187,11 +187,12 @@ class _Run:
         weighted = weight * x
         xx, xy = np.einsum("ij,ij->j", weighted, x), np.einsum("ij,ij->j", weighted, y)
         self._sums += (xx, xy, np.einsum("ij,ij,ij->j", weight, y, y), lasted_s)
-        factor, sigma = self._resistance()
+        factor, sigma = self.resistance()
         self._factor = trusted_factor(np.where(sigma <= USED_SIGMA_MAX, factor, 1.0))
         self._estimator.use_resistance(self._factor)
 
-    def _resistance(self) -> tuple[FloatArray, FloatArray]:
+    def resistance(self) -> tuple[FloatArray, FloatArray]:
+        """Return (n_cells,) resistance over that of the cell model, and its sigma; NaN and inf where it is not told."""
         xx, xy, yy, lasted_s = self._sums
         with np.errstate(divide="ignore", invalid="ignore"):
             factor = xy / xx
@@ -202,7 +203,7 @@ class _Run:
 
     def result(self) -> dict[str, Any]:
         """Return what came out."""
-        factor, sigma = self._resistance()
+        factor, sigma = self.resistance()
         capacity_ah, capacity_sigma_ah = self._estimator.capacity() if self._samples else (self._soc, self._soc)
         with np.errstate(invalid="ignore", divide="ignore"):
             warm, off = self._warm[0] / self._warm[1], np.sqrt(self._off[0] / self._off[1])

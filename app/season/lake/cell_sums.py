@@ -21,8 +21,9 @@ _NEAR_COLUMNS = {  # column, limit, what of a piece, side
 class CellSums:
     """Takes the pieces of a stretch in order; arrays are (n_cells,)."""
 
-    def __init__(self, n_cells: int) -> None:
+    def __init__(self, n_cells: int, bleed_ohm: float | None = None) -> None:
         self._n = n_cells
+        self._bleed_ohm = np.nan if bleed_ohm is None else bleed_ohm
         self._before_s: float | None = None
         self._out_ws, self._in_ws, self._bled_vs = np.zeros((3, n_cells))
         self._out_as = self._in_as = 0.0
@@ -71,6 +72,7 @@ class CellSums:
             "charge_out_ah": self._out_as / SECONDS_PER_HOUR,
             "charge_in_ah": self._in_as / SECONDS_PER_HOUR,
             "bled_v_s": self._bled_vs,
+            "bled_ah": self._bled_vs / self._bleed_ohm / SECONDS_PER_HOUR,
             "temperature_mean_degc": means["temperature_degc"],
             "soc_mean": means["soc"],
             **{column: self._near.get(column, np.full(self._n, np.nan)) for column in _NEAR_COLUMNS},

@@ -24,16 +24,19 @@ from app.analysis.session_arrays import read_totals
 from app.analysis.session_cell import cell_of
 from app.analysis.session_survey import read_pieces
 from app.analysis.survey import Piece, Rest, Survey, Surveyor
+from app.battery.battery import Battery
 from app.battery.library import file_name_of
 from app.estimation.arrays import FloatArray
 from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.capacity import SOC_MOVED_MIN
+from app.season.estimates.session import SessionEstimate
 from app.season.lake.cell_sums import CellSums
 from app.season.lake.schema import WHOLE
 from app.sessions.reading.naming import in_its_words
 from app.sessions.reading.reader import SessionFile
 
 Row = dict[str, Any]
+FILTER: Final = "fused"  # whose voltages tell how much more a cell resists than its model
 _FINDING: Final = "finding-"
 _FINDING_ENDED: Final = "finding-ended"
 _OF_SURVEY: Final = (
@@ -127,9 +130,9 @@ def facts_of(session: SessionFile, *, judge_anew: bool = False) -> Facts:
 class _Stretch:
     """A lap or the whole session, while its pieces come."""
 
-    def __init__(self, n_cells: int, *, in_turns: bool) -> None:
-        self.surveyor = Surveyor(n_cells, in_turns=in_turns)
-        self.sums = CellSums(n_cells)
+    def __init__(self, battery: Battery, *, in_turns: bool) -> None:
+        self.surveyor = Surveyor(battery.n_cells, in_turns=in_turns)
+        self.sums = CellSums(battery.n_cells, battery.bleed_ohm)
 
     def add(self, piece: Piece, limits: Mapping[str, float]) -> None:
         self.surveyor.add(piece)
@@ -148,8 +151,9 @@ class _Stretches:
         in_force = [(session.unix_s(config.t_mono_ns), limits_of(config.image)) for config in session.configs()]
         self._in_force = in_force or [(0.0, limits_of_profile(battery))]
         in_turns = session.loaded_battery.speaks_dbc is not None
-        self.whole = _Stretch(battery.n_cells, in_turns=in_turns)
-        self._of_lap = [_Stretch(battery.n_cells, in_turns=in_turns) for _ in laps]
+        self.whole = _Stretch(battery, in_turns=in_turns)
+        self._of_lap = [_Stretch(battery, in_turns=in_turns) for _ in laps]
+        self._estimate = SessionEstimate(cell, FILTER, battery.n_cells)
         self._rests = RestCounter(cell, battery.n_cells)
         edges = {edge for lap in laps for edge in (lap.start_s, lap.end_s)}
         self._edges_s = sorted(edges | {since_s for since_s, _ in self._in_force})
@@ -157,6 +161,7 @@ class _Stretches:
     def add(self, piece: Piece) -> None:
         """Take the next piece, cut where a lap or another configuration begins."""
         self._rests.add(piece)
+        self._estimate.add(piece)
         self.whole.surveyor.add(piece)
         cuts = [0, *np.searchsorted(piece.time_s, self._edges_s).tolist(), len(piece.time_s)]
         for first, last in pairwise(cuts):
@@ -215,7 +220,11 @@ class _Stretches:
                 cell += 1
 
     def _of_rests(self, survey: Survey) -> Row:
-        row: Row = {}
+        factor, sigma = self._estimate.resistance()
+        row: Row = {
+            "resistance_factor": factor,
+            "resistance_factor_sigma": np.where(np.isfinite(factor), sigma, np.nan),
+        }
         for name, rest in (("first_rest", survey.first_rest), ("last_rest", survey.last_rest)):
             if rest is not None:
                 row |= _rest(name, rest, self._cell)

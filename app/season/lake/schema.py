@@ -1,4 +1,4 @@
-"""The tables of the season lake: every column's type, unit and meaning. Version 1.
+"""The tables of the season lake: every column's type, unit and meaning. Version 2.
 
 The documentation (`docs/reference/season-lake.md`) and the metadata of the Parquet files are made from these tables.
 Types are those of `TYPES`; a column that is not measured or not known is null, never 0.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-LAKE_VERSION: Final = 1  # a lake of an older number is made again from its sessions
+LAKE_VERSION: Final = 2  # a lake of an older number is made again from its sessions
 WHOLE: Final = 0  # number of the row that stands for a whole session, in the column `lap`
 SAMPLES: Final = "samples"
 MARK: Final = "sessions"  # the table that is written last: with it a session is in the lake
@@ -105,6 +105,13 @@ CELLS: Final = (
     *_CHARGES,
     Column("resistance_ohm", "number", "ohm", "slope of voltage over current, with the cell's joint"),
     Column("resistance_sigma_ohm", "number", "ohm", "its standard deviation"),
+    Column(
+        "resistance_factor",
+        "number",
+        "1",
+        "resistance over that of the cell model at the temperature and SOC of each moment; in rows of whole sessions",
+    ),
+    Column("resistance_factor_sigma", "number", "1", "its standard deviation"),
     Column("sag_v", "number", "V", "mean, below the mean of all cells, above 50 A"),
     Column("temperature_first_degc", "number", "degC", "first temperature"),
     Column("temperature_mean_degc", "number", "degC", "mean over time"),
@@ -119,6 +126,7 @@ CELLS: Final = (
     Column("near_t_max_s", "number", "s", "within 5 K of the highest temperature allowed then, or beyond it"),
     Column("balancing_s", "number", "s", "bled"),
     Column("bled_v_s", "number", "V s", "integral of the voltage while bled; over the resistor it is the charge bled"),
+    Column("bled_ah", "number", "Ah", "charge bled, where the battery's profile states `bleed_ohm`"),
     Column("missing", "count", "", "samples without a voltage"),
     Column("first_rest_time", "time", "", "end of the first rest of the session; in rows of whole sessions, as below"),
     Column("first_rest_v", "number", "V", "voltage then"),

@@ -1614,12 +1614,12 @@ export interface Schema {
   struct: StructField[];
 }
 
-/** The sessions that match, the oldest first, and what they say; `reading` of `to_read` while more are read. */
+/** The sessions of the lake that match, the oldest first, and what they say; `to_read` are on their way into it. */
 export interface Season {
   sessions: SeasonSession[];
   all_sessions: number;
-  reading: number;
   to_read: number;
+  is_kept: boolean;
   tag_names: string[];
   overview: SeasonOverview;
 }

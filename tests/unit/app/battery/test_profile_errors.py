@@ -10,6 +10,7 @@ from app.battery.profile_errors import errors_of
 GOOD = {
     "battery.parallel": "2",
     "battery.cell": '"c"',
+    "battery.bleed_ohm": "33",
     "battery.drawing.rows": "1",
     "battery.drawing.order": "[2, 1]",
     "battery.temperatures.sensors": "4",

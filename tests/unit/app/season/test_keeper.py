@@ -52,7 +52,7 @@ def test_a_recording_that_ends_wakes_the_build(data, monkeypatch):
     begun = threading.Event()
     monkeypatch.setattr(SeasonLake, "_build", lambda self: begun.set())
     lake = SeasonLake(data, None, builds=True)
-    monkeypatch.setattr(lake, "_is_behind", lambda: False)
+    monkeypatch.setattr(lake, "_is_behind", lambda sessions: False)
     lake.start()
     try:
         lake.on_event(Event(0, "info", "note", Message("verbatim", text="nothing")))
@@ -70,7 +70,13 @@ def test_nothing_is_built_where_it_is_off_or_up_to_date(data):
     assert marks(data) == []
     (data / "lake").mkdir()
     (data / "lake" / ".lock").touch()
-    assert not SeasonLake(data, None, builds=True)._is_behind()
+    kept = SeasonLake(data, None, builds=True)
+    sessions = list((data / "sessions").iterdir())
+    kept.update(sessions)
+    assert not kept.is_building
+    sessions[0].touch()
+    kept.update(sessions)
+    assert kept.is_building
 
 
 def test_a_wrong_question_says_why(lake, tmp_path):

@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from app.estimation.cell_model.cell_file import format_cell, load_cell
-from app.season.estimates.results import set_of
+from app.season.estimates.results import Results, set_of
+from app.season.estimates.session import Job, estimate_session
+from app.season.lake.build import build_lake, session_files
+from app.season.lake.place import Place
 
 CELL = load_cell("samsung-25r-10p")
 TIME_S = np.arange(0.0, 60.0, 0.25)
@@ -13,20 +16,20 @@ START_S, DAY_S = 1_790_000_000.0, 86_400.0
 
 
 @pytest.fixture
-def season(client, make_session):
-    """The client of a service that has read them."""
+def season(client, make_session, tmp_path):
+    """The client of a service whose lake holds them."""
     for day in range(6):
         ohm = np.where(np.arange(96) == 30, 0.003, 0.002) + 1e-6 * day
         volts = CELL.ocv.voltage(0.8) - CURRENT_A[:, None] * ohm
         make_session(TIME_S, CURRENT_A, volts, 25, start_s=START_S + day * DAY_S, cell_file=format_cell(CELL))
-    client.app.state.parts.service.season_cells.read_new()
+    assert len(build_lake(Place(tmp_path / "lake"), session_files([tmp_path / "sessions"])).made) == 6
     return client
 
 
 def test_a_season_tells_sessions_trends_and_the_cell_that_limits(season):
     told = season.get("/api/v1/season").json()
     assert len(told["sessions"]) == told["all_sessions"] == 6
-    assert told["to_read"] == 0
+    assert (told["to_read"], told["is_kept"]) == (0, False)
     first = told["overview"]["cells"][0]
     assert first["cell"] == 30
     assert first["resistance"] == pytest.approx(0.5, abs=0.1)
@@ -55,13 +58,20 @@ def test_a_cell_a_string_without_it_and_what_changed(season):
     less = season.get("/api/v1/season/without", params={"cells": "30"}).json()
     assert less["without"]["removed"] == [30]
     assert less["without"]["weakest_voltage_v"] > 0.0
-    changed = season.get("/api/v1/season/changes").json()
-    assert changed["sets"] == [set_of("session", None, "fused").id]
-    assert len(changed["changes"]) == 6
-    assert changed["before"] is None
     for bad in ("96", "x", "", "0," * 50):
         assert season.get("/api/v1/season/without", params={"cells": bad}).status_code == 422
     assert season.get("/api/v1/season/cells/96").status_code == 422
+
+
+def test_what_estimating_again_changed_is_told(season, tmp_path):
+    results, own = Results(tmp_path), set_of("session", None, "fused")
+    results.begin(own)
+    for path in session_files([tmp_path / "sessions"]):
+        results.write(own, estimate_session(Job(str(path), (None,)))[0])
+    changed = season.get("/api/v1/season/changes").json()
+    assert changed["sets"] == [own.id]
+    assert len(changed["changes"]) == 6
+    assert changed["before"] is None
 
 
 def test_a_season_without_sessions_is_empty(client):

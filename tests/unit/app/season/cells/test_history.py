@@ -1,0 +1,71 @@
+"""What a season knows of each cell, out of a lake: resistance, charge, rests, swapped modules."""
+
+import numpy as np
+import pytest
+
+from app.analysis.passport.history import Swap
+from app.estimation.cell_model.cell_file import format_cell, load_cell
+from app.season.cells.history import DAY_S, SeasonSource
+from app.season.lake.build import build_lake, session_files
+from app.season.lake.place import Place
+from app.sources.loaded_battery import team_battery
+from tests.recorded.arrays import START_S, SessionMaker
+
+CELL = load_cell("samsung-25r-10p")
+TIME_S = np.arange(0.0, 400.0, 0.5)
+CURRENT_A = np.where((TIME_S > 150) & (TIME_S < 200), 60 + 50 * np.sin(TIME_S), 0.0)
+AMPERE_HOURS = float(np.abs(CURRENT_A).sum()) * 0.5 / 3600
+WEAK, LEAKY, LEAK = 30, 40, 0.004  # SOC a day
+
+
+@pytest.fixture(scope="module")
+def lake(tmp_path_factory):
+    """Three sessions of the car, one a day, and one of the simulated car."""
+    folder = tmp_path_factory.mktemp("history")
+    make = SessionMaker(folder / "sessions")
+    cells = np.arange(96)
+    for day in range(4):
+        soc = 0.8 - LEAK * day * (cells == LEAKY)
+        volts = CELL.ocv.voltage(soc) - CURRENT_A[:, None] * np.where(cells == WEAK, 0.003, 0.002)
+        metadata = {"source": "simulator"} if day == 3 else None
+        start_s = START_S + day * DAY_S
+        make(TIME_S, CURRENT_A, volts, 25, start_s=start_s, cell_file=format_cell(CELL), metadata=metadata)
+    build_lake(Place(folder / "lake"), session_files([folder / "sessions"]))
+    return str(folder / "lake")
+
+
+def source(lake, *, simulated=False, swaps=()):
+    return SeasonSource(lake, team_battery().battery, simulated, CELL, swaps)
+
+
+def test_the_lake_tells_every_session_of_the_car_and_none_of_the_simulated_one(lake):
+    found = source(lake).history()
+    assert len(found.sessions) == 3
+    assert np.diff(found.start_s) == pytest.approx(DAY_S)
+    assert found.charge_ah == pytest.approx(AMPERE_HOURS * np.arange(1, 4), rel=0.02)
+    assert found.is_absolute
+    assert found.resistance[:, WEAK] / np.median(found.resistance, axis=1) == pytest.approx(1.5, abs=0.1)
+    assert len(source(lake, simulated=True).history().sessions) == 1
+
+
+def test_a_cell_that_loses_charge_in_the_pauses_is_known_with_its_rate(lake):
+    found = source(lake).history()
+    assert np.isnan(found.lost_per_day[0]).all()
+    assert found.lost_per_day[1:, LEAKY] == pytest.approx(LEAK, rel=0.1)
+    assert found.self_discharge_per_day[LEAKY] == pytest.approx(LEAK, rel=0.1)
+    assert np.nanmax(np.delete(found.self_discharge_per_day, LEAKY)) < LEAK / 10
+    assert np.ptp(found.rest_soc[2]) == pytest.approx(2 * LEAK, rel=0.1)
+
+
+def test_a_swapped_module_inherits_nothing(lake):
+    swap = Swap(START_S + 0.5 * DAY_S, (LEAKY,))
+    found = source(lake, swaps=(swap,)).history()
+    assert found.is_present[:, LEAKY].tolist() == [False, True, True]
+    assert found.is_present[:, WEAK].all()
+    assert np.isnan(found.lost_per_day[1, LEAKY])
+    assert found.lost_per_day[2, LEAKY] == pytest.approx(LEAK, rel=0.1)
+
+
+def test_an_empty_lake_has_no_session(tmp_path):
+    found = source(str(tmp_path)).history()
+    assert (found.sessions, found.resistance.shape) == ((), (0, 96))
