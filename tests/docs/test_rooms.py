@@ -26,22 +26,28 @@ def module_name(file: Path) -> str:
     return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
+@cache
+def named_in(file: Path) -> list[str]:
+    """Return what a file imports, by its full name (for its types only counts too)."""
+    named: list[str] = []
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            named += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            named += [f"{node.module}.{alias.name}" for alias in node.names]
+    return named
+
+
 def imports_of(folders: tuple[str, ...]) -> dict[str, set[str]]:
-    """Return the modules of these folders, and which of them each one imports (for its types only counts too)."""
+    """Return the modules of these folders, and which of them each one imports."""
     files = {module_name(file): file for folder in folders for file in (ROOT / folder).rglob("*.py")}
     graph: dict[str, set[str]] = {name: set() for name in files}
     for name, file in files.items():
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                targets = [alias.name for alias in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-                targets = [f"{node.module}.{alias.name}" for alias in node.names]
-            else:
-                continue
-            for target in targets:
-                while target and target not in files:
-                    target = target.rpartition(".")[0]
-                graph[name] |= {target} - {name, ""}
+        for named in named_in(file):
+            target = named
+            while target and target not in files:
+                target = target.rpartition(".")[0]
+            graph[name] |= {target} - {name, ""}
     return graph
 
 

@@ -13,7 +13,7 @@ from app.sessions.reading.reader import SessionFile
 from tests.peer_batteries import cell_number
 from tests.recorded.peer_sessions import write_log, write_profile
 
-FOXBMS_S = 45
+FOXBMS_S = 25
 
 
 def imported(data: Path, *arguments: str) -> str:
@@ -48,14 +48,14 @@ def test_a_foxbms_log_of_216_cells_is_reported_exported_and_in_the_passports(fox
     assert report["segments"] == [18] * 12
     assert len(report["voltage_min_v"]) == len(report["resistance_ohm"]) == 216
     assert all(3.0 < volts < 4.3 for volts in report["voltage_min_v"])
-    assert report["figures"]["energy_out_wh"] > 50
+    assert report["figures"]["energy_out_wh"] > FOXBMS_S
 
     out = tmp_path / "run.csv"
     assert main(["export", session_id, "--out", str(out), *at]) == 0
     with out.open() as file:
         rows = list(csv.DictReader(file))
     assert {"v[215] (V)", "t[215] (degC)", "sensor[179] (degC)", "i_fs (A)", "estimate.soc[215]"} <= rows[0].keys()
-    assert 425 < len(rows) < 475  # one a period of the profile
+    assert len(rows) == pytest.approx(10 * FOXBMS_S, rel=0.06)  # one a period of the profile
     whole = rows[len(rows) // 2]
     assert all(3.0 < float(whole[f"v[{cell}] (V)"]) < 4.3 for cell in range(216))
 
@@ -80,7 +80,7 @@ def test_it_replays_by_its_own_battery(foxbms, capsysbinary) -> None:
     data, session_id = foxbms
     assert main(["replay", session_id, "--json", "--filter", "coulomb", "--data", str(data)]) == 0
     lines = capsysbinary.readouterr().out.splitlines()
-    assert len(lines) > 250
+    assert len(lines) > 5 * FOXBMS_S
     last = json.loads(lines[-1])
     assert len(last["cells"]["voltage_v"]) == 216
     assert all(3.0 < volts < 4.3 for volts in last["cells"]["voltage_v"])
@@ -104,7 +104,7 @@ def test_an_orion_log_of_72_cells_is_compared_with_another(tmp_path, capsys) -> 
     data = tmp_path / "data"
     ids = []
     for k in range(2):
-        log = write_log(peer, tmp_path / f"orion{k}.log", 60.0, start_s=1_780_000_000 + 3600 * k)
+        log = write_log(peer, tmp_path / f"orion{k}.log", 30.0, start_s=1_780_000_000 + 3600 * k)
         ids.append(imported(data, str(log), "--battery", str(profile)))
     with SessionFile(data / "sessions" / f"{ids[0]}.sqlite") as session:
         assert session.battery.segments == (12,) * 6

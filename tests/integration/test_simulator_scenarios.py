@@ -19,6 +19,7 @@ from simulator.scenario_player import ScenarioPlayer
 
 LOOPING_S = 60.0
 LIMIT_S = 30_000.0
+FINER_STEP_S = {"blocked-fan": 0.5}  # of long scenarios
 
 
 class Played:
@@ -66,11 +67,9 @@ class Played:
 
 def step_s(scenario: Scenario) -> float:
     """Return a pass length that keeps long scenarios affordable; trips then come up to a pass late."""
-    if scenario.name == "charging-unbalanced":
-        return 1.0
     lengths_s = [phase.for_s or math.inf for phase in scenario.phases if phase.load not in ("acceleration", "skid-pad")]
     longest_s = 0.0 if scenario.loop else max(lengths_s, default=0.0)
-    return 0.5 if longest_s > 500 else 0.1
+    return FINER_STEP_S.get(scenario.name, 1.0) if longest_s > 500 else 0.1
 
 
 @functools.lru_cache
