@@ -1,6 +1,9 @@
 """The simulated car's page: what happens is shown, faults come and go, mistakes are named."""
 
+import os
 import re
+import signal
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
@@ -54,3 +57,30 @@ def test_another_scenario_starts(page):
     page.get_by_role("button", name=re.compile("^Start.* skid-pad$")).click()  # again, in the second size
     page.get_by_role("dialog").get_by_role("button", name="Start", exact=True).click()
     expect(page.get_by_test_id("simulator-scenario")).to_have_text("skid-pad")
+
+
+def simulator_of(service: int) -> int:
+    """Return the process of the simulated car that a service started."""
+    children = [
+        int(pid) for path in Path(f"/proc/{service}/task").glob("*/children") for pid in path.read_text().split()
+    ]
+    [car] = [pid for pid in children if b"simulator.cli" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    return car
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no process can be found here")
+def test_a_car_that_does_not_answer_is_told_and_shows_no_value(service, open_page):
+    page = open_page(f"{service.base_url}/#/simulator", quiet=False)
+    running = page.locator("dd", has_text=re.compile(r"^runs$"))
+    expect(running).to_have_count(1)
+    car = simulator_of(service.process.pid)
+    os.kill(car, signal.SIGSTOP)
+    try:
+        expect(page.get_by_test_id("simulator-gone")).to_contain_text("has not answered since")
+        expect(running).to_have_count(0)
+        expect(page.get_by_text("No fault is injected.")).to_have_count(0)
+        expect(page.get_by_test_id("inject")).to_be_disabled()
+    finally:
+        os.kill(car, signal.SIGCONT)
+    expect(page.get_by_test_id("simulator-gone")).to_have_count(0)
+    expect(running).to_have_count(1)

@@ -33,6 +33,17 @@ class SimulatedCar {
   now = $state.raw<Simulator | null>(null);
   error = $state('');
   busy = $state(false);
+  answeredMs = $state<number | null>(null); // when it last told what it does
+
+  /** Whether what is shown is what it does now. */
+  get answers(): boolean {
+    return this.error === '';
+  }
+
+  /** Whether a command would reach it. */
+  get takesCommands(): boolean {
+    return this.answers && !this.busy;
+  }
 
   /** Keep asking until the returned closure is called. */
   watch(): () => void {
@@ -53,6 +64,7 @@ class SimulatedCar {
     try {
       this.now = await get<Simulator>('simulator');
       this.error = '';
+      this.answeredMs = Date.now();
     } catch (error) {
       if (!(error instanceof Problem)) throw error;
       this.error = error.sentence;
