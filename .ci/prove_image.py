@@ -182,7 +182,7 @@ def check_service(stage: Stage) -> None:
     subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
     subprocess.run(["/bin/sh", "-c", mounts(stage)], check=True)
     started_s = time.monotonic()
-    extra = {"VOLTWALL_PASSWORD": "engineer-of-the-proof"}
+    extra = {"VOLTWALL_PASSWORD": "engineer-of-the-proof", "VOLTWALL_TLS": "1"}
     service = subprocess.Popen(chroot_command(stage, stage.command, extra), stdin=subprocess.DEVNULL)
     try:
         probe = chroot_command(stage, stage.health, {})

@@ -59,7 +59,7 @@ class Service:
             with output:
                 for line in output:
                     self.lines.append(line.rstrip())
-                    if match := re.search(r"Voltwall: (http://\S+)", line):
+                    if match := re.search(r"Voltwall: (https?://\S+)", line):
                         self.base_url = match[1]
                         ready.set()
             ready.set()

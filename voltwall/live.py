@@ -18,26 +18,30 @@ from websockets.sync.client import ClientConnection as SyncConnection
 from websockets.sync.client import connect as connect_sync
 
 from app.errors import ConfigError
-from app.sessions.transfer.fetch import OPENER
+from app.sessions.transfer.trust import context_for, opener
 from app.words import Message
 
 Snapshot = dict[str, Any]
 TIMEOUT_S = 15.0
 
 
-def connect(url: str, *, password: str | None = None, name: str = "", rate: float | None = None) -> Live:
+def connect(
+    url: str, *, password: str | None = None, name: str = "", rate: float | None = None, trust: str | None = None
+) -> Live:
     """Return the live battery of a running service; nothing is sent yet.
 
     Args:
         url: of the service, as `http://127.0.0.1:8000`.
-        password: its viewer's or engineer's, where it has one.
+        password: its viewer's or engineer's, that of the account `name`, or a token.
         name: who asks.
         rate: snapshots a second at most; None: all.
+        trust: the certificate of an https service that the system does not know: a file (PEM) or its SHA-256; without
+            it what VOLTWALL_TRUST says.
 
     Raises:
-        VoltwallError: the URL is none of a service.
+        VoltwallError: the URL is none of a service, or `trust` none of a certificate.
     """
-    return Live(url, password, name, rate)
+    return Live(url, password, name, rate, trust)
 
 
 class Live:
@@ -48,7 +52,7 @@ class Live:
     gone.
     """
 
-    def __init__(self, url: str, password: str | None, name: str, rate: float | None) -> None:
+    def __init__(self, url: str, password: str | None, name: str, rate: float | None, trust: str | None = None) -> None:
         parts = urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise ConfigError("url", url, Message("url-form"))
@@ -60,6 +64,9 @@ class Live:
         self._stream = stream if rate is None else f"{stream}?rate={rate:g}"
         self._options: dict[str, Any] = {"additional_headers": self._headers, "open_timeout": TIMEOUT_S}
         self._options |= {"max_size": None, "proxy": None}
+        self._trust = trust
+        if parts.scheme == "https":
+            self._options["ssl"] = context_for(trust)
         self._opened, self._opened_async = ExitStack(), AsyncExitStack()
         self._sync: SyncConnection | None = None
         self._async: AsyncConnection | None = None
@@ -74,7 +81,7 @@ class Live:
             OSError: the service does not answer, or refuses.
         """
         request = urllib.request.Request(f"{self.url}/api/v1/snapshot", headers=self._headers)
-        with OPENER.open(request, timeout=TIMEOUT_S) as answer:
+        with opener(self._trust).open(request, timeout=TIMEOUT_S) as answer:
             found: Snapshot = json.loads(answer.read())
         return found
 

@@ -38,13 +38,14 @@ if TYPE_CHECKING:
 _OF_SERVICE = re.compile(r"(?P<service>https?://[^/]+)/(api/v1/)?sessions/(?P<session>[^/?#]+)")
 
 
-def open(where: str | Path, *, password: str | None = None) -> Session:
+def open(where: str | Path, *, password: str | None = None, trust: str | None = None) -> Session:
     """Open a recorded session.
 
     Args:
         where: its file; `http://HOST:8000/sessions/ID` of a running service, which sends the file; or any URL of
             fsspec, as `s3://team/20260714T103000Z.sqlite`.
-        password: of the service, its viewer's or engineer's.
+        password: of the service, its viewer's or engineer's, or a token.
+        trust: its certificate, see `voltwall.connect`.
 
     Raises:
         VoltwallError: it is not there, or no session, or was written by a newer version.
@@ -54,16 +55,16 @@ def open(where: str | Path, *, password: str | None = None) -> Session:
         return Session(Path(text).expanduser())
     folder = Path(tempfile.mkdtemp(prefix="voltwall-"))
     try:
-        return Session(_brought(text, folder, password), folder)
+        return Session(_brought(text, folder, password, trust), folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
 
 
-def _brought(url: str, folder: Path, password: str | None) -> Path:
+def _brought(url: str, folder: Path, password: str | None, trust: str | None) -> Path:
     """Bring the file of a session into a folder."""
     if (of_service := _OF_SERVICE.match(url)) is not None:
-        remote = Remote(of_service["service"], password=password)
+        remote = Remote(of_service["service"], password=password, trust=trust)
         found = [each for each in remote.sessions() if each.id == of_service["session"]]
         if not found:
             raise SessionNotFound(of_service["session"])

@@ -15,6 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app import __version__
 from app.analysis.drill.drill import Drill
 from app.api import simulator
+from app.api.access.certificate import Certificate
 from app.api.can import bus as can_bus
 from app.api.can import tables as can
 from app.api.configuration import commands, slave_check
@@ -52,7 +53,7 @@ from app.telemetry import Source
 STATIC = files("app") / "static"
 _CSP = b"content-security-policy"
 _POLICY = (
-    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self' ws: wss:; "
+    "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; connect-src 'self'; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
 )
 
@@ -76,13 +77,15 @@ def create_app(
     simulated_car: SimulatorProcess | None = None,
     clock: Clock | None = None,
     setup: Setup | None = None,
+    certificate: Certificate | None = None,
     beside: FastAPI | None = None,
     path: str = FIRST,
 ) -> FastAPI:
     """Return the application; its lifespan opens the links and closes them. Without `clock` it is the computer's.
 
-    Without `setup` what is read cannot be chosen on the page. With `beside` it is that of a further battery at `path`:
-    who is logged in there is so here, and its lifespan is within that of the other; see `BatterySwitch`.
+    With `certificate` it is served by HTTPS. Without `setup` what is read cannot be chosen on the page. With `beside`
+    it is that of a further battery at `path`: who is logged in there is so here, and its lifespan is within that of
+    the other; see `BatterySwitch`.
 
     Raises:
         ConfigError: a setting is wrong or unsafe.
@@ -134,6 +137,7 @@ def create_app(
         setup=setup or Setup(settings.data, Connections(settings.serial, settings.can, settings.battery)),
         drill=drill,
         served=served,
+        certificate=certificate if first is None else first.certificate,
     )
     _serve_web(app, api_routes().routes, "index.html", authentication)
     return app
@@ -174,7 +178,7 @@ def _serve_web(app: FastAPI, routes: Sequence[BaseRoute], page: str, authenticat
     app.add_middleware(HeadAsGet)
     app.add_middleware(BodyLimit)
     app.add_middleware(AuthenticationMiddleware, authentication=authentication)
-    app.add_middleware(SecurityHeaders)
+    app.add_middleware(SecurityHeaders, has_name=not authentication.settings.is_loopback)
 
 
 @cache
@@ -210,17 +214,23 @@ def api_routes() -> APIRouter:
 
 
 class SecurityHeaders:
-    """ASGI middleware: nothing foreign is loaded, nothing is framed, nothing is guessed."""
+    """ASGI middleware: nothing foreign is loaded, nothing is framed, nothing is guessed, no data stays in a cache."""
 
-    def __init__(self, app: ASGIApp) -> None:
+    def __init__(self, app: ASGIApp, *, has_name: bool) -> None:
         self._app = app
+        self._has_name = has_name  # beyond loopback: "localhost" is every program's of a computer
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Add the headers to every HTTP response."""
 
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
-                own = [] if any(name == _CSP for name, _ in message["headers"]) else [(_CSP, _POLICY.encode())]
+                given = {name for name, _ in message["headers"]}
+                own = [] if _CSP in given else [(_CSP, _POLICY.encode())]
+                if b"cache-control" not in given:
+                    own.append((b"cache-control", b"no-store"))
+                if scope["scheme"] == "https" and self._has_name:
+                    own.append((b"strict-transport-security", b"max-age=31536000"))
                 message["headers"] = [
                     *message["headers"],
                     *own,

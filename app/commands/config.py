@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from app.commands.console.config_service import JSON, OCTETS, REFUSED, ConfigService, Refusal
+from app.commands.console.config_service import JSON, OCTETS, REFUSED, ConfigService, Refusal, add_trust_argument
 from app.configuration.config_sources import NAMES
 from app.configuration.profile import is_profile
 from app.errors import ConfigError
@@ -21,7 +21,8 @@ _EPILOG = f"""\
 SOURCE is {render(NAMES)}.
 Exit codes: 0 done; 1 diff or compare found differences; 2 refused or not allowed; 3 service or master not reachable,
 or no right to; 4 somebody else changed the configuration meanwhile; 5 sent and not verified: read again.
-Where the service wants a password: VOLTWALL_PASSWORD in the environment."""
+Where the service wants a password: VOLTWALL_PASSWORD in the environment, with VOLTWALL_NAME where it is an account's,
+or an API token in VOLTWALL_PASSWORD."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,6 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     where.add_argument("--url", help=f"the running service (default: {_URL})")
     parser.add_argument("--url", default=_URL, help="the running service (default: %(default)s)")
+    add_trust_argument(where)
+    parser.set_defaults(trust=None)
     parser.epilog = _EPILOG
     add = partial(parser.add_subparsers(dest="action", metavar="ACTION", required=True).add_parser, parents=[where])
     read = add("read", help="print a configuration as JSON in units, or save it")
@@ -71,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Exit codes as --help says."""
     try:
-        return _run(ConfigService(args.url), args)
+        return _run(ConfigService(args.url, trust=args.trust), args)
     except Refusal as refusal:
         print(f"voltwall config: {refusal}", file=sys.stderr)
         return refusal.exit_code

@@ -16,7 +16,7 @@ from app.analysis.drill.score import Answer, most_points, points, total
 from app.analysis.root_cause.cause import Cause
 from app.analysis.root_cause.from_session import causes_of
 from app.battery.shape import CELLS_PER_PACK, N_PACKS
-from app.commands.console.config_service import ConfigService
+from app.commands.console.config_service import ConfigService, add_trust_argument
 from app.commands.console.number import between
 from app.commands.guided.play import Played, play
 from app.errors import ConfigError
@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--days", type=int, default=DAYS, choices=range(1, len(POOL) + 1), metavar="N", help="how many (default: 10)"
     )
     parser.add_argument("--url", default="http://127.0.0.1:8000", help="of the service (default: %(default)s)")
+    add_trust_argument(parser)
     parser.add_argument("--product", action="store_true", help="nobody answers: score what the product itself says")
     parser.add_argument(
         "--speed", type=between(1, 100, "times real time"), default=15.0, help="with --product (default: %(default)g)"
@@ -131,7 +132,7 @@ def _place(what: dict[str, Any]) -> str:
 
 
 def _crew(args: argparse.Namespace, seed: int) -> int:
-    service = ConfigService(args.url, "simulator/drill")
+    service = ConfigService(args.url, "simulator/drill", trust=args.trust)
     state = service.send("", "POST", {"seed": seed, "days": args.days})
     names = list(CHOICES)
     if not args.json:

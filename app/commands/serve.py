@@ -16,11 +16,14 @@ from typing import Any, get_args
 import uvicorn
 from pydantic import ValidationError
 
+from app.api.access.certificate import Certificate
 from app.api.application import Replay, create_app, create_fleet_app
 from app.api.web.battery_switch import BatterySwitch
 from app.api.web.connection_limits import ACCEPTED_AT_ONCE, most_connections
 from app.api.web.http_protocol import HttpProtocol
+from app.api.web.tls_protocol import tls_protocol
 from app.api.web.websocket_protocol import LiveProtocol
+from app.commands.console.tls import certificate_of, context_of, told
 from app.errors import ConfigError
 from app.service import log
 from app.service.folder_lock import locked_folder
@@ -52,6 +55,9 @@ METAVARS = {
     "also": "BATTERY@BUS[,...]",
     "data": "DIR",
     "cell": "CELL.toml",
+    "tls_cert": "FILE",
+    "tls_key": "FILE",
+    "trust": "FILE|FINGERPRINT,...",
 }
 
 
@@ -133,9 +139,10 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
     sys.setswitchinterval(0.001)  # a frame on its way to the pages does not wait 5 ms for the recorder's thread
     with contextlib.ExitStack() as stack:
         stack.enter_context(locked_folder(settings.data))
+        certificate = certificate_of(settings)
         listener = stack.enter_context(_bind(settings))
         if settings.fleet is not None:
-            return _run(create_fleet_app(settings), listener)
+            return _run(create_fleet_app(settings), listener, settings, certificate)
         name_cells_by(load_battery(settings.battery).battery.segments)
         source, serial_url, can_url, car = _source(settings, stack, replay)
         in_force = Connections(settings.serial, settings.can, settings.battery)
@@ -149,16 +156,29 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
             replay=replay,
             simulated_car=car,
             setup=setup,
+            certificate=certificate,
         )
         for other in others:
             _serve_beside(other, settings, partial(create_app, beside=app), stack)
         served = app.state.parts.served
         switch = BatterySwitch(app, served[1:]) if others else app
-        return _run(switch, listener, setup, lambda: [stall for one in served for stall in one.stalls()])
+        return _run(
+            switch,
+            listener,
+            settings,
+            certificate,
+            setup,
+            lambda: [stall for one in served for stall in one.stalls()],
+        )
 
 
 def _run(
-    app: Any, listener: socket.socket, setup: Setup | None = None, stalls: Callable[[], list[Message]] = list
+    app: Any,
+    listener: socket.socket,
+    settings: Settings,
+    certificate: Certificate | None,
+    setup: Setup | None = None,
+    stalls: Callable[[], list[Message]] = list,
 ) -> tuple[int, int]:
     """Serve until a signal ends it; return the exit code, AGAIN where the choice of `setup` changed, and the port.
 
@@ -166,13 +186,14 @@ def _run(
     """
     address, port = listener.getsockname()[:2]
     host = f"[{address}]" if ":" in address else address
+    ready = f"Voltwall: {'https' if certificate else 'http'}://{host}:{port}"
     server = _Server(
-        f"Voltwall: http://{host}:{port}",
+        ready if certificate is None else f"{ready}\n{told(certificate, settings, port)}",
         uvicorn.Config(
             app,
             log_config=None,
             access_log=False,
-            http=HttpProtocol,
+            http=HttpProtocol if certificate is None else tls_protocol(context_of(certificate)),  # type: ignore[arg-type]
             limit_concurrency=most_connections(raise_descriptor_limit()),
             backlog=ACCEPTED_AT_ONCE,
             ws=LiveProtocol,

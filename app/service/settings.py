@@ -41,7 +41,15 @@ class Settings(BaseSettings):
         min_length=1,
         description="batteries beside the first: PROFILE@INTERFACE:CHANNEL, several with commas; simulated without @",
     )
-    host: str = Field(default="127.0.0.1", description="address to listen on; anything but loopback needs a password")
+    host: str = Field(
+        default="127.0.0.1", description="address to listen on; beyond loopback: a password, and TLS or --plain-http"
+    )
+    tls_cert: Path | None = Field(default=None, description="serve HTTPS with this certificate (PEM, with its chain)")
+    tls_key: Path | None = Field(default=None, description="the key of --tls-cert (PEM, without a password)")
+    tls: bool = Field(default=False, description="serve HTTPS with a certificate made here; its fingerprint is printed")
+    plain_http: bool = Field(
+        default=False, description="serve HTTP beyond loopback: passwords and values can be read on the way"
+    )
     port: int = Field(default=8000, ge=0, le=65535, description="port to listen on; 0 takes a free one")
     data: Path = Field(
         default_factory=lambda: Path(platformdirs.user_data_dir("voltwall", appauthor=False)),
@@ -93,6 +101,10 @@ class Settings(BaseSettings):
     )
     recorder_order: Literal["oldest", "newest"] = Field(
         default="oldest", description="which of the missing pieces come first"
+    )
+    trust: str | None = Field(
+        default=None,
+        description="certificates of other services to trust: FILE (PEM) or SHA-256 fingerprints with commas",
     )
     recorder_password: SecretStr | None = Field(default=None, description="the recorders' viewer's password")
     password: SecretStr | None = Field(default=None, description="the engineer's password: may write and command")
@@ -151,14 +163,26 @@ class Settings(BaseSettings):
         except ValueError:
             return False
 
-    def check(self) -> None:
-        """Refuse what would be unsafe or cannot work.
+    @property
+    def has_tls(self) -> bool:
+        """It serves HTTPS."""
+        return self.tls or self.tls_cert is not None
+
+    def check(self, *, has_accounts: bool = False) -> None:
+        """Refuse what would be unsafe or cannot work; `has_accounts`: somebody has a password of their own.
 
         Raises:
             ConfigError: names the setting and what it has to be.
         """
-        if not self.is_loopback and self.password is None:
+        if not self.is_loopback and self.password is None and not has_accounts:
             raise ConfigError("host", self.host, Message("password-beyond-loopback"))
+        if (self.tls_cert is None) != (self.tls_key is None):
+            missing = "tls_cert" if self.tls_cert is None else "tls_key"
+            raise ConfigError(missing, Message("not-given"), Message("certificate-and-key"))
+        if self.tls + self.plain_http + (self.tls_cert is not None) > 1:
+            raise ConfigError("tls", Message("several-given"), Message("one-of-tls"))
+        if not (self.is_loopback or self.has_tls or self.plain_http):
+            raise ConfigError("host", self.host, Message("tls-beyond-loopback"))
         for name in ("password", "viewer_password"):
             secret = getattr(self, name)
             if secret is not None and len(secret.get_secret_value()) < MIN_PASSWORD_LENGTH:

@@ -293,7 +293,7 @@ def make_service(
             live_waits=live_waits,
             note=partial(events.note, "info", "session-fetched"),
         )
-        for remote in remotes_of(settings.recorder, settings.recorder_secret)
+        for remote in remotes_of(settings.recorder, settings.recorder_secret, settings.trust)
     ]
     return Service(
         settings=settings,

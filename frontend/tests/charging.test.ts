@@ -88,6 +88,7 @@ describe('doubts', () => {
     s.links.rs232.lost = 100;
     const system = {
       listens_on: '127.0.0.1',
+      certificate: null,
       addresses: [],
       disk: { folder: '/data', free_bytes: 5e8, total_bytes: 1e11, recording_hours_left: 1.5 },
       clock: { time: 0, moved_s: -3600, was_set: true },

@@ -94,7 +94,9 @@ def open_page(browser: Browser) -> Iterator[Callable[..., Page]]:
         full_rate: bool = False,
         service_worker: bool = False,
     ) -> Page:
-        context = browser.new_context(viewport=SIZES[size], has_touch=size in TOUCH, is_mobile=size in TOUCH)
+        context = browser.new_context(
+            viewport=SIZES[size], has_touch=size in TOUCH, is_mobile=size in TOUCH, ignore_https_errors=True
+        )
         contexts.append(context)
         context.add_init_script(
             f"localStorage.getItem('voltwall.theme') ?? localStorage.setItem('voltwall.theme', '{theme}')"

@@ -9,7 +9,7 @@ PASSWORDS = {"VOLTWALL_PASSWORD": "engineer-pass-1", "VOLTWALL_VIEWER_PASSWORD":
 @pytest.fixture(scope="module")
 def guarded(make_module_service):
     return make_module_service(
-        "--seed", "7", VOLTWALL_PASSWORD="engineer-pass-1", VOLTWALL_VIEWER_PASSWORD="viewer-pass-1"
+        "--tls", "--seed", "7", VOLTWALL_PASSWORD="engineer-pass-1", VOLTWALL_VIEWER_PASSWORD="viewer-pass-1"
     )
 
 
@@ -52,6 +52,12 @@ def test_an_engineer_may_write(guarded, open_page):
     log_in(page, "ola", "engineer-pass-1")
     expect(page.get_by_test_id("user")).to_contain_text("engineer")
     expect(page.get_by_test_id("store")).to_be_enabled()
+    page.goto(f"{guarded.base_url}/#/system")
+    printed = next(line for line in guarded.lines if "SHA-256" in line)
+    expect(page.get_by_test_id("fingerprint")).to_have_text(printed.split()[-1])
+    (cookie,) = page.context.cookies()
+    assert cookie["secure"]
+    assert cookie["httpOnly"]
 
 
 def test_two_engineers_and_a_viewer_work_at_once(make_service, open_page):

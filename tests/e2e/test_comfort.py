@@ -63,7 +63,7 @@ def test_who_reads_and_where_phones_reach_it_is_told(service, open_page):
     page = open_page(f"{service.base_url}/#/system")
     expect(page.get_by_test_id("readers")).to_contain_text("engineer, 127.0.0.1")
     expect(page.get_by_test_id("disk")).to_contain_text("of")
-    expect(page.get_by_test_id("reach-none")).to_contain_text("--host 0.0.0.0")
+    expect(page.get_by_test_id("reach-none")).to_contain_text("--host 0.0.0.0 --tls")
 
 
 def test_pages_open_without_the_service_and_show_no_value(make_service, open_page):

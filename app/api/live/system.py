@@ -5,7 +5,7 @@ from typing import Literal
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from app.api.web.dependencies import ClockPart, ClockWatchPart, ReadersPart, RecorderPart, SettingsPart
+from app.api.web.dependencies import CertificatePart, ClockPart, ClockWatchPart, ReadersPart, RecorderPart, SettingsPart
 from app.api.web.readers import Reader
 from app.service.host import addresses_of, disk_of
 
@@ -39,11 +39,20 @@ class ClockOut(BaseModel):
     was_set: bool
 
 
+class CertificateOut(BaseModel):
+    """What the service shows of itself by HTTPS: SHA-256 of the certificate, its end in unix seconds."""
+
+    fingerprint: str
+    ends: float
+    is_own: bool
+
+
 class SystemOut(BaseModel):
     """The machine that the service runs on, and who reads."""
 
     listens_on: str
     addresses: list[str]
+    certificate: CertificateOut | None
     disk: DiskOut | None
     clock: ClockOut
     readers: list[ReaderOut]
@@ -51,13 +60,21 @@ class SystemOut(BaseModel):
 
 @router.get("/system")
 def system(
-    settings: SettingsPart, recorder: RecorderPart, clock: ClockPart, watch: ClockWatchPart, readers: ReadersPart
+    settings: SettingsPart,
+    recorder: RecorderPart,
+    clock: ClockPart,
+    watch: ClockWatchPart,
+    readers: ReadersPart,
+    certificate: CertificatePart,
 ) -> SystemOut:
     """Addresses under which other machines reach the service, disk, clock, and who reads."""
     disk = disk_of(settings.data)
     return SystemOut(
         listens_on=settings.host,
         addresses=addresses_of(settings.host),
+        certificate=None
+        if certificate is None
+        else CertificateOut(fingerprint=certificate.fingerprint, ends=certificate.ends_s, is_own=certificate.is_own),
         disk=None
         if disk is None
         else DiskOut(

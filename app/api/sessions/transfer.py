@@ -42,6 +42,11 @@ class FetchIn(Body):
     url: str = Field(max_length=200, description="the other service, as http://car.local:8000")
     label: str = Field("", max_length=41, description="what its sessions are called here, before their id")
     password: SecretStr | None = Field(None, description="its viewer's or engineer's")
+    trust: str | None = Field(
+        None,
+        pattern=r"^[0-9A-Fa-f:]{64,95}$",
+        description="SHA-256 of its certificate; without it what this service was started with (`--trust`)",
+    )
     sessions: list[str] = Field(default_factory=list, max_length=1000)
     fill: bool = Field(True, description="fill gaps of the sessions recorded here from what was fetched")
 
@@ -59,10 +64,12 @@ def fetch_state(fetches: FetchesPart) -> dict[str, Any]:
 
 
 @router.post("/fetch", status_code=202, response_model=FetchStateOut)
-def fetch(body: FetchIn, events: EventsPart, fetches: FetchesPart, user: UserDep) -> dict[str, Any]:
+def fetch(
+    body: FetchIn, settings: SettingsPart, events: EventsPart, fetches: FetchesPart, user: UserDep
+) -> dict[str, Any]:
     """Fetch sessions of another voltwall service; one that was cut off goes on where it stopped."""
     password = None if body.password is None else body.password.get_secret_value()
-    remote = Remote(body.url, label=body.label, password=password)
+    remote = Remote(body.url, label=body.label, password=password, trust=body.trust or settings.trust)
     state = fetches.start(remote, body.sessions, fill=body.fill)
     events.note("info", "fetch", Message("fetch-started", url=remote.url), user.name)
     return _answer(state)

@@ -9,6 +9,7 @@ from starlette.requests import HTTPConnection
 from app.analysis.black_box.recorder import BlackBoxRecorder
 from app.analysis.drill.drill import Drill
 from app.analysis.passport.keeper import PassportKeeper
+from app.api.access.certificate import Certificate
 from app.api.encoding.encoder import SnapshotEncoder
 from app.api.web.authentication import Authentication, User
 from app.api.web.battery_switch import ServedBattery
@@ -62,6 +63,7 @@ class WebParts:
     setup: Setup
     drill: Drill | None = None  # with the simulated car
     served: list[ServedBattery] = field(default_factory=list)  # every battery, the first one first
+    certificate: Certificate | None = None  # of HTTPS
     fleet: Fleet | None = None  # of a page of several cars, which has no service
 
 
@@ -166,6 +168,7 @@ WorkersPart = Annotated[Workers, _from_service("workers")]
 SlaveChecksPart = Annotated[SlaveCheckLog, _from_service("slave_checks")]
 
 AuthenticationPart = Annotated[Authentication, _from_web("authentication")]
+CertificatePart = Annotated[Certificate | None, _from_web("certificate")]
 ClockWatchPart = Annotated[ClockWatch, _from_web("clock_watch")]
 EncoderPart = Annotated[SnapshotEncoder, _from_web("encoder")]
 FanOutPart = Annotated[FanOut, _from_web("fan_out")]

@@ -60,7 +60,8 @@ class LiveProtocol(WebSocketsSansIOProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep little on the way: who is slow misses messages and gets the newest."""
         super().connection_made(transport)
-        self.transport.set_write_buffer_limits(high=0)
+        has_tls = transport.get_extra_info("sslcontext") is not None
+        self.transport.set_write_buffer_limits(high=1 if has_tls else 0)  # TLS is behind from `high` on, TCP above it
         made: socket.socket | None = transport.get_extra_info("socket")
         option = getattr(socket, "TCP_NOTSENT_LOWAT", None)
         if made is not None and option is not None:

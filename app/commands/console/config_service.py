@@ -1,5 +1,6 @@
 """The configuration's part of the REST interface, for scripts; every refusal carries the exit code that it means."""
 
+import argparse
 import base64
 import json
 import os
@@ -9,6 +10,7 @@ from typing import Any
 from urllib.parse import urlencode
 
 from app.errors import AppError
+from app.sessions.transfer.trust import opener
 
 OCTETS = "application/octet-stream"
 JSON = "application/json"
@@ -25,13 +27,23 @@ class Refusal(AppError):
         super().__init__(text)
 
 
+def add_trust_argument(parser: argparse.ArgumentParser) -> None:
+    """Whose certificate is believed."""
+    parser.add_argument(
+        "--trust",
+        metavar="FILE|FINGERPRINT",
+        help="certificate of an https service: a PEM file, or its SHA-256 (default: VOLTWALL_TRUST, else the system's)",
+    )
+
+
 class ConfigService:
     """Talks to `/api/v1/config`, or another part of the interface, of a running service."""
 
-    def __init__(self, url: str, part: str = "config") -> None:
-        """Raises Refusal where no service can be at such a URL."""
+    def __init__(self, url: str, part: str = "config", *, trust: str | None = None) -> None:
+        """Raises Refusal where no service can be at such a URL, ConfigError where `trust` is no certificate's."""
         if not url.startswith(("http://", "https://")):
             raise Refusal(f"url = {url}: has to be http://HOST:PORT", REFUSED)
+        self._opener = opener(trust)
         self._base = url.rstrip("/") + f"/api/v1/{part}"
 
     def ask(
@@ -51,10 +63,12 @@ class ConfigService:
         url = self._base + path + (f"?{urlencode(query)}" if query else "")
         request = urllib.request.Request(url, data=body, method=method, headers=headers or {})
         if password := os.environ.get("VOLTWALL_PASSWORD"):
-            token = base64.b64encode(f"{os.environ.get('USER', 'script')}:{password}".encode()).decode()
+            token = base64.b64encode(
+                f"{os.environ.get('VOLTWALL_NAME') or os.environ.get('USER', 'script')}:{password}".encode()
+            ).decode()
             request.add_header("Authorization", f"Basic {token}")
         try:
-            with urllib.request.urlopen(request, timeout=_TIMEOUT_S) as answer:
+            with self._opener.open(request, timeout=_TIMEOUT_S) as answer:
                 return answer.read(), answer.headers.get("ETag", "").strip('"')
         except urllib.error.HTTPError as error:
             raise _refusal(error) from error

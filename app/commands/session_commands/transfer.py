@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from app.clock import Clock
+from app.commands.console.config_service import add_trust_argument
 from app.commands.session_commands.selection import (
     add_json_argument,
     add_session_argument,
@@ -35,8 +36,9 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     fetch.epilog = (
         "They are called LABEL-ID here. A transfer that was cut off goes on, and gaps of the sessions recorded here\n"
         "are filled. With --follow it ends by Ctrl-C, and goes on when it is started again.\n"
-        "The other service's password in VOLTWALL_REMOTE_PASSWORD."
+        "The other service's password, or a token of it, in VOLTWALL_REMOTE_PASSWORD."
     )
+    add_trust_argument(fetch)
     fetch.add_argument("url", metavar="URL", help="the other service, as http://car.local:8000")
     fetch.add_argument("--label", default="", help="what its sessions are called here (default: its host name)")
     fetch.add_argument(
@@ -61,7 +63,7 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
 
 
 def _fetch(args: argparse.Namespace) -> int:
-    remote = Remote(args.url, label=args.label, password=os.environ.get("VOLTWALL_REMOTE_PASSWORD"))
+    remote = Remote(args.url, label=args.label, password=os.environ.get("VOLTWALL_REMOTE_PASSWORD"), trust=args.trust)
     folder = data_folder(args) / "sessions"
     if args.follow:
         return _follow(Follower(remote, folder, Clock(), order=args.order, note=print), folder)

@@ -207,4 +207,5 @@ def configured_publisher(
 def _own_url(settings: Settings) -> str | None:
     """Where the pages of this service are, as far as it knows: a port that was not chosen is not known here."""
     hosts = addresses_of(settings.host) or [settings.host]
-    return f"http://{hosts[0]}:{settings.port}" if settings.port else None
+    scheme = "https" if settings.has_tls else "http"
+    return f"{scheme}://{hosts[0]}:{settings.port}" if settings.port else None

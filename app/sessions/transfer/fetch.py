@@ -18,6 +18,7 @@ from app.errors import ConfigError, message_of
 from app.sessions.errors import FetchFailed, SessionError
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.files import FETCHED, SUFFIX
+from app.sessions.transfer.trust import opener
 from app.words import Message, Text
 
 TIMEOUT_S = 15.0
@@ -51,18 +52,25 @@ class Remote:
     """Another voltwall service."""
 
     def __init__(
-        self, url: str, *, label: str = "", password: str | None = None, sleep: Callable[[float], None] = time.sleep
+        self,
+        url: str,
+        *,
+        label: str = "",
+        password: str | None = None,
+        trust: str | None = None,
+        sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         """Only keep what is given; nothing is asked yet.
 
         Args:
             url: where it is, as http://car.local:8000.
             label: what its sessions are called here, before their id; the host's name where empty.
-            password: its viewer's or engineer's.
+            password: its viewer's or engineer's, or a token.
+            trust: its certificate, where the system does not know it: a file or fingerprints, see `context_for`.
             sleep: waits between attempts.
 
         Raises:
-            ConfigError: the URL or the label cannot be one.
+            ConfigError: the URL, the label or `trust` cannot be one.
         """
         parts = urlsplit(url)
         if parts.scheme not in ("http", "https") or not parts.hostname:
@@ -72,6 +80,7 @@ class Remote:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,40}", self.label):
             raise ConfigError("label", label, Message("label-form"))
         self._password = password
+        self._opener = opener(trust)
         self._sleep = sleep
 
     def sessions(self) -> list[RemoteSession]:
@@ -253,25 +262,7 @@ class Remote:
         request = urllib.request.Request(f"{self.url}/api/v1/{path}", headers=headers)
         if self._password is not None:
             request.add_header("Authorization", "Basic " + base64.b64encode(f":{self._password}".encode()).decode())
-        return OPENER.open(request, timeout=timeout_s)
-
-
-class _SameServer(urllib.request.HTTPRedirectHandler):
-    """Follows a redirect within the server that was named, never to another one: the password would go with it."""
-
-    def redirect_request(self, req: Any, fp: Any, code: int, msg: str, headers: Any, newurl: str) -> Any:
-        """Return the request that follows.
-
-        Raises:
-            HTTPError: it goes to another server, port or scheme.
-        """
-        was, becomes = urlsplit(req.full_url), urlsplit(newurl)
-        if (was.scheme, was.netloc) != (becomes.scheme, becomes.netloc):
-            raise urllib.error.HTTPError(req.full_url, code, f"sends us on to {becomes.netloc}", headers, fp)
-        return super().redirect_request(req, fp, code, msg, headers, newurl)
-
-
-OPENER = urllib.request.build_opener(_SameServer)
+        return self._opener.open(request, timeout=timeout_s)
 
 
 def _copy(answer: Any, file: IO[bytes], start: int, total: int, on_progress: Progress) -> None:

@@ -18,6 +18,7 @@ from app.sessions.storage.files import FETCHED, SUFFIX
 from app.sessions.transfer.fetch import Remote
 from app.sessions.transfer.fill import fill_from
 from app.sessions.transfer.session_copy import SessionCopy
+from app.sessions.transfer.trust import context_for
 from app.words import Message, Text
 
 Order = Literal["oldest", "newest"]
@@ -226,19 +227,20 @@ class Followers:
         return [each.state for each in self._followers]
 
 
-def remotes_of(setting: str | None, password: str | None) -> list[Remote]:
+def remotes_of(setting: str | None, password: str | None, trust: str | None = None) -> list[Remote]:
     """Return the recorders of a setting like `red=http://red.local:8000,http://10.0.0.7:8000`.
 
     Raises:
-        ConfigError: one of them is no URL, or its label cannot be one.
+        ConfigError: one of them is no URL, its label cannot be one, or `trust` is no certificate's.
     """
     found = []
+    context_for(trust)
     for each in (setting or "").split(","):
         label, _, url = each.strip().rpartition("=")
         if not url:
             continue
         try:
-            found.append(Remote(url, label=label, password=password))
+            found.append(Remote(url, label=label, password=password, trust=trust))
         except ConfigError as error:
             raise ConfigError("recorder", each.strip(), error.limit) from error
     return found

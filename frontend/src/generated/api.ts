@@ -454,6 +454,13 @@ export interface Cells {
   voltage_age_s?: (number | null)[] | null;
 }
 
+/** What the service shows of itself by HTTPS: SHA-256 of the certificate, its end in unix seconds. */
+export interface Certificate {
+  fingerprint: string;
+  ends: number;
+  is_own: boolean;
+}
+
 /** The charger as the master sees it. */
 export interface Charger {
   state: 'off' | 'waiting' | 'constant_current' | 'balancing' | 'constant_voltage' | 'done' | 'fault' | null;
@@ -2073,6 +2080,7 @@ export interface StructField {
 export interface System {
   listens_on: string;
   addresses: string[];
+  certificate: Certificate | null;
   disk: Disk | null;
   clock: Clock;
   readers: Reader[];

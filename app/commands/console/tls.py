@@ -1,0 +1,66 @@
+"""TLS of `voltwall serve`: which certificate, and what the terminal shows of it."""
+
+import ssl
+import sys
+from collections.abc import Sequence
+
+import segno
+
+from app.api.access.certificate import Certificate, given_certificate, own_certificate
+from app.clock import Clock
+from app.errors import ConfigError
+from app.service.host import addresses_of
+from app.service.settings import Settings
+from app.words import Message
+
+_BLOCKS = {(0, 0): "█", (0, 1): "▀", (1, 0): "▄", (1, 1): " "}  # dark modules are gaps: terminals are dark
+_QUIET = 2  # modules around the code
+
+
+def certificate_of(settings: Settings) -> Certificate | None:
+    """Return the certificate to serve with, None for HTTP.
+
+    Raises:
+        ConfigError: a file cannot be read, written or used.
+    """
+    if settings.tls_cert is not None and settings.tls_key is not None:
+        return given_certificate(settings.tls_cert, settings.tls_key)
+    if not settings.tls:
+        return None
+    every = "0.0.0.0" if settings.is_loopback else settings.host
+    return own_certificate(settings.data, addresses_of(every), Clock().wall_s())
+
+
+def context_of(certificate: Certificate) -> ssl.SSLContext:
+    """Return the context of a server: TLS 1.2 or newer.
+
+    Raises:
+        ConfigError: the key is not that of the certificate.
+    """
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(certificate.certificate, certificate.key, password=lambda: "")
+    except (OSError, ValueError) as error:
+        raise ConfigError("tls_key", certificate.key, Message("key-of-certificate")) from error
+    return context
+
+
+def told(certificate: Certificate, settings: Settings, port: int) -> str:
+    """Return what the terminal shows: the fingerprint, and for phones the addresses, the first as a QR code."""
+    lines = [f"certificate SHA-256 {certificate.fingerprint}"]
+    urls = [f"https://{f'[{a}]' if ':' in a else a}:{port}/" for a in addresses_of(settings.host)]
+    if urls and sys.stdout.isatty():
+        lines += [*qr_lines(urls[0]), *urls]
+    return "\n".join(lines)
+
+
+def qr_lines(text: str) -> Sequence[str]:
+    """Return a QR code as lines, two rows of modules in each."""
+    rows = [list(row) for row in segno.make(text, error="m", micro=False).matrix_iter(border=_QUIET)]
+    if len(rows) % 2:
+        rows.append([0] * len(rows[0]))
+    return [
+        "".join(_BLOCKS[min(above, 1), min(below, 1)] for above, below in zip(*rows[at : at + 2], strict=True))
+        for at in range(0, len(rows), 2)
+    ]
