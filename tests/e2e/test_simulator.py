@@ -59,13 +59,9 @@ def test_another_scenario_starts(page):
     expect(page.get_by_test_id("simulator-scenario")).to_have_text("skid-pad")
 
 
-def simulator_of(service: int) -> int:
-    """Return the process of the simulated car that a service started."""
-    children = [
-        int(pid) for path in Path(f"/proc/{service}/task").glob("*/children") for pid in path.read_text().split()
-    ]
-    [car] = [pid for pid in children if b"simulator.cli" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-    return car
+def children_of(pid: int) -> list[int]:
+    """Return the processes that a process started and that still are: of a service the simulated car."""
+    return [int(child) for path in Path(f"/proc/{pid}/task").glob("*/children") for child in path.read_text().split()]
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="no process can be found here")
@@ -73,14 +69,16 @@ def test_a_car_that_does_not_answer_is_told_and_shows_no_value(service, open_pag
     page = open_page(f"{service.base_url}/#/simulator", quiet=False)
     running = page.locator("dd", has_text=re.compile(r"^runs$"))
     expect(running).to_have_count(1)
-    car = simulator_of(service.process.pid)
-    os.kill(car, signal.SIGSTOP)
+    children = children_of(service.process.pid)
+    for child in children:
+        os.kill(child, signal.SIGSTOP)
     try:
         expect(page.get_by_test_id("simulator-gone")).to_contain_text("has not answered since")
         expect(running).to_have_count(0)
         expect(page.get_by_text("No fault is injected.")).to_have_count(0)
         expect(page.get_by_test_id("inject")).to_be_disabled()
     finally:
-        os.kill(car, signal.SIGCONT)
+        for child in children:
+            os.kill(child, signal.SIGCONT)
     expect(page.get_by_test_id("simulator-gone")).to_have_count(0)
     expect(running).to_have_count(1)
