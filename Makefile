@@ -15,7 +15,7 @@ export PYTHONDONTWRITEBYTECODE :=
 export MPLBACKEND := Agg
 
 .DEFAULT_GOAL := help
-.PHONY: help run test campaign check lint types imports generated-check frontend-check bench mutation generated lock clean frontend browser wheels
+.PHONY: help run test campaign check lint types imports generated-check frontend-check bench mutation generated lock audit clean frontend browser wheels
 
 help: ## say what there is
 	@awk -F':.*## ' '/^[a-z]+:.*## /{printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -64,6 +64,9 @@ generated: $(VENV)/.dev-installed ## write the generated files anew: C header, c
 lock: | $(PY) ## resolve pyproject.toml anew into requirements/*.lock
 	@$(PIP) uv==0.13.8
 	$(PY) .ci/lock.py $(ARGS)
+
+audit: | $(PY) $(VENV)/.build-installed ## known holes in what is locked: pip-audit and npm audit; needs the network
+	@$(PY) .ci/audit.py
 
 clean: ## remove everything that was fetched or built
 	rm -rf mutants $(VENV) frontend/node_modules app/static app/estimation/filters/engine/vw_filter*.so app/estimation/filters/engine/vw_filter*.dylib .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

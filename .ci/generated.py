@@ -19,6 +19,7 @@ from reference import (  # noqa: E402
     season_lake_reference,
     settings_reference,
 )
+from sbom import sbom  # noqa: E402
 from typescript import api_types, fixture_schema, memory_map_types  # noqa: E402
 
 from app.estimation.cell_model.cell_file import load_cell  # noqa: E402
@@ -40,6 +41,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "frontend/fixtures/schema.json": fixture_schema,
     "frontend/src/generated/api.ts": api_types,
     "frontend/src/generated/memory_map.ts": memory_map_types,
+    "requirements/voltwall.cdx.json": sbom,
 }
 
 

@@ -51,6 +51,11 @@ def environment(site: Path) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(site), "PYTHONUNBUFFERED": "1"}
 
 
+def test_the_wheel_holds_its_bill_of_materials(site: Path) -> None:
+    [made] = site.glob("voltwall-*.dist-info/sboms/*.cdx.json")
+    assert made.read_bytes() == (ROOT / "requirements" / "voltwall.cdx.json").read_bytes()
+
+
 def test_the_wheel_holds_the_pages_and_every_data_file(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         packed = set(archive.namelist())
