@@ -30,7 +30,8 @@ TESTS_FOLDER = Path(__file__).parent
 ROOT = TESTS_FOLDER.parent
 READ_SERVICE = pytest.StashKey[Service]()
 WAITING = ("e2e", "integration")  # most of their time they wait for a car, a service or a page
-LONGEST_FIRST = ("test_evidence.py", "test_evidence_c_master.py", "test_parameters.py", "test_weak_joint.py")
+LONGEST_WAITS = ("test_evidence.py", "test_evidence_c_master.py", "test_parameters.py", "test_weak_joint.py")
+LONGEST_END_AT = 0.5  # of the run: not all at its start, where one process would compute and the others wait
 WAITING_ENDS_AT = 0.8  # of the run: the end is many short files, which all processes share
 
 
@@ -61,7 +62,7 @@ def pytest_xdist_auto_num_workers() -> int:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mix files that wait with files that compute, so that all cores are busy from the start to the end.
 
-    First comes what shares a service, so that this need not run for long; of the others in a folder the longest.
+    First comes what shares a service, so that this need not run for long; the longest waits start one after the other.
     """
     if not hasattr(config, "workerinput"):  # pytest-xdist's
         return
@@ -70,9 +71,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         folders.setdefault(path.relative_to(TESTS_FOLDER).parts[0], []).append(path)
     place: dict[Path, float] = {}
     for folder, paths in folders.items():
-        paths.sort(key=lambda path: path.name not in LONGEST_FIRST)
         end = WAITING_ENDS_AT if folder in WAITING else 1.0
         place |= {path: end * number / len(paths) for number, path in enumerate(paths)}
+    longest = [path for path in place if path.name in LONGEST_WAITS]
+    place |= {path: LONGEST_END_AT * number / len(longest) for number, path in enumerate(longest)}
     items.sort(key=lambda item: place.get(item.path, -1.0))
 
 

@@ -29,7 +29,7 @@ SIZES = {
 }
 TOUCH = {"phone"}
 PATIENCE_MS = 30_000
-SNAPSHOTS_PER_S = 5  # enough to see values move; drawing all 28 would keep half a processor busy
+SNAPSHOTS_PER_S = 3  # enough to see values move; drawing all 28 would keep half a processor busy
 FEWER_SNAPSHOTS = f"""
 window.WebSocket = class extends WebSocket {{
   constructor(url) {{ super(`${{url}}?rate={SNAPSHOTS_PER_S}`); }}
