@@ -1,5 +1,6 @@
 """What a simulated battery says, against cantools' own decoding and the live decoder: every way to address cells."""
 
+from functools import cache
 from pathlib import Path
 
 import cantools
@@ -23,6 +24,7 @@ SCALARS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current
 SETTINGS = settings(max_examples=6, deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
 
 
+@cache
 def of_peer(make):
     peer = make()
     text = (
@@ -30,20 +32,22 @@ def of_peer(make):
         f'[battery.temperatures]\nsensors = {peer.n_sensors}\n[source]\ndbc = "peer.dbc"\n{peer.profile}'
     )
     profile = understand(read_document(text, "peer.toml", load_part))
-    return profile.battery, profile.source, [("peer.dbc", peer.dbc())]
+    return profile.battery, profile.source, (("peer.dbc", peer.dbc()),)
 
 
+@cache
 def of_bundled(name):
     loaded = load_profile(name)
-    return loaded.profile.battery, loaded.profile.source, [(f.name, f.read_text()) for f in loaded.dbc_files]
+    return loaded.profile.battery, loaded.profile.source, tuple((f.name, f.read_text()) for f in loaded.dbc_files)
 
 
+@cache
 def with_ivt():
     orion = load_profile("orion-bms-2")
     document = read_document(f'include = ["ivt-s"]\n{orion.text}', "orion-with-ivt.toml", load_part)
     profile = understand(document)
     files = [Path(each) for each in (*orion.profile.source.dbc, *load_part("ivt-s").values["source"]["dbc"])]
-    return profile.battery, profile.source, [(f.name, f.read_text()) for f in map(bundled_file, files)]
+    return profile.battery, profile.source, tuple((f.name, f.read_text()) for f in map(bundled_file, files))
 
 
 def bundled_file(path):
@@ -79,6 +83,12 @@ def readings(draw, battery):
     return found
 
 
+@cache
+def databases_of(files):
+    return [cantools.database.load_string(text, database_format="dbc", strict=False) for _, text in files]
+
+
+@cache
 def definitions_of(files):
     found = Definitions(())
     for name, text in files:
@@ -136,7 +146,7 @@ def test_cantools_decodes_every_frame_to_the_same_numbers(case, data):
     battery, source, files = case()
     definitions = definitions_of(files)
     speech = Speech(battery, source, definitions)
-    databases = [cantools.database.load_string(text, database_format="dbc", strict=False) for _, text in files]
+    databases = databases_of(files)
     values = data.draw(readings(battery))
     frames = spoken(speech, values, round_s(speech))
     decoder = BatteryDecoder(battery, source, definitions)
