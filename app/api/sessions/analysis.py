@@ -20,7 +20,7 @@ from app.api.encoding.words import message_json
 from app.api.schemas.battery import BatteryOut
 from app.api.schemas.sessions import BoxList
 from app.api.sessions.jobs import comparison_at, evidence_at, laps_at, overlay_at, report_at
-from app.api.sessions.routes import MAX_UNIX_S, open_session, path_of
+from app.api.sessions.routes import MAX_UNIX_S
 from app.api.web.dependencies import (
     BlackBoxesPart,
     CataloguePart,
@@ -79,7 +79,7 @@ def _counter(can_id: int | None, byte: int, mask: int) -> CanCounter | None:
 @router.get("/sessions/{session_id}/battery", response_model=BatteryOut)
 def battery(session_id: str, catalogue: CataloguePart) -> dict[str, Any]:
     """The battery that was recorded, with the limits in force at the end, as far as they are known."""
-    with open_session(catalogue, session_id) as file:
+    with catalogue.open(session_id) as file:
         configs = file.configs()
         told = by_names_of_profiles(limits_of(configs[-1].image if configs else None))
         body = battery_json(file.battery, "recording", Message("a-recording-is-not-written"))
@@ -100,7 +100,7 @@ def laps(
     """Laps with what each one cost, and drivers against each other."""
     counter = lap_signal if source == "signal" else _counter(can_id, can_byte, can_mask)
     try:
-        return workers.run(REPORT, laps_at, path_of(catalogue, session_id), source, counter)
+        return workers.run(REPORT, laps_at, catalogue.path(session_id), source, counter)
     except UnknownSignal as error:
         raise invalid("lap_signal", error.name, error.reason) from error
 
@@ -111,21 +111,21 @@ def settle(
 ) -> LapTable:
     """Keep these laps in the session's file."""
     chosen = [Lap(**lap.model_dump()) for lap in body.laps]
-    with open_session(catalogue, session_id) as file:
+    with catalogue.open(session_id) as file:
         path = file.path
     settle_laps(path, chosen, t_wall_ns=clock.wall_ns(), who=user.name)
     events.note("info", "laps-settled", Message("laps-settled", n=len(chosen), session=session_id), user.name)
-    with open_session(catalogue, session_id) as file:
+    with catalogue.open(session_id) as file:
         return lap_table(file)
 
 
 @router.delete("/sessions/{session_id}/laps")
 def unsettle(session_id: str, catalogue: CataloguePart, clock: ClockPart, user: UserDep) -> LapTable:
     """Take the settled laps back: they are found again out of the recording."""
-    with open_session(catalogue, session_id) as file:
+    with catalogue.open(session_id) as file:
         path = file.path
     settle_laps(path, None, t_wall_ns=clock.wall_ns(), who=user.name)
-    with open_session(catalogue, session_id) as file:
+    with catalogue.open(session_id) as file:
         return lap_table(file)
 
 
@@ -145,7 +145,7 @@ def overlay(
 ) -> Overlay:
     """One signal over laps laid on each other, part by part of the lap's time."""
     counter = lap_signal if source == "signal" else _counter(can_id, can_byte, can_mask)
-    path = path_of(catalogue, session_id)
+    path = catalogue.path(session_id)
     try:
         return workers.run(REPORT, overlay_at, path, source, counter, lap, signal, points)
     except UnknownSignal as error:
@@ -186,14 +186,14 @@ def black_box_page(
 @router.get("/sessions/{session_id}/blackboxes")
 def session_black_boxes(session_id: str, black_boxes: BlackBoxesPart, catalogue: CataloguePart) -> BoxList:
     """The black boxes of a session, newest first; those that are missing are made out of its file, and kept."""
-    with open_session(catalogue, session_id) as file:
+    with catalogue.open(session_id) as file:
         return _box_list(keep_black_boxes(file, black_boxes.store))
 
 
 @router.get("/sessions/{session_id}/report")
 def report(session_id: str, catalogue: CataloguePart, workers: WorkersPart) -> Report:
     """How it went, what limited, what to look at, with the figures and curves behind it."""
-    return workers.run(REPORT, report_at, path_of(catalogue, session_id))
+    return workers.run(REPORT, report_at, catalogue.path(session_id))
 
 
 @router.get("/sessions/{session_id}/report/page", response_class=HTMLResponse)
@@ -207,14 +207,14 @@ def report_as_page(
 @router.get("/sessions/{session_id}/compare/{other_id}")
 def compare(session_id: str, other_id: str, catalogue: CataloguePart, workers: WorkersPart) -> SessionComparison:
     """Two sessions side by side: key figures, histograms, and the cells that changed the most."""
-    return workers.run(REPORT, comparison_at, path_of(catalogue, session_id), path_of(catalogue, other_id))
+    return workers.run(REPORT, comparison_at, catalogue.path(session_id), catalogue.path(other_id))
 
 
 @router.get("/sessions/{session_id}/evidence")
 def evidence(session_id: str, catalogue: CataloguePart, workers: WorkersPart) -> Evidence:
     """How fast the master opened the shutdown circuit, of a session that `voltwall evidence` recorded."""
     try:
-        return workers.run(REPORT, evidence_at, path_of(catalogue, session_id))
+        return workers.run(REPORT, evidence_at, catalogue.path(session_id))
     except NoEvidence as error:
         raise not_found("reaction test", session_id) from error
 

@@ -36,13 +36,12 @@ from app.api.web.dependencies import (
     UserDep,
     WorkersPart,
 )
-from app.api.web.problems import Problem, invalid, not_found
+from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body
 from app.estimation.filters.estimators import FILTERS
-from app.sessions.errors import ExportUnavailable, SessionError, SessionNotFound, UnknownSignal
+from app.sessions.errors import SessionError, UnknownSignal
 from app.sessions.export.formats import FORMATS
 from app.sessions.info import SessionInfo
-from app.sessions.reading.reader import SessionFile
 from app.sessions.replay import SESSION_CELL, ReplayOptions
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
 from app.sessions.storage.files import sha256
@@ -124,24 +123,8 @@ def _recording_id(recorder: RecorderPart) -> str | None:
 
 def _require_recording(catalogue: CataloguePart, recorder: RecorderPart, session_id: str) -> None:
     if _recording_id(recorder) != session_id:
-        with open_session(catalogue, session_id):  # 404 where there is none
+        with catalogue.open(session_id):  # 404 where there is none
             raise Problem(409, "not-now", Message("not-being-recorded", session=session_id))
-
-
-def open_session(catalogue: CataloguePart, session_id: str) -> SessionFile:
-    """Open a session for reading; where there is none, the answer is 404."""
-    try:
-        return catalogue.open(session_id)
-    except SessionNotFound as error:
-        raise not_found("session", session_id) from error
-
-
-def path_of(catalogue: CataloguePart, session_id: str) -> Path:
-    """Return where a session is, for what is read in another process; where there is none, the answer is 404."""
-    try:
-        return catalogue.path(session_id)
-    except SessionNotFound as error:
-        raise not_found("session", session_id) from error
 
 
 def _require_order(t_from: float | None, t_to: float | None) -> None:
@@ -167,7 +150,7 @@ def start(events: EventsPart, recorder: RecorderPart, user: UserDep, body: NewSe
 @router.get("/sessions/{session_id}", response_model=SessionDetailOut)
 def session(session_id: str, catalogue: CataloguePart, recorder: RecorderPart) -> dict[str, Any]:
     """One session with its markers, events and configurations."""
-    with open_session(catalogue, session_id) as file:
+    with catalogue.open(session_id) as file:
         return session_json(file.info, _recording_id(recorder)) | {
             "markers": [_marker_json(marker) for marker in file.markers()],
             "events": [_event_json(event) for event in file.events()],
@@ -218,7 +201,7 @@ def mark(
 @router.get("/sessions/{session_id}/markers", response_model=MarkersOut)
 def markers(session_id: str, catalogue: CataloguePart) -> dict[str, Any]:
     """All markers."""
-    with open_session(catalogue, session_id) as file:
+    with catalogue.open(session_id) as file:
         return {"markers": [_marker_json(marker) for marker in file.markers()]}
 
 
@@ -229,10 +212,7 @@ def delete(
     """Delete a session for ever."""
     if _recording_id(recorder) == session_id:
         raise Problem(409, "not-now", Message("stop-recording-first"))
-    try:
-        catalogue.delete(session_id)
-    except SessionNotFound as error:
-        raise not_found("session", session_id) from error
+    catalogue.delete(session_id)
     events.note("info", "session-deleted", Message("session-deleted", session=session_id), user.name)
     return {"deleted": True}
 
@@ -248,7 +228,7 @@ def series(
 ) -> Response:
     """Signals over a range, smallest and largest per point, so that no dip is lost; null is a gap."""
     _require_order(t_from, t_to)
-    with open_session(catalogue, session_id) as file:
+    with catalogue.open(session_id) as file:
         filled = file.filled()
         try:
             found = file.series(signal, t_from, t_to, points)
@@ -285,14 +265,11 @@ def download(
     with tempfile.NamedTemporaryFile(suffix=FORMATS[export_format].suffix, delete=False) as target:
         path = Path(target.name)
     try:
-        source = path_of(catalogue, session_id)
+        source = catalogue.path(session_id)
         is_simulated = workers.run(EXPORT, export_at, source, path, export_format, signal, t_from, t_to)
     except UnknownSignal as error:
         path.unlink(missing_ok=True)
         raise invalid("signal", error.name, error.reason) from error
-    except ExportUnavailable as error:
-        path.unlink(missing_ok=True)
-        raise Problem(501, "extra-missing", error.message) from error
     except BaseException:
         path.unlink(missing_ok=True)
         raise
@@ -315,17 +292,14 @@ def file(session_id: str, catalogue: CataloguePart) -> FileResponse:
 
     With its SHA-256 as ETag and Repr-Digest, and in ranges, so that a download that was cut off goes on.
     """
-    try:
-        closed = catalogue.closed_file(session_id)
-    except SessionNotFound as error:
-        raise not_found("session", session_id) from error
+    closed = catalogue.closed_file(session_id)
     if closed is not None:
         path, digest = closed
         return FileResponse(str(path), filename=path.name, media_type=SQLITE, headers=_digest_headers(digest))
     with tempfile.NamedTemporaryFile(suffix=".sqlite", delete=False) as target:
         path = Path(target.name)
     try:
-        with open_session(catalogue, session_id) as session_file:
+        with catalogue.open(session_id) as session_file:
             session_file.copy_to(path)
     except SessionError:
         path.unlink(missing_ok=True)
@@ -354,10 +328,7 @@ def replay(
     body: Replay, replay: ReplayPart, events: EventsPart, catalogue: CataloguePart, user: UserDep
 ) -> dict[str, Any]:
     """Show a session instead of the live source; recording goes on."""
-    try:
-        path = catalogue.path(body.session_id)
-    except SessionNotFound as error:
-        raise not_found("session", body.session_id) from error
+    path = catalogue.path(body.session_id)
     replay.start(path, ReplayOptions(body.speed, body.filter, body.cell, body.estimates))
     events.note("info", "replay", Message("replay-started", session=body.session_id), user.name)
     return {"replay": replay.state()}
@@ -398,9 +369,7 @@ _OTHERWISE = ("t_mono_ns", "t_wall_ns", "limit_value", "message")  # sent by ano
 
 
 def _event_json(event: dict[str, Any]) -> dict[str, Any]:
-    body = {
-        name: value for name, value in event.items() if name not in ("t_mono_ns", "t_wall_ns", "limit_value", "message")
-    }
+    body = {name: value for name, value in event.items() if name not in _OTHERWISE}
     message = event.get("message")  # not in the files of early versions
     words = None if message is None else orjson.loads(message)
     return body | {"time": event["t_wall_ns"] / 1e9, "limit": event.get("limit_value"), "text_words": words}

@@ -15,7 +15,6 @@ from pydantic import Field, SecretStr
 from app.api.encoding.words import message_json, messages_json
 from app.api.schemas.copies import CopiesOut, HeadOut, OffersOut
 from app.api.schemas.sessions import FetchStateOut
-from app.api.sessions.routes import open_session
 from app.api.web.dependencies import (
     CataloguePart,
     EventsPart,
@@ -107,7 +106,7 @@ def offers(
 @router.get("/sessions/{session_id}/head", response_model=HeadOut)
 def head(session_id: str, catalogue: CataloguePart, recorder: RecorderPart) -> dict[str, Any]:
     """What there is to know of a session beside its rows."""
-    with open_session(catalogue, session_id) as session:
+    with catalogue.open(session_id) as session:
         is_recording = recorder.session is not None and recorder.session.id == session_id
         return head_of(session, session.info, is_recording=is_recording)
 
@@ -123,7 +122,7 @@ def pieces(
 ) -> StreamingResponse:
     """Pieces of a session behind each other: a line of JSON (`piece`, `bytes`, `sha256`), then so many bytes."""
     is_recording = recorder.session is not None and recorder.session.id == session_id
-    with open_session(catalogue, session_id) as session:
+    with catalogue.open(session_id) as session:
         info = session.info
     there = n_pieces(info, is_recording=is_recording)
     wanted = range(first, first - count, -1) if descending else range(first, first + count)

@@ -71,12 +71,9 @@ class Recorder:
         self._ending = False
         self._session: SessionInfo | None = None
         self._pending: list[TableRow] = []
-        self._queued_items = 0
-        self._queued_bytes = 0
-        self._taken = 0  # items ever accepted, and of those done with
-        self._done = 0
-        self._lost = 0
-        self._unreported_losses = 0
+        self._queued_items = self._queued_bytes = 0
+        self._taken = self._done = 0  # items ever accepted, and of those done with
+        self._lost = self._unreported_losses = 0
         self._counts: Counter[str] = Counter()  # items of the session by table
         self._clock_offset_ns = 0
         self._config: bytes | None = None  # in force, of this session
@@ -112,12 +109,7 @@ class Recorder:
         with self._lock:
             if (session := self._session) is None:
                 raise NotNow(Message("nothing-recorded"))
-            name = None if session.name == session.id else self._next_name(session.name)
-            config = self._config
-            known = session.metadata if metadata is None else metadata
-            following = self._begin(name, {**known, "continues": session.id})
-            self._repeat_config(following, config)
-            return following
+            return self._go_on(session, session.metadata if metadata is None else metadata)
 
     def stop(self) -> None:
         """End the session; nothing without one. What it still holds in memory is written by the thread."""
@@ -245,11 +237,14 @@ class Recorder:
         self._wake.set()
         return self._session
 
-    def _repeat_config(self, session: SessionInfo, config: bytes | None) -> None:
-        """Write the configuration in force into a session that goes on; the lock is held."""
+    def _go_on(self, session: SessionInfo, metadata: Mapping[str, object], beside: Path | None = None) -> SessionInfo:
+        """Begin the session that follows another, with the configuration in force; the lock is held."""
+        name, config = None if session.name == session.id else self._next_name(session.name), self._config
+        begun = self._begin(name, {**metadata, "continues": session.id}, beside=beside)
         if config is not None:
             self._config = config
-            self._put("configs", (session.started_mono_ns, session.started_wall_ns, "as before", config), len(config))
+            self._put("configs", (begun.started_mono_ns, begun.started_wall_ns, "as before", config), len(config))
+        return begun
 
     def _put(self, table: str, row: Row, size: int) -> None:
         """Queue a row; the lock is held."""
@@ -300,8 +295,7 @@ class Recorder:
 
     def _work(self) -> None:
         with self._lock:
-            self._batch += self._pending
-            self._pending = []
+            self._batch, self._pending = [*self._batch, *self._pending], []
             unreported = self._unreported_losses
         error: Message | None = None
         free = None
@@ -315,11 +309,10 @@ class Recorder:
                 self._split_where_long()
         except (sqlite3.Error, OSError, SessionError) as failure:
             error = Message("disk-refuses", error=message_of(failure))
-        if error != self._error:
-            if error:
-                logger.warning("recording stalled: %s", render(error))
-            else:
-                logger.info("recording goes on, %d items were lost", unreported)
+        if error and error != self._error:
+            logger.warning("recording stalled: %s", render(error))
+        elif self._error and not error:
+            logger.info("recording goes on, %d items were lost", unreported)
         with self._progress:
             self._error, self._free = error, free
             self._progress.notify_all()
@@ -351,10 +344,8 @@ class Recorder:
 
     def _begin_elsewhere(self, session: SessionInfo) -> SessionInfo:
         """Begin a session in place of one whose file is gone, with all that waits; the lock is held."""
-        waiting, config = self._batch, self._config
-        name = None if session.name == session.id else self._next_name(session.name)
-        following = self._begin(name, {**session.metadata, "continues": session.id}, beside=session.path)
-        self._repeat_config(following, config)
+        waiting = self._batch
+        following = self._go_on(session, session.metadata, session.path)
         self._counts.update(table for table, _ in waiting if table != _START)
         self._batch, self._pending = [*self._pending, *(item for item in waiting if item[0] != _START)], []
         return following
