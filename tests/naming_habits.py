@@ -21,6 +21,11 @@ class Named(Peer):
         return super().dbc() + self.texts
 
 
+def plain(head: tuple[int, str, int, float], *signals: Bits) -> Sent:
+    """Return a message without a multiplexer: its id, name, size and period [s], and its signals."""
+    return Sent(*head, [list(signals)])
+
+
 def volts(peer: Peer, i: int, factor: float = 1.0) -> Callable[[float], float]:
     return lambda t: factor * peer.voltage(i, t)
 
@@ -100,47 +105,26 @@ def adjusted_decoy() -> Named:
             0.05,
             turns(140, "TempChannel", "TempChannelMuxSelect", 0.01, "degC", heat),
         ),
-        Sent(0x88029401, "BMU_AmsVBatt", 8, 0.1, [[Bits("AMS_PackVoltage", 0, 16, peer.pack_voltage, 0.01)]]),
-        Sent(
-            0x8A029401,
-            "BMU_stateBusHV",
-            8,
-            0.05,
-            [
-                [
-                    Bits("CurrentBusHV", 32, 32, amps(peer), 0.001, unit="A", signed=True),
-                    Bits("VoltageBusHV", 0, 32, lambda t: peer.pack_voltage(t) * closed(t), 0.001, unit="V"),
-                ]
-            ],
+        plain((0x88029401, "BMU_AmsVBatt", 8, 0.1), Bits("AMS_PackVoltage", 0, 16, peer.pack_voltage, 0.01)),
+        plain(
+            (0x8A029401, "BMU_stateBusHV", 8, 0.05),
+            Bits("CurrentBusHV", 32, 32, amps(peer), 0.001, unit="A", signed=True),
+            Bits("VoltageBusHV", 0, 32, lambda t: peer.pack_voltage(t) * closed(t), 0.001, unit="V"),
         ),
-        Sent(
-            0x8A039401,
-            "BMU_batteryStatusHV",
-            8,
-            0.1,
-            [
-                [
-                    Bits("StateBatteryChargeHV", 0, 16, fixed(66), 0.01, unit="%"),
-                    Bits("TempCellMax", 16, 16, fixed(40), 0.01),
-                    Bits("VoltageCellMin", 32, 16, fixed(3.4), 0.0001),
-                    Bits("VoltageCellMax", 48, 16, fixed(3.9), 0.0001),
-                ]
-            ],
+        plain(
+            (0x8A039401, "BMU_batteryStatusHV", 8, 0.1),
+            Bits("StateBatteryChargeHV", 0, 16, fixed(66), 0.01, unit="%"),
+            Bits("TempCellMax", 16, 16, fixed(40), 0.01),
+            Bits("VoltageCellMin", 32, 16, fixed(3.4), 0.0001),
+            Bits("VoltageCellMax", 48, 16, fixed(3.9), 0.0001),
         ),
-        Sent(0x8B039401, "PrechargeState", 8, 0.1, [[Bits("PrechargeState", 0, 8, state)]]),
-        Sent(
-            0x8B049401,
-            "BMU_contactorState",
-            2,
-            0.1,
-            [
-                [
-                    Bits("StateContactorNegative", 0, 3, lambda t: 1 + closed(t)),
-                    Bits("StateContactorPositive", 3, 3, lambda t: 1 + closed(t)),
-                ]
-            ],
+        plain((0x8B039401, "PrechargeState", 8, 0.1), Bits("PrechargeState", 0, 8, state)),
+        plain(
+            (0x8B049401, "BMU_contactorState", 2, 0.1),
+            Bits("StateContactorNegative", 0, 3, lambda t: 1 + closed(t)),
+            Bits("StateContactorPositive", 3, 3, lambda t: 1 + closed(t)),
         ),
-        Sent(0x800C9401, "ChargeEN_State", 8, 0.1, [[Bits("ChargeEN_State", 0, 1, fixed(0))]]),
+        plain((0x800C9401, "ChargeEN_State", 8, 0.1), Bits("ChargeEN_State", 0, 1, fixed(0))),
     ]
     peer.texts = (
         'VAL_ 2332267521 PrechargeState 0 "idle" 1 "precharge" 2 "done" ;\n'
@@ -164,27 +148,20 @@ def pairs_in_fd_frames() -> Named:
                 Bits(f"V{i}", 16 * j, 8, volts(peer, i), 0.01, 2, "V"),
                 Bits(f"T{i}", 16 * j + 8, 8, heat(peer, i), 0.25, -10, "C"),
             ]
-        peer.sent.append(Sent(0x400 + k, f"AMS_Stack{k}_Data", 64, 0.1, [b]))
+        peer.sent.append(plain((0x400 + k, f"AMS_Stack{k}_Data", 64, 0.1), *b))
     peer.sent += [
-        Sent(
-            0x300,
-            "AMS_Pack",
-            16,
-            0.02,
-            [
-                [
-                    Bits("PackVoltage", 0, 16, peer.pack_voltage, 0.1, unit="V"),
-                    Bits("PackCurrent", 16, 16, amps(peer), 0.1, unit="A", signed=True),
-                    Bits("SoC", 32, 8, fixed(66), 0.5, unit="%"),
-                    Bits("AIR_P", 40, 1, closed),
-                    Bits("AIR_N", 41, 1, closed),
-                    Bits("PC_Relay", 42, 1, precharge),
-                    Bits("AMS_Error", 43, 1, fixed(0)),
-                    Bits("IMD_Error", 44, 1, fixed(0)),
-                    Bits("Charging", 45, 1, fixed(0)),
-                    Bits("BalancingActive", 46, 1, fixed(0)),
-                ]
-            ],
+        plain(
+            (0x300, "AMS_Pack", 16, 0.02),
+            Bits("PackVoltage", 0, 16, peer.pack_voltage, 0.1, unit="V"),
+            Bits("PackCurrent", 16, 16, amps(peer), 0.1, unit="A", signed=True),
+            Bits("SoC", 32, 8, fixed(66), 0.5, unit="%"),
+            Bits("AIR_P", 40, 1, closed),
+            Bits("AIR_N", 41, 1, closed),
+            Bits("PC_Relay", 42, 1, precharge),
+            Bits("AMS_Error", 43, 1, fixed(0)),
+            Bits("IMD_Error", 44, 1, fixed(0)),
+            Bits("Charging", 45, 1, fixed(0)),
+            Bits("BalancingActive", 46, 1, fixed(0)),
         )
     ]
     peer.truth = told(
@@ -200,60 +177,41 @@ def german_names() -> Named:
     for m in range(12):
         for k in range(3):
             peer.sent.append(
-                Sent(
-                    0x200 + 4 * m + k,
-                    f"Modul{m + 1}_Zellspannungen_{k + 1}",
-                    8,
-                    0.1,
-                    [
-                        [
-                            Bits(
-                                f"Modul{m + 1}_Zellspannung_{4 * k + j + 1}",
-                                16 * j,
-                                16,
-                                volts(peer, 12 * m + 4 * k + j),
-                                0.001,
-                                unit="V",
-                            )
-                            for j in range(4)
-                        ]
+                plain(
+                    (0x200 + 4 * m + k, f"Modul{m + 1}_Zellspannungen_{k + 1}", 8, 0.1),
+                    *[
+                        Bits(
+                            f"Modul{m + 1}_Zellspannung_{4 * k + j + 1}",
+                            16 * j,
+                            16,
+                            volts(peer, 12 * m + 4 * k + j),
+                            0.001,
+                            unit="V",
+                        )
+                        for j in range(4)
                     ],
                 )
             )
         peer.sent.append(
-            Sent(
-                0x200 + 4 * m + 3,
-                f"Modul{m + 1}_Temperaturen",
-                8,
-                0.5,
-                [
-                    [
-                        Bits(
-                            f"Modul{m + 1}_Zelltemperatur_{j + 1}", 8 * j, 8, heat(peer, 6 * m + j), 1, -40, unit="Cel"
-                        )
-                        for j in range(6)
-                    ]
+            plain(
+                (0x200 + 4 * m + 3, f"Modul{m + 1}_Temperaturen", 8, 0.5),
+                *[
+                    Bits(f"Modul{m + 1}_Zelltemperatur_{j + 1}", 8 * j, 8, heat(peer, 6 * m + j), 1, -40, unit="Cel")
+                    for j in range(6)
                 ],
             )
         )
     peer.sent += [
-        Sent(
-            0x100,
-            "AMS_Gesamt",
-            8,
-            0.02,
-            [
-                [
-                    Bits("Gesamtspannung", 0, 16, peer.pack_voltage, 0.1, unit="V"),
-                    Bits("Strom", 16, 16, amps(peer), 0.1, unit="A", signed=True),
-                    Bits("Ladezustand", 32, 8, fixed(66), 1, unit="%"),
-                    Bits("Schuetz_Plus", 40, 1, closed),
-                    Bits("Schuetz_Minus", 41, 1, closed),
-                    Bits("Vorladerelais", 42, 1, precharge),
-                    Bits("Fehler_AMS", 43, 1, fixed(0)),
-                    Bits("Laden_aktiv", 44, 1, fixed(0)),
-                ]
-            ],
+        plain(
+            (0x100, "AMS_Gesamt", 8, 0.02),
+            Bits("Gesamtspannung", 0, 16, peer.pack_voltage, 0.1, unit="V"),
+            Bits("Strom", 16, 16, amps(peer), 0.1, unit="A", signed=True),
+            Bits("Ladezustand", 32, 8, fixed(66), 1, unit="%"),
+            Bits("Schuetz_Plus", 40, 1, closed),
+            Bits("Schuetz_Minus", 41, 1, closed),
+            Bits("Vorladerelais", 42, 1, precharge),
+            Bits("Fehler_AMS", 43, 1, fixed(0)),
+            Bits("Laden_aktiv", 44, 1, fixed(0)),
         )
     ]
     peer.truth = told(
@@ -268,51 +226,34 @@ def letters_in_numbered_messages() -> Named:
     peer = Named("adbms6830_cell_voltage of numbered messages, no cell number in names", 160, 80, resolution_v=0.00015)
     for k, r in enumerate(parts(160, 4)):
         peer.sent.append(
-            Sent(
-                0x600 + k,
-                f"cell_voltages_{k:02d}",
-                8,
-                0.1,
-                [
-                    [
-                        Bits(f"cell_voltage_{'abcd'[j]}", 16 * j, 16, volts(peer, i), 0.00015, 1.5, "V")
-                        for j, i in enumerate(r)
-                    ]
+            plain(
+                (0x600 + k, f"cell_voltages_{k:02d}", 8, 0.1),
+                *[
+                    Bits(f"cell_voltage_{'abcd'[j]}", 16 * j, 16, volts(peer, i), 0.00015, 1.5, "V")
+                    for j, i in enumerate(r)
                 ],
             )
         )
     for k, r in enumerate(parts(80, 8)):
         peer.sent.append(
-            Sent(
-                0x640 + k,
-                f"cell_temperatures_{k:02d}",
-                8,
-                0.5,
-                [
-                    [
-                        Bits(f"cell_temperature_{'abcdefgh'[j]}", 8 * j, 8, heat(peer, i), 0.5, -20, "degC")
-                        for j, i in enumerate(r)
-                    ]
+            plain(
+                (0x640 + k, f"cell_temperatures_{k:02d}", 8, 0.5),
+                *[
+                    Bits(f"cell_temperature_{'abcdefgh'[j]}", 8 * j, 8, heat(peer, i), 0.5, -20, "degC")
+                    for j, i in enumerate(r)
                 ],
             )
         )
     peer.sent += [
-        Sent(
-            0x650,
-            "accumulator_status",
-            8,
-            0.02,
-            [
-                [
-                    Bits("ts_voltage", 0, 16, peer.pack_voltage, 0.02, unit="V"),
-                    Bits("ts_current", 16, 16, amps(peer), 0.02, unit="A", signed=True),
-                    Bits("soc", 32, 8, fixed(0.66), 0.005),
-                    Bits("ts_state", 40, 3, state),
-                    Bits("sdc_closed", 43, 1, closed),
-                    Bits("ams_ok", 44, 1, fixed(1)),
-                    Bits("imd_ok", 45, 1, fixed(1)),
-                ]
-            ],
+        plain(
+            (0x650, "accumulator_status", 8, 0.02),
+            Bits("ts_voltage", 0, 16, peer.pack_voltage, 0.02, unit="V"),
+            Bits("ts_current", 16, 16, amps(peer), 0.02, unit="A", signed=True),
+            Bits("soc", 32, 8, fixed(0.66), 0.005),
+            Bits("ts_state", 40, 3, state),
+            Bits("sdc_closed", 43, 1, closed),
+            Bits("ams_ok", 44, 1, fixed(1)),
+            Bits("imd_ok", 45, 1, fixed(1)),
         )
     ]
     peer.texts = 'VAL_ 1616 ts_state 0 "TS_OFF" 1 "TS_PRECHARGING" 2 "TS_ACTIVE" 3 "TS_CHARGING" 4 "TS_ERROR" ;\n'
@@ -346,31 +287,17 @@ def pages_of_slaves() -> Named:
             )
         peer.sent.append(Sent(0x180 + s, f"SLAVE{s}_DATA", 8, 0.02, turns))
     peer.sent += [
-        Sent(
-            0x190,
-            "MASTER_HV",
-            8,
-            0.02,
-            [
-                [
-                    Bits("hv_voltage", 0, 16, peer.pack_voltage, 0.1, unit="V"),
-                    Bits("hv_current", 16, 16, amps(peer), 0.1, unit="A", signed=True),
-                    Bits("hv_soc", 32, 8, fixed(66), 1, unit="%"),
-                ]
-            ],
+        plain(
+            (0x190, "MASTER_HV", 8, 0.02),
+            Bits("hv_voltage", 0, 16, peer.pack_voltage, 0.1, unit="V"),
+            Bits("hv_current", 16, 16, amps(peer), 0.1, unit="A", signed=True),
+            Bits("hv_soc", 32, 8, fixed(66), 1, unit="%"),
         ),
-        Sent(
-            0x191,
-            "MASTER_STATE",
-            2,
-            0.1,
-            [
-                [
-                    Bits("hv_state", 0, 4, state),
-                    Bits("ams_error_flag", 8, 1, fixed(0)),
-                    Bits("imd_error_flag", 9, 1, fixed(0)),
-                ]
-            ],
+        plain(
+            (0x191, "MASTER_STATE", 2, 0.1),
+            Bits("hv_state", 0, 4, state),
+            Bits("ams_error_flag", 8, 1, fixed(0)),
+            Bits("imd_error_flag", 9, 1, fixed(0)),
         ),
     ]
     peer.texts = (
@@ -383,10 +310,4 @@ def pages_of_slaves() -> Named:
     return peer
 
 
-HABITS = (
-    adjusted_decoy,
-    pairs_in_fd_frames,
-    german_names,
-    letters_in_numbered_messages,
-    pages_of_slaves,
-)
+HABITS = (adjusted_decoy, pairs_in_fd_frames, german_names, letters_in_numbered_messages, pages_of_slaves)
