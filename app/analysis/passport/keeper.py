@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -23,12 +24,14 @@ from app.estimation.cell_model.circuit import CellModel
 from app.estimation.health.capacity import CapacityTracker
 from app.estimation.health.rest_capacity import CapacityBetweenRests
 from app.sessions.catalogue import Catalogue
+from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
-from app.sessions.new_sessions import NewSessions
 from app.sessions.passport_store import PassportStore
 from app.sessions.reading.reader import SessionFile
 from app.sources.loaded_battery import team_battery
-from app.words import naming_cells
+from app.words import named_as_here, naming_cells
+
+log = logging.getLogger(__name__)
 
 
 class _Stretches(CapacityTracker):
@@ -101,7 +104,7 @@ def record_of(session: SessionFile, todays: CellModel) -> SessionRecord:
     )
 
 
-class PassportKeeper(NewSessions):
+class PassportKeeper:
     """Reads sessions that are new in the background; answers with what is known so far."""
 
     def __init__(
@@ -127,7 +130,6 @@ class PassportKeeper(NewSessions):
         Raises:
             AppError: the file cannot be used.
         """
-        super().__init__("passport")
         self.battery = battery or team_battery().battery
         own = "" if self.battery == team_battery().battery else f"-{file_name_of(self.battery.name)}"
         self.store = PassportStore(folder / f"passport{own}{'-simulated' if simulated else ''}.sqlite")
@@ -135,16 +137,32 @@ class PassportKeeper(NewSessions):
         self._also = also
         self._catalogue = catalogue
         self._cell = cell
-        self._reading = threading.Lock()
+        self._lock, self._reading = threading.Lock(), threading.Lock()
+        self._thread: threading.Thread | None = None
+        self._progress = (0, 0)
+        self._unreadable: set[str] = set()
         self._others: set[str] = set()  # sessions of other batteries
+        self._is_closing = False
 
-    def _is_worth_it(self) -> bool:
-        self._progress = (0, len(self._new()))  # before anybody asks
-        return self._progress[1] > 0
+    @property
+    def progress(self) -> tuple[int, int]:
+        """Sessions read and to be read, of the run that is under way; (0, 0) without one."""
+        return self._progress
+
+    def update(self) -> None:
+        """Begin to read what is new, in the background; nothing where there is none, or that is under way already."""
+        with self._lock:
+            if self._is_closing or (self._thread is not None and self._thread.is_alive()):
+                return
+            new = self._new()
+            if new:
+                self._progress = (0, len(new))  # before anybody asks
+                self._thread = threading.Thread(target=named_as_here(self.read_new), name="passport", daemon=True)
+                self._thread.start()
 
     def _new(self) -> list[SessionInfo]:
         """Finished sessions of this car that are not in the store yet, the oldest first."""
-        known = self.store.known() | self._failed | self._others
+        known = self.store.known() | self._unreadable | self._others
         found = [
             info
             for info in self._catalogue.list()
@@ -155,18 +173,32 @@ class PassportKeeper(NewSessions):
     def read_new(self) -> int:
         """Read every finished session that is not in the store yet; return how many. One thread at a time."""
         with self._reading:
-            return self._read_each(self._new(), self._read)
+            return self._read(self._new())
 
-    def _read(self, info: SessionInfo) -> bool:
-        with SessionFile(info.path) as session:
-            if not self._is_of_battery(session.battery):
-                self._others.add(info.id)
-                return False
-            record = record_of(session, self._cell)
-            if self._also is not None:
-                self._also(session)
-        self.store.add_record(info.id, info.started_wall_ns, _to_json(record))
-        return True
+    def _read(self, new: list[SessionInfo]) -> int:
+        done = 0
+        for k, info in enumerate(new):
+            if self._is_closing:
+                break
+            self._progress = (k, len(new))
+            try:
+                with SessionFile(info.path) as session:
+                    if not self._is_of_battery(session.battery):
+                        self._others.add(info.id)
+                        continue
+                    record = record_of(session, self._cell)
+                    if self._also is not None:
+                        self._also(session)
+                self.store.add_record(info.id, info.started_wall_ns, _to_json(record))
+                done += 1
+            except SessionError as error:
+                self._unreadable.add(info.id)
+                log.warning("session %s is not in the passports: %s", info.id, error)
+            except Exception:  # the sessions after it are read all the same
+                self._unreadable.add(info.id)
+                log.exception("session %s is not in the passports", info.id)
+        self._progress = (0, 0)
+        return done
 
     def _is_ours(self, source: object) -> bool:
         """A session that does not say where it comes from is taken for the car's."""
@@ -204,7 +236,11 @@ class PassportKeeper(NewSessions):
 
     def close(self) -> None:
         """Stop reading and close the store."""
-        super().close()
+        with self._lock:
+            self._is_closing = True
+            thread = self._thread
+        if thread is not None:
+            thread.join(timeout=10.0)
         self.store.close()
 
 

@@ -1,14 +1,13 @@
 """Named commands to the master, and the guided calibration of its current sensor."""
 
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import Any, Literal
 
 from fastapi import APIRouter
 from pydantic import Field
 
 from app.api.encoding.words import words
-from app.api.schemas.service import CalibrationOut, CommandsOut, DoneOut, IdentityOut
+from app.api.schemas.service import CalibrationOut, CommandsOut, DoneOut
 from app.api.web.dependencies import (
     CommandsPart,
     ConfigurationPart,
@@ -22,6 +21,7 @@ from app.api.web.problems import Problem, invalid, not_found
 from app.api.web.request_body import Body
 from app.battery.shape import CELLS_PER_PACK, N_CELLS
 from app.configuration.calibration import measure, propose_gain, propose_zero
+from app.telemetry import Identity
 from app.words import Message, Quantity, render
 from firmware_protocol.messages import MAX_FAN_OVERRIDE_S, Command, CommandId
 
@@ -148,15 +148,15 @@ def _balance(commands: CommandsPart, cells: list[int], who: str) -> None:
         commands.send("balance-cells", request, who, details)
 
 
-@router.post("/identify", response_model=IdentityOut)
-def identify(events: EventsPart, links: LinksPart, live: LivePart, user: UserDep) -> dict[str, Any]:
+@router.post("/identify")
+def identify(events: EventsPart, links: LinksPart, live: LivePart, user: UserDep) -> Identity:
     """Ask the master who it is, now."""
     links.master.identify()
     identity = live.identity
     if identity is None:
         raise Problem(504, "no-reply", Message("no-identity"))
     events.note("info", "command", Message("identified", firmware=identity.firmware, boots=identity.boots), user.name)
-    return asdict(identity)
+    return identity
 
 
 class CalibrationIn(Body):
@@ -166,10 +166,10 @@ class CalibrationIn(Body):
     reference_a: float | None = Field(None, ge=-1000, le=1000, description="gain: the meter, positive on discharge")
 
 
-@router.post("/calibration/current", response_model=CalibrationOut)
+@router.post("/calibration/current")
 def calibrate(
     body: CalibrationIn, events: EventsPart, links: LinksPart, configuration: ConfigurationPart, user: UserDep
-) -> dict[str, Any]:
+) -> CalibrationOut:
     """Average the current over a second, and propose the offset or gain that corrects it. Nothing is written."""
     if body.what == "gain" and body.reference_a is None:
         raise invalid("reference_a", None, Message("reference-current"))
@@ -186,4 +186,4 @@ def calibrate(
         change = f"{proposal.field} {proposal.before_raw} -> {proposal.after_raw}"
         message = Message("current-proposed", what=body.what, current=current, sigma=sigma, change=change)
     events.note("info", "calibration", message, user.name)
-    return {"measured": asdict(measured), "proposal": None if proposal is None else asdict(proposal)}
+    return CalibrationOut(measured=measured, proposal=proposal)

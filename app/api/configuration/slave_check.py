@@ -67,7 +67,7 @@ def check(
 ) -> dict[str, Any]:
     """Average a slave's readings over a second, at rest; compare them with a meter's, and keep that."""
     readings = read_slave(links.master, body.pack, body.quantity)
-    answer = {"readings": [asdict(reading) for reading in readings], "limits": _limits(body.quantity), "check": None}
+    answer = {"readings": readings, "limits": _limits(body.quantity), "check": None}
     if body.reference is None:
         return answer | {"before": None}
     before = next(iter(slave_checks.checks(body.pack, body.quantity)), None)

@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict
 
 from app.api.schemas.snapshot import Number, Severity
 from app.api.schemas.words import WordsOut
+from app.configuration.calibration import Measured, Proposal
 
 
 class FieldErrorOut(BaseModel):
@@ -109,37 +110,8 @@ class DoneOut(BaseModel):
     done: Literal[True]
 
 
-class IdentityOut(BaseModel):
-    """Who the master says it is."""
-
-    firmware: str
-    protocol: int
-    map_hash: str
-    is_compatible: bool
-    boots: int
-
-
-class MeasuredOut(BaseModel):
-    """The current by the master, averaged; positive on discharge."""
-
-    mean_a: float
-    sigma_a: float
-    samples: int
-    relays_closed: bool
-
-
-class ProposalOut(BaseModel):
-    """What to change, in raw counts, and what the same reading would be then."""
-
-    field: Literal["i_offset", "i_gain"]
-    before_raw: int
-    after_raw: int
-    before_a: float
-    after_a: float
-
-
 class CalibrationOut(BaseModel):
     """A reading of the current sensor, and what would correct it."""
 
-    measured: MeasuredOut
-    proposal: ProposalOut | None
+    measured: Measured
+    proposal: Proposal | None

@@ -1,39 +1,8 @@
 """What the check of a slave against a meter answers."""
 
-from typing import Literal
-
 from pydantic import BaseModel
 
-Number = float | None
-
-
-class SlaveReadingOut(BaseModel):
-    """One cell by its slave, averaged; null where it has no measurement."""
-
-    cell: int
-    value: Number
-    sigma: Number
-
-
-class SlaveCellOut(BaseModel):
-    """A reading beside the meter's."""
-
-    cell: int
-    value: Number
-    sigma: Number
-    reference: Number
-    error: Number
-    is_good: bool | None
-
-
-class SlaveVerdictOut(BaseModel):
-    """What the errors say together."""
-
-    cells: list[SlaveCellOut]
-    cause: Literal["none", "reference", "wire", "cells"]
-    out: list[int]
-    share: Number
-    limit: float
+from app.configuration.slave_check import QuantityName, Reading, Verdict
 
 
 class SlaveCheckOut(BaseModel):
@@ -43,12 +12,12 @@ class SlaveCheckOut(BaseModel):
     time: float
     who: str
     pack: int
-    quantity: Literal["voltage", "temperature"]
+    quantity: QuantityName
     unit: str
     meter: str
     meter_error: float
     note: str
-    verdict: SlaveVerdictOut
+    verdict: Verdict
 
 
 class SlaveLimitsOut(BaseModel):
@@ -62,7 +31,7 @@ class SlaveLimitsOut(BaseModel):
 class SlaveCheckResultOut(BaseModel):
     """What was read; with a meter's readings also the check, and the one before it."""
 
-    readings: list[SlaveReadingOut]
+    readings: list[Reading]
     limits: SlaveLimitsOut
     check: SlaveCheckOut | None
     before: SlaveCheckOut | None

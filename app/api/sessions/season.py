@@ -9,35 +9,18 @@ from pydantic import BaseModel, Field
 from app.api.web.dependencies import SeasonPart
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
-from app.season.store.questions import questions
+from app.season.store.questions import Question, questions
 from app.season.store.store import QueryFailed
 
 _NO_NUL = r"^[^\x00]*$"
 router = APIRouter(prefix="/season", tags=["season"])
 
 
-class SeasonParameterOut(BaseModel):
-    """What a question wants to know."""
-
-    name: str
-    default: str
-    meaning: str
-
-
-class SeasonQuestionOut(BaseModel):
-    """A question that comes along."""
-
-    name: str
-    meaning: str
-    sql: str
-    parameters: list[SeasonParameterOut]
-
-
 class SeasonQuestionsOut(BaseModel):
     """The questions that come along, and where the lake lies."""
 
     lake: str
-    questions: list[SeasonQuestionOut]
+    questions: list[Question]
 
 
 class SeasonQuery(Body):
@@ -64,8 +47,7 @@ class SeasonAnswerOut(BaseModel):
 @router.get("/questions")
 def season_questions(season: SeasonPart) -> SeasonQuestionsOut:
     """The questions that come along, with their SQL."""
-    found = [SeasonQuestionOut.model_validate(each, from_attributes=True) for each in questions()]
-    return SeasonQuestionsOut(lake=season.place, questions=found)
+    return SeasonQuestionsOut(lake=season.place, questions=[*questions()])
 
 
 @router.post("/query")

@@ -481,6 +481,16 @@ export interface Check {
   cell: number | null;
 }
 
+/** A reading beside the meter's; `is_good` None where one of them is missing. */
+export interface CheckedCell {
+  cell: number;
+  value: number | null;
+  sigma: number | null;
+  reference: number | null;
+  error: number | null;
+  is_good: boolean | null;
+}
+
 /** A profile that was saved, and what the rules say about it. */
 export interface CheckedProfile {
   name: string;
@@ -948,7 +958,7 @@ export interface History {
   series: Record<string, (number | null)[]>;
 }
 
-/** Who the master says it is. */
+/** What the master said of itself. */
 export interface Identity {
   firmware: string;
   protocol: number;
@@ -1238,7 +1248,7 @@ export interface Me {
   password_required: boolean;
 }
 
-/** The current by the master, averaged; positive on discharge. */
+/** The current by the master, averaged [A]; positive on discharge. */
 export interface Measured {
   mean_a: number;
   sigma_a: number;
@@ -1319,6 +1329,13 @@ export interface Pack {
   temperature_max_degc: number | null;
   temperature_min_degc: number | null;
   slave_status: number | null;
+}
+
+/** What a question wants to know. */
+export interface Parameter {
+  name: string;
+  default: string;
+  meaning: string;
 }
 
 /** What one session told about a cell; `line` counts its modules from 0. */
@@ -1443,7 +1460,7 @@ export interface Profiles {
   broken: string[];
 }
 
-/** What to change, in raw counts, and what the same reading would be then. */
+/** What to change, in raw counts, and what the same reading would be then [A]. */
 export interface Proposal {
   field: 'i_offset' | 'i_gain';
   before_raw: number;
@@ -1452,12 +1469,27 @@ export interface Proposal {
   after_a: number;
 }
 
+/** One of the questions that come along. */
+export interface Question {
+  name: string;
+  meaning: string;
+  sql: string;
+  parameters: Parameter[];
+}
+
 /** One open live stream. */
 export interface Reader {
   name: string | null;
   role: 'engineer' | 'viewer' | null;
   address: string;
   since: number;
+}
+
+/** One cell by its slave, averaged; None where it has no measurement. `sigma` of one sample. */
+export interface Reading {
+  cell: number;
+  value: number | null;
+  sigma: number | null;
 }
 
 /** A recorder whose sessions are copied; `heard_s` is the unix time of its last answer. */
@@ -1714,31 +1746,16 @@ export interface SeasonOverview {
   cells: CellRank[];
 }
 
-/** What a question wants to know. */
-export interface SeasonParameter {
-  name: string;
-  default: string;
-  meaning: string;
-}
-
 /** A quantity over the season; None where it was measured too seldom, or no step is more than chance. */
 export interface SeasonQuantity {
   trend: SeasonTrend | null;
   step: SeasonStep | null;
 }
 
-/** A question that comes along. */
-export interface SeasonQuestion {
-  name: string;
-  meaning: string;
-  sql: string;
-  parameters: SeasonParameter[];
-}
-
 /** The questions that come along, and where the lake lies. */
 export interface SeasonQuestions {
   lake: string;
-  questions: SeasonQuestion[];
+  questions: Question[];
 }
 
 /** A session of the season with its tags. */
@@ -1909,16 +1926,6 @@ export interface SimulatorStatus {
   active: FaultInForce[];
 }
 
-/** A reading beside the meter's. */
-export interface SlaveCell {
-  cell: number;
-  value: number | null;
-  sigma: number | null;
-  reference: number | null;
-  error: number | null;
-  is_good: boolean | null;
-}
-
 /** A check that was kept. */
 export interface SlaveCheck {
   number: number;
@@ -1930,12 +1937,12 @@ export interface SlaveCheck {
   meter: string;
   meter_error: number;
   note: string;
-  verdict: SlaveVerdict;
+  verdict: Verdict;
 }
 
 /** What was read; with a meter's readings also the check, and the one before it. */
 export interface SlaveCheckResult {
-  readings: SlaveReading[];
+  readings: Reading[];
   limits: SlaveLimits;
   check: SlaveCheck | null;
   before: SlaveCheck | null;
@@ -1951,22 +1958,6 @@ export interface SlaveLimits {
   unit: string;
   tolerance: number;
   meter_error_max: number;
-}
-
-/** One cell by its slave, averaged; null where it has no measurement. */
-export interface SlaveReading {
-  cell: number;
-  value: number | null;
-  sigma: number | null;
-}
-
-/** What the errors say together. */
-export interface SlaveVerdict {
-  cells: SlaveCell[];
-  cause: 'none' | 'reference' | 'wire' | 'cells';
-  out: number[];
-  share: number | null;
-  limit: number;
 }
 
 /** All that is known at one instant. */
@@ -2165,6 +2156,15 @@ export interface Upload {
 /** The id by which an uploaded battery can be chosen. */
 export interface Uploaded {
   id: string;
+}
+
+/** What the errors of a slave say together; `share` is the common error where the cause is the reference. */
+export interface Verdict {
+  cells: CheckedCell[];
+  cause: 'none' | 'reference' | 'wire' | 'cells';
+  out: number[];
+  share: number | null;
+  limit: number;
 }
 
 /** A string without some modules against the whole one, with the ends of its band of 95 %. */
