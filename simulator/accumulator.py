@@ -41,8 +41,8 @@ class AccumulatorParameters:
     path_resistance_ohm: float = 0.025  # relays, main fuse, cables between packs: outside every cell's span
     bleed_ohm: float = 23.5  # two 47 ohm resistors in parallel
     bleed_heat_in_cell: float = 0.0  # part of a bleed resistor's heat that goes into its own cell, not the board
-    capacity_ageing: float = 1.0  # present over new capacity
-    resistance_ageing: float = 1.0
+    capacity_ageing: float | npt.ArrayLike = 1.0  # present over new capacity, one number or one per cell
+    resistance_ageing: float | npt.ArrayLike = 1.0
     thermal: ThermalParameters = field(default_factory=ThermalParameters)
     slow_period_s: float = 1.0  # of temperatures and resistances; 0: at every step
 
@@ -50,7 +50,7 @@ class AccumulatorParameters:
         if self.n_cells < 1:
             raise ParameterError("n_cells", self.n_cells, "at least 1")
         for name in ("bleed_ohm", "capacity_ageing", "resistance_ageing"):
-            if not getattr(self, name) > 0.0:
+            if not (np.asarray(getattr(self, name)) > 0.0).all():
                 raise ParameterError(name, getattr(self, name), "must be positive")
         if self.packs and sum(self.packs) != self.n_cells:
             raise ParameterError("packs", self.packs, f"{self.n_cells} cells together")
@@ -78,8 +78,8 @@ class Accumulator:
             1.0 + p.self_discharge_spread * rng.standard_normal(n), 0, _SELF_DISCHARGE_SPREAD_LIMIT
         )
         self._self_discharge_a = p.cell.self_discharge_a * self_discharge
-        self._built_capacity_ah = p.cell.capacity_ah * p.capacity_ageing * capacity_spread
-        self._built_resistance = p.resistance_ageing * resistance_spread
+        self._built_capacity_ah = p.cell.capacity_ah * np.asarray(p.capacity_ageing) * capacity_spread
+        self._built_resistance = np.asarray(p.resistance_ageing) * resistance_spread
 
         self.ambient_degc = p.ambient_degc
         self.sun_w = 0.0

@@ -1,4 +1,4 @@
-"""How cells age, on the shelf and by use: for seasons that are simulated in one go.
+"""How cells age, on the shelf and by use: for scenarios that begin with an old accumulator, and seasons of them.
 
     capacity    1 - c,  c_cal = a_cap t^0.75,  c_cyc = b_cap sqrt(Q)
     resistance  1 + r,  r_cal = a_res t^0.75,  r_cyc = b_res Q
@@ -20,9 +20,34 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from simulator.cell_data import SAMSUNG_25R_10P
+from simulator.scenario import Start
+
 FloatArray = NDArray[np.float64]
 KELVIN: Final = 273.15
 SPREAD: Final = 0.12  # of the factors between cells, standard deviation of their logarithm
+
+
+LAW_AH: Final = 2.05  # of the cells that the law was fitted to
+LOWEST_CAPACITY: Final = 0.05  # beyond what the law was fitted to, a cell is left so much
+
+
+def aged(start: Start, n: int, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Return (n,) capacity and resistance over new ones at the start of a scenario.
+
+    Args:
+        start: how it was kept and used until then, evenly.
+        n: number of cells.
+        seed: of the cells' own paces: the same at any age.
+    """
+    cells = AgeingCells(n, np.random.default_rng((seed, n)))
+    for index, times in start.paces.items():
+        cells.shelf_pace[int(index)] *= times
+        cells.use_pace[int(index)] *= times
+    cells.rest(start.aged_days, start.aged_degc, start.aged_v)
+    cells.use(start.aged_ah * LAW_AH / SAMSUNG_25R_10P.capacity_ah, start.aged_depth)
+    capacity = start.capacity_ageing * np.maximum(cells.capacity, LOWEST_CAPACITY)
+    return np.asarray(capacity), np.asarray(start.resistance_ageing * cells.resistance)
 
 
 class AgeingCells:

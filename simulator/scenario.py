@@ -42,7 +42,13 @@ class Start:
     resistance_spread: float = 0.03
     capacity_ageing: float = 1.0
     resistance_ageing: float = 1.0
-    cells: Mapping[str, float] = field(default_factory=dict)  # "pack/cell" to start SOC
+    aged_days: float = 0.0  # on the shelf, by the law of `simulator.ageing`; factors come on top of the two above
+    aged_degc: float = 25.0  # there
+    aged_v: float = 3.7  # of the cells there
+    aged_ah: float = 0.0  # passed through what is measured as one cell, out and in together
+    aged_depth: float = 0.75  # of the discharges, of the capacity
+    cells: Mapping[str, float] = field(default_factory=dict)  # index to start SOC
+    paces: Mapping[str, float] = field(default_factory=dict)  # index to how many times faster it ages
 
 
 @dataclass(frozen=True, slots=True)

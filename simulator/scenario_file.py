@@ -50,7 +50,13 @@ START_LIMITS = {
     "resistance_spread": Limits(0, 0.3),
     "capacity_ageing": Limits(0.05, 1.2, "of new"),
     "resistance_ageing": Limits(0.5, 20, "times new"),
+    "aged_days": Limits(0, 7300, "days"),
+    "aged_degc": AMBIENT_DEGC,
+    "aged_v": Limits(3.2, 4.3, "V"),  # the law has no loss below
+    "aged_ah": Limits(0, 100_000, "Ah"),
+    "aged_depth": SHARE,
 }
+_PACE = Limits(0.1, 20, "times")
 _POWER_SCALE = Limits(0.01, 4)
 _LAPS = Limits(1, 100, is_whole=True)
 _EVENT_VALUE = Limits(-(2**31), 2**32 - 1, is_whole=True)
@@ -164,18 +170,24 @@ def _table(document: dict[str, Any], key: str) -> dict[str, Any]:
 def _start(table: dict[str, Any], folder: Path, shape: Shape) -> Start:
     refuse_unknown(table, {item.name for item in fields(Start)} | {"recording"})
     recorded = _recorded_start(folder / read_text(table, "recording")) if "recording" in table else {}
-    cells = {}
-    for place, soc in _table(table, "cells").items():
-        match = _CELL_PLACE.fullmatch(place)
-        if match is None:
-            raise InputError("cells", f'cells: write "pack/cell" = soc, not {shown(place)} = {shown(soc)}')
-        cells[str(shape.cell_index(int(match[1]), int(match[2])))] = check_number(f'cells "{place}"', soc, SHARE)
+    cells, paces = _of_cells(table, "cells", SHARE, shape), _of_cells(table, "paces", _PACE, shape)
     defaults = Start()
     numbers = {
         name: read_number(table, name, limits, recorded.get(name, getattr(defaults, name)))
         for name, limits in START_LIMITS.items()
     }
-    return Start(**numbers, cells=cells)
+    return Start(**numbers, cells=cells, paces=paces)
+
+
+def _of_cells(table: dict[str, Any], key: str, limits: Limits, shape: Shape) -> dict[str, float]:
+    """Numbers by "pack/cell", as people count, to numbers by index."""
+    found = {}
+    for place, value in _table(table, key).items():
+        match = _CELL_PLACE.fullmatch(place)
+        if match is None:
+            raise InputError(key, f'{key}: write "pack/cell" = number, not {shown(place)} = {shown(value)}')
+        found[str(shape.cell_index(int(match[1]), int(match[2])))] = check_number(f'{key} "{place}"', value, limits)
+    return found
 
 
 def _recorded_start(path: Path) -> dict[str, float]:

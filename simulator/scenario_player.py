@@ -13,6 +13,7 @@ import numpy as np
 from firmware_protocol.eeprom import plan_store
 from firmware_protocol.messages import CommandId
 from simulator.accumulator import AccumulatorParameters
+from simulator.ageing import aged
 from simulator.charging import ChargingState
 from simulator.dbc_battery.battery import DbcBattery
 from simulator.dbc_battery.simulation import BatterySimulation
@@ -86,7 +87,7 @@ class ScenarioPlayer:
         if battery is None:
             self.simulation = _of_team(scenario, eeprom or Eeprom(), used_seed, step_s)
         else:
-            parameters = _parameters(scenario, battery.shape.n_cells)
+            parameters = _parameters(scenario, battery.shape.n_cells, used_seed)
             self.simulation = BatterySimulation(parameters, battery, seed=used_seed, step_s=step_s)
         self.simulation.accumulator.sun_w = scenario.start.sun_w
         self.faults = FaultBoard(self.simulation)
@@ -240,15 +241,16 @@ def _of_team(scenario: Scenario, eeprom: Eeprom, seed: int, step_s: float) -> Si
     if scenario.config is not None:
         for page in plan_store(bytes(eeprom.content), scenario.config):
             eeprom.write(page.offset, page.data)
-    parameters = _parameters(scenario, TEAM.n_cells)
+    parameters = _parameters(scenario, TEAM.n_cells, seed)
     return Simulation(parameters, eeprom=eeprom, seed=seed, step_s=step_s, balancing=scenario.balancing)
 
 
-def _parameters(scenario: Scenario, n_cells: int) -> AccumulatorParameters:
+def _parameters(scenario: Scenario, n_cells: int, seed: int) -> AccumulatorParameters:
     start = scenario.start
     soc = np.full(n_cells, start.soc)
     for cell, cell_soc in start.cells.items():
         soc[int(cell)] = cell_soc
+    capacity, resistance = aged(start, n_cells, seed)
     return AccumulatorParameters(
         n_cells=n_cells,
         start_soc=soc,
@@ -256,6 +258,6 @@ def _parameters(scenario: Scenario, n_cells: int) -> AccumulatorParameters:
         ambient_degc=start.ambient_degc,
         capacity_spread=start.capacity_spread,
         resistance_spread=start.resistance_spread,
-        capacity_ageing=start.capacity_ageing,
-        resistance_ageing=start.resistance_ageing,
+        capacity_ageing=capacity,
+        resistance_ageing=resistance,
     )

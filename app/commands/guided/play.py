@@ -30,10 +30,11 @@ _JUDGE_NS: Final = 1_000_000_000
 
 
 class CarClock(Clock):
-    """The car's time as its frames tell it, from where the real clock stood: at any speed it looks like one."""
+    """The car's time as its frames tell it, from where the real clock stood, or a given time of day: at any speed."""
 
-    def __init__(self) -> None:
-        self._mono_ns, self._wall_ns = super().monotonic_ns(), super().wall_ns()
+    def __init__(self, start_wall_ns: int | None = None) -> None:
+        self._mono_ns = super().monotonic_ns()
+        self._wall_ns = super().wall_ns() if start_wall_ns is None else start_wall_ns
         self._uptime_ms = self._base_ms = 0
 
     @property
@@ -68,7 +69,7 @@ class Played:
         return [(t_s, event) for t_s, event in self.events if t_s >= at_s and tells(event.severity, event.code)]
 
 
-def play(day: Day, folder: Path, speed: float, factory: PipelineFactory) -> Played:
+def play(day: Day, folder: Path, speed: float, factory: PipelineFactory, start_wall_ns: int | None = None) -> Played:
     """Play a day to its end.
 
     Args:
@@ -77,13 +78,14 @@ def play(day: Day, folder: Path, speed: float, factory: PipelineFactory) -> Play
         speed: times real time; a day of the bus or the charger takes at most BUS_SPEED.
             Where the machine cannot do it, the day takes longer.
         factory: of the pipeline.
+        start_wall_ns: when the day begins; None: now.
     """
-    return _Player(folder, factory).play(day, speed if day.kind == "car" else min(speed, BUS_SPEED))
+    return _Player(folder, factory, start_wall_ns).play(day, speed if day.kind == "car" else min(speed, BUS_SPEED))
 
 
 class _Player:
-    def __init__(self, folder: Path, factory: PipelineFactory) -> None:
-        self._clock = CarClock()
+    def __init__(self, folder: Path, factory: PipelineFactory, start_wall_ns: int | None) -> None:
+        self._clock = CarClock(start_wall_ns)
         self._events: list[tuple[float, Event]] = []
         self._pipeline: Pipeline = factory.pipeline("simulator", "simulated", "simulated")
         self._recorder = AutoRecorder(
@@ -92,6 +94,7 @@ class _Player:
         self._lock = threading.Lock()
         self._ended = threading.Event()
         self._links = 0  # that are open
+        self._heard = 0  # items
         self._judged_ns = 0
         self._session: Path | None = None
 
@@ -112,7 +115,9 @@ class _Player:
                     link.start()
                 try:
                     simulator.wait(day.length_s / speed * 10 + END_S)
-                    self._ended.wait(END_S)
+                    heard = -1
+                    while not self._ended.wait(END_S) and self._heard != heard:  # a slow machine has yet to read it
+                        heard = self._heard
                 finally:
                     simulator.kill()
                     for link in links:
@@ -122,6 +127,7 @@ class _Player:
 
     def _take(self, item: Item) -> None:
         with self._lock:
+            self._heard += 1
             if isinstance(item, LinkChange) and item.state == "lost":
                 self._links -= 1  # the end of the day is no failure
                 if self._links == 0:  # what waits on the slower link is part of the day

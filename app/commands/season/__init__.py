@@ -2,7 +2,7 @@
 
 import argparse
 
-from app.commands.season import build, estimate, match, query, report
+from app.commands.season import build, estimate, match, query, report, simulate
 from app.commands.session_commands.selection import add_data_argument
 
 
@@ -10,7 +10,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the actions."""
     add_data_argument(parser)
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    for module in (build, query, report, estimate, match):
+    for module in (build, query, report, estimate, match, simulate):
         module.add_actions(actions)
 
 

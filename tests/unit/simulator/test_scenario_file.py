@@ -85,7 +85,7 @@ def test_a_file_is_read_as_people_wrote_it(tmp_path):
         ("soc = 0.5\n", "ambient_degc = nan\n", "ambient_degc = nan is outside"),
         ('"2/1" = 0.6', '"2/1" = 17', r'cells "2/1" = 17 is outside 0\.\.1'),
         ('"2/1" = 0.6', '"2/1" = true', 'cells "2/1" = True is no number'),
-        ('"2/1" = 0.6', f'"{"9" * 5000}/1" = 0.6', 'write "pack/cell" = soc'),
+        ('"2/1" = 0.6', f'"{"9" * 5000}/1" = 0.6', 'write "pack/cell" = number'),
         ("current_a = 20", "current_a = 1e9", r"current_a = 1000000000\.0 is outside -1000\.\.1000 A"),
         ("current_a = 20", "current_a = nan", "current_a = nan is outside"),
         ("current_a = 20", f"current_a = {'9' * 401}", "current_a = 9{30}.* is outside"),
