@@ -55,6 +55,7 @@ from app.sessions.retention import Retention, RetentionRule
 from app.sessions.transfer.fetch_jobs import FetchJobs
 from app.sessions.transfer.follow import GONE_S, Follower, Followers, remotes_of
 from app.sessions.transfer.import_jobs import ImportJobs
+from app.sessions.transfer.session_copy import remove_left_halves
 from app.sessions.worker import Workers
 from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.telemetry import Event, Snapshot, Source
@@ -169,6 +170,7 @@ def make_service(
         events.subscribe(mqtt.offer_event)
 
     # Sessions on the disk
+    remove_left_halves(sessions_folder, clock.wall_s())
     catalogue = Catalogue(sessions_folder)
     rule = RetentionRule(settings.keep_days, settings.keep_gb)
     retention = Retention(

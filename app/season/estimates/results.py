@@ -101,10 +101,10 @@ class Results:
         found = [result for name in names if (result := self.read(made, name)) is not None]
         return sorted(found, key=lambda result: (result["start_s"], result["session"]))
 
-    def has(self, made: EstimateSet, session_id: str, session_bytes: int) -> bool:
-        """Whether there is a result of the session as it is now; one that was filled up since is another."""
+    def has(self, made: EstimateSet, session_id: str, content: str) -> bool:
+        """Whether there is a result of a session with this `SessionFile.content_digest`."""
         found = self.read(made, session_id)
-        return found is not None and found.get("session_bytes") == session_bytes
+        return found is not None and found.get("content") == content
 
 
 def _read(path: Path) -> dict[str, Any] | None:

@@ -13,7 +13,9 @@ from typing import Any
 from app.season.estimates.executor import Engine
 from app.season.estimates.results import EstimateSet, Results
 from app.season.estimates.session import Job, estimate_session
+from app.sessions.errors import SessionError
 from app.sessions.info import SessionInfo
+from app.sessions.reading.reader import SessionFile
 
 Wanted = Sequence[tuple[EstimateSet, str | None]]  # each set with the text of its cell file
 
@@ -65,7 +67,8 @@ def estimate_season(
         results.begin(made)
     tasks: list[_Task] = []
     for info in sessions:
-        lacking = [pair for pair in wanted if again or not results.has(pair[0], info.id, info.size_bytes)]
+        content = None if again else _content(info)
+        lacking = [pair for pair in wanted if content is None or not results.has(pair[0], info.id, content)]
         if lacking:
             job = Job(str(info.path.resolve()), tuple(text for _, text in lacking), filter_name)
             tasks.append(_Task(info, [made for made, _ in lacking], job))
@@ -81,7 +84,7 @@ def estimate_season(
             outcome.failed[task.info.id] = error or "?"
         else:
             for made, result in zip(task.sets, found, strict=True):
-                results.write(made, result | {"session_bytes": task.info.size_bytes})
+                results.write(made, result)
                 outcome.processor_s += result["processor_s"]
             outcome.estimated.append(task.info.id)
         spent_s = time.monotonic() - began_s
@@ -99,6 +102,15 @@ class _Task:
     info: SessionInfo
     sets: list[EstimateSet]
     job: Job
+
+
+def _content(info: SessionInfo) -> str | None:
+    """What the session holds; None where it is damaged, as whoever estimates it will say."""
+    try:
+        with SessionFile(info.path) as session:
+            return session.content_digest
+    except SessionError:
+        return None
 
 
 def _run(tasks: Sequence[_Task], engine: Engine, settle: Callable[[_Task, Any, str | None], None]) -> None:

@@ -72,14 +72,14 @@ def estimate_session(job: Job) -> list[dict[str, Any]]:
         for piece in read_pieces(session):
             for run in runs.values():
                 run.add(piece)
-        info = session.info
+        info, content = session.info, session.content_digest
     about = {
         "schema": SCHEMA,
         "session": info.id,
         "name": info.name,
         "start_s": info.started_wall_ns / 1e9,
         "end_s": (info.ended_wall_ns or info.started_wall_ns) / 1e9,
-        "session_bytes": info.size_bytes,
+        "content": content,
         "recorded_by": info.voltwall,
         "version": __version__,
         "filter": job.filter_name,

@@ -1,5 +1,6 @@
 """Reading a session, closed or not, also while it is being recorded. Changes nothing in it."""
 
+import hashlib
 import json
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,6 +24,7 @@ from app.sessions.reading.rows import in_rows as rows_of
 from app.sessions.reading.samples import FieldSamples, Samples, joined
 from app.sessions.reading.series import Series, reduce_samples
 from app.sessions.storage.chunks import ESTIMATES, Track
+from app.sessions.storage.digests import KEY
 from app.sessions.storage.files import size_on_disk
 from app.sessions.storage.queries import StoredSession
 from app.sessions.storage.signals import Signal, Signals
@@ -113,6 +115,15 @@ class SessionFile:
     def cell_file(self) -> str | None:
         """Text of the cell file that the session was estimated with; None in sessions of earlier versions."""
         return self._meta().get("cell_file")
+
+    @property
+    def content_digest(self) -> str:
+        """SHA-256 over what was recorded, in hex; tags and notes are not in it. Of a session of old: over its file."""
+        digests = self._meta().get(KEY)
+        if digests is not None:
+            return hashlib.sha256(digests.encode()).hexdigest()
+        with self.path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
 
     def unix_s(self, t_mono_ns: int) -> float:
         """Return the unix time of an instant of the recording machine's monotonic clock."""

@@ -5,6 +5,7 @@ its frames; so a copy goes on after any interruption, and neighbours tell whethe
 """
 
 import base64
+import contextlib
 import hashlib
 import json
 import os
@@ -27,6 +28,8 @@ from app.sessions.transfer.pieces import PIECE_NS, Piece, parse_piece
 from app.sources.loaded_battery import battery_from_files
 
 COPIES = ".copies"
+_HALF = ".copying-"  # folder in which a session is being written
+_LEFT_S = 600.0  # nothing of it has changed for so long: whoever wrote it is gone
 _NAME = re.compile(r"(\d{6,9})\.(\d+)-(\d+)\.(\d+)-(\d+)\.piece")
 _PARTIAL = "partial"  # in the note beside a session that lacks pieces: it is no whole file of the other service
 Ids = tuple[int, int, int, int]
@@ -128,7 +131,7 @@ class SessionCopy:
             self.id, self._path, head["name"], head["start_wall_ns"], head["start_mono_ns"],
             voltwall=head["voltwall"], map_hash=head["map_hash"], metadata=metadata,
         )  # fmt: skip
-        with tempfile.TemporaryDirectory(dir=self._path.parent, prefix=".copying-") as folder:
+        with tempfile.TemporaryDirectory(dir=self._path.parent, prefix=_HALF) as folder:
             made = Path(folder) / self._path.name
             made.touch()
             self._write_session(replace(info, path=made), head)
@@ -188,6 +191,14 @@ class SessionCopy:
             file.flush()
             os.fsync(file.fileno())
         part.replace(self._pieces / name)
+
+
+def remove_left_halves(folder: Path, now_s: float) -> None:
+    """Remove what interrupted copies left half written beside the sessions; `now_s` is unix time."""
+    for half in folder.glob(f"{_HALF}*"):
+        with contextlib.suppress(OSError):  # whoever writes it may end meanwhile
+            if max(each.stat().st_mtime for each in (half, *half.iterdir())) < now_s - _LEFT_S:
+                shutil.rmtree(half)
 
 
 def _name(number: int, ids: Ids) -> str:

@@ -1,7 +1,9 @@
 """A season estimated again: results survive a kill, are made once, and one bad session or process stops nothing."""
 
+import shutil
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from app.season.estimates.executor import Engine, open_engine
 from app.season.estimates.results import Results, set_of
 from app.season.estimates.run import estimate_season
 from app.season.estimates.session import Job, estimate_session
+from app.season.tags import write_tags
 from app.sessions.catalogue import Catalogue
 from tests.recorded.arrays import SessionMaker
 
@@ -76,6 +79,19 @@ def test_what_a_kill_left_is_kept_and_only_the_rest_is_estimated(season, tmp_pat
     every = {result["session"]: result for result in results.read_all(WANTED[0][0])}
     assert len(every) == 3
     assert {name: every[name] for name in first} == first
+
+
+def test_tags_make_no_result_old_and_other_content_of_the_same_size_does(season, tmp_path):
+    shutil.copytree(season / "sessions", tmp_path / "sessions")
+    results, (info, *_) = Results(tmp_path), sessions(tmp_path)
+    estimate_season([info], WANTED, "fused", results, engine())
+    write_tags(info.path, {"tyres": "wet"}, t_wall_ns=1, who=None)
+    (tagged, *_) = sessions(tmp_path)
+    assert estimate_season([tagged], WANTED, "fused", results, engine()).kept == [info.id]
+    other = sessions(season)[1]
+    shutil.copy(other.path, info.path)
+    again = replace(tagged, size_bytes=info.size_bytes)
+    assert estimate_season([again], WANTED, "fused", results, engine()).kept == []
 
 
 def test_a_damaged_result_is_made_again(season, tmp_path):
