@@ -6,14 +6,15 @@ from typing import Annotated, get_args, get_origin, get_type_hints
 import pytest
 
 from app.api.web import dependencies
-from app.api.web.dependencies import DrillPart, FleetPart, SimulatorPart, WebParts
+from app.api.web.dependencies import DrillPart, FleetPart, SeasonSourcePart, SimulatorPart, WebParts
 from app.api.web.problems import Problem
 from app.service.wiring import Service
 
+ASKED = (DrillPart, FleetPart, SeasonSourcePart, SimulatorPart)  # made or looked for at each request
 ALIASES = {
     name: alias
     for name, alias in vars(dependencies).items()
-    if name.endswith("Part") and get_origin(alias) is Annotated and alias not in (DrillPart, FleetPart, SimulatorPart)
+    if name.endswith("Part") and get_origin(alias) is Annotated and alias not in ASKED
 }
 FIELDS = get_type_hints(Service) | get_type_hints(WebParts)
 
