@@ -10,13 +10,15 @@ RUN /opt/build/bin/pip wheel --no-deps --no-build-isolation --wheel-dir /wheels 
 RUN /opt/voltwall/bin/pip install --no-deps --no-index /wheels/*.whl
 
 FROM python:3.11-slim-bookworm
-RUN useradd --uid 10001 --create-home --groups dialout voltwall && install -d -o voltwall -g voltwall /data
+RUN useradd --uid 10001 --create-home --groups dialout voltwall && install -d -o voltwall -g voltwall /data /data/tmp
 COPY --from=build /opt/voltwall /opt/voltwall
 ENV PATH=/opt/voltwall/bin:/usr/local/bin:/usr/bin:/bin
 ENV PYTHONUNBUFFERED=1
 ENV VOLTWALL_HOST=0.0.0.0
 ENV VOLTWALL_PORT=8000
 ENV VOLTWALL_DATA=/data
+# What is exported or uploaded is made here: the root is read-only in compose.yaml, and /tmp there is memory
+ENV TMPDIR=/data/tmp
 USER voltwall
 WORKDIR /data
 VOLUME /data

@@ -3,8 +3,9 @@
 `sudo python3.11 .ci/prove_image.py [--folder DIR]` needs debootstrap, unshare (util-linux), ip (iproute2), 4 GB and
 minutes; it is not part of CI. A stage starts from a minimal Debian bookworm with its python3.11, which stands in for
 `python:3.11-slim-bookworm`. RUN, COPY, ENV, WORKDIR and USER act as Docker's would, .dockerignore is honoured. Then CMD
-is started as the image's user, in a network namespace of its own, and HEALTHCHECK must succeed; a session file must
-appear in the volume, grow, and be sound after SIGTERM.
+is started as the image's user, in a network namespace of its own, as compose.yaml has it: the root read-only, /tmp in
+memory, no capabilities and no way to new ones. HEALTHCHECK must succeed; a session file must appear in the volume,
+grow, and be sound after SIGTERM.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = "python3.11,python3.11-venv,python3-distutils,ca-certificates"
 BUILD_ENVIRONMENT = re.compile(r"(PIP_|SSL_|NODE_EXTRA|REQUESTS_|https?_proxy$|no_proxy$)", re.IGNORECASE)
 FROM_HOST = ("/etc/resolv.conf", "/etc/pip.conf", "/etc/ssl/certs/ca-certificates.crt")
+POWERLESS = ("--inh-caps=-all", "--bounding-set=-all", "--no-new-privs")
 DEADLINE_S = 60.0
 RECORDING_S = 10.0
 
@@ -113,12 +115,15 @@ def build_environment() -> dict[str, str]:
 
 
 def chroot_command(stage: Stage, command: list[str], extra: dict[str, str]) -> list[str]:
-    """Return the command that runs `command` in the stage as its user; to be called in a mount namespace."""
+    """Return the command that runs `command` in the stage as its user; to be called in a mount namespace.
+
+    Only root has capabilities, in the steps of the build.
+    """
     env = {**stage.env, "HOME": "/root" if stage.user == "root" else f"/home/{stage.user}", **extra}
     change = f"cd {shlex.quote(stage.folder)} && exec {shlex.join(command)}"
     setting = ["env", "-i", *(f"{name}={value}" for name, value in env.items())]
     user = stage.user
-    becoming = [] if user == "root" else ["setpriv", f"--reuid={user}", f"--regid={user}", "--init-groups"]
+    becoming = [] if user == "root" else ["setpriv", f"--reuid={user}", f"--regid={user}", "--init-groups", *POWERLESS]
     return ["chroot", stage.root, *becoming, *setting, "/bin/sh", "-c", change]
 
 
@@ -126,6 +131,15 @@ def mounts(stage: Stage) -> str:
     """Return the shell line that gives the stage /proc and /dev."""
     root = shlex.quote(stage.root)
     return f"mount -t proc proc {root}/proc && mount --rbind /dev {root}/dev"
+
+
+def sealed(stage: Stage) -> str:
+    """Return the shell line that makes the stage read-only but for its volume, and puts /tmp into memory."""
+    root, volume = shlex.quote(stage.root), shlex.quote(stage.root + stage.volume)
+    return (
+        f"mount --rbind {root} {root} && mount --bind {volume} {volume} && mount -o remount,bind,ro {root}"
+        f" && mount -t tmpfs -o size=256m,noexec,nosuid,nodev tmpfs {root}/tmp"
+    )
 
 
 def in_chroot(stage: Stage, command: list[str], extra: dict[str, str]) -> None:
@@ -180,7 +194,7 @@ def check_service(stage: Stage) -> None:
         RuntimeError: what did not hold.
     """
     subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
-    subprocess.run(["/bin/sh", "-c", mounts(stage)], check=True)
+    subprocess.run(["/bin/sh", "-c", f"{sealed(stage)} && {mounts(stage)}"], check=True)
     started_s = time.monotonic()
     extra = {"VOLTWALL_PASSWORD": "engineer-of-the-proof", "VOLTWALL_TLS": "1"}
     service = subprocess.Popen(chroot_command(stage, stage.command, extra), stdin=subprocess.DEVNULL)
@@ -194,6 +208,17 @@ def check_service(stage: Stage) -> None:
         user_id = Path(f"/proc/{service.pid}").stat().st_uid
         if user_id == 0:
             raise RuntimeError("the service runs as root")
+        said = dict(re.findall(r"(?m)^(\w+):\t(\w+)", Path(f"/proc/{service.pid}/status").read_text(encoding="ascii")))
+        if any(int(said[name], 16) for name in ("CapInh", "CapPrm", "CapEff", "CapBnd", "CapAmb")):
+            raise RuntimeError("the service has capabilities")
+        if said["NoNewPrivs"] != "1":
+            raise RuntimeError("the service may gain privileges")
+        write = subprocess.run(
+            chroot_command(stage, ["touch", "/opt/voltwall/mark"], {}), capture_output=True, check=False
+        )
+        if b"Read-only file system" not in write.stderr:
+            raise RuntimeError("the root can be written")
+        print("no capabilities, no new privileges, read-only root")
         volume = Path(stage.root + stage.volume)
         while not list(volume.rglob("sessions/*.sqlite")):
             if service.poll() is not None or time.monotonic() - started_s > DEADLINE_S:

@@ -62,5 +62,18 @@ def test_compose_restarts_by_itself_and_asks_for_a_password() -> None:
     assert "${VOLTWALL_PASSWORD:?" in COMPOSE
 
 
+def test_compose_gives_it_nothing_but_the_volume_and_the_devices() -> None:
+    for line in ("read_only: true", "cap_drop: [ALL]", 'security_opt: ["no-new-privileges:true"]'):
+        assert re.search(rf"^    {re.escape(line)}( #|$)", COMPOSE, re.MULTILINE), line
+    assert not re.search(r"^    (privileged|cap_add|pid|ipc|user):", COMPOSE, re.MULTILINE)
+    volumes = re.search(r"^    volumes:\n((?:      .*\n)+)", COMPOSE, re.MULTILINE)[1]
+    assert volumes == "      - sessions:/data\n"
+
+
+def test_what_is_made_on_the_way_lies_in_the_volume() -> None:
+    assert "ENV TMPDIR=/data/tmp\n" in LAST_STAGE
+    assert re.search(r"^RUN .*install -d -o voltwall -g voltwall /data /data/tmp$", LAST_STAGE, re.MULTILINE)
+
+
 def test_no_password_stands_in_the_image_or_the_compose_file() -> None:
     assert not re.search(r"PASSWORD[=:] *[A-Za-z0-9]", DOCKERFILE + COMPOSE)
