@@ -1,16 +1,19 @@
 """Items that the pipeline failed on: it goes on, the log says so, and health says so for a while."""
 
 import logging
+from collections.abc import Callable
+from typing import TypeVar
 
 from app.clock import Clock
 from app.words import Message
 
 log = logging.getLogger(__name__)
 SHOWN_S = 60.0
+T = TypeVar("T")
 
 
 class Failures:
-    """Counts them; written by the pipeline's thread, read by any."""
+    """Counts them, from any thread."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -24,6 +27,17 @@ class Failures:
         if self._last is None or now_ns - self._last[0] > 1e9:
             log.error("the pipeline failed on an item and goes on (failure %d)", self._count, exc_info=error)
         self._last = now_ns, f"{type(error).__name__}: {error}"
+
+    def caught(self, work: Callable[[T], None]) -> Callable[[T], None]:
+        """Return work that counts its failures and never raises."""
+
+        def safe(value: T) -> None:
+            try:
+                work(value)
+            except Exception as error:  # noqa: BLE001  what is not recorded is shown all the same
+                self.add(error)
+
+        return safe
 
     @property
     def reason(self) -> Message | None:

@@ -1,25 +1,37 @@
-"""The queue between the links' threads and the pipeline's: bounded, in order, nothing is dropped."""
+"""The queue between the links' threads and the pipeline's: bounded, in order.
+
+What comes in is handed to the recorder before it waits: a pipeline that is behind delays no recording. Where it is far
+behind, what has waited longest is recorded alone, and not estimated.
+"""
 
 import contextlib
 import queue
 import threading
+from collections.abc import Callable
 
 from app.sources.items import Item
 
-SIZE = 4096  # beyond it the links wait, and what the line cannot hold shows up as a gap in the sequence
+SIZE = 4096  # beyond it the links wait, unless the oldest has waited for ...
+LATE_S = 10.0  # ... so long: then it makes room
 RETRY_S = 0.5
 
 
 class Inbox:
     """Many threads put, one gets."""
 
-    def __init__(self, size: int = SIZE) -> None:
+    def __init__(self, size: int = SIZE, record: Callable[[Item], None] = lambda item: None) -> None:
+        self._record = record
         self._queue: queue.Queue[Item | None] = queue.Queue(size)
         self._closed = threading.Event()
 
     def put(self, item: Item) -> None:
-        """Add an item; wait while there is no room, until the inbox is closed."""
+        """Record an item and add it; wait while there is no room, until the inbox is closed."""
+        if not self._closed.is_set():
+            self._record(item)
         while not self._closed.is_set():
+            oldest_ns = self.oldest_ns if self._queue.full() else None
+            if oldest_ns is not None and item.t_mono_ns - oldest_ns > LATE_S * 1e9:
+                self.get(0.0)
             with contextlib.suppress(queue.Full):
                 self._queue.put(item, timeout=RETRY_S)
                 return

@@ -9,6 +9,7 @@ from app.errors import NotNow
 from app.estimation.errors import EstimatorError
 from app.live.history import History
 from app.live.hub import Hub
+from app.live.load import Load, Shed
 from app.live.pipeline import Output, Pipeline
 from app.live.trend import Trend
 from app.service.failures import Failures
@@ -24,6 +25,7 @@ STALL_S = 3 * TICK_S  # without a snapshot for so long, the pipeline stands stil
 STUCK_S = 20.0  # a thread that has worked on one item for so long does not come back
 LATE_S = 2.0  # an item that has waited this long is worked on, but not always shown ...
 LATE_SHOWN_S = 0.2  # ... only the newest in each of these times
+SHED_SHOWN_S = 1.0  # where pages are left out for the recorder's sake, only the newest in each of these times
 DRAIN_S = 2.0  # after the links were closed; what still waits then is recorded and not estimated any more
 JOIN_S = 10.0
 ItemListener = Callable[[Item], None]
@@ -43,6 +45,8 @@ class PipelineThread:
         *,
         on_item: Sequence[ItemListener],
         on_output: Sequence[OutputListener],
+        failures: Failures | None = None,
+        load: Load | None = None,
         after_publishing: Sequence[OutputListener] = (),
     ) -> None:
         """Prepare the thread.
@@ -55,6 +59,8 @@ class PipelineThread:
             clock: for snapshots in which nothing is new but the ages.
             on_item: called with every item before the pipeline, in this order.
             on_output: called with everything the pipeline makes, in this order.
+            failures: counts what went wrong; without it one of its own.
+            load: says what to leave out; without it nothing is left out.
             after_publishing: called with what a new item led to, when the snapshot has gone out.
         """
         self.hub = hub
@@ -68,7 +74,8 @@ class PipelineThread:
         self._on_item = on_item
         self._on_output = (*on_output, self._keep_history)
         self._after_publishing = after_publishing
-        self._failures = Failures(clock)
+        self._failures = failures or Failures(clock)
+        self._load = load
         self._drained_ns: int | None = None  # once it ends: only recorded from then on
         self._beat_ns: int | None = None  # when the thread last took or awaited an item, by the clock
         self._published_ns = 0  # by the items' time
@@ -189,17 +196,20 @@ class PipelineThread:
         for listener in self._on_item:
             try:
                 listener(item)
-            except Exception as error:  # noqa: BLE001  what is not recorded is shown all the same
+            except Exception as error:  # noqa: BLE001  what fails here is estimated all the same
                 self._failures.add(error)
         now_ns = self._clock.monotonic_ns()
+        shed = Shed.NOTHING if self._load is None else self._load.now()
         if self._is_ending:
             return  # the recorder has it
-        is_late = now_ns - item.t_mono_ns > LATE_S * 1e9
-        output = self._pipeline.feed(item, publishes=not is_late or now_ns - self._shown_ns >= LATE_SHOWN_S * 1e9)
+        shown_s = SHED_SHOWN_S if shed >= Shed.PAGES else LATE_SHOWN_S
+        is_late = shed >= Shed.PAGES or now_ns - item.t_mono_ns > LATE_S * 1e9
+        output = self._pipeline.feed(item, publishes=not is_late or now_ns - self._shown_ns >= shown_s * 1e9)
         self._hand_on(output, item.t_mono_ns)
         if output.snapshot is not None:
             self._published_ns, self._shown_ns = item.t_mono_ns, now_ns
-            self._predict(output, item.t_mono_ns)
+            if shed < Shed.PREDICTION:
+                self._predict(output, item.t_mono_ns)
 
     def _predict(self, output: Output, t_mono_ns: int) -> None:
         self._pipeline.predict()

@@ -29,11 +29,13 @@ from app.estimation.cell_model.cell_file import format_cell
 from app.live.can_trace import CanTrace
 from app.live.hub import Hub
 from app.live.learned_state import learned_file, load_learned_state
+from app.live.load import Load
 from app.live.pipeline import Output
 from app.season.cells.history import SeasonSource
 from app.season.keeper import SeasonLake
 from app.service.configuration import ConfigurationInForce, Rules
 from app.service.events import Events
+from app.service.failures import Failures
 from app.service.health.checks import Health
 from app.service.host import is_clock_synchronised
 from app.service.inbox import Inbox
@@ -231,7 +233,8 @@ def make_service(
     )
 
     # The links, and the configuration behind them
-    inbox = Inbox()
+    failures = Failures(clock)
+    inbox = Inbox(record=failures.caught(recorder.on_item))
     links = Links(
         serial_url,
         can_url,
@@ -264,13 +267,16 @@ def make_service(
     def keep_black_box(output: Output, t_mono_ns: int) -> None:
         black_boxes.take(output.events, output.snapshot, t_mono_ns)
 
+    load = Load(lambda: recorder.commit_delay_s, clock)
     live = PipelineThread(
         pipeline,
         inbox,
         hub,
         replay,
         clock,
-        on_item=(recorder.on_item, trace.on_item, identification.on_item),
+        failures=failures,
+        load=load,
+        on_item=(trace.on_item, identification.on_item),
         on_output=(
             events.on_output,
             record_output,
@@ -329,7 +335,7 @@ def make_service(
         commands=MasterCommands(links, events),
         learned_state=learned_state,
         mqtt=mqtt,
-        health=Health(live, links, recorder, events, mqtt, clock),
+        health=Health(live, links, recorder, events, mqtt, clock, load),
         state=ServiceStateReader(recorder, replay, events, in_force, clock),
         workers=workers,
         jobs=jobs,

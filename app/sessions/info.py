@@ -55,6 +55,7 @@ class RecorderStatus:
     disk_free_bytes: int | None
     warning: Message | None  # the disk will be full soon
     error: Message | None  # why it is stalled
+    commit_delay_s: float | None = None  # from a frame's arrival to its commit, the longest of the last minute
 
 
 @dataclass(frozen=True, slots=True)

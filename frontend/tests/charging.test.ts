@@ -91,6 +91,7 @@ describe('doubts', () => {
       certificate: null,
       addresses: [],
       disk: { folder: '/data', free_bytes: 5e8, total_bytes: 1e11, recording_hours_left: 1.5 },
+      commit_delay_s: 0.31,
       clock: { time: 0, moved_s: -3600, was_set: true },
       readers: [],
     };

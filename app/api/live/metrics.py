@@ -148,6 +148,12 @@ def _recorder(recorder: AutoRecorder) -> Iterator[Metric]:
     yield GaugeMetricFamily(
         "voltwall_recorder_stalled", "1 while the disk does not take the session", int(status.error is not None)
     )
+    if status.commit_delay_s is not None:
+        yield GaugeMetricFamily(
+            "voltwall_recorder_commit_delay_seconds",
+            "from a frame's arrival to its commit, the longest of the last minute",
+            status.commit_delay_s,
+        )
     if status.disk_free_bytes is not None:
         yield GaugeMetricFamily("voltwall_disk_free_bytes", "free where sessions are recorded", status.disk_free_bytes)
 

@@ -54,6 +54,7 @@ class SystemOut(BaseModel):
     addresses: list[str]
     certificate: CertificateOut | None
     disk: DiskOut | None
+    commit_delay_s: float | None  # of the recording: from a frame's arrival to its commit, the longest of a minute
     clock: ClockOut
     readers: list[ReaderOut]
 
@@ -80,6 +81,7 @@ def system(
         else DiskOut(
             folder=str(settings.data), recording_hours_left=_hours_left(recorder, clock, disk["free_bytes"]), **disk
         ),
+        commit_delay_s=recorder.status.commit_delay_s,
         clock=ClockOut(time=clock.wall_s(), moved_s=round(watch.moved_s(), 3), was_set=watch.was_set),
         readers=[_reader_out(reader) for reader in readers.everyone()],
     )

@@ -180,6 +180,7 @@ class RecorderOut(BaseModel):
     session_id: str | None
     queued_items: int
     lost_items: int
+    commit_delay_s: Number | None  # from a frame's arrival to its commit, the longest of the last minute
     disk_free_bytes: int | None
     warning: str | None
     warning_words: WordsOut | None

@@ -1,6 +1,7 @@
 """Whether the service does its work."""
 
 from app.clock import Clock
+from app.live.load import Load
 from app.service.events import Events
 from app.service.links import Links
 from app.service.mqtt.publisher import MqttPublisher
@@ -25,7 +26,9 @@ class Health:
         events: Events,
         mqtt: MqttPublisher | None,
         clock: Clock,
+        load: Load,
     ) -> None:
+        self._load = load
         self._live = live
         self._links = links
         self._recorder = recorder
@@ -42,7 +45,7 @@ class Health:
     def problems(self) -> list[Message]:
         """Return what is missing; empty while all is well."""
         mqtt = None if self._mqtt is None else self._mqtt.problem
-        others = [self._recorder.status.warning, self._events.store.error, mqtt]
+        others = [self._recorder.status.warning, self._events.store.error, mqtt, self._load.problem]
         found = [*self._live.problems(), *self.failures(), *others]
         return list(dict.fromkeys(problem for problem in found if problem is not None))
 

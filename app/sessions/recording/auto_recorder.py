@@ -75,6 +75,7 @@ class AutoRecorder:
         self._automatic = automatic
         self._on_event = on_event
         self._lock = threading.Lock()
+        self._starting = threading.Lock()
         self._held_back = not automatic
         self._last_good_ns: int | None = None
         self._last_clock_ns = 0
@@ -97,6 +98,11 @@ class AutoRecorder:
     def session(self) -> SessionInfo | None:
         """The session being recorded."""
         return self.status.session
+
+    @property
+    def commit_delay_s(self) -> float | None:
+        """How long the newest frames took to the disk, or wait already; None while nothing is recorded."""
+        return self._recorder.commit_delay_s
 
     def start(self, name: str | None = None) -> SessionInfo:
         """Begin a session now.
@@ -213,6 +219,11 @@ class AutoRecorder:
         self._last_good_ns = t_mono_ns
         if self._held_back or t_mono_ns < self._retry_ns or not (first or self._recorder_is_idle()):
             return
+        with self._starting:  # each link calls in its own thread
+            if self._recorder.status.session is None:
+                self._start_by_itself(t_mono_ns)
+
+    def _start_by_itself(self, t_mono_ns: int) -> None:
         try:
             self.start()
             self.start_failure = None

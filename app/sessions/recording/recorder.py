@@ -20,6 +20,7 @@ from app.clock import Clock
 from app.errors import NotNow, message_of
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
+from app.sessions.recording.commit_delay import CommitDelay, oldest_frame_ns
 from app.sessions.recording.disk import ROW_BYTES, DiskLimits, loss_event, low_warning, payload_bytes, up_to_now
 from app.sessions.recording.disk import free_bytes as free_bytes_of
 from app.sessions.recording.session_writer import Row, SessionWriter, TableRow, event_row
@@ -31,7 +32,7 @@ from firmware_protocol.memory_map import MAP_HASH
 
 logger = logging.getLogger(__name__)
 
-COMMIT_S = 0.3  # with the time that the commit takes, at most 0.5 s of a session are not on the disk
+COMMIT_S = 0.3  # the time that the last commits took included; at most 0.5 s of a session are not on the disk
 CLOCK_STEP_NS = 50_000_000  # the wall clock moved by more than this against the monotonic one: noted
 PAUSE_S = 0.05  # between two commits at least
 STUCK_S = 10.0  # a disk that has taken nothing for so long, and not said why
@@ -82,6 +83,8 @@ class Recorder:
         self._free: int | None = None
         self._committed_s = time.monotonic()  # when the thread last did
         self._waiting_s = self._committed_s  # since when the oldest item waits, at the latest
+        self._commit_began_s = self._committed_s
+        self._delay = CommitDelay()
         self._writer: SessionWriter | None = None  # the thread's
         self._batch: list[TableRow] = []  # the thread's
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -178,7 +181,17 @@ class Recorder:
             session = up_to_now(session, counts, self._clock.monotonic_ns())
             warning = gone.get(str(session.metadata.get("continues"))) or low_warning(session, free, self._limits)
         state = RecorderState.STALLED if error else RecorderState.RECORDING if session else RecorderState.IDLE
-        return RecorderStatus(state, session, *queue, free, warning, error)
+        delay_s = None if session is None else self._delay.longest_s
+        return RecorderStatus(state, session, *queue, free, warning, error, delay_s)
+
+    @property
+    def commit_delay_s(self) -> float | None:
+        """How long the newest frames took from their arrival to the disk, or wait already; None while idle."""
+        with self._lock:
+            if self._session is None:
+                return None
+            waiting = oldest_frame_ns([*self._batch[:1], *self._pending[:1]])
+        return self._delay.now_s(waiting, self._clock.monotonic_ns())
 
     def gone(self, session_id: str) -> Message | None:
         """Return what to say of a session whose file was deleted or replaced while it was recorded."""
@@ -282,7 +295,8 @@ class Recorder:
         while True:
             with self._lock:
                 is_idle = self._session is None and not self._pending and not self._batch
-            since_s = time.monotonic() - self._committed_s  # what the last commit took counts
+            # What came during the last commit has waited that long already, and the next one takes as long again
+            since_s = time.monotonic() - self._committed_s + 2 * self._delay.commit_s
             self._wake.wait(None if is_idle and not self._ending else max(PAUSE_S, COMMIT_S - since_s))
             self._wake.clear()
             ending = self._ending
@@ -295,7 +309,7 @@ class Recorder:
 
     def _work(self) -> None:
         with self._lock:
-            self._batch, self._pending = [*self._batch, *self._pending], []
+            self._take_pending()
             unreported = self._unreported_losses
         error: Message | None = None
         free = None
@@ -377,12 +391,17 @@ class Recorder:
                 unreported = 0
                 self._writer.close_chunk_if_due(items[-1][1][0])
 
+    def _take_pending(self) -> None:
+        """Begin a commit with all that waits; the lock is held."""
+        self._commit_began_s = time.monotonic()
+        self._batch, self._pending = [*self._batch, *self._pending], []
+
     def _commit_waiting(self) -> None:
         """Commit what came while a chunk is packed, which takes longer than COMMIT_S on a busy machine."""
         if time.monotonic() - self._committed_s < COMMIT_S:
             return
         with self._lock:
-            self._batch, self._pending = [*self._batch, *self._pending], []
+            self._take_pending()
         n = next((i for i, item in enumerate(self._batch) if item[0] in (_START, _STOP)), len(self._batch))
         if n and self._writer is not None:
             self._writer.write(self._batch[:n])
@@ -399,6 +418,8 @@ class Recorder:
     def _finish(self, n: int, reported: int = 0) -> None:
         self._committed_s = self._waiting_s = time.monotonic()
         finished, self._batch = self._batch[:n], self._batch[n:]
+        took_s = self._committed_s - self._commit_began_s
+        self._delay.committed(oldest_frame_ns(finished), self._clock.monotonic_ns(), took_s)
         size = sum(payload_bytes(item) + ROW_BYTES for item in finished)
         with self._lock:
             self._done += n

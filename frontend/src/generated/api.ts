@@ -1507,6 +1507,7 @@ export interface Recorder {
   session_id: string | null;
   queued_items: number;
   lost_items: number;
+  commit_delay_s: number | null;
   disk_free_bytes: number | null;
   warning: string | null;
   warning_words: Words | null;
@@ -2073,6 +2074,7 @@ export interface System {
   addresses: string[];
   certificate: Certificate | null;
   disk: Disk | null;
+  commit_delay_s: number | null;
   clock: Clock;
   readers: Reader[];
 }

@@ -34,3 +34,17 @@ def test_after_a_minute_a_failure_is_no_news():
     assert failures.reason is not None
     clock.advance(0.2)
     assert failures.reason is None
+
+
+def test_work_that_fails_is_counted_and_goes_on():
+    failures = Failures(FakeClock())
+    done = []
+
+    def work(value):
+        done.append(10 // value)
+
+    safe = failures.caught(work)
+    for value in (5, 0, 2):
+        safe(value)
+    assert done == [2, 5]
+    assert failures.reason.code == "pipeline-failed"

@@ -73,3 +73,28 @@ def test_the_oldest_item_says_since_when_it_waits():
     assert inbox.oldest_ns is None
     inbox.close()
     assert inbox.oldest_ns is None
+
+
+def test_an_item_is_recorded_before_it_waits():
+    recorded = []
+    inbox = Inbox(size=1, record=recorded.append)
+    inbox.put(item(0))
+    waiting = threading.Thread(target=inbox.put, args=(item(1),))
+    waiting.start()
+    assert inbox.get(5.0).can_id == 0
+    assert inbox.get(5.0).can_id == 1
+    waiting.join()
+    inbox.close()
+    inbox.put(item(2))
+    assert [each.can_id for each in recorded] == [0, 1]
+
+
+def test_what_has_waited_too_long_makes_room_and_is_recorded_all_the_same():
+    recorded = []
+    inbox = Inbox(size=2, record=recorded.append)
+    for seconds in (0, 5, 11, 12):
+        inbox.put(CanItem(seconds * 10**9, 0, seconds, b""))
+        if seconds == 11:
+            assert inbox.get(0.0).can_id == 5
+    assert [inbox.get(0.0).can_id for _ in range(2)] == [11, 12]
+    assert [each.can_id for each in recorded] == [0, 5, 11, 12]

@@ -1,10 +1,12 @@
 """What the links deliver is shown, recorded and judged; one item or listener that fails costs only itself."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from app.errors import NotNow
+from app.live.load import Shed
 from app.service import pipeline_thread
 from app.service.pipeline_thread import STALL_S
 from app.service.pipelines import Pipelines
@@ -168,3 +170,18 @@ def test_at_the_end_a_full_inbox_is_recorded_to_the_last_item_though_nothing_is_
     bench.live._thread.join(30)
     assert len(bench.items) == 500
     assert bench.live.snapshot is None
+
+
+@pytest.mark.parametrize(
+    ("shed", "shown", "judged"), [(Shed.NOTHING, 5, 5), (Shed.PREDICTION, 5, 0), (Shed.PAGES, 1, 0)]
+)
+def test_what_is_left_out_for_the_recorder_is_never_an_estimate(bench, clock, master, monkeypatch, shed, shown, judged):
+    asked = []
+    monkeypatch.setattr(bench.pipeline, "predict", lambda: asked.append(True))
+    monkeypatch.setattr(bench.live, "_load", SimpleNamespace(now=lambda: shed))
+    for _ in range(5):
+        clock.advance(0.1)
+        bench.feed(master.frame())
+    assert sum(output.snapshot is not None for output in bench.outputs) == shown
+    assert sum(output.estimates is not None for output in bench.outputs) == 5
+    assert len(asked) == judged

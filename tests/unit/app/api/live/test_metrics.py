@@ -26,7 +26,9 @@ def test_old_values_are_marked_and_then_left_out(master, waited_s, stale, shown)
     snapshot = pipeline.feed(master.frame()).snapshot
     live = SimpleNamespace(snapshot=snapshot)
     now_ns = snapshot.t_mono_ns + round(waited_s * 1e9)
-    status = SimpleNamespace(session=None, queued_items=0, lost_items=0, error=None, disk_free_bytes=None)
+    status = SimpleNamespace(
+        session=None, queued_items=0, lost_items=0, error=None, disk_free_bytes=None, commit_delay_s=None
+    )
     clock = FunctionClock(lambda: now_ns, lambda: now_ns)
     collector = SnapshotCollector(live, SimpleNamespace(status=status), clock, 0)
     found = {family.name: family for family in collector.collect()}

@@ -18,6 +18,7 @@ class FakeParts:
     )
     events: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(store=SimpleNamespace(error=None)))
     mqtt: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(problem=None))
+    load: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(problem=None))
     stuck_links: list[Message] = field(default_factory=list)
 
 
@@ -29,7 +30,7 @@ def parts():
 @pytest.fixture
 def health(bench, parts, clock):
     links = SimpleNamespace(stuck=lambda: parts.stuck_links)
-    return Health(bench.live, links, parts.recorder, parts.events, parts.mqtt, clock)
+    return Health(bench.live, links, parts.recorder, parts.events, parts.mqtt, clock, parts.load)
 
 
 @pytest.fixture
@@ -101,3 +102,8 @@ def test_what_is_not_the_batterys_is_missing_and_fails_nothing(health, live, par
 def test_uptime_counts_from_the_start(health, clock):
     clock.advance(12.5)
     assert health.uptime_s == pytest.approx(12.5)
+
+
+def test_what_is_left_out_for_the_recorder_is_missing_and_no_failure(health, live, parts):
+    parts.load.problem = Message("shed-pages")
+    assert told(health) == (["shed-pages"], [], [])

@@ -1,0 +1,60 @@
+"""What is left out so that recording keeps up: measured by the recorder's own delay, never by the machine's load.
+
+The order is fixed: predictions and findings first, which nobody misses for seconds; then pages, which get one snapshot
+a second. The estimator takes every sample; one that falls behind delays no recording (see `Inbox`).
+"""
+
+import logging
+from collections.abc import Callable
+from enum import IntEnum
+
+from app.clock import Clock
+from app.words import Message, Quantity
+
+log = logging.getLogger(__name__)
+BOUND_S = 0.4  # from a frame's arrival to its commit; 0.5 s is what a kill may cost
+WELL_S = 0.35  # below this it takes back the last step
+HARDER_S = 0.5  # between two steps down
+EASIER_S = 5.0  # between two steps back
+
+
+class Shed(IntEnum):
+    """What is left out; each with all before it."""
+
+    NOTHING = 0
+    PREDICTION = 1
+    PAGES = 2
+
+
+class Load:
+    """Asked by the pipeline's thread with each item; `problem` by any."""
+
+    def __init__(self, delay_s: Callable[[], float | None], clock: Clock) -> None:
+        """Watch `delay_s`: how long the last frames took to be committed; None while nothing is recorded."""
+        self._delay_s = delay_s
+        self._clock = clock
+        self._shed = Shed.NOTHING
+        self._changed_s = clock.monotonic_s()
+
+    def now(self) -> Shed:
+        """Return what to leave out."""
+        delay_s, now_s = self._delay_s() or 0.0, self._clock.monotonic_s()
+        before, since_s = self._shed, now_s - self._changed_s
+        if delay_s > BOUND_S and before < Shed.PAGES and since_s >= HARDER_S:
+            self._shed = Shed(before + 1)
+        elif delay_s < WELL_S and before > Shed.NOTHING and since_s >= EASIER_S:
+            self._shed = Shed(before - 1)
+        if self._shed != before:
+            self._changed_s = now_s
+            log.warning("a frame takes %.2f s to the disk: left out is %s", delay_s, self._shed.name.lower())
+        return self._shed
+
+    @property
+    def problem(self) -> Message | None:
+        """What is left out, in words; None while nothing is."""
+        if self._shed == Shed.NOTHING:
+            return None
+        delay = Quantity(self._delay_s() or 0.0, "s", 2)
+        if self._shed == Shed.PREDICTION:
+            return Message("shed-prediction", delay=delay)
+        return Message("shed-pages", delay=delay)

@@ -1,0 +1,73 @@
+"""What is left out goes by the recorder's delay alone, one step at a time, and comes back slower than it went."""
+
+import pytest
+
+from app.live.load import BOUND_S, EASIER_S, HARDER_S, WELL_S, Load, Shed
+from app.words import render
+from tests.fake_clock import FakeClock
+
+
+@pytest.fixture
+def clock():
+    return FakeClock()
+
+
+@pytest.fixture
+def recorder():
+    return {"delay_s": None}
+
+
+@pytest.fixture
+def load(recorder, clock):
+    made = Load(lambda: recorder["delay_s"], clock)
+    clock.advance(EASIER_S)
+    return made
+
+
+def test_nothing_is_left_out_while_frames_reach_the_disk_in_time(load, recorder, clock):
+    for delay_s in (None, 0.0, 0.31, BOUND_S):
+        recorder["delay_s"] = delay_s
+        clock.advance(EASIER_S)
+        assert load.now() is Shed.NOTHING
+    assert load.problem is None
+
+
+def test_the_order_is_predictions_pages_and_back(load, recorder, clock):
+    recorder["delay_s"] = BOUND_S + 0.01
+    found = []
+    for _ in range(3):
+        found.append(load.now())
+        clock.advance(HARDER_S)
+    assert found == [Shed.PREDICTION, Shed.PAGES, Shed.PAGES]
+    recorder["delay_s"] = WELL_S - 0.01
+    found = []
+    for _ in range(3):
+        clock.advance(EASIER_S)
+        found.append(load.now())
+    assert found == [Shed.PREDICTION, Shed.NOTHING, Shed.NOTHING]
+
+
+def test_a_step_has_time_to_help_before_the_next(load, recorder, clock):
+    recorder["delay_s"] = 3.0
+    assert load.now() is Shed.PREDICTION
+    clock.advance(HARDER_S / 2)
+    assert load.now() is Shed.PREDICTION
+
+
+def test_between_the_two_bounds_it_stays_as_it_is(load, recorder, clock):
+    recorder["delay_s"] = BOUND_S + 0.01
+    assert load.now() is Shed.PREDICTION
+    recorder["delay_s"] = (BOUND_S + WELL_S) / 2
+    clock.advance(10 * EASIER_S)
+    assert load.now() is Shed.PREDICTION
+
+
+def test_it_says_what_is_left_out_and_why(load, recorder, clock):
+    recorder["delay_s"] = 0.62
+    codes = []
+    for _ in range(2):
+        load.now()
+        clock.advance(HARDER_S)
+        codes.append(load.problem.code)
+        assert "0.62" in render(load.problem)
+    assert codes == ["shed-prediction", "shed-pages"]
