@@ -36,6 +36,7 @@ def test_a_run_is_recorded_marked_and_looked_at(make_service, phone):
     expect(page.get_by_text("Marked: cone hit")).to_be_visible()
     expect(page.get_by_test_id("recording")).to_contain_text(re.compile(r"0:0[3-9]"))
     page.get_by_test_id("stop").tap()
+    page.get_by_test_id("confirm").tap()
     expect(page.get_by_test_id("record")).to_be_enabled()
     page.get_by_role("link", name="run 7").tap()
     expect(page.get_by_role("heading", level=1)).to_have_text("run 7")

@@ -19,6 +19,7 @@ def test_a_session_is_recorded_marked_viewed_and_downloaded(make_service, open_p
     expect(page.get_by_text("Marked: driver change")).to_be_visible()
     service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 60)
     page.get_by_test_id("stop").click()
+    page.get_by_test_id("confirm").click()
     expect(page.get_by_test_id("record")).to_be_enabled()
 
     row = page.get_by_test_id("sessions").get_by_role("row", name=re.compile("run 3"))
@@ -38,6 +39,9 @@ def test_a_session_is_replayed_and_the_car_comes_back(make_service, open_page):
     service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 30)
     page = open_page(f"{service.base_url}/#/sessions")
     page.get_by_test_id("stop").click()
+    page.get_by_test_id("confirm").click()
+    service.wait_for(lambda s: s["master"]["state"] == "drive")
+    expect(page.get_by_test_id("recording")).to_contain_text("NO REC")
     page.get_by_role("button", name="Replay").first.click()
     expect(page.get_by_role("region", name="Replay")).to_be_visible()
     expect(page.get_by_test_id("recording")).to_contain_text("Replay")
