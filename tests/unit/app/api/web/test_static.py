@@ -1,5 +1,8 @@
 import pytest
+from starlette.responses import PlainTextResponse
+from starlette.testclient import TestClient
 
+from app.api.application import SecurityHeaders
 from app.api.web.static import find_file
 
 
@@ -38,3 +41,17 @@ def test_every_answer_carries_the_headers_that_keep_others_out(client):
     headers = client.get("/").headers
     assert "frame-ancestors 'none'" in headers["content-security-policy"]
     assert headers["x-content-type-options"] == "nosniff"
+
+
+def test_data_is_kept_in_no_cache(client):
+    assert client.get("/api/v1/health").headers["cache-control"] == "no-store"
+
+
+@pytest.mark.parametrize(
+    ("scheme", "has_name", "told"), [("https", True, True), ("https", False, False), ("http", True, False)]
+)
+def test_over_https_the_browser_is_told_to_stay_there(scheme, has_name, told):
+    app = SecurityHeaders(PlainTextResponse("hello"), has_name=has_name)
+    answer = TestClient(app, base_url=f"{scheme}://pit.local").get("/")
+    assert ("strict-transport-security" in answer.headers) == told
+    assert answer.headers["referrer-policy"] == "same-origin"
