@@ -26,7 +26,7 @@ def write_bytecode(config: pytest.Config) -> None:
     tests = config.rootpath / "tests"
     if len([*tests.rglob(REWRITTEN)]) >= ENOUGH * len([*tests.rglob("test_*.py")]):
         return
-    collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-p", "no:xdist", "-p", "no:cacheprovider"]
+    collect = [sys.executable, "-m", "pytest", "-n", "0", "--collect-only", "-qq", "-p", "no:cacheprovider"]
     running = [
         subprocess.Popen([*collect, *folders], cwd=config.rootpath, stdout=subprocess.DEVNULL)
         for folders in (config.args[:1], config.args[1:])

@@ -30,8 +30,15 @@ TESTS_FOLDER = Path(__file__).parent
 ROOT = TESTS_FOLDER.parent
 READ_SERVICE = pytest.StashKey[Service]()
 WAITING = ("e2e", "integration")  # most of their time they wait for a car, a service or a page
-LONGEST_WAITS = ("test_evidence.py", "test_evidence_c_master.py", "test_parameters.py", "test_weak_joint.py")
-LONGEST_END_AT = 0.5  # of the run: not all at its start, where one process would compute and the others wait
+LONGEST = (  # half a minute and more
+    "integration/test_evidence.py",
+    "integration/test_simulator_scenarios.py",
+    "integration/test_weak_joint.py",
+    "e2e/test_debrief.py",
+    "integration/test_evidence_c_master.py",
+    "e2e/test_parameters.py",
+)
+LONGEST_BEGIN_BY = 0.5  # of the run: not at its end, and not together, where one would compute and the others wait
 WAITING_ENDS_AT = 0.8  # of the run: the end is many short files, which all processes share
 
 
@@ -54,6 +61,7 @@ def tell() -> Callable[[str], None]:
     return tell_figure
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
     """Two processes per core: where a test waits for a service or a page, another one computes."""
     return 2 * (os.cpu_count() or 1)
@@ -62,7 +70,7 @@ def pytest_xdist_auto_num_workers() -> int:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mix files that wait with files that compute, so that all cores are busy from the start to the end.
 
-    First comes what shares a service, so that this need not run for long; the longest waits start one after the other.
+    First comes what shares a service, so that this need not run for long; the longest start one after the other.
     """
     if not hasattr(config, "workerinput"):  # pytest-xdist's
         return
@@ -73,8 +81,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for folder, paths in folders.items():
         end = WAITING_ENDS_AT if folder in WAITING else 1.0
         place |= {path: end * number / len(paths) for number, path in enumerate(paths)}
-    longest = [path for path in place if path.name in LONGEST_WAITS]
-    place |= {path: LONGEST_END_AT * number / len(longest) for number, path in enumerate(longest)}
+    longest = [path for name in LONGEST if (path := TESTS_FOLDER / name) in place]
+    place |= {path: LONGEST_BEGIN_BY * number / len(longest) for number, path in enumerate(longest)}
     items.sort(key=lambda item: place.get(item.path, -1.0))
 
 
