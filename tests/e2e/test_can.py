@@ -19,6 +19,9 @@ def scenario():
 def test_a_message_is_put_together_by_name_and_written(service, open_page):
     page = open_page(f"{service.base_url}/#/can", quiet=False)
     message = page.get_by_test_id("can-tx-3")
+    expect(page.get_by_test_id("can-tx-2")).to_be_visible()
+    expect(message).to_have_count(0)
+    page.get_by_role("button", name="Show 5 unused messages").click()
     message.get_by_role("button").first.click()
     message.get_by_label("Id (hex)").fill("1A0")
     message.get_by_label("Period, ms").fill("200")
@@ -67,6 +70,7 @@ def test_a_dbc_becomes_a_message_of_the_table(service, open_page, tmp_path):
 
 def test_two_messages_with_one_id_are_refused(service, open_page):
     page = open_page(f"{service.base_url}/#/can", quiet=False)
+    page.get_by_test_id("can-unused").click()
     message = page.get_by_test_id("can-tx-6")
     message.get_by_role("button").first.click()
     message.get_by_label("Id (hex)").fill("100")

@@ -5,6 +5,10 @@ import type { CanMessage, Flags, Maybe, RawConfig, Snapshot, StructField } from 
 import { flatRaw } from './draft';
 
 export const UNUSED = 0xffff;
+
+/** Whether a row of the tables is a message at all. */
+export const isUsed = (message: CanMessage): boolean =>
+  message.length > 0 || message.enabled || message.id !== 0;
 export const ITEM_SIZE: Record<string, number> = { u8: 1, i8: 1, u16: 2, i16: 2, u32: 4, i32: 4 };
 const CODES: Record<string, string> = { b: 'i8', B: 'u8', h: 'i16', H: 'u16', i: 'i32', I: 'u32' };
 
