@@ -1,11 +1,14 @@
 """The AT24C256 as a chip: 32 kB in a file, 64-byte pages, 5 ms a write, and the effects of a power cut and of wear."""
 
+import logging
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from simulator.errors import PortError
+
+log = logging.getLogger(__name__)
 
 SIZE = 32_768
 PAGE_SIZE = 64
@@ -33,7 +36,8 @@ class Eeprom:
                 raise PortError(str(path), f"{len(stored)} bytes, an EEPROM has {SIZE}")
             self.content[: len(stored)] = stored
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(self.content)
+            with path.open("ab") as file:  # what is there stays as it is, whatever happens
+                file.write(self.content[len(stored) :])
         except OSError as error:
             raise PortError(str(path), str(error)) from error
 
@@ -43,17 +47,26 @@ class Eeprom:
         return bytes(doubled[address : address + length])
 
     def write(self, address: int, data: bytes) -> None:
-        """Write up to a page; bytes beyond the page's end wrap to its start, a worn page keeps what it held."""
+        """Write up to a page; bytes beyond the page's end wrap to its start.
+
+        A worn page keeps what it held; so does one that the file does not take, which is logged.
+        """
         page = address // PAGE_SIZE
         if page in self.worn_pages:
             return
         start = page * PAGE_SIZE
+        written = self.content[start : start + PAGE_SIZE]
         for index, byte in enumerate(data):
-            self.content[start + (address - start + index) % PAGE_SIZE] = byte
+            written[(address - start + index) % PAGE_SIZE] = byte
         if self._path is not None:
-            with self._path.open("r+b") as file:
-                file.seek(start)
-                file.write(self.content[start : start + PAGE_SIZE])
+            try:
+                with self._path.open("r+b") as file:
+                    file.seek(start)
+                    file.write(written)
+            except OSError as error:
+                log.warning("EEPROM page %d is not written: %s", page, error)
+                return
+        self.content[start : start + PAGE_SIZE] = written
 
     def tear(self, address: int, data: bytes, n_bytes: int, garbage: int) -> None:
         """Write what is left after a power cut: the first `n_bytes`, then one random byte."""

@@ -51,6 +51,18 @@ def estimator_library() -> Path:
 
 
 @cache
+def build_faulty_disk() -> Path:
+    """Return the library that is preloaded into a process to make its disk fail, or to write down what reaches it."""
+    source = Path(__file__).parent / "integration" / "faulty_disk.c"
+    command = ["gcc", "-shared", "-fPIC", "-O1", "-Wall", "-Werror", str(source), "-ldl"]
+
+    def compile_into(part: Path) -> None:
+        subprocess.run([*command, "-o", str(part)], check=True)
+
+    return _built("faulty_disk", [source], command, compile_into)
+
+
+@cache
 def build_fuzzer() -> Path:
     """Return the program that fuzzes the C library by coverage, with sanitizers (`tests/fuzz/loop.c`)."""
     library, folder = sorted(C_FOLDER.glob("vw_*.c")), Path(__file__).parent / "fuzz"

@@ -14,7 +14,6 @@ import base64
 import hashlib
 import hmac
 import json
-import os
 import secrets
 import threading
 from collections.abc import Iterator
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from app.configuration.json_lines import JsonLines
+from app.sources.whole_file import replace_file
 
 Action = Literal["write", "load", "store", "rollback"]
 KEY_BYTES = 32
@@ -120,10 +120,9 @@ class ConfigHistory:
             yield _record(body, is_genuine=genuine)
 
     def _key(self) -> bytes:
-        if not self._key_path.exists():
-            handle = os.open(self._key_path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            with os.fdopen(handle, "wb") as file:
-                file.write(secrets.token_bytes(KEY_BYTES))
+        """The key, made where there is none; an empty file is what a full disk left of an earlier version's."""
+        if not self._key_path.exists() or not self._key_path.stat().st_size:
+            replace_file(self._key_path, secrets.token_bytes(KEY_BYTES), is_private=True)
         return self._key_path.read_bytes()
 
 

@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from app.sources.whole_file import flush_folder
+
 
 class JsonLines:
     """The file; whoever owns it holds the lock."""
@@ -27,3 +29,5 @@ class JsonLines:
             file.write((b"\n" if is_cut else b"") + json.dumps(record, ensure_ascii=False).encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
+        if not after:
+            flush_folder(self._path.parent)

@@ -8,6 +8,7 @@ from pathlib import Path
 from app.clock import Clock
 from app.configuration.profile import Profile, parse_profile, profile_text
 from app.errors import AppError, ConfigError
+from app.sources.whole_file import replace_file
 from app.words import Message
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9._-]{0,39}")
@@ -42,17 +43,19 @@ class Profiles:
 
         Raises:
             NoProfile: there is none.
-            ConfigError: its file was changed into something else.
+            ConfigError: its file was changed into something else, or cannot be read.
         """
         path = self._folder / f"{_checked(name)}.json"
         if version is not None:
             path = self._versions / f"{name}@{version}.json"
         try:
             return parse_profile(path.read_bytes())
-        except OSError as error:
+        except FileNotFoundError as error:
             if version is None:
                 raise NoProfile(Message("no-profile", profile=name)) from error
             raise NoProfile(Message("no-profile-version", profile=name, version=version)) from error
+        except OSError as error:
+            raise ConfigError("profile", name, Message("cannot-be-read", error=error.strerror or str(error))) from error
 
     def save(self, name: str, image: bytes, *, comment: str, who: str) -> Profile:
         """Keep an image as the next version of a name.
@@ -68,9 +71,7 @@ class Profiles:
             try:
                 self._versions.mkdir(parents=True, exist_ok=True)
                 for path in (self._versions / f"{name}@{version}.json", self._folder / f"{name}.json"):
-                    half = path.with_suffix(".half")
-                    half.write_text(text, encoding="utf-8", newline="\n")
-                    half.replace(path)
+                    replace_file(path, text.encode())
             except OSError as error:
                 raise ConfigError("profile", name, Message("cannot-be-saved", error=error.strerror)) from error
             return profile
@@ -79,7 +80,11 @@ class Profiles:
         """The version of the newest file, which may have come by git without the earlier ones."""
         try:
             return self.load(name).version
-        except (NoProfile, ConfigError):
+        except NoProfile:
+            return 0
+        except ConfigError as error:
+            if isinstance(error.__cause__, OSError):  # it is there, and its number is not known
+                raise
             return 0
 
     def delete(self, name: str) -> None:

@@ -2,9 +2,9 @@
 
 import json
 import logging
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from io import BytesIO
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -17,6 +17,7 @@ from app.estimation.health.cell_watch import CellWatchMemory
 from app.estimation.health.charge_watch import STATES, ChargeMemory
 from app.estimation.health.joint_watch import LooseJoints
 from app.live.prediction import LearnedCells
+from app.sources.whole_file import replace_file
 from app.telemetry import FloatArray
 
 log = logging.getLogger(__name__)
@@ -76,13 +77,10 @@ def load_learned_state(path: Path, n_cells: int) -> LearnedState | None:
 
 def save_learned_state(path: Path, state: LearnedState) -> None:
     """Replace the file as a whole; a full disk is logged and costs only this."""
-    draft = path.with_suffix(".new")
+    content = BytesIO()
+    np.savez(content, allow_pickle=False, **_arrays(state))
     try:
-        with draft.open("wb") as file:
-            np.savez(file, allow_pickle=False, **_arrays(state))
-            file.flush()
-            os.fsync(file.fileno())
-        draft.replace(path)
+        replace_file(path, content.getvalue())
     except OSError as error:
         log.warning("%s was not saved: %s", path, error.strerror or error)
 

@@ -20,6 +20,7 @@ from app.sources.items import MOST_BUSES
 from app.sources.links.can import parse_bus
 from app.sources.links.serial import check_url
 from app.sources.loaded_battery import LoadedBattery, load_battery
+from app.sources.whole_file import replace_file
 from app.words import Message
 
 FILE = "connections.json"
@@ -89,11 +90,12 @@ def load_connections(folder: Path) -> Connections | None:
 
 
 def save_connections(folder: Path, connections: Connections) -> None:
-    """Write the file, whole or not at all."""
-    path = folder / FILE
-    fresh = path.with_suffix(".new")
-    fresh.write_text(json.dumps(asdict(connections), indent=2) + "\n", encoding="utf-8")
-    fresh.replace(path)
+    """Write the file, whole or not at all.
+
+    Raises:
+        OSError: the disk does not take it.
+    """
+    replace_file(folder / FILE, (json.dumps(asdict(connections), indent=2) + "\n").encode())
 
 
 class Setup:

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 import tempfile
 import warnings
 from functools import cache
@@ -89,10 +90,8 @@ def http(data: bytes) -> None:
     head, _, rest = data[2:].partition(BREAK)
     query, _, body = rest.partition(BREAK)
     method, path = app.routes[(data[0] if data else 0) % len(app.routes)]
-    for name, value in PLACES.items():
-        path = path.replace(f"{{{name}}}", value if not head else head.decode("utf-8", "replace"))
-    if "{" in path:
-        path = path.replace(path[path.index("{") : path.index("}") + 1], "1")
+    own = head.decode("utf-8", "replace")
+    path = re.sub(r"\{(\w+)\}", lambda found: own or PLACES.get(found[1], "1"), path)
     status, told = app.ask(method, path, query, KINDS[(data[1] if len(data) > 1 else 0) % len(KINDS)], body)
     assert status < 500 or status in NO_CAR, f"{method} {path}: {status} {told[:300]!r}"
     if status >= 400:

@@ -19,7 +19,9 @@ def main(name: str, seconds: float, *, merges: bool) -> None:
     import atheris
 
     with atheris.instrument_imports(include=["app", "firmware_protocol"], enable_loader_override=False):
-        from tests.fuzz.targets import FOLDER, TARGETS
+        from tests.fuzz.targets import FOLDER, target
+
+        tried = target(name)
 
     found = Path(os.environ.get("VOLTWALL_FUZZ") or tempfile.mkdtemp(prefix="voltwall-fuzz-")) / name
     corpus = FOLDER / "corpus" / name
@@ -28,7 +30,7 @@ def main(name: str, seconds: float, *, merges: bool) -> None:
     options = [f"-max_len={LONGEST}", f"-max_total_time={int(seconds)}", "-timeout=60", "-rss_limit_mb=3000"]
     options += [f"-artifact_prefix={found.parent}/{name}-", "-print_final_stats=1"]
     folders = [str(corpus), str(found)] if merges else [str(found), str(corpus), str(FOLDER / "finds" / name)]
-    atheris.Setup([sys.argv[0], *options, *(["-merge=1"] if merges else []), *folders], TARGETS[name])
+    atheris.Setup([sys.argv[0], *options, *(["-merge=1"] if merges else []), *folders], tried)
     atheris.Fuzz()
 
 

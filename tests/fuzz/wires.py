@@ -6,7 +6,6 @@ import math
 import struct
 from functools import cache
 
-from app.live.pipeline import Pipeline
 from app.service.mqtt.cars import TOPICS, Car
 from app.sources.items import CanItem, LinkChange, SerialItem
 from firmware_protocol.errors import DecodeError, EncodeError
@@ -75,7 +74,7 @@ def _honest():
 def master(data: bytes) -> None:
     """Steps of kind u8, pause u8, length u8 and bytes: the chain behind the master's two links says nothing wrong."""
     assert_honest, new_pipeline = _honest()
-    pipeline: Pipeline = new_pipeline(("coulomb", "fused", "ekf")[data[0] % 3] if data else "coulomb")
+    pipeline = new_pipeline(("coulomb", "fused", "ekf")[data[0] % 3] if data else "coulomb")
     t_ns, wall_ns, at = 1_000_000_000, WALL_NS, 1
     for _ in range(40):
         if at + 3 > len(data):

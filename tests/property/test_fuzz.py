@@ -15,7 +15,7 @@ import pytest
 
 from tests.c_programs import build_fuzzer
 from tests.campaign import campaign, of_size, tell_figure
-from tests.fuzz.targets import FOLDER, TARGETS, kept
+from tests.fuzz.targets import FOLDER, TARGETS, kept, target
 
 PROJECT = Path(__file__).parents[2]
 SEARCH_S = of_size(0, 8, 600)
@@ -28,7 +28,7 @@ def test_what_is_kept_of_a_target_breaks_no_promise(name):
     paths = kept(name)
     assert paths, "run tests/fuzz/run.py"
     for path in paths:
-        TARGETS[name](path.read_bytes())
+        target(name)(path.read_bytes())
 
 
 @pytest.mark.skipif(not SEARCH_S, reason="make campaign searches")

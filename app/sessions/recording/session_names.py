@@ -1,13 +1,17 @@
 """What the next sessions are called and what is known of them beforehand: event, driver, vehicle, venue."""
 
 import json
+import logging
 import re
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
 
 from app.errors import ConfigError
+from app.sources.whole_file import replace_file
 from app.words import Message
+
+log = logging.getLogger(__name__)
 
 CLOCK_IS_SET_NS = 1_704_067_200 * 10**9  # 2024-01-01: a wall clock before it has never been told the time
 MAX_CHARACTERS = 60
@@ -45,7 +49,10 @@ def load_plan(path: Path, event: str | None = None) -> RecordingPlan:
     """Return what was kept, nothing where there is nothing; `event` given at the start of the service wins."""
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except FileNotFoundError:
+        kept = {}
+    except (OSError, ValueError) as error:
+        log.warning("%s cannot be read and is ignored: %s", path, error)
         kept = {}
     known = {each.name for each in fields(RecordingPlan)}
     texts = {name: str(value) for name, value in kept.items() if name in known} if isinstance(kept, dict) else {}
@@ -61,7 +68,7 @@ def save_plan(path: Path, plan: RecordingPlan) -> None:
         ConfigError: the file cannot be written.
     """
     try:
-        path.write_text(json.dumps(asdict(plan), indent=2) + "\n", encoding="utf-8")
+        replace_file(path, (json.dumps(asdict(plan), indent=2) + "\n").encode())
     except OSError as error:
         raise ConfigError("recording plan", path, error.strerror or str(error)) from error
 

@@ -121,7 +121,8 @@ class SessionWriter:
         except sqlite3.Error:
             self._connection.close()
             raise
-        self._files = {path: identity(path) for path in (self._path, info.path.with_name(info.path.name + "-wal"))}
+        files = (self._path, info.path.with_name(info.path.name + "-wal"))  # a disk without locks has no log
+        self._files = {path: found for path in files if (found := identity(path)) is not None}
 
     @property
     def path(self) -> Path:
@@ -130,7 +131,7 @@ class SessionWriter:
 
     def is_in_place(self) -> bool:
         """Whether file and log still stand where they were: what is written into a deleted file, nobody ever reads."""
-        return all(before is not None and identity(path) == before for path, before in self._files.items())
+        return all(identity(path) == before for path, before in self._files.items())
 
     def write(self, items: Sequence[TableRow]) -> None:
         """Commit the items, in order within each table.

@@ -26,7 +26,9 @@ def open_for_writing(path: Path, schema: Schema) -> sqlite3.Connection:
     connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
     try:
         connection.execute("PRAGMA auto_vacuum = INCREMENTAL")  # of a new file: its end can be cut off where it is free
-        connection.execute("PRAGMA journal_mode = WAL")
+        for _ in range(2):  # a fault of the disk leaves the mode as it was, without an error
+            if connection.execute("PRAGMA journal_mode = WAL").fetchone() == ("wal",):
+                break
         # FULL: the log is forced to the disk at every commit, so a power cut takes only what was not committed.
         # With NORMAL it would take everything since the last checkpoint, minutes of a race.
         connection.execute("PRAGMA synchronous = FULL")

@@ -18,6 +18,8 @@ from app.words import Message, Quantity
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 ENDINGS = (".log", ".asc", ".blf", ".trc", ".mf4")
+_ID_BITS = 0x1FFFFFFF
+_MOST_BYTES = 64  # of CAN FD
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
 
 
@@ -25,12 +27,15 @@ def read_frames(path: Path) -> Iterator[Frame]:
     """Yield the data frames of a log, in its order.
 
     Raises:
-        ImportFailed: the file cannot be read as what its name says, or tells a time that cannot be.
+        ImportFailed: the file cannot be read as what its name says, or tells a time, an id or a length that cannot be.
         ExtraMissing: asammdf, which reads MF4, is not installed.
     """
     for frame in _read(path):
         if not abs(frame[0]) < MOST_S:  # not a number, too
             raise ImportFailed(path.name, Message("no-can-log", error=f"a time of {frame[0]:g} s"))
+        if frame[1] & ~(CAN_ID_EXTENDED | _ID_BITS) or len(frame[2]) > _MOST_BYTES:
+            error = f"a frame of id {frame[1]:X} and {len(frame[2])} bytes"
+            raise ImportFailed(path.name, Message("no-can-log", error=error))
         yield frame
 
 

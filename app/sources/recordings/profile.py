@@ -18,6 +18,7 @@ from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.quantities import UNITS, column_of, sounds_like, unit_of
 from app.sources.recordings.table import Table, matching
+from app.sources.whole_file import replace_file
 from app.words import Message
 
 EXPORT_TIMES = ("time_s", "elapsed_s", "uptime_s")  # the first columns of a table that is exported
@@ -210,7 +211,7 @@ class ProfileStore:
         """
         path = self._path(name)
         self._folder.mkdir(parents=True, exist_ok=True)
-        path.write_text(profile_text(profile), encoding="utf-8")
+        replace_file(path, profile_text(profile).encode())
 
     def _path(self, name: str) -> Path:
         if not _NAME.fullmatch(name):

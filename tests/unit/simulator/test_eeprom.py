@@ -57,3 +57,15 @@ def test_a_file_that_is_no_eeprom_is_refused(tmp_path):
     path.write_bytes(bytes(SIZE + 1))
     with pytest.raises(PortError, match="32768"):
         Eeprom(path)
+
+
+def test_a_page_that_the_file_does_not_take_keeps_what_it_held(tmp_path):
+    path = tmp_path / "eeprom.bin"
+    eeprom = Eeprom(path)
+    eeprom.write(0, b"old")
+    path.rename(tmp_path / "away")
+    eeprom.write(0, b"new")
+    assert eeprom.read(0, 3) == b"old"
+    (tmp_path / "away").rename(path)
+    eeprom.write(0, b"new")
+    assert Eeprom(path).read(0, 3) == b"new"

@@ -90,3 +90,10 @@ def test_a_record_is_json_for_other_programs(history, path):
     add(history)
     record = json.loads(lines(path)[0])
     assert (record["who"], record["reason"], len(record["signature"])) == ("ada", "wet race", 64)
+
+
+def test_a_key_that_a_full_disk_left_empty_signs_nothing(history, path):
+    (path.parent / "config-history.key").touch()
+    add(history)
+    assert (path.parent / "config-history.key").stat().st_size == 32
+    assert history.records()[0].is_genuine

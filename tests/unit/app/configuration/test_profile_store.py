@@ -145,3 +145,18 @@ def test_names_that_are_no_files_are_refused(profiles, name):
     with pytest.raises(ConfigError) as caught:
         profiles.save(name, DEFAULT, comment="", who="ada")
     assert caught.value.field == "name"
+
+
+def test_a_profile_that_cannot_be_read_is_not_called_missing(profiles, tmp_path, monkeypatch):
+    profiles.save("wet", default_image(), comment="", who="ada")
+
+    def refuse(*_):
+        raise OSError(24, "Too many open files")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pathlib.Path.read_bytes", refuse)
+        with pytest.raises(ConfigError, match="Too many open files"):
+            profiles.load("wet")
+        with pytest.raises(ConfigError, match="Too many open files"):
+            profiles.save("wet", default_image(), comment="", who="ada")
+    assert profiles.save("wet", default_image(), comment="", who="ada").version == 2
