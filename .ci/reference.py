@@ -191,19 +191,26 @@ def battery_profile_reference() -> str:
     from app.battery.fields import MANY, TABLES
 
     parts = [NOTICE, PROFILE_HEAD]
+    first: dict[tuple[str, ...], tuple[str, list[tuple[str, ...]]]] = {}  # by names of fields: the first table's rows
     for path, fields in TABLES.items():
         title = "Top of the file" if not path else f"`[[{path}]]`" if path in MANY else f"`[{path}]`"
         parts += [f"## {title}", ""]
         if path in PROFILE_NOTES:
             parts += [PROFILE_NOTES[path], ""]
-        rows = []
+        rows: list[tuple[str, ...]] = []
         for field in fields:
             default = "must be there" if field.default == "" else field.default
             meaning = field.meaning + (
                 f"; one of {', '.join(f'`{name}`' for name in field.one_of)}" if field.one_of else ""
             )
             rows.append((f"`{field.name}`", PROFILE_KINDS[field.kind], default, field.unit or "–", meaning))
-        parts += [*_table(("Field", "Kind", "Default", "Unit", "Meaning"), rows), ""]
+        like, known = first.setdefault(tuple(field.name for field in fields), (title, rows))
+        new = [row for row in rows if row not in known]
+        if len(new) < len(rows) and like != title:
+            parts += [f"The fields of {like}{', but for:' if new else '.'}", ""]
+            rows = new
+        if rows:
+            parts += [*_table(("Field", "Kind", "Default", "Unit", "Meaning"), rows), ""]
     return "\n".join(parts).rstrip() + "\n"
 
 
