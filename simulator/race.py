@@ -17,6 +17,7 @@ GRAVITY_M_PER_S2 = 9.81
 AIR_KG_PER_M3 = 1.2
 SAMPLE_S = 0.05  # of the trace
 _TRACK_STEP_M = 1.0
+_TRACK_M = 1000
 
 
 @dataclass(frozen=True)
@@ -60,14 +61,14 @@ class Lap:
         return len(self.power_w) * SAMPLE_S
 
 
-def autocross_track(rng: np.random.Generator, length_m: float = 1000.0) -> FloatArray:
-    """Return (m,) curvatures [1/m], one per metre, of a closed course within the rules' sizes.
+def autocross_track(rng: np.random.Generator) -> FloatArray:
+    """Return (m,) curvatures [1/m], one per metre, of a closed course of 1 km within the rules' sizes.
 
     Straights of up to 80 m, slaloms, hairpins of 4.5 m and more, bends of up to 25 m radius.
     """
     pieces: list[FloatArray] = []
     total = 0
-    while total < length_m:
+    while total < _TRACK_M:
         straight_m = int(rng.uniform(12.0, 75.0))
         kind = rng.choice(3, p=(0.5, 0.3, 0.2))
         if kind == 0:
@@ -81,7 +82,7 @@ def autocross_track(rng: np.random.Generator, length_m: float = 1000.0) -> Float
             bend = np.full(int(radius_m * np.pi), 1.0 / radius_m)
         pieces += [np.zeros(straight_m), bend]
         total += straight_m + len(bend)
-    return np.concatenate(pieces)[: int(length_m)]
+    return np.concatenate(pieces)[:_TRACK_M]
 
 
 def drive_lap(car: Car, driver: Driver, curvature_per_m: FloatArray, *, start_m_per_s: float | None = None) -> Lap:
@@ -211,15 +212,13 @@ class Event:
 def endurance(
     rng: np.random.Generator,
     *,
-    car: Car | None = None,
     driver: Driver | None = None,
     n_laps: int = 22,
     change_s: float = 180.0,
     standby_s: float = 5.0,
 ) -> Event:
     """Return the 22 km race: laps of about a kilometre, a change of drivers half way, high voltage off meanwhile."""
-    car = car or Car()
-    driver = driver or Driver()
+    car, driver = Car(), driver or Driver()
     track = autocross_track(rng)
     race = Event(car.limits)
     race.add_pause(Phase.STANDBY, 0, standby_s)
@@ -237,28 +236,24 @@ def endurance(
     return race
 
 
-def acceleration(*, car: Car | None = None, n_runs: int = 4, pause_s: float = 60.0) -> Event:
-    """Return runs of 75 m from a standing start with everything the inverter has, and the wait between them."""
-    car = car or Car(power_w=80e3, limits=PowerLimits(max_discharge_w=78e3, max_discharge_a=195.0))
-    driver = Driver(grip_part=1.0, power_part=1.0, lift_m=0.0)
-    event = Event(car.limits)
-    for run in range(1, n_runs + 1):
-        event.add_pause(Phase.READY, run - 1, pause_s if run > 1 else 5.0, car.standing_w)
-        event.add_lap(run, drive_lap(car, driver, np.zeros(75), start_m_per_s=0.5))
-    event.add_pause(Phase.READY, n_runs, 5.0, car.standing_w)
-    return event
+def acceleration() -> Event:
+    """Return four runs of 75 m with everything the inverter has, and the wait between them."""
+    car = Car(power_w=80e3, limits=PowerLimits(max_discharge_w=78e3, max_discharge_a=195.0))
+    return _runs(car, Driver(grip_part=1.0, power_part=1.0, lift_m=0.0), np.zeros(75), 4)
 
 
-def skid_pad(*, car: Car | None = None, n_runs: int = 2, pause_s: float = 60.0) -> Event:
-    """Return runs of the figure of eight: two circles right, two left, at the limit of side grip."""
-    car = car or Car()
-    driver = Driver(grip_part=0.95)
+def skid_pad() -> Event:
+    """Return two runs of the figure of eight: two circles right, two left, at the limit of side grip."""
     radius_m = 9.125  # centre line: 15.25 m inside diameter, 3 m wide
     circles = np.full(int(4 * 2.0 * np.pi * radius_m), 1.0 / radius_m)
-    course = np.concatenate((np.zeros(15), circles, np.zeros(15)))
+    return _runs(Car(), Driver(grip_part=0.95), np.concatenate((np.zeros(15), circles, np.zeros(15))), 2)
+
+
+def _runs(car: Car, driver: Driver, course: FloatArray, n_runs: int) -> Event:
+    """Runs from a standing start, a minute apart."""
     event = Event(car.limits)
     for run in range(1, n_runs + 1):
-        event.add_pause(Phase.READY, run - 1, pause_s if run > 1 else 5.0, car.standing_w)
+        event.add_pause(Phase.READY, run - 1, 60.0 if run > 1 else 5.0, car.standing_w)
         event.add_lap(run, drive_lap(car, driver, course, start_m_per_s=0.5))
     event.add_pause(Phase.READY, n_runs, 5.0, car.standing_w)
     return event
