@@ -81,7 +81,7 @@ class Reader:
             have = len(self.pending)
             if have <= size:
                 self.left, self.pending = size - have, bytearray()
-                if not self.left:
+                if not self.left and self.time_s:
                     late_s.append(now_s - self.time_s)
                     n += 1
             else:  # a short frame, and more behind it
