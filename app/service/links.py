@@ -15,7 +15,7 @@ from app.sources.master.client import MasterClient
 from app.telemetry.link_messages import link_stuck
 from app.words import Message
 
-STUCK_S = 20.0  # a thread that a driver has kept for so long does not come back; the longest honest wait is a connect
+STUCK_S = 120.0  # a thread that a driver has kept for so long does not come back; a name server alone may take 40 s
 
 
 class Links:

@@ -22,7 +22,7 @@ from app.words import Message, Quantity, named_as_here
 log = logging.getLogger(__name__)
 TICK_S = 1.0  # without anything new there is a snapshot this often
 STALL_S = 3 * TICK_S  # without a snapshot for so long, the pipeline stands still
-STUCK_S = 20.0  # a thread that has worked on one item for so long does not come back
+STUCK_S = 60.0  # a thread that has worked on one item for so long does not come back
 LATE_S = 2.0  # an item that has waited this long is worked on, but not always shown ...
 LATE_SHOWN_S = 0.2  # ... only the newest in each of these times
 SHED_SHOWN_S = 1.0  # where pages are left out for the recorder's sake, only the newest in each of these times
