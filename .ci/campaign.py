@@ -30,6 +30,8 @@ TESTS = (
     "tests/integration/test_sessions_survive.py::test_a_killed_recorder_loses_at_most_the_last_half_second",
     "tests/integration/test_recorder_starved.py",
     "tests/integration/test_season_campaign.py",
+    "tests/integration/test_season_s3.py",
+    "tests/integration/test_bad_radio.py",
     "tests/integration/test_simulator_c_codec.py",
     "tests/integration/test_connection_flood.py",
     "tests/integration/test_stop_at_once.py",

@@ -1,11 +1,11 @@
 """A recorder followed over a bad radio: what is lost (nothing may be), how late is what is live, when is it all here.
 
-    python -m benchmarks.bad_radio [--minutes 8] [--latency 1] [--loss 0.3] [--rate 60000] [--order newest]
+    python -m benchmarks.bad_radio [--minutes 8] [--latency 1] [--loss 0.3] [--cut-s 120] [--rate 60000]
 
 The car is `voltwall serve` with the simulated accumulator, recording in real time. The radio (tests/bad_radio.py)
 stands for TCP over a link with this latency each way, this share of packets lost (sent again after a round trip, twice
-as long each time) and this rate for all; it is cut twice, each time for an eighth of the time. The live view is a state
-of 1 kB a second through the same air, as a car publishes it.
+as long each time) and this rate for all; it is cut twice, each time for an eighth of the time or for `--cut-s`. The
+live view is a state of 1 kB a second through the same air, as a car publishes it.
 """
 
 from __future__ import annotations
@@ -93,6 +93,7 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=8.0)
     parser.add_argument("--latency", type=float, default=1.0)
     parser.add_argument("--loss", type=float, default=0.3)
+    parser.add_argument("--cut-s", type=float, help="of each of the two cuts (default: an eighth of the time)")
     parser.add_argument("--rate", type=float, default=60_000.0)
     parser.add_argument("--order", choices=("oldest", "newest"), default="newest")
     args = parser.parse_args()
@@ -128,7 +129,7 @@ def main() -> None:
         told("following")
         for number in (1, 2):
             radio.cut(hangs=True)
-            time.sleep(quarter_s / 2)
+            time.sleep(quarter_s / 2 if args.cut_s is None else args.cut_s)
             told(f"after cut {number}")
             radio.mend()
             time.sleep(quarter_s / 2)

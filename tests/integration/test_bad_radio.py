@@ -4,13 +4,20 @@ The service follows itself through the radio: it is the recorder in the car, and
 """
 
 import socket
+import time
 from contextlib import closing
 
 import pytest
 
 from app.sessions.reading.reader import SessionFile
 from tests.bad_radio import BadRadio
-from tests.service_process import until
+from tests.campaign import SIZE, campaign, of_size, tell_figure
+from tests.service_process import WAIT_S, until
+
+LATENCY_S = {"sample": 0.02, "short": 0.2, "full": 1.0}[SIZE]  # each way
+CUT_S = of_size(0, 30, 120)
+PATIENCE_S = of_size(WAIT_S, 300, 1500)
+pytestmark = campaign(120, 600, 3600)
 
 
 @pytest.fixture
@@ -18,7 +25,7 @@ def radio():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    with closing(BadRadio(("127.0.0.1", port), latency_s=0.02, loss=0.3, seed=3)) as radio:
+    with closing(BadRadio(("127.0.0.1", port), latency_s=LATENCY_S, loss=0.3, seed=3)) as radio:
         radio.target_port = port
         yield radio
 
@@ -34,7 +41,7 @@ def test_a_session_that_was_recorded_while_the_radio_was_cut_is_whole_in_the_end
         def sessions() -> dict[str, dict]:
             return {each["id"]: each for each in client.get("/sessions").json()["sessions"]}
 
-        until(lambda: any(copy["pieces"] and copy["missing_s"] == 0 for copy in told()["copies"]))
+        until(lambda: any(copy["pieces"] and copy["missing_s"] == 0 for copy in told()["copies"]), PATIENCE_S)
         assert told()["recorders"] == [
             {"url": radio.url, "is_reached": True, "error": None, "error_words": None}
             | {"heard_s": told()["recorders"][0]["heard_s"]}
@@ -44,15 +51,22 @@ def test_a_session_that_was_recorded_while_the_radio_was_cut_is_whole_in_the_end
         assert copy["recording"]
         assert copy["id"] not in sessions()
         radio.cut()
-        until(lambda: not told()["recorders"][0]["is_reached"])
+        until(lambda: not told()["recorders"][0]["is_reached"], PATIENCE_S)
+        time.sleep(CUT_S)
         assert told()["recorders"][0]["error"]
         client.post(f"/sessions/{session_id}/stop")
         until(lambda: sessions()[session_id]["closed"])
         radio.mend()
-        until(lambda: copy["id"] in sessions() and copy["id"] not in {each["id"] for each in told()["copies"]})
+        until(
+            lambda: copy["id"] in sessions() and copy["id"] not in {each["id"] for each in told()["copies"]}, PATIENCE_S
+        )
     folder = service.data / "sessions"
     with SessionFile(folder / f"{session_id}.sqlite") as there, SessionFile(folder / f"{copy['id']}.sqlite") as here:
         assert list(here.frames()) == list(there.frames())
         assert list(here.can_frames()) == list(there.can_frames())
         assert (here.info.is_closed, here.info.frames, here.problems()) == (True, there.info.frames, [])
         assert here.events() == there.events()
+        tell_figure(
+            f"bad radio: 30 % lost, {LATENCY_S:g} s each way, cut for {CUT_S} s: {here.info.frames} of"
+            f" {there.info.frames} frames and {here.info.can_frames} of {there.info.can_frames} CAN frames here"
+        )

@@ -5,9 +5,10 @@
 s_k is what was measured with it, u what differs from session to session beyond that: u is chosen so that the residuals
 are as large as their degrees of freedom demand. Bands are Student's, widened where residuals repeat the one before.
 
-A step is looked for after every session but the first and last `EDGE`: its score is the largest squared t over all
-places, its significance how often a line without any step reaches it, drawn `DRAWS` times at the same times with the
-same weights. Of many cells the p-values are Holm's.
+A step is looked for after every session but the first and last `EDGE`, beside a line that may bend as the root of time
+does, because what ages does: its score is the largest squared t over all places, its significance how often such a line
+without any step reaches it, drawn `DRAWS` times at the same times with the same weights. Of many cells the p-values
+are Holm's.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ LEAST: Final = 5  # sessions for a line
 EDGE: Final = 4  # sessions on either side of a step
 DRAWS: Final = 4999
 STEP_P_MAX: Final = 0.05
+STEP_PARAMETERS: Final = 4  # of a line, its bend and a step
 DRAWN_P_MAX: Final = 0.3  # above, by the sum over all places, nothing is drawn
 DAY_S: Final = 86400.0
 
@@ -101,7 +103,7 @@ def steps(days: FloatArray, values: FloatArray, sigmas: FloatArray, seed: int = 
         rows = np.flatnonzero(known)
         if len(rows) < 2 * EDGE + 2:
             continue
-        weights, _, _, residual = _fit(_design(days[rows]), values[rows, k], sigmas[rows, k])
+        weights, _, _, residual = _fit(_bent(days[rows]), values[rows, k], sigmas[rows, k])
         key = rows.tobytes() + np.round(weights / weights.max(), 2).tobytes()
         scores = _Scores(days[rows], weights)
         t2, sizes, sizes_sigma = scores.of(residual)
@@ -111,7 +113,7 @@ def steps(days: FloatArray, values: FloatArray, sigmas: FloatArray, seed: int = 
         if key not in drawn:
             drawn[key] = scores.by_chance(np.random.default_rng(seed))
         p[k] = (1 + np.count_nonzero(drawn[key] >= t2[at])) / (DRAWS + 1)
-        reach = student_95(len(rows) - 3) * sizes_sigma[at]
+        reach = student_95(len(rows) - STEP_PARAMETERS) * sizes_sigma[at]
         found[k] = Step(int(rows[scores.places[at]]), float(sizes[at]), sizes[at] - reach, sizes[at] + reach, p[k])
     adjusted = holm(p)
     return [
@@ -139,7 +141,7 @@ class _Scores:
         n = len(days)
         self.places = np.arange(EDGE, n - EDGE + 1)
         steps = (np.arange(n)[:, None] >= self.places).astype(np.float64) * root[:, None]
-        basis, _ = np.linalg.qr(_design(days) * root[:, None])
+        basis, _ = np.linalg.qr(_bent(days) * root[:, None])
         self._basis, self._root = basis, root
         self._steps = steps - basis @ (basis.T @ steps)
         self._squares = np.maximum((self._steps**2).sum(axis=0), 1e-12)
@@ -148,12 +150,12 @@ class _Scores:
         """Return scores, sizes and their sigmas."""
         white = residual * self._root
         t2, projected = self._t2(white[None])
-        sigma = np.sqrt((float(white @ white) - projected[0] ** 2 / self._squares) / (len(white) - 3))
+        sigma = np.sqrt((float(white @ white) - projected[0] ** 2 / self._squares) / (len(white) - STEP_PARAMETERS))
         return t2[0], projected[0] / self._squares, np.asarray(sigma / np.sqrt(self._squares))
 
     def at_most(self, t2: float) -> float:
         """Return a p-value that is no smaller than the true one: each place by itself, added up (t by Wallace 1959)."""
-        v = len(self._root) - 3
+        v = len(self._root) - STEP_PARAMETERS
         z = np.sqrt(v * np.log1p(t2 / v)) * (8 * v + 1) / (8 * v + 3)
         return len(self.places) * erfc(z / sqrt(2.0))
 
@@ -167,11 +169,16 @@ class _Scores:
         projected = white @ self._steps
         gained = projected**2 / self._squares
         left = np.maximum((white**2).sum(axis=1, keepdims=True) - gained, 1e-300)
-        return gained / left * (white.shape[1] - 3), projected
+        return gained / left * (white.shape[1] - STEP_PARAMETERS), projected
 
 
 def _design(days: FloatArray) -> FloatArray:
     return np.stack((np.ones_like(days), days - days[-1]), axis=1)
+
+
+def _bent(days: FloatArray) -> FloatArray:
+    """A line and the root of time: what ages bends as it does, and that is no step."""
+    return np.column_stack((_design(days), np.sqrt(days - days[0])))
 
 
 def _fit(

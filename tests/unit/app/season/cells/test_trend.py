@@ -55,3 +55,9 @@ def test_student_quantiles_and_holm():
     for freedom, value in ((4, 2.776), (10, 2.228), (30, 2.042)):  # tables
         assert student_95(freedom) == pytest.approx(value, rel=0.004)
     assert holm(np.array([0.01, 0.04, 0.03])).tolist() == pytest.approx([0.03, 0.06, 0.06])
+
+
+def test_what_bends_as_ageing_does_has_no_step():
+    values, sigmas = noisy(9, 24)
+    bent = values - 0.06 * np.sqrt(DAYS / DAYS[-1])[:, None]
+    assert steps(DAYS, bent, sigmas) == [None] * 24
