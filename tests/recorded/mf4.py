@@ -3,10 +3,8 @@
 from datetime import UTC, datetime
 from pathlib import Path
 
-import asammdf
 import numpy as np
-from asammdf.blocks.v4_blocks import SourceInformation
-from asammdf.blocks.v4_constants import BUS_TYPE_CAN, SOURCE_BUS
+import pytest
 
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 from tests.recorded.peer_sessions import START_S
@@ -16,6 +14,8 @@ NAMES = (("BusChannel", "u1"), ("ID", "<u4"), ("IDE", "u1"), ("DLC", "u1"), ("Da
 
 def write_mf4(path: Path, *buses: list[tuple[float, int, bytes]], has_ide: bool = True) -> Path:
     """Write (seconds, id with bit 31 for 29-bit ones, data) of each bus as bus logging with a group a bus."""
+    asammdf = pytest.importorskip("asammdf")  # here: with pandas it takes a third of a second of every test process
+    blocks, constants = asammdf.blocks.v4_blocks, asammdf.blocks.v4_constants
     file = asammdf.MDF(version="4.11")
     file.start_time = datetime.fromtimestamp(START_S, UTC)
     names = [each for each in NAMES if has_ide or each[0] != "IDE"]
@@ -32,7 +32,7 @@ def write_mf4(path: Path, *buses: list[tuple[float, int, bytes]], has_ide: bool 
             row["CAN_DataFrame.DataLength"] = len(data)
             row["CAN_DataFrame.DataBytes"][: len(data)] = list(data)
         times_s = np.array([time_s for time_s, _, _ in frames])
-        source = SourceInformation(source_type=SOURCE_BUS, bus_type=BUS_TYPE_CAN)
+        source = blocks.SourceInformation(source_type=constants.SOURCE_BUS, bus_type=constants.BUS_TYPE_CAN)
         file.append(asammdf.Signal(rows, times_s, name="CAN_DataFrame", source=source))
     file.save(path, overwrite=True)
     file.close()
