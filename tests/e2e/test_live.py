@@ -53,6 +53,7 @@ def test_a_cell_is_one_click_from_its_history(service, open_page):
     expect(page).to_have_url(re.compile(r"#/packs/3/7$"))
     expect(page.get_by_role("heading", level=1)).to_have_text("pack 3, cell 7")
     expect(page.get_by_test_id("cell-voltage")).to_have_text(re.compile(r"^[234]\.\d{4}\sV$"))
+    expect(page.get_by_test_id("cell-sentence")).to_have_text(re.compile(r"^.*SOC .*; R0 .*; its joint is .*\.$"))
     expect(page.locator("canvas")).to_have_count(7)  # four of the last minutes, three of the trend
 
 
