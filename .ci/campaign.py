@@ -35,6 +35,7 @@ TESTS = (
     "tests/integration/test_simulator_c_codec.py",
     "tests/integration/test_connection_flood.py",
     "tests/integration/test_stop_at_once.py",
+    "tests/unit/app/sources/dbc/test_hostile_bus.py",
     "tests/unit/app/sessions/transfer/test_broken_logs.py",
     "tests/unit/app/sessions/transfer/test_follow.py",
     "tests/unit/app/sessions/reading/test_check.py::test_no_damaged_copy_is_called_sound_although_its_content_differs",

@@ -1,7 +1,7 @@
 """Searches by coverage for bytes that break a target: `python -m tests.fuzz.run TARGET [SECONDS]`, with atheris.
 
-What reaches new code is kept in the folder that VOLTWALL_FUZZ names, else thrown away; `--merge` brings the least of
-it that reaches all into `tests/fuzz/corpus`. A find is written there and ends the search with an error.
+What reaches new code is kept in the folder that VOLTWALL_FUZZ names, else thrown away. A find is written there and ends
+the search with an error.
 """
 
 import os
@@ -14,8 +14,8 @@ import app  # noqa: F401  before numpy: it keeps each process to one thread
 LONGEST = 4096  # bytes of an input
 
 
-def main(name: str, seconds: float, *, merges: bool) -> None:
-    """Search, or merge; ends the process."""
+def main(name: str, seconds: float) -> None:
+    """Search; ends the process."""
     import atheris
 
     with atheris.instrument_imports(include=["app", "firmware_protocol"], enable_loader_override=False):
@@ -29,11 +29,10 @@ def main(name: str, seconds: float, *, merges: bool) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     options = [f"-max_len={LONGEST}", f"-max_total_time={int(seconds)}", "-timeout=60", "-rss_limit_mb=3000"]
     options += [f"-artifact_prefix={found.parent}/{name}-", "-print_final_stats=1"]
-    folders = [str(corpus), str(found)] if merges else [str(found), str(corpus), str(FOLDER / "finds" / name)]
-    atheris.Setup([sys.argv[0], *options, *(["-merge=1"] if merges else []), *folders], tried)
+    folders = [str(found), str(corpus), str(FOLDER / "finds" / name)]
+    atheris.Setup([sys.argv[0], *options, *folders], tried)
     atheris.Fuzz()
 
 
 if __name__ == "__main__":
-    words = [word for word in sys.argv[1:] if word != "--merge"]
-    main(words[0], float(words[1]) if len(words) > 1 else 60.0, merges="--merge" in sys.argv)
+    main(sys.argv[1], float(sys.argv[2]) if len(sys.argv) > 2 else 60.0)
