@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from websockets.sync.client import connect
 
-from app.commands.benchmarks.process import cpu_s, resident_mb
-from app.commands.benchmarks.service import served
+from app.commands.bench.process import cpu_s, resident_mb
+from app.commands.bench.service import served
 from benchmarks.batteries import battery_of, dbc_of
 
 FIRST_S = 60.0  # until every cell was heard

@@ -15,6 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app import __version__
 from app.analysis.drill.drill import Drill
 from app.api import simulator
+from app.api.access.accounts import Accounts
 from app.api.access.certificate import Certificate
 from app.api.can import bus as can_bus
 from app.api.can import tables as can
@@ -30,7 +31,7 @@ from app.api.sessions import analysis as debrief
 from app.api.sessions import imports, passport, recorder, season, season_cells, transfer
 from app.api.sessions import routes as sessions
 from app.api.web import login as session_login
-from app.api.web import problems
+from app.api.web import people, problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware
 from app.api.web.battery_switch import FIRST, ServedBattery
 from app.api.web.dependencies import NEEDS_MASTER, FleetParts, WebParts
@@ -90,7 +91,8 @@ def create_app(
     Raises:
         ConfigError: a setting is wrong or unsafe.
     """
-    settings.check()
+    accounts = Accounts(settings.data) if beside is None else None
+    settings.check(has_accounts=accounts is None or accounts.exist)
     clock = clock or Clock()
     service = make_service(settings, clock, source=source, serial_url=serial_url, can_url=can_url)
 
@@ -119,7 +121,7 @@ def create_app(
         redoc_url=None,
     )
     first = None if beside is None else cast(WebParts, beside.state.parts)
-    authentication = Authentication(settings, clock) if first is None else first.authentication
+    authentication = Authentication(settings, clock, accounts) if first is None else first.authentication
     served = [] if first is None else first.served
     served.append(ServedBattery(path, app, battery=service.battery, live=service.live, stalls=service.health.stalls))
     drill = None if simulated_car is None else Drill(simulated_car, settings.data, clock.wall_ns)
@@ -149,7 +151,8 @@ def create_fleet_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
     Raises:
         ConfigError: a setting is wrong or unsafe, or paho-mqtt is not installed.
     """
-    settings.check()
+    accounts = Accounts(settings.data)
+    settings.check(has_accounts=accounts.exist)
     clock = clock or Clock()
     broker = parse_broker(settings.fleet or "", settings.mqtt_secret, settings.mqtt_ca, field="fleet")
     cars = Fleet(broker, clock)
@@ -161,10 +164,10 @@ def create_fleet_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
         await asyncio.to_thread(cars.stop)
 
     app = FastAPI(title="Voltwall", version=__version__, lifespan=lifespan, openapi_url=None, docs_url=None)
-    authentication = Authentication(settings, clock)
+    authentication = Authentication(settings, clock, accounts)
     app.state.parts = FleetParts(cars, authentication)
     routes = APIRouter()
-    for router in (fleet.router, fleet.alone, session_login.router):
+    for router in (fleet.router, fleet.alone, session_login.router, people.router):
         routes.include_router(router, prefix="/api/v1")
     _serve_web(app, routes.routes, "fleet.html", authentication)
     return app
@@ -201,6 +204,7 @@ def api_routes() -> APIRouter:
         season_cells,
         recorder,
         session_login,
+        people,
         sessions,
         simulator,
         system,

@@ -16,6 +16,7 @@ from typing import Any, get_args
 import uvicorn
 from pydantic import ValidationError
 
+from app.api.access.accounts import Accounts
 from app.api.access.certificate import Certificate
 from app.api.application import Replay, create_app, create_fleet_app
 from app.api.web.battery_switch import BatterySwitch
@@ -103,7 +104,7 @@ def settings_from(args: argparse.Namespace) -> Settings:
     except ValidationError as error:
         first = error.errors()[0]
         raise ConfigError(".".join(map(str, first["loc"])), first.get("input"), first["msg"]) from error
-    settings.check()
+    settings.check(has_accounts=Accounts(settings.data).exist)
     return settings
 
 

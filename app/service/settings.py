@@ -109,6 +109,12 @@ class Settings(BaseSettings):
     recorder_password: SecretStr | None = Field(default=None, description="the recorders' viewer's password")
     password: SecretStr | None = Field(default=None, description="the engineer's password: may write and command")
     viewer_password: SecretStr | None = Field(default=None, description="the viewer's password: may read")
+    idle_minutes: float = Field(
+        default=60.0,
+        gt=0,
+        le=1440,
+        description="who has no page open for so long is logged out; in any case after a day",
+    )
     scenario: str | None = Field(
         default=None, description="scenario of the simulated accumulator, where no hardware is named"
     )

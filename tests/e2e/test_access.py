@@ -60,6 +60,29 @@ def test_an_engineer_may_write(guarded, open_page):
     assert cookie["httpOnly"]
 
 
+def test_the_first_chief_is_made_on_the_page_and_adds_a_person(guarded, open_page):
+    page = open_page(f"{guarded.base_url}/#/system", quiet=False)
+    log_in(page, "ola", "engineer-pass-1")
+    people = page.get_by_test_id("people")
+
+    def add(name: str, password: str, button: str) -> None:
+        people.get_by_role("textbox", name="Name", exact=True).fill(name)
+        people.get_by_role("textbox", name="Password").fill(password)
+        people.get_by_role("button", name=button).click()
+
+    add("cora", "chief-pass-1", "Make the first chief")
+    expect(people.get_by_role("button", name="Make the first chief")).to_have_count(0)
+    page.get_by_role("button", name="Log out", exact=True).last.click()
+    log_in(page, "cora", "chief-pass-1")
+    expect(page.get_by_test_id("user")).to_contain_text("chief")
+    add("erik", "erik-pass-1", "Add the account")
+    expect(page.get_by_test_id("accounts")).to_contain_text("erik, viewer")
+    expect(page.get_by_test_id("logins")).to_contain_text("this page")
+    people.get_by_role("textbox", name="Program").fill("grafana")
+    people.get_by_role("button", name="Make a token").click()
+    expect(page.get_by_test_id("secret")).to_contain_text("vw_")
+
+
 def test_two_engineers_and_a_viewer_work_at_once(make_service, open_page):
     service = make_service("--seed", "7", "--scenario", "in-the-pit", **PASSWORDS)
     people = {}

@@ -76,7 +76,7 @@ def guarded(make_module_service):
 def test_with_a_password_nothing_is_read_without_it(guarded):
     with guarded.client() as client:
         assert client.get("/snapshot").status_code == 401
-        assert client.get("/me").json() == {"role": None, "name": None, "password_required": True}
+        assert client.get("/me").json() == {"role": None, "name": None, "password_required": True, "has_chief": False}
         assert client.get("/health").status_code == 200
     assert httpx.get(guarded.base_url + "/metrics", timeout=WAIT_S).status_code == 401
     with (

@@ -17,7 +17,7 @@ class ReaderOut(BaseModel):
     """One open live stream."""
 
     name: str | None
-    role: Literal["engineer", "viewer"] | None
+    role: Literal["viewer", "engineer", "chief"] | None
     address: str
     since: float
 

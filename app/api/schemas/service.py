@@ -46,9 +46,10 @@ class HealthOut(BaseModel):
 class MeOut(BaseModel):
     """Who asks; null where nobody is logged in."""
 
-    role: Literal["engineer", "viewer"] | None
+    role: Literal["viewer", "engineer", "chief"] | None
     name: str | None
     password_required: bool
+    has_chief: bool
 
 
 class HistoryOut(BaseModel):

@@ -1,37 +1,42 @@
-"""Who may do what: loopback without a password is the engineer; otherwise a session cookie or HTTP Basic.
+"""Who may do what: loopback without a password is the engineer; else a session cookie, HTTP Basic or a token.
 
 Foreign origins and foreign host names are refused before anything else looks at the request.
 """
 
+import asyncio
 import base64
 import binascii
+import hashlib
 import hmac
 import secrets
 import threading
 from dataclasses import dataclass
 from ipaddress import ip_address, ip_network
-from typing import Literal
+from typing import cast
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
 from starlette.requests import cookie_parser
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from app.api.access.accounts import TOKEN_PREFIX, Accounts, Role
 from app.api.web.problems import Problem
 from app.clock import Clock
 from app.service.settings import Settings
 from app.words import Message
 
-COOKIE = "voltwall"
 SESSION_S = 24 * 3600.0
 MAX_SESSIONS = 1000  # of each role: viewers cannot log the engineer out
 MAX_SOURCES = 10_000  # of failed tries
 MAX_FAILURES = 10  # in FAILURE_WINDOW_S, per source
 FAILURE_WINDOW_S = 60.0
+ATTACKED_AFTER = 50  # failures on one account in ATTACK_WINDOW_S, from anywhere: each source has FEW_FAILURES then
+ATTACK_WINDOW_S = 3600.0
+FEW_FAILURES = 2
+MAX_PROVEN = 1000  # passwords of HTTP Basic that need not be checked again
 OPEN_PATHS = ("/api/v1/health", "/api/v1/login", "/api/v1/me")
+_OF_EVERYBODY = ("/api/v1/logout", "/api/v1/logins/", "/api/v1/me/password")  # a viewer may write this, too
 _WRITES = ("POST", "PUT", "PATCH", "DELETE")
-Role = Literal["engineer", "viewer"]
-ROLES: tuple[Role, Role] = ("engineer", "viewer")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,81 +47,194 @@ class User:
     role: Role
 
 
+@dataclass(slots=True)
+class Login:
+    """Somebody who is logged in by cookie; seconds of the monotonic and of the wall clock."""
+
+    id: str
+    user: User
+    stamp: str | None  # of the account
+    address: str
+    agent: str
+    since_s: float
+    used_s: float
+    ends_s: float
+
+
 class Authentication:
     """Passwords, sessions and failed tries."""
 
-    def __init__(self, settings: Settings, clock: Clock) -> None:
+    def __init__(self, settings: Settings, clock: Clock, accounts: Accounts | None = None) -> None:
         self.settings = settings
+        self.accounts = accounts or Accounts(settings.data)
         self._clock = clock
-        self._sessions: dict[str, tuple[User, float]] = {}
+        self._logins: dict[str, Login] = {}  # by the digest of the token
         self._failures: dict[str, list[float]] = {}
+        self._account_failures: dict[str, list[float]] = {}
+        self._proven: dict[bytes, str] = {}  # proof of name and password: the account's stamp
+        self._proof_key = secrets.token_bytes(32)
         self._lock = threading.Lock()
+        self._one_by_one = threading.Semaphore(2)  # each check of a password takes 19 MiB
 
     @property
     def is_open(self) -> bool:
         """No password is set: whoever reaches the service is the engineer."""
-        return self.settings.password is None
+        return self.settings.password is None and not self.accounts.exist
 
     def login(self, name: str, password: str, address: str) -> User | None:
-        """Return the user whose password this is, None where it is nobody's.
+        """Return the user whose password, or token, this is, None where it is nobody's.
 
         Raises:
             Problem: too many failed tries from this address.
         """
         now, source = self._clock.monotonic_s(), _source_of(address)
+        account = name.strip().casefold()[:40]
         with self._lock:
             recent = [t for t in self._failures.get(source, []) if now - t < FAILURE_WINDOW_S]
-            if len(recent) >= MAX_FAILURES:
+            on_account = [t for t in self._account_failures.get(account, []) if now - t < ATTACK_WINDOW_S]
+            if len(recent) >= (MAX_FAILURES if len(on_account) < ATTACKED_AFTER else FEW_FAILURES):
                 wait = {"Retry-After": str(int(FAILURE_WINDOW_S))}
                 raise Problem(429, "too-many-tries", Message("wait-a-minute"), wait)
-            for role in ROLES:
-                secret = self.settings.password if role == "engineer" else self.settings.viewer_password
-                if secret is not None and _is_equal(secret.get_secret_value(), password):
-                    if role == "engineer":  # a viewer could else guess the engineer's for ever, logging in in between
-                        self._failures.pop(source, None)
-                    return User(name.strip()[:40] or role, role)
-            self._failures.pop(source, None)  # to the end: the oldest leaves first
-            self._failures[source] = [*recent, now]
-            while len(self._failures) > MAX_SOURCES:
-                self._failures.pop(next(iter(self._failures)))
+            _put_last(self._failures, source, [*recent, now])  # before the check: tries at once count as well
+        user = self._user_by(name, password)
+        with self._lock:
+            if user is None:
+                _put_last(self._account_failures, account, [*on_account[-ATTACKED_AFTER:], now])
+            elif user.role == "viewer":  # a viewer could else guess the engineer's for ever, logging in in between
+                if now in (failures := self._failures.get(source, [])):
+                    failures.remove(now)
+            else:
+                self._failures.pop(source, None)
+        return user
+
+    def _user_by(self, name: str, password: str) -> User | None:
+        if password.startswith(TOKEN_PREFIX):
+            token = self.accounts.verify_token(password, self._clock.wall_s())
+            return None if token is None else User(f"{token.name} (token)", token.role)
+        if self.accounts.exist:
+            with self._one_by_one:
+                account = self.accounts.verify(name, password)
+            if account is not None:
+                return User(account.name, account.role)
+            if self.accounts.find(name) is not None:  # nobody else logs in under a person's name
+                return None
+        for role, secret in (("engineer", self.settings.password), ("viewer", self.settings.viewer_password)):
+            if secret is not None and _is_equal(secret.get_secret_value(), password):
+                return User(name.strip()[:40] or role, cast(Role, role))
         return None
 
-    def open_session(self, user: User) -> str:
-        """Return a token that stands for the user for a day."""
+    def open_session(self, user: User, address: str = "", agent: str = "") -> str:
+        """Return a token that stands for the user, for a day or until it is idle."""
         now = self._clock.monotonic_s()
         token = secrets.token_urlsafe(32)
+        account = self.accounts.find(user.name)
+        made = Login(
+            secrets.token_hex(4),
+            user,
+            None if account is None else account.stamp,
+            address,
+            agent[:120],
+            self._clock.wall_s(),
+            now,
+            now + SESSION_S,
+        )
         with self._lock:
-            self._sessions = {t: s for t, s in self._sessions.items() if s[1] > now}
-            same_role = [t for t, (held_by, _) in self._sessions.items() if held_by.role == user.role]
+            self._logins = {t: each for t, each in self._logins.items() if self._is_good(each, now)}
+            same_role = [t for t, each in self._logins.items() if each.user.role == user.role]
             for oldest in same_role[: len(same_role) - MAX_SESSIONS + 1]:
-                self._sessions.pop(oldest)
-            self._sessions[token] = (user, now + SESSION_S)
+                self._logins.pop(oldest)
+            self._logins[_digest(token)] = made
         return token
 
     def close_session(self, token: str | None) -> None:
         """Forget a token."""
         if token:
             with self._lock:
-                self._sessions.pop(token, None)
+                self._logins.pop(_digest(token), None)
+
+    def wall_s(self) -> float:
+        """Unix time."""
+        return self._clock.wall_s()
+
+    def logins(self) -> list[tuple[Login, float]]:
+        """Return who is logged in by cookie, and how long ago each was last used [s]."""
+        now = self._clock.monotonic_s()
+        with self._lock:
+            return [(each, now - each.used_s) for each in self._logins.values() if self._is_good(each, now)]
+
+    def login_of(self, token: str | None) -> Login | None:
+        """Return the login that a cookie stands for."""
+        found = self._logins.get(_digest(token)) if token else None
+        return found if found is not None and self._is_good(found, self._clock.monotonic_s()) else None
+
+    def end_login(self, login_id: str) -> None:
+        """Log somebody out."""
+        with self._lock:
+            self._logins = {token: each for token, each in self._logins.items() if each.id != login_id}
+
+    def _is_good(self, login: Login, now_s: float) -> bool:
+        account = self.accounts.find(login.user.name)
+        is_theirs = login.stamp == (account and account.stamp)
+        return is_theirs and now_s < login.ends_s and now_s - login.used_s < self.settings.idle_minutes * 60.0
 
     def user_of(self, headers: Headers, address: str) -> User | None:
         """Return who asks, None where nobody known."""
         if self.is_open:
             return User("engineer", "engineer")
-        token = token_of(headers)
-        if token and (entry := self._sessions.get(token)) and entry[1] > self._clock.monotonic_s():
-            return entry[0]
-        return self._basic(headers, address)
+        if (login := self.login_of(token_of(headers))) is not None:
+            login.used_s = self._clock.monotonic_s()
+            return login.user
+        kind, _, secret = headers.get("authorization", "").partition(" ")
+        if kind.lower() == "bearer":
+            return self.login("", secret.strip(), address) if secret.strip().startswith(TOKEN_PREFIX) else None
+        given = _basic(headers)
+        if given is None:
+            return None
+        name, password = given
+        proof = self._proof(name, password)
+        account = self.accounts.find(name)
+        if account is not None and self._proven.get(proof) == account.stamp:
+            return User(account.name, account.role)
+        user = self.login(name, password, address)
+        if user is not None and account is not None:
+            with self._lock:
+                self._proven[proof] = account.stamp
+                while len(self._proven) > MAX_PROVEN:
+                    self._proven.pop(next(iter(self._proven)))
+        return user
 
-    def _basic(self, headers: Headers, address: str) -> User | None:
-        kind, _, encoded = headers.get("authorization", "").partition(" ")
-        if kind.lower() != "basic":
-            return None
-        try:
-            name, _, password = base64.b64decode(encoded, validate=True).decode().partition(":")
-        except (binascii.Error, UnicodeDecodeError):
-            return None
-        return self.login(name, password, address)
+    def is_slow(self, headers: Headers) -> bool:
+        """Whether it takes a moment to say who asks: a password that has to be checked."""
+        given = _basic(headers)
+        return given is not None and self.accounts.exist and self._proof(*given) not in self._proven
+
+    def _proof(self, name: str, password: str) -> bytes:
+        text = f"{name}\0{password}".encode(errors="surrogatepass")
+        return hmac.digest(self._proof_key, text, "sha256")
+
+
+def _basic(headers: Headers) -> tuple[str, str] | None:
+    """Name and password of HTTP Basic."""
+    kind, _, encoded = headers.get("authorization", "").partition(" ")
+    if kind.lower() != "basic":
+        return None
+    try:
+        name, _, password = base64.b64decode(encoded, validate=True).decode().partition(":")
+    except (binascii.Error, UnicodeDecodeError):
+        return None
+    return name, password
+
+
+def _put_last(failures: dict[str, list[float]], key: str, times: list[float]) -> None:
+    """Keep the times of failures; the oldest key leaves first."""
+    failures.pop(key, None)
+    failures[key] = times
+    while len(failures) > MAX_SOURCES:
+        failures.pop(next(iter(failures)))
+
+
+def _digest(token: str) -> str:
+    return hashlib.sha256(token.encode(errors="surrogatepass")).hexdigest()
 
 
 def _is_equal(secret: str, given: str) -> bool:
@@ -132,9 +250,15 @@ def _source_of(address: str) -> str:
     return address if parsed.version == 4 else str(ip_network((parsed, 64), strict=False))
 
 
+def cookie_name(headers: Headers) -> str:
+    """The name of the session's cookie: browsers send it to every port of a host, and each has a service of its own."""
+    port = headers.get("host", "").rpartition("]")[2].rpartition(":")[2]
+    return f"voltwall-{port}" if port.isdigit() else "voltwall"
+
+
 def token_of(headers: Headers) -> str | None:
     """The session cookie's value."""
-    return cookie_parser(headers.get("cookie", "")).get(COOKIE)
+    return cookie_parser(headers.get("cookie", "")).get(cookie_name(headers))
 
 
 def is_same_origin(headers: Headers) -> bool:
@@ -172,7 +296,8 @@ class AuthenticationMiddleware:
             await self._app(scope, receive, send)
             return
         try:
-            user = self._admit(scope)
+            is_slow = self._authentication.is_slow(Headers(scope=scope))
+            user = await asyncio.to_thread(self._admit, scope) if is_slow else self._admit(scope)
         except Problem as problem:
             if scope["type"] == "http":
                 await problem.response()(scope, receive, send)
@@ -199,7 +324,7 @@ class AuthenticationMiddleware:
             # To a browser no challenge: it would put its own dialog over the page's.
             challenge = {} if "sec-fetch-mode" in headers else {"WWW-Authenticate": 'Basic realm="voltwall"'}
             raise Problem(401, "login-required", Message("log-in"), challenge)
-        if method in _WRITES and user.role != "engineer" and path != "/api/v1/logout":
+        if method in _WRITES and user.role == "viewer" and not path.startswith(_OF_EVERYBODY):
             raise Problem(403, "engineer-required", Message("viewer-may-read"))
         return user
 

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import Field
 
 from app.api.schemas.service import MeOut
-from app.api.web.authentication import COOKIE, SESSION_S, User, token_of
+from app.api.web.authentication import SESSION_S, Authentication, User, cookie_name, token_of
 from app.api.web.dependencies import AuthenticationPart
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
@@ -16,24 +16,25 @@ router = APIRouter(tags=["login"])
 
 
 class Login(Body):
-    """Whoever knows the engineer's password is one; the name goes into the event log."""
+    """A person's own password, or the shared one of a role under any name that is no person's; both go into the log."""
 
     name: str = Field("", max_length=40)
     password: str = Field(max_length=200)
 
 
-def _me(user: User | None, *, password_required: bool) -> dict[str, Any]:
+def _me(user: User | None, authentication: Authentication) -> dict[str, Any]:
     return {
         "role": user and user.role,
         "name": user and user.name,
-        "password_required": password_required,
+        "password_required": not authentication.is_open,
+        "has_chief": authentication.accounts.has_chief,
     }
 
 
 @router.get("/me", response_model=MeOut)
 async def me(request: Request, authentication: AuthenticationPart) -> dict[str, Any]:
     """Role and name of whoever asks; null where nobody is logged in."""
-    return _me(request.state.user, password_required=not authentication.is_open)
+    return _me(request.state.user, authentication)
 
 
 @router.post("/login", response_model=MeOut)
@@ -47,20 +48,21 @@ def login(body: Login, request: Request, response: Response, authentication: Aut
     )
     if user is None:
         raise Problem(401, "wrong-password", Message("wrong-password"))
+    authentication.close_session(token_of(request.headers))
     response.set_cookie(
-        COOKIE,
-        authentication.open_session(user),
+        cookie_name(request.headers),
+        authentication.open_session(user, address, request.headers.get("user-agent", "")),
         max_age=int(SESSION_S),
         httponly=True,
         samesite="strict",
         secure=request.url.scheme == "https",
     )
-    return _me(user, password_required=not authentication.is_open)
+    return _me(user, authentication)
 
 
 @router.post("/logout", response_model=MeOut)
 def logout(request: Request, response: Response, authentication: AuthenticationPart) -> dict[str, Any]:
     """Forget the cookie."""
     authentication.close_session(token_of(request.headers))
-    response.delete_cookie(COOKIE)
-    return _me(None, password_required=not authentication.is_open)
+    response.delete_cookie(cookie_name(request.headers))
+    return _me(None, authentication)

@@ -100,6 +100,7 @@ def _shown(value: object) -> str:
 
 
 _KINDS = {
+    "account": Message("an-account"),
     "alarm": Message("an-alarm"),
     "black box": Message("a-black-box"),
     "command": Message("a-command"),
@@ -107,11 +108,13 @@ _KINDS = {
     "file": Message("a-file"),
     "lesson": Message("a-lesson"),
     "reaction test": Message("a-reaction-test"),
+    "login": Message("a-login"),
     "record": Message("a-record"),
     "route": Message("a-route"),
     "scenario": Message("a-scenario"),
     "session": Message("a-session"),
     "swap": Message("a-swap"),
+    "token": Message("a-token"),
 }
 
 

@@ -13,7 +13,7 @@ class User {
   me = $state.raw<Me | null>(null);
   theme = $state<ThemeName>('dark');
 
-  isEngineer = $derived(this.me?.role === 'engineer');
+  isEngineer = $derived(this.me?.role === 'engineer' || this.me?.role === 'chief');
   mustLogIn = $derived(this.me !== null && this.me.password_required && this.me.role === null);
 
   /** Whether something can be changed now: by an engineer, while the service answers. */
@@ -33,7 +33,7 @@ class User {
       this.me = await get<Me>('me');
     } catch (error) {
       if (error instanceof Problem && error.status === 401) {
-        this.me = { role: null, name: null, password_required: true };
+        this.me = { role: null, name: null, password_required: true, has_chief: false };
       }
     }
   }

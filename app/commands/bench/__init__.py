@@ -8,8 +8,8 @@ import sys
 from importlib import import_module
 from typing import Any
 
-from app.commands.benchmarks.numerics import CHIP_US, chain_rates, filter_pass_us
-from app.commands.benchmarks.service import at_line_limit, simulated
+from app.commands.bench.numerics import CHIP_US, chain_rates, filter_pass_us
+from app.commands.bench.service import at_line_limit, simulated
 from app.commands.console.number import between
 from app.errors import ConfigError
 from app.live.pipeline_factory import PipelineFactory

@@ -18,8 +18,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from app.clock import Clock
-from app.commands.benchmarks.numerics import fast_frame
-from app.commands.benchmarks.process import cpu_s, resident_mb
+from app.commands.bench.numerics import fast_frame
+from app.commands.bench.process import cpu_s, resident_mb
 from app.sessions.catalogue import Catalogue
 from app.sessions.reading.reader import SessionFile
 from app.sessions.recording.recorder import Recorder

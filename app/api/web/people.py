@@ -1,0 +1,189 @@
+"""Accounts, tokens, and who is logged in. A chief manages them; whoever sets the service up makes the first one."""
+
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Path, Request
+from pydantic import BaseModel, Field
+
+from app.api.access.accounts import LEAST_CHARACTERS, MOST_CHARACTERS, MOST_DAYS, Role
+from app.api.web.authentication import Authentication, User, token_of
+from app.api.web.dependencies import AuthenticationPart, UserDep
+from app.api.web.problems import Problem, not_found
+from app.api.web.request_body import Body
+from app.words import Message
+
+router = APIRouter(tags=["login"])
+Name = Annotated[str, Path(max_length=40)]
+Password = Annotated[str, Field(min_length=LEAST_CHARACTERS, max_length=MOST_CHARACTERS)]
+
+
+class AccountIn(Body):
+    """Of a new account, or a change; without a password it stays as it is."""
+
+    role: Role
+    password: Password | None = None
+
+
+class PasswordIn(Body):
+    """One's own password, and the new one."""
+
+    old: str = Field(max_length=MOST_CHARACTERS)
+    new: Password
+
+
+class TokenIn(Body):
+    """What a program shall be called, what it may do, and for how long."""
+
+    name: str = Field(min_length=1, max_length=40)
+    role: Literal["viewer", "engineer"]
+    days: float = Field(gt=0, le=MOST_DAYS)
+
+
+class AccountOut(BaseModel):
+    """A person."""
+
+    name: str
+    role: Role
+
+
+class TokenOut(BaseModel):
+    """A program; unix times. `secret` is told once, when it is made."""
+
+    id: str
+    name: str
+    role: Role
+    made_by: str
+    made: float
+    ends: float
+    secret: str | None = None
+
+
+class PeopleOut(BaseModel):
+    """All accounts and tokens."""
+
+    accounts: list[AccountOut]
+    tokens: list[TokenOut]
+
+
+class LoginOut(BaseModel):
+    """Somebody who is logged in by cookie; `since` in unix seconds."""
+
+    id: str
+    name: str
+    role: Role
+    address: str
+    agent: str
+    since: float
+    idle_s: float
+    is_this: bool
+
+
+def _need_chief(user: User) -> None:
+    if user.role != "chief":
+        raise Problem(403, "chief-required", Message("chief-manages"))
+
+
+def _people(authentication: Authentication) -> PeopleOut:
+    accounts = authentication.accounts
+    tokens = [
+        TokenOut(id=t.id, name=t.name, role=t.role, made_by=t.made_by, made=t.made_s, ends=t.ends_s)
+        for t in accounts.tokens()
+    ]
+    return PeopleOut(accounts=[AccountOut(name=each.name, role=each.role) for each in accounts.all()], tokens=tokens)
+
+
+@router.get("/accounts")
+def people(authentication: AuthenticationPart, user: UserDep) -> PeopleOut:
+    """Accounts of people and tokens of programs, for a chief."""
+    _need_chief(user)
+    return _people(authentication)
+
+
+@router.put("/accounts/{name}")
+def put_account(name: Name, body: AccountIn, authentication: AuthenticationPart, user: UserDep) -> PeopleOut:
+    """Add an account, or change its role or password, which logs that person out.
+
+    An engineer may make the first chief.
+    """
+    is_first = body.role == "chief" and user.role == "engineer" and not authentication.accounts.has_chief
+    if is_first and authentication.accounts.exist:
+        is_first = authentication.accounts.find(name) is None  # nobody's password is taken over
+    if not is_first:
+        _need_chief(user)
+    authentication.accounts.put(name, body.role, body.password)
+    return _people(authentication)
+
+
+@router.delete("/accounts/{name}")
+def delete_account(name: Name, authentication: AuthenticationPart, user: UserDep) -> PeopleOut:
+    """Take an account away, and log that person out."""
+    _need_chief(user)
+    if not authentication.accounts.remove(name):
+        raise not_found("account", name)
+    return _people(authentication)
+
+
+@router.put("/me/password", status_code=204)
+def put_password(body: PasswordIn, request: Request, authentication: AuthenticationPart, user: UserDep) -> None:
+    """Change one's own password; it logs one out everywhere."""
+    account = authentication.accounts.find(user.name)
+    address = request.client.host if request.client else ""
+    if account is None or authentication.login(user.name, body.old, address) is None:
+        raise Problem(403, "wrong-password", Message("wrong-password"))
+    authentication.accounts.put(account.name, account.role, body.new)
+
+
+@router.post("/tokens")
+def make_token(body: TokenIn, authentication: AuthenticationPart, user: UserDep) -> TokenOut:
+    """Make a token for a program; its `secret` is told in this answer alone."""
+    _need_chief(user)
+    made, secret = authentication.accounts.make_token(
+        body.name, body.role, body.days, user.name, authentication.wall_s()
+    )
+    return TokenOut(
+        id=made.id,
+        name=made.name,
+        role=made.role,
+        made_by=made.made_by,
+        made=made.made_s,
+        ends=made.ends_s,
+        secret=secret,
+    )
+
+
+@router.delete("/tokens/{token_id}")
+def revoke_token(token_id: Name, authentication: AuthenticationPart, user: UserDep) -> PeopleOut:
+    """Take a token away."""
+    _need_chief(user)
+    if not authentication.accounts.revoke_token(token_id):
+        raise not_found("token", token_id)
+    return _people(authentication)
+
+
+@router.get("/logins")
+def logins(request: Request, authentication: AuthenticationPart, user: UserDep) -> list[LoginOut]:
+    """Who is logged in by cookie: one's own, a chief sees all."""
+    this = authentication.login_of(token_of(request.headers))
+    return [
+        LoginOut(
+            id=each.id,
+            name=each.user.name,
+            role=each.user.role,
+            address=each.address,
+            agent=each.agent,
+            since=each.since_s,
+            idle_s=round(idle_s, 1),
+            is_this=this is not None and each.id == this.id,
+        )
+        for each, idle_s in authentication.logins()
+        if user.role == "chief" or each.user == user
+    ]
+
+
+@router.delete("/logins/{login_id}", status_code=204)
+def end_login(login_id: Name, authentication: AuthenticationPart, user: UserDep) -> None:
+    """Log out: oneself elsewhere; a chief whomever."""
+    found = [each for each, _ in authentication.logins() if each.id == login_id]
+    if not found or not (user.role == "chief" or found[0].user == user):
+        raise not_found("login", login_id)
+    authentication.end_login(login_id)

@@ -1,0 +1,90 @@
+"""`voltwall accounts`: people and programs that may come in; works beside a running service."""
+
+import argparse
+import getpass
+import os
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+from app.api.access.accounts import MOST_DAYS, ROLES, Accounts
+from app.clock import Clock
+from app.errors import ConfigError
+from app.service.settings import Settings
+from app.words import Message
+
+VARIABLE = "VOLTWALL_ACCOUNT_PASSWORD"
+EPILOG = f"""\
+The password is asked for; without a terminal it is read from {VARIABLE}. A viewer reads, an engineer writes and
+commands, a chief manages accounts and tokens too. A token's secret is shown once; programs send it as
+`Authorization: Bearer SECRET`, or in the place of a password."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The actions."""
+    parser.epilog = EPILOG
+    where = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
+    where.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service (default: as serve)")
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    actions.add_parser("list", parents=[where], help="who has an account, and which tokens there are")
+    add = actions.add_parser("add", parents=[where], help="add an account, or change its role and password")
+    remove = actions.add_parser("remove", parents=[where], help="take an account away, and log that person out")
+    token = actions.add_parser("token", parents=[where], help="make a token for a program")
+    revoke = actions.add_parser("revoke", parents=[where], help="take a token away")
+    for action in (add, remove, token):
+        action.add_argument("name", metavar="NAME", help="of the person, or the program")
+    add.add_argument("--role", choices=ROLES, required=True, help="what that person may do")
+    token.add_argument("--role", choices=ROLES[:2], default="viewer", help="what it may do (default: %(default)s)")
+    token.add_argument(
+        "--days", type=float, default=30.0, help=f"until it ends, at most {MOST_DAYS} (default: %(default)g)"
+    )
+    revoke.add_argument("token", metavar="ID", help="as list shows it")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do what was asked for.
+
+    Raises:
+        ConfigError: a value is not allowed, or there is none of that name.
+    """
+    folder = getattr(args, "data", None) or Settings().data
+    folder.mkdir(parents=True, exist_ok=True)
+    accounts = Accounts(folder)
+    match args.action:
+        case "add":
+            made = accounts.put(args.name, args.role, _password())
+            print(f"{made.name}: {made.role}")
+        case "remove":
+            if not accounts.remove(args.name):
+                raise ConfigError("name", args.name, Message("no-such-account"))
+        case "token":
+            token, secret = accounts.make_token(args.name, args.role, args.days, "command line", Clock().wall_s())
+            print(secret)
+            print(
+                f"{token.name}: {token.role} until {_day(token.ends_s)}; this secret is not shown again",
+                file=sys.stderr,
+            )
+        case "revoke":
+            if not accounts.revoke_token(args.token):
+                raise ConfigError("token", args.token, Message("no-such-account"))
+        case _:
+            for account in accounts.all():
+                print(f"{account.role:9} {account.name}")
+            for each in accounts.tokens():
+                print(f"token     {each.id} {each.name}: {each.role} until {_day(each.ends_s)}, by {each.made_by}")
+    return 0
+
+
+def _password() -> str:
+    if (given := os.environ.get(VARIABLE)) is not None:
+        return given
+    if not sys.stdin.isatty():
+        raise ConfigError("password", Message("not-given"), VARIABLE)
+    first = getpass.getpass("Password: ")
+    if getpass.getpass("Again: ") != first:
+        raise ConfigError("password", Message("hidden"), Message("passwords-differ"))
+    return first
+
+
+def _day(unix_s: float) -> str:
+    return datetime.fromtimestamp(unix_s, UTC).strftime("%Y-%m-%d")

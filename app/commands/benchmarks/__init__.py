@@ -1,1 +1,0 @@
-"""Measurements that a team can repeat on its own machine: `voltwall bench`."""
