@@ -51,6 +51,9 @@ class Tuning:
         rest_left_v: what a cell usually has left to relax where its voltage does not tell [V]; this and `rest_v` count
             twice where no SOC was given, for who does not know the SOC rather wakes up in a drive.
         rest_tail_s: what is left to relax, over the slope of the voltage [s].
+        rest_settled: probability beforehand that a cell at rest has settled; else it was driven before, and relaxes ...
+        rest_driven_c: ... by as much as a lasting current of this many C drops [C] ...
+        rest_slow: ... and by this share of it too slowly to show as a slope.
         rest_doubt_soc: a rest that tells the SOC much better than this leaves little of a claim to be exact.
         start_rough_sigma: sigma of a SOC that was given and is not as exact as was said.
         start_exact: probability that a SOC is as exact as was said ...
@@ -106,6 +109,9 @@ class Tuning:
     rest_noise_v: float = 0.0015
     rest_left_v: float = 0.004
     rest_tail_s: float = 120.0
+    rest_settled: float = 0.7
+    rest_driven_c: float = 0.5
+    rest_slow: float = 0.4
     rest_doubt_soc: float = 0.03
     start_rough_sigma: float = 0.1
     start_exact: float = 0.5

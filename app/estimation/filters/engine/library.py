@@ -22,7 +22,7 @@ FOLDER: Final = Path(__file__).resolve().parent
 LANES: Final = 32
 RC_MAX: Final = 5  # branches: RC pairs and the lasting error
 STATES_MAX: Final = 1 + RC_MAX
-STARTS: Final = 3
+STARTS: Final = 4
 
 _suffix = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
 LIBRARY: Final = FOLDER / f"vw_filter.{_suffix}"  # for every processor of its kind
@@ -61,7 +61,7 @@ CELL_ROWS: Final = {
     "slow_mean_v": 1,
     "slow_square_v2": 1,
 }  # of `vw_cells`, and how many rows each has
-CLIMATE_ROWS: Final = 10  # of `vw_climate`, which the engine keeps for itself
+CLIMATE_ROWS: Final = 11  # of `vw_climate`, which the engine keeps for itself
 CELLS: Final = np.dtype(
     [(name, np.float64, (rows, LANES)) for name, rows in (CELL_ROWS | {"climate": CLIMATE_ROWS}).items()]
 )

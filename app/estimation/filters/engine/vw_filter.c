@@ -42,6 +42,7 @@ static void feel(const vw_filter *filter, const vw_lanes degc, vw_climate *clima
         climate->noise_ohm2[c] = (vw_square(t->model_error_rel) + error2) * ohm2;
         climate->lasting_v2[c] = vw_square(t->lasting_v) + vw_square(doubt[VW_OCV_ERROR][c]) + hysteresis_v2;
         climate->lasting_ohm2[c] = (vw_square(t->lasting_rel) + error2) * ohm2;
+        climate->relaxing_v2[c] = vw_square(t->rest_driven_c * filter->model.capacity_ah) * ohm2;
         climate->empty_soc[c] = vw_min(t->empty_soc * doubt[VW_COLD][c], t->empty_soc_max);
         climate->empty_rise[c] = (t->empty_factor * doubt[VW_COLD][c] - 1) / climate->empty_soc[c];
     }
@@ -109,7 +110,7 @@ static void filter_block(const vw_filter *filter, const vw_motion *motion, vw_ce
     vw_update(filter, motion, x, work);
     /* fused, what the filter says by itself is asked for only where the starts are weighed */
     if (filter->kind != VW_SIGMA_FUSED || motion->look_s > 0) vw_soc_variance(filter, x, work);
-    if (motion->rest_share > 0) vw_watch_rest(motion, x, work);
+    if (motion->rest_share > 0) vw_watch_rest(filter, motion, x, work);
     if (motion->read_rest_s > 0 && !motion->is_rest_on) vw_read_rest(filter, motion, x, work);
     if (filter->kind == VW_SIGMA_FUSED) (motion->is_rest_on ? fuse_in_rest : vw_fuse)(filter, motion, x, work);
     vw_self_check(filter, motion, x, work);

@@ -46,6 +46,9 @@ typedef struct {
     vw_real rest_noise_v;
     vw_real rest_left_v;
     vw_real rest_tail_s;
+    vw_real rest_settled;
+    vw_real rest_driven_c;
+    vw_real rest_slow;
     vw_real rest_doubt_soc;
     vw_real start_rough_sigma;
     vw_real start_exact;
@@ -95,7 +98,7 @@ typedef struct {
     vw_cell_model model;
 } vw_filter;
 
-#define VW_STARTS 3 /* hypotheses: the SOC given as exactly as was said, roughly, or the one read at rest */
+#define VW_STARTS 4 /* hypotheses: the SOC given, exact or rough; the one read at rest, settled or relaxing */
 
 /* What the temperatures of a block of cells mean to it: computed when one of them changes, which is seldom. */
 typedef struct {
@@ -105,6 +108,7 @@ typedef struct {
     vw_lanes noise_ohm2;         /* growth of the model's variance with the square of the current [ohm^2] */
     vw_lanes lasting_v2;         /* variance of the lasting error at rest [V^2] */
     vw_lanes lasting_ohm2;       /* growth of it with the square of the slow current [ohm^2] */
+    vw_lanes relaxing_v2;        /* of what a cell that was driven has left to relax [V^2] */
     vw_lanes empty_soc;          /* below it the model's error grows ... */
     vw_lanes empty_rise;         /* ... by so much per unit of SOC */
     vw_lanes cold2;              /* square by which slow overpotentials grow in the cold */

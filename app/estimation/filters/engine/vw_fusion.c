@@ -1,6 +1,10 @@
 /* What is reported: sigma, fusion with the charge count, self-check. */
 #include "vw_parts.h"
 
+#define LEAST_VARIANCE ((vw_real)1e-8) /* of a SOC at the start */
+#define GIVEN 2 /* hypotheses of a SOC that was given: exact, roughly right */
+#define READINGS 2 /* of a voltage at rest: settled, or driven before and relaxing */
+
 /* v_f = P_zz + (bias^2 + mean square of the lasting innovation) / slope^2: a model that errs is trusted less. The slope
  * is that of the sigma points or, if it is less, of a voltage that is read: in a plateau's step neither may be local. */
 void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work)
@@ -29,64 +33,102 @@ static vw_real student(vw_real d, vw_real v2)
     return 1 / (vw_square(vw_square(tail4)) * vw_sqrt(v2) * (vw_real)2.5066282746310002);
 }
 
-/* Mean voltage of a rest from the start on, and how it leans: the moments of a regression over time. */
-void vw_watch_rest(const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
+/* Mean voltage of a rest from the start on, and how it leans: the moments of a regression over time. What a small
+ * current drops is no relaxation. */
+void vw_watch_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
 {
+    const vw_real drop_v = filter->model.drop_per_a_v * motion->current_a;
     VW_EACH_CELL(c)
     {
-        const vw_real off_v = vw_pick(vw_is_missing(work->voltage_v[c]), 0, work->voltage_v[c] - x->rest_mean_v[c]);
+        const vw_real now_v = work->voltage_v[c] + x->resistance[c] * drop_v;
+        const vw_real off_v = vw_pick(vw_is_missing(now_v), 0, now_v - x->rest_mean_v[c]);
         x->rest_mean_v[c] += motion->rest_share * off_v;
         x->rest_moment[c] += motion->rest_lever * off_v;
     }
 }
 
-/* The voltage after a rest from the start on is a witness: of the SOC that was given, and a hypothesis of its own.
+/* A voltage at rest, as a SOC at the start. */
+typedef struct {
+    vw_real soc, v2, weight;
+} vw_reading;
+
+/* The voltage of a rest read as of a settled cell, and as of one that was driven before and relaxes:
  *
  *   a = tail b,   n^2 = 12 (tail noise)^2 dt / T^3     left to relax, if it goes on as its slope b = 12 moment / T^3 says
- *   f = p^2 / (p^2 + n^2),   p^2 = max(rest_left_v^2, a^2 - 4 n^2)     how much is no noise: 0..f a is left
- *   v = mean + b T / 2 + f a / 2,   s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2       ocv by hysteresis, temperature
+ *   p^2 = rest_left_v^2 or (rho ohm rest_driven_c)^2   what there may be: settled, or after so much current
+ *   weight = P N(a; 0, p^2 + n^2)
+ *   f = p^2 / (p^2 + n^2),   v = mean + b T / 2 + f a / 2     how much of it is no noise: 0..f a is left
+ *   s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
+ *
+ * ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: rest_v and rest_left_v count twice. */
+static void read_twice(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, int c,
+                       int is_given, vw_reading *readings)
+{
+    const vw_tuning *t = &filter->tuning;
+    const vw_real T = motion->read_rest_s, per_moment = 12 / (T * T * T);
+    const vw_real n2 = vw_square(t->rest_tail_s * t->rest_noise_v) * per_moment * motion->dt_s;
+    const vw_real slope = per_moment * x->rest_moment[c], left_v = t->rest_tail_s * slope;
+    const vw_real unsure = is_given ? 1 : 2, settled_v2 = vw_square(unsure * t->rest_left_v);
+    const vw_real driven_v2 = vw_max(vw_square(x->resistance[c]) * x->climate.relaxing_v2[c], settled_v2);
+    const vw_real likely[READINGS] = {settled_v2 + n2, driven_v2 + n2};
+    const vw_real odds = t->rest_settled / (1 - t->rest_settled) * vw_sqrt(likely[1] / likely[0]) *
+                         vw_exp(vw_square(left_v) / 2 * (1 / likely[1] - 1 / likely[0]));
+    for (int j = 0; j < READINGS; j++) {
+        const vw_real left_v2 = j == 0 ? settled_v2 : driven_v2, slow_v2 = j == 0 ? 0 : vw_square(t->rest_slow) * driven_v2;
+        const vw_real f = left_v2 / (left_v2 + n2), half_v = f * left_v / 2;
+        const vw_real rest_v = x->rest_mean_v[c] + slope * T / 2 + half_v;
+        const vw_real ocv_v2 = x->climate.lasting_v2[c] - vw_square(t->lasting_v);
+        const vw_real error_v2 = vw_square(unsure * t->rest_v) + ocv_v2 + f * n2 + vw_square(half_v) + slow_v2;
+        const vw_real read = vw_soc_of_ocv(&filter->model, &x->climate.place, c, rest_v);
+        const vw_real sigma = vw_reading_sigma(&filter->model, &x->climate.place, c, read, vw_sqrt(error_v2));
+        readings[j] = (vw_reading){read + x->drawn[c], vw_square(sigma), (j == 0 ? odds : 1) / (1 + odds)};
+    }
+}
+
+/* A hypothesis made of others: their moments. */
+static void add(vw_real *sum, vw_real weight, vw_real soc, vw_real v2)
+{
+    sum[0] += weight;
+    sum[1] += weight * soc;
+    sum[2] += weight * (v2 + vw_square(soc));
+}
+
+/* The voltage of a rest from the start on is a witness: of the SOC that was given, and a hypothesis of its own, settled
+ * or relaxing. What is given is held against both readings.
  *
  * To believe a SOC that is wrong costs what it is off, to refuse one that is right what the reading errs: the exact one
  * loses a share rest_doubt_soc^2 / (s_z^2 + rest_doubt_soc^2), s_z what s means in SOC.
  *
- * A rest that ends before it is rest_s long shows no relaxation, and is heard about a SOC that was given only: who gives
- * none wakes up in a drive. One that goes on is heard for the moment, and again as a whole.
- */
+ * A rest that ends early is heard about a SOC that was given only. One that goes on is heard for the moment, and again
+ * as a whole. */
 void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work)
 {
     const vw_tuning *t = &filter->tuning;
-    const vw_cell_model *model = &filter->model;
-    const int last = VW_STARTS - 1;
-    const int rests = motion->is_whole_rest || motion->is_rest_on;
-    const vw_real T = motion->read_rest_s, per_moment = 12 / (T * T * T);
-    const vw_real n2 = vw_square(t->rest_tail_s * t->rest_noise_v) * per_moment * motion->dt_s;
     VW_EACH_CELL(c)
     {
         const int is_given = x->start_weight[0][c] > 0;
         if (vw_is_missing(work->voltage_v[c]) || (!is_given && !motion->is_whole_rest)) continue;
-        const vw_real slope = per_moment * x->rest_moment[c], left_v = t->rest_tail_s * slope, unsure = is_given ? 1 : 2;
-        const vw_real shown_v2 = rests ? vw_square(left_v) - 4 * n2 : 0;
-        const vw_real p2 = vw_max(vw_square(unsure * t->rest_left_v), shown_v2), f = p2 / (p2 + n2);
-        const vw_real half_v = f * left_v / 2;
-        const vw_real rest_a = rests ? motion->current_a : 0;
-        const vw_real rest_v = x->rest_mean_v[c] + slope * T / 2 + half_v + x->resistance[c] * model->drop_per_a_v * rest_a;
-        const vw_real read = vw_soc_of_ocv(model, &x->climate.place, c, rest_v), seen = read + x->drawn[c];
-        const vw_real ocv_v2 = x->climate.lasting_v2[c] - vw_square(t->lasting_v);
-        const vw_real error_v2 = vw_square(unsure * t->rest_v) + ocv_v2 + f * n2 + vw_square(half_v);
-        const vw_real v2 = vw_square(vw_reading_sigma(model, &x->climate.place, c, read, vw_sqrt(error_v2)));
-        for (int k = 0; k < last; k++) {
-            const vw_real total = x->start_v2[k][c] + v2, d = seen - x->start_soc[k][c];
-            x->start_weight[k][c] *= normal(d, total);
-            x->start_soc[k][c] += x->start_v2[k][c] / total * d;
-            x->start_v2[k][c] *= v2 / total;
+        vw_reading readings[READINGS];
+        read_twice(filter, motion, x, c, is_given, readings);
+        vw_real sums[VW_STARTS][3] = {{0}}, total = 0;
+        for (int j = 0; j < READINGS; j++) {
+            const vw_reading *read = &readings[j];
+            vw_real kept = read->v2 / (read->v2 + vw_square(t->rest_doubt_soc));
+            for (int k = 0; is_given && k < GIVEN; k++) {
+                const vw_real soc = x->start_soc[k][c], v2 = x->start_v2[k][c], d = read->soc - soc, both_v2 = v2 + read->v2;
+                const vw_real weight = x->start_weight[k][c] * read->weight * normal(d, both_v2) * kept;
+                add(sums[k], weight, soc + v2 / both_v2 * d, v2 * read->v2 / both_v2);
+                kept = 1;
+            }
+            add(sums[GIVEN + j], read->weight * (is_given ? 1 - t->start_exact - t->start_rough : 1), read->soc, read->v2);
         }
-        x->start_weight[0][c] *= v2 / (v2 + vw_square(t->rest_doubt_soc));
-        x->start_soc[last][c] = seen;
-        x->start_v2[last][c] = v2;
-        x->start_weight[last][c] = is_given ? 1 - t->start_exact - t->start_rough : 1;
-        vw_real sum = 0;
-        for (int k = 0; k < VW_STARTS; k++) sum += x->start_weight[k][c];
-        for (int k = 0; k < VW_STARTS; k++) x->start_weight[k][c] /= sum;
+        for (int k = 0; k < VW_STARTS; k++) total += sums[k][0];
+        for (int k = 0; k < VW_STARTS; k++) {
+            x->start_weight[k][c] = sums[k][0] / total;
+            if (sums[k][0] <= 0) continue;
+            x->start_soc[k][c] = sums[k][1] / sums[k][0];
+            x->start_v2[k][c] = vw_max(sums[k][2] / sums[k][0] - vw_square(x->start_soc[k][c]), LEAST_VARIANCE);
+        }
     }
 }
 

@@ -54,7 +54,7 @@ void vw_predict(const vw_filter *filter, const vw_motion *motion, vw_cells *rest
 void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work);
 void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work);
 void vw_update(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);
-void vw_watch_rest(const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work);
+void vw_watch_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work);
 void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, const vw_work *restrict work);
 void vw_soc_variance(const vw_filter *filter, const vw_cells *restrict x, vw_work *restrict work);
 void vw_fuse(const vw_filter *filter, const vw_motion *motion, vw_cells *restrict x, vw_work *restrict work);

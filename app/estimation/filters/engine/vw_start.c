@@ -138,8 +138,8 @@ static void suppose(const vw_tuning *t, vw_cells *restrict x, int c, vw_real soc
 {
     const int is_given = !vw_is_missing(soc);
     const vw_real exact = vw_is_missing(sigma) ? t->counter_soc_sigma : sigma;
-    const vw_real spread[VW_STARTS] = {exact, vw_max(t->start_rough_sigma, 3 * exact), 1};
-    const vw_real weight[VW_STARTS] = {t->start_exact, t->start_rough, 0};
+    const vw_real spread[VW_STARTS] = {exact, vw_max(t->start_rough_sigma, 3 * exact), 1, 1};
+    const vw_real weight[VW_STARTS] = {t->start_exact, t->start_rough, 0, 0};
     for (int k = 0; k < VW_STARTS; k++) {
         x->start_soc[k][c] = is_given ? vw_clip(soc, VW_SOC_MIN, VW_SOC_MAX) : x->soc[c];
         x->start_v2[k][c] = vw_clip(vw_square(spread[k]), LEAST_VARIANCE, VW_SOC_VARIANCE_MAX);

@@ -37,7 +37,7 @@ def step(setup: FilterSetup, state: State, motion: Motion, measured: Measurement
     output = _output(setup, state, motion, measured)
     state, innovation = update(setup, state, motion, measured, output)
     soc, variance = state.soc, soc_variance(setup, state, output)
-    state = watch_rest(state, motion, measured)
+    state = watch_rest(setup, state, motion, measured)
     starts = state.start_soc, state.start_v2, state.start_weight
     if motion.read_rest_s > 0.0:
         state = read_rest(setup, state, motion, measured)

@@ -10,6 +10,8 @@ import numpy as np
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.filters.reference.output import Output
 from app.estimation.filters.reference.state import (
+    LEAST_VARIANCE,
+    N_GIVEN,
     SLOPE_FLOOR_V,
     SOC_VARIANCE_MAX,
     Measurement,
@@ -19,7 +21,7 @@ from app.estimation.filters.reference.state import (
     noise_v2,
 )
 from app.estimation.filters.setup import FilterSetup
-from app.estimation.filters.tables import DROP_ERROR, OCV_ERROR
+from app.estimation.filters.tables import DROP_ERROR, LASTING_DROP, OCV_ERROR
 
 
 def soc_variance(setup: FilterSetup, state: State, output: Output) -> FloatArray:
@@ -123,9 +125,14 @@ def believe_gain(setup: FilterSetup, state: State) -> tuple[FloatArray, FloatArr
     return p * state.gain, p * gain_v2 + p * (1.0 - p) * state.gain**2
 
 
-def watch_rest(state: State, motion: Motion, measured: Measurement) -> State:
-    """Return the state with the moments of a regression of the voltage over time, in a rest from the start on."""
-    off_v = np.where(measured.is_measured, measured.voltage_v - state.rest_mean_v, 0.0)
+def watch_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
+    """Return the state with the moments of a regression of the voltage over time, in a rest from the start on.
+
+    What a small current drops is no relaxation.
+    """
+    model = setup.cell.model
+    now_v = measured.voltage_v + state.resistance * (model.drop_per_c_v / model.c_rate_a * motion.current_a)
+    off_v = np.where(measured.is_measured, now_v - state.rest_mean_v, 0.0)
     return replace(
         state,
         rest_mean_v=state.rest_mean_v + motion.rest_share * off_v,
@@ -133,50 +140,74 @@ def watch_rest(state: State, motion: Motion, measured: Measurement) -> State:
     )
 
 
-def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
-    """Return the state after a rest from the start on: its voltage is a witness of the SOC given, and a hypothesis.
+def read_twice(
+    setup: FilterSetup, state: State, motion: Motion, measured: Measurement, given: BoolArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (2, n) SOC, variance and weight of a rest's voltage: of a settled cell, and of one that relaxes.
 
         a = tail b,   n^2 = 12 (tail noise)^2 dt / T^3     left to relax, if it goes on as its slope b = 12 moment / T^3
-        f = p^2 / (p^2 + n^2),   p^2 = max(rest_left_v^2, a^2 - 4 n^2)     how much is no noise: 0..f a is left
-        v = mean + b T / 2 + f a / 2,   s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2      ocv by hysteresis, temperature
+        p^2 = rest_left_v^2 or (rho ohm rest_driven_c)^2   what there may be: settled, or after so much current
+        weight = P N(a; 0, p^2 + n^2)
+        f = p^2 / (p^2 + n^2),   v = mean + b T / 2 + f a / 2     how much of it is no noise: 0..f a is left
+        s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
 
-    To believe a SOC that is wrong costs what it is off, to refuse one that is right what the reading errs: the exact
-    one loses a share `rest_doubt_soc`^2 / (s_z^2 + `rest_doubt_soc`^2), s_z what s means in SOC.
-
-    A rest that ends before it is `rest_s` long shows no relaxation, and is heard about a SOC that was given only: who
-    gives none wakes up in a drive. One that goes on is heard for the moment, and again as a whole.
+    ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: rest_v and rest_left_v count twice.
     """
     tuning, cell = setup.tuning, setup.cell
-    given = state.start_weight[0] > 0.0
-    heard = measured.is_measured & (given | motion.is_whole_rest)
-    rested_s, unsure, rests = motion.read_rest_s, np.where(given, 1.0, 2.0), motion.is_whole_rest or motion.is_rest_on
+    rested_s, unsure = motion.read_rest_s, np.where(given, 1.0, 2.0)
     per_moment = 12.0 / rested_s**3
     noise_v2 = (tuning.rest_tail_s * tuning.rest_noise_v) ** 2 * per_moment * motion.dt_s
     slope = per_moment * state.rest_moment
     left_v = tuning.rest_tail_s * slope
-    shown_v2 = left_v**2 - 4.0 * noise_v2 if rests else 0.0
-    left_v2 = np.maximum((unsure * tuning.rest_left_v) ** 2, shown_v2)
+    settled_v2 = (unsure * tuning.rest_left_v) ** 2
+    driven_a = tuning.rest_driven_c * cell.model.capacity_ah
+    driven_v2 = np.maximum((state.resistance * measured.doubt[LASTING_DROP] * driven_a) ** 2, settled_v2)
+    left_v2 = np.array((settled_v2, driven_v2))
+    slow_v2 = np.array((np.zeros_like(driven_v2), tuning.rest_slow**2 * driven_v2))
+    settled_total, driven_total = left_v2 + noise_v2
+    odds = tuning.rest_settled / (1.0 - tuning.rest_settled) * np.sqrt(driven_total / settled_total)
+    odds = odds * np.exp(left_v**2 / 2.0 * (1.0 / driven_total - 1.0 / settled_total))
     f = left_v2 / (left_v2 + noise_v2)
     half_v = f * left_v / 2.0
-    rest_a = motion.current_a if rests else 0.0
-    drop_v = state.resistance * cell.model.drop_per_c_v / cell.model.c_rate_a * rest_a
-    rest_v = state.rest_mean_v + slope * rested_s / 2.0 + half_v + drop_v
-    read = cell.soc_of_ocv(rest_v, measured.place)
+    rest_v = state.rest_mean_v + slope * rested_s / 2.0 + half_v
     ocv_v2 = measured.doubt[OCV_ERROR] ** 2 + (tuning.lasting_hysteresis * cell.model.hysteresis_v) ** 2
-    error_v = np.sqrt((unsure * tuning.rest_v) ** 2 + ocv_v2 + f * noise_v2 + half_v**2)
-    v2 = cell.reading_sigma(read, error_v, measured.place) ** 2
-    start_v2, d = state.start_v2[:-1], read + state.drawn - state.start_soc[:-1]
-    total = start_v2 + v2
-    soc = np.vstack((state.start_soc[:-1] + start_v2 / total * d, (read + state.drawn)[None]))
-    variance = np.vstack((start_v2 * v2 / total, v2[None]))
-    says_nothing = np.where(given, 1.0 - tuning.start_exact - tuning.start_rough, 1.0)
-    believed = state.start_weight[:-1] * normal(d, total)
+    error_v = np.sqrt((unsure * tuning.rest_v) ** 2 + ocv_v2 + f * noise_v2 + half_v**2 + slow_v2)
+    read = np.array([cell.soc_of_ocv(each, measured.place) for each in rest_v])
+    v2 = np.array([cell.reading_sigma(*each, measured.place) ** 2 for each in zip(read, error_v, strict=True)])
+    return read + state.drawn, v2, np.array((odds, np.ones_like(odds))) / (1.0 + odds)
+
+
+def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
+    """Return the state after a rest from the start on: its voltage is a witness of the SOC given, and a hypothesis.
+
+    What is given is held against both readings of `read_twice`, which are two hypotheses more. To believe a SOC that is
+    wrong costs what it is off, to refuse one that is right what the reading errs: the exact one loses a share
+    `rest_doubt_soc`^2 / (s_z^2 + `rest_doubt_soc`^2), s_z what s means in SOC.
+
+    A rest that ends before it is `rest_s` long is heard about a SOC that was given only: who gives none wakes up in a
+    drive. One that goes on is heard for the moment, and again as a whole.
+    """
+    tuning = setup.tuning
+    given = state.start_weight[0] > 0.0
+    heard = measured.is_measured & (given | motion.is_whole_rest)
+    read, v2, likely = read_twice(setup, state, motion, measured, given)
+    start_v2, d = state.start_v2[:N_GIVEN, None], read - state.start_soc[:N_GIVEN, None]
+    total = start_v2 + v2  # (given, readings, n)
+    believed = state.start_weight[:N_GIVEN, None] * likely * normal(d, total)
     believed[0] *= v2 / (v2 + tuning.rest_doubt_soc**2)
-    weight = np.vstack((believed, says_nothing[None]))
+    says_nothing = np.where(given, 1.0 - tuning.start_exact - tuning.start_rough, 1.0)
+    weight = np.vstack((believed.sum(axis=1), likely * says_nothing))
+    each_soc = state.start_soc[:N_GIVEN, None] + start_v2 / total * d
+    each_v2 = start_v2 * v2 / total
+    sure = np.where(weight[:N_GIVEN] > 0.0, weight[:N_GIVEN], 1.0)
+    mean = (believed * each_soc).sum(axis=1) / sure
+    variance = (believed * (each_v2 + each_soc**2)).sum(axis=1) / sure - mean**2
+    soc = np.vstack((np.where(weight[:N_GIVEN] > 0.0, mean, state.start_soc[:N_GIVEN]), read))
+    kept_v2 = np.where(weight[:N_GIVEN] > 0.0, np.maximum(variance, LEAST_VARIANCE), state.start_v2[:N_GIVEN])
     return replace(
         state,
         start_soc=np.where(heard, soc, state.start_soc),
-        start_v2=np.where(heard, variance, state.start_v2),
+        start_v2=np.where(heard, np.vstack((kept_v2, v2)), state.start_v2),
         start_weight=np.where(heard, weight / weight.sum(axis=0), state.start_weight),
     )
 

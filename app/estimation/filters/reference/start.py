@@ -10,6 +10,7 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 from app.estimation.filters.reference.output import open_loop
 from app.estimation.filters.reference.state import (
+    LEAST_VARIANCE,
     N_STARTS,
     SOC_MAX,
     SOC_MIN,
@@ -24,7 +25,6 @@ from app.estimation.filters.setup import FilterSetup, Kind
 from app.estimation.filters.tables import R1
 
 START_POINTS: Final = 101  # of the SOC, among which the first voltage chooses
-LEAST_VARIANCE: Final = 1e-8  # of a SOC that was handed over
 
 
 def start(
@@ -161,8 +161,9 @@ def suppose(setup: FilterSetup, state: State, soc: FloatArray, soc_sigma: FloatA
     """
     tuning, given = setup.tuning, ~np.isnan(soc)
     exact = np.where(np.isnan(soc_sigma), tuning.counter_soc_sigma, soc_sigma)
-    spread = np.array([exact, np.maximum(tuning.start_rough_sigma, 3.0 * exact), np.ones_like(exact)])
-    weight = np.array([[tuning.start_exact], [tuning.start_rough], [0.0]])
+    one = np.ones_like(exact)
+    spread = np.array([exact, np.maximum(tuning.start_rough_sigma, 3.0 * exact), one, one])
+    weight = np.array([[tuning.start_exact], [tuning.start_rough], [0.0], [0.0]])
     return replace(
         state,
         start_soc=np.where(given, np.clip(soc, SOC_MIN, SOC_MAX), state.start_soc),

@@ -20,7 +20,9 @@ LASTING_VARIANCE_MAX: Final = 0.04  # no model errs by more, whatever the curren
 VARIANCE_STEP: Final = 1e-12  # added at every step, in units of 1 and C^2: keeps P definite
 TICK_S: Final = 1e-3  # times that lie no farther apart are the same: sums of steps round
 SLOPE_FLOOR_V: Final = 0.02  # least slope by which a voltage error is turned into one of SOC
-N_STARTS: Final = 3  # hypotheses of the SOC at the start
+N_GIVEN: Final = 2  # hypotheses of a SOC that was given: exact, roughly right
+N_STARTS: Final = 4  # hypotheses of the SOC at the start: those, and a voltage at rest: settled, relaxing
+LEAST_VARIANCE: Final = 1e-8  # of a SOC at the start
 TEMPERATURE_UNKNOWN_DEGC: Final = 25.0
 TEMPERATURE_MAX_DEGC: Final = 200.0  # beyond it, either way, the sensor is broken
 CURRENT_MAX_C: Final = 60.0  # a larger reading is a broken sensor, not a current
@@ -51,9 +53,10 @@ class State:
         rest_mean_v: mean voltage of a rest from the start on [V].
         rest_moment: integral of voltage times time, both less their means, over it [V s^2].
         drawn: charge taken out since the start, over the capacity.
-        start_soc: (3, n) SOC at the start: as given, as exact as was said; the same, roughly; as read at rest.
-        start_v2: (3, n) its variance by each hypothesis.
-        start_weight: (3, n) their probabilities before any drive.
+        start_soc: (4, n) SOC at the start: as given, as exact as was said; the same, roughly; as read at rest, settled;
+            the same, relaxing.
+        start_v2: (4, n) its variance by each hypothesis.
+        start_weight: (4, n) their probabilities before any drive.
         fused_soc: what is reported, counted on between two looks.
         fused_v2: its variance.
         fused_gain: the gain it is counted with: that of the filter, as far as it is believed.

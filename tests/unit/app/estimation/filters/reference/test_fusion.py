@@ -8,7 +8,7 @@ import pytest
 from app.estimation.filters.reference.engine import ReferenceEngine
 from app.estimation.filters.reference.fusion import believe_gain, fuse, read_rest, self_check, watch_rest
 from app.estimation.filters.reference.output import Output
-from app.estimation.filters.reference.state import motion_of, noise_v2
+from app.estimation.filters.reference.state import N_STARTS, motion_of, noise_v2
 from app.estimation.filters.tuning import Tuning
 from tests.unit.app.estimation.filters.reference.cells import sample, setup_of, state_at
 
@@ -35,9 +35,9 @@ class Pair:
         self.state = replace(
             state,
             count_soc=np.array([count_soc]),
-            start_soc=np.full((3, 1), count_soc),
-            start_v2=np.full((3, 1), count_sigma**2),
-            start_weight=np.array([[1.0], [0.0], [0.0]]),
+            start_soc=np.full((N_STARTS, 1), count_soc),
+            start_v2=np.full((N_STARTS, 1), count_sigma**2),
+            start_weight=np.array([[1.0], [0.0], [0.0], [0.0]]),
             apart=np.array([filter_soc - count_soc]),
         )
 
@@ -118,7 +118,7 @@ def test_a_disagreement_beyond_both_errors_widens_sigma_and_clears_the_verdict()
     pair = Pair(0.60, 0.50, 0.003)
     for _ in range(600):
         _, variance = pair.fuse(1.0, 0.02**2)
-        pair.state = replace(pair.state, start_weight=np.array([[1e9], [0.0], [0.0]]))
+        pair.state = replace(pair.state, start_weight=np.array([[1e9], [0.0], [0.0], [0.0]]))
     assert variance > 4.0 * pair.state.fused_v2[0]
     state = replace(pair.state, conflict=np.array([TUNING.conflict_max + 1.0]))
     state, motion, measured = sample(SETUP, state)
@@ -146,17 +146,17 @@ def rested(given=None, sigma=0.003, soc=0.6, lasted_s=TUNING.rest_s, rises_v=0.0
     if given is not None:
         state = replace(
             state,
-            start_soc=np.array([[given], [given], [soc]]),
-            start_v2=np.array([[sigma**2], [TUNING.start_rough_sigma**2], [0.25]]),
-            start_weight=np.array([[TUNING.start_exact], [TUNING.start_rough], [0.0]]),
+            start_soc=np.array([[given], [given], [soc], [soc]]),
+            start_v2=np.array([[sigma**2], [TUNING.start_rough_sigma**2], [0.25], [0.25]]),
+            start_weight=np.array([[TUNING.start_exact], [TUNING.start_rough], [0.0], [0.0]]),
         )
     else:
-        state = replace(state, start_v2=np.full((3, 1), 0.25), start_weight=np.zeros((3, 1)))
+        state = replace(state, start_v2=np.full((N_STARTS, 1), 0.25), start_weight=np.zeros((N_STARTS, 1)))
     for k in range(round(lasted_s / 0.1)):
         share = (k + 1) / round(lasted_s / 0.1)
         _, _, measured = sample(SETUP, state, volts - rises_v * (1.0 - share))
         motion = motion_of(SETUP, 0.1, 0.0, rest_s=0.1 * k)
-        state = watch_rest(state, motion, measured)
+        state = watch_rest(SETUP, state, motion, measured)
     motion = motion_of(SETUP, 0.1, then_a, rest_s=lasted_s)
     return read_rest(SETUP, state, motion, measured) if motion.read_rest_s > 0.0 else state
 
@@ -164,7 +164,7 @@ def rested(given=None, sigma=0.003, soc=0.6, lasted_s=TUNING.rest_s, rises_v=0.0
 def test_a_rest_confirms_a_start_that_is_right_and_refuses_one_that_is_far_off():
     assert rested(0.6).start_weight[0] > 0.4
     wrong = rested(0.1)
-    assert wrong.start_weight[2] > 0.99
+    assert wrong.start_weight[2:].sum() > 0.99
     assert wrong.start_soc[2] == pytest.approx(0.6, abs=1e-3)
 
 
@@ -195,7 +195,8 @@ def test_the_noise_of_a_sensor_is_no_relaxation():
 
 def test_a_rest_of_a_cell_that_nobody_knew_is_read_with_more_doubt():
     unknown = rested()
-    assert unknown.start_weight[:, 0].tolist() == [0.0, 0.0, 1.0]
+    assert unknown.start_weight[:2, 0].tolist() == [0.0, 0.0]
+    assert unknown.start_weight[2:].sum() == pytest.approx(1.0)
     assert unknown.start_v2[2] > rested(0.6).start_v2[2]
 
 
@@ -261,3 +262,41 @@ def test_a_rest_that_goes_on_is_heard_within_a_second_and_not_kept():
     soc, sigma = engine.step(TUNING.look_s, 0.0, volts, degc)[:2]
     assert abs(soc - 0.6) < min(0.01, 3.0 * sigma)
     np.testing.assert_array_equal(engine.get("start_soc"), starts)
+
+
+def mixed(state):
+    """Return mean and sigma of the SOC over the hypotheses of the start."""
+    w, soc, v2 = (getattr(state, name)[:, 0] for name in ("start_weight", "start_soc", "start_v2"))
+    mean = (w * soc).sum()
+    return mean, np.sqrt((w * (v2 + (soc - mean) ** 2)).sum())
+
+
+@pytest.mark.parametrize("lasted_s", [3.0, 9.0, TUNING.rest_s])
+def test_a_pause_of_a_drive_that_still_relaxes_does_not_refute_a_start_that_is_right(lasted_s):
+    volts = SETUP.cell.ocv(np.array([0.6]))[0] - 0.03  # as far as it has relaxed at the end of the pause
+    low = float(SETUP.cell.soc_of_ocv(np.array([volts]))[0])
+    soc, sigma = mixed(rested(0.6, soc=low, lasted_s=lasted_s, rises_v=5e-4 * lasted_s, then_a=50.0))
+    assert abs(soc - 0.6) < min(0.6 - low, 3.0 * sigma)
+
+
+def test_a_relaxation_beyond_all_bounds_leaves_probabilities():
+    for rises_v in (-1.0, 1.0, 2.0):
+        state = rested(0.6, rises_v=rises_v)
+        assert np.isfinite(state.start_soc).all()
+        assert (state.start_v2 > 0.0).all()
+        assert state.start_weight.sum() == pytest.approx(1.0)
+
+
+def test_a_small_current_that_rises_in_a_rest_is_no_relaxation():
+    model = SETUP.cell.model
+    volts = model.ocv.voltage(np.array([0.6]))
+    drop_ohm = model.drop_per_c_v / model.c_rate_a
+    for end_a in (0.0, 0.9 * TUNING.rest_c * model.capacity_ah):
+        state, _, _ = sample(SETUP, state_at(SETUP, 0.6), volts)
+        for k in range(100):
+            current_a = end_a * k / 100.0
+            _, motion, measured = sample(SETUP, state, volts - drop_ohm * current_a, current_a=current_a)
+            motion = motion_of(SETUP, 0.1, current_a, rest_s=0.1 * k)
+            state = watch_rest(SETUP, state, motion, measured)
+        assert state.rest_mean_v[0] == pytest.approx(volts[0], abs=1e-9)
+        assert state.rest_moment[0] == pytest.approx(0.0, abs=1e-6)
