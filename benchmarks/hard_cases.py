@@ -40,6 +40,11 @@ LITTLE_OFF = (-0.08, -0.05, -0.03, 0.03, 0.05)
 LITTLE_LOW = (-0.08, -0.05, -0.03)  # where the run begins full
 GAP_S = 2.0
 GAP_EVERY_S = 20.0
+PAUSE_C = 0.05  # below this current a drive pauses
+PAUSE_DRIVEN_S = 60.0
+PAUSE_LEAST_S = 2.0
+PAUSE_RUN_S = 400.0  # of a run that begins in a pause
+PAUSES = 6  # of a drive
 AGED = 0.9
 CAR_SEED = 41
 CAR_STARTS_S = (30.0, 240.0, 500.0)
@@ -86,6 +91,19 @@ def middles(recording: Recording) -> list[Recording]:
     """Return what is left of a run for a filter that wakes up in it."""
     lasted_s = float(recording.time_s[-1] - recording.time_s[0])
     return [part(recording, share * lasted_s, (share + 0.45) * lasted_s) for share in MIDDLES]
+
+
+def pauses(recording: Recording, capacity_ah: float) -> list[Recording]:
+    """Return what follows the beginnings of some pauses of a drive, in which the cell still relaxes."""
+    time_s = recording.time_s - recording.time_s[0]
+    rests = np.abs(recording.current_a) < PAUSE_C * capacity_ah
+    begins, ends = (np.flatnonzero(edge) + 1 for edge in (rests[1:] & ~rests[:-1], ~rests[1:] & rests[:-1]))
+    found = []
+    for k in begins[time_s[begins] >= PAUSE_DRIVEN_S].tolist():
+        end = next((time_s[e] for e in ends.tolist() if e > k), time_s[-1])
+        if end - time_s[k] >= PAUSE_LEAST_S and np.isfinite(recording.soc[k]):
+            found.append(part(recording, time_s[k], time_s[k] + PAUSE_RUN_S))
+    return found[:: max(1, len(found) // PAUSES)]
 
 
 def start_soc(recording: Recording, off: float | None) -> float | None:
@@ -148,6 +166,13 @@ def panasonic_rows(folder: Path) -> Iterator[Row]:
     yield Row("in mid-drive, SOC unknown", "Cycle 1, model of pulses", True, pulses, middles(cycle), UNKNOWN)
     yield Row("capacity 10 % too large in the cell file", "US06", True, aged, [us06])
     yield Row("gaps of 2 s in 20 s", "US06", True, driven, [with_gaps(us06)])
+    for run, is_training, model, driving in (
+        ("US06", False, driven, us06),
+        ("Cycle 1, model of pulses", True, pulses, cycle),
+        ("Cycle 1 at 10 degC", True, everywhere, cool),
+        ("Cycle 1 at 0 degC", True, everywhere, cold),
+    ):
+        yield Row("in pauses of a drive, right start", run, is_training, model, pauses(driving, model.capacity_ah))
     yield Row("10 degC, model of 25 degC", "Cycle 1", True, driven, [cool])
     yield Row("0 degC, model of 25 degC", "Cycle 1", True, driven, [cold])
     yield Row("10 degC, pulses down to -10 degC", "Cycle 1", True, everywhere, [cool])
