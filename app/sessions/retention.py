@@ -135,6 +135,12 @@ class Retention:
                 return
 
     def _apply(self) -> None:
+        try:
+            self._apply_rule()
+        except (AppError, OSError) as error:  # the disk refused something; the thread goes on
+            log.warning("old sessions stay for now: %s", error)
+
+    def _apply_rule(self) -> None:
         now_ns = self._clock.wall_ns()
         doubt = None
         if self._rule.keep_days is not None:
