@@ -23,8 +23,8 @@ NAMES = {
     "Table": {"arrow", "rows", "to_arrow", "to_pandas", "to_polars", "units"},
 }
 FUNCTIONS = {
-    "connect": ["url", "password", "name", "rate"],
-    "open": ["where", "password"],
+    "connect": ["url", "password", "name", "rate", "trust"],
+    "open": ["where", "password", "trust"],
     "season": ["where", "store"],
 }
 OF_INSTANCES = {"Live": {"url"}, "Season": {"lake"}}
