@@ -238,7 +238,7 @@ def retention(folder: Path, said: list[str]) -> Iterator[Step]:
     """Old sessions go to the trash and out of it; one that cannot go now goes the next time."""
     frozen = sorted((Path(__file__).parent / "unit/app/sessions/frozen").glob("session_*.sqlite"))
     for number, path in enumerate(frozen):
-        shutil.copy(path, folder / f"2020010{number + 1}T000000Z.sqlite")
+        yield lambda: shutil.copy(path, folder / f"2020010{number + 1}T000000Z.sqlite")
     catalogue = Catalogue(folder)
     days = 86_400 * 10**9
 
