@@ -18,7 +18,7 @@ from pathlib import Path
 
 import httpx
 import numpy as np
-from app.commands.benchmarks.service import Served, served
+from app.commands.bench.service import Served, served
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
