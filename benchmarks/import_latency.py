@@ -18,9 +18,10 @@ from pathlib import Path
 
 import httpx
 import numpy as np
-from app.commands.bench.service import Served, served
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
+
+from app.commands.bench.service import Served, served
 
 N_CELLS = 96
 ROW_BYTES = 7 * N_CELLS + 10
