@@ -1,4 +1,4 @@
-"""CSV: one header line, one row an instant, empty where nothing was sampled."""
+"""CSV: one header line, one row an instant, empty where nothing was sampled, the time in ISO 8601 at the end."""
 
 import math
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from app.estimation.arrays import FloatArray
 from app.sessions.export.table import SignalTable, column_name
-from app.sources.recordings.profile import EXPORT_TIMES
+from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES
 
 _CLOSE_TOGETHER = 1 << 20
 Bytes = NDArray[np.uint8]  # (rows, bytes), texts filled up with zeros
@@ -17,7 +17,8 @@ Bytes = NDArray[np.uint8]  # (rows, bytes), texts filled up with zeros
 
 def csv_parts(table: SignalTable) -> Iterator[bytes]:
     """Yield the file, piece by piece, in UTF-8."""
-    yield (",".join([*EXPORT_TIMES, *(column_name(signal) for signal in table.signals)]) + "\n").encode()
+    names = [*EXPORT_TIMES, *(column_name(signal) for signal in table.signals), EXPORT_STAMP]
+    yield (",".join(names) + "\n").encode()
     groups = [list(group) for _, group in groupby(range(len(table.signals)), lambda i: table.signals[i].scale)]
     for rows in table.rows():
         times = zip(rows.time_s.tolist(), rows.elapsed_s.tolist(), rows.uptime_s.tolist(), strict=True)
@@ -25,7 +26,8 @@ def csv_parts(table: SignalTable) -> Iterator[bytes]:
         parts = [_bytes(np.array(heads, "S")[:, None])]
         for group in groups:
             parts.append(texts_of(rows.values[:, group[0] : group[-1] + 1], table.signals[group[0]].scale))
-        parts.append(np.full((len(rows.time_s), 1), ord("\n"), np.uint8))
+        stamps = np.datetime_as_string(rows.time_us.astype("datetime64[us]"), unit="us", timezone="UTC")
+        parts.append(_bytes(np.array([f",{stamp}\n" for stamp in stamps.tolist()], "S")[:, None]))
         yield np.concatenate(parts, axis=1).tobytes().translate(None, b"\0")
 
 

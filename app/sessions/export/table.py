@@ -6,7 +6,7 @@ does not grow with the session.
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,7 @@ class Rows:
     time_s: FloatArray  # (n,) since 1970 UTC
     elapsed_s: FloatArray  # (n,) since the session's start, on the monotonic clock
     uptime_s: FloatArray  # (n,) the master's clock, NaN where it has no part in it
+    time_us: NDArray[np.int64]  # (n,) since 1970 UTC, each later than the one before
     values: FloatArray  # (n, k) in the signals' units, NaN where not sampled or not measured
 
 
@@ -103,6 +104,7 @@ class SignalTable:
             uptime_clock.measured_ns(uptime_ms, arrived_ns)
         held: list[Block] = []
         upcoming = next(blocks, None)
+        last_time_us = np.iinfo(np.int64).min // 2
         while first_us <= last_us:
             end_us = min(first_us + piece_us, last_us + 1)
             while upcoming is not None and upcoming.first_us <= end_us + MARGIN_US:
@@ -111,6 +113,8 @@ class SignalTable:
             held = [block for block in held if block.last_us >= first_us - MARGIN_US]
             rows = self._rows(held, first_us, end_us, start_us, uptime_clock)
             if len(rows.time_s):
+                rows = replace(rows, time_us=_one_after_another(rows.time_us, last_time_us))
+                last_time_us = int(rows.time_us[-1])
                 yield rows
             first_us = end_us
 
@@ -172,13 +176,15 @@ class SignalTable:
         order = order[(row_us[order] >= first_us) & (row_us[order] < end_us)]
         uptime_s = np.where(instants[order] >= 0, (instants[order] & 0xFFFFFFFF) / 1000, np.nan)
         elapsed_s = (row_us[order] - start_us) / 1e6
-        time_s, values = self.session.unix_s(start_us * 1000) + elapsed_s, values[:, _as_slice(order)]
+        started_s = self.session.unix_s(start_us * 1000)
+        time_s, values = started_s + elapsed_s, values[:, _as_slice(order)]
+        time_us = round(started_s * 1e6) + (row_us[order] - start_us)
         for i, signal in enumerate(self._added, start=len(values) - len(self._added)):
             is_age = signal is AGE
             values[i] = (
                 _ages_s(row_us[order], instants[order], uptime_clock) if is_age else self.constant(signal, time_s)
             )
-        return Rows(time_s, elapsed_s, uptime_s, values.T)
+        return Rows(time_s, elapsed_s, uptime_s, time_us, values.T)
 
 
 def _ages_s(row_us: NDArray[np.int64], instants: NDArray[np.int64], uptime_clock: UptimeClock) -> FloatArray:
@@ -189,6 +195,12 @@ def _ages_s(row_us: NDArray[np.int64], instants: NDArray[np.int64], uptime_clock
             measured_ns = uptime_clock.measured_ns(instant & 0xFFFFFFFF, arrived_us * 1000)
             ages_s[i] = arrived_us / 1e6 - measured_ns / 1e9
     return ages_s
+
+
+def _one_after_another(times_us: NDArray[np.int64], last_us: int) -> NDArray[np.int64]:
+    """Return ascending times, what does not come after the one before put 1 us after it; `last_us` is before all."""
+    places = np.arange(len(times_us))
+    return np.maximum.accumulate(np.maximum(times_us - places, last_us + 1)) + places
 
 
 def _as_slice(index: NDArray[np.intp]) -> slice | NDArray[np.intp]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from datetime import datetime
 from io import StringIO
 
@@ -123,6 +124,23 @@ def _number(token: str) -> float | None:
     return _stamp_s(token) if token[:1].isdigit() else None
 
 
+def _needed(token: str) -> float:
+    """Return the number a token holds.
+
+    Raises:
+        ValueError: it is a word.
+    """
+    value = _number(token)
+    if value is None:
+        raise ValueError(token)
+    return value
+
+
+def _is_stamp(token: str) -> bool:
+    token = token.strip().strip('"')
+    return ":" in token and _stamp_s(token) is not None
+
+
 def _stamp_s(token: str) -> float | None:
     """Return a date with its time, or hours, minutes and seconds, in seconds; None for something else.
 
@@ -164,12 +182,17 @@ def _numbers(source: str, body: list[str], delimiter: str, width: int, notes: li
     text = text.replace(f"{delimiter}\n", f"{delimiter}nan\n").replace(f"\n{delimiter}", f"\nnan{delimiter}")
     text = f"nan{text}" if text.startswith(delimiter) else text
     text = f"{text}nan" if text.endswith(delimiter) else text
-    first = [[_number(token) is None for token in line.split(delimiter)] for line in body[:ROWS_ALIKE]]
-    numeric = [k for k in range(width) if not all(row[k] for row in first if len(row) == width)]
+    first = [tokens for line in body[:ROWS_ALIKE] if len(tokens := line.split(delimiter)) == width]
+    numeric = [k for k in range(width) if not all(_number(tokens[k]) is None for tokens in first)]
     if len(numeric) < width and any(line.count(delimiter) != width - 1 for line in body):
         return _numbers_row_by_row(source, body, delimiter, width, notes)
+    stamps: dict[int | str, Callable[[str], float]] = {
+        k: _needed for k in numeric if any(_is_stamp(tokens[k]) for tokens in first)
+    }
     try:
-        table = np.loadtxt(StringIO(text), delimiter=delimiter, ndmin=2, comments=None, usecols=numeric)
+        table = np.loadtxt(
+            StringIO(text), delimiter=delimiter, ndmin=2, comments=None, usecols=numeric, converters=stamps or None
+        )
     except ValueError:
         return _numbers_row_by_row(source, body, delimiter, width, notes)
     columns = [np.full(len(body), np.nan)] * width

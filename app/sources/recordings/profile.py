@@ -22,6 +22,7 @@ from app.sources.whole_file import replace_file
 from app.words import Message
 
 EXPORT_TIMES = ("time_s", "elapsed_s", "uptime_s")  # the first columns of a table that is exported
+EXPORT_STAMP = "time"  # and its last, a UTC time stamp to the microsecond; earlier tables have none
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,59}")
 
 
@@ -149,7 +150,7 @@ def _of_export(names: list[str]) -> ImportProfile:
         return next((name for name in wanted if matching(name, names)), "")
 
     return ImportProfile(
-        time=EXPORT_TIMES[0],
+        time=first(EXPORT_STAMP, EXPORT_TIMES[0]),
         current=first("i_fs (A)", "i_fc (A)"),
         voltages=first("v[{n}] (V)"),
         temperatures=first("t[{n}] (degC)"),

@@ -228,8 +228,8 @@ def _blf_objects(content: bytes) -> list[bytes]:
 def test_the_simulated_mark_is_a_column_of_ones(simulated: SessionFile, tmp_path: Path) -> None:
     export(simulated, tmp_path / "a.csv", "csv", signals=["i_fs"])
     header, *rows = (tmp_path / "a.csv").read_text().splitlines()
-    assert header.split(",")[-2:] == ["simulated", "age (s)"]
-    assert {row.split(",")[-2] for row in rows} == {"1"}
+    assert header.split(",")[-3:] == ["simulated", "age (s)", "time"]
+    assert {row.split(",")[-3] for row in rows} == {"1"}
 
 
 def test_the_layout_for_foxglove_names_topics_that_an_export_holds(session: SessionFile) -> None:

@@ -39,8 +39,8 @@ def digest(path: Path, export_format: str) -> str:
     with SessionFile(path) as session:
         export(session, target, export_format, signals=signals)
     content = target.read_bytes()
-    if export_format == "csv":  # the age of each row was added behind them
-        content = b"".join(line.rpartition(b",")[0] + b"\n" for line in content.splitlines())
+    if export_format == "csv":  # the age of each row and its time stamp were added behind them
+        content = b"".join(line.rsplit(b",", 2)[0] + b"\n" for line in content.splitlines())
     return hashlib.sha256(content).hexdigest()
 
 

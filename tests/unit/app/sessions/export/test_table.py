@@ -1,9 +1,12 @@
 import builtins
 import csv
+from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow import csv as arrow_csv
 from pyarrow import parquet
 
 from app.errors import ConfigError
@@ -50,6 +53,7 @@ def test_csv_has_a_row_per_instant_with_units_in_names(session: SessionFile, str
         "estimate.soc_sigma[0]",
         "t[3] (degC)",
         "age (s)",
+        "time",
     ]
     assert len(rows) == 1300
     assert rows[7] == [
@@ -61,8 +65,30 @@ def test_csv_has_a_row_per_instant_with_units_in_names(session: SessionFile, str
         "",
         "23",
         "0.000",
+        "2026-09-21T14:13:20.700000Z",
     ]
     assert [row[3] for row in rows] == [f"{each[36] * 1e-4:.4f}" for each in stream.voltages]
+
+
+def _by_pandas(path: Path) -> np.ndarray:
+    pandas = pytest.importorskip("pandas")
+    times = pandas.read_parquet(path) if path.suffix == ".parquet" else pandas.read_csv(path, parse_dates=["time"])
+    assert str(times["time"].dt.tz) == "UTC"
+    return times["time"].dt.tz_localize(None).to_numpy()
+
+
+def _by_polars(path: Path) -> np.ndarray:
+    polars = pytest.importorskip("polars")
+    is_parquet = path.suffix == ".parquet"
+    times = polars.read_parquet(path) if is_parquet else polars.read_csv(path, try_parse_dates=True)
+    assert times["time"].dtype == polars.Datetime("us", "UTC")
+    return times["time"].to_numpy()
+
+
+def _by_pyarrow(path: Path) -> np.ndarray:
+    times = parquet.read_table(path) if path.suffix == ".parquet" else arrow_csv.read_csv(path)
+    assert times["time"].type.tz == "UTC"
+    return times["time"].to_numpy()
 
 
 def test_parquet_read_by_pyarrow_equals_the_csv(session: SessionFile, tmp_path: Path) -> None:
@@ -74,9 +100,38 @@ def test_parquet_read_by_pyarrow_equals_the_csv(session: SessionFile, tmp_path: 
     assert table.column_names == header
     assert table.schema.field("i_fs (A)").metadata == {b"unit": b"A"}
     assert table.schema.metadata[b"name"] == b"friday"
-    for name, column in zip(header, zip(*rows, strict=True), strict=True):
+    *numbers, stamps = zip(header, zip(*rows, strict=True), strict=True)
+    for name, column in numbers:
         expected = [float(text) if text else None for text in column]
         assert table[name].to_pylist() == pytest.approx(expected, abs=1e-3)
+    assert table["time"].to_pylist() == [datetime.fromisoformat(text) for text in stamps[1]]
+
+
+@pytest.mark.parametrize("read", [_by_pandas, _by_polars, _by_pyarrow])
+@pytest.mark.parametrize("name", ["csv", "parquet"])
+def test_the_time_is_a_utc_timestamp_to_the_tools_that_people_use(
+    session: SessionFile, tmp_path: Path, name: str, read: Callable[[Path], np.ndarray]
+) -> None:
+    export(session, tmp_path / f"a.{name}", name, signals=["v[0]"])
+    times_us = read(tmp_path / f"a.{name}").astype("datetime64[us]").astype(np.int64)
+    assert times_us == pytest.approx(WALL_S * 10**6 + np.arange(1300) * 10**5, abs=1)
+
+
+def test_no_two_rows_have_the_same_time_stamp(recorder: Recorder, stream, tmp_path: Path, monkeypatch) -> None:
+    info = recorder.start()
+    for i in range(200):  # what waited arrives ten at a time
+        arrived_ns = MONO_NS + i // 10 * 10**9
+        recorder.frame(arrived_ns, arrived_ns - MONO_NS + WALL_S * 10**9, 0, stream.next()[2], True)
+    recorder.flush()
+    stamps = []
+    for piece_s in (240.0, 0.7):
+        monkeypatch.setattr("app.sessions.export.table.PIECE_S", piece_s)
+        with SessionFile(info.path) as session:
+            export(session, tmp_path / "a.csv", "csv", signals=["v[0]"])
+        stamps.append([row[-1] for row in read_csv(tmp_path / "a.csv")[1]])
+    assert stamps[0] == stamps[1]
+    assert len(stamps[0]) == len(set(stamps[0])) == 200
+    assert stamps[0] == sorted(stamps[0])
 
 
 def test_a_range_is_cut_exactly(session: SessionFile, tmp_path: Path) -> None:
@@ -88,7 +143,7 @@ def test_without_signals_the_fast_ones_and_the_estimates_are_written(session: Se
     export(session, tmp_path / "a.csv", "csv", t_to_s=WALL_S + 1)
     header, _ = read_csv(tmp_path / "a.csv")
     assert {"i_fs (A)", "v[95] (V)", "t[0] (degC)", "estimate.soc[95]", "soc"} <= set(header)
-    assert len(header) == len(set(header)) == 3 + 11 + 4 * 96 + 1
+    assert len(header) == len(set(header)) == 3 + 11 + 4 * 96 + 2
 
 
 def test_blocks_join_without_seam(session: SessionFile, tmp_path: Path, monkeypatch) -> None:
@@ -125,7 +180,7 @@ def test_an_empty_session_gives_the_header_alone(recorder: Recorder, tmp_path: P
     recorder.flush()
     with SessionFile(info.path) as session:
         export(session, tmp_path / "a.csv", "csv", signals=["v[0]"])
-    assert (tmp_path / "a.csv").read_text() == "time_s,elapsed_s,uptime_s,v[0] (V),age (s)\n"
+    assert (tmp_path / "a.csv").read_text() == "time_s,elapsed_s,uptime_s,v[0] (V),age (s),time\n"
 
 
 def test_what_waited_on_its_way_is_old_and_a_range_knows_it_too(recorder: Recorder, stream, tmp_path: Path) -> None:

@@ -130,6 +130,7 @@ def test_what_we_export_is_known_by_its_first_columns() -> None:
     assert (found.time, found.current, found.voltages) == ("time_s", "i_fc (A)", "v[{n}] (V)")
     assert (found.temperatures, found.soc, found.soc_unit) == ("t[{n}] (degC)", "soc", "fraction")
     assert guess(table_of(dict.fromkeys(names[:3], 1.0))).current == ""
+    assert guess(table_of(dict.fromkeys([*names, "time"], 1.0))).time == "time"  # to the microsecond
 
 
 @pytest.mark.parametrize("value", [True, "5", None, [5.0]])
