@@ -1,8 +1,9 @@
-// An element that scrolls sideways can be reached by the keyboard while it does, and is no stop on the way otherwise.
+// An element that scrolls can be reached by the keyboard while it does, and is no stop on the way otherwise.
 
 export function scrollable(node: HTMLElement): () => void {
   const look = (): void => {
-    if (node.scrollWidth > node.clientWidth) node.tabIndex = 0;
+    const scrolls = node.scrollWidth > node.clientWidth || node.scrollHeight > node.clientHeight;
+    if (scrolls) node.tabIndex = 0;
     else node.removeAttribute('tabindex');
   };
   const observer = new ResizeObserver(look);

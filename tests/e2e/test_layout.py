@@ -1,0 +1,40 @@
+"""What a crew sees without scrolling, and that a large screen is used."""
+
+import pytest
+from playwright.sync_api import expect
+
+READS_ONLY = True
+
+
+def box(locator) -> dict[str, float]:
+    expect(locator).to_be_visible()
+    found = locator.bounding_box()
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("path", ["overview", "packs", "sessions"])
+def test_a_television_is_used_to_its_edge(service, open_page, path):
+    page = open_page(f"{service.base_url}/#/{path}", "television")
+    expect(page.locator("main .page > *").nth(1)).to_be_visible()
+    right = page.evaluate(
+        "Math.max(...[...document.querySelectorAll('.page > *')].map(e => e.getBoundingClientRect().right))"
+    )
+    assert right > 2500
+
+
+def test_the_alarms_are_seen_without_scrolling(service, open_page):
+    page = open_page(f"{service.base_url}/#/overview")
+    alarms = box(page.get_by_role("region", name="Alarms"))
+    assert alarms["y"] + alarms["height"] < 900
+
+
+def test_the_rows_of_neighbouring_cards_are_read_across(service, open_page):
+    page = open_page(f"{service.base_url}/#/overview")
+    electrical = page.get_by_role("region", name="Accumulator").locator("dt")
+    cells = page.get_by_role("region", name="Extremes").locator("th")
+    expect(electrical).to_have_count(5)
+    expect(cells).to_have_count(5)
+    for k in range(5):
+        left, right = box(electrical.nth(k)), box(cells.nth(k))
+        assert abs(left["y"] + left["height"] / 2 - right["y"] - right["height"] / 2) <= 2
