@@ -30,12 +30,13 @@ test: $(VENV)/.dev-installed frontend browser ## set up what is missing, then ru
 campaign: $(VENV)/.dev-installed frontend browser ## kills, power cuts, noise, a day of racing, every route; SHORT=1 for a part of each
 	@$(PY) .ci/campaign.py $(if $(SHORT),--short)
 
-check: lint types imports generated-check frontend-check ## formatting, lint, types, import rules, generated files; changes nothing
+check: lint types imports generated-check frontend-check ## formatting, lint, workflows, types, import rules, generated files; changes nothing
 
 lint: $(VENV)/.dev-installed
 	$(PY) -m ruff format --check
 	$(PY) -m ruff check
 	$(PY) .ci/ratios.py
+	$(VENV)/bin/actionlint
 
 types: $(VENV)/.dev-installed
 	$(PY) -m mypy

