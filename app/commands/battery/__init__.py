@@ -2,13 +2,13 @@
 
 import argparse
 
-from app.commands.battery import check, learn, show
+from app.commands.battery import check, learn, show, size
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the actions."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    for module in (show, check, learn):
+    for module in (show, check, learn, size):
         module.add_actions(actions)
 
 

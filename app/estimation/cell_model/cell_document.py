@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from app.estimation.cell_model.circuit import MAX_RC_PAIRS
 from app.estimation.errors import CellFileError
 
-_TOP: Final = {"name", "source", "capacity_ah", "coulombic_efficiency", "v_min_v", "v_max_v"}
+_TOP: Final = {"name", "source", "capacity_ah", "coulombic_efficiency", "v_min_v", "v_max_v", "v_nominal_v", "mass_kg"}
 SECTIONS: Final = {
     "ocv": {"method", "soc", "voltage_v"},
     "circuit": {"soc", "temperature_degc", "r0_ohm", "ocv_shift_v", "rc"},

@@ -90,6 +90,8 @@ def parse_cell(text: str, path: str = "cell file") -> CellModel:
             coulombic_efficiency=reader.number("", "coulombic_efficiency", 1.0),
             v_min_v=reader.number("", "v_min_v"),
             v_max_v=reader.number("", "v_max_v"),
+            v_nominal_v=reader.known("", "v_nominal_v"),
+            mass_kg=reader.known("", "mass_kg"),
             ocv=ocv,
             soc_grid=soc,
             temperature_grid_degc=temperature,
@@ -125,6 +127,7 @@ def save_cell(model: CellModel, path: str | Path) -> None:
 
 def format_cell(model: CellModel) -> str:
     """Return the model as TOML text."""
+    said = (("v_nominal_v", model.v_nominal_v), ("mass_kg", model.mass_kg))
     lines = [
         f"name = {_quote(model.name)}",
         f"source = {_quote(model.source)}",
@@ -132,6 +135,7 @@ def format_cell(model: CellModel) -> str:
         f"coulombic_efficiency = {_number(model.coulombic_efficiency)}",
         f"v_min_v = {_number(model.v_min_v)}",
         f"v_max_v = {_number(model.v_max_v)}",
+        *(f"{name} = {_number(value)}" for name, value in said if value is not None),
         "",
         "[ocv]",
         f'method = "{model.ocv.method}"',

@@ -26,6 +26,7 @@ MAX_RC_PAIRS: Final = 4
 SECONDS_PER_HOUR: Final = 3600.0
 TEMPERATURE_DEGC: Final = (-60.0, 150.0)  # of any cell that is still one
 VOLTAGE_MAX_V: Final = 10.0  # no single cell has more
+LEAST_WH_PER_KG: Final = 5.0  # of any cell, a capacitor included
 KELVIN: Final = 273.15
 GAS_CONSTANT: Final = 8.314462618  # J/(mol K)
 ACTIVATION_SIGMA_J_MOL: Final = 12e3  # between lithium-ion cells, of what the whole drop follows over temperature
@@ -76,6 +77,8 @@ class CellModel:
         hysteresis_rate: how fast the hysteresis state follows charge, per unit of SOC moved.
         coulombic_efficiency: share of the charging charge that is kept, 0..1.
         v_min_v, v_max_v: limits of the cell's voltage [V].
+        v_nominal_v: voltage by which the maker counts energy [V]; None where it was not said. Not used by any filter.
+        mass_kg: of what the file describes, a cell or a module of them [kg]; None where it was not said.
         limits: the data sheet's other limits; no filter uses them.
         fit_voltage_rms_v: open-loop voltage error of the identification [V]; 0 = not known.
         fit_current_max_a: largest current magnitude the identification has seen [A]; 0 = not known.
@@ -103,6 +106,8 @@ class CellModel:
     coulombic_efficiency: float = 1.0
     v_min_v: float = 2.5
     v_max_v: float = 4.2
+    v_nominal_v: float | None = None
+    mass_kg: float | None = None
     fit_voltage_rms_v: float = 0.0
     fit_current_max_a: float = 0.0
     fit_temperature_degc: FloatArray | None = None
@@ -303,6 +308,13 @@ def _check(model: CellModel, shape: tuple[int, int]) -> None:
             raise ModelError(name, f"has to lie in 0..{VOLTAGE_MAX_V:g} V, the volts of one cell")
     if not model.v_min_v < model.v_max_v:
         raise ModelError("v_min_v", "has to lie below v_max_v")
+    if model.v_nominal_v is not None and not model.v_min_v <= model.v_nominal_v <= model.v_max_v:
+        raise ModelError("v_nominal_v", "has to lie in v_min_v..v_max_v")
+    if model.mass_kg is not None:
+        if not (np.isfinite(model.mass_kg) and model.mass_kg > 0.0):
+            raise ModelError("mass_kg", "has to be finite and positive")
+        if model.capacity_ah * model.v_max_v / model.mass_kg < LEAST_WH_PER_KG:
+            raise ModelError("mass_kg", f"would be less than {LEAST_WH_PER_KG:g} Wh/kg: is it in grams?")
     if model.ocv.voltage_v[0] < 0.0 or model.ocv.voltage_v[-1] > VOLTAGE_MAX_V:
         raise ModelError("ocv", f"has to lie in 0..{VOLTAGE_MAX_V:g} V, the volts of one cell")
     if float(model.r0_ohm.min()) * model.capacity_ah > model.v_max_v - model.v_min_v:

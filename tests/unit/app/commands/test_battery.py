@@ -1,3 +1,4 @@
+import json
 import threading
 
 import can
@@ -134,3 +135,54 @@ def test_a_witness_is_checked_and_shown_by_its_own_field(signal, code, tmp_path,
     assert (line in capsys.readouterr().out) == bool(code)
     assert main(["battery", "show", str(profile)]) == 0
     assert "witness second, bus 1:\nsource: CAN by " in capsys.readouterr().out
+
+
+def test_a_battery_is_sized_from_a_cell_file_and_a_layout(capsys):
+    assert main(["battery", "size", "--cell", "samsung-25r-10p", "--segments", "8x12"]) == 0
+    text = capsys.readouterr().out
+    assert main(["battery", "size", "--segments", "8x12", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["layout"] == {"n_segments": 8, "n_in_series": 12, "n_parallel": 1}
+    for figure in told["figures"].values():
+        (line,) = [line for line in text.splitlines() if line.startswith(figure["title"])]
+        assert f"{figure['battery']:.4g}" in line
+        assert figure["unit"] in line
+        assert figure["condition"] in line
+
+
+def test_what_a_cell_file_does_not_say_is_told_not_guessed(capsys):
+    words = ["battery", "size", "--cell", "panasonic-ncr18650pf", "--segments", "1x14", "--parallel", "9"]
+    assert main(words) == 0
+    text = capsys.readouterr().out
+    for field in ("v_nominal_v", "mass_kg", "limits.discharge_max_a", "limits.charge_max_a"):
+        assert f"not known: the cell file has no {field}" in text
+    assert main([*words, "--json"]) == 0
+    figure = json.loads(capsys.readouterr().out)["figures"]["discharge_power_10s_kw"]
+    assert figure["battery"] is None
+    assert figure["missing"] == ["limits.discharge_max_a"]
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (["--segments", "8"], "8x12"),
+        (["--segments", "0x12"], "8x12"),
+        (["--segments", "8x12", "--parallel", "0"], "1 to 1000"),
+        (["--segments", "8x12", "--soc", "101"], "0 to 100 percent"),
+    ],
+)
+def test_a_layout_that_is_none_is_refused(words, names, capsys):
+    with pytest.raises(SystemExit) as left:
+        main(["battery", "size", *words])
+    assert left.value.code == 2
+    assert names in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "names"), [(["--temperature", "80"], "-20 to 75 degC"), (["--cell", "no-such-cell"], "bundled cells")]
+)
+def test_a_cell_that_cannot_be_sized_is_refused_in_one_line(words, names, capsys):
+    assert main(["battery", "size", "--segments", "8x12", *words]) == 2
+    told = capsys.readouterr().err
+    assert names in told
+    assert told.count("\n") == 1

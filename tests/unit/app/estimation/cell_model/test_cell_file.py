@@ -60,6 +60,8 @@ def test_what_is_saved_is_what_is_loaded(tmp_path):
     model = replace(
         parse_cell(GOOD),
         name='quoted "name"\\',
+        v_nominal_v=3.7,
+        mass_kg=0.045,
         hysteresis_v=0.01,
         overpotential_v=np.full((2, 2), 0.005),
         overpotential_current_a=2.5,
@@ -73,6 +75,7 @@ def test_what_is_saved_is_what_is_loaded(tmp_path):
     again = load_cell(path)
     assert format_cell(again) == format_cell(model)
     assert again.name == model.name
+    assert (again.v_nominal_v, again.mass_kg) == (3.7, 0.045)
     np.testing.assert_allclose(
         again.terminal_voltage(0.3, [1.0], 4.0, 22.0, -0.5), model.terminal_voltage(0.3, [1.0], 4.0, 22.0, -0.5)
     )
@@ -105,6 +108,9 @@ def test_a_file_of_an_earlier_version_vouches_for_the_temperatures_of_its_tables
         ("tau_s = 10.0", "tau_s = 10.0" + 4 * "\n[[circuit.rc]]\nr_ohm = 0.01\ntau_s = 2.0", 28, "circuit.rc[4].r_ohm"),
         ("capacity_ah = 2.5", "capacity_ah = 1" + 400 * "0", 2, "capacity_ah"),
         ("v_max_v = 4.2", "v_max_v = inf", 4, "v_max_v"),
+        ("v_max_v = 4.2", "v_max_v = 4.2\nv_nominal_v = 4.3", 5, "v_nominal_v"),
+        ("v_max_v = 4.2", "v_max_v = 4.2\nmass_kg = 0", 5, "mass_kg"),
+        ("v_max_v = 4.2", "v_max_v = 4.2\nmass_kg = 45.0", 5, "mass_kg"),
         ("voltage_v = [3.0, 3.6, 4.2]", "voltage_v = [3000.0, 3600.0, 4200.0]", 8, "ocv.voltage_v"),
         (
             "soc = [0.0, 0.5, 1.0]\nvoltage_v = [3.0, 3.6, 4.2]",

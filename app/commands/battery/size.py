@@ -1,0 +1,114 @@
+"""`voltwall battery size`: what a battery of given cells can do, before it is built."""
+
+import argparse
+import json
+import re
+import sys
+from dataclasses import asdict
+
+from app.battery.fields import MOST_CELLS
+from app.battery.sizing import Figure, Layout, figures_of
+from app.errors import ConfigError
+from app.estimation.cell_model.cell_file import DEFAULT_CELL, load_cell
+from app.estimation.cell_model.circuit import CellModel
+from app.estimation.errors import EstimatorError
+
+MOST_PARALLEL = 1000
+
+
+def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the action."""
+    sizing = actions.add_parser(
+        "size",
+        help="voltage, capacity, energy, mass, currents, power and resistance of a battery of given cells",
+    )
+    sizing.add_argument(
+        "--cell", default=DEFAULT_CELL, metavar="CELL.toml",
+        help="cell file (TOML) or the name of a bundled one (default: %(default)s)",
+    )  # fmt: skip
+    sizing.add_argument(
+        "--segments", type=_segments, required=True, metavar="8x12",
+        help="segments in series x cells in series in each",
+    )  # fmt: skip
+    sizing.add_argument(
+        "--parallel", type=_parallel, default=1, metavar="N",
+        help="how many of what the cell file describes are in parallel (default: 1)",
+    )  # fmt: skip
+    sizing.add_argument(
+        "--soc", type=_percent, default=50.0, metavar="PERCENT",
+        help="state of charge for which power and resistance hold (default: 50)",
+    )  # fmt: skip
+    sizing.add_argument(
+        "--temperature", type=float, default=25.0, metavar="DEGC",
+        help="temperature of the cells for which they hold (default: 25)",
+    )  # fmt: skip
+    sizing.add_argument("--json", action="store_true", help="print the figures as JSON")
+    sizing.set_defaults(do=_size)
+
+
+def _size(args: argparse.Namespace) -> int:
+    try:
+        cell = load_cell(args.cell)
+    except EstimatorError as error:
+        print(f"voltwall battery: {error}", file=sys.stderr)
+        return 2
+    _check_temperature(cell, args.temperature)
+    n_segments, n_in_series = args.segments
+    layout = Layout(n_segments, n_in_series, args.parallel)
+    figures = figures_of(cell, layout, args.soc / 100.0, args.temperature)
+    if args.json:
+        told = {
+            "cell": {"name": cell.name, "source": cell.source},
+            "layout": asdict(layout),
+            "soc": args.soc / 100.0,
+            "temperature_degc": args.temperature,
+            "figures": {name: asdict(figure) for name, figure in figures.items()},
+        }
+        print(json.dumps(told, indent=2, allow_nan=False))
+        return 0
+    print(
+        f"{cell.name}: {layout.n_segments} segments of {layout.n_in_series} in series, {layout.n_parallel} in parallel"
+    )
+    print(f"{'':36}{'cell':>9}{'segment':>10}{'battery':>10}")
+    for figure in figures.values():
+        print(_line(figure))
+    return 0
+
+
+def _line(figure: Figure) -> str:
+    begin = f"{figure.title:30}{figure.unit:>6}"
+    if figure.cell is None or figure.segment is None or figure.battery is None:
+        return f"{begin}  not known: the cell file has no {', '.join(figure.missing)}"
+    values = (f"{figure.cell:.4g}", f"{figure.segment:.4g}", f"{figure.battery:.4g}")
+    return f"{begin}{values[0]:>9}{values[1]:>10}{values[2]:>10}  {figure.condition}"
+
+
+def _check_temperature(cell: CellModel, degc: float) -> None:
+    low, high = cell.limits.temperature_min_degc, cell.limits.temperature_max_degc
+    low, high = -60.0 if low is None else low, 150.0 if high is None else high
+    if not low <= degc <= high:
+        raise ConfigError("temperature", degc, f"{low:g} to {high:g} degC, by the cell file")
+
+
+def _segments(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d{1,4})[xX](\d{1,4})", text)
+    n, in_series = (int(part) for part in found.groups()) if found else (0, 0)
+    if not 1 <= n * in_series <= MOST_CELLS:
+        raise argparse.ArgumentTypeError(f"{text!r} is not SEGMENTSxCELLS, as 8x12, with 1 to {MOST_CELLS} cells")
+    return n, in_series
+
+
+def _parallel(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= MOST_PARALLEL:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of 1 to {MOST_PARALLEL}")
+    return int(text)
+
+
+def _percent(text: str) -> float:
+    try:
+        value = float(text.removesuffix("%"))
+    except ValueError:
+        value = float("nan")
+    if not 0.0 <= value <= 100.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not 0 to 100 percent")
+    return value
