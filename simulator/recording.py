@@ -19,15 +19,21 @@ from simulator.errors import InputError, ParameterError
 from simulator.inputs import AMBIENT_DEGC, CURRENT_A, SHARE, Limits, check_number
 from simulator.loads import Recorded
 
-_CURRENT_COLUMNS = ("current_a", "i_fc (A)", "i_fs (A)")  # ours first, then those of an exported session
-_AMBIENT_COLUMNS = ("ambient_degc", "t_min (degC)")
+_CURRENT_COLUMNS = (
+    "current_a",
+    "i_fc (A)",
+    "i_fs (A)",
+    "i_fc",
+    "i_fs",
+)  # ours first, then those of an exported session
+_AMBIENT_COLUMNS = ("ambient_degc", "t_min (degC)", "t_min")
 _SOC_COLUMNS = ("soc",)
 _TIME_S = Limits(-1e11, 1e11, "s")  # since any beginning, 1970 among them
 _SENSOR_DEGC = Limits(-128, 255, "degC")  # a broken one shows anything; as air it counts within AMBIENT_DEGC
 _LIMITS = {
     "time_s": _TIME_S,
     **dict.fromkeys(_CURRENT_COLUMNS, CURRENT_A),
-    **dict(zip(_AMBIENT_COLUMNS, (AMBIENT_DEGC, _SENSOR_DEGC), strict=True)),
+    **dict(zip(_AMBIENT_COLUMNS, (AMBIENT_DEGC, _SENSOR_DEGC, _SENSOR_DEGC), strict=True)),
     **dict.fromkeys(_SOC_COLUMNS, SHARE),
 }
 

@@ -13,6 +13,7 @@ from app.commands.session_commands.selection import add_data_argument, add_sessi
 from app.errors import ConfigError
 from app.sessions.export import FORMATS, export
 from app.sessions.export.formats import WITH_LAPS
+from app.sessions.export.names import NAMES
 from app.sessions.reading.reader import SessionFile
 
 STANDARD_OUTPUT = Path("-")
@@ -41,6 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="a signal, as v[36], i_fs, slave[3].cvr[5], conf.ts, estimate.soc[36]; may be repeated.\n"
         "Without it: voltages, temperatures, current, the master's SOC and the estimates",
+    )
+    parser.add_argument(
+        "--names",
+        choices=NAMES,
+        default="index",
+        help="what csv, parquet, mf4, ld and motec call the signals: index: v[36], counted from 0;\n"
+        "number: v_037, from 1; pack: pack4_cell1_v, from 1. Without it: index",
     )
     add_data_argument(parser)
 
@@ -80,7 +88,13 @@ def _export(args: argparse.Namespace, name: str, path: Path, with_laps: Path | N
             raise ConfigError("to", args.t_to, f"not before --from {args.t_from}")
         try:
             laps = lap_times(session) if name in WITH_LAPS else None
-            wanted = {"signals": args.signal, "t_from_s": t_from_s, "t_to_s": t_to_s, "lap_times_s": laps}
+            wanted = {
+                "signals": args.signal,
+                "t_from_s": t_from_s,
+                "t_to_s": t_to_s,
+                "lap_times_s": laps,
+                "names": args.names,
+            }
             export(session, path, name, **wanted)
             if with_laps is not None:
                 with suppress(ConfigError):  # no lap in this range

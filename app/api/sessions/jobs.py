@@ -7,6 +7,7 @@ from app.analysis.evidence.evidence import Evidence, evidence_of
 from app.analysis.laps.from_session import Counter, LapTable, Overlay, Source, lap_table, lap_times, overlay_laps
 from app.analysis.report.report import Report, SessionComparison, compare_sessions, report_of
 from app.sessions.export.formats import WITH_LAPS, export
+from app.sessions.export.names import Names
 from app.sessions.reading.reader import SessionFile
 
 
@@ -62,14 +63,25 @@ def export_at(
     signals: Sequence[str] | None,
     t_from_s: float | None,
     t_to_s: float | None,
+    names: Names,
 ) -> bool:
     """Write signals of a session into another format's file; tell whether the car was a simulated one.
 
     Raises:
+        ConfigError: the format has nothing to tell, or no such names.
         UnknownSignal: a name means nothing.
         ExportUnavailable: the format needs a package that is not installed.
     """
     with SessionFile(path) as file:
         laps = lap_times(file) if export_format in WITH_LAPS else None
-        export(file, target, export_format, signals=signals, t_from_s=t_from_s, t_to_s=t_to_s, lap_times_s=laps)
+        export(
+            file,
+            target,
+            export_format,
+            signals=signals,
+            t_from_s=t_from_s,
+            t_to_s=t_to_s,
+            lap_times_s=laps,
+            names=names,
+        )
         return file.info.metadata.get("source") == "simulator"

@@ -41,6 +41,7 @@ from app.api.web.request_body import Body
 from app.estimation.filters.estimators import FILTERS
 from app.sessions.errors import SessionError, UnknownSignal
 from app.sessions.export.formats import FORMATS
+from app.sessions.export.names import Names
 from app.sessions.info import SessionInfo
 from app.sessions.replay import SESSION_CELL, ReplayOptions
 from app.sessions.replay_schedule import MAX_SPEED, MIN_SPEED
@@ -257,6 +258,7 @@ def download(
     signal: Annotated[list[str] | None, Query(max_length=2000)] = None,
     t_from: From = None,
     t_to: To = None,
+    names: Annotated[Names, Query(description="v[36] (index), v_037 (number) or pack4_cell1_v (pack)")] = "index",
 ) -> FileResponse:
     """Signals of a range as a file; without `signal` all fast ones and the estimates."""
     _require_order(t_from, t_to)
@@ -266,7 +268,7 @@ def download(
         path = Path(target.name)
     try:
         source = catalogue.path(session_id)
-        is_simulated = workers.run(EXPORT, export_at, source, path, export_format, signal, t_from, t_to)
+        is_simulated = workers.run(EXPORT, export_at, source, path, export_format, signal, t_from, t_to, names)
     except UnknownSignal as error:
         path.unlink(missing_ok=True)
         raise invalid("signal", error.name, error.reason) from error

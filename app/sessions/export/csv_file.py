@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.arrays import FloatArray
-from app.sessions.export.table import SignalTable, column_name
+from app.sessions.export.table import SignalTable
 from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES
 
 _CLOSE_TOGETHER = 1 << 20
@@ -17,7 +17,7 @@ Bytes = NDArray[np.uint8]  # (rows, bytes), texts filled up with zeros
 
 def csv_parts(table: SignalTable) -> Iterator[bytes]:
     """Yield the file, piece by piece, in UTF-8."""
-    names = [*EXPORT_TIMES, *(column_name(signal) for signal in table.signals), EXPORT_STAMP]
+    names = [*EXPORT_TIMES, *table.columns, EXPORT_STAMP]
     yield (",".join(names) + "\n").encode()
     groups = [list(group) for _, group in groupby(range(len(table.signals)), lambda i: table.signals[i].scale)]
     for rows in table.rows():

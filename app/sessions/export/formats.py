@@ -10,6 +10,7 @@ from app.sessions.export.csv_file import csv_parts
 from app.sessions.export.ld_file import write_ld, write_ldx, write_motec
 from app.sessions.export.mcap_file import write_mcap
 from app.sessions.export.mf4_file import write_mf4
+from app.sessions.export.names import NAMES, Names
 from app.sessions.export.parquet_file import write_parquet
 from app.sessions.export.table import SignalTable
 from app.sessions.reading.reader import SessionFile
@@ -33,6 +34,7 @@ def write_csv(table: SignalTable, path: Path) -> None:
             file.write(part)
 
 
+WITH_NAMES = ("csv", "parquet", "mf4", "ld", "ldx", "motec")  # formats whose signals can be called otherwise
 WITH_LAPS = ("ld", "ldx", "motec")  # formats that hold them
 FORMATS = {
     "csv": Format(".csv", "text/csv", "comma-separated values", write_csv),
@@ -59,20 +61,24 @@ def export(
     t_from_s: float | None = None,
     t_to_s: float | None = None,
     lap_times_s: Sequence[float] | None = None,
+    names: Names = "index",
 ) -> None:
     """Write signals of a range, both ends in unix time and included, as a file.
 
     It appears whole or not at all: an export that is cut off leaves what was there before.
 
     Raises:
-        ConfigError: there is no such format, or nothing for it.
+        ConfigError: there is no such format, nothing for it, or no such names in it.
         UnknownSignal: a name means nothing.
         ExportUnavailable: the format needs a package that is not installed.
         OSError: the file cannot be written.
     """
     if export_format not in FORMATS:
         raise ConfigError("format", export_format, Message("one-of", choices=tuple(FORMATS)))
-    table = SignalTable(session, signals, t_from_s, t_to_s, lap_times_s=lap_times_s)
+    known = NAMES if export_format in WITH_NAMES else NAMES[:1]
+    if names not in known:
+        raise ConfigError("names", names, Message("one-of", choices=known))
+    table = SignalTable(session, signals, t_from_s, t_to_s, lap_times_s=lap_times_s, names=names)
     if path.exists() and not path.is_file():  # a device or a pipe
         FORMATS[export_format].write(table, path)
         return

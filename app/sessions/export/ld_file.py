@@ -45,13 +45,14 @@ def write_ld(table: SignalTable, path: Path) -> None:
     """Write the file."""
     times, rate_hz = _extent(table)
     signals = _channels(table)
+    name_of = dict(zip(table.signals, table.names, strict=True))
     n_samples = 0 if times is None else int((times[1] - times[0]) * rate_hz) + 1
     start_s = table.info.started_wall_ns / 1e9 if times is None else times[0]
     data_at = _CHANNELS_AT + _CHANNEL.size * len(signals)
     with path.open("wb") as file:
         file.write(_head(table, start_s, data_at))
         for i, signal in enumerate(signals):
-            file.write(_channel(i, len(signals), signal, data_at, n_samples, rate_hz))
+            file.write(_channel(i, len(signals), name_of[signal], signal.unit, data_at, n_samples, rate_hz))
         grid_s = start_s + np.arange(n_samples) / rate_hz
         for values in _resampled(table, grid_s):
             file.write(values.astype("<f4").tobytes())
@@ -145,7 +146,7 @@ def _head(table: SignalTable, start_s: float, data_at: int) -> bytes:
     return bytes(head)
 
 
-def _channel(i: int, n: int, signal: Signal, data_at: int, n_samples: int, rate_hz: int) -> bytes:
+def _channel(i: int, n: int, name: str, unit: str, data_at: int, n_samples: int, rate_hz: int) -> bytes:
     here = _CHANNELS_AT + i * _CHANNEL.size
     return _CHANNEL.pack(
         here - _CHANNEL.size if i else 0,
@@ -160,9 +161,9 @@ def _channel(i: int, n: int, signal: Signal, data_at: int, n_samples: int, rate_
         1,
         1,
         0,  # value = raw / scale * 10 ** -decimals * multiplier + shift, here the raw f32
-        _text(signal.name, 32),
+        _text(name, 32),
         b"",
-        _text("C" if signal.unit == "degC" else signal.unit, 12),
+        _text("C" if unit == "degC" else unit, 12),
     )
 
 

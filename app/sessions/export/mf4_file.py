@@ -33,7 +33,7 @@ def write_mf4(table: SignalTable, path: Path) -> None:
 
 def _append(file: Any, signal_type: Any, table: SignalTable, rows: Rows) -> int:
     channels = [("uptime_s", "s", rows.uptime_s)]
-    channels += [(s.name, s.unit, rows.values[:, i]) for i, s in enumerate(table.signals)]
+    channels += [(table.names[i], s.unit, rows.values[:, i]) for i, s in enumerate(table.signals)]
     signals = [
         signal_type(samples=samples, timestamps=rows.elapsed_s, name=name, unit=unit)
         for name, unit, samples in channels

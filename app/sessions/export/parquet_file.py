@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from app.sessions.errors import ExportUnavailable
-from app.sessions.export.table import Rows, SignalTable, column_name, source_of
+from app.sessions.export.table import Rows, SignalTable, source_of
 from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES
 
 ROW_GROUP_S = 600.0
@@ -26,8 +26,8 @@ def write_parquet(table: SignalTable, path: Path) -> None:
         raise ExportUnavailable("parquet", "pyarrow", "parquet") from error
     times = [pyarrow.field(name, pyarrow.float64(), metadata={"unit": "s"}) for name in EXPORT_TIMES]
     columns = [
-        pyarrow.field(column_name(signal), pyarrow.float64(), metadata={"unit": signal.unit})
-        for signal in table.signals
+        pyarrow.field(name, pyarrow.float64(), metadata={"unit": signal.unit})
+        for name, signal in zip(table.columns, table.signals, strict=True)
     ]
     stamp = pyarrow.field(EXPORT_STAMP, pyarrow.timestamp("us", "UTC"))
     about = {"session": table.info.id, "name": table.info.name, "voltwall": table.info.voltwall} | source_of(table)

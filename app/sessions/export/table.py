@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.estimation.arrays import FloatArray
+from app.sessions.export.names import Names, column_name, export_name
 from app.sessions.reading.blocks import Block
 from app.sessions.reading.reader import SessionFile
 from app.sessions.storage.signals import Signal
@@ -24,11 +25,6 @@ _SAME_S = 1e-4  # a span is told to the millisecond
 FILLED = Signal("filled", "filled", 0, "", 1.0)  # 1 where the row came from another recorder of the same run
 SIMULATED = Signal("simulated", "simulated", 0, "", 1.0)  # 1 in every row of a car that was none
 AGE = Signal("age", "age", 0, "s", 1e-3)  # how long before its time a row was measured
-
-
-def column_name(signal: Signal) -> str:
-    """Return the signal's name with its unit: `v[36] (V)`."""
-    return signal.name if signal.unit in ("", "1") else f"{signal.name} ({signal.unit})"
 
 
 def source_of(table: "SignalTable") -> dict[str, str]:
@@ -64,8 +60,11 @@ class SignalTable:
         t_to_s: float | None = None,
         *,
         lap_times_s: Sequence[float] | None = None,
+        names: Names = "index",
     ) -> None:
         """Choose signals and range, both ends included; `lap_times_s` are where laps meet, for formats with laps.
+
+        `names` are what `export_name` knows.
 
         Raises:
             UnknownSignal: a name means nothing.
@@ -90,6 +89,11 @@ class SignalTable:
         self.signals = [*self.signals, *self._added]
         self.t_from_s, self.t_to_s = t_from_s, t_to_s
         self.lap_times_s = lap_times_s
+        segments = session.loaded_battery.battery.segments
+        self.names = [export_name(signal, names, session.signals, segments) for signal in self.signals]
+        self.columns = self.names  # in a table of text, which has no other place for a unit
+        if names == "index":
+            self.columns = [column_name(s.name, s.unit) for s in self.signals]
 
     def rows(self, piece_s: float | None = None) -> Iterator[Rows]:
         """Yield the rows, PIECE_S at a time unless told otherwise."""

@@ -14,6 +14,7 @@ EXPORTED = (
     "1795232138.1,0.0,5.0,10.00,,0.83\n1795232138.2,0.1,,,25,\n1795232139.1,1.0,6.0,20.00,24,0.82\n"
     "1795232139.1,1.0,6.0,25.00,24,0.82\n1795232140.1,2.0,7.0,0.00,31,0.81\n"
 )
+WITHOUT_UNITS = EXPORTED.replace(" (A)", "").replace(" (degC)", "")  # by --names number
 
 
 class Nothing:
@@ -21,7 +22,7 @@ class Nothing:
 
 
 @pytest.mark.parametrize("zipped", [False, True])
-@pytest.mark.parametrize(("text", "second"), [(OURS, 20.0), (EXPORTED, 25.0)])
+@pytest.mark.parametrize(("text", "second"), [(OURS, 20.0), (EXPORTED, 25.0), (WITHOUT_UNITS, 25.0)])
 def test_a_recording_is_replayed_as_it_was(tmp_path, text, second, zipped):
     path = tmp_path / ("run.csv.gz" if zipped else "run.csv")
     path.write_bytes(gzip.compress(text.encode()) if zipped else text.encode())

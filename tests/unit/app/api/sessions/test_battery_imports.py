@@ -55,6 +55,10 @@ def test_an_uploaded_log_becomes_a_session_of_its_battery(client, session_id: st
     assert client.get(f"{at}/compare/{session_id}").status_code == 200
     exported = client.get(f"{at}/export", params={"format": "csv", "signal": ["v[0]", "v[139]"]})
     assert exported.text.splitlines()[0] == "time_s,elapsed_s,uptime_s,v[0] (V),v[139] (V),time"
+    renamed = client.get(f"{at}/export", params={"format": "csv", "signal": ["v[0]", "v[139]"], "names": "pack"})
+    assert renamed.text.splitlines()[0] == "time_s,elapsed_s,uptime_s,pack1_cell1_v,pack5_cell28_v,time"
+    refused = client.get(f"{at}/export", params={"format": "mcap", "names": "pack"})
+    assert (refused.status_code, "names" in refused.text) == (422, True)
 
 
 def test_the_battery_of_the_teams_own_session_is_the_teams(client, make_session) -> None:

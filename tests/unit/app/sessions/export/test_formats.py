@@ -6,12 +6,14 @@ import struct
 import subprocess
 import xml.etree.ElementTree as ElementTree
 import zlib
+from importlib import import_module
 from pathlib import Path
 from zipfile import ZipFile
 
 import can
 import numpy as np
 import pytest
+from pyarrow import parquet
 
 from app.errors import ConfigError
 from app.sessions.export import FORMATS, export
@@ -117,6 +119,31 @@ def test_mdf_is_read_by_asammdf(session: SessionFile, stream, tmp_path: Path, mo
     assert voltage.timestamps == pytest.approx(0.1 * np.array(sent), abs=1e-5)
     assert voltage.samples == pytest.approx([stream.voltages[i][36] * 1e-4 for i in sent])
     assert current.samples == pytest.approx([stream.currents[i] * 0.01 for i in sent])
+
+
+@pytest.mark.parametrize("name", ["csv", "parquet", "mf4", "ld"])
+def test_the_chosen_names_are_in_the_file(session: SessionFile, tmp_path: Path, name: str) -> None:
+    if name == "mf4":
+        pytest.importorskip("asammdf")
+    path = tmp_path / f"a.{name}"
+    export(session, path, name, signals=SIGNALS, names="pack")
+    read = {"csv": _csv_names, "parquet": parquet.read_schema, "mf4": _mf4_names, "ld": read_ld}[name]
+    found = read(path).names if name == "parquet" else list(read(path))
+    assert [each for each in found if each not in ("time_s", "elapsed_s", "uptime_s", "age", "time")] == [
+        "pack4_cell1_v",
+        "pack1_cell3_v",
+        "i_fs",
+        "pack1_cell1_estimate_soc",
+    ]
+
+
+def _csv_names(path: Path) -> list[str]:
+    return path.read_text().partition("\n")[0].split(",")
+
+
+def _mf4_names(path: Path) -> list[str]:
+    with import_module("asammdf").MDF(path) as file:
+        return [channel.name for group in file.groups for channel in group.channels]
 
 
 def read_ld(path: Path) -> dict[str, tuple[str, int, np.ndarray]]:

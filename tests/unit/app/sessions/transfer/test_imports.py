@@ -14,6 +14,7 @@ from app.errors import ImportFailed
 from app.live.pipeline import Pipeline
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.export import export
+from app.sessions.export.names import Names
 from app.sessions.reading.reader import SessionFile
 from app.sessions.transfer.import_session import import_file, read_table
 from app.sources.loaded_battery import LoadedBattery
@@ -88,12 +89,14 @@ def test_a_csv_of_another_system_becomes_a_session_with_estimates(csv: Path, tmp
         assert session.problems() == []
 
 
-@pytest.mark.parametrize("name", ["csv", "parquet"])
-def test_what_is_exported_comes_back_the_same(csv: Path, tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "names"), [("csv", "index"), ("parquet", "index"), ("csv", "number"), ("parquet", "pack")]
+)
+def test_what_is_exported_comes_back_the_same(csv: Path, tmp_path: Path, name: str, names: Names) -> None:
     signals = ["i_fs", "soc", *(f"v[{i}]" for i in range(N)), *(f"t[{i}]" for i in range(N))]
     done = import_file(csv, ORION, tmp_path / "sessions", pipeline)
     with SessionFile(done.info.path) as session:
-        export(session, tmp_path / f"own.{name}", name)
+        export(session, tmp_path / f"own.{name}", name, names=names)
         first = session.series(signals)
     again = import_file(
         tmp_path / f"own.{name}", guess(read_table(tmp_path / f"own.{name}")), tmp_path / "sessions", pipeline
