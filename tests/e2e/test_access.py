@@ -38,8 +38,10 @@ def test_the_login_page_is_for_everybody(guarded, open_page, violations, size):
     expect(page.get_by_test_id("login")).to_be_visible()
     page.evaluate("new Promise((later) => setTimeout(later, 3000))")  # a silence that would be told
     expect(page.get_by_test_id("service-lost")).to_have_count(0)
+    expect(page.get_by_test_id("state")).not_to_contain_text("does not answer")
+    expect(page.get_by_test_id("login-reach")).to_contain_text("this machine’s own address")
     assert violations(page) == {}
-    page.get_by_role("textbox", name="Name").focus()
+    expect(page.get_by_role("textbox", name="Name")).to_be_focused()
     page.keyboard.type("ola")
     page.keyboard.press("Tab")
     page.keyboard.type("engineer-pass-1")

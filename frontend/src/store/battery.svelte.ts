@@ -24,6 +24,11 @@ class CurrentBattery {
     return this.now?.source === 'master';
   }
 
+  /** What the one that was told last is called, null where this browser was never told. */
+  get lastName(): string | null {
+    return kept()?.name ?? null;
+  }
+
   /** Take the one that was told last, where the service does not answer. */
   recall(): void {
     if (this.now !== null) return;
