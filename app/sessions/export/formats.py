@@ -35,7 +35,7 @@ def write_csv(table: SignalTable, path: Path) -> None:
 
 
 WITH_NAMES = ("csv", "parquet", "mf4", "ld", "ldx", "motec")  # formats whose signals can be called otherwise
-WITH_LAPS = ("ld", "ldx", "motec")  # formats that hold them
+WITH_LAPS = ("mf4", "ld", "ldx", "motec")  # formats that hold them
 FORMATS = {
     "csv": Format(".csv", "text/csv", "comma-separated values", write_csv),
     "parquet": Format(".parquet", "application/vnd.apache.parquet", "Apache Parquet (needs pyarrow)", write_parquet),

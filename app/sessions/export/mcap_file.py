@@ -7,11 +7,11 @@ refuse a JSON schema in which a number may be null.
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from app.sessions.errors import ExportUnavailable
+from app.sessions.export.log import log_lines
 from app.sessions.export.mcap_messages import LOG, NUMBER, NUMBERS, McapMessages
 from app.sessions.export.table import Rows, SignalTable, source_of
 
@@ -87,14 +87,7 @@ def _samples(
 
 
 def _events(table: SignalTable, messages: McapMessages) -> Iterator[tuple[int, bytes]]:
-    session = table.session
-    lines: list[tuple[int, int, str, Any]] = [
-        (event["t_mono_ns"], _LEVELS.get(event["severity"], 2), event["code"], event["text"])
-        for event in session.events()
-    ]
-    lines += [(marker.t_mono_ns, 2, f"marker {marker.kind}", marker.text) for marker in session.markers()]
-    for t_mono_ns, level, name, text in sorted(lines):
-        unix_s = session.unix_s(t_mono_ns)
-        if (table.t_from_s or 0) <= unix_s <= (table.t_to_s or np.inf):
-            time_ns = round(unix_s * 1e9)
-            yield time_ns, messages.log(time_ns, level, name, text)
+    for line in log_lines(table):
+        time_ns = round(table.session.unix_s(line.t_mono_ns) * 1e9)
+        name = line.name if line.severity else f"marker {line.name}"
+        yield time_ns, messages.log(time_ns, _LEVELS.get(line.severity, 2), name, line.text)

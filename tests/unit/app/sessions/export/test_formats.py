@@ -121,6 +121,23 @@ def test_mdf_is_read_by_asammdf(session: SessionFile, stream, tmp_path: Path, mo
     assert current.samples == pytest.approx([stream.currents[i] * 0.01 for i in sent])
 
 
+def test_mdf_tells_what_happened_and_whose_session_it_was(session: SessionFile, tmp_path: Path) -> None:
+    asammdf = pytest.importorskip("asammdf")
+    laps = [WALL_S + 4.0, WALL_S + 14.5, WALL_S + 25.0]
+    export(session, tmp_path / "a.mf4", "mf4", signals=["i_fs"], lap_times_s=laps)
+    with asammdf.MDF(tmp_path / "a.mf4") as file:
+        events = [(each.value, each.name, each.comment) for each in file.events]
+        header = file.header
+        assert (header.author, header.subject) == ("Anna", "E5")
+        assert session.info.id in header.description
+        assert '<e name="driver">Anna</e>' in header.comment
+    assert [at_s for at_s, _, _ in events] == pytest.approx([1, 4, 14.5, 25], abs=1e-3)
+    assert [each[1:] for each in events] == [("v_min", "cell too low"), ("lap", "lap"), ("lap", "lap"), ("lap", "lap")]
+    export(session, tmp_path / "b.mf4", "mf4", signals=["i_fs"], lap_times_s=laps, t_to_s=WALL_S + 10)
+    with asammdf.MDF(tmp_path / "b.mf4") as file:
+        assert [each.value for each in file.events] == pytest.approx([1, 4], abs=1e-3)
+
+
 @pytest.mark.parametrize("name", ["csv", "parquet", "mf4", "ld"])
 def test_the_chosen_names_are_in_the_file(session: SessionFile, tmp_path: Path, name: str) -> None:
     if name == "mf4":
