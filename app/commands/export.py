@@ -69,17 +69,21 @@ def run(args: argparse.Namespace) -> int:
         for file in (path, with_laps):
             if file is not None and file.is_file() and not args.force:
                 raise ConfigError("out", file, "is there already: --force overwrites it")
-        _export(args, name, path, with_laps)
+        has_laps = _export(args, name, path, with_laps)
         if is_piped:
             with path.open("rb") as made:
                 shutil.copyfileobj(made, sys.stdout.buffer)
             sys.stdout.flush()
         else:
             print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
+            if with_laps is not None:
+                told = "the laps" if has_laps else "not written: no lap was settled, marked or seen in this range"
+                print(f"{with_laps}: {told}")
     return 0
 
 
-def _export(args: argparse.Namespace, name: str, path: Path, with_laps: Path | None) -> None:
+def _export(args: argparse.Namespace, name: str, path: Path, with_laps: Path | None) -> bool:
+    """Write the file, and the one with the laps beside it; return whether there are any."""
     with SessionFile(find_session(args, args.session)) as session:
         t_from_s, t_to_s = (
             _unix_s(session, option, text) for option, text in (("from", args.t_from), ("to", args.t_to))
@@ -99,8 +103,10 @@ def _export(args: argparse.Namespace, name: str, path: Path, with_laps: Path | N
             if with_laps is not None:
                 with suppress(ConfigError):  # no lap in this range
                     export(session, with_laps, "ldx", **wanted)
+                    return True
         except OSError as error:
             raise ConfigError("out", args.out, error.strerror or str(error)) from error
+    return False
 
 
 def _unix_s(session: SessionFile, option: str, text: str | None) -> float | None:

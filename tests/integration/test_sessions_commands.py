@@ -101,6 +101,12 @@ def test_export_writes_the_range_asked_for(data: Path, tmp_path: Path, capsys) -
         assert [row["v[95] (V)"] for row in rows] == [f"3.70{i}" for i in range(10, 21)]
 
 
+def test_export_for_motec_says_where_there_is_no_lap(data: Path, tmp_path: Path, capsys) -> None:
+    assert main(["export", CLOSED, "--data", str(data), "--out", str(tmp_path / "out.ld"), "--signal", "v[95]"]) == 0
+    assert "out.ldx: not written: no lap" in capsys.readouterr().out
+    assert not (tmp_path / "out.ldx").exists()
+
+
 def test_export_to_standard_output_is_the_file_and_nothing_else(data: Path, tmp_path: Path, capfdbinary) -> None:
     command = ["export", CLOSED, "--data", str(data), "--signal", "v[95]", "--format", "csv"]
     assert main([*command, "--out", str(tmp_path / "out.csv")]) == 0

@@ -97,8 +97,14 @@ def lap_table(session: SessionFile, source: Source | None = None, counter: Count
 
 
 def lap_times(session: SessionFile) -> list[float]:
-    """Return the unix times at which laps begin and end, as they count: settled, marked, or seen in the power."""
-    _, laps = find_laps(session, read_totals(session), None, None)
+    """Return the unix times at which laps meet: as they were settled, else all marks, else as seen in the power.
+
+    Every mark counts here, also those before and after a stop, between which there is no lap that could be compared. A
+    single mark counts where the power tells nothing.
+    """
+    source, laps = find_laps(session, read_totals(session), None, None)
+    if source == "markers" or (source == "pattern" and not laps):
+        return sorted(set(_marks(session.markers(), session)))
     return sorted({time_s for lap in laps for time_s in (lap.start_s, lap.end_s)})
 
 
@@ -113,7 +119,7 @@ def find_laps(
         if source == "settled":
             return "settled", []
     markers = session.markers()
-    marks = [session.unix_s(marker.t_mono_ns) for marker in markers if marker.kind in LAP_KINDS]
+    marks = _marks(markers, session)
     if source == "can":
         if isinstance(counter, CanCounter):
             counter = _counted(session, counter)
@@ -133,6 +139,10 @@ def find_laps(
     else:
         spans = laps_by_marks(marks, stints(totals.time_s, power_w))
     return source, with_drivers([Lap(*span) for span in spans], driver_changes(session, markers))
+
+
+def _marks(markers: Sequence[Marker], session: SessionFile) -> list[float]:
+    return [session.unix_s(marker.t_mono_ns) for marker in markers if marker.kind in LAP_KINDS]
 
 
 def driver_changes(session: SessionFile, markers: Sequence[Marker]) -> list[tuple[float, str]]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.analysis.laps.figures import Lap
-from app.analysis.laps.from_session import CanCounter, lap_table, overlay_laps, settle_laps
+from app.analysis.laps.from_session import CanCounter, lap_table, lap_times, overlay_laps, settle_laps
 from app.cli import main
 from app.errors import ConfigError
 from app.sessions.errors import NotASession, UnknownSignal
@@ -51,6 +51,22 @@ def test_a_lap_says_what_it_cost(path):
     assert lap.temperature_rise_k == 1
     assert (lap.weakest_cell, lap.voltage_min_v) == (7, pytest.approx(3.3))
     assert (table.laps[0].weakest_cell, table.laps[0].voltage_min_v) == (40, pytest.approx(3.6))
+
+
+def test_every_mark_of_the_crew_is_where_laps_meet_also_over_a_stop(make_session):
+    time_s = np.arange(0.0, 200.0, 0.5)
+    current_a = np.where((time_s > 80) & (time_s < 120), 0.0, 100.0)  # stands for 40 s
+    marks_s = [10.0, 70.0, 150.0]
+    path = make_session(time_s, current_a, markers=[(at_s, "lap", "") for at_s in marks_s])
+    with SessionFile(path) as session:
+        assert [each.lap.duration_s for each in lap_table(session).laps] == pytest.approx([60], abs=1e-3)
+        assert lap_times(session) == pytest.approx([START_S + at_s for at_s in marks_s], abs=1e-3)
+
+
+def test_a_single_mark_is_where_laps_meet_if_the_power_tells_nothing(make_session):
+    time_s = np.arange(0.0, 20.0, 0.5)
+    with SessionFile(make_session(time_s, np.zeros(len(time_s)), markers=[(7.0, "lap", "")])) as session:
+        assert lap_times(session) == pytest.approx([START_S + 7.0], abs=1e-3)
 
 
 def test_drivers_are_compared_by_the_laps_that_they_drove(path):
