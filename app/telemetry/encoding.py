@@ -12,6 +12,7 @@ from typing import Any, Union, get_args, get_origin
 
 import numpy as np
 import orjson
+from numpy.typing import NDArray
 
 from app.telemetry.fields import Described, SentAs, Unit, described
 from app.words import Message, Text, render
@@ -44,8 +45,8 @@ def element_of(hint: Any) -> Any:
 
 
 def is_array(hint: Any) -> bool:
-    """The type is a numpy array."""
-    return get_origin(hint) is np.ndarray
+    """The type is a numpy array, also by NDArray, which is an alias of its own from numpy 2.5 on."""
+    return get_origin(hint) in (np.ndarray, NDArray)
 
 
 @cache

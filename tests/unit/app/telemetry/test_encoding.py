@@ -1,12 +1,13 @@
 import json
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from app.telemetry import BoolArray, FloatArray
-from app.telemetry.encoding import encode, plain
+from app.telemetry.encoding import encode, is_array, plain
 from app.telemetry.fields import INTERNAL, SentAs, Unit
 
 
@@ -71,3 +72,8 @@ def test_infinity_and_nan_are_null_also_where_nothing_is_rounded():
 def test_a_dataclass_that_needs_no_change_is_left_to_orjson():
     whole = Whole(1.0)
     assert plain(whole) is whole
+
+
+@pytest.mark.parametrize("hint", [np.ndarray[Any, np.dtype[np.float64]], NDArray[np.float64], NDArray[np.bool_]])
+def test_an_array_is_known_however_numpy_spells_its_type(hint) -> None:
+    assert is_array(hint)
