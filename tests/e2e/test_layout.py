@@ -38,3 +38,10 @@ def test_the_rows_of_neighbouring_cards_are_read_across(service, open_page):
     for k in range(5):
         left, right = box(electrical.nth(k)), box(cells.nth(k))
         assert abs(left["y"] + left["height"] / 2 - right["y"] - right["height"] / 2) <= 2
+
+
+def test_an_official_is_told_the_time_the_battery_and_the_age(service, open_page):
+    page = open_page(f"{service.base_url}/#/judge")
+    expect(page.get_by_test_id("judge-clock")).to_contain_text(":")
+    expect(page.get_by_test_id("judge-oldest")).to_contain_text(" s")
+    expect(page.get_by_test_id("judge-battery")).to_contain_text("96 cells")
