@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
-import { ticks } from '../src/store/ticks';
-import { signed } from '../src/format';
+import { places, STEPS, ticks } from '../src/store/ticks';
+import { fixed, signed } from '../src/format';
 
 describe('axis ticks', () => {
   it('are round, few and inside', () => {
@@ -8,6 +8,24 @@ describe('axis ticks', () => {
     expect(ticks(2.41, 4.2, 4)).toEqual([2.5, 3, 3.5, 4]);
     expect(ticks(-10, 5, 5)).toEqual([-10, -5, 0, 5]);
     expect(ticks(0.0000001, 0.0000009, 4).length).toBeGreaterThan(2);
+  });
+
+  it('are written as what they are, and no two alike', () => {
+    for (const step of STEPS) {
+      const axis = Array.from({ length: 9 }, (_, k) => Number(((k - 4) * step).toPrecision(12)));
+      const texts = axis.map((v) => fixed(v, places(axis)));
+      expect(new Set(texts).size).toBe(axis.length);
+      expect(texts.map((text) => Number(text.replace('−', '-')))).toEqual(axis.map((v) => v + 0));
+    }
+    for (const [low, high, most] of [
+      [92.3, 100, 3],
+      [29.1, 31.4, 5],
+      [0, 0.37, 3],
+      [-412, 87, 7],
+    ] as const) {
+      const axis = ticks(low, high, most);
+      expect(new Set(axis.map((v) => fixed(v, places(axis)))).size).toBe(axis.length);
+    }
   });
 
   it('of a range without width are that one value', () => {

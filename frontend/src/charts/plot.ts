@@ -4,6 +4,7 @@ import uPlot from 'uplot';
 import 'uplot/dist/uPlot.min.css';
 import { clock, fixed } from '../format';
 import type { Band } from '../store/decimate';
+import { places, STEPS } from '../store/ticks';
 import { DrawQueue } from './draw_queue';
 
 export interface PlotSeries {
@@ -151,6 +152,7 @@ export class Plot {
           ...axis,
           size: 52,
           space: 26,
+          incrs: [...STEPS],
           values: (u, splits) => splits.map((v) => (isEmpty(u.data) ? '' : fixed(v, places(splits)))),
         },
       ],
@@ -287,8 +289,3 @@ export const isEmpty = (columns: readonly (ArrayLike<unknown> | undefined)[]): b
 
 const sameTimes = (a: readonly number[], b: readonly number[]): boolean =>
   a.length === b.length && a[0] === b[0] && a.at(-1) === b.at(-1) && a[a.length >> 1] === b[a.length >> 1];
-
-function places(splits: readonly number[]): number {
-  const gap = splits.length > 1 ? Math.abs(splits[1]! - splits[0]!) : 1;
-  return Math.max(0, Math.min(4, Math.ceil(-Math.log10(gap) - 1e-9)));
-}

@@ -11,3 +11,14 @@ export function ticks(low: number, high: number, most: number): number[] {
   }
   return found;
 }
+
+/** Distances between ticks that are written with one digit: an axis in steps of 2.5 reads 98, 95, 93. */
+export const STEPS: readonly number[] = Array.from({ length: 14 }, (_, k) => k - 6).flatMap((decade) =>
+  [1, 2, 5].map((f) => Number(`${f}e${decade}`)),
+);
+
+/** Decimals with which neighbouring ticks are told apart. */
+export function places(found: readonly number[]): number {
+  const gap = found.length > 1 ? Math.abs(found[1]! - found[0]!) : 1;
+  return Math.max(0, Math.min(6, Math.ceil(-Math.log10(gap) - 1e-9)));
+}
