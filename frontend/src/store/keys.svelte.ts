@@ -2,6 +2,7 @@
 
 import type { Text } from '../words/words.svelte';
 import { post } from '../link/rest';
+import type { Alarm } from '../link/types';
 import { cellIndex, cellNumber, packNumber } from '../format';
 import { openAlarms } from './alarms';
 import { alertSound } from './alert_sound.svelte';
@@ -16,24 +17,31 @@ export interface Shortcut {
   key: string;
   does: Text;
   act: () => void;
+  /** Whether it does anything now; always, where it is not told. */
+  can?: () => boolean;
+  isPage?: boolean;
 }
 
 const go = (page: Page) => (): void => {
   location.hash = `#/${page}`;
 };
 
+const isAtCells = (): boolean => route.here.page === 'packs';
+
 /** Open the cell before or after the one that is open, wherever packs are shown. */
 function step(by: number): void {
   const [pack, cell] = route.here.args.map(Number);
-  if (route.here.page !== 'packs') return;
+  if (!isAtCells()) return;
   const { nCells } = shapes.live;
   const now = (pack && cell ? cellIndex(pack, cell) : null) ?? (by > 0 ? -1 : 0);
   const next = (now + by + nCells) % nCells;
   location.hash = `#/packs/${packNumber(next)}/${cellNumber(next)}`;
 }
 
+const worstUnseen = (): Alarm | undefined => openAlarms(live.snapshot).find((a) => !a.acknowledged_by);
+
 function acknowledgeWorst(): void {
-  const first = openAlarms(live.snapshot).find((a) => !a.acknowledged_by);
+  const first = worstUnseen();
   if (first && user.me?.role) void post(`alarms/${first.id}/acknowledge`).catch(() => undefined);
 }
 
@@ -43,42 +51,73 @@ function fullScreen(): void {
 }
 
 export const SHORTCUTS: readonly Shortcut[] = [
-  { key: '1', does: 'Overview', act: go('overview') },
-  { key: '2', does: 'Packs', act: go('packs') },
-  { key: '3', does: 'Charging', act: go('charging') },
-  { key: '4', does: 'Parameters', act: go('parameters') },
-  { key: '5', does: 'CAN', act: go('can') },
-  { key: '6', does: 'Sessions', act: go('sessions') },
-  { key: '7', does: 'Events', act: go('events') },
-  { key: '8', does: 'System', act: go('system') },
-  { key: '9', does: 'Help', act: go('help') },
-  { key: 'j', does: 'Judge view', act: go('judge') },
+  { key: '1', does: 'Overview', act: go('overview'), isPage: true },
+  { key: '2', does: 'Packs', act: go('packs'), isPage: true },
+  { key: '3', does: 'Charging', act: go('charging'), isPage: true },
+  { key: '4', does: 'Parameters', act: go('parameters'), isPage: true },
+  { key: '5', does: 'CAN', act: go('can'), isPage: true },
+  { key: '6', does: 'Sessions', act: go('sessions'), isPage: true },
+  { key: '7', does: 'Events', act: go('events'), isPage: true },
+  { key: '8', does: 'System', act: go('system'), isPage: true },
+  { key: '9', does: 'Help', act: go('help'), isPage: true },
+  { key: 'j', does: 'Judge view', act: go('judge'), isPage: true },
   { key: 'f', does: 'Full screen', act: fullScreen },
-  { key: 'a', does: 'Acknowledge the worst alarm', act: acknowledgeWorst },
+  {
+    key: 'a',
+    does: 'Acknowledge the worst alarm',
+    act: acknowledgeWorst,
+    can: () => !!(worstUnseen() && user.me?.role),
+  },
   {
     key: 'm',
     does: 'Mute the sound for 5 minutes, or end it',
     act: () => alertSound.mute(alertSound.mutedUntil ? 0 : 5),
+    can: () => alertSound.sound.value,
   },
-  { key: 'k', does: 'Mark this moment', act: () => mark.begin() },
-  { key: '[', does: 'Cell before', act: () => step(-1) },
-  { key: ']', does: 'Cell after', act: () => step(1) },
+  {
+    key: 'k',
+    does: 'Mark this moment',
+    act: () => mark.begin(),
+    can: () => user.mayWrite && !!live.snapshot?.recording,
+  },
+  { key: '[', does: 'Cell before', act: () => step(-1), can: isAtCells },
+  { key: ']', does: 'Cell after', act: () => step(1), can: isAtCells },
   {
     key: 't',
     does: 'Next theme',
     act: () => user.setTheme(THEMES[(THEMES.indexOf(user.theme) + 1) % THEMES.length]!),
   },
+  {
+    key: '/',
+    does: 'Find a page, cell, session, parameter or action',
+    act: () => keys.openPalette(),
+    can: () => false, // it is open
+  },
 ];
+
+/** Opens the palette from fields too; on a Mac it is Cmd. */
+export const PALETTE_KEY = 'Ctrl K';
 
 class Keys {
   readonly on = new Preference<boolean>('keys', true);
   list = $state(false);
+  palette = $state(false);
 
   start(): void {
     addEventListener('keydown', (event) => this.press(event));
   }
 
+  openPalette(): void {
+    if (!user.mustLogIn && !document.querySelector('dialog[open]')) this.palette = true;
+  }
+
   private press(event: KeyboardEvent): void {
+    const withK = event.key.toLowerCase() === 'k' && !event.altKey && !event.shiftKey;
+    if (withK && (event.ctrlKey || event.metaKey)) {
+      event.preventDefault(); // the browser's own search field
+      this.openPalette();
+      return;
+    }
     if (event.ctrlKey || event.altKey || event.metaKey || event.defaultPrevented) return;
     const at = event.target;
     if (at instanceof HTMLElement && at.closest('input, textarea, select, dialog, [contenteditable]')) return;

@@ -15,9 +15,13 @@ export const KINDS: readonly { kind: string; name: Text; key: string }[] = [
 class Mark {
   /** When the key was pressed, in milliseconds of this page's clock; null while nobody marks. */
   since = $state<number | null>(null);
+  kind = 'note';
 
-  begin(): void {
-    if (live.snapshot?.recording) this.since = performance.now();
+  /** Note the moment; the note is written afterwards. */
+  begin(kind = 'note'): void {
+    if (!live.snapshot?.recording) return;
+    this.kind = kind;
+    this.since = performance.now();
   }
 
   end(): void {

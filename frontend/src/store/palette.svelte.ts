@@ -1,0 +1,139 @@
+// What the command palette offers now. What cannot be done now is absent.
+
+import { get, post } from '../link/rest';
+import type { Schema, Session } from '../link/types';
+import { cellName, dateTime, ordinal } from '../format';
+import { chosen, LANGUAGES, named, t, type Text } from '../words/words.svelte';
+import { openAlarms } from './alarms';
+import { battery } from './battery.svelte';
+import { fitting, placesIn, type Entry } from './find_entry';
+import { keys, SHORTCUTS } from './keys.svelte';
+import { live } from './live.svelte';
+import { mark } from './mark.svelte';
+import { pagesNow } from './pages.svelte';
+import { shapes } from './shapes.svelte';
+import { THEMES, user } from './user.svelte';
+
+const MOST = 60; // more than anybody reads; typing narrows them
+const SUBPAGES: readonly { path: string; name: Text; page: Text }[] = [
+  { path: 'sessions/boxes', name: 'Black boxes', page: 'Sessions' },
+  { path: 'sessions/passport', name: 'Cell passports', page: 'Sessions' },
+  { path: 'sessions/import', name: 'Import', page: 'Sessions' },
+  { path: 'setup', name: 'What shall Voltwall read?', page: 'System' },
+];
+
+const go = (path: string) => (): void => {
+  location.hash = `#/${path}`;
+};
+
+const unseen = (): number[] =>
+  openAlarms(live.snapshot)
+    .filter((a) => !a.acknowledged_by)
+    .map((a) => a.id);
+
+async function acknowledgeAll(): Promise<void> {
+  for (const id of unseen()) await post(`alarms/${id}/acknowledge`);
+}
+
+/** Pages and actions; `also` holds the English, which is found in every language. */
+function fixedEntries(): Entry[] {
+  const list: Entry[] = [];
+  const add = (id: string, name: Text, detail: string, act: Entry['act'], key = ''): void => {
+    list.push({ id, name: t(name), detail, also: name, key, act });
+  };
+  const keyOf = (name: Text): string => SHORTCUTS.find((s) => s.does === name)?.key ?? '';
+  for (const page of pagesNow()) add(page.id, page.name, t('Page'), go(page.id), keyOf(page.name));
+  for (const { path, name, page } of SUBPAGES) add(path, name, t(page), go(path));
+  const nUnseen = user.mayWrite ? unseen().length : 0;
+  if (nUnseen > 0)
+    list.push({
+      id: 'acknowledge-all',
+      name: t('Acknowledge all alarms'),
+      detail: t('{n} not seen', { n: nUnseen }),
+      also: 'Acknowledge all alarms',
+      waits: true,
+      act: acknowledgeAll,
+    });
+  if (user.mayWrite && live.snapshot?.recording) add('lap', 'Mark a lap', '', () => mark.begin('lap'));
+  for (const { key, does, act, can, isPage } of SHORTCUTS)
+    if (!isPage && (can?.() ?? true)) add(`key-${key}`, does, '', act, key);
+  add('keys', 'Keys', '', () => void (keys.list = true), '?');
+  for (const theme of THEMES.filter((each) => each !== user.theme))
+    list.push({
+      id: `theme-${theme}`,
+      name: `${t('Theme')}: ${t(theme)}`,
+      detail: '',
+      also: `Theme ${theme}`,
+      act: () => user.setTheme(theme),
+    });
+  for (const { id, name } of LANGUAGES.filter((each) => each.id !== chosen.language))
+    list.push({
+      id: `language-${id}`,
+      name: `${t('Language')}: ${name}`,
+      detail: '',
+      also: 'Language',
+      act: () => chosen.set(id),
+    });
+  return list;
+}
+
+const sessionEntry = (s: Session): Entry => ({
+  id: `session-${s.id}`,
+  name: s.name || s.id,
+  detail: `${t('Session')} · ${dateTime(s.started)}`,
+  hidden: true,
+  act: go(`sessions/${encodeURIComponent(s.id)}`),
+});
+
+const parameterEntries = (schema: Schema): Entry[] =>
+  schema.fields.map(({ name, meaning }) => ({
+    id: `parameter-${name}`,
+    name,
+    detail: named(`parameter.${name}`, meaning),
+    also: `${t('parameter')} ${meaning}`,
+    hidden: true,
+    act: go(`parameters?find=${encodeURIComponent(name)}`),
+  }));
+
+/** The entries from the moment on at which the palette was opened. */
+export class Palette {
+  private readonly fixed = fixedEntries();
+  private sessions = $state.raw<Entry[]>([]);
+  private parameters = $state.raw<Entry[]>([]);
+  private readonly all = $derived([...this.fixed, ...this.parameters, ...this.sessions]);
+
+  /** Ask for what has a name of its own; without the service only pages and actions are offered. */
+  async read(): Promise<void> {
+    const sessions = get<{ sessions: Session[] }>('sessions').then((answer) => {
+      this.sessions = answer.sessions.map(sessionEntry);
+    });
+    const parameters = battery.canWrite
+      ? get<Schema>('config/schema').then((schema) => {
+          this.parameters = parameterEntries(schema);
+        })
+      : undefined;
+    await Promise.allSettled([sessions, parameters]);
+  }
+
+  find(typed: string): Entry[] {
+    const shape = shapes.live;
+    const names = { pack: ['pack', t('pack')], cell: ['cell', t('cell')] };
+    const places = placesIn(typed, shape, names).map(({ pack, cell }): Entry => {
+      if (cell === null)
+        return {
+          id: `pack-${pack}`,
+          name: t('pack {n}', { n: pack }),
+          detail: t('Packs'),
+          act: go(`packs/${pack}`),
+        };
+      const index = shape.cells(pack - 1)[cell - 1]!;
+      return {
+        id: `cell-${index}`,
+        name: cellName(index, shape),
+        detail: t('cell {n}', { n: ordinal(index) }),
+        act: go(`packs/${pack}/${cell}`),
+      };
+    });
+    return [...places, ...fitting(this.all, typed)].slice(0, MOST);
+  }
+}
