@@ -120,12 +120,14 @@ void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *re
                 add(sums[k], weight, soc + v2 / both_v2 * d, v2 * read->v2 / both_v2);
                 kept = 1;
             }
-            add(sums[GIVEN + j], read->weight * (is_given ? 1 - t->start_exact - t->start_rough : 1), read->soc, read->v2);
+            sums[GIVEN + j][0] = read->weight * (is_given ? 1 - t->start_exact - t->start_rough : 1);
+            x->start_soc[GIVEN + j][c] = read->soc; /* also where its weight is too small for a number */
+            x->start_v2[GIVEN + j][c] = read->v2;
         }
         for (int k = 0; k < VW_STARTS; k++) total += sums[k][0];
         for (int k = 0; k < VW_STARTS; k++) {
             x->start_weight[k][c] = sums[k][0] / total;
-            if (sums[k][0] <= 0) continue;
+            if (k >= GIVEN || sums[k][0] <= 0) continue;
             x->start_soc[k][c] = sums[k][1] / sums[k][0];
             x->start_v2[k][c] = vw_max(sums[k][2] / sums[k][0] - vw_square(x->start_soc[k][c]), LEAST_VARIANCE);
         }
