@@ -17,7 +17,7 @@ from schemathesis.specs.openapi.checks import content_type_conformance, response
 from tests.campaign import campaign, of_size
 
 CHECKS = [response_schema_conformance, content_type_conformance]
-N_EXAMPLES = of_size(1, 8, 100)  # of what is allowed, and as many of what is not
+N_EXAMPLES = of_size(1, 4, 100)  # of what is allowed, and as many of what is not
 PROBLEM = "application/problem+json"
 # A link that is down, or a master that does not answer, which the fuzzing may cause: the simulated cable is pulled, the
 # master reset. Nothing else is an excuse for 503 or 504.
