@@ -41,10 +41,11 @@ _WRITES = ("POST", "PUT", "PATCH", "DELETE")
 
 @dataclass(frozen=True, slots=True)
 class User:
-    """Who asks."""
+    """Who asks; `token_id` where a program does by a token."""
 
     name: str
     role: Role
+    token_id: str | None = None
 
 
 @dataclass(slots=True)
@@ -110,7 +111,7 @@ class Authentication:
     def _user_by(self, name: str, password: str) -> User | None:
         if password.startswith(TOKEN_PREFIX):
             token = self.accounts.verify_token(password, self._clock.wall_s())
-            return None if token is None else User(f"{token.name} (token)", token.role)
+            return None if token is None else User(f"{token.name} (token)", token.role, token.id)
         if self.accounts.exist:
             with self._one_by_one:
                 account = self.accounts.verify(name, password)
@@ -173,6 +174,9 @@ class Authentication:
             self._logins = {token: each for token, each in self._logins.items() if each.id != login_id}
 
     def _is_good(self, login: Login, now_s: float) -> bool:
+        token_id, wall_s = login.user.token_id, self._clock.wall_s()
+        if token_id and not any(each.id == token_id and wall_s < each.ends_s for each in self.accounts.tokens()):
+            return False
         account = self.accounts.find(login.user.name)
         is_theirs = login.stamp == (account and account.stamp)
         return is_theirs and now_s < login.ends_s and now_s - login.used_s < self.settings.idle_minutes * 60.0

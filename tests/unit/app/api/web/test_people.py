@@ -116,6 +116,14 @@ def test_a_token_reads_or_writes_until_it_is_revoked(client):
     assert client.get("/api/v1/events", headers=bearer).status_code == 401
 
 
+def test_a_cookie_that_a_token_was_given_ends_with_the_token(client, people):
+    token, secret = people.make_token("robot", "engineer", 1, "cora", 2_000_000_000.0)
+    assert log_in(client, "robot", secret).json()["role"] == "engineer"
+    assert client.get("/api/v1/events").status_code == 200
+    assert people.revoke_token(token.id)
+    assert client.get("/api/v1/events").status_code == 401
+
+
 def test_ones_own_password_is_changed_by_the_old_one(client):
     change = {"old": VIEWER, "new": "another password"}
     assert client.put("/api/v1/me/password", json=change | {"old": "wrong"}, auth=("vera", VIEWER)).status_code == 403
