@@ -103,9 +103,10 @@ def people(authentication: AuthenticationPart, user: UserDep) -> PeopleOut:
 def put_account(name: Name, body: AccountIn, authentication: AuthenticationPart, user: UserDep) -> PeopleOut:
     """Add an account, or change its role or password, which logs that person out.
 
-    An engineer may make the first chief.
+    An engineer may make the first chief; a program may not.
     """
-    is_first = body.role == "chief" and user.role == "engineer" and not authentication.accounts.has_chief
+    is_person = user.role == "engineer" and user.token_id is None
+    is_first = body.role == "chief" and is_person and not authentication.accounts.has_chief
     if is_first and authentication.accounts.exist:
         is_first = authentication.accounts.find(name) is None  # nobody's password is taken over
     if not is_first:

@@ -124,6 +124,19 @@ def test_a_cookie_that_a_token_was_given_ends_with_the_token(client, people):
     assert client.get("/api/v1/events").status_code == 401
 
 
+def test_a_program_makes_no_chief_although_there_is_none(client, people):
+    secret = people.make_token("robot", "engineer", 1, "cora", 2_000_000_000.0)[1]
+    for name in ("erik", "vera", "cora"):
+        people.remove(name)
+    made = client.put(
+        "/api/v1/accounts/mallory",
+        json={"role": "chief", "password": "another password"},
+        headers={"Authorization": f"Bearer {secret}"},
+    )
+    assert made.status_code == 403
+    assert not people.has_chief
+
+
 def test_ones_own_password_is_changed_by_the_old_one(client):
     change = {"old": VIEWER, "new": "another password"}
     assert client.put("/api/v1/me/password", json=change | {"old": "wrong"}, auth=("vera", VIEWER)).status_code == 403
