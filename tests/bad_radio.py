@@ -8,6 +8,7 @@ import asyncio
 import contextlib
 import random
 import threading
+from collections.abc import Coroutine
 
 SEGMENT = 1400  # bytes of a packet
 MOST_RETRIES = 6
@@ -39,6 +40,7 @@ class BadRadio:
         self._random = random.Random(seed)
         self._free_s = 0.0  # when the air is free again
         self._open: set[asyncio.StreamWriter] = set()
+        self._servers: list[asyncio.Server] = []
         self._tasks: set[object] = set()
         self._is_cut = self._hangs = False
         self.bytes = 0
@@ -62,16 +64,13 @@ class BadRadio:
 
     def close(self) -> None:
         """End it."""
-        self._loop.call_soon_threadsafe(self._break_all)
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join(5)
+        assert not self._thread.is_alive()
 
     def also(self, target: tuple[str, int]) -> int:
         """Forward to a further service through the same air; return the port for it."""
-        serving = asyncio.run_coroutine_threadsafe(
-            asyncio.start_server(lambda r, w: self._serve(r, w, target), "127.0.0.1", 0), self._loop
-        )
-        return int(serving.result(10).sockets[0].getsockname()[1])
+        return asyncio.run_coroutine_threadsafe(self._listen(target), self._loop).result(10)
 
     def _break_all(self) -> None:
         for writer in self._open:
@@ -80,20 +79,32 @@ class BadRadio:
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
-        server = self._loop.run_until_complete(
-            asyncio.start_server(lambda r, w: self._serve(r, w, self._target), "127.0.0.1", 0)
-        )
-        self.port = server.sockets[0].getsockname()[1]
+        self.port = self._loop.run_until_complete(self._listen(self._target))
         self._ready.set()
         self._loop.run_forever()
-        server.close()
-        for task in asyncio.all_tasks(self._loop):
-            task.cancel()
-        self._loop.run_until_complete(asyncio.sleep(0))
+        self._loop.run_until_complete(self._end())
         self._loop.close()
 
+    async def _listen(self, target: tuple[str, int]) -> int:
+        def accept(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> Coroutine[object, object, None]:
+            self._open.add(writer)  # at once: what is accepted as the radio ends is closed too
+            return self._serve(reader, writer, target)
+
+        server = await asyncio.start_server(accept, "127.0.0.1", 0)
+        self._servers.append(server)
+        return int(server.sockets[0].getsockname()[1])
+
+    async def _end(self) -> None:
+        for server in self._servers:
+            server.close()
+        tasks = asyncio.all_tasks() - {asyncio.current_task()}
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        self._break_all()
+        await asyncio.sleep(0)  # a broken connection closes its socket in the loop's next round
+
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, target: tuple[str, int]) -> None:
-        self._open.add(writer)
         self._tasks.add(asyncio.current_task())  # asyncio itself does not hold it
         if self._is_cut:
             if not self._hangs:

@@ -140,11 +140,14 @@ class SeasonLake:
         return answer
 
     def _is_behind(self, sessions: Iterable[Path]) -> bool:
-        """Whether one has changed since the last build began, by the clock of the disk; of a URL: by the last here."""
+        """Whether one has changed since the last build began, by the clock of the disk; of a URL: by the last here.
+
+        That clock stands still for some milliseconds: what changed at the very moment may have been missed.
+        """
         mark = Path(self.place) / ".lock"
         try:
             built_s = max(self._built_s, mark.stat().st_mtime if mark.is_file() else 0.0)
-            return any(path.stat().st_mtime > built_s for path in sessions)
+            return any(path.stat().st_mtime >= built_s for path in sessions)
         except OSError:
             return False
 

@@ -1,4 +1,5 @@
 import importlib.util
+import os
 import shutil
 import threading
 import time
@@ -63,20 +64,23 @@ def test_a_recording_that_ends_wakes_the_build(data, monkeypatch):
         lake.stop()
 
 
-def test_nothing_is_built_where_it_is_off_or_up_to_date(data):
-    off = SeasonLake(data, None, builds=False)
-    off.start()
-    off.stop()
+def test_nothing_is_built_where_it_is_off(data):
+    lake = SeasonLake(data, None, builds=False)
+    lake.start()
+    lake.stop()
     assert marks(data) == []
+
+
+@pytest.mark.parametrize(("after_s", "is_behind"), [(-1.0, False), (0.0, True), (1.0, True)])
+def test_it_is_behind_where_a_session_changed_since_the_last_build_began(data, after_s, is_behind):
     (data / "lake").mkdir()
-    (data / "lake" / ".lock").touch()
-    kept = SeasonLake(data, None, builds=True)
-    sessions = list((data / "sessions").iterdir())
-    kept.update(sessions)
-    assert not kept.is_building
-    sessions[0].touch()
-    kept.update(sessions)
-    assert kept.is_building
+    lock, (session,) = data / "lake" / ".lock", (data / "sessions").iterdir()
+    lock.touch()
+    built_s = lock.stat().st_mtime
+    os.utime(session, (built_s + after_s, built_s + after_s))
+    lake = SeasonLake(data, None, builds=True)
+    lake.update([session])
+    assert lake.is_building == is_behind
 
 
 def test_a_wrong_question_says_why(lake, tmp_path):
