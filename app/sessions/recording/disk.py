@@ -1,4 +1,4 @@
-"""The disk under a recorder: when to warn, when to stop, how long it lasts, what an item weighs meanwhile."""
+"""The disk under a recorder: when to warn, when to stop, how long it lasts."""
 
 import shutil
 from collections.abc import Mapping
@@ -10,8 +10,6 @@ from app.sessions.recording.session_writer import TableRow, event_row
 from app.sessions.storage.files import size_on_disk
 from app.telemetry import Event
 from app.words import Message, Quantity
-
-ROW_BYTES = 250  # what an item costs in memory beside its payload
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +59,3 @@ def loss_event(t_mono_ns: int, t_wall_ns: int, lost: int) -> TableRow:
     """Return what is written down of items that the disk did not take in time."""
     event = Event(t_wall_ns, "warning", "recorder_lost", Message("items-lost", n=lost), value=lost)
     return event_row(t_mono_ns, event)
-
-
-def payload_bytes(item: TableRow) -> int:
-    """Return what an item holds beside its row."""
-    table, row = item
-    if table in ("frames", "can_frames", "configs"):
-        return len(row[-1])
-    if table == "estimates":
-        return int(row[2].nbytes + row[3].nbytes)
-    return len(row[4]) + len(row[10]) if table == "events" else len(row[3]) if table == "markers" else 0

@@ -21,9 +21,10 @@ from app.errors import NotNow, message_of
 from app.sessions.errors import RecordingFailed, SessionError
 from app.sessions.info import RecorderState, RecorderStatus, SessionInfo
 from app.sessions.recording.commit_delay import CommitDelay, oldest_frame_ns
-from app.sessions.recording.disk import ROW_BYTES, DiskLimits, loss_event, low_warning, payload_bytes, up_to_now
+from app.sessions.recording.disk import DiskLimits, loss_event, low_warning, up_to_now
 from app.sessions.recording.disk import free_bytes as free_bytes_of
-from app.sessions.recording.session_writer import Row, SessionWriter, TableRow, event_row
+from app.sessions.recording.session_writer import Row, SessionWriter, event_row
+from app.sessions.recording.waiting_rows import START, STOP, WaitingRows
 from app.sessions.storage.files import new_file, size_on_disk
 from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.telemetry import Event
@@ -36,7 +37,6 @@ COMMIT_S = 0.3  # the time that the last commits took included; at most 0.5 s of
 CLOCK_STEP_NS = 50_000_000  # the wall clock moved by more than this against the monotonic one: noted
 PAUSE_S = 0.05  # between two commits at least
 STUCK_S = 10.0  # a disk that has taken nothing for so long, and not said why
-_START, _STOP = "start", "stop"
 _CONTENT = ("frames", "can_frames", "markers")
 
 
@@ -71,10 +71,7 @@ class Recorder:
         self._wake = threading.Event()
         self._ending = False
         self._session: SessionInfo | None = None
-        self._pending: list[TableRow] = []
-        self._queued_items = self._queued_bytes = 0
-        self._taken = self._done = 0  # items ever accepted, and of those done with
-        self._lost = self._unreported_losses = 0
+        self._waiting = WaitingRows(self._limits.queue_bytes)
         self._counts: Counter[str] = Counter()  # items of the session by table
         self._clock_offset_ns = 0
         self._config: bytes | None = None  # in force, of this session
@@ -82,11 +79,9 @@ class Recorder:
         self._error: Message | None = None
         self._free: int | None = None
         self._committed_s = time.monotonic()  # when the thread last did
-        self._waiting_s = self._committed_s  # since when the oldest item waits, at the latest
         self._commit_began_s = self._committed_s
         self._delay = CommitDelay()
         self._writer: SessionWriter | None = None  # the thread's
-        self._batch: list[TableRow] = []  # the thread's
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -127,14 +122,14 @@ class Recorder:
         with self._lock:
             if self._session is not None:
                 self._watch_clock(t_mono_ns, t_wall_ns)
-                self._put("frames", (t_mono_ns, t_wall_ns, link, int(ok), raw), len(raw))
+                self._put("frames", (t_mono_ns, t_wall_ns, link, int(ok), raw))
 
     def can_frame(self, t_mono_ns: int, t_wall_ns: int, can_id: int, data: bytes) -> None:
         """Record a CAN frame; bit 31 of the id marks a 29-bit id."""
         with self._lock:
             if self._session is not None:
                 self._watch_clock(t_mono_ns, t_wall_ns)
-                self._put("can_frames", (t_mono_ns, t_wall_ns, can_id, data), len(data))
+                self._put("can_frames", (t_mono_ns, t_wall_ns, can_id, data))
 
     def estimates(self, t_mono_ns: int, uptime_ms: int, soc: NDArray[np.float64], sigma: NDArray[np.float64]) -> None:
         """Record the (n_cells,) estimated SOC and its standard deviation, fractions; not finite is missing."""
@@ -142,24 +137,23 @@ class Recorder:
         if soc.shape != (n_cells,) or sigma.shape != (n_cells,):
             raise SessionError(f"estimates of shape {soc.shape} and {sigma.shape}, not ({n_cells},)")
         with self._lock:
-            self._put("estimates", (t_mono_ns, uptime_ms, soc.copy(), sigma.copy()), 16 * n_cells)
+            self._put("estimates", (t_mono_ns, uptime_ms, soc.copy(), sigma.copy()))
 
     def event(self, t_mono_ns: int, event: Event) -> None:
         """Record that something happened."""
-        item = event_row(t_mono_ns, event)
         with self._lock:
-            self._put(*item, payload_bytes(item))
+            self._put(*event_row(t_mono_ns, event))
 
     def marker(self, t_mono_ns: int, t_wall_ns: int, text: str, *, kind: str = "note", who: str | None = None) -> None:
         """Record a point in time that somebody marked."""
         with self._lock:
-            self._put("markers", (t_mono_ns, t_wall_ns, kind, text, who), len(text))
+            self._put("markers", (t_mono_ns, t_wall_ns, kind, text, who))
 
     def config(self, t_mono_ns: int, t_wall_ns: int, image: bytes, why: str) -> None:
         """Record the configuration in force from now on."""
         with self._lock:
             self._config = image
-            self._put("configs", (t_mono_ns, t_wall_ns, why, image), len(image))
+            self._put("configs", (t_mono_ns, t_wall_ns, why, image))
 
     def clock(self, t_mono_ns: int, t_wall_ns: int, uptime_ms: int | None) -> None:
         """Record what three clocks showed at one instant. Steps of the wall clock are noted without this."""
@@ -171,9 +165,10 @@ class Recorder:
         """What is being recorded, and how well."""
         with self._lock:
             session, error, free = self._session, self._error, self._free
-            queue = (self._queued_items, self._queued_bytes, self._lost)
+            waiting = self._waiting
+            queue = (waiting.items, waiting.bytes, waiting.lost)
             counts, gone = self._counts.copy(), self._gone.copy()
-            waited_s = time.monotonic() - self._waiting_s if self._queued_items else 0.0
+            waited_s = time.monotonic() - waiting.since_s if waiting.items else 0.0
         if error is None and waited_s > STUCK_S:
             error = Message("disk-silent", time=Quantity(waited_s, "s", 0))
         warning = None
@@ -190,7 +185,7 @@ class Recorder:
         with self._lock:
             if self._session is None:
                 return None
-            waiting = oldest_frame_ns([*self._batch[:1], *self._pending[:1]])
+            waiting = oldest_frame_ns(self._waiting.oldest)
         return self._delay.now_s(waiting, self._clock.monotonic_ns())
 
     def gone(self, session_id: str) -> Message | None:
@@ -206,13 +201,13 @@ class Recorder:
         """
         deadline = time.monotonic() + timeout_s
         with self._progress:
-            goal = self._taken
-            while self._done < goal:
+            goal = self._waiting.taken
+            while self._waiting.done < goal:
                 self._wake.set()
                 remaining = deadline - time.monotonic()
                 if remaining <= 0 or not self._progress.wait(remaining):
                     raise RecordingFailed(self._error or Message("not-written-within", time=Quantity(timeout_s, "s")))
-                if self._error and self._done < goal:
+                if self._error and self._waiting.done < goal:
                     raise RecordingFailed(self._error)
 
     def close(self, timeout_s: float = 5.0) -> None:
@@ -241,11 +236,11 @@ class Recorder:
             map_hash=MAP_HASH.hex(),
             metadata=dict(metadata),
         )
-        self._lost = 0
+        self._waiting.lost = 0
         self._config = None
         self._gone.pop(path.stem, None)
         self._counts.clear()
-        self._append((_START, (self._session,)), 0)
+        self._waiting.append((START, (self._session,)))
         self._note_clock(started_mono_ns, started_wall_ns, None)
         self._wake.set()
         return self._session
@@ -256,32 +251,18 @@ class Recorder:
         begun = self._begin(name, {**metadata, "continues": session.id}, beside=beside)
         if config is not None:
             self._config = config
-            self._put("configs", (begun.started_mono_ns, begun.started_wall_ns, "as before", config), len(config))
+            self._put("configs", (begun.started_mono_ns, begun.started_wall_ns, "as before", config))
         return begun
 
-    def _put(self, table: str, row: Row, size: int) -> None:
+    def _put(self, table: str, row: Row) -> None:
         """Queue a row; the lock is held."""
-        if self._session is None:
-            return
-        if self._queued_bytes + size + ROW_BYTES > self._limits.queue_bytes:
-            self._lost += 1
-            self._unreported_losses += 1
-            return
-        self._counts[table] += 1
-        self._append((table, row), size)
+        if self._session is not None and self._waiting.offer((table, row)):
+            self._counts[table] += 1
 
     def _append_stop(self, t_mono_ns: int, t_wall_ns: int) -> None:
         """Queue the session's end, and whether its file stays; the lock is held."""
-        has_content = any(self._counts[table] for table in _CONTENT)
-        self._append((_STOP, (t_mono_ns, t_wall_ns, self._keeps_empty or has_content)), 0)
-
-    def _append(self, item: TableRow, size: int) -> None:
-        if not self._queued_items:
-            self._waiting_s = time.monotonic()
-        self._pending.append(item)
-        self._queued_items += 1
-        self._queued_bytes += size + ROW_BYTES
-        self._taken += 1
+        is_kept = self._keeps_empty or any(self._counts[table] for table in _CONTENT)
+        self._waiting.append((STOP, (t_mono_ns, t_wall_ns, is_kept)))
 
     def _watch_clock(self, t_mono_ns: int, t_wall_ns: int) -> None:
         if abs(t_wall_ns - t_mono_ns - self._clock_offset_ns) > CLOCK_STEP_NS:
@@ -289,12 +270,12 @@ class Recorder:
 
     def _note_clock(self, t_mono_ns: int, t_wall_ns: int, uptime_ms: int | None) -> None:
         self._clock_offset_ns = t_wall_ns - t_mono_ns
-        self._put("clock", (t_mono_ns, t_wall_ns, uptime_ms), 0)
+        self._put("clock", (t_mono_ns, t_wall_ns, uptime_ms))
 
     def _run(self) -> None:
         while True:
             with self._lock:
-                is_idle = self._session is None and not self._pending and not self._batch
+                is_idle = self._session is None and not self._waiting.items
             # What came during the last commit has waited that long already, and the next one takes as long again
             since_s = time.monotonic() - self._committed_s + 2 * self._delay.commit_s
             self._wake.wait(None if is_idle and not self._ending else max(PAUSE_S, COMMIT_S - since_s))
@@ -303,20 +284,20 @@ class Recorder:
             self._work()
             if ending:
                 if self._writer is not None:
-                    logger.error("session left unclosed, %d items not written", len(self._batch))
+                    logger.error("session left unclosed, %d items not written", self._waiting.items)
                     self._writer.abandon()
                 return
 
     def _work(self) -> None:
         with self._lock:
             self._take_pending()
-            unreported = self._unreported_losses
+            unreported = self._waiting.unreported
         error: Message | None = None
         free = None
         try:
             self._watch_file()
             free = self._free_bytes(self._folder) if self._folder.exists() else None
-            if self._batch and free is not None and free < self._limits.stop_free_bytes:
+            if self._waiting.batch and free is not None and free < self._limits.stop_free_bytes:
                 error = Message("disk-full", kept=Quantity(self._limits.stop_free_bytes >> 20, "MB"))
             else:
                 self._write_batch(unreported)
@@ -342,7 +323,7 @@ class Recorder:
             return
         with self._lock:
             session = self._session
-            self._batch, self._pending = [*self._batch, *self._pending], []
+            self._waiting.take()
             if session is not None and session.path == writer.path:
                 following = self._begin_elsewhere(session)
                 told = Message("recording-file-gone", session=session.id, following=following.id)
@@ -353,27 +334,27 @@ class Recorder:
         self._writer = None
         writer.abandon()
         if told.code == "recording-file-gone-at-end":  # up to its end there is nowhere to put what waits
-            ended = next((i for i, item in enumerate(self._batch) if item[0] == _STOP), len(self._batch) - 1)
-            self._finish(ended + 1)
+            self._finish(self._waiting.n_of_session + 1)
 
     def _begin_elsewhere(self, session: SessionInfo) -> SessionInfo:
         """Begin a session in place of one whose file is gone, with all that waits; the lock is held."""
-        waiting = self._batch
+        waiting, self._waiting.batch = self._waiting.batch, []
         following = self._go_on(session, session.metadata, session.path)
-        self._counts.update(table for table, _ in waiting if table != _START)
-        self._batch, self._pending = [*self._pending, *(item for item in waiting if item[0] != _START)], []
+        self._waiting.take()
+        self._waiting.batch += waiting
+        self._counts.update(table for table, _ in waiting)
         return following
 
     def _write_batch(self, unreported: int) -> None:
-        while self._batch:
-            kind, row = self._batch[0]
-            if kind == _START:
+        while self._waiting.batch:
+            kind, row = self._waiting.batch[0]
+            if kind == START:
                 self._writer = SessionWriter(row[0], self._cell_file, self._battery, self._commit_waiting)
                 self._finish(1)
                 continue
             if self._writer is None:
                 raise RecordingFailed("no session is open")
-            if kind == _STOP:
+            if kind == STOP:
                 *ended, is_kept = row
                 if is_kept:
                     self._writer.close(*ended)
@@ -382,8 +363,8 @@ class Recorder:
                 self._writer = None
                 self._finish(1)
             else:
-                n = next((i for i, item in enumerate(self._batch) if item[0] in (_START, _STOP)), len(self._batch))
-                items = self._batch[:n]
+                n = self._waiting.n_of_session
+                items = self._waiting.batch[:n]
                 if unreported:
                     items = [*items, loss_event(row[0], self._clock.wall_ns(), unreported)]
                 self._writer.write(items)
@@ -394,7 +375,7 @@ class Recorder:
     def _take_pending(self) -> None:
         """Begin a commit with all that waits; the lock is held."""
         self._commit_began_s = time.monotonic()
-        self._batch, self._pending = [*self._batch, *self._pending], []
+        self._waiting.take()
 
     def _commit_waiting(self) -> None:
         """Commit what came while a chunk is packed, which takes longer than COMMIT_S on a busy machine."""
@@ -402,27 +383,22 @@ class Recorder:
             return
         with self._lock:
             self._take_pending()
-        n = next((i for i, item in enumerate(self._batch) if item[0] in (_START, _STOP)), len(self._batch))
+        n = self._waiting.n_of_session
         if n and self._writer is not None:
-            self._writer.write(self._batch[:n])
+            self._writer.write(self._waiting.batch[:n])
             self._finish(n)
 
     def _split_where_long(self) -> None:
         limit = self._limits.session_bytes
         with self._lock:
             session = self._session
-        if limit is not None and session is not None and not self._batch and size_on_disk(session.path) > limit:
+        if limit is not None and session is not None and not self._waiting.batch and size_on_disk(session.path) > limit:
             following = self.split()
             logger.info("session %s is %d MB long and goes on as %s", session.id, limit >> 20, following.id)
 
     def _finish(self, n: int, reported: int = 0) -> None:
-        self._committed_s = self._waiting_s = time.monotonic()
-        finished, self._batch = self._batch[:n], self._batch[n:]
-        took_s = self._committed_s - self._commit_began_s
-        self._delay.committed(oldest_frame_ns(finished), self._clock.monotonic_ns(), took_s)
-        size = sum(payload_bytes(item) + ROW_BYTES for item in finished)
+        self._committed_s = time.monotonic()
+        oldest_ns = oldest_frame_ns(self._waiting.batch[:n])
+        self._delay.committed(oldest_ns, self._clock.monotonic_ns(), self._committed_s - self._commit_began_s)
         with self._lock:
-            self._done += n
-            self._queued_items -= n
-            self._queued_bytes -= size
-            self._unreported_losses -= reported
+            self._waiting.finish(n, reported)
