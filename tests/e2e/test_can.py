@@ -1,5 +1,7 @@
 """CAN as part of the configuration: bytes picked by name, written, heard."""
 
+import re
+
 import pytest
 from playwright.sync_api import expect
 
@@ -42,6 +44,10 @@ def test_a_message_is_put_together_by_name_and_written(service, open_page):
 def test_the_monitor_shows_the_summary_that_the_master_sends_decoded(service, open_page):
     page = open_page(f"{service.base_url}/#/can")
     page.get_by_test_id("tab-trace").click()
+    expect(page).to_have_url(re.compile("#/can/trace$"))
+    page.go_back()
+    expect(page.get_by_test_id("tab-tx")).to_have_attribute("aria-pressed", "true")
+    page.go_forward()
     row = page.get_by_test_id("bus-0x100")
     expect(row).to_contain_text("master")
     row.get_by_role("button").click()

@@ -36,6 +36,9 @@ def test_laps_are_compared_corrected_and_kept(looked_back, open_page):
     page = open_page(f"{service.base_url}/#/sessions/{first}/laps")
     rows = page.get_by_test_id("laps").get_by_role("row")
     expect(rows).to_have_count(4)  # three laps under their head
+    page.get_by_role("button", name="Lap time").press("Enter")
+    expect(page.get_by_role("columnheader", name="Lap time")).to_have_attribute("aria-sort", "ascending")
+    expect(page).to_have_url(re.compile("sort-laps=3$"))
     with page.expect_download() as download:
         page.get_by_role("combobox", name="Export lap 2 as").select_option("MoTeC (.ld, .ldx)")
     assert download.value.suggested_filename == f"{first}-simulated.zip"

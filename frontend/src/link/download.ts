@@ -1,8 +1,7 @@
 // Takes a file from the service: a refusal is said on the page instead of being downloaded.
 
+import { saveAs } from './clipboard';
 import { t } from '../words/words.svelte';
-
-const KEPT_MS = 60_000; // a busy computer begins a download later than it is asked for
 
 /** Download what an address answers; returns what went wrong, or an empty text. */
 export async function download(address: string, fallbackName: string): Promise<string> {
@@ -15,11 +14,7 @@ export async function download(address: string, fallbackName: string): Promise<s
     return t('The service does not answer.');
   }
   if (!answer.ok) return (JSON.parse(await file.text()) as { detail?: string }).detail ?? answer.statusText;
-  const link = document.createElement('a');
-  link.href = URL.createObjectURL(file);
-  link.download =
-    /filename="([^"]+)"/.exec(answer.headers.get('content-disposition') ?? '')?.[1] ?? fallbackName;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), KEPT_MS);
+  const named = /filename="([^"]+)"/.exec(answer.headers.get('content-disposition') ?? '')?.[1];
+  saveAs(file, named ?? fallbackName);
   return '';
 }

@@ -1,0 +1,30 @@
+// Hands text and pictures to the clipboard; where the browser keeps it closed (an address without https), to a file.
+
+import { t } from '../words/words.svelte';
+
+const KEPT_MS = 60_000; // a busy computer begins a download later than it is asked for
+
+/** Let the browser save what was made here. */
+export function saveAs(content: Blob, name: string): void {
+  const link = document.createElement('a');
+  link.href = URL.createObjectURL(content);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), KEPT_MS);
+}
+
+/** Copy, or save under the name where that is refused; returns what was done, for the reader. */
+export async function copy(content: Blob, name: string): Promise<string> {
+  try {
+    const [type] = content.type.split(';');
+    await navigator.clipboard.write([new ClipboardItem({ [type!]: content })]);
+    return t('Copied');
+  } catch {
+    saveAs(content, name);
+    return t('Saved as {name}', { name });
+  }
+}
+
+/** Copy CSV as plain text, which every program takes. */
+export const copyCsv = (text: string, name: string): Promise<string> =>
+  copy(new Blob([text], { type: 'text/plain' }), `${name}.csv`);
