@@ -4,6 +4,7 @@ import argparse
 import importlib
 import sys
 from collections.abc import Sequence
+from types import ModuleType
 
 from app import __version__
 from app.errors import AppError
@@ -24,8 +25,13 @@ COMMANDS = {
     "firmware": "write a cell's tables as a C header, for the estimator on the master",
     "identify": "fit a cell model to measured data",
     "estimate": "run a filter over recorded current, voltage and temperature",
+    "balance": "simulate a charge or a rest with each balancing circuit: time, heat, what is left of the difference",
     "bench": "measure this machine: filter, decoder, latency, memory",
 }
+IN_FOLDERS = {
+    "simulate": "simulator.simulate",
+    "balance": "simulator.balance",
+}  # else the module has the command's name
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
@@ -38,7 +44,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
             name, help=text, description=text[0].upper() + text[1:] + ".", formatter_class=argparse.RawTextHelpFormatter
         )
         if only is None or name == only:
-            importlib.import_module(f"app.commands.{name}").add_arguments(command)
+            _module_of(name).add_arguments(command)
     return parser
 
 
@@ -48,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     only = next((word for word in arguments if word in COMMANDS), "")
     args = build_parser(only).parse_args(arguments)
     try:
-        return int(importlib.import_module(f"app.commands.{args.command}").run(args))
+        return int(_module_of(args.command).run(args))
     except AppError as error:
         print(f"voltwall {args.command}: {error}", file=sys.stderr)
         return 2
@@ -56,6 +62,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
     except BrokenPipeError:
         return 0
+
+
+def _module_of(command: str) -> ModuleType:
+    return importlib.import_module(f"app.commands.{IN_FOLDERS.get(command, command)}")
 
 
 if __name__ == "__main__":

@@ -15,9 +15,7 @@ import numpy as np
 
 from benchmarks import balancing_plots as plots
 from simulator.accumulator import Accumulator, AccumulatorParameters
-from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
-from simulator.balancing.transformer import TransformerParameters
-from tests.balancing.balancers import (
+from simulator.balancing.balancers import (
     Balancer,
     CapacitorBalancing,
     NoBalancing,
@@ -26,8 +24,11 @@ from tests.balancing.balancers import (
     ThresholdBleeding,
     TransformerBalancing,
 )
-from tests.balancing.charge import ChargePlan, ChargeResult, Supervisor, charge, equalise
-from tests.balancing.six_cells import RATED_AH, six_cells
+from simulator.balancing.charge import BalancingRun, ChargePlan, Supervisor, charge, equalise
+from simulator.balancing.six_cells import RATED_AH, six_cells
+from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
+from simulator.balancing.thesis_tables import THESIS_PASSIVE, THESIS_TRANSFORMER
+from simulator.balancing.transformer import TransformerParameters
 
 CELL_OHM = 0.0082
 RESISTORS_OHM = (10, 20, 30, 40, 50, 60, 70, 80)
@@ -38,21 +39,6 @@ SWEEP_KILO = (10.0, 50.0, 100.0)  # [kHz]
 SWEEP_MILLI = (1.0, 3.0, 10.0, 100.0)  # switches [mohm]
 SWEEP_BETWEEN = ((150.0, 100.0, 3.0), (200.0, 100.0, 3.0))
 TRANSFORMER_C = (0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-# Hours, highest temperature [degC], final difference [%]; None where the thesis's run was stopped at 40 degC.
-THESIS_PASSIVE = {
-    0.25: {20: (10.6, 33.4, 0.115), 30: (9.9, 31.1, 0.08), 40: (9.55, 29.85, 0.061), 50: (9.68, 28.89, 0.0501),
-           60: (9.52, 28.14, 0.0419), 70: (9.29, 27.58, 0.0086), 80: (9.12, 27.11, 0.026)},
-    0.5: {20: (4.75, 33.15, 0.12), 30: (4.7, 31.62, 0.033), 40: (4.61, 30.4, 0.04), 50: (4.62, 29.43, 0.0504),
-          60: (4.6, 28.67, 0.0135), 70: (4.61, 28.0, 0.031), 80: (4.52, 27.48, 0.0075)},
-    1.0: {20: (2.39, 36.1, 0.014), 30: (2.44, 33.18, 0.068), 40: (2.38, 31.48, 0.046), 50: (2.52, 30.3, 0.0506),
-          60: (2.54, 29.5, 0.0129), 70: (2.57, 28.89, 0.0072), 80: (2.57, 28.42, 0.0064)},
-    2.0: {20: (1.28, 38.29, 0.036), 30: (1.45, 35.4, 0.013), 40: (1.2, 34.0, 0.03), 50: (1.5, 32.58, 0.145),
-          60: (1.5, 31.52, 0.2364), 70: (1.55, 30.78, 0.3043), 80: (1.6, 30.2, 0.3638)},
-}  # fmt: skip
-THESIS_TRANSFORMER = {
-    0.25: (9.91, 26.75, 0.0748), 0.5: (5.57, 26.76, 0.0739), 1.0: (3.32, 26.83, 0.072), 2.0: (2.5, 27.15, 0.0782),
-    3.0: (1.41, 29.1, 0.0644), 4.0: (1.17, 32.62, 0.0605), 5.0: (1.06, 36.32, 0.0567),
-}  # fmt: skip
 
 
 def cells(**changes: object) -> Accumulator:
@@ -65,7 +51,7 @@ def words(hours: float, degc: float, percent: float, stopped_by: str | None) -> 
     return f"{hours:.2f} / {degc:.1f} / {percent:.3f}" if stopped_by is None else f"{stopped_by} at {hours:.2f} h"
 
 
-def entry(result: ChargeResult) -> str:
+def entry(result: BalancingRun) -> str:
     """Return one table entry for a result."""
     return words(result.hours, result.max_degc, 100 * result.soc_difference, result.stopped_by)
 
@@ -106,7 +92,7 @@ def passive(folder: Path | None) -> None:
     """Redo the passive tables."""
     print("\n| ohm | " + " | ".join(f"{c}C ours | {c}C thesis" for c in PASSIVE_C) + " |")
     print("|---" * (1 + 2 * len(PASSIVE_C)) + "|")
-    results: dict[tuple[float, int], ChargeResult] = {}
+    results: dict[tuple[float, int], BalancingRun] = {}
     for ohm in RESISTORS_OHM:
         row = []
         for c_rate in PASSIVE_C:
@@ -144,7 +130,7 @@ def transformer(folder: Path | None) -> None:
         plots.transformer(results, THESIS_TRANSFORMER, folder / "balancing-transformer.svg")
 
 
-def with_capacitors(values: SwitchedCapacitorParameters, **options: float) -> tuple[ChargeResult, CapacitorBalancing]:
+def with_capacitors(values: SwitchedCapacitorParameters, **options: float) -> tuple[BalancingRun, CapacitorBalancing]:
     """Charge the six cells at 1C with an equaliser."""
     accumulator = cells()
     balancer = CapacitorBalancing(accumulator, values, heat_in_cells=options.get("heat_in_cells", 0.0))
@@ -226,7 +212,7 @@ def accumulator_96(folder: Path | None) -> None:
             done = equalise(pack, balancers[name], difference=3e-3, period_s=10.0, time_limit_s=1800.0)
             hours.append(hours[-1] + done.hours)
             difference.append(spread(pack))
-            loss_wh += done.loss_wh
+            loss_wh += done.balancing_loss_wh
             hottest, board = max(hottest, done.max_degc), max(board, done.max_board_degc)
         inside = max(100 * float(np.ptp(pack.soc[first : first + 12])) for first in range(0, 96, 12))
         print(

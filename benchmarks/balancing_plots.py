@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from tests.balancing.charge import ChargeResult
+    from simulator.balancing.charge import BalancingRun
 
 # Evenly spaced in lightness, distinct without colour vision.
 COLOURS = ("#1f4e8c", "#c8621b", "#3f8f6b", "#8a4fa0", "#7a7a7a", "#b8a12e")
@@ -39,7 +39,7 @@ def _save(pyplot: Any, figure: Any, path: Path) -> None:
     pyplot.close(figure)
 
 
-def charging(traces: dict[str, ChargeResult], path: Path) -> None:
+def charging(traces: dict[str, BalancingRun], path: Path) -> None:
     """Draw current and temperature over time at each ambient."""
     pyplot, figure, (left, right) = _figure(2)
     for colour, (name, result) in zip(COLOURS, traces.items(), strict=False):
@@ -54,7 +54,7 @@ def charging(traces: dict[str, ChargeResult], path: Path) -> None:
 
 
 def passive(
-    results: dict[tuple[float, int], ChargeResult],
+    results: dict[tuple[float, int], BalancingRun],
     thesis: dict[float, dict[int, tuple[float, float, float]]],
     path: Path,
 ) -> None:
@@ -75,7 +75,7 @@ def passive(
     _save(pyplot, figure, path)
 
 
-def bleeding_cycle(result: ChargeResult, path: Path) -> None:
+def bleeding_cycle(result: BalancingRun, path: Path) -> None:
     """Draw the course of one charge: how far each cell is above the lowest, and the temperatures."""
     pyplot, figure, (left, right) = _figure(2)
     above = 100 * (result.soc - result.soc.min(axis=1, keepdims=True))
@@ -89,7 +89,7 @@ def bleeding_cycle(result: ChargeResult, path: Path) -> None:
 
 
 def transformer(
-    results: dict[float, ChargeResult], thesis: dict[float, tuple[float, float, float]], path: Path
+    results: dict[float, BalancingRun], thesis: dict[float, tuple[float, float, float]], path: Path
 ) -> None:
     """Draw time and temperature over the charging rate."""
     pyplot, figure, axes = _figure(2)
@@ -105,7 +105,7 @@ def transformer(
     _save(pyplot, figure, path)
 
 
-def capacitor(trials: dict[str, ChargeResult], sweep: list[tuple[float, float]], path: Path) -> None:
+def capacitor(trials: dict[str, BalancingRun], sweep: list[tuple[float, float]], path: Path) -> None:
     """Draw how the trials drift apart, and the final difference over the transfer resistance."""
     pyplot, figure, (left, right) = _figure(2)
     for colour, (name, result) in zip(COLOURS, trials.items(), strict=False):

@@ -13,11 +13,11 @@ import math
 import numpy as np
 
 from simulator.accumulator import Accumulator, AccumulatorParameters
+from simulator.balancing.balancers import ThresholdBleeding, TransformerBalancing
+from simulator.balancing.charge import ChargePlan, Supervisor, charge
 from simulator.balancing.circuits import Balance
+from simulator.balancing.six_cells import RATED_AH, six_cells
 from simulator.cell_data import BoolArray, FloatArray
-from tests.balancing.balancers import ThresholdBleeding, TransformerBalancing
-from tests.balancing.charge import ChargePlan, Supervisor, charge
-from tests.balancing.six_cells import RATED_AH, six_cells
 
 UNSUPERVISED = Supervisor(max_degc=99.0)
 CASES = ((20.0, 0.25), (20.0, 0.5), (40.0, 0.5))

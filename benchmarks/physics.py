@@ -13,10 +13,10 @@ from collections.abc import Callable
 import numpy as np
 
 from simulator.accumulator import Accumulator, AccumulatorParameters
+from simulator.balancing.balancers import PassiveBalancing
+from simulator.balancing.charge import ChargePlan, charge
+from simulator.balancing.six_cells import RATED_AH, six_cells
 from simulator.race import endurance
-from tests.balancing.balancers import PassiveBalancing
-from tests.balancing.charge import ChargePlan, charge
-from tests.balancing.six_cells import RATED_AH, six_cells
 
 DT_S = 0.1
 ROUNDS = 5

@@ -15,8 +15,8 @@ from simulator.balancing.switched_capacitor import SwitchedCapacitorEqualiser, S
 from simulator.balancing.transformer import MultiWindingTransformer, TransformerParameters
 from simulator.cell_data import BoolArray, FloatArray
 
-_STRONG_CAPACITORS = SwitchedCapacitorParameters(10e-3, 0.5e-3, 100e3, cell_ohm=1.6e-3, precharged=True)
-_STRONG_TRANSFORMER = TransformerParameters(switch_ohm=0.03, primary_ohm=0.01, secondary_ohm=0.2)
+STRONG_CAPACITORS = SwitchedCapacitorParameters(10e-3, 0.5e-3, 100e3, cell_ohm=1.6e-3, precharged=True)
+STRONG_TRANSFORMER = TransformerParameters(switch_ohm=0.03, primary_ohm=0.01, secondary_ohm=0.2)
 
 
 @dataclass
@@ -111,9 +111,9 @@ def balancing_circuit(method: str, accumulator: Accumulator) -> BalancingCircuit
     """Return the circuit of a method of `METHODS`, one for each pack."""
     per_pack = accumulator.parameters.cells_per_pack
     if method == "switched-capacitor":
-        return SwitchedCapacitors(accumulator, _STRONG_CAPACITORS, group=per_pack)
+        return SwitchedCapacitors(accumulator, STRONG_CAPACITORS, group=per_pack)
     if method == "transformer":
-        return Transformers(accumulator.n_cells, _STRONG_TRANSFORMER, group=per_pack)
+        return Transformers(accumulator.n_cells, STRONG_TRANSFORMER, group=per_pack)
     return BleedResistors()
 
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from simulator.accumulator import Accumulator
-from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
-from tests.balancing.balancers import (
+from simulator.balancing.balancers import (
     CapacitorBalancing,
     NoBalancing,
     PassiveBalancing,
@@ -15,8 +14,9 @@ from tests.balancing.balancers import (
     ThresholdBleeding,
     TransformerBalancing,
 )
-from tests.balancing.charge import ChargePlan, ChargeResult, Supervisor, charge, equalise
-from tests.balancing.six_cells import RATED_AH, six_cells
+from simulator.balancing.charge import BalancingRun, ChargePlan, Supervisor, charge, equalise
+from simulator.balancing.six_cells import RATED_AH, six_cells
+from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
 
 CELL_OHM = 0.0085
 
@@ -30,7 +30,7 @@ def cells(**changes) -> Accumulator:
     return Accumulator(six_cells(**changes), np.random.default_rng(0))
 
 
-def passive(bleed_ohm: float, c_rate: float) -> ChargeResult:
+def passive(bleed_ohm: float, c_rate: float) -> BalancingRun:
     return charge(cells(bleed_ohm=bleed_ohm), PassiveBalancing(), plan(c_rate))
 
 
@@ -147,5 +147,5 @@ def test_at_rest_moving_charge_costs_less_than_burning_it():
     moved = equalise(cells(), TransformerBalancing(6), difference=0.001)
     assert burnt.soc_difference <= 0.001
     assert moved.soc_difference <= 0.001
-    assert moved.loss_wh < 0.5 * burnt.loss_wh
+    assert moved.balancing_loss_wh < 0.5 * burnt.balancing_loss_wh
     assert moved.lost_soc < burnt.lost_soc

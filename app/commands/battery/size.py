@@ -2,12 +2,11 @@
 
 import argparse
 import json
-import re
 import sys
 from dataclasses import asdict
 
-from app.battery.fields import MOST_CELLS
 from app.battery.sizing import Figure, Layout, figures_of
+from app.commands.console.number import segments
 from app.errors import ConfigError
 from app.estimation.cell_model.cell_file import DEFAULT_CELL, load_cell
 from app.estimation.cell_model.circuit import CellModel
@@ -27,7 +26,7 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
         help="cell file (TOML) or the name of a bundled one (default: %(default)s)",
     )  # fmt: skip
     sizing.add_argument(
-        "--segments", type=_segments, required=True, metavar="8x12",
+        "--segments", type=segments, required=True, metavar="8x12",
         help="segments in series x cells in series in each",
     )  # fmt: skip
     sizing.add_argument(
@@ -88,14 +87,6 @@ def _check_temperature(cell: CellModel, degc: float) -> None:
     low, high = -60.0 if low is None else low, 150.0 if high is None else high
     if not low <= degc <= high:
         raise ConfigError("temperature", degc, f"{low:g} to {high:g} degC, by the cell file")
-
-
-def _segments(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d{1,4})[xX](\d{1,4})", text)
-    n, in_series = (int(part) for part in found.groups()) if found else (0, 0)
-    if not 1 <= n * in_series <= MOST_CELLS:
-        raise argparse.ArgumentTypeError(f"{text!r} is not SEGMENTSxCELLS, as 8x12, with 1 to {MOST_CELLS} cells")
-    return n, in_series
 
 
 def _parallel(text: str) -> int:

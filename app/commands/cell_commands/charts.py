@@ -1,4 +1,4 @@
-"""Pictures of the commands on recordings; needs matplotlib, which is the extra `voltwall[plot]`."""
+"""Pictures of the commands; needs matplotlib, which is the extra `voltwall[plot]`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ def check_picture_name(path: Path) -> None:
         raise DatasetError(str(path), "its folder does not exist")
 
 
-def _figure(path: Path, rows: int, title: str, subtitle: str) -> tuple[Any, Any]:
+def new_figure(path: Path, rows: int, title: str, subtitle: str) -> tuple[Any, Any]:
+    """Return a figure and its rows of axes, which share the horizontal one; DatasetError as `check_picture_name`."""
     check_picture_name(path)
     from matplotlib.figure import Figure
 
@@ -49,7 +50,7 @@ def _figure(path: Path, rows: int, title: str, subtitle: str) -> tuple[Any, Any]
     return figure, axes
 
 
-def _legends(axes: Any) -> None:
+def put_legends(axes: Any) -> None:
     """Put every panel's legend above its right end, where it covers nothing, in lines of full strength."""
     for axis in axes:
         if axis.get_legend_handles_labels()[1]:
@@ -67,7 +68,7 @@ def draw_estimate(path: Path, recording: Recording, run: Run) -> None:
     is_scored = bool(np.isfinite(recording.soc).any())
     hours = (recording.time_s[-1] - recording.time_s[0]) / 3600.0
     said = f"{len(recording.time_s):,} rows, {60.0 * hours:.0f} min, {np.abs(recording.current_a).max():.3g} A at most"
-    figure, axes = _figure(path, 4 if is_scored else 3, f"{recording.source}: estimate", said)
+    figure, axes = new_figure(path, 4 if is_scored else 3, f"{recording.source}: estimate", said)
     pick = slice(None, None, -(-len(recording.time_s) // POINTS_LIMIT))
     minutes = (recording.time_s[pick] - recording.time_s[0]) / 60.0
     soc, band = 100.0 * run.soc[pick], 300.0 * run.soc_sigma[pick]
@@ -93,7 +94,7 @@ def draw_estimate(path: Path, recording: Recording, run: Run) -> None:
     residual_axis.set_ylim(*_shown(residual, 20.0))
     residual_axis.set_xlabel("time / min")
     axes[0].set_xlim(0.0, float(minutes[-1]))
-    _legends(axes)
+    put_legends(axes)
     figure.savefig(path, dpi=110)
 
 
@@ -106,7 +107,7 @@ def draw_identification(path: Path, found: Identification) -> None:
     """
     model = found.model
     said = f"{model.capacity_ah:.4g} Ah, {model.n_rc} RC pairs; open loop {1e3 * model.fit_voltage_rms_v:.1f} mV RMS"
-    figure, axes = _figure(path, 2 + len(found.parts), model.name, f"{said}, up to {model.fit_current_max_a:.3g} A")
+    figure, axes = new_figure(path, 2 + len(found.parts), model.name, f"{said}, up to {model.fit_current_max_a:.3g} A")
     soc = np.linspace(0.0, 1.0, 201)
     axes[0].plot(100.0 * soc, model.ocv.voltage(soc), color=MODEL, linewidth=1.4)
     axes[0].set_ylabel("OCV / V")
@@ -134,7 +135,7 @@ def draw_identification(path: Path, found: Identification) -> None:
         axis.set_ylabel("residual / mV")
     axes[-1].set_xlabel("SOC / %")
     axes[0].set_xlim(-2.0, 102.0)
-    _legends(axes)
+    put_legends(axes)
     figure.savefig(path, dpi=110)
 
 

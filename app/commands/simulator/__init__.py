@@ -1,0 +1,1 @@
+"""The commands that run the simulator: the only ones that import it."""
