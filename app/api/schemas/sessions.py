@@ -210,6 +210,7 @@ class ImportProfileOut(BaseModel):
     charge_positive: bool
     voltages: str
     voltage_unit: str
+    cells_in_series: float
     temperatures: str
     temperature_unit: str
     soc: str

@@ -15,7 +15,7 @@ from app.sources.loaded_battery import load_battery
 from app.sources.recordings.can_log import ENDINGS, signal_names
 from app.sources.recordings.profile import ImportProfile, ProfileStore, guess, parse_profile, profile_of, profile_text
 
-_NUMBERS = ("max_rate_hz", "hold_s")
+_NUMBERS = ("max_rate_hz", "hold_s", "cells_in_series")
 
 
 def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

@@ -42,12 +42,22 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
     notes = list(table.notes)
     current_a = in_our_unit(table.column("current", profile.current), "current", profile.current_unit)
     voltages_v = in_our_unit(table.matrix("voltages", profile.voltages), "voltage", profile.voltage_unit)
+    if profile.cells_in_series > 1.0:
+        voltages_v = voltages_v / profile.cells_in_series
+        notes.append(
+            f"{profile.voltages} is taken as that of {profile.cells_in_series:g} cells in series, as one cell with its"
+            " share; --set cells_in_series=N changes it"
+        )
     n_cells = voltages_v.shape[1]
     if n_cells > MOST_CELLS:
         raise ImportFailed(
             table.source, Message("too-many-cells", pattern=repr(profile.voltages), cells=n_cells, most=MOST_CELLS)
         )
     temperatures = np.full((len(current_a), n_cells), np.nan)
+    if profile.charge_positive:
+        notes.append(f"{profile.current} counts charging as positive: sign turned")
+    if n_cells == 1 and profile.cells_in_series == 1.0:
+        notes.append("a test of one cell: `voltwall estimate` and `voltwall identify` read this file, too")
     if profile.temperatures:
         sensors = table.matrix("temperatures", profile.temperatures)
         temperatures = _spread(in_our_unit(sensors, "temperature", profile.temperature_unit), n_cells, notes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Callable
 from datetime import datetime
@@ -18,7 +19,12 @@ MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
 DELIMITERS = (";", "\t", ",")
 CLOCK = re.compile(r"(?:(\d+)d ?)?(\d{1,4}):([0-5]?\d)(?::([0-5]?\d(?:\.\d+)?))?")
 DATE = re.compile(r"(\d{1,2})([./])(\d{1,2})\2(\d{4})(?=[ T])")
-PREAMBLE_LIMIT = 100  # lines of remarks a rig may write before its table
+HALF_DAY = re.compile(r"(.*\D)(\d{1,2})(:\d{2}(?::\d{2}(?:\.\d+)?)?) ?([AP])M", re.IGNORECASE)
+MONTH_BY_NAME = re.compile(r"(\d{1,2})[- ]([A-Z][a-z]{2})[- ](\d{2}|\d{4})(?=[ T])")
+MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
+DECIMAL_COMMA = re.compile(r"(?<![\d,])(-?\d+),(\d+(?:[eE][-+]?\d+)?)(?![\d,])")
+HEADER_LINES = re.compile(r"Nb header lines\s*:\s*(\d+)")  # BioLogic: so many lines, the names are the last of them
+PREAMBLE_LIMIT = 500  # lines of remarks a rig may write before its table
 ROWS_ALIKE = 5  # rows of the same kind that make a table where some columns hold words
 
 
@@ -45,21 +51,28 @@ def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | Non
         text = raw.decode("utf-16" if raw[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
-    lines = [line for line in text.splitlines() if line.strip()]
+    if "\0" in text:
+        raise TableUnreadable(source, Message("no-text"))
+    lines = text.splitlines()
+    said = next((found for line in lines[:5] if (found := HEADER_LINES.match(line))), None)
+    above = max(int(said[1]) - 1, 0) if said is not None and int(said[1]) <= len(lines) else 0
+    lines = [line for line in lines[above:] if line.strip()]
     if not lines:
         raise TableUnreadable(source, Message("file-empty"))
     if not any(delimiter in line for line in lines[:PREAMBLE_LIMIT] for delimiter in DELIMITERS):
         lines = ["\t".join(line.split()) for line in lines]
+    if '"' in text:
+        lines = _without_quotes(lines)
+    if any(_has_decimal_commas(line) for line in lines[-20:]):
+        lines = [DECIMAL_COMMA.sub(r"\1.\2", line) for line in lines]
+        notes.append("decimal commas read as points")
     delimiter, start = _find_table(source, lines)
     if _ends_every_row(lines, start, delimiter):
         lines = [line.removesuffix(delimiter) for line in lines]
     header, header_lines = _header_above(lines, start, delimiter)
     body = lines[start:]
     width = len(body[0].split(delimiter))
-    if delimiter == ";" and any("," in line for line in body[:20]):
-        body = [line.replace(",", ".") for line in body]
-        notes.append("decimal commas read as points")
-    skipped = start - header_lines
+    skipped = above + start - header_lines
     if skipped:
         notes.append(f"{skipped} lines above the table left out")
     return header, _numbers(source, body, delimiter, width, notes)
@@ -69,7 +82,7 @@ def _find_table(source: str, lines: list[str]) -> tuple[str, int]:
     """Return the delimiter and the index of the first line that is a row of numbers."""
     for k, line in enumerate(lines[:PREAMBLE_LIMIT]):
         for delimiter in DELIMITERS:
-            tokens = line.replace(",", ".").split(";") if delimiter == ";" else line.split(delimiter)
+            tokens = line.split(delimiter)
             values = [_number(token) for token in tokens]
             if len(tokens) >= 2 and None not in values and any(value == value for value in values):
                 return delimiter, _with_broken_rows(lines, k, delimiter)
@@ -81,11 +94,25 @@ def _find_table(source: str, lines: list[str]) -> tuple[str, int]:
     raise TableUnreadable(source, Message("no-row-of-numbers", last=last, line=repr(lines[last - 1][:60])))
 
 
+def _has_decimal_commas(line: str) -> bool:
+    between = line.count(";") + line.count("\t")
+    return between > 0 and between + 1 >= line.count(",") and DECIMAL_COMMA.search(line) is not None
+
+
+def _without_quotes(lines: list[str]) -> list[str]:
+    """Return lines without the quotes of their fields; a delimiter within quotes becomes a space."""
+    if not any(line.count('"') >= 2 and any(mark in part for part in line.split('"')[1::2] for mark in DELIMITERS)
+               for line in lines):  # fmt: skip
+        return lines
+    delimiter = max(DELIMITERS, key=lambda each: max(line.count(each) for line in lines[-20:]))
+    rows = csv.reader(lines, delimiter=delimiter)
+    return [delimiter.join(field.strip().replace(delimiter, " ") for field in row) for row in rows]
+
+
 def _is_row_with_words(lines: list[str], k: int, delimiter: str) -> bool:
     """Return whether a row, and those after it, hold numbers in the same columns and words in the same others."""
     kinds = []
     for line in lines[k : k + ROWS_ALIKE]:
-        line = line.replace(",", ".") if delimiter == ";" else line
         values = [_number(token) for token in line.split(delimiter)]
         kinds.append(tuple(value is not None for value in values))
     above = lines[k - 1].split(delimiter)
@@ -114,7 +141,7 @@ def _with_broken_rows(lines: list[str], start: int, delimiter: str) -> int:
 
 def _number(token: str) -> float | None:
     """Return the number a token holds, NaN for a missing one, a time stamp in seconds, None for a word."""
-    token = token.strip().strip('"')
+    token = token.strip(' \t"')
     if token.lower() in MISSING:
         return float("nan")
     try:
@@ -137,7 +164,7 @@ def _needed(token: str) -> float:
 
 
 def _is_stamp(token: str) -> bool:
-    token = token.strip().strip('"')
+    token = token.strip(' \t"')
     return ":" in token and _stamp_s(token) is not None
 
 
@@ -145,12 +172,20 @@ def _stamp_s(token: str) -> float | None:
     """Return a date with its time, or hours, minutes and seconds, in seconds; None for something else.
 
     2026-05-01T12:00:00, 2026/05/01 12:00:00, 01.05.2026 12:00:00 (day first), 05/01/2026 12:00:00 (month first, as
-    long as it can be one), 12:00:00.5, 2d 12:00:00.
+    long as it can be one), 01-May-26 12:00:00, 12:00:00.5, 2d 12:00:00; with AM or PM behind it, too.
     """
+    half = HALF_DAY.fullmatch(token)
+    if half is not None:
+        before, hours, rest, letter = half.groups()
+        token = f"{before}{int(hours) % 12 + (12 if letter in 'pP' else 0):02d}{rest}"
     clock = CLOCK.fullmatch(token)
     if clock is not None:
         days, hours, minutes, seconds = clock.groups()
         return 86400.0 * float(days or 0) + 3600.0 * float(hours) + 60.0 * float(minutes) + float(seconds or 0)
+    named = MONTH_BY_NAME.match(token)
+    if named is not None and named[2] in MONTHS:
+        year = named[3] if len(named[3]) == 4 else f"20{named[3]}"
+        token = f"{year}-{MONTHS.index(named[2]) + 1:02d}-{int(named[1]):02d}{token[named.end() :]}"
     date = DATE.match(token)
     if date is not None:
         first, separator, second, year = date.groups()
@@ -165,7 +200,10 @@ def _stamp_s(token: str) -> float | None:
 def _header_above(lines: list[str], start: int, delimiter: str) -> tuple[list[str] | None, int]:
     """Return the names above the first row of numbers, None where there are none, and the lines they take up."""
     width = len(lines[start].split(delimiter))
-    above = [[token.strip().strip('"') for token in line.split(delimiter)] for line in lines[max(start - 2, 0) : start]]
+    above = [
+        [token.strip().strip('"~') for token in line.split(delimiter)] for line in lines[max(start - 2, 0) : start]
+    ]
+    above = [tokens[:-1] if len(tokens) == width + 1 and not tokens[-1] else tokens for tokens in above]
     above = [tokens for tokens in above if len(tokens) == width]
     if not above:
         return None, 0

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.estimation.recording.cell_recording import FIELDS, Recording, clean
-from app.sources.recordings.quantities import UNITS, in_our_unit, is_wall_clock, quantity_of, sounds_like, unit_of
+from app.sources.recordings.quantities import UNITS, Candidate, candidates, in_our_unit, is_wall_clock
 from app.sources.recordings.table import Table, load_table
 
 FIELD_OF = dict(zip(UNITS, FIELDS, strict=True))  # of each quantity
@@ -86,38 +86,32 @@ def _assign(table: Table, mapping: Mapping[str, Source], notes: list[str]) -> di
         notes.append(f"no header: columns taken as {', '.join(FIELDS[: len(columns)])}")
         return dict(zip(FIELDS, columns.values(), strict=False))
     taken = {wanted.column for wanted in mapping.values()}
-    unused = []
-    for name in columns:
-        quantity = quantity_of(name)
-        if quantity is None:
-            unused += [name] if name and name not in taken else []
-        elif FIELD_OF[quantity] not in fields:
-            fields[FIELD_OF[quantity]] = _converted(table, name, quantity, notes)
-        elif FIELD_OF[quantity] not in mapping:
-            notes.append(f"{FIELD_OF[quantity]} is in more than one column: {name!r} not used")
-    if "time_s" not in fields:
-        for name in [name for name in columns if is_wall_clock(name)][:1]:
-            fields["time_s"] = columns[name]
-            unused.remove(name)
-    for quantity in ("time", "current", "voltage"):
-        alike = [name for name in unused if sounds_like(name, quantity) and unit_of(name, quantity)]
-        if FIELD_OF[quantity] not in fields and len(alike) == 1:
-            notes.append(f"{FIELD_OF[quantity]} taken from the column {alike[0]!r}")
-            fields[FIELD_OF[quantity]] = _converted(table, alike[0], quantity, notes)
-            unused.remove(alike[0])
+    for quantity, field in FIELD_OF.items():
+        if field in fields:
+            continue
+        found = candidates(quantity, {name: values for name, values in columns.items() if name not in taken})
+        if not found or (not found[0].is_plain and len(found) > 1 and found[1].score == found[0].score):
+            continue  # nothing, or two names that sound alike
+        best, *others = found
+        if not best.is_plain and not is_wall_clock(best.name):
+            notes.append(f"{field} taken from the column {best.name!r}")
+        alike = [each.name for each in others if each.is_plain and each.score == best.score]
+        notes += [f"{field} is in more than one column: {name!r} not used" for name in alike]
+        fields[field] = _converted(table, best, quantity, notes)
+        taken |= {best.name, *alike}
+    unused = [name for name in columns if name and name not in taken]
     if unused:
         more = f" and {len(unused) - UNUSED_NAMED} more" if len(unused) > UNUSED_NAMED else ""
         notes.append(f"columns not used: {', '.join(unused[:UNUSED_NAMED])}{more}")
     return fields
 
 
-def _converted(table: Table, name: str, quantity: str, notes: list[str]) -> FloatArray:
-    unit = unit_of(name, quantity)
-    if unit is None:
-        return table.columns[name]
-    if UNITS[quantity][unit] != (1, 0):
-        notes.append(f"column {name!r} converted from {unit}")
-    return in_our_unit(table.columns[name], quantity, unit)
+def _converted(table: Table, found: Candidate, quantity: str, notes: list[str]) -> FloatArray:
+    if found.unit is None:
+        return table.columns[found.name]
+    if UNITS[quantity][found.unit] != (1, 0):
+        notes.append(f"column {found.name!r} converted from {found.unit}")
+    return in_our_unit(table.columns[found.name], quantity, found.unit)
 
 
 def _mapped(table: Table, field: str, wanted: Source) -> FloatArray:

@@ -9,6 +9,7 @@ import json
 import re
 import tomllib
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
@@ -16,13 +17,16 @@ import numpy as np
 
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
-from app.sources.recordings.quantities import UNITS, column_of, sounds_like, unit_of
+from app.sources.recordings.quantities import UNITS, candidates, sounds_like, unit_of
 from app.sources.recordings.table import Table, matching
 from app.sources.whole_file import replace_file
 from app.words import Message
 
 EXPORT_TIMES = ("time_s", "elapsed_s", "uptime_s")  # the first columns of a table that is exported
 EXPORT_STAMP = "time"  # and its last, a UTC time stamp to the microsecond; earlier tables have none
+SOC_IN_PERCENT, KELVIN_FROM, MILLIVOLTS_FROM = 1.5, 200.0, 500.0  # medians beyond them
+ONE_CELL_BELOW_V, USUAL_CELL_V = 10.0, 3.7  # a higher voltage is that of so many cells in series
+SIGN_EVIDENCE = 0.4  # correlation of the steps of voltage and current
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,59}")
 
 
@@ -37,6 +41,7 @@ class ImportProfile:
     charge_positive: bool = False  # the file counts charging current as positive
     voltages: str = ""
     voltage_unit: str = "V"
+    cells_in_series: float = 1.0  # that one voltage column is measured over: each of them takes its share
     temperatures: str = ""
     temperature_unit: str = "degC"
     soc: str = ""  # of the pack, as the other system has it
@@ -56,8 +61,8 @@ class ImportProfile:
                 raise ImportFailed(
                     "profile", Message("no-such-unit", field=f"{quantity}_unit", unit=repr(unit), units=tuple(units))
                 )
-        for name, limit in (("max_rate_hz", 1000.0), ("hold_s", 600.0)):
-            if not 0.0 <= getattr(self, name) <= limit:
+        for name, limit in (("max_rate_hz", 1000.0), ("hold_s", 600.0), ("cells_in_series", 1000.0)):
+            if not (1.0 if name == "cells_in_series" else 0.0) <= getattr(self, name) <= limit:
                 value = str(getattr(self, name))
                 raise ImportFailed("profile", Message("beyond-range", field=name, value=value, limit=limit))
 
@@ -121,26 +126,63 @@ def guess(table: Table) -> ImportProfile:
         pattern = _pattern(members)
         if not pattern:
             continue
-        median = _median(np.concatenate([table.columns[name] for name in members]))
+        values = np.concatenate([table.columns[name] for name in members])
+        median = _median(values[values != 0.0])
         if not profile.temperatures and sounds_like(members[0], "temperature") and -60 < median < 400:
-            unit = "K" if median > 200 else "degC"
+            unit = unit_of(members[0], "temperature") or ("K" if median > KELVIN_FROM else "degC")
             profile = replace(profile, temperatures=pattern, temperature_unit=unit)
         elif not profile.voltages and sounds_like(members[0], "voltage") and (unit := _voltage_unit(median)):
             profile = replace(profile, voltages=pattern, voltage_unit=unit)
-    single = [name for name in names if not matching(profile.voltages, [name])]
-    time = column_of("time", single)
-    current = column_of("current", [name for name in single if name != time])
-    soc = column_of("soc", single)
+    grouped = {name for pattern in (profile.voltages, profile.temperatures) for name in matching(pattern, names)}
+    columns = {name: values for name, values in table.columns.items() if name not in grouped}
+    best: dict[str, tuple[str, str | None]] = {}
+    for quantity in UNITS:
+        found = candidates(quantity, columns)
+        is_clear = quantity != "voltage" or not found[1:] or found[0].is_plain or found[1].score < found[0].score
+        best[quantity] = (found[0].name, found[0].unit) if found and is_clear else ("", None)
+        columns.pop(best[quantity][0], None)
+    soc, soc_unit = best["soc"]
     if soc:
-        profile = replace(profile, soc_unit="percent" if _median(table.columns[soc]) > 1.5 else "fraction")
-    return replace(
-        profile,
-        time=time,
-        time_unit=unit_of(time, "time") or "s",
-        current=current,
-        current_unit=unit_of(current, "current") or "A",
-        soc=soc,
-    )
+        soc_unit = soc_unit or ("percent" if _median(table.columns[soc]) > SOC_IN_PERCENT else "fraction")
+        profile = replace(profile, soc=soc, soc_unit=soc_unit)
+    if not profile.voltages and best["voltage"][0]:
+        profile = _of_one_cell(table, profile, best)
+    (time, time_unit), (current, current_unit) = best["time"], best["current"]
+    profile = replace(profile, time=time, time_unit=time_unit or "s", current=current, current_unit=current_unit or "A")
+    return replace(profile, charge_positive=_charges_positive(table, profile))
+
+
+def _of_one_cell(table: Table, profile: ImportProfile, best: Mapping[str, tuple[str, str | None]]) -> ImportProfile:
+    """The profile of a test of one cell, or of a log that has the voltage of all cells together."""
+    (voltage, unit), (temperature, degrees) = best["voltage"], best["temperature"]
+    median = _median(table.columns[voltage])
+    unit = unit or ("mV" if median > MILLIVOLTS_FROM else "V")
+    median *= UNITS["voltage"][unit][0]
+    in_series = 1.0 if median < ONE_CELL_BELOW_V else float(max(1, round(median / USUAL_CELL_V)))
+    if temperature and not profile.temperatures:
+        degrees = degrees or ("K" if _median(table.columns[temperature]) > KELVIN_FROM else "degC")
+        profile = replace(profile, temperatures=temperature, temperature_unit=degrees)
+    return replace(profile, voltages=voltage, voltage_unit=unit, cells_in_series=in_series)
+
+
+def _charges_positive(table: Table, profile: ImportProfile) -> bool:
+    """Whether the voltage rises with the current, from row to row or along a charge: then charging is positive."""
+    if not profile.current or not profile.voltages:
+        return False
+    voltages = table.matrix("voltages", profile.voltages)
+    columns = np.column_stack([table.column("current", profile.current), voltages.sum(axis=1)])
+    columns = columns[np.isfinite(columns).all(axis=1)]
+    steps = np.diff(columns, axis=0)
+    together = _alike(steps[:, 0], steps[:, 1])
+    if abs(together) < SIGN_EVIDENCE:
+        together = _alike(columns[1:, 0], steps[:, 1])
+    return together > SIGN_EVIDENCE
+
+
+def _alike(one: FloatArray, other: FloatArray) -> float:
+    """How far two (n,) arrays are each other's multiple, -1..1; 0 where one has nothing in it."""
+    size = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return float(one @ other) / size if size > 0.0 else 0.0
 
 
 def _of_export(names: list[str]) -> ImportProfile:

@@ -1,8 +1,15 @@
-"""What users, test rigs and other systems call their columns: the quantity that a name means, and its unit."""
+"""What users, test rigs and other systems call their columns: one vocabulary, by name and by numbers.
+
+Every reader of tables asks `candidates` which columns may be a quantity: the best one first, by what its name says and
+by whether its numbers can be that. Words are of Arbin, Maccor, Neware, BioLogic, Basytec, Digatron, PEC, Novonix, the
+Battery Data Format, Orion, VESC, LeafSpy and DIYBMS.
+"""
 
 import re
-from collections.abc import Iterable
-from itertools import chain
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
 
 from app.estimation.arrays import FloatArray
 
@@ -19,23 +26,74 @@ _SPELLINGS = {  # other ways to write a unit, in lower case
     "c": "degC", "°c": "degC", "oc": "degC", "f": "degF", "°f": "degF",
     "1": "fraction", "frac": "fraction", "%": "percent", "pct": "percent",
 }  # fmt: skip
+_OTHER_UNITS = {
+    "ah", "mah", "wh", "mwh", "kwh", "w", "mw", "ohm", "mohm", "cnt", "#", "d", "hz", "%", "bar", "v/s", "v/h", "a/h",
+}  # fmt: skip
 _NAMES = {  # whole names without their unit, in lower case and without spaces
-    "time": "time testtime test t elapsed elapsedtime timestamp seconds totaltime zeit tid",
+    "time": "time testtime t elapsed elapsedtime timestamp seconds totaltime cumulativetime progtime runtime"
+    " programtime epochtime unixtime mstoday timeus zeit tid",
     "current": "current i <i> cur cellcurrent icell ibatt ibat amps batterycurrent strom strøm",
     "voltage": "voltage v u cellvoltage terminalvoltage vcell ucell vbatt vbat volts ewe ecell potential"
     " batteryvoltage spannung spenning",
-    "temperature": "temperature temp celltemperature celltemp tcell t1 auxtemperature1 surfacetemperature surfacetemp"
-    " batterytemperature batterytemp temperatur",
-    "soc": "soc stateofcharge",
+    "temperature": "temperature temp celltemperature celltemp tcell t1 temp1 auxtemperature1 surfacetemperature"
+    " surfacetemp batterytemperature batterytemp temperatur",
+    "soc": "soc batterylevel stateofcharge",
 }
-_WALL_CLOCKS = ("datetime", "date", "dateandtime", "absolutetime", "systemtime")
-_PARTS = {  # what occurs in longer names
-    "time": re.compile(r"time|seconds|\bt\b", re.IGNORECASE),
-    "current": re.compile(r"current|\bi\b|(?<!s)amp", re.IGNORECASE),
-    "voltage": re.compile(r"cell|volt|\bv|vcell|\bu\d", re.IGNORECASE),
-    "temperature": re.compile(r"temp|therm|ntc|degc|°c", re.IGNORECASE),
-    "soc": re.compile(r"\bsoc\b|state.?of.?charge", re.IGNORECASE),
+_WITH_UNIT = {"test", "rec"}  # `Test (Sec)` is a time, `Test` is its number
+_UNITS_IN_NAMES = {"mstoday": "ms", "timeus": "us"}
+_WALL_CLOCKS = (
+    "datetime", "date", "dateandtime", "absolutetime", "systemtime", "realtime", "datestamp", "datetimestamp",
+    "dpttime", "dpttimestamp",
+)  # fmt: skip
+_PARTS = {  # words of longer names
+    "time": {"time", "seconds", "timestamp", "zeit"},
+    "current": {"current", "currents", "i", "amp", "amps", "ampere", "strom"},
+    "voltage": {"voltage", "voltages", "volt", "volts", "v", "u", "cell", "vcell", "cp", "spannung"},
+    "temperature": {"temp", "temperature", "therm", "thermistor", "ntc", "t", "temps"},
+    "soc": {"soc"},
 }
+_NEVER = {  # words that make another quantity of such a name
+    "time": "step set cyc cycle start end load hold left remaining charge discharge gnss gps imu setup zone date",
+    "current": "hr hrs hour hours ah h limit lim ccl dcl setpoint target ref density stamp time range offset fault"
+    " voltage power temp temperature resistance sigma",
+    "voltage": "open ocv circuit limit target ref reference resistance sigma model balance balancing fault current temp"
+    " temperature amp amps soc di dv dq dt power energy capacity status count diff delta number nr ir t",
+    "temperature": "limit target ref dt fault ambient environment env chamber station circuit board pcb mos mosfet"
+    " motor inverter fet coolant room oven controller time sigma",
+    "soc": "limit target sigma",
+}  # fmt: skip
+_RATHER_NOT = {
+    "motor", "axis", "setup", "max", "min", "avg", "average", "mean", "peak", "high", "low", "phase", "12v", "aux",
+    "charger",
+}  # fmt: skip
+_OF_THE_WHOLE = {"test", "total", "cumulative", "prog", "run", "elapsed", "epoch"}  # not of a step
+
+
+class Candidate(NamedTuple):
+    """A column that may be a quantity; the higher score is the likelier."""
+
+    name: str
+    unit: str | None  # as `UNITS` has it; None: the name does not say
+    is_plain: bool  # its whole name means the quantity
+    score: float
+
+
+def candidates(quantity: str, columns: Mapping[str, FloatArray]) -> list[Candidate]:
+    """Return the columns that may be a quantity, the likeliest first; of equals the first in the table.
+
+    Args:
+        quantity: one of `UNITS`.
+        columns: (n,) values by name; a column without one number is nothing.
+    """
+    found = []
+    for name, values in columns.items():
+        score = _score_of_name(name, quantity)
+        if score > 0.0:
+            unit = unit_of(name, quantity)
+            score += _score_of_values(values, quantity, unit)
+        if score > 0.0:
+            found.append(Candidate(name, unit, quantity_of(name) == quantity, score))
+    return sorted(found, key=lambda each: -each.score)
 
 
 def quantity_of(name: str) -> str | None:
@@ -45,22 +103,22 @@ def quantity_of(name: str) -> str | None:
     words = _words(name)
     for quantity, names in _NAMES.items():
         known = names.split()
-        if "".join(words) in known or ("".join(words[:-1]) in known and find_unit(quantity, words[-1])):
+        has_unit = find_unit(quantity, words[-1]) is not None
+        if "".join(words) in known or (has_unit and "".join(words[:-1]) in known):
+            return quantity
+        if quantity == "time" and has_unit and "".join(words[:-1]) in _WITH_UNIT:
             return quantity
     return None
 
 
 def sounds_like(name: str, quantity: str) -> bool:
-    """Return whether a longer name, as `Pack Current (A)`, tells of a quantity."""
-    return _PARTS[quantity].search(name) is not None
-
-
-def column_of(quantity: str, names: Iterable[str]) -> str:
-    """Return the first column that is named as a quantity, preferably with a unit, else sounds like it, else ""."""
-    names = list(names)
-    exact = [name for name in names if quantity_of(name) == quantity]
-    with_unit = [name for name in exact if unit_of(name, quantity)]
-    return next(chain(with_unit, exact, (name for name in names if sounds_like(name, quantity))), "")
+    """Return whether a longer name, as `Pack Current (A)`, tells of a quantity, and of no other one."""
+    words = set(_words(name))
+    bare = {word.rstrip("0123456789") for word in words}
+    is_numbered = any(word[-1:].isdigit() for word in words) or find_unit("temperature", _words(name)[-1]) is not None
+    known = (words | bare) - (set() if is_numbered and len(words) > 1 else {"t"})  # `Cell3_T`; not the `T/R` of a relay
+    is_said = bool(known & _PARTS[quantity]) or (quantity == "soc" and "stateofcharge" in "".join(_words(name)))
+    return is_said and not words & set(_NEVER[quantity].split())
 
 
 def is_wall_clock(name: str) -> bool:
@@ -71,6 +129,8 @@ def is_wall_clock(name: str) -> bool:
 def unit_of(name: str, quantity: str) -> str | None:
     """Return the unit that a column's name ends in, as `UNITS` has it."""
     words = _words(name)
+    if quantity == "time" and "".join(words) in _UNITS_IN_NAMES:
+        return _UNITS_IN_NAMES["".join(words)]
     return find_unit(quantity, words[-1]) if len(words) > 1 else None
 
 
@@ -81,8 +141,8 @@ def find_unit(quantity: str, text: str) -> str | None:
 
 
 def is_unit(text: str) -> bool:
-    """Return whether a text is a unit of any quantity."""
-    return any(find_unit(quantity, text) for quantity in UNITS)
+    """Return whether a text is a unit, of a quantity or of something else that test rigs write."""
+    return text.lower() in _OTHER_UNITS or any(find_unit(quantity, text) for quantity in UNITS)
 
 
 def in_our_unit(values: FloatArray, quantity: str, unit: str) -> FloatArray:
@@ -91,5 +151,48 @@ def in_our_unit(values: FloatArray, quantity: str, unit: str) -> FloatArray:
     return values * factor + offset
 
 
+def _score_of_name(name: str, quantity: str) -> float:
+    words = set(_words(name))
+    if quantity == "time" and is_wall_clock(name):
+        return 6.0
+    if quantity_of(name) == quantity:
+        score = 10.0
+    elif sounds_like(name, quantity):
+        score = 5.0
+    else:
+        return 0.0
+    score += 3.0 if unit_of(name, quantity) else 0.0
+    score -= 4.0 if words & _RATHER_NOT else 0.0
+    return score + (2.0 if quantity == "time" and words & _OF_THE_WHOLE else 0.0)
+
+
+def _score_of_values(values: FloatArray, quantity: str, unit: str | None) -> float:
+    """How well the numbers go with a quantity; far below 0 where they cannot be it."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return -100.0
+    if quantity == "time":
+        return _score_of_times(known)
+    usual = float(np.median(known if unit is None else in_our_unit(known, quantity, unit)))
+    if quantity == "current":
+        steps = np.diff(known)
+        is_counter = len(known) > 3 and np.all(steps >= 0.0) and np.count_nonzero(steps) > 0.5 * len(steps)
+        return (-3.0 if is_counter else 0.0) - (3.0 if abs(usual) > 5000.0 and unit else 0.0)
+    if quantity == "voltage":
+        return 2.0 if 0.5 < usual < 10.0 or (unit is None and 500.0 < usual < 10_000.0) else -3.0
+    limits = (-60.0, 400.0 if unit is None else 150.0) if quantity == "temperature" else (-0.05, 105.0)
+    return 1.0 if limits[0] < usual < limits[1] else -100.0
+
+
+def _score_of_times(known: FloatArray) -> float:
+    steps = np.diff(known)
+    if not len(steps) or not np.any(steps):
+        return 0.0
+    whole = bool(np.all(known == np.floor(known)))
+    score = -6.0 if np.any(steps < 0.0) else 3.0  # a clock that begins again with each step is no time of the test
+    return score - (2.0 if whole and np.any(steps == 0.0) else 0.0) + (0.0 if whole else 1.0)
+
+
 def _words(name: str) -> list[str]:
-    return [word for word in re.split(r"[\s_/()\[\]{}]+", name.strip().lower()) if word and word[0] != "#"] or [""]
+    parts = re.split(r"[\s_/()\[\]{},~-]+|(?<=[a-z]{2})(?=[A-Z][a-z])", name.strip())
+    return [word.lower() for word in parts if word and word[0] != "#"] or [""]

@@ -982,6 +982,7 @@ export interface ImportProfile {
   charge_positive: boolean;
   voltages: string;
   voltage_unit: string;
+  cells_in_series: number;
   temperatures: string;
   temperature_unit: string;
   soc: string;

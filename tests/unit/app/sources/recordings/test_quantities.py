@@ -3,7 +3,7 @@ import pytest
 
 from app.sources.recordings.quantities import (
     UNITS,
-    column_of,
+    candidates,
     find_unit,
     in_our_unit,
     is_unit,
@@ -53,11 +53,32 @@ def test_a_longer_name_sounds_like_its_quantity() -> None:
     assert not sounds_like("Strain", "voltage")
 
 
+def best(quantity: str, **columns: list[float]) -> str:
+    found = candidates(quantity, {name.replace("__", " "): np.array(values) for name, values in columns.items()})
+    return found[0].name if found else ""
+
+
 def test_the_plain_name_goes_before_one_that_sounds_alike_and_a_unit_before_none() -> None:
-    assert column_of("current", ["Pack Current (A)", "I"]) == "I"
-    assert column_of("time", ["Test", "Time (s)"]) == "Time (s)"
-    assert column_of("current", ["x", "Pack Current (A)"]) == "Pack Current (A)"
-    assert column_of("soc", ["x", "y"]) == ""
+    flat = {"Pack Current (A)": [1.0], "I": [1.0], "Time (s)": [1.0], "Test": [1.0], "x": [1.0]}
+    assert best("current", **flat) == "I"
+    assert best("time", **flat) == "Time (s)"
+    assert best("soc", **flat) == ""
+
+
+def test_a_name_with_other_words_in_it_is_another_quantity() -> None:
+    assert best("current", date_stamp=[1, 2, 3], amp_hours=[0, 1, 2], Amps=[1, 1, 1]) == "Amps"
+    assert best("current", **{"Amp-hr": [0, 1, 2], "Watt-hr": [0, 1, 2]}) == ""
+    assert best("time", **{"T/R": [0, 1, 2]}) == best("temperature", **{"T/R": [20, 21, 22]}) == ""
+    assert best("voltage", **{"Cell 1 Internal Resistance": [3.7], "Cell 1 Open Voltage": [3.7]}) == ""
+    assert best("current", current_motor=[1, 2], d_axis_current=[1, 2], current_in=[1, 2]) == "current_in"
+
+
+def test_numbers_decide_between_names() -> None:
+    dates = [1.5e9, 1.5e9, 1.5e9 + 1]
+    assert best("time", Date_Time=dates, Test_Time=[0.0, 0.5, 1.0]) == "Test_Time"
+    assert best("time", Date_Time=[1.5e9, 1.5e9 + 1, 1.5e9 + 2], Time=[0, 1, 0]) == "Date_Time"  # begins again
+    assert best("temperature", Temp=[-2501.0], Surface_Temp=[21.0]) == "Surface_Temp"
+    assert best("voltage", Voltage=[np.nan], Volts=[3.7]) == "Volts"
 
 
 @pytest.mark.parametrize(
