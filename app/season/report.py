@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Final
 
-from app.analysis.document import page_of
 from app.battery.battery import Battery
 from app.season.cells.history import CellHistory
 from app.season.overview import SeasonCurve, SeasonOverview, curve_of, overview_of
@@ -81,4 +80,6 @@ def season_document(report: SeasonReport, language: str = "en") -> str:
     Raises:
         NotBuilt: the front end was not built.
     """
+    from app.analysis.document import page_of  # it imports what a race report is made of
+
     return page_of("season", asdict(report), language)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from app.errors import AppError, message_of
+from app.season.lake.arrow import pyarrow_or_error
 from app.season.lake.facts import Facts, Where, facts_of, where_of
 from app.season.lake.place import Place
 from app.season.lake.schema import LAKE_VERSION, MARK, SAMPLES, TABLES
@@ -16,7 +17,6 @@ from app.season.lake.tables import (
     VERSION_KEY,
     about,
     layout_of,
-    pyarrow_or_error,
     write_facts,
     write_samples,
 )

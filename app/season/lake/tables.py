@@ -11,46 +11,16 @@ from typing import Any, Final
 import numpy as np
 
 from app import __version__
-from app.errors import ExtraMissing
+from app.season.lake.arrow import arrow_schema, pyarrow_or_error
 from app.season.lake.facts import Row, Where
-from app.season.lake.schema import LAKE_VERSION, SAMPLES, TABLES, WHERE, Column
+from app.season.lake.schema import LAKE_VERSION, TABLES, WHERE, Column
 from app.sessions.export.table import SignalTable
 from app.sessions.reading.reader import SessionFile
-from app.words import Message
 
 VERSION_KEY: Final = b"voltwall_lake"
 STATE_KEY: Final = b"source_state"
 ROW_GROUP_S: Final = 600.0
 _LEFT_IN_SESSION: Final = ("conf.", "slave[")  # images in force, and the boards' raw registers
-
-
-def pyarrow_or_error() -> Any:
-    """Return pyarrow.
-
-    Raises:
-        ExtraMissing: it is not installed.
-    """
-    try:
-        import pyarrow
-    except ImportError as error:
-        raise ExtraMissing(Message("the-season-lake"), "pyarrow", "season") from error
-    return pyarrow
-
-
-def arrow_schema(columns: Sequence[Column], about: dict[str, str] | None = None) -> Any:
-    """Return columns as an Arrow schema with unit and meaning of each."""
-    pa = pyarrow_or_error()
-    types = {
-        "text": pa.string(),
-        "number": pa.float64(),
-        "count": pa.int32(),
-        "time": pa.timestamp("us", "UTC"),
-        "flag": pa.bool_(),
-    }
-    fields = [
-        pa.field(each.name, types[each.type], metadata={"unit": each.unit, "meaning": each.meaning}) for each in columns
-    ]
-    return pa.schema(fields, metadata=about)
 
 
 def about(where: Where, state: str) -> dict[str, str]:
@@ -127,10 +97,3 @@ def _pieces(table: SignalTable) -> Iterator[tuple[Any, Any]]:
     """(n,) microseconds of unix time and (k, n) float32, NaN where not sampled."""
     for rows in table.rows(ROW_GROUP_S):
         yield np.round(rows.time_s * 1e6).astype(np.int64), np.ascontiguousarray(rows.values.T, dtype=np.float32)
-
-
-def name_of_table(name: str) -> str:
-    """Return the file name of a table: one of `TABLES`, or `SAMPLES`."""
-    if name not in TABLES and name != SAMPLES:
-        raise KeyError(name)
-    return f"{name}.parquet"

@@ -16,8 +16,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from app.errors import ConfigError, ExtraMissing
+from app.season.lake.arrow import name_of_table, pyarrow_or_error
 from app.season.lake.place import Place
-from app.season.lake.tables import name_of_table, pyarrow_or_error
 from app.season.store.store import (
     TABLE_NAMES,
     Answer,

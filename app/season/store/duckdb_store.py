@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from app.errors import ExtraMissing
+from app.season.lake.arrow import arrow_schema, name_of_table
 from app.season.lake.place import Place
 from app.season.lake.schema import MARK, SAMPLES
-from app.season.lake.tables import arrow_schema, name_of_table
 from app.season.store.store import (
     TABLE_NAMES,
     Answer,

@@ -14,7 +14,7 @@ from app.words import Message, Quantity
 
 AT_ONCE = 2  # a long import and what somebody looks at meanwhile
 WAITING = 8
-KEPT_S = 60.0
+KEPT_S = 180.0  # somebody who looks at the season reads for minutes between two answers
 _ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 P = ParamSpec("P")
 T = TypeVar("T")
