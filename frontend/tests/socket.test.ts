@@ -84,14 +84,40 @@ describe('LiveSocket', () => {
     expect(elapse()).toBe(250);
   });
 
-  it('gives up a line that stays silent, and opens a new one', () => {
+  it('tries another line beside one that is silent, and keeps the one that speaks first', () => {
     start();
     sockets[0]!.onopen!({});
+    sockets[0]!.onmessage!({ data: '{"seq":1}' });
+    expect(elapse()).toBe(4000);
+    expect(sockets.map((each) => each.closed)).toEqual([false, false]);
+    sockets[0]!.onmessage!({ data: '{"seq":2}' });
+    expect(sockets.map((each) => each.closed)).toEqual([false, true]);
+    expect(states).toEqual(['connecting', 'open']);
     elapse();
-    expect(sockets[0]!.closed).toBe(true);
+    sockets[2]!.onopen!({});
+    sockets[2]!.onmessage!({ data: '{"seq":3}' });
+    expect(sockets.map((each) => each.closed)).toEqual([true, true, false]);
+    expect(states).toEqual(['connecting', 'open', 'lost', 'open']);
+    expect(seen).toEqual([1, 2, 3]);
+  });
+
+  it('gives a line over a radio that is late by seconds twenty of them to speak', () => {
+    start();
+    const waits = [elapse(), elapse()];
+    expect(sockets[0]!.closed).toBe(false);
+    waits.push(elapse());
+    expect(waits).toEqual([4000, 8000, 8000]);
+    expect(sockets.map((each) => each.closed)).toEqual([true, false, false, false]);
+    sockets[1]!.onopen!({});
+    sockets[1]!.onmessage!({ data: '{"seq":1}' });
+    expect(seen).toEqual([1]);
+  });
+
+  it('calls a line lost that said something, and is given up', () => {
+    start();
+    sockets[0]!.onmessage!({ data: '{"seq":1}' });
+    for (let i = 0; i < 3; i++) elapse();
     expect(states.at(-1)).toBe('lost');
-    elapse();
-    expect(sockets).toHaveLength(2);
   });
 
   it('does not ask again where a login is needed', () => {

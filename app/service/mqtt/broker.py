@@ -12,7 +12,8 @@ from app.errors import ConfigError
 from app.words import Message
 
 KEEPALIVE_S = 15
-RETRY_MIN_S, RETRY_MAX_S = 1, 30
+RETRY_MIN_S, RETRY_MAX_S = 1, 3  # a radio may be there for seconds only
+CONNECT_S = 10.0  # to be answered: over a radio a way may take seconds, and be gone twice
 DEFAULT_PORTS = {"mqtt": 1883, "mqtts": 8883}
 CAR_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")
 
@@ -81,6 +82,7 @@ def new_client(broker: Broker) -> Any:
         raise ConfigError("mqtt", str(broker), Message("needs-paho")) from error
     client = paho.Client(paho.CallbackAPIVersion.VERSION2)
     client.reconnect_delay_set(RETRY_MIN_S, RETRY_MAX_S)
+    client.connect_timeout = CONNECT_S
     if broker.user is not None:
         client.username_pw_set(broker.user, broker.password)
     if broker.uses_tls:

@@ -69,6 +69,7 @@ class MqttPublisher:
         self._run_id = secrets.token_hex(4)  # of this start: the monotonic clock of another one counts from elsewhere
         self._period_s = period_s
         self._snapshot: Snapshot | None = None
+        self._shown: Snapshot | None = None
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._sent: dict[str, bytes] = {}  # since the connection was made
         self._problem: Text | None = Message("mqtt-not-connected")
@@ -134,24 +135,26 @@ class MqttPublisher:
         self._problem = Message("mqtt-no-broker")
 
     def _run(self) -> None:
-        shown: Snapshot | None = None
         due = self._clock.monotonic_s()
         while not self._ending.wait(max(0.0, due - self._clock.monotonic_s())):
             due = max(due + self._period_s, self._clock.monotonic_s())
             if not self._is_connected.wait(self._period_s):
                 continue
-            while self._events:
+            self._publish_state()
+            while self._events and self._is_connected.is_set():  # after the state: there may be many
                 self._client.publish(self._topic("events"), event_body(self._events.popleft(), self._source), qos=1)
-            snapshot = self._snapshot
-            if snapshot is None or snapshot is shown:
-                continue
-            shown = snapshot
-            now_ns = self._clock.monotonic_ns()
-            sent = {"run": self._run_id, "s": round(now_ns / 1e9, 3)}
-            for name, body in messages(aged(snapshot, now_ns), self._recording(), sent):
-                if self._sent.get(name) != body:
-                    self._sent[name] = body
-                    self._client.publish(self._topic(name), body, qos=0, retain=True)
+
+    def _publish_state(self) -> None:
+        snapshot = self._snapshot
+        if snapshot is None or snapshot is self._shown:
+            return
+        self._shown = snapshot
+        now_ns = self._clock.monotonic_ns()
+        sent = {"run": self._run_id, "s": round(now_ns / 1e9, 3)}
+        for name, body in messages(aged(snapshot, now_ns), self._recording(), sent):
+            if self._sent.get(name) != body:
+                self._sent[name] = body
+                self._client.publish(self._topic(name), body, qos=0, retain=True)
 
 
 def messages(snapshot: Snapshot, recording: Recording | None, sent: Mapping[str, object] | None = None) -> Messages:

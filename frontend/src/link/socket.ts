@@ -1,4 +1,5 @@
-// The live stream: one websocket that comes back by itself, with a watchdog for a silent line.
+// The live stream: a websocket that comes back by itself. Beside a silent line another one is tried: over a radio that is
+// late by seconds a line is silent for long before it speaks, and whichever speaks first is the one.
 
 import { rootOf } from './root';
 import type { Snapshot } from './types';
@@ -22,6 +23,8 @@ export interface SocketEnvironment {
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 5000;
 const SILENCE_MS = 4000; // the service speaks once a second even when the master does not
+const LONGER_MS = 8000; // between further ones: to connect takes four ways, and what a radio loses is sent again later
+const MOST_TRIED = 3; // at a time: each has 20 s to speak
 const NOT_LOGGED_IN = 4401;
 
 /** Milliseconds before attempt `n` (from 0): doubling to a cap, with jitter of half of it. */
@@ -39,9 +42,11 @@ const browser: SocketEnvironment = {
 
 /** Opens the stream, hands over snapshots, reconnects until stopped. */
 export class LiveSocket {
-  private socket: SocketLike | null = null;
+  private sockets: SocketLike[] = []; // the oldest first; more than one while none of them speaks
+  private speaker: SocketLike | null = null; // the last that was heard
   private timer: number | null = null;
   private attempt = 0;
+  private told: Connection | null = null;
   private stopped = true;
 
   constructor(
@@ -54,63 +59,78 @@ export class LiveSocket {
   start(): void {
     this.stopped = false;
     this.attempt = 0;
+    this.told = null;
+    this.tell('connecting');
     this.open();
   }
 
   stop(): void {
     this.stopped = true;
     this.clearTimer();
-    this.drop();
+    this.speaker = null;
+    for (const socket of this.sockets.slice()) this.drop(socket);
   }
 
   private open(): void {
-    this.clearTimer();
-    this.onConnection('connecting');
     const socket = this.around.connect(this.url);
-    this.socket = socket;
+    this.sockets.push(socket);
+    if (this.sockets.length > MOST_TRIED) this.drop(this.sockets[0]!);
     this.watch();
     socket.onopen = () => {
-      this.onConnection('open');
-      this.watch();
+      if (this.speaker === null) this.tell('open');
     };
     socket.onmessage = (event) => {
+      if (this.speaker !== socket) this.takeOver(socket);
+      for (const other of this.sockets.slice()) if (other !== socket) this.drop(other);
       this.attempt = 0;
       this.watch();
       if (typeof event.data === 'string') this.onSnapshot(JSON.parse(event.data) as Snapshot);
     };
     socket.onclose = (event) => {
-      if (this.socket !== socket) return;
-      this.socket = null;
+      this.drop(socket);
       if (event.code === NOT_LOGGED_IN) {
-        this.clearTimer();
-        this.onConnection('refused');
-      } else {
-        this.retry();
+        this.stop();
+        this.tell('refused');
+      } else if (!this.sockets.length && !this.stopped) {
+        this.tell('lost');
+        this.later(() => this.retry(), backoffMs(this.attempt++, this.around.random()));
       }
     };
   }
 
+  /** What was missed while nothing spoke is asked for, as after a line that was lost. */
+  private takeOver(socket: SocketLike): void {
+    if (this.speaker !== null) this.tell('lost');
+    this.speaker = socket;
+    this.tell('open');
+  }
+
   private watch(): void {
-    this.clearTimer();
-    this.timer = this.around.later(() => {
-      this.drop();
-      this.retry();
-    }, SILENCE_MS);
+    this.later(() => this.open(), this.sockets.length > 1 ? LONGER_MS : SILENCE_MS);
   }
 
   private retry(): void {
-    if (this.stopped) return;
-    this.clearTimer();
-    this.onConnection('lost');
-    this.timer = this.around.later(() => this.open(), backoffMs(this.attempt++, this.around.random()));
+    this.tell('connecting');
+    this.open();
   }
 
-  private drop(): void {
-    const socket = this.socket;
-    this.socket = null;
-    if (!socket) return;
+  private drop(socket: SocketLike): void {
+    this.sockets = this.sockets.filter((each) => each !== socket);
     socket.onopen = socket.onmessage = socket.onclose = null;
     socket.close();
+    if (this.speaker !== socket) return;
+    this.speaker = null;
+    if (this.sockets.length) this.tell('lost');
+  }
+
+  private tell(state: Connection): void {
+    if (state !== this.told) this.onConnection(state);
+    this.told = state;
+  }
+
+  private later(action: () => void, ms: number): void {
+    this.clearTimer();
+    this.timer = this.around.later(action, ms);
   }
 
   private clearTimer(): void {

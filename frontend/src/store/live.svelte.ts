@@ -123,6 +123,7 @@ class Live {
     this.latest = snapshot;
     this.receivedAt = performance.now() / 1000;
     this.waited = snapshot.sent_s === null ? 0 : this.way.of(snapshot.sent_s, this.receivedAt);
+    if (!this.backfilled) void this.backfill(snapshot.time);
     const { accumulator, age } = snapshot;
     const row = SERIES.map((name) =>
       isLive(older(age[PARTS[name]], this.waited)) ? accumulator[name] : null,
@@ -133,31 +134,32 @@ class Live {
 
   private connected(state: Connection): void {
     this.connection = state;
-    if (state === 'open') void this.backfill();
     if (state === 'lost') {
       this.backfilled = false;
       this.way.reset();
     }
   }
 
-  private async backfill(): Promise<void> {
-    if (this.backfilled) return;
+  /** Ask for what was before the first snapshot, since the last that is known: what is live comes first. */
+  private async backfill(now: number): Promise<void> {
     this.backfilled = true;
+    const known = this.ring.lastTime;
+    const missing = Math.min(HISTORY_S, Math.max(1, Math.ceil(now - known)));
+    const from = known < now ? known : -Infinity; // a service whose clock was set back is asked for all
     try {
-      const past = await get<History>(`history?seconds=${HISTORY_S}`);
+      const past = await get<History>(`history?seconds=${from === -Infinity ? HISTORY_S : missing}`);
       const columns = SERIES.map((name) => past.series[name] ?? []);
-      const recent = this.ring.since(past.time.at(-1) ?? Infinity);
-      const tail = Array.from(recent.time, (time, i) => ({ time, row: recent.values.map((v) => v[i]!) }));
+      const here = this.ring.since(-Infinity);
+      const own = Array.from(here.time, (time, i) => ({ time, row: here.values.map((v) => v[i]!) }));
+      const told = past.time.map((time, i) => ({ time, row: columns.map((column) => column[i] ?? null) }));
+      const last = past.time.at(-1) ?? -Infinity;
+      const before = own.filter(({ time }) => time <= from);
       this.ring.clear();
-      past.time.forEach((time, i) =>
-        this.ring.push(
-          time,
-          columns.map((column) => column[i] ?? null),
-        ),
-      );
-      for (const { time, row } of tail) this.ring.push(time, row);
+      for (const { time, row } of [...before, ...told.filter((each) => each.time > from)])
+        this.ring.push(time, row);
+      for (const { time, row } of own) if (time > last) this.ring.push(time, row);
     } catch {
-      this.backfilled = false;
+      return; // the next connection asks again
     }
   }
 
