@@ -41,6 +41,10 @@ def test_a_session_that_was_recorded_while_the_radio_was_cut_is_whole_in_the_end
         def sessions() -> dict[str, dict]:
             return {each["id"]: each for each in client.get("/sessions").json()["sessions"]}
 
+        assert [client.put("/copies/order", json={"order": each}).json()["order"] for each in ("oldest", "newest")] == [
+            "oldest",
+            "newest",
+        ]
         until(lambda: any(copy["pieces"] and copy["missing_s"] == 0 for copy in told()["copies"]), PATIENCE_S)
         assert told()["recorders"] == [
             {"url": radio.url, "is_reached": True, "error": None, "error_words": None}

@@ -1,6 +1,6 @@
 """Copies of sessions over a bad link."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, Field
 
@@ -32,8 +32,9 @@ class CopyOut(BaseModel):
 
 
 class CopiesOut(BaseModel):
-    """Newest first; what is all here is a session as any other."""
+    """Newest first; what is all here is a session as any other. `order`: which missing pieces come first."""
 
+    order: Literal["oldest", "newest"]
     recorders: list[RecorderFollowedOut]
     copies: list[CopyOut]
 

@@ -28,6 +28,7 @@ from app.api.web.request_body import Body
 from app.sessions.storage.queries import StoredSession
 from app.sessions.transfer.fetch import Remote
 from app.sessions.transfer.fill import is_own
+from app.sessions.transfer.follow import Order
 from app.sessions.transfer.pieces import head_of, n_pieces, read_piece
 from app.sessions.transfer.session_copy import SessionCopy
 from app.words import Message
@@ -48,6 +49,12 @@ class FetchIn(Body):
     )
     sessions: list[str] = Field(default_factory=list, max_length=1000)
     fill: bool = Field(True, description="fill gaps of the sessions recorded here from what was fetched")
+
+
+class OrderIn(Body):
+    """Which of the missing pieces come first."""
+
+    order: Order
 
 
 def _answer(state: Any) -> dict[str, Any]:
@@ -78,9 +85,21 @@ def fetch(
 def copies(settings: SettingsPart, followers: FollowersPart) -> dict[str, Any]:
     """Sessions of the recorders that are followed (`--recorder`), and which stretches of them are not here yet."""
     return {
+        "order": followers.order,
         "recorders": [asdict(each) | message_json("error", each.error) for each in followers.states()],
         "copies": [copy.state() for copy in SessionCopy.all_in(settings.data / "sessions")],
     }
+
+
+@router.put("/copies/order", response_model=CopiesOut)
+def choose_order(
+    body: OrderIn, settings: SettingsPart, followers: FollowersPart, events: EventsPart, user: UserDep
+) -> dict[str, Any]:
+    """Choose which of the missing pieces come first, until the service ends; then it is `--recorder-order` again."""
+    followers.choose(body.order)
+    told = Message("copies-newest-first") if body.order == "newest" else Message("copies-oldest-first")
+    events.note("info", "copies-order", told, user.name)
+    return copies(settings, followers)
 
 
 @router.get("/pieces", response_model=OffersOut)

@@ -60,7 +60,7 @@ class Follower:
             remote: the recorder.
             folder: of the sessions here.
             clock: of this machine.
-            order: which of the missing pieces come first.
+            order: which of the missing pieces come first, at the start.
             live_waits: whether what is shown live is late, so that nothing else may use the link.
             note: told of every session that is whole, and of what was filled from it.
         """
@@ -68,7 +68,7 @@ class Follower:
         self.state = FollowState(remote.url)
         self._folder = folder
         self._clock = clock
-        self._is_newest_first = order == "newest"
+        self.order: Order = order  # from the next stretch on
         self._live_waits = live_waits
         self._note = note
         self._copies: dict[str, SessionCopy] = {}  # by the recorder's id; those that are not whole
@@ -111,9 +111,9 @@ class Follower:
             if wrong is not None:
                 raise wrong
             return False
-        session_id, copy, first, count = chosen
+        session_id, copy, first, count, descending = chosen
         try:
-            for number, digest, body in self.remote.pieces(session_id, first, count, descending=self._is_newest_first):
+            for number, digest, body in self.remote.pieces(session_id, first, count, descending=descending):
                 copy.put(number, body, digest)
                 self._heard()
                 self._let_live_pass(ending)
@@ -164,18 +164,17 @@ class Follower:
         except (OSError, ValueError):
             return False
 
-    def _choose(self) -> tuple[str, SessionCopy, int, int] | None:
-        """Session, its copy, first piece and how many of the stretch that comes next."""
-        copies = sorted(
-            self._copies.items(), key=lambda each: int(each[1].head["start_wall_ns"]), reverse=self._is_newest_first
-        )
+    def _choose(self) -> tuple[str, SessionCopy, int, int, bool] | None:
+        """Session, its copy, first piece and how many of the stretch that comes next, and whether it goes down."""
+        descending = self._is_newest_first
+        copies = sorted(self._copies.items(), key=lambda each: int(each[1].head["start_wall_ns"]), reverse=descending)
         copies.sort(key=lambda each: each[0] in self._aside)
         for session_id, copy in copies:
             missing = copy.missing()
             if missing:
-                first, last = missing[-1] if self._is_newest_first else missing[0]
+                first, last = missing[-1] if descending else missing[0]
                 count = min(last - first + 1, self._at_once)
-                return session_id, copy, last if self._is_newest_first else first, count
+                return session_id, copy, last if descending else first, count, descending
         return None
 
     def _build_if_due(self, session_id: str, copy: SessionCopy) -> None:
@@ -195,6 +194,10 @@ class Follower:
         while self._live_waits() and waited_s < MOST_YIELD_S:
             (ending or threading.Event()).wait(YIELD_S)
             waited_s += YIELD_S
+
+    @property
+    def _is_newest_first(self) -> bool:
+        return self.order == "newest"
 
     def _heard(self) -> None:
         self.state = FollowState(self.remote.url, True, None, self._clock.wall_ns() / 1e9)
@@ -221,6 +224,16 @@ class Followers:
         for thread in self._threads:
             if thread.is_alive():
                 thread.join(timeout=1.0)
+
+    @property
+    def order(self) -> Order:
+        """Which of the missing pieces come first, of all recorders."""
+        return self._followers[0].order if self._followers else "oldest"
+
+    def choose(self, order: Order) -> None:
+        """Let these pieces come first, until the service ends."""
+        for each in self._followers:
+            each.order = order
 
     def states(self) -> list[FollowState]:
         """How it goes with each of them."""

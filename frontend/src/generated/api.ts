@@ -590,8 +590,9 @@ export interface Connections {
   battery: string;
 }
 
-/** Newest first; what is all here is a session as any other. */
+/** Newest first; what is all here is a session as any other. `order`: which missing pieces come first. */
 export interface Copies {
+  order: 'oldest' | 'newest';
   recorders: RecorderFollowed[];
   copies: Copy[];
 }

@@ -167,6 +167,10 @@ def test_what_comes_first_is_chosen(tmp_path, pit, order, first):
     while len(car.sent) < 4:
         follower.step()
     assert car.sent[:4] == first
+    Followers([follower]).choose("newest" if order == "oldest" else "oldest")
+    sent = len(car.sent)
+    follower.step()
+    assert car.sent[sent] == {"oldest": 9, "newest": 0}[order]
 
 
 def test_what_is_missing_is_told_and_a_killed_copy_goes_on(tmp_path, pit):
