@@ -21,6 +21,7 @@ TESTS = (
     "tests/unit/app/analysis/evidence/test_timing.py",
     "tests/numeric/test_joints_race.py",
     "tests/numeric/test_prediction_coverage.py",
+    "tests/numeric/test_energy_target_race.py",
     "tests/integration/test_openapi.py",
     "tests/property/test_fuzz.py",
     "tests/integration/test_day_race.py",

@@ -77,6 +77,12 @@ def tx_messages(config: Image) -> tuple[TxMessage, ...]:
     )
 
 
+def ids_of(config: Image) -> set[int]:
+    """Return the ids that the master sends or listens to, also switched-off ones; bit 31 marks a 29-bit one."""
+    messages: tuple[TxMessage | RxMessage, ...] = (*tx_messages(config), *rx_messages(config))
+    return {_join_id(each.can_id, each.is_extended) for each in messages if each.length}
+
+
 def rx_messages(config: Image) -> tuple[RxMessage, ...]:
     """Return the eight messages that the master listens for, out of a configuration image."""
     mask = CONFIG["can_rx_msg_en_startup"].unpack(config)[0]

@@ -23,7 +23,7 @@ from app.api.configuration import commands, slave_check
 from app.api.configuration import library as config_library
 from app.api.configuration import routes as config
 from app.api.encoding.encoder import SnapshotEncoder
-from app.api.live import battery, events, fleet, learn, metrics, system
+from app.api.live import battery, events, fleet, learn, metrics, race, system
 from app.api.live import routes as live
 from app.api.live import setup as first_steps
 from app.api.schemas.service import ProblemOut
@@ -200,6 +200,7 @@ def api_routes() -> APIRouter:
         learn,
         live,
         passport,
+        race,
         season,
         season_cells,
         recorder,

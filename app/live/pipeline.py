@@ -16,6 +16,7 @@ from app.estimation.filters.estimators import CellEstimator, Estimates
 from app.estimation.filters.first_minutes import FirstMinutes
 from app.estimation.prediction.constant_current import Limits
 from app.estimation.prediction.driver_soc import DriverSoc
+from app.estimation.prediction.energy_target import RacePlan
 from app.estimation.recording.gaps import GapWatch
 from app.live.accumulator import accumulator_of
 from app.live.alarms import AlarmKeeper
@@ -138,6 +139,11 @@ class Pipeline:
         """The car crosses the line now, or did so long ago [s]. From any thread."""
         if self._predictor is not None:
             self._predictor.mark_lap(ago_s)
+
+    def set_plan(self, plan: RacePlan | None) -> None:
+        """Tell from now on what a lap may take; None: no more. From any thread."""
+        if self._predictor is not None:
+            self._predictor.set_plan(plan)
 
     def predict(self) -> None:
         """Judge what lies ahead, for the next snapshot; call it when the last one has gone out."""

@@ -23,6 +23,7 @@ from app.estimation.health.sensor_offset import OffsetTracker
 from app.estimation.prediction.calibration import VoltageForecast
 from app.estimation.prediction.constant_current import CellKnowledge, Limits, OperatingPoint
 from app.estimation.prediction.energy import EnergyLeft, LapsLeft, energy_left, laps_left
+from app.estimation.prediction.energy_target import EnergyTarget, RacePlan, TargetKeeper
 from app.estimation.prediction.heat import HeatBalance
 from app.estimation.prediction.laps import LapWatch
 from app.estimation.prediction.power import COVERAGE, PowerModel, StatePower, TimeToTrip
@@ -47,6 +48,7 @@ class Assessment:
     to_trip_full: tuple[TimeToTrip, ...] = ()  # at the full discharge current
     energy: EnergyLeft | None = None
     laps: LapsLeft | None = None
+    target: EnergyTarget | None = None  # None without a plan
     joints: JointReport | None = None
     loose: BoolArray | None = None  # confirmed
     health: StateOfHealth | None = None
@@ -105,6 +107,8 @@ class Predictor:
         self.sensor = self._offset.estimate()
         self._laps = LapWatch()
         self._marks: deque[float] = deque()  # seconds since crossings of the line, not yet told to the above
+        self._target = TargetKeeper()
+        self._plans: deque[RacePlan | None] = deque()  # set, and not yet told to the above
         self._t_s = 0.0
         self._assessed_s = self._judged_s = -1e9
         self._driven = (0.0, 0.0, 0.0)  # fading sums of time, current and its square while driving [s], [A s], [A^2 s]
@@ -136,6 +140,10 @@ class Predictor:
     def mark_lap(self, ago_s: float = 0.0) -> None:
         """The car crosses the line now, or did so long ago [s]. From any thread."""
         self._marks.append(ago_s)
+
+    def set_plan(self, plan: RacePlan | None) -> None:
+        """Work out from now on what a lap may take; None: no more. From any thread."""
+        self._plans.append(plan)
 
     @property
     def factors_in_use(self) -> FloatArray:
@@ -195,6 +203,8 @@ class Predictor:
         self._laps.step(dt_s, power_w)
         while self._marks:
             self._laps.mark(self._marks.popleft())
+        while self._plans:
+            self._target.set(self._plans.popleft(), self._laps)
         self._capacities.step(dt_s, current_a, self._where_measured(voltages_v))
 
     def _where_measured(self, voltages_v: FloatArray) -> FloatArray:
@@ -242,19 +252,23 @@ class Predictor:
         self._forecast.begin(states, of_cells)
         of_cells = replace(of_cells, voltage_scale=self._forecast.scale)
         mean_a, loss_a = self._driven_current_a()
-        energy = energy_left(
-            self.cell,
-            estimates.soc,
-            estimates.soc_sigma,
-            temperatures_degc,
-            mean_a,
-            limits.soc_min,
-            capacity_ah=known.capacity_ah,
-            resistance_factor=known.resistance_factor,
-            capacity_sigma_ah=known.capacity_sigma_ah,
-            resistance_sigma=known.resistance_sigma,
-            loss_current_a=loss_a,
-        )
+
+        def energy_to(soc: float, pace: float) -> EnergyLeft:
+            return energy_left(
+                self.cell,
+                estimates.soc,
+                estimates.soc_sigma,
+                temperatures_degc,
+                pace * mean_a,
+                soc,
+                capacity_ah=known.capacity_ah,
+                resistance_factor=known.resistance_factor,
+                capacity_sigma_ah=known.capacity_sigma_ah,
+                resistance_sigma=known.resistance_sigma,
+                loss_current_a=pace * loss_a,
+            )
+
+        energy = energy_to(limits.soc_min, 1.0)
         steady_a = load_a if abs(load_a) >= RESTING_A else 0.0
         model = PowerModel(self.cell, limits, of_cells)
         power, (to_trip, to_trip_full) = model.predict(states, (steady_a, limits.discharge_max_a))
@@ -264,6 +278,7 @@ class Predictor:
             to_trip_full=to_trip_full,
             energy=energy,
             laps=self._laps_left(energy),
+            target=self._target.judge(self._laps, lambda reserve, pace: energy_to(limits.soc_min + reserve, pace)),
             joints=self._joints,
             loose=self._watch.loose,
             health=self._health,
@@ -320,6 +335,7 @@ class Predictor:
             energy_left_cell=None if energy is None else energy.cell,
             counted_with=None if known is None else _counted_with(known),
             laps=assessment.laps,
+            target=assessment.target,
             coverage=COVERAGE,
             age_s=None,
             load_a=load_a,

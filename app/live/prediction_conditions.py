@@ -80,5 +80,6 @@ def _without_energy(prediction: Prediction) -> Prediction:
         energy_left_low_wh=None,
         energy_left_high_wh=None,
         energy_left_cell=None,
+        target=None,
         energy_condition=Message("energy-none-fault"),
     )

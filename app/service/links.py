@@ -47,7 +47,7 @@ class Links:
         buses = [CanLink(url, sink, clock, fd=can_fd, bus=i) for i, url in enumerate(buses_of(can_url))]
         self.can = buses[0] if buses else None
         self._witnesses = buses[1:]
-        self.can_sender = CanSender(self._send_can, clock)
+        self.can_sender = CanSender(self.send_can, clock)
         self.master = MasterClient(self._send_serial, clock, unread_since_ns=unread_since_ns)
         self._clock = clock
         self._lock = threading.Lock()
@@ -111,7 +111,12 @@ class Links:
     def _send_serial(self, data: bytes) -> None:
         self._serial().write(data)
 
-    def _send_can(self, can_id: int, data: bytes) -> None:
+    def send_can(self, can_id: int, data: bytes) -> None:
+        """Send a frame; bit 31 of the id marks a 29-bit one.
+
+        Raises:
+            LinkLost: no CAN bus is configured, it is not open, or it refuses the frame.
+        """
         if self.can is None:
             raise LinkLost(Message("no-can"))
         self.can.send(can_id, data)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from app.clock import Clock
 from app.errors import NotNow
 from app.estimation.errors import EstimatorError
+from app.estimation.prediction.energy_target import RacePlan
 from app.live.history import History
 from app.live.hub import Hub
 from app.live.load import Load, Shed
@@ -126,6 +127,10 @@ class PipelineThread:
     def mark_lap(self, ago_s: float) -> None:
         """The car crosses the line now, or did so long ago [s]: laps left counts with it."""
         self._pipeline.mark_lap(ago_s)
+
+    def set_plan(self, plan: RacePlan | None) -> None:
+        """Tell from now on what a lap may take; None: no more."""
+        self._pipeline.set_plan(plan)
 
     def acknowledge_alarm(self, alarm_id: int, who: str) -> bool:
         """Mark an alarm as seen, False where there is none.

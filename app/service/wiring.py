@@ -59,11 +59,14 @@ from app.sessions.transfer.follow import GONE_S, Follower, Followers, remotes_of
 from app.sessions.transfer.import_jobs import ImportJobs
 from app.sessions.transfer.session_copy import remove_left_halves
 from app.sessions.worker import Workers
+from app.sources.links.driver_display import DriverDisplay
 from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.telemetry import Event, Snapshot, Source
 from app.telemetry.aging import aged
 from app.telemetry.measurement import STALE_S
 from app.words import Message
+from firmware_protocol.can_tables import ids_of
+from firmware_protocol.config_image import default_image
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +78,7 @@ class Service:
     battery: LoadedBattery
     events: Events
     links: Links
+    driver_display: DriverDisplay
     live: PipelineThread
     trace: CanTrace
     pipelines: Pipelines
@@ -126,6 +130,7 @@ class Service:
         self.retention.stop()
         self.season.stop()
         self.followers.stop()
+        self.driver_display.stop()
         self.links.close()
         self.live.stop()
         self.learned_state.save()
@@ -292,6 +297,13 @@ def make_service(
         age_s = None if live.snapshot is None else aged(live.snapshot, clock.monotonic_ns()).age_s.voltage
         return age_s is not None and STALE_S <= age_s < GONE_S
 
+    def ids_of_others() -> set[int]:
+        """CAN ids that the battery's master or BMS sends or listens to, or that were heard of anybody."""
+        heard = {can_id for can_id, traced in trace.by_id().items() if not traced.latest.sent}
+        if battery.speaks_dbc is not None:
+            return heard | set(battery.definitions.by_id())
+        return heard | ids_of(in_force.image() or default_image())
+
     followers = [
         Follower(
             remote,
@@ -309,6 +321,12 @@ def make_service(
         battery=battery,
         events=events,
         links=links,
+        driver_display=DriverDisplay(
+            links.send_can,
+            lambda: live.snapshot,
+            ids_of_others,
+            clock,
+        ),
         live=live,
         trace=trace,
         pipelines=pipelines,

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 
 from app.estimation.arrays import BoolArray, FloatArray
 from app.estimation.prediction.energy import LapsLeft
+from app.estimation.prediction.energy_target import EnergyTarget
 from app.estimation.prediction.power import StatePower, TimeToTrip
 from app.telemetry.cell_findings import Finding
 from app.telemetry.events import Alarm, Disagreement, Links
@@ -129,6 +130,7 @@ class Prediction:
     energy_left_cell: int | None
     counted_with: CountedWith | None
     laps: LapsLeft | None
+    target: EnergyTarget | None  # energy of a lap; None without a plan
     coverage: Annotated[float, Unit("1", "share of cases in which the truth is expected within a band", None)]
     age_s: Annotated[Number, Unit("s", "since all of this was judged", 3)]
     load_a: Annotated[Number, Unit("A", "mean current of the last seconds, which `to_trip` counts with", 3)]

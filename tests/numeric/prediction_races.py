@@ -10,6 +10,7 @@ import numpy as np
 
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
+from app.estimation.prediction.energy_target import RacePlan
 from app.estimation.prediction.power import TIME_LIMIT_S, PowerLimit, TimeToTrip
 from app.live.pipeline import Pipeline
 from app.live.prediction import Predictor
@@ -54,6 +55,7 @@ class RaceRun:
     seed: int
     every_s: float
     seconds: float = 1e9
+    plan: RacePlan | None = None  # with it the line is marked at the end of each lap
     probes: list[Probe] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -63,12 +65,15 @@ class RaceRun:
         self.simulation = simulation
         self.accumulator: Accumulator = self.simulation.accumulator
         cell = load_cell(CELL)
+        predictor = Predictor(cell, (12,) * 8)
+        if self.plan is not None:
+            predictor.set_plan(self.plan)
         self._pipeline = Pipeline(
             MasterSource("serial", "simulated"),
             lambda: make_estimator("fused", cell, N_CELLS),
             filter_name="fused",
             cell_name=CELL,
-            predictor=Predictor(cell, (12,) * 8),
+            predictor=predictor,
         )
         self._decoder = FrameDecoder()
         self._snapshot: Snapshot | None = None
@@ -95,6 +100,8 @@ class RaceRun:
             advance(dt_s)
             state = simulation.load.state(simulation.load_time_s)
             is_driving = state.phase == Phase.DRIVING
+            if self.plan is not None and self._history and 0 < self._history[-1][2] < state.lap:
+                self._pipeline.mark_lap()
             self._history.append((simulation.now_s, simulation.current_a, state.lap, is_driving))
 
         simulation._advance_accumulator = advance_and_note  # type: ignore[method-assign]
@@ -179,6 +186,33 @@ def fly_ahead(run: RaceRun, probe: Probe, only: Set[str] | None = None) -> Itera
                 yield name, low, middle, high, truth
     if is_asked("energy left", "laps left"):
         yield from _energy_and_laps(run, probe)
+
+
+def possible_lap_wh(run: RaceRun, probe: Probe, reserve_soc: float) -> float:
+    """The energy of each remaining lap that just leaves the reserve in the first cell, by the secant method [Wh].
+
+    The race is driven on from there to its end with the currents that it had, all scaled by one factor.
+    """
+    to_go = run.lap.max() - run.lap[np.searchsorted(run.time_s, probe.at_s)] + 1
+
+    def end_at(scale: float) -> tuple[float, float]:
+        step, energy_wh = _ahead(run, probe), 0.0
+        every = round(AHEAD_STEP_S / STEP_S)
+        current = run.current_a[np.searchsorted(run.time_s, probe.at_s) :]
+        for current_a in current[: len(current) // every * every].reshape(-1, every).mean(axis=1).tolist():
+            accumulator = step(AHEAD_STEP_S, scale * current_a)
+            energy_wh += accumulator.voltage_v * scale * current_a * AHEAD_STEP_S / 3600
+        return float(accumulator.soc.min()) - reserve_soc, energy_wh / float(to_go)
+
+    scale, other = 1.0, 1.1
+    spare, _lap_wh = end_at(scale)
+    for _ in range(4):
+        spare_other, lap_other = end_at(other)
+        if abs(spare_other) < 5e-4:
+            return lap_other
+        following = other - spare_other * (other - scale) / (spare_other - spare)
+        (scale, spare), other = (other, spare_other), following
+    return lap_other
 
 
 def _ahead(run: RaceRun, probe: Probe) -> Callable[[float, float], Accumulator]:

@@ -45,6 +45,7 @@ from app.sessions.transfer.follow import Followers
 from app.sessions.transfer.import_jobs import ImportJobs
 from app.sessions.worker import Workers
 from app.sources.connections import Setup
+from app.sources.links.driver_display import DriverDisplay
 from app.sources.loaded_battery import LoadedBattery
 from app.words import Message
 
@@ -145,6 +146,7 @@ ClockPart = Annotated[Clock, _from_service("clock")]
 ConfigHistoryPart = Annotated[ConfigHistory, _from_service("config_history")]
 ConfigSourcesPart = Annotated[ConfigSources, _from_service("config_sources")]
 ConfigurationPart = Annotated[ConfigurationWriter, _from_service("configuration")]
+DriverDisplayPart = Annotated[DriverDisplay, _from_service("driver_display")]
 DrillPart = Annotated[Drill, Depends(_drill)]
 EventsPart = Annotated[Events, _from_service("events")]
 FleetPart = Annotated[Fleet, Depends(_fleet)]

@@ -30,6 +30,7 @@ OVERDUE_LAPS: Final = 3.0  # lap times without a lap: what was known of laps is 
 FORGOTTEN_LAPS: Final = 6.0  # lap times driven without one: look for a new period
 TRACE_S: Final = 600.0  # of driving
 LAPS_KEPT: Final = 8
+SHARE_LAPS: Final = 3  # before this one, that it is compared with
 STANDING_W: Final = 1000.0  # less than this for STANDING_S is standing
 STANDING_S: Final = 15.0
 STOPPED_LAP_SHARE: Final = 0.25  # of the median lap's energy: not a lap
@@ -67,6 +68,7 @@ class LapWatch:
         self._time_s = self._driving_s = self._energy_wh = self._standing_s = 0.0
         self._trace: deque[tuple[float, float]] = deque([(0.0, 0.0)])  # driving time and energy
         self._marks: deque[_Mark] = deque(maxlen=LAPS_KEPT + 1)
+        self._n_marks = 0
         self._candidate: tuple[float, float] | None = None  # period, and since when by the driving time
         self._period_s: float | None = None
         self._seen_s = self._seen_driving_s = 0.0  # when the period was last confirmed
@@ -90,8 +92,42 @@ class LapWatch:
     def mark(self, ago_s: float = 0.0) -> None:
         """The line is crossed now, or was so long ago [s]."""
         driving_s = max(self._driving_s - ago_s, 0.0)
-        time_s, energy_wh = np.array((*self._trace, (self._driving_s, self._energy_wh))).T
-        self._marks.append(_Mark(self._time_s - ago_s, driving_s, float(np.interp(driving_s, time_s, energy_wh))))
+        self._marks.append(_Mark(self._time_s - ago_s, driving_s, self.energy_at(driving_s)))
+        self._n_marks += 1
+
+    @property
+    def now(self) -> tuple[float, float]:
+        """Time driven [s] and energy taken out [Wh] since the start."""
+        return self._driving_s, self._energy_wh
+
+    @property
+    def last_mark(self) -> tuple[int, tuple[float, float] | None]:
+        """How often the line was marked, and where the last mark lies, as `now`."""
+        return self._n_marks, (self._marks[-1].driving_s, self._marks[-1].energy_wh) if self._marks else None
+
+    def energy_at(self, driving_s: float) -> float:
+        """Return the energy that was taken out at a time driven [Wh]; older than `TRACE_S` is the oldest known."""
+        time_s, energy_wh = np.array((*self._trace, self.now)).T
+        return float(np.interp(driving_s, time_s, energy_wh))
+
+    def share_of_lap(self, line_s: float, now_s: float) -> float | None:
+        """Return what part of a lap's energy was usual at this point of the lap, by those before; None unknown.
+
+        Args:
+            line_s: when this lap began, by the time driven [s].
+            now_s: the time driven now [s].
+        """
+        if self.laps is None:
+            return None
+        period_s = self.laps.period_s
+        elapsed_s = min(now_s - line_s, period_s)
+        shares = []
+        for start_s in line_s - period_s * np.arange(1, SHARE_LAPS + 1):
+            if start_s >= self._trace[0][0]:
+                at_wh = [self.energy_at(start_s + s) for s in (0.0, elapsed_s, period_s)]
+                if at_wh[2] > at_wh[0]:
+                    shares.append((at_wh[1] - at_wh[0]) / (at_wh[2] - at_wh[0]))
+        return float(np.mean(shares)) if shares else None
 
     def judge(self) -> None:
         """Find the laps anew: `laps`, None where they are not known."""

@@ -728,6 +728,19 @@ export interface Drill {
   results: DrillDay[];
 }
 
+/** The two frames, null where not sent; what stands in them now. */
+export interface DriverCan {
+  target: DriverFrame | null;
+  message: DriverFrame | null;
+  shown: 'none' | 'go' | 'slow' | 'box';
+  target_wh: number | null;
+  sent: number;
+  error: string | null;
+  error_words: Words | null;
+  hindrance: string | null;
+  hindrance_words: Words | null;
+}
+
 /** What a driver's laps have in common: means over the laps that count. */
 export interface DriverFigures {
   driver: string;
@@ -742,6 +755,29 @@ export interface DriverFigures {
   power_max_w: number | null;
   soc_used: number | null;
   temperature_rise_k: number | null;
+}
+
+/** A frame that is sent. */
+export interface DriverFrame {
+  id: number;
+  extended: boolean;
+  length: number;
+  start_byte: number;
+  byte_order: 'little' | 'big';
+  period_ms: number;
+}
+
+/** What a lap may take. */
+export interface EnergyTarget {
+  laps_to_go: number;
+  reserve_soc: number;
+  lap_energy_wh: number | null;
+  low_wh: number | null;
+  high_wh: number | null;
+  used_wh: number;
+  expected_wh: number | null;
+  last_lap_wh: number | null;
+  counted_by: 'marks' | 'period' | null;
 }
 
 /** One session: medians over the cells, and the cell that moved most; None where one of the two says nothing. */
@@ -1446,6 +1482,7 @@ export interface Prediction {
   energy_left_cell: number | null;
   counted_with: CountedWith | null;
   laps: Laps | null;
+  target: EnergyTarget | null;
   coverage: number;
   age_s: number | null;
   load_a: number | null;
@@ -1502,6 +1539,12 @@ export interface Question {
   meaning: string;
   sql: string;
   parameters: Parameter[];
+}
+
+/** What was asked for; what a lap may take is in the snapshot. */
+export interface RacePlan {
+  laps_to_go: number;
+  reserve_soc: number;
 }
 
 /** One open live stream. */
