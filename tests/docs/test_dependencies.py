@@ -36,6 +36,11 @@ DECLARED = requirements(PROJECT["dependencies"])
 EXTRAS = {name for items in PROJECT["optional-dependencies"].values() for name in requirements(items)}
 
 
+def is_import_by_name(call: ast.Call) -> bool:
+    called = getattr(call.func, "attr", getattr(call.func, "id", ""))
+    return called == "import_module" and isinstance(call.args[0], ast.Constant)
+
+
 def imports_of_the_program() -> Iterator[tuple[str, str]]:
     for folder in PACKAGES:
         for file in (ROOT / folder).rglob("*.py"):
@@ -44,7 +49,7 @@ def imports_of_the_program() -> Iterator[tuple[str, str]]:
                     yield from ((str(file.relative_to(ROOT)), alias.name.split(".")[0]) for alias in node.names)
                 elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
                     yield str(file.relative_to(ROOT)), node.module.split(".")[0]
-                elif isinstance(node, ast.Call) and re.search(r"import_module\('([\w.]+)'\)", ast.unparse(node)):
+                elif isinstance(node, ast.Call) and is_import_by_name(node):
                     yield str(file.relative_to(ROOT)), node.args[0].value.split(".")[0]
 
 

@@ -24,7 +24,8 @@ OTHERS = [language for language in languages() if language != "en"]
 def calls(name):
     """Every call of `name` in app, with its file."""
     for path in APP.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        text = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(text)) if f"{name}(" in text else ():
             if isinstance(node, ast.Call) and getattr(node.func, "id", "") == name:
                 yield path.relative_to(ROOT).as_posix(), node
 
