@@ -13,7 +13,7 @@ from app.sessions.reading.reader import SessionFile
 from tests.peer_batteries import cell_number
 from tests.recorded.peer_sessions import write_log, write_profile
 
-FOXBMS_S = 25
+FOXBMS_S = 10
 
 
 def imported(data: Path, *arguments: str) -> str:
@@ -71,7 +71,7 @@ def test_a_foxbms_log_of_216_cells_is_reported_exported_and_in_the_passports(fox
 def test_it_is_exported_in_every_format(foxbms, ending, tmp_path) -> None:
     data, session_id = foxbms
     out = tmp_path / f"run.{ending}"
-    arguments = ["--from", "+10", "--to", "+12", "--data", str(data)]
+    arguments = ["--from", "+4", "--to", "+6", "--data", str(data)]
     assert main(["export", session_id, "--out", str(out), *arguments]) == 0
     assert out.stat().st_size > 1000
 
@@ -104,7 +104,7 @@ def test_an_orion_log_of_72_cells_is_compared_with_another(tmp_path, capsys) -> 
     data = tmp_path / "data"
     ids = []
     for k in range(2):
-        log = write_log(peer, tmp_path / f"orion{k}.log", 30.0, start_s=1_780_000_000 + 3600 * k)
+        log = write_log(peer, tmp_path / f"orion{k}.log", 12.0, start_s=1_780_000_000 + 3600 * k)
         ids.append(imported(data, str(log), "--battery", str(profile)))
     with SessionFile(data / "sessions" / f"{ids[0]}.sqlite") as session:
         assert session.battery.segments == (12,) * 6
@@ -129,7 +129,7 @@ def test_an_orion_log_of_72_cells_is_compared_with_another(tmp_path, capsys) -> 
 def test_sessions_of_unlike_batteries_are_compared_without_their_cells(foxbms, tmp_path, capsys) -> None:
     data, session_id = foxbms
     peer = cell_number()
-    log = write_log(peer, tmp_path / "orion.log", 20.0)
+    log = write_log(peer, tmp_path / "orion.log", 10.0)
     other = imported(data, str(log), "--battery", str(write_profile(peer, tmp_path)))
     assert main(["sessions", "compare", session_id, "--with", other, "--data", str(data)]) == 0
     assert "Of different batteries: foxBMS 2, 216 cells and 3: cell number." in capsys.readouterr().out

@@ -9,7 +9,7 @@ from app.cli import main
 from app.sessions.reading.reader import SessionFile
 from tests.recorded.scenario import ScenarioRecorder
 
-SECONDS = 20.0
+SECONDS = 8.0
 
 
 @pytest.fixture(scope="module")
