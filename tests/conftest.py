@@ -44,6 +44,7 @@ WAITING_ENDS_AT = 0.8  # of the run: the end is many short files, which all proc
 
 def pytest_configure(config: pytest.Config) -> None:
     """Bring the estimator's C engine and the bytecode up to date with their sources."""
+    gc.disable()  # until everything is collected: nothing of that is garbage
     if not hasattr(config, "workerinput"):  # pytest-xdist's
         build_engine(ROOT)
         write_bytecode(config)
@@ -91,6 +92,7 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(10_000, 50, 50)
+    gc.enable()
 
 
 def reads_only(item: pytest.Item | None) -> bool:
