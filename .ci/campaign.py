@@ -24,6 +24,8 @@ TESTS = (
     "tests/numeric/test_energy_target_race.py",
     "tests/integration/test_openapi.py",
     "tests/property/test_fuzz.py",
+    "tests/property/test_filters_definite.py",
+    "tests/integration/test_simulator_scenarios.py",
     "tests/integration/test_day_race.py",
     "tests/integration/test_sessions_campaign.py::test_a_kill_at_any_instant_loses_nothing_that_was_acknowledged",
     "tests/integration/test_sessions_campaign.py::test_a_power_cut_at_any_instant_loses_nothing_that_was_acknowledged",

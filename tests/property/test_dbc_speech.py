@@ -18,10 +18,13 @@ from app.sources.dbc.dbc_file import load_definitions, parse_definitions
 from app.sources.dbc.definitions import Definitions
 from app.sources.dbc.encoding.speech import Speech
 from app.sources.dbc.frames import frames_of
+from tests.campaign import of_size
 from tests.peer_batteries import PEERS
 
 SCALARS = ("current", "pack_voltage", "soc", "charger_voltage", "charger_current")
-SETTINGS = settings(max_examples=6, deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
+SETTINGS = settings(
+    max_examples=of_size(2, 6, 30), deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
+)
 
 
 @cache

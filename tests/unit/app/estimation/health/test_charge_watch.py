@@ -7,6 +7,7 @@ from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.errors import EstimatorError, ShapeError
 from app.estimation.health.charge_watch import ChargeMemory, ChargeWatch
 from app.estimation.health.segments import Segments
+from tests.campaign import of_size
 
 N, PER_PACK = 24, 12
 SEGMENTS = Segments((PER_PACK,) * (N // PER_PACK))
@@ -134,7 +135,7 @@ def test_a_memory_of_other_cells_is_refused():
         ChargeWatch(load_cell(), SEGMENTS, ChargeMemory(0.0, 0.0, 0.5, np.zeros((5, 7)), np.zeros((5, 5, 7))))
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=of_size(2, 5, 25))
 @given(st.integers(0, N - 1), st.floats(3.0, 30.0), st.integers(0, 10**6))
 def test_any_short_is_named_for_its_cell_and_sized_within_its_band(cell, leak_a, seed):
     pack = Pack(seed=seed)
@@ -145,7 +146,7 @@ def test_any_short_is_named_for_its_cell_and_sized_within_its_band(cell, leak_a,
     assert in_band(leak_a, drift.leak_a[cell], drift.leak_sigma_a[cell])
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=of_size(2, 4, 20))
 @given(st.integers(0, N - 1), st.floats(0.05, 0.4), st.integers(0, 10**6))
 def test_any_lost_capacity_is_inside_its_band_and_is_no_leak(cell, lost, seed):
     pack = Pack(seed=seed)
@@ -158,7 +159,7 @@ def test_any_lost_capacity_is_inside_its_band_and_is_no_leak(cell, lost, seed):
     assert certain(drift) == []
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=of_size(2, 4, 20))
 @given(st.integers(0, 10**6))
 def test_a_sound_pack_shows_nothing_whatever_the_noise(seed):
     pack = Pack(seed=seed)

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.estimation.recording.gaps import Around, GapWatch, bridge_gap
+from tests.campaign import of_size
 
 
 def watched(current_a, dt_s=0.1):
@@ -65,7 +66,7 @@ def test_what_is_taken_for_a_gap_lies_between_nothing_and_what_is_around(
         assert abs(gap.current_a) * gap_s <= 0.5 * 25.0 * 3600.0
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=of_size(6, 20, 60), derandomize=True)
 @given(st.integers(0, 10**6), st.floats(2.0, 4.0))
 def test_the_charge_that_flowed_in_a_gap_of_seconds_is_inside_its_band(seed, gap_s):
     rng = np.random.default_rng(seed)
@@ -99,7 +100,7 @@ def test_a_second_gap_is_judged_by_the_step_before_the_first():
     assert watch.step(20.0, 50.0, 25.0) is not None
 
 
-@settings(max_examples=10, deadline=None, derandomize=True)
+@settings(max_examples=of_size(3, 10, 30), derandomize=True)
 @given(st.integers(0, 10**6), st.floats(5.0, 58.0))
 def test_the_charge_of_a_gap_of_up_to_a_minute_lies_in_its_band_however_slowly_the_drive_changes(seed, gap_s):
     rng = np.random.default_rng(seed)
