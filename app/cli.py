@@ -14,7 +14,7 @@ COMMANDS = {
     "simulate": "run the simulated accumulator by itself, on a port that looks like the master's",
     "replay": "play a recorded session through the same pipeline",
     "sessions": "recorded sessions: list, check, fetch, import, prune; laps, reports, black boxes, cell passports",
-    "accounts": "people and programs that may come in: add, remove, make and revoke tokens",
+    "accounts": "people and programs that may come in: add, remove, make and revoke tokens; what they did",
     "drill": "ten bad days on the simulated car: what failed? for the crew, or for the product by itself",
     "evidence": "measure how fast the master opens the shutdown circuit, as a document for the scrutineers",
     "battery": "batteries other than the team's own: profiles, what one means, what is doubtful, learn one from a bus",

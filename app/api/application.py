@@ -17,6 +17,7 @@ from app.analysis.drill.drill import Drill
 from app.api import simulator
 from app.api.access.accounts import Accounts
 from app.api.access.certificate import Certificate
+from app.api.access.login_log import LoginLog
 from app.api.can import bus as can_bus
 from app.api.can import tables as can
 from app.api.configuration import commands, slave_check
@@ -121,7 +122,8 @@ def create_app(
         redoc_url=None,
     )
     first = None if beside is None else cast(WebParts, beside.state.parts)
-    authentication = Authentication(settings, clock, accounts) if first is None else first.authentication
+    logins = LoginLog(service.write_log, service.events.note, clock)
+    authentication = Authentication(settings, clock, accounts, logins) if first is None else first.authentication
     served = [] if first is None else first.served
     served.append(ServedBattery(path, app, battery=service.battery, live=service.live, stalls=service.health.stalls))
     drill = None if simulated_car is None else Drill(simulated_car, settings.data, clock.wall_ns)

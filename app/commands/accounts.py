@@ -5,13 +5,18 @@ import getpass
 import os
 import sys
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 from app.api.access.accounts import MOST_DAYS, ROLES, Accounts
 from app.clock import Clock
+from app.commands.console.signed_log import show
+from app.configuration.history import ConfigHistory
+from app.configuration.write_log import WriteLog
 from app.errors import ConfigError
 from app.service.settings import Settings
-from app.words import Message
+from app.telemetry import Severity
+from app.words import Message, render
 
 VARIABLE = "VOLTWALL_ACCOUNT_PASSWORD"
 EPILOG = f"""\
@@ -31,6 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     remove = actions.add_parser("remove", parents=[where], help="take an account away, and log that person out")
     token = actions.add_parser("token", parents=[where], help="make a token for a program")
     revoke = actions.add_parser("revoke", parents=[where], help="take a token away")
+    log = actions.add_parser(
+        "log",
+        parents=[where],
+        help="what they changed: the signed log, every signature checked; exit code 1 if one is wrong",
+    )
+    log.add_argument("--json", action="store_true", help="a line of JSON a record")
     for action in (add, remove, token):
         action.add_argument("name", metavar="NAME", help="of the person, or the program")
     add.add_argument("--role", choices=ROLES, required=True, help="what that person may do")
@@ -48,31 +59,43 @@ def run(args: argparse.Namespace) -> int:
         ConfigError: a value is not allowed, or there is none of that name.
     """
     folder = getattr(args, "data", None) or Settings().data
+    if args.action == "log":
+        return show(folder, as_json=args.json)
     folder.mkdir(parents=True, exist_ok=True)
-    accounts = Accounts(folder)
+    accounts, clock = Accounts(folder), Clock()
+    signed = partial(WriteLog(ConfigHistory(folder), _tell, clock).signed, "command line", "access")
     match args.action:
         case "add":
-            made = accounts.put(args.name, args.role, _password())
+            password = _password()
+            with signed(f"account {args.name}: {args.role}, new password"):
+                made = accounts.put(args.name, args.role, password)
             print(f"{made.name}: {made.role}")
         case "remove":
-            if not accounts.remove(args.name):
-                raise ConfigError("name", args.name, Message("no-such-account"))
+            with signed(f"account {args.name}: removed"):
+                if not accounts.remove(args.name):
+                    raise ConfigError("name", args.name, Message("no-such-account"))
         case "token":
-            token, secret = accounts.make_token(args.name, args.role, args.days, "command line", Clock().wall_s())
+            with signed(f"token {args.name}: {args.role}, {args.days:g} days"):
+                token, secret = accounts.make_token(args.name, args.role, args.days, "command line", clock.wall_s())
             print(secret)
             print(
                 f"{token.name}: {token.role} until {_day(token.ends_s)}; this secret is not shown again",
                 file=sys.stderr,
             )
         case "revoke":
-            if not accounts.revoke_token(args.token):
-                raise ConfigError("token", args.token, Message("no-such-account"))
+            with signed(f"token {args.token}: revoked"):
+                if not accounts.revoke_token(args.token):
+                    raise ConfigError("token", args.token, Message("no-such-account"))
         case _:
             for account in accounts.all():
                 print(f"{account.role:9} {account.name}")
             for each in accounts.tokens():
                 print(f"token     {each.id} {each.name}: {each.role} until {_day(each.ends_s)}, by {each.made_by}")
     return 0
+
+
+def _tell(severity: Severity, code: str, message: Message, who: str | None = None) -> None:
+    print(render(message), file=sys.stderr)
 
 
 def _password() -> str:

@@ -1,13 +1,17 @@
-"""Every write of the configuration, in a file that only grows: who, when, from, to, why, with what result.
+"""The signed log: what changed a car or who may come in, in a file that only grows: who, when, what, why, result.
+
+Writes of the configuration hold what was in force before and after; commands, frames sent onto a bus, accounts, tokens
+and log-ins only their words.
 
 The intent comes first: a line with the result "begun", on the disk before the master is asked for anything, then one
-of the same number with the outcome. Where the disk takes no intent, nothing is written. An intent without an outcome is
-shown as what it is.
+of the same number with the outcome, perhaps after those of others. Where the disk takes no intent, nothing is written.
+An intent without an outcome is shown as what it is.
 
 A record is one line of JSON with a signature: HMAC-SHA256, by a key that lies beside the file and that only its owner
 may read, over the record and the signature before it. So a record that was changed, or one taken out of the middle,
 shows when the file is read. It proves nothing against whoever can read the key, and it does not show that the last
-records were cut off; the event log names the same writes.
+records were cut off; the event log names the same writes. Several processes may write: `voltwall accounts` does beside
+a running service.
 """
 
 import base64
@@ -19,25 +23,32 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
+
+from filelock import FileLock
 
 from app.configuration.json_lines import JsonLines
 from app.sources.whole_file import replace_file
 
-Action = Literal["write", "load", "store", "rollback"]
+ConfigAction = Literal["write", "load", "store", "rollback"]
+OtherAction = Literal["command", "transmit", "setup", "access", "login"]
+Action = ConfigAction | OtherAction
+CONFIG_ACTIONS: tuple[str, ...] = get_args(ConfigAction)
+ABOUT_PEOPLE = ("access", "login")
 KEY_BYTES = 32
 BEGUN = "begun"  # the result of an intent
+_LOCK_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One write; `number` counts from 1. `is_genuine` is False where its signature, or one before it, is not right."""
+    """One change; `number` counts from 1. `is_genuine` is False where its signature, or one before it, is not right."""
 
     number: int
     t_wall_ns: int
     who: str
     action: Action
-    source: str  # where the new values came from: "draft", "profile wet-race@3", "record 7"
+    source: str  # where the new values came from: "draft", "profile wet-race@3"; or what was done: "charge-start"
     reason: str
     before: bytes
     after: bytes
@@ -49,9 +60,12 @@ class ConfigHistory:
     """The file and its key; thread-safe."""
 
     def __init__(self, folder: Path) -> None:
-        self._file = JsonLines(folder / "config-history.jsonl")
+        self._path = folder / "config-history.jsonl"
+        self._file = JsonLines(self._path)
         self._key_path = folder / "config-history.key"
+        self._others = folder / "config-history.lock"
         self._lock = threading.Lock()
+        self._end: _End | None = None  # as this process left it
 
     def append(
         self,
@@ -72,9 +86,9 @@ class ConfigHistory:
         Raises:
             OSError: it cannot be kept.
         """
-        with self._lock:
-            lines = self._file.lines()
-            number = number or _next_number(lines)
+        with self._lock, FileLock(self._others, timeout=_LOCK_S):
+            end, self._end = self._read_end(), None
+            number = number or end.number + 1
             body = {
                 "number": number,
                 "t_wall_ns": t_wall_ns,
@@ -86,25 +100,35 @@ class ConfigHistory:
                 "after": base64.b64encode(after).decode(),
                 "result": result,
             }
-            signature = _signature(self._key(), body, _signature_of(lines[-1]) if lines else "")
-            self._file.append(body | {"signature": signature}, after=lines)
+            signature = _signature(self._key(), body, end.signature)
+            self._file.append(body | {"signature": signature}, after=end.last)
+            self._end = _End(self._path.stat().st_size, max(number, end.number), signature, [b"\n"])
             return number
 
     def records(self) -> list[Record]:
         """Return all records, oldest first; lines that are none are left out and make the next one not genuine."""
         found: list[Record] = []
+        intents: dict[int, int] = {}  # number: place
         with self._lock:
             for record in self._read():
-                intent = found[-1] if found else None
-                if intent is not None and intent.number == record.number and intent.result == BEGUN:
-                    found[-1] = replace(record, is_genuine=record.is_genuine and intent.is_genuine)
-                else:
-                    found.append(record)
+                if (place := intents.pop(record.number, None)) is not None:
+                    found[place] = replace(record, is_genuine=record.is_genuine and found[place].is_genuine)
+                    continue
+                if record.result == BEGUN:
+                    intents[record.number] = len(found)
+                found.append(record)
         return found
 
     def record(self, number: int) -> Record | None:
         """Return one record, None where there is none."""
         return next((record for record in self.records() if record.number == number), None)
+
+    def _read_end(self) -> "_End":
+        """What the next record comes after: as it was left, unless somebody else wrote meanwhile."""
+        if self._end is None or not self._path.exists() or self._path.stat().st_size != self._end.size:
+            lines = self._file.lines()
+            return _End(0, _last_number(lines), _signature_of(lines[-1]) if lines else "", lines[-1:])
+        return self._end
 
     def _read(self) -> Iterator[Record]:
         lines = self._file.lines()
@@ -126,12 +150,24 @@ class ConfigHistory:
         return self._key_path.read_bytes()
 
 
-def _next_number(lines: list[bytes]) -> int:
-    """The number after the last record; a line that is none counts as one."""
-    for unread, line in enumerate(reversed(lines)):
-        if (parsed := _parse(line)) is not None:
-            return int(parsed[0]["number"]) + unread + 1
-    return len(lines) + 1
+@dataclass(frozen=True, slots=True)
+class _End:
+    """Of the file: its size, the highest number, the last signature, the last line if there is one."""
+
+    size: int
+    number: int
+    signature: str
+    last: list[bytes]
+
+
+def _last_number(lines: list[bytes]) -> int:
+    """The highest number; lines at the end that are no records count as one each."""
+    numbers, unread = [0], 0
+    for line in lines:
+        parsed = _parse(line)
+        unread = unread + 1 if parsed is None else 0
+        numbers += [] if parsed is None else [int(parsed[0]["number"])]
+    return max(numbers) + unread
 
 
 def _signature(key: bytes, body: dict[str, Any], before: str) -> str:

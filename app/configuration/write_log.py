@@ -1,10 +1,12 @@
-"""What became of every change of the configuration: a line in the event log, and a signed record in the history."""
+"""What became of every change of a car: a signed record, and of the configuration's a line in the event log, too."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
 from app.clock import Clock
-from app.configuration.history import BEGUN, Action, ConfigHistory
+from app.configuration.history import BEGUN, Action, ConfigHistory, OtherAction
 from app.errors import message_of
 from app.sessions.errors import RecordingFailed
 from app.telemetry import Severity
@@ -54,6 +56,32 @@ class WriteLog:
             message = Message("history-comes-first", error=error.strerror or str(error))
             self._note("warning", "config-history-failed", message, attempt.who)
             raise RecordingFailed(message) from error
+
+    @contextmanager
+    def signed(self, who: str, action: OtherAction, what: str, *, is_needed: bool = False) -> Iterator[None]:
+        """Keep the intent, then what became of what is done within.
+
+        With `is_needed` it is done even where the log takes no intent: what ends a danger waits for no disk.
+
+        Raises:
+            RecordingFailed: the log does not take it; nothing was done.
+        """
+        attempt = Attempt(who, action, what)
+        try:
+            self.begun(attempt)
+        except RecordingFailed:
+            if not is_needed:
+                raise
+        try:
+            yield
+        except Exception as error:
+            self._remember(attempt, f"failed: {error}")
+            raise
+        self._remember(attempt, "done")
+
+    def note(self, who: str, action: OtherAction, what: str, result: str = "done") -> None:
+        """Keep what has happened already."""
+        self._remember(Attempt(who, action, what), result)
 
     def written(self, attempt: Attempt, changes: list[Change]) -> None:
         """A configuration was written and read back."""

@@ -97,6 +97,7 @@ class Service:
     in_force: ConfigurationInForce
     rules: Rules
     config_history: ConfigHistory
+    write_log: WriteLog
     config_sources: ConfigSources
     profiles: Profiles
     slave_checks: SlaveCheckLog
@@ -347,10 +348,11 @@ def make_service(
         in_force=in_force,
         rules=rules,
         config_history=config_history,
+        write_log=write_log,
         config_sources=ConfigSources(configuration, in_force.image, profiles, config_history, catalogue),
         profiles=profiles,
         slave_checks=SlaveCheckLog(data),
-        commands=MasterCommands(links, events),
+        commands=MasterCommands(links, events, write_log),
         learned_state=learned_state,
         mqtt=mqtt,
         health=Health(live, links, recorder, events, mqtt, clock, load),

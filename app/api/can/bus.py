@@ -23,6 +23,7 @@ from app.api.web.dependencies import (
     InForcePart,
     LinksPart,
     LivePart,
+    SignedPart,
     UserDep,
 )
 from app.api.web.problems import Problem
@@ -37,6 +38,7 @@ from firmware_protocol.config_image import default_image
 from firmware_protocol.memory_map import CAN_DATA_BYTES, CAN_ID_EXTENDED
 
 router = APIRouter(prefix="/can", tags=["can"])
+MAX_SIGNED = 1000  # characters of frames in the signed log
 MAX_LIST = 64
 
 
@@ -161,6 +163,7 @@ def transmitting(links: LinksPart) -> dict[str, Any]:
 def transmit(
     body: TransmitIn,
     events: EventsPart,
+    signed: SignedPart,
     links: LinksPart,
     live: LivePart,
     in_force: InForcePart,
@@ -172,11 +175,13 @@ def transmit(
     if taken := sorted({f.can_id & ~CAN_ID_EXTENDED for f in frames if f.can_id in _ids_of_master(live, in_force)}):
         ids = tuple(f"{can_id:#x}" for can_id in taken)
         raise Problem(409, "id-in-use", Message("master-sends-id", ids=ids))
-    if all(frame.period_s is None for frame in frames):
-        links.can_sender.once(frames)
-    else:
-        links.can_sender.start_list(frames, user.name)
     ids = tuple(f"{frame.can_id & ~CAN_ID_EXTENDED:#x}" for frame in frames[:8])
+    what = " ".join(f"{frame.can_id & ~CAN_ID_EXTENDED:x}#{frame.data.hex()}" for frame in frames)[:MAX_SIGNED]
+    with signed.signed(user.name, "transmit", what):
+        if all(frame.period_s is None for frame in frames):
+            links.can_sender.once(frames)
+        else:
+            links.can_sender.start_list(frames, user.name)
     message = Message("can-sent", ids=ids) if len(frames) < 9 else Message("can-sent-more", ids=ids, n=len(frames) - 8)
     events.note("info", "can-transmit", message, user.name)
     return _status(links)
@@ -186,6 +191,7 @@ def transmit(
 def replay_frames(
     body: ReplayFramesIn,
     events: EventsPart,
+    signed: SignedPart,
     links: LinksPart,
     catalogue: CataloguePart,
     live: LivePart,
@@ -205,16 +211,19 @@ def replay_frames(
         for frame in frames:
             yield (frame.t_mono_ns - start_ns) / 1e9 / body.speed, frame.can_id, frame.data
 
-    links.can_sender.start_frames(f"session {body.session}", timed(), len(frames), user.name)
+    what = f"session {body.session}"
+    with signed.signed(user.name, "transmit", what):
+        links.can_sender.start_frames(what, timed(), len(frames), user.name)
     events.note("info", "can-replay", Message("can-sent-again", n=len(frames), session=body.session), user.name)
     return _status(links)
 
 
 @router.delete("/transmit", response_model=TransmitOut)
-def stop_transmitting(events: EventsPart, links: LinksPart, user: UserDep) -> dict[str, Any]:
+def stop_transmitting(events: EventsPart, signed: SignedPart, links: LinksPart, user: UserDep) -> dict[str, Any]:
     """Stop what is being sent."""
     was_busy = links.can_sender.is_busy
     links.can_sender.stop()
     if was_busy:
+        signed.note(user.name, "transmit", "stop")
         events.note("info", "can-transmit", Message("can-sending-stopped"), user.name)
     return _status(links)

@@ -1,5 +1,6 @@
 """Profiles, the history of writes with its way back, and the difference of any two configurations."""
 
+import sys
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Path, Query, Response
@@ -27,7 +28,7 @@ from app.api.web.dependencies import (
 from app.api.web.problems import Problem, not_found
 from app.api.web.request_body import Body
 from app.configuration.config_sources import NAMES
-from app.configuration.history import Record
+from app.configuration.history import CONFIG_ACTIONS, Record
 from app.configuration.profile import Profile, profile_of, profile_text
 from app.configuration.profile_store import NoProfile
 from app.configuration.safe_write import Draft, WholeImage
@@ -161,8 +162,9 @@ def history(
     limit: Annotated[int, Query(ge=1, le=1000)] = 50,
     before: Annotated[int | None, Query(ge=1)] = None,
 ) -> dict[str, Any]:
-    """Every write, newest first; `genuine` is false where a signature is not right."""
-    records = [r for r in config_history.records() if before is None or r.number < before]
+    """Every write of the configuration, newest first; `genuine` is false where a signature is not right."""
+    numbers = range(1, before or sys.maxsize)
+    records = [r for r in config_history.records() if r.action in CONFIG_ACTIONS and r.number in numbers]
     return {"records": [_record_json(record) for record in records[-limit:][::-1]]}
 
 

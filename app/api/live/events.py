@@ -1,14 +1,15 @@
-"""The event log and the alarms."""
+"""The event log, the signed log and the alarms."""
 
 from typing import Annotated, Any, Literal
 
 import orjson
 from fastapi import APIRouter, Path, Query
 
-from app.api.schemas.service import AcknowledgedOut, EventsOut
-from app.api.web.dependencies import EventsPart, LivePart, UserDep
+from app.api.schemas.service import AcknowledgedOut, EventsOut, SignedLogOut
+from app.api.web.dependencies import AuthenticationPart, ConfigHistoryPart, EventsPart, LivePart, UserDep
 from app.api.web.problems import not_found
 from app.battery.fields import MOST_CELLS
+from app.configuration.history import ABOUT_PEOPLE
 from app.sessions.event_log import LoggedEvent
 from app.words import Message
 
@@ -45,6 +46,37 @@ def events(
 ) -> dict[str, Any]:
     """Newest first."""
     return {"events": [_event_json(event) for event in events.store.query(after, limit, severity, cell)]}
+
+
+@router.get("/signed-log", response_model=SignedLogOut)
+def signed_log(
+    config_history: ConfigHistoryPart,
+    authentication: AuthenticationPart,
+    user: UserDep,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 50,
+    before: Annotated[int | None, Query(ge=1)] = None,
+) -> dict[str, Any]:
+    """What changed the car or who may come in, newest first; log-ins and accounts are for those who manage them.
+
+    `genuine` is false where a signature is not right, `all_genuine` where one of all records is not.
+    """
+    records = config_history.records()
+    manages = user.role == "chief" or (user.role == "engineer" and not authentication.accounts.has_chief)
+    shown = [
+        {
+            "number": record.number,
+            "time": record.t_wall_ns / 1e9,
+            "who": record.who,
+            "action": record.action,
+            "what": record.source,
+            "reason": record.reason,
+            "result": record.result,
+            "genuine": record.is_genuine,
+        }
+        for record in records
+        if (before is None or record.number < before) and (manages or record.action not in ABOUT_PEOPLE)
+    ]
+    return {"records": shown[-limit:][::-1], "all_genuine": all(record.is_genuine for record in records)}
 
 
 @router.post("/events/{event_id}/acknowledge", response_model=AcknowledgedOut)

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from app.api.encoding.words import message_json
 from app.api.schemas.setup import LookOut, PluggedOut, SetupOut, UploadedOut
-from app.api.web.dependencies import EventsPart, LivePart, SetupPart, UserDep, WorkersPart
+from app.api.web.dependencies import EventsPart, LivePart, SetupPart, SignedPart, UserDep, WorkersPart
 from app.api.web.problems import invalid
 from app.api.web.request_body import Body
 from app.battery.library import TEAM_PROFILE
@@ -116,11 +116,14 @@ def _at_own(live: LivePart, name: LinkName) -> Look:
 
 
 @router.put("", status_code=202, response_model=SetupOut)
-def choose(body: ConnectionsIn, setup: SetupPart, events: EventsPart, user: UserDep) -> dict[str, Any]:
+def choose(
+    body: ConnectionsIn, setup: SetupPart, events: EventsPart, signed: SignedPart, user: UserDep
+) -> dict[str, Any]:
     """Keep what to read in the data folder and start again with it."""
     chosen = Connections(body.serial, body.can, body.battery or TEAM_PROFILE)
-    setup.choose(chosen)
     what = ", ".join(each for each in (chosen.battery, chosen.serial, chosen.can) if each) or "simulator"
+    with signed.signed(user.name, "setup", what):
+        setup.choose(chosen)
     events.note("info", "connections-chosen", Message("connections-chosen", what=what), who=user.name)
     return _setup_json(setup)
 

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict
 from app.api.schemas.snapshot import Number, Severity
 from app.api.schemas.words import WordsOut
 from app.configuration.calibration import Measured, Proposal
+from app.configuration.history import Action
 
 
 class FieldErrorOut(BaseModel):
@@ -89,6 +90,26 @@ class EventsOut(BaseModel):
     """Newest first."""
 
     events: list[LogEventOut]
+
+
+class SignedRecordOut(BaseModel):
+    """One change; `result` is `done`, `begun` where no outcome is known, or what went wrong."""
+
+    number: int
+    time: float
+    who: str
+    action: Action
+    what: str
+    reason: str
+    result: str
+    genuine: bool
+
+
+class SignedLogOut(BaseModel):
+    """Records, newest first."""
+
+    records: list[SignedRecordOut]
+    all_genuine: bool
 
 
 class AcknowledgedOut(BaseModel):

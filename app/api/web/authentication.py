@@ -11,7 +11,7 @@ import hmac
 import secrets
 import threading
 from dataclasses import dataclass
-from ipaddress import ip_address, ip_network
+from ipaddress import ip_address
 from typing import cast
 from urllib.parse import urlsplit
 
@@ -20,6 +20,8 @@ from starlette.requests import cookie_parser
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.access.accounts import TOKEN_PREFIX, Accounts, Role
+from app.api.access.guesses import Guesses
+from app.api.access.login_log import LoginLog, log_without_car
 from app.api.web.problems import Problem
 from app.clock import Clock
 from app.service.settings import Settings
@@ -27,12 +29,6 @@ from app.words import Message
 
 SESSION_S = 24 * 3600.0
 MAX_SESSIONS = 1000  # of each role: viewers cannot log the engineer out
-MAX_SOURCES = 10_000  # of failed tries
-MAX_FAILURES = 10  # in FAILURE_WINDOW_S, per source
-FAILURE_WINDOW_S = 60.0
-ATTACKED_AFTER = 50  # failures on one account in ATTACK_WINDOW_S, from anywhere: each source has FEW_FAILURES then
-ATTACK_WINDOW_S = 3600.0
-FEW_FAILURES = 2
 MAX_PROVEN = 1000  # passwords of HTTP Basic that need not be checked again
 OPEN_PATHS = ("/api/v1/health", "/api/v1/login", "/api/v1/me")
 _OF_EVERYBODY = ("/api/v1/logout", "/api/v1/logins/", "/api/v1/me/password")  # a viewer may write this, too
@@ -65,13 +61,15 @@ class Login:
 class Authentication:
     """Passwords, sessions and failed tries."""
 
-    def __init__(self, settings: Settings, clock: Clock, accounts: Accounts | None = None) -> None:
+    def __init__(
+        self, settings: Settings, clock: Clock, accounts: Accounts | None = None, log: LoginLog | None = None
+    ) -> None:
         self.settings = settings
+        self.log = log or log_without_car(settings, clock)
         self.accounts = accounts or Accounts(settings.data)
         self._clock = clock
         self._logins: dict[str, Login] = {}  # by the digest of the token
-        self._failures: dict[str, list[float]] = {}
-        self._account_failures: dict[str, list[float]] = {}
+        self._guesses = Guesses(clock)
         self._proven: dict[bytes, str] = {}  # proof of name and password: the account's stamp
         self._proof_key = secrets.token_bytes(32)
         self._lock = threading.Lock()
@@ -88,24 +86,17 @@ class Authentication:
         Raises:
             Problem: too many failed tries from this address.
         """
-        now, source = self._clock.monotonic_s(), _source_of(address)
-        account = name.strip().casefold()[:40]
-        with self._lock:
-            recent = [t for t in self._failures.get(source, []) if now - t < FAILURE_WINDOW_S]
-            on_account = [t for t in self._account_failures.get(account, []) if now - t < ATTACK_WINDOW_S]
-            if len(recent) >= (MAX_FAILURES if len(on_account) < ATTACKED_AFTER else FEW_FAILURES):
-                wait = {"Retry-After": str(int(FAILURE_WINDOW_S))}
-                raise Problem(429, "too-many-tries", Message("wait-a-minute"), wait)
-            _put_last(self._failures, source, [*recent, now])  # before the check: tries at once count as well
+        person = self.accounts.find(name)
+        account = "" if person is None else person.name.casefold()
+        if wait_s := self._guesses.begin(account, address):
+            self.log.refused(None if person is None else person.name, address)
+            raise Problem(429, "too-many-tries", Message("wait-a-minute"), {"Retry-After": str(int(wait_s))})
         user = self._user_by(name, password)
-        with self._lock:
-            if user is None:
-                _put_last(self._account_failures, account, [*on_account[-ATTACKED_AFTER:], now])
-            elif user.role == "viewer":  # a viewer could else guess the engineer's for ever, logging in in between
-                if now in (failures := self._failures.get(source, [])):
-                    failures.remove(now)
-            else:
-                self._failures.pop(source, None)
+        if user is None:
+            self._guesses.failed(account)
+            self.log.refused(None if person is None else person.name, address)
+        else:  # a viewer could else guess the engineer's for ever, logging in in between
+            self._guesses.right(account, address, forgets=user.role != "viewer")
         return user
 
     def _user_by(self, name: str, password: str) -> User | None:
@@ -201,6 +192,7 @@ class Authentication:
             return User(account.name, account.role)
         user = self.login(name, password, address)
         if user is not None and account is not None:
+            self.log.came_in(user.name, user.role, address)
             with self._lock:
                 self._proven[proof] = account.stamp
                 while len(self._proven) > MAX_PROVEN:
@@ -208,9 +200,12 @@ class Authentication:
         return user
 
     def is_slow(self, headers: Headers) -> bool:
-        """Whether it takes a moment to say who asks: a password that has to be checked."""
+        """Whether it takes a moment to say who asks: a password that has to be checked, or a refusal to be kept."""
         given = _basic(headers)
-        return given is not None and self.accounts.exist and self._proof(*given) not in self._proven
+        if given is None:
+            kind, _, secret = headers.get("authorization", "").partition(" ")
+            return kind.lower() == "bearer" and self.accounts.verify_token(secret.strip(), self.wall_s()) is None
+        return self._proof(*given) not in self._proven
 
     def _proof(self, name: str, password: str) -> bytes:
         text = f"{name}\0{password}".encode(errors="surrogatepass")
@@ -229,29 +224,12 @@ def _basic(headers: Headers) -> tuple[str, str] | None:
     return name, password
 
 
-def _put_last(failures: dict[str, list[float]], key: str, times: list[float]) -> None:
-    """Keep the times of failures; the oldest key leaves first."""
-    failures.pop(key, None)
-    failures[key] = times
-    while len(failures) > MAX_SOURCES:
-        failures.pop(next(iter(failures)))
-
-
 def _digest(token: str) -> str:
     return hashlib.sha256(token.encode(errors="surrogatepass")).hexdigest()
 
 
 def _is_equal(secret: str, given: str) -> bool:
     return hmac.compare_digest(secret.encode(), given.encode(errors="surrogatepass"))
-
-
-def _source_of(address: str) -> str:
-    """Who counts as one guesser: an IPv4 address, or an IPv6 network, of which anyone has 2^64 addresses."""
-    try:
-        parsed = ip_address(address)
-    except ValueError:
-        return address
-    return address if parsed.version == 4 else str(ip_network((parsed, 64), strict=False))
 
 
 def cookie_name(headers: Headers) -> str:

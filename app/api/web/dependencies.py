@@ -22,6 +22,7 @@ from app.configuration.history import ConfigHistory
 from app.configuration.profile_store import Profiles
 from app.configuration.safe_write import ConfigurationWriter
 from app.configuration.slave_check_log import SlaveCheckLog
+from app.configuration.write_log import WriteLog
 from app.live.can_trace import CanTrace
 from app.season.cells.history import SeasonSource
 from app.season.keeper import SeasonLake
@@ -166,6 +167,7 @@ RulesPart = Annotated[Rules, _from_service("rules")]
 SeasonSourcePart = Annotated[SeasonSource, Depends(_season_source)]
 SeasonPart = Annotated[SeasonLake, _from_service("season")]
 SettingsPart = Annotated[Settings, _from_service("settings")]
+SignedPart = Annotated[WriteLog, _from_service("write_log")]
 WorkersPart = Annotated[Workers, _from_service("workers")]
 SlaveChecksPart = Annotated[SlaveCheckLog, _from_service("slave_checks")]
 

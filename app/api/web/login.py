@@ -49,6 +49,8 @@ def login(body: Login, request: Request, response: Response, authentication: Aut
     if user is None:
         raise Problem(401, "wrong-password", Message("wrong-password"))
     authentication.close_session(token_of(request.headers))
+    if not authentication.is_open:
+        authentication.log.came_in(user.name, user.role, address)
     response.set_cookie(
         cookie_name(request.headers),
         authentication.open_session(user, address, request.headers.get("user-agent", "")),

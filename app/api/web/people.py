@@ -111,7 +111,9 @@ def put_account(name: Name, body: AccountIn, authentication: AuthenticationPart,
         is_first = authentication.accounts.find(name) is None  # nobody's password is taken over
     if not is_first:
         _need_chief(user)
-    authentication.accounts.put(name, body.role, body.password)
+    password = "" if body.password is None else ", new password"
+    with authentication.log.changed(user.name, f"account {name.strip()}: {body.role}{password}"):
+        authentication.accounts.put(name, body.role, body.password)
     return _people(authentication)
 
 
@@ -119,8 +121,9 @@ def put_account(name: Name, body: AccountIn, authentication: AuthenticationPart,
 def delete_account(name: Name, authentication: AuthenticationPart, user: UserDep) -> PeopleOut:
     """Take an account away, and log that person out."""
     _need_chief(user)
-    if not authentication.accounts.remove(name):
-        raise not_found("account", name)
+    with authentication.log.changed(user.name, f"account {name}: removed"):
+        if not authentication.accounts.remove(name):
+            raise not_found("account", name)
     return _people(authentication)
 
 
@@ -131,16 +134,17 @@ def put_password(body: PasswordIn, request: Request, authentication: Authenticat
     address = request.client.host if request.client else ""
     if account is None or authentication.login(user.name, body.old, address) is None:
         raise Problem(403, "wrong-password", Message("wrong-password"))
-    authentication.accounts.put(account.name, account.role, body.new)
+    with authentication.log.changed(user.name, f"account {account.name}: new password"):
+        authentication.accounts.put(account.name, account.role, body.new)
 
 
 @router.post("/tokens")
 def make_token(body: TokenIn, authentication: AuthenticationPart, user: UserDep) -> TokenOut:
     """Make a token for a program; its `secret` is told in this answer alone."""
     _need_chief(user)
-    made, secret = authentication.accounts.make_token(
-        body.name, body.role, body.days, user.name, authentication.wall_s()
-    )
+    now_s = authentication.wall_s()
+    with authentication.log.changed(user.name, f"token {body.name}: {body.role}, {body.days:g} days"):
+        made, secret = authentication.accounts.make_token(body.name, body.role, body.days, user.name, now_s)
     return TokenOut(
         id=made.id,
         name=made.name,
@@ -156,8 +160,10 @@ def make_token(body: TokenIn, authentication: AuthenticationPart, user: UserDep)
 def revoke_token(token_id: Name, authentication: AuthenticationPart, user: UserDep) -> PeopleOut:
     """Take a token away."""
     _need_chief(user)
-    if not authentication.accounts.revoke_token(token_id):
-        raise not_found("token", token_id)
+    token = next((each.name for each in authentication.accounts.tokens() if each.id == token_id), "")
+    with authentication.log.changed(user.name, f"token {token} ({token_id}): revoked"):
+        if not authentication.accounts.revoke_token(token_id):
+            raise not_found("token", token_id)
     return _people(authentication)
 
 
@@ -187,4 +193,5 @@ def end_login(login_id: Name, authentication: AuthenticationPart, user: UserDep)
     found = [each for each, _ in authentication.logins() if each.id == login_id]
     if not found or not (user.role == "chief" or found[0].user == user):
         raise not_found("login", login_id)
-    authentication.end_login(login_id)
+    with authentication.log.changed(user.name, f"login of {found[0].user.name}: ended"):
+        authentication.end_login(login_id)

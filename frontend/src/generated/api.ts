@@ -1971,6 +1971,24 @@ export interface SignalSeries {
   max: (number | null)[];
 }
 
+/** Records, newest first. */
+export interface SignedLog {
+  records: SignedRecord[];
+  all_genuine: boolean;
+}
+
+/** One change; `result` is `done`, `begun` where no outcome is known, or what went wrong. */
+export interface SignedRecord {
+  number: number;
+  time: number;
+  who: string;
+  action: 'write' | 'load' | 'store' | 'rollback' | 'command' | 'transmit' | 'setup' | 'access' | 'login';
+  what: string;
+  reason: string;
+  result: string;
+  genuine: boolean;
+}
+
 /** What happens, what else could, and what can go wrong. */
 export interface Simulator {
   scenario: string;

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from app.configuration.history import ConfigHistory
+from app.configuration.history import BEGUN, ConfigHistory
 from firmware_protocol.config_image import default_image, with_raw
 
 OLD = default_image()
@@ -97,3 +97,21 @@ def test_a_key_that_a_full_disk_left_empty_signs_nothing(history, path):
     add(history)
     assert (path.parent / "config-history.key").stat().st_size == 32
     assert history.records()[0].is_genuine
+
+
+def test_outcomes_find_their_intents_also_after_those_of_others(history, tmp_path):
+    beside = ConfigHistory(tmp_path)  # as another process has it
+    first, second = add(history, "ada", BEGUN), add(beside, "bob", BEGUN)
+
+    def end(log, number, who):
+        log.append(0, who, "command", "reset", "", b"", b"", "done", number)
+
+    end(beside, second, "bob")
+    assert [(r.who, r.result) for r in history.records()] == [("ada", BEGUN), ("bob", "done")]
+    end(history, first, "ada")
+    assert add(beside, "cleo") == 3
+    assert [(r.number, r.who, r.result, r.is_genuine) for r in history.records()] == [
+        (1, "ada", "done", True),
+        (2, "bob", "done", True),
+        (3, "cleo", "done", True),
+    ]

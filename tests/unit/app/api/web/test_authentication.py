@@ -7,8 +7,9 @@ import pytest
 from starlette.datastructures import Headers
 from starlette.websockets import WebSocketDisconnect
 
+from app.api.access.guesses import PER_MINUTE
 from app.api.web import authentication as auth
-from app.api.web.authentication import MAX_FAILURES, Authentication, User, is_own_host, is_same_origin
+from app.api.web.authentication import Authentication, User, is_own_host, is_same_origin
 from app.api.web.problems import Problem
 from app.errors import ConfigError
 from app.service.settings import Settings
@@ -97,7 +98,7 @@ def test_each_password_is_a_role(authentication):
 
 
 def test_guessing_is_stopped_for_a_minute_also_over_basic(authentication, clock):
-    for _ in range(MAX_FAILURES):
+    for _ in range(PER_MINUTE):
         assert authentication.user_of(basic("wrong"), "10.0.0.1") is None
     with pytest.raises(Problem) as stopped:
         authentication.user_of(basic(ENGINEER), "10.0.0.1")
@@ -109,7 +110,7 @@ def test_guessing_is_stopped_for_a_minute_also_over_basic(authentication, clock)
 
 
 def test_logging_in_as_viewer_gives_no_new_tries_at_the_engineers_password(authentication, clock):
-    for _ in range(auth.MAX_FAILURES):
+    for _ in range(PER_MINUTE):
         assert authentication.login("eve", VIEWER, "10.0.0.9").role == "viewer"
         assert authentication.login("eve", "guess", "10.0.0.9") is None
     with pytest.raises(Problem):
@@ -129,7 +130,7 @@ def test_one_password_for_both_roles_is_refused(tmp_path):
 
 
 def test_a_network_of_ipv6_addresses_is_one_guesser(authentication):
-    for i in range(MAX_FAILURES):
+    for i in range(PER_MINUTE):
         authentication.login("", "wrong", f"2001:db8::{i:x}")
     with pytest.raises(Problem):
         authentication.login("", ENGINEER, "2001:db8::ffff:1")
@@ -137,7 +138,7 @@ def test_a_network_of_ipv6_addresses_is_one_guesser(authentication):
 
 
 def test_many_guessers_do_not_wash_out_the_one(authentication):
-    for _ in range(MAX_FAILURES):
+    for _ in range(PER_MINUTE):
         authentication.login("", "wrong", "10.0.0.1")
     for i in range(2000):
         authentication.login("", "wrong", f"10.1.{i // 250}.{i % 250}")
@@ -159,7 +160,7 @@ def test_guesses_at_once_count_as_well(authentication):
 
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(guess, range(8)))
-    assert len(tried) == MAX_FAILURES
+    assert len(tried) == PER_MINUTE
 
 
 def test_a_session_ends_by_logout_and_after_a_day(authentication, clock):
