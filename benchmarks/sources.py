@@ -22,9 +22,10 @@ from app.estimation.identification.identify import identify
 from app.estimation.recording.cell_recording import Recording
 from app.estimation.scoring.scoring import score_soc
 from app.sources.recordings.dataset import load_recording
-from benchmarks import thesis_filter as thesis
 from benchmarks.sources_plots import draw_orders, draw_patterns, draw_secant, draw_thesis
 from benchmarks.sources_runs import THESIS_PASSES, pattern_run, thesis_run
+from benchmarks.thesis_curves import AT_1C, AT_10C
+from simulator.loads import PATTERNS_C
 
 FloatArray = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ def run_patterns(plots: Path | None) -> None:
     print(f"  at the end its SOC says {says:.0f} %, the charge really drawn leaves {left:.1f} %")
     print("the same patterns set right, start SOC wrong by 50 points, 40 dB of noise")
     print("  pattern   cells  duration   RMSE   worst cell  max after 60 s  driver too high  us a pass")
-    for name in thesis.PATTERNS:
+    for name in PATTERNS_C:
         for n_cells in (1, 3, 12, 96):
             run = pattern_run(name, n_cells)
             error = run.estimate - run.truth
@@ -55,12 +56,12 @@ def run_patterns(plots: Path | None) -> None:
             )
     if plots:
         draw_thesis(plots / "sources-thesis.svg", redone, pattern_run("hard", 96), _curves())
-        draw_patterns(plots / "sources-patterns.svg", {name: pattern_run(name, 12) for name in thesis.PATTERNS})
+        draw_patterns(plots / "sources-patterns.svg", {name: pattern_run(name, 12) for name in PATTERNS_C})
 
 
 def _curves() -> dict[str, OcvCurve]:
     soc = np.linspace(0.0, 1.0, 22)
-    low, high = thesis.AT_1C[::-1], thesis.AT_10C[::-1]
+    low, high = AT_1C[::-1], AT_10C[::-1]
     return {
         "1C, under load": OcvCurve(soc, np.maximum.accumulate(low + 1e-9 * np.arange(22))),
         "both, extrapolated to none": from_two_currents(soc, low, high, 25.0, 250.0),

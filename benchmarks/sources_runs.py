@@ -15,6 +15,7 @@ from app.estimation.filters.estimators import make_estimator
 from app.estimation.filters.sigma_points import unscented
 from app.estimation.prediction.driver_soc import DriverSoc
 from benchmarks import thesis_filter as thesis
+from benchmarks.thesis_curves import load_curves
 
 FloatArray = NDArray[np.float64]
 
@@ -37,7 +38,7 @@ def thesis_run(name: str, n_cells: int, passes: int = THESIS_PASSES, keep: int =
     load = thesis.pattern(name)
     current = 25.0 * load[np.minimum(np.arange(passes) * load.size // passes, load.size - 1)]
     truth = 1.0 - np.cumsum(current) * thesis.STEP_S / 90_000.0
-    curves = thesis.load_curves()
+    curves = load_curves()
     drawn = np.linspace(1.0, 0.0, passes)  # the script lets every run end empty, whatever its length
     level = np.clip(np.rint(np.abs(current) / 25.0), 1, 10).astype(int) - 1
     clean = curves[level, np.rint(1000.0 * drawn).astype(int)]

@@ -1,14 +1,19 @@
 """The SOC thesis's key data and load patterns beside the right numbers: `python -m benchmarks.sources_tables`.
 
-Prints the tables of docs/explanation/sources-redone.md, computed from the cell file, the layout and the patterns.
+Prints the tables of docs/explanation/sources-redone.md, computed from the cell file, the layout and the patterns. With
+`--curves FILE` its table of 10 x 1001 voltages is written as CSV.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
+
+import numpy as np
 
 from app.battery.sizing import Layout, figures_of
 from app.estimation.cell_model.cell_file import load_cell
+from benchmarks.thesis_curves import load_curves
 from simulator.loads import PATTERNS_C
 
 CELLS_A_MODULE = 10
@@ -64,6 +69,12 @@ def drawn_of(load: tuple[float, ...], seconds: float) -> float:
 
 def main() -> None:
     """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--curves", metavar="FILE", help="write the 10 x 1001 voltages over SOC [V]")
+    if file := parser.parse_args().curves:
+        columns = np.vstack((np.linspace(0.0, 1.0, 1001), load_curves())).T
+        heads = ",".join(("soc", *(f"voltage_{c}c_v" for c in range(1, 11))))
+        np.savetxt(file, columns, fmt="%.4f", delimiter=",", header=heads, comments="")
     print("\n".join(key_data()), "", *patterns(), "", sep="\n")
     seconds = PASSES * STEP_S
     drawn = 100.0 * drawn_of(PATTERNS_C["hard"], seconds)

@@ -12,6 +12,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from simulator.loads import PATTERNS_C
+
 # mypy: disable-error-code="no-untyped-def,untyped-decorator"
 # ruff: noqa: ANN001, ANN201, RUF046
 
@@ -21,35 +23,11 @@ STEP_S: Final = 290e-6
 CAPACITY_AH: Final = 25.0
 R_SERIES, R_SHORT, C_SHORT, R_LONG, C_LONG = 2.7e-6, 2e-3, 500.0, 1.1e-3, 5000.0
 P0, PROCESS_NOISE, VOLTAGE_NOISE = (1.7, 0.04, 0.04), 1e-3, 0.04
-# Terminal voltage at 1C and 10C over the charge drawn, 22 points over 25 Ah [V].
-AT_1C = np.array(
-    [4.15, 4.03, 3.98, 3.945, 3.89, 3.84, 3.79, 3.745, 3.695, 3.65, 3.61,
-     3.575, 3.55, 3.51, 3.48, 3.45, 3.41, 3.35, 3.28, 3.08, 2.75, 2.5]
-)  # fmt: skip
-AT_10C = np.array(
-    [4.15, 3.48, 3.435, 3.385, 3.35, 3.32, 3.29, 3.27, 3.24, 3.215, 3.185,
-     3.16, 3.13, 3.11, 3.08, 3.05, 3.01, 2.95, 2.875, 2.73, 2.5, 2.5]
-)  # fmt: skip
-PATTERNS: Final = {
-    "hard": "7 7 7 7 -7 -5 -2 8 10 10 10 10 10 10 -10 -9 -7 -4 1 2 2 2 2 2 2 2 4 5 5 -2 -5 -2 8 10 -2 -3 5 7 7",
-    "medium": "3 3 3 3 -3 -2 -1 4 5 5 5 5 5 -5 -4 -3 -2 1 1 1 1 1 1 1 1 2 2 2 -1 -2 -1 4 5 -1 -1 2 3 3",
-    "soft": "1 1 1 1 -3 -2 -1 2 2 -2 -1 2 2 2 -5 -4 -3 -2 1 1 1 1 1 1 1 1 1 1 1 -1 -2 -1 2 2 -1 -1 1 1 1",
-    "constant": "1",
-    "manual": "4 0 4 0 6 0 -2 0",  # the menu's fifth entry lets the user type one
-}
 
 
 def pattern(name: str) -> FloatArray:
     """Return the load of each slice [C]."""
-    return np.array([float(c) for c in PATTERNS[name].split()])
-
-
-def load_curves() -> FloatArray:
-    """Return (10, 1001) terminal voltage [V] at 1C..10C over SOC 0..1: the curves that the thesis uses as OCV."""
-    drawn = np.linspace(0.0, 1.0, 22)
-    soc = np.linspace(0.0, 1.0, 1001)
-    low, high = np.interp(1.0 - soc, drawn, AT_1C), np.interp(1.0 - soc, drawn, AT_10C)
-    return np.linspace(low, high, 10)
+    return np.array(PATTERNS_C[name], dtype=float)
 
 
 @numba.njit(cache=True)

@@ -133,6 +133,7 @@ class Rest:
         return LoadState(Phase.STANDBY if t_s < self.duration_s else Phase.FINISHED)
 
 
+# Of the SOC thesis; the fifth entry of its menu lets the user type one, of which "manual" is an example.
 # fmt: off
 PATTERNS_C: dict[str, tuple[float, ...]] = {
     "hard": (7, 7, 7, 7, -7, -5, -2, 8, 10, 10, 10, 10, 10, 10, -10, -9, -7, -4, 1, 2, 2, 2, 2, 2, 2, 2, 4, 5, 5, -2,
@@ -142,22 +143,23 @@ PATTERNS_C: dict[str, tuple[float, ...]] = {
     "soft": (1, 1, 1, 1, -3, -2, -1, 2, 2, -2, -1, 2, 2, 2, -5, -4, -3, -2, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, -1, -2, -1,
              2, 2, -1, -1, 1, 1, 1),
     "constant": (1,),
+    "manual": (4, 0, 4, 0, 6, 0, -2, 0),
 }
 # fmt: on
 
 
 class Pattern:
-    """A load pattern of the SOC thesis: currents in C, each for an equal slice of the run."""
+    """A load pattern as in the SOC thesis: currents in C, each for an equal slice of the run."""
 
-    def __init__(self, name: str, capacity_ah: float, *, depth: float = 0.8, scale: float = 1.0) -> None:
-        """Take the pattern `name` once, times `scale`, so long that it draws `depth` of `capacity_ah` in sum.
+    def __init__(
+        self, slices_c: tuple[float, ...], capacity_ah: float, *, depth: float = 0.8, scale: float = 1.0
+    ) -> None:
+        """Take the slices [C] once, times `scale`, so long that they draw `depth` of `capacity_ah` in sum.
 
         Raises:
-            ParameterError: no such pattern, or its sum is not a discharge.
+            ParameterError: their sum is not a discharge.
         """
-        if name not in PATTERNS_C:
-            raise ParameterError("pattern", name, f"one of {', '.join(PATTERNS_C)}")
-        self.amps: FloatArray = np.asarray(PATTERNS_C[name], dtype=float) * capacity_ah * scale
+        self.amps: FloatArray = np.asarray(slices_c, dtype=float) * capacity_ah * scale
         total_a = float(self.amps.sum())
         if not total_a > 0.0 or not depth > 0.0:
             raise ParameterError("scale, depth", (scale, depth), "must make a discharge")

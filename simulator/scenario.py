@@ -60,7 +60,7 @@ class PhasePlan:
     until_soc: float | None = None
     current_a: float = 0.0
     power_scale: float = 1.0
-    pattern: str = "medium"
+    pattern_c: tuple[float, ...] = ()  # loads of equal slices
     laps: int = 22
     recording: Recorded | None = field(default=None, compare=False, repr=False)
 

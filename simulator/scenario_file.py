@@ -58,6 +58,8 @@ START_LIMITS = {
 }
 _PACE = Limits(0.1, 20, "times")
 _POWER_SCALE = Limits(0.01, 4)
+_SLICE_C = Limits(-10, 10, "C")
+MOST_SLICES = 200  # of a pattern
 _LAPS = Limits(1, 100, is_whole=True)
 _EVENT_VALUE = Limits(-(2**31), 2**32 - 1, is_whole=True)
 _RELAYS_S = 5.0  # until the relays are closed and a recorded current can flow
@@ -223,10 +225,23 @@ def _phase(table: dict[str, Any], folder: Path) -> PhasePlan:
         until_soc=read_optional(table, "until_soc", SHARE),
         current_a=read_number(table, "current_a", CURRENT_A) if load == "constant" else 0.0,
         power_scale=read_number(table, "power_scale", _POWER_SCALE, 1.0),
-        pattern=read_choice({"pattern": "medium", **table}, "pattern", PATTERNS_C),
+        pattern_c=_pattern(table) if load == "pattern" else (),
         laps=int(read_number(table, "laps", _LAPS, 22)),
         recording=load_recording(folder / read_text(table, "file")) if load == "recorded" else None,
     )
+
+
+def _pattern(table: dict[str, Any]) -> tuple[float, ...]:
+    """Return a pattern by its name, or the one that is written there."""
+    given = table.get("pattern", "medium")
+    if not isinstance(given, list):
+        return PATTERNS_C[read_choice({"pattern": given}, "pattern", PATTERNS_C)]
+    if not 1 <= len(given) <= MOST_SLICES:
+        raise InputError("pattern", f"has {len(given)} slices; 1 to {MOST_SLICES} are possible")
+    slices_c = tuple(check_number(f"pattern[{k}]", value, _SLICE_C) for k, value in enumerate(given))
+    if not sum(slices_c) > 0.0:
+        raise InputError("pattern", f"sums to {sum(slices_c):g} C: it has to discharge")
+    return slices_c
 
 
 def _fault(table: dict[str, Any], shape: Shape) -> FaultPlan:

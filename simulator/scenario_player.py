@@ -233,7 +233,7 @@ class ScenarioPlayer:
                 return skid_pad()
             case "pattern":
                 capacity_ah = float(self.simulation.accumulator.capacity_ah.mean())
-                return Pattern(plan.pattern, capacity_ah, scale=plan.power_scale)
+                return Pattern(plan.pattern_c, capacity_ah, scale=plan.power_scale)
         return plan.recording or Rest()
 
 

@@ -41,7 +41,7 @@ def test_the_right_energies_stand_beside_them(printed: str) -> None:
 
 def test_a_pattern_of_n_slices_draws_one_nth_of_the_charge(printed: str) -> None:
     rows = [line.split("|")[1:-1] for line in printed.splitlines() if line.rstrip().endswith(" % |")]
-    assert len(rows) == 4
+    assert len(rows) == 5
     for row in rows:
         slices, total = int(row[1]), float(row[2].removesuffix("C "))
         assert row[3].strip() == f"{3600.0 / total:.1f} s"

@@ -30,7 +30,7 @@ def test_rest_wants_no_high_voltage():
 
 @pytest.mark.parametrize("name", PATTERNS_C)
 def test_pattern_draws_the_depth_asked_for(name):
-    load = Pattern(name, 25.0, depth=0.7)
+    load = Pattern(PATTERNS_C[name], 25.0, depth=0.7)
     times = np.arange(0.0, load.duration_s, load.slice_s / 100.0) + 1e-6
     drawn_ah = sum(load.current_a(float(t), FULL) for t in times) * load.slice_s / 100.0 / 3600.0
     assert drawn_ah == pytest.approx(0.7 * 25.0, rel=1e-6)
@@ -38,15 +38,15 @@ def test_pattern_draws_the_depth_asked_for(name):
 
 
 def test_hard_pattern_reaches_ten_c_both_ways():
-    load = Pattern("hard", 25.0)
+    load = Pattern(PATTERNS_C["hard"], 25.0)
     assert load.amps.max() == 250.0
     assert load.amps.min() == -250.0
 
 
-@pytest.mark.parametrize(("name", "options"), [("brutal", {}), ("hard", {"scale": -1.0}), ("hard", {"depth": 0.0})])
-def test_patterns_that_are_none_are_refused(name, options):
+@pytest.mark.parametrize(("slices_c", "options"), [((1, -1), {}), ((1,), {"scale": -1.0}), ((1,), {"depth": 0.0})])
+def test_patterns_that_are_none_are_refused(slices_c, options):
     with pytest.raises(ParameterError):
-        Pattern(name, 25.0, **options)
+        Pattern(slices_c, 25.0, **options)
 
 
 def test_limits_hold_power_and_current_both_ways():

@@ -4,6 +4,7 @@ from firmware_protocol.config_image import unit_value
 from firmware_protocol.messages import EventCode
 from simulator.errors import ScenarioError
 from simulator.library import DEFAULT_SCENARIO, find_scenario, library
+from simulator.loads import PATTERNS_C
 from simulator.scenario_file import load_scenario
 
 GOOD = """
@@ -105,6 +106,14 @@ def test_a_file_is_read_as_people_wrote_it(tmp_path):
         ),
         ('load = "constant"\ncurrent_a = 20', 'load = "endurance"\nlaps = 2.5', r"laps = 2\.5 is outside"),
         ('load = "constant"\ncurrent_a = 20', 'load = "pattern"\npattern = "brutal"', "'brutal' is none of hard"),
+        ('load = "constant"\ncurrent_a = 20', 'load = "pattern"\npattern = []', "0 slices; 1 to 200"),
+        (
+            'load = "constant"\ncurrent_a = 20',
+            'load = "pattern"\npattern = [4, 11]',
+            r"pattern\[1\] = 11 is outside -10\.\.10 C",
+        ),
+        ('load = "constant"\ncurrent_a = 20', 'load = "pattern"\npattern = [4, "x"]', r"pattern\[1\]"),
+        ('load = "constant"\ncurrent_a = 20', 'load = "pattern"\npattern = [2, -2]', "it has to discharge"),
         ('load = "constant"\ncurrent_a = 20', 'load = "recorded"', "file is missing"),
         ('load = "constant"\ncurrent_a = 20', 'load = "recorded"\nfile = "no.csv"', r"no\.csv"),
         ('load = "constant"\ncurrent_a = 20', 'load = "recorded"\nfile = "a\\u0000b"', "null byte"),
@@ -159,3 +168,10 @@ def test_a_name_that_is_neither_file_nor_scenario_lists_what_there_is(tmp_path):
     with pytest.raises(ScenarioError):
         find_scenario("../scenarios/race-day")
     assert find_scenario(str(write(tmp_path, GOOD))).name == "mine"
+
+
+def test_a_pattern_is_named_or_written_out(tmp_path):
+    path = tmp_path / "mine.toml"
+    for written, meant in (('"soft"', PATTERNS_C["soft"]), ("[4, 0, 6.5, -2]", (4.0, 0.0, 6.5, -2.0))):
+        path.write_text(f'title = "x"\ndescription = "y"\n[[phase]]\nload = "pattern"\npattern = {written}\n')
+        assert load_scenario(path).phases[0].pattern_c == meant
