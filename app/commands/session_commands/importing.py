@@ -12,7 +12,8 @@ from app.estimation.filters.estimators import FILTERS
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.transfer.import_session import import_file, read_table
 from app.sources.loaded_battery import load_battery
-from app.sources.recordings.can_log import ENDINGS, signal_names
+from app.sources.recordings.can_log import signal_names
+from app.sources.recordings.kind import is_can_log
 from app.sources.recordings.profile import ImportProfile, ProfileStore, guess, parse_profile, profile_of, profile_text
 
 _NUMBERS = ("max_rate_hz", "hold_s", "cells_in_series")
@@ -22,9 +23,9 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     """Declare the actions."""
     taking = new_action(actions, "import", "make a session of another system's recording, estimated", _import)
     taking.epilog = (
-        "CSV or Parquet; or a CAN log: candump .log, .asc, .blf, .trc, .mf4. A CAN log is of --battery, without it of"
-        " our\nown master; with --dbc its signals are taken as a table. A table has the shape of --battery, else one"
-        " segment."
+        "CSV or Parquet; or a CAN log: candump, .asc, .blf, .trc, SavvyCAN, CRTD, .mf4; known by content. A CAN log\n"
+        "is of --battery, without it of our own master; with --dbc its signals are taken as a table. A table has the\n"
+        "shape of --battery, else one segment."
     )
     columns = new_action(actions, "columns", "what is in such a file, and the profile that is guessed for it", _columns)
     for action in (taking, columns):
@@ -53,7 +54,7 @@ def _import(args: argparse.Namespace) -> int:
     data = data_folder(args)
     battery = None if args.battery is None else load_battery(args.battery)
     store = ProfileStore(data / "profiles")
-    is_log = path.name.lower().endswith(ENDINGS) and args.dbc is None
+    is_log = args.dbc is None and is_can_log(path)
     profile = ImportProfile() if is_log else _profile(args, path, store)
     done = import_file(
         path,

@@ -15,7 +15,7 @@ from app.sessions.transfer.import_session import Imported, NewPipeline, import_f
 from app.sessions.worker import DEFINITIONS, INSPECTION, Workers, import_limits
 from app.sources.dbc.dbc_file import DEFINITION_ENDINGS
 from app.sources.loaded_battery import LoadedBattery, load_battery
-from app.sources.recordings.can_log import ENDINGS
+from app.sources.recordings.kind import is_can_log
 from app.sources.recordings.profile import ImportProfile, ProfileStore, guess
 from app.telemetry import Severity
 from app.words import Message, Text, named_as_here
@@ -109,9 +109,10 @@ class ImportJobs:
         Raises:
             ImportFailed: it is no table.
         """
-        is_can = path.name.lower().endswith(ENDINGS)
+        is_definition = path.name.lower().endswith((".toml", *DEFINITION_ENDINGS))
+        is_can = not is_definition and is_can_log(path)
         upload = Upload(number, path.name, path, is_can)
-        if not is_can and not path.name.lower().endswith((".toml", *DEFINITION_ENDINGS)):
+        if not is_can and not is_definition:
             try:
                 columns, guessed = self._workers.run(INSPECTION, columns_of, path)
             except AppError:

@@ -17,8 +17,10 @@ from app.sources.dbc.frames import TimedFrame, frames_of
 from app.sources.items import CanItem
 from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.recordings import can_log
+from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.battery_log import BatteryLog, battery_log
 from app.sources.recordings.csv_table import TableUnreadable
+from app.sources.recordings.kind import is_can_log
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.table import Table, load_table
 from app.words import Message, naming_cells
@@ -64,8 +66,7 @@ def read_table(path: Path) -> Table:
     try:
         return load_table(path)
     except TableUnreadable as error:
-        reason = Message("of-source", source=error.source, reason=error.reason)
-        raise ImportFailed(path.name, reason) from error
+        raise ImportFailed(path.name, error.reason) from error
 
 
 def import_file(
@@ -83,7 +84,7 @@ def import_file(
     """Read a recording, run the filter over it and write it as a session into `folder`.
 
     Args:
-        path: CSV or Parquet, plain or gzip; or a CAN log: candump (.log), .trc, .asc, .blf, .mf4.
+        path: a table or a CAN log, known by its content (`app.sources.recordings.kind`).
         profile: which columns, or signals of `dbc`, are what.
         folder: of the sessions.
         new_pipeline: makes a fresh chain with the filter and the cell to use.
@@ -124,15 +125,16 @@ def import_file(
 
 
 def _read(path: Path, profile: ImportProfile, battery: LoadedBattery | None, dbc: Path | None) -> _Recording:
-    is_can = path.name.lower().endswith(can_log.ENDINGS)
-    log: list[can_log.Frame] = sorted(can_log.read_frames(path), key=lambda frame: frame[0]) if is_can else []
+    is_can, bad = is_can_log(path), BadRows()
+    log: list[can_log.Frame] = sorted(can_log.read_frames(path, bad), key=lambda frame: frame[0]) if is_can else []
     first_s = log[0][0] if log else 0.0
     frames = [(round((at_s - first_s) * 1e9), can_id, data) for at_s, can_id, data in log]
     if is_can and dbc is None:
         if not frames:
             raise ImportFailed(path.name, Message("no-data-frame"))
         started_s = first_s if first_s > SINCE_1970_S else None
-        return _of_frames(path.name, frames, battery or team_battery(), started_s)
+        of_frames = _of_frames(path.name, frames, battery or team_battery(), started_s)
+        return replace(of_frames, notes=(*bad.notes(len(frames)), *of_frames.notes))
     if is_can and dbc is not None:
         table = can_log.signal_table(path, dbc, profile)
         profile = replace(profile, **can_log.column_profile(profile))  # type: ignore[arg-type]

@@ -1,77 +1,178 @@
-"""CAN logs of other tools, candump, ASC, BLF, TRC, MF4: as frames, and by a DBC as a table of signals."""
+"""CAN logs of other tools as frames, and by a DBC as a table of signals."""
 
+import gzip
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
 from app.errors import ExtraMissing, ImportFailed
 from app.estimation.arrays import FloatArray
-from app.sources.recordings.candump import MOST_S, candump_frames
+from app.sources.recordings.bad_rows import EARLY, BadRows
+from app.sources.recordings.candump import MOST_S, candump_frame
+from app.sources.recordings.kind import CAN_LOGS, kind_of
+from app.sources.recordings.line_logs import crtd_frame, savvycan_frame
 from app.sources.recordings.mf4_log import mf4_frames
 from app.sources.recordings.profile import ImportProfile
-from app.sources.recordings.table import Table, matching
-from app.words import Message, Quantity
+from app.sources.recordings.table import GZIP_MAGIC, Table, matching
+from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
-ENDINGS = (".log", ".asc", ".blf", ".trc", ".mf4")
 _ID_BITS = 0x1FFFFFFF
 _MOST_BYTES = 64  # of CAN FD
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
+_HEADER = (";", "date", "base", "internal", "no internal", "//", "Begin", "begin")  # of .trc and .asc
+_LINE_LOGS = {"candump": candump_frame, "savvycan": savvycan_frame, "crtd": crtd_frame}
 
 
-def read_frames(path: Path) -> Iterator[Frame]:
-    """Yield the data frames of a log, in its order.
+def read_frames(path: Path, bad: BadRows | None = None) -> Iterator[Frame]:
+    """Yield the data frames of a log, in its order; what it is is taken from its content.
+
+    Args:
+        path: candump, SavvyCAN, CRTD, .asc, .trc, .blf or MF4 bus logging; text also gzip.
+        bad: gets the lines and frames that cannot be read.
 
     Raises:
-        ImportFailed: the file cannot be read as what its name says, or tells a time, an id or a length that cannot be.
+        ImportFailed: it cannot be read, or more than half of it cannot.
         ExtraMissing: asammdf, which reads MF4, is not installed.
     """
-    for frame in _read(path):
+    bad = BadRows() if bad is None else bad
+    good = 0
+    for frame in _read(path, kind_of(path), bad):
         if not abs(frame[0]) < MOST_S:  # not a number, too
-            raise ImportFailed(path.name, Message("no-can-log", error=f"a time of {frame[0]:g} s"))
-        if frame[1] & ~(CAN_ID_EXTENDED | _ID_BITS) or len(frame[2]) > _MOST_BYTES:
-            error = f"a frame of id {frame[1]:X} and {len(frame[2])} bytes"
-            raise ImportFailed(path.name, Message("no-can-log", error=error))
-        yield frame
+            bad.add(None, f"a time of {frame[0]:g} s")
+        elif frame[1] & ~(CAN_ID_EXTENDED | _ID_BITS) or len(frame[2]) > _MOST_BYTES:
+            bad.add(None, f"a frame of id {frame[1]:X} and {len(frame[2])} bytes")
+        else:
+            good += 1
+            yield frame
+        if bad.count > EARLY and not good:
+            break
+    bad.check(path.name, good)
 
 
-def _read(path: Path) -> Iterator[Frame]:
-    if not path.name.lower().endswith(ENDINGS[1:]):
-        yield from _candump(path)
-        return
-    if path.name.lower().endswith(".mf4"):
-        try:
-            yield from mf4_frames(path)
-        except ExtraMissing:
-            raise
-        except Exception as error:  # asammdf raises what it meets
-            raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
-        return
-    can = import_module("can")  # brings the libraries of every format it knows, hundreds of files
+def _read(path: Path, kind: str, bad: BadRows) -> Iterator[Frame]:
+    if kind not in CAN_LOGS:
+        raise ImportFailed(path.name, Message("no-can-log", error=Message("no-log-kind")))
     try:
-        options = {"relative_timestamp": False} if path.name.lower().endswith(".asc") else {}
-        reader: Any = can.LogReader(path, **options)
-        with reader:
+        if kind in _LINE_LOGS:
+            yield from _lines(path, _LINE_LOGS[kind], bad)
+        elif kind == "mf4":
+            yield from mf4_frames(path)
+        elif kind in ("asc", "trc"):
+            yield from _text_of_python_can(path, kind, bad)
+        else:
+            yield from _blf(path, bad)
+    except (ExtraMissing, MemoryError):
+        raise
+    except Exception as error:  # every reader raises its own: struct.error, MdfException, ...
+        raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
+
+
+def _lines(path: Path, frame_of: Callable[[str], Frame | None], bad: BadRows) -> Iterator[Frame]:
+    """The frames of a log that has one a line; a last line without its end may be cut off."""
+    with _open_text(path) as lines:
+        for number, line in enumerate(lines, 1):
+            try:
+                frame = frame_of(line) if line.strip() else None
+            except ValueError as error:
+                if line.endswith("\n"):
+                    bad.add(number, str(error))
+                continue
+            if frame is not None:
+                yield frame
+
+
+def _open_text(path: Path) -> TextIO:
+    with path.open("rb") as file:
+        is_packed = file.read(2) == GZIP_MAGIC
+    if is_packed:
+        return gzip.open(path, "rt", encoding="latin-1")
+    return path.open(encoding="latin-1")
+
+
+class _Lines:
+    """The lines of a text file for a reader of python-can, which begins again behind one that it cannot read."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = _open_text(path)
+        self._kept: list[str] = []  # the header, for each reader that follows
+        self._again: list[str] = []
+        self._in_header = True
+        self.number = 0
+
+    def __iter__(self) -> Iterator[str]:
+        while self._again:
+            yield self._again.pop(0)
+        for line in self._file:
+            self.number += 1
+            self._in_header &= line.startswith(_HEADER) or not line.strip()
+            if self._in_header:
+                self._kept.append(line)
+            yield line
+
+    def begin_again(self) -> None:
+        self._again = list(self._kept)
+
+    def readline(self) -> str:
+        return next(iter(self), "")
+
+    def read(self, size: int = -1) -> str:
+        raise NotImplementedError
+
+    def write(self, text: str) -> int:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _text_of_python_can(path: Path, kind: str, bad: BadRows) -> Iterator[Frame]:
+    can = import_module("can")  # brings the libraries of every format it knows, hundreds of files
+    lines = _Lines(path)
+    is_done = False
+    try:
+        while not is_done:
+            reader: Any = can.TRCReader(lines) if kind == "trc" else can.ASCReader(lines, relative_timestamp=False)
+            before = lines.number
+            try:
+                for message in reader:
+                    yield from _data_frame(message)
+                is_done = True
+            except MemoryError:
+                raise
+            except Exception as error:  # ValueError, IndexError, KeyError, ...
+                if lines.number == before:
+                    raise
+                bad.add(lines.number, str(error) or type(error).__name__)
+                lines.begin_again()
+    finally:
+        lines.close()
+
+
+def _blf(path: Path, bad: BadRows) -> Iterator[Frame]:
+    can = import_module("can")
+    good = 0
+    try:
+        with can.BLFReader(path) as reader:
             for message in reader:
-                if not (message.is_error_frame or message.is_remote_frame):
-                    extended = CAN_ID_EXTENDED if message.is_extended_id else 0
-                    yield float(message.timestamp), message.arbitration_id | extended, bytes(message.data)
+                good += 1
+                yield from _data_frame(message)
     except MemoryError:
         raise
-    except Exception as error:  # every reader raises its own: struct.error, BLFParseError, ...
-        raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
+    except Exception as error:  # struct.error, zlib.error, BLFParseError, ...
+        if not good:
+            raise
+        bad.add(None, f"the file breaks off after {good} frames: {error}")
 
 
-def _candump(path: Path) -> Iterator[Frame]:
-    try:
-        with path.open(encoding="ascii") as lines:
-            yield from candump_frames(lines)
-    except (OSError, ValueError) as error:
-        raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
+def _data_frame(message: Any) -> Iterator[Frame]:
+    if not (message.is_error_frame or message.is_remote_frame):
+        extended = CAN_ID_EXTENDED if message.is_extended_id else 0
+        yield float(message.timestamp), message.arbitration_id | extended, bytes(message.data)
 
 
 def signal_table(path: Path, dbc: Path, profile: ImportProfile) -> Table:
@@ -82,8 +183,9 @@ def signal_table(path: Path, dbc: Path, profile: ImportProfile) -> Table:
         ImportFailed: the log or the DBC cannot be read, or a signal is in none of the frames.
     """
     profile.check_complete()
-    signals = _signals(read_frames(path), path.name, dbc)
     source = path.name
+    unread, undecoded = BadRows(), BadRows("frames of the DBC")
+    signals = _signals(read_frames(path, unread), source, dbc, bad=undecoded)
     times_s, current = _signal(source, "current", profile.current, signals)
     columns: dict[str, FloatArray] = {"time": times_s, profile.current: current}
     indexed = {name.partition("[")[0] for name in (profile.voltages, profile.temperatures) if "[" in name}
@@ -96,7 +198,8 @@ def signal_table(path: Path, dbc: Path, profile: ImportProfile) -> Table:
         )
         if is_wanted and name not in columns:
             columns[name] = _held(times_s, *_in_order(at_s, values), profile.hold_s)
-    return Table(source, columns)
+    decoded = max((len(times) for times, _ in signals.values()), default=0)
+    return Table(source, columns, notes=(*unread.notes(decoded), *undecoded.notes(decoded)))
 
 
 def column_profile(profile: ImportProfile) -> dict[str, object]:
@@ -131,12 +234,14 @@ def one_signal(frames: Iterable[Frame], source: str, dbc: Path, name: str) -> tu
 
 
 def _signals(
-    frames: Iterable[Frame], source: str, dbc: Path, only: str | None = None
+    frames: Iterable[Frame], source: str, dbc: Path, only: str | None = None, bad: BadRows | None = None
 ) -> dict[str, tuple[list[float], list[float]]]:
     """Times and values of each signal; under its own name where only one message has one of that name.
 
     With `only`, of messages that have a signal of this name.
     """
+    bad = BadRows("frames of the DBC") if bad is None else bad
+    decoded = 0
     database = _database(dbc)
     by_id = {
         m.frame_id | (CAN_ID_EXTENDED if m.is_extended_frame else 0): m
@@ -154,11 +259,10 @@ def _signals(
             continue
         try:
             values = message.decode(data, decode_choices=False, allow_truncated=True)
-        except Exception as error:
-            raise ImportFailed(
-                source,
-                Message("frame-not-decoded", name=message.name, time=Quantity(at_s, "s", 3), error=str(error)),
-            ) from error
+        except Exception as error:  # noqa: BLE001  cantools raises its own, bitstruct's and the codec's
+            bad.add(None, f"message {message.name} at {at_s:.3f} s: {error}")
+            continue
+        decoded += 1
         numbers = {name: float(value) for name, value in values.items() if isinstance(value, int | float)}
         for name, value in numbers.items():
             names = [f"{message.name}.{name}"] + ([name] if uses[name] == 1 else [])
@@ -167,6 +271,7 @@ def _signals(
                 times, found = signals[each]
                 times.append(at_s)
                 found.append(value)
+    bad.check(source, decoded)
     if not signals:
         if only is None:
             raise ImportFailed(source, Message("no-frame-in-dbc", dbc=dbc.name))

@@ -1,13 +1,12 @@
 """candump's text, as `-L` writes it to files and as it stands on a terminal: frames with their times."""
 
 import re
-from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 ERROR_FRAME, REMOTE = 0x20000000, "R"
-_LINE = re.compile(
+CANDUMP_LINE = re.compile(
     r"\s*\((?P<time>[^)]+)\)\s+\S+\s+(?:[TR]X\s+(?:[-BE]\s+)*)?(?P<id>[0-9A-Fa-f]{3,8})"
     r"(?:#(?P<flags>#[0-9A-Fa-f])?(?P<data>R\d?|(?:[0-9A-Fa-f]{2}\.?){0,64})(?:_[0-9A-Fa-f])?(?:\s+[RT])?"
     r"|\s+\[\s*(?P<length>\d+)\]\s*(?P<bytes>(?:[0-9A-Fa-f]{2}\s*){0,64}|remote request.*)(?:'.*)?)\s*$"
@@ -20,29 +19,20 @@ class NotCandump(ValueError):
     """A line that is none of candump's."""
 
 
-def candump_frames(lines: Iterable[str]) -> Iterator[tuple[float, int, bytes]]:
-    """Yield time [s], id with bit 31 for 29-bit ones, and data of each data frame.
+def candump_frame(line: str) -> tuple[float, int, bytes] | None:
+    """Return time [s], id with bit 31 for 29-bit ones, and data of a line; None for remote and error frames.
 
     Raises:
-        NotCandump: a line is none of candump's; the last one may have been cut off.
+        NotCandump: the line is none of candump's.
     """
-    broken: str | None = None
-    is_candump = False
-    for line in lines:
-        if broken is not None:
-            raise NotCandump(broken)
-        found = _LINE.match(line)
-        if found is None:
-            broken = line.strip()[:60] or None
-            if broken is not None and not is_candump:
-                raise NotCandump(broken)
-            continue
-        is_candump = True
-        can_id, text = int(found["id"], 16), found["bytes"] if found["data"] is None else found["data"]
-        if text.startswith((REMOTE, "remote")) or (len(found["id"]) > _SHORT_ID and can_id & ERROR_FRAME):
-            continue
-        extended = CAN_ID_EXTENDED if len(found["id"]) > _SHORT_ID else 0
-        yield _seconds(found["time"]), can_id & 0x1FFFFFFF | extended, bytes.fromhex(text.replace(".", ""))
+    found = CANDUMP_LINE.match(line)
+    if found is None:
+        raise NotCandump(f"not (TIME) BUS ID#BYTES: {line.strip()[:60]}")
+    can_id, text = int(found["id"], 16), found["bytes"] if found["data"] is None else found["data"]
+    if text.startswith((REMOTE, "remote")) or (len(found["id"]) > _SHORT_ID and can_id & ERROR_FRAME):
+        return None
+    extended = CAN_ID_EXTENDED if len(found["id"]) > _SHORT_ID else 0
+    return _seconds(found["time"]), can_id & 0x1FFFFFFF | extended, bytes.fromhex(text.replace(".", ""))
 
 
 def _seconds(text: str) -> float:
@@ -53,8 +43,8 @@ def _seconds(text: str) -> float:
     else:
         if abs(seconds) < MOST_S:
             return seconds
-        raise NotCandump(text)
+        raise NotCandump(f"no time: {text[:30]}")
     try:
         return datetime.fromisoformat(text.strip()).replace(tzinfo=UTC).timestamp()
     except ValueError as error:
-        raise NotCandump(text) from error
+        raise NotCandump(f"no time: {text[:30]}") from error

@@ -13,6 +13,7 @@ import numpy as np
 from app.errors import ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.csv_table import TableUnreadable, read_csv
+from app.sources.recordings.kind import CAN_LOGS, kind_of
 from app.words import Message, Quantity
 
 UNPACKED_BYTES = 1 << 30  # of a compressed file
@@ -22,6 +23,18 @@ _ALWAYS_BYTES = 16 << 20
 _PIECE_BYTES = 1 << 20
 GZIP_MAGIC = b"\x1f\x8b"
 PARQUET_MAGIC = b"PAR1"
+NO_TABLES = {
+    "unknown": Message("no-text"),
+    "mcap": Message("no-text"),
+    "ld": Message("no-text"),
+    "session": Message("is-session"),
+    "mpr": Message("is-mpr"),
+    "nda": Message("is-nda"),
+    "ndax": Message("is-nda"),
+    "xls": Message("is-xls"),
+    "xlsx": Message("is-xlsx"),
+    "res": Message("is-res"),
+}
 _PLACE = {"n": r"(?P<n>\d+)", "p": r"(?P<p>\d+)"}
 
 
@@ -82,6 +95,11 @@ def load_table(path: Path) -> Table:
         TableUnreadable: the file cannot be read, or has no table.
     """
     source = path.name
+    kind = kind_of(path)
+    if kind in NO_TABLES:
+        raise TableUnreadable(source, NO_TABLES[kind])
+    if kind in CAN_LOGS:
+        raise TableUnreadable(source, Message("is-can-log", kind=kind))
     try:
         raw = path.read_bytes()
         if raw[:2] == GZIP_MAGIC:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from app.errors import ImportFailed
+from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.can_log import column_profile, one_signal, read_frames, signal_names, signal_table
 from app.sources.recordings.profile import ImportProfile
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
@@ -111,7 +112,7 @@ def test_what_is_no_dbc_or_no_log_is_named(tmp_path: Path, log: Path) -> None:
     with pytest.raises(ImportFailed, match=r"other\.dbc: not a readable DBC"):
         signal_names(log, tmp_path / "other.dbc")
     (tmp_path / "bad.log").write_text("hello there you\n")
-    with pytest.raises(ImportFailed, match=r"bad\.log: not a readable CAN log"):
+    with pytest.raises(ImportFailed, match=r"bad\.log: 1 of 1 frames cannot be read"):
         list(read_frames(tmp_path / "bad.log"))
 
 
@@ -133,3 +134,42 @@ def test_frames_that_a_log_tells_late_count_at_their_own_time(tmp_path: Path, db
 def test_the_columns_of_a_log_are_those_of_its_frames_not_of_the_dbc(tmp_path: Path, dbc: Path) -> None:
     (tmp_path / "part.log").write_text("(1.0) can0 100#0A00\n(1.1) can0 7FF#00\n")
     assert signal_names(tmp_path / "part.log", dbc) == ["Pack.PackCurrent", "PackCurrent"]
+
+
+def test_a_bad_line_or_frame_does_not_end_a_log(tmp_path: Path, dbc: Path) -> None:
+    lines = [f"({k}.0) can0 100#0A00" for k in range(40)]
+    lines[7] = "(7.0) can0 1x0#0A00"
+    lines[9] = "(nan) can0 100#0A00"
+    (tmp_path / "bad.log").write_text("\n".join(lines) + "\n(40.0) can0 10")  # and the end cut off
+    bad = BadRows()
+    assert len(list(read_frames(tmp_path / "bad.log", bad))) == 38
+    assert [line for line, _ in bad.first] == [8, 10]
+    profile = ImportProfile(current="PackCurrent", voltages="Level")
+    table = signal_table(tmp_path / "bad.log", dbc, profile)
+    assert len(table.columns["time"]) == 38
+    assert any("2 of 40 frames cannot be read" in note and "line 8" in note for note in table.notes)
+
+
+@pytest.mark.parametrize("ending", ["asc", "trc"])
+def test_a_bad_line_does_not_end_a_log_of_another_tool(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"drive.{ending}"
+    with can.Logger(path) as logger:
+        for number in range(20):
+            logger.on_message_received(
+                can.Message(timestamp=START_S + number, arbitration_id=5, data=bytes([number]), is_extended_id=False)
+            )
+    lines = path.read_text().splitlines()
+    spoilt = next(k for k, line in enumerate(lines) if line.split()[-1:] == ["0A"])
+    lines[spoilt] = lines[spoilt].replace("0A", "ZZ")
+    path.write_text("\n".join(lines) + "\n")
+    bad = BadRows()
+    found = list(read_frames(path, bad))
+    assert [data[0] for _, _, data in found] == [number for number in range(20) if number != 10]
+    assert [line for line, _ in bad.first] == [spoilt + 1]
+    assert found[-1][0] - found[0][0] == pytest.approx(19.0, abs=0.01)
+
+
+def test_a_log_of_which_most_is_bad_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bad.log").write_text("(1.0) can0 100#0A00\n" + "(2.0) can0 zzz\n" * 3)
+    with pytest.raises(ImportFailed, match=r"bad\.log: 3 of 4 frames cannot be read, more than half; line 2: not"):
+        list(read_frames(tmp_path / "bad.log"))

@@ -1,0 +1,87 @@
+"""What a recording is, by its content: the name of a file counts only where the content does not tell."""
+
+import gzip
+import re
+import zipfile
+import zlib
+from pathlib import Path
+
+from app.sources.recordings.candump import CANDUMP_LINE
+from app.sources.recordings.line_logs import CRTD_LINE, SAVVYCAN_HEADER
+
+CAN_LOGS = ("candump", "asc", "trc", "blf", "savvycan", "crtd", "mf4")
+ENDINGS = {".log": "candump", ".asc": "asc", ".trc": "trc", ".blf": "blf", ".crtd": "crtd", ".mf4": "mf4"}
+_READ = 1 << 16
+_LINES = 200
+_MAGIC = (
+    (b"PAR1", "parquet"),
+    (b"LOGG", "blf"),
+    (b"MDF ", "mf4"),
+    (b"UnFinMF ", "mf4"),
+    (b"\x89MCAP0\r\n", "mcap"),
+    (b"SQLite format 3\0", "session"),
+    (b"BIO-LOGIC MODULAR FILE", "mpr"),
+    (b"NEWARE", "nda"),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "xls"),
+    (b"\0\1\0\0Standard", "res"),
+    (b"\x40\0\0\0\0\0\0\0", "ld"),
+)
+_ASC = re.compile(r"^\s*(date\s+\w{3}\s|base\s+(hex|dec)\b|begin\s+triggerblock)", re.IGNORECASE | re.MULTILINE)
+_TRC = re.compile(r"^;\$FILEVERSION=|^;\s+(Message|Nr)\s|^\s*\d+\)\s+\d+\.\d+\s+(Rx|Tx|Warng|\d)", re.MULTILINE)
+
+
+def kind_of(path: Path) -> str:
+    """Return what a file is: one of `CAN_LOGS`, "table", "parquet", "xlsx", "ndax", "unknown" for a binary, ...
+
+    A file that cannot be opened is what its name says.
+    """
+    by_name = ENDINGS.get(path.suffix.lower(), "table")
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_READ)
+        if raw[:2] == b"\x1f\x8b":
+            with gzip.open(path) as packed:
+                raw = packed.read(_READ)
+    except (OSError, EOFError, zlib.error):
+        return by_name
+    found = next((kind for magic, kind in _MAGIC if raw.startswith(magic)), None)
+    if found is not None:
+        return found
+    if raw.startswith(b"PK\3\4"):
+        return _kind_of_zip(path)
+    if b"\0" in raw and raw[:2] not in (b"\xff\xfe", b"\xfe\xff"):
+        return by_name if by_name in ("blf", "mf4") else "unknown"
+    return _kind_of_text(raw) or by_name
+
+
+def is_can_log(path: Path) -> bool:
+    """Return whether a file holds CAN frames."""
+    kind = kind_of(path)
+    if kind != "mf4":
+        return kind in CAN_LOGS
+    with path.open("rb") as file:
+        return any(b"CAN_DataFrame" in piece for piece in iter(lambda: file.read(1 << 22), b""))
+
+
+def _kind_of_zip(path: Path) -> str:
+    try:
+        with zipfile.ZipFile(path) as packed:
+            names = packed.namelist()
+    except (OSError, zipfile.BadZipFile):
+        return "unknown"
+    if any(name.startswith("xl/") for name in names):
+        return "xlsx"
+    return "ndax" if any(name.endswith(".ndc") for name in names) else "unknown"
+
+
+def _kind_of_text(raw: bytes) -> str | None:
+    text = raw.decode("latin-1")
+    lines = [line for line in text.splitlines()[:_LINES] if line.strip()]
+    if any(SAVVYCAN_HEADER.match(line) for line in lines[:5]):
+        return "savvycan"
+    for kind, pattern in (("candump", CANDUMP_LINE), ("crtd", CRTD_LINE)):
+        if sum(pattern.match(line) is not None for line in lines) > 0.4 * len(lines):
+            return kind
+    if _TRC.search(text):
+        return "trc"
+    return "asc" if _ASC.search("\n".join(lines[:5])) else None
