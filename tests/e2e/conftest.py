@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, expect, sync_playwright
+from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 
 ROOT = Path(__file__).resolve().parents[2]
 CHROMIUM = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")  # lightest first
@@ -29,6 +30,7 @@ SIZES = {
 }
 TOUCH = {"phone"}
 PATIENCE_MS = 30_000
+LAYOUT_MS = 10_000
 SNAPSHOTS_PER_S = 3  # enough to see values move; drawing all 28 would keep half a processor busy
 FEWER_SNAPSHOTS = f"""
 window.WebSocket = class extends WebSocket {{
@@ -59,6 +61,19 @@ def missing(what: str, remedy: str) -> None:
     if os.environ.get("CI"):
         pytest.fail(text)
     pytest.skip(text)
+
+
+def is_too_wide(page: Page) -> bool:
+    """Whether a page is wider than its screen, once its charts have their new size."""
+    try:
+        page.wait_for_function(
+            "(width) => document.documentElement.scrollWidth <= width",
+            arg=page.viewport_size["width"],
+            timeout=LAYOUT_MS,
+        )
+    except PlaywrightTimeoutError:
+        return True
+    return False
 
 
 @pytest.fixture(scope="package")

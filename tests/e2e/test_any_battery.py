@@ -5,6 +5,7 @@ import re
 import pytest
 from playwright.sync_api import expect
 
+from tests.e2e.conftest import SIZES, is_too_wide
 from tests.service_process import Service
 
 SHAPES = {"fox": ("foxbms-2", [18] * 12), "small": (None, [14])}
@@ -64,28 +65,36 @@ def battery(request, tmp_path_factory):
     service.stop()
 
 
-@pytest.mark.parametrize("size", ["desktop", "phone"])
-def test_every_cell_has_its_number_on_the_map(battery, open_page, size):
+def test_every_cell_has_its_number_on_the_map(battery, open_page):
     service, segments = battery
-    page = open_page(f"{service.base_url}/#/packs", size)
-    numbers = page.get_by_test_id("heatmap").locator(".cell .text").filter(has_text=re.compile(r"^[2-4]\.\d{3}$"))
+    page = open_page(f"{service.base_url}/#/packs")
+    map_of_cells = page.get_by_test_id("heatmap")
+    numbers = map_of_cells.locator(".cell .text").filter(has_text=re.compile(r"^[2-4]\.\d{3}$"))
     expect(numbers).to_have_count(sum(segments))
-    assert not page.evaluate("document.documentElement.scrollWidth > innerWidth")
-    if size == "desktop":
-        box = page.get_by_test_id("heatmap").bounding_box()
-        assert box["y"] + box["height"] <= 900  # nothing to scroll
+    assert not is_too_wide(page)
+    box = map_of_cells.bounding_box()
+    assert box["y"] + box["height"] <= 900  # nothing to scroll
+    page.set_viewport_size(SIZES["phone"])
+    expect(numbers).to_have_count(sum(segments))
+    assert not is_too_wide(page)
 
 
-def test_the_judge_sees_every_cell_at_once(battery, open_page):
+def test_maps_say_what_a_sensor_stands_for_and_what_is_not_judged(battery, open_page):
     service, segments = battery
-    page = open_page(f"{service.base_url}/#/judge")
-    expect(page.get_by_test_id("judge").locator("td .v")).to_have_count(sum(segments))
-    overflow = "(all) => all.filter((v) => v.scrollWidth > v.parentElement.clientWidth).length"
-    assert page.get_by_test_id("judge").locator("td .v").evaluate_all(overflow) == 0
+    page = open_page(f"{service.base_url}/#/packs")
+    if sum(segments) > 100:  # foxBMS tells a tenth of its cells in one period
+        page.get_by_test_id("metric-joint").click()
+        expect(page.get_by_test_id("not-judged")).to_contain_text("from 40")
+    else:  # it has fewer sensors than cells
+        page.get_by_test_id("metric-temperature").click()
+        expect(page.get_by_test_id("sensors-key")).to_contain_text("7 sensors for 14 cells")
+        expect(page.get_by_test_id("cell-1").locator(".text")).to_have_text("″")
+        page.goto(f"{service.base_url}/#/packs/1/2")
+        expect(page.get_by_test_id("cell-sensor")).to_have_text("sensor 1, also for pack 1, cell 1")
 
 
-def test_pages_that_need_a_master_are_absent_and_system_says_why(battery, open_page):
-    service, _ = battery
+def test_pages_that_need_a_master_are_absent_and_the_others_hold_every_cell(battery, open_page):
+    service, segments = battery
     page = open_page(f"{service.base_url}/#/system")
     expect(page.get_by_test_id("why-not-writable")).to_contain_text("Parameters, CAN tables and commands")
     expect(page.get_by_role("link", name="Parameters")).to_have_count(0)
@@ -99,34 +108,17 @@ def test_pages_that_need_a_master_are_absent_and_system_says_why(battery, open_p
     expect(page.get_by_test_id("tab-trace")).to_be_visible()
     expect(page.get_by_test_id("tab-tx")).to_have_count(0)
 
+    page.goto(f"{service.base_url}/#/judge")
+    voltages = page.get_by_test_id("judge").locator("td .v")
+    expect(voltages).to_have_count(sum(segments))
+    overflow = "(all) => all.filter((v) => v.scrollWidth > v.parentElement.clientWidth).length"
+    assert voltages.evaluate_all(overflow) == 0
 
-def test_a_cell_is_found_and_left_by_the_keys(battery, open_page):
-    service, segments = battery
-    page = open_page(f"{service.base_url}/#/packs/{len(segments)}/{segments[-1]}")
+    page.goto(f"{service.base_url}/#/packs/{len(segments)}/{segments[-1]}")
     expect(page.get_by_role("heading", name=f"pack {len(segments)}, cell {segments[-1]}")).to_be_visible()
     expect(page.get_by_test_id("cell-voltage")).to_contain_text(re.compile(r"[2-4]\.\d+"))
-    page.keyboard.press("]")
+    page.keyboard.press("]")  # a cell is left by the keys
     expect(page.get_by_role("heading", name="pack 1, cell 1", exact=True)).to_be_visible()
-
-
-def test_a_temperature_tells_for_which_cells_it_stands(battery, open_page):
-    service, segments = battery
-    if len(segments) > 1:
-        pytest.skip("the small battery has fewer sensors than cells")
-    page = open_page(f"{service.base_url}/#/packs")
-    page.get_by_test_id("metric-temperature").click()
-    expect(page.get_by_test_id("sensors-key")).to_contain_text("7 sensors for 14 cells")
-    expect(page.get_by_test_id("cell-1").locator(".text")).to_have_text("″")
-    page.goto(f"{service.base_url}/#/packs/1/2")
-    expect(page.get_by_test_id("cell-sensor")).to_have_text("sensor 1, also for pack 1, cell 1")
-
-
-def test_what_is_not_judged_of_cells_that_are_told_in_turns_is_said(battery, open_page):
-    service, segments = battery
-    page = open_page(f"{service.base_url}/#/packs")
-    page.get_by_test_id("metric-joint").click()
-    if sum(segments) > 100:  # foxBMS tells a tenth of its cells in one period
-        expect(page.get_by_test_id("not-judged")).to_contain_text("from 40")
 
 
 def wide_battery(folder, n_cells, in_segment):

@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 READS_ONLY = True
 
 
-def test_all_cells_are_shown_and_move(service, open_page):
+def test_all_cells_are_shown_and_move_and_every_metric_can_be_shown(service, open_page):
     page = open_page(f"{service.base_url}/#/packs", full_rate=True)
     cells = page.locator('[data-testid^="cell-"]')
     expect(cells).to_have_count(96)
@@ -19,9 +19,15 @@ def test_all_cells_are_shown_and_move(service, open_page):
            .filter((e, i) => e.innerText !== old[i]).length > 48""",
         arg=before,
     )
+    numbers = ("deviation", "temperature", "soc", "sigma", "resistance", "joint", "capacity", "health", "voltage")
+    for metric in (*numbers, "balancing"):
+        page.get_by_test_id(f"metric-{metric}").click()
+        expect(page.get_by_test_id("heatmap")).to_have_attribute("data-metric", metric)
+        if metric not in ("joint", "health"):  # they need a drive first
+            expect(page.locator('[data-testid^="cell-"][data-missing]')).to_have_count(0)
 
 
-def test_the_overview_shows_what_the_service_says(service, open_page):
+def test_the_overview_shows_what_the_service_says_what_lies_ahead_and_leads_to_a_cell(service, open_page):
     page = open_page(f"{service.base_url}/#/overview")
     expect(page.get_by_test_id("voltage")).to_have_text(re.compile(r"^\d{3}\.\d\sV$"))
     expect(page.get_by_test_id("driver-soc")).to_be_visible()  # a range until 3 sigma are within 10 points
@@ -33,9 +39,6 @@ def test_the_overview_shows_what_the_service_says(service, open_page):
     lowest = page.get_by_role("region", name="Extremes").get_by_role("link").nth(1)
     expect(lowest).to_have_text(re.compile(r"^pack [1-8], cell ([1-9]|1[0-2])$"))
 
-
-def test_the_overview_tells_what_lies_ahead(service, open_page):
-    page = open_page(f"{service.base_url}/#/overview")
     for direction in ("discharge", "charge"):
         for horizon in (1, 10, 30):
             value = page.get_by_test_id(f"power-{direction}-{horizon}")
@@ -46,25 +49,12 @@ def test_the_overview_tells_what_lies_ahead(service, open_page):
         re.compile(r"two whole laps|laps of about|relays are open")
     )
 
-
-def test_a_cell_is_one_click_from_its_history(service, open_page):
-    page = open_page(f"{service.base_url}/#/overview")
     page.get_by_test_id("cell-30").click()
     expect(page).to_have_url(re.compile(r"#/packs/3/7$"))
     expect(page.get_by_role("heading", level=1)).to_have_text("pack 3, cell 7")
     expect(page.get_by_test_id("cell-voltage")).to_have_text(re.compile(r"^[234]\.\d{4}\sV$"))
     expect(page.get_by_test_id("cell-sentence")).to_have_text(re.compile(r"^.*SOC .*; R0 .*; its joint is .*\.$"))
     expect(page.locator("canvas")).to_have_count(7)  # four of the last minutes, three of the trend
-
-
-def test_every_metric_can_be_shown(service, open_page):
-    page = open_page(f"{service.base_url}/#/packs")
-    numbers = ("deviation", "temperature", "soc", "sigma", "resistance", "joint", "capacity", "health", "voltage")
-    for metric in (*numbers, "balancing"):
-        page.get_by_test_id(f"metric-{metric}").click()
-        expect(page.get_by_test_id("heatmap")).to_have_attribute("data-metric", metric)
-        if metric not in ("joint", "health"):  # they need a drive first
-            expect(page.locator('[data-testid^="cell-"][data-missing]')).to_have_count(0)
 
 
 def test_old_values_are_shown_as_old_and_then_not_at_all(make_service, open_page):

@@ -9,17 +9,18 @@ import pytest
 from playwright.sync_api import expect
 
 
-@pytest.fixture(params=["desktop", "phone"])
-def page(service, open_page, request):
-    return open_page(f"{service.base_url}/#/simulator", request.param, quiet=False)  # the browser logs a refusal
-
-
-def test_it_tells_what_the_car_does(page):
+@pytest.mark.parametrize("size", ["desktop", "phone"])
+def test_a_fault_comes_into_force_reaches_the_cell_and_is_cleared(service, open_page, size):
+    page = open_page(f"{service.base_url}/#/simulator", size, quiet=False)  # the browser logs a refusal
     expect(page.get_by_test_id("simulator-scenario")).to_have_text("race-day")
     expect(page.get_by_test_id("scenario-clean-endurance")).to_contain_text("Nothing may trip")
 
+    page.get_by_test_id("fault-kind").select_option("loose-joint")
+    page.get_by_label("Value").fill("51")
+    page.get_by_test_id("inject").click()
+    expect(page.get_by_test_id("simulator-problem")).to_contain_text("0..50 mohm")
+    expect(page.get_by_test_id("fault-loose-joint")).to_have_count(0)
 
-def test_a_fault_comes_into_force_reaches_the_cell_and_is_cleared(service, page):
     page.get_by_test_id("fault-kind").select_option("hot-cell")
     page.get_by_label("pack", exact=True).fill("3")
     page.get_by_label("cell", exact=True).fill("7")
@@ -34,7 +35,8 @@ def test_a_fault_comes_into_force_reaches_the_cell_and_is_cleared(service, page)
         assert client.get("/simulator").json()["status"]["active"] == []
 
 
-def test_an_alarm_follows_a_lost_slave_and_all_faults_are_cleared_at_once(page):
+def test_an_alarm_follows_a_lost_slave_all_faults_are_cleared_at_once_and_another_scenario_starts(service, open_page):
+    page = open_page(f"{service.base_url}/#/simulator", quiet=False)
     page.get_by_test_id("fault-kind").select_option("lost-slave")
     page.get_by_label("pack", exact=True).fill("6")
     page.get_by_test_id("inject").click()
@@ -44,17 +46,7 @@ def test_an_alarm_follows_a_lost_slave_and_all_faults_are_cleared_at_once(page):
     page.get_by_test_id("clear-all").click()
     expect(page.get_by_test_id("fault-lost-slave")).to_have_count(0)
 
-
-def test_a_value_out_of_range_is_named_with_its_limit(page):
-    page.get_by_test_id("fault-kind").select_option("loose-joint")
-    page.get_by_label("Value").fill("51")
-    page.get_by_test_id("inject").click()
-    expect(page.get_by_test_id("simulator-problem")).to_contain_text("0..50 mohm")
-    expect(page.get_by_test_id("fault-loose-joint")).to_have_count(0)
-
-
-def test_another_scenario_starts(page):
-    page.get_by_role("button", name=re.compile("^Start.* skid-pad$")).click()  # again, in the second size
+    page.get_by_role("button", name=re.compile("^Start.* skid-pad$")).click()
     page.get_by_role("dialog").get_by_role("button", name="Start", exact=True).click()
     expect(page.get_by_test_id("simulator-scenario")).to_have_text("skid-pad")
 
