@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { Alarm } from '../src/link/types';
-import { audibleAlarms, isDue } from '../src/store/alert_sound.svelte';
+import { audibleAlarms, isDue, spokenAlarms } from '../src/store/alert_sound.svelte';
 
 const alarm = (id: number, part: Partial<Alarm> = {}): Alarm => ({
   id,
@@ -30,6 +30,14 @@ describe('calling', () => {
       alarm(5, { severity: 'warning' }),
     ];
     expect(audibleAlarms(list).map((a) => a.id)).toEqual([1, 5]);
+  });
+});
+
+describe('a voice', () => {
+  it('names what is new, worst first, and no more than three', () => {
+    const list = [1, 2, 3, 4, 5].map((id) => alarm(id));
+    expect(spokenAlarms(list, new Set([1])).map((a) => a.id)).toEqual([2, 3, 4]);
+    expect(spokenAlarms(list, new Set([1, 2, 3, 4, 5]))).toEqual([]);
   });
 });
 

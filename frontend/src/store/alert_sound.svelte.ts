@@ -3,7 +3,7 @@
 
 import type { Alarm, Severity } from '../link/types';
 import { clock } from '../format';
-import { t, messageText } from '../words/words.svelte';
+import { chosen, t, messageText } from '../words/words.svelte';
 import { openAlarms } from './alarms';
 import { Preference } from './preference.svelte';
 import { live } from './live.svelte';
@@ -25,11 +25,17 @@ const TONES: Record<Severity, readonly [hz: number, at: number][]> = {
   watch: [],
 };
 const TONE_S = 0.14;
+const MOST_SPOKEN = 3;
+const VOICES: Record<string, string> = { en: 'en-GB', nb: 'nb-NO' };
 const LOUDNESS = 0.25;
 
 /** The alarms that may sound: active, unseen, worse than "watch"; worst first. */
 export const audibleAlarms = (alarms: readonly Alarm[]): Alarm[] =>
   alarms.filter((a) => a.active && !a.acknowledged_by && a.severity !== 'watch');
+
+/** The alarms that a voice names now: new ones, worst first, no more than can be listened to. */
+export const spokenAlarms = (alarms: readonly Alarm[], announced: ReadonlySet<number>): Alarm[] =>
+  alarms.filter((a) => !announced.has(a.id)).slice(0, MOST_SPOKEN);
 
 /** Whether the worst of `alarms` shall sound now: a new one at once, an old one after its pause. */
 export function isDue(alarms: readonly Alarm[], announced: ReadonlySet<number>, silentS: number): boolean {
@@ -40,6 +46,8 @@ export function isDue(alarms: readonly Alarm[], announced: ReadonlySet<number>, 
 
 class AlertSound {
   readonly sound = new Preference<boolean>('sound', true);
+  readonly speak = new Preference<boolean>('speak', false);
+  readonly canSpeak = typeof speechSynthesis !== 'undefined';
   readonly notify = new Preference<boolean>('notify', false);
   private readonly until = new Preference<number>('mutedUntil', 0); // unix seconds
   blocked = $state(false); // the browser waits for a click or a key before it lets a page sound
@@ -79,6 +87,25 @@ class AlertSound {
     this.play(severity);
   }
 
+  /** Let a voice name new alarms from now on; what it says first is that it does. */
+  setSpeaking(on: boolean): void {
+    this.speak.value = on;
+    if (on) this.say(t('Alarms are spoken.'));
+    else speechSynthesis.cancel();
+  }
+
+  private say(text: string): void {
+    const words = new SpeechSynthesisUtterance(text);
+    words.lang = VOICES[chosen.language] ?? chosen.language;
+    speechSynthesis.speak(words);
+  }
+
+  private sayNew(alarms: readonly Alarm[]): void {
+    const fresh = spokenAlarms(alarms, this.announced);
+    if (fresh[0]?.severity === 'trip') speechSynthesis.cancel(); // a trip waits for no other sentence
+    for (const alarm of fresh) this.say(`${t(alarm.severity)}: ${messageText(alarm.text_words, alarm.text)}`);
+  }
+
   async allowNotifications(on: boolean): Promise<void> {
     this.notify.value = on;
     if (on && typeof Notification !== 'undefined') this.permission = await Notification.requestPermission();
@@ -103,6 +130,7 @@ class AlertSound {
     } else {
       this.blocked = false;
     }
+    if (this.speak.value && this.canSpeak && this.mutedUntil === null) this.sayNew(alarms);
     for (const alarm of alarms) {
       this.announced.add(alarm.id);
       this.announce(alarm);
