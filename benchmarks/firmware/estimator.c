@@ -7,6 +7,8 @@
 #define N_CELLS 96
 #endif
 
+#define SLAVE_CELLS 12
+
 static vw_filter filter;
 static vw_cells cells[VW_BLOCKS(N_CELLS)];
 static vw_real voltage_v[N_CELLS], temperature_degc[N_CELLS], estimates[VW_ESTIMATES * N_CELLS];
@@ -29,6 +31,10 @@ int main(void)
     print_number("size of state", sizeof filter + sizeof cells);
     print_number("size of sample and answer", sizeof voltage_v + sizeof temperature_degc + sizeof estimates);
     vw_filter_init(&filter, cells);
+    int first = 0;
+    for (; first + SLAVE_CELLS < N_CELLS; first += SLAVE_CELLS)
+        vw_filter_start_part(&filter, cells, &sample, NULL, NULL, first, SLAVE_CELLS);
+    MEASURE("vw_filter_start_part", vw_filter_start_part(&filter, cells, &sample, NULL, NULL, first, SLAVE_CELLS));
     MEASURE("vw_filter_start", vw_filter_start(&filter, cells, &sample, NULL, NULL));
     for (int k = 0; k < 20; k++) vw_filter_step(&filter, cells, &sample, estimates);
     MEASURE("vw_filter_step", vw_filter_step(&filter, cells, &sample, estimates));

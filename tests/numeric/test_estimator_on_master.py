@@ -16,6 +16,7 @@ from tests.c_programs import estimator_library
 from tests.campaign import campaign, of_size
 
 CELL = load_cell("samsung-25r-10p")
+START_CELLS = 12  # `VW_START_CELLS`
 SIZE_BYTES = 1 << 16  # more than `vw_estimator_t`
 RACE_S = of_size(60, 300, 1700)
 STEP_S = 0.1
@@ -37,10 +38,15 @@ class Chip:
         self.memory = ctypes.create_string_buffer(SIZE_BYTES)
         self.image = ctypes.create_string_buffer(MASTER_SIZE)
         self.library.vw_estimator_init(self.memory)
+        self.library.vw_estimator_run.restype = ctypes.c_bool
 
-    def run(self, time_s: float, image: bytes) -> None:
+    def run(self, time_s: float, image: bytes) -> int:
+        """Return how many runs a measurement took."""
         ctypes.memmove(self.image, image, MASTER_SIZE)
-        self.library.vw_estimator_run(self.memory, self.image, ctypes.c_uint32(round(time_s * 1000)))
+        runs = 1
+        while self.library.vw_estimator_run(self.memory, self.image, ctypes.c_uint32(round(time_s * 1000))):
+            runs += 1
+        return runs
 
     def read(self, name: str):
         field = FIELDS[name]
@@ -78,10 +84,11 @@ def test_soc_and_ocv_of_the_master_are_the_pit_walls_over_a_race(tell):
 def test_a_soc_that_is_set_is_where_the_count_goes_on():
     chip = Chip()
     _, image = next(race(2.0))
-    chip.run(0.0, image)
+    assert chip.run(0.0, image) == 1 + N_CELLS / START_CELLS  # a start is spread over so many runs
     soc = chip.read("soc")[0]
     near = round((soc - 0.002) * 10_000)
-    chip.library.vw_estimator_set_soc(chip.memory, chip.image, ctypes.c_uint16(near))
+    chip.library.vw_estimator_set_soc(chip.memory, ctypes.c_uint16(near))
+    assert chip.run(0.1, image) == 1 + N_CELLS / START_CELLS
     assert chip.read("soc")[0] == pytest.approx(near / 10_000, abs=1e-3)
 
 

@@ -16,20 +16,23 @@ void vw_estimator_init(vw_estimator_t *estimator)
     estimator->filter.rule = vw_rule_of_team;
     estimator->filter.tuning = vw_tuning_of_team;
     estimator->filter.model = vw_cell_model_of_team;
+    estimator->known_soc = NAN;
     vw_filter_init(&estimator->filter, estimator->cells);
 }
 
-static vw_sample measured(vw_estimator_t *estimator, const vw_master_t *master, uint32_t dt_ms)
+static void measure(vw_estimator_t *estimator, const vw_master_t *master)
 {
-    vw_sample sample;
     for (uint32_t k = 0; k < VW_N_CELLS; k++) {
         estimator->voltage_v[k] = (vw_real)master->v[k] * PER_V;
         estimator->temperature_degc[k] = master->t[k] == NO_TEMPERATURE ? NAN : (vw_real)master->t[k];
     }
-    sample.dt_s = (vw_real)dt_ms / 1000;
-    sample.current_a = (vw_real)master->i_fs * PER_A;
-    sample.voltage_v = estimator->voltage_v;
-    sample.temperature_degc = estimator->temperature_degc;
+    estimator->current_a = (vw_real)master->i_fs * PER_A;
+}
+
+static vw_sample sample_of(const vw_estimator_t *estimator, uint32_t dt_ms)
+{
+    const vw_sample sample = { (vw_real)dt_ms / 1000, estimator->current_a, estimator->voltage_v,
+                               estimator->temperature_degc };
     return sample;
 }
 
@@ -51,25 +54,35 @@ static void publish(const vw_estimator_t *estimator, vw_master_t *master)
     master->soc = in_units(sum / VW_N_CELLS);
 }
 
-void vw_estimator_run(vw_estimator_t *estimator, vw_master_t *master, uint32_t now_ms)
+/* The next cells of a start, all from the sample that it began with. */
+static void start_part(vw_estimator_t *estimator)
 {
-    const vw_sample sample = measured(estimator, master, estimator->is_started ? now_ms - estimator->stepped_ms : 0u);
-    if (!estimator->is_started) {
-        vw_filter_start(&estimator->filter, estimator->cells, &sample, NULL, NULL);
-        estimator->is_started = true;
+    const vw_sample sample = sample_of(estimator, 0u);
+    vw_real *known = estimator->estimates; /* not in use before the first step */
+    for (uint32_t k = 0; k < VW_N_CELLS; k++) known[k] = estimator->known_soc;
+    vw_filter_start_part(&estimator->filter, estimator->cells, &sample, known, NULL, estimator->n_started / VW_LANES,
+                         VW_BLOCKS(VW_START_CELLS));
+    estimator->n_started += VW_BLOCKS(VW_START_CELLS) * VW_LANES;
+}
+
+bool vw_estimator_run(vw_estimator_t *estimator, vw_master_t *master, uint32_t now_ms)
+{
+    const bool is_starting = estimator->n_started < (int32_t)VW_N_CELLS;
+    if (!is_starting || estimator->n_started == 0) measure(estimator, master);
+    if (estimator->n_started == 0) estimator->stepped_ms = now_ms;
+    if (is_starting) {
+        start_part(estimator);
+        return true;
     }
+    const vw_sample sample = sample_of(estimator, now_ms - estimator->stepped_ms);
     vw_filter_step(&estimator->filter, estimator->cells, &sample, estimator->estimates);
     estimator->stepped_ms = now_ms;
     publish(estimator, master);
+    return false;
 }
 
-void vw_estimator_set_soc(vw_estimator_t *estimator, vw_master_t *master, uint16_t soc)
+void vw_estimator_set_soc(vw_estimator_t *estimator, uint16_t soc)
 {
-    vw_sample sample = measured(estimator, master, 0u);
-    vw_real known[VW_N_CELLS];
-    for (uint32_t k = 0; k < VW_N_CELLS; k++) known[k] = (vw_real)soc / 10000;
-    vw_filter_start(&estimator->filter, estimator->cells, &sample, known, NULL);
-    vw_filter_step(&estimator->filter, estimator->cells, &sample, estimator->estimates);
-    estimator->is_started = true;
-    publish(estimator, master);
+    estimator->known_soc = (vw_real)soc / 10000;
+    estimator->n_started = 0;
 }

@@ -69,7 +69,7 @@ bool battery_measure(battery_t *battery, uint32_t now_ms)
     }
     master->v_avg = (uint16_t)(n_known == 0u ? VW_V_MISSING : sum / n_known);
     master->v_tot = (uint16_t)(sum / 100u);
-    vw_estimator_run(&battery->estimator, master, now_ms);
+    while (vw_estimator_run(&battery->estimator, master, now_ms)) continue; /* a PC is quick */
     has_opened = protection_judge(&battery->protection, master, battery->link, now_ms);
     set_flag(battery, VW_STATUS_I2C1, true);
     set_flag(battery, VW_STATUS_FIT, !battery->protection.is_open);
@@ -131,7 +131,7 @@ enum vw_result battery_command(battery_t *battery, uint8_t command, int32_t argu
         vw_link_event(battery->link, VW_EVENT_FAULTS_CLEARED, VW_NO_OFFSET, 0, 0);
         break;
     case VW_COMMAND_SET_SOC:
-        vw_estimator_set_soc(&battery->estimator, battery->master, (uint16_t)argument);
+        vw_estimator_set_soc(&battery->estimator, (uint16_t)argument);
         vw_link_event(battery->link, VW_EVENT_SOC_SET, VW_NO_OFFSET, argument, 0);
         break;
     case VW_COMMAND_CAN_TX_ENABLE:

@@ -180,6 +180,11 @@ void vw_filter_init(vw_filter *filter, vw_cells *cells);
 void vw_filter_start(vw_filter *filter, vw_cells *cells, const vw_sample *sample, const vw_real *soc,
                      const vw_real *soc_sigma);
 
+/* The same spread over several calls with one sample, for a processor that cannot wait: n of the blocks from `first` on,
+ * the blocks in their order. The call with the last block ends the start. */
+void vw_filter_start_part(vw_filter *filter, vw_cells *cells, const vw_sample *sample, const vw_real *soc,
+                          const vw_real *soc_sigma, int32_t first, int32_t n);
+
 /* Move the state on by one sample and put what it says into `estimates`. */
 void vw_filter_step(vw_filter *filter, vw_cells *cells, const vw_sample *sample, vw_real *estimates);
 

@@ -186,35 +186,49 @@ void vw_filter_init(vw_filter *filter, vw_cells *cells)
     }
 }
 
-void vw_filter_start(vw_filter *filter, vw_cells *cells, const vw_sample *sample, const vw_real *soc,
-                     const vw_real *soc_sigma)
+/* A block as its voltages alone say. */
+static void start_block(const vw_filter *filter, const vw_motion *motion, const vw_sample *sample, int block, vw_cells *cells)
 {
+    vw_cells *restrict x = &cells[block];
+    vw_work work;
+    vw_lanes here[VW_COLUMNS_MAX], variance;
+    vw_read(filter, x, sample, block * VW_LANES, &work);
+    soc_from_voltage(filter, motion, x, &work, here, variance);
+    covariance(filter, motion, x, &work, here, variance);
+    forget(filter, x);
+    VW_EACH_CELL(c) x->rest_mean_v[c] = vw_is_missing(work.voltage_v[c]) ? 0 : work.voltage_v[c];
+}
+
+/* Mean SOC of the cells that were measured. */
+static vw_real mean_soc(const vw_filter *filter, vw_cells *cells, const vw_sample *sample)
+{
+    vw_real sum = 0;
+    int n_seen = 0;
+    vw_work work;
+    for (int k = 0; k < filter->n_cells; k++) {
+        vw_cells *restrict x = &cells[k / VW_LANES];
+        const int c = k % VW_LANES;
+        if (c == 0) vw_read(filter, x, sample, k, &work);
+        if (vw_is_missing(work.voltage_v[c])) continue;
+        sum += x->soc[c];
+        n_seen++;
+    }
+    return n_seen > 0 ? sum / (vw_real)n_seen : (vw_real)0.5;
+}
+
+void vw_filter_start_part(vw_filter *filter, vw_cells *cells, const vw_sample *sample, const vw_real *soc,
+                          const vw_real *soc_sigma, int32_t first, int32_t n)
+{
+    const int32_t n_blocks = VW_BLOCKS(filter->n_cells), end = first + n < n_blocks ? first + n : n_blocks;
     vw_hold_current(filter, sample->current_a);
     filter->since_s = filter->tuning.look_s;
     filter->rest_s = 0;
     const vw_motion motion = vw_motion_of(filter, 0, filter->current_a);
-    vw_real sum = 0;
-    int n_seen = 0;
-    vw_work work;
-    for (int k = 0; k < filter->n_cells; k += VW_LANES) {
-        vw_cells *restrict x = &cells[k / VW_LANES];
-        vw_lanes here[VW_COLUMNS_MAX];
-        vw_read(filter, x, sample, k, &work);
-        vw_lanes variance;
-        soc_from_voltage(filter, &motion, x, &work, here, variance);
-        covariance(filter, &motion, x, &work, here, variance);
-        forget(filter, x);
-        VW_EACH_CELL(c)
-        x->rest_mean_v[c] = vw_is_missing(work.voltage_v[c]) ? 0 : work.voltage_v[c];
-        VW_EACH_CELL(c)
-        {
-            if (vw_is_missing(work.voltage_v[c])) continue;
-            sum += x->soc[c];
-            n_seen++;
-        }
-    }
+    for (int32_t block = first; block < end; block++) start_block(filter, &motion, sample, block, cells);
+    if (end < n_blocks) return;
     /* a cell that was not measured begins at the mean of the others, as unknown as can be */
-    const vw_real mean = n_seen > 0 ? sum / (vw_real)n_seen : (vw_real)0.5;
+    const vw_real mean = mean_soc(filter, cells, sample);
+    vw_work work;
     for (int k = 0; k < filter->n_cells; k++) {
         vw_cells *restrict x = &cells[k / VW_LANES];
         const int c = k % VW_LANES;
@@ -222,4 +236,10 @@ void vw_filter_start(vw_filter *filter, vw_cells *cells, const vw_sample *sample
         if (vw_is_missing(work.voltage_v[c])) x->soc[c] = mean;
         begin(filter, x, c, number_of(soc, k), number_of(soc_sigma, k));
     }
+}
+
+void vw_filter_start(vw_filter *filter, vw_cells *cells, const vw_sample *sample, const vw_real *soc,
+                     const vw_real *soc_sigma)
+{
+    vw_filter_start_part(filter, cells, sample, soc, soc_sigma, 0, VW_BLOCKS(filter->n_cells));
 }
