@@ -16,7 +16,7 @@ def scenario():
     return "in-the-pit"
 
 
-def test_a_value_beyond_its_limit_cannot_be_written(service, open_page):
+def test_a_draft_is_judged_against_limits_and_rules_survives_a_reload_and_can_be_discarded(service, open_page):
     page = open_page(f"{service.base_url}/#/parameters", quiet=False)
     field(page, "v_cell_max").fill("4.6")
     expect(page.get_by_test_id("param-v_cell_max")).to_contain_text("above the limit of 4.5000 V")
@@ -24,13 +24,21 @@ def test_a_value_beyond_its_limit_cannot_be_written(service, open_page):
     field(page, "v_cell_max").fill("4.18")
     expect(page.get_by_test_id("write")).to_be_enabled()
 
-
-def test_what_the_rules_forbid_is_refused_with_the_reason_why(service, open_page):
-    page = open_page(f"{service.base_url}/#/parameters", quiet=False)
     field(page, "t_cell_max").fill("65")
     page.get_by_test_id("write").click()
     expect(page.get_by_test_id("outcome")).to_contain_text("t_cell_max = 65 °C, allowed: at most 60 °C: the rules")
     expect(page.get_by_test_id("write-dialog")).to_have_count(0)
+
+    field(page, "fan_ramp_stop").fill("48")
+    page.reload()
+    expect(field(page, "fan_ramp_stop")).to_have_value("48")
+    confirm(page, "discard")
+    expect(page.get_by_test_id("draft-state")).to_have_text("same as in force")
+    expect(field(page, "fan_ramp_stop")).not_to_have_value("48")
+
+    page.get_by_role("searchbox").fill("hottest cell")
+    expect(page.get_by_test_id("param-fan_ramp_start")).to_be_visible()
+    expect(page.get_by_test_id("param-v_cell_max")).to_have_count(0)
 
 
 def test_a_row_shows_what_is_accepted_and_a_looser_protection_asks_why(service, open_page):
@@ -82,23 +90,6 @@ def test_while_the_car_drives_the_page_says_why_not(make_service, open_page):
     page.get_by_test_id("write").click()
     expect(page.get_by_test_id("hindrance")).to_contain_text("the relays are closed: v_cell_max may only be changed")
     expect(page.get_by_test_id("confirm")).to_be_disabled()
-
-
-def test_a_draft_survives_a_reload_and_can_be_discarded(service, open_page):
-    page = open_page(f"{service.base_url}/#/parameters", quiet=False)
-    field(page, "fan_ramp_stop").fill("48")
-    page.reload()
-    expect(field(page, "fan_ramp_stop")).to_have_value("48")
-    confirm(page, "discard")
-    expect(page.get_by_test_id("draft-state")).to_have_text("same as in force")
-    expect(field(page, "fan_ramp_stop")).not_to_have_value("48")
-
-
-def test_a_parameter_is_found_by_its_meaning(service, open_page):
-    page = open_page(f"{service.base_url}/#/parameters", quiet=False)
-    page.get_by_role("searchbox").fill("hottest cell")
-    expect(page.get_by_test_id("param-fan_ramp_start")).to_be_visible()
-    expect(page.get_by_test_id("param-v_cell_max")).to_have_count(0)
 
 
 def test_the_current_sensor_is_zeroed_and_cells_are_bled_by_hand(service, open_page):
