@@ -5,6 +5,9 @@ import json
 import pytest
 from playwright.sync_api import expect
 
+from tests.campaign import SIZE
+from tests.e2e.conftest import SIZES, is_too_wide
+
 READS_ONLY = True
 
 PAGES = {  # address, heading, and what is there once the page has its data
@@ -29,27 +32,43 @@ TOO_SMALL = """[...document.querySelectorAll('.btn, nav a, nav button, input.fie
    .map((e) => e.outerHTML.slice(0, 80))"""
 
 
-@pytest.mark.timeout(
-    300
-)  # fourteen pages, each in three themes: two minutes on a machine with forty other things to do
-@pytest.mark.parametrize("size", ["desktop", "phone"])
-def test_every_page_renders_fits_and_has_no_accessibility_violation(service, open_page, violations, size):
-    page = open_page(f"{service.base_url}/#/overview", size)
+# All pages take their colours from one table a theme, and their layout on a phone from the same parts: in `make test`
+# these are looked at in every theme and with axe on a phone, in `make campaign` all of them.
+SAMPLE = ("overview", "parameters", "sessions")
+
+
+@pytest.mark.timeout(300)  # thirteen pages: minutes on a machine with forty other things to do
+def test_every_page_renders_fits_and_has_no_accessibility_violation(service, open_page, violations):
+    page = open_page(f"{service.base_url}/#/overview")
     found = {}
     for path, (heading, content) in PAGES.items():
-        has_every_colour = size == "desktop" or path == "overview"
+        is_looked_at_in_full = path in SAMPLE or SIZE == "full"
+        page.set_viewport_size(SIZES["desktop"])
         page.goto(f"{service.base_url}/#/{path}")
         expect(page.get_by_role("heading", level=1)).to_have_text(heading)
         expect(page.locator(content).first).to_be_visible()
         expect(page.get_by_test_id("link-rs232")).to_have_attribute("data-state", "live")
-        problems = violations(page) if has_every_colour else violations(page, themes=["dark"], contrast=False)
-        if page.evaluate("document.documentElement.scrollWidth") > page.viewport_size["width"]:
-            problems["wider than the screen"] = []
-        if size == "phone" and (small := page.evaluate(TOO_SMALL)):
+        problems = violations(page) if is_looked_at_in_full else violations(page, themes=["dark"])
+        if is_too_wide(page):
+            problems["wider than a desktop"] = []
+        page.set_viewport_size(SIZES["phone"])
+        if is_looked_at_in_full:
+            problems |= {f"phone, {rule}": at for rule, at in violations(page, themes=["dark"], contrast=False).items()}
+        if is_too_wide(page):
+            problems["wider than a phone"] = []
+        if small := page.evaluate(TOO_SMALL):
             problems["too small for a finger"] = small
         if problems:
             found[path] = problems
     assert not found, json.dumps(found, indent=1)
+
+
+def test_a_phone_opens_a_page_that_fits_it(service, open_page, violations):
+    page = open_page(f"{service.base_url}/#/packs", "phone")
+    expect(page.get_by_test_id("cell-30")).to_be_visible()
+    assert not is_too_wide(page)
+    assert page.evaluate(TOO_SMALL) == []
+    assert violations(page, themes=["dark"], contrast=False) == {}
 
 
 def test_the_keyboard_reaches_every_page(service, open_page):
