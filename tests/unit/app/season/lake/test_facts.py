@@ -46,7 +46,7 @@ def test_a_cells_resistance_is_found_of_session_and_lap(facts):
     for lap in (0, 2):
         assert cell(facts, lap, 7)["resistance_ohm"] == pytest.approx(0.003, rel=0.02)
         assert cell(facts, lap, 8)["resistance_ohm"] == pytest.approx(0.002, rel=0.02)
-        assert 0.0 < cell(facts, lap, 8)["resistance_sigma_ohm"] < 1e-3
+        assert 0.0 <= cell(facts, lap, 8)["resistance_sigma_ohm"] < 1e-3  # the voltages are exact: rounding decides
 
 
 def test_extremes_and_means_are_those_of_the_lap(facts):
