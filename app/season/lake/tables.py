@@ -95,5 +95,5 @@ def write_samples(path: Path, session: SessionFile, where: Where, metadata: dict
 
 def _pieces(table: SignalTable) -> Iterator[tuple[Any, Any]]:
     """(n,) microseconds of unix time and (k, n) float32, NaN where not sampled."""
-    for rows in table.rows(ROW_GROUP_S):
-        yield np.round(rows.time_s * 1e6).astype(np.int64), np.ascontiguousarray(rows.values.T, dtype=np.float32)
+    for rows in table.rows(ROW_GROUP_S, np.float32):
+        yield np.round(rows.time_s * 1e6).astype(np.int64), np.ascontiguousarray(rows.values.T)

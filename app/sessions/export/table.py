@@ -7,9 +7,10 @@ does not grow with the session.
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from app.estimation.arrays import FloatArray
 from app.sessions.export.names import Names, column_name, export_name
@@ -41,7 +42,7 @@ class Rows:
     elapsed_s: FloatArray  # (n,) since the session's start, on the monotonic clock
     uptime_s: FloatArray  # (n,) the master's clock, NaN where it has no part in it
     time_us: NDArray[np.int64]  # (n,) since 1970 UTC, each later than the one before
-    values: FloatArray  # (n, k) in the signals' units, NaN where not sampled or not measured
+    values: NDArray[Any]  # (n, k) in the signals' units, NaN where not sampled or not measured
 
 
 class SignalTable:
@@ -95,8 +96,8 @@ class SignalTable:
         if names == "index":
             self.columns = [column_name(s.name, s.unit) for s in self.signals]
 
-    def rows(self, piece_s: float | None = None) -> Iterator[Rows]:
-        """Yield the rows, PIECE_S at a time unless told otherwise."""
+    def rows(self, piece_s: float | None = None, dtype: DTypeLike = np.float64) -> Iterator[Rows]:
+        """Yield the rows, PIECE_S at a time unless told otherwise; values as `dtype`."""
         piece_us = round((PIECE_S if piece_s is None else piece_s) * 1e6)
         start_us = self.info.started_mono_ns // 1000
         first_us, last_us = self._range_us(start_us)
@@ -115,7 +116,7 @@ class SignalTable:
                 held.append(upcoming)
                 upcoming = next(blocks, None)
             held = [block for block in held if block.last_us >= first_us - MARGIN_US]
-            rows = self._rows(held, first_us, end_us, start_us, uptime_clock)
+            rows = self._rows(held, first_us, end_us, start_us, uptime_clock, dtype)
             if len(rows.time_s):
                 rows = replace(rows, time_us=_one_after_another(rows.time_us, last_time_us))
                 last_time_us = int(rows.time_us[-1])
@@ -146,7 +147,13 @@ class SignalTable:
         return self.is_filled(time_s) if signal is FILLED else np.ones(len(time_s))
 
     def _rows(
-        self, blocks: Sequence[Block], first_us: int, end_us: int, start_us: int, uptime_clock: UptimeClock
+        self,
+        blocks: Sequence[Block],
+        first_us: int,
+        end_us: int,
+        start_us: int,
+        uptime_clock: UptimeClock,
+        dtype: DTypeLike,
     ) -> Rows:
         """Rows whose time is within [first_us, end_us).
 
@@ -164,7 +171,7 @@ class SignalTable:
         row_us = np.full(len(instants), np.iinfo(np.int64).max)
         np.minimum.at(row_us, row_of_sample, times_us)
         rows_of = dict(zip(spans, np.split(row_of_sample, np.cumsum([len(part[0]) for part in parts])), strict=False))
-        values = np.full((len(self.signals), len(instants)), np.nan)
+        values = np.full((len(self.signals), len(instants)), np.nan, dtype)
         for column in columns:
             key = id(column.track)
             wanted = self._of_field[column.field]
