@@ -159,6 +159,9 @@ def _rank(
     if c_line is not None and c_line.high < 0.0 and c_line.per_day * SOON_DAYS <= TOLD * CAPACITY_LOW:
         low, high, pace = (_percent(-value * MONTH_DAYS, 2) for value in (c_line.high, c_line.low, c_line.per_day))
         said.append(Message("season-capacity-falls", pace=pace, low=low, high=high))
+    if l_line is not None and l_line.low > 0.0 and l_line.per_day * SOON_DAYS >= TOLD * SELF_DISCHARGE_HIGH:
+        low, high, pace = (_percent(value * MONTH_DAYS, 3) for value in (l_line.low, l_line.high, l_line.per_day))
+        said.append(Message("season-leak-grows", pace=pace, low=low, high=high))
     if r_step is not None:
         said.append(Message("season-step", size=_percent(r_step.size), session=r_step.session))
     if c_step is not None:

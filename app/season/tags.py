@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
@@ -46,14 +47,17 @@ def tags_of(info: SessionInfo) -> dict[str, str]:
 
 
 def matches(info: SessionInfo, wanted: str) -> bool:
-    """Whether a session's name, id, day or tags hold all words of a search; `since:` and `before:` take a day."""
-    day = info.id[:8]
+    """Whether a session's name, id, car or tags hold all words of a search; `since:` and `before:` take a day (UTC)."""
+    day = datetime.fromtimestamp(info.started_wall_ns / 1e9, UTC).strftime("%Y%m%d")
     text = " ".join([info.name, info.id, *tags_of(info).values(), *map(str, info.metadata.values())]).casefold()
     for word in wanted.casefold().split():
         name, _, value = word.partition(":")
         if name in ("since", "before"):
             limit = value.replace("-", "")
             if (day < limit) if name == "since" else (day >= limit):
+                return False
+        elif name == "car" and value:
+            if value not in str(info.metadata.get("car", "")).casefold():
                 return False
         elif name in NAMES and value:
             if value not in tags_of(info).get(name, "").casefold():

@@ -22,7 +22,7 @@ from app.errors import ConfigError
 from app.season.cells.compare import compare
 from app.season.report import SeasonReport, season_document, season_report
 from app.season.tags import NAMES, matches, write_tags
-from app.season.trends import SeasonQuantity
+from app.season.trends import SeasonQuantity, SeasonTrend
 
 SHOWN = 10
 QUANTITIES = {
@@ -88,21 +88,27 @@ def _print(report: SeasonReport) -> None:
     for each in found.cells[:SHOWN]:
         if each.reasons:
             print(f"{short_place(each.cell):6} {'; '.join(reason.text for reason in each.reasons)}")
+            _print_trend("resistance", each.resistance_trend, "of the median cell")
+            _print_trend("capacity", each.capacity_trend, "of the median cell")
+            _print_trend("self discharge", each.self_discharge_trend, "a day beyond the median cell", 3)
 
 
 def _print_quantity(name: str, found: SeasonQuantity, unit: str) -> None:
-    trend, step = found.trend, found.step
+    _print_trend(name, found.trend, unit)
+    if (step := found.step) is not None:
+        size = f"{100 * step.size:+.2f} %, 95 % {100 * step.low:+.2f}..{100 * step.high:+.2f}"
+        print(f"  {'':15} stepped by {size} with {step.session}, p {step.p:.2g}")
+
+
+def _print_trend(name: str, trend: SeasonTrend | None, unit: str, digits: int = 2) -> None:
     if trend is None:
         print(f"  {name:15} too few sessions")
         return
     sure = "" if trend.is_sure else " (not more than chance)"
     print(
-        f"  {name:15} {100 * trend.now:.2f} % {unit}, {100 * trend.per_month:+.3f} % a month,"
+        f"  {name:15} {100 * trend.now:.{digits}f} % {unit}, {100 * trend.per_month:+.3f} % a month,"
         f" 95 % {100 * trend.low:+.3f}..{100 * trend.high:+.3f}{sure}, {trend.sessions} sessions"
     )
-    if step is not None:
-        size = f"{100 * step.size:+.2f} %, 95 % {100 * step.low:+.2f}..{100 * step.high:+.2f}"
-        print(f"  {'':15} stepped by {size} with {step.session}, p {step.p:.2g}")
 
 
 def _compare(args: argparse.Namespace) -> int:

@@ -36,6 +36,17 @@ def test_a_step_is_told_with_its_session():
     assert first.resistance_step.session in {"s14", "s15", "s16"}
 
 
+def test_a_cell_that_leaks_more_each_week_is_told_with_its_pace_and_band():
+    values, capacity = measured()
+    lost = 1e-4 + 2e-5 * np.random.default_rng(5).standard_normal((30, 12))
+    lost[:, 5] += np.linspace(0.0, 0.003, 30)
+    found = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity, lost=lost), PACKS)
+    first = next(each for each in found.cells if each.cell == 5)
+    month = 0.003 / (29 * 7.0) * 30.44
+    assert first.self_discharge_trend.low <= month <= first.self_discharge_trend.high
+    assert "season-leak-grows" in {reason.code for reason in first.reasons}
+
+
 def test_sound_cells_give_no_reasons():
     values, capacity = measured()
     found = overview_of(history(values, np.full(values.shape, 0.005), capacity=capacity), PACKS)

@@ -1,5 +1,8 @@
 """Tags travel in the session's file, and sessions are found by them."""
 
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
 import numpy as np
 import pytest
 
@@ -29,9 +32,13 @@ def test_sessions_are_found_by_words_tags_and_days(session):
     catalogue, path = session
     write_tags(path, {"tyres": "wet"}, t_wall_ns=1, who=None)
     (info,) = catalogue.list()
-    day = info.id[:8]
-    for words in ("", "wet anna", "tyres:wet", "driver:ann", "made", f"since:{day}", f"before:{int(day) + 1}"):
+    start = datetime.fromtimestamp(info.started_wall_ns / 1e9, UTC)
+    day, next_day = start.strftime("%Y%m%d"), (start + timedelta(days=1)).strftime("%Y-%m-%d")
+    for words in ("", "wet anna", "tyres:wet", "driver:ann", "made", f"since:{day}", f"before:{next_day}"):
         assert matches(info, words), words
+    fetched = replace(info, id=f"red-{info.id}", metadata=info.metadata | {"car": "red"})
+    for words, is_found in (("car:red", True), ("car:blue", False), (f"before:{day}", False), (f"since:{day}", True)):
+        assert matches(fetched, words) == is_found, words
     for words in ("tyres:slick", "dry", f"before:{day}", "since:2099-01-01", "wet dry"):
         assert not matches(info, words), words
 
