@@ -2,13 +2,16 @@
 
 import argparse
 import importlib
+import os
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 from types import ModuleType
 
 from app import __version__
 from app.errors import AppError
 
+INTERRUPTED = 130  # as shells count a process that SIGINT ended
 COMMANDS = {
     "serve": "start the pit wall: read the battery, estimate, record, serve the pages",
     "simulate": "run the simulated accumulator by itself, on a port that looks like the master's",
@@ -26,11 +29,13 @@ COMMANDS = {
     "identify": "fit a cell model to measured data",
     "estimate": "run a filter over recorded current, voltage and temperature",
     "balance": "simulate a charge or a rest with each balancing circuit: time, heat, what is left of the difference",
+    "completion": "let the shell complete commands and options with Tab: bash, zsh, fish, PowerShell",
     "bench": "measure this machine: filter, decoder, latency, memory",
 }
 IN_FOLDERS = {
     "simulate": "simulator.simulate",
     "balance": "simulator.balance",
+    "completion": "console.completion",
 }  # else the module has the command's name
 
 
@@ -38,6 +43,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     """Return the whole parser; with `only`, one that knows just that command's options (others are not imported)."""
     parser = argparse.ArgumentParser(prog="voltwall", description="The pit wall for a Formula Student battery.")
     parser.add_argument("--version", action="version", version=f"voltwall {__version__}")
+    parser.add_argument("--no-color", action="store_true", help="no colours, as with NO_COLOR in the environment")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, text in COMMANDS.items():
         command = subparsers.add_parser(
@@ -49,19 +55,34 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; errors that a user can mend are one line on stderr and exit code 2."""
+    """Run a command; errors that a user can mend are one line on stderr and exit code 2, Ctrl-C one line and 130."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # `Łukasz` on a terminal of code page 1252 is no reason to fail
+            stream.reconfigure(errors="replace")
     only = next((word for word in arguments if word in COMMANDS), "")
-    args = build_parser(only).parse_args(arguments)
+    if arguments[:1] == ["--no-color"]:
+        os.environ["NO_COLOR"] = "1"  # what argparse, from Python 3.14 on, and textual go by
     try:
+        if "_ARGCOMPLETE" in os.environ:  # the shell asks, with the line so far
+            _complete()
+        args = build_parser(only).parse_args(arguments)
         return int(_module_of(args.command).run(args))
     except AppError as error:
-        print(f"voltwall {args.command}: {error}", file=sys.stderr)
+        print(f"voltwall {only}: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        return 130
+        print(f"voltwall {only}: interrupted".replace(" :", ":"), file=sys.stderr)
+        return INTERRUPTED
     except BrokenPipeError:
         return 0
+
+
+def _complete() -> None:
+    """Answer the shell and end, where argcomplete is installed."""
+    line = os.environ.get("COMP_LINE", "").split()
+    parser = build_parser(next((word for word in line[1:] if word in COMMANDS), ""))
+    importlib.import_module("argcomplete").autocomplete(parser)
 
 
 def _module_of(command: str) -> ModuleType:

@@ -2,6 +2,7 @@
 
 import argparse
 import getpass
+import json
 import os
 import sys
 from datetime import UTC, datetime
@@ -31,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     where = argparse.ArgumentParser(add_help=False, argument_default=argparse.SUPPRESS)
     where.add_argument("--data", type=Path, metavar="DIR", help="data folder of the service (default: as serve)")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    actions.add_parser("list", parents=[where], help="who has an account, and which tokens there are")
+    listing = actions.add_parser("list", parents=[where], help="who has an account, and which tokens there are")
+    listing.add_argument("--json", action="store_true", help="as JSON")
     add = actions.add_parser("add", parents=[where], help="add an account, or change its role and password")
     remove = actions.add_parser("remove", parents=[where], help="take an account away, and log that person out")
     token = actions.add_parser("token", parents=[where], help="make a token for a program")
@@ -86,6 +88,19 @@ def run(args: argparse.Namespace) -> int:
             with signed(f"token {args.token}: revoked"):
                 if not accounts.revoke_token(args.token):
                     raise ConfigError("token", args.token, Message("no-such-account"))
+        case _ if args.json:
+            people = [{"name": account.name, "role": account.role} for account in accounts.all()]
+            tokens = [
+                {
+                    "id": each.id,
+                    "name": each.name,
+                    "role": each.role,
+                    "ends": _day(each.ends_s),
+                    "made_by": each.made_by,
+                }
+                for each in accounts.tokens()
+            ]
+            print(json.dumps({"accounts": people, "tokens": tokens}, indent=2))
         case _:
             for account in accounts.all():
                 print(f"{account.role:9} {account.name}")

@@ -68,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     profiles.add_argument("--from", dest="source", default="in-force", metavar="SOURCE", help="save: default in-force")
     profiles.add_argument("--as", dest="new_name", metavar="NAME", help="put: another name than the file says")
     profiles.add_argument("--comment", help="save, put: what it is for")
+    profiles.add_argument("--json", action="store_true", help="list: as JSON")
     profiles.add_argument("--out", type=Path, metavar="FILE", help="get: where to (default: standard output)")
 
 
@@ -230,7 +231,11 @@ def _history(service: ConfigService, *, as_json: bool) -> int:
 
 def _profiles(service: ConfigService, args: argparse.Namespace) -> int:
     if args.do == "list":
-        for profile in service.json("/profiles")["profiles"]:
+        found = service.json("/profiles")["profiles"]
+        if args.json:
+            print(json.dumps(found, indent=2))
+            return 0
+        for profile in found:
             print(f"{profile['name']}@{profile['version']}  {profile['hash']}  {profile['comment']}".rstrip())
         return 0
     if args.name is None:

@@ -1,6 +1,7 @@
 """`voltwall battery list` and `show`: bundled profiles, and what one means."""
 
 import argparse
+import json
 
 from app.battery.battery import Battery
 from app.battery.drawing import drawn, sensors_in_words
@@ -12,6 +13,7 @@ from app.battery.table_reader import ProfileError
 def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the actions."""
     listing = actions.add_parser("list", help="the profiles that come with the program")
+    listing.add_argument("--json", action="store_true", help="as JSON")
     listing.set_defaults(do=_list)
     showing = actions.add_parser("show", help="what a profile means, with a drawing")
     showing.add_argument("profile", metavar="NAME|FILE", help="a bundled profile, or a TOML file")
@@ -19,15 +21,25 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     showing.set_defaults(do=_show)
 
 
-def _list(_: argparse.Namespace) -> int:
+def _list(args: argparse.Namespace) -> int:
+    found: list[dict[str, object]] = []
     for name in bundled_profiles():
         try:
             battery = load_profile(name).profile.battery
         except ProfileError:
             load_part(name)
-            print(f"{name:20} a part, to include in a profile")
+            found.append({"profile": name, "name": None})
             continue
-        print(f"{name:20} {battery.name}: {battery.n_segments} segments, {battery.n_sensors} temperature sensors")
+        numbers = {"segments": battery.n_segments, "cells": battery.n_cells, "sensors": battery.n_sensors}
+        found.append({"profile": name, "name": battery.name, **numbers})
+    if args.json:
+        print(json.dumps(found, indent=2))
+        return 0
+    for each in found:
+        told = "a part, to include in a profile"
+        if each["name"] is not None:
+            told = f"{each['name']}: {each['segments']} segments, {each['sensors']} temperature sensors"
+        print(f"{each['profile']:20} {told}")
     return 0
 
 

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from app.commands.console.progress import Progress
 from app.commands.season.lake import add_lake_argument, lake_of
 from app.commands.session_commands.selection import data_folder, new_action
 from app.errors import ConfigError
@@ -64,17 +65,16 @@ def built_lake(
     Raises:
         ConfigError: the lake cannot be written.
     """
+    line = Progress("season lake", shows=shows)
 
-    def progress(done: int, of: int, session: str) -> None:
-        if shows:
-            print(f"\r{done}/{of} {session}\x1b[K", end="", file=sys.stderr, flush=True)
+    def progress(done: int, of: int, _session: str) -> None:
+        line(done, of)
 
     try:
         built = build_lake(lake, session_files(places), again=again, judge_anew=judge_anew, progress=progress)
     except OSError as error:
         raise ConfigError("lake", lake.url, error.strerror or str(error)) from error
-    if shows:
-        print("\r\x1b[K", end="", file=sys.stderr)
+    line.end()
     for session, why in built.failed:
         print(f"{session} is left out: {why if isinstance(why, str) else render(why)}", file=sys.stderr)
     return built

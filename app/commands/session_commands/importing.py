@@ -6,6 +6,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from app.commands.console.progress import Progress
 from app.commands.session_commands.selection import data_folder, new_action
 from app.errors import ConfigError
 from app.estimation.filters.estimators import FILTERS
@@ -56,6 +57,7 @@ def _import(args: argparse.Namespace) -> int:
     store = ProfileStore(data / "profiles")
     is_log = args.dbc is None and is_can_log(path)
     profile = ImportProfile() if is_log else _profile(args, path, store)
+    progress = Progress(path.name)
     done = import_file(
         path,
         profile,
@@ -65,8 +67,9 @@ def _import(args: argparse.Namespace) -> int:
         dbc=args.dbc,
         name=args.name,
         started_unix_s=_start(args.start),
-        on_progress=_show,
+        on_progress=progress,
     )
+    progress.end()
     for note in done.notes:
         print(note, file=sys.stderr)
     if args.save_profile:
@@ -134,8 +137,3 @@ def _start(text: str | None) -> float | None:
     except ValueError as error:
         raise ConfigError("start", text, "ISO 8601, like 2026-07-14T10:30:00Z") from error
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
-
-
-def _show(done: int, of: int) -> None:
-    if sys.stderr.isatty():
-        print(f"\r{100 * done / max(of, 1):5.1f} %", end="\n" if done >= of else "", file=sys.stderr)

@@ -1,0 +1,49 @@
+import io
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from app import cli
+from app.cli import main
+
+
+def test_ctrl_c_anywhere_is_one_line_and_130(monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "build_parser", interrupted)  # while a command is imported, too
+    assert main(["sessions", "list"]) == 130
+    assert capsys.readouterr().err == "voltwall sessions: interrupted\n"
+    assert main([]) == 130
+    assert capsys.readouterr().err == "voltwall: interrupted\n"
+
+
+def test_a_name_that_the_code_page_lacks_is_printed_all_the_same(monkeypatch, tmp_path):
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(written, encoding="cp1252", write_through=True))
+    assert main(["sessions", "import", str(tmp_path / "Łukasz.csv"), "--data", str(tmp_path)]) == 2
+    assert "?ukasz.csv" in written.getvalue().decode("cp1252")
+
+
+def test_no_color_is_told_to_what_colours(monkeypatch, capsys):
+    monkeypatch.setattr(os, "environ", dict(os.environ))
+    assert main(["--no-color", "battery", "list", "--json"]) == 0
+    assert os.environ["NO_COLOR"] == "1"
+    assert {"profile", "name", "cells", "segments", "sensors"} <= json.loads(capsys.readouterr().out)[0].keys()
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish", "powershell"])
+def test_every_shell_is_told_how_to_complete(shell, capsys):
+    assert main(["completion", shell]) == 0
+    assert "voltwall" in capsys.readouterr().out
+
+
+def test_the_shell_is_answered_with_actions_and_options(tmp_path):
+    line = "voltwall dbc --o"
+    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9"}
+    answer = {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "answer")}
+    subprocess.run([sys.executable, "-m", "app.cli"], env=os.environ | asked | answer, check=True)
+    assert (tmp_path / "answer").read_text() == "--out "
