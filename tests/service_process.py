@@ -22,6 +22,7 @@ WAIT_S = 45.0
 END_S = 40.0
 LOOK_S = 0.02
 N_CELLS = 96
+NO_CAR = "socket://127.0.0.1:9"  # a line at which nobody is: a service on recorded sessions has nothing else to do
 
 
 def until(condition: Callable[[], object], seconds: float = WAIT_S) -> None:

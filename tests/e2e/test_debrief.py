@@ -10,6 +10,7 @@ from playwright.sync_api import expect
 from tests.campaign import SIZE
 from tests.e2e.conftest import RULES, SIZES, is_too_wide
 from tests.recorded.arrays import SessionMaker
+from tests.service_process import NO_CAR
 
 LAP_S = 60.0
 TIME_S = np.arange(0.0, 4 * LAP_S, 0.5)
@@ -31,7 +32,7 @@ def looked_back(make_module_service, tmp_path_factory):
     low[(TIME_S > 99) & (TIME_S < 101), 30] = 2.3
     event = TRIP | {"at_s": 100.0, "value": 2.3, "limit": 2.5, "unit": "V"}
     second = make(TIME_S, CURRENT_A, low, 25, 0.8, events=[event], start_s=1.79e9 + 86400).stem
-    return make_module_service("--seed", "4", "--no-record", data=data), first, second
+    return make_module_service("--serial", NO_CAR, data=data), first, second
 
 
 def test_laps_are_compared_corrected_and_kept(looked_back, open_page):

@@ -13,6 +13,7 @@ from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
 from firmware_protocol.messages import Data, MessageType, Window
 from tests.fake_clock import FunctionClock
+from tests.service_process import NO_CAR
 
 HOURS = 4
 START_NS = 1_790_000_000 * 10**9
@@ -71,7 +72,7 @@ def recorded(tmp_path_factory):
 @pytest.fixture(scope="module")
 def viewed(recorded, make_module_service):
     """The service on them, and the address of the session with the dip."""
-    service = make_module_service("--no-record", data=recorded)
+    service = make_module_service("--serial", NO_CAR, data=recorded)
     with service.client() as client:
         found = {s["name"]: s["id"] for s in client.get("/sessions").json()["sessions"]}
     return service, found
