@@ -22,7 +22,7 @@ from app.sources.recordings.profile import ImportProfile, guess
 
 START_S = 1_780_000_000.0
 N = 40
-ROWS = 150
+ROWS = 60
 ORION = ImportProfile(
     time="Time", current="Pack Current (A)", charge_positive=True, voltages="Cell {n} (mV)", voltage_unit="mV",
     temperatures="Thermistor {n} (C)", soc="Pack SOC (%)",
@@ -53,7 +53,7 @@ def millivolts(row: int, cell: int) -> int:
 
 @pytest.fixture
 def csv(tmp_path: Path) -> Path:
-    """15 s of 40 cells and 10 sensors at 10 Hz, with a preamble, decimal points and a hole in one cell."""
+    """6 s of 40 cells and 10 sensors at 10 Hz, with a preamble, decimal points and a hole in one cell."""
     path = tmp_path / "orion log.csv"
     names = ["Time", "Pack Current (A)", "Pack SOC (%)"]
     names += [f"Cell {i + 1} (mV)" for i in range(N)] + [f"Thermistor {i + 1} (C)" for i in range(10)]
