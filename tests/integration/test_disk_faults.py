@@ -2,7 +2,7 @@
 
 The recorder, the history of the configuration, the EEPROM's file, profiles, settings, events, passports, retention and
 the lake, in a process with tests/integration/faulty_disk.c below SQLite. `make campaign` lets each call fail with each
-error; `make test` a few by chance, the same every time.
+error; `make test` a few of the small files' by chance, the same every time.
 """
 
 import json
@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from tests.c_programs import build_faulty_disk
-from tests.campaign import campaign, of_size
+from tests.campaign import SIZE, campaign, of_size
 
 PROJECT = Path(__file__).parents[2]
 SHARE = of_size(4, 8, 100) / 100
@@ -25,7 +25,13 @@ LONG = ("recorder", "events", "stores", "retention", "lake")
 
 @pytest.mark.skipif(sys.platform != "linux" or not shutil.which("gcc"), reason="needs Linux and gcc")
 @campaign(240, 900, 7200)
-@pytest.mark.parametrize(("names", "slower"), [(QUICK, 1), (LONG, 10)], ids=["small files", "databases"])
+@pytest.mark.parametrize(
+    ("names", "slower"),
+    [
+        pytest.param(QUICK, 1, id="small files"),
+        pytest.param(LONG, 10, id="databases", marks=pytest.mark.skipif(SIZE == "sample", reason="in the campaign")),
+    ],
+)
 def test_a_disk_that_fails_once_anywhere_loses_nothing_acknowledged(names, slower, tmp_path, tell):
     share = SHARE if SHARE == 1 else SHARE / slower
     environment = os.environ | {"LD_PRELOAD": str(build_faulty_disk()), "FAULT_FOLDER": str(tmp_path)}

@@ -8,8 +8,10 @@ from simulator.accumulator import AccumulatorParameters
 from simulator.charging import ChargingState
 from simulator.faults import FaultBoard
 from simulator.simulation import Simulation
+from tests.campaign import SIZE
 
 LIMIT_S = 900.0
+long = pytest.mark.skipif(SIZE == "sample", reason="minutes of passes of 20 ms: in the campaign")
 
 
 @pytest.mark.parametrize(
@@ -18,8 +20,8 @@ LIMIT_S = 900.0
         (0.957, 0.0, {}),
         (0.955, 20.0, {}),
         (0.958, 20.0, {}),
-        (0.957, 0.0, {"i_chrg_max": 2.0}),
-        (0.9925, 0.0, {"v_cell_chrg": 4.2}),
+        pytest.param(0.957, 0.0, {"i_chrg_max": 2.0}, marks=long),
+        pytest.param(0.9925, 0.0, {"v_cell_chrg": 4.2}, marks=long),
     ],
     ids=["sound", "loose joint", "loose joint, nearly full", "2 A", "to the trip"],
 )

@@ -8,6 +8,7 @@ from app.analysis.root_cause.from_session import causes_of
 from app.live.learned_state import LearnedState, load_learned_state, save_learned_state
 from app.live.prediction import Predictor
 from app.sessions.reading.reader import SessionFile
+from tests.campaign import SIZE, campaign
 from tests.recorded.scenario import ScenarioRecorder
 
 CELL, MORE_MOHM = 63, 14.0
@@ -15,6 +16,7 @@ PLACE = "ack 6, cell 4"
 DRIVEN_S = 120.0  # for the regression to know the resistances, on a busy machine
 
 
+@pytest.mark.timeout(300)
 def test_a_joint_that_parts_is_named_from_injection_to_report(tmp_path):
     car = ScenarioRecorder(tmp_path, "clean-endurance")
     car.run(60.0)
@@ -54,7 +56,8 @@ def test_a_joint_that_parts_is_named_from_injection_to_report(tmp_path):
         assert any(PLACE in each and "joint has grown" in each for each in box.summary)
 
 
-@pytest.mark.timeout(400)
+@campaign(400, 400, 400)
+@pytest.mark.skipif(SIZE == "sample", reason="a minute of driving in real time: in the campaign")
 def test_the_service_shows_a_joint_that_parts_and_keeps_it_while_the_car_stands(make_service):
     service = make_service("--seed", "1", "--scenario", "race-day")
     service.wait_for(lambda s: s["cells"]["joint_excess_ohm"][CELL] is not None, seconds=DRIVEN_S)
