@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -18,15 +19,14 @@ with warnings.catch_warnings():
 ENGINEER, VIEWER = "correct horse", "battery staple"
 
 
-@pytest.fixture
-def make_client(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., TestClient]]:
+@contextmanager
+def clients(folder: Path) -> Iterator[Callable[..., TestClient]]:
     """Start applications; what they raise comes out as 500, as it would for a browser."""
-    monkeypatch.setattr(wiring, "Workers", InProcess)
     open_clients: list[TestClient] = []
 
     def make(**settings) -> TestClient:
         app = create_app(
-            Settings(**{"data": tmp_path, "record": False, "season": False} | settings),
+            Settings(**{"data": folder, "record": False, "season": False} | settings),
             "serial",
             serial_url=None,
             can_url=None,
@@ -35,9 +35,25 @@ def make_client(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cal
         open_clients.append(client.__enter__())
         return client
 
-    yield make
-    for client in open_clients:
-        client.__exit__(None, None, None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(wiring, "Workers", InProcess)
+        yield make
+        for client in open_clients:
+            client.__exit__(None, None, None)
+
+
+@pytest.fixture
+def make_client(tmp_path: Path) -> Iterator[Callable[..., TestClient]]:
+    """Start applications for one test."""
+    with clients(tmp_path) as make:
+        yield make
+
+
+@pytest.fixture(scope="module")
+def make_module_client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., TestClient]]:
+    """Start applications for all tests of a module, which change nothing in them."""
+    with clients(tmp_path_factory.mktemp("application")) as make:
+        yield make
 
 
 @pytest.fixture

@@ -13,6 +13,12 @@ EDIT = JSON | {"If-Match": "*"}
 PREFIX = "/api/v1"
 
 
+@pytest.fixture(scope="module")
+def client(make_module_client):
+    """One application for the whole file: nothing that is sent here is taken."""
+    return make_module_client()
+
+
 def refused(response, *statuses: int) -> dict:
     assert response.status_code in statuses, response.text
     assert response.headers["content-type"] == "application/problem+json"

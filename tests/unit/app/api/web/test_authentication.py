@@ -85,6 +85,12 @@ def authentication(tmp_path, clock):
     return Authentication(Settings(data=tmp_path, password=ENGINEER, viewer_password=VIEWER), clock)
 
 
+@pytest.fixture(scope="module")
+def guarded(make_module_client):
+    """An application with a password for each role, in which nobody changes anything."""
+    return make_module_client(password=ENGINEER, viewer_password=VIEWER)
+
+
 def basic(password: str) -> Headers:
     return Headers({"authorization": "Basic " + b64encode(f"anna:{password}".encode()).decode()})
 
@@ -225,10 +231,9 @@ def test_a_foreign_name_is_refused_on_every_path(client):
 
 
 @pytest.mark.parametrize(("method", "path"), WRITES)
-def test_every_write_needs_the_engineer(make_client, method, path):
-    client = make_client(password=ENGINEER, viewer_password=VIEWER)
-    assert client.request(method, "/api/v1" + path).status_code == 401
-    response = client.request(method, "/api/v1" + path, auth=("bob", VIEWER))
+def test_every_write_needs_the_engineer(guarded, method, path):
+    assert guarded.request(method, "/api/v1" + path).status_code == 401
+    response = guarded.request(method, "/api/v1" + path, auth=("bob", VIEWER))
     assert response.status_code == 403
     assert response.json()["type"] == "urn:voltwall:engineer-required"
 
