@@ -78,8 +78,10 @@ class Accumulator:
             1.0 + p.self_discharge_spread * rng.standard_normal(n), 0, _SELF_DISCHARGE_SPREAD_LIMIT
         )
         self._self_discharge_a = p.cell.self_discharge_a * self_discharge
-        self._built_capacity_ah = p.cell.capacity_ah * np.asarray(p.capacity_ageing) * capacity_spread
-        self._built_resistance = np.asarray(p.resistance_ageing) * resistance_spread
+        self._new_capacity_ah = p.cell.capacity_ah * capacity_spread
+        self._new_resistance = resistance_spread
+        self.age(np.asarray(p.capacity_ageing), np.asarray(p.resistance_ageing))
+        self.passed_ah = 0.0  # through the string so far, out and in together
 
         self.ambient_degc = p.ambient_degc
         self.sun_w = 0.0
@@ -213,8 +215,14 @@ class Accumulator:
         self.current_a = current_a
         self._current2_s += current_a * current_a * dt_s
         self._elapsed_s += dt_s
+        self.passed_ah += abs(current_a) * dt_s / SECONDS_PER_HOUR
         if self._elapsed_s >= self.parameters.slow_period_s - _TIME_TOLERANCE_S and self._elapsed_s > 0.0:
             self._slow_step(fan_duty)
+
+    def age(self, capacity: FloatArray, resistance: FloatArray) -> None:
+        """Set present over new capacity and resistance, (n_cells,) or one number, from the next slow period on."""
+        self._built_capacity_ah = self._new_capacity_ah * capacity
+        self._built_resistance = self._new_resistance * resistance
 
     def chemical_energy_j(self) -> float:
         """Energy that the cells can give at equilibrium, counted from where an empty cell has collapsed to 0 V [J]."""

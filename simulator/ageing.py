@@ -20,14 +20,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from simulator.accumulator import Accumulator
 from simulator.cell_data import SAMSUNG_25R_10P
 from simulator.scenario import Start
 
 FloatArray = NDArray[np.float64]
 KELVIN: Final = 273.15
 SPREAD: Final = 0.12  # of the factors between cells, standard deviation of their logarithm
-
-
+STEP_S: Final = 60.0
+DAY_S: Final = 86400.0
+LEAST_V: Final = 3.2  # below 3.15 V the law would heal
 LAW_AH: Final = 2.05  # of the cells that the law was fitted to
 LOWEST_CAPACITY: Final = 0.05  # beyond what the law was fitted to, a cell is left so much
 
@@ -40,12 +42,48 @@ def aged(start: Start, n: int, seed: int) -> tuple[FloatArray, FloatArray]:
         n: number of cells.
         seed: of the cells' own paces: the same at any age.
     """
+    return _present(start, _cells_of(start, n, seed))
+
+
+class Ageing:
+    """Lets the cells of an accumulator age on while they are simulated, from where a scenario starts.
+
+    Every STEP_S of simulated time counts with the temperature and OCV of its end and with the string's current alone:
+    what is bled is less than a thousandth of it. At `start.ageing` times the pace, time and charge count so often.
+    """
+
+    def __init__(self, start: Start, accumulator: Accumulator, seed: int) -> None:
+        """Take the accumulator as it is at the start."""
+        self._start = start
+        self._accumulator = accumulator
+        self._cells = _cells_of(start, accumulator.n_cells, seed)
+        self._at_s, self._passed_ah = 0.0, accumulator.passed_ah
+
+    def step(self, now_s: float) -> None:
+        """Count what has passed until now; less than STEP_S waits [s]."""
+        elapsed_s = now_s - self._at_s
+        if elapsed_s < STEP_S:
+            return
+        accumulator, times = self._accumulator, self._start.ageing
+        passed_ah = accumulator.passed_ah - self._passed_ah
+        self._at_s, self._passed_ah = now_s, accumulator.passed_ah
+        volts = np.maximum(accumulator.ocv_v, LEAST_V)
+        self._cells.rest(times * elapsed_s / DAY_S, accumulator.temperature_degc, volts)
+        self._cells.use(times * passed_ah * LAW_AH / accumulator.parameters.cell.capacity_ah, self._start.aged_depth)
+        accumulator.age(*_present(self._start, self._cells))
+
+
+def _cells_of(start: Start, n: int, seed: int) -> AgeingCells:
     cells = AgeingCells(n, np.random.default_rng((seed, n)))
     for index, times in start.paces.items():
         cells.shelf_pace[int(index)] *= times
         cells.use_pace[int(index)] *= times
     cells.rest(start.aged_days, start.aged_degc, start.aged_v)
     cells.use(start.aged_ah * LAW_AH / SAMSUNG_25R_10P.capacity_ah, start.aged_depth)
+    return cells
+
+
+def _present(start: Start, cells: AgeingCells) -> tuple[FloatArray, FloatArray]:
     capacity = start.capacity_ageing * np.maximum(cells.capacity, LOWEST_CAPACITY)
     return np.asarray(capacity), np.asarray(start.resistance_ageing * cells.resistance)
 

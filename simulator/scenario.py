@@ -47,6 +47,7 @@ class Start:
     aged_v: float = 3.7  # of the cells there
     aged_ah: float = 0.0  # passed through what is measured as one cell, out and in together
     aged_depth: float = 0.75  # of the discharges, of the capacity
+    ageing: float = 0.0  # while it is played: so many times faster than the law, 0 not at all
     cells: Mapping[str, float] = field(default_factory=dict)  # index to start SOC
     paces: Mapping[str, float] = field(default_factory=dict)  # index to how many times faster it ages
 

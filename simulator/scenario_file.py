@@ -55,6 +55,7 @@ START_LIMITS = {
     "aged_v": Limits(3.2, 4.3, "V"),  # the law has no loss below
     "aged_ah": Limits(0, 100_000, "Ah"),
     "aged_depth": SHARE,
+    "ageing": Limits(0, 1e6, "times"),
 }
 _PACE = Limits(0.1, 20, "times")
 _POWER_SCALE = Limits(0.01, 4)

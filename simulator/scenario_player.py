@@ -13,7 +13,7 @@ import numpy as np
 from firmware_protocol.eeprom import plan_store
 from firmware_protocol.messages import CommandId
 from simulator.accumulator import AccumulatorParameters
-from simulator.ageing import aged
+from simulator.ageing import Ageing, aged
 from simulator.charging import ChargingState
 from simulator.dbc_battery.battery import DbcBattery
 from simulator.dbc_battery.simulation import BatterySimulation
@@ -91,6 +91,8 @@ class ScenarioPlayer:
             self.simulation = BatterySimulation(parameters, battery, seed=used_seed, step_s=step_s)
         self.simulation.accumulator.sun_w = scenario.start.sun_w
         self.faults = FaultBoard(self.simulation)
+        start, accumulator = scenario.start, self.simulation.accumulator
+        self._ageing = Ageing(start, accumulator, used_seed) if start.ageing > 0.0 else None
         self._loads_rng = np.random.default_rng(used_seed + 1)
         self.notices: deque[Notice] = deque(maxlen=MAX_NOTICES)
         self.on_notice: Callable[[Notice], None] | None = None
@@ -117,6 +119,8 @@ class ScenarioPlayer:
 
     def _step(self, now_s: float) -> None:
         self.faults.step(now_s)
+        if self._ageing is not None:
+            self._ageing.step(now_s)
         while self._timeline and self._timeline[0].at_s <= now_s - self._round_start_s:
             self._play(self._timeline.popleft())
         plan = self.phase

@@ -1,4 +1,4 @@
-"""`voltwall season simulate`: a season of simulated sessions, between which the cells age."""
+"""`voltwall season simulate`: a season of simulated sessions, in and between which the cells age."""
 
 import argparse
 import math
@@ -25,7 +25,10 @@ LEFT_S: Final = 10.0  # after the last rest
 def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the action."""
     parser = new_action(
-        actions, "simulate", "a season of simulated sessions that ends today, between which the cells age", _simulate
+        actions,
+        "simulate",
+        "a season of simulated sessions that ends today, in and between which the cells age",
+        _simulate,
     )
     parser.add_argument("--sessions", type=int, default=12, metavar="N", help="how many (default: %(default)s)")
     parser.add_argument(
@@ -72,6 +75,7 @@ ambient_degc = {ambient:.2f}
 aged_days = {day:.3f}
 aged_degc = {ambient:.2f}
 aged_ah = {k * args.use_ah:.3f}
+ageing = 1
 [start.paces]
 {paces}
 [[phase]]

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from simulator.ageing import aged
+from simulator.accumulator import Accumulator, AccumulatorParameters
+from simulator.ageing import Ageing, aged
 from simulator.scenario import Start
 
 N = 24
@@ -47,3 +48,19 @@ def test_a_cell_with_another_pace_ages_faster_and_the_others_do_not():
 
 def test_beyond_the_law_a_cell_keeps_something():
     assert (aged(Start(aged_days=7300.0, aged_degc=80.0), N, seed=7)[0] >= 0.05).all()
+
+
+def test_cells_that_age_while_they_run_are_where_the_law_has_them_after_that_time_and_charge():
+    """Three hours at 10 mA, so that they neither warm nor empty, at 30,000 times the pace: ten years."""
+    times, current_a, hours, paces = 30_000.0, 0.01, 3.0, {"5": 2.0}
+    equal = AccumulatorParameters(N, cells_per_pack=N, start_soc_spread=0.0, capacity_spread=0.0, resistance_spread=0.0)
+    accumulator = Accumulator(equal, np.random.default_rng(1))
+    at = {"aged_degc": 25.0, "aged_v": float(accumulator.ocv_v.mean()), "paces": paces}
+    ageing = Ageing(Start(aged_days=100.0, ageing=times, **at), accumulator, seed=7)
+    for now_s in np.arange(10.0, 3600.0 * hours + 1.0, 10.0):
+        accumulator.step(10.0, current_a)
+        ageing.step(now_s)
+    accumulator.step(1.0, 0.0)
+    years = Start(aged_days=100.0 + times * hours / 24.0, aged_ah=times * current_a * hours, **at)
+    capacity, _ = aged(years, N, seed=7)
+    assert accumulator.capacity_ah / equal.cell.capacity_ah == pytest.approx(capacity, rel=2e-3)

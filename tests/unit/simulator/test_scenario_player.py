@@ -131,3 +131,12 @@ def test_the_accumulator_balances_by_the_method_of_the_scenario(play, method, gi
     moved = accumulator.soc - before
     assert moved[3 * 12 + 1] < -2e-5
     assert (moved[3 * 12 + 2] > 0.0) == gives_to_the_pack
+
+
+@pytest.mark.parametrize("ageing", [0, 1_000_000])
+def test_cells_age_while_a_scenario_is_played_where_it_says_so(tmp_path, ageing):
+    text = f"[start]\nageing = {ageing}\n[[phase]]\nload = 'rest'\nfor_s = 70\n"
+    player = Played(tmp_path / "aged.toml", text).player
+    new = player.simulation.accumulator.capacity_ah.copy()
+    player.run(66.0)
+    assert ((player.simulation.accumulator.capacity_ah < new) == bool(ageing)).all()
