@@ -71,8 +71,11 @@ class CanNode:
         """Send one message as soon as the controller is served."""
         self._on_demand.append(index)
 
-    def due(self, now_s: float) -> Iterator[CanFrame]:
-        """Yield the frames that are due."""
+    def due(self, now_s: float, pass_s: float) -> Iterator[CanFrame]:
+        """Yield the frames that are due since the last pass, `pass_s` ago: the firmware's own passes are shorter.
+
+        What is later than that is sent once and not made up for.
+        """
         if self._on_demand:
             for index in self._on_demand:
                 yield self._frame(index)
@@ -82,6 +85,8 @@ class CanNode:
         for index, due_s in self._due_s.items():
             if due_s <= now_s:
                 period_s = self._tx[index].period_ms / 1000
+                if due_s + period_s <= now_s - pass_s:
+                    self._due_s[index] = now_s
                 while self._due_s[index] <= now_s:
                     self._due_s[index] += period_s
                     yield self._frame(index)

@@ -131,7 +131,7 @@ class Simulation(Vehicle):
         master.is_shutdown_closed = not self.is_shutdown_open
         master.measure(now_s, dt_s, self.current_a)
         self._step_charger(dt_s, is_connected=master.relay_state == RelayState.CHARGER)
-        for frame in master.can.due(now_s):
+        for frame in master.can.due(now_s, dt_s):
             self.bus.send(self.master_on_bus, frame, now_s)
         if master.reset_due_s is not None and now_s >= master.reset_due_s:
             self.reset(COMMANDED)

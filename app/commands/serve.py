@@ -24,7 +24,7 @@ from app.api.web.connection_limits import ACCEPTED_AT_ONCE, most_connections
 from app.api.web.http_protocol import HttpProtocol
 from app.api.web.tls_protocol import tls_protocol
 from app.api.web.websocket_protocol import LiveProtocol
-from app.commands.console.tls import certificate_of, context_of, told
+from app.commands.console.tls import Renewal, certificate_of, context_of, told
 from app.errors import ConfigError
 from app.service import log
 from app.service.folder_lock import locked_folder
@@ -170,6 +170,7 @@ def serve_once(settings: Settings, replay: Replay | None = None, *, is_fixed: bo
             certificate,
             setup,
             lambda: [stall for one in served for stall in one.stalls()],
+            partial(app.state.parts.service.events.note, "warning", "certificate-renewed"),
         )
 
 
@@ -180,6 +181,7 @@ def _run(
     certificate: Certificate | None,
     setup: Setup | None = None,
     stalls: Callable[[], list[Message]] = list,
+    tell: Callable[[Message], None] = lambda message: None,
 ) -> tuple[int, int]:
     """Serve until a signal ends it; return the exit code, AGAIN where the choice of `setup` changed, and the port.
 
@@ -187,6 +189,10 @@ def _run(
     """
     address, port = listener.getsockname()[:2]
     host = f"[{address}]" if ":" in address else address
+    context = None if certificate is None else context_of(certificate)
+    renewal = None
+    if certificate is not None and context is not None:
+        renewal = Renewal(settings, certificate, context, tell)
     ready = f"Voltwall: {'https' if certificate else 'http'}://{host}:{port}"
     server = _Server(
         ready if certificate is None else f"{ready}\n{told(certificate, settings, port)}",
@@ -194,7 +200,7 @@ def _run(
             app,
             log_config=None,
             access_log=False,
-            http=HttpProtocol if certificate is None else tls_protocol(context_of(certificate)),  # type: ignore[arg-type]
+            http=HttpProtocol if context is None else tls_protocol(context),  # type: ignore[arg-type]
             limit_concurrency=most_connections(raise_descriptor_limit()),
             backlog=ACCEPTED_AT_ONCE,
             ws=LiveProtocol,
@@ -205,6 +211,7 @@ def _run(
             server_header=False,
         ),
         stalls,
+        renewal,
     )
     if setup is not None:
         setup.on_choice = server.start_again
@@ -255,11 +262,14 @@ def _source(
 class _Server(uvicorn.Server):
     """Says where it is once it takes connections; may end to be started again."""
 
-    def __init__(self, ready: str, config: uvicorn.Config, stalls: Callable[[], list[Message]]) -> None:
+    def __init__(
+        self, ready: str, config: uvicorn.Config, stalls: Callable[[], list[Message]], renewal: Renewal | None
+    ) -> None:
         super().__init__(config)
+        self._renewal = renewal
         self._ready_line = ready
         self._stalls = stalls
-        self._watchdog: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
         self.is_again = False
 
     def start_again(self) -> None:
@@ -275,12 +285,14 @@ class _Server(uvicorn.Server):
         if self.started:
             print(self._ready_line, flush=True)
             notify("READY=1")
-            self._watchdog = asyncio.create_task(keep_alive(self._stalls))
+            self._tasks.append(asyncio.create_task(keep_alive(self._stalls)))
+            if self._renewal is not None:
+                self._tasks.append(asyncio.create_task(self._renewal.keep()))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Tell and end."""
-        if self._watchdog is not None:
-            self._watchdog.cancel()
+        for task in self._tasks:
+            task.cancel()
         if not self.is_again:
             notify("STOPPING=1")
         await super().shutdown(sockets)

@@ -1,6 +1,7 @@
 """Every setting once: a command-line flag, an environment variable VOLTWALL_*, a default."""
 
 from dataclasses import asdict
+from importlib.resources import files
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Literal
@@ -16,7 +17,9 @@ from app.sources.connections import Connections
 from app.words import Message
 
 FilterName = Literal["fused", "coulomb", "ekf", "ukf", "cdkf"]
-MIN_PASSWORD_LENGTH = 8
+LEAST_CHARACTERS, MOST_CHARACTERS = 12, 200  # of a password
+LEAST_DIFFERENT = 5  # characters: not 121212121212
+COMMON_PASSWORDS = files("app.service") / "common_passwords.txt"
 
 
 class Settings(BaseSettings):
@@ -191,9 +194,22 @@ class Settings(BaseSettings):
             raise ConfigError("host", self.host, Message("tls-beyond-loopback"))
         for name in ("password", "viewer_password"):
             secret = getattr(self, name)
-            if secret is not None and len(secret.get_secret_value()) < MIN_PASSWORD_LENGTH:
-                raise ConfigError(name, Message("hidden"), Message("characters-at-least", count=MIN_PASSWORD_LENGTH))
+            if secret is not None:
+                check_password(name, secret.get_secret_value())
         if self.viewer_password is not None and self.password is None:
             raise ConfigError("viewer_password", Message("hidden"), Message("password-too"))
         if self.viewer_password is not None and self.viewer_password == self.password:
             raise ConfigError("viewer_password", Message("hidden"), Message("other-than-password"))
+
+
+def check_password(field: str, password: str) -> None:
+    """Refuse what is guessed first: short ones, the commonest, the same few characters.
+
+    Raises:
+        ConfigError: names the field, never the password.
+    """
+    if not LEAST_CHARACTERS <= len(password) <= MOST_CHARACTERS:
+        raise ConfigError(field, Message("hidden"), Message("characters-at-least", count=LEAST_CHARACTERS))
+    common = COMMON_PASSWORDS.read_text(encoding="utf-8").splitlines()
+    if len({*password}) < LEAST_DIFFERENT or password.strip().casefold() in common:
+        raise ConfigError(field, Message("hidden"), Message("no-common-password"))

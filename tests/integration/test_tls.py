@@ -46,6 +46,9 @@ def test_the_cookie_goes_by_https_alone(pit):
     with pit.client(verify=trusting(pit)) as client:
         cookie = client.post("/login", json={"name": "anna", "password": PASSWORD}).headers["set-cookie"].lower()
         assert "secure" in cookie
+        assert cookie.startswith("__host-voltwall-")
+        assert "path=/" in cookie
+        assert client.get("/me").json()["name"] == "anna"
         assert client.get("/me").json()["role"] == "engineer"
 
 

@@ -149,6 +149,7 @@ STEPS = st.lists(
         st.tuples(st.just("o"), st.integers(0, 7)),
         st.tuples(st.just("r"), st.integers(0, 7), st.binary(max_size=8)),
         st.just(("x",)),
+        st.tuples(st.just("late"), st.integers(1, 500)),
     ),
     max_size=40,
 )
@@ -165,9 +166,11 @@ def test_both_can_nodes_send_and_take_the_same(driver, table, steps):
     memory = MasterMemory()
     memory.image[CONFIG_SIZE:] = bytes(7 * i & 0xFF for i in range(CONFIG_SIZE, MASTER_SIZE))
     memory.config = config
-    node, words, said = CanNode(memory), [], []
+    node, words, said, missed_ms = CanNode(memory), [], [], 0
     for index, (kind, *rest) in enumerate(steps):
-        now_ms, now_s = index * STEP_MS, index * STEP_MS / 1000 + index * 1e-9
+        missed_ms += rest[0] if kind == "late" else 0
+        now_ms = index * STEP_MS + missed_ms
+        now_s = now_ms / 1000 + index * 1e-9
         if kind == "o":
             words.append(f"o:{rest[0]}")
             node.send_once(rest[0])
@@ -179,7 +182,7 @@ def test_both_can_nodes_send_and_take_the_same(driver, table, steps):
             words.append(f"x:{now_ms}")
             said += [f"lost:{event.value}" for event in node.expire(now_s)]
         words.append(f"n:{now_ms}")
-        said += [f"{raw_id(f.can_id, f.is_extended)}:{f.data.hex() or '-'}" for f in node.due(now_s)]
+        said += [f"{raw_id(f.can_id, f.is_extended)}:{f.data.hex() or '-'}" for f in node.due(now_s, 0.0)]
     said += [str(node.tx_enabled), str(node.rx_enabled), str(node.rx_active), memory.image[1884:].hex()]
     assert driver(f"can {config.hex()} {' '.join(words)}") == said
 

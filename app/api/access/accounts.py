@@ -20,12 +20,11 @@ from argon2.exceptions import InvalidHashError, VerificationError
 from filelock import FileLock
 
 from app.errors import ConfigError
+from app.service.settings import MOST_CHARACTERS, check_password
 from app.words import Message
 
 FILE = "accounts.json"
 TOKEN_PREFIX = "vw_"
-LEAST_CHARACTERS = 8
-MOST_CHARACTERS = 200
 MOST = 1000  # accounts, and tokens
 DAY_S = 86400.0
 MOST_DAYS = 400
@@ -128,8 +127,8 @@ class Accounts:
         name = name.strip()
         if not _NAME.fullmatch(name):
             raise ConfigError("name", name, Message("account-name-form"))
-        if password is not None and not LEAST_CHARACTERS <= len(password) <= MOST_CHARACTERS:
-            raise ConfigError("password", Message("hidden"), Message("characters-at-least", count=LEAST_CHARACTERS))
+        if password is not None:
+            check_password("password", password)
         try:
             hashed = None if password is None else _HASHER.hash(password)
         except UnicodeEncodeError as error:

@@ -23,22 +23,36 @@ from app.words import Message
 
 CERTIFICATE, KEY = "tls-certificate.pem", "tls-key.pem"
 LASTS = timedelta(days=397)  # browsers refuse more than 398
-RENEWED_BEFORE = timedelta(days=90)  # of its end: a service that runs through has so long
+RENEWED_BEFORE = timedelta(days=90)  # of its end
+DAY_S = 86400.0
+WARNED_BEFORE_DAYS = 14
 MADE_BEFORE = timedelta(days=1)  # for clients whose clock is behind
 NOT_BEFORE = datetime(2026, 1, 1, tzinfo=UTC)  # the clock of a computer without a battery may stand in 1970
 MOST_NAMES = 50  # that it held before
 _PRIVATE = 0o600
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Certificate:
-    """Files of a certificate and its key; the fingerprint is the SHA-256 of the certificate, as browsers show it."""
+    """Files of a certificate and its key; the fingerprint is the SHA-256 of the certificate, as browsers show it.
+
+    A service has one for its life, and takes over what a renewal changes.
+    """
 
     certificate: Path
     key: Path
     fingerprint: str
     ends_s: float  # unix time
     is_own: bool  # made by `--tls`
+
+    def take(self, renewed: "Certificate") -> None:
+        """Become the renewed one; the files are the same."""
+        self.fingerprint, self.ends_s = renewed.fingerprint, renewed.ends_s
+
+    def problem(self, now_s: float) -> Message | None:
+        """That it ends soon, or has ended: nobody trusts it then."""
+        days = (self.ends_s - now_s) / DAY_S
+        return Message("certificate-ends", days=max(0, int(days))) if days < WARNED_BEFORE_DAYS else None
 
 
 def given_certificate(certificate: Path, key: Path) -> Certificate:

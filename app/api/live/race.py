@@ -7,7 +7,7 @@ from pydantic import Field
 
 from app.api.encoding.words import message_json
 from app.api.schemas.race import DriverCanOut, RacePlanOut
-from app.api.web.dependencies import DriverDisplayPart, EventsPart, LinksPart, LivePart, UserDep
+from app.api.web.dependencies import DriverDisplayPart, EventsPart, LinksPart, LivePart, SignedPart, UserDep
 from app.api.web.problems import Problem, invalid
 from app.api.web.request_body import Body
 from app.errors import NotNow
@@ -96,13 +96,19 @@ def driver_can(display: DriverDisplayPart, links: LinksPart) -> dict[str, Any]:
 
 @router.put("/driver-can", response_model=DriverCanOut)
 def map_driver_can(
-    body: DriverCanIn, display: DriverDisplayPart, links: LinksPart, events: EventsPart, user: UserDep
+    body: DriverCanIn,
+    display: DriverDisplayPart,
+    links: LinksPart,
+    events: EventsPart,
+    signed: SignedPart,
+    user: UserDep,
 ) -> dict[str, Any]:
     """Send these frames from now on. An id that anybody else on the bus sends or listens to is refused."""
     target = None if body.target is None else body.target.frame("target", 2)
     message = None if body.message is None else body.message.frame("message", 1)
-    _put(display, target, message, user.name)
     ids = tuple(f"{frame.can_id & ~CAN_ID_EXTENDED:#x}" for frame in (target, message) if frame is not None)
+    with signed.signed(user.name, "transmit", f"driver's display: {', '.join(ids) or 'nothing'}"):
+        _put(display, target, message, user.name)
     told = Message("driver-can-on", ids=ids) if ids else Message("driver-can-off")
     events.note("info", "driver-can", told, user.name)
     return driver_can(display, links)

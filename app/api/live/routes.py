@@ -10,7 +10,16 @@ from app import __version__
 from app.api.encoding.words import messages_json
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
-from app.api.web.dependencies import AuthenticationPart, EncoderPart, FanOutPart, HealthPart, LivePart, ReadersPart
+from app.api.web.dependencies import (
+    AuthenticationPart,
+    CertificatePart,
+    ClockPart,
+    EncoderPart,
+    FanOutPart,
+    HealthPart,
+    LivePart,
+    ReadersPart,
+)
 from app.api.web.problems import Problem, invalid
 from app.api.web.websocket_protocol import READER, LiveProtocol
 from app.words import Message
@@ -20,12 +29,21 @@ LOOK_S = 1.0  # after which a reader that was logged out gets no more
 
 
 @router.get("/health", response_model=HealthOut)
-async def health(live: LivePart, health: HealthPart, response: Response, strict: bool = False) -> dict[str, Any]:
+async def health(
+    live: LivePart,
+    health: HealthPart,
+    certificate: CertificatePart,
+    clock: ClockPart,
+    response: Response,
+    strict: bool = False,
+) -> dict[str, Any]:
     """Whether the service does its work; `reasons` says in words what is missing.
 
     `failing`: nothing comes from the battery, or nothing gets onto the disk; with `strict` the answer is 503 then.
     """
     reasons, is_failing = health.problems(), bool(health.failures())
+    if certificate is not None and (ends := certificate.problem(clock.wall_s())) is not None:
+        reasons = [*reasons, ends]
     if strict and is_failing:
         response.status_code = 503
     return {

@@ -172,11 +172,24 @@ class Authentication:
         is_theirs = login.stamp == (account and account.stamp)
         return is_theirs and now_s < login.ends_s and now_s - login.used_s < self.settings.idle_minutes * 60.0
 
+    def cookie_name(self, headers: Headers) -> str:
+        """The name of the session's cookie: browsers send it to every port of a host, and each has its own service.
+
+        Over HTTPS it begins with `__Host-`: no other host of a domain, and no page by plain HTTP, can set such a one.
+        """
+        port = headers.get("host", "").rpartition("]")[2].rpartition(":")[2]
+        name = f"voltwall-{port}" if port.isdigit() else "voltwall"
+        return f"__Host-{name}" if self.settings.has_tls else name
+
+    def token_of(self, headers: Headers) -> str | None:
+        """The session cookie's value."""
+        return cookie_parser(headers.get("cookie", "")).get(self.cookie_name(headers))
+
     def user_of(self, headers: Headers, address: str) -> User | None:
         """Return who asks, None where nobody known."""
         if self.is_open:
             return User("engineer", "engineer")
-        if (login := self.login_of(token_of(headers))) is not None:
+        if (login := self.login_of(self.token_of(headers))) is not None:
             login.used_s = self._clock.monotonic_s()
             return login.user
         kind, _, secret = headers.get("authorization", "").partition(" ")
@@ -230,17 +243,6 @@ def _digest(token: str) -> str:
 
 def _is_equal(secret: str, given: str) -> bool:
     return hmac.compare_digest(secret.encode(), given.encode(errors="surrogatepass"))
-
-
-def cookie_name(headers: Headers) -> str:
-    """The name of the session's cookie: browsers send it to every port of a host, and each has a service of its own."""
-    port = headers.get("host", "").rpartition("]")[2].rpartition(":")[2]
-    return f"voltwall-{port}" if port.isdigit() else "voltwall"
-
-
-def token_of(headers: Headers) -> str | None:
-    """The session cookie's value."""
-    return cookie_parser(headers.get("cookie", "")).get(cookie_name(headers))
 
 
 def is_same_origin(headers: Headers) -> bool:

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Request, Response
 from pydantic import Field
 
 from app.api.schemas.service import MeOut
-from app.api.web.authentication import SESSION_S, Authentication, User, cookie_name, token_of
+from app.api.web.authentication import SESSION_S, Authentication, User
 from app.api.web.dependencies import AuthenticationPart
 from app.api.web.problems import Problem
 from app.api.web.request_body import Body
@@ -48,11 +48,11 @@ def login(body: Login, request: Request, response: Response, authentication: Aut
     )
     if user is None:
         raise Problem(401, "wrong-password", Message("wrong-password"))
-    authentication.close_session(token_of(request.headers))
+    authentication.close_session(authentication.token_of(request.headers))
     if not authentication.is_open:
         authentication.log.came_in(user.name, user.role, address)
     response.set_cookie(
-        cookie_name(request.headers),
+        authentication.cookie_name(request.headers),
         authentication.open_session(user, address, request.headers.get("user-agent", "")),
         max_age=int(SESSION_S),
         httponly=True,
@@ -65,6 +65,6 @@ def login(body: Login, request: Request, response: Response, authentication: Aut
 @router.post("/logout", response_model=MeOut)
 def logout(request: Request, response: Response, authentication: AuthenticationPart) -> dict[str, Any]:
     """Forget the cookie."""
-    authentication.close_session(token_of(request.headers))
-    response.delete_cookie(cookie_name(request.headers))
+    authentication.close_session(authentication.token_of(request.headers))
+    response.delete_cookie(authentication.cookie_name(request.headers), secure=request.url.scheme == "https")
     return _me(None, authentication)

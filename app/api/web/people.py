@@ -5,11 +5,12 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Path, Request
 from pydantic import BaseModel, Field
 
-from app.api.access.accounts import LEAST_CHARACTERS, MOST_CHARACTERS, MOST_DAYS, Role
-from app.api.web.authentication import Authentication, User, token_of
+from app.api.access.accounts import MOST_DAYS, Role
+from app.api.web.authentication import Authentication, User
 from app.api.web.dependencies import AuthenticationPart, UserDep
 from app.api.web.problems import Problem, not_found
 from app.api.web.request_body import Body
+from app.service.settings import LEAST_CHARACTERS, MOST_CHARACTERS
 from app.words import Message
 
 router = APIRouter(tags=["login"])
@@ -170,7 +171,7 @@ def revoke_token(token_id: Name, authentication: AuthenticationPart, user: UserD
 @router.get("/logins")
 def logins(request: Request, authentication: AuthenticationPart, user: UserDep) -> list[LoginOut]:
     """Who is logged in by cookie: one's own, a chief sees all."""
-    this = authentication.login_of(token_of(request.headers))
+    this = authentication.login_of(authentication.token_of(request.headers))
     return [
         LoginOut(
             id=each.id,

@@ -1,8 +1,10 @@
 """TLS of `voltwall serve`: which certificate, and what the terminal shows of it."""
 
+import asyncio
+import logging
 import ssl
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import segno
 
@@ -13,6 +15,8 @@ from app.service.host import addresses_of
 from app.service.settings import Settings
 from app.words import Message
 
+log = logging.getLogger(__name__)
+LOOK_S = 3600.0
 _BLOCKS = {(0, 0): "█", (0, 1): "▀", (1, 0): "▄", (1, 1): " "}  # dark modules are gaps: terminals are dark
 _QUIET = 2  # modules around the code
 
@@ -44,6 +48,42 @@ def context_of(certificate: Certificate) -> ssl.SSLContext:
     except (OSError, ValueError) as error:
         raise ConfigError("tls_key", certificate.key, Message("key-of-certificate")) from error
     return context
+
+
+class Renewal:
+    """Keeps the certificate of a running service in date; connections that are open keep the old one."""
+
+    def __init__(
+        self, settings: Settings, certificate: Certificate, context: ssl.SSLContext, tell: Callable[[Message], None]
+    ) -> None:
+        self._settings = settings
+        self._certificate = certificate
+        self._context = context
+        self._tell = tell
+
+    def look(self, now_s: float) -> None:
+        """Take one that `--tls` makes before the end of the old one, or that somebody put in the place of theirs."""
+        settings, own = self._settings, self._certificate
+        try:
+            if own.is_own:
+                found = own_certificate(settings.data, (), now_s)  # of other networks at the next start
+            else:
+                found = given_certificate(own.certificate, own.key)
+            if found.fingerprint == own.fingerprint:
+                return
+            context_of(found)  # whether key and certificate belong together, before the one in use is touched
+            self._context.load_cert_chain(found.certificate, found.key, password=lambda: "")
+        except (ConfigError, OSError) as error:
+            log.warning("certificate: %s", error)
+            return
+        own.take(found)
+        self._tell(Message("certificate-renewed", fingerprint=found.fingerprint))
+
+    async def keep(self) -> None:
+        """Look each hour, for ever."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            await asyncio.to_thread(self.look, Clock().wall_s())
 
 
 def told(certificate: Certificate, settings: Settings, port: int) -> str:

@@ -19,7 +19,7 @@ def memory() -> MasterMemory:
 
 
 def frames(node: CanNode, until_s: float, step_s: float = 0.02) -> list[CanFrame]:
-    return [frame for tick in range(round(until_s / step_s)) for frame in node.due(tick * step_s)]
+    return [frame for tick in range(round(until_s / step_s)) for frame in node.due(tick * step_s, step_s)]
 
 
 def test_summary_is_sent_ten_times_a_second_from_start_up(memory):
@@ -35,6 +35,14 @@ def test_periods_shorter_than_a_pass_keep_their_rate(memory):
     assert 998 <= len(sent) <= 1003
 
 
+def test_what_comes_late_is_sent_once_and_not_made_up_for(memory):
+    node = CanNode(memory)
+    frames(node, 1.0)
+    assert len([frame for frame in node.due(30.0, 0.02) if frame.can_id == 0x100]) == 1
+    late = [frame for tick in range(1, 51) for frame in node.due(30.0 + tick * 0.02, 0.02) if frame.can_id == 0x100]
+    assert len(late) in (9, 10)
+
+
 def test_charger_message_is_stored_answered_and_marked_alive(memory):
     node = CanNode(memory)
     assert not any(frame.is_extended for frame in frames(node, 1.0))
@@ -42,7 +50,7 @@ def test_charger_message_is_stored_answered_and_marked_alive(memory):
     assert node.rx_active == 1
     assert memory.charger("v_out") == 0x0F9B
     assert memory.charger("i_out") == 120
-    assert [frame.can_id for frame in node.due(1.02) if frame.is_extended] == [0x1806E5F4]
+    assert [frame.can_id for frame in node.due(1.02, 0.02) if frame.is_extended] == [0x1806E5F4]
 
 
 def test_silence_ends_the_answer_and_is_told_once(memory):
@@ -66,7 +74,7 @@ def test_messages_nobody_listens_for_change_nothing(memory):
 def test_on_demand_is_sent_once(memory):
     node = CanNode(memory)
     node.send_once(2)
-    first, second = list(node.due(0.0)), list(node.due(0.02))
+    first, second = list(node.due(0.0, 0.02)), list(node.due(0.02, 0.02))
     assert len(first) == len(second) + 2  # the message asked for, and the summary's first
 
 
@@ -80,6 +88,6 @@ def test_a_changed_table_is_in_force_at_once_and_keeps_what_is_alive(memory):
     node.reload()
     memory.set_charge(0, 0x1234)
     assert node.rx_active == 1
-    assert next(frame for frame in node.due(1.0) if frame.can_id == 0x321).data == bytes.fromhex("1234")
+    assert next(frame for frame in node.due(1.0, 0.02) if frame.can_id == 0x321).data == bytes.fromhex("1234")
     node.received(CanFrame(0x123, False, b"\x80"), 1.0)
     assert memory.charger("fan_duty") == 0x80

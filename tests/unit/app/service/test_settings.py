@@ -1,10 +1,11 @@
-"""Settings of a battery beside the first."""
+"""Settings of a battery beside the first; which passwords are refused."""
 
 from pathlib import Path
 
 import pytest
 
-from app.service.settings import Settings
+from app.errors import ConfigError
+from app.service.settings import LEAST_CHARACTERS, Settings, check_password
 from app.sources.connections import Connections
 
 REAR = Connections(None, "socketcan:can1", "rear.toml")
@@ -26,3 +27,14 @@ def test_a_recorder_is_followed_once_however_many_batteries_are_read(tmp_path: P
 @pytest.mark.parametrize(("car", "expected"), [(None, "rear"), ("e42", "e42-rear"), ("e" * 36, "e" * 36 + "-rea")])
 def test_to_a_broker_it_is_a_car_of_its_own(tmp_path: Path, car: str | None, expected: str) -> None:
     assert Settings(data=tmp_path, mqtt="mqtt://pit", car=car).beside("rear", REAR).car == expected
+
+
+@pytest.mark.parametrize("password", ["Password1234", " qwerty123456 ", "121212121212", "x" * (LEAST_CHARACTERS - 1)])
+def test_what_is_guessed_first_is_no_password(tmp_path: Path, password: str) -> None:
+    with pytest.raises(ConfigError, match="password") as refused:
+        Settings(data=tmp_path, password=password).check()
+    assert password not in str(refused.value)
+
+
+def test_a_sentence_is_a_password() -> None:
+    check_password("password", "red flag on lap nine")

@@ -57,7 +57,8 @@ def test_a_change_is_another_stamp_and_keeps_the_password_that_is_not_given(acco
 
 
 @pytest.mark.parametrize(
-    ("name", "password"), [("a:b", GOOD), ("", GOOD), ("x" * 41, GOOD), ("bob", "short"), ("bob", None)]
+    ("name", "password"),
+    [("a:b", GOOD), ("", GOOD), ("x" * 41, GOOD), ("bob", "short"), ("bob", "Qwerty123456"), ("bob", None)],
 )
 def test_what_cannot_be_an_account_is_named(accounts, name, password):
     with pytest.raises(ConfigError):

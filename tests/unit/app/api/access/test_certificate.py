@@ -36,6 +36,13 @@ def test_it_stays_the_same_until_it_is_renewed_before_its_end(tmp_path):
     assert renewed.ends_s > first.ends_s
 
 
+def test_that_it_ends_soon_is_told(tmp_path):
+    made = own_certificate(tmp_path, [], NOW_S)
+    assert made.problem(made.ends_s - 15 * DAY_S) is None
+    assert made.problem(made.ends_s - 13.5 * DAY_S).args["days"] == 13
+    assert made.problem(made.ends_s + DAY_S) is not None
+
+
 def test_another_network_is_added_and_the_earlier_one_stays(tmp_path):
     own_certificate(tmp_path, ["10.0.0.7"], NOW_S)
     both = own_certificate(tmp_path, ["192.168.1.5"], NOW_S)

@@ -281,6 +281,12 @@ def test_a_session_that_nobody_uses_ends(authentication, clock):
     assert authentication.user_of(cookie, "a") is None
 
 
+def test_over_https_only_this_very_host_can_set_the_cookie(tmp_path):
+    secure = Authentication(Settings(data=tmp_path, tls=True), FakeClock())
+    assert secure.cookie_name(Headers({"host": "pit.local:8000"})) == "__Host-voltwall-8000"
+    assert secure.token_of(Headers({"host": "pit.local:8000", "cookie": "voltwall-8000=set-by-another"})) is None
+
+
 def test_the_cookie_of_another_port_of_the_host_is_another(authentication):
     token = authentication.open_session(User("anna", "engineer"))
     here = {"host": "pit.local:8000", "cookie": f"voltwall-8000={token}; voltwall-8100=other"}
