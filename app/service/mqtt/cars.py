@@ -10,11 +10,15 @@ from typing import Any, Literal
 
 import orjson
 
+from app.words import Message, render
+
 State = Literal["live", "late", "silent", "vanished"]
 LIVE_S = 3.0  # a car tells its state once a second
 SILENT_S = 10.0  # values as old as this are no state of a car any more
 SETTLED_S = 2.5  # after its first message: until then nothing tells how long that one was on its way
 DRIFT = 500e-6  # of two clocks against each other, at most
+TWICE_S = 60.0  # for so long it is told that two services speak under one name
+MOST_RUNS = 20
 MOST_ALARMS = 50
 MOST_BYTES = 1 << 18  # of a message
 TOPICS = frozenset({"status", "about", "accumulator", "links", "master", "alarms"})
@@ -57,6 +61,8 @@ class Car:
     waited_s: float = 0.0  # the newest values, on their way
     values_s: float | None = None  # when they came; None: they are retained ones, of whenever
     clock: CarClock = field(default_factory=CarClock)
+    runs: list[object] = field(default_factory=list)  # that were heard, the newest last
+    twice_s: float | None = None  # when an earlier run spoke again
 
     def take(self, topic: str, body: bytes, now_s: float, *, is_retained: bool) -> None:
         """Take a message; one that cannot be understood is left out.
@@ -94,8 +100,19 @@ class Car:
         if is_retained:
             self.values_s = None
             return
-        self.waited_s = self.clock.waited_s(sent.get("run") if isinstance(sent, dict) else None, sent_s, now_s)
+        run = sent.get("run") if isinstance(sent, dict) else None
+        self._note_run(run, now_s)
+        self.waited_s = self.clock.waited_s(run, sent_s, now_s)
         self.values_s = now_s
+
+    def _note_run(self, run: object, now_s: float) -> None:
+        """A service that starts again has a new run for good; one that comes back is of another that speaks, too."""
+        if self.runs and run == self.runs[-1]:
+            return
+        if run in self.runs:
+            self.runs.remove(run)
+            self.twice_s = now_s
+        self.runs = [*self.runs[1 - MOST_RUNS :], run]
 
     def age_s(self, part: str, now_s: float) -> float | None:
         """Seconds since the car measured a part; None where that is not known."""
@@ -132,12 +149,19 @@ class Car:
                 if name in ("rs232", "can") and isinstance(link, dict)
             },
             "master": _text(self.master.get("state")),
-            "alarms": [shown for each in self.alarms if (shown := _alarm(each)) is not None],
+            "alarms": self._twice(now_s) + [shown for each in self.alarms if (shown := _alarm(each)) is not None],
             "url": url if (url := _text(self.about.get("url"))) and url.startswith(("http://", "https://")) else None,
             "battery": _text(self.about.get("battery")),
             "segments": _segments(self.about.get("segments")),
             "simulated": self.values.get("simulated") is True,
         }
+
+    def _twice(self, now_s: float) -> list[dict[str, Any]]:
+        if self.twice_s is None or now_s - self.twice_s >= TWICE_S:
+            return []
+        told = Message("car-twice", car=self.name)
+        words = {"code": told.code, "args": dict(told.args)}
+        return [{"severity": "warning", "text": render(told), "text_words": words, "cell": None, "active": True}]
 
     def _measured_unix_s(self) -> float | None:
         """By the car's own clock: nothing was heard by which ours could tell."""

@@ -11,6 +11,8 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+import orjson
+
 from app import __version__
 from app.battery.battery import Battery
 from app.clock import Clock
@@ -25,6 +27,7 @@ from app.telemetry.service_state import Recording
 from app.words import Message, Text, render
 
 PERIOD_S = 1.0
+TWICE_S = 60.0  # for so long it is told that another service publishes here
 MAX_EVENTS = 1000  # kept for a broker that is gone; older ones are in the event log
 PER_CELL: dict[str, Part] = {
     "voltage_v": "voltage",
@@ -74,18 +77,23 @@ class MqttPublisher:
         self._sent: dict[str, bytes] = {}  # since the connection was made
         self._problem: Text | None = Message("mqtt-not-connected")
         self._is_connected = threading.Event()
+        self._other_until_s = self._twice_until_s = -TWICE_S
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
         client = new_client(broker)
         client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
         client.on_connect_fail = self._on_connect_fail
+        client.on_message = self._on_own_topic
         client.will_set(self._topic("status"), b"offline", qos=1, retain=True)
         self._client = client
 
     @property
     def problem(self) -> Message | None:
         """Why nothing reaches the broker, None while all does."""
-        return None if self._problem is None else Message("mqtt", broker=str(self._broker), problem=self._problem)
+        problem = self._problem
+        if problem is None and self._clock.monotonic_s() < self._twice_until_s:
+            problem = Message("mqtt-twice")
+        return None if problem is None else Message("mqtt", broker=str(self._broker), problem=problem)
 
     def start(self) -> None:
         """Connect, and again for ever; publish."""
@@ -124,7 +132,22 @@ class MqttPublisher:
         self._client.publish(self._topic("status"), b"online", qos=1, retain=True)
         if self._about is not None:
             self._client.publish(self._topic("about"), self._about, qos=1, retain=True)
+        self._client.subscribe(self._topic("accumulator"), qos=0)  # to hear whether somebody else speaks there
         self._is_connected.set()
+
+    def _on_own_topic(self, _client: Any, _data: Any, message: Any) -> None:
+        """Another run on this service's own topic, now: a second service has the same name."""
+        if message.retain:
+            return
+        try:
+            run = orjson.loads(message.payload)["sent"]["run"]
+        except (orjson.JSONDecodeError, KeyError, TypeError):
+            return
+        if run != self._run_id:
+            now_s = self._clock.monotonic_s()
+            if now_s < self._other_until_s:  # the second one: the first may be the last word of the run before
+                self._twice_until_s = now_s + TWICE_S
+            self._other_until_s = now_s + TWICE_S
 
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         self._is_connected.clear()

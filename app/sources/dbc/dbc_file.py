@@ -14,6 +14,7 @@ from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 DEFINITION_ENDINGS = (".dbc", ".sym", ".kcd", ".arxml")
 _MOST_LEFT_OUT = 40  # lines; a file with more of them is something else
+MOST_CYCLE_MS = 1e9
 _LENGTHS_FD = (12, 16, 20, 24, 32, 48, 64)
 
 
@@ -124,7 +125,8 @@ def _message(message: Any) -> MessageDefinition:
     senders = list(message.senders or [])
     signals = tuple(_signal(each, by_name) for each in message.signals if 1 <= each.length <= 64)
     sender = senders[0] if senders else ""
-    period_s = message.cycle_time / 1000 if message.cycle_time else None
+    cycle_ms = message.cycle_time  # an attribute of the file: of whatever kind that says
+    period_s = cycle_ms / 1000 if isinstance(cycle_ms, int | float) and 0 < cycle_ms < MOST_CYCLE_MS else None
     return MessageDefinition(can_id, str(message.name), int(message.length), signals, sender, period_s)
 
 

@@ -70,6 +70,19 @@ def test_a_service_that_starts_again_has_another_clock():
     assert car.age_s("voltage", now_s) == pytest.approx(0.1, abs=0.01)
 
 
+def test_two_services_under_one_name_are_told_and_never_live():
+    car, now_s = heard([0.05] * 5)
+    car.take("accumulator", values(5.0, run="b"), now_s + 1.0, is_retained=False)
+    assert car.shown(now_s + 1.0, 1e9)["alarms"] == []  # it was started again, as far as anybody can tell
+    for second in range(2, 12):
+        car.take("accumulator", values(100.0 + second, run="ab"[second % 2]), now_s + second, is_retained=False)
+    (told,) = car.shown(now_s + 11, 1e9)["alarms"]
+    assert (told["severity"], told["active"]) == ("warning", True)
+    assert "red" in told["text"]
+    assert car.state(now_s + 11) != "live"
+    assert car.shown(now_s + 120, 1e9)["alarms"] == []
+
+
 def test_what_the_broker_kept_is_never_live():
     car = Car("red")
     car.take("status", b"online", 100.0, is_retained=True)

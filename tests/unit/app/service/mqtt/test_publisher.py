@@ -2,15 +2,18 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
-from app.service.mqtt.publisher import event_body, messages
+from app.service.mqtt.broker import parse_broker
+from app.service.mqtt.publisher import TWICE_S, MqttPublisher, event_body, messages
 from app.sources.items import LinkChange
 from app.telemetry import Alarm, Event
 from app.telemetry.aging import aged
 from app.telemetry.service_state import Recording
 from app.words import Message
+from tests.fake_clock import FakeClock
 
 EVENT = Event(1, "info", "noted", Message("verbatim", text="noted"))
 
@@ -55,3 +58,23 @@ def test_what_is_older_than_a_second_is_stale(bench, master):
         bodies = {topic: json.loads(body) for topic, body in messages(later, None)}
         assert bodies["cells/soc"]["stale"] is bodies["accumulator"]["stale"]["voltage"] is stale
         assert bodies["cells/voltage_v"]["age_s"] == pytest.approx(waited_s, abs=0.01)
+
+
+def test_another_service_under_the_same_name_is_told_until_it_is_gone():
+    clock = FakeClock()
+    publisher = MqttPublisher(parse_broker("mqtt://pit/fsg/red"), lambda: None, clock)
+    publisher._problem = None  # as when the broker answers
+
+    def hear(body, *, retain=False):
+        publisher._on_own_topic(None, None, SimpleNamespace(payload=body, retain=retain))
+        return None if publisher.problem is None else publisher.problem.args["problem"].code
+
+    def of(run):
+        return json.dumps({"sent": {"run": run, "s": 1.0}}).encode()
+
+    own = of(publisher._run_id)
+    told = [hear(own), hear(of("x"), retain=True), hear(b"{"), hear(b"[]"), hear(of("x")), hear(own)]
+    assert told == [None] * 6  # one message may be the last word of the run before
+    assert hear(of("x")) == "mqtt-twice"
+    clock.advance(TWICE_S + 1)
+    assert hear(own) is None
