@@ -194,8 +194,8 @@ def _of_export(names: list[str]) -> ImportProfile:
     return ImportProfile(
         time=first(EXPORT_STAMP, EXPORT_TIMES[0]),
         current=first("i_fs (A)", "i_fc (A)", "i_fs", "i_fc"),
-        voltages=first("v[{n}] (V)", "v_{n}", "pack{p}_cell{n}_v"),
-        temperatures=first("t[{n}] (degC)", "t_{n}", "pack{p}_cell{n}_t"),
+        voltages=first("v[{n}] (V)", "v_{n}", "pack{p}_cell{n}_v", "v_{n} (V)", "pack{p}_cell{n}_v (V)"),
+        temperatures=first("t[{n}] (degC)", "t_{n}", "pack{p}_cell{n}_t", "t_{n} (degC)", "pack{p}_cell{n}_t (degC)"),
         soc=first("soc"),
         soc_unit="fraction",
     )

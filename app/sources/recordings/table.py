@@ -13,7 +13,8 @@ import numpy as np
 from app.errors import ImportFailed, LimitExceeded
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.csv_table import TableUnreadable, read_csv
-from app.sources.recordings.kind import CAN_LOGS, kind_of
+from app.sources.recordings.kind import CAN_LOGS, is_can_log, kind_of
+from app.sources.recordings.signal_files import read_signals
 from app.words import Message, Quantity
 
 UNPACKED_BYTES = 1 << 30  # of a compressed file
@@ -25,8 +26,6 @@ GZIP_MAGIC = b"\x1f\x8b"
 PARQUET_MAGIC = b"PAR1"
 NO_TABLES = {
     "unknown": Message("no-text"),
-    "mcap": Message("no-text"),
-    "ld": Message("no-text"),
     "session": Message("is-session"),
     "mpr": Message("is-mpr"),
     "nda": Message("is-nda"),
@@ -35,6 +34,7 @@ NO_TABLES = {
     "xlsx": Message("is-xlsx"),
     "res": Message("is-res"),
 }
+OF_SIGNALS = ("mf4", "mcap", "ld")
 _PLACE = {"n": r"(?P<n>\d+)", "p": r"(?P<p>\d+)"}
 
 
@@ -93,11 +93,14 @@ def load_table(path: Path) -> Table:
 
     Raises:
         TableUnreadable: the file cannot be read, or has no table.
+        ExtraMissing: a library that it needs is not installed.
     """
     source = path.name
     kind = kind_of(path)
     if kind in NO_TABLES:
         raise TableUnreadable(source, NO_TABLES[kind])
+    if kind in OF_SIGNALS and not is_can_log(path):
+        return Table(source, read_signals(path, kind))
     if kind in CAN_LOGS:
         raise TableUnreadable(source, Message("is-can-log", kind=kind))
     try:
