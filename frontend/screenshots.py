@@ -1,4 +1,4 @@
-"""Make the documentation's screenshots from a running service: python frontend/screenshots.py URL [FOLDER].
+"""Take pictures of every page of a running service: python frontend/screenshots.py URL FOLDER.
 
 Debian's Chromium does it, driven by Playwright; log-in is not handled, so point it at a service on loopback. The pages
 of a session show the finished one with most events, so let the service have one, with a trip.
@@ -92,7 +92,7 @@ def main() -> int:
     """Read the arguments and take the pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("url", help="address of a running service, as http://127.0.0.1:8000")
-    parser.add_argument("folder", nargs="?", type=Path, default=Path("docs/images/screens"))
+    parser.add_argument("folder", type=Path, help="where the pictures go")
     arguments = parser.parse_args()
     names = ("chromium", "google-chrome", "chromium-headless-shell")
     chromium = next(filter(None, map(shutil.which, names)), None)

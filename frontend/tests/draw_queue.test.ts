@@ -45,6 +45,16 @@ describe('turns of charts', () => {
     expect(drawn).toEqual(['new']);
   });
 
+  it('draw at once for one that hurries, and not again', () => {
+    const { turns, frame } = made();
+    const chart = {};
+    const drawn: string[] = [];
+    turns.ask(chart, () => drawn.push('printed'));
+    turns.hurry(chart);
+    frame();
+    expect(drawn).toEqual(['printed']);
+  });
+
   it('let every chart draw while one asks again and again', () => {
     const { turns, spend, frame } = made();
     const drawn = [0, 0, 0];

@@ -17,6 +17,13 @@ export class DrawQueue {
     this.call();
   }
 
+  /** Draw what waits for `who` at once: paper does not wait for a frame. */
+  hurry(who: object): void {
+    const draw = this.waiting.get(who);
+    this.waiting.delete(who);
+    draw?.();
+  }
+
   forget(who: object): void {
     this.waiting.delete(who);
   }

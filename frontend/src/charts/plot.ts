@@ -99,6 +99,11 @@ export class Plot {
     });
   }
 
+  /** Draw what was set without waiting for a turn. */
+  drawNow(): void {
+    turns.hurry(this);
+  }
+
   resize(width: number): void {
     if (width > 0) this.chart.setSize({ width, height: this.spec.height });
   }

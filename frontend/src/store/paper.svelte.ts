@@ -3,6 +3,7 @@
 import { flushSync } from 'svelte';
 
 export const PAPER_PX = 700; // A4 without its margins, at 96 pixels an inch
+export const PAPER_THIRD_PX = 550; // a third of A4 across, as print.css shrinks the overview
 
 class Paper {
   isPrinting = $state(false);
