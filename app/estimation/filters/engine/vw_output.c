@@ -61,56 +61,80 @@ void vw_output_tangent(const vw_filter *filter, const vw_motion *motion, const v
     }
 }
 
-/* Output at one point along the first column, counted from the centre; `side` is 1 to the right, -1 to the left. */
-static void beside(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x,
-                   vw_lanes *restrict here, const vw_lanes reach, const vw_lanes per_sd, vw_real side, vw_lanes ocv,
-                   vw_lanes h)
+/* Tables at the points along the first column. */
+typedef struct {
+    vw_lanes per_sd, here[VW_COLUMNS_MAX], right[VW_COLUMNS_MAX], left[VW_COLUMNS_MAX]; /* c / s; at -c s, 0, c s */
+} vw_points;
+
+VW_INLINE void over_points(const int n_pairs, const int has_overpotential, const vw_filter *filter,
+                           const vw_motion *motion, const vw_cells *restrict x, const vw_points *restrict at,
+                           vw_work *restrict work)
 {
-    const vw_cell_model *model = &filter->model;
-    const int n_pairs = vw_pairs(model);
-    vw_soc_place at;
-    vw_lanes soc, there[VW_COLUMNS_MAX], drop;
-    VW_EACH_CELL(c) soc[c] = x->soc[c] + side * reach[c];
-    vw_place_soc(model, soc, &at);
-    vw_circuit(model, &x->climate.place, &at, there);
-    VW_EACH_CELL(c) drop[c] = (there[VW_R0][c] - here[VW_R0][c]) * motion->current_a;
-    for (int k = 0; k < n_pairs; k++)
-        VW_EACH_CELL(c)
-        {
-            const vw_real shift = side * x->cov[VW_COV(1 + k, 0)][c] * per_sd[c];
-            drop[c] += (there[VW_R1 + k][c] - here[VW_R1 + k][c]) * (x->branch_a[k][c] + shift);
-        }
-    if (model->has_overpotential)
-        VW_EACH_CELL(c) drop[c] += (there[VW_R1 + n_pairs][c] - here[VW_R1 + n_pairs][c]) * motion->over;
+    const vw_real half_per_c2 = (vw_real)0.5 / vw_square(filter->rule.spread);
     VW_EACH_CELL(c)
     {
-        ocv[c] = there[VW_OCV][c] - here[VW_OCV][c];
-        h[c] = ocv[c] - x->resistance[c] * drop[c];
+        const vw_real rho = x->resistance[c], r0 = at->here[VW_R0][c], ocv = at->here[VW_OCV][c];
+        vw_real drop = r0 * motion->current_a;
+        vw_real right = (at->right[VW_R0][c] - r0) * motion->current_a, left = (at->left[VW_R0][c] - r0) * motion->current_a;
+        VW_UNROLL for (int k = 0; k < n_pairs; k++)
+        {
+            const vw_real r = at->here[VW_R1 + k][c], i_k = x->branch_a[k][c];
+            const vw_real shift = x->cov[VW_COV(1 + k, 0)][c] * at->per_sd[c];
+            drop += r * i_k;
+            right += (at->right[VW_R1 + k][c] - r) * (i_k + shift);
+            left += (at->left[VW_R1 + k][c] - r) * (i_k - shift);
+            work->H[1 + k][c] = -rho * r;
+        }
+        if (has_overpotential) {
+            const vw_real e = at->here[VW_R1 + n_pairs][c];
+            drop += e * motion->over;
+            right += (at->right[VW_R1 + n_pairs][c] - e) * motion->over;
+            left += (at->left[VW_R1 + n_pairs][c] - e) * motion->over;
+        }
+        const vw_real right_ocv = at->right[VW_OCV][c] - ocv, left_ocv = at->left[VW_OCV][c] - ocv;
+        const vw_real right_h = right_ocv - rho * right, left_h = left_ocv - rho * left;
+        const vw_real q = right_h + left_h, half = half_per_c2 * at->per_sd[c]; /* 1 / (2 c s) */
+        work->H[1 + n_pairs][c] = -rho;
+        work->ocv_slope_v[c] = (right_ocv - left_ocv) * half;
+        work->H[0][c] = (right_h - left_h) * half;
+        work->h[c] = ocv - rho * (drop + x->branch_a[n_pairs][c]) + filter->model.hysteresis_v * x->hysteresis[c] +
+                     filter->rule.weight * q;
+        work->bend_v2[c] = filter->rule.curvature * q * q;
     }
+}
+
+/* With numbers that the compiler knows all of a cell stays in registers, as in the update. */
+VW_INLINE void over_points_of(const int n_pairs, const vw_filter *filter, const vw_motion *motion,
+                              const vw_cells *restrict x, const vw_points *restrict at, vw_work *restrict work)
+{
+    if (filter->model.has_overpotential) over_points(n_pairs, 1, filter, motion, x, at, work);
+    else over_points(n_pairs, 0, filter, motion, x, at, work);
 }
 
 void vw_output_sigma(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, vw_work *restrict work)
 {
     const vw_cell_model *model = &filter->model;
     vw_soc_place at;
-    vw_lanes here[VW_COLUMNS_MAX], per_sd, reach, right_ocv, right, left_ocv, left;
-    vw_place_soc(model, x->soc, &at);
-    vw_circuit(model, &x->climate.place, &at, here);
-    open_loop(filter, motion, x, here, work);
+    vw_points points;
+    vw_lanes right, left;
     VW_EACH_CELL(c)
     {
-        per_sd[c] = filter->rule.spread / vw_sqrt(x->cov[0][c]); /* c / s */
-        reach[c] = x->cov[0][c] * per_sd[c];                     /* c s */
+        points.per_sd[c] = filter->rule.spread / vw_sqrt(x->cov[0][c]);
+        const vw_real reach = x->cov[0][c] * points.per_sd[c];
+        right[c] = x->soc[c] + reach;
+        left[c] = x->soc[c] - reach;
     }
-    beside(filter, motion, x, here, reach, per_sd, 1, right_ocv, right);
-    beside(filter, motion, x, here, reach, per_sd, -1, left_ocv, left);
-    const vw_real half_per_c2 = (vw_real)0.5 / vw_square(filter->rule.spread);
-    VW_EACH_CELL(c)
-    {
-        const vw_real q = right[c] + left[c], half = half_per_c2 * per_sd[c]; /* 1 / (2 c s) */
-        work->ocv_slope_v[c] = (right_ocv[c] - left_ocv[c]) * half;
-        work->H[0][c] = (right[c] - left[c]) * half;
-        work->h[c] += filter->rule.weight * q;
-        work->bend_v2[c] = filter->rule.curvature * q * q;
+    vw_place_soc(model, x->soc, &at);
+    vw_circuit(model, &x->climate.place, &at, points.here);
+    vw_place_soc(model, right, &at);
+    vw_circuit(model, &x->climate.place, &at, points.right);
+    vw_place_soc(model, left, &at);
+    vw_circuit(model, &x->climate.place, &at, points.left);
+    switch (VW_LANES > 1 ? vw_pairs(model) : -1) {
+    case 0: over_points_of(0, filter, motion, x, &points, work); break;
+    case 1: over_points_of(1, filter, motion, x, &points, work); break;
+    case 2: over_points_of(2, filter, motion, x, &points, work); break;
+    case 3: over_points_of(3, filter, motion, x, &points, work); break;
+    default: over_points_of(VW_LANES > 1 ? VW_RC_MAX - 1 : vw_pairs(model), filter, motion, x, &points, work);
     }
 }
