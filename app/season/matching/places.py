@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from app.estimation.arrays import FloatArray
 
 DRAWS = 2000
+BAND = (0.025, 0.5, 0.975)
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def without(
     current_a: float,
     seed: int = 0,
 ) -> WithoutModule:
-    """Return what a string is without modules; capacities are drawn from their sigmas for the bands.
+    """Return what a string is without modules: medians and bands of strings whose capacities are drawn.
 
     Energy is taken as capacity times the number of modules: their mean voltages are alike. A module of which nothing
     is known counts as the median.
@@ -85,20 +86,37 @@ def without(
         for values in (capacity_ah, capacity_sigma_ah, resistance_ohm)
     )
     kept = np.setdiff1d(np.arange(capacity.size), removed)
-    drawn = capacity + sigma * np.random.default_rng(seed).standard_normal((DRAWS, capacity.size))
+    drawn = _drawn(capacity, sigma, np.random.default_rng(seed))
     whole, less = drawn.min(axis=1), drawn[:, kept].min(axis=1)
     energies = less * kept.size / (whole * capacity.size)
-    low, high = np.quantile(less, (0.025, 0.975)).tolist()
-    energy_low, energy_high = np.quantile(energies, (0.025, 0.975)).tolist()
+    low, middle, high = np.quantile(less, BAND).tolist()
+    energy_low, energy, energy_high = np.quantile(energies, BAND).tolist()
     return WithoutModule(
         tuple(sorted(removed)),
-        float(capacity.min()),
-        float(capacity[kept].min()),
+        float(np.median(whole)),
+        middle,
         low,
         high,
-        float(capacity[kept].min() * kept.size / (capacity.min() * capacity.size)),
+        energy,
         energy_low,
         energy_high,
         float(current_a * (resistance.max() - resistance[kept].max())),
         int(kept[np.argmin(capacity[kept])]),
     )
+
+
+def _drawn(capacity: FloatArray, sigma: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """(DRAWS, n) capacities as they may be: of modules of one kind each is drawn towards their mean (Efron, Morris).
+
+    Where they differ by less than the sigmas say, the errors are one for all: of the current sensor, of the rests.
+    """
+    n = capacity.size
+    differ2, noise2 = float(capacity.var(ddof=1)) if n > 1 else 0.0, max(float(np.mean(sigma**2)), 1e-18)
+    total2 = differ2 * (n - 1) / rng.chisquare(max(n - 1, 1), (DRAWS, 1))  # how far they differ is not known exactly
+    own2 = sigma**2 * np.minimum(total2 / noise2, 1.0)
+    spread2 = np.maximum(total2 - noise2, 0.0)
+    weight = spread2 / np.maximum(spread2 + own2, 1e-300)
+    mean = float(np.mean(capacity)) + np.sqrt(total2 / n) * rng.standard_normal((DRAWS, 1))
+    shared = np.sqrt(np.maximum(noise2 - total2, 0.0)) * rng.standard_normal((DRAWS, 1))
+    own = np.sqrt(weight * own2) * rng.standard_normal((DRAWS, n))
+    return np.asarray(mean + weight * (capacity - mean) + shared + own)
