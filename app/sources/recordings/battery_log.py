@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from app.battery.fields import MOST_CELLS
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
+from app.sources.recordings.charge_state import signed
 from app.sources.recordings.profile import ImportProfile
 from app.sources.recordings.quantities import in_our_unit
 from app.sources.recordings.table import Table
@@ -41,6 +42,7 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
     profile.check_complete()
     notes = list(table.notes)
     current_a = in_our_unit(table.column("current", profile.current), "current", profile.current_unit)
+    current_a, direction = signed(current_a, table.columns)
     voltages_v = in_our_unit(table.matrix("voltages", profile.voltages), "voltage", profile.voltage_unit)
     if profile.cells_in_series > 1.0:
         voltages_v = voltages_v / profile.cells_in_series
@@ -54,7 +56,10 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
             table.source, Message("too-many-cells", pattern=repr(profile.voltages), cells=n_cells, most=MOST_CELLS)
         )
     temperatures = np.full((len(current_a), n_cells), np.nan)
-    if profile.charge_positive:
+    turns = profile.charge_positive and direction is None
+    if direction is not None:
+        notes.append(f"{profile.current} has no sign: {direction} says whether it charges or discharges")
+    if turns:
         notes.append(f"{profile.current} counts charging as positive: sign turned")
     if n_cells == 1 and profile.cells_in_series == 1.0:
         notes.append("a test of one cell: `voltwall estimate` and `voltwall identify` read this file, too")
@@ -78,7 +83,7 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
     return BatteryLog(
         time_s - time_s[0],
         float(time_s[0]) if time_s[0] > UNIX_FROM_S else None,
-        -current_a[rows] if profile.charge_positive else current_a[rows],
+        -current_a[rows] if turns else current_a[rows],
         full_v,
         temperatures[rows],
         None if soc is None else soc[rows],

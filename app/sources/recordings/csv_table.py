@@ -12,6 +12,8 @@ import numpy as np
 
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
+from app.sources.recordings.bad_rows import REFUSED_SHARE, WARNED_SHARE, BadRows
+from app.sources.recordings.charge_state import state_of, tells_state
 from app.sources.recordings.quantities import is_unit
 from app.words import Message, render
 
@@ -56,13 +58,15 @@ def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | Non
     lines = text.splitlines()
     said = next((found for line in lines[:5] if (found := HEADER_LINES.match(line))), None)
     above = max(int(said[1]) - 1, 0) if said is not None and int(said[1]) <= len(lines) else 0
-    lines = [line for line in lines[above:] if line.strip()]
+    numbers = [above + k for k, line in enumerate(lines[above:], 1) if line.strip()]
+    lines = [lines[number - 1] for number in numbers]
     if not lines:
         raise TableUnreadable(source, Message("file-empty"))
     if not any(delimiter in line for line in lines[:PREAMBLE_LIMIT] for delimiter in DELIMITERS):
         lines = ["\t".join(line.split()) for line in lines]
     if '"' in text:
         lines = _without_quotes(lines)
+        numbers = numbers if len(numbers) == len(lines) else []
     if any(_has_decimal_commas(line) for line in lines[-20:]):
         lines = [DECIMAL_COMMA.sub(r"\1.\2", line) for line in lines]
         notes.append("decimal commas read as points")
@@ -75,7 +79,12 @@ def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | Non
     skipped = above + start - header_lines
     if skipped:
         notes.append(f"{skipped} lines above the table left out")
-    return header, _numbers(source, body, delimiter, width, notes)
+    columns = _numbers(source, body, numbers[start:], delimiter, width, notes)
+    for k, name in enumerate(header or []):
+        if tells_state(name) and np.isnan(columns[k]).all():
+            told = [state_of(tokens[k]) for line in body if len(tokens := line.split(delimiter)) == width]
+            columns[k] = np.array(told) if any(told) else columns[k]
+    return header, columns
 
 
 def _find_table(source: str, lines: list[str]) -> tuple[str, int]:
@@ -212,7 +221,9 @@ def _header_above(lines: list[str], start: int, delimiter: str) -> tuple[list[st
     return above[-1], 1
 
 
-def _numbers(source: str, body: list[str], delimiter: str, width: int, notes: list[str]) -> list[FloatArray]:
+def _numbers(
+    source: str, body: list[str], numbers: list[int], delimiter: str, width: int, notes: list[str]
+) -> list[FloatArray]:
     text = "\n".join(body)
     empty = delimiter * 2
     while empty in text:
@@ -223,7 +234,7 @@ def _numbers(source: str, body: list[str], delimiter: str, width: int, notes: li
     first = [tokens for line in body[:ROWS_ALIKE] if len(tokens := line.split(delimiter)) == width]
     numeric = [k for k in range(width) if not all(_number(tokens[k]) is None for tokens in first)]
     if len(numeric) < width and any(line.count(delimiter) != width - 1 for line in body):
-        return _numbers_row_by_row(source, body, delimiter, width, notes)
+        return _numbers_row_by_row(source, body, numbers, delimiter, width, notes)
     stamps: dict[int | str, Callable[[str], float]] = {
         k: _needed for k in numeric if any(_is_stamp(tokens[k]) for tokens in first)
     }
@@ -232,25 +243,47 @@ def _numbers(source: str, body: list[str], delimiter: str, width: int, notes: li
             StringIO(text), delimiter=delimiter, ndmin=2, comments=None, usecols=numeric, converters=stamps or None
         )
     except ValueError:
-        return _numbers_row_by_row(source, body, delimiter, width, notes)
+        return _numbers_row_by_row(source, body, numbers, delimiter, width, notes)
     columns = [np.full(len(body), np.nan)] * width
     for k, values in zip(numeric, table.T, strict=True):
         columns[k] = values
     return columns
 
 
-def _numbers_row_by_row(source: str, body: list[str], delimiter: str, width: int, notes: list[str]) -> list[FloatArray]:
-    rows = [values for line in body if len(values := [_number(token) for token in line.split(delimiter)]) == width]
+def _numbers_row_by_row(
+    source: str, body: list[str], numbers: list[int], delimiter: str, width: int, notes: list[str]
+) -> list[FloatArray]:
+    tokens = [line.split(delimiter) for line in body]
+    whole = [k for k, row in enumerate(tokens) if len(row) == width]
+    rows = [[_number(token) for token in tokens[k]] for k in whole]
     is_word = np.array([[value is None for value in values] for values in rows])
     holds_words = is_word.mean(axis=0) > 0.5
     if np.count_nonzero(~holds_words) < 2:
         raise TableUnreadable(source, Message("no-two-columns", width=width, delimiter=repr(delimiter)))
-    broken = len(body) - len(rows) + int(is_word[:, ~holds_words].any(axis=1).sum())
-    if broken > 0.5 * len(body):
+    bad = BadRows()
+    spoilt = is_word & ~holds_words
+    wrong = {k: tokens[k][int(np.argmax(words))] for k, words in zip(whole, spoilt, strict=True) if words.any()}
+    for k, row in enumerate(tokens):
+        number = numbers[k] if numbers else None
+        if len(row) != width:
+            bad.add(number, f"{len(row)} columns, not {width}")
+        elif k in wrong:
+            bad.add(number, f"{wrong[k].strip()[:20]!r} is no number")
+    if bad.count > REFUSED_SHARE * len(body):
         raise TableUnreadable(
-            source, Message("rows-broken", broken=broken, rows=len(body), width=width, delimiter=repr(delimiter))
+            source,
+            Message(
+                "rows-broken",
+                broken=bad.count,
+                rows=len(body),
+                width=width,
+                delimiter=repr(delimiter),
+                first=bad.told(),
+            ),
         )
-    if broken:
-        notes.append(f"{broken} rows are not {width} columns of numbers: read as missing or left out")
+    if bad.count:
+        warning = "warning: " if bad.count > WARNED_SHARE * len(body) else ""
+        told = f"{bad.count} rows are not {width} columns of numbers: read as missing or left out"
+        notes.append(f"{warning}{told}; {bad.told()}")
     filled = [[float("nan") if value is None else value for value in values] for values in rows]
     return list(np.array(filled, dtype=np.float64).T)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.estimation.recording.cell_recording import FIELDS, Recording, clean
+from app.sources.recordings.charge_state import signed
 from app.sources.recordings.quantities import UNITS, Candidate, candidates, in_our_unit, is_wall_clock
 from app.sources.recordings.table import Table, load_table
 
@@ -68,6 +69,11 @@ def load_recording(
     table = load_table(path)
     notes = list(table.notes)
     fields = _assign(table, mapping or {}, notes)
+    if "current_a" in fields:
+        fields["current_a"], direction = signed(fields["current_a"], table.columns)
+        charge_positive &= direction is None
+        if direction is not None:
+            notes.append(f"the current has no sign: {direction} says whether it charges or discharges")
     recording = clean(table.source, fields, charge_positive=charge_positive, period_s=period_s)
     return replace(recording, notes=(*notes, *recording.notes))
 

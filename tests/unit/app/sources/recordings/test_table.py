@@ -114,7 +114,9 @@ def test_rows_that_are_cut_are_counted(tmp_path):
     rows = "".join(f"{i},1,3.7\n" for i in range(20))
     table = written(tmp_path, "t,I,V\n" + rows + "20,1\n21,1,3.7\n")
     assert len(table.columns["t"]) == 21
-    assert table.notes == ("1 rows are not 3 columns of numbers: read as missing or left out",)
+    assert table.notes == (
+        "1 rows are not 3 columns of numbers: read as missing or left out; line 22: 2 columns, not 3",
+    )
 
 
 @pytest.mark.parametrize(
