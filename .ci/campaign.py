@@ -25,6 +25,7 @@ TESTS = (
     "tests/integration/test_openapi.py",
     "tests/property/test_fuzz.py",
     "tests/property/test_filters_definite.py",
+    "tests/numeric/test_filters_calibration.py",
     "tests/integration/test_simulator_scenarios.py",
     "tests/integration/test_simulator_charging.py",
     "tests/integration/test_config_power_cut.py",

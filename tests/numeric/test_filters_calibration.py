@@ -8,9 +8,10 @@ import pytest
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.cell_model.ocv import OcvCurve
 from app.estimation.filters.estimators import make_estimator
+from tests.campaign import of_size
 from tests.open_loop import simulate
 
-N_RUNS = 24
+N_RUNS = of_size(12, 24, 96)
 DURATION_S = 1200.0
 
 

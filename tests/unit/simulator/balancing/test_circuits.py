@@ -5,6 +5,7 @@ from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.balancing.circuits import METHODS, balancing_circuit
 
 N = 24
+STEP_S = 5.0
 
 
 @pytest.fixture
@@ -25,10 +26,14 @@ def outputs(*cells: int) -> np.ndarray:
 def hour(accumulator: Accumulator, method: str, *cells: int) -> np.ndarray:
     """Return the change of each cell's charge [Ah] in an hour of balancing at rest."""
     circuit, before = balancing_circuit(method, accumulator), accumulator.soc.copy()
-    for _ in range(3600):
-        balance = circuit.drive(outputs(*cells), accumulator, 1.0)
+    for _ in range(round(3600 / STEP_S)):
+        balance = circuit.drive(outputs(*cells), accumulator, STEP_S)
         accumulator.step(
-            1.0, 0.0, bleeding=balance.bleeding, cell_current_a=balance.cell_current_a, balancer_heat_w=balance.heat_w
+            STEP_S,
+            0.0,
+            bleeding=balance.bleeding,
+            cell_current_a=balance.cell_current_a,
+            balancer_heat_w=balance.heat_w,
         )
     return (accumulator.soc - before) * accumulator.capacity_ah
 
