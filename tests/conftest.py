@@ -35,7 +35,7 @@ LONGEST = (  # half a minute and more
     "integration/test_simulator_scenarios.py",
     "e2e/test_debrief.py",
     "integration/test_evidence_c_master.py",
-    "e2e/test_parameters.py",
+    "e2e/test_parameters_page.py",
 )
 LONGEST_BEGIN_BY = 0.5  # of the run: not at its end, and not together, where one would compute and the others wait
 WAITING_ENDS_AT = 0.8  # of the run: the end is many short files, which all processes share

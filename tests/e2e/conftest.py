@@ -20,6 +20,7 @@ FLAGS = [
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
+    "--js-flags=--no-opt --no-maglev",  # a page that lives for seconds does not earn back its optimised code
     # a page costs as much again where the browser around it, which nobody sees, draws its own pages
     "--disable-features=WebUIOmniboxPopup,WebUIOmniboxAimPopup",
 ]
