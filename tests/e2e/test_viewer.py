@@ -120,6 +120,13 @@ def test_a_link_leads_to_the_moment_and_cursors_read_it(viewed, open_page):
     again = open_page(shared)
     row = again.get_by_test_id("readout").get_by_role("row", name=re.compile("Voltage of pack 3, cell 7"))
     expect(row).to_contain_text("2.900 … 3.703 V")
+    again.locator(".u-over").nth(4).hover()
+    again.mouse.wheel(0, -100)
+    expect(again).not_to_have_url(shared)
+    again.get_by_role("button", name="Whole session").click()
+    expect(again).not_to_have_url(re.compile("from="))
+    again.go_back()
+    expect(again).to_have_url(re.compile("from="))
 
 
 def test_alarms_and_markers_of_one_instant_are_all_shown(viewed, open_page):

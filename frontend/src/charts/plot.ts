@@ -6,6 +6,8 @@ import { clock, fixed } from '../format';
 import type { Band } from '../store/decimate';
 import { places, STEPS } from '../store/ticks';
 import { DrawQueue } from './draw_queue';
+import { gestures, type GestureAxis } from './gestures';
+import { picture } from './picture';
 
 export interface PlotSeries {
   label: string;
@@ -30,9 +32,11 @@ export interface PlotSpec {
   least: number; // narrowest range of the y axis
   sync?: string;
   axis: boolean; // draw the time axis
-  onZoom?: (from: number, to: number) => void;
-  onPick?: (time: number) => void;
+  hands: Hands;
 }
+
+/** What a chart does about the gestures on it. */
+export type Hands = Pick<GestureAxis, 'isZoomed' | 'look' | 'whole' | 'pick'>;
 
 const LABEL_HEIGHT = 15;
 const LABEL_EMS = 6.8; // room for "max 4.0000 V" at the right of the lines
@@ -69,6 +73,7 @@ export class Plot {
   private marks: readonly Mark[] = [];
   private shades: readonly Shade[] = [];
   private latest: readonly (number | null)[] = [];
+  private readonly release: () => void;
 
   constructor(
     host: HTMLElement,
@@ -78,6 +83,25 @@ export class Plot {
     const style = getComputedStyle(host);
     this.colours = spec.series.map((s) => token(style, `--${s.colour}`));
     this.chart = new uPlot(this.options(host.clientWidth), [[]] as unknown as uPlot.AlignedData, host);
+    this.release = gestures(this.chart.over, {
+      ...spec.hands,
+      place: () => this.chart.over.getBoundingClientRect(),
+      range: () => [this.chart.scales['x']!.min ?? 0, this.chart.scales['x']!.max ?? 1],
+      box: (from, to) => {
+        const { left, height } = this.chart.over.getBoundingClientRect();
+        const width = from === null ? 0 : Math.abs(to - from);
+        this.chart.setSelect(
+          { left: from === null ? 0 : Math.min(from, to) - left, top: 0, width, height: width ? height : 0 },
+          false,
+        );
+      },
+    });
+  }
+
+  /** The chart under its title. */
+  picture(title: string): Promise<Blob | null> {
+    const { canvas } = this.chart.ctx;
+    return picture(canvas, this.chart.width, this.chart.height, title, getComputedStyle(this.chart.root));
   }
 
   set(
@@ -110,6 +134,7 @@ export class Plot {
 
   destroy(): void {
     turns.forget(this);
+    this.release();
     this.chart.destroy();
   }
 
@@ -138,7 +163,8 @@ export class Plot {
       legend: { show: false },
       cursor: {
         points: { show: false },
-        drag: { x: spec.onZoom !== undefined, y: false, setScale: false },
+        drag: { x: false, y: false, setScale: false },
+        bind: { dblclick: () => null }, // would show what the data hold, not what is in view
         ...(spec.sync === undefined ? {} : { sync: { key: spec.sync } }),
       },
       scales: { x: { time: true }, y: { range: (_u, low, high) => this.range(low, high) } },
@@ -164,18 +190,9 @@ export class Plot {
       series,
       bands,
       hooks: {
-        ready: [(u) => u.over.addEventListener('click', (event) => this.pick(u, event))],
         drawClear: [(u) => this.shade(u)],
         draw: [(u) => this.lines(u), (u) => this.labels(u)],
         setCursor: [(u) => u.redraw(false)],
-        setSelect: [
-          (u) => {
-            if (u.select.width > 4) {
-              spec.onZoom?.(u.posToVal(u.select.left, 'x'), u.posToVal(u.select.left + u.select.width, 'x'));
-              u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
-            }
-          },
-        ],
       },
     };
   }
@@ -186,10 +203,6 @@ export class Plot {
     const span = Math.max(high - low, least);
     const middle = (low + high) / 2;
     return [middle - span * 0.56, middle + span * 0.56];
-  }
-
-  private pick(u: uPlot, event: MouseEvent): void {
-    this.spec.onPick?.(u.posToVal(event.clientX - u.over.getBoundingClientRect().left, 'x'));
   }
 
   private shade(u: uPlot): void {

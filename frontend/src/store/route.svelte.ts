@@ -63,6 +63,11 @@ class Route {
     history.replaceState(null, '', this.hash);
   }
 
+  /** Let what is noted next be a place of its own, from which the browser goes back to this one. */
+  step(): void {
+    history.pushState(null, '', this.hash);
+  }
+
   start(): void {
     addEventListener('hashchange', () => {
       this.hash = location.hash;

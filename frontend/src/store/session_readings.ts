@@ -110,3 +110,24 @@ export const shifted = (band: Band, seconds: number): Band => ({
   ...band,
   time: band.time.map((t) => t + seconds),
 });
+
+/** The value of a band at a cursor: the middle of what its point holds. */
+export function valueAt(band: Band, time: number | null): number | null {
+  const reading = time === null ? null : readingAt(band, time);
+  return reading && (reading.low + reading.high) / 2;
+}
+
+/** Bands in [from, to] as rows of a table: time, then lowest and highest of each; null where one has nothing. */
+export function rowsOf(bands: readonly Band[], from: number, to: number): [number, ...(number | null)[]][] {
+  const rows = new Map<number, [number, ...(number | null)[]]>();
+  bands.forEach((band, k) =>
+    band.time.forEach((time, i) => {
+      if (time < from || time > to) return;
+      const row = rows.get(time) ?? [time, ...Array<null>(2 * bands.length).fill(null)];
+      row[1 + 2 * k] = band.min[i] ?? null;
+      row[2 + 2 * k] = band.max[i] ?? null;
+      rows.set(time, row);
+    }),
+  );
+  return [...rows.values()].sort((a, b) => a[0] - b[0]);
+}
