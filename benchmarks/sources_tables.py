@@ -13,6 +13,7 @@ import numpy as np
 
 from app.battery.sizing import Layout, figures_of
 from app.estimation.cell_model.cell_file import load_cell
+from benchmarks.sources_units import units
 from benchmarks.thesis_curves import load_curves
 from simulator.loads import PATTERNS_C
 
@@ -75,7 +76,7 @@ def main() -> None:
         columns = np.vstack((np.linspace(0.0, 1.0, 1001), load_curves())).T
         heads = ",".join(("soc", *(f"voltage_{c}c_v" for c in range(1, 11))))
         np.savetxt(file, columns, fmt="%.4f", delimiter=",", header=heads, comments="")
-    print("\n".join(key_data()), "", *patterns(), "", sep="\n")
+    print("\n".join(key_data()), "", *patterns(), "", *units(), "", sep="\n")
     seconds = PASSES * STEP_S
     drawn = 100.0 * drawn_of(PATTERNS_C["hard"], seconds)
     print(f"{PASSES:,} passes of 290 us are {seconds:.1f} s of the hard pattern and draw {drawn:.2f} %.")
