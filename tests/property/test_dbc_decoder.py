@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.decoder import decode_frames
 from app.sources.dbc.frames import frames_of
+from tests.campaign import examples
 
 LENGTHS = [1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64]
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: BMS\n'
@@ -66,7 +67,7 @@ def databases(draw):
     return "\n".join([*lines, "", *floats, ""])
 
 
-@settings(max_examples=40, deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(40), deadline=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_every_signal_of_every_frame_is_what_cantools_decodes(data):
     text = data.draw(databases())

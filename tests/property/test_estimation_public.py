@@ -15,6 +15,7 @@ from app.estimation.health.capacity import CapacityTracker
 from app.estimation.health.learned import learned
 from app.estimation.prediction.driver_soc import DriverSoc
 from app.estimation.scoring.scoring import score_soc, settling_time
+from tests.campaign import examples
 
 CELL = load_cell()
 RECURSIVE = [name for name in FILTERS if name not in ("coulomb", "fused")]
@@ -34,7 +35,7 @@ def blind():
     return np.full(N, np.nan)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(drives, socs)
 def test_the_count_conserves_charge(drive, soc):
     estimator = started("coulomb", soc)
@@ -45,7 +46,7 @@ def test_the_count_conserves_charge(drive, soc):
     assert found.soc == pytest.approx(np.full(N, soc - moved_ah / CELL.capacity_ah), abs=1e-9)
 
 
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(st.sampled_from(RECURSIVE), drives, socs)
 def test_a_filter_without_voltages_counts_charge_as_well(name, drive, soc):
     filtered, counted = started(name, soc), started("coulomb", soc)
@@ -57,7 +58,7 @@ def test_a_filter_without_voltages_counts_charge_as_well(name, drive, soc):
     assert np.isnan(found.innovation_v).all()
 
 
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(st.sampled_from(RECURSIVE), socs, st.floats(-50.0, 100.0))
 def test_the_variance_of_the_soc_grows_while_no_voltage_comes(name, soc, current_a):
     estimator, variances = started(name, soc), []
@@ -67,7 +68,7 @@ def test_the_variance_of_the_soc_grows_while_no_voltage_comes(name, soc, current
     assert all((after > before).all() for before, after in pairwise(variances))
 
 
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(socs, st.floats(-50.0, 100.0))
 def test_the_counts_sigma_grows(soc, current_a):
     estimator = started("coulomb", soc)
@@ -75,7 +76,7 @@ def test_the_counts_sigma_grows(soc, current_a):
     assert all((after > before).all() for before, after in pairwise(sigmas))
 
 
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(st.sampled_from(RECURSIVE), drives, socs)
 def test_covariance_is_symmetric_and_not_negative(name, drive, soc):
     estimator = started(name, soc)
@@ -86,7 +87,7 @@ def test_covariance_is_symmetric_and_not_negative(name, drive, soc):
     assert np.linalg.eigvalsh(cov).min() >= -1e-15
 
 
-@settings(max_examples=10)
+@settings(max_examples=examples(10))
 @given(st.sampled_from(FILTERS), st.permutations(range(N)), drives)
 def test_the_order_of_the_cells_does_not_matter(name, order, drive):
     order = np.array(order)
@@ -164,7 +165,7 @@ def test_points_that_are_no_curve_are_refused(soc, volts, method):
         OcvCurve(np.array(soc), np.array(volts), method)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.floats(0.7, 1.1), st.lists(st.floats(0.2, 0.9), min_size=5, max_size=15))
 def test_exact_stretches_lead_to_the_capacity_and_make_it_surer(share, moves):
     tracker = CapacityTracker(25.0, 1)

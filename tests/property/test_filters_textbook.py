@@ -14,6 +14,7 @@ from app.estimation.filters.setup import FilterSetup, Kind
 from app.estimation.filters.sigma_points import central_difference, unscented
 from app.estimation.filters.tables import COLD, DROP_ERROR, LASTING_DROP, OCV, OVERPOTENTIAL, R0, R1, CellTables
 from app.estimation.filters.tuning import Tuning
+from tests.campaign import examples
 from tests.engines import ENGINES
 from tests.textbook_filters import additive_step, augmented_step
 from tests.thesis_filter import marginal_augmented_step
@@ -67,7 +68,7 @@ def random_state(n_rc: int, soc_value: float, sd: float, seed: int):
 @pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
 @pytest.mark.parametrize("name", RULES)
 @pytest.mark.parametrize("n_rc", range(5))
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(soc, sigma, unit, step, voltage, temperature, st.integers(0, 2**32 - 1))
 def test_three_points_equal_the_full_set(engine, name, n_rc, soc_value, sd, current_c, dt, volts, degc, seed):
     cell = packed(n_rc)
@@ -113,7 +114,7 @@ def test_three_points_equal_the_full_set(engine, name, n_rc, soc_value, sd, curr
 
 
 @pytest.mark.parametrize("name", RULES)
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(soc, sigma, unit, st.floats(0.01, 20.0), step, voltage, st.integers(0, 2**32 - 1))
 def test_five_points_equal_the_augmented_set(name, soc_value, sd, current_c, noise_a, dt, volts, seed):
     cell = packed(2)

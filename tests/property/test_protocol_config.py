@@ -9,6 +9,7 @@ from firmware_protocol import can_tables, config_image, dbc
 from firmware_protocol.can_tables import RxMessage, TxMessage
 from firmware_protocol.config_image import FieldError
 from firmware_protocol.memory_map import BYTE_UNUSED, CONFIG, CONFIG_FIELDS, CONFIG_SIZE, MASTER_SIZE
+from tests.campaign import examples
 
 DEFAULT = config_image.default_image()
 IMAGES = st.binary(min_size=CONFIG_SIZE, max_size=CONFIG_SIZE)
@@ -81,7 +82,7 @@ def test_difference_names_every_byte_that_differs(before, after):
     assert bytes(named) == config_image.canonical(after)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.lists(tx_messages(), max_size=8), st.lists(rx_messages(), max_size=8))
 def test_tables_put_into_an_image_come_out_and_are_accepted(tx, rx):
     image = can_tables.with_rx_messages(can_tables.with_tx_messages(DEFAULT, tx), rx)

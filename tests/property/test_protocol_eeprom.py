@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_protocol import config_image, eeprom
+from tests.campaign import examples
 
 OLD = config_image.default_image()
 NEW = config_image.with_value(config_image.with_value(OLD, "ts", 50), "can_rx_msg_id", list(range(8)))
@@ -49,7 +50,7 @@ def test_store_after_a_cut_store_succeeds(memory):
         assert eeprom.newest(apply(torn, eeprom.plan_store(torn, NEW))).image == NEW
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.data())
 def test_page_torn_into_any_mixture_leaves_old_or_new(data):
     memory = apply(BLANK, eeprom.plan_store(BLANK, OLD))

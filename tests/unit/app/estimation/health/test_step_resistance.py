@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.estimation.health.step_resistance import StepResistance
+from tests.campaign import examples
 
 N, DT_S = 12, 0.1
 
@@ -56,7 +57,7 @@ def test_a_missing_voltage_is_not_known_and_spoils_no_other():
     assert np.isfinite(np.delete(steps.ratio(), 3)).all()
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@settings(max_examples=examples(20), deadline=None, derandomize=True)
 @given(st.sampled_from([14, 96, 216]), st.floats(0, 1, exclude_max=True), st.floats(2.0, 20.0), st.integers(0, 10**6))
 def test_any_joint_that_parted_shows_in_one_step_and_no_other(n, place, times, seed):
     steps, rng, cell = StepResistance(n), np.random.default_rng(seed), int(place * n)

@@ -4,6 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.estimation.prediction.heat import READY_S, HeatBalance
+from tests.campaign import examples
 
 
 def warm(balance, loss_w, cooling_w, seconds, start_degc=30.0, dt_s=0.5):
@@ -40,7 +41,7 @@ def test_a_missing_cell_is_left_out_and_without_any_there_is_no_balance():
     assert balance.cooling_w == 0.0
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(st.integers(1, 216), st.floats(0.0, 10.0), st.floats(-20.0, 50.0))
 def test_the_cooling_is_found_for_any_number_of_cells_at_any_temperature(n_cells, cooling_w, start_degc):
     balance, own_k = HeatBalance(430.0), np.linspace(-1.0, 1.0, n_cells)

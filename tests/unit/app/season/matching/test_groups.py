@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from app.errors import ConfigError
 from app.season.matching.groups import build_of, match_groups, random_groups, snake, sorted_groups
+from tests.campaign import examples
 
 
 def cells(seed, n):
@@ -25,7 +26,7 @@ def test_matching_beats_sorting_and_every_random_build(seed):
         assert best.usable >= other.usable
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(st.integers(1, 6), st.integers(1, 5), st.integers(0, 1000))
 def test_every_cell_is_used_once_and_the_figures_are_those_of_the_build(groups, parallel, seed):
     capacity, resistance = cells(seed, groups * parallel)

@@ -7,6 +7,7 @@ from app.sessions.storage.chunks import ChunkBuilder, encode_estimate
 from firmware_protocol.framing import encode_frame
 from firmware_protocol.memory_map import FIELDS, MASTER_SIZE
 from firmware_protocol.messages import Data, MessageType, Reply, Window
+from tests.campaign import examples
 
 SPAN = st.tuples(st.integers(0, MASTER_SIZE - 1), st.integers(0, 150)).map(
     lambda span: (span[0], min(span[1], MASTER_SIZE - span[0]))
@@ -17,7 +18,7 @@ def frame(uptime_ms: int, body: bytes, kind: int = MessageType.DATA) -> bytes:
     return encode_frame(kind, 0, uptime_ms, body)[1:-1]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(50), deadline=None)
 @given(st.lists(st.lists(SPAN, min_size=1, max_size=3), min_size=1, max_size=6), st.integers(0, 2**32))
 def test_columns_hold_exactly_the_whole_elements_that_were_sent(layouts, seed: int) -> None:
     """Against a decoder written out: an element counts where all its bytes lie in one window."""

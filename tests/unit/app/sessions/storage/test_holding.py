@@ -10,6 +10,7 @@ from app.battery.source import CellSignals, SpeaksDbc
 from app.sessions.storage.holding import Holder, grid_of
 from app.sources.dbc.assembly import Assembler
 from app.sources.dbc.battery_decoder import Values
+from tests.campaign import examples
 
 S = 1_000_000
 TIMES = st.lists(st.integers(0, 5 * S), min_size=1, max_size=30, unique=True).map(sorted)
@@ -38,7 +39,7 @@ def test_each_row_has_the_newest_value_that_is_not_too_old_however_it_came(times
     assert list(np.concatenate(parts)) == pytest.approx(held(times_us, values, grid_us), nan_ok=True)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(TIMES)
 def test_rows_are_what_the_assembler_makes_live(times_us):
     values = np.arange(len(times_us), dtype=float)

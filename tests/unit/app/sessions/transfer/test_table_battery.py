@@ -9,6 +9,7 @@ from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.frames import frames_of
 from app.sources.loaded_battery import battery_from_files, load_battery, team_battery
 from app.sources.recordings.battery_log import BatteryLog
+from tests.campaign import examples
 
 VOLTS = st.floats(0.6, 5.9)
 
@@ -25,7 +26,7 @@ def decoded(battery, log):
     return BatteryDecoder(battery.battery, battery.speaks_dbc, battery.definitions).decode(frames)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(st.integers(1, 40).flatmap(lambda n: st.lists(st.lists(VOLTS, min_size=n, max_size=n), min_size=1, max_size=5)))
 def test_every_number_comes_back_to_the_last_bit(table):
     log = log_of(np.array(table), soc=0.7123456789, degc=24.0000001)

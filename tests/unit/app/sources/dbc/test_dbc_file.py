@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from app.errors import ImportFailed
 from app.sources.dbc.dbc_file import load_definitions, parse_definitions
 from app.sources.dbc.definitions import Layout
+from tests.campaign import examples
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: BMS\n'
 GOOD = 'BO_ 256 Cells: 8 BMS\n SG_ V1 : 0|16@1+ (0.001,0) [0|5] "V" X\n SG_ V2 : 16|16@1+ (0.001,0) [0|5] "V" X\n'
@@ -160,7 +161,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
         load_definitions(tmp_path / "gone.dbc")
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.binary(max_size=200))
 def test_any_bytes_are_definitions_or_refused(data):
     for text in (data, (HEAD + GOOD).encode() + data):

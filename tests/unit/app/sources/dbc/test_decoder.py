@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.decoder import by_message, decode_frames
 from app.sources.dbc.frames import frames_of
+from tests.campaign import examples
 from tests.peer_messages import HEAD
 
 TEXT = """BO_ 256 Plain: 8 BMS
@@ -74,7 +75,7 @@ def layouts(draw):
     return "".join(found)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(layouts(), st.lists(st.binary(min_size=8, max_size=8), min_size=1, max_size=5))
 def test_values_of_any_message_are_those_by_cantools(lines, datas):
     text = f"{HEAD}BO_ 256 M: 8 BMS\n{lines}"

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from app.sources.dbc.dbc_file import parse_definitions
 from app.sources.dbc.definitions import Definitions, Layout, MessageDefinition, Oddity, Signal
+from tests.campaign import examples
 
 HEAD = 'VERSION ""\nNS_ :\nBS_:\nBU_: BMS\n'
 
@@ -24,7 +25,7 @@ def least_length(layout):
     raise AssertionError
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.integers(0, 63), st.integers(1, 32), st.booleans())
 def test_the_bytes_that_a_signal_needs_are_those_by_cantools(start, length, is_little):
     layout = Layout(start, length, is_little)

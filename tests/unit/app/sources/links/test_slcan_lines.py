@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.sources.links.slcan_lines import is_whole, open_bus
+from tests.campaign import examples
 
 
 def line(kind, can_id, data):
@@ -73,7 +74,7 @@ def test_two_lines_that_became_one_are_no_frame_and_the_next_one_is(adapter):
     assert heard(adapter, first[:-3] + "\r", second) == [(2, bytes([2] * 8))]
 
 
-@settings(max_examples=15)
+@settings(max_examples=examples(15))
 @given(st.binary(min_size=8, max_size=8), st.binary(min_size=8, max_size=8), st.integers(5, 20), st.integers(1, 15))
 def test_bytes_that_are_lost_behind_an_id_give_no_cell_the_value_of_another_frame(first, second, begin, lost):
     lines = line("t", 0x100, first) + line("t", 0x101, second)

@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.sources.recordings.candump import NotCandump, candump_frame
+from tests.campaign import examples
 
 
 @pytest.mark.parametrize(
@@ -58,7 +59,7 @@ def test_a_refusal_shows_the_line_but_not_all_of_a_long_one():
     assert str(refused.value).endswith(" " + "x" * 60)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.integers(0, 0x7FF), st.binary(max_size=64), st.floats(0, 4e9).map(lambda t: round(t, 6)))
 def test_any_frame_is_read_as_it_was_written_in_the_file_and_on_the_terminal(can_id, data, time_s):
     mark = "#" if len(data) <= 8 else "##1"

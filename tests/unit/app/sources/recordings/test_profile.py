@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from app.errors import ImportFailed
 from app.sources.recordings.profile import ImportProfile, ProfileStore, guess, parse_profile, profile_of, profile_text
 from app.sources.recordings.table import Table
+from tests.campaign import examples
 
 ORION = ImportProfile(
     time="Time", current="Pack Current (A)", voltages="Cell {n} (mV)", voltage_unit="mV",
@@ -108,7 +109,7 @@ def test_names_with_three_numbers_that_differ_are_for_a_person_to_name() -> None
     assert guess(table_of(columns)).voltages == ""
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(
     st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20)), min_size=2, max_size=12, unique=True),
     st.sampled_from(["Pack{}_Cell{}_V", "Cell {1}.{0} Volt", "V{}-{} (0.1mV)", "Cell{1} 12s{0} 3p V"]),
@@ -156,7 +157,7 @@ def test_names_that_toml_has_to_quote_come_back(tmp_path: Path) -> None:
     assert ProfileStore(tmp_path / "none").names() == []
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.text(st.characters(exclude_categories=["Cs"]), max_size=12))
 def test_any_name_of_a_column_is_read_back(name: str) -> None:
     profile = ImportProfile(current=name)

@@ -10,6 +10,7 @@ from app.sources.recordings.csv_table import TableUnreadable
 from app.sources.recordings.profile import guess
 from app.sources.recordings.signal_files import read_signals
 from app.sources.recordings.table import load_table
+from tests.campaign import examples
 
 
 def test_the_groups_of_a_foreign_mf4_come_at_the_times_of_the_quickest(tmp_path: Path) -> None:
@@ -35,7 +36,7 @@ def test_a_file_that_only_begins_as_one_is_refused_by_name(tmp_path: Path, kind:
         load_table(tmp_path / "cut")
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.binary(max_size=400))
 def test_any_bytes_are_an_ld_or_a_reason(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
     path = tmp_path_factory.getbasetemp() / "any.ld"

@@ -15,6 +15,7 @@ from app.sources.dbc.learn.lines import Choice
 from app.sources.dbc.learn.profile_text import profile_text
 from app.sources.dbc.learn.states import Flow, state_proposals
 from app.sources.dbc.learn.survey import Heard, survey
+from tests.campaign import examples
 from tests.naming_habits import HABITS
 from tests.peer_messages import HEAD
 
@@ -119,7 +120,7 @@ def test_a_current_that_never_changes_tells_nothing_of_contactors(currents):
         assert flow_of(currents) is None
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.lists(st.floats(-500, 500, allow_nan=False).map(lambda a: round(a, 1)), min_size=1, max_size=30))
 def test_the_sign_of_the_current_does_not_matter_to_its_size(currents):
     one, other = flow_of(currents), flow_of([-each for each in currents])
@@ -200,7 +201,7 @@ def test_a_fault_that_is_there_most_of_the_time_is_less_likely_one():
     assert score(0) > score(1)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(st.lists(st.binary(max_size=8), max_size=30), st.lists(st.floats(-300, 300), max_size=10))
 def test_whatever_a_bus_says_the_proposals_name_signals_of_the_dbc_the_best_first(datas, currents):
     frames = [(k * 10**8, 1, data) for k, data in enumerate(datas)]
