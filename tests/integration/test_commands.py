@@ -9,6 +9,7 @@ import pytest
 from websockets.sync.client import connect
 
 from app.cli import COMMANDS
+from tests.forked import start_program
 
 
 def as_a_process(*words: str) -> subprocess.CompletedProcess[str]:
@@ -99,11 +100,9 @@ def test_replay_serves_a_file_in_the_browser(make_service, tmp_path):
     service.wait_for(lambda s: s["recording"] and s["recording"]["frames"] > 20)
     service.stop()
     path = next((service.data / "sessions").glob("*.sqlite"))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "app.cli", "replay", str(path), "--port", "0"], stdout=subprocess.PIPE, text=True
-    )
+    process, output = start_program("app.cli", ["replay", str(path), "--port", "0"])
     try:
-        url = next(line for line in process.stdout if "Voltwall: " in line).split()[-1]
+        url = next(line for line in output if "Voltwall: " in line).split()[-1]
         with connect(url.replace("http", "ws") + "/api/v1/live", max_size=1 << 22) as socket:
             snapshot = json.loads(socket.recv(timeout=40))
             while snapshot["accumulator"]["loaded_cells"] != 96:
@@ -112,8 +111,8 @@ def test_replay_serves_a_file_in_the_browser(make_service, tmp_path):
         assert snapshot["replay"]["session_id"] == path.stem
     finally:
         process.terminate()
-        process.wait(15)
-        process.stdout.close()
+        process.join(15)
+        output.close()
 
 
 def test_replay_of_something_else_is_one_line(voltwall, tmp_path):
