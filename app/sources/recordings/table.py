@@ -15,6 +15,7 @@ from app.estimation.arrays import FloatArray
 from app.sources.recordings.csv_table import TableUnreadable, read_csv
 from app.sources.recordings.kind import CAN_LOGS, is_can_log, kind_of
 from app.sources.recordings.signal_files import read_signals
+from app.sources.recordings.workbook import largest_sheet
 from app.words import Message, Quantity
 
 UNPACKED_BYTES = 1 << 30  # of a compressed file
@@ -31,7 +32,6 @@ NO_TABLES = {
     "nda": Message("is-nda"),
     "ndax": Message("is-nda"),
     "xls": Message("is-xls"),
-    "xlsx": Message("is-xlsx"),
     "res": Message("is-res"),
 }
 OF_SIGNALS = ("mf4", "mcap", "ld")
@@ -103,13 +103,17 @@ def load_table(path: Path) -> Table:
         return Table(source, read_signals(path, kind))
     if kind in CAN_LOGS:
         raise TableUnreadable(source, Message("is-can-log", kind=kind))
+    notes: list[str] = []
     try:
-        raw = path.read_bytes()
+        if kind == "xlsx":
+            sheet, raw = largest_sheet(path)
+            notes.append(f"the sheet {sheet!r} of the workbook is read")
+        else:
+            raw = path.read_bytes()
         if raw[:2] == GZIP_MAGIC:
             raw = _unpacked(path, len(raw))
     except (OSError, EOFError, zlib.error) as exc:
         raise TableUnreadable(str(path), Message("cannot-be-read", error=str(exc))) from exc
-    notes: list[str] = []
     header, columns = _parquet_table(source, raw) if raw[:4] == PARQUET_MAGIC else read_csv(source, raw, notes)
     names = header or [str(i + 1) for i in range(len(columns))]
     names = [f"{name} #{i + 1}" if name in names[:i] else name for i, name in enumerate(names)]
