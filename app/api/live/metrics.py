@@ -1,12 +1,14 @@
 """Prometheus: the newest snapshot and the counters, read at the moment of the scrape."""
 
+import platform
 from collections.abc import Iterator
 
 from fastapi import APIRouter, Response
 from fastapi.responses import PlainTextResponse
-from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, ProcessCollector, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 
+from app import __version__
 from app.api.web.dependencies import ClockPart, LivePart, ReadersPart, RecorderPart
 from app.clock import Clock
 from app.service.pipeline_thread import PipelineThread
@@ -56,6 +58,9 @@ class SnapshotCollector:
 
     def collect(self) -> Iterator[Metric]:
         """Yield every family."""
+        built = GaugeMetricFamily("voltwall_build_info", "1; what runs is in its labels", labels=["version", "python"])
+        built.add_metric([__version__, platform.python_version()], 1)
+        yield built
         snapshot = self._live.snapshot  # of the car, also while a replay is shown
         if snapshot is not None:
             snapshot = aged(snapshot, self._clock.monotonic_ns())  # a service that stands has old values
@@ -162,5 +167,6 @@ def _recorder(recorder: AutoRecorder) -> Iterator[Metric]:
 def metrics(live: LivePart, recorder: RecorderPart, clock: ClockPart, readers: ReadersPart) -> Response:
     """Prometheus text."""
     registry = CollectorRegistry(auto_describe=False)
+    ProcessCollector(registry=registry)  # processor time, memory, open files; on Linux
     registry.register(SnapshotCollector(live, recorder, clock, len(readers.everyone())))
     return Response(generate_latest(registry), media_type=CONTENT_TYPE_LATEST)

@@ -1,7 +1,11 @@
 from types import SimpleNamespace
 
 import pytest
+from prometheus_client import CollectorRegistry
+from prometheus_client.openmetrics.exposition import generate_latest
+from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
+from app import __version__
 from app.api.live.metrics import _CELLS, _ENERGY, _TOTALS, SnapshotCollector
 from app.estimation.cell_model.cell_file import load_cell
 from app.estimation.filters.estimators import make_estimator
@@ -17,20 +21,35 @@ def test_every_metric_is_of_a_field_of_the_snapshot():
     assert _CELLS.keys() <= {name for name, _ in units(Cells)}
 
 
-@pytest.mark.parametrize(("waited_s", "stale", "shown"), [(0.2, 0, True), (3.0, 1, True), (20.0, 1, False)])
-def test_old_values_are_marked_and_then_left_out(master, waited_s, stale, shown):
-    cell = load_cell("samsung-25r-10p")
-    pipeline = Pipeline(
-        MasterSource("serial"), lambda: make_estimator("coulomb", cell, 96), filter_name="coulomb", cell_name="c"
-    )
-    snapshot = pipeline.feed(master.frame()).snapshot
-    live = SimpleNamespace(snapshot=snapshot)
-    now_ns = snapshot.t_mono_ns + round(waited_s * 1e9)
+def collector_of(snapshot, now_ns):
     status = SimpleNamespace(
         session=None, queued_items=0, lost_items=0, error=None, disk_free_bytes=None, commit_delay_s=None
     )
     clock = FunctionClock(lambda: now_ns, lambda: now_ns)
-    collector = SnapshotCollector(live, SimpleNamespace(status=status), clock, 0)
+    return SnapshotCollector(SimpleNamespace(snapshot=snapshot), SimpleNamespace(status=status), clock, 0)
+
+
+def snapshot_of(master):
+    cell = load_cell("samsung-25r-10p")
+    pipeline = Pipeline(
+        MasterSource("serial"), lambda: make_estimator("coulomb", cell, 96), filter_name="coulomb", cell_name="c"
+    )
+    return pipeline.feed(master.frame()).snapshot
+
+
+def test_all_of_it_is_open_metrics_and_tells_the_version(master):
+    snapshot = snapshot_of(master)
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(collector_of(snapshot, snapshot.t_mono_ns))
+    families = {family.name: family for family in text_string_to_metric_families(generate_latest(registry).decode())}
+    assert families["voltwall_build_info"].samples[0].labels["version"] == __version__
+    assert len(families["voltwall_cell_volts"].samples) == 96
+
+
+@pytest.mark.parametrize(("waited_s", "stale", "shown"), [(0.2, 0, True), (3.0, 1, True), (20.0, 1, False)])
+def test_old_values_are_marked_and_then_left_out(master, waited_s, stale, shown):
+    snapshot = snapshot_of(master)
+    collector = collector_of(snapshot, snapshot.t_mono_ns + round(waited_s * 1e9))
     found = {family.name: family for family in collector.collect()}
     of_voltage = {
         name: next(each.value for each in found[name].samples if each.labels["part"] == "voltage")
