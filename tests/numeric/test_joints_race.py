@@ -34,12 +34,12 @@ def race(seed, seconds, loose=None, loosens_at_s=0.0):
     return verdicts
 
 
-@pytest.mark.parametrize("seed", range(of_size(3, 3, 40)))
+@pytest.mark.parametrize("seed", range(of_size(1, 3, 40)))
 def test_clean_race_names_no_joint(seed):
     assert not any(named for _, named in race(seed, 240.0))
 
 
-@pytest.mark.parametrize(("seed", "cell"), [(1, 30), (2, 0), (3, 95), (4, 47)])
+@pytest.mark.parametrize(("seed", "cell"), [(1, 30), (2, 0), (3, 95), (4, 47)][: of_size(2, 4, 4)])
 def test_loose_bolt_is_named_within_one_lap(seed, cell):
     verdicts = race(seed, 180.0, loose=cell, loosens_at_s=110.0)
     assert not any(named for at_s, named in verdicts if at_s < 110.0)

@@ -45,7 +45,7 @@ def test_the_truth_lies_inside_the_band_of_every_step(seed, ts_ms):
         assert timing.high_s - timing.low_s < timing.sampled_s + timing.opened_s + timing.latency_s + 0.02
 
 
-@pytest.mark.parametrize("clock_rate", [0.97, 0.999, 1.001, 1.03])
+@pytest.mark.parametrize("clock_rate", [0.97, 0.999, 1.001, 1.03][:: of_size(3, 1, 1)])
 def test_a_master_whose_clock_runs_wrong_does_not_look_quicker(clock_rate):
     """The truth is counted by the host's clock here: the master counts its 300 ms too slowly or too fast."""
     _frames, rate, limits, reactions = driven(11, tuple(HARDEST), clock_rate=clock_rate)
