@@ -4,6 +4,7 @@ import argparse
 import asyncio
 import contextlib
 import errno
+import logging
 import os
 import signal
 import socket
@@ -39,6 +40,7 @@ from app.sources.loaded_battery import load_battery
 from app.telemetry import Source
 from app.words import Message, name_cells_by, naming_cells
 
+logger = logging.getLogger(__name__)
 AGAIN = -1  # instead of an exit code
 _WAIT_AT_THE_DOOR = 1024  # connections that the system holds until the service takes them
 SECRETS = (
@@ -112,6 +114,8 @@ def run(args: argparse.Namespace) -> int:
     """Serve until a signal ends it."""
     given = settings_from(args)
     log.configure(given.log_level)
+    for weak in given.weak_passwords():
+        logger.warning("a weak password: %s", weak)
     code = AGAIN
     while code == AGAIN:
         is_fixed = bool(given.model_fields_set & {*CONNECTIONS, "also"})

@@ -18,6 +18,7 @@ from app.words import Message
 
 FilterName = Literal["fused", "coulomb", "ekf", "ukf", "cdkf"]
 LEAST_CHARACTERS, MOST_CHARACTERS = 12, 200  # of a password
+LEAST_OF_SHARED = 8  # a service that ran with such a one goes on, with a warning
 LEAST_DIFFERENT = 5  # characters: not 121212121212
 COMMON_PASSWORDS = files("app.service") / "common_passwords.txt"
 
@@ -194,12 +195,24 @@ class Settings(BaseSettings):
             raise ConfigError("host", self.host, Message("tls-beyond-loopback"))
         for name in ("password", "viewer_password"):
             secret = getattr(self, name)
-            if secret is not None:
-                check_password(name, secret.get_secret_value())
+            if secret is not None and not LEAST_OF_SHARED <= len(secret.get_secret_value()) <= MOST_CHARACTERS:
+                raise ConfigError(name, Message("hidden"), Message("characters-at-least", count=LEAST_OF_SHARED))
         if self.viewer_password is not None and self.password is None:
             raise ConfigError("viewer_password", Message("hidden"), Message("password-too"))
         if self.viewer_password is not None and self.viewer_password == self.password:
             raise ConfigError("viewer_password", Message("hidden"), Message("other-than-password"))
+
+    def weak_passwords(self) -> list[str]:
+        """Return the shared passwords that would be refused to a person, by setting: each a reason."""
+        weak = []
+        for name in ("password", "viewer_password"):
+            secret = getattr(self, name)
+            try:
+                if secret is not None:
+                    check_password(name, secret.get_secret_value())
+            except ConfigError as error:
+                weak.append(str(error))
+        return weak
 
 
 def check_password(field: str, password: str) -> None:

@@ -49,7 +49,7 @@ def test_a_wrong_setting_is_one_line_that_names_it(serve, arguments, words, tmp_
 def test_a_short_password_is_refused(serve, tmp_path):
     result = serve("--data", str(tmp_path), VOLTWALL_PASSWORD="abc")
     assert result.returncode == 2
-    assert "12 characters" in result.stderr
+    assert "8 characters" in result.stderr
     assert "abc" not in result.stderr
 
 

@@ -32,9 +32,18 @@ def test_to_a_broker_it_is_a_car_of_its_own(tmp_path: Path, car: str | None, exp
 @pytest.mark.parametrize("password", ["Password1234", " qwerty123456 ", "121212121212", "x" * (LEAST_CHARACTERS - 1)])
 def test_what_is_guessed_first_is_no_password(tmp_path: Path, password: str) -> None:
     with pytest.raises(ConfigError, match="password") as refused:
-        Settings(data=tmp_path, password=password).check()
+        check_password("password", password)
     assert password not in str(refused.value)
+    shared = Settings(data=tmp_path, password=password)
+    shared.check()  # one that was in use goes on
+    assert shared.weak_passwords() == [str(refused.value)]
 
 
 def test_a_sentence_is_a_password() -> None:
     check_password("password", "red flag on lap nine")
+
+
+def test_a_shared_password_of_fewer_than_eight_characters_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="8 characters"):
+        Settings(data=tmp_path, password="7 chars").check()
+    assert Settings(data=tmp_path, password="red flag on lap nine").weak_passwords() == []
