@@ -3,7 +3,7 @@
  *     vw_estimator_init(&estimator);                                   once
  *     vw_estimator_run(&estimator, &vw_memory, HAL_GetTick());         after each measurement of all cells
  *
- * The first run, and the first after SET_SOC, is a start, which takes as long as 16 others. It is spread: while a run
+ * The first run, and the first after SET_SOC, is a start, which takes as long as 17 others. It is spread: while a run
  * returns true call it again, after whatever else cannot wait.
  *
  * Compile it with the engine, `app/estimation/filters/engine/vw_*.c`, and with -DVW_SINGLE -DVW_LANES=1 -DVW_RC_MAX=3
