@@ -77,7 +77,7 @@ def test_the_first_chief_is_made_on_the_page_and_adds_a_person(guarded, open_pag
     page.get_by_role("button", name="Log out", exact=True).last.click()
     log_in(page, "cora", "chief-pass-1")
     expect(page.get_by_test_id("user")).to_contain_text("chief")
-    add("erik", "erik-pass-1", "Add the account")
+    add("erik", "erik-password-1", "Add the account")
     expect(page.get_by_test_id("accounts")).to_contain_text("erik, viewer")
     expect(page.get_by_test_id("logins")).to_contain_text("this page")
     people.get_by_role("textbox", name="Program").fill("grafana")
