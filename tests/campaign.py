@@ -31,7 +31,8 @@ def campaign(sample_s: float, short_s: float, full_s: float) -> pytest.MarkDecor
 
 
 def tell_figure(figure: str) -> None:
-    """Keep what a test found for the end of the campaign."""
+    """Keep what a test found for the end of the campaign, with the test's name."""
     if path := os.environ.get("VOLTWALL_FIGURES"):
+        test = os.environ.get("PYTEST_CURRENT_TEST", "").partition(" ")[0]
         with Path(path).open("a", encoding="utf-8") as file:
-            file.write(f"{figure}\n")
+            file.write(f"{test}\t{figure}\n")
