@@ -8,10 +8,11 @@ from tests.campaign import campaign, of_size
 
 READS_ONLY = True
 RACING_S = of_size(3, 60, 60)
-SHIFTS = """() => {  // a figure that gains a digit and ends where it ended before has not moved
+SHIFTS = """() => {  // of boxes; a figure that gains a digit moves its own text within one
   const apart = (a, b) => Math.abs(a - b) > 0.5;
-  const moved = ({previousRect: a, currentRect: b}) => apart(a.right, b.right) || apart(a.top, b.top);
-  const place = ({node}) => (node?.outerHTML ?? node?.parentElement?.outerHTML ?? '').slice(0, 160);
+  const moved = ({node, previousRect: a, currentRect: b}) =>
+    node?.nodeType === Node.ELEMENT_NODE && (apart(a.right, b.right) || apart(a.top, b.top));
+  const place = ({node}) => node.outerHTML.slice(0, 160);
   window.shifts = [];
   new PerformanceObserver((list) => list.getEntries().forEach((entry) => {
     const places = entry.sources.filter(moved).map(place);
