@@ -1,0 +1,18 @@
+import { expect, it } from 'vitest';
+import { quickest, reparted } from '../src/store/laps';
+
+const lap = (start_s: number, end_s: number, counts = true) => ({
+  lap: { start_s, end_s, counts, driver: '', note: '' },
+});
+
+it('the quickest lap is the shortest one that counts', () => {
+  expect(quickest([lap(0, 30, false), lap(30, 92), lap(92, 150), lap(150, 210)])).toBe(2);
+  expect(quickest([lap(0, 30, false), lap(30, 92, false)])).toBe(0);
+  expect(quickest([])).toBeNull();
+});
+
+it('parts of a lap are told for more and for fewer parts, place by place', () => {
+  expect(reparted([1, 2], 4)).toEqual([1, 1, 2, 2]);
+  expect(reparted([1, 2, 3, 4], 2)).toEqual([1, 3]);
+  expect(reparted([], 4)).toEqual([]);
+});
