@@ -111,3 +111,68 @@ def test_units_are_found_however_they_are_written() -> None:
 def test_a_date_with_its_time_is_a_wall_clock() -> None:
     assert is_wall_clock("Date_and_Time")
     assert not is_wall_clock("Test Time")
+
+
+RISING = np.arange(0.0, 10.0, 0.5)
+STEP = np.tile(np.arange(0.0, 5.0, 0.5), 2)  # begins again in each step
+HEADS = {  # what each system writes, and which of it is time, current, voltage and temperature
+    "Arbin": (
+        "Data_Point;Test_Time(s);Date_Time;Step_Time(s);Step_Index;Cycle_Index;Current(A);Voltage(V);"
+        "Charge_Capacity(Ah);Discharge_Capacity(Ah);Internal_Resistance(Ohm);dV/dt(V/s)",
+        ("Test_Time(s)", "Current(A)", "Voltage(V)", ""),
+    ),
+    "Maccor": (
+        "Rec#;Cyc#;Step;TestTime;StepTime;Amp-hr;Watt-hr;Amps;Volts;State;ES;DPt Time",
+        ("TestTime", "Amps", "Volts", ""),
+    ),
+    "BioLogic": (
+        "mode;ox/red;control changes;time/s;control/V/mA;Ewe/V;<I>/mA;dQ/mA.h;Temperature/°C;Energy/W.h",
+        ("time/s", "<I>/mA", "Ewe/V", "Temperature/°C"),
+    ),
+    "Basytec": (
+        "~Time[h];DataSet;DateTime;t-Set[h];Line;U[V];I[A];Ah[Ah];T1[°C];R-DC",
+        ("~Time[h]", "I[A]", "U[V]", "T1[°C]"),
+    ),
+    "Novonix": (
+        "Date and Time;Cycle Number;Step Type;Run Time (h);Step Time (h);Current (A);Potential (V);"
+        "Capacity (Ah);Temperature (°C);dIdt (A/h);dVdt (V/h)",
+        ("Run Time (h)", "Current (A)", "Potential (V)", "Temperature (°C)"),
+    ),
+    "Battery Archive": (
+        "Date_Time;Test_Time (s);Cycle_Index;Current (A);Voltage (V);Charge_Capacity (Ah);Charge_Energy (Wh);"
+        "Environment_Temperature (C);Cell_Temperature (C)",
+        ("Test_Time (s)", "Current (A)", "Voltage (V)", "Cell_Temperature (C)"),
+    ),
+    "Battery Data Format": (
+        "Test Time / s;Voltage / V;Current / A;Unix Time / s;Cycle Count / 1;Ambient Temperature / degC",
+        ("Test Time / s", "Current / A", "Voltage / V", ""),
+    ),
+}
+
+
+def made_up(name: str) -> np.ndarray:
+    """Numbers as a column of such a name has them."""
+    words = name.lower().replace("_", " ")
+    if "step" in words or "set" in words:
+        return STEP
+    if "date" in words or "unix" in words or "dpt" in words:
+        return 1.7e9 + np.floor(RISING)
+    if "time" in words:
+        return RISING
+    if "temp" in words or words.startswith("t1"):
+        return np.full(len(RISING), 25.0)
+    if "volt" in words or "potential" in words or words.startswith(("u[", "ewe")):
+        return np.full(len(RISING), 3.7)
+    is_current = words.startswith(("current", "amps", "i[", "<i>"))
+    return np.where(RISING < 5.0, 2.0, -1.0) if is_current else RISING
+
+
+@pytest.mark.parametrize("system", HEADS)
+def test_the_columns_of_the_systems_that_teams_have_are_known(system: str) -> None:
+    heads, expected = HEADS[system]
+    columns = {name: made_up(name) for name in heads.split(";")}
+    found = []
+    for quantity in ("time", "current", "voltage", "temperature"):
+        likely = candidates(quantity, columns)
+        found.append(likely[0].name if likely else "")
+    assert tuple(found) == expected
