@@ -97,10 +97,10 @@ class BadRadio:
     async def _end(self) -> None:
         for server in self._servers:
             server.close()
-        tasks = asyncio.all_tasks() - {asyncio.current_task()}
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        while tasks := asyncio.all_tasks() - {asyncio.current_task()}:  # one that is cancelled may leave another
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
         self._break_all()
         await asyncio.sleep(0)  # a broken connection closes its socket in the loop's next round
 
@@ -110,11 +110,12 @@ class BadRadio:
             if not self._hangs:
                 writer.transport.abort()
             return
-        with contextlib.suppress(OSError):
+        try:
             there_reader, there_writer = await asyncio.open_connection(*target)
             self._open.add(there_writer)
             await asyncio.gather(self._carry(reader, there_writer), self._carry(there_reader, writer))
-        self._open.discard(writer)
+        except OSError:
+            writer.transport.abort()  # nobody is there, or no longer
         self._tasks.discard(asyncio.current_task())
 
     async def _carry(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
