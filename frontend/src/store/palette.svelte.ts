@@ -1,5 +1,6 @@
 // What the command palette offers now. What cannot be done now is absent.
 
+import { untrack } from 'svelte';
 import { get, post } from '../link/rest';
 import type { Schema, Session } from '../link/types';
 import { cellName, dateTime, ordinal } from '../format';
@@ -77,6 +78,9 @@ function fixedEntries(): Entry[] {
   return list;
 }
 
+/** The same list until somebody may mark, or no longer: it stands still under the finger. */
+const fixedFor = (_canMark: boolean): Entry[] => untrack(fixedEntries);
+
 const sessionEntry = (s: Session): Entry => ({
   id: `session-${s.id}`,
   name: s.name || s.id,
@@ -97,7 +101,8 @@ const parameterEntries = (schema: Schema): Entry[] =>
 
 /** The entries from the moment on at which the palette was opened. */
 export class Palette {
-  private readonly fixed = fixedEntries();
+  private readonly canMark = $derived(user.mayWrite && Boolean(live.snapshot?.recording));
+  private readonly fixed = $derived.by(() => fixedFor(this.canMark)); // opened before it is known who is here, too
   private sessions = $state.raw<Entry[]>([]);
   private parameters = $state.raw<Entry[]>([]);
   private readonly all = $derived([...this.fixed, ...this.parameters, ...this.sessions]);
