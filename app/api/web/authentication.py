@@ -70,7 +70,7 @@ class Authentication:
         self._clock = clock
         self._logins: dict[str, Login] = {}  # by the digest of the token
         self._guesses = Guesses(clock)
-        self._proven: dict[bytes, str] = {}  # proof of name and password: the account's stamp
+        self._proven: dict[bytes, tuple[User, str | None]] = {}  # by name and password; with the account's stamp
         self._proof_key = secrets.token_bytes(32)
         self._lock = threading.Lock()
         self._one_by_one = threading.Semaphore(2)  # each check of a password takes 19 MiB
@@ -119,11 +119,10 @@ class Authentication:
         """Return a token that stands for the user, for a day or until it is idle."""
         now = self._clock.monotonic_s()
         token = secrets.token_urlsafe(32)
-        account = self.accounts.find(user.name)
         made = Login(
             secrets.token_hex(4),
             user,
-            None if account is None else account.stamp,
+            self._stamp(user.name),
             address,
             agent[:120],
             self._clock.wall_s(),
@@ -168,8 +167,7 @@ class Authentication:
         token_id, wall_s = login.user.token_id, self._clock.wall_s()
         if token_id and not any(each.id == token_id and wall_s < each.ends_s for each in self.accounts.tokens()):
             return False
-        account = self.accounts.find(login.user.name)
-        is_theirs = login.stamp == (account and account.stamp)
+        is_theirs = login.stamp == self._stamp(login.user.name)
         return is_theirs and now_s < login.ends_s and now_s - login.used_s < self.settings.idle_minutes * 60.0
 
     def cookie_name(self, headers: Headers) -> str:
@@ -198,19 +196,30 @@ class Authentication:
         given = _basic(headers)
         if given is None:
             return None
-        name, password = given
-        proof = self._proof(name, password)
-        account = self.accounts.find(name)
-        if account is not None and self._proven.get(proof) == account.stamp:
-            return User(account.name, account.role)
+        return self._proven_user(*given) or self._prove(*given, address)
+
+    def _proven_user(self, name: str, password: str) -> User | None:
+        """Whose password was found right before, by HTTP Basic, and is still."""
+        user, stamp = self._proven.get(self._proof(name, password), (None, None))
+        return user if stamp == self._stamp(name) else None
+
+    def _prove(self, name: str, password: str, address: str) -> User | None:
+        stamp = self._stamp(name)
         user = self.login(name, password, address)
-        if user is not None and account is not None:
+        if user is None or user.token_id is not None:  # a token may be revoked, and has no account's role
+            return user
+        if stamp is not None:
             self.log.came_in(user.name, user.role, address)
-            with self._lock:
-                self._proven[proof] = account.stamp
-                while len(self._proven) > MAX_PROVEN:
-                    self._proven.pop(next(iter(self._proven)))
+        with self._lock:
+            self._proven[self._proof(name, password)] = user, stamp
+            while len(self._proven) > MAX_PROVEN:
+                self._proven.pop(next(iter(self._proven)))
         return user
+
+    def _stamp(self, name: str) -> str | None:
+        """Of the account with this name; another where its password or role is another."""
+        account = self.accounts.find(name)
+        return None if account is None else account.stamp
 
     def is_slow(self, headers: Headers) -> bool:
         """Whether it takes a moment to say who asks: a password that has to be checked, or a refusal to be kept."""
@@ -218,7 +227,7 @@ class Authentication:
         if given is None:
             kind, _, secret = headers.get("authorization", "").partition(" ")
             return kind.lower() == "bearer" and self.accounts.verify_token(secret.strip(), self.wall_s()) is None
-        return self._proof(*given) not in self._proven
+        return self._proven_user(*given) is None
 
     def _proof(self, name: str, password: str) -> bytes:
         text = f"{name}\0{password}".encode(errors="surrogatepass")

@@ -120,6 +120,16 @@ def test_guessing_is_stopped_for_a_minute_also_over_basic(authentication, clock)
     assert authentication.user_of(basic(ENGINEER), "10.0.0.1").role == "engineer"
 
 
+def test_a_password_over_basic_is_checked_once_and_a_wrong_one_each_time(authentication):
+    right, wrong = basic(VIEWER), basic("wrong")
+    for headers in (right, wrong):
+        assert authentication.is_slow(headers)
+        authentication.user_of(headers, "10.0.0.1")
+    assert not authentication.is_slow(right)
+    assert authentication.user_of(right, "10.0.0.1") == User("anna", "viewer")
+    assert authentication.is_slow(wrong)
+
+
 def test_logging_in_as_viewer_gives_no_new_tries_at_the_engineers_password(authentication, clock):
     for _ in range(PER_MINUTE):
         assert authentication.login("eve", VIEWER, "10.0.0.9").role == "viewer"

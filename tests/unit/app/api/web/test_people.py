@@ -116,6 +116,21 @@ def test_a_token_reads_or_writes_until_it_is_revoked(client):
     assert client.get("/api/v1/events", headers=bearer).status_code == 401
 
 
+def test_a_token_under_a_chiefs_name_stays_a_token(client, people):
+    token, secret = people.make_token("robot", "viewer", 1, "cora", 2_000_000_000.0)
+    for _ in range(2):  # the second time, a password would be known already
+        assert client.get("/api/v1/me", auth=("cora", secret)).json()["role"] == "viewer"
+    assert people.revoke_token(token.id)
+    assert client.get("/api/v1/events", auth=("cora", secret)).status_code == 401
+
+
+def test_a_shared_password_is_no_longer_ones_own_as_soon_as_somebody_has_an_account_of_that_name(client, people):
+    for _ in range(2):
+        assert client.get("/api/v1/me", auth=("frida", SHARED)).json()["role"] == "engineer"
+    people.put("frida", "viewer", VIEWER)
+    assert client.get("/api/v1/events", auth=("frida", SHARED)).status_code == 401
+
+
 def test_a_cookie_that_a_token_was_given_ends_with_the_token(client, people):
     token, secret = people.make_token("robot", "engineer", 1, "cora", 2_000_000_000.0)
     assert log_in(client, "robot", secret).json()["role"] == "engineer"
