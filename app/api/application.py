@@ -178,6 +178,7 @@ def create_fleet_app(settings: Settings, clock: Clock | None = None) -> FastAPI:
 def _serve_web(app: FastAPI, routes: Sequence[BaseRoute], page: str, authentication: Authentication) -> None:
     """Add what every application has: errors, routes, the front end's page, limits, log-in."""
     problems.install(app)
+    app.router.redirect_slashes = False
     app.router.routes.extend(routes)
     serve_front_end(app, STATIC, page)
     app.add_middleware(HeadAsGet)

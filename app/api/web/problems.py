@@ -250,7 +250,9 @@ def install(app: FastAPI) -> None:
         return invalid(error.field, error.value, limit_of(error)).response()
 
     @app.exception_handler(HTTPException)
-    async def on_http(_: Request, error: HTTPException) -> JSONResponse:
+    async def on_http(request: Request, error: HTTPException) -> JSONResponse:
+        if error.status_code == 404:
+            return not_found("route", request.scope["path"]).response()
         slug = HTTP_SLUGS.get(error.status_code, "http")
         detail = error.message if isinstance(error, HttpRefusal) else HTTP_DETAILS.get(str(error.detail))
         detail = detail or Message("verbatim", text=str(error.detail))

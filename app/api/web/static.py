@@ -5,6 +5,7 @@ from mimetypes import guess_type
 from pathlib import Path
 
 from fastapi import FastAPI
+from starlette.convertors import Convertor, register_url_convertor
 from starlette.responses import FileResponse, PlainTextResponse, Response
 
 from app.api.web.problems import not_found
@@ -20,6 +21,23 @@ _MEDIA_TYPES = {
 _UNCHANGING = "assets"  # the build puts a hash into these names
 
 
+class _PageConvertor(Convertor[str]):
+    """Every path but those of the API, where a missing method is 405 and a missing route 404."""
+
+    regex = "(?!api/).*"
+
+    def convert(self, value: str) -> str:
+        """The path as it is."""
+        return value
+
+    def to_string(self, value: str) -> str:
+        """The path as it is."""
+        return value
+
+
+register_url_convertor("page", _PageConvertor())
+
+
 def find_file(root: Traversable, path: str) -> Path | None:
     """Return the file under the root that a URL path names, None where there is none."""
     folder = Path(str(root))
@@ -31,12 +49,10 @@ def find_file(root: Traversable, path: str) -> Path | None:
 
 
 def serve_front_end(app: FastAPI, root: Traversable, page_name: str = "index.html") -> None:
-    """Add the catch-all route, which answers with the page of this name; it has to be the last one."""
+    """Add the route that answers every path outside of the API, with the page of this name; it has to be the last."""
 
-    @app.get("/{path:path}", include_in_schema=False)
+    @app.get("/{path:page}", include_in_schema=False)
     def page(path: str) -> Response:
-        if path.startswith("api/"):
-            raise not_found("route", "/" + path)
         if found := find_file(root, path):
             kept = "public, max-age=31536000, immutable" if path.startswith(f"{_UNCHANGING}/") else "no-cache"
             media_type = _MEDIA_TYPES.get(found.suffix) or guess_type(found.name)[0]

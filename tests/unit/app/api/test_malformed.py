@@ -131,10 +131,11 @@ def test_a_huge_body_is_refused_before_it_fills_the_memory(client, name):
     refused(client.put(f"{PREFIX}/config", content=content, headers=EDIT), 413)
 
 
-def test_a_wrong_method_says_which_ones_there_are(client):
-    response = client.delete(f"{PREFIX}/snapshot")
+@pytest.mark.parametrize(("method", "path", "allowed"), [("DELETE", "/snapshot", "GET"), ("GET", "/race-plan", "PUT")])
+def test_a_wrong_method_says_which_ones_there_are(client, method, path, allowed):
+    response = client.request(method, PREFIX + path)
     assert refused(response, 405)["type"] == "urn:voltwall:method-not-allowed"
-    assert "GET" in response.headers["allow"]
+    assert allowed in response.headers["allow"]
 
 
 @pytest.mark.parametrize("rate", ["nan", "-1", "0", "1e9", "x"])

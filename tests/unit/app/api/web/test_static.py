@@ -33,7 +33,10 @@ def test_a_route_of_the_page_gets_the_page_and_an_old_asset_does_not(client):
     page = client.get("/packs/3")
     assert page.status_code in (200, 503)
     assert client.get("/assets/of-an-older-build.js").status_code == 404
-    assert client.get("/api/v1/nothing").status_code == 404
+    for method, path in (("GET", "/api/v1/nothing"), ("DELETE", "/api/v1/nothing"), ("GET", "/api/v1/config/")):
+        nothing = client.request(method, path)
+        assert (nothing.status_code, nothing.json()["type"]) == (404, "urn:voltwall:not-found")
+        assert path in nothing.json()["detail"]
     assert client.head("/").status_code == page.status_code
 
 
