@@ -1,6 +1,5 @@
 """What a snapshot is sent with that is the service's, not the battery's."""
 
-from app.clock import Clock
 from app.service.configuration import ConfigurationInForce
 from app.service.events import Events
 from app.sessions.recording.auto_recorder import AutoRecorder
@@ -25,20 +24,23 @@ class ServiceStateReader:
         replay: ReplayPlayer,
         events: Events,
         configuration: ConfigurationInForce,
-        clock: Clock,
     ) -> None:
         self._recorder = recorder
         self._replay = replay
         self._events = events
         self._configuration = configuration
-        self._clock = clock
 
-    def now(self) -> ServiceState:
-        """Return recording, replay, the newest event's id, and the hash of the stored configuration."""
+    def at(self, now_ns: int) -> ServiceState:
+        """Return recording, replay, the newest event's id, and the hash of the stored configuration.
+
+        Args:
+            now_ns: monotonic clock at which the ages of the snapshot are counted; a second reading of the clock here
+                would call them younger than they are wherever the process stood between the two.
+        """
         return ServiceState(
             recording=recording_state(self._recorder),
             replay=self._replay.state(),
             last_event_id=self._events.store.last_id,
             config_stored_hash=self._configuration.stored_hash(),
-            sent_s=self._clock.monotonic_s(),
+            sent_s=now_ns / 1e9,
         )

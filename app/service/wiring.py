@@ -356,7 +356,7 @@ def make_service(
         learned_state=learned_state,
         mqtt=mqtt,
         health=Health(live, links, recorder, events, mqtt, clock, load),
-        state=ServiceStateReader(recorder, replay, events, in_force, clock),
+        state=ServiceStateReader(recorder, replay, events, in_force),
         workers=workers,
         jobs=jobs,
     )

@@ -26,5 +26,5 @@ class SnapshotEncoder:
         now_ns = self._clock.monotonic_ns()
         if snapshot is not self._snapshot or now_ns - self._encoded_ns > GOOD_FOR_NS:
             self._snapshot, self._encoded_ns = snapshot, now_ns
-            self._body = self._json(aged(snapshot, now_ns), self._state.now())
+            self._body = self._json(aged(snapshot, now_ns), self._state.at(now_ns))
         return self._body

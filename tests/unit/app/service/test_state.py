@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import pytest
 
 from app.service.state import ServiceStateReader, recording_state
-from tests.fake_clock import FakeClock
 
 SESSION = SimpleNamespace(id="s1", started_wall_ns=5_500_000_000, frames=7, size_bytes=4096)
 
@@ -24,10 +23,10 @@ def test_every_part_is_asked_each_time():
     replay = SimpleNamespace(state=lambda: {"position_s": 1.0})
     events = SimpleNamespace(store=SimpleNamespace(last_id=41))
     in_force = SimpleNamespace(stored_hash=lambda: "abc")
-    state = ServiceStateReader(SimpleNamespace(session=SESSION), replay, events, in_force, FakeClock(monotonic_s=7.25))
-    assert state.now().sent_s == 7.25
-    assert state.now().last_event_id == 41
+    state = ServiceStateReader(SimpleNamespace(session=SESSION), replay, events, in_force)
+    assert state.at(7_250_000_000).sent_s == 7.25
+    assert state.at(0).last_event_id == 41
     events.store.last_id = 42
-    now = state.now()
+    now = state.at(0)
     assert (now.last_event_id, now.config_stored_hash, now.replay) == (42, "abc", {"position_s": 1.0})
     assert now.recording.session_id == "s1"

@@ -42,7 +42,7 @@ def test_events_reach_the_recording(tmp_path):
         made.recorder.flush()
         with made.catalogue.open(info.id) as session:
             assert "found" in [event["code"] for event in session.events()]
-        assert made.state.now().recording.session_id == info.id
+        assert made.state.at(0).recording.session_id == info.id
     finally:
         made.stop()
 

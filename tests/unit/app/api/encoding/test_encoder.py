@@ -17,9 +17,9 @@ class CountedState:
     def __init__(self) -> None:
         self.asked = 0
 
-    def now(self) -> ServiceState:
+    def at(self, now_ns: int) -> ServiceState:
         self.asked += 1
-        return ServiceState(recording=None, replay=None, last_event_id=self.asked, config_stored_hash=None)
+        return ServiceState(None, None, last_event_id=self.asked, config_stored_hash=None, sent_s=now_ns / 1e9)
 
 
 @pytest.fixture
@@ -52,6 +52,23 @@ def test_what_waits_before_it_is_asked_for_is_older_then(snapshot):
     assert later["age"]["voltage"] - at_once["age"]["voltage"] == pytest.approx(2.5)
     assert later["links"]["rs232"]["age_s"] - at_once["links"]["rs232"]["age_s"] == pytest.approx(2.5)
     assert later["age"]["charger"] is None or later["age"]["charger"] > 2.4
+
+
+def test_its_ages_are_those_of_the_time_that_it_is_sent_with_however_long_the_process_stood_between(snapshot):
+    clock = FakeClock(monotonic_s=snapshot.t_mono_ns / 1e9)
+    at_once = json.loads(SnapshotEncoder(CountedState(), clock).encode(snapshot))
+
+    class Standing(FakeClock):
+        """Each reading is a second and a half after the one before."""
+
+        def monotonic_ns(self) -> int:
+            self.advance(1.5)
+            return super().monotonic_ns()
+
+    standing = Standing(monotonic_s=snapshot.t_mono_ns / 1e9)
+    body = json.loads(SnapshotEncoder(CountedState(), standing).encode(snapshot))
+    older_s = body["age"]["voltage"] - at_once["age"]["voltage"]
+    assert older_s == pytest.approx(body["sent_s"] - at_once["sent_s"], abs=1e-3)
 
 
 def test_a_replays_ages_are_those_of_then(snapshot):
