@@ -57,7 +57,7 @@ def login(body: Login, request: Request, response: Response, authentication: Aut
         max_age=int(SESSION_S),
         httponly=True,
         samesite="strict",
-        secure=request.url.scheme == "https",
+        secure=request.scope["scheme"] == "https",
     )
     return _me(user, authentication)
 
@@ -66,5 +66,5 @@ def login(body: Login, request: Request, response: Response, authentication: Aut
 def logout(request: Request, response: Response, authentication: AuthenticationPart) -> dict[str, Any]:
     """Forget the cookie."""
     authentication.close_session(authentication.token_of(request.headers))
-    response.delete_cookie(authentication.cookie_name(request.headers), secure=request.url.scheme == "https")
+    response.delete_cookie(authentication.cookie_name(request.headers), secure=request.scope["scheme"] == "https")
     return _me(None, authentication)

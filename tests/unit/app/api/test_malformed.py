@@ -216,3 +216,25 @@ def test_what_is_refused_is_told_in_english_and_by_code(client, method, path, se
     body = refused(client.request(method, PREFIX + path, **sent), 404, 405, 413, 422)
     told = message_from_json(body["detail_words"])
     assert (body["detail"], render(told), render(told, "nb")) == (english, english, norwegian)
+
+
+@pytest.mark.parametrize(("method", "path"), [("POST", "/logout"), ("GET", "/me"), ("GET", "/sessions")])
+def test_a_query_that_is_no_utf8_is_no_failure(client, method, path):
+    statuses: list[int] = []
+
+    async def receive():
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def send(message):
+        statuses.append(message.get("status", 0))
+
+    scope = {
+        "type": "http",
+        "method": method,
+        "path": PREFIX + path,
+        "query_string": b"\xff=\xfe",
+    }  # as no client sends it
+    headers = [(b"host", b"127.0.0.1")]
+    scope |= {"scheme": "http", "headers": headers, "client": ("127.0.0.1", 1), "server": ("127.0.0.1", 80)}
+    client.portal.call(client.app, scope, receive, send)
+    assert 200 <= statuses[0] < 500
