@@ -12,6 +12,7 @@ from pathlib import Path
 import app  # noqa: F401  before numpy: it keeps each process to one thread
 
 LONGEST = 4096  # bytes of an input
+SHORT_S = 60.0  # a shorter search begins with the same inputs each time: it judges a change, and does not look for news
 
 
 def main(name: str, seconds: float) -> None:
@@ -29,6 +30,7 @@ def main(name: str, seconds: float) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     options = [f"-max_len={LONGEST}", f"-max_total_time={int(seconds)}", "-timeout=60", "-rss_limit_mb=3000"]
     options += [f"-artifact_prefix={found.parent}/{name}-", "-print_final_stats=1"]
+    options += ["-seed=1"] * (seconds < SHORT_S)
     folders = [str(found), str(corpus), str(FOLDER / "finds" / name)]
     atheris.Setup([sys.argv[0], *options, *folders], tried)
     atheris.Fuzz()
