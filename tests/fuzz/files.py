@@ -22,8 +22,9 @@ from app.sources.dbc.frames import Frames, frames_of
 from app.sources.loaded_battery import battery_from_files
 from app.sources.recordings.battery_log import battery_log
 from app.sources.recordings.csv_table import TableUnreadable
+from app.sources.recordings.guess import guess
 from app.sources.recordings.kind import ENDINGS
-from app.sources.recordings.profile import guess, parse_profile
+from app.sources.recordings.profile import parse_profile
 from app.sources.recordings.table import load_table
 from firmware_protocol.config_image import default_image
 from firmware_protocol.dbc_import import from_dbc, into_tables

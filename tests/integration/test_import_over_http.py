@@ -29,6 +29,10 @@ def test_a_file_becomes_a_session_and_its_mapping_a_profile(service, csv):
         guessed = upload["guessed"]
         assert (guessed["time"], guessed["voltages"]) == ("t [s]", "Cell {n} [V]")
         assert (guessed["current"], guessed["current_unit"]) == ("Pack Current [A]", "A")
+        asked = {"profile": guessed, "pick_units": ["voltage", "current"]}
+        preview = client.post(f"/imports/{upload['id']}/preview", json=asked).json()
+        assert (preview["profile"], preview["error"], preview["understood"]["rows"]) == (guessed, None, 300)
+        assert client.get("/imports").json()["last"] is None  # nothing is imported by looking
         body = {"profile": guessed, "save_as": "their bms", "name": "their run"}
         assert client.post(f"/imports/{upload['id']}", json=body).status_code == 202
         state = done(client)
@@ -51,7 +55,10 @@ def test_what_is_wrong_is_said(service, csv):
         upload = client.post("/imports", params={"filename": "x.csv"}, content=csv).json()
         unknown = client.post(f"/imports/{upload['id']}", json={"profile": {"wheels": 4}})
         assert "no such field" in unknown.json()["detail"]
-        client.post(f"/imports/{upload['id']}", json={"profile": {**upload["guessed"], "current": "Strom"}})
+        wrong = {"profile": {**upload["guessed"], "current": "Strom"}}
+        preview = client.post(f"/imports/{upload['id']}/preview", json=wrong).json()
+        assert preview["error_words"]["code"] == "no-such-column"
+        client.post(f"/imports/{upload['id']}", json=wrong)
         failed = done(client)
         assert "no such column" in failed["error"]
         assert failed["error_words"]["args"]["reason"]["code"] == "no-such-column"

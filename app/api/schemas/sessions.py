@@ -210,6 +210,7 @@ class ImportProfileOut(BaseModel):
     charge_positive: bool
     voltages: str
     voltage_unit: str
+    cells: str
     cells_in_series: float
     temperatures: str
     temperature_unit: str
@@ -227,6 +228,46 @@ class UploadOut(BaseModel):
     is_can: bool
     columns: list[str]
     guessed: ImportProfileOut | None
+
+
+class ColumnOut(BaseModel):
+    """A column of a table, or a signal, with its first values."""
+
+    name: str
+    samples: list[float | None]
+
+
+class CellColumnOut(BaseModel):
+    """A column that fits the pattern of the voltages."""
+
+    name: str
+    median_v: float | None
+    is_taken: bool
+
+
+class UnderstoodOut(BaseModel):
+    """The first rows in our units, current positive on discharge; `soc` and temperatures empty where not told."""
+
+    rows: int
+    length_s: float
+    started_unix_s: float | None
+    time_s: list[float | None]
+    current_a: list[float | None]
+    soc: list[float | None]
+    voltages_v: list[list[float | None]]
+    temperatures_degc: list[list[float | None]]
+    notes: list[str]
+
+
+class PreviewOut(BaseModel):
+    """What is in an upload, and what the profile makes of it; `understood` is null where `error` says why."""
+
+    profile: ImportProfileOut
+    columns: list[ColumnOut]
+    cells: list[CellColumnOut]
+    understood: UnderstoodOut | None
+    error: str | None
+    error_words: WordsOut | None
 
 
 class ImportStateOut(BaseModel):

@@ -2,28 +2,42 @@
 
 import asyncio
 from dataclasses import asdict
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
 from pydantic import Field
 
 from app.api.encoding.words import message_json
-from app.api.schemas.sessions import ImportsOut, ImportStateOut, UploadOut
+from app.api.schemas.sessions import ImportsOut, ImportStateOut, PreviewOut, UploadOut
 from app.api.web.dependencies import EventsPart, ImportsPart, UserDep
 from app.api.web.request_body import Body
 from app.sources.recordings.profile import ImportProfile, profile_of
 from app.words import Message
 
+Quantity = Literal["time", "current", "voltage", "temperature", "soc"]
 router = APIRouter(tags=["sessions"])
 
 
-class ImportIn(Body):
+class ReadingIn(Body):
     """How an upload is to be read: fields of a profile, or the name of a kept one."""
 
     profile: dict[str, str | float | bool] = Field(default_factory=dict, max_length=40)
     profile_name: str | None = Field(None, max_length=60)
-    save_as: str | None = Field(None, max_length=60, description="keep the profile under this name")
     dbc: int | None = Field(None, description="the upload that says what the CAN frames mean")
+
+
+class PreviewIn(ReadingIn):
+    """How it is to be read, and what is picked by the file."""
+
+    pick_units: list[Quantity] = Field(
+        default_factory=list, max_length=5, description="take their units from the names and values of the columns"
+    )
+
+
+class ImportIn(ReadingIn):
+    """How an upload is to be read, and what to make of it."""
+
+    save_as: str | None = Field(None, max_length=60, description="keep the profile under this name")
     battery: str | None = Field(None, max_length=60, description="a bundled battery: whose frames, or whose cells")
     battery_uploads: list[int] = Field(
         default_factory=list,
@@ -73,12 +87,22 @@ async def upload(
     }
 
 
+def _profile(body: ReadingIn, imports: ImportsPart) -> ImportProfile:
+    profile = imports.profiles.load(body.profile_name) if body.profile_name else ImportProfile()
+    return profile_of({**asdict(profile), **body.profile}) if body.profile else profile
+
+
+@router.post("/imports/{upload_id}/preview", response_model=PreviewOut)
+def preview(upload_id: int, body: PreviewIn, imports: ImportsPart, user: UserDep) -> dict[str, Any]:
+    """Say what is in an upload, and what its first rows become; nothing is imported."""
+    found = imports.preview(upload_id, _profile(body, imports), body.pick_units, dbc=body.dbc)
+    return asdict(found) | message_json("error", found.error)
+
+
 @router.post("/imports/{upload_id}", status_code=202, response_model=ImportStateOut)
 def start(upload_id: int, body: ImportIn, events: EventsPart, imports: ImportsPart, user: UserDep) -> dict[str, Any]:
     """Make a session of an upload, estimated by the service's filter and cell."""
-    profile = imports.profiles.load(body.profile_name) if body.profile_name else ImportProfile()
-    if body.profile:
-        profile = profile_of({**asdict(profile), **body.profile})
+    profile = _profile(body, imports)
     state = imports.start(
         upload_id,
         profile,

@@ -11,11 +11,13 @@ from app.commands.session_commands.selection import data_folder, new_action
 from app.errors import ConfigError
 from app.estimation.filters.estimators import FILTERS
 from app.live.pipeline_factory import PipelineFactory
-from app.sessions.transfer.import_session import import_file, read_table
+from app.sessions.transfer.import_session import import_file
 from app.sources.loaded_battery import load_battery
-from app.sources.recordings.can_log import signal_names
+from app.sources.recordings.can_log import read_signals
+from app.sources.recordings.guess import guess
 from app.sources.recordings.kind import is_can_log
-from app.sources.recordings.profile import ImportProfile, ProfileStore, guess, parse_profile, profile_of, profile_text
+from app.sources.recordings.profile import ImportProfile, ProfileStore, parse_profile, profile_of, profile_text
+from app.sources.recordings.table import read_table
 
 _NUMBERS = ("max_rate_hz", "hold_s", "cells_in_series")
 
@@ -89,7 +91,7 @@ def _existing(path: Path) -> Path:
 def _columns(args: argparse.Namespace) -> int:
     path = _existing(args.file)
     if args.dbc is not None:
-        print("\n".join(signal_names(path, args.dbc)))
+        print("\n".join(sorted(read_signals(path, args.dbc).found)))
         return 0
     table = read_table(path)
     for i, (name, values) in enumerate(table.columns.items()):

@@ -11,12 +11,15 @@ from pathlib import Path
 
 from app.battery.library import bundled_profiles
 from app.errors import AppError, ImportFailed, NotNow, message_of
-from app.sessions.transfer.import_session import Imported, NewPipeline, import_file, read_table
+from app.sessions.transfer.import_session import Imported, NewPipeline, import_file
 from app.sessions.worker import DEFINITIONS, INSPECTION, Workers, import_limits
 from app.sources.dbc.dbc_file import DEFINITION_ENDINGS
 from app.sources.loaded_battery import LoadedBattery, load_battery
+from app.sources.recordings.guess import guess
 from app.sources.recordings.kind import is_can_log
-from app.sources.recordings.profile import ImportProfile, ProfileStore, guess
+from app.sources.recordings.preview import Preview, preview
+from app.sources.recordings.profile import ImportProfile, ProfileStore
+from app.sources.recordings.table import read_table
 from app.telemetry import Severity
 from app.words import Message, Text, named_as_here
 
@@ -136,6 +139,21 @@ class ImportJobs:
         if upload is None:
             raise ImportFailed(str(number), Message("no-such-upload"))
         return upload.path
+
+    def preview(self, number: int, profile: ImportProfile, pick: Sequence[str], *, dbc: int | None) -> Preview:
+        """Return the beginning of an upload as it would be understood.
+
+        Args:
+            number: of the upload.
+            profile: which columns, or signals of the DBC, are what.
+            pick: quantities whose unit is to be taken from the names and values.
+            dbc: the upload of it.
+
+        Raises:
+            ImportFailed: there is no such upload, or it cannot be read.
+        """
+        path, bus = self.path_of(number), None if dbc is None else self.path_of(dbc)
+        return self._workers.run(INSPECTION, preview, path, profile, tuple(pick), bus)
 
     def start(
         self,

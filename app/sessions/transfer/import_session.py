@@ -19,10 +19,9 @@ from app.sources.loaded_battery import LoadedBattery, team_battery
 from app.sources.recordings import can_log
 from app.sources.recordings.bad_rows import BadRows
 from app.sources.recordings.battery_log import BatteryLog, battery_log
-from app.sources.recordings.csv_table import TableUnreadable
 from app.sources.recordings.kind import is_can_log
 from app.sources.recordings.profile import ImportProfile
-from app.sources.recordings.table import Table, load_table
+from app.sources.recordings.table import read_table
 from app.words import Message, naming_cells
 from firmware_protocol.memory_map import MAP_HASH
 
@@ -55,18 +54,6 @@ class _Recording:
     cells: int
     started_unix_s: float | None
     notes: tuple[str, ...]
-
-
-def read_table(path: Path) -> Table:
-    """Return a CSV or Parquet file's table.
-
-    Raises:
-        ImportFailed: there is no table in it.
-    """
-    try:
-        return load_table(path)
-    except TableUnreadable as error:
-        raise ImportFailed(path.name, error.reason) from error
 
 
 def import_file(
@@ -136,7 +123,7 @@ def _read(path: Path, profile: ImportProfile, battery: LoadedBattery | None, dbc
         of_frames = _of_frames(path.name, frames, battery or team_battery(), started_s)
         return replace(of_frames, notes=(*bad.notes(len(frames)), *of_frames.notes))
     if is_can and dbc is not None:
-        table = can_log.signal_table(path, dbc, profile)
+        table = can_log.read_signals(path, dbc).table(profile)
         profile = replace(profile, **can_log.column_profile(profile))  # type: ignore[arg-type]
     else:
         table = read_table(path)

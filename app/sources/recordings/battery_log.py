@@ -9,14 +9,14 @@ from app.battery.fields import MOST_CELLS
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
 from app.sources.recordings.charge_state import signed
-from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.profile import LONGEST_S, ImportProfile, parse_cells
 from app.sources.recordings.quantities import in_our_unit
 from app.sources.recordings.table import Table
 from app.words import Message
 
 UNIX_FROM_S = 9.0e8  # a time beyond it, in 1998, is since 1970; before it, since a start
 DEFAULT_PERIOD_S = 0.1
-MAX_DAYS = 7
+MAX_DAYS = round(LONGEST_S / 86_400)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,8 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
             f"{profile.voltages} is taken as that of {profile.cells_in_series:g} cells in series, as one cell with its"
             " share; --set cells_in_series=N changes it"
         )
-    n_cells = voltages_v.shape[1]
+    chosen = chosen_cells(table.source, profile.cells, voltages_v.shape[1])
+    n_cells = len(chosen)
     if n_cells > MOST_CELLS:
         raise ImportFailed(
             table.source, Message("too-many-cells", pattern=repr(profile.voltages), cells=n_cells, most=MOST_CELLS)
@@ -61,11 +62,16 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
         notes.append(f"{profile.current} has no sign: {direction} says whether it charges or discharges")
     if turns:
         notes.append(f"{profile.current} counts charging as positive: sign turned")
+    if n_cells < voltages_v.shape[1]:
+        notes.append(f"{n_cells} of {voltages_v.shape[1]} cells are taken: {profile.cells}")
     if n_cells == 1 and profile.cells_in_series == 1.0:
         notes.append("a test of one cell: `voltwall estimate` and `voltwall identify` read this file, too")
     if profile.temperatures:
         sensors = table.matrix("temperatures", profile.temperatures)
-        temperatures = _spread(in_our_unit(sensors, "temperature", profile.temperature_unit), n_cells, notes)
+        temperatures = _spread(
+            in_our_unit(sensors, "temperature", profile.temperature_unit), voltages_v.shape[1], notes
+        )
+        temperatures = temperatures[:, chosen]
     soc = in_our_unit(table.column("soc", profile.soc), "soc", profile.soc_unit) if profile.soc else None
     time_s: FloatArray = (
         in_our_unit(table.column("time", profile.time), "time", profile.time_unit)
@@ -76,7 +82,7 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
         notes.append(f"no column is the time: rows are taken {DEFAULT_PERIOD_S:g} s apart")
     rows = _rows(table.source, time_s, profile.max_rate_hz, notes)
     time_s = time_s[rows]
-    taken_v = voltages_v[rows]
+    taken_v = voltages_v[rows][:, chosen]
     full_v = np.where((taken_v > 0.5) & (taken_v < 6.0), taken_v, np.nan)
     if np.isnan(full_v).all():
         raise ImportFailed(table.source, Message("no-cell-voltage", unit=profile.voltage_unit))
@@ -90,6 +96,19 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
         n_cells,
         tuple(notes),
     )
+
+
+def chosen_cells(source: str, cells: str, count: int) -> list[int]:
+    """Return the indices of the cells to take, in order; all of `count` where none is named.
+
+    Raises:
+        ImportFailed: one of them is beyond the last.
+    """
+    spans = parse_cells(cells)
+    if spans and (most := max(last for _, last in spans)) > count:
+        raise ImportFailed(source, Message("no-such-cell-column", cell=most, count=count))
+    taken = {index for first, last in spans for index in range(first - 1, last)}
+    return sorted(taken) if spans else list(range(count))
 
 
 def _spread(sensors: FloatArray, n_cells: int, notes: list[str]) -> FloatArray:

@@ -4,8 +4,9 @@ import gzip
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
@@ -175,51 +176,56 @@ def _data_frame(message: Any) -> Iterator[Frame]:
         yield float(message.timestamp), message.arbitration_id | extended, bytes(message.data)
 
 
-def signal_table(path: Path, dbc: Path, profile: ImportProfile) -> Table:
-    """Return the profile's signals at every frame that carries the current; others as last received.
+class LogSignals(NamedTuple):
+    """What a log's frames tell by a DBC."""
+
+    source: str
+    found: dict[str, tuple[list[float], list[float]]]  # times [s] and values by name
+    notes: tuple[str, ...]  # what could not be read
+
+    def table(self, profile: ImportProfile) -> Table:
+        """Return the profile's signals at every frame that carries the current; others as last received.
+
+        Raises:
+            ImportFailed: too little is named, or a signal is in none of the frames.
+        """
+        profile.check_complete()
+        times_s, current = _signal(self.source, "current", profile.current, self.found)
+        columns: dict[str, FloatArray] = {"time": times_s, profile.current: current}
+        indexed = {name.partition("[")[0] for name in (profile.voltages, profile.temperatures) if "[" in name}
+        for name, (at_s, values) in self.found.items():
+            is_wanted = (
+                name == profile.soc
+                or matching(profile.voltages, [name])
+                or matching(profile.temperatures, [name])
+                or name.partition("[")[0] in indexed
+            )
+            if is_wanted and name not in columns:
+                columns[name] = _held(times_s, *_in_order(at_s, values), profile.hold_s)
+        return Table(self.source, columns, notes=self.notes)
+
+
+def read_signals(path: Path, dbc: Path, most: int | None = None) -> LogSignals:
+    """Return the signals in a log's frames; of the first `most` frames where it is given.
 
     Raises:
         ExtraMissing: cantools is not installed.
-        ImportFailed: the log or the DBC cannot be read, or a signal is in none of the frames.
+        ImportFailed: the log or the DBC cannot be read.
     """
-    profile.check_complete()
-    source = path.name
     unread, undecoded = BadRows(), BadRows("frames of the DBC")
-    signals = _signals(read_frames(path, unread), source, dbc, bad=undecoded)
-    times_s, current = _signal(source, "current", profile.current, signals)
-    columns: dict[str, FloatArray] = {"time": times_s, profile.current: current}
-    indexed = {name.partition("[")[0] for name in (profile.voltages, profile.temperatures) if "[" in name}
-    for name, (at_s, values) in signals.items():
-        is_wanted = (
-            name == profile.soc
-            or matching(profile.voltages, [name])
-            or matching(profile.temperatures, [name])
-            or name.partition("[")[0] in indexed
-        )
-        if is_wanted and name not in columns:
-            columns[name] = _held(times_s, *_in_order(at_s, values), profile.hold_s)
-    decoded = max((len(times) for times, _ in signals.values()), default=0)
-    return Table(source, columns, notes=(*unread.notes(decoded), *undecoded.notes(decoded)))
+    found = _signals(islice(read_frames(path, unread), most), path.name, dbc, bad=undecoded)
+    decoded = max((len(times) for times, _ in found.values()), default=0)
+    return LogSignals(path.name, found, (*unread.notes(decoded), *undecoded.notes(decoded)))
 
 
 def column_profile(profile: ImportProfile) -> dict[str, object]:
-    """What differs in the profile of a table that `signal_table` made: a time column, patterns for indexed signals."""
+    """What differs in the profile of a table of `LogSignals`: a time column, patterns for indexed signals."""
     changed: dict[str, object] = {"time": "time", "time_unit": "s"}
     for field in ("voltages", "temperatures"):
         name, bracket, _ = getattr(profile, field).partition("[")
         if bracket:
             changed[field] = name + "[{n}]"
     return changed
-
-
-def signal_names(path: Path, dbc: Path) -> list[str]:
-    """Return the signals that a log's frames carry by a DBC.
-
-    Raises:
-        ExtraMissing: cantools is not installed.
-        ImportFailed: the log or the DBC cannot be read.
-    """
-    return sorted(_signals(read_frames(path), path.name, dbc))
 
 
 def one_signal(frames: Iterable[Frame], source: str, dbc: Path, name: str) -> tuple[FloatArray, FloatArray]:

@@ -8,25 +8,18 @@ another signal of the same message tells is `CellVoltage[CellID]`.
 import json
 import re
 import tomllib
-from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
-import numpy as np
-
 from app.errors import ImportFailed
-from app.estimation.arrays import FloatArray
-from app.sources.recordings.quantities import UNITS, candidates, sounds_like, unit_of
-from app.sources.recordings.table import Table, matching
+from app.sources.recordings.quantities import UNITS
 from app.sources.whole_file import replace_file
 from app.words import Message
 
 EXPORT_TIMES = ("time_s", "elapsed_s", "uptime_s")  # the first columns of a table that is exported
 EXPORT_STAMP = "time"  # and its last, a UTC time stamp to the microsecond; earlier tables have none
-SOC_IN_PERCENT, KELVIN_FROM, MILLIVOLTS_FROM = 1.5, 200.0, 500.0  # medians beyond them
-ONE_CELL_BELOW_V, USUAL_CELL_V = 10.0, 3.7  # a higher voltage is that of so many cells in series
-SIGN_EVIDENCE = 0.4  # correlation of the steps of voltage and current
+LONGEST_S = 7 * 86_400.0  # how long a recording may be
+_CELLS = re.compile(r"(\d{1,4})(?:-(\d{1,4}))?", re.ASCII)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._-]{0,59}")
 
 
@@ -41,6 +34,7 @@ class ImportProfile:
     charge_positive: bool = False  # the file counts charging current as positive
     voltages: str = ""
     voltage_unit: str = "V"
+    cells: str = ""  # of the columns that fit, which are cells to take: "1-12,14"; empty: all
     cells_in_series: float = 1.0  # that one voltage column is measured over: each of them takes its share
     temperatures: str = ""
     temperature_unit: str = "degC"
@@ -65,6 +59,7 @@ class ImportProfile:
             if not (1.0 if name == "cells_in_series" else 0.0) <= getattr(self, name) <= limit:
                 value = str(getattr(self, name))
                 raise ImportFailed("profile", Message("beyond-range", field=name, value=value, limit=limit))
+        parse_cells(self.cells)
 
     def check_complete(self) -> None:
         """Refuse a profile that names too little.
@@ -75,6 +70,22 @@ class ImportProfile:
         for name in ("current", "voltages"):
             if not getattr(self, name):
                 raise ImportFailed("profile", Message("not-named", field=name))
+
+
+def parse_cells(text: str) -> list[tuple[int, int]]:
+    """Return the first and last number, from 1, of each span in a text like `1-12, 14`.
+
+    Raises:
+        ImportFailed: it is something else.
+    """
+    spans = []
+    for part in "".join(text.split()).split(",") if text.strip() else []:
+        found = _CELLS.fullmatch(part)
+        first, last = (int(found[1]), int(found[2] or found[1])) if found is not None else (0, 0)
+        if not 1 <= first <= last:
+            raise ImportFailed("profile", Message("no-cell-numbers", value=repr(text[:60])))
+        spans.append((first, last))
+    return spans
 
 
 def parse_profile(text: str, source: str = "profile") -> ImportProfile:
@@ -109,120 +120,6 @@ def profile_text(profile: ImportProfile) -> str:
     """Return the profile as TOML."""
     text = "".join(f"{name} = {json.dumps(value, ensure_ascii=False)}\n" for name, value in asdict(profile).items())
     return text.replace("\x7f", "\\u007f")  # TOML has no bare DEL
-
-
-def guess(table: Table) -> ImportProfile:
-    """Return the profile that the names and numbers suggest; what is not clear is left empty."""
-    names = list(table.columns)
-    if tuple(names[: len(EXPORT_TIMES)]) == EXPORT_TIMES:
-        return _of_export(names)
-    groups: dict[str, list[str]] = defaultdict(list)
-    for name in names:
-        if re.search(r"\d", name):
-            groups[re.sub(r"\d+", "#", name)].append(name)
-    profile = ImportProfile()
-    many = sorted((each for each in groups.values() if len(each) > 1), key=lambda each: -len(each))
-    for members in many:
-        pattern = _pattern(members)
-        if not pattern:
-            continue
-        values = np.concatenate([table.columns[name] for name in members])
-        median = _median(values[values != 0.0])
-        if not profile.temperatures and sounds_like(members[0], "temperature") and -60 < median < 400:
-            unit = unit_of(members[0], "temperature") or ("K" if median > KELVIN_FROM else "degC")
-            profile = replace(profile, temperatures=pattern, temperature_unit=unit)
-        elif not profile.voltages and sounds_like(members[0], "voltage") and (unit := _voltage_unit(median)):
-            profile = replace(profile, voltages=pattern, voltage_unit=unit)
-    grouped = {name for pattern in (profile.voltages, profile.temperatures) for name in matching(pattern, names)}
-    columns = {name: values for name, values in table.columns.items() if name not in grouped}
-    best: dict[str, tuple[str, str | None]] = {}
-    for quantity in UNITS:
-        found = candidates(quantity, columns)
-        is_clear = quantity != "voltage" or not found[1:] or found[0].is_plain or found[1].score < found[0].score
-        best[quantity] = (found[0].name, found[0].unit) if found and is_clear else ("", None)
-        columns.pop(best[quantity][0], None)
-    soc, soc_unit = best["soc"]
-    if soc:
-        soc_unit = soc_unit or ("percent" if _median(table.columns[soc]) > SOC_IN_PERCENT else "fraction")
-        profile = replace(profile, soc=soc, soc_unit=soc_unit)
-    if not profile.voltages and best["voltage"][0]:
-        profile = _of_one_cell(table, profile, best)
-    (time, time_unit), (current, current_unit) = best["time"], best["current"]
-    profile = replace(profile, time=time, time_unit=time_unit or "s", current=current, current_unit=current_unit or "A")
-    return replace(profile, charge_positive=_charges_positive(table, profile))
-
-
-def _of_one_cell(table: Table, profile: ImportProfile, best: Mapping[str, tuple[str, str | None]]) -> ImportProfile:
-    """The profile of a test of one cell, or of a log that has the voltage of all cells together."""
-    (voltage, unit), (temperature, degrees) = best["voltage"], best["temperature"]
-    median = _median(table.columns[voltage])
-    unit = unit or ("mV" if median > MILLIVOLTS_FROM else "V")
-    median *= UNITS["voltage"][unit][0]
-    in_series = 1.0 if median < ONE_CELL_BELOW_V else float(max(1, round(median / USUAL_CELL_V)))
-    if temperature and not profile.temperatures:
-        degrees = degrees or ("K" if _median(table.columns[temperature]) > KELVIN_FROM else "degC")
-        profile = replace(profile, temperatures=temperature, temperature_unit=degrees)
-    return replace(profile, voltages=voltage, voltage_unit=unit, cells_in_series=in_series)
-
-
-def _charges_positive(table: Table, profile: ImportProfile) -> bool:
-    """Whether the voltage rises with the current, from row to row or along a charge: then charging is positive."""
-    if not profile.current or not profile.voltages:
-        return False
-    voltages = table.matrix("voltages", profile.voltages)
-    columns = np.column_stack([table.column("current", profile.current), voltages.sum(axis=1)])
-    columns = columns[np.isfinite(columns).all(axis=1)]
-    steps = np.diff(columns, axis=0)
-    together = _alike(steps[:, 0], steps[:, 1])
-    if abs(together) < SIGN_EVIDENCE:
-        together = _alike(columns[1:, 0], steps[:, 1])
-    return together > SIGN_EVIDENCE
-
-
-def _alike(one: FloatArray, other: FloatArray) -> float:
-    """How far two (n,) arrays are each other's multiple, -1..1; 0 where one has nothing in it."""
-    size = float(np.linalg.norm(one) * np.linalg.norm(other))
-    return float(one @ other) / size if size > 0.0 else 0.0
-
-
-def _of_export(names: list[str]) -> ImportProfile:
-    """The profile of a table that `voltwall export` wrote."""
-
-    def first(*wanted: str) -> str:
-        return next((name for name in wanted if matching(name, names)), "")
-
-    return ImportProfile(
-        time=first(EXPORT_STAMP, EXPORT_TIMES[0]),
-        current=first("i_fs (A)", "i_fc (A)", "i_fs", "i_fc"),
-        voltages=first("v[{n}] (V)", "v_{n}", "pack{p}_cell{n}_v", "v_{n} (V)", "pack{p}_cell{n}_v (V)"),
-        temperatures=first("t[{n}] (degC)", "t_{n}", "pack{p}_cell{n}_t", "t_{n} (degC)", "pack{p}_cell{n}_t (degC)"),
-        soc=first("soc"),
-        soc_unit="fraction",
-    )
-
-
-def _pattern(names: list[str]) -> str:
-    """The pattern of names that differ in their numbers only; "" where more than two of the numbers differ."""
-    parts = [re.split(r"(\d+)", name) for name in names]
-    places = list(range(1, len(parts[0]), 2))
-    if len(places) > 2:  # `Cell 7 (0.1mV)`: what is the same in all of them stands as it is
-        places = [i for i in places if len({each[i] for each in parts}) > 1]
-    if len(places) > 2:
-        return ""
-    marks = dict(zip(places, ("{p}", "{n}")[-len(places) :], strict=True))
-    return "".join(marks.get(i, part) for i, part in enumerate(parts[0]))
-
-
-def _voltage_unit(median: float) -> str:
-    for unit, low in (("V", 1.5), ("mV", 1500.0), ("0.1mV", 15000.0)):
-        if low < median < low * 10 / 3:
-            return unit
-    return ""
-
-
-def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
 
 
 class ProfileStore:

@@ -120,6 +120,18 @@ def load_table(path: Path) -> Table:
     return Table(source, dict(zip(names, columns, strict=True)), header is not None, tuple(notes))
 
 
+def read_table(path: Path) -> Table:
+    """Return a CSV or Parquet file's table.
+
+    Raises:
+        ImportFailed: there is no table in it.
+    """
+    try:
+        return load_table(path)
+    except TableUnreadable as error:
+        raise ImportFailed(path.name, error.reason) from error
+
+
 def _unpacked(path: Path, packed: int) -> bytes:
     """What is in a gzip file, as long as it is not out of all proportion."""
     limit = min(UNPACKED_BYTES, max(_ALWAYS_BYTES, UNPACKED_RATIO * packed))

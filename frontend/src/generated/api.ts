@@ -378,6 +378,13 @@ export interface CellChange {
   resistance_b_ohm: number;
 }
 
+/** A column that fits the pattern of the voltages. */
+export interface CellColumn {
+  name: string;
+  median_v: number | null;
+  is_taken: boolean;
+}
+
 /** What is wrong with one cell: how much, since when, on which evidence, and how sure that is. */
 export interface CellFinding {
   code:
@@ -520,6 +527,12 @@ export interface ClockRate {
   rate: number;
   doubt: number;
   latest_s: number;
+}
+
+/** A column of a table, or a signal, with its first values. */
+export interface Column {
+  name: string;
+  samples: (number | null)[];
 }
 
 /** The names of the commands, and why some would be refused now. */
@@ -1019,6 +1032,7 @@ export interface ImportProfile {
   charge_positive: boolean;
   voltages: string;
   voltage_unit: string;
+  cells: string;
   cells_in_series: number;
   temperatures: string;
   temperature_unit: string;
@@ -1495,6 +1509,16 @@ export interface Prediction {
   to_trip_condition_words: Words | null;
   energy_condition_words: Words | null;
   laps_condition_words: Words | null;
+}
+
+/** What is in an upload, and what the profile makes of it; `understood` is null where `error` says why. */
+export interface Preview {
+  profile: ImportProfile;
+  columns: Column[];
+  cells: CellColumn[];
+  understood: Understood | null;
+  error: string | null;
+  error_words: Words | null;
 }
 
 /** An RFC 9457 problem document; what else it carries depends on its type. */
@@ -2232,6 +2256,19 @@ export interface Trip {
   low_s: number | null;
   high_s: number | null;
   cell: number | null;
+}
+
+/** The first rows in our units, current positive on discharge; `soc` and temperatures empty where not told. */
+export interface Understood {
+  rows: number;
+  length_s: number;
+  started_unix_s: number | null;
+  time_s: (number | null)[];
+  current_a: (number | null)[];
+  soc: (number | null)[];
+  voltages_v: ((number | null)[])[];
+  temperatures_degc: ((number | null)[])[];
+  notes: string[];
 }
 
 /** Seconds without the cable. */

@@ -46,6 +46,7 @@ WRITES = [
     ("POST", "/fetch"),
     ("POST", "/imports"),
     ("POST", "/imports/x"),
+    ("POST", "/imports/x/preview"),
     ("POST", "/sessions/x/markers"),
     ("DELETE", "/sessions/x"),
     ("POST", "/replay"),

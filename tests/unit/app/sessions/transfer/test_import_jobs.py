@@ -102,3 +102,14 @@ def test_one_import_at_a_time(jobs, monkeypatch):
     assert jobs.is_noted.wait(30)
     with pytest.raises(ImportFailed):  # taken over, so it is gone
         jobs.start(number, PROFILE, dbc=None, name="")
+
+
+def test_an_upload_is_looked_at_before_it_is_imported(jobs):
+    number, path = jobs.new_path("theirs.csv")
+    path.write_text(TABLE)
+    jobs.inspect(number, path)
+    found = jobs.preview(number, PROFILE, ["voltage"], dbc=None)
+    assert (found.understood.rows, len(found.cells), found.profile) == (5, 2, PROFILE)
+    assert jobs.state is None
+    with pytest.raises(ImportFailed, match="no such upload"):
+        jobs.preview(number, PROFILE, [], dbc=99)

@@ -16,9 +16,11 @@ from app.live.pipeline_factory import PipelineFactory
 from app.sessions.export import export
 from app.sessions.export.names import Names
 from app.sessions.reading.reader import SessionFile
-from app.sessions.transfer.import_session import import_file, read_table
+from app.sessions.transfer.import_session import import_file
 from app.sources.loaded_battery import LoadedBattery
-from app.sources.recordings.profile import ImportProfile, guess
+from app.sources.recordings.guess import guess
+from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.table import read_table
 
 START_S = 1_780_000_000.0
 N = 40

@@ -1,5 +1,7 @@
 """A table and a profile make a recording in our units; what was left out, sorted or spread is said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -164,3 +166,16 @@ def test_a_column_that_is_missing_is_named_with_those_there_are(change, reason):
         battery_log(table(), ImportProfile(**({"time": "t", "current": "I", "voltages": "V{n}"} | change)))
     assert reason in str(refused.value)
     assert "'t', 'I', 'V1', 'V2'" in str(refused.value)
+
+
+def test_chosen_cells_are_taken_with_their_temperatures():
+    columns = {f"{kind}{n}": np.full(4, base + n) for kind, base in (("V", 3.0), ("T", 20.0)) for n in (1, 2, 3)}
+    columns = {name: values * 0.5 if name[0] == "V" else values for name, values in columns.items()}
+    given = replace(PROFILE, temperatures="T{n}", cells="3, 1-1")
+    log = battery_log(table(**columns), given)
+    assert log.n_cells == 2
+    np.testing.assert_allclose(log.voltages_v[0], [2.0, 3.0])
+    np.testing.assert_allclose(log.temperatures_degc[0], [21.0, 23.0])
+    assert log.notes == ("2 of 3 cells are taken: 3, 1-1",)
+    with pytest.raises(ImportFailed, match="no cell 4; 3 columns"):
+        battery_log(table(**columns), replace(given, cells="2-4"))

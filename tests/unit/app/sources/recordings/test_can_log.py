@@ -7,7 +7,7 @@ import pytest
 
 from app.errors import ImportFailed
 from app.sources.recordings.bad_rows import BadRows
-from app.sources.recordings.can_log import column_profile, one_signal, read_frames, signal_names, signal_table
+from app.sources.recordings.can_log import column_profile, one_signal, read_frames, read_signals
 from app.sources.recordings.profile import ImportProfile
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
@@ -75,7 +75,7 @@ def test_remote_and_error_frames_carry_nothing(tmp_path: Path) -> None:
 
 
 def test_a_row_is_a_frame_with_the_current_and_others_are_held(log: Path, dbc: Path) -> None:
-    table = signal_table(log, dbc, PROFILE)
+    table = read_signals(log, dbc).table(PROFILE)
     assert table.columns["time"] == pytest.approx(START_S + np.arange(5) / 2)
     assert table.columns["PackCurrent"] == pytest.approx([12.3, -1, -2, -3, -4])
     first, second = table.columns["CellVoltage[0]"], table.columns["CellVoltage[1]"]
@@ -89,7 +89,7 @@ def test_the_profile_of_such_a_table_has_a_time_and_patterns() -> None:
 
 
 def test_a_name_of_two_messages_needs_its_message(log: Path, dbc: Path) -> None:
-    names = signal_names(log, dbc)
+    names = sorted(read_signals(log, dbc).found)
     assert {"Pack.Level", "Temps.Level", "PackCurrent", "Pack.PackCurrent", "CellVoltage[1]"} <= set(names)
     assert "Level" not in names
 
@@ -104,13 +104,13 @@ def test_one_signal_is_read_out_of_frames(log: Path, dbc: Path) -> None:
 
 def test_a_current_that_is_in_no_frame_is_named(log: Path, dbc: Path) -> None:
     with pytest.raises(ImportFailed, match="current = 'Amps'"):
-        signal_table(log, dbc, ImportProfile(current="Amps", voltages="CellVoltage[CellID]"))
+        read_signals(log, dbc).table(ImportProfile(current="Amps", voltages="CellVoltage[CellID]"))
 
 
 def test_what_is_no_dbc_or_no_log_is_named(tmp_path: Path, log: Path) -> None:
     (tmp_path / "other.dbc").write_text("hello")
     with pytest.raises(ImportFailed, match=r"other\.dbc: not a readable DBC"):
-        signal_names(log, tmp_path / "other.dbc")
+        sorted(read_signals(log, tmp_path / "other.dbc").found)
     (tmp_path / "bad.log").write_text("hello there you\n")
     with pytest.raises(ImportFailed, match=r"bad\.log: 1 of 1 frames cannot be read"):
         list(read_frames(tmp_path / "bad.log"))
@@ -125,7 +125,7 @@ def test_frames_that_a_log_tells_late_count_at_their_own_time(tmp_path: Path, db
         "(2.5) can0 100#1400",
     ]
     (tmp_path / "late.log").write_text("\n".join(frames) + "\n")
-    table = signal_table(tmp_path / "late.log", dbc, PROFILE)
+    table = read_signals(tmp_path / "late.log", dbc).table(PROFILE)
     np.testing.assert_array_equal(table.columns["time"], [1.0, 2.5, 3.5])
     np.testing.assert_allclose(table.columns["PackCurrent"], [1.0, 2.0, 3.0])
     np.testing.assert_allclose(table.columns["CellVoltage[0]"], [np.nan, 3.6, 4.3160])
@@ -133,7 +133,7 @@ def test_frames_that_a_log_tells_late_count_at_their_own_time(tmp_path: Path, db
 
 def test_the_columns_of_a_log_are_those_of_its_frames_not_of_the_dbc(tmp_path: Path, dbc: Path) -> None:
     (tmp_path / "part.log").write_text("(1.0) can0 100#0A00\n(1.1) can0 7FF#00\n")
-    assert signal_names(tmp_path / "part.log", dbc) == ["Pack.PackCurrent", "PackCurrent"]
+    assert sorted(read_signals(tmp_path / "part.log", dbc).found) == ["Pack.PackCurrent", "PackCurrent"]
 
 
 def test_a_bad_line_or_frame_does_not_end_a_log(tmp_path: Path, dbc: Path) -> None:
@@ -145,7 +145,7 @@ def test_a_bad_line_or_frame_does_not_end_a_log(tmp_path: Path, dbc: Path) -> No
     assert len(list(read_frames(tmp_path / "bad.log", bad))) == 38
     assert [line for line, _ in bad.first] == [8, 10]
     profile = ImportProfile(current="PackCurrent", voltages="Level")
-    table = signal_table(tmp_path / "bad.log", dbc, profile)
+    table = read_signals(tmp_path / "bad.log", dbc).table(profile)
     assert len(table.columns["time"]) == 38
     assert any("2 of 40 frames cannot be read" in note and "line 8" in note for note in table.notes)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.errors import ImportFailed
-from app.sources.recordings.can_log import column_profile, one_signal, read_frames, signal_names, signal_table
+from app.sources.recordings.can_log import column_profile, one_signal, read_frames, read_signals
 from app.sources.recordings.profile import ImportProfile
 
 DBC = """\
@@ -66,14 +66,14 @@ def test_frames_come_in_order_with_their_format(files, ending):
 @pytest.mark.parametrize(("gap_s", "is_held"), [(0.99, True), (1.01, False)])
 def test_a_signal_counts_as_long_as_it_is_held(files, gap_s, is_held):
     log, dbc = files
-    table = signal_table(log(cell(0, 0, 3.6), pack(gap_s, 1.0)), dbc, PROFILE)
+    table = read_signals(log(cell(0, 0, 3.6), pack(gap_s, 1.0)), dbc).table(PROFILE)
     assert np.isfinite(table.columns["Voltage[0]"][0]) == is_held
 
 
 def test_each_cell_has_a_column_by_the_index_in_its_message(files):
     log, dbc = files
     frames = [cell(n / 100, n, 3.6 + n / 100) for n in range(12)]
-    table = signal_table(log(*frames, pack(0.5, 0.0)), dbc, PROFILE)
+    table = read_signals(log(*frames, pack(0.5, 0.0)), dbc).table(PROFILE)
     assert [round(table.columns[f"Voltage[{n}]"][0], 3) for n in range(12)] == [
         round(3.6 + n / 100, 3) for n in range(12)
     ]
@@ -99,7 +99,7 @@ def test_a_log_without_a_message_of_the_dbc_is_refused(files):
     log, dbc = files
     path = log((0, 0x7FF, b"\1"), (0.1, 256 | 1 << 31, bytes(4)))
     with pytest.raises(ImportFailed, match=r"drive\.log: none of its frames is in bus\.dbc"):
-        signal_names(path, dbc)
+        sorted(read_signals(path, dbc).found)
     with pytest.raises(ImportFailed, match="none of its frames with a signal Current is in"):
         one_signal(read_frames(path), "drive.log", dbc, "Current")
 
@@ -121,4 +121,4 @@ def test_files_that_are_something_else_are_refused_by_name(files, tmp_path):
         list(read_frames(tmp_path / "none.log"))
     (tmp_path / "no.dbc").write_text("BO_ 1 two words: x", encoding="utf-8")
     with pytest.raises(ImportFailed, match=r"no\.dbc: not a readable DBC"):
-        signal_names(log(pack(0, 1.0)), tmp_path / "no.dbc")
+        sorted(read_signals(log(pack(0, 1.0)), tmp_path / "no.dbc").found)

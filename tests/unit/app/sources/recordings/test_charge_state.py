@@ -4,7 +4,7 @@ import pytest
 from app.sources.recordings.battery_log import battery_log
 from app.sources.recordings.charge_state import signed, state_of, tells_state
 from app.sources.recordings.dataset import load_recording
-from app.sources.recordings.profile import guess
+from app.sources.recordings.guess import guess
 from app.sources.recordings.table import load_table
 
 MACCOR = "Rec#\tTestTime\tAmps\tVolts\tState\n" + "".join(

@@ -7,7 +7,7 @@ import pytest
 
 from app.sources.recordings.battery_log import battery_log
 from app.sources.recordings.dataset import load_recording
-from app.sources.recordings.profile import guess
+from app.sources.recordings.guess import guess
 from app.sources.recordings.table import load_table
 
 FOREIGN = Path(__file__).parent / "foreign"

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.sources.recordings.csv_table import TableUnreadable
-from app.sources.recordings.profile import guess
+from app.sources.recordings.guess import guess
 from app.sources.recordings.signal_files import read_signals
 from app.sources.recordings.table import load_table
 from tests.campaign import examples

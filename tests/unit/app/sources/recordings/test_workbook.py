@@ -6,7 +6,7 @@ import pytest
 
 from app.sources.recordings.battery_log import battery_log
 from app.sources.recordings.csv_table import TableUnreadable
-from app.sources.recordings.profile import guess
+from app.sources.recordings.guess import guess
 from app.sources.recordings.table import load_table
 
 SPREADSHEET = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"

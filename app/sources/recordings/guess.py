@@ -1,0 +1,174 @@
+"""Which columns of a table are what, by their names and numbers: a profile to begin with."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from app.estimation.arrays import FloatArray
+from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES, LONGEST_S, ImportProfile
+from app.sources.recordings.quantities import UNITS, candidates, sounds_like, unit_of
+from app.sources.recordings.table import Table, matching
+
+SOC_IN_PERCENT, KELVIN_FROM, MILLIVOLTS_FROM = 1.5, 200.0, 500.0  # medians beyond them
+ONE_CELL_BELOW_V, USUAL_CELL_V = 10.0, 3.7  # a higher voltage is that of so many cells in series
+MILLIAMPS_FROM = 5000.0  # no battery that we know has so many amperes
+LATEST_UNIX_S = 4_102_444_800.0  # 2100
+FIELD_OF_QUANTITY = {
+    "time": "time",
+    "current": "current",
+    "voltage": "voltages",
+    "temperature": "temperatures",
+    "soc": "soc",
+}
+SIGN_EVIDENCE = 0.4  # correlation of the steps of voltage and current
+
+
+def guess(table: Table) -> ImportProfile:
+    """Return the profile that the names and numbers suggest; what is not clear is left empty."""
+    names = list(table.columns)
+    if tuple(names[: len(EXPORT_TIMES)]) == EXPORT_TIMES:
+        return _of_export(names)
+    groups: dict[str, list[str]] = defaultdict(list)
+    for name in names:
+        if re.search(r"\d", name):
+            groups[re.sub(r"\d+", "#", name)].append(name)
+    profile = ImportProfile()
+    many = sorted((each for each in groups.values() if len(each) > 1), key=lambda each: -len(each))
+    for members in many:
+        pattern = _pattern(members)
+        if not pattern:
+            continue
+        values = np.concatenate([table.columns[name] for name in members])
+        median = _median(values[values != 0.0])
+        if not profile.temperatures and sounds_like(members[0], "temperature") and -60 < median < 400:
+            profile = replace(profile, temperatures=pattern)
+        elif not profile.voltages and sounds_like(members[0], "voltage") and _voltage_unit(median):
+            profile = replace(profile, voltages=pattern)
+    grouped = {name for pattern in (profile.voltages, profile.temperatures) for name in matching(pattern, names)}
+    columns = {name: values for name, values in table.columns.items() if name not in grouped}
+    best: dict[str, str] = {}
+    for quantity in UNITS:
+        found = candidates(quantity, columns)
+        is_clear = quantity != "voltage" or not found[1:] or found[0].is_plain or found[1].score < found[0].score
+        best[quantity] = found[0].name if found and is_clear else ""
+        columns.pop(best[quantity], None)
+    profile = replace(profile, time=best["time"], current=best["current"], soc=best["soc"])
+    if not profile.voltages and best["voltage"]:
+        profile = replace(profile, voltages=best["voltage"], temperatures=profile.temperatures or best["temperature"])
+    profile = with_units(profile, table, UNITS)
+    if profile.voltages == best["voltage"] != "":
+        volts = _median(table.columns[profile.voltages]) * UNITS["voltage"][profile.voltage_unit][0]
+        in_series = 1.0 if volts < ONE_CELL_BELOW_V else float(max(1, round(volts / USUAL_CELL_V)))
+        profile = replace(profile, cells_in_series=in_series)
+    return replace(profile, charge_positive=_charges_positive(table, profile))
+
+
+def with_units(profile: ImportProfile, table: Table, quantities: Iterable[str]) -> ImportProfile:
+    """Return the profile with the units of some quantities as the names of their columns, or else the values, tell."""
+    for quantity in quantities:
+        names = _named(profile, quantity, table)
+        if names:
+            values = np.concatenate([table.columns[name] for name in names])
+            profile = replace(profile, **{f"{quantity}_unit": _unit(quantity, names, values)})  # type: ignore[arg-type]
+    return profile
+
+
+def _named(profile: ImportProfile, quantity: str, table: Table) -> list[str]:
+    """The columns that a profile names for a quantity."""
+    name: str = getattr(profile, FIELD_OF_QUANTITY[quantity])
+    names = list(table.columns)
+    if name in names:
+        return [name]
+    if name.isdigit() and 1 <= int(name) <= len(names):
+        return [names[int(name) - 1]]
+    return matching(name, names) if quantity in ("voltage", "temperature") else []
+
+
+def _unit(quantity: str, names: Sequence[str], values: FloatArray) -> str:
+    said = unit_of(names[0], quantity)
+    median = _median(values[values != 0.0] if len(names) > 1 else values)
+    match quantity:
+        case "voltage":
+            alone = said or ("mV" if median > MILLIVOLTS_FROM else "V")
+            return (_voltage_unit(median) or alone) if len(names) > 1 else alone
+        case "temperature":
+            return said or ("K" if median > KELVIN_FROM else "degC")
+        case "soc":
+            return said or ("percent" if median > SOC_IN_PERCENT else "fraction")
+        case "current":
+            return said or ("mA" if np.any(np.abs(values) > MILLIAMPS_FROM) else "A")
+        case _:
+            return said or _time_unit(values)
+
+
+def _time_unit(values: FloatArray) -> str:
+    """The coarsest of s, ms and us in which the times are before 2100, and span no longer than a recording."""
+    known = values[np.isfinite(values)]
+    for unit in ("s", "ms", "us") if len(known) else ():
+        seconds = known * UNITS["time"][unit][0]
+        if np.max(seconds) < LATEST_UNIX_S and np.ptp(seconds) <= LONGEST_S:
+            return unit
+    return "s"
+
+
+def _charges_positive(table: Table, profile: ImportProfile) -> bool:
+    """Whether the voltage rises with the current, from row to row or along a charge: then charging is positive."""
+    if not profile.current or not profile.voltages:
+        return False
+    voltages = table.matrix("voltages", profile.voltages)
+    columns = np.column_stack([table.column("current", profile.current), voltages.sum(axis=1)])
+    columns = columns[np.isfinite(columns).all(axis=1)]
+    steps = np.diff(columns, axis=0)
+    together = _alike(steps[:, 0], steps[:, 1])
+    if abs(together) < SIGN_EVIDENCE:
+        together = _alike(columns[1:, 0], steps[:, 1])
+    return together > SIGN_EVIDENCE
+
+
+def _alike(one: FloatArray, other: FloatArray) -> float:
+    """How far two (n,) arrays are each other's multiple, -1..1; 0 where one has nothing in it."""
+    size = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return float(one @ other) / size if size > 0.0 else 0.0
+
+
+def _of_export(names: list[str]) -> ImportProfile:
+    """The profile of a table that `voltwall export` wrote."""
+
+    def first(*wanted: str) -> str:
+        return next((name for name in wanted if matching(name, names)), "")
+
+    return ImportProfile(
+        time=first(EXPORT_STAMP, EXPORT_TIMES[0]),
+        current=first("i_fs (A)", "i_fc (A)", "i_fs", "i_fc"),
+        voltages=first("v[{n}] (V)", "v_{n}", "pack{p}_cell{n}_v", "v_{n} (V)", "pack{p}_cell{n}_v (V)"),
+        temperatures=first("t[{n}] (degC)", "t_{n}", "pack{p}_cell{n}_t", "t_{n} (degC)", "pack{p}_cell{n}_t (degC)"),
+        soc=first("soc"),
+        soc_unit="fraction",
+    )
+
+
+def _pattern(names: list[str]) -> str:
+    """The pattern of names that differ in their numbers only; "" where more than two of the numbers differ."""
+    parts = [re.split(r"(\d+)", name) for name in names]
+    places = list(range(1, len(parts[0]), 2))
+    if len(places) > 2:  # `Cell 7 (0.1mV)`: what is the same in all of them stands as it is
+        places = [i for i in places if len({each[i] for each in parts}) > 1]
+    if len(places) > 2:
+        return ""
+    marks = dict(zip(places, ("{p}", "{n}")[-len(places) :], strict=True))
+    return "".join(marks.get(i, part) for i, part in enumerate(parts[0]))
+
+
+def _voltage_unit(median: float) -> str:
+    for unit, low in (("V", 1.5), ("mV", 1500.0), ("0.1mV", 15000.0)):
+        if low < median < low * 10 / 3:
+            return unit
+    return ""
+
+
+def _median(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")

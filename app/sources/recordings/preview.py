@@ -1,0 +1,140 @@
+"""The beginning of a recording as it will be understood, before it is imported: columns with samples, first rows."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from app.errors import ImportFailed
+from app.estimation.arrays import FloatArray
+from app.sources.recordings.battery_log import BatteryLog, battery_log, chosen_cells
+from app.sources.recordings.can_log import column_profile, read_signals
+from app.sources.recordings.guess import with_units
+from app.sources.recordings.profile import ImportProfile
+from app.sources.recordings.quantities import in_our_unit
+from app.sources.recordings.table import Table, matching, read_table
+from app.words import Text
+
+ROWS = 6
+SAMPLES = 3
+MOST_FRAMES = 200_000  # of a CAN log, which takes a second for each 50,000
+Numbers = tuple[float | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table, or a signal, with its first values; None where missing."""
+
+    name: str
+    samples: Numbers
+
+
+@dataclass(frozen=True, slots=True)
+class CellColumn:
+    """A column that fits the pattern of the voltages."""
+
+    name: str
+    median_v: float | None
+    is_taken: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Understood:
+    """What the import would make of the file; the first rows in our units, current positive on discharge."""
+
+    rows: int
+    length_s: float
+    started_unix_s: float | None
+    time_s: Numbers
+    current_a: Numbers
+    soc: Numbers  # fraction; empty: not told
+    voltages_v: tuple[Numbers, ...]  # by row, one a cell
+    temperatures_degc: tuple[Numbers, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """What is in a file, and what a profile makes of it."""
+
+    profile: ImportProfile  # with the units that were picked
+    columns: tuple[Column, ...]
+    cells: tuple[CellColumn, ...]
+    understood: Understood | None
+    error: Text | None  # why it is not
+
+
+def preview(path: Path, profile: ImportProfile, pick: Iterable[str], dbc: Path | None = None) -> Preview:
+    """Return what a profile makes of a recording.
+
+    Args:
+        path: a table, or with `dbc` a CAN log, of which the first `MOST_FRAMES` frames are looked at.
+        profile: which columns, or signals, are what.
+        pick: quantities, of `quantities.UNITS`, whose unit is taken from the names and values instead.
+        dbc: what the frames mean.
+
+    Raises:
+        ImportFailed, ExtraMissing: the file cannot be read.
+    """
+    if dbc is None:
+        table = read_table(path)
+        columns = _columns({name: values[:SAMPLES] for name, values in table.columns.items()})
+        return _of_table(table, with_units(profile, table, pick), columns)
+    signals = read_signals(path, dbc, MOST_FRAMES)
+    columns = _columns({name: values[:SAMPLES] for name, (_, values) in sorted(signals.found.items())})
+    try:
+        table = signals.table(profile)
+    except ImportFailed as error:
+        return Preview(profile, columns, (), None, error.reason)
+    inside = replace(profile, **column_profile(profile))  # type: ignore[arg-type]
+    picked = with_units(inside, table, [quantity for quantity in pick if quantity != "time"])
+    own_names = {name: getattr(profile, name) for name in ("time", "time_unit", "voltages", "temperatures")}
+    return replace(_of_table(table, picked, columns), profile=replace(picked, **own_names))
+
+
+def _columns(samples: Mapping[str, Sequence[float] | FloatArray]) -> tuple[Column, ...]:
+    return tuple(Column(name, _numbers(values)) for name, values in samples.items())
+
+
+def _of_table(table: Table, profile: ImportProfile, columns: tuple[Column, ...]) -> Preview:
+    try:
+        understood = _understood(battery_log(table, profile))
+    except ImportFailed as error:
+        return Preview(profile, columns, _cells(table, profile), None, error.reason)
+    return Preview(profile, columns, _cells(table, profile), understood, None)
+
+
+def _cells(table: Table, profile: ImportProfile) -> tuple[CellColumn, ...]:
+    names = [profile.voltages] if profile.voltages in table.columns else matching(profile.voltages, list(table.columns))
+    try:
+        taken = set(chosen_cells(table.source, profile.cells, len(names)))
+    except ImportFailed:
+        taken = set()
+    found = []
+    for index, name in enumerate(names):
+        known = table.columns[name][np.isfinite(table.columns[name])]
+        volts = in_our_unit(known, "voltage", profile.voltage_unit) / profile.cells_in_series
+        found.append(CellColumn(name, float(np.median(volts)) if len(volts) else None, index in taken))
+    return tuple(found)
+
+
+def _understood(log: BatteryLog) -> Understood:
+    def rows(values: FloatArray) -> tuple[Numbers, ...]:
+        return tuple(_numbers(row) for row in values[:ROWS])
+
+    return Understood(
+        rows=len(log.time_s),
+        length_s=float(log.time_s[-1]),
+        started_unix_s=log.started_unix_s,
+        time_s=_numbers(log.time_s[:ROWS]),
+        current_a=_numbers(log.current_a[:ROWS]),
+        soc=() if log.soc is None else _numbers(log.soc[:ROWS]),
+        voltages_v=rows(log.voltages_v),
+        temperatures_degc=rows(log.temperatures_degc) if np.isfinite(log.temperatures_degc).any() else (),
+        notes=log.notes,
+    )
+
+
+def _numbers(values: Sequence[float] | FloatArray) -> Numbers:
+    return tuple(float(value) if np.isfinite(value) else None for value in values)
