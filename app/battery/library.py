@@ -7,6 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from app.battery.by_shape import files_of_shape
 from app.battery.profile import Document, Profile, read_document, understand
 from app.battery.table_reader import ProfileError
 from app.words import Message
@@ -54,9 +55,14 @@ def file_name_of(battery: str) -> str:
 def profile_files(name: str) -> dict[str, bytes]:
     """Return a profile, what it includes and its DBCs, each by the name under which it is named; its own comes first.
 
+    A name like `2x6` is a battery of that shape, whose files are made.
+
     Raises:
         ProfileError: one cannot be read, or two files have the same name.
     """
+    by_shape = files_of_shape(name)
+    if by_shape is not None:
+        return by_shape
     found: dict[str, bytes] = {}
 
     def keep(file: str, key: str, data: bytes) -> None:

@@ -122,7 +122,8 @@ def run(args: argparse.Namespace) -> int:
         chosen = None if is_fixed else load_connections(given.data)
         settings = given if chosen is None else given.model_copy(update=asdict(chosen))
         code, port = serve_once(settings, is_fixed=is_fixed)
-        given = given.model_copy(update={"port": port})  # a free port that was taken stays the same
+        # a free port that was taken stays the same; a scenario may need packs that the next battery does not have
+        given = given.model_copy(update={"port": port, "scenario": None})
     return code
 
 

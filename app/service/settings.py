@@ -39,7 +39,10 @@ class Settings(BaseSettings):
         description="CAN bus: INTERFACE:CHANNEL[?key=value] of python-can, as socketcan:can0, slcan:/dev/ttyACM0; "
         "behind a comma, buses that only witnesses of the battery's profile speak on",
     )
-    battery: str = Field(default=TEAM_PROFILE, description="battery profile (TOML) or the name of a bundled one")
+    battery: str = Field(
+        default=TEAM_PROFILE,
+        description="battery profile (TOML), the name of a bundled one, or a shape as 2x6, to simulate",
+    )
     also: str | None = Field(
         default=None,
         min_length=1,

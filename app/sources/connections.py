@@ -149,10 +149,10 @@ class Setup:
         self.on_choice()
 
     def batteries(self) -> dict[str, LoadedBattery]:
-        """Return bundled and uploaded batteries by what `--battery` takes; those that are wrong are left out."""
+        """Return bundled, uploaded and present batteries by what `--battery` takes, without those that are wrong."""
         uploaded = sorted((self._folder / BATTERIES).glob("*/*.toml"))
         found = {}
-        for name in (*bundled_profiles(), *map(str, uploaded)):
+        for name in (*bundled_profiles(), *map(str, uploaded), self.in_force.battery):
             with contextlib.suppress(Exception):
                 found[name] = load_battery(name)
         return found

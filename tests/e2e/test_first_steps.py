@@ -38,7 +38,7 @@ def test_the_first_page_asks_and_the_choice_takes_effect(fresh_service, open_pag
 def test_a_battery_is_learned_from_its_dbc_and_chosen(fresh_service, open_page):
     bundled = Path(__file__).resolve().parents[2] / "app" / "battery" / "bundled" / "one-signal-a-cell.dbc"
     page = open_page(f"{fresh_service.base_url}/#/setup")
-    expect(page.get_by_role("radio").first).to_be_checked()  # what is chosen has come
+    expect(page.get_by_label("team's own, 96 cells")).to_be_checked()  # what is chosen has come
     page.get_by_test_id("to-learn").click()
     page.get_by_test_id("learn-files").set_input_files(bundled)
     page.get_by_test_id("learn-listen").click()
@@ -56,7 +56,7 @@ def test_a_suggestion_is_corrected_line_by_line_beside_what_a_log_says(fresh_ser
     frames = [f"({t / 1e9:.6f}) can0 {i:03X}#{data.hex().upper()}" for t, i, data in peer.frames(3)]
     (tmp_path / "drive.log").write_text("\n".join(frames) + "\n")
     page = open_page(f"{fresh_service.base_url}/#/setup")
-    expect(page.get_by_role("radio").first).to_be_checked()  # what is chosen has come
+    expect(page.get_by_label("team's own, 96 cells")).to_be_checked()  # what is chosen has come
     page.get_by_test_id("to-learn").click()
     page.get_by_test_id("learn-files").set_input_files(tmp_path / "ams.dbc")
     page.get_by_test_id("learn-log").set_input_files(tmp_path / "drive.log")

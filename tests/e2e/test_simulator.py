@@ -35,6 +35,16 @@ def test_a_fault_comes_into_force_reaches_the_cell_and_is_cleared(service, open_
         assert client.get("/simulator").json()["status"]["active"] == []
 
 
+def assert_other_cells_are_one_command_away(page):
+    page.get_by_test_id("cells-packs").fill("3")
+    page.get_by_test_id("cells-each").fill("201")
+    expect(page.get_by_test_id("number-of-cells")).to_contain_text("1 to 600 cells in all")
+    page.get_by_test_id("cells-each").fill("14")
+    expect(page.get_by_test_id("number-of-cells")).to_contain_text("8 × 12 cells")
+    told = page.get_by_test_id("cells-command").or_(page.get_by_test_id("cells-start"))
+    expect(told).to_contain_text(re.compile("--battery 3x14 --scenario race-day|Start with these cells"))
+
+
 def test_an_alarm_follows_a_lost_slave_all_faults_are_cleared_at_once_and_another_scenario_starts(service, open_page):
     page = open_page(f"{service.base_url}/#/simulator", quiet=False)
     page.get_by_test_id("fault-kind").select_option("lost-slave")
@@ -46,6 +56,7 @@ def test_an_alarm_follows_a_lost_slave_all_faults_are_cleared_at_once_and_anothe
     page.get_by_test_id("clear-all").click()
     expect(page.get_by_test_id("fault-lost-slave")).to_have_count(0)
 
+    assert_other_cells_are_one_command_away(page)
     page.get_by_role("button", name=re.compile("^Start.* skid-pad$")).click()
     page.get_by_role("dialog").get_by_role("button", name="Start", exact=True).click()
     expect(page.get_by_test_id("simulator-scenario")).to_have_text("skid-pad")

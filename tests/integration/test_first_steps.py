@@ -6,13 +6,13 @@ from tests.service_process import Service, until
 
 
 def test_a_choice_takes_effect_and_stays(tmp_path):
-    service = Service(tmp_path, []).start()
+    service = Service(tmp_path, ["--scenario", "dying-cell"]).start()
     try:
-        with service.client() as client:
+        with service.client() as client:  # its cell is in pack 6, which the next battery does not have
             first = client.get("/setup").json()
             assert first["needed"]
             assert client.get("/battery").json()["name"] == "team's own, 96 cells"
-            answer = client.put("/setup", json={"battery": "one-signal-a-cell"})
+            answer = client.put("/setup", json={"battery": "5x18"})
             assert answer.status_code == 202, answer.text
 
             def is_again() -> bool:
@@ -27,6 +27,7 @@ def test_a_choice_takes_effect_and_stays(tmp_path):
             refused = client.put("/setup", json={"battery": "one-signal-a-cell", "serial": "COM6"})
             assert refused.status_code == 422
         service.stop()
+        service.arguments = []
         service.start()
         with service.client() as client:
             assert sum(client.get("/battery").json()["segments"]) == 90

@@ -21,7 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The simulator's own, and the battery."""
     add_simulator_arguments(parser)
     parser.add_argument(
-        "--battery", metavar="NAME|FILE", help="a battery by its profile, on CAN by its DBC (default: the team's own)"
+        "--battery",
+        metavar="NAME|FILE",
+        help="a battery by its profile, or packs x cells in each as 2x6, on CAN by its DBC (default: the team's own)",
     )
 
 

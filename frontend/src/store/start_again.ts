@@ -1,0 +1,25 @@
+// Another choice of what is read: the service starts again with it, and so does this page.
+
+import { call, get, Problem } from '../link/rest';
+import type { Setup } from '../link/types';
+
+const AGAIN_MS = 500;
+
+/** Choose, wait until the service has started again, and open a page of it. */
+export async function startAgain(
+  choice: { battery: string; serial: string | null; can: string | null },
+  page: string,
+): Promise<void> {
+  const before = await call<Setup>('setup', { method: 'PUT', body: choice });
+  let now = before;
+  while (now.instance === before.instance) {
+    await new Promise((go) => setTimeout(go, AGAIN_MS));
+    try {
+      now = await get<Setup>('setup');
+    } catch (error) {
+      if (!(error instanceof Problem)) throw error; // it is starting
+    }
+  }
+  location.hash = page;
+  location.reload();
+}

@@ -1,0 +1,31 @@
+"""A battery by its shape: what is made for the name, and what is no such name."""
+
+import pytest
+
+from app.battery.by_shape import MOST_CELLS, files_of_shape
+from app.battery.table_reader import ProfileError
+from app.sources.dbc.encoding.speech import Speech
+from app.sources.loaded_battery import load_battery
+
+
+@pytest.mark.parametrize(("name", "segments"), [("1x1", (1,)), ("2x6", (6, 6)), ("1x13", (13,)), ("20x30", (30,) * 20)])
+def test_every_value_of_every_cell_has_a_place_in_the_dbc_that_is_made(name, segments):
+    loaded = load_battery(name)
+    assert loaded.battery.segments == segments
+    assert loaded.battery.n_sensors == sum(segments)
+    speech = Speech(loaded.battery, loaded.speaks_dbc, loaded.definitions)
+    assert not speech.lanes.troubles
+    assert speech.unsaid() == {}
+    ids = [message.can_id for message in loaded.definitions.messages]
+    assert len(ids) == len(set(ids))
+    assert max(ids) < 0x800
+
+
+@pytest.mark.parametrize("name", ["team", "2x6.toml", "0x6", "x6", "2x", "2x6x1", "٢x6", "./2x6"])
+def test_other_names_are_those_of_profiles(name):
+    assert files_of_shape(name) is None
+
+
+def test_more_cells_than_a_bus_carries_are_refused_by_number():
+    with pytest.raises(ProfileError, match=rf"25x25: cells = 625.*1 and {MOST_CELLS}"):
+        load_battery("25x25")
