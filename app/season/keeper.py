@@ -28,6 +28,7 @@ log = logging.getLogger(__name__)
 CLOSING: Final = ("recording-stopped", "recording-split")  # events after which there is a session more
 NEEDED: Final = ("duckdb", "fsspec", "pyarrow")
 END_S: Final = 5.0
+NICE: Final = 19  # of a build: the lowest priority
 START_S: Final = 20.0  # a question's process may take so long to start, on a busy Raspberry Pi
 ANSWER_MB: Final = 16  # of an answer as JSON, of which this process holds some copies
 _MB: Final = 1 << 20
@@ -166,7 +167,7 @@ class SeasonLake:
 
     def _build(self) -> None:
         self._built_s = _disk_s(self._data)
-        arguments = _command(["build", "--background", "--data", str(self._data), "--lake", self.place])
+        arguments = command_of("app.season.lake.background", str(self._data), self.place, str(NICE))
         self._process = subprocess.Popen(arguments, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         if self._ending.is_set():
             self._process.terminate()

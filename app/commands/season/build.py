@@ -1,7 +1,6 @@
 """`voltwall season build`: make the lake from closed sessions."""
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,8 +12,6 @@ from app.errors import ConfigError
 from app.season.lake.build import Built, build_lake, session_files
 from app.season.lake.place import Place
 from app.words import render
-
-NICE = 19
 
 
 def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -32,7 +29,6 @@ def add_actions(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") 
     add_lake_argument(build)
     build.add_argument("--again", action="store_true", help="make all anew, what is up to date too")
     build.add_argument("--judge", action="store_true", help="judge the cells of each session anew (slower)")
-    build.add_argument("--background", action="store_true", help="at the lowest priority, and without a word")
 
 
 def _build(args: argparse.Namespace) -> int:
@@ -41,19 +37,15 @@ def _build(args: argparse.Namespace) -> int:
     Raises:
         ConfigError: the lake cannot be written.
     """
-    if args.background and hasattr(os, "nice"):
-        os.nice(NICE)
     places = args.places or [data_folder(args) / "sessions"]
     for place in places:
         if not place.exists():
             raise ConfigError("DIR", place, "a folder of sessions, or a session")
     lake = Place(lake_of(args))
-    shows = not args.background and sys.stderr.isatty()
-    built = built_lake(lake, places, shows=shows, again=args.again, judge_anew=args.judge)
-    if not args.background:
-        print(f"{lake.url}: {len(built.made)} made, {len(built.current)} up to date")
-        if built.not_closed:
-            print(f"not closed yet: {', '.join(built.not_closed)}")
+    built = built_lake(lake, places, shows=sys.stderr.isatty(), again=args.again, judge_anew=args.judge)
+    print(f"{lake.url}: {len(built.made)} made, {len(built.current)} up to date")
+    if built.not_closed:
+        print(f"not closed yet: {', '.join(built.not_closed)}")
     return 1 if built.failed else 0
 
 

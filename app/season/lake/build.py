@@ -17,6 +17,7 @@ from app.season.lake.tables import (
     VERSION_KEY,
     about,
     layout_of,
+    sample_table,
     write_facts,
     write_samples,
 )
@@ -105,11 +106,12 @@ def write_session(lake: Place, session: SessionFile, facts: Facts, state: str) -
     """Write the files of one session, the one that says that it is there last."""
     metadata = about(facts.where, state)
     folder = folder_of(facts.where)
-    lake.put(f"{folder}/{SAMPLES}.parquet", lambda path: write_samples(path, session, facts.where, metadata))
+    table = sample_table(session)
+    lake.put(f"{folder}/{SAMPLES}.parquet", lambda path: write_samples(path, table, facts.where, metadata))
     for name in _ORDER:
         rows = facts.tables[name]
         if name == MARK:
-            of_file = {"source_file": str(session.path), "source_state": state, "layout": layout_of(session)}
+            of_file = {"source_file": str(session.path), "source_state": state, "layout": layout_of(table)}
             rows = [dict(row) | of_file for row in rows]
         lake.put(f"{folder}/{name}.parquet", lambda path, name=name, rows=rows: write_facts(path, name, rows, metadata))  # type: ignore[misc]
 

@@ -55,13 +55,17 @@ def sample_signals(session: SessionFile) -> list[str]:
     return list(dict.fromkeys([*usual, *(name for field in present for name in session.signals.names(field))]))
 
 
-def layout_of(session: SessionFile) -> str:
+def sample_table(session: SessionFile) -> SignalTable:
+    """Return what the wide table of a session is written from."""
+    return SignalTable(session, sample_signals(session) or None)
+
+
+def layout_of(table: SignalTable) -> str:
     """Return what is the same where two sessions have the same columns in their wide tables."""
-    names = [each.name for each in SignalTable(session, sample_signals(session) or None).signals]
-    return hashlib.sha256("\n".join(names).encode()).hexdigest()[:12]
+    return hashlib.sha256("\n".join(each.name for each in table.signals).encode()).hexdigest()[:12]
 
 
-def write_samples(path: Path, session: SessionFile, where: Where, metadata: dict[str, str]) -> None:
+def write_samples(path: Path, table: SignalTable, where: Where, metadata: dict[str, str]) -> None:
     """Write the wide table. Read and written piece by piece, so that memory does not grow with the session.
 
     Values are float32: to seven digits, which is more than any sensor has. Their bytes are split into streams before
@@ -70,7 +74,6 @@ def write_samples(path: Path, session: SessionFile, where: Where, metadata: dict
     pa = pyarrow_or_error()
     from pyarrow import parquet
 
-    table = SignalTable(session, sample_signals(session) or None)
     names = [each.name for each in table.signals]
     fields = [
         *arrow_schema(WHERE),
@@ -96,4 +99,4 @@ def write_samples(path: Path, session: SessionFile, where: Where, metadata: dict
 def _pieces(table: SignalTable) -> Iterator[tuple[Any, Any]]:
     """(n,) microseconds of unix time and (k, n) float32, NaN where not sampled."""
     for rows in table.rows(ROW_GROUP_S, np.float32):
-        yield np.round(rows.time_s * 1e6).astype(np.int64), np.ascontiguousarray(rows.values.T)
+        yield np.round(rows.time_s * 1e6).astype(np.int64), rows.values.T  # each signal's values side by side

@@ -3,11 +3,10 @@
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-import can
-
 from app.errors import ConfigError
 from app.sessions.export.table import SignalTable
 from app.sources.items import BUS_SHIFT, MOST_BUSES, CanItem
+from app.sources.links.python_can import can
 from app.words import Message
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 

@@ -201,10 +201,10 @@ class SignalTable:
 def _ages_s(row_us: NDArray[np.int64], instants: NDArray[np.int64], uptime_clock: UptimeClock) -> FloatArray:
     """Return (n,) how long before it arrived each row was measured, NaN where the master's clock has no part in it."""
     ages_s = np.full(len(row_us), np.nan)
-    for i, (arrived_us, instant) in enumerate(zip(row_us.tolist(), instants.tolist(), strict=True)):
-        if instant >= 0:
-            measured_ns = uptime_clock.measured_ns(instant & 0xFFFFFFFF, arrived_us * 1000)
-            ages_s[i] = arrived_us / 1e6 - measured_ns / 1e9
+    has_part = instants >= 0
+    arrived_us = row_us[has_part]
+    measured_ns = uptime_clock.all_measured_ns(instants[has_part] & 0xFFFFFFFF, arrived_us * 1000)
+    ages_s[has_part] = arrived_us / 1e6 - measured_ns / 1e9
     return ages_s
 
 

@@ -87,15 +87,6 @@ def test_a_damaged_session_is_named_and_left_out(copies, capsys):
     assert len(folders(lake)) == 2
 
 
-def test_in_the_background_it_has_the_lowest_priority_and_says_nothing(copies, capsys, monkeypatch):
-    sessions, lake = copies
-    given = []
-    monkeypatch.setattr("os.nice", given.append)
-    assert main(["season", "build", str(sessions), "--lake", str(lake), "--background"]) == 0
-    assert given == [19]
-    assert capsys.readouterr().out == ""
-
-
 def test_an_unclosed_session_waits(make_session, tmp_path):
     path = make_session([0.0, 0.1], [0.0, 0.0], closed=False)
     built = build_lake(Place(tmp_path / "lake"), [path])
