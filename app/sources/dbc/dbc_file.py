@@ -1,6 +1,7 @@
 """Message definitions from a file that cantools reads: DBC, SYM, KCD, ARXML. DBCs are mended first."""
 
 import contextlib
+import logging
 import re
 from importlib import import_module
 from pathlib import Path
@@ -49,7 +50,8 @@ def parse_definitions(data: bytes, name: str) -> Definitions:
     if ending == ".dbc":
         text, found = mended(text, name)
         oddities += found
-    options = {"database_format": "dbc"} if ending == ".dbc" else {}
+    options = {"database_format": ending[1:]} if ending in DEFINITION_ENDINGS else {}
+    logging.getLogger("cantools").setLevel(logging.ERROR)  # what it warns of is told as an oddity
     while True:
         try:
             loaded: Any = database.load_string(text, strict=False, sort_signals=None, **options)
@@ -60,9 +62,15 @@ def parse_definitions(data: bytes, name: str) -> Definitions:
                 raise ImportFailed(name, Message("no-dbc", error=_first_line(error))) from error
             text = shorter
     lines = _lines_of_messages(text)
-    messages = []
+    messages: list[MessageDefinition] = []
+    of_id: dict[int, str] = {}
     for message in getattr(loaded, "messages", []):
         definition = _message(message)
+        if of_id.setdefault(definition.can_id, definition.name) != definition.name:  # two buses in one file
+            oddities.append(
+                Oddity(name, None, Message("dbc-id-twice", name=definition.name, id=f"0x{definition.can_id:X}"))
+            )
+            continue
         messages.append(definition)
         oddities += [
             Oddity(name, lines.get(definition.name), Message("dbc-float-bits", name=each.name, bits=each.length))

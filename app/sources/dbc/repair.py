@@ -18,6 +18,7 @@ _SIGNAL = re.compile(
 _SELECTS = re.compile(r"mux|multiplex|page|index|group|(?:^|_)id(?:$|_)|select", re.IGNORECASE)
 _DEFINITION = re.compile(r"\s*BA_DEF_\s*(?:BU_|BO_|SG_|EV_)?\s*\"([^\"]+)\"")
 _ATTRIBUTE = re.compile(r"\s*(?:BA_|BA_DEF_DEF_)\s+\"([^\"]+)\"")
+_WITH_SEMICOLON = ("VAL_ ", "VAL_TABLE_ ", "CM_ ", "BA_ ", "BA_DEF_ ", "BA_DEF_DEF_ ")
 _NOTED = re.compile(r"\s*(VAL_|CM_|BA_|SIG_VALTYPE_|SG_MUL_VAL_|SIG_GROUP_|BO_TX_BU_)\s")
 _OF_ID = re.compile(
     r"\s*(?:VAL_\s+(\d+)\s|CM_\s+(?:BO_|SG_)\s+(\d+)\s|BA_\s+\"[^\"]*\"\s+(?:BO_|SG_)\s+(\d+)\s"
@@ -83,8 +84,8 @@ class _Mending:
         if attribute and attribute[1] not in self._defined:
             self._note(number, Message("dbc-attribute-undefined", name=attribute[1]))
             return None
-        if stripped.startswith(("VAL_ ", "VAL_TABLE_ ")) and not stripped.endswith(";") and self._ends(number):
-            line += " ;"
+        if stripped.startswith(_WITH_SEMICOLON) and not stripped.endswith(";") and self._ends(number):
+            line += "" if _is_open(line, False) else " ;"
         if not _NOTED.match(line):
             return line
         return self._noted_line(number, line)

@@ -179,9 +179,14 @@ def _built(
     members: tuple[Member, ...],
     reasons: list[Text],
 ) -> CellProposal | None:
-    if n < 2:
+    if not 2 <= n <= MOST_NUMBERS:
         return None
-    judgement = judged(survey, kind, members, n)
+    message, signal = members[0]
+    if survey.of(message) is None:  # a number that the DBC declares says little: names must say more than a `V`
+        said = {word for word in words(signal.name) | words(message.name) if len(word) > 1}
+        if not said & (_CELL_WORDS | (VOLTAGE if kind == "voltage" else TEMPERATURE)):
+            return None
+    judgement = judged(survey, kind, members, n if survey.of(message) is not None else min(n, UNKNOWN_COUNT))
     if judgement is None:
         return None
     score, found = judgement

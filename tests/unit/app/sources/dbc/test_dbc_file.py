@@ -174,3 +174,29 @@ def test_a_float_of_eight_bits_is_read_as_a_whole_number_and_told():
     assert codes(found) == [(5, "dbc-float-bits")]
     layout = found.messages[0].signal("Sum").layout
     assert (layout.is_float, layout.is_signed, layout.length) == (False, True, 8)
+
+
+KCD = """<NetworkDefinition xmlns="http://kayak.2codeornot2code.org/1.0"><Document/>
+<Bus name="One"><Message id="0x100" name="First"><Signal name="A" offset="0"/></Message></Bus>
+<Bus name="Two"><Message id="0x100" name="Second"><Signal name="B" offset="0"/></Message></Bus>
+</NetworkDefinition>"""
+
+
+def test_of_two_buses_in_one_file_the_first_message_of_an_id_counts_and_it_is_told(caplog):
+    found = parse_definitions(KCD.encode(), "x.kcd")
+    assert [each.name for each in found.messages] == ["First"]
+    assert [(each.what.code, each.what.args) for each in found.oddities] == [
+        ("dbc-id-twice", {"name": "Second", "id": "0x100"})
+    ]
+    assert not caplog.records
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "reason"),
+    [("x.sym", "FormatVersion=5.0\n", "version 6.0"), ("x.arxml", "<A xmlns='argh'/>", "XML namespace")],
+)
+def test_a_file_that_cannot_be_read_says_why_in_its_own_format_only(name, text, reason):
+    with pytest.raises(ImportFailed) as raised:
+        parse_definitions(text.encode(), name)
+    assert reason in str(raised.value)
+    assert "DBC: " not in str(raised.value).partition("not a readable DBC: ")[2]

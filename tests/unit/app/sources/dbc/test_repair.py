@@ -144,3 +144,11 @@ def test_any_text_is_taken_without_a_failure_and_keeps_its_number_of_lines(text)
 @given(st.sampled_from(["BO_ ", " SG_ ", "VAL_ ", "CM_ ", 'BA_ "', "SIG_VALTYPE_ "]), st.text(max_size=60))
 def test_a_line_of_a_dbc_that_goes_on_in_any_way_is_no_failure(begin, text):
     mended(HEAD + GOOD + begin + text, "x.dbc")
+
+
+@pytest.mark.parametrize(
+    "noted", ['CM_ "Left target"', 'CM_ BO_ 256 "over\ntwo lines";', 'BA_DEF_ BO_ "Cycle" INT 0 9']
+)
+def test_a_note_without_its_semicolon_does_not_take_the_next_message_with_it(noted):
+    text = HEAD + GOOD + noted + "\n" + GOOD.replace("256 Cells", "257 More")
+    assert [each.name for each in loaded(text).messages] == ["Cells", "More"]

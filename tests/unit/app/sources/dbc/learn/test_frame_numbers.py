@@ -293,3 +293,18 @@ def test_what_stands_for_a_unit_of_a_cell_number_is_none_and_a_checksum_is_no_te
     (found,) = frame_number_proposals(heard, "voltage")
     assert (found.n, found.entries[0].signal, found.entries[0].numbers) == (72, "CellVoltage", {"cell": "CellId"})
     assert list(frame_number_proposals(heard, "temperature")) == []
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("KNEE_ID", "LEFT_ANGLE", 16384), ("Steer_Num", "Torque_Output", 1000), ("StatId", "PreInjV", 255)],
+)
+def test_without_a_log_a_number_that_a_dbc_declares_makes_no_battery_of_other_things(names):
+    number, quantity, most = names
+    text = CELLS.format(most=most).replace("Cells:", "Motor:").replace('"V"', '""').replace("8|16@1+", "16|16@1+")
+    text = text.replace("Cell_ID : 0|8", f"{number} : 0|16").replace("Cell_Voltage", quantity)
+    assert best(text) is None
+
+
+def test_no_battery_has_more_cells_than_a_thousand():
+    assert best(CELLS.format(most=16384).replace("0|8@1+", "0|16@1+").replace("8|16@1+", "16|16@1+")) is None
