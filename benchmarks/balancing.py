@@ -16,8 +16,8 @@ import numpy as np
 from benchmarks import balancing_plots as plots
 from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.balancing.balancers import (
+    AllOutputsOn,
     Balancer,
-    CapacitorBalancing,
     NoBalancing,
     PassiveBalancing,
     SocBleeding,
@@ -25,6 +25,7 @@ from simulator.balancing.balancers import (
     TransformerBalancing,
 )
 from simulator.balancing.charge import BalancingRun, ChargePlan, Supervisor, charge, equalise
+from simulator.balancing.circuits import SwitchedCapacitors
 from simulator.balancing.six_cells import RATED_AH, six_cells
 from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
 from simulator.balancing.thesis_tables import THESIS_PASSIVE, THESIS_TRANSFORMER
@@ -130,12 +131,12 @@ def transformer(folder: Path | None) -> None:
         plots.transformer(results, THESIS_TRANSFORMER, folder / "balancing-transformer.svg")
 
 
-def with_capacitors(values: SwitchedCapacitorParameters, **options: float) -> tuple[BalancingRun, CapacitorBalancing]:
+def with_capacitors(values: SwitchedCapacitorParameters, **options: float) -> tuple[BalancingRun, SwitchedCapacitors]:
     """Charge the six cells at 1C with an equaliser."""
     accumulator = cells()
-    balancer = CapacitorBalancing(accumulator, values, heat_in_cells=options.get("heat_in_cells", 0.0))
+    circuit = SwitchedCapacitors(accumulator, values, heat_in_cells=options.get("heat_in_cells", 0.0))
     supervisor = Supervisor(max_degc=99.0, min_v=0.0)
-    return charge(accumulator, balancer, ChargePlan(RATED_AH), supervisor), balancer
+    return charge(accumulator, AllOutputsOn(circuit), ChargePlan(RATED_AH), supervisor), circuit
 
 
 def capacitor(folder: Path | None) -> None:
@@ -151,8 +152,8 @@ def capacitor(folder: Path | None) -> None:
         (550.0, 0.001, True),
     ):
         values = SwitchedCapacitorParameters(farad, ohm, 10.0, cell_ohm=CELL_OHM, precharged=precharged)
-        result, balancer = with_capacitors(values)
-        equaliser = balancer.equalisers[0]
+        result, circuit = with_capacitors(values)
+        equaliser = circuit.equalisers[0]
         trials[f"{farad:g} F, {ohm:g} ohm{', charged first' if precharged else ''}"] = result
         print(
             f"| {farad:g} | {ohm:g} | {'charged' if precharged else 'empty'} | {equaliser.transfer_ohm():.3g} |"
@@ -168,9 +169,9 @@ def capacitor(folder: Path | None) -> None:
         values = SwitchedCapacitorParameters(micro * 1e-6, milli * 1e-3, kilo * 1e3, cell_ohm=CELL_OHM)
         plan = ChargePlan(RATED_AH, dt_s=10.0, control_period_s=10.0)
         accumulator = cells()
-        balancer = CapacitorBalancing(accumulator, values)
-        result = charge(accumulator, balancer, plan)
-        equaliser = balancer.equalisers[0]
+        circuit = SwitchedCapacitors(accumulator, values)
+        result = charge(accumulator, AllOutputsOn(circuit), plan)
+        equaliser = circuit.equalisers[0]
         slowest_ohm = equaliser.slowest_pattern_ohm()
         sweep.append((slowest_ohm, 100 * result.soc_difference))
         if kilo == 100.0 and milli in (1.0, 3.0, 10.0):
@@ -203,8 +204,8 @@ def accumulator_96(folder: Path | None) -> None:
         balancers: dict[str, Balancer] = {
             "passive 23.5 ohm": SocBleeding(1e-3, measured_share=0.023),
             "transformer per pack": TransformerBalancing(96, forward, group=12, soc_difference=2e-3),
-            "capacitors per pack": CapacitorBalancing(pack, strong, group=12),
-            "capacitors, one chain": CapacitorBalancing(pack, strong),
+            "capacitors per pack": AllOutputsOn(SwitchedCapacitors(pack, strong, group=12)),
+            "capacitors, one chain": AllOutputsOn(SwitchedCapacitors(pack, strong)),
         }
         hours, difference, loss_wh, hottest, board = [0.0], [spread(pack)], 0.0, 0.0, 0.0
         start_soc, slices = float(pack.soc.mean()), 24

@@ -11,8 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from simulator.accumulator import Accumulator
-from simulator.balancing.circuits import Balance, SwitchedCapacitors, Transformers
-from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
+from simulator.balancing.circuits import Balance, BalancingCircuit, Transformers
 from simulator.balancing.transformer import TransformerParameters
 from simulator.cell_data import BoolArray, FloatArray
 
@@ -107,22 +106,12 @@ class TransformerBalancing:
         return self._circuit.drive(outputs, accumulator, period_s)
 
 
-class CapacitorBalancing:
-    """Switched capacitors that run all the time."""
+@dataclass(frozen=True)
+class AllOutputsOn:
+    """Keeps a circuit running all the time, as switched capacitors do."""
 
-    def __init__(
-        self,
-        accumulator: Accumulator,
-        parameters: SwitchedCapacitorParameters,
-        *,
-        group: int = 0,
-        heat_in_cells: float = 1.0,
-    ) -> None:
-        """Connect to the cells; `heat_in_cells` is the part of the switches' heat that reaches them."""
-        self._circuit = SwitchedCapacitors(accumulator, parameters, group=group, heat_in_cells=heat_in_cells)
-        self.equalisers = self._circuit.equalisers
-        self._outputs = np.ones(accumulator.n_cells)
+    circuit: BalancingCircuit
 
     def decide(self, accumulator: Accumulator, period_s: float) -> Balance:
-        """Return the mean currents of the coming period."""
-        return self._circuit.drive(self._outputs, accumulator, period_s)
+        """Return the currents of the coming period."""
+        return self.circuit.drive(np.ones(accumulator.n_cells), accumulator, period_s)

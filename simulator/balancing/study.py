@@ -9,8 +9,8 @@ import numpy as np
 
 from simulator.accumulator import Accumulator, AccumulatorParameters
 from simulator.balancing.balancers import (
+    AllOutputsOn,
     Balancer,
-    CapacitorBalancing,
     NoBalancing,
     PassiveBalancing,
     SocBleeding,
@@ -18,7 +18,7 @@ from simulator.balancing.balancers import (
     TransformerBalancing,
 )
 from simulator.balancing.charge import SECONDS_PER_HOUR, BalancingRun, ChargePlan, Supervisor, charge, equalise
-from simulator.balancing.circuits import METHODS, STRONG_CAPACITORS, STRONG_TRANSFORMER
+from simulator.balancing.circuits import METHODS, STRONG_CAPACITORS, STRONG_TRANSFORMER, SwitchedCapacitors
 from simulator.balancing.six_cells import RATED_AH, START_SOC, six_cells
 from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
 from simulator.balancing.thesis_tables import THESIS_PASSIVE, THESIS_TRANSFORMER
@@ -192,5 +192,6 @@ def _balancer(study: Study, circuit: str, accumulator: Accumulator) -> Balancer:
                 study.n_cells, parameters, group=group, soc_difference=1e-3 if is_thesis else 2e-3
             )
         case "switched-capacitor":
-            return CapacitorBalancing(accumulator, _SMALL_CAPACITORS if is_thesis else STRONG_CAPACITORS, group=group)
+            values = _SMALL_CAPACITORS if is_thesis else STRONG_CAPACITORS
+            return AllOutputsOn(SwitchedCapacitors(accumulator, values, group=group))
     raise ParameterError("circuit", circuit, f"one of {', '.join(CIRCUITS)}")

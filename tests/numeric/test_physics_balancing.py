@@ -7,7 +7,7 @@ import pytest
 
 from simulator.accumulator import Accumulator
 from simulator.balancing.balancers import (
-    CapacitorBalancing,
+    AllOutputsOn,
     NoBalancing,
     PassiveBalancing,
     SocBleeding,
@@ -15,6 +15,7 @@ from simulator.balancing.balancers import (
     TransformerBalancing,
 )
 from simulator.balancing.charge import BalancingRun, ChargePlan, Supervisor, charge, equalise
+from simulator.balancing.circuits import SwitchedCapacitors
 from simulator.balancing.six_cells import RATED_AH, six_cells
 from simulator.balancing.switched_capacitor import SwitchedCapacitorParameters
 
@@ -83,7 +84,7 @@ def test_transformer_balances_below_thirty_degrees(c_rate):
 def test_large_empty_capacitors_unbalance(capacitance_f, switch_ohm):
     accumulator = cells()
     trial = SwitchedCapacitorParameters(capacitance_f, switch_ohm, 10.0, cell_ohm=CELL_OHM)
-    balancer = CapacitorBalancing(accumulator, trial, heat_in_cells=0.0)
+    balancer = AllOutputsOn(SwitchedCapacitors(accumulator, trial, heat_in_cells=0.0))
     result = charge(accumulator, balancer, plan(1.0), Supervisor(max_degc=99.0))
     assert result.soc_difference > 0.08
 
@@ -91,7 +92,7 @@ def test_large_empty_capacitors_unbalance(capacitance_f, switch_ohm):
 def test_a_milliohm_and_empty_capacitors_discharge_the_cells():
     accumulator = cells()
     trial = SwitchedCapacitorParameters(550.0, 0.001, 10.0, cell_ohm=CELL_OHM)
-    balancer = CapacitorBalancing(accumulator, trial)
+    balancer = AllOutputsOn(SwitchedCapacitors(accumulator, trial))
     charge(accumulator, balancer, ChargePlan(1.5, time_limit_s=60.0), Supervisor(max_degc=99.0, min_v=0.0))
     assert accumulator.soc.mean() < 0.2
 
@@ -100,7 +101,7 @@ def test_a_milliohm_and_empty_capacitors_discharge_the_cells():
 def test_small_fast_capacitors_balance_in_one_charge(farad):
     accumulator = cells()
     values = SwitchedCapacitorParameters(farad, 0.003, 1e5, cell_ohm=CELL_OHM)
-    result = charge(accumulator, CapacitorBalancing(accumulator, values), plan(1.0))
+    result = charge(accumulator, AllOutputsOn(SwitchedCapacitors(accumulator, values)), plan(1.0))
     assert result.soc_difference < 0.001
     assert result.max_degc < 26.0
 
