@@ -170,8 +170,8 @@ def stop(
     with suppress(SessionError):  # a full disk: the file is closed as soon as there is room
         recorder.flush()
     events.note("info", "recording", Message("recording-stopped-by-hand"), user.name)
-    if (gone := recorder.gone(session_id)) is not None:
-        raise Problem(507, "storage", gone)
+    if (loss := recorder.file_loss(session_id)) is not None:
+        raise Problem(507, "storage", loss)
     return {"stopped": True}
 
 

@@ -126,9 +126,9 @@ class AutoRecorder:
             self._held_back = True
         return self._end(Message("ended-by-hand"))
 
-    def gone(self, session_id: str) -> Message | None:
+    def file_loss(self, session_id: str) -> Message | None:
         """Return what to say of a session whose file was deleted or replaced while it was recorded."""
-        return self._recorder.gone(session_id)
+        return self._recorder.file_loss(session_id)
 
     def split(self) -> SessionInfo:
         """End the session and go on in a new file without losing a frame.

@@ -75,7 +75,7 @@ class Recorder:
         self._counts: Counter[str] = Counter()  # items of the session by table
         self._clock_offset_ns = 0
         self._config: bytes | None = None  # in force, of this session
-        self._gone: dict[str, Message] = {}  # sessions whose file was taken away, by id
+        self._file_losses: dict[str, Message] = {}  # sessions whose file was taken away, by id
         self._error: Message | None = None
         self._free: int | None = None
         self._committed_s = time.monotonic()  # when the thread last did
@@ -120,16 +120,14 @@ class Recorder:
     def frame(self, t_mono_ns: int, t_wall_ns: int, link: int, raw: bytes, ok: bool) -> None:
         """Record what stood between two delimiters, good or bad."""
         with self._lock:
-            if self._session is not None:
-                self._watch_clock(t_mono_ns, t_wall_ns)
-                self._put("frames", (t_mono_ns, t_wall_ns, link, int(ok), raw))
+            self._watch_clock(t_mono_ns, t_wall_ns)
+            self._put("frames", (t_mono_ns, t_wall_ns, link, int(ok), raw))
 
     def can_frame(self, t_mono_ns: int, t_wall_ns: int, can_id: int, data: bytes) -> None:
         """Record a CAN frame; bit 31 of the id marks a 29-bit id."""
         with self._lock:
-            if self._session is not None:
-                self._watch_clock(t_mono_ns, t_wall_ns)
-                self._put("can_frames", (t_mono_ns, t_wall_ns, can_id, data))
+            self._watch_clock(t_mono_ns, t_wall_ns)
+            self._put("can_frames", (t_mono_ns, t_wall_ns, can_id, data))
 
     def estimates(self, t_mono_ns: int, uptime_ms: int, soc: NDArray[np.float64], sigma: NDArray[np.float64]) -> None:
         """Record the (n_cells,) estimated SOC and its standard deviation, fractions; not finite is missing."""
@@ -167,14 +165,14 @@ class Recorder:
             session, error, free = self._session, self._error, self._free
             waiting = self._waiting
             queue = (waiting.items, waiting.bytes, waiting.lost)
-            counts, gone = self._counts.copy(), self._gone.copy()
+            counts, losses = self._counts.copy(), self._file_losses.copy()
             waited_s = time.monotonic() - waiting.since_s if waiting.items else 0.0
         if error is None and waited_s > STUCK_S:
             error = Message("disk-silent", time=Quantity(waited_s, "s", 0))
         warning = None
         if session is not None:
             session = up_to_now(session, counts, self._clock.monotonic_ns())
-            warning = gone.get(str(session.metadata.get("continues"))) or low_warning(session, free, self._limits)
+            warning = losses.get(str(session.metadata.get("continues"))) or low_warning(session, free, self._limits)
         state = RecorderState.STALLED if error else RecorderState.RECORDING if session else RecorderState.IDLE
         delay_s = None if session is None else self._delay.longest_s
         return RecorderStatus(state, session, *queue, free, warning, error, delay_s)
@@ -188,10 +186,10 @@ class Recorder:
             waiting = oldest_frame_ns(self._waiting.oldest)
         return self._delay.now_s(waiting, self._clock.monotonic_ns())
 
-    def gone(self, session_id: str) -> Message | None:
+    def file_loss(self, session_id: str) -> Message | None:
         """Return what to say of a session whose file was deleted or replaced while it was recorded."""
         with self._lock:
-            return self._gone.get(session_id)
+            return self._file_losses.get(session_id)
 
     def flush(self, timeout_s: float = 5.0) -> None:
         """Return once everything handed over so far is on the disk.
@@ -238,7 +236,7 @@ class Recorder:
         )
         self._waiting.lost = 0
         self._config = None
-        self._gone.pop(path.stem, None)
+        self._file_losses.pop(path.stem, None)
         self._counts.clear()
         self._waiting.append((START, (self._session,)))
         self._note_clock(started_mono_ns, started_wall_ns, None)
@@ -289,8 +287,9 @@ class Recorder:
                 return
 
     def _work(self) -> None:
+        self._commit_began_s = time.monotonic()
         with self._lock:
-            self._take_pending()
+            self._waiting.take()
             unreported = self._waiting.unreported
         error: Message | None = None
         free = None
@@ -322,19 +321,17 @@ class Recorder:
         if writer is None or writer.is_in_place():
             return
         with self._lock:
-            session = self._session
+            session, lost = self._session, writer.path.stem
             self._waiting.take()
             if session is not None and session.path == writer.path:
-                following = self._begin_elsewhere(session)
-                told = Message("recording-file-gone", session=session.id, following=following.id)
-            else:
-                told = Message("recording-file-gone-at-end", session=writer.path.stem)
-            self._gone[writer.path.stem] = told
-        logger.error("%s", render(told))
+                loss = Message("recording-file-gone", session=lost, following=self._begin_elsewhere(session).id)
+            else:  # up to the session's end there is nowhere to put what waits
+                self._waiting.finish(self._waiting.n_of_session + 1)
+                loss = Message("recording-file-gone-at-end", session=lost)
+            self._file_losses[lost] = loss
+        logger.error("%s", render(loss))
         self._writer = None
         writer.abandon()
-        if told.code == "recording-file-gone-at-end":  # up to its end there is nowhere to put what waits
-            self._finish(self._waiting.n_of_session + 1)
 
     def _begin_elsewhere(self, session: SessionInfo) -> SessionInfo:
         """Begin a session in place of one whose file is gone, with all that waits; the lock is held."""
@@ -372,17 +369,13 @@ class Recorder:
                 unreported = 0
                 self._writer.close_chunk_if_due(items[-1][1][0])
 
-    def _take_pending(self) -> None:
-        """Begin a commit with all that waits; the lock is held."""
-        self._commit_began_s = time.monotonic()
-        self._waiting.take()
-
     def _commit_waiting(self) -> None:
         """Commit what came while a chunk is packed, which takes longer than COMMIT_S on a busy machine."""
         if time.monotonic() - self._committed_s < COMMIT_S:
             return
+        self._commit_began_s = time.monotonic()
         with self._lock:
-            self._take_pending()
+            self._waiting.take()
         n = self._waiting.n_of_session
         if n and self._writer is not None:
             self._writer.write(self._waiting.batch[:n])

@@ -71,11 +71,13 @@ def test_who_stops_it_is_told_and_the_next_session_is_recorded(recorder, stream)
     before.path.unlink()
     recorder.stop()
     recorder.flush()
-    assert "it is lost" in render(recorder.gone(before.id)) or "goes on as" in render(recorder.gone(before.id))
+    assert "it is lost" in render(recorder.file_loss(before.id)) or "goes on as" in render(
+        recorder.file_loss(before.id)
+    )
     after = recorder.start()
     sent = stream.feed(recorder, 10)
     recorder.stop()
     recorder.flush()
     with SessionFile(after.path) as session:
         assert [frame.raw for frame in session.frames()] == sent
-    assert recorder.gone(after.id) is None
+    assert recorder.file_loss(after.id) is None
