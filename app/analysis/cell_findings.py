@@ -85,18 +85,18 @@ class WatchAlong:
     def __init__(self, session: SessionFile, cell: CellModel) -> None:
         self._session = session
         self._start = CellJudge(cell, session.battery.segments)
-        self._kept: list[tuple[float, CellJudge]] = []  # as they stood at unix times, in order
+        self._states: list[tuple[float, CellJudge]] = []  # as they stood at unix times, in order
 
     def at(self, time_s: float) -> CellWatch:
         """Return a watch that has seen everything up to a unix time [s]; it is the caller's own."""
-        k = bisect_right(self._kept, time_s, key=lambda each: each[0])
-        since_s, known = self._kept[k - 1] if k else (None, self._start)
+        k = bisect_right(self._states, time_s, key=lambda each: each[0])
+        since_s, known = self._states[k - 1] if k else (None, self._start)
         judge = deepcopy(known)
         for piece in read_pieces(self._session, from_s=since_s, to_s=time_s):
             judge.add(piece)
             last_s = float(piece.time_s[-1])
-            if not self._kept or last_s - self._kept[-1][0] >= KEPT_S:
-                self._kept.append((last_s, deepcopy(judge)))
+            if not self._states or last_s - self._states[-1][0] >= KEPT_S:
+                self._states.append((last_s, deepcopy(judge)))
         return judge.watch
 
 

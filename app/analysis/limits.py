@@ -43,11 +43,11 @@ def names_of_signals(battery: Battery) -> dict[str, tuple[str, float]]:
     }
 
 
-def limits_told(limits: ProtectionLimits | None) -> dict[str, float]:
+def known_limits(limits: ProtectionLimits | None) -> dict[str, float]:
     """Return the limits that a snapshot was judged by, by name; those that are not told are left out."""
     if limits is None:
         return {}
-    told = (
+    values = (
         limits.cell_voltage_min_v,
         limits.cell_voltage_max_v,
         limits.temperature_min_degc,
@@ -55,7 +55,7 @@ def limits_told(limits: ProtectionLimits | None) -> dict[str, float]:
         limits.discharge_max_a,
         limits.discharge_min_a,
     )
-    return {name: value for name, value in zip(LIMITS, told, strict=True) if isfinite(value)}
+    return {name: value for name, value in zip(LIMITS, values, strict=True) if isfinite(value)}
 
 
 def by_names_of_profiles(limits: Mapping[str, float]) -> dict[str, float]:
@@ -97,8 +97,8 @@ class LimitsOverTime:
         found: dict[str, float] = {}
         for since_s, limits in self.in_force:
             found = limits if since_s <= time_s else found
-        told = {name: float(limit.at(np.array([time_s]))[0]) for name, limit in self.moving.items()}
-        return found | {name: value for name, value in told.items() if np.isfinite(value)}
+        values = {name: float(limit.at(np.array([time_s]))[0]) for name, limit in self.moving.items()}
+        return found | {name: value for name, value in values.items() if np.isfinite(value)}
 
 
 def limits_over_time(session: SessionFile, from_s: float | None = None, to_s: float | None = None) -> LimitsOverTime:

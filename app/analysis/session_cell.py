@@ -26,40 +26,40 @@ def cell_of(session: SessionFile) -> tuple[CellModel, bool]:
 def judged_by(session: SessionFile, chosen_cell: str | None = None) -> list[AnalysisFinding]:
     """Return what of then judges a session, and what of today; `chosen_cell` takes the place of the one of then."""
     n_configs = len(session.configs())
-    said = [Message("report-versions", recorded=session.info.voltwall, judged=__version__)]
+    messages = [Message("report-versions", recorded=session.info.voltwall, judged=__version__)]
     if n_configs:
-        said.append(Message("report-limits-of-then", n=n_configs))
+        messages.append(Message("report-limits-of-then", n=n_configs))
     else:
         is_stated = bool(limits_of_profile(session.battery) or names_of_signals(session.battery))
-        said.append(Message("report-limits-of-profile") if is_stated else Message("report-limits-unknown"))
+        messages.append(Message("report-limits-of-profile") if is_stated else Message("report-limits-unknown"))
     if chosen_cell is not None:
-        said.append(Message("judged-cell-chosen", cell=chosen_cell))
+        messages.append(Message("judged-cell-chosen", cell=chosen_cell))
     else:
-        said.append(Message("report-cell-of-then") if cell_of(session)[1] else Message("report-cell-of-today"))
-    return [finding(each) for each in said]
+        messages.append(Message("report-cell-of-then") if cell_of(session)[1] else Message("report-cell-of-today"))
+    return [finding(each) for each in messages]
 
 
 def unlike(first: SessionFile, second: SessionFile) -> list[AnalysisFinding]:
     """Return in what two sessions were not judged alike when they were recorded."""
-    said = []
+    messages = []
     if (first.battery.name, first.battery.segments) != (second.battery.name, second.battery.segments):
-        said.append(Message("unlike-batteries", a=first.battery.name, b=second.battery.name))
+        messages.append(Message("unlike-batteries", a=first.battery.name, b=second.battery.name))
     versions = first.info.voltwall, second.info.voltwall
     if versions[0] != versions[1]:
-        said.append(Message("unlike-versions", a=versions[0], b=versions[1]))
+        messages.append(Message("unlike-versions", a=versions[0], b=versions[1]))
     if first.cell_file is None or second.cell_file is None:
-        said.append(Message("unlike-cells-unknown"))
+        messages.append(Message("unlike-cells-unknown"))
     elif first.cell_file != second.cell_file:
-        said.append(Message("unlike-cells", a=cell_of(first)[0].name, b=cell_of(second)[0].name))
+        messages.append(Message("unlike-cells", a=cell_of(first)[0].name, b=cell_of(second)[0].name))
     limits = _last_limits(first), _last_limits(second)
     if not all(limits):
-        said.append(Message("unlike-limits-unknown"))
-    said += [
+        messages.append(Message("unlike-limits-unknown"))
+    messages += [
         Message("unlike-limit", name=name, a=limits[0][name], b=limits[1][name])
         for name in limits[0]
         if name in limits[1] and limits[0][name] != limits[1][name]
     ]
-    return [finding(each) for each in said]
+    return [finding(each) for each in messages]
 
 
 def _last_limits(session: SessionFile) -> dict[str, float]:

@@ -87,10 +87,10 @@ def _product(args: argparse.Namespace, seed: int) -> int:
 
 
 def _result(day: Day, played: Played) -> dict[str, Any]:
-    told = played.after(day.at_s)
+    timed_events = played.after(day.at_s)
     causes = [] if played.session is None else _causes(played.session)
     meant = [answer_of_cause(cause.code, cause.cell, cause.pack) for cause in causes]
-    events = answer_of_events((event.code, event.cell) for _, event in told)
+    events = answer_of_events((event.code, event.cell) for _, event in timed_events)
     answer = next((each for each in meant if each is not None), events)
     return {
         "number": day.number,
@@ -101,8 +101,8 @@ def _result(day: Day, played: Played) -> dict[str, Any]:
         "answer": None if answer is None else asdict(answer),
         "points": points(day, answer),
         "most": most_points(day),
-        "visible_s": round(min((t_s for t_s, _ in told), default=0.0) - day.at_s, 1) if told else None,
-        "said": [*(cause.message for cause in causes), *(event.text for _, event in told)][:8],
+        "visible_s": round(min((t_s for t_s, _ in timed_events), default=0.0) - day.at_s, 1) if timed_events else None,
+        "said": [*(cause.message for cause in causes), *(event.text for _, event in timed_events)][:8],
     }
 
 

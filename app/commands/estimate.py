@@ -174,10 +174,10 @@ def _print_report(report: dict[str, Any]) -> None:
             f"{report['innovation_correlation_s']:.1f} s, {percent('innovation_white_share')} of 20 lags look white"
         )
     if report["current_offset_sigma_a"] is not None:
-        said = "" if report["current_offset_observed"] else ": not observable in this run"
+        suffix = "" if report["current_offset_observed"] else ": not observable in this run"
         print(
             f"  offset of the current sensor {report['current_offset_a']:+.3g} A, "
-            f"sigma {report['current_offset_sigma_a']:.2g} A{said}"
+            f"sigma {report['current_offset_sigma_a']:.2g} A{suffix}"
         )
     print(
         f"  capacity {report['capacity_ah']:.4g} Ah, sigma {report['capacity_sigma_ah']:.2g} Ah; resistance "

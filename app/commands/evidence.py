@@ -113,8 +113,8 @@ def _station(args: argparse.Namespace, url: str, *, is_simulated: bool) -> Stati
         raise ConfigError("cell", args.cell, str(error)) from error
     station = Station(url, data_folder(args) / "sessions", __version__, Clock())
     cycles = Cycles(args.voltage_cycle, args.temperature_cycle, args.wire_cycle)
-    told = {"cycles": asdict(cycles), "is_simulated": is_simulated, "url": url, "cell": args.cell}
-    station.start("reaction test", {"source": "simulator" if is_simulated else "serial", METADATA: told})
+    metadata = {"cycles": asdict(cycles), "is_simulated": is_simulated, "url": url, "cell": args.cell}
+    station.start("reaction test", {"source": "simulator" if is_simulated else "serial", METADATA: metadata})
     return station
 
 

@@ -77,8 +77,8 @@ def run(args: argparse.Namespace) -> int:
         else:
             print(f"{path}: {path.stat().st_size / 1e6:.1f} MB")
             if with_laps is not None:
-                told = "the laps" if has_laps else "not written: no lap was settled, marked or seen in this range"
-                print(f"{with_laps}: {told}")
+                text = "the laps" if has_laps else "not written: no lap was settled, marked or seen in this range"
+                print(f"{with_laps}: {text}")
     return 0
 
 

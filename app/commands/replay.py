@@ -130,8 +130,8 @@ def _prove(path: Path, expected: Path, filter_name: str | None, cell_name: str |
         verdicts = prove(session, expectations, chain.pipeline("replay", "recorded", "recorded"))
     failed = sum(not verdict.held for verdict in verdicts)
     if as_json:
-        told = {"held": failed == 0, "expectations": [asdict(verdict) for verdict in verdicts], "judged": judged}
-        print(json.dumps(told, indent=2))
+        document = {"held": failed == 0, "expectations": [asdict(verdict) for verdict in verdicts], "judged": judged}
+        print(json.dumps(document, indent=2))
     else:
         for verdict in verdicts:
             print(f"{'ok  ' if verdict.held else 'FAIL'}  {verdict.text}: {verdict.found}")

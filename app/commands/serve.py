@@ -25,7 +25,7 @@ from app.api.web.connection_limits import ACCEPTED_AT_ONCE, most_connections
 from app.api.web.http_protocol import HttpProtocol
 from app.api.web.tls_protocol import tls_protocol
 from app.api.web.websocket_protocol import LiveProtocol
-from app.commands.console.tls import Renewal, certificate_of, context_of, told
+from app.commands.console.tls import Renewal, certificate_of, certificate_text, context_of
 from app.errors import ConfigError
 from app.service import log
 from app.service.folder_lock import locked_folder
@@ -200,7 +200,7 @@ def _run(
         renewal = Renewal(settings, certificate, context, tell)
     ready = f"Voltwall: {'https' if certificate else 'http'}://{host}:{port}"
     server = _Server(
-        ready if certificate is None else f"{ready}\n{told(certificate, settings, port)}",
+        ready if certificate is None else f"{ready}\n{certificate_text(certificate, settings, port)}",
         uvicorn.Config(
             app,
             log_config=None,

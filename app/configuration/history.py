@@ -63,7 +63,7 @@ class ConfigHistory:
         self._path = folder / "config-history.jsonl"
         self._file = JsonLines(self._path)
         self._key_path = folder / "config-history.key"
-        self._others = folder / "config-history.lock"
+        self._lock_file = folder / "config-history.lock"
         self._lock = threading.Lock()
         self._end: _End | None = None  # as this process left it
 
@@ -86,7 +86,7 @@ class ConfigHistory:
         Raises:
             OSError: it cannot be kept.
         """
-        with self._lock, FileLock(self._others, timeout=_LOCK_S):
+        with self._lock, FileLock(self._lock_file, timeout=_LOCK_S):
             end, self._end = self._read_end(), None
             number = number or end.number + 1
             body = {

@@ -83,7 +83,7 @@ def review(image: bytes, context: Context) -> list[Finding]:
     """
     found = [_refused(image, error) for error in check(image)]
     if not found:  # the rest is judged on values that can be
-        found = [*_cell(image, context.cell), *_current(image, context.cell), *_others(image)]
+        found = [*_cell(image, context.cell), *_current(image, context.cell), *_fans_and_line(image)]
         found += can_findings(image, context.measured_period_s or {})
     return sorted(found, key=lambda f: (f.level != "error", f.error.offset))
 
@@ -198,7 +198,7 @@ def _current(image: bytes, cell: CellModel) -> Iterator[Finding]:
         yield finding("warning", "offset", image, "i_offset", 0, Message("counts", low=low, high=high), why)
 
 
-def _others(image: bytes) -> Iterator[Finding]:
+def _fans_and_line(image: bytes) -> Iterator[Finding]:
     value = _Values(image)
     if value["fan_ramp_stop"] > value["t_cell_max"]:
         limit = Message("at-most-field", field="t_cell_max", value=Quantity(value["t_cell_max"], "degC"))

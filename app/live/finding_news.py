@@ -9,7 +9,7 @@ class FindingNews:
     """Compares every snapshot's findings with those of the one before."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[str, int], Finding] = {}
+        self._standing: dict[tuple[str, int], Finding] = {}
         self._last: tuple[Finding, ...] = ()
 
     def step(self, snapshot: Snapshot) -> list[Event]:
@@ -19,14 +19,14 @@ class FindingNews:
         self._last = snapshot.findings
         now: dict[tuple[str, int], Finding] = {(each.code, each.cell): each for each in snapshot.findings}
         made = [
-            _event(snapshot, each, each.message, ended=False) for key, each in now.items() if key not in self._known
+            _event(snapshot, each, each.message, ended=False) for key, each in now.items() if key not in self._standing
         ]
         ended = [
             _event(snapshot, each, Message("finding-ended", finding=each.message), ended=True)
-            for key, each in self._known.items()
+            for key, each in self._standing.items()
             if key not in now
         ]
-        self._known = now
+        self._standing = now
         return made + ended
 
 

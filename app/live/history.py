@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from app.telemetry import Accumulator, Cells, FloatArray, Snapshot
 from app.telemetry.aging import is_stale
-from app.telemetry.fields import Part, kept
+from app.telemetry.fields import Part, history_fields
 
 LENGTH_S = 900
 TOTALS_LENGTH = LENGTH_S * 28  # the line carries no more than 28 snapshots a second
 CELLS_EVERY_NS = 180_000_000  # many cells fill memory: of more than two samples in this time, lowest and highest
 CELLS_LENGTH = LENGTH_S * 12  # rows, two for each such time
-TOTALS = {name: part for name, _, part in kept(Accumulator)}  # and the part of the measurement that dates each
+TOTALS = {
+    name: part for name, _, part in history_fields(Accumulator)
+}  # and the part of the measurement that dates each
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Counts:
 MISSING = -32768
 STEPS = {"V": 1e-4, "degC": 0.01, "1": 4e-5}  # by unit; of voltages as fine as they are measured
 MIDDLE = {"voltage_v": 3.0}  # 16 bits reach 3.28 V up and down from it
-PER_CELL = {name: Counts(STEPS[unit.unit], MIDDLE.get(name, 0.0), part) for name, unit, part in kept(Cells)}
+PER_CELL = {name: Counts(STEPS[unit.unit], MIDDLE.get(name, 0.0), part) for name, unit, part in history_fields(Cells)}
 _PARTS = {*TOTALS.values(), *(scale.part for scale in PER_CELL.values())}
 
 

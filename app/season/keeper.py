@@ -48,7 +48,7 @@ class SeasonLake:
         self._process: subprocess.Popen[str] | None = None
         self._built_s = 0.0
         self._asking = threading.Lock()
-        self._asked: subprocess.Popen[bytes] | None = None
+        self._query_process: subprocess.Popen[bytes] | None = None
 
     @property
     def missing(self) -> list[str]:
@@ -66,7 +66,7 @@ class SeasonLake:
         """End; a build under way is ended too, and leaves the lake whole; so is a question."""
         self._ending.set()
         self._wanted.set()
-        if (asked := self._asked) is not None:
+        if (asked := self._query_process) is not None:
             asked.kill()
         if (process := self._process) is not None:
             process.terminate()
@@ -112,7 +112,7 @@ class SeasonLake:
         is_late = threading.Event()
         pipe = subprocess.PIPE
         with subprocess.Popen(_command(arguments), stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe) as process:
-            self._asked = process
+            self._query_process = process
             if self._ending.is_set():
                 process.kill()
             assert process.stdout is not None
@@ -121,14 +121,14 @@ class SeasonLake:
             watch.daemon = True
             watch.start()
             try:
-                told = process.stdout.read(ANSWER_MB * _MB + 1)
-                if is_large := len(told) > ANSWER_MB * _MB:
+                output = process.stdout.read(ANSWER_MB * _MB + 1)
+                if is_large := len(output) > ANSWER_MB * _MB:
                     process.kill()
-                said = process.stderr.read().decode(errors="replace").strip().removeprefix("voltwall season: ")
+                errors = process.stderr.read().decode(errors="replace").strip().removeprefix("voltwall season: ")
                 code = process.wait()
             finally:
                 watch.cancel()
-                self._asked = None
+                self._query_process = None
         if self._ending.is_set():
             raise NotNow(Message("query-ended"))
         if is_large:
@@ -136,8 +136,8 @@ class SeasonLake:
         if is_late.is_set():
             raise QueryFailed(Message("query-too-long", seconds=limits.seconds))
         if code != 0:
-            raise QueryFailed(said or Message("query-too-large", megabytes=limits.memory_mb))
-        answer: dict[str, Any] = json.loads(told)
+            raise QueryFailed(errors or Message("query-too-large", megabytes=limits.memory_mb))
+        answer: dict[str, Any] = json.loads(output)
         return answer
 
     def _is_behind(self, sessions: Iterable[Path]) -> bool:
@@ -171,9 +171,9 @@ class SeasonLake:
         self._process = subprocess.Popen(arguments, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         if self._ending.is_set():
             self._process.terminate()
-        _, said = self._process.communicate()
-        if said.strip() and not self._ending.is_set():
-            log.warning("season lake: %s", said.strip())
+        _, errors = self._process.communicate()
+        if errors.strip() and not self._ending.is_set():
+            log.warning("season lake: %s", errors.strip())
 
 
 def _disk_s(folder: Path) -> float:

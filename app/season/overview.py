@@ -146,26 +146,26 @@ def _rank(
 ) -> CellRank:
     (resistance, capacity, leak), (r_line, c_line, l_line), (r_step, c_step) = now, found, stepped
     shares = (resistance / RESISTANCE_HIGH, capacity / CAPACITY_LOW, leak / SELF_DISCHARGE_HIGH)
-    said: list[Message] = []
+    messages: list[Message] = []
     if shares[0] >= TOLD:
-        said.append(Message("season-resists", now=_percent(resistance)))
+        messages.append(Message("season-resists", now=_percent(resistance)))
     if shares[1] >= TOLD:
-        said.append(Message("season-holds-less", now=_percent(-capacity)))
+        messages.append(Message("season-holds-less", now=_percent(-capacity)))
     if shares[2] >= TOLD:
-        said.append(Message("season-leaks", rate=_percent(leak, 2)))
+        messages.append(Message("season-leaks", rate=_percent(leak, 2)))
     if r_line is not None and r_line.low > 0.0 and r_line.per_day * SOON_DAYS >= TOLD * RESISTANCE_HIGH:
         low, high, pace = (_percent(value * MONTH_DAYS, 2) for value in (r_line.low, r_line.high, r_line.per_day))
-        said.append(Message("season-resistance-grows", pace=pace, low=low, high=high))
+        messages.append(Message("season-resistance-grows", pace=pace, low=low, high=high))
     if c_line is not None and c_line.high < 0.0 and c_line.per_day * SOON_DAYS <= TOLD * CAPACITY_LOW:
         low, high, pace = (_percent(-value * MONTH_DAYS, 2) for value in (c_line.high, c_line.low, c_line.per_day))
-        said.append(Message("season-capacity-falls", pace=pace, low=low, high=high))
+        messages.append(Message("season-capacity-falls", pace=pace, low=low, high=high))
     if l_line is not None and l_line.low > 0.0 and l_line.per_day * SOON_DAYS >= TOLD * SELF_DISCHARGE_HIGH:
         low, high, pace = (_percent(value * MONTH_DAYS, 3) for value in (l_line.low, l_line.high, l_line.per_day))
-        said.append(Message("season-leak-grows", pace=pace, low=low, high=high))
+        messages.append(Message("season-leak-grows", pace=pace, low=low, high=high))
     if r_step is not None:
-        said.append(Message("season-step", size=_percent(r_step.size), session=r_step.session))
+        messages.append(Message("season-step", size=_percent(r_step.size), session=r_step.session))
     if c_step is not None:
-        said.append(Message("season-capacity-step", size=_percent(c_step.size), session=c_step.session))
+        messages.append(Message("season-capacity-step", size=_percent(c_step.size), session=c_step.session))
     return CellRank(
         cell,
         float(np.fmax.reduce([0.0, *shares])),
@@ -177,7 +177,7 @@ def _rank(
         trend_of(l_line),
         r_step,
         c_step,
-        [finding(message) for message in said],
+        [finding(message) for message in messages],
     )
 
 

@@ -199,8 +199,8 @@ def make_service(
         made = Message("black-box", what=what) if box.is_complete else Message("black-box-incomplete", what=what)
         events.add(Event(clock.wall_ns(), "info", "blackbox", made, cell=box.cell))
         if box.cause is not None and box.severity == "trip":
-            told = Message("trip-cause", cause=box.cause.message_words.message)
-            events.add(Event(clock.wall_ns(), "info", "trip-cause", told, cell=box.cause.cell))
+            message = Message("trip-cause", cause=box.cause.message_words.message)
+            events.add(Event(clock.wall_ns(), "info", "trip-cause", message, cell=box.cause.cell))
             pipeline.explain(trip_cause(box.cause))
 
     def explain(recorded: str, trigger: Trigger) -> Cause | None:

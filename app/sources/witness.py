@@ -75,9 +75,9 @@ class _Comparison:
         heard_ns = [int(each.t_ns[-1]) for each in values.values() if len(each.t_ns)]
         self._newest_ns = max([*heard_ns, *([] if self._newest_ns is None else [self._newest_ns])], default=None)
         self._assembler.feed(values, now_ns)
-        theirs = self._theirs(self._assembler.measure(now_ns), now_ns)
+        theirs = self._witness_values(self._assembler.measure(now_ns), now_ns)
         if measured.is_fresh:
-            self._pairs.append((now_ns, _ours(measured), theirs))
+            self._pairs.append((now_ns, _own_values(measured), theirs))
         while self._pairs and self._pairs[0][0] < now_ns - WINDOW_NS:
             self._pairs.popleft()
         return Witness(
@@ -87,7 +87,7 @@ class _Comparison:
             readings=tuple(self._reading(name, theirs[name], now_ns) for name in self._quantities),
         )
 
-    def _theirs(self, told: BatteryMeasurement, now_ns: int) -> dict[Quantity, FloatArray]:
+    def _witness_values(self, told: BatteryMeasurement, now_ns: int) -> dict[Quantity, FloatArray]:
         return {
             "current": _one(told.current_a),
             "pack_voltage": _one(told.pack_voltage_v),
@@ -210,7 +210,7 @@ class WitnessedSource:
         return replace(measured, witnesses=tuple(replace(each, link=links.get(each.bus)) for each in found))
 
 
-def _ours(measured: Measurement) -> dict[Quantity, FloatArray]:
+def _own_values(measured: Measurement) -> dict[Quantity, FloatArray]:
     total_v = measured.reported.voltage_v
     return {
         "current": _one(measured.current_a),

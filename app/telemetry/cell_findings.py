@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import isfinite, isnan
 from typing import Annotated
@@ -44,16 +44,16 @@ def told_findings(found: Iterable[CellFinding], sensors: Sensors | None = None) 
         found: by a watch that was fed with unix times.
         sensors: of each temperature sensor the cells that it stands for; None: one a cell.
     """
-    told: list[Finding] = []
+    listed: list[Finding] = []
     named: set[int] = set()  # sensors
     for each in found:
         if each.code != "thermistor-off" or sensors is None:
-            told.append(finding_of(each))
+            listed.append(finding_of(each))
             continue
         of_cell = [number for number, cells in enumerate(sensors) if each.cell in cells and number not in named]
         named.update(of_cell)
-        told += [finding_of(each, _sensor(number, sensors[number])) for number in of_cell[:1]]
-    return tuple(told)
+        listed += [finding_of(each, _sensor(number, sensors[number])) for number in of_cell[:1]]
+    return tuple(listed)
 
 
 def sensors_of(battery_sensors: Sensors, n_cells: int) -> Sensors | None:
@@ -65,31 +65,31 @@ def _sensor(number: int, cells: tuple[int, ...]) -> Message:
     return Message("sensor-of-cells", sensor=number + 1, first=Cell(cells[0]), last=Cell(cells[-1]), n=len(cells))
 
 
-def finding_of(found: CellFinding, named: Message | None = None) -> Finding:
-    """Return a finding of a watch that was fed with unix times; `named` takes the place of the cell's name."""
+def finding_of(found: CellFinding, name: Message | None = None) -> Finding:
+    """Return a finding of a watch that was fed with unix times; `name` takes the place of the cell's name."""
     low, high = found.band
     return Finding(
         code=found.code,
         cell=found.cell,
-        message=what_of(found, named),
+        message=what_of(found, name),
         evidence=evidence_of(found),
-        size=_known(found.size),
-        low=_known(low) if isfinite(found.size) else None,
-        high=_known(high),
+        size=_finite(found.size),
+        low=_finite(low) if isfinite(found.size) else None,
+        high=_finite(high),
         unit=found.unit,
         since=found.since_s,
         seen=found.seen_s,
-        current_a=_known(found.current_a),
-        value=_known(found.value),
-        usual=_known(found.usual),
+        current_a=_finite(found.current_a),
+        value=_finite(found.value),
+        usual=_finite(found.usual),
         neighbours=found.neighbours,
         confidence=found.confidence,
     )
 
 
-def what_of(found: CellFinding, named: Message | None = None) -> Message:
+def what_of(found: CellFinding, name: Message | None = None) -> Message:
     """Return what is wrong, with the cell's name, or another one, and the size."""
-    cell, (low, high) = named or Cell(found.cell), found.band
+    cell, (low, high) = name or Cell(found.cell), found.band
     match found.code:
         case "joint-grown":
             size, band = _milliohm(found.size), _span(1000 * low, 1000 * high, "mohm")
@@ -118,7 +118,7 @@ def what_of(found: CellFinding, named: Message | None = None) -> Message:
 def evidence_of(found: CellFinding) -> Message:
     """Return what speaks for it: how long, at which current, against which neighbours, and how sure that is."""
     lasted, sure = _time(found.evidence_s), Quantity(100 * found.confidence, "%", 0)
-    others = _others(found.neighbours)
+    others = _neighbour_range(found.neighbours)
     current = Quantity(found.current_a, "A", 0)
     match found.code:
         case "joint-grown" | "resistance-grown":
@@ -140,18 +140,13 @@ def evidence_of(found: CellFinding) -> Message:
             return Message("evidence-sensor", lasted=lasted, others=others, sure=sure)
 
 
-def named(cells: Sequence[int]) -> tuple[Cell, ...]:
-    """Return every cell by its name, in order."""
-    return tuple(Cell(cell) for cell in cells)
-
-
-def _others(cells: tuple[int, ...]) -> Message:
+def _neighbour_range(cells: tuple[int, ...]) -> Message:
     if not cells:
         return Message("evidence-others-none")
     return Message("evidence-others", n=len(cells), first=Cell(cells[0]), last=Cell(cells[-1]))
 
 
-def _known(value: float) -> Number:
+def _finite(value: float) -> Number:
     return value if isfinite(value) else None
 
 

@@ -108,7 +108,7 @@ def units(owner: type) -> Iterator[tuple[str, Unit]]:
             yield each.name, unit
 
 
-def kept(owner: type) -> Iterator[tuple[str, Unit, Part]]:
+def history_fields(owner: type) -> Iterator[tuple[str, Unit, Part]]:
     """Yield the fields that history keeps, with the part of the measurement that they are as old as."""
     for each in described(owner):
         keeping: Kept | None = each.mark(Kept)

@@ -13,26 +13,26 @@ from app.words import Cell, Message, Quantity
 
 def findings_of(box: BlackBox, found: Sequence[Finding] = ()) -> list[AnalysisFinding]:
     """Return what happened in a few sentences; `found`: what was known against cells then, its own cell first."""
-    said = [
+    messages = [
         Message("box-event", event=box.text if box.text_words is None else box.text_words.message),
         *_beyond(box),
         *_peers(box),
     ]
     own_first = sorted(found, key=lambda each: each.cell != box.cell)
-    said += [Message("box-finding", finding=each.message, evidence=each.evidence) for each in own_first]
+    messages += [Message("box-finding", finding=each.message, evidence=each.evidence) for each in own_first]
     current_a, opened_s = box.cells.current_at_trip_a, box.cells.opened_s
     if current_a is not None:
-        said.append(Message("box-current", current=Quantity(current_a, "A", 1)))
+        messages.append(Message("box-current", current=Quantity(current_a, "A", 1)))
     if opened_s is not None:
         time = Quantity(abs(opened_s), "s", 2)
         is_after = opened_s >= 0.0
-        said.append(Message("box-opened-after", time=time) if is_after else Message("box-opened-before", time=time))
+        messages.append(Message("box-opened-after", time=time) if is_after else Message("box-opened-before", time=time))
     measured = (*box.cells.voltage_min_v, *box.cells.temperature_at_degc)
     if all(value is None for value in measured):
-        said.append(Message("box-no-cell"))
+        messages.append(Message("box-no-cell"))
     if not box.is_complete:
-        said.append(Message("box-partial"))
-    return [finding(message) for message in said]
+        messages.append(Message("box-partial"))
+    return [finding(message) for message in messages]
 
 
 def cause_findings(cause: Cause | None) -> list[AnalysisFinding]:
@@ -42,15 +42,15 @@ def cause_findings(cause: Cause | None) -> list[AnalysisFinding]:
     if cause.code == "unknown":
         return [finding(Message("box-no-cause"))]
     share = Quantity(100 * cause.confidence, "%", 0)
-    said = [finding(Message("box-cause", cause=cause.message_words.message, share=share))]
+    findings = [finding(Message("box-cause", cause=cause.message_words.message, share=share))]
     if cause.evidence:
-        said.append(finding(Message("box-evidence", evidence=tuple(each.message for each in cause.evidence))))
+        findings.append(finding(Message("box-evidence", evidence=tuple(each.message for each in cause.evidence))))
     if cause.same:
-        said.append(finding(Message("box-cause-same", causes=tuple(each.message for each in cause.same))))
+        findings.append(finding(Message("box-cause-same", causes=tuple(each.message for each in cause.same))))
     if cause.others:
         others = tuple(each.message_words.message for each in cause.others)
-        said.append(finding(Message("box-cause-others", causes=others)))
-    return said
+        findings.append(finding(Message("box-cause-others", causes=others)))
+    return findings
 
 
 def _beyond(box: BlackBox) -> list[Message]:

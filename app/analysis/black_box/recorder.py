@@ -17,7 +17,7 @@ from app.analysis.black_box.box import BlackBox
 from app.analysis.black_box.excerpt import Window, build
 from app.analysis.black_box.from_session import store_box, with_cause
 from app.analysis.incidents import AFTER_S, BEFORE_S, LONGEST_S, Trigger, incidents, is_trigger, main_trigger
-from app.analysis.limits import limits_of, limits_told
+from app.analysis.limits import known_limits, limits_of
 from app.analysis.root_cause.cause import Cause
 from app.battery.battery import Battery
 from app.errors import AppError
@@ -78,7 +78,7 @@ class BlackBoxRecorder:
         self._explain = explain
         self._samples: deque[_Sample] = deque(maxlen=MAX_SAMPLES)
         self._triggers: list[Trigger] = []
-        self._found: tuple[Finding, ...] = ()
+        self._findings: tuple[Finding, ...] = ()
         self._limits: ProtectionLimits | None = None  # those that the first trigger was judged by
         self._session: str | None = None
         self._config: tuple[bytes, str | None] | None = None
@@ -92,7 +92,7 @@ class BlackBoxRecorder:
                 self._session = self._session_id() if not self._triggers else self._session
                 self._triggers.append(_trigger(event, now_s))
         if snapshot is not None:
-            self._found = snapshot.findings
+            self._findings = snapshot.findings
             self._limits = snapshot.limits if not self._triggers else self._limits or snapshot.limits
         if snapshot is not None and snapshot.is_fresh:
             self._samples.append(_sample(snapshot))
@@ -116,8 +116,8 @@ class BlackBoxRecorder:
     def _finish(self) -> None:
         triggers, self._triggers = self._triggers, []
         image, config_hash = self._config or (None, None)
-        limits = limits_of(image) or limits_told(self._limits)
-        arguments = (triggers, list(self._samples), self._session, limits, config_hash, self._found)
+        limits = limits_of(image) or known_limits(self._limits)
+        arguments = (triggers, list(self._samples), self._session, limits, config_hash, self._findings)
         with contextlib.suppress(RuntimeError):  # shutting down
             self._writer.submit(named_as_here(self._write), *arguments).add_done_callback(_tell_failure)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from app.analysis.drill.days import Day, draw_days
-from app.analysis.drill.product import TRIP_CAUSE, answer_of_events, answer_of_message, tells
+from app.analysis.drill.product import TRIP_CAUSE, answer_of_events, answer_of_message, reports_fault
 from app.analysis.drill.score import Answer, most_points, points, total
 from app.errors import LinkError, NotNow
 from app.telemetry import Event
@@ -71,7 +71,7 @@ class _Running:
     seed: int
     days: list[Day]
     before: str | None  # what the car played
-    told: list[Event] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
 
 
 class Drill:
@@ -134,8 +134,8 @@ class Drill:
     def on_event(self, event: Event) -> None:
         """Take what the service tells."""
         running = self._running
-        if running is not None and tells(event.severity, event.code):
-            running.told.append(event)
+        if running is not None and reports_fault(event.severity, event.code):
+            running.events.append(event)
 
     def _car_time_s(self) -> float:
         """Seconds since the day began; 0 while the car is still starting."""
@@ -154,7 +154,7 @@ class Drill:
         day = running.days[state.day]
         self._file.write_text(day.scenario, encoding="utf-8")
         self._state = DrillState(True, state.seed, day.number, state.days, state.points, state.most, state.results)
-        running.told.clear()
+        running.events.clear()
         self._car.restart(str(self._file))
 
     def _end(self, running: _Running) -> None:
@@ -167,18 +167,18 @@ class Drill:
     def _result(self, running: _Running, day: Day, answer: Answer, since_s: float) -> Result:
         """The car runs in real time: what was told before the fault began is not of it."""
         fault_ns = self._wall_ns() - round(since_s * 1e9)
-        told = [event for event in running.told if event.time_ns >= fault_ns]
-        causes = (answer_of_message(event.message, event.cell) for event in told if event.code == TRIP_CAUSE)
+        seen = [event for event in running.events if event.time_ns >= fault_ns]
+        causes = (answer_of_message(event.message, event.cell) for event in seen if event.code == TRIP_CAUSE)
         named = next((cause for cause in causes if cause is not None), None)
-        product = named or answer_of_events([(event.code, event.cell) for event in told])
+        product = named or answer_of_events([(event.code, event.cell) for event in seen])
         return Result(
             day=day,
             answer=answer,
             points=points(day, answer),
             most=most_points(day),
             taken_s=round(since_s, 1),
-            visible_s=round((told[0].time_ns - fault_ns) / 1e9, 1) if told else None,
-            said=tuple(event.message for event in told[:MOST_SAID]),
+            visible_s=round((seen[0].time_ns - fault_ns) / 1e9, 1) if seen else None,
+            said=tuple(event.message for event in seen[:MOST_SAID]),
             product=product,
             product_points=points(day, product),
         )

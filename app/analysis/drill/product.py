@@ -74,7 +74,7 @@ CAUSES: Final = {  # a cause that root-cause analysis names, as the fault that m
 }
 
 
-def tells(severity: str, code: str) -> bool:
+def reports_fault(severity: str, code: str) -> bool:
     """Return whether an event tells of something wrong."""
     return (
         severity != "info" or code in ("boot", TRIP_CAUSE) or (code.startswith("finding-") and code != "finding-ended")
@@ -100,12 +100,12 @@ def answer_of_message(message: Message, cell: int | None) -> Answer | None:
 
 def answer_of_events(events: Iterable[tuple[str, int | None]]) -> Answer | None:
     """Return what events mean; each is (code, cell's index or None). None where they name nothing."""
-    told: dict[str, int | None] = {}
+    cell_by_code: dict[str, int | None] = {}
     for code, cell in events:
-        told.setdefault(code, cell)
+        cell_by_code.setdefault(code, cell)
     for code, fault in MEANS.items():
-        if code in told:
-            cell = told[code]
+        if code in cell_by_code:
+            cell = cell_by_code[code]
             if code == "trip-sensor-lost" and cell is None:
                 return Answer("current-unplugged")
             return answer_at(fault, cell)

@@ -130,13 +130,13 @@ def evidence_of(session: SessionFile) -> Evidence:
         EstimatorError: the cell file that it names is not here.
     """
     info = session.info
-    told: Any = info.metadata.get(METADATA)
+    metadata: Any = info.metadata.get(METADATA)
     configs, frames = session.configs(), list(session.frames())
     seen = looks([(each.t_mono_ns, each.raw) for each in frames if each.ok], BAUD_RATE)
     fast = [each for each in seen if each.values is not None]
-    if not isinstance(told, dict) or not configs or not fast:
+    if not isinstance(metadata, dict) or not configs or not fast:
         raise NoEvidence(info.id)
-    image, cycles, cell = configs[0].image, Cycles(**told["cycles"]), load_cell(str(told["cell"]))
+    image, cycles, cell = configs[0].image, Cycles(**metadata["cycles"]), load_cell(str(metadata["cell"]))
     rate = clock_rate([each for each in seen if each.boot == seen[0].boot])
     markers = [each for each in session.markers() if each.kind == MARKER]
     ready_ns = markers[0].t_mono_ns if markers else fast[-1].arrived_ns
@@ -148,12 +148,12 @@ def evidence_of(session: SessionFile) -> Evidence:
         session_id=info.id,
         tested=info.started_wall_ns / 1e9,
         voltwall=info.voltwall,
-        is_simulated=bool(told["is_simulated"]),
+        is_simulated=bool(metadata["is_simulated"]),
         outcome=_outcome(steps, rows, covered),
         firmware=None if ident is None else ".".join(map(str, ident.firmware)),
         protocol=None if ident is None else ident.protocol,
         map_matches=None if ident is None else ident.map_hash == MAP_HASH,
-        url=str(told["url"]),
+        url=str(metadata["url"]),
         config_hash=image_hash(image),
         interval_s=CONFIG["ts"].unpack(image)[0] / 1000,
         cell=cell.name,

@@ -39,12 +39,12 @@ class _Stretches(CapacityTracker):
 
     def __init__(self, nominal_ah: float, n_cells: int) -> None:
         super().__init__(nominal_ah, n_cells)
-        self.told: list[Stretch] = []
+        self.stretches: list[Stretch] = []
 
     def observe(
         self, soc_moved: ArrayLike, soc_moved_sigma: ArrayLike, charge_ah: ArrayLike, charge_sigma_ah: ArrayLike
     ) -> None:
-        self.told.append(
+        self.stretches.append(
             Stretch(
                 np.array(soc_moved, dtype=np.float64),
                 float(np.asarray(soc_moved_sigma)),
@@ -58,8 +58,8 @@ class RestCounter:
     """Counts the charge between the rests of a session; give `add` to `survey_session` as `also`."""
 
     def __init__(self, cell: CellModel, n_cells: int) -> None:
-        self._told = _Stretches(cell.capacity_ah, n_cells)
-        self._rests = CapacityBetweenRests(cell, self._told)
+        self._tracker = _Stretches(cell.capacity_ah, n_cells)
+        self._rests = CapacityBetweenRests(cell, self._tracker)
         self._last_s: float | None = None
 
     def add(self, piece: Piece) -> None:
@@ -75,7 +75,7 @@ class RestCounter:
     @property
     def stretches(self) -> tuple[Stretch, ...]:
         """What was counted between two rests, in order."""
-        return tuple(self._told.told)
+        return tuple(self._tracker.stretches)
 
 
 def record_of(session: SessionFile, todays: CellModel) -> SessionRecord:
@@ -141,7 +141,7 @@ class PassportKeeper:
         self._thread: threading.Thread | None = None
         self._progress = (0, 0)
         self._unreadable: set[str] = set()
-        self._others: set[str] = set()  # sessions of other batteries
+        self._of_other_batteries: set[str] = set()  # sessions of other batteries
         self._is_closing = False
 
     @property
@@ -162,7 +162,7 @@ class PassportKeeper:
 
     def _new(self) -> list[SessionInfo]:
         """Finished sessions of this car that are not in the store yet, the oldest first."""
-        known = self.store.known() | self._unreadable | self._others
+        known = self.store.known() | self._unreadable | self._of_other_batteries
         found = [
             info
             for info in self._catalogue.list()
@@ -184,7 +184,7 @@ class PassportKeeper:
             try:
                 with SessionFile(info.path) as session:
                     if not self._is_of_battery(session.battery):
-                        self._others.add(info.id)
+                        self._of_other_batteries.add(info.id)
                         continue
                     record = record_of(session, self._cell)
                     if self._also is not None:

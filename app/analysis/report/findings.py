@@ -163,7 +163,7 @@ def headline(survey: Survey, n_laps: int) -> AnalysisFinding:
 
 def what_limited(found: Sequence[Margin], trips: Sequence[Argument]) -> list[AnalysisFinding]:
     """Return what ended or held back the run: trips, limits that came near, else the one that was nearest."""
-    said = [finding(Message("report-tripped", event=event)) for event in trips]
+    findings = [finding(Message("report-tripped", event=event)) for event in trips]
     near = [each for each in found if each.margin < NEAR[each.limit]]
     for each in near or found[:1]:
         what = _LIMITS[each.limit]
@@ -174,27 +174,29 @@ def what_limited(found: Sequence[Margin], trips: Sequence[Argument]) -> list[Ana
         margin = Quantity(abs(each.margin), step, _DIGITS[step])
         allowed = Quantity(each.allowed, each.unit)
         if not near:
-            said.append(finding(Message("report-nearest", what=what, seen=seen, margin=margin, allowed=allowed)))
+            findings.append(finding(Message("report-nearest", what=what, seen=seen, margin=margin, allowed=allowed)))
         elif each.margin < 0:
-            said.append(finding(Message("report-beyond", what=what, seen=seen, margin=margin, allowed=allowed)))
+            findings.append(finding(Message("report-beyond", what=what, seen=seen, margin=margin, allowed=allowed)))
         else:
-            said.append(finding(Message("report-near", what=what, seen=seen, margin=margin, allowed=allowed)))
-    return said or [finding(Message("report-no-limits"))]
+            findings.append(finding(Message("report-near", what=what, seen=seen, margin=margin, allowed=allowed)))
+    return findings or [finding(Message("report-no-limits"))]
 
 
 def what_to_look_at(
     survey: Survey, odd: Sequence[Odd], warnings: Sequence[Argument], bad_frames: int
 ) -> list[AnalysisFinding]:
     """Return what deserves a look before the next run."""
-    said: list[AnalysisFinding] = []
+    findings: list[AnalysisFinding] = []
     by_kind: dict[str, list[Odd]] = {}
     for each in odd:
         by_kind.setdefault(each.what, []).append(each)
     for kind in by_kind.values():
-        said += [finding(Message("report-odd", cell=Cell(each.cell), what=each.message)) for each in kind[:ODD_NAMED]]
+        findings += [
+            finding(Message("report-odd", cell=Cell(each.cell), what=each.message)) for each in kind[:ODD_NAMED]
+        ]
         others = tuple(Cell(each.cell) for each in kind[ODD_NAMED:])
         if others:
-            said.append(finding(Message("report-odd-more", n=len(others), cells=others)))
+            findings.append(finding(Message("report-odd-more", n=len(others), cells=others)))
     lowest = _extreme(survey.soc_last, lowest=True)
     apart = _spread(survey.soc_last)
     if lowest is not None and apart > SPREAD_SOC:
@@ -202,15 +204,15 @@ def what_to_look_at(
         spread, cell = percent(apart, 1), Cell(lowest)
         if before < apart - SPREAD_SOC:
             began = percent(before, 1)
-            said.append(finding(Message("report-spread-grown", spread=spread, cell=cell, before=began)))
+            findings.append(finding(Message("report-spread-grown", spread=spread, cell=cell, before=began)))
         else:
-            said.append(finding(Message("report-spread", spread=spread, cell=cell)))
-    said += [finding(Message("report-warned", event=event)) for event in warnings]
+            findings.append(finding(Message("report-spread", spread=spread, cell=cell)))
+    findings += [finding(Message("report-warned", event=event)) for event in warnings]
     if survey.gap_s > 0.0:
-        said.append(finding(Message("report-gap", length=Quantity(survey.gap_s, "s", 0))))
+        findings.append(finding(Message("report-gap", length=Quantity(survey.gap_s, "s", 0))))
     if bad_frames:
-        said.append(finding(Message("report-damaged", n=bad_frames)))
-    return said or [finding(Message("report-nothing-odd"))]
+        findings.append(finding(Message("report-damaged", n=bad_frames)))
+    return findings or [finding(Message("report-nothing-odd"))]
 
 
 def key_figures(survey: Survey) -> dict[str, float | None]:

@@ -157,9 +157,11 @@ def report_of(session: SessionFile) -> Report:
     causes = causes_of(session, cell)
     findings = Findings(
         headline(survey, len(found_laps)),
-        [*_causes_told(causes), *verdicts(survey, odd, _cells(trips), _cells(loose), found, _blamed(causes))],
-        what_limited(near, _told(trips)),
-        what_to_look_at(survey, _unexplained(odd, found), [*_ended(ended), *_told(warned)], session.bad_frames()),
+        [*_cause_findings(causes), *verdicts(survey, odd, _cells(trips), _cells(loose), found, _blamed(causes))],
+        what_limited(near, _event_arguments(trips)),
+        what_to_look_at(
+            survey, _unexplained(odd, found), [*_ended(ended), *_event_arguments(warned)], session.bad_frames()
+        ),
         judged_by(session),
     )
     return Report(
@@ -192,9 +194,9 @@ def report_of(session: SessionFile) -> Report:
     )
 
 
-def _causes_told(causes: Sequence[Cause]) -> list[AnalysisFinding]:
+def _cause_findings(causes: Sequence[Cause]) -> list[AnalysisFinding]:
     """Each cause once, with the first thing that speaks for it."""
-    said: dict[tuple[str, int | None, int | None], AnalysisFinding] = {}
+    by_place: dict[tuple[str, int | None, int | None], AnalysisFinding] = {}
     for cause in causes:
         if cause.code == "unknown":
             continue
@@ -206,8 +208,8 @@ def _causes_told(causes: Sequence[Cause]) -> list[AnalysisFinding]:
             message = Message("report-cause-same", cause=cause.message_words.message, evidence=evidence, causes=same)
         elif others:
             message = Message("report-cause-or", cause=cause.message_words.message, evidence=evidence, causes=others)
-        said.setdefault((cause.code, cause.cell, cause.pack), finding(message))
-    return list(said.values())
+        by_place.setdefault((cause.code, cause.cell, cause.pack), finding(message))
+    return list(by_place.values())
 
 
 def _blamed(causes: Sequence[Cause]) -> set[int]:
@@ -253,6 +255,6 @@ def _ended(found: Sequence[Finding]) -> list[Argument]:
     return [Message("finding-ended", finding=each.message) for each in found]
 
 
-def _told(events: Sequence[dict[str, Any]]) -> list[Argument]:
+def _event_arguments(events: Sequence[dict[str, Any]]) -> list[Argument]:
     """The events with their places, each once."""
     return list({with_cell(message_of_event(event), event["cell"]): None for event in events})

@@ -43,16 +43,16 @@ def verdicts(
     """
     resisting = [each.cell for each in odd if each.what == "resistance"]
     by_cell = {each.cell: [other for other in found if other.cell == each.cell] for each in found}
-    said = []
+    findings = []
     for cell in dict.fromkeys([*tripped, *by_cell, *loose, *resisting]):
         if cell in by_cell:
             messages = [Message("why-finding", finding=each.message, evidence=each.evidence) for each in by_cell[cell]]
-            said += [finding(each) for each in messages]
+            findings += [finding(each) for each in messages]
         else:
             verdict = _verdict(survey, cell, is_loose=cell in loose, resists=cell in resisting)
             if verdict.code != "why-like-others" or cell not in blamed:
-                said.append(verdict)
-    return said
+                findings.append(verdict)
+    return findings
 
 
 def _verdict(survey: Survey, index: int, *, is_loose: bool, resists: bool) -> AnalysisFinding:

@@ -51,16 +51,16 @@ def _self_tests(recording: Recording) -> Iterator[Suspicion]:
 def _silent(recording: Recording, *, is_noisy: bool) -> Iterator[Suspicion]:
     if not recording.time_s.size:
         return
-    told = [event for event in recording.events if event.code == "trip-slave-lost" and event.cell is not None]
+    lost = [event for event in recording.events if event.code == "trip-slave-lost" and event.cell is not None]
     missing: BoolArray = np.logical_and.reduceat(np.isnan(recording.voltage_v), recording.pack_starts, axis=1)
     if not recording.tells_at_once:  # what comes later in the first round is awaited
         missing &= np.logical_or.accumulate(~missing, axis=0) | missing.all(axis=0)
     tested = (np.nan_to_num(recording.boards.failed_tests) != 0).any(axis=0)
-    packs = {pack_of(event.cell) for event in told if event.cell is not None}
+    packs = {pack_of(event.cell) for event in lost if event.cell is not None}
     if not missing.all(axis=1).any():
         packs |= {int(pack) for pack in np.flatnonzero(missing.sum(axis=0) >= 5) if not tested[pack]}
     for pack in sorted(packs):
         rows = np.flatnonzero(missing[:, pack])
-        at_s = float(recording.time_s[rows[0]]) if rows.size else told[0].at_s
+        at_s = float(recording.time_s[rows[0]]) if rows.size else lost[0].at_s
         weight = 10.0 if is_noisy else 60.0
         yield Suspicion("slave-lost", at_s, weight, (Message("seen-slave-silent", pack=pack + 1),), pack=pack)

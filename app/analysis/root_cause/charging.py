@@ -32,9 +32,9 @@ def charger_suspicions(recording: Recording) -> Iterator[Suspicion]:
         at_s = float(recording.time_s[row])
         near = recording.near(at_s - BEFORE_S, at_s + 1.0)
         flags = [value for value in recording.charger_flags[near].tolist() if value not in (-1, NOT_HEARD)]
-        told = next(((code, seen) for flag, code, seen in BY_FLAG if any(value & flag for value in flags)), None)
-        if told is not None:
-            code, seen = told
+        fault = next(((code, seen) for flag, code, seen in BY_FLAG if any(value & flag for value in flags)), None)
+        if fault is not None:
+            code, seen = fault
             yield Suspicion(code, at_s - BEFORE_S, 60.0, (seen,))
         elif any(e.code == "can-rx-timeout" and abs(e.at_s - at_s) < 2.0 for e in recording.events):
             yield Suspicion("charger-silent", at_s - 8.0, 40.0, (Message("seen-charger-silent"),))

@@ -31,9 +31,9 @@ def causes_of(session: SessionFile, cell: CellModel | None = None) -> list[Cause
     found: list[Judgement] = []
     explained: set[tuple[str, int | None, int | None]] = set()
     for trip in trips:
-        told = _judged(session, model, trip, trip.at_s - BACK_S, trip.at_s + SETTLED_S)
-        found += told[:1]
-        explained |= _places(told[:1])
+        judgements = _judged(session, model, trip, trip.at_s - BACK_S, trip.at_s + SETTLED_S)
+        found += judgements[:1]
+        explained |= _places(judgements[:1])
     for from_s, to_s in pairwise(_edges(start_s, end_s)) if not trips else ((start_s, trips[0].at_s),):
         rest = _judged(session, model, None, max(from_s, to_s - BACK_S), to_s)
         new = [each for each in rest if each.ranked and not _is_known(each, explained)]
@@ -49,10 +49,10 @@ def cause_of_trip(session: SessionFile, trigger: Trigger, cell: CellModel | None
     if trip_kind(trip.code) is None and trip.severity == "trip":
         return None
     is_trip = trip.severity == "trip"
-    told = _judged(
+    judgements = _judged(
         session, cell or cell_of(session)[0], trip if is_trip else None, trip.at_s - BACK_S, trip.at_s + SETTLED_S
     )
-    about = [each for each in told if is_trip or trip.cell in (None, each.ranked[0].cell)]
+    about = [each for each in judgements if is_trip or trip.cell in (None, each.ranked[0].cell)]
     return cause_of(about[0]) if about else None
 
 
@@ -64,8 +64,8 @@ def cause_at(session: SessionFile, at_s: float) -> Cause | None:
     if not trips:
         return None
     trip = trips[-1]
-    told = _judged(session, cell_of(session)[0], trip, trip.at_s - BACK_S, trip.at_s + SETTLED_S)
-    return cause_of(told[0]) if told else None
+    judgements = _judged(session, cell_of(session)[0], trip, trip.at_s - BACK_S, trip.at_s + SETTLED_S)
+    return cause_of(judgements[0]) if judgements else None
 
 
 def _judged(
@@ -84,13 +84,13 @@ def _trips(events: Sequence[Trigger]) -> list[Trigger]:
     return [next((each for each in group if each.code.startswith("trip-")), main_trigger(group)) for group in groups]
 
 
-def _places(told: Sequence[Judgement]) -> set[tuple[str, int | None, int | None]]:
-    return {(each.ranked[0].code, *each.ranked[0].place) for each in told if each.ranked}
+def _places(judgements: Sequence[Judgement]) -> set[tuple[str, int | None, int | None]]:
+    return {(each.ranked[0].code, *each.ranked[0].place) for each in judgements if each.ranked}
 
 
-def _is_known(told: Judgement, explained: set[tuple[str, int | None, int | None]]) -> bool:
+def _is_known(judgement: Judgement, explained: set[tuple[str, int | None, int | None]]) -> bool:
     """Its cell has a cause already, or this cause was told of another part of the session."""
-    key = (told.ranked[0].code, *told.ranked[0].place)
+    key = (judgement.ranked[0].code, *judgement.ranked[0].place)
     return key in explained or (key[1] is not None and key[1] in {cell for _, cell, _ in explained})
 
 

@@ -93,7 +93,7 @@ def trip_kind(code: str) -> str | None:
 
 def judge(trips: Sequence[Trigger], suspicions: Iterable[Suspicion]) -> list[Judgement]:
     """Return what explains each trip, then what is wrong without having tripped anything; trips in order."""
-    left = _without_consequences(_once(suspicions))
+    left = _without_consequences(_strongest_each(suspicions))
     found: list[Judgement] = []
     explained: set[int | None] = set()  # cells of which it is known what they have
     used: set[tuple[str, int | None, int | None]] = set()
@@ -120,7 +120,7 @@ def _key(each: Suspicion) -> tuple[str, int | None, int | None]:
     return each.code, *each.place
 
 
-def _once(suspicions: Iterable[Suspicion]) -> list[Suspicion]:
+def _strongest_each(suspicions: Iterable[Suspicion]) -> list[Suspicion]:
     best: dict[tuple[str, int | None, int | None], Suspicion] = {}
     for each in suspicions:
         if _key(each) not in best or each.weight > best[_key(each)].weight:

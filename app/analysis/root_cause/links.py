@@ -106,11 +106,11 @@ def _bus(recording: Recording) -> Iterator[Suspicion]:
             code, seen = "can-master-off", Message("seen-can-master-off", length=length)
         elif talked:
             code, seen = "can-silent", Message("seen-can-silent", length=length)
-        told: tuple[Message, ...] = (seen,)
+        reasons: tuple[Message, ...] = (seen,)
         if any(from_s - 2.0 <= event.at_s <= to_s for event in errors):
             code = "can-silent"
-            told = (*told, Message("seen-can-errors"))
-        yield Suspicion(code, from_s, 60.0, told)
+            reasons = (*reasons, Message("seen-can-errors"))
+        yield Suspicion(code, from_s, 60.0, reasons)
         if to_s - from_s > 5.0:
             return
     if len(errors) >= 2 and line.good_s.size:

@@ -67,11 +67,11 @@ def read_recording(session: SessionFile, from_s: float, to_s: float) -> Recordin
         start_s=session.info.started_wall_ns / 1e9,
         bits={name: k for k, name in enumerate(STATUS_FLAGS)},
         segments=battery.segments,
-        tells_at_once=is_team or _share_told(found[IS_NEW]) > AT_ONCE,
+        tells_at_once=is_team or _share_new(found[IS_NEW]) > AT_ONCE,
     )
 
 
-def _share_told(parts: Sequence[FieldSamples]) -> float:
+def _share_new(parts: Sequence[FieldSamples]) -> float:
     """Of the cells' voltages in a row those that were told in it, on average; 0 where there are none."""
     return float(np.mean(np.concatenate([part.values for part in parts]))) if parts else 0.0
 

@@ -41,8 +41,8 @@ def _limit(battery: Battery, name: str, limits: ProtectionLimits | None) -> floa
     stated = battery.limits.get(name)
     if stated is not None and not isinstance(stated, SignalName):
         return stated
-    told = {} if limits is None else in_force(limits)
-    value = told.get(name)
+    limits_in_force = {} if limits is None else in_force(limits)
+    value = limits_in_force.get(name)
     return None if value is None or value != value else value
 
 

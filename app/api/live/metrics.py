@@ -15,7 +15,7 @@ from app.service.pipeline_thread import PipelineThread
 from app.sessions.recording.auto_recorder import AutoRecorder
 from app.telemetry import Accumulator, Ages, Cells, Snapshot
 from app.telemetry.aging import aged, is_stale
-from app.telemetry.fields import Part, kept, units
+from app.telemetry.fields import Part, history_fields, units
 from app.telemetry.measurement import BLANK_S
 
 router = APIRouter(tags=["metrics"])
@@ -42,7 +42,7 @@ _CELLS = {
     "soc_sigma": "voltwall_cell_soc_sigma_ratio",
     "resistance_ohm": "voltwall_cell_resistance_ohms",
 }
-_PARTS = {name: part for owner in (Accumulator, Cells) for name, _, part in kept(owner)}
+_PARTS = {name: part for owner in (Accumulator, Cells) for name, _, part in history_fields(owner)}
 _SEVERITIES = ("watch", "warning", "trip")
 _JOULES_PER_WH = 3600.0
 

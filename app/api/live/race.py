@@ -109,8 +109,8 @@ def map_driver_can(
     ids = tuple(f"{frame.can_id & ~CAN_ID_EXTENDED:#x}" for frame in (target, message) if frame is not None)
     with signed.signed(user.name, "transmit", f"driver's display: {', '.join(ids) or 'nothing'}"):
         _put(display, target, message, user.name)
-    told = Message("driver-can-on", ids=ids) if ids else Message("driver-can-off")
-    events.note("info", "driver-can", told, user.name)
+    text = Message("driver-can-on", ids=ids) if ids else Message("driver-can-off")
+    events.note("info", "driver-can", text, user.name)
     return driver_can(display, links)
 
 

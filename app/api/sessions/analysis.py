@@ -81,9 +81,9 @@ def battery(session_id: str, catalogue: CataloguePart) -> dict[str, Any]:
     """The battery that was recorded, with the limits in force at the end, as far as they are known."""
     with catalogue.open(session_id) as file:
         configs = file.configs()
-        told = by_names_of_profiles(limits_of(configs[-1].image if configs else None))
+        limits_then = by_names_of_profiles(limits_of(configs[-1].image if configs else None))
         body = battery_json(file.battery, "recording", Message("a-recording-is-not-written"))
-    return body | {"limits": body["limits"] | told}
+    return body | {"limits": body["limits"] | limits_then}
 
 
 @router.get("/sessions/{session_id}/laps")

@@ -97,8 +97,8 @@ def choose_order(
 ) -> dict[str, Any]:
     """Choose which of the missing pieces come first, until the service ends; then it is `--recorder-order` again."""
     followers.choose(body.order)
-    told = Message("copies-newest-first") if body.order == "newest" else Message("copies-oldest-first")
-    events.note("info", "copies-order", told, user.name)
+    message = Message("copies-newest-first") if body.order == "newest" else Message("copies-oldest-first")
+    events.note("info", "copies-order", message, user.name)
     return copies(settings, followers)
 
 

@@ -27,14 +27,14 @@ class ServedBattery:
 class BatterySwitch:
     """ASGI application: hands every request to the battery of its path. The first takes the lifespan."""
 
-    def __init__(self, first: ASGIApp, others: Sequence[ServedBattery]) -> None:
+    def __init__(self, first: ASGIApp, further: Sequence[ServedBattery]) -> None:
         self._first = first
-        self._others = others
+        self._further = further
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Take the battery off the path and hand on what is left of it."""
         if scope["type"] in ("http", "websocket"):
-            for each in self._others:
+            for each in self._further:
                 if scope["path"] + "/" == each.path and scope["type"] == "http":
                     await RedirectResponse(each.path)(scope, receive, send)
                     return

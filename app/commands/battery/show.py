@@ -36,10 +36,10 @@ def _list(args: argparse.Namespace) -> int:
         print(json.dumps(found, indent=2))
         return 0
     for each in found:
-        told = "a part, to include in a profile"
+        text = "a part, to include in a profile"
         if each["name"] is not None:
-            told = f"{each['name']}: {each['segments']} segments, {each['sensors']} temperature sensors"
-        print(f"{each['profile']:20} {told}")
+            text = f"{each['name']}: {each['segments']} segments, {each['sensors']} temperature sensors"
+        print(f"{each['profile']:20} {text}")
     return 0
 
 

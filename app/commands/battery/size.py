@@ -56,14 +56,14 @@ def _size(args: argparse.Namespace) -> int:
     layout = Layout(n_segments, n_in_series, args.parallel)
     figures = figures_of(cell, layout, args.soc / 100.0, args.temperature)
     if args.json:
-        told = {
+        document = {
             "cell": {"name": cell.name, "source": cell.source},
             "layout": asdict(layout),
             "soc": args.soc / 100.0,
             "temperature_degc": args.temperature,
             "figures": {name: asdict(figure) for name, figure in figures.items()},
         }
-        print(json.dumps(told, indent=2, allow_nan=False))
+        print(json.dumps(document, indent=2, allow_nan=False))
         return 0
     print(
         f"{cell.name}: {layout.n_segments} segments of {layout.n_in_series} in series, {layout.n_parallel} in parallel"

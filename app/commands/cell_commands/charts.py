@@ -67,8 +67,10 @@ def draw_estimate(path: Path, recording: Recording, run: Run) -> None:
     """
     is_scored = bool(np.isfinite(recording.soc).any())
     hours = (recording.time_s[-1] - recording.time_s[0]) / 3600.0
-    said = f"{len(recording.time_s):,} rows, {60.0 * hours:.0f} min, {np.abs(recording.current_a).max():.3g} A at most"
-    figure, axes = new_figure(path, 4 if is_scored else 3, f"{recording.source}: estimate", said)
+    subtitle = (
+        f"{len(recording.time_s):,} rows, {60.0 * hours:.0f} min, {np.abs(recording.current_a).max():.3g} A at most"
+    )
+    figure, axes = new_figure(path, 4 if is_scored else 3, f"{recording.source}: estimate", subtitle)
     pick = slice(None, None, -(-len(recording.time_s) // POINTS_LIMIT))
     minutes = (recording.time_s[pick] - recording.time_s[0]) / 60.0
     soc, band = 100.0 * run.soc[pick], 300.0 * run.soc_sigma[pick]
@@ -106,8 +108,11 @@ def draw_identification(path: Path, found: Identification) -> None:
         OSError: the file cannot be written.
     """
     model = found.model
-    said = f"{model.capacity_ah:.4g} Ah, {model.n_rc} RC pairs; open loop {1e3 * model.fit_voltage_rms_v:.1f} mV RMS"
-    figure, axes = new_figure(path, 2 + len(found.parts), model.name, f"{said}, up to {model.fit_current_max_a:.3g} A")
+    subtitle = (
+        f"{model.capacity_ah:.4g} Ah, {model.n_rc} RC pairs; open loop {1e3 * model.fit_voltage_rms_v:.1f} mV RMS"
+    )
+    subtitle += f", up to {model.fit_current_max_a:.3g} A"
+    figure, axes = new_figure(path, 2 + len(found.parts), model.name, subtitle)
     soc = np.linspace(0.0, 1.0, 201)
     axes[0].plot(100.0 * soc, model.ocv.voltage(soc), color=MODEL, linewidth=1.4)
     axes[0].set_ylabel("OCV / V")

@@ -86,7 +86,7 @@ class Renewal:
             await asyncio.to_thread(self.look, Clock().wall_s())
 
 
-def told(certificate: Certificate, settings: Settings, port: int) -> str:
+def certificate_text(certificate: Certificate, settings: Settings, port: int) -> str:
     """Return what the terminal shows: the fingerprint, and for phones the addresses, the first as a QR code."""
     lines = [f"certificate SHA-256 {certificate.fingerprint}"]
     urls = [f"https://{f'[{a}]' if ':' in a else a}:{port}/" for a in addresses_of(settings.host)]

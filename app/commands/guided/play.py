@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from app.analysis.drill.days import Day
-from app.analysis.drill.product import tells
+from app.analysis.drill.product import reports_fault
 from app.clock import Clock
 from app.errors import LinkLost
 from app.live.pipeline import Pipeline
@@ -66,7 +66,7 @@ class Played:
 
     def after(self, at_s: float) -> list[tuple[float, Event]]:
         """Return the events since then that tell of something."""
-        return [(t_s, event) for t_s, event in self.events if t_s >= at_s and tells(event.severity, event.code)]
+        return [(t_s, event) for t_s, event in self.events if t_s >= at_s and reports_fault(event.severity, event.code)]
 
 
 def play(day: Day, folder: Path, speed: float, factory: PipelineFactory, start_wall_ns: int | None = None) -> Played:
@@ -89,12 +89,12 @@ class _Player:
         self._events: list[tuple[float, Event]] = []
         self._pipeline: Pipeline = factory.pipeline("simulator", "simulated", "simulated")
         self._recorder = AutoRecorder(
-            folder, automatic=True, on_event=self._told, clock=self._clock, source="simulator"
+            folder, automatic=True, on_event=self._on_event, clock=self._clock, source="simulator"
         )
         self._lock = threading.Lock()
         self._ended = threading.Event()
         self._links = 0  # that are open
-        self._heard = 0  # items
+        self._n_items = 0  # items
         self._judged_ns = 0
         self._session: Path | None = None
 
@@ -116,8 +116,8 @@ class _Player:
                 try:
                     simulator.wait(day.length_s / speed * 10 + END_S)
                     heard = -1
-                    while not self._ended.wait(END_S) and self._heard != heard:  # a slow machine has yet to read it
-                        heard = self._heard
+                    while not self._ended.wait(END_S) and self._n_items != heard:  # a slow machine has yet to read it
+                        heard = self._n_items
                 finally:
                     simulator.kill()
                     for link in links:
@@ -127,7 +127,7 @@ class _Player:
 
     def _take(self, item: Item) -> None:
         with self._lock:
-            self._heard += 1
+            self._n_items += 1
             if isinstance(item, LinkChange) and item.state == "lost":
                 self._links -= 1  # the end of the day is no failure
                 if self._links == 0:  # what waits on the slower link is part of the day
@@ -139,7 +139,7 @@ class _Player:
             self._recorder.on_item(item)
             output = self._pipeline.feed(item)
             for event in output.events:
-                self._told(event)
+                self._on_event(event)
             self._recorder.on_output(output)
             if output.snapshot is not None and output.t_mono_ns - self._judged_ns >= _JUDGE_NS:
                 self._judged_ns = output.t_mono_ns
@@ -147,7 +147,7 @@ class _Player:
             if self._session is None and (session := self._recorder.session) is not None:
                 self._session = session.path
 
-    def _told(self, event: Event) -> None:
+    def _on_event(self, event: Event) -> None:
         self._recorder.on_event(event)
         self._events.append((self._clock.car_s, event))
 

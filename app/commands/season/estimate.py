@@ -109,8 +109,8 @@ def _chosen(name: str, field: str, filter_name: str) -> tuple[EstimateSet, str |
 
 def _tell(progress: Progress) -> None:
     left = "" if progress.left_s is None else f", {progress.left_s:.0f} s left"
-    said = f": {progress.error}" if progress.error else ""
-    print(f"{progress.done}/{progress.total} {progress.session}{said}{left}", file=sys.stderr, flush=True)
+    suffix = f": {progress.error}" if progress.error else ""
+    print(f"{progress.done}/{progress.total} {progress.session}{suffix}{left}", file=sys.stderr, flush=True)
 
 
 def _print_json(

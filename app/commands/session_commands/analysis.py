@@ -118,8 +118,8 @@ def _compare(args: argparse.Namespace) -> int:
     return 0
 
 
-def _texts(said: Sequence[AnalysisFinding]) -> list[str]:
-    return [each.text for each in said]
+def _texts(findings: Sequence[AnalysisFinding]) -> list[str]:
+    return [each.text for each in findings]
 
 
 def _figure(value: float | None) -> str:

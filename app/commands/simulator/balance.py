@@ -102,7 +102,7 @@ def run(args: argparse.Namespace) -> int:
         if not args.json:
             print(_line(study, circuit, runs[circuit]), flush=True)
     if args.json:
-        print(json.dumps(_told(study, runs), indent=2, allow_nan=False))
+        print(json.dumps(_document(study, runs), indent=2, allow_nan=False))
     if args.picture is not None:
         _draw(args.picture, study, runs)
     return 0
@@ -155,7 +155,7 @@ def _line(study: Study, circuit: str, done: BalancingRun) -> str:
     return f"{line}\n{'  in the thesis':20}{known[0]:8.2f}{known[1]:7.1f} degC{known[2]:8.3f} %"
 
 
-def _told(study: Study, runs: dict[str, BalancingRun]) -> dict[str, object]:
+def _document(study: Study, runs: dict[str, BalancingRun]) -> dict[str, object]:
     circuits = {}
     for name, done in runs.items():
         known = thesis_figures(study, name)

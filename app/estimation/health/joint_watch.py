@@ -162,7 +162,7 @@ class JointWatch:
         self._confirm(is_loose, np.isfinite(report.joint_excess_ohm))
         self._is_loose |= jumped & is_loose
         self._learn(report, is_loose, has_past)
-        self._report = _kept(self._report, replace(report, is_loose=is_loose))
+        self._report = _with_earlier(self._report, replace(report, is_loose=is_loose))
         return self._report
 
     def _forget_what_changed(self) -> None:
@@ -214,7 +214,7 @@ class JointWatch:
         self._baseline_ohm = np.where(sound, moved, self._baseline_ohm)
 
 
-def _kept(before: JointReport, now: JointReport) -> JointReport:
+def _with_earlier(before: JointReport, now: JointReport) -> JointReport:
     """Return what is known now, cell by cell what was known before where that is nothing."""
     is_known = np.isfinite(now.joint_excess_ohm)
     if is_known.all():

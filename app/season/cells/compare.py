@@ -70,9 +70,9 @@ def compare(
     relative = np.log(resistance / middle[:, None])
     cells: list[SeasonCellDifference] = []
     for cell in range(history.n_cells):
-        told = _welch(*(each[np.isfinite(each)] for each in (relative[in_a, cell], relative[in_b, cell])))
-        if told is not None:
-            change, sigma, freedom = told
+        test = _welch(*(each[np.isfinite(each)] for each in (relative[in_a, cell], relative[in_b, cell])))
+        if test is not None:
+            change, sigma, freedom = test
             reach = student_95(freedom) * sigma
             # the normal's tail at the t that Student's reach stands for
             p = erfc(abs(change) / max(reach, 1e-12) * 1.959964 / sqrt(2.0))
@@ -89,10 +89,10 @@ def compare(
 def _difference(name: str, unit: str, a: FloatArray, b: FloatArray) -> SeasonDifference:
     a, b = a[np.isfinite(a)], b[np.isfinite(b)]
     means = (float(a.mean()) if a.size else None, float(b.mean()) if b.size else None)
-    told = _welch(a, b)
-    if told is None:
+    test = _welch(a, b)
+    if test is None:
         return SeasonDifference(name, unit, *means, a.size, b.size, None, None, None)
-    change, sigma, freedom = told
+    change, sigma, freedom = test
     reach = student_95(freedom) * sigma
     return SeasonDifference(name, unit, *means, a.size, b.size, change, change - reach, change + reach)
 

@@ -37,7 +37,7 @@ from app.season.estimates.results import SCHEMA, cell_hash
 from app.sessions.reading.reader import SessionFile
 
 USED_SIGMA_MAX: Final = RESISTANCE_SIGMA_MAX
-TOLD_SIGMA_MAX: Final = 0.3  # a factor less sure than this tells nothing
+KNOWN_SIGMA_MAX: Final = 0.3  # a factor less sure than this tells nothing
 UNKNOWN_SOC: Final = 0.5
 ERROR_FLOOR_V2: Final = 1e-6
 Keep = Callable[[FloatArray, Estimates], None]  # (n,) unix times [s], and the estimates at them
@@ -198,8 +198,8 @@ class SessionEstimate:
             factor = xy / xx
             left = np.maximum((yy - xy * factor) / lasted_s, ERROR_FLOOR_V2)
             sigma = np.sqrt(2.0 * LASTING_S * left / xx)
-        told = np.isfinite(factor) & (factor > 0.0) & (sigma <= TOLD_SIGMA_MAX)
-        return np.where(told, factor, np.nan), np.where(told, sigma, np.inf)
+        is_known = np.isfinite(factor) & (factor > 0.0) & (sigma <= KNOWN_SIGMA_MAX)
+        return np.where(is_known, factor, np.nan), np.where(is_known, sigma, np.inf)
 
     def result(self) -> dict[str, Any]:
         """Return what came out."""

@@ -238,18 +238,18 @@ class _Findings:
     """What was found of cells, by time: told in the session's events, or judged anew."""
 
     def __init__(self, session: SessionFile, events: Sequence[Mapping[str, Any]], judge: CellModel | None) -> None:
-        self._told = [
+        self._findings = [
             (session.unix_s(row["t_mono_ns"]), int(row["cell"]), row["code"].removeprefix(_FINDING))
             for row in events
             if row["code"].startswith(_FINDING) and row["code"] != _FINDING_ENDED and row["cell"] is not None
         ]
         if judge is not None:
-            self._told = [(each.since_s, each.cell, each.code) for each in cell_findings(session, judge)]
+            self._findings = [(each.since_s, each.cell, each.code) for each in cell_findings(session, judge)]
 
     def by_cell(self, from_s: float | None, to_s: float | None) -> dict[int, str]:
         """Return the codes of each cell that were first told in a range of unix time."""
         found: dict[int, dict[str, None]] = {}
-        for at_s, cell, code in self._told:
+        for at_s, cell, code in self._findings:
             if (from_s is None or at_s >= from_s) and (to_s is None or at_s < to_s):
                 found.setdefault(cell, {})[code] = None
         return {cell: " ".join(codes) for cell, codes in found.items()}

@@ -31,8 +31,8 @@ def ask(port: int) -> dict[str, Any]:
     for scheme in ("http", "https"):
         try:
             with direct.open(f"{scheme}://127.0.0.1:{port}/api/v1/health", timeout=TIMEOUT_S) as answer:
-                told = json.load(answer)
-                return told if isinstance(told, dict) else {}
+                document = json.load(answer)
+                return document if isinstance(document, dict) else {}
         except (OSError, ValueError) as failure:
             error = failure if isinstance(failure, OSError) else OSError(str(failure))
     raise error
@@ -41,13 +41,13 @@ def ask(port: int) -> dict[str, Any]:
 def main(environment: Mapping[str, str] = os.environ) -> int:
     """Print what is missing and return the exit status."""
     try:
-        told = ask(int(environment.get("VOLTWALL_PORT", "8000")))
+        document = ask(int(environment.get("VOLTWALL_PORT", "8000")))
     except OSError as error:
         sys.stdout.write(f"the service does not answer: {error}\n")
         return 1
-    reasons = told.get("reasons") or ["nothing is missing"]
-    sys.stdout.write(f"{told.get('status')}: {'; '.join(map(str, reasons))}\n")
-    return 0 if told.get("status") in ("ok", "degraded") else 1
+    reasons = document.get("reasons") or ["nothing is missing"]
+    sys.stdout.write(f"{document.get('status')}: {'; '.join(map(str, reasons))}\n")
+    return 0 if document.get("status") in ("ok", "degraded") else 1
 
 
 if __name__ == "__main__":

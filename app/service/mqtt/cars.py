@@ -17,7 +17,7 @@ LIVE_S = 3.0  # a car tells its state once a second
 SILENT_S = 10.0  # values as old as this are no state of a car any more
 SETTLED_S = 2.5  # after its first message: until then nothing tells how long that one was on its way
 DRIFT = 500e-6  # of two clocks against each other, at most
-TWICE_S = 60.0  # for so long it is told that two services speak under one name
+NAME_CONFLICT_S = 60.0  # for so long it is told that two services speak under one name
 MOST_RUNS = 20
 MOST_ALARMS = 50
 MOST_BYTES = 1 << 18  # of a message
@@ -62,7 +62,7 @@ class Car:
     values_s: float | None = None  # when they came; None: they are retained ones, of whenever
     clock: CarClock = field(default_factory=CarClock)
     runs: list[object] = field(default_factory=list)  # that were heard, the newest last
-    twice_s: float | None = None  # when an earlier run spoke again
+    conflict_s: float | None = None  # when an earlier run spoke again
 
     def take(self, topic: str, body: bytes, now_s: float, *, is_retained: bool) -> None:
         """Take a message; one that cannot be understood is left out.
@@ -79,24 +79,24 @@ class Car:
             self.is_online = body == b"online"
             return
         try:
-            told = orjson.loads(body) if len(body) <= MOST_BYTES else None
+            document = orjson.loads(body) if len(body) <= MOST_BYTES else None
         except orjson.JSONDecodeError:
             return
         if topic == "alarms":
-            if isinstance(told, list):
-                self.alarms = tuple(each for each in told[:MOST_ALARMS] if isinstance(each, dict))
-        elif isinstance(told, dict):
+            if isinstance(document, list):
+                self.alarms = tuple(each for each in document[:MOST_ALARMS] if isinstance(each, dict))
+        elif isinstance(document, dict):
             if topic == "accumulator":
-                self._take_values(told, now_s, is_retained)
+                self._take_values(document, now_s, is_retained)
             else:
-                setattr(self, topic, told)
+                setattr(self, topic, document)
 
-    def _take_values(self, told: Mapping[str, Any], now_s: float, is_retained: bool) -> None:
-        sent = told.get("sent")
-        sent_s = _number(sent.get("s") if isinstance(sent, dict) else told.get("time"))  # of an earlier version
+    def _take_values(self, document: Mapping[str, Any], now_s: float, is_retained: bool) -> None:
+        sent = document.get("sent")
+        sent_s = _number(sent.get("s") if isinstance(sent, dict) else document.get("time"))  # of an earlier version
         if sent_s is None:
             return
-        self.values = told
+        self.values = document
         if is_retained:
             self.values_s = None
             return
@@ -111,7 +111,7 @@ class Car:
             return
         if run in self.runs:
             self.runs.remove(run)
-            self.twice_s = now_s
+            self.conflict_s = now_s
         self.runs = [*self.runs[1 - MOST_RUNS :], run]
 
     def age_s(self, part: str, now_s: float) -> float | None:
@@ -149,19 +149,20 @@ class Car:
                 if name in ("rs232", "can") and isinstance(link, dict)
             },
             "master": _text(self.master.get("state")),
-            "alarms": self._twice(now_s) + [shown for each in self.alarms if (shown := _alarm(each)) is not None],
+            "alarms": self._name_conflict(now_s)
+            + [shown for each in self.alarms if (shown := _alarm(each)) is not None],
             "url": url if (url := _text(self.about.get("url"))) and url.startswith(("http://", "https://")) else None,
             "battery": _text(self.about.get("battery")),
             "segments": _segments(self.about.get("segments")),
             "simulated": self.values.get("simulated") is True,
         }
 
-    def _twice(self, now_s: float) -> list[dict[str, Any]]:
-        if self.twice_s is None or now_s - self.twice_s >= TWICE_S:
+    def _name_conflict(self, now_s: float) -> list[dict[str, Any]]:
+        if self.conflict_s is None or now_s - self.conflict_s >= NAME_CONFLICT_S:
             return []
-        told = Message("car-twice", car=self.name)
-        words = {"code": told.code, "args": dict(told.args)}
-        return [{"severity": "warning", "text": render(told), "text_words": words, "cell": None, "active": True}]
+        message = Message("car-twice", car=self.name)
+        words = {"code": message.code, "args": dict(message.args)}
+        return [{"severity": "warning", "text": render(message), "text_words": words, "cell": None, "active": True}]
 
     def _measured_unix_s(self) -> float | None:
         """By the car's own clock: nothing was heard by which ours could tell."""
@@ -190,21 +191,21 @@ def _segments(value: object) -> list[int]:
     return list(value) if is_list else []  # type: ignore[call-overload]
 
 
-def _alarm(told: Mapping[str, Any]) -> dict[str, Any] | None:
-    severity = told.get("severity")
+def _alarm(document: Mapping[str, Any]) -> dict[str, Any] | None:
+    severity = document.get("severity")
     if severity not in ("watch", "warning", "trip"):
         return None
     return {
         "severity": severity,
-        "text": _text(told.get("text")) or "",
-        "text_words": _words(told.get("text_words")),
-        "cell": _cell(told.get("cell")),
-        "active": told.get("active") is True,
+        "text": _text(document.get("text")) or "",
+        "text_words": _words(document.get("text_words")),
+        "cell": _cell(document.get("cell")),
+        "active": document.get("active") is True,
     }
 
 
-def _words(told: object) -> dict[str, Any] | None:
+def _words(document: object) -> dict[str, Any] | None:
     """A code with arguments, as far as it is one: the page falls back to the text."""
-    if isinstance(told, dict) and isinstance(told.get("code"), str) and isinstance(told.get("args"), dict):
-        return {"code": told["code"], "args": told["args"]}
+    if isinstance(document, dict) and isinstance(document.get("code"), str) and isinstance(document.get("args"), dict):
+        return {"code": document["code"], "args": document["args"]}
     return None

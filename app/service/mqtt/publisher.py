@@ -27,7 +27,7 @@ from app.telemetry.service_state import Recording
 from app.words import Message, Text, render
 
 PERIOD_S = 1.0
-TWICE_S = 60.0  # for so long it is told that another service publishes here
+NAME_CONFLICT_S = 60.0  # for so long it is told that another service publishes here
 MAX_EVENTS = 1000  # kept for a broker that is gone; older ones are in the event log
 PER_CELL: dict[str, Part] = {
     "voltage_v": "voltage",
@@ -72,12 +72,12 @@ class MqttPublisher:
         self._run_id = secrets.token_hex(4)  # of this start: the monotonic clock of another one counts from elsewhere
         self._period_s = period_s
         self._snapshot: Snapshot | None = None
-        self._shown: Snapshot | None = None
+        self._last_snapshot: Snapshot | None = None
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._sent: dict[str, bytes] = {}  # since the connection was made
         self._problem: Text | None = Message("mqtt-not-connected")
         self._is_connected = threading.Event()
-        self._other_until_s = self._twice_until_s = -TWICE_S
+        self._other_until_s = self._conflict_until_s = -NAME_CONFLICT_S
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
         client = new_client(broker)
@@ -91,7 +91,7 @@ class MqttPublisher:
     def problem(self) -> Message | None:
         """Why nothing reaches the broker, None while all does."""
         problem = self._problem
-        if problem is None and self._clock.monotonic_s() < self._twice_until_s:
+        if problem is None and self._clock.monotonic_s() < self._conflict_until_s:
             problem = Message("mqtt-twice")
         return None if problem is None else Message("mqtt", broker=str(self._broker), problem=problem)
 
@@ -146,8 +146,8 @@ class MqttPublisher:
         if run != self._run_id:
             now_s = self._clock.monotonic_s()
             if now_s < self._other_until_s:  # the second one: the first may be the last word of the run before
-                self._twice_until_s = now_s + TWICE_S
-            self._other_until_s = now_s + TWICE_S
+                self._conflict_until_s = now_s + NAME_CONFLICT_S
+            self._other_until_s = now_s + NAME_CONFLICT_S
 
     def _on_disconnect(self, _client: Any, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         self._is_connected.clear()
@@ -169,9 +169,9 @@ class MqttPublisher:
 
     def _publish_state(self) -> None:
         snapshot = self._snapshot
-        if snapshot is None or snapshot is self._shown:
+        if snapshot is None or snapshot is self._last_snapshot:
             return
-        self._shown = snapshot
+        self._last_snapshot = snapshot
         now_ns = self._clock.monotonic_ns()
         sent = {"run": self._run_id, "s": round(now_ns / 1e9, 3)}
         for name, body in messages(aged(snapshot, now_ns), self._recording(), sent):

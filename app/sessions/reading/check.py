@@ -131,12 +131,12 @@ def _differences(
             if by_line.any():
                 yield key.field
             continue
-        number_of_track, told = expected.columns[key]
+        number_of_track, recorded = expected.columns[key]
         of_frames = expected.tracks[number_of_track]
         same = (
             np.array_equal(times_us[by_line], of_frames.times_us)
             and np.array_equal(instants[by_line], of_frames.instants)
-            and np.array_equal(values[by_line], told)
+            and np.array_equal(values[by_line], recorded)
         )
         if not same:
             yield key.field

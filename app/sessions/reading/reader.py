@@ -276,8 +276,8 @@ class SessionFile:
         Raises:
             UnknownSignal: a name is no field and no estimate.
         """
-        told = self.signals.order
-        shapes = {name: self.signals.of_field(name) for name in names if name in told or name not in FIELDS}
+        order = self.signals.order
+        shapes = {name: self.signals.of_field(name) for name in names if name in order or name not in FIELDS}
         wanted = {name: np.arange(count) for name, (_, count) in shapes.items()}
         for block in self._read(wanted, t_from_s, t_to_s, in_rows=True):
             found: dict[str, list[Column]] = defaultdict(list)

@@ -35,18 +35,18 @@ def in_rows(
     holders = {name: Holder(count, ages_s.get(name)) for name, (_, count) in first_of.items()}
     next_us = first_us
     for block in blocks:
-        told: dict[str, list[Samples]] = defaultdict(list)
+        samples: dict[str, list[Samples]] = defaultdict(list)
         for column in block.columns:
             signal = first_of[column.field][0]
             values = signal.physical(np.ascontiguousarray(column.counts))
-            told[column.field].append((column.elements, column.track.times_us, values))
+            samples[column.field].append((column.elements, column.track.times_us, values))
         grid_us = grid_of(max(next_us, block.first_us), block.last_us, round(source.period_s * 1e6))
         next_us = max(next_us, block.last_us + 1)
         period_us = round(source.period_s * 1e6)
         rows: dict[str, FloatArray] = {}
         for name, holder in holders.items():
             if name != IS_NEW:
-                values, at_us = holder.rows_and_times(told[name], grid_us)
+                values, at_us = holder.rows_and_times(samples[name], grid_us)
                 rows[name] = values[:, wanted[name]]
                 if name == "v" and IS_NEW in wanted:
                     rows[IS_NEW] = (at_us > grid_us[:, None] - period_us).astype(np.float64)[:, wanted[IS_NEW]]

@@ -172,12 +172,12 @@ class Remote:
         Raises:
             FetchFailed: it does not answer, or not as a voltwall that does this.
         """
-        told = self._json("pieces")
+        answer = self._json("pieces")
         try:
             return [
                 {"id": _session_id(each["id"]), "pieces": _n_pieces(each["pieces"]), "bytes": int(each["bytes"]),
                  "started": float(each["started"]), "recording": bool(each["recording"])}
-                for each in told["sessions"]
+                for each in answer["sessions"]
             ]  # fmt: skip
         except (ValueError, KeyError, TypeError, OverflowError) as error:
             raise FetchFailed(self.url, Message("no-voltwall")) from error
@@ -188,11 +188,11 @@ class Remote:
         Raises:
             FetchFailed: it does not answer, or not as a voltwall that does this.
         """
-        told = self._json(f"sessions/{_session_id(session_id)}/head")
-        if not isinstance(told, dict) or any(not isinstance(told.get(name), kind) for name, kind in _HEAD.items()):
+        answer = self._json(f"sessions/{_session_id(session_id)}/head")
+        if not isinstance(answer, dict) or any(not isinstance(answer.get(name), kind) for name, kind in _HEAD.items()):
             raise FetchFailed(self.url, Message("no-voltwall"))
         try:
-            return told | {"pieces": _n_pieces(told["pieces"])}
+            return answer | {"pieces": _n_pieces(answer["pieces"])}
         except ValueError as error:
             raise FetchFailed(self.url, Message("no-voltwall")) from error
 
@@ -207,14 +207,14 @@ class Remote:
         try:
             with self._open(path, {}, PIECES_TIMEOUT_S) as answer:
                 while line := answer.readline(1000):
-                    told = json.loads(line)
-                    size = int(told["bytes"])
+                    answer = json.loads(line)
+                    size = int(answer["bytes"])
                     if not 0 <= size <= LIST_BYTES:
                         raise FetchFailed(self.url, Message("no-voltwall"))
                     body = answer.read(size)
                     if len(body) < size:
                         raise FetchFailed(self.url, Message("cut-off"))
-                    yield int(told["piece"]), str(told["sha256"]), body
+                    yield int(answer["piece"]), str(answer["sha256"]), body
         except (OSError, http.client.HTTPException) as error:
             raise FetchFailed(self.url, str(error) or type(error).__name__) from error
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
@@ -273,26 +273,26 @@ def _copy(answer: Any, file: IO[bytes], start: int, total: int, on_progress: Pro
         on_progress(done, total)
 
 
-def _n_pieces(told: object) -> int:
+def _n_pieces(answer: object) -> int:
     """How many pieces a session has.
 
     Raises:
         ValueError: it cannot have so many.
     """
-    if not isinstance(told, int) or not 0 <= told <= MOST_PIECES:
-        raise ValueError(told)
-    return told
+    if not isinstance(answer, int) or not 0 <= answer <= MOST_PIECES:
+        raise ValueError(answer)
+    return answer
 
 
-def _session_id(told: object) -> str:
+def _session_id(answer: object) -> str:
     """A session's name, which is a part of a path on both sides.
 
     Raises:
         ValueError: it can be none.
     """
-    if not isinstance(told, str) or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,80}", told):
-        raise ValueError(told)
-    return told
+    if not isinstance(answer, str) or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,80}", answer):
+        raise ValueError(answer)
+    return answer
 
 
 def _size(path: Path) -> int:

@@ -115,7 +115,7 @@ class Follower:
         try:
             for number, digest, body in self.remote.pieces(session_id, first, count, descending=descending):
                 copy.put(number, body, digest)
-                self._heard()
+                self._mark_reachable()
                 self._let_live_pass(ending)
                 if ending is not None and ending.is_set():
                     return True
@@ -134,7 +134,7 @@ class Follower:
     def _list(self) -> Exception | None:
         """Ask what there is; return what is wrong with one of the sessions, which keeps no other from coming."""
         offers = self.remote.offers()
-        self._heard()
+        self._mark_reachable()
         wrong: Exception | None = None
         for offer in sorted(offers, key=lambda each: float(each["started"]), reverse=self._is_newest_first):
             try:
@@ -199,7 +199,7 @@ class Follower:
     def _is_newest_first(self) -> bool:
         return self.order == "newest"
 
-    def _heard(self) -> None:
+    def _mark_reachable(self) -> None:
         self.state = FollowState(self.remote.url, True, None, self._clock.wall_ns() / 1e9)
 
 

@@ -182,7 +182,7 @@ def _write(info: SessionInfo, recording: _Recording, pipeline: Pipeline, on_prog
             on_progress(done, total)
         end_ns = recording.frames[-1][0]
         last = pipeline.tick(START_MONO_NS + end_ns, info.started_wall_ns + end_ns)  # no frame ends the last period
-        writer.write(list(_made(last, START_MONO_NS + end_ns)))
+        writer.write(list(_rows_of(last, START_MONO_NS + end_ns)))
         writer.close(START_MONO_NS + end_ns, info.started_wall_ns + end_ns)
     finally:
         writer.abandon()
@@ -196,10 +196,10 @@ def _rows(info: SessionInfo, frame: TimedFrame, pipeline: Pipeline) -> Iterator[
     yield "can_frames", (mono_ns, wall_ns, can_id, data)
     output = pipeline.feed(CanItem(mono_ns, wall_ns, can_id, data))
     pipeline.predict()
-    yield from _made(output, mono_ns)
+    yield from _rows_of(output, mono_ns)
 
 
-def _made(output: Output, mono_ns: int) -> Iterator[TableRow]:
+def _rows_of(output: Output, mono_ns: int) -> Iterator[TableRow]:
     if output.estimates is not None:
         estimates = output.estimates
         yield "estimates", (output.t_mono_ns, output.uptime_ms, estimates.soc, estimates.soc_sigma)

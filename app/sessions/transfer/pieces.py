@@ -93,12 +93,12 @@ def parse_piece(body: bytes) -> Piece:
     """
     try:
         unpacker = zlib.decompressobj()
-        told = json.loads(unpacker.decompress(body, MOST_BYTES))
+        document = json.loads(unpacker.decompress(body, MOST_BYTES))
         if unpacker.unconsumed_tail or not unpacker.eof:
             raise ValueError("it is longer than a piece can be, or cut off")
-        first_ids = {table: _checked("i", told["first_ids"][table]) for table in COUNTED}
+        first_ids = {table: _checked("i", document["first_ids"][table]) for table in COUNTED}
         rows = {
-            table: [tuple(_checked(k, v) for k, v in zip(kinds, row, strict=True)) for row in told[table]]
+            table: [tuple(_checked(k, v) for k, v in zip(kinds, row, strict=True)) for row in document[table]]
             for table, (_, kinds) in _COLUMNS.items()
         }
     except (zlib.error, KeyError, TypeError, RecursionError, binascii.Error) as error:

@@ -54,7 +54,7 @@ class BatteryMeasurement:
     states: Mapping[str, bool | None]  # closed, precharge, fault, charging, balancing; None = not told
     limits: Mapping[str, float]  # those that signals carry
     is_sample: bool  # the current is new since the measurement before, and a voltage is known
-    told_ns: Mapping[str, int]  # by a name of PARTS: the newest value of it that is not too old
+    newest_ns: Mapping[str, int]  # by a name of PARTS: the newest value of it that is not too old
 
 
 @dataclass(slots=True)
@@ -214,7 +214,9 @@ class Assembler:
         states = {name: one[f"state.{name}"] for name in STATES}
         known = {kind: int(self._arrays[kind].t_ns[np.isfinite(of[kind])].max(initial=_NEVER)) for kind in _ARRAYS}
         known |= {kind: scalar.t_ns for kind, scalar in self._scalars.items() if not math.isnan(one[kind])}
-        told = {part: max((known.get(kind, _NEVER) for kind in kinds), default=_NEVER) for part, kinds in PARTS.items()}
+        newest_of_part = {
+            part: max((known.get(kind, _NEVER) for kind in kinds), default=_NEVER) for part, kinds in PARTS.items()
+        }
         return BatteryMeasurement(
             t_ns=t_ns,
             voltage_v=of["voltage"],
@@ -232,7 +234,7 @@ class Assembler:
             states={name: None if math.isnan(value) else bool(value) for name, value in states.items()},
             limits={name: one[f"limit.{name}"] for name in self._battery.limits},
             is_sample=bool(new.get("current")) and bool(np.isfinite(of["voltage"]).any()),
-            told_ns={part: t_ns for part, t_ns in told.items() if t_ns != _NEVER},
+            newest_ns={part: t_ns for part, t_ns in newest_of_part.items() if t_ns != _NEVER},
         )
 
 

@@ -37,7 +37,7 @@ class BatteryDecoder:
         self.source = source
         self.lanes = lanes_of(battery, source, definitions)
         self._plain = PlainLanes(self.lanes)
-        self._others = {k: each for k, each in self.lanes.messages.items() if k not in set(self._plain.ids)}
+        self._remaining = {k: each for k, each in self.lanes.messages.items() if k not in set(self._plain.ids)}
         self.bad_checksums = 0
         self.beyond: dict[str, int] = defaultdict(int)  # values of numbers that no cell has, by signal
 
@@ -46,7 +46,7 @@ class BatteryDecoder:
         parts: dict[str, list[tuple[IntArray, IntArray, FloatArray]]] = defaultdict(list)
         messages = self.lanes.messages
         if len(frames) < MANY_FRAMES:
-            messages = self._others
+            messages = self._remaining
             for kind, part in self._plain.decode(frames):
                 parts[kind].append(part)
         for rows, group in by_message(frames, messages):
@@ -79,7 +79,7 @@ class BatteryDecoder:
             selected = np.minimum(group.raw(lane.multiplexer).astype(np.intp), len(lane.table) - 1)
             index = lane.table[selected]
         elif lane.numbers and lane.entry is not None:
-            index = self._told(lane, group)
+            index = self._channels(lane, group)
         if index is not None:
             known = index >= 0
             if lane.numbers and not known.all():
@@ -97,10 +97,10 @@ class BatteryDecoder:
             return rows, np.full(len(value), lane.index, np.intp), value
         return rows, index if rows is None else index[rows], value
 
-    def _told(self, lane: Lane, group: MessageFrames) -> IntArray:
+    def _channels(self, lane: Lane, group: MessageFrames) -> IntArray:
         assert lane.entry is not None
         n = len(group.frames)
-        parts = {part: np.full(n, number) for part, number in lane.told.items()}
+        parts = {part: np.full(n, number) for part, number in lane.named_parts.items()}
         for part, signal in lane.numbers:
             values = physical_values(group.raw(signal.name), signal.layout)
             number = np.rint(values).astype(np.intp)
@@ -130,8 +130,8 @@ class BatteryDecoder:
             value[raw.astype(np.int64) == np.int64(code)] = np.nan
         if lane.flag is not None:
             flag = group.raw(lane.flag.name)
-            told = (flag if rows is None else flag[rows]) != 0
-            value[told != lane.flag_when_valid] = np.nan
+            flag_values = (flag if rows is None else flag[rows]) != 0
+            value[flag_values != lane.flag_when_valid] = np.nan
         if entry.valid_range is not None:
             low, high = entry.valid_range
             value[(value < low) | (value > high)] = np.nan

@@ -51,7 +51,7 @@ class Lane:
     multiplexer: str = ""  # signal whose raw number tells the channel by `table`
     table: IntArray | None = None  # -1: no channel
     numbers: tuple[tuple[str, Signal], ...] = ()  # parts that the frame tells
-    told: dict[str, int] = field(default_factory=dict, hash=False)  # parts that the names tell
+    named_parts: dict[str, int] = field(default_factory=dict, hash=False)  # parts that the names tell
     entry: CellSignals | None = None
     flag: Signal | None = None  # tells whether the value is valid
     flag_when_valid: bool = False  # it is not 0 where the value is valid
@@ -164,9 +164,9 @@ def _cell_lanes(
             if of_message is None:
                 continue
             for signal in message.signals:
-                told = numbers_in(entry.signal, signal.name, entry.base)
-                if told is not None:
-                    lanes.append(_cell_lane(kind, entry, message, signal, {**of_message, **told}, segments))
+                named_parts = numbers_in(entry.signal, signal.name, entry.base)
+                if named_parts is not None:
+                    lanes.append(_cell_lane(kind, entry, message, signal, {**of_message, **named_parts}, segments))
     except PatternError as error:
         troubles.append(Trouble(entry.line, f"{path}.signal", Message("no-such-placeholder", name=str(error))))
         return []
@@ -187,7 +187,7 @@ def _cell_lane(
     entry: CellSignals,
     message: MessageDefinition,
     signal: Signal,
-    told: dict[str, int],
+    named_parts: dict[str, int],
     segments: tuple[int, ...],
 ) -> Lane:
     texts = {**texts_in(entry.message, message.name), **texts_in(entry.signal, signal.name)}
@@ -200,7 +200,7 @@ def _cell_lane(
         numbers.append((part, of_frame))
     index = 0
     if not numbers:
-        index = int(channel(entry, segments, {part: np.array([each]) for part, each in told.items()})[0])
+        index = int(channel(entry, segments, {part: np.array([each]) for part, each in named_parts.items()})[0])
     flag_name = filled(entry.valid_signal or entry.invalid_signal, texts)
     flag = message.signal(flag_name)
     if flag_name and flag is None:
@@ -213,7 +213,7 @@ def _cell_lane(
         signal.conditions,
         index,
         numbers=tuple(numbers),
-        told=told,
+        named_parts=named_parts,
         entry=entry,
         flag=flag,
         flag_when_valid=bool(entry.valid_signal),

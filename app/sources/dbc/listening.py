@@ -34,7 +34,7 @@ class BusListener:
             self._bus = open_bus(arguments)
         except Exception as error:  # every driver raises its own
             raise LinkLost(Message("of-source", source=url, reason=message_of(error))) from error
-        self._heard: deque[TimedFrame] = deque(maxlen=_MOST_FRAMES)
+        self._frames: deque[TimedFrame] = deque(maxlen=_MOST_FRAMES)
         self._idle_s = idle_s
         self._asked_s = time.monotonic()
         self.lost: Text | None = None  # why the bus is heard no more
@@ -45,7 +45,7 @@ class BusListener:
     def frames(self) -> Frames:
         """What was heard and is kept; keeps it listening."""
         self._asked_s = time.monotonic()
-        return frames_of(list(self._heard))
+        return frames_of(list(self._frames))
 
     def wait(self, duration_s: float) -> Frames:
         """Return what is kept after some time; at once where the bus is lost meanwhile."""
@@ -64,7 +64,7 @@ class BusListener:
                 message = self._bus.recv(_POLL_S)
                 if message is not None and not (message.is_error_frame or message.is_remote_frame):
                     can_id = message.arbitration_id | (CAN_ID_EXTENDED if message.is_extended_id else 0)
-                    self._heard.append((time.monotonic_ns(), can_id, bytes(message.data)))
+                    self._frames.append((time.monotonic_ns(), can_id, bytes(message.data)))
         except Exception as error:  # noqa: BLE001  # every driver raises its own: the adapter is gone, what was heard stays
             self.lost = message_of(error)
         finally:

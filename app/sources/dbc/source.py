@@ -43,7 +43,7 @@ class _Rhythm:
 
     def see(self, found: BatteryMeasurement) -> None:
         """Take a measurement: the gap of a part is its longest of late, which fades; a pause counts as few gaps."""
-        for part, t_ns in found.told_ns.items():
+        for part, t_ns in found.newest_ns.items():
             before_ns = self.newest_ns.get(part)
             if before_ns is None or t_ns <= before_ns:
                 self.newest_ns.setdefault(part, t_ns)
@@ -198,7 +198,7 @@ def _number(value: float) -> Number:
 
 def _ages(found: BatteryMeasurement, now_ns: int) -> Ages:
     """Of each part the newest value that is shown; None where there is none. Each voltage has its own age beside it."""
-    return _of_parts({part: (now_ns - t_ns) / 1e9 for part, t_ns in found.told_ns.items()})
+    return _of_parts({part: (now_ns - t_ns) / 1e9 for part, t_ns in found.newest_ns.items()})
 
 
 def _of_parts(seconds: Mapping[str, float]) -> Ages:
@@ -206,8 +206,8 @@ def _of_parts(seconds: Mapping[str, float]) -> Ages:
 
 
 def _master(found: BatteryMeasurement) -> Master:
-    told = [state for name, state in _STATES if found.states.get(name)]
-    state: MasterState = told[0] if told else ("idle" if found.states.get("closed") is False else "unknown")
+    states = [state for name, state in _STATES if found.states.get(name)]
+    state: MasterState = states[0] if states else ("idle" if found.states.get("closed") is False else "unknown")
     return Master(
         state=state,
         why=Message("bms-tells-state") if state != "unknown" else Message("bms-tells-no-state"),
@@ -234,9 +234,9 @@ def _charger(found: BatteryMeasurement) -> Charger:
     return Charger(None, None, None, voltage_v, current_a, None, ())
 
 
-def _limits(battery: Battery, told: Mapping[str, float]) -> ProtectionLimits | None:
+def _limits(battery: Battery, values: Mapping[str, float]) -> ProtectionLimits | None:
     """What the profile states, or the BMS tells; None where that is nothing."""
-    of = {name: told[name] if isinstance(limit, SignalName) else limit for name, limit in battery.limits.items()}
+    of = {name: values[name] if isinstance(limit, SignalName) else limit for name, limit in battery.limits.items()}
     numbers = dict.fromkeys(LIMITS, np.nan) | {
         name: float(value) for name, value in of.items() if not isinstance(value, SignalName)
     }

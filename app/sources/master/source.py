@@ -105,11 +105,11 @@ class MasterSource:
 
     def _on_error_frames(self, fault: CanFault) -> Received:
         """Tell of error frames at most every CAN_ERRORS_NS: one now and then is nothing to tell."""
-        told_ns, told = self._can_errors
+        counted_ns, counted = self._can_errors
         errors = fault.errors or 0
-        if errors < told:
+        if errors < counted:
             self._can_errors = fault.t_mono_ns, errors
-        new, waited_ns = errors - told, fault.t_mono_ns - told_ns
+        new, waited_ns = errors - counted, fault.t_mono_ns - counted_ns
         if waited_ns < CAN_ERRORS_NS:
             return Received()
         self._can_errors = fault.t_mono_ns, errors

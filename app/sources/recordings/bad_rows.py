@@ -35,7 +35,7 @@ class BadRows:
             return
         raise ImportFailed(
             source,
-            Message("too-many-bad", bad=self.count, rows=self.count + good, what=self.what, first=self.told()),
+            Message("too-many-bad", bad=self.count, rows=self.count + good, what=self.what, first=self.summary()),
         )
 
     def notes(self, good: int) -> list[str]:
@@ -43,10 +43,10 @@ class BadRows:
         if not self.count:
             return []
         warning = "warning: " if self.count > WARNED_SHARE * (self.count + good) else ""
-        told = f"{warning}{self.count} of {self.count + good} {self.what} cannot be read and are left out"
-        return [f"{told}: {self.told()}"]
+        text = f"{warning}{self.count} of {self.count + good} {self.what} cannot be read and are left out"
+        return [f"{text}: {self.summary()}"]
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """Return the first of them, with line and reason."""
         named = [reason if line is None else f"line {line}: {reason}" for line, reason in self.first]
         return "; ".join([*named, "..."] if self.count > len(named) else named)

@@ -100,23 +100,23 @@ class _Lines:
 
     def __init__(self, path: Path) -> None:
         self._file = _open_text(path)
-        self._kept: list[str] = []  # the header, for each reader that follows
-        self._again: list[str] = []
+        self._header: list[str] = []  # the header, for each reader that follows
+        self._repeated: list[str] = []
         self._in_header = True
         self.number = 0
 
     def __iter__(self) -> Iterator[str]:
-        while self._again:
-            yield self._again.pop(0)
+        while self._repeated:
+            yield self._repeated.pop(0)
         for line in self._file:
             self.number += 1
             self._in_header &= line.startswith(_HEADER) or not line.strip()
             if self._in_header:
-                self._kept.append(line)
+                self._header.append(line)
             yield line
 
-    def begin_again(self) -> None:
-        self._again = list(self._kept)
+    def repeat_header(self) -> None:
+        self._repeated = list(self._header)
 
     def readline(self) -> str:
         return next(iter(self), "")
@@ -149,7 +149,7 @@ def _text_of_python_can(path: Path, kind: str, bad: BadRows) -> Iterator[Frame]:
                 if lines.number == before:
                     raise
                 bad.add(lines.number, str(error) or type(error).__name__)
-                lines.begin_again()
+                lines.repeat_header()
     finally:
         lines.close()
 

@@ -82,8 +82,8 @@ def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | Non
     columns = _numbers(source, body, numbers[start:], delimiter, width, notes)
     for k, name in enumerate(header or []):
         if tells_state(name) and np.isnan(columns[k]).all():
-            told = [state_of(tokens[k]) for line in body if len(tokens := line.split(delimiter)) == width]
-            columns[k] = np.array(told) if any(told) else columns[k]
+            states = [state_of(tokens[k]) for line in body if len(tokens := line.split(delimiter)) == width]
+            columns[k] = np.array(states) if any(states) else columns[k]
     return header, columns
 
 
@@ -278,12 +278,12 @@ def _numbers_row_by_row(
                 rows=len(body),
                 width=width,
                 delimiter=repr(delimiter),
-                first=bad.told(),
+                first=bad.summary(),
             ),
         )
     if bad.count:
         warning = "warning: " if bad.count > WARNED_SHARE * len(body) else ""
-        told = f"{bad.count} rows are not {width} columns of numbers: read as missing or left out"
-        notes.append(f"{warning}{told}; {bad.told()}")
+        text = f"{bad.count} rows are not {width} columns of numbers: read as missing or left out"
+        notes.append(f"{warning}{text}; {bad.summary()}")
     filled = [[float("nan") if value is None else value for value in values] for values in rows]
     return list(np.array(filled, dtype=np.float64).T)

@@ -84,13 +84,13 @@ def _mcap(path: Path) -> tuple[FloatArray, Columns, bool]:
         for schema, channel, message in reader.make_reader(file).iter_messages():
             if schema is None or schema.name not in ("voltwall.Number", "voltwall.Numbers"):
                 continue
-            told = classes(schema).FromString(message.data)
+            sample = classes(schema).FromString(message.data)
             name = channel.topic.removeprefix("/")
             is_array = schema.name.endswith("s")
-            for index, value in enumerate(told.value if is_array else [told.value]):
-                column = _with_unit(f"{name}[{index}]" if is_array else name, told.unit)
+            for index, value in enumerate(sample.value if is_array else [sample.value]):
+                column = _with_unit(f"{name}[{index}]" if is_array else name, sample.unit)
                 found.setdefault(column, {})[message.log_time] = value
-            found.setdefault("uptime_s", {})[message.log_time] = told.uptime_s
+            found.setdefault("uptime_s", {})[message.log_time] = sample.uptime_s
     times = np.array(sorted({time for values in found.values() for time in values}), np.int64)
     columns = {}
     for name, values in found.items():

@@ -61,8 +61,8 @@ typedef struct {
  *   s^2 = rest_v^2 + ocv^2 + f n^2 + (f a / 2)^2 [+ (rest_slow p)^2, relaxing too slowly to be seen]
  *
  * ocv by hysteresis and temperature; who gave no SOC rather wakes up in a drive: rest_v and rest_left_v count twice. */
-static void read_twice(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, int c,
-                       int is_given, vw_reading *readings)
+static void read_rest_voltage(const vw_filter *filter, const vw_motion *motion, const vw_cells *restrict x, int c,
+                              int is_given, vw_reading *readings)
 {
     const vw_tuning *t = &filter->tuning;
     const vw_real T = motion->read_rest_s, per_moment = 12 / (T * T * T);
@@ -109,7 +109,7 @@ void vw_read_rest(const vw_filter *filter, const vw_motion *motion, vw_cells *re
         const int is_given = x->start_weight[0][c] > 0;
         if (vw_is_missing(work->voltage_v[c]) || (!is_given && !motion->is_whole_rest)) continue;
         vw_reading readings[READINGS];
-        read_twice(filter, motion, x, c, is_given, readings);
+        read_rest_voltage(filter, motion, x, c, is_given, readings);
         vw_real sums[VW_STARTS][3] = {{0}}, total = 0;
         for (int j = 0; j < READINGS; j++) {
             const vw_reading *read = &readings[j];

@@ -140,7 +140,7 @@ def watch_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measu
     )
 
 
-def read_twice(
+def read_rest_voltage(
     setup: FilterSetup, state: State, motion: Motion, measured: Measurement, given: BoolArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (2, n) SOC, variance and weight of a rest's voltage: of a settled cell, and of one that relaxes.
@@ -180,8 +180,8 @@ def read_twice(
 def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measurement) -> State:
     """Return the state after a rest from the start on: its voltage is a witness of the SOC given, and a hypothesis.
 
-    What is given is held against both readings of `read_twice`, which are two hypotheses more. To believe a SOC that is
-    wrong costs what it is off, to refuse one that is right what the reading errs: the exact one loses a share
+    What is given is held against both readings of `read_rest_voltage`, which are two hypotheses more. To believe a
+    wrong SOC costs what it is off, to refuse a right one what the reading errs: the exact one loses a share
     `rest_doubt_soc`^2 / (s_z^2 + `rest_doubt_soc`^2), s_z what s means in SOC.
 
     A rest that ends before it is `rest_s` long is heard about a SOC that was given only: who gives none wakes up in a
@@ -190,7 +190,7 @@ def read_rest(setup: FilterSetup, state: State, motion: Motion, measured: Measur
     tuning = setup.tuning
     given = state.start_weight[0] > 0.0
     heard = measured.is_measured & (given | motion.is_whole_rest)
-    read, v2, likely = read_twice(setup, state, motion, measured, given)
+    read, v2, likely = read_rest_voltage(setup, state, motion, measured, given)
     start_v2, d = state.start_v2[:N_GIVEN, None], read - state.start_soc[:N_GIVEN, None]
     total = start_v2 + v2  # (given, readings, n)
     believed = state.start_weight[:N_GIVEN, None] * likely * normal(d, total)

@@ -81,13 +81,13 @@ class MessageEncoder:
         for name, states in wanted.items():
             signal = self._signal(name)
             low, high = bounds(signal.layout)
-            said = {state: self._source.states[state] for state in states}
-            known = (n for each in said.values() for n in (*each.equals, each.mask))
+            state_signals = {state: self._source.states[state] for state in states}
+            known = (n for each in state_signals.values() for n in (*each.equals, each.mask))
             masks = 0
-            for state, each in said.items():
+            for state, each in state_signals.items():
                 masks |= each.mask if states[state] else 0
             choices = [n for n in (*range(_MOST_STATE), *known, masks) if low <= n <= high]
-            found.append((signal, max(choices, key=lambda raw: _agreeing(raw, said, states))))
+            found.append((signal, max(choices, key=lambda raw: _agreeing(raw, state_signals, states))))
         return found
 
     def _signal(self, name: str) -> Signal:
@@ -104,10 +104,10 @@ class MessageEncoder:
         return data[:-1] + bytes([total & 0xFF])
 
 
-def _agreeing(raw: int, said: Mapping[str, StateSignal], states: Mapping[str, bool]) -> int:
+def _agreeing(raw: int, state_signals: Mapping[str, StateSignal], states: Mapping[str, bool]) -> int:
     """How many states a raw number tells rightly; one that holds counts more than one that does not."""
     total = 0
-    for name, signal in said.items():
+    for name, signal in state_signals.items():
         is_told = bool(raw & signal.mask) if signal.mask else raw in signal.equals
         total += (2 if states[name] else 1) * (is_told == states[name])
     return total
@@ -139,8 +139,8 @@ class Speech:
 
     def unsaid(self) -> dict[str, list[int]]:
         """Return the channels that no frame tells, by kind."""
-        said = {(lane.kind, i) for each in self._encoders for turn in each.turns for lane, i in turn.slots}
-        of = {kind: [i for i in range(n) if (kind, i) not in said] for kind, n in self.lanes.sizes.items()}
+        sent = {(lane.kind, i) for each in self._encoders for turn in each.turns for lane, i in turn.slots}
+        of = {kind: [i for i in range(n) if (kind, i) not in sent] for kind, n in self.lanes.sizes.items()}
         return {kind: channels for kind, channels in of.items() if channels}
 
     def begin(self, now_s: float) -> None:

@@ -32,18 +32,18 @@ def turns_of(message: MessageDefinition, lanes: Sequence[Lane], segments: dict[s
     """
     groups = [_Group(entries) for entries in _grouped(message, lanes, segments)]
     turns: list[Turn] = []
-    said: set[tuple[str, int]] = set()
+    sent: set[tuple[str, int]] = set()
     while True:
         numbers: Numbers = {}
         slots: list[Slot] = []
-        before = len(said)
-        for group in sorted(groups, key=lambda each: not each.has_news(said)):
-            found = group.choose(numbers, said)
+        before = len(sent)
+        for group in sorted(groups, key=lambda each: not each.has_news(sent)):
+            found = group.choose(numbers, sent)
             if found is not None:
                 numbers |= found.numbers
                 slots += found.slots
-                said |= {(lane.kind, index) for lane, index in found.slots}
-        if len(said) == before:
+                sent |= {(lane.kind, index) for lane, index in found.slots}
+        if len(sent) == before:
             return turns
         turns.append(Turn(numbers, tuple(slots)))
 
@@ -55,15 +55,15 @@ class _Group:
         self._all = entries
         self._fresh = entries
 
-    def has_news(self, said: set[tuple[str, int]]) -> bool:
-        self._fresh = [each for each in self._fresh if _news(each, said)]
+    def has_news(self, sent: set[tuple[str, int]]) -> bool:
+        self._fresh = [each for each in self._fresh if _news(each, sent)]
         return bool(self._fresh)
 
-    def choose(self, numbers: Numbers, said: set[tuple[str, int]]) -> Turn | None:
+    def choose(self, numbers: Numbers, sent: set[tuple[str, int]]) -> Turn | None:
         """The entry that fits numbers already chosen: all new if there is one, else partly, else one told before."""
         best = None
         for each in self._fresh:
-            news = _news(each, said) if _fits(each, numbers) else 0
+            news = _news(each, sent) if _fits(each, numbers) else 0
             if news == len(each.slots):
                 return each
             if news and best is None:
@@ -71,8 +71,8 @@ class _Group:
         return best or next((each for each in self._all if _fits(each, numbers)), None)
 
 
-def _news(entry: Turn, said: set[tuple[str, int]]) -> int:
-    return sum((lane.kind, index) not in said for lane, index in entry.slots)
+def _news(entry: Turn, sent: set[tuple[str, int]]) -> int:
+    return sum((lane.kind, index) not in sent for lane, index in entry.slots)
 
 
 def _fits(entry: Turn, numbers: Numbers) -> bool:
@@ -113,7 +113,7 @@ def _entries(
     if not rows:
         return
     columns = np.array(rows)[:, :, 0]
-    parts = {part: np.full(len(rows), number) for part, number in lane.told.items()}
+    parts = {part: np.full(len(rows), number) for part, number in lane.named_parts.items()}
     parts |= {part: columns[:, i] for i, (part, _) in enumerate(lane.numbers)}
     for row, index in zip(rows, channel(lane.entry, of_kind, parts).tolist(), strict=True):
         if index >= 0:
@@ -127,13 +127,13 @@ def _outer(signal: Signal | None) -> Numbers:
 def _spoken(lane: Lane, part: str, signal: Signal, segments: tuple[int, ...]) -> list[tuple[int, int]]:
     """Numbers that a part may have, each with its raw number, as far as the signal holds them."""
     assert lane.entry is not None
-    told = {name for name, _ in lane.numbers} | set(lane.told)
-    most = max(segments) if "segment" in told else sum(segments)
+    numbered = {name for name, _ in lane.numbers} | set(lane.named_parts)
+    most = max(segments) if "segment" in numbered else sum(segments)
     group_cells = lane.entry.group_cells
     n = {
         "segment": len(segments),
         "group": -(-most // group_cells),
-        "cell": max(group_cells, 1) if "group" in told else most,
+        "cell": max(group_cells, 1) if "group" in numbered else most,
     }[part]
     base = lane.entry.base.get(part, 0)
     low, high = bounds(signal.layout)

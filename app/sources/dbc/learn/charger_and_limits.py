@@ -2,7 +2,7 @@
 
 from app.battery.source import Reading
 from app.sources.dbc.definitions import MessageDefinition, Signal
-from app.sources.dbc.learn.readings import ReadingProposal, candidates, in_unit, named, signal_name, unheard
+from app.sources.dbc.learn.readings import ReadingProposal, candidates, in_unit, name_reason, signal_name, unheard
 from app.sources.dbc.learn.survey import Survey
 from app.sources.dbc.learn.words_of_names import CHARGER, CURRENT, VOLTAGE, name_set, words
 from app.sources.dbc.units import known_conversion
@@ -22,11 +22,11 @@ def charger_proposals(survey: Survey, kind: str, used: set[tuple[int, str]]) -> 
     wanted = VOLTAGE if kind == "charger_voltage" else CURRENT
     found: list[ReadingProposal] = []
     for message, signal in candidates(survey, used, kind):
-        said, around = words(signal.name), words(message.name)
-        if not (said | around) & CHARGER or not said & wanted or said & _ASKED:
+        own, around = words(signal.name), words(message.name)
+        if not (own | around) & CHARGER or not own & wanted or own & _ASKED:
             continue
-        score = 2.0 + 0.5 * len(said & CHARGER) - 1.5 * len(around & _ASKED)
-        score += 1.0 if said & {"output", "out", "actual", "measured"} else 0.0
+        score = 2.0 + 0.5 * len(own & CHARGER) - 1.5 * len(around & _ASKED)
+        score += 1.0 if own & {"output", "out", "actual", "measured"} else 0.0
         score += 0.5 if known_conversion(kind, signal.unit) else 0.0
         _take(found, survey, message, signal, kind, score)
     return sorted(found, key=lambda each: -each.score)
@@ -37,14 +37,14 @@ def limit_proposals(survey: Survey, name: str, used: set[tuple[int, str]]) -> li
     wanted, other = (_DISCHARGE, _CHARGE) if name.startswith("discharge") else (_CHARGE, _DISCHARGE)
     found: list[ReadingProposal] = []
     for message, signal in candidates(survey, used, "current"):
-        said, around = words(signal.name), words(message.name)
-        is_limit = bool(said & _LIMIT) or bool(around & _LIMIT)
-        if not is_limit or not said & wanted or said & other - {"charge"} or said & {"cell", "charger", "voltage"}:
+        own, around = words(signal.name), words(message.name)
+        is_limit = bool(own & _LIMIT) or bool(around & _LIMIT)
+        if not is_limit or not own & wanted or own & other - {"charge"} or own & {"cell", "charger", "voltage"}:
             continue
-        if not (said & (CURRENT | {"ccl", "dcl"}) or known_conversion("current", signal.unit) == (1.0, 0.0)):
+        if not (own & (CURRENT | {"ccl", "dcl"}) or known_conversion("current", signal.unit) == (1.0, 0.0)):
             continue
-        score = 2.0 + (1.0 if said & {"ccl", "dcl"} or said & _LIMIT else 0.0)
-        score -= 0.5 * len(said & {"peak", "pulse", "short"}) + 1.0 * len((said | around) & {"inverter", "mc", "motor"})
+        score = 2.0 + (1.0 if own & {"ccl", "dcl"} or own & _LIMIT else 0.0)
+        score -= 0.5 * len(own & {"peak", "pulse", "short"}) + 1.0 * len((own | around) & {"inverter", "mc", "motor"})
         score -= 0.5 * len(around & CHARGER)
         _take(found, survey, message, signal, "current", score)
     return sorted(found, key=lambda each: -each.score)
@@ -58,4 +58,4 @@ def _take(
         score -= unheard(survey)
     if score >= _LEAST:
         reading = Reading(signal_name(message, signal), unit)
-        found.append(ReadingProposal(reading, (named(signal, message),), score, low, high))
+        found.append(ReadingProposal(reading, (name_reason(signal, message),), score, low, high))

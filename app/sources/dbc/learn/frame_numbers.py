@@ -30,7 +30,7 @@ _MOST_BITS = 16
 MOST_NUMBERS = 1000
 _LEAST_LONE = 8  # numbers of a segment signal that are rather those of cells
 UNKNOWN_COUNT = 12  # cells of a segment, where neither frames nor the DBC tell how many there are
-_SAYS_NUMBER = name_set("id ids idx index indices num number nr no nbr")
+_NUMBER_WORDS = name_set("id ids idx index indices num number nr no nbr")
 _OF_A_NUMBER = {"", "#", "id", "num", "number", "nr", "no", "count", "index", "-", "none"}  # what stands for a unit
 _CELL_WORDS = name_set("cell zelle celle sensor therm thermistor ntc temp channel ch")
 
@@ -58,7 +58,7 @@ def _value_signals(survey: Survey, kind: str, message: MessageDefinition) -> Ite
     """Signals of a message that can carry the quantity: those of one name but for its numbers, or one by itself."""
     families: dict[str, list[Signal]] = {}
     for signal in message.signals:
-        if words(signal.name) & (_SAYS_NUMBER | NO_QUANTITY) or signal.is_multiplexer:
+        if words(signal.name) & (_NUMBER_WORDS | NO_QUANTITY) or signal.is_multiplexer:
             continue
         if judged(survey, kind, ((message, signal),), 1) is not None:
             families.setdefault(_lettered(signal.name), []).append(signal)
@@ -76,30 +76,30 @@ def _lettered(name: str) -> str:
 def _numbers(survey: Survey, message: MessageDefinition, values: list[Signal]) -> list[_Number]:
     found = []
     for signal in message.signals:
-        said = words(signal.name)
-        numeric = signal.is_multiplexer or bool(said & (NUMBER | SEGMENT | GROUP))
+        own = words(signal.name)
+        numeric = signal.is_multiplexer or bool(own & (NUMBER | SEGMENT | GROUP))
         if signal in values or not numeric or signal.layout.length > _MOST_BITS or signal.layout.is_float:
             continue
         is_whole = signal.layout.scale == 1.0 and signal.layout.offset == int(signal.layout.offset)
-        if signal.layout.length < 2 or not is_whole or signal.unit.lower() not in _OF_A_NUMBER or said & NO_NUMBER:
+        if signal.layout.length < 2 or not is_whole or signal.unit.lower() not in _OF_A_NUMBER or own & NO_NUMBER:
             continue
-        if said & (VOLTAGE | TEMPERATURE) and not said & _SAYS_NUMBER:
+        if own & (VOLTAGE | TEMPERATURE) and not own & _NUMBER_WORDS:
             continue
         seen = distinct([survey.signal(message, signal.name)])
         if survey.of(message) is not None and len(seen) == 0:
             continue
         if len(seen) and (seen[0] < 0 or len(seen) > MOST_NUMBERS):
             continue
-        found.append(_Number(signal, _part_of(signal, said), tuple(int(each) for each in seen)))
+        found.append(_Number(signal, _part_of(signal, own), tuple(int(each) for each in seen)))
     return found
 
 
-def _part_of(signal: Signal, said: frozenset[str]) -> str:
-    if said & SEGMENT and not said & _CELL_WORDS:
+def _part_of(signal: Signal, own: frozenset[str]) -> str:
+    if own & SEGMENT and not own & _CELL_WORDS:
         return "segment"
-    if said & GROUP:
+    if own & GROUP:
         return "group"
-    if said & SEGMENT and any(f"{word}_" in signal.name.lower() for word in SEGMENT) and not said & {"cell", "zelle"}:
+    if own & SEGMENT and any(f"{word}_" in signal.name.lower() for word in SEGMENT) and not own & {"cell", "zelle"}:
         return "segment"
     return "cell"
 
@@ -116,7 +116,7 @@ def _proposal(
             CellSignals(
                 signal=signal.name,
                 message=message.name,
-                numbers=_named(segment) | {"cell": cell.signal.name},
+                numbers=_segment_names(segment) | {"cell": cell.signal.name},
                 base=_bases(segment, cells),
             )
             for signal, cell in zip(values, _paired(values, cells), strict=True)
@@ -136,7 +136,7 @@ def _proposal(
         entry = CellSignals(
             values[0].name,
             message.name,
-            numbers=_named(segment) | {"cell": number.signal.name},
+            numbers=_segment_names(segment) | {"cell": number.signal.name},
             base=_bases(segment, [number]),
         )
         n, segments = _size(survey, message, segment, [number], 1, 1)
@@ -152,7 +152,7 @@ def _proposal(
     if not pattern:
         return None
     base = _bases(segment, []) | {"group": _lowest(number), "cell": lowest}
-    named = _named(segment) | {"group": number.signal.name}
+    named = _segment_names(segment) | {"group": number.signal.name}
     entries = (CellSignals(pattern, message.name, named, {k: v for k, v in base.items() if v}, group_cells=step),)
     n, segments = _size(survey, message, segment, [number], step, len(values))
     reason = Message("learn-base-number", message=message.name, number=number.signal.name, k=len(values), step=step)
@@ -161,8 +161,8 @@ def _proposal(
 
 def _unknown(found: list[_Number]) -> list[Text]:
     """What is to be said where nothing tells how many cells there are."""
-    told = any(each.seen or each.signal.choices or _declares(each) for each in found)
-    return [] if told else [Message("learn-count-unknown", number=found[0].signal.name)]
+    is_known = any(each.seen or each.signal.choices or _declares(each) for each in found)
+    return [] if is_known else [Message("learn-count-unknown", number=found[0].signal.name)]
 
 
 def _declares(number: _Number) -> bool:
@@ -206,7 +206,7 @@ def _best(found: list[_Number]) -> _Number | None:
     return max(found, key=lambda each: (len(each.seen), each.signal.layout.length), default=None)
 
 
-def _named(segment: _Number | None) -> dict[str, str]:
+def _segment_names(segment: _Number | None) -> dict[str, str]:
     return {} if segment is None else {"segment": segment.signal.name}
 
 

@@ -48,20 +48,20 @@ def heard_of(survey: Survey, members: tuple[Member, ...]) -> list[tuple[Signal, 
 def judged(survey: Survey, kind: str, members: tuple[Member, ...], n: int) -> tuple[float, Fit | None] | None:
     """Return how much speaks for members to carry a quantity, None where they cannot."""
     message, signal = members[0]
-    said, around = words(signal.name), words(message.name)
+    own, around = words(signal.name), words(message.name)
     wanted = VOLTAGE if kind == "voltage" else TEMPERATURE
     other = TEMPERATURE if kind == "voltage" else VOLTAGE
     declared = declared_fit(kind, signal)
-    if declared < 0 or said & _HARD:
+    if declared < 0 or own & _HARD:
         return None
     score = log2(max(n, 1)) + 2.0 * declared
-    score += 3.0 if said & CELL else (1.5 if around & CELL else 0.0)
-    score += 2.5 if said & wanted else (1.5 if around & wanted else 0.0)
-    if not (said | around) & (CELL | wanted):
+    score += 3.0 if own & CELL else (1.5 if around & CELL else 0.0)
+    score += 2.5 if own & wanted else (1.5 if around & wanted else 0.0)
+    if not (own | around) & (CELL | wanted):
         score -= 3.0 if declared < 1.0 or n < _MANY else 1.5
-    if said & other and not said & wanted:
+    if own & other and not own & wanted:
         score -= 4.0
-    score -= 2.0 * len(said & NOT_A_CELL) + 1.5 * len(around & NOT_A_CELL & _HARD)
+    score -= 2.0 * len(own & NOT_A_CELL) + 1.5 * len(around & NOT_A_CELL & _HARD)
     score -= 0.3 * len(around & _INNER)
     heard = heard_of(survey, members)
     found = fit(kind, heard) if heard else None

@@ -59,21 +59,21 @@ def pack_voltage_proposals(survey: Survey, sum_v: float, used: set[tuple[int, st
     """Return signals that may be the voltage of all cells; `sum_v` of the cells, NaN where unknown. The best first."""
     found = []
     for message, signal in candidates(survey, used, "pack_voltage"):
-        said, around = words(signal.name), words(message.name)
-        is_sum = bool(said & _SUM and known_conversion("pack_voltage", signal.unit))
-        is_named = is_sum or bool(said & VOLTAGE)
-        if said & (_NO_PACK_VOLTAGE | CURRENT) - (CELL if is_sum else set()) or not (
-            is_named or (said & PACK and not signal.unit)
+        own, around = words(signal.name), words(message.name)
+        is_sum = bool(own & _SUM and known_conversion("pack_voltage", signal.unit))
+        is_named = is_sum or bool(own & VOLTAGE)
+        if own & (_NO_PACK_VOLTAGE | CURRENT) - (CELL if is_sum else set()) or not (
+            is_named or (own & PACK and not signal.unit)
         ):
             continue
         score = (
-            2.0 * len(said & PACK - _SENSORS)
+            2.0 * len(own & PACK - _SENSORS)
             + 0.7 * len(around & PACK - _SENSORS)
-            - 2.0 * len(said & (NOT_THE_PACK - {"sum"}))
+            - 2.0 * len(own & (NOT_THE_PACK - {"sum"}))
         )
-        score -= 2.0 * len((said | around) & _OF_A_PART)
-        score -= 1.0 * len(around & NOT_THE_PACK) + 1.5 * len({"bus", "dc", "link"} & said)
-        score += 1.0 if {"pack", "total", "sum", "batt", "battery"} & said else 0.0
+        score -= 2.0 * len((own | around) & _OF_A_PART)
+        score -= 1.0 * len(around & NOT_THE_PACK) + 1.5 * len({"bus", "dc", "link"} & own)
+        score += 1.0 if {"pack", "total", "sum", "batt", "battery"} & own else 0.0
         reasons: list[Text] = []
         unit, low, high, mean = in_unit(survey, message, signal, "pack_voltage", VOLTAGE_UNITS, sum_v)
         if np.isfinite(mean) and np.isfinite(sum_v) and sum_v > 0:
@@ -85,7 +85,9 @@ def pack_voltage_proposals(survey: Survey, sum_v: float, used: set[tuple[int, st
             score -= 4.0
         if score > 1.5:
             name = signal_name(message, signal)
-            found.append(ReadingProposal(Reading(name, unit), (*reasons, named(signal, message)), score, low, high))
+            found.append(
+                ReadingProposal(Reading(name, unit), (*reasons, name_reason(signal, message)), score, low, high)
+            )
     return sorted(found, key=lambda each: -each.score)
 
 
@@ -93,16 +95,16 @@ def current_proposals(survey: Survey, pack: PackVoltage | None, used: set[tuple[
     """Return signals that may be the current of all cells; the sign by what the voltage does. The best first."""
     found = []
     for message, signal in candidates(survey, used, "current"):
-        said, around = words(signal.name), words(message.name)
-        if not said & CURRENT and not ("ivt" in around | said and "i" in said):
+        own, around = words(signal.name), words(message.name)
+        if not own & CURRENT and not ("ivt" in around | own and "i" in own):
             continue
-        score = 2.0 + 1.5 * len(said & PACK) + 0.7 * len(around & PACK)
-        score += 1.6 if "pack" in around and said <= CURRENT else 0.0
-        score -= 2.5 * len(said & NOT_THE_PACK) + 1.0 * len(around & NOT_THE_PACK)
+        score = 2.0 + 1.5 * len(own & PACK) + 0.7 * len(around & PACK)
+        score += 1.6 if "pack" in around and own <= CURRENT else 0.0
+        score -= 2.5 * len(own & NOT_THE_PACK) + 1.0 * len(around & NOT_THE_PACK)
         score += 1.0 if signal.layout.is_signed or signal.layout.offset < 0 else -0.5
         score += 1.0 if known_conversion("current", signal.unit) else -0.5
         unit, low, high, mean = in_unit(survey, message, signal, "current", CURRENT_UNITS, float("nan"))
-        reasons: list[Text] = [named(signal, message)]
+        reasons: list[Text] = [name_reason(signal, message)]
         positive: Literal["discharge", "charge"] = "discharge"
         if np.isfinite(mean):
             together = _correlation(survey, message, signal, pack)
@@ -121,8 +123,8 @@ def current_proposals(survey: Survey, pack: PackVoltage | None, used: set[tuple[
             reasons.append(Message("learn-sign-unknown"))
         if score > 1.5:
             name = signal_name(message, signal)
-            told = known_conversion("current", signal.unit) is not None or signal.layout.scale != 1.0
-            found.append(ReadingProposal(Reading(name, unit, positive), tuple(reasons), score, low, high, told))
+            is_scaled = known_conversion("current", signal.unit) is not None or signal.layout.scale != 1.0
+            found.append(ReadingProposal(Reading(name, unit, positive), tuple(reasons), score, low, high, is_scaled))
     return sorted(found, key=lambda each: -each.score)
 
 
@@ -130,14 +132,14 @@ def soc_proposals(survey: Survey, used: set[tuple[int, str]]) -> list[ReadingPro
     """Return signals that may be the SOC by the BMS. The best first."""
     found = []
     for message, signal in candidates(survey, used, "soc"):
-        said, around = words(signal.name), words(message.name)
-        is_soc = bool(said & SOC) or {"state", "charge"} <= said
-        if not is_soc or said & {"limit", "target", "error", "fault", "status", "cell", "valid", "cells"}:
+        own, around = words(signal.name), words(message.name)
+        is_soc = bool(own & SOC) or {"state", "charge"} <= own
+        if not is_soc or own & {"limit", "target", "error", "fault", "status", "cell", "valid", "cells"}:
             continue
         score = (
             2.0
             + 0.5 * len(around & PACK - _SENSORS)
-            - 0.6 * len(said & {"min", "max", "minimum", "maximum", "low", "high", "raw", "avg"})
+            - 0.6 * len(own & {"min", "max", "minimum", "maximum", "low", "high", "raw", "avg"})
         )
         unit, low, high, mean = in_unit(survey, message, signal, "soc", SOC_UNITS, float("nan"))
         if not unit and known_conversion("soc", signal.unit) is None:
@@ -147,7 +149,7 @@ def soc_proposals(survey: Survey, used: set[tuple[int, str]]) -> list[ReadingPro
             score -= unheard(survey)
         if score > 0:
             name = signal_name(message, signal)
-            found.append(ReadingProposal(Reading(name, unit), (named(signal, message),), score, low, high))
+            found.append(ReadingProposal(Reading(name, unit), (name_reason(signal, message),), score, low, high))
     return sorted(found, key=lambda each: -each.score)
 
 
@@ -181,7 +183,7 @@ def unheard(survey: Survey) -> float:
     return 4.0 if survey.duration_s > _LONG_S else 0.5
 
 
-def named(signal: Signal, message: MessageDefinition) -> Text:
+def name_reason(signal: Signal, message: MessageDefinition) -> Text:
     """That its name speaks for a signal."""
     return Message("learn-by-name", name=signal.name, message=message.name, unit=signal.unit or "-")
 

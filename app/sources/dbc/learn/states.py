@@ -143,25 +143,29 @@ _Found = tuple[tuple[int, ...], int, float, list[Text]]
 
 def _by_texts(name: str, message: MessageDefinition, signal: Signal) -> _Found | None:
     """The values whose texts say the state."""
-    said, around = words(signal.name), words(message.name)
-    of_battery = len((said | around) & _OF_PACK)
-    is_contactor = bool(said & _CONTACTOR)
-    is_precharge = bool(said & _PRECHARGE)
-    yes = tuple(sorted(n for n, text in signal.choices.items() if _says(name, words(text), is_contactor, is_precharge)))
+    own, around = words(signal.name), words(message.name)
+    of_battery = len((own | around) & _OF_PACK)
+    is_contactor = bool(own & _CONTACTOR)
+    is_precharge = bool(own & _PRECHARGE)
+    yes = tuple(
+        sorted(
+            n for n, text in signal.choices.items() if _text_names_state(name, words(text), is_contactor, is_precharge)
+        )
+    )
     if not yes or len(yes) == len(signal.choices):
         return None
-    if not (said | around) & (_STATE | _CONTACTOR | _PRECHARGE | _FAULT) or (said | around) & _OF_OTHERS:
+    if not (own | around) & (_STATE | _CONTACTOR | _PRECHARGE | _FAULT) or (own | around) & _OF_OTHERS:
         return None
-    score = 2.0 + min(of_battery, 2) - 2.0 * len(said & _NOT) - 1.0 * len(around & _NOT - {"master"})
-    score += 1.0 if said & _STATE else 0.0
-    score += 1.0 if (name == "closed" and is_contactor) or (name == "fault" and said & _STATE) else 0.0
+    score = 2.0 + min(of_battery, 2) - 2.0 * len(own & _NOT) - 1.0 * len(around & _NOT - {"master"})
+    score += 1.0 if own & _STATE else 0.0
+    score += 1.0 if (name == "closed" and is_contactor) or (name == "fault" and own & _STATE) else 0.0
     score += 1.5 if name == "precharge" and is_precharge else 0.0
-    score -= 0.3 if said & _SIDE else 0.0
+    score -= 0.3 if own & _SIDE else 0.0
     texts = ", ".join(f"{n} {signal.choices[n]}" for n in yes)
     return yes, 0, score, [Message("learn-state-texts", name=signal.name, message=message.name, texts=texts)]
 
 
-def _says(name: str, text: frozenset[str], is_contactor: bool, is_precharge: bool) -> bool:
+def _text_names_state(name: str, text: frozenset[str], is_contactor: bool, is_precharge: bool) -> bool:
     is_fault = bool(text & _FAULT)
     pre = bool(text & (_PRECHARGE - {"pc"}))
     if name == "fault":
@@ -185,12 +189,12 @@ def _by_name(
     name: str, message: MessageDefinition, signal: Signal, heard: Heard | None, flow: Flow | None
 ) -> _Found | None:
     """A bit, or a number without texts, whose name says the state."""
-    said, around = words(signal.name), words(message.name)
-    score = _score_of_name(name, said, around)
-    if score is None or (said | around) & _OF_OTHERS:
+    own, around = words(signal.name), words(message.name)
+    score = _score_of_name(name, own, around)
+    if score is None or (own | around) & _OF_OTHERS:
         return None
-    score += 0.5 * min(len(said & _OF_PACK), 2) + 0.3 * min(len(around & _OF_PACK), 1)
-    score -= 1.0 * len(said & _NOT) + 0.7 * len(around & _NOT - {"master"})
+    score += 0.5 * min(len(own & _OF_PACK), 2) + 0.3 * min(len(around & _OF_PACK), 1)
+    score -= 1.0 * len(own & _NOT) + 0.7 * len(around & _NOT - {"master"})
     reasons: list[Text] = [Message("learn-state-name", name=signal.name, message=message.name)]
     if signal.layout.length == 1:
         return (1,), 0, score + 1.0, reasons
@@ -212,32 +216,30 @@ def _by_name(
     return tuple(int(each) for each in during), 0, score, reasons
 
 
-def _score_of_name(name: str, said: frozenset[str], around: frozenset[str]) -> float | None:
-    pre = bool(said & (_PRECHARGE - {"pc"})) or {"pc", "relay"} <= said
-    ended = said & (_ENDED | {"open"})
+def _score_of_name(name: str, own: frozenset[str], around: frozenset[str]) -> float | None:
+    pre = bool(own & (_PRECHARGE - {"pc"})) or {"pc", "relay"} <= own
+    ended = own & (_ENDED | {"open"})
     if name == "precharge":
-        return 2.0 if pre and not ended and not said & (_FAULT | {"voltage", "v", "current", "charger"}) else None
+        return 2.0 if pre and not ended and not own & (_FAULT | {"voltage", "v", "current", "charger"}) else None
     if name == "fault":
-        if not said & _FAULT or said & {"under", "over", "temp", "temperature", "voltage", "current", "code", "cell"}:
+        if not own & _FAULT or own & {"under", "over", "temp", "temperature", "voltage", "current", "code", "cell"}:
             return None
-        return 2.0 if (said | around) & _OF_PACK else 0.5
+        return 2.0 if (own | around) & _OF_PACK else 0.5
     if pre:
         return None
     if name == "closed":
-        if not said & _CONTACTOR or ended or said & _FAULT:
+        if not own & _CONTACTOR or ended or own & _FAULT:
             return None
-        score = 2.0 - (0.3 if said & _SIDE or "airn" in said else 0.0)
-        return score + (0.3 if said & {"closed", "state", "status", "feedback", "fb", "aux", "is"} else 0.0)
+        score = 2.0 - (0.3 if own & _SIDE or "airn" in own else 0.0)
+        return score + (0.3 if own & {"closed", "state", "status", "feedback", "fb", "aux", "is"} else 0.0)
     if name == "charging":
-        is_it = bool(said & (_CHARGING - {"charge", "chg"})) or ("charge" in said and bool(said & (_STATE | {"en"})))
-        is_it = is_it or ("charger" in said and bool(said & {"present", "connected", "active"}))
+        is_it = bool(own & (_CHARGING - {"charge", "chg"})) or ("charge" in own and bool(own & (_STATE | {"en"})))
+        is_it = is_it or ("charger" in own and bool(own & {"present", "connected", "active"}))
         return (
             2.0
-            if is_it and not said & (ended | _FAULT | name_set("soc limit max min voltage current allowed dis"))
+            if is_it and not own & (ended | _FAULT | name_set("soc limit max min voltage current allowed dis"))
             else None
         )
     return (
-        2.0
-        if said & _BALANCING and not said & (ended | _FAULT | name_set("cell cells rate allowed voltage v"))
-        else None
+        2.0 if own & _BALANCING and not own & (ended | _FAULT | name_set("cell cells rate allowed voltage v")) else None
     )

@@ -41,7 +41,7 @@ class MessageHeard:
 
     message: MessageDefinition
     group: MessageFrames
-    _heard: dict[str, Heard | None] = field(default_factory=dict)
+    _signals: dict[str, Heard | None] = field(default_factory=dict)
 
     @property
     def rate_hz(self) -> float:
@@ -52,9 +52,9 @@ class MessageHeard:
 
     def signal(self, name: str) -> Heard | None:
         """What was heard of a signal; None: no frame carries it."""
-        if name not in self._heard:
-            self._heard[name] = self._decoded(self.message.signal(name))
-        return self._heard[name]
+        if name not in self._signals:
+            self._signals[name] = self._decoded(self.message.signal(name))
+        return self._signals[name]
 
     def _decoded(self, signal: Signal | None) -> Heard | None:
         if signal is None or signal.layout.end_byte > self.group.frames.data.shape[1]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.analysis.limits import MovingLimit, limits_over_time, limits_told
+from app.analysis.limits import MovingLimit, known_limits, limits_over_time
 from app.analysis.report.report import report_of
 from app.live.pipeline_factory import PipelineFactory
 from app.sessions.reading.reader import SessionFile
@@ -65,5 +65,5 @@ def test_a_limit_is_not_known_before_it_was_told() -> None:
 def test_what_a_snapshot_was_judged_by_leaves_out_what_nobody_told() -> None:
     nan = float("nan")
     limits = ProtectionLimits(2.5, nan, nan, 60.0, nan, -30.0, nan, nan)
-    assert limits_told(limits) == {"v_cell_min": 2.5, "t_cell_max": 60.0, "i_disc_min": -30.0}
-    assert limits_told(None) == {}
+    assert known_limits(limits) == {"v_cell_min": 2.5, "t_cell_max": 60.0, "i_disc_min": -30.0}
+    assert known_limits(None) == {}

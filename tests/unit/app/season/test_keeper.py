@@ -98,7 +98,7 @@ def test_a_question_that_hangs_is_killed(lake, tmp_path, monkeypatch):
 def test_a_service_that_ends_waits_for_no_question(lake, tmp_path, monkeypatch):
     command = keeper._command  # one that ends the service as soon as the question's process is there
     asked = SeasonLake(tmp_path, str(lake), builds=False)
-    ending = threading.Thread(target=lambda: (until(lambda: asked._asked is not None), asked.stop()))
+    ending = threading.Thread(target=lambda: (until(lambda: asked._query_process is not None), asked.stop()))
     monkeypatch.setattr(keeper, "_command", lambda words: (ending.start(), command(words))[1])
     sql = "SELECT sum(a.range * b.range) FROM range(100000000) a, range(100000000) b"
     with pytest.raises(NotNow, match="ends"):

@@ -2,7 +2,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from app.telemetry import Accumulator, Cells
-from app.telemetry.fields import INTERNAL, TREND, Kept, SentAs, Unit, described, kept, marked, units
+from app.telemetry.fields import INTERNAL, TREND, Kept, SentAs, Unit, described, history_fields, marked, units
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ def test_a_field_is_described_in_order_with_its_type_and_its_names():
 def test_names_are_found_by_their_marks():
     assert marked(Example, TREND) == ("raw",)
     assert [name for name, _ in units(Example)] == ["voltage_v"]
-    assert [(name, part) for name, _, part in kept(Example)] == [("voltage_v", "voltage")]
+    assert [(name, part) for name, _, part in history_fields(Example)] == [("voltage_v", "voltage")]
 
 
 def test_every_number_of_the_battery_has_a_unit_that_its_name_agrees_with():

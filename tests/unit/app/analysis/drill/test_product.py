@@ -1,7 +1,14 @@
 import pytest
 
 from app.analysis.drill.days import CHOICES
-from app.analysis.drill.product import CAUSES, MEANS, answer_of_cause, answer_of_events, answer_of_message, tells
+from app.analysis.drill.product import (
+    CAUSES,
+    MEANS,
+    answer_of_cause,
+    answer_of_events,
+    answer_of_message,
+    reports_fault,
+)
 from app.analysis.drill.score import Answer
 from app.analysis.root_cause.codes import NAMES, cause_message
 from app.words import Message
@@ -36,10 +43,10 @@ def test_everything_means_a_fault_that_a_day_may_have():
 
 
 def test_what_is_said_in_passing_tells_nothing():
-    assert tells("trip", "trip-v-min")
-    assert tells("info", "finding-cell-leaks")
-    assert not tells("info", "finding-ended")
-    assert not tells("info", "config-written")
+    assert reports_fault("trip", "trip-v-min")
+    assert reports_fault("info", "finding-cell-leaks")
+    assert not reports_fault("info", "finding-ended")
+    assert not reports_fault("info", "config-written")
 
 
 def test_the_event_of_a_trips_cause_means_the_same():
