@@ -72,7 +72,6 @@ class Field:
 
 _U16 = 0xFFFF
 _I16 = 0x7FFF
-_LAST_BYTE = 2983
 
 # fmt: off
 _TX_IDS = (0x1806E5F4 | CAN_ID_EXTENDED, 0x100, 0x101, 0, 0, 0, 0, 0)

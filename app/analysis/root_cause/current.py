@@ -12,7 +12,6 @@ from app.estimation.cell_model.circuit import CellModel
 from app.words import Message, Quantity
 
 OFFSET_A: Final = 1.5  # beyond the sensor's own zero
-STANDING_S: Final = 3.0
 STILL_A: Final = 1.5
 SAGS: Final = 0.5  # of what the current would make the cells sag: more is a real current
 BACK_S: Final = 20.0

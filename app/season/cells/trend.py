@@ -28,7 +28,6 @@ DRAWS: Final = 4999
 STEP_P_MAX: Final = 0.05
 STEP_PARAMETERS: Final = 4  # of a line, its bend and a step
 DRAWN_P_MAX: Final = 0.3  # above, by the sum over all places, nothing is drawn
-DAY_S: Final = 86400.0
 
 
 @dataclass(frozen=True)

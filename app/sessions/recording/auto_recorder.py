@@ -1,6 +1,5 @@
 """When a recording starts and ends by itself, and what goes into it."""
 
-import logging
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +18,6 @@ from app.telemetry import Event, Severity, Source
 from app.words import Message
 from firmware_protocol.framing import Frame
 
-log = logging.getLogger(__name__)
 GONE_S = 60.0  # the master has been silent this long: the session is over
 CLOCK_S = 10.0
 STATUS_S = 0.5

@@ -1,7 +1,6 @@
 """The CAN link: any python-can interface and channel, read in a thread of its own, opened again for ever."""
 
 import contextlib
-import logging
 import re
 import threading
 from collections.abc import Callable
@@ -17,7 +16,6 @@ from app.sources.links.slcan_lines import open_bus
 from app.words import Message, Text
 from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
-log = logging.getLogger(__name__)
 _POLL_S = 0.2
 _SEND_S = 0.5
 _ASK_S = 1.0  # between two questions to the adapter's controller

@@ -4,7 +4,6 @@
 """
 
 import contextlib
-import logging
 import os
 import select
 import threading
@@ -19,7 +18,6 @@ from app.sources.links.backoff import Backoff
 from app.words import Message, Text
 from firmware_protocol.framing import BAUD_RATE, START_STREAM, STOP_STREAM, FrameDecoder
 
-log = logging.getLogger(__name__)
 SILENCE_S = 1.0
 _POLL_S = 0.1
 _BACKLOG_BYTES = 1024  # a longer piece has waited: a master that is read in time leaves less at once

@@ -4,7 +4,7 @@ import pytest
 from firmware_protocol.config_image import default_image
 from firmware_protocol.ltc6804 import StatusB
 from firmware_protocol.memory_map import T_MISSING
-from firmware_protocol.temperature_sensor import sensor_voltage_v
+from firmware_protocol.temperature_sensor import FIRST_DEGC, POINTS_V, STEP_DEGC
 from simulator.memory import Config, MasterMemory
 from simulator.slave import SlaveChain
 from simulator.slave_reader import CHECK_STAGES, SlaveReader, degc_from_sensor
@@ -14,7 +14,8 @@ from simulator.slave_reader import CHECK_STAGES, SlaveReader, degc_from_sensor
 def chain() -> SlaveChain:
     chain = SlaveChain(8, np.random.default_rng(1))
     chain.converters.cell_v = np.full(96, 3.7)
-    chain.converters.sensor_v = np.array([sensor_voltage_v(-20 + cell) for cell in range(96)])
+    curve_degc = FIRST_DEGC + STEP_DEGC * np.arange(len(POINTS_V))
+    chain.converters.sensor_v = np.interp(np.arange(-20, 76), curve_degc, POINTS_V)
     return chain
 
 
@@ -164,5 +165,20 @@ def test_open_wire_is_found_at_the_cells_it_belongs_to(chain, memory, reader, wi
     assert not reader.open_wire_cells.any()
 
 
+@pytest.mark.parametrize(
+    ("volts", "degc"),
+    [
+        (1.955, 17.5),  # copies of the table that lost the 1.92 V point are 5 K wrong on one side of 20 degC
+        (1.89, 22.5),
+        (2.225, -4.58),  # the cold side has its sign
+        (2.122, 4.0),
+        (2.4449, -40.0),  # rounding at the ends is no fault
+        (1.2951, 120.0),
+    ],
+)
+def test_a_sensor_voltage_is_read_along_the_published_curve(volts, degc):
+    assert degc_from_sensor(np.array([volts])) == pytest.approx(degc, abs=0.01)
+
+
 def test_sensor_voltages_outside_the_curve_are_no_temperature():
-    assert np.isnan(degc_from_sensor(np.array([0.0, 1.2, 2.6]))).all()
+    assert np.isnan(degc_from_sensor(np.array([0.0, 1.2, 1.29, 2.45, 2.6, 6.5535]))).all()
