@@ -1,15 +1,19 @@
 """Health, snapshot, live stream, history."""
 
 import asyncio
+from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Annotated, Any
 
 import orjson
 from fastapi import APIRouter, Query, Response, WebSocket
+from starlette.datastructures import Headers
 
 from app import __version__
 from app.api.encoding.words import messages_json
 from app.api.schemas.service import HealthOut, HistoryOut, TrendOut
 from app.api.schemas.snapshot import SnapshotOut
+from app.api.web.authentication import User
 from app.api.web.dependencies import (
     AuthenticationPart,
     CertificatePart,
@@ -25,6 +29,7 @@ from app.api.web.websocket_protocol import READER, LiveProtocol
 from app.words import Message
 
 router = APIRouter(tags=["live"])
+_WHO = ("authorization", "cookie", "host")  # headers that tell who it is
 LOOK_S = 1.0  # after which a reader that was logged out gets no more
 
 
@@ -101,23 +106,30 @@ async def stream(
         await websocket.close(1008, "rate: between 0 and 1000 a second")
         return
     protocol: LiveProtocol = websocket.scope[READER]
-    user = authentication.user_of(websocket.headers, "")
-    address = websocket.client.host if websocket.client else ""
-    loop = asyncio.get_running_loop()
-    timer: asyncio.TimerHandle | None = None
+    headers = Headers({name: websocket.headers[name] for name in _WHO if name in websocket.headers})
+    login = _Login(protocol, lambda: authentication.user_of(headers, ""))
+    reading = ExitStack()
+    reading.callback(login.forget)
+    reading.enter_context(readers.joined(login.user, websocket.client.host if websocket.client else ""))
+    reading.enter_context(fan_out.joined(protocol, rate))
+    protocol.hand_over(reading.close)
 
-    def look() -> None:
-        nonlocal timer
-        if authentication.user_of(websocket.headers, "") is None:
-            protocol.end(4401, "logged out")
-        else:
-            timer = loop.call_later(LOOK_S, look)
 
-    look()
-    try:
-        with readers.joined(user, address), fan_out.joined(protocol, rate):
-            while (await websocket.receive())["type"] != "websocket.disconnect":
-                pass  # what a reader sends is ignored
-    finally:
-        if timer is not None:
-            timer.cancel()
+class _Login:
+    """Ends a stream when its reader is logged out."""
+
+    def __init__(self, protocol: LiveProtocol, ask: Callable[[], User | None]) -> None:
+        self._protocol = protocol
+        self._ask = ask
+        self._loop = asyncio.get_running_loop()
+        self._look()
+
+    def forget(self) -> None:
+        """Look no more."""
+        self._timer.cancel()
+
+    def _look(self) -> None:
+        self.user = self._ask()
+        self._timer = self._loop.call_later(LOOK_S, self._look)
+        if self.user is None:
+            self._protocol.end(4401, "logged out")

@@ -77,19 +77,20 @@ class FleetParts:
     authentication: Authentication
 
 
+# Most are `async`, though they wait for nothing: FastAPI sends each other one to a thread, a dozen hops a request.
 def _web(connection: HTTPConnection) -> WebParts:
     return cast(WebParts, connection.app.state.parts)
 
 
 def _from_service(name: str) -> Any:
-    def part(connection: HTTPConnection) -> object:
+    async def part(connection: HTTPConnection) -> object:
         return getattr(_web(connection).service, name)
 
     return Depends(part)
 
 
 def _from_web(name: str) -> Any:
-    def part(connection: HTTPConnection) -> object:
+    async def part(connection: HTTPConnection) -> object:
         return getattr(_web(connection), name)
 
     return Depends(part)
@@ -99,28 +100,28 @@ def _season_source(connection: HTTPConnection) -> SeasonSource:
     return _web(connection).service.season_source()
 
 
-def _simulator(connection: HTTPConnection) -> SimulatorProcess:
+async def _simulator(connection: HTTPConnection) -> SimulatorProcess:
     simulator = _web(connection).simulator
     if simulator is None:
         raise Problem(404, "not-found", Message("no-simulator"))
     return simulator
 
 
-def _drill(connection: HTTPConnection) -> Drill:
+async def _drill(connection: HTTPConnection) -> Drill:
     drill = _web(connection).drill
     if drill is None:
         raise Problem(404, "not-found", Message("no-simulator"))
     return drill
 
 
-def _fleet(connection: HTTPConnection) -> Fleet:
+async def _fleet(connection: HTTPConnection) -> Fleet:
     fleet = _web(connection).fleet
     if fleet is None:
         raise Problem(404, "not-found", Message("no-fleet"))
     return fleet
 
 
-def _writable(connection: HTTPConnection) -> None:
+async def _writable(connection: HTTPConnection) -> None:
     why_not = hindrance(_web(connection).service.battery)
     if why_not is not None:
         raise Problem(409, "battery-not-writable", why_not)
@@ -131,7 +132,7 @@ def hindrance(battery: LoadedBattery) -> Message | None:
     return None if battery.speaks_dbc is None else Message("battery-not-writable")
 
 
-def _user(connection: HTTPConnection) -> User:
+async def _user(connection: HTTPConnection) -> User:
     """The middleware let nobody through without one, but for the open paths."""
     return cast(User, connection.state.user)
 

@@ -1,5 +1,6 @@
 """Each alias gives the part that its type says."""
 
+import asyncio
 from types import SimpleNamespace
 from typing import Annotated, get_args, get_origin, get_type_hints
 
@@ -33,11 +34,11 @@ def connection(parts: object) -> SimpleNamespace:
 @pytest.mark.parametrize("alias", ALIASES)
 def test_an_alias_gives_the_part_that_its_type_says(alias):
     part, depends = get_args(ALIASES[alias])
-    assert FIELDS[depends.dependency(connection(Named()))] == part
+    assert FIELDS[asyncio.run(depends.dependency(connection(Named())))] == part
 
 
 def test_no_two_aliases_give_the_same_part():
-    given = [get_args(alias)[1].dependency(connection(Named())) for alias in ALIASES.values()]
+    given = [asyncio.run(get_args(alias)[1].dependency(connection(Named()))) for alias in ALIASES.values()]
     assert len(given) > 20
     assert len(set(given)) == len(given)
 
@@ -46,5 +47,5 @@ def test_without_a_simulated_car_there_is_none_to_ask():
     for alias in (SimulatorPart, DrillPart):
         _, depends = get_args(alias)
         with pytest.raises(Problem) as caught:
-            depends.dependency(connection(SimpleNamespace(simulator=None, drill=None)))
+            asyncio.run(depends.dependency(connection(SimpleNamespace(simulator=None, drill=None))))
         assert caught.value.status == 404

@@ -2,10 +2,12 @@
 
 import asyncio
 import contextlib
+import gc
 import socket
 import ssl
 import threading
 import time
+import weakref
 
 import pytest
 import uvicorn
@@ -21,13 +23,17 @@ from app.api.web.websocket_protocol import READER, LiveProtocol, text_frame
 from tests.service_process import until
 
 LONG = b'{"v": [' + b"3.7012, " * 200_000 + b"0]}"
+HANDSHAKE = (
+    b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
 
 
 class Served:
     """A server whose readers are handed to the test."""
 
     def __init__(self, certificate=None):
-        self.readers = []
+        self.readers, self.ends = [], []
         self.context = None if certificate is None else ssl.create_default_context(cafile=certificate.certificate)
         options = {"ws_max_size": 1 << 16, "lifespan": "off", "log_config": None, "interface": "asgi3"}
         if certificate is not None:
@@ -46,6 +52,12 @@ class Served:
         self.readers.append(scope[READER])
         while (await receive())["type"] != "websocket.disconnect":
             pass
+
+    async def hand_over(self, scope, receive, send):
+        await send({"type": "websocket.accept"})
+        reader = scope[READER]
+        reader.hand_over(lambda: self.ends.append(id(reader)))
+        self.readers.append(reader)
 
     def reader(self):
         until(lambda: self.readers)
@@ -97,10 +109,7 @@ def stand_still(served):
     made.connect(served.address)
     if served.context is not None:
         made = served.context.wrap_socket(made, server_hostname="127.0.0.1")
-    made.sendall(
-        b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-        b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
-    )
+    made.sendall(HANDSHAKE)
     for _ in range(1 if served.context is None else 2):  # TLS hands the first one on, whatever its size
         assert served.on_loop(served.reader().write_frame, text_frame(LONG, False))
     return made
@@ -157,3 +166,67 @@ def test_an_end_tells_why(served):
             client.recv(timeout=20)
         assert not served.on_loop(served.reader().write_frame, b"")
     assert (closed.value.rcvd.code, closed.value.rcvd.reason) == (4401, "logged out")
+
+
+@pytest.mark.parametrize("who", ["client", "server"])
+def test_a_stream_goes_on_without_its_application_and_tells_its_end_once(served, who):
+    served.server.config.loaded_app = served.hand_over
+    with connect(served.url, ssl=served.context, compression=None) as client:
+        reader = served.reader()
+        until(lambda: not served.server.server_state.tasks)
+        for _ in range(3):  # more than would be read while nobody takes it
+            client.send("x" * 1000)
+        assert served.on_loop(reader.write_frame, text_frame(b"{}", False))
+        assert client.recv(timeout=20) == "{}"
+        client.ping().wait(20)
+        assert served.ends == []
+        if who == "server":
+            served.on_loop(reader.end, 1013, "too slow")
+            with pytest.raises(ConnectionClosed, match="too slow"):
+                client.recv(timeout=20)
+    until(lambda: reader.disconnected)
+    assert len(served.ends) == 1
+
+
+def test_one_that_leaves_before_it_is_handed_over_is_told_as_gone(served):
+    gone = threading.Event()
+
+    async def late(scope, receive, send):
+        await send({"type": "websocket.accept"})
+        await asyncio.to_thread(gone.wait, 20)
+        scope[READER].hand_over(lambda: served.ends.append(True))
+
+    served.server.config.loaded_app = late
+    made = socket.create_connection(served.address)
+    if served.context is not None:
+        made = served.context.wrap_socket(made, server_hostname="127.0.0.1")
+    made.sendall(HANDSHAKE)
+    until(lambda: served.server.server_state.tasks)
+    made.close()
+    until(lambda: not served.server.server_state.connections)
+    gone.set()
+    until(lambda: served.ends)
+    until(lambda: not served.server.server_state.tasks)
+
+
+@contextlib.contextmanager
+def no_garbage_collection():
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+
+
+def test_nothing_of_a_reader_that_left_waits_for_the_garbage_collection(served):
+    served.server.config.loaded_app = served.hand_over
+    with no_garbage_collection():
+        with contextlib.ExitStack() as clients:
+            for _ in range(20):
+                clients.enter_context(connect(served.url, ssl=served.context))
+            until(lambda: len(served.readers) == 20)
+            until(lambda: not served.server.server_state.tasks)
+            kept = [weakref.ref(part) for each in served.readers for part in (each, each.conn, each.conn.parser)]
+            served.readers.clear()
+        until(lambda: not served.server.server_state.connections)
+        until(lambda: not any(each() for each in kept))
