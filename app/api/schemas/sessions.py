@@ -242,7 +242,6 @@ class CellColumnOut(BaseModel):
 
     name: str
     median_v: float | None
-    is_taken: bool
 
 
 class UnderstoodOut(BaseModel):

@@ -50,7 +50,7 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
             f"{profile.voltages} is taken as that of {profile.cells_in_series:g} cells in series, as one cell with its"
             " share; --set cells_in_series=N changes it"
         )
-    chosen = chosen_cells(table.source, profile.cells, voltages_v.shape[1])
+    chosen = _chosen(table.source, profile.cells, voltages_v.shape[1])
     n_cells = len(chosen)
     if n_cells > MOST_CELLS:
         raise ImportFailed(
@@ -98,7 +98,7 @@ def battery_log(table: Table, profile: ImportProfile) -> BatteryLog:
     )
 
 
-def chosen_cells(source: str, cells: str, count: int) -> list[int]:
+def _chosen(source: str, cells: str, count: int) -> list[int]:
     """Return the indices of the cells to take, in order; all of `count` where none is named.
 
     Raises:

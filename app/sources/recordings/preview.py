@@ -8,7 +8,7 @@ import numpy as np
 
 from app.errors import ImportFailed
 from app.estimation.arrays import FloatArray
-from app.sources.recordings.battery_log import BatteryLog, battery_log, chosen_cells
+from app.sources.recordings.battery_log import BatteryLog, battery_log
 from app.sources.recordings.can_log import column_profile, read_signals
 from app.sources.recordings.guess import with_units
 from app.sources.recordings.profile import ImportProfile
@@ -36,7 +36,6 @@ class CellColumn:
 
     name: str
     median_v: float | None
-    is_taken: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,15 +106,11 @@ def _of_table(table: Table, profile: ImportProfile, columns: tuple[Column, ...])
 
 def _cells(table: Table, profile: ImportProfile) -> tuple[CellColumn, ...]:
     names = [profile.voltages] if profile.voltages in table.columns else matching(profile.voltages, list(table.columns))
-    try:
-        taken = set(chosen_cells(table.source, profile.cells, len(names)))
-    except ImportFailed:
-        taken = set()
     found = []
-    for index, name in enumerate(names):
+    for name in names:
         known = table.columns[name][np.isfinite(table.columns[name])]
         volts = in_our_unit(known, "voltage", profile.voltage_unit) / profile.cells_in_series
-        found.append(CellColumn(name, float(np.median(volts)) if len(volts) else None, index in taken))
+        found.append(CellColumn(name, float(np.median(volts)) if len(volts) else None))
     return tuple(found)
 
 

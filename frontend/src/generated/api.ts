@@ -382,7 +382,6 @@ export interface CellChange {
 export interface CellColumn {
   name: string;
   median_v: number | null;
-  is_taken: boolean;
 }
 
 /** What is wrong with one cell: how much, since when, on which evidence, and how sure that is. */
