@@ -270,7 +270,7 @@ class PreviewOut(BaseModel):
 
 
 class ImportStateOut(BaseModel):
-    """How far an import has come, in rows."""
+    """How far an import has come: `done` of `total`; its rows once it is a session."""
 
     filename: str
     is_running: bool

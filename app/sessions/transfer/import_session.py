@@ -1,7 +1,10 @@
 """Makes a session of another system's recording: estimated by our filter, read like any other session."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from heapq import merge
+from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 
 from app import __version__
@@ -11,7 +14,8 @@ from app.live.pipeline import Output, Pipeline
 from app.sessions.info import SessionInfo
 from app.sessions.recording.session_writer import SessionWriter, TableRow, event_row
 from app.sessions.storage.files import new_file, remove
-from app.sessions.transfer.table_battery import battery_of_table, frames_of_table
+from app.sessions.transfer.frame_spool import FrameSpool
+from app.sessions.transfer.table_battery import battery_of_table, frames_a_row, frames_of_table
 from app.sources.dbc.battery_decoder import BatteryDecoder
 from app.sources.dbc.frames import TimedFrame, frames_of
 from app.sources.items import CanItem
@@ -27,10 +31,12 @@ from firmware_protocol.memory_map import MAP_HASH
 
 START_MONO_NS = 10**9  # such a recording has no monotonic clock; its time axis begins here
 BATCH = 2000  # frames
-DECODED_AT_ONCE = 100_000
+DECODED_AT_ONCE = 20_000
+PARTS = 1000  # of an import, as its progress counts
+READING = 0.1  # of the time of an import is the reading of a log
 LATEST_UNIX_S = 4_102_444_800  # 2100
 SINCE_1970_S = 9e8  # a log's time beyond it is no time since its begin
-Progress = Callable[[int, int], None]  # frames done, frames in all
+Progress = Callable[[int, int], None]  # parts done, parts in all
 NewPipeline = Callable[[LoadedBattery], Pipeline]
 
 
@@ -46,10 +52,12 @@ class Imported:
 
 @dataclass(frozen=True, slots=True)
 class _Recording:
-    """What is written: frames in order, their times in ns since the first one."""
+    """What is written: frames in order, their times in ns since the first one; they are read once."""
 
     battery: LoadedBattery
-    frames: list[TimedFrame]
+    frames: Iterable[TimedFrame]
+    n_frames: int
+    length_ns: int
     rows: int
     cells: int
     started_unix_s: float | None
@@ -84,109 +92,147 @@ def import_file(
     Raises:
         ImportFailed, ExtraMissing: the file, the profile and the DBC do not go together; nothing is left behind.
     """
-    recording = _read(path, profile, battery, dbc)
-    length_s = recording.frames[-1][0] / 1e9
-    start_s = started_unix_s if started_unix_s is not None else recording.started_unix_s
-    start_s = path.stat().st_mtime - length_s if start_s is None else start_s
-    if not 0 <= start_s < LATEST_UNIX_S:
-        raise ImportFailed(path.name, Message("begins-impossibly", start=f"{start_s:.0f}"))
-    wall_ns = round(start_s * 1e9)
-    target = new_file(folder, wall_ns)
-    info = SessionInfo(
-        id=target.stem,
-        path=target,
-        name=name or path.name,
-        started_wall_ns=wall_ns,
-        started_mono_ns=START_MONO_NS,
-        voltwall=__version__,
-        map_hash=MAP_HASH.hex(),
-        metadata={"imported_from": path.name},
-    )
-    try:
-        with naming_cells(recording.battery.battery.segments):
-            ended = _write(info, recording, new_pipeline(recording.battery), on_progress)
-    except BaseException:
-        remove(target)
-        raise
+    folder.mkdir(parents=True, exist_ok=True)
+    with FrameSpool(folder) as spool:
+        recording = _read(path, profile, battery, dbc, spool, on_progress)
+        length_s = recording.length_ns / 1e9
+        start_s = started_unix_s if started_unix_s is not None else recording.started_unix_s
+        start_s = path.stat().st_mtime - length_s if start_s is None else start_s
+        if not 0 <= start_s < LATEST_UNIX_S:
+            raise ImportFailed(path.name, Message("begins-impossibly", start=f"{start_s:.0f}"))
+        wall_ns = round(start_s * 1e9)
+        target = new_file(folder, wall_ns)
+        info = SessionInfo(
+            id=target.stem,
+            path=target,
+            name=name or path.name,
+            started_wall_ns=wall_ns,
+            started_mono_ns=START_MONO_NS,
+            voltwall=__version__,
+            map_hash=MAP_HASH.hex(),
+            metadata={"imported_from": path.name},
+        )
+        try:
+            with naming_cells(recording.battery.battery.segments):
+                ended = _write(info, recording, new_pipeline(recording.battery), on_progress)
+        except BaseException:
+            remove(target)
+            raise
     return Imported(ended, recording.rows, recording.cells, recording.notes)
 
 
-def _read(path: Path, profile: ImportProfile, battery: LoadedBattery | None, dbc: Path | None) -> _Recording:
-    is_can, bad = is_can_log(path), BadRows()
-    log: list[can_log.Frame] = sorted(can_log.read_frames(path, bad), key=lambda frame: frame[0]) if is_can else []
-    first_s = log[0][0] if log else 0.0
-    frames = [(round((at_s - first_s) * 1e9), can_id, data) for at_s, can_id, data in log]
-    if is_can and dbc is None:
-        if not frames:
-            raise ImportFailed(path.name, Message("no-data-frame"))
-        started_s = first_s if first_s > SINCE_1970_S else None
-        of_frames = _of_frames(path.name, frames, battery or team_battery(), started_s)
-        return replace(of_frames, notes=(*bad.notes(len(frames)), *of_frames.notes))
-    if is_can and dbc is not None:
-        table = can_log.read_signals(path, dbc).table(profile)
-        profile = replace(profile, **can_log.column_profile(profile))  # type: ignore[arg-type]
-    else:
-        table = read_table(path)
-    return _of_table(battery_log(table, profile), path.name, frames, first_s, battery)
-
-
-def _of_table(
-    log: BatteryLog, source: str, others: list[TimedFrame], first_s: float, like: LoadedBattery | None
+def _read(
+    path: Path,
+    profile: ImportProfile,
+    battery: LoadedBattery | None,
+    dbc: Path | None,
+    spool: FrameSpool,
+    on_progress: Progress,
 ) -> _Recording:
+    bad = BadRows()
+    if not is_can_log(path):
+        return _of_table(battery_log(read_table(path), profile), path.name, spool, battery)
+    size = path.stat().st_size
+    frames = can_log.read_frames(path, bad, lambda at: on_progress(round(READING * PARTS * at / size), PARTS))
+    if dbc is None:
+        of_frames = _of_frames(path.name, frames, battery or team_battery(), spool)
+        return replace(of_frames, notes=(*bad.notes(len(spool)), *of_frames.notes))
+    for frame in frames:
+        spool.add(frame)
+    table = can_log.read_signals(path, dbc).table(profile)
+    profile = replace(profile, **can_log.column_profile(profile))  # type: ignore[arg-type]
+    return _of_table(battery_log(table, profile), path.name, spool, battery)
+
+
+def _of_table(log: BatteryLog, source: str, spool: FrameSpool, like: LoadedBattery | None) -> _Recording:
     """A table's rows as frames, among those of the log that it was made of."""
-    frames = [frame for row in frames_of_table(log) for frame in row]
-    if others:
-        later_ns = round(((log.started_unix_s or 0.0) - first_s) * 1e9) if log.started_unix_s else 0
-        made = [(t_ns + later_ns, can_id, data) for t_ns, can_id, data in frames]
-        frames = sorted([*others, *made], key=lambda frame: frame[0])
-    started_s = first_s if others and first_s > SINCE_1970_S else log.started_unix_s
-    battery = battery_of_table(log, source, like)
-    return _Recording(battery, frames, len(log.time_s), log.n_cells, started_s, log.notes)
+    later_ns, started_s = 0, log.started_unix_s
+    if spool:
+        later_ns = round((log.started_unix_s - spool.first_s) * 1e9) if log.started_unix_s else 0
+        started_s = spool.first_s if spool.first_s > SINCE_1970_S else log.started_unix_s
+    rows = ((t_ns + later_ns, can_id, data) for row in frames_of_table(log) for t_ns, can_id, data in row)
+    length_ns = max(round(float(log.time_s[-1]) * 1e9) + later_ns, _length_ns(spool))
+    n_frames = len(spool) + len(log.time_s) * frames_a_row(log)
+    return _Recording(
+        battery_of_table(log, source, like),
+        merge(_timed(spool), rows, key=itemgetter(0)),
+        n_frames,
+        length_ns,
+        len(log.time_s),
+        log.n_cells,
+        started_s,
+        log.notes,
+    )
 
 
-def _of_frames(
-    source: str, frames: list[TimedFrame], battery: LoadedBattery, started_unix_s: float | None
-) -> _Recording:
+def _timed(spool: FrameSpool) -> Iterator[TimedFrame]:
+    """The frames by the time since the first one."""
+    first_s = spool.first_s
+    return ((round((at_s - first_s) * 1e9), can_id, data) for at_s, can_id, data in spool)
+
+
+def _length_ns(spool: FrameSpool) -> int:
+    return round((spool.last_s - spool.first_s) * 1e9) if spool else 0
+
+
+def _of_frames(source: str, frames: Iterator[can_log.Frame], battery: LoadedBattery, spool: FrameSpool) -> _Recording:
+    """The frames of a battery; into the spool."""
     speaks = battery.speaks_dbc
-    if speaks is None:
-        note = "CAN frames as of our own master: no battery and no DBC was named"
-        return _Recording(battery, frames, len(frames), 0, started_unix_s, (note,))
-    decoder = BatteryDecoder(battery.battery, speaks, battery.definitions)
+    decoder = None if speaks is None else BatteryDecoder(battery.battery, speaks, battery.definitions)
     heard: set[int] = set()
-    for start in range(0, len(frames), DECODED_AT_ONCE):
-        values = decoder.decode(frames_of(frames[start : start + DECODED_AT_ONCE])).get("voltage")
-        heard |= set() if values is None else set(values.index.tolist())
-    if not heard:
-        raise ImportFailed(source, Message("no-voltage-of-battery", name=battery.battery.name))
-    n_cells, notes = battery.battery.n_cells, []
-    if len(heard) < n_cells:
-        notes.append(f"{n_cells - len(heard)} of {n_cells} cells were never heard")
-    if decoder.bad_checksums:
-        notes.append(f"{decoder.bad_checksums} frames with a wrong checksum tell nothing")
-    return _Recording(battery, frames, len(frames), len(heard), started_unix_s, tuple(notes))
+    while part := list(islice(frames, DECODED_AT_ONCE)):
+        for frame in part:
+            spool.add(frame)
+        if decoder is not None:
+            values = decoder.decode(frames_of([(0, can_id, data) for _, can_id, data in part])).get("voltage")
+            heard |= set() if values is None else set(values.index.tolist())
+    if not spool:
+        raise ImportFailed(source, Message("no-data-frame"))
+    notes = []
+    if decoder is None:
+        notes.append("CAN frames as of our own master: no battery and no DBC was named")
+    else:
+        if not heard:
+            raise ImportFailed(source, Message("no-voltage-of-battery", name=battery.battery.name))
+        n_cells = battery.battery.n_cells
+        if len(heard) < n_cells:
+            notes.append(f"{n_cells - len(heard)} of {n_cells} cells were never heard")
+        if decoder.bad_checksums:
+            notes.append(f"{decoder.bad_checksums} frames with a wrong checksum tell nothing")
+    started_s = spool.first_s if spool.first_s > SINCE_1970_S else None
+    length_ns, n_frames = _length_ns(spool), len(spool)
+    return _Recording(battery, _timed(spool), n_frames, length_ns, n_frames, len(heard), started_s, tuple(notes))
 
 
 def _write(info: SessionInfo, recording: _Recording, pipeline: Pipeline, on_progress: Progress) -> SessionInfo:
     writer = SessionWriter(info, format_cell(load_cell(pipeline.cell_name)), recording.battery)
-    total = len(recording.frames)
+    begun = PARTS * READING
     try:
         done = 0
-        while done < total:
-            end = min(done + BATCH, total)
-            while end < total and recording.frames[end][0] == recording.frames[end - 1][0]:
-                end += 1  # a chunk does not part the frames of one instant
-            part = recording.frames[done:end]
+        for part in _parts(recording.frames):
             writer.write([row for frame in part for row in _rows(info, frame, pipeline)])
             writer.close_chunk_if_due(START_MONO_NS + part[-1][0])
-            done = end
-            on_progress(done, total)
-        end_ns = recording.frames[-1][0]
+            done += len(part)
+            on_progress(round(begun + (PARTS - begun) * done / recording.n_frames), PARTS)
+        end_ns = recording.length_ns
         last = pipeline.tick(START_MONO_NS + end_ns, info.started_wall_ns + end_ns)  # no frame ends the last period
         writer.write(list(_rows_of(last, START_MONO_NS + end_ns)))
         writer.close(START_MONO_NS + end_ns, info.started_wall_ns + end_ns)
     finally:
         writer.abandon()
     return replace(info, ended_mono_ns=START_MONO_NS + end_ns, ended_wall_ns=info.started_wall_ns + end_ns)
+
+
+def _parts(frames: Iterable[TimedFrame]) -> Iterator[list[TimedFrame]]:
+    """Some frames at a time: those of one instant together, for a chunk does not part them."""
+    part: list[TimedFrame] = []
+    for frame in frames:
+        if len(part) >= BATCH and frame[0] != part[-1][0]:
+            yield part
+            part = []
+        part.append(frame)
+    if part:
+        yield part
 
 
 def _rows(info: SessionInfo, frame: TimedFrame, pipeline: Pipeline) -> Iterator[TableRow]:

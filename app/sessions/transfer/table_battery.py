@@ -58,6 +58,11 @@ def frames_of_table(log: BatteryLog) -> Iterator[list[TimedFrame]]:
         ]
 
 
+def frames_a_row(log: BatteryLog) -> int:
+    """Return how many frames `frames_of_table` makes of each row."""
+    return -(-len(_columns(log)) // _A_FRAME)
+
+
 def _columns(log: BatteryLog) -> list[tuple[str, FloatArray]]:
     found = [("Current", log.current_a)]
     if log.soc is not None:

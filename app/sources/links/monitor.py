@@ -24,11 +24,15 @@ class _Rate:
     def add(self, t_ns: int, amount: int) -> None:
         self._entries.append((t_ns, amount))
         self._sum += amount
+        self._forget(t_ns)  # an import feeds millions of frames, and asks for no rate
 
     def per_s(self, now_ns: int) -> float:
+        self._forget(now_ns)
+        return self._sum / (_WINDOW_NS / 1e9)
+
+    def _forget(self, now_ns: int) -> None:
         while self._entries and self._entries[0][0] < now_ns - _WINDOW_NS:
             self._sum -= self._entries.popleft()[1]
-        return self._sum / (_WINDOW_NS / 1e9)
 
 
 class LinkMonitor:

@@ -1,8 +1,11 @@
 """CAN logs of other tools as frames, and by a DBC as a table of signals."""
 
 import gzip
+import io
+from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
@@ -24,17 +27,25 @@ from firmware_protocol.memory_map import CAN_ID_EXTENDED
 
 _ID_BITS = 0x1FFFFFFF
 _MOST_BYTES = 64  # of CAN FD
+_READ_AT_ONCE = 1 << 18
 Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-bit ones, data
+OnRead = Callable[[int], None]  # bytes of the file that are read
+Signals = dict[str, tuple["array[float]", "array[float]"]]  # times and values by name
 _HEADER = (";", "date", "base", "internal", "no internal", "//", "Begin", "begin")  # of .trc and .asc
 _LINE_LOGS = {"candump": candump_frame, "savvycan": savvycan_frame, "crtd": crtd_frame}
 
 
-def read_frames(path: Path, bad: BadRows | None = None) -> Iterator[Frame]:
+def _not_told(position: int) -> None:
+    """What a reader is given of whom nobody wants to know how far it is."""
+
+
+def read_frames(path: Path, bad: BadRows | None = None, on_read: OnRead = _not_told) -> Iterator[Frame]:
     """Yield the data frames of a log, in its order; what it is is taken from its content.
 
     Args:
         path: candump, SavvyCAN, CRTD, .asc, .trc, .blf or MF4 bus logging; text also gzip.
         bad: gets the lines and frames that cannot be read.
+        on_read: told how many bytes are read, again and again; not of MF4.
 
     Raises:
         ImportFailed: it cannot be read, or more than half of it cannot.
@@ -42,7 +53,7 @@ def read_frames(path: Path, bad: BadRows | None = None) -> Iterator[Frame]:
     """
     bad = BadRows() if bad is None else bad
     good = 0
-    for frame in _read(path, kind_of(path), bad):
+    for frame in _read(path, kind_of(path), bad, on_read):
         if not abs(frame[0]) < MOST_S:  # not a number, too
             bad.add(None, f"a time of {frame[0]:g} s")
         elif frame[1] & ~(CAN_ID_EXTENDED | _ID_BITS) or len(frame[2]) > _MOST_BYTES:
@@ -55,27 +66,27 @@ def read_frames(path: Path, bad: BadRows | None = None) -> Iterator[Frame]:
     bad.check(path.name, good)
 
 
-def _read(path: Path, kind: str, bad: BadRows) -> Iterator[Frame]:
+def _read(path: Path, kind: str, bad: BadRows, on_read: OnRead) -> Iterator[Frame]:
     if kind not in CAN_LOGS:
         raise ImportFailed(path.name, Message("no-can-log", error=Message("no-log-kind")))
     try:
         if kind in _LINE_LOGS:
-            yield from _lines(path, _LINE_LOGS[kind], bad)
+            yield from _lines(path, _LINE_LOGS[kind], bad, on_read)
         elif kind == "mf4":
             yield from mf4_frames(path)
         elif kind in ("asc", "trc"):
-            yield from _text_of_python_can(path, kind, bad)
+            yield from _text_of_python_can(path, kind, bad, on_read)
         else:
-            yield from _blf(path, bad)
+            yield from _blf(path, bad, on_read)
     except (ExtraMissing, MemoryError):
         raise
     except Exception as error:  # every reader raises its own: struct.error, MdfException, ...
         raise ImportFailed(path.name, Message("no-can-log", error=str(error))) from error
 
 
-def _lines(path: Path, frame_of: Callable[[str], Frame | None], bad: BadRows) -> Iterator[Frame]:
+def _lines(path: Path, frame_of: Callable[[str], Frame | None], bad: BadRows, on_read: OnRead) -> Iterator[Frame]:
     """The frames of a log that has one a line; a last line without its end may be cut off."""
-    with _open_text(path) as lines:
+    with _open_text(path, on_read) as lines:
         for number, line in enumerate(lines, 1):
             try:
                 frame = frame_of(line) if line.strip() else None
@@ -87,19 +98,41 @@ def _lines(path: Path, frame_of: Callable[[str], Frame | None], bad: BadRows) ->
                 yield frame
 
 
-def _open_text(path: Path) -> TextIO:
-    with path.open("rb") as file:
-        is_packed = file.read(2) == GZIP_MAGIC
-    if is_packed:
-        return gzip.open(path, "rt", encoding="latin-1")
-    return path.open(encoding="latin-1")
+class _ToldFile(io.FileIO):
+    """A file that tells how far it is read."""
+
+    def __init__(self, path: Path, on_read: OnRead) -> None:
+        super().__init__(path)
+        self._on_read = on_read
+
+    def readinto(self, buffer: Any) -> int | None:
+        n_bytes = super().readinto(buffer)
+        self._on_read(self.tell())
+        return n_bytes
+
+
+@contextmanager
+def _open_binary(path: Path, on_read: OnRead) -> Iterator["io.BufferedReader[_ToldFile]"]:
+    with _ToldFile(path, on_read) as raw, io.BufferedReader(raw, _READ_AT_ONCE) as file:
+        yield file
+
+
+@contextmanager
+def _open_text(path: Path, on_read: OnRead) -> Iterator[TextIO]:
+    with _open_binary(path, on_read) as file:
+        if file.peek(2)[:2] == GZIP_MAGIC:
+            with gzip.open(file, "rt", encoding="latin-1") as text:
+                yield text
+        else:
+            with io.TextIOWrapper(file, encoding="latin-1") as text:
+                yield text
 
 
 class _Lines:
     """The lines of a text file for a reader of python-can, which begins again behind one that it cannot read."""
 
-    def __init__(self, path: Path) -> None:
-        self._file = _open_text(path)
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
         self._header: list[str] = []  # the header, for each reader that follows
         self._repeated: list[str] = []
         self._in_header = True
@@ -131,11 +164,11 @@ class _Lines:
         self._file.close()
 
 
-def _text_of_python_can(path: Path, kind: str, bad: BadRows) -> Iterator[Frame]:
+def _text_of_python_can(path: Path, kind: str, bad: BadRows, on_read: OnRead) -> Iterator[Frame]:
     can = import_module("can")  # brings the libraries of every format it knows, hundreds of files
-    lines = _Lines(path)
     is_done = False
-    try:
+    with _open_text(path, on_read) as file:
+        lines = _Lines(file)
         while not is_done:
             reader: Any = can.TRCReader(lines) if kind == "trc" else can.ASCReader(lines, relative_timestamp=False)
             before = lines.number
@@ -150,15 +183,13 @@ def _text_of_python_can(path: Path, kind: str, bad: BadRows) -> Iterator[Frame]:
                     raise
                 bad.add(lines.number, str(error) or type(error).__name__)
                 lines.repeat_header()
-    finally:
-        lines.close()
 
 
-def _blf(path: Path, bad: BadRows) -> Iterator[Frame]:
+def _blf(path: Path, bad: BadRows, on_read: OnRead) -> Iterator[Frame]:
     can = import_module("can")
     good = 0
     try:
-        with can.BLFReader(path) as reader:
+        with _open_binary(path, on_read) as file, can.BLFReader(file) as reader:
             for message in reader:
                 good += 1
                 yield from _data_frame(message)
@@ -180,7 +211,7 @@ class LogSignals(NamedTuple):
     """What a log's frames tell by a DBC."""
 
     source: str
-    found: dict[str, tuple[list[float], list[float]]]  # times [s] and values by name
+    found: Signals  # times [s] and values by name
     notes: tuple[str, ...]  # what could not be read
 
     def table(self, profile: ImportProfile) -> Table:
@@ -241,7 +272,7 @@ def one_signal(frames: Iterable[Frame], source: str, dbc: Path, name: str) -> tu
 
 def _signals(
     frames: Iterable[Frame], source: str, dbc: Path, only: str | None = None, bad: BadRows | None = None
-) -> dict[str, tuple[list[float], list[float]]]:
+) -> Signals:
     """Times and values of each signal; under its own name where only one message has one of that name.
 
     With `only`, of messages that have a signal of this name.
@@ -258,7 +289,7 @@ def _signals(
     for message in database.messages:
         for signal in message.signals:
             uses[signal.name] += 1
-    signals: dict[str, tuple[list[float], list[float]]] = defaultdict(lambda: ([], []))
+    signals: Signals = defaultdict(lambda: (array("d"), array("d")))
     for at_s, can_id, data in frames:
         message = by_id.get(can_id)
         if message is None:
@@ -301,16 +332,14 @@ def _database(path: Path) -> Any:
         raise ImportFailed(path.name, Message("no-dbc", error=str(error))) from error
 
 
-def _signal(
-    source: str, what: str, name: str, signals: dict[str, tuple[list[float], list[float]]]
-) -> tuple[FloatArray, FloatArray]:
+def _signal(source: str, what: str, name: str, signals: Signals) -> tuple[FloatArray, FloatArray]:
     if name not in signals:
         shown = tuple(sorted(signals)[:12])
         raise ImportFailed(source, Message("no-frame-carries", what=what, name=repr(name), names=shown))
     return _in_order(*signals[name])
 
 
-def _in_order(times_s: list[float], values: list[float]) -> tuple[FloatArray, FloatArray]:
+def _in_order(times_s: "array[float]", values: "array[float]") -> tuple[FloatArray, FloatArray]:
     """A log of several buses may tell frames a little late."""
     order = np.argsort(times_s, kind="stable")
     return np.array(times_s)[order], np.array(values)[order]

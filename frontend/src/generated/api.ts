@@ -1041,7 +1041,7 @@ export interface ImportProfile {
   hold_s: number;
 }
 
-/** How far an import has come, in rows. */
+/** How far an import has come: `done` of `total`; its rows once it is a session. */
 export interface ImportState {
   filename: string;
   is_running: boolean;

@@ -33,6 +33,19 @@ def pipeline(battery: LoadedBattery) -> Pipeline:
     return PipelineFactory("coulomb", None, battery).pipeline("replay", "imported", "imported")
 
 
+def test_an_import_tells_how_far_it_is_from_the_first_line_to_the_last_frame(tmp_path: Path) -> None:
+    peer, told = cell_number(), []
+    battery = load_battery(str(write_profile(peer, tmp_path)))
+    log = write_log(peer, tmp_path / "peer.log", DURATION_S)
+    folder = tmp_path / "sessions"
+    import_file(
+        log, ImportProfile(), folder, pipeline, battery=battery, on_progress=lambda done, of: told.append(done / of)
+    )
+    assert told == sorted(told)
+    assert 0.0 < told[0] < 0.2
+    assert told[-1] == 1.0
+
+
 def imported(peer: Peer, folder: Path, ending: str = "log", duration_s: float = DURATION_S) -> Imported:
     battery = load_battery(str(write_profile(peer, folder)))
     log = write_log(peer, folder / f"peer.{ending}", duration_s)

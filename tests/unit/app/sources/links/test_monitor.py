@@ -1,3 +1,5 @@
+import tracemalloc
+
 import pytest
 
 from app.sources.items import CanFault, LinkChange
@@ -67,6 +69,18 @@ def test_rates_are_those_of_the_last_two_seconds():
     status = monitor.status(4_000_000_000)
     assert 9 <= status.rate_hz <= 10
     assert monitor.status(9_000_000_000).rate_hz == 0
+
+
+def test_what_nobody_asks_for_takes_no_more_memory_with_every_frame():
+    monitor = opened()
+    tracemalloc.start()
+    try:
+        for i in range(20_000):
+            monitor.on_can_frame(i * 1_000_000_000, 8, is_extended=False)
+        kept_bytes, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert kept_bytes < 50_000
 
 
 def test_a_port_that_is_tried_in_vain_is_news_once():
