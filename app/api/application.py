@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app import __version__
 from app.analysis.drill.drill import Drill
-from app.api import simulator
+from app.api import balancing, simulator
 from app.api.access.accounts import Accounts
 from app.api.access.certificate import Certificate
 from app.api.access.login_log import LoginLog
@@ -211,6 +211,7 @@ def api_routes() -> APIRouter:
         people,
         sessions,
         simulator,
+        balancing,
         system,
         transfer,
     ):

@@ -45,6 +45,20 @@ def assert_other_cells_are_one_command_away(page):
     expect(told).to_contain_text(re.compile("--battery 3x14 --scenario race-day|Start with these cells"))
 
 
+def assert_circuits_are_compared_beside_the_thesis(page):
+    page.get_by_test_id("balancing-whose").select_option("thesis")
+    page.get_by_test_id("balancing-circuit").select_option("transformer")
+    page.get_by_test_id("balancing-rate").fill("7")
+    page.get_by_test_id("balancing-simulate").click()
+    expect(page.get_by_test_id("balancing")).to_contain_text("0.05 to 6 C")
+    page.get_by_test_id("balancing-rate").fill("3")
+    page.get_by_test_id("balancing-simulate").click()
+    expect(page.get_by_test_id("balancing-transformer")).to_contain_text("end current")
+    told = page.get_by_test_id("balancing")
+    expect(told.get_by_role("row", name="in the thesis")).to_contain_text("1.41 h")
+    expect(told.get_by_text("Highest less lowest SOC")).to_be_visible()
+
+
 def test_an_alarm_follows_a_lost_slave_all_faults_are_cleared_at_once_and_another_scenario_starts(service, open_page):
     page = open_page(f"{service.base_url}/#/simulator", quiet=False)
     page.get_by_test_id("fault-kind").select_option("lost-slave")
@@ -57,6 +71,7 @@ def test_an_alarm_follows_a_lost_slave_all_faults_are_cleared_at_once_and_anothe
     expect(page.get_by_test_id("fault-lost-slave")).to_have_count(0)
 
     assert_other_cells_are_one_command_away(page)
+    assert_circuits_are_compared_beside_the_thesis(page)
     page.get_by_role("button", name=re.compile("^Start.* skid-pad$")).click()
     page.get_by_role("dialog").get_by_role("button", name="Start", exact=True).click()
     expect(page.get_by_test_id("simulator-scenario")).to_have_text("skid-pad")

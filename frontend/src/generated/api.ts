@@ -96,6 +96,35 @@ export interface AnalysisFinding {
   text: string;
 }
 
+/** How it went; the curves have a value at each `time_h`, null after the end. */
+export interface BalancingCircuit {
+  name: 'passive' | 'switched-capacitor' | 'transformer' | 'none';
+  hours: number;
+  max_degc: number;
+  soc_difference: number;
+  soc_difference_within_packs: number;
+  balancing_loss_wh: number;
+  stopped_by: string | null;
+  thesis: BalancingThesis | null;
+  soc_spread: (number | null)[];
+  temperature_max_degc: (number | null)[];
+  charger_a: (number | null)[];
+}
+
+/** All circuits over one time. */
+export interface Balancing {
+  command: string;
+  time_h: number[];
+  circuits: BalancingCircuit[];
+}
+
+/** What the balancing thesis has for it. */
+export interface BalancingThesis {
+  hours: number;
+  max_degc: number;
+  soc_difference_percent: number;
+}
+
 /** A battery that can be chosen by its id. */
 export interface BatteryChoice {
   id: string;
