@@ -111,6 +111,8 @@ class Service:
 
     def start(self) -> None:
         """Start the threads; the links are opened as soon as the estimator is ready for what they deliver."""
+        if self.settings.trust is not None:
+            self.write_log.note("voltwall serve", "setup", f"trust {self.settings.trust} for every service")
         self.live.start()
         self.retention.start()
         self.season.start()

@@ -1,4 +1,7 @@
-"""The race: laps to go with the energy that each may take, and what the driver is shown of it on CAN."""
+"""The race: laps to go with the energy that each may take, and what the driver is shown of it on CAN.
+
+What the driver is shown changes what the car does, so it is in the signed log; a full disk keeps no word from a driver.
+"""
 
 from typing import Any, Literal
 
@@ -64,18 +67,21 @@ class DriverMessageIn(Body):
 
 
 @router.put("/race-plan", response_model=RacePlanOut)
-def plan(body: RacePlanIn, live: LivePart, events: EventsPart, user: UserDep) -> dict[str, Any]:
+def plan(body: RacePlanIn, live: LivePart, events: EventsPart, signed: SignedPart, user: UserDep) -> dict[str, Any]:
     """Say how many laps are to go: `prediction.target` of the snapshot tells from then on what a lap may take."""
-    live.set_plan(RacePlan(body.laps_to_go, body.reserve_soc))
+    what = f"race plan: {body.laps_to_go} laps, {100 * body.reserve_soc:g} % at the end"
+    with signed.signed(user.name, "transmit", what, is_needed=True):
+        live.set_plan(RacePlan(body.laps_to_go, body.reserve_soc))
     reserve = Quantity(100 * body.reserve_soc, "%")
     events.note("info", "race-plan", Message("race-plan", n=body.laps_to_go, reserve=reserve), user.name)
     return body.model_dump()
 
 
 @router.delete("/race-plan", status_code=204)
-def end_plan(live: LivePart, events: EventsPart, user: UserDep) -> None:
+def end_plan(live: LivePart, events: EventsPart, signed: SignedPart, user: UserDep) -> None:
     """No laps are to go: no target."""
-    live.set_plan(None)
+    with signed.signed(user.name, "transmit", "race plan: none", is_needed=True):
+        live.set_plan(None)
     events.note("info", "race-plan", Message("race-plan-ended"), user.name)
 
 
@@ -116,12 +122,18 @@ def map_driver_can(
 
 @router.post("/driver-can/message", response_model=DriverCanOut)
 def tell_driver(
-    body: DriverMessageIn, display: DriverDisplayPart, links: LinksPart, events: EventsPart, user: UserDep
+    body: DriverMessageIn,
+    display: DriverDisplayPart,
+    links: LinksPart,
+    events: EventsPart,
+    signed: SignedPart,
+    user: UserDep,
 ) -> dict[str, Any]:
     """Tell the driver to go, to slow down or to come in; `none` takes it back."""
     if display.message is None:
         raise Problem(409, "not-now", Message("driver-message-not-mapped"))
-    display.tell(body.message)
+    with signed.signed(user.name, "transmit", f"driver's message: {body.message}", is_needed=True):
+        display.tell(body.message)
     events.note("info", "driver-message", Message("driver-message", message=body.message), user.name)
     return driver_can(display, links)
 

@@ -208,8 +208,7 @@ class Authentication:
         user = self.login(name, password, address)
         if user is None or user.token_id is not None:  # a token may be revoked, and has no account's role
             return user
-        if stamp is not None:
-            self.log.came_in(user.name, user.role, address)
+        self.log.came_in(user.name, user.role, address)
         with self._lock:
             self._proven[self._proof(name, password)] = user, stamp
             while len(self._proven) > MAX_PROVEN:

@@ -3,6 +3,7 @@
 import pytest
 
 from app.api.access.accounts import Accounts
+from app.configuration.history import ConfigHistory
 
 CHIEF, VIEWER = "chief password", "viewer password"
 
@@ -52,3 +53,43 @@ def test_accounts_and_log_ins_are_shown_to_who_manages_them(client):
         if each["code"] == "login-refused"
     ]  # fmt: skip
     assert "vera" in event["text"]
+
+
+def test_what_the_driver_is_shown_is_there_under_the_name_of_who_said_it(client):
+    chief = ("cora", CHIEF)
+    frame = {"id": 0x6A1, "start_byte": 0, "length": 2}
+    assert client.put("/api/v1/driver-can", json={"message": frame}, auth=chief).status_code == 200
+    client.post("/api/v1/driver-can/message", json={"message": "box"}, auth=chief)
+    client.put("/api/v1/race-plan", json={"laps_to_go": 3, "reserve_soc": 0.1}, auth=chief)
+    client.delete("/api/v1/race-plan", auth=chief)
+    assert log_of(client, *chief)[:4] == [
+        ("cora", "transmit", "race plan: none", "done"),
+        ("cora", "transmit", "race plan: 3 laps, 10 % at the end", "done"),
+        ("cora", "transmit", "driver's message: box", "done"),
+        ("cora", "transmit", "driver's display: 0x6a1", "done"),
+    ]
+
+
+def test_a_full_disk_keeps_no_word_from_the_driver(client, monkeypatch):
+    client.put("/api/v1/driver-can", json={"message": {"id": 0x6A1, "length": 2}}, auth=("cora", CHIEF))
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(ConfigHistory, "append", full)
+    told = client.post("/api/v1/driver-can/message", json={"message": "box"}, auth=("cora", CHIEF))
+    assert told.json()["shown"] == "box"
+
+
+def test_requests_by_a_shared_password_and_trusted_certificates_are_there(make_client):
+    fingerprint = "ab" * 32
+    client = make_client(password="shared by engineers", trust=fingerprint)
+    erik = ("erik", "shared by engineers")
+    for _ in range(3):
+        client.get("/api/v1/me", auth=erik)
+    body = {"url": "https://car.local:8000", "trust": "cd" * 32}
+    assert client.post("/api/v1/fetch", json=body, auth=erik).status_code == 202
+    told = log_of(client, *erik)
+    assert ("voltwall serve", "setup", f"trust {fingerprint} for every service", "done") in told
+    assert ("erik", "setup", f"trust {'cd' * 32} for https://car.local:8000", "done") in told
+    assert [each[0] for each in told if each[1] == "login"] == ["erik"]
