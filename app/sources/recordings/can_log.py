@@ -2,6 +2,7 @@
 
 import gzip
 import io
+import re
 from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
@@ -32,6 +33,7 @@ Frame = tuple[float, int, bytes]  # unix time or seconds, id with bit 31 for 29-
 OnRead = Callable[[int], None]  # bytes of the file that are read
 Signals = dict[str, tuple["array[float]", "array[float]"]]  # times and values by name
 _HEADER = (";", "date", "base", "internal", "no internal", "//", "Begin", "begin")  # of .trc and .asc
+_RELATIVE = re.compile(r"\s*\d+\.\d+(?=\s)")
 _LINE_LOGS = {"candump": candump_frame, "savvycan": savvycan_frame, "crtd": crtd_frame}
 
 
@@ -136,6 +138,7 @@ class _Lines:
         self._header: list[str] = []  # the header, for each reader that follows
         self._repeated: list[str] = []
         self._in_header = True
+        self._sum_s: float | None = None  # of an .asc with relative times: each line's since the one before
         self.number = 0
 
     def __iter__(self) -> Iterator[str]:
@@ -146,7 +149,16 @@ class _Lines:
             self._in_header &= line.startswith(_HEADER) or not line.strip()
             if self._in_header:
                 self._header.append(line)
-            yield line
+                if "timestamps relative" in line:
+                    self._sum_s = 0.0
+            yield line if self._sum_s is None else self._absolute(line)
+
+    def _absolute(self, line: str) -> str:
+        found = _RELATIVE.match(line)
+        if found is None:
+            return line
+        self._sum_s = (self._sum_s or 0.0) + float(found[0])
+        return f"{self._sum_s:.6f}{line[found.end() :]}"
 
     def repeat_header(self) -> None:
         self._repeated = list(self._header)

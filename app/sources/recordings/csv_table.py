@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable
-from datetime import datetime
+from datetime import datetime, timedelta
 from io import StringIO
 
 import numpy as np
@@ -21,6 +21,7 @@ MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--"})
 DELIMITERS = (";", "\t", ",")
 CLOCK = re.compile(r"(?:(\d+)d ?)?(\d{1,4}):([0-5]?\d)(?::([0-5]?\d(?:\.\d+)?))?")
 DATE = re.compile(r"(\d{1,2})([./])(\d{1,2})\2(\d{4})(?=[ T])")
+SLASH_DATE = re.compile(r"(?<![\d/])(\d{1,2})/(\d{1,2})/(\d{4})(?=[ T,;\t]|$)", re.MULTILINE)
 HALF_DAY = re.compile(r"(.*\D)(\d{1,2})(:\d{2}(?::\d{2}(?:\.\d+)?)?) ?([AP])M", re.IGNORECASE)
 MONTH_BY_NAME = re.compile(r"(\d{1,2})[- ]([A-Z][a-z]{2})[- ](\d{2}|\d{4})(?=[ T])")
 MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
@@ -74,7 +75,7 @@ def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | Non
     if _ends_every_row(lines, start, delimiter):
         lines = [line.removesuffix(delimiter) for line in lines]
     header, header_lines = _header_above(lines, start, delimiter)
-    body = lines[start:]
+    body = _with_day_first(lines[start:])
     width = len(body[0].split(delimiter))
     skipped = above + start - header_lines
     if skipped:
@@ -85,6 +86,23 @@ def read_csv(source: str, raw: bytes, notes: list[str]) -> tuple[list[str] | Non
             states = [state_of(tokens[k]) for line in body if len(tokens := line.split(delimiter)) == width]
             columns[k] = np.array(states) if any(states) else columns[k]
     return header, columns
+
+
+def _with_day_first(body: list[str]) -> list[str]:
+    """Return rows with 31/12/2026 as 31.12.2026 where the day comes first: by a day above 12, or the shorter span."""
+    if SLASH_DATE.search(body[0]) is None:
+        return body
+    dates = set(SLASH_DATE.findall("\n".join(body)))
+    spans: list[tuple[timedelta, bool]] = []
+    for day_at in (1, 0):  # month first is the usual one
+        try:
+            days = [datetime(int(each[2]), int(each[1 - day_at]), int(each[day_at])) for each in dates]
+        except ValueError:
+            continue
+        spans.append((max(days) - min(days), day_at == 0))
+    if not spans or not min(spans)[1]:
+        return body
+    return [SLASH_DATE.sub(r"\1.\2.\3", line) for line in body]
 
 
 def _find_table(source: str, lines: list[str]) -> tuple[str, int]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from app.estimation.arrays import FloatArray
 from app.estimation.errors import DatasetError
 from app.estimation.recording.cell_recording import FIELDS, Recording, clean
-from app.sources.recordings.charge_state import signed
+from app.sources.recordings.charge_state import charges_positive, signed
 from app.sources.recordings.quantities import UNITS, Candidate, candidates, in_our_unit, is_wall_clock
 from app.sources.recordings.table import Table, load_table
 
@@ -60,7 +60,7 @@ def load_recording(
         path: the file; its kind is taken from its content.
         mapping: source of each field; fields left out are found by the usual names and units in the header. Without a
             header the columns are taken in the order of `FIELDS`.
-        charge_positive: the file counts charging current as positive.
+        charge_positive: the file counts charging current as positive; it is also found by what the voltage does.
         period_s: time between rows [s] where the file has no time column.
 
     Raises:
@@ -74,6 +74,10 @@ def load_recording(
         charge_positive &= direction is None
         if direction is not None:
             notes.append(f"the current has no sign: {direction} says whether it charges or discharges")
+        elif not charge_positive and "voltage_v" in fields:
+            charge_positive = charges_positive(fields["current_a"], fields["voltage_v"])
+            if charge_positive:
+                notes.append("the voltage rises with the current: charging is taken as positive")
     recording = clean(table.source, fields, charge_positive=charge_positive, period_s=period_s)
     return replace(recording, notes=(*notes, *recording.notes))
 

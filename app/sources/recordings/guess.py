@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.estimation.arrays import FloatArray
+from app.sources.recordings.charge_state import charges_positive
 from app.sources.recordings.profile import EXPORT_STAMP, EXPORT_TIMES, LONGEST_S, ImportProfile
 from app.sources.recordings.quantities import UNITS, candidates, sounds_like, unit_of
 from app.sources.recordings.table import Table, matching
@@ -23,7 +24,6 @@ FIELD_OF_QUANTITY = {
     "temperature": "temperatures",
     "soc": "soc",
 }
-SIGN_EVIDENCE = 0.4  # correlation of the steps of voltage and current
 
 
 def guess(table: Table) -> ImportProfile:
@@ -115,23 +115,10 @@ def _time_unit(values: FloatArray) -> str:
 
 
 def _charges_positive(table: Table, profile: ImportProfile) -> bool:
-    """Whether the voltage rises with the current, from row to row or along a charge: then charging is positive."""
     if not profile.current or not profile.voltages:
         return False
     voltages = table.matrix("voltages", profile.voltages)
-    columns = np.column_stack([table.column("current", profile.current), voltages.sum(axis=1)])
-    columns = columns[np.isfinite(columns).all(axis=1)]
-    steps = np.diff(columns, axis=0)
-    together = _alike(steps[:, 0], steps[:, 1])
-    if abs(together) < SIGN_EVIDENCE:
-        together = _alike(columns[1:, 0], steps[:, 1])
-    return together > SIGN_EVIDENCE
-
-
-def _alike(one: FloatArray, other: FloatArray) -> float:
-    """How far two (n,) arrays are each other's multiple, -1..1; 0 where one has nothing in it."""
-    size = float(np.linalg.norm(one) * np.linalg.norm(other))
-    return float(one @ other) / size if size > 0.0 else 0.0
+    return charges_positive(table.column("current", profile.current), voltages.sum(axis=1))
 
 
 def _of_export(names: list[str]) -> ImportProfile:

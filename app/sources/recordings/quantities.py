@@ -13,6 +13,7 @@ import numpy as np
 
 from app.estimation.arrays import FloatArray
 
+_DAY_S = 86_400.0
 Conversion = tuple[float, float]  # factor and offset into s, A, V, degC, fraction
 UNITS: dict[str, dict[str, Conversion]] = {
     "time": {"s": (1, 0), "ms": (1e-3, 0), "us": (1e-6, 0), "min": (60, 0), "h": (3600, 0)},
@@ -23,7 +24,7 @@ UNITS: dict[str, dict[str, Conversion]] = {
 }
 _SPELLINGS = {  # other ways to write a unit, in lower case
     "sec": "s", "seconds": "s", "hh:mm:ss": "s", "h:min:s.ms": "s", "hr": "h", "hours": "h", "amps": "A", "volts": "V",
-    "c": "degC", "°c": "degC", "oc": "degC", "f": "degF", "°f": "degF",
+    "c": "degC", "°c": "degC", "℃": "degC", "oc": "degC", "f": "degF", "°f": "degF",
     "1": "fraction", "frac": "fraction", "%": "percent", "pct": "percent",
 }  # fmt: skip
 _OTHER_UNITS = {
@@ -31,19 +32,19 @@ _OTHER_UNITS = {
 }  # fmt: skip
 _NAMES = {  # whole names without their unit, in lower case and without spaces
     "time": "time testtime t elapsed elapsedtime timestamp seconds totaltime cumulativetime progtime runtime"
-    " programtime epochtime unixtime mstoday timeus zeit tid",
-    "current": "current i <i> cur cellcurrent icell ibatt ibat amps batterycurrent strom strøm",
-    "voltage": "voltage v u cellvoltage terminalvoltage vcell ucell vbatt vbat volts ewe ecell potential"
-    " batteryvoltage spannung spenning",
+    " programtime epochtime unixtime mstoday timeus zeit tid 时间 总时间 测试时间",
+    "current": "current i <i> cur cellcurrent icell ibatt ibat amps batterycurrent strom strøm 电流",
+    "voltage": "voltage v u cellvoltage terminalvoltage vcell ucell vbatt vbat volts ewe ecell eweece potential"
+    " batteryvoltage spannung spenning 电压",
     "temperature": "temperature temp celltemperature celltemp tcell t1 temp1 auxtemperature1 surfacetemperature"
-    " surfacetemp batterytemperature batterytemp temperatur",
+    " surfacetemp batterytemperature batterytemp temperatur 温度",
     "soc": "soc batterylevel stateofcharge",
 }
 _WITH_UNIT = {"test", "rec"}  # `Test (Sec)` is a time, `Test` is its number
 _UNITS_IN_NAMES = {"mstoday": "ms", "timeus": "us"}
 _WALL_CLOCKS = (
     "datetime", "date", "dateandtime", "absolutetime", "systemtime", "realtime", "datestamp", "datetimestamp",
-    "dpttime", "dpttimestamp",
+    "dpttime", "dpttimestamp", "绝对时间", "系统时间",
 )  # fmt: skip
 _PARTS = {  # words of longer names
     "time": {"time", "seconds", "timestamp", "zeit"},
@@ -66,6 +67,7 @@ _RATHER_NOT = {
     "motor", "axis", "setup", "max", "min", "avg", "average", "mean", "peak", "high", "low", "phase", "12v", "aux",
     "charger",
 }  # fmt: skip
+_FULL_CELL = {"ecell", "ece"}  # BioLogic: `Ewe` alone is against the reference
 _OF_THE_WHOLE = {"test", "total", "cumulative", "prog", "run", "elapsed", "epoch"}  # not of a step
 
 
@@ -163,6 +165,7 @@ def _score_of_name(name: str, quantity: str) -> float:
         return 0.0
     score += 3.0 if unit_of(name, quantity) else 0.0
     score -= 4.0 if words & _RATHER_NOT else 0.0
+    score += 1.0 if quantity == "voltage" and words & _FULL_CELL else 0.0
     return score + (2.0 if quantity == "time" and words & _OF_THE_WHOLE else 0.0)
 
 
@@ -188,6 +191,8 @@ def _score_of_times(known: FloatArray) -> float:
     steps = np.diff(known)
     if not len(steps) or not np.any(steps):
         return 0.0
+    if known[0] > 1e9 and not np.any(steps % _DAY_S):
+        return -20.0  # a date without its time of the day
     whole = bool(np.all(known == np.floor(known)))
     score = -6.0 if np.any(steps < 0.0) else 3.0  # a clock that begins again with each step is no time of the test
     return score - (2.0 if whole and np.any(steps == 0.0) else 0.0) + (0.0 if whole else 1.0)

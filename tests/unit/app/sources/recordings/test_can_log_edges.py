@@ -122,3 +122,17 @@ def test_files_that_are_something_else_are_refused_by_name(files, tmp_path):
     (tmp_path / "no.dbc").write_text("BO_ 1 two words: x", encoding="utf-8")
     with pytest.raises(ImportFailed, match=r"no\.dbc: not a readable DBC"):
         sorted(read_signals(log(pack(0, 1.0)), tmp_path / "no.dbc").found)
+
+
+def test_relative_times_of_an_asc_log_are_added_up(tmp_path):
+    lines = [f"   {dt} 1  {can_id}             Rx   d 1 0{k}\n" for k, (dt, can_id) in enumerate(
+        [("0.010000", "123"), ("0.020000", "124"), ("0.030000", "123")]
+    )]  # fmt: skip
+    log = tmp_path / "x.asc"
+    log.write_text(
+        "date Tue May 3 10:00:00 2022\nbase hex  timestamps relative\nno internal events logged\n" + "".join(lines)
+    )
+    times = [t_s for t_s, _, _ in read_frames(log)]
+    np.testing.assert_allclose(np.diff(times), [0.02, 0.03], atol=1e-6)
+    log.write_text(log.read_text().replace("relative", "absolute"))
+    np.testing.assert_allclose(np.diff([t_s for t_s, _, _ in read_frames(log)]), [0.01, 0.01], atol=1e-6)

@@ -145,3 +145,20 @@ def test_any_bytes_are_a_table_or_say_why_not(content: bytes) -> None:
     with suppress(DatasetError):
         _, columns = read_csv("x.csv", content, [])
         assert len({len(column) for column in columns}) == 1
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "apart_s"),
+    [
+        ("11/07/2019 23:59:00", "12/07/2019 00:01:00", 120.0),  # the shorter way: July
+        ("12/07/2019 23:59:00", "13/07/2019 00:01:00", 120.0),  # there is no 13th month
+        ("07/12/2019 23:59:00", "07/13/2019 00:01:00", 120.0),
+        ("07/11/2019 23:59:00", "07/12/2019 00:01:00", 120.0),
+        ("12/31/2018 23:59:00", "01/01/2019 00:01:00", 120.0),
+    ],
+)
+def test_days_and_months_of_a_column_are_told_apart_by_all_of_its_dates(
+    first: str, second: str, apart_s: float
+) -> None:
+    _, columns = read_csv("a", f"Date,V\n{first},3.7\n{second},3.6\n".encode(), [])
+    assert columns[0][1] - columns[0][0] == apart_s

@@ -34,6 +34,10 @@ from app.sources.recordings.quantities import (
         ("State of Charge (%)", "soc", "percent"),
         ("soc", "soc", None),
         ("Voltage #4", "voltage", None),
+        ("总时间", "time", None),
+        ("电流(A)", "current", "A"),
+        ("电压(mV)", "voltage", "mV"),
+        ("温度(℃)", "temperature", "degC"),
     ],
 )
 def test_a_whole_name_tells_quantity_and_unit(name: str, quantity: str, unit: str | None) -> None:
@@ -176,3 +180,15 @@ def test_the_columns_of_the_systems_that_teams_have_are_known(system: str) -> No
         likely = candidates(quantity, columns)
         found.append(likely[0].name if likely else "")
     assert tuple(found) == expected
+
+
+def test_the_voltage_of_a_full_cell_goes_before_that_of_its_electrodes() -> None:
+    volts = {"Ewe/V": [3.9, 3.8], "Ece/V": [0.1, 0.1], "Ewe-Ece/V": [3.8, 3.7]}
+    assert best("voltage", **volts) == "Ewe-Ece/V"
+    assert best("voltage", **{"Ewe/V": [3.9, 3.8], "Ecell/V": [3.8, 3.7]}) == "Ecell/V"
+
+
+def test_a_date_without_its_time_of_the_day_is_no_time() -> None:
+    days = [1.5e9, 1.5e9, 1.5e9 + 86_400]
+    assert best("time", Date=days, Time=[86_398.0, 86_399.0, 0.0]) == "Time"
+    assert best("time", Date=[1.5e9, 1.5e9 + 1, 1.5e9 + 2]) == "Date"
