@@ -1,4 +1,5 @@
 import { beforeEach, describe, expect, it } from 'vitest';
+import type { Snapshot } from '../src/link/types';
 import { backoffMs, LiveSocket, liveUrl, type Connection, type SocketLike } from '../src/link/socket';
 
 class FakeSocket implements SocketLike {
@@ -15,6 +16,7 @@ let sockets: FakeSocket[];
 let timers: Map<number, { action: () => void; ms: number }>;
 let states: Connection[];
 let seen: number[];
+let answers: ((snapshot: Snapshot) => void)[]; // of the single snapshots that were asked for
 
 function start(): LiveSocket {
   let id = 0;
@@ -28,6 +30,7 @@ function start(): LiveSocket {
         sockets.push(socket);
         return socket;
       },
+      ask: () => new Promise((resolve) => answers.push(resolve)),
       later: (action, ms) => {
         timers.set(++id, { action, ms });
         return id;
@@ -40,8 +43,9 @@ function start(): LiveSocket {
   return live;
 }
 
-function elapse(): number {
-  const [id, { action, ms }] = [...timers][0]!;
+/** Let the timer that was set last go off; single snapshots are asked for by one that was set before it. */
+function elapse(which = -1): number {
+  const [id, { action, ms }] = [...timers].at(which)!;
   timers.delete(id);
   action();
   return ms;
@@ -52,6 +56,7 @@ beforeEach(() => {
   timers = new Map();
   states = [];
   seen = [];
+  answers = [];
 });
 
 describe('LiveSocket', () => {
@@ -69,7 +74,7 @@ describe('LiveSocket', () => {
       sockets.at(-1)!.onclose!({ code: 1006 });
       return elapse();
     });
-    expect(waits).toEqual([250, 500, 1000, 2000, 4000, 5000, 5000]);
+    expect(waits).toEqual([250, 500, 1000, 2000, 2000, 2000, 2000]);
     expect(sockets).toHaveLength(8);
   });
 
@@ -118,6 +123,28 @@ describe('LiveSocket', () => {
     sockets[0]!.onmessage!({ data: '{"seq":1}' });
     for (let i = 0; i < 3; i++) elapse();
     expect(states.at(-1)).toBe('lost');
+  });
+
+  it('asks for single snapshots, some at once, until a line speaks', async () => {
+    const answer = async (seq: number, time: number): Promise<void> => {
+      answers.shift()!({ seq, time } as Snapshot);
+      await Promise.resolve();
+    };
+    start();
+    sockets[0]!.onmessage!({ data: '{"seq":1,"time":10}' });
+    elapse();
+    expect(answers).toHaveLength(1);
+    elapse(0);
+    for (let i = 0; i < 5; i++) elapse();
+    expect(answers).toHaveLength(4);
+    await answer(2, 11);
+    await answer(1, 10.5);
+    expect(seen).toEqual([1, 2]);
+    expect(states.at(-1)).toBe('open');
+    sockets.at(-1)!.onmessage!({ data: '{"seq":3,"time":12}' });
+    await answer(4, 13);
+    expect(seen).toEqual([1, 2, 3]);
+    expect(timers.size).toBe(1);
   });
 
   it('does not ask again where a login is needed', () => {

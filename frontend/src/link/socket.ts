@@ -1,6 +1,9 @@
 // The live stream: a websocket that comes back by itself. Beside a silent line another one is tried: over a radio that is
-// late by seconds a line is silent for long before it speaks, and whichever speaks first is the one.
+// late by seconds a line is silent for long before it speaks, and whichever speaks first is the one. A browser connects
+// one websocket to an address at a time, so that one packet lost holds up all of them: while none speaks, single
+// snapshots are asked for too, several on their way at once.
 
+import { get } from './rest';
 import { rootOf } from './root';
 import type { Snapshot } from './types';
 
@@ -15,16 +18,20 @@ export interface SocketLike {
 
 export interface SocketEnvironment {
   connect: (url: string) => SocketLike;
+  ask: () => Promise<Snapshot>;
   later: (action: () => void, ms: number) => number;
   cancel: (timer: number) => void;
   random: () => number;
 }
 
 const FIRST_WAIT_MS = 250;
-const LONGEST_WAIT_MS = 5000;
+const LONGEST_WAIT_MS = 2000; // of a radio that is there for seconds, none may be slept away
 const SILENCE_MS = 4000; // the service speaks once a second even when the master does not
 const LONGER_MS = 8000; // between further ones: to connect takes four ways, and what a radio loses is sent again later
 const MOST_TRIED = 3; // at a time: each has 20 s to speak
+const ASK_EVERY_MS = 1000;
+const MOST_ASKED = 4; // at a time: a browser has six connections to an address
+const ASK_MS = 10_000;
 const NOT_LOGGED_IN = 4401;
 
 /** Milliseconds before attempt `n` (from 0): doubling to a cap, with jitter of half of it. */
@@ -35,6 +42,7 @@ export function backoffMs(attempt: number, random: number): number {
 
 const browser: SocketEnvironment = {
   connect: (url) => new WebSocket(url) as unknown as SocketLike,
+  ask: () => get<Snapshot>('snapshot', AbortSignal.timeout(ASK_MS)),
   later: (action, ms) => window.setTimeout(action, ms),
   cancel: (timer) => window.clearTimeout(timer),
   random: Math.random,
@@ -48,6 +56,9 @@ export class LiveSocket {
   private attempt = 0;
   private told: Connection | null = null;
   private stopped = true;
+  private asking: number | null = null; // the timer, while nothing speaks
+  private asked = 0; // on their way
+  private newest = -Infinity; // time of the newest snapshot
 
   constructor(
     private readonly url: string,
@@ -67,6 +78,7 @@ export class LiveSocket {
   stop(): void {
     this.stopped = true;
     this.clearTimer();
+    this.endAsking();
     this.speaker = null;
     for (const socket of this.sockets.slice()) this.drop(socket);
   }
@@ -83,8 +95,9 @@ export class LiveSocket {
       if (this.speaker !== socket) this.takeOver(socket);
       for (const other of this.sockets.slice()) if (other !== socket) this.drop(other);
       this.attempt = 0;
+      this.endAsking();
       this.watch();
-      if (typeof event.data === 'string') this.onSnapshot(JSON.parse(event.data) as Snapshot);
+      if (typeof event.data === 'string') this.hand(JSON.parse(event.data) as Snapshot);
     };
     socket.onclose = (event) => {
       this.drop(socket);
@@ -93,6 +106,7 @@ export class LiveSocket {
         this.tell('refused');
       } else if (!this.sockets.length && !this.stopped) {
         this.tell('lost');
+        this.asking ??= this.around.later(() => this.ask(), ASK_EVERY_MS);
         this.later(() => this.retry(), backoffMs(this.attempt++, this.around.random()));
       }
     };
@@ -106,7 +120,35 @@ export class LiveSocket {
   }
 
   private watch(): void {
-    this.later(() => this.open(), this.sockets.length > 1 ? LONGER_MS : SILENCE_MS);
+    const isSilent = this.sockets.length > 1;
+    if (isSilent && this.asking === null) this.ask();
+    this.later(() => this.open(), isSilent ? LONGER_MS : SILENCE_MS);
+  }
+
+  /** Ask for single snapshots until a line speaks or the stream is stopped. */
+  private ask(): void {
+    this.asking = this.around.later(() => this.ask(), ASK_EVERY_MS);
+    if (this.asked >= MOST_ASKED) return;
+    this.asked++;
+    this.around
+      .ask()
+      .then((snapshot) => {
+        if (this.asking === null || snapshot.time <= this.newest) return;
+        this.tell('open');
+        this.hand(snapshot);
+      })
+      .catch(() => undefined) // it did not arrive: another one is asked for
+      .finally(() => this.asked--);
+  }
+
+  private endAsking(): void {
+    if (this.asking !== null) this.around.cancel(this.asking);
+    this.asking = null;
+  }
+
+  private hand(snapshot: Snapshot): void {
+    this.newest = snapshot.time;
+    this.onSnapshot(snapshot);
   }
 
   private retry(): void {
