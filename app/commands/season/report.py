@@ -122,13 +122,14 @@ def _compare(args: argparse.Namespace) -> int:
             json.dump(shown, sys.stdout, allow_nan=False)
             print()
             return 0
-        print(f"{'':18} {'A':>9} {'B':>9}   B less A, 95 %")
+        print(f"{'':21} {'A':>9} {'B':>9}   B less A, 95 %")
         for each in differences:
             a, b = (f"{'-' if value is None else format(value, '.4g'):>9}" for value in (each.a, each.b))
             change = (
                 "too few sessions" if each.change is None else f"{each.change:+.3g}, {each.low:+.3g}..{each.high:+.3g}"
             )
-            print(f"{each.name:18} {a} {b}   {change}{'' if each.is_sure else ' (not more than chance)'} {each.unit}")
+            chance = "" if each.is_sure or each.change is None else " (not more than chance)"
+            print(f"{each.name:21} {a} {b}   {change}{chance} {each.unit}")
         for cell in cells[:SHOWN]:
             band = f"{100 * cell.low:+.1f}..{100 * cell.high:+.1f}"
             print(f"{short_place(cell.cell):6} resistance {100 * cell.change:+.1f} % against the others, 95 % {band}")

@@ -7,10 +7,12 @@ rests, SOC at rests. Swaps of modules are those of the cell passports.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.analysis.passport.history import Swap, lost_in_pause
 from app.battery.battery import Battery
@@ -46,6 +48,7 @@ class CellHistory:
         is_present: where the module of today was in its place.
         is_absolute: whether resistances of different sessions compare.
         resistance_ohm: of a median cell, measured with its joint; NaN where nobody knows.
+        cars: whose each session is; empty where all are of one.
     """
 
     sessions: tuple[str, ...]
@@ -64,6 +67,7 @@ class CellHistory:
     is_present: BoolArray
     is_absolute: bool
     resistance_ohm: float = float("nan")
+    cars: tuple[str, ...] = ()
 
     @property
     def days(self) -> FloatArray:
@@ -74,6 +78,11 @@ class CellHistory:
     def n_cells(self) -> int:
         """How many cells."""
         return int(self.resistance.shape[1])
+
+    @property
+    def before(self) -> NDArray[np.intp]:
+        """(n_sessions,) index of the session of the same car before each; its own where there is none."""
+        return before_each(self.cars or ("",) * len(self.sessions))
 
     def today(self, values: FloatArray) -> FloatArray:
         """Return values of today's modules alone."""
@@ -87,7 +96,8 @@ class CellHistory:
             for name, value in vars(self).items()
             if isinstance(value, np.ndarray) and len(value) == len(rows) and name != "self_discharge_per_day"
         }
-        return replace(self, sessions=tuple(each for each in self.sessions if each in sessions), **cut)
+        cars = tuple(car for car, is_chosen in zip(self.cars, rows, strict=False) if is_chosen)
+        return replace(self, sessions=tuple(each for each in self.sessions if each in sessions), cars=cars, **cut)
 
     def of(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Return fractions of new and their sigmas: `resistance`, or `capacity`."""
@@ -159,10 +169,12 @@ def history_of(store: SeasonStore, source: SeasonSource) -> CellHistory:
         resistance = ohm / row_median(ohm)[:, None]
         sigma = np.where(np.isfinite(resistance), RELATIVE_SIGMA, np.nan)
     rest_soc, lost, days = column("first_rest_soc"), np.full(shape, np.nan), np.full(shape, np.nan)
-    last_soc, gaps_s = column("last_rest_soc"), _gaps_s(column("last_rest_time"), column("first_rest_time"))
-    for k in range(1, n):
-        if (moved := lost_in_pause(last_soc[k - 1], rest_soc[k], gaps_s[k])) is not None:
-            is_same = line[k] == line[k - 1]
+    cars = tuple(table.column("car").to_pylist()[::n_cells])
+    before = before_each(cars)
+    last_soc, gaps_s = column("last_rest_soc"), column("first_rest_time")[:, 0] - column("last_rest_time")[before, 0]
+    for k, earlier in enumerate(before):
+        if k != earlier and (moved := lost_in_pause(last_soc[earlier], rest_soc[k], gaps_s[k])) is not None:
+            is_same = line[k] == line[earlier]
             lost[k, is_same], days[k, is_same] = moved[is_same], gaps_s[k] / DAY_S
     is_present = line == line_now
     return CellHistory(
@@ -182,7 +194,18 @@ def history_of(store: SeasonStore, source: SeasonSource) -> CellHistory:
         is_present,
         is_absolute,
         float(np.nanmedian(ohm)) if np.isfinite(ohm).any() else float("nan"),
+        cars,
     )
+
+
+def before_each(cars: Sequence[str]) -> NDArray[np.intp]:
+    """Return (n,) the index of the one before each of the same car; its own where there is none."""
+    last: dict[str, int] = {}
+    found = np.arange(len(cars))
+    for k, car in enumerate(cars):
+        found[k] = last.get(car, k)
+        last[car] = k
+    return found
 
 
 def _numbers(column: Any) -> FloatArray:
@@ -193,11 +216,6 @@ def _numbers(column: Any) -> FloatArray:
         micros = column.cast(pa.timestamp("us", column.type.tz)).cast(pa.int64())
         return np.asarray(micros.cast(pa.float64()).to_numpy(), dtype=np.float64) / 1e6
     return np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
-
-
-def _gaps_s(last_s: FloatArray, first_s: FloatArray) -> FloatArray:
-    """(n,) from the last rest of the session before to the first of this one; NaN before the first."""
-    return np.concatenate([[np.nan], first_s[1:, 0] - last_s[:-1, 0]]) if len(first_s) else np.empty(0)
 
 
 def _per_day(lost: FloatArray, days: FloatArray) -> FloatArray:

@@ -22,6 +22,8 @@ import numpy as np
 from app.estimation.arrays import FloatArray
 
 Z95: Final = 1.959964
+FEW_FREEDOM: Final = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0)
+FEW_95: Final = (12.7063, 8.0280, 6.0167, 4.3027, 3.5747, 3.1825)  # the 97.5 % quantiles of t
 LEAST: Final = 5  # sessions for a line
 EDGE: Final = 4  # sessions on either side of a step
 DRAWS: Final = 4999
@@ -59,11 +61,19 @@ class Step:
 
 
 def student_95(freedom: float) -> float:
-    """Return the 97.5 % quantile of Student's t, expanded about the normal (Abramowitz 26.7.5)."""
-    z, v = Z95, max(freedom, 1.0)
+    """Return the 97.5 % quantile of Student's t, expanded about the normal (Abramowitz 26.7.5); below 3 of a table."""
+    if freedom < FEW_FREEDOM[-1]:
+        return float(np.interp(freedom, FEW_FREEDOM, FEW_95))  # between two of them no less than the true one
+    z, v = Z95, freedom
     terms = (z**3 + z) / 4 / v, (5 * z**5 + 16 * z**3 + 3 * z) / 96 / v**2
     last = (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384 / v**3
     return float(z + sum(terms) + last)
+
+
+def student_p(t2: float, freedom: float) -> float:
+    """Return how often the square of Student's t is above `t2` by chance (Wallace 1959): rather too often."""
+    z = sqrt(freedom * np.log1p(t2 / freedom)) * (8 * freedom + 1) / (8 * freedom + 3)
+    return erfc(z / sqrt(2.0))
 
 
 def line(days: FloatArray, values: FloatArray, sigmas: FloatArray) -> Line | None:
@@ -153,10 +163,8 @@ class _Scores:
         return t2[0], projected[0] / self._squares, np.asarray(sigma / np.sqrt(self._squares))
 
     def at_most(self, t2: float) -> float:
-        """Return a p-value that is no smaller than the true one: each place by itself, added up (t by Wallace 1959)."""
-        v = len(self._root) - STEP_PARAMETERS
-        z = np.sqrt(v * np.log1p(t2 / v)) * (8 * v + 1) / (8 * v + 3)
-        return len(self.places) * erfc(z / sqrt(2.0))
+        """Return a p-value that is no smaller than the true one: each place by itself, added up."""
+        return len(self.places) * student_p(t2, len(self._root) - STEP_PARAMETERS)
 
     def by_chance(self, rng: np.random.Generator) -> FloatArray:
         """Return the largest scores of DRAWS lines without a step."""

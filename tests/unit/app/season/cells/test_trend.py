@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from app.season.cells.trend import holm, line, lines, steps, student_95
+from app.season.cells.trend import holm, line, lines, steps, student_95, student_p
 
 DAYS = np.sort(np.random.default_rng(7).uniform(0.0, 400.0, 50))
 SIGMA = 0.01
@@ -61,3 +61,15 @@ def test_what_bends_as_ageing_does_has_no_step():
     values, sigmas = noisy(9, 24)
     bent = values - 0.06 * np.sqrt(DAYS / DAYS[-1])[:, None]
     assert steps(DAYS, bent, sigmas) == [None] * 24
+
+
+@pytest.mark.parametrize("t", [0.5, 2.0, 12.7, 300.0])
+def test_a_p_value_of_few_sessions_is_never_too_small(t):
+    exact = {1.0: 1.0 - 2.0 / np.pi * np.arctan(t), 2.0: 1.0 - t / np.sqrt(2.0 + t**2)}
+    for freedom, p in exact.items():
+        assert p * 0.99 <= student_p(t**2, freedom) <= 4.0 * p
+
+
+@pytest.mark.parametrize(("freedom", "quantile"), [(1.0, 12.706), (1.7, 5.132), (2.0, 4.303), (2.8, 3.309)])
+def test_bands_of_few_sessions_are_as_wide_as_students(freedom, quantile):
+    assert quantile * 0.999 <= student_95(freedom) <= quantile * 1.06
