@@ -66,7 +66,8 @@ class AlarmKeeper:
             elif not is_judged(key, snapshot):
                 self._seen_ns[key] = now_ns  # what cannot be seen has not ended
             elif alarm.active and now_ns - self._seen_ns.get(key, now_ns) >= END_AFTER_NS:
-                self._alarms[key] = replace(alarm, active=False)
+                since_seen_ns = now_ns - self._seen_ns[key]
+                self._alarms[key] = replace(alarm, active=False, ended_ns=snapshot.t_wall_ns - since_seen_ns)
                 seconds = (now_ns - self._raised_ns[key]) / 1e9
                 ended = Message("alarm-ended", after=Quantity(seconds, "s", 1), alarm=alarm.message)
                 events.append(_event(alarm, snapshot.t_wall_ns, ended, severity="info"))

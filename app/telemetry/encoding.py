@@ -89,7 +89,7 @@ def _field_converter(field: Described) -> _Convert | None:
     (kind, *others) = alternatives(field.type)
     if sent is not None and sent.divisor is not None:
         divisor = sent.divisor
-        return lambda value: value / divisor
+        return lambda value: None if value is None else value / divisor
     if unit is not None and unit.decimals is not None and kind is not int:
         return _rounding(unit.decimals, of_array=is_array(kind))
     if others:

@@ -114,6 +114,7 @@ class Alarm:
     acknowledged_by: str | None = None
     cells: tuple[int, ...] = ()  # every cell it is about, where they are more than `cell`
     cause: TripCause | None = None  # of a trip, once it was looked for
+    ended_ns: Annotated[int | None, SentAs("ended", 1e9)] = None  # when it was last seen to hold
 
     @property
     def text(self) -> str:

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { makeSnapshot } from '../fixtures/snapshot';
 import type { Alarm } from '../src/link/types';
-import { activeTrips, openAlarms, trippedCells } from '../src/store/alarms';
+import { activeTrips, openAlarms, trippedCells, when } from '../src/store/alarms';
 
 const alarm = (id: number, over: Partial<Alarm>): Alarm => ({
   ...makeSnapshot('fault', 0, 0, 0).alarms[0]!,
@@ -58,5 +58,14 @@ describe('trips', () => {
 
   it('marks the cells of trips that hold, and no others', () => {
     expect([...trippedCells(snapshot)].sort()).toEqual([30, 63]);
+  });
+});
+
+describe('the time of an alarm', () => {
+  const at = new Date(2026, 10, 21, 10, 36, 58).getTime() / 1000;
+
+  it('is since when it holds, then when it ended', () => {
+    expect(when(alarm(1, { since: at }))).toBe('since 10:36:58');
+    expect(when(alarm(1, { since: at, active: false, ended: at + 40 }))).toBe('ended 10:37');
   });
 });

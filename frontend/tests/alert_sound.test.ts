@@ -15,6 +15,7 @@ const alarm = (id: number, part: Partial<Alarm> = {}): Alarm => ({
   since: 1000 + id,
   active: true,
   acknowledged_by: null,
+  ended: null,
   cells: [],
   cause: null,
   ...part,

@@ -66,7 +66,7 @@ def _info(field: Described) -> Any:
 def _type(owner: type, field: Described) -> Any:
     sent: SentAs | None = field.mark(SentAs)
     if sent is not None and sent.divisor is not None:
-        return float
+        return float | None if alternatives(field.type) != (field.type,) else float
     members = alternatives(field.type)
     if field.is_message:
         may_be_none = type(None) in get_args(field.type) or (members != (field.type,) and str in members)

@@ -69,6 +69,7 @@ export interface Alarm {
   acknowledged_by: string | null;
   cells: number[];
   cause: TripCause | null;
+  ended: number | null;
   text_words: Words | null;
 }
 

@@ -1,6 +1,8 @@
 // Which alarms still want a person's attention, how bad the worst of them is, and which cells tripped.
 
+import { clock } from '../format';
 import type { Alarm, Maybe, Severity, Snapshot } from '../link/types';
+import { t } from '../words/words.svelte';
 
 const RANK: Record<Severity, number> = { watch: 0, warning: 1, trip: 2 };
 const MASTER = 'master-fault'; // says that the circuit is open; the other trips say what is beyond a limit
@@ -21,6 +23,10 @@ export function activeTrips(snapshot: Maybe<Snapshot>): Alarm[] {
     .filter((a) => a.active && a.severity === 'trip')
     .sort((a, b) => Number(b.code === MASTER) - Number(a.code === MASTER));
 }
+
+/** Since when it holds, or when it ended. */
+export const when = ({ since, ended, active }: Alarm): string =>
+  active ? t('since {time}', { time: clock(since) }) : t('ended {time}', { time: clock(ended).slice(0, 5) });
 
 /** Every cell that an alarm is about. */
 export const cellsOf = (alarm: Alarm): number[] =>

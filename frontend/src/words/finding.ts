@@ -5,7 +5,7 @@ import { MINUS } from '../format';
 import { messageText } from './words.svelte';
 
 /** A number stays beside its unit, and a minus is one. */
-const whole = (text: string): string =>
+export const whole = (text: string): string =>
   text
     .replace(/(?<![\p{L}\d])-(?=\d)/gu, MINUS)
     .replace(/(\d) (%|A|V|Ah|mV|K|s|min|h|kWh|°C|mΩ)(?![\p{L}])/gu, '$1\u00a0$2');
@@ -14,7 +14,6 @@ const whole = (text: string): string =>
 export const phrase = (finding: AnalysisFinding): string => whole(messageText(finding, finding.text));
 
 /** What is said, as a sentence: it begins with a capital letter. */
-export function sentence(finding: AnalysisFinding): string {
-  const text = phrase(finding);
-  return text.slice(0, 1).toUpperCase() + text.slice(1);
-}
+export const sentence = (finding: AnalysisFinding): string => capitalised(phrase(finding));
+
+export const capitalised = (text: string): string => text.slice(0, 1).toUpperCase() + text.slice(1);

@@ -67,11 +67,13 @@ def test_the_masters_trip_names_the_cell_the_value_and_the_limit_of_its_reason(p
 
 def test_a_trip_stays_until_it_ended_and_was_acknowledged(pipeline, master):
     master.set("v", [24000, *[37000] * 95])
-    run(pipeline, master, 2)
+    low, _ = run(pipeline, master, 2)
+    assert [a.ended_ns for a in low.alarms] == [None]
     master.set("v", [37000] * 96)
     snapshot, _ = run(pipeline, master, 4)
     ended = next(a for a in snapshot.alarms if a.code == "cell-voltage-low")
     assert not ended.active
+    assert ended.ended_ns == low.t_wall_ns
     assert pipeline.acknowledge(ended.id, "anna")
     snapshot, _ = run(pipeline, master, 0.2)
     assert "cell-voltage-low" not in codes(snapshot) | codes(snapshot, active=False)
