@@ -24,7 +24,8 @@ LEFT_OUT = (
     "/fetch",
     "/drill",
     "/season/query",
-)  # files have targets of their own; others look for devices or start processes
+    "/simulator/balancing",
+)  # files have targets of their own; others look for devices, start processes or simulate for minutes
 METHODS = ("get", "post", "put", "delete")
 KINDS = (b"application/json", b"application/octet-stream", b"application/toml", b"text/plain")
 
