@@ -132,6 +132,9 @@ def learn(
         doubts.append(Message("learn-no-current"))
     elif isinstance(current.chosen, ReadingProposal) and not current.chosen.is_unit_told:
         doubts.append(Message("learn-current-unit-guessed", name=str(current.chosen.reading.signal)))
+    if current is not None and current.is_taken and len(frames):
+        unknown = Message("learn-sign-unknown")
+        doubts += [unknown] if unknown in current.chosen.reasons else []
     return Learned(*taken(battery, source, lines), lines, tuple(doubts))
 
 

@@ -29,6 +29,8 @@ from app.words import Message, Quantity, Text
 _LONG_S = 5.0
 _CLOSE, _OFF = 0.02, 0.08  # of the sum of cells
 _CLEAR = 0.4  # correlation of current and voltage steps from which on the sign is told by it
+_COARSER = (1, 4, 16, 64)  # a current that is told a hundred times a second moves little from one to the next
+_BY_CHANCE = 3.0  # standard deviations of a correlation of what has nothing to do with each other
 _SENSORS = name_set("ivt shunt result string stack")
 _OF_A_PART = name_set("module slave segment seg ic cmu chip board bmb")
 _NO_PACK_VOLTAGE = name_set("cell cells zelle min max avg limit lim target soc power status state fault error counter")
@@ -221,14 +223,19 @@ def _correlation(survey: Survey, message: MessageDefinition, signal: Signal, pac
     n = int(min(len(heard.t_ns), len(pack.t_ns), 5000))
     if end <= start or n < 8:
         return 0.0
-    edges = np.linspace(start, end, n + 1)
-    current, voltage = _binned(heard.t_ns, heard.values, edges), _binned(pack.t_ns, pack.values, edges)
-    both = np.isfinite(current) & np.isfinite(voltage)
-    steps_a, steps_v = np.diff(current[both]), np.diff(voltage[both])
-    moved = np.abs(steps_a) > 0.05 * (np.ptp(current[both]) if both.any() else 1.0)
-    if np.count_nonzero(moved) < 4 or np.std(steps_v) == 0 or np.std(steps_a) == 0:
-        return 0.0
-    return float(np.corrcoef(steps_a, steps_v)[0, 1])
+    found = 0.0
+    for bins in (n // times for times in _COARSER if n // times >= 8):
+        edges = np.linspace(start, end, bins + 1)
+        current, voltage = _binned(heard.t_ns, heard.values, edges), _binned(pack.t_ns, pack.values, edges)
+        both = np.isfinite(current) & np.isfinite(voltage)
+        steps_a, steps_v = np.diff(current[both]), np.diff(voltage[both])
+        moved = np.abs(steps_a) > 0.05 * (np.ptp(current[both]) if both.any() else 1.0)
+        if np.count_nonzero(moved) < 4 or np.std(steps_v) == 0 or np.std(steps_a) == 0:
+            continue
+        together = float(np.corrcoef(steps_a, steps_v)[0, 1])
+        if abs(together) > max(abs(found), _BY_CHANCE / np.sqrt(len(steps_a))):
+            found = together
+    return found
 
 
 def _binned(t_ns: NDArray[np.int64], values: FloatArray, edges: FloatArray) -> FloatArray:

@@ -1,5 +1,8 @@
 """Current, pack voltage and SOC among all that is on a bus: signal, sign and unit, or that they are unknown."""
 
+from dataclasses import replace
+from math import sin
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -63,11 +66,28 @@ def test_current_and_pack_voltage_of_any_name_are_found_with_their_sign(case):
     assert "learn-current-unit-guessed" not in codes(learned)
 
 
+@pytest.mark.parametrize("positive", ["discharge", "charge"])
+def test_a_current_that_swings_slowly_between_many_frames_has_its_sign(positive):
+    peer = one_signal_a_cell(12, 0, "Cell_{}_V", "T{}", 0.0001, "V")
+    peer.current = lambda t: 60 + 50 * sin(0.7 * t)
+    sign = 1 if positive == "discharge" else -1
+    status = [
+        Bits("Pack_Voltage", 0, 16, peer.pack_voltage, 0.1, unit="V"),
+        Bits("Pack_Current", 16, 16, lambda t: sign * peer.current(t), 0.1, unit="A", signed=True),
+    ]
+    peer.sent = [replace(each, period_s=0.02) for each in peer.sent if each.name != "BMS_PackStatus"]
+    peer.sent.append(Sent(0x5A0, "BMS_PackStatus", 8, 0.02, [status]))
+    _, _, learned = learned_of(peer, 15)
+    assert learned.source.current.positive == positive
+    assert "learn-sign-unknown" not in codes(learned)
+
+
 def test_a_current_that_does_not_move_has_a_sign_that_is_said_to_be_unknown():
     peer = one_signal_a_cell(12, 0, "Cell_{}_V", "T{}", 0.0001, "V")
     peer.current = fixed(20.0)
     _, _, learned = learned_of(peer, 6)
     assert "learn-sign-unknown" in [reason.code for reason in learned.readings["current"].reasons]
+    assert "learn-sign-unknown" in codes(learned)
 
 
 def test_a_current_that_has_nothing_to_do_with_the_cells_has_no_sign():
