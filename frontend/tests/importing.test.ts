@@ -1,5 +1,5 @@
 import { expect, it } from 'vitest';
-import { samplesText, spans, takenOf, toggled, withUnits } from '../src/store/importing';
+import { fits, samplesText, spans, takenOf, toggled, withUnits } from '../src/store/importing';
 import type { ImportProfile } from '../src/link/types';
 
 it('cells are told as numbers from one and spans, and as nothing where all are taken', () => {
@@ -30,5 +30,17 @@ it('only the units that were asked for are taken over', () => {
 });
 
 it('samples are as long as they tell something, and what is missing is a dash', () => {
-  expect(samplesText({ samples: [3.7012, null, 3700.4, 12] })).toBe('3.701 · – · 3700 · 12');
+  expect(samplesText({ samples: [3.70123456, null, -78.2, 1780000000123] })).toBe(
+    '3.70123 · – · −78.2 · 1780000000123',
+  );
+});
+
+it('a name stands for one column, a number for the one in its place, a pattern for many', () => {
+  const columns = ['t', 'C1 (V)', 'C2 (V)', 'P1_C2'].map((name) => ({ name, samples: [] }));
+  const names = (named: string): string[] => fits(named, columns).map((each) => each.name);
+  expect(names('t')).toEqual(['t']);
+  expect(names('2')).toEqual(['C1 (V)']);
+  expect(names('C{n} (V)')).toEqual(['C1 (V)', 'C2 (V)']);
+  expect(names('P{p}_C{n}')).toEqual(['P1_C2']);
+  expect([names('0'), names('9'), names('C'), names('')]).toEqual([[], [], [], []]);
 });

@@ -50,6 +50,10 @@ def test_laps_are_compared_corrected_and_kept(looked_back, open_page):
         assert archive.namelist() == [f"{first}.ld", f"{first}.ldx"]
     expect(page.get_by_test_id("drivers")).to_contain_text("Anna")
     expect(page.get_by_role("img", name=re.compile("^Power"))).to_be_visible()
+    expect(page.get_by_test_id("laid-by")).to_contain_text("No speed or lap fraction is known")
+    page.get_by_test_id("along").fill("i_fs")
+    page.get_by_test_id("along").press("Enter")
+    expect(page.get_by_test_id("laid-by")).to_contain_text("distance, by i_fs")
     page.get_by_role("button", name="Correct the laps").click()
     page.get_by_role("button", name="Remove lap 1").click()
     page.get_by_role("button", name="Keep in the session").click()

@@ -117,15 +117,24 @@ def compare_drivers(figures: Sequence[LapFigures]) -> list[DriverFigures]:
     return sorted(found, key=lambda driver: driver.lap_s)
 
 
-def overlay(lap: Lap, time_s: FloatArray, values: FloatArray, points: int = OVERLAY_POINTS) -> FloatArray:
+def overlay(
+    lap: Lap, time_s: FloatArray, values: FloatArray, points: int = OVERLAY_POINTS, share: FloatArray | None = None
+) -> FloatArray:
     """Return (points, 2) smallest and largest value in equal parts of a lap, NaN where there is none.
 
-    Parts are of the lap's own duration, so that laps of unequal length lie on each other place by place.
+    Args:
+        lap: the span.
+        time_s: (n,) rising.
+        values: (n,).
+        points: how many parts.
+        share: (n,) how far round the lap the car is, 0..1; without it parts are of the lap's own duration. Either way
+            laps of unequal length lie on each other place by place.
     """
     inside = (time_s >= lap.start_s) & (time_s < lap.end_s) & np.isfinite(values)
     result = np.full((points, 2), np.nan)
     if inside.any() and lap.duration_s > 0.0:
-        part = ((time_s[inside] - lap.start_s) / lap.duration_s * points).astype(np.int64).clip(0, points - 1)
+        share = (time_s - lap.start_s) / lap.duration_s if share is None else share
+        part = (share[inside] * points).astype(np.int64).clip(0, points - 1)
         starts = np.flatnonzero(np.diff(part, prepend=-1))
         result[part[starts], 0] = np.minimum.reduceat(values[inside], starts)
         result[part[starts], 1] = np.maximum.reduceat(values[inside], starts)

@@ -11,6 +11,7 @@ import numpy as np
 
 from app.analysis.laps.detection import laps_by_marks, laps_by_pattern, rises_s, stints
 from app.analysis.laps.figures import DriverFigures, Lap, LapFigures, compare_drivers, figures_of, overlay, with_drivers
+from app.analysis.laps.place import Ways
 from app.analysis.session_arrays import read_totals
 from app.analysis.totals import Totals, number
 from app.errors import ConfigError
@@ -27,7 +28,7 @@ LAP_KINDS = ("lap", "laps")
 DRIVER_KIND = "driver"  # and kinds that begin with it
 TOTALS = {"power_w": "W", "current_a": "A", "voltage_v": "V", "v_min_v": "V", "t_max_degc": "degC", "soc": "1"}
 MAX_LAPS = 2000
-SAMPLES_A_PART = 2  # of laps laid over each other: a part without a sample would be a gap in the curve
+SAMPLES_A_PART = 2  # of laps laid over each other: a part without a sample would be a gap; by way the double
 MAX_TEXT = 200
 
 
@@ -62,12 +63,14 @@ class LapTrace:
 
 @dataclass(frozen=True)
 class Overlay:
-    """Laps on each other: part k of every lap begins at k / points of its time."""
+    """Laps on each other: part k of every lap begins at k / points of its way, or of its time."""
 
     signal: str
     unit: str
     points: int
     laps: list[LapTrace]
+    along: str | None  # the speed or place that tells the way; None: by time
+    places: list[str]  # signals that sound like one
 
 
 @dataclass(frozen=True)
@@ -156,7 +159,14 @@ def driver_changes(session: SessionFile, markers: Sequence[Marker]) -> list[tupl
     return [(0.0, str(first)), *found] if first else found
 
 
-def overlay_laps(session: SessionFile, laps: Sequence[Lap], chosen: Sequence[int], signal: str, points: int) -> Overlay:
+def overlay_laps(
+    session: SessionFile,
+    laps: Sequence[Lap],
+    chosen: Sequence[int],
+    signal: str,
+    points: int,
+    along: str | None = None,
+) -> Overlay:
     """Return one signal over the chosen laps, place by place.
 
     Args:
@@ -165,9 +175,10 @@ def overlay_laps(session: SessionFile, laps: Sequence[Lap], chosen: Sequence[int
         chosen: their indices from 0.
         signal: one of TOTALS, or any signal of the session.
         points: parts of a lap, at most; fewer where a lap has fewer than SAMPLES_A_PART samples in each.
+        along: see `Ways`.
 
     Raises:
-        ConfigError: there is no such lap.
+        ConfigError: there is no such lap, or `along` tells no way.
         UnknownSignal: the name means nothing.
     """
     found = []
@@ -183,13 +194,14 @@ def overlay_laps(session: SessionFile, laps: Sequence[Lap], chosen: Sequence[int
             series = session.series([signal], lap.start_s, lap.end_s, points=MAX_POINTS)[signal]
             time_s, values, unit = series.time_s, series.maximum, series.unit
         found.append((index, time_s, values))
+    ways = Ways(session, [laps[index] for index in chosen], along)
     fewest = min((len(time_s) for _, time_s, _ in found), default=0)
-    points = max(1, min(points, fewest // SAMPLES_A_PART))
+    points = max(1, min(points, fewest // (SAMPLES_A_PART * (2 if ways.along else 1))))
     traces = []
-    for index, time_s, values in found:
-        low, high = overlay(laps[index], time_s, values, points).T
+    for k, (index, time_s, values) in enumerate(found):
+        low, high = overlay(laps[index], time_s, values, points, ways.shares(k, time_s)).T
         traces.append(LapTrace(index, *([number(v) for v in side.tolist()] for side in (low, high))))
-    return Overlay(signal, unit, points, traces)
+    return Overlay(signal, unit, points, traces, ways.along, ways.known)
 
 
 def settle_laps(path: Path, laps: Sequence[Lap] | None, *, t_wall_ns: int, who: str | None) -> None:

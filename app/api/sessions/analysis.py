@@ -137,17 +137,25 @@ def overlay(
     lap: Annotated[list[int], Query(min_length=1, max_length=50, description="index from 0")],
     signal: Annotated[str, Query(max_length=100)] = "power_w",
     points: Annotated[int, Query(ge=10, le=2000)] = OVERLAY_POINTS,
+    along: Annotated[
+        str | None,
+        Query(
+            max_length=100,
+            description="by distance: a speed or a place as a signal, MESSAGE.SIGNAL of the battery's DBC or"
+            " can:ID:BYTE[:BYTES]; auto: what is known, else by time",
+        ),
+    ] = None,
     source: SourceQuery = None,
     can_id: CanId = None,
     can_byte: CanByte = 0,
     can_mask: CanMask = 255,
     lap_signal: LapSignal = None,
 ) -> Overlay:
-    """One signal over laps laid on each other, part by part of the lap's time."""
+    """One signal over laps laid on each other, part by part of the lap's time or way."""
     counter = lap_signal if source == "signal" else _counter(can_id, can_byte, can_mask)
     path = catalogue.path(session_id)
     try:
-        return workers.run(REPORT, overlay_at, path, source, counter, lap, signal, points)
+        return workers.run(REPORT, overlay_at, path, source, counter, lap, signal, points, along)
     except UnknownSignal as error:
         field = "lap_signal" if error.name == lap_signal else "signal"
         raise invalid(field, error.name, error.reason) from error

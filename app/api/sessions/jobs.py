@@ -44,7 +44,13 @@ def laps_at(path: Path, source: Source | None, counter: Counter | None) -> LapTa
 
 
 def overlay_at(
-    path: Path, source: Source | None, counter: Counter | None, laps: Sequence[int], signal: str, points: int
+    path: Path,
+    source: Source | None,
+    counter: Counter | None,
+    laps: Sequence[int],
+    signal: str,
+    points: int,
+    along: str | None,
 ) -> Overlay:
     """Return one signal over some laps.
 
@@ -53,7 +59,7 @@ def overlay_at(
     """
     with SessionFile(path) as file:
         table = lap_table(file, source, counter)
-        return overlay_laps(file, [each.lap for each in table.laps], laps, signal, points)
+        return overlay_laps(file, [each.lap for each in table.laps], laps, signal, points, along)
 
 
 def export_at(

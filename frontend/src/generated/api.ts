@@ -1412,12 +1412,14 @@ export interface OverTime {
   temperature_max_degc: (number | null)[];
 }
 
-/** Laps on each other: part k of every lap begins at k / points of its time. */
+/** Laps on each other: part k of every lap begins at k / points of its way, or of its time. */
 export interface Overlay {
   signal: string;
   unit: string;
   points: number;
   laps: LapTrace[];
+  along: string | null;
+  places: string[];
 }
 
 /** Cells that are measured by one board. */

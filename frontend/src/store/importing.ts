@@ -1,7 +1,7 @@
 // The form of an import: which column is what, in which unit, and which cells are taken.
 
 import type { Column, ImportProfile } from '../link/types';
-import { DASH, fixed } from '../format';
+import { DASH, MINUS } from '../format';
 import type { Text } from '../words/words.svelte';
 
 export const QUANTITIES = [
@@ -59,8 +59,20 @@ export function toggled(taken: readonly boolean[], index: number): boolean[] {
 
 /** The first values of a column, as short as tells them. */
 export const samplesText = (column: Pick<Column, 'samples'>): string =>
-  column.samples
-    .map((value) =>
-      value === null ? DASH : fixed(value, Math.abs(value) < 100 && !Number.isInteger(value) ? 3 : 0),
-    )
-    .join(' · ');
+  column.samples.map((value) => (value === null ? DASH : sample(value))).join(' · ');
+
+function sample(value: number): string {
+  const text = String(Number.isInteger(value) ? value : Number(value.toPrecision(6)));
+  return text.replace('-', MINUS);
+}
+
+/** The columns that a name, or a pattern with {n} and {p}, stands for; a number from 1 counts them. */
+export function fits(named: string, columns: readonly Column[]): Column[] {
+  const whole = columns.filter((each) => each.name === named);
+  if (whole.length) return whole;
+  if (/^\d+$/.test(named)) return columns.slice(Number(named) - 1, Number(named) || 0);
+  if (!/\{[np]\}/.test(named)) return [];
+  const parts = named.split(/\{[np]\}/).map((part) => part.replace(/[.*+?^${}()|[\]\\]/g, '\\$&'));
+  const pattern = new RegExp(`^${parts.join('\\d+')}$`);
+  return columns.filter((each) => pattern.test(each.name));
+}

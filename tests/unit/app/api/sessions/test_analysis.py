@@ -66,6 +66,7 @@ def test_an_overlay_has_a_trace_a_lap(client, session_id, asked, got):
         ("sessions/{id}/laps?source=signal&lap_signal=speed", 422),
         ("sessions/{id}/laps/overlay?lap=7", 422),
         ("sessions/{id}/laps/overlay?lap=0&signal=speed", 422),
+        ("sessions/{id}/laps/overlay?lap=0&along=speed", 422),
         ("sessions/{id}/laps/overlay", 422),
     ],
 )
