@@ -32,7 +32,7 @@ from app.api.sessions import analysis as debrief
 from app.api.sessions import imports, passport, recorder, season, season_cells, transfer
 from app.api.sessions import routes as sessions
 from app.api.web import login as session_login
-from app.api.web import people, problems
+from app.api.web import openapi, people, problems
 from app.api.web.authentication import Authentication, AuthenticationMiddleware
 from app.api.web.battery_switch import FIRST, ServedBattery
 from app.api.web.dependencies import NEEDS_MASTER, FleetParts, WebParts
@@ -143,6 +143,12 @@ def create_app(
         served=served,
         certificate=certificate if first is None else first.certificate,
     )
+    openapi.install(app, path)
+
+    @app.get("/api/v1/asyncapi.json", include_in_schema=False)
+    def live_document() -> dict[str, object]:
+        return openapi.asyncapi(app.openapi(), path)
+
     _serve_web(app, api_routes().routes, "index.html", authentication)
     return app
 

@@ -12,16 +12,19 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.battery.library import TEAM_PROFILE, bundled_profiles
 from app.errors import ConfigError, NotNow
-from app.sources.dbc.learn.lesson import Lesson
 from app.sources.items import MOST_BUSES
 from app.sources.links.can import parse_bus
 from app.sources.links.serial import check_url
 from app.sources.loaded_battery import LoadedBattery, load_battery
 from app.sources.whole_file import replace_file
 from app.words import Message
+
+if TYPE_CHECKING:  # `voltwall sessions --help` needs no learning
+    from app.sources.dbc.learn.lesson import Lesson
 
 FILE = "connections.json"
 MOST_NAME = 200  # bytes of a file's name; most disks take 255
@@ -109,7 +112,7 @@ class Setup:
         self.on_choice: Callable[[], None] = lambda: None  # starts the service again
         self.lesson: tuple[str, Lesson] | None = None  # what is being learned, by its id
 
-    def begin_lesson(self, lesson: Lesson) -> str:
+    def begin_lesson(self, lesson: "Lesson") -> str:
         """Keep what is being learned, one at a time; return its id."""
         self.end_lesson()
         self.lesson = os.urandom(4).hex(), lesson

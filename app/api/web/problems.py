@@ -219,23 +219,8 @@ def _of_validation(error: Mapping[str, Any]) -> Text:
     return str(error["msg"])
 
 
-def _document(app: FastAPI) -> None:
-    """Say in the OpenAPI document under which media type problems come."""
-    made = app.openapi
-
-    def openapi() -> dict[str, Any]:
-        document = made()
-        for operation in (operation for path in document["paths"].values() for operation in path.values()):
-            problem = operation["responses"]["default"]
-            problem["content"] = {MEDIA_TYPE: next(iter(problem["content"].values()))}
-        return document
-
-    app.openapi = openapi  # type: ignore[method-assign]
-
-
 def install(app: FastAPI) -> None:
     """Make every error of the application a problem document."""
-    _document(app)
 
     @app.exception_handler(Problem)
     async def on_problem(_: Request, error: Problem) -> JSONResponse:
