@@ -2,52 +2,21 @@
 
 import argparse
 import json
-import threading
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from contextlib import contextmanager
 
 import pytest
 
 from app.commands.config import add_arguments, run
+from tests.http_stub import http_stub
 
 
-@pytest.fixture
-def answering():
-    """Start a service that gives one answer to everything but reading; returns its address."""
-    servers = []
-
-    def start(status, kind):
-        problem = json.dumps({"type": f"urn:voltwall:{kind}", "detail": f"this is {kind}", "in_force": "old"}).encode()
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_GET(self):
-                self.answer(200, bytes(420))
-
-            def do_PUT(self):
-                self.rfile.read(int(self.headers["Content-Length"]))
-                self.answer(status, problem)
-
-            def do_POST(self):
-                self.do_PUT()
-
-            def answer(self, code, body):
-                self.send_response(code)
-                self.send_header("ETag", '"0123456789abcdef"')
-                self.send_header("Content-Length", str(len(body)))
-                self.end_headers()
-                self.wfile.write(body)
-
-            def log_message(self, *_):
-                pass
-
-        server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        servers.append(server)
-        return f"http://127.0.0.1:{server.server_port}"
-
-    yield start
-    for server in servers:
-        server.shutdown()
-        server.server_close()
+@contextmanager
+def answering(status, kind):
+    """A service that gives one answer to everything but reading; gives its address."""
+    problem = json.dumps({"type": f"urn:voltwall:{kind}", "detail": f"this is {kind}", "in_force": "old"}).encode()
+    etag = {"ETag": '"0123456789abcdef"'}
+    with http_stub(lambda asked: (200, etag, bytes(420)) if asked.method == "GET" else (status, etag, problem)) as url:
+        yield url
 
 
 @pytest.mark.parametrize(
@@ -67,12 +36,12 @@ def answering():
         (504, "not-verified", 5),
     ],
 )
-def test_an_answer_has_its_exit_code(answering, capsys, status, kind, exit_code):
-
+def test_an_answer_has_its_exit_code(capsys, status, kind, exit_code):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
-    for action in (["write", "ts=50"], ["store"], ["load"]):
-        assert run(parser.parse_args(["--url", answering(status, kind), *action])) == exit_code
+    with answering(status, kind) as url:
+        for action in (["write", "ts=50"], ["store"], ["load"]):
+            assert run(parser.parse_args(["--url", url, *action])) == exit_code
         said = capsys.readouterr()
         assert said.out == ""
         assert f"this is {kind}" in said.err

@@ -3,7 +3,7 @@
 import json
 import threading
 from collections.abc import Callable, Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from contextlib import ExitStack
 
 import pytest
 
@@ -12,53 +12,38 @@ from app.sessions.catalogue import Catalogue
 from app.sessions.errors import FetchFailed
 from app.sessions.transfer.fetch import Remote
 from app.sessions.transfer.fetch_jobs import FetchJobs
+from tests.http_stub import Answer, Asked, http_stub
 
 LISTED = {"id": "s1", "name": "run", "started": 1.0, "duration_s": 1.0, "bytes": 3, "recording": False}
-Answers = dict[str, tuple[int, dict[str, str], bytes]]  # by the end of the path: status, headers, body
+Answers = dict[str, Answer]  # by the end of the path
 
 
-class Server(ThreadingHTTPServer):
+class Server:
     """Answers with what stands in `answers`; keeps what was asked."""
 
     def __init__(self) -> None:
-        super().__init__(("127.0.0.1", 0), _Handler)
+        self.url = ""
         self.answers: Answers = {}
         self.authorizations: list[str | None] = []
-        self.url = f"http://127.0.0.1:{self.server_port}"
 
-
-class _Handler(BaseHTTPRequestHandler):
-    server: Server
-
-    def do_GET(self) -> None:
-        self.server.authorizations.append(self.headers.get("Authorization"))
-        status, headers, body = self.server.answers[self.path.rsplit("/", 1)[-1]]
-        self.send_response(status)
-        for name, value in ({"Content-Length": str(len(body))} | headers).items():
-            self.send_header(name, value)
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, *_: object) -> None:
-        pass
+    def answer(self, asked: Asked) -> Answer:
+        self.authorizations.append(asked.headers.get("Authorization"))
+        return self.answers[asked.path.rsplit("/", 1)[-1]]
 
 
 @pytest.fixture
 def serve() -> Iterator[Callable[[], Server]]:
-    servers: list[Server] = []
+    with ExitStack() as servers:
 
-    def start() -> Server:
-        servers.append(Server())
-        threading.Thread(target=servers[-1].serve_forever, args=(0.01,), daemon=True).start()
-        return servers[-1]
+        def start() -> Server:
+            server = Server()
+            server.url = servers.enter_context(http_stub(server.answer))
+            return server
 
-    yield start
-    for server in servers:
-        server.shutdown()
-        server.server_close()
+        yield start
 
 
-def listing(text: str) -> tuple[int, dict[str, str], bytes]:
+def listing(text: str) -> Answer:
     return 200, {}, text.encode()
 
 

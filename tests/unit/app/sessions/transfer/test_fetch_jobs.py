@@ -2,7 +2,8 @@
 
 import json
 import threading
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -17,6 +18,7 @@ from app.sessions.transfer.fetch_jobs import Fetch, FetchJobs
 from app.words import render
 from firmware_protocol.framing import encode_frame
 from tests.fake_clock import FunctionClock
+from tests.http_stub import http_stub
 
 WALL_NS = 1_790_000_000 * 10**9
 
@@ -32,6 +34,14 @@ def record(folder, name, frames, *, start_ns=0, wall_ns=WALL_NS):
     return info
 
 
+class Car(NamedTuple):
+    """A recorder behind a tiny server, which answers while `held` is set."""
+
+    folder: Path
+    url: str
+    held: threading.Event
+
+
 @pytest.fixture
 def car(tmp_path):
     """A service of three requests: list, file, and nothing else."""
@@ -39,38 +49,25 @@ def car(tmp_path):
     held = threading.Event()
     held.set()
 
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            held.wait(10)
-            if self.path == "/api/v1/sessions":
-                listed = [
-                    {"id": i.id, "name": i.name, "started": i.started_wall_ns / 1e9, "duration_s": i.duration_s,
-                     "bytes": i.size_bytes, "recording": not i.is_closed}
-                    for i in catalogue.list()
-                ]  # fmt: skip
-                body = json.dumps({"sessions": listed}).encode()
-            else:
-                body = catalogue.path(self.path.split("/")[4]).read_bytes()
-            self.send_response(200)
-            self.send_header("Content-Length", str(len(body)))
-            self.end_headers()
-            self.wfile.write(body)
+    def answer(asked):
+        held.wait(10)
+        if asked.path != "/api/v1/sessions":
+            return 200, {}, catalogue.path(asked.path.split("/")[4]).read_bytes()
+        listed = [
+            {"id": i.id, "name": i.name, "started": i.started_wall_ns / 1e9, "duration_s": i.duration_s,
+             "bytes": i.size_bytes, "recording": not i.is_closed}
+            for i in catalogue.list()
+        ]  # fmt: skip
+        return 200, {}, json.dumps({"sessions": listed}).encode()
 
-        def log_message(self, *_: object) -> None:
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    server.held, server.folder = held, tmp_path / "car"
-    yield server
-    held.set()
-    server.shutdown()
-    server.server_close()
+    with http_stub(answer) as url:
+        yield Car(tmp_path / "car", url, held)
+        held.set()
 
 
 @pytest.fixture
 def remote(car):
-    return Remote(f"http://127.0.0.1:{car.server_port}", label="car", sleep=lambda _: None)
+    return Remote(car.url, label="car", sleep=lambda _: None)
 
 
 def test_all_that_is_finished_and_not_here_is_fetched_once_and_fills_what_is_here(car, remote, tmp_path):

@@ -1,14 +1,13 @@
 import ssl
-import threading
 import urllib.error
 import urllib.request
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
 from app.api.access.certificate import own_certificate
 from app.errors import ConfigError
 from app.sessions.transfer.trust import context_for, opener
+from tests.http_stub import http_stub
 
 
 @pytest.fixture(scope="module")
@@ -17,26 +16,14 @@ def pit(tmp_path_factory):
     certificate = own_certificate(tmp_path_factory.mktemp("pit"), [], 1_795_000_000.0)
     asked = []
 
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self):
-            asked.append(self.headers.get("Authorization"))
-            self.send_response(200)
-            self.send_header("Content-Length", "2")
-            self.end_headers()
-            self.wfile.write(b"ok")
+    def answer(request):
+        asked.append(request.headers.get("Authorization"))
+        return 200, {}, b"ok"
 
-        def log_message(self, *_):
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate.certificate, certificate.key)
-    server.socket = context.wrap_socket(server.socket, server_side=True)
-    server.handle_error = lambda *_: None
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield f"https://127.0.0.1:{server.server_port}/", certificate, asked
-    server.shutdown()
-    server.server_close()
+    with http_stub(answer, context) as url:
+        yield url, certificate, asked
 
 
 def ask(url, trust=None):
